@@ -1,0 +1,53 @@
+"""Frequency responses of many samples of a model at once."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mbdlft.errors import AnalysisError
+from mbdlft.lft.lft import Array
+from mbdlft.lft.model import LFTModel, matrices_at
+
+
+def frequency_response(
+    model: LFTModel, values: Mapping[str, ArrayLike], omega: ArrayLike
+) -> NDArray[np.complex128]:
+    """G(j omega) = C (j omega I - A)^-1 B + D at samples of the parameters.
+
+    Parameters
+    ----------
+    model : LFTModel
+    values : mapping of names to physical values, numbers or arrays (N,); the others are nominal
+    omega : array (n_omega,), rad/s
+
+    Returns
+    -------
+    complex array (N, n_omega, ny, nu)
+        Unit of entry (i, j): unit of output i over unit of input j. N = 1 for numbers.
+
+    Raises
+    ------
+    AnalysisError
+        j omega is an eigenvalue of A at one of the samples.
+    """
+    frequencies = np.atleast_1d(np.asarray(omega, dtype=float))
+    A, B, C, D = (
+        matrix.reshape(-1, *matrix.shape[-2:]) for matrix in matrices_at(model, values)
+    )
+    eye = np.eye(A.shape[-1])
+    response = np.empty((len(A), len(frequencies), *D.shape[-2:]), dtype=complex)
+    for k, w in enumerate(frequencies):
+        try:
+            response[:, k] = C @ np.linalg.solve(1j * w * eye - A, B.astype(complex)) + D
+        except np.linalg.LinAlgError:
+            raise AnalysisError(
+                f"model {model.name!r}: omega = {w:g} rad/s is a pole at one of the samples, where "
+                "the response is infinite. Leave this frequency out or add damping."
+            ) from None
+    return response
+
+
+def singular_values(response: NDArray[np.complex128]) -> Array:
+    """Singular values (..., min(ny, nu)) of frequency responses (..., ny, nu), largest first."""
+    return np.linalg.svd(response, compute_uv=False)

@@ -1,0 +1,54 @@
+"""Samples of the parameters: physical values by name, each an array of one length."""
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+
+import numpy as np
+
+from mbdlft.errors import AnalysisError, unknown_name
+from mbdlft.lft.lft import Array
+from mbdlft.parameter import Parameter
+
+_MOST = 2**22
+
+
+def random(parameters: Sequence[Parameter], count: int, seed: int = 0) -> dict[str, Array]:
+    """`count` points with independent uniform physical values in the ranges."""
+    generator = np.random.default_rng(seed)
+    return {p.name: generator.uniform(p.low, p.high, count) for p in parameters}
+
+
+def corners(parameters: Sequence[Parameter]) -> dict[str, Array]:
+    """All 2^n combinations of the bounds.
+
+    Raises
+    ------
+    AnalysisError
+        There are more than 2^22.
+    """
+    return grid(parameters, {p.name: 2 for p in parameters})
+
+
+def grid(parameters: Sequence[Parameter], counts: Mapping[str, int]) -> dict[str, Array]:
+    """All combinations of evenly spaced values, bounds included; parameters not counted are nominal.
+
+    Raises
+    ------
+    AnalysisError
+        A name is unknown, a count is less than 1, or there are more than 2^22 points.
+    """
+    for name in counts:
+        if name not in {p.name for p in parameters}:
+            known = [p.name for p in parameters]
+            raise AnalysisError("grid: " + unknown_name("parameter", name, known))
+    if any(count < 1 for count in counts.values()):
+        raise AnalysisError(f"grid: counts must be at least 1, got {dict(counts)}.")
+    size = float(np.prod([float(count) for count in counts.values()]))
+    if size > _MOST:
+        raise AnalysisError(f"grid: {size:.3g} points are more than {_MOST}; use random points.")
+    axes = [
+        np.linspace(p.low, p.high, counts[p.name]) if counts.get(p.name, 1) > 1 else [p.nominal]
+        for p in parameters
+    ]
+    points = np.array(list(product(*axes))).reshape(-1, len(parameters))
+    return {p.name: points[:, k] for k, p in enumerate(parameters)}

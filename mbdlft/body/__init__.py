@@ -1,0 +1,10 @@
+"""Kinds of bodies, one file each. A new kind is one file and one line in `KINDS`."""
+
+from mbdlft.body.base import Body as Body
+from mbdlft.body.ground import GROUND as GROUND
+from mbdlft.body.ground import Ground as Ground
+from mbdlft.body.point_mass import PointMass as PointMass
+from mbdlft.body.rigid import Inertia as Inertia
+from mbdlft.body.rigid import RigidBody as RigidBody
+
+KINDS: dict[str, type[Body]] = {cls.kind: cls for cls in (Ground, PointMass, RigidBody)}

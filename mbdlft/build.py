@@ -1,0 +1,153 @@
+"""From a scene to a certified LFT model: all stages in order, with the seconds of each."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.metadata import version
+
+import casadi as ca
+import numpy as np
+
+from mbdlft.certify import measure_error
+from mbdlft.equations import Equations
+from mbdlft.errors import SceneError, unknown_name
+from mbdlft.extract import extract
+from mbdlft.lft.lft import LFT, eliminate, reorder
+from mbdlft.lft.model import Certificate, LFTModel, Provenance, Trim
+from mbdlft.lft.reduce import lower_bound, reduce_order
+from mbdlft.linearize import linearize, trim_relations
+from mbdlft.scene import Scene, assemble, scene_to_toml
+from mbdlft.signal import Signal
+from mbdlft.trim import trim_efforts
+
+SEED = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Build:
+    """A model and the seconds of each stage that made it."""
+
+    model: LFTModel
+    seconds: dict[str, float]
+
+
+@dataclass(slots=True)
+class _Clock:
+    """Seconds by stage."""
+
+    progress: Callable[[str], None]
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        self.progress(name)
+        start = time.perf_counter()
+        yield
+        self.seconds[name] = time.perf_counter() - start
+
+
+def to_lft(scene: Scene) -> LFTModel:
+    """The exact linear model of a scene around its equilibrium, parameters left in, with certificate.
+
+    Raises
+    ------
+    SceneError, NotRationalError, WellPosednessError, TrimError
+        As the stages: `assemble`, `linearize`, `extract`, `certify`.
+    """
+    return build(scene).model
+
+
+def build(scene: Scene, progress: Callable[[str], None] = lambda stage: None) -> Build:
+    """As `to_lft`, with the seconds of each stage; `progress` is told the name of each as it starts."""
+    clock = _Clock(progress)
+    with clock.stage("assemble"):
+        equations = assemble(scene)
+        inputs = _chosen(scene, "inputs", scene.inputs, equations.u_signals)
+        outputs = _chosen(scene, "outputs", scene.outputs, equations.y_signals)
+    with clock.stage("trim"):
+        trim = _trim(equations)
+        assert trim.lft is not None
+    with clock.stage("linearize"):
+        relations = linearize(equations, inputs, outputs)
+    with clock.stage("extract"):
+        raw = extract(relations)
+    with clock.stage("reduce"):
+        lft = _state_space(equations, reduce_order(raw))
+    with clock.stage("bound"):
+        bound = lower_bound(lft)
+    with clock.stage("check"):
+        error, count = measure_error(equations, inputs, outputs, lft, trim.lft, SEED)
+    names = [parameter.name for parameter in equations.parameters]
+    raw_orders = dict(raw.blocks)
+    model = LFTModel(
+        name=scene.name,
+        lft=lft,
+        states=equations.x_signals,
+        inputs=tuple(equations.u_signals[k] for k in inputs),
+        outputs=tuple(equations.y_signals[k] for k in outputs),
+        parameters=equations.parameters,
+        trim=trim,
+        certificate=Certificate(
+            order=tuple(block.size for block in lft.blocks),
+            lower_bound=tuple(bound[name] for name in names),
+            raw_order=tuple(raw_orders[name] for name in names),
+            max_relative_error=error,
+            check_points=count,
+            seed=SEED,
+            exact=True,
+        ),
+        provenance=_provenance(scene),
+        description=scene.description,
+    )
+    return Build(model, clock.seconds | {"total": sum(clock.seconds.values())})
+
+
+def _state_space(equations: Equations, relations: LFT) -> LFT:
+    """Close the relations for [xdot ; z] in the algebra: the LFT of [A B ; C D]."""
+    n, nx = equations.residual.numel(), equations.x.numel()
+    solved = eliminate(relations, n)
+    rows = [*range(nx), *range(n, solved.shape[0])]
+    closed = LFT(
+        solved.M11, solved.M12, solved.M21[rows], solved.M22[rows], solved.blocks
+    )
+    return reorder(reduce_order(closed), [p.name for p in equations.parameters])
+
+
+def _trim(equations: Equations) -> Trim:
+    """Numbers at nominal from the nonlinear equations, and the static LFT from the relations."""
+    relations = trim_relations(equations)
+    lft = reduce_order(eliminate(extract(relations), equations.u.numel()))
+    nominal = np.array([[parameter.nominal for parameter in equations.parameters]])
+    efforts, _ = trim_efforts(equations, nominal)
+    names = [parameter.name for parameter in equations.parameters]
+    return Trim(equations.u_signals, tuple(float(u) for u in efforts[0]), reorder(lft, names))
+
+
+def _chosen(
+    scene: Scene, what: str, names: tuple[str, ...] | None, signals: tuple[Signal, ...]
+) -> list[int]:
+    """Positions of the chosen signals; by default all efforts and all displacements."""
+    index = {signal.name: k for k, signal in enumerate(signals)}
+    if names is None:
+        return [k for name, k in index.items() if what == "inputs" or _is_displacement(name)]
+    for name in names:
+        if name not in index:
+            raise SceneError(f"scene {scene.name!r}, {what}: " + unknown_name("signal", name, index))
+    return [index[name] for name in names]
+
+
+def _is_displacement(name: str) -> bool:
+    return name.endswith((".angle", ".position"))
+
+
+def _provenance(scene: Scene) -> Provenance:
+    return Provenance(
+        scene=scene_to_toml(scene),
+        mbdlft=version("mbdlft"),
+        casadi=ca.__version__,
+        numpy=np.__version__,
+        h5py=version("h5py"),
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+    )

@@ -1,0 +1,81 @@
+"""The common base of everything a user describes: frozen, checked, with errors a person can act on."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from mbdlft.errors import MbdlftError, SceneError, unknown_name
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Text = Annotated[str, Field(strict=True, min_length=1)]
+Quantity = Number | Text
+Vector = tuple[Quantity, Quantity, Quantity]
+Direction = tuple[Number, Number, Number]
+
+AXES = ("x", "y", "z")
+
+
+class Expected(NamedTuple):
+    """A quantity as given, and the unit its value must fit."""
+
+    source: Quantity
+    unit: str
+
+
+def vector_quantities(label: str, vector: Vector, unit: str) -> dict[str, Expected]:
+    """The three components of a vector as labelled quantities: ``label.x`` and so on."""
+    return {
+        f"{label}.{axis}": Expected(entry, unit) for axis, entry in zip(AXES, vector, strict=True)
+    }
+
+
+class Description(BaseModel):
+    """A frozen record; a wrong or unknown field is a `SceneError`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    def __init__(self, **fields: Any) -> None:
+        try:
+            super().__init__(**fields)
+        except ValidationError as error:
+            raise SceneError(self._message(fields, error)) from None
+
+    @classmethod
+    def where(cls, fields: Mapping[str, Any]) -> str:
+        """How an error message names the thing described by `fields`."""
+        return f"{cls.__name__.lower()} {fields.get('name', '')!r}"
+
+    @classmethod
+    def _message(cls, fields: Mapping[str, Any], error: ValidationError) -> str:
+        lines: list[str] = []
+        for item in error.errors(include_url=False):
+            cause = item.get("ctx", {}).get("error")
+            if isinstance(cause, MbdlftError):
+                line = str(cause)
+            elif item["type"] == "extra_forbidden" and len(item["loc"]) == 1:
+                known = [name for name in cls.model_fields if name != "name"]
+                line = f"{cls.where(fields)}: {unknown_name('key', str(item['loc'][0]), known)}"
+            elif item["type"] == "missing":
+                line = f"{cls.where(fields)}: {item['loc'][0]!r} is missing."
+            else:
+                place = str(item["loc"][0]) if item["loc"] else ""
+                line = f"{cls.where(fields)}: {place}: expected {_expected(place)}, got {fields.get(place)!r}."
+            if line not in lines:
+                lines.append(line)
+        return "\n".join(lines)
+
+
+def _expected(field: str) -> str:
+    """What a field takes, in words."""
+    if field in ("gravity", "acceleration", "center_of_mass"):
+        return "three numbers or expressions"
+    if field == "axis":
+        return "three numbers"
+    if field == "ports":
+        return "a table of positions, three numbers or expressions each"
+    if field in ("inputs", "outputs"):
+        return "a list of signal names"
+    if field in ("name", "parent", "child", "about", "kind", "description"):
+        return "a text"
+    return "a finite number or an expression"

@@ -1,0 +1,105 @@
+"""The waist above the extraction: implicit equations of motion in CasADi SX, nothing inverted."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import casadi as ca
+
+from mbdlft.parameter import Parameter
+from mbdlft.signal import Signal
+from mbdlft.spatial import exact_cosine_sine
+from mbdlft.unit import parse_unit
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Equations:
+    """0 = residual(xdot, x, z, u, p, cosine, sine, load),  y = output(...).
+
+    x = 0, xdot = 0 is the equilibrium for every p, once u takes its trim value. The equations are
+    linear in `load`, the uniform acceleration that makes the equilibrium, whose value is
+    `load_value`.
+
+    Attributes
+    ----------
+    residual : SX (n_x + n_z,)
+    output : SX (n_y,)
+    xdot, x, z, u, load : SX symbols
+    p : SX symbols (n_p,)
+        One for each parameter, in its own unit; that of an angle is not used.
+    cosine, sine : SX symbols (n_p,)
+        Of each angle parameter; those of the others are not used.
+    load_value : SX, function of p
+    x_signals, u_signals, y_signals : names and units
+    parameters : sorted by name
+    """
+
+    name: str
+    residual: ca.SX
+    output: ca.SX
+    xdot: ca.SX
+    x: ca.SX
+    z: ca.SX
+    u: ca.SX
+    load: ca.SX
+    p: ca.SX
+    cosine: ca.SX
+    sine: ca.SX
+    load_value: ca.SX
+    x_signals: tuple[Signal, ...]
+    u_signals: tuple[Signal, ...]
+    y_signals: tuple[Signal, ...]
+    parameters: tuple[Parameter, ...]
+
+
+class ParameterSymbols(NamedTuple):
+    """Arguments p, cosine, sine of the equations, and the symbols (n_p,) they are functions of."""
+
+    symbols: ca.SX
+    p: ca.SX
+    cosine: ca.SX
+    sine: ca.SX
+
+
+def physical_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
+    """The equations as functions of physical values: cosines and sines of the angles themselves."""
+    p = ca.SX.sym("p", len(parameters))
+    factors = ca.DM([parse_unit(parameter.unit).factor for parameter in parameters])
+    return ParameterSymbols(p, p, ca.cos(factors * p), ca.sin(factors * p))
+
+
+def internal_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
+    """The equations as rational functions of internal values: angles by tangents of a part of them.
+
+    With t = tan((theta - reference)/2): cos = (1 - t^2)/(1 + t^2), sin = 2 t/(1 + t^2) of the angle
+    from the reference; with t = tan((theta - reference)/4) the same formulas are applied twice.
+    """
+    p = ca.SX.sym("internal", len(parameters))
+    cosine, sine = ca.SX(len(parameters), 1), ca.SX(len(parameters), 1)
+    for k, parameter in enumerate(parameters):
+        if not parameter.is_angle:
+            continue
+        t = p[k]
+        square = t * t
+        if parameter.substitution == "half-angle":
+            c, s, denominator = 1 - square, 2 * t, 1 + square
+        else:
+            c, s = 1 - 6 * square + square * square, 4 * t * (1 - square)
+            denominator = (1 + square) * (1 + square)
+        c0, s0 = exact_cosine_sine(parameter.reference)
+        cosine[k] = (c0 * c - s0 * s) / denominator
+        sine[k] = (s0 * c + c0 * s) / denominator
+    return ParameterSymbols(p, p, cosine, sine)
+
+
+def equation_function(equations: Equations) -> ca.Function:
+    """(xdot, x, z, u, load, p, cosine, sine) -> (residual, output)."""
+    e = equations
+    return ca.Function(
+        "equations", [e.xdot, e.x, e.z, e.u, e.load, e.p, e.cosine, e.sine], [e.residual, e.output]
+    )
+
+
+def load_value(equations: Equations, p: ca.SX) -> ca.SX:
+    """The load (n_l,) at the parameter symbols p."""
+    e = equations
+    return ca.Function("load", [e.p], [e.load_value])(p)

@@ -1,0 +1,44 @@
+"""The exception classes: a failure has a name, and a message that says where and what to try."""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class MbdlftError(Exception):
+    """Any error raised on purpose by mbdlft."""
+
+
+class SceneError(MbdlftError, ValueError):
+    """The description of a scene is inconsistent or incomplete."""
+
+
+class StructureError(MbdlftError, ValueError):
+    """Shapes, block sizes or names do not fit together."""
+
+
+class NotRationalError(MbdlftError, ValueError):
+    """An operation that has no exact linear fractional form."""
+
+
+class TrimError(MbdlftError, RuntimeError):
+    """No equilibrium was found; the message gives the closest residual."""
+
+
+class WellPosednessError(MbdlftError, ValueError):
+    """I - D_zw Delta is singular somewhere inside the parameter range."""
+
+
+class AnalysisError(MbdlftError, RuntimeError):
+    """A computation on a finished model stopped without an answer."""
+
+
+class ArchiveError(MbdlftError, OSError):
+    """A file, a version or an element of an archive is not as specified."""
+
+
+def unknown_name(what: str, name: str, existing: Iterable[str]) -> str:
+    """Sentence for a name that is not found: the nearest existing name first, then all of them."""
+    names = sorted(existing)
+    nearest = get_close_matches(name, names, n=1, cutoff=0.5)
+    hint = f" Did you mean {nearest[0]!r}?" if nearest else ""
+    return f"unknown {what} {name!r}.{hint} Existing: {', '.join(names) or 'none'}."

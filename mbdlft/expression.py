@@ -1,0 +1,316 @@
+"""Expressions of parameters and constants: a small grammar, parsed and never run as code.
+
+    sum     = term (("+" | "-") term)*
+    term    = factor (("*" | "/") factor)*
+    factor  = ("+" | "-") factor | power
+    power   = atom ("^" | "**") integer | atom
+    atom    = number | name | function "(" sum ")" | "(" sum ")"
+    function = "sqrt" | "sin" | "cos"             of constants only
+
+One evaluation serves every number system: floats, arrays, CasADi SX, intervals, dimensions.
+Numbers are in SI units; a name carries the unit it was declared with. ``pi`` and ``deg`` are known.
+"""
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from mbdlft.errors import NotRationalError, SceneError, unknown_name
+
+BUILTIN_CONSTANTS: Mapping[str, float] = {"pi": math.pi, "deg": math.pi / 180.0}
+FUNCTIONS: Mapping[str, Callable[[float], float]] = {
+    "sqrt": math.sqrt,
+    "sin": math.sin,
+    "cos": math.cos,
+}
+_MAX_EXPONENT = 64
+_MAX_DEPTH = 100
+_TOKEN = re.compile(
+    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[^\W\d]\w*)|(?P<operator>\*\*|[-+*/^()]))"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A literal number."""
+
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Name:
+    """A parameter or a constant."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Binary:
+    """left (+ - * /) right."""
+
+    operator: str
+    left: "Expression"
+    right: "Expression"
+
+
+@dataclass(frozen=True, slots=True)
+class Negative:
+    """-operand."""
+
+    operand: "Expression"
+
+
+@dataclass(frozen=True, slots=True)
+class Power:
+    """base ^ exponent, with an integer exponent."""
+
+    base: "Expression"
+    exponent: int
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A function of a constant."""
+
+    function: str
+    argument: "Expression"
+
+
+Expression = Number | Name | Binary | Negative | Power | Call
+
+
+@cache
+def parse(source: float | str) -> Expression:
+    """Expression tree of a number or a text.
+
+    Raises
+    ------
+    SceneError
+        The text is not an expression of the grammar; the message gives the column.
+    """
+    if isinstance(source, int | float):
+        return Number(float(source))
+    return _Parser(source).parse()
+
+
+def names(expression: Expression) -> frozenset[str]:
+    """Names of parameters and constants that an expression uses."""
+    return frozenset(node.name for node in _walk(expression) if isinstance(node, Name))
+
+
+def denominators(expression: Expression) -> tuple[Expression, ...]:
+    """Divisors of an expression that are not plain numbers, and bases of negative powers."""
+    found: list[Expression] = []
+    for node in _walk(expression):
+        if isinstance(node, Binary) and node.operator == "/" and names(node.right):
+            found.append(node.right)
+        if isinstance(node, Power) and node.exponent < 0 and names(node.base):
+            found.append(node.base)
+    return tuple(found)
+
+
+def evaluate(expression: Expression, values: Mapping[str, Any]) -> Any:
+    """Value of an expression in the number system of `values`; a constant gives a float.
+
+    Parameters
+    ----------
+    expression : Expression
+    values : mapping
+        For each name a value with ``+ - * /`` (float, array, SX, interval, ...), in SI units.
+
+    Raises
+    ------
+    SceneError
+        A name is unknown, or a constant is divided by zero.
+    NotRationalError
+        sqrt, sin or cos of something that is not a constant.
+    """
+    match expression:
+        case Number(value):
+            return value
+        case Name(name):
+            if name not in values:
+                raise SceneError(unknown_name("name", name, values))
+            return values[name]
+        case Negative(operand):
+            return -evaluate(operand, values)
+        case Binary(operator, left, right):
+            return _binary(operator, evaluate(left, values), evaluate(right, values))
+        case Power(base, exponent):
+            return _power(evaluate(base, values), exponent)
+        case Call(function, argument):
+            value = evaluate(argument, values)
+            if not isinstance(value, float):
+                raise NotRationalError(
+                    f"{function}({write(argument)}) is not rational in "
+                    f"{', '.join(sorted(names(argument)))}. {function} takes constants only; "
+                    "declare the whole root or angle function as a parameter instead."
+                )
+            if function == "sqrt" and value < 0:
+                raise SceneError(f"sqrt of the negative number {value}.")
+            return FUNCTIONS[function](value)
+
+
+def write(expression: Expression) -> str:
+    """Text of an expression, with all parentheses."""
+    match expression:
+        case Number(value):
+            return repr(value)
+        case Name(name):
+            return name
+        case Negative(operand):
+            return f"-{write(operand)}"
+        case Binary(operator, left, right):
+            return f"({write(left)} {operator} {write(right)})"
+        case Power(base, exponent):
+            return f"{write(base)}^{exponent}"
+        case Call(function, argument):
+            return f"{function}({write(argument)})"
+
+
+def _binary(operator: str, left: Any, right: Any) -> Any:
+    if operator == "+":
+        return left + right
+    if operator == "-":
+        return left - right
+    if operator == "*":
+        return left * right
+    if isinstance(right, float) and right == 0.0:
+        raise SceneError("division by zero in a constant.")
+    return left / right
+
+
+def _power(base: Any, exponent: int) -> Any:
+    if exponent < 0:
+        return _binary("/", 1.0, _power(base, -exponent))
+    result: Any = 1.0
+    for k in range(exponent):
+        result = base if k == 0 else result * base
+    return result
+
+
+def _walk(expression: Expression) -> Iterator[Expression]:
+    yield expression
+    match expression:
+        case Binary(_, left, right):
+            yield from _walk(left)
+            yield from _walk(right)
+        case Negative(child) | Power(child, _) | Call(_, child):
+            yield from _walk(child)
+        case _:
+            return
+
+
+class _Parser:
+    """Recursive descent over the tokens of one text."""
+
+    def __init__(self, text: str) -> None:
+        self.text, self.position, self.depth = text, 0, 0
+        self.kind, self.token, self.column = "", "", 0
+        self._advance()
+
+    def parse(self) -> Expression:
+        tree = self._sum()
+        if self.kind:
+            raise self._error("an operator")
+        return tree
+
+    def _advance(self) -> None:
+        rest = self.text[self.position :]
+        self.column = self.position + len(rest) - len(rest.lstrip()) + 1
+        if not rest.strip():
+            self.kind, self.token = "", ""
+            return
+        match = _TOKEN.match(self.text, self.position)
+        if match is None or match.lastgroup is None:
+            self.kind, self.token = "character", self.text[self.column - 1]
+            raise self._error("a number, a name, an operator or a parenthesis")
+        self.kind, self.token = match.lastgroup, match[match.lastgroup]
+        self.position = match.end()
+
+    def _error(self, expected: str) -> SceneError:
+        got = repr(self.token) if self.token else "the end"
+        return SceneError(
+            f"expression {self.text!r}, column {self.column}: expected {expected}, got {got}. "
+            "Expressions are made of + - * / ^ with integer powers, parentheses, names, numbers "
+            f"and {', '.join(FUNCTIONS)} of constants."
+        )
+
+    def _sum(self) -> Expression:
+        self.depth += 1
+        if self.depth > _MAX_DEPTH:
+            raise SceneError(f"expression {self.text[:40]!r}...: nested more than {_MAX_DEPTH} deep.")
+        tree = self._term()
+        while self.token in ("+", "-"):
+            operator = self.token
+            self._advance()
+            tree = Binary(operator, tree, self._term())
+        self.depth -= 1
+        return tree
+
+    def _term(self) -> Expression:
+        tree = self._factor()
+        while self.token in ("*", "/"):
+            operator = self.token
+            self._advance()
+            tree = Binary(operator, tree, self._factor())
+        return tree
+
+    def _factor(self) -> Expression:
+        negative = False
+        while self.token in ("+", "-"):
+            negative ^= self.token == "-"
+            self._advance()
+        tree = self._power()
+        return Negative(tree) if negative else tree
+
+    def _power(self) -> Expression:
+        base = self._atom()
+        if self.token not in ("^", "**"):
+            return base
+        self._advance()
+        parenthesis = self.token == "("
+        if parenthesis:
+            self._advance()
+        sign = -1 if self.token == "-" else 1
+        if self.token in ("+", "-"):
+            self._advance()
+        if self.kind != "number" or not self.token.isdigit() or int(self.token) > _MAX_EXPONENT:
+            raise self._error(f"an integer power of at most {_MAX_EXPONENT}")
+        exponent = sign * int(self.token)
+        self._advance()
+        if parenthesis:
+            self._close()
+        return Power(base, exponent)
+
+    def _atom(self) -> Expression:
+        kind, token = self.kind, self.token
+        if kind == "number":
+            self._advance()
+            return Number(float(token))
+        if kind == "name":
+            self._advance()
+            if self.token != "(":
+                return Name(token)
+            if token not in FUNCTIONS:
+                raise SceneError(
+                    f"expression {self.text!r}: " + unknown_name("function", token, FUNCTIONS)
+                )
+            self._advance()
+            argument = self._sum()
+            self._close()
+            return Call(token, argument)
+        if token == "(":
+            self._advance()
+            tree = self._sum()
+            self._close()
+            return tree
+        raise self._error("a number, a name or '('")
+
+    def _close(self) -> None:
+        if self.token != ")":
+            raise self._error("')'")
+        self._advance()

@@ -1,0 +1,224 @@
+"""The signal graph: signals as unknowns of a sparse linear system, parameters as channels.
+
+A coefficient depends on parameters only; a signal is linear in the inputs. Both are hash-consed, so
+equal sub-expressions exist once. Coefficient times signal:
+
+    constant c          scale
+    parameter p_k       one channel, w = p_k z
+    a + b               apply(a, s) + apply(b, s)
+    a b                 apply(a, apply(b, s))
+    a / b               y with apply(b, y) = s, then apply(a, y); needs no inverse
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.linalg import splu
+
+from mbdlft.errors import WellPosednessError
+from mbdlft.lft.lft import LFT, Block
+from mbdlft.parameter import BilinearMap
+
+
+class Coefficient(NamedTuple):
+    """A node of a coefficient; the arguments are numbers of nodes, or the value of a constant."""
+
+    operation: str
+    arguments: tuple[float, ...]
+
+
+class Scaled(NamedTuple):
+    """factor times signal number `index`; index -1 is the zero signal."""
+
+    factor: float
+    index: int
+
+
+ZERO = Scaled(0.0, -1)
+
+
+class SignalGraph:
+    """Collects signals, channels and outputs; `to_lft` solves the system once."""
+
+    def __init__(self, inputs: int) -> None:
+        self.inputs = inputs
+        self.size = inputs  # signals 0 .. inputs-1 are the inputs
+        self.equations: list[tuple[int, tuple[Scaled, ...]]] = []  # signal = sum
+        self.implicit: list[tuple[Scaled, Scaled]] = []  # left = right
+        self.channels: list[tuple[int, int, Scaled]] = []  # (signal w, parameter k, z)
+        self.outputs: list[Scaled] = []
+        self.nodes: list[Coefficient] = []
+        self._numbers: dict[Coefficient, int] = {}
+        self._sums: dict[tuple[Scaled, ...], int] = {}
+        self._applied: dict[tuple[int, int], Scaled] = {}
+
+    # coefficients ---------------------------------------------------------------------------
+
+    def node(self, operation: str, *arguments: float) -> int:
+        """Number of a coefficient node; equal nodes have one number."""
+        key = Coefficient(operation, arguments)
+        if key not in self._numbers:
+            self._numbers[key] = len(self.nodes)
+            self.nodes.append(key)
+        return self._numbers[key]
+
+    def constant(self, value: float) -> int:
+        """Number of a constant."""
+        return self.node("constant", value)
+
+    def constant_value(self, number: int) -> float | None:
+        """Value of a coefficient that is a constant, else None."""
+        operation, arguments = self.nodes[number]
+        return arguments[0] if operation == "constant" else None
+
+    def parameters_of(self, number: int) -> set[int]:
+        """Parameters a coefficient depends on."""
+        operation, arguments = self.nodes[number]
+        if operation == "constant":
+            return set()
+        if operation == "parameter":
+            return {int(arguments[0])}
+        return set().union(*(self.parameters_of(int(child)) for child in arguments))
+
+    # signals --------------------------------------------------------------------------------
+
+    def combine(self, terms: list[Scaled]) -> Scaled:
+        """Sum of scaled signals."""
+        merged: dict[int, float] = {}
+        for factor, index in terms:
+            if index >= 0:
+                merged[index] = merged.get(index, 0.0) + factor
+        kept = [Scaled(factor, index) for index, factor in sorted(merged.items()) if factor != 0.0]
+        if not kept:
+            return ZERO
+        if len(kept) == 1:
+            return kept[0]
+        sign = 1.0 if kept[0].factor > 0 else -1.0
+        key = tuple(Scaled(sign * factor, index) for factor, index in kept)
+        if key not in self._sums:
+            self._sums[key] = self._new()
+            self.equations.append((self._sums[key], key))
+        return Scaled(sign, self._sums[key])
+
+    def apply(self, number: int, signal: Scaled) -> Scaled:
+        """Coefficient times signal."""
+        factor, index = signal
+        if index < 0:
+            return ZERO
+        key = (number, index)
+        if key not in self._applied:
+            self._applied[key] = self._apply(number, Scaled(1.0, index))
+        applied = self._applied[key]
+        return Scaled(factor * applied.factor, applied.index) if factor else ZERO
+
+    def _apply(self, number: int, signal: Scaled) -> Scaled:
+        operation, arguments = self.nodes[number]
+        if operation == "constant":
+            return Scaled(arguments[0], signal.index) if arguments[0] else ZERO
+        if operation == "parameter":
+            channel = self._new()
+            self.channels.append((channel, int(arguments[0]), signal))
+            return Scaled(1.0, channel)
+        first, second = (int(child) for child in arguments)
+        if operation == "add":
+            return self.combine([self.apply(first, signal), self.apply(second, signal)])
+        if operation == "multiply":
+            return self.apply(first, self.apply(second, signal))
+        divisor = self.constant_value(second)
+        if divisor is not None:
+            applied = self.apply(first, signal)
+            return Scaled(applied.factor / divisor, applied.index)
+        return self.apply(first, self._divide(second, signal))
+
+    def _divide(self, number: int, signal: Scaled) -> Scaled:
+        """y with apply(number, y) = signal."""
+        key = (-1 - number, signal.index)
+        if key not in self._applied:
+            quotient = Scaled(1.0, self._new())
+            self._applied[key] = quotient
+            self.implicit.append((self.apply(number, quotient), signal))
+        return self._applied[key]
+
+    def _new(self) -> int:
+        self.size += 1
+        return self.size - 1
+
+    # the LFT --------------------------------------------------------------------------------
+
+    def to_lft(self, names: list[str], maps: list[BilinearMap]) -> LFT:
+        """Inputs to outputs as an LFT in the normalized deltas of the parameters `names`.
+
+        With E s = F u + G w for all signals s and z = H s, internal = b0 + b1' delta/(1 + a1 delta),
+        b1' = b1 - a1 b0: the channel w = p z is w = b0 z + b1' w', w' = delta (z - a1 w').
+
+        Raises
+        ------
+        WellPosednessError
+            E is singular: a denominator vanishes at the nominal values.
+        """
+        order = sorted(range(len(self.channels)), key=lambda c: (names[self.channels[c][1]], c))
+        n, nw, free = self.size, len(order), self.inputs
+        gain = np.array([maps[self.channels[c][1]].b1 for c in order])
+        offset = np.array([maps[self.channels[c][1]].b0 for c in order])
+        a1 = np.array([maps[self.channels[c][1]].a1 for c in order])
+        rows: list[int] = []
+        columns: list[int] = []
+        entries: list[float] = []
+
+        def put(row: int, signal: Scaled, sign: float) -> None:
+            if signal.index >= 0:
+                rows.append(row)
+                columns.append(signal.index)
+                entries.append(sign * signal.factor)
+
+        right = np.zeros((n, free + nw))
+        right[:free, :free] = np.eye(free)
+        row = 0
+        for row in range(free):
+            put(row, Scaled(1.0, row), 1.0)
+        row = free
+        for signal, terms in self.equations:
+            put(row, Scaled(1.0, signal), 1.0)
+            for term in terms:
+                put(row, term, -1.0)
+            row += 1
+        for left, equal in self.implicit:
+            put(row, left, 1.0)
+            put(row, equal, -1.0)
+            row += 1
+        reads = np.zeros((len(self.outputs) + nw, 2))
+        for position, c in enumerate(order):
+            signal, parameter, z = self.channels[c]
+            put(row, Scaled(1.0, signal), 1.0)
+            put(row, z, -offset[position])
+            right[row, free + position] = gain[position] - a1[position] * offset[position]
+            reads[position] = z
+            row += 1
+        for position, output in enumerate(self.outputs):
+            reads[nw + position] = output
+        solution = _solve(coo_array((entries, (rows, columns)), shape=(n, n)), right)
+        picked = reads[:, 1].astype(int)
+        read = np.where(picked[:, None] >= 0, solution[picked], 0.0) * reads[:, :1]
+        read[np.arange(nw), free + np.arange(nw)] -= a1
+        counts = [0] * len(names)
+        for _, parameter, _ in self.channels:
+            counts[parameter] += 1
+        blocks = sorted(Block(name, count) for name, count in zip(names, counts, strict=True))
+        return LFT(
+            read[:nw, free:], read[:nw, :free], read[nw:, free:], read[nw:, :free], tuple(blocks)
+        )
+
+
+def _solve(matrix: coo_array, right: np.ndarray) -> np.ndarray:
+    """matrix^-1 right, or an error that says the model is not well posed at nominal."""
+    try:
+        solution = splu(matrix.tocsc()).solve(right)
+    except RuntimeError:
+        solution = np.full_like(right, np.nan)
+    if not np.all(np.isfinite(solution)):
+        raise WellPosednessError(
+            "a denominator vanishes at the nominal values of the parameters, so there is no linear "
+            "fractional form around them. Move the nominal values."
+        )
+    return solution

@@ -1,0 +1,434 @@
+"""The LFT: a matrix that is rational in named deltas, and its algebra.
+
+    value(delta) = M22 + M21 Delta (I - M11 Delta)^-1 M12,   Delta = diag(delta_1 I_r1, ...)
+
+In the literature of the archive: M11 = D_zw, M12 = D_zu, M21 = D_yw, M22 = D_yu for a static map.
+Zhou, Doyle, Glover, Robust and Optimal Control (1996), chapter 10, for all rules below.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mbdlft.errors import StructureError, WellPosednessError, unknown_name
+
+Array = NDArray[np.float64]
+_CHUNK = 512  # samples evaluated together: small enough to stay in cache
+
+
+class Block(NamedTuple):
+    """delta times the identity of a size; the name is the identity of the delta."""
+
+    name: str
+    size: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LFT:
+    """A frozen LFT; arrays are copied and read-only.
+
+    Parameters
+    ----------
+    M11 : array (n, n)
+        n is the sum of the sizes of the blocks.
+    M12 : array (n, n_in)
+    M21 : array (n_out, n)
+    M22 : array (n_out, n_in)
+    blocks : tuple of Block
+        One for each delta, sorted by name; a size may be 0.
+
+    Raises
+    ------
+    StructureError
+        The shapes do not fit, an entry is not finite, or the blocks are not sorted and unique.
+    """
+
+    M11: Array
+    M12: Array
+    M21: Array
+    M22: Array
+    blocks: tuple[Block, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("M11", "M12", "M21", "M22"):
+            matrix = np.array(getattr(self, name), dtype=float, ndmin=2)
+            if not np.all(np.isfinite(matrix)):
+                raise StructureError(f"LFT: {name} has an entry that is not finite.")
+            matrix.flags.writeable = False
+            object.__setattr__(self, name, matrix)
+        object.__setattr__(self, "blocks", tuple(Block(*block) for block in self.blocks))
+        problem = _problem(self)
+        if problem:
+            raise StructureError(f"LFT: {problem}")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(outputs, inputs)."""
+        return (self.M22.shape[0], self.M22.shape[1])
+
+    @property
+    def order(self) -> int:
+        """Size of Delta."""
+        return len(self.M11)
+
+    def slices(self) -> dict[str, slice]:
+        """Rows of each delta in Delta, by name."""
+        ends = np.cumsum([0, *(block.size for block in self.blocks)])
+        return {
+            block.name: slice(int(a), int(b))
+            for block, a, b in zip(self.blocks, ends[:-1], ends[1:], strict=True)
+        }
+
+    def __add__(self, other: "LFT | ArrayLike") -> "LFT":
+        return add(self, as_lft(other))
+
+    def __radd__(self, other: ArrayLike) -> "LFT":
+        return add(as_lft(other), self)
+
+    def __sub__(self, other: "LFT | ArrayLike") -> "LFT":
+        return add(self, -as_lft(other))
+
+    def __rsub__(self, other: ArrayLike) -> "LFT":
+        return add(as_lft(other), -self)
+
+    def __neg__(self) -> Self:
+        return type(self)(self.M11, self.M12, -self.M21, -self.M22, self.blocks)
+
+    def __matmul__(self, other: "LFT | ArrayLike") -> "LFT":
+        return multiply(self, as_lft(other))
+
+    def __rmatmul__(self, other: ArrayLike) -> "LFT":
+        return multiply(as_lft(other), self)
+
+    # numpy leaves the operators of an array on the left to the reflected ones above
+    __array_ufunc__ = None
+
+
+def constant(matrix: ArrayLike) -> LFT:
+    """LFT without deltas: value = matrix."""
+    value = np.array(matrix, dtype=float, ndmin=2)
+    return LFT(np.zeros((0, 0)), np.zeros((0, value.shape[1])), np.zeros((value.shape[0], 0)), value)
+
+
+def delta(name: str, size: int = 1) -> LFT:
+    """LFT of a delta: value = delta I_size."""
+    eye, zero = np.eye(size), np.zeros((size, size))
+    return LFT(zero, eye, eye, zero, (Block(name, size),))
+
+
+def as_lft(item: LFT | ArrayLike) -> LFT:
+    """An LFT unchanged, anything else as a constant."""
+    return item if isinstance(item, LFT) else constant(item)
+
+
+def add(a: LFT, b: LFT) -> LFT:
+    """Sum: value(a + b) = value(a) + value(b)."""
+    _check(a.shape == b.shape, f"cannot add shapes {a.shape} and {b.shape}")
+    return _merge(
+        a, b, np.zeros((a.order, b.order)), (a.M12, b.M12), (a.M21, b.M21), a.M22 + b.M22
+    )
+
+
+def multiply(a: LFT, b: LFT) -> LFT:
+    """Product: value(a @ b) = value(a) value(b)."""
+    _check(a.shape[1] == b.shape[0], f"cannot multiply shapes {a.shape} and {b.shape}")
+    return _merge(
+        a, b, a.M12 @ b.M21, (a.M12 @ b.M22, b.M12), (a.M21, a.M22 @ b.M21), a.M22 @ b.M22
+    )
+
+
+def inverse(a: LFT) -> LFT:
+    """Inverse of a square LFT: value(inverse(a)) = value(a)^-1; no channel is added.
+
+    Raises
+    ------
+    StructureError
+        `a` is not square.
+    WellPosednessError
+        The value at delta = 0 is singular to working precision.
+    """
+    _check(a.shape[0] == a.shape[1], f"cannot invert shape {a.shape}")
+    inner = solve_nominal(a.M22, np.hstack([a.M21, np.eye(a.shape[0])]), "the inverse of an LFT")
+    left, right = inner[:, : a.order], inner[:, a.order :]
+    return LFT(a.M11 - a.M12 @ left, a.M12 @ right, -left, right, a.blocks)
+
+
+def stack_rows(*parts: LFT | ArrayLike) -> LFT:
+    """[a ; b ; ...]: the same inputs, outputs one after the other."""
+    items = [as_lft(part) for part in parts]
+    result = items[0]
+    for b in items[1:]:
+        a = result
+        _check(a.shape[1] == b.shape[1], f"cannot stack shapes {a.shape} and {b.shape} as rows")
+        zero_a, zero_b = np.zeros((a.shape[0], b.order)), np.zeros((b.shape[0], a.order))
+        outputs = (np.vstack([a.M21, zero_b]), np.vstack([zero_a, b.M21]))
+        result = _merge(
+            a, b, np.zeros((a.order, b.order)), (a.M12, b.M12), outputs, np.vstack([a.M22, b.M22])
+        )
+    return result
+
+
+def stack_columns(*parts: LFT | ArrayLike) -> LFT:
+    """[a , b , ...]: the same outputs, inputs one after the other."""
+    return transpose(stack_rows(*(transpose(as_lft(part)) for part in parts)))
+
+
+def stack_diagonal(*parts: LFT | ArrayLike) -> LFT:
+    """diag(a, b, ...)."""
+    items = [as_lft(part) for part in parts]
+    widths = [item.shape[1] for item in items]
+    rows, before = [], 0
+    for item, width in zip(items, widths, strict=True):
+        pick = np.zeros((width, sum(widths)))
+        pick[:, before : before + width] = np.eye(width)
+        rows.append(item @ pick)
+        before += width
+    return stack_rows(*rows)
+
+
+def transpose(a: LFT) -> LFT:
+    """value(transpose(a)) = value(a)'."""
+    return LFT(a.M11.T, a.M21.T, a.M12.T, a.M22.T, a.blocks)
+
+
+def star(upper: LFT, lower: LFT, outputs: int, inputs: int) -> LFT:
+    """Redheffer star product: the last signals of `upper` are closed through the first of `lower`.
+
+    With [a ; b] = upper [c ; d] and [d ; e] = lower [b ; f], where b has `outputs` entries and d has
+    `inputs`, the result maps [c ; f] to [a ; e].
+
+    Raises
+    ------
+    StructureError
+        `outputs` or `inputs` is larger than a shape allows.
+    WellPosednessError
+        The loop is singular at delta = 0.
+    """
+    for size, limit in ((outputs, min(upper.shape[0], lower.shape[1])), (inputs, min(upper.shape[1], lower.shape[0]))):
+        _check(0 <= size <= limit, f"cannot close {size} signals between {upper.shape} and {lower.shape}")
+    both = stack_diagonal(upper, lower)
+    a, c = upper.shape[0] - outputs, upper.shape[1] - inputs
+    n_out, n_in = both.shape
+    # unknown = [b ; d] with 0 = [b ; d] - (what upper and lower give), then read [a ; e]
+    b_rows, d_rows = np.arange(a, a + outputs), upper.shape[0] + np.arange(inputs)
+    d_columns, b_columns = c + np.arange(inputs), upper.shape[1] + np.arange(outputs)
+    given_rows = np.setdiff1d(np.arange(n_out), np.concatenate([b_rows, d_rows]))
+    given_columns = np.setdiff1d(np.arange(n_in), np.concatenate([d_columns, b_columns]))
+    order = (np.concatenate([b_rows, d_rows, given_rows]), np.concatenate([b_columns, d_columns, given_columns]))
+    relation = select(both, *order)
+    k = outputs + inputs
+    loop = np.zeros(relation.shape)
+    loop[:k, :k] = -np.eye(k)
+    closed = eliminate(relation + loop, k)
+    return select(closed, np.arange(k, closed.shape[0]), np.arange(closed.shape[1]))
+
+
+def select(a: LFT, rows: ArrayLike, columns: ArrayLike) -> LFT:
+    """The given outputs and inputs, in the given order."""
+    i, j = np.asarray(rows, dtype=int), np.asarray(columns, dtype=int)
+    return LFT(a.M11, a.M12[:, j], a.M21[i], a.M22[np.ix_(i, j)], a.blocks)
+
+
+def eliminate(relation: LFT, n: int) -> LFT:
+    """Solve [0 ; y] = relation [a ; s] for the first n inputs a: the LFT s -> [a ; y].
+
+    This inverts the first n x n part without adding a channel.
+
+    Raises
+    ------
+    WellPosednessError
+        That part is singular at delta = 0.
+    """
+    m22 = relation.M22
+    right = np.hstack([relation.M21[:n], m22[:n, n:]])
+    solved = -solve_nominal(m22[:n, :n], right, "the relations to be solved")
+    from_w, from_s = solved[:, : relation.order], solved[:, relation.order :]
+    z_a, y_a = relation.M12[:, :n], m22[n:, :n]
+    return LFT(
+        relation.M11 + z_a @ from_w,
+        relation.M12[:, n:] + z_a @ from_s,
+        np.vstack([from_w, relation.M21[n:] + y_a @ from_w]),
+        np.vstack([from_s, m22[n:, n:] + y_a @ from_s]),
+        relation.blocks,
+    )
+
+
+def fix(a: LFT, values: Mapping[str, float]) -> LFT:
+    """The LFT in the remaining deltas, with the named ones fixed to values [1].
+
+    Raises
+    ------
+    WellPosednessError
+        I - M11 Delta is singular at these values.
+    """
+    for name in values:
+        _check_name(a, name)
+    parts = a.slices()
+    names = [block.name for block in a.blocks if block.name not in values]
+    keep = _indices(parts, names)
+    drop = _indices(parts, [block.name for block in a.blocks if block.name in values])
+    scale = np.concatenate([np.full(b.size, values[b.name]) for b in a.blocks if b.name in values] or [np.zeros(0)])
+    left = np.vstack([a.M11[np.ix_(keep, drop)], a.M21[:, drop]]) * scale
+    loop = np.eye(len(drop)) - a.M11[np.ix_(drop, drop)] * scale
+    right = np.hstack([a.M11[np.ix_(drop, keep)], a.M12[drop]])
+    added = left @ solve_nominal(loop, right, "an LFT with fixed deltas")
+    n = len(keep)
+    blocks = tuple(block for block in a.blocks if block.name not in values)
+    return LFT(
+        a.M11[np.ix_(keep, keep)] + added[:n, :n],
+        a.M12[keep] + added[:n, n:],
+        a.M21[:, keep] + added[n:, :n],
+        a.M22 + added[n:, n:],
+        blocks,
+    )
+
+
+def evaluate(a: LFT, deltas: Mapping[str, ArrayLike]) -> Array:
+    """Values at deltas given by name, numbers or arrays of one length N; the others are 0.
+
+    Parameters
+    ----------
+    a : LFT, shape (n_out, n_in)
+    deltas : mapping of names to numbers [1] or arrays (N,)
+
+    Returns
+    -------
+    array (n_out, n_in), or (N, n_out, n_in) if any delta is an array
+
+    Raises
+    ------
+    StructureError
+        A name is unknown, or the lengths differ.
+    WellPosednessError
+        I - M11 Delta is singular at one of the points.
+    """
+    for name in deltas:
+        _check_name(a, name)
+    try:
+        columns = np.broadcast_arrays(*(np.asarray(value, dtype=float) for value in deltas.values()))
+    except ValueError:
+        raise StructureError("evaluate: the arrays of deltas have different lengths.") from None
+    single = not columns or columns[0].ndim == 0
+    count = 1 if single else len(columns[0])
+    points = np.zeros((count, len(a.blocks)))
+    index = {block.name: k for k, block in enumerate(a.blocks)}
+    for name, column in zip(deltas, columns, strict=True):
+        points[:, index[name]] = column
+    values = evaluate_at(a, points)
+    return values[0] if single else values
+
+
+def evaluate_at(a: LFT, points: ArrayLike) -> Array:
+    """Values at many points: points (N, number of blocks) [1], result (N, n_out, n_in)."""
+    p = np.asarray(points, dtype=float)
+    _check(
+        p.ndim == 2 and p.shape[1] == len(a.blocks),
+        f"points need shape (N, {len(a.blocks)}), got {p.shape}",
+    )
+    # only the rows and columns that depend on delta are solved for, on the thinner side
+    rows, columns = np.flatnonzero(a.M21.any(axis=1)), np.flatnonzero(a.M12.any(axis=0))
+    values = np.repeat(a.M22[None], len(p), axis=0)
+    if not (a.order and len(rows) and len(columns)):
+        return values
+    wide = len(rows) < len(columns)
+    inner, first = (a.M11.T, a.M21[rows].T) if wide else (a.M11, a.M12[:, columns])
+    last = a.M12[:, columns].T if wide else a.M21[rows]
+    spread = np.repeat(p, [block.size for block in a.blocks], axis=1)
+    eye = np.eye(a.order)
+    for start in range(0, len(p), _CHUNK):
+        d = spread[start : start + _CHUNK]
+        # (I - M11 Delta)^-1 M12 from the right, or its transpose from the left
+        loop = eye - inner[None] * d[:, None, :]
+        try:
+            solved = np.linalg.solve(loop, np.broadcast_to(first, (len(d), *first.shape)))
+        except np.linalg.LinAlgError:
+            raise WellPosednessError("I - M11 Delta is singular at one of the points.") from None
+        change = (last * d[:, None, :]) @ solved
+        part = values[start : start + _CHUNK]
+        part[:, rows[:, None], columns] += np.swapaxes(change, 1, 2) if wide else change
+    return values
+
+
+def reorder(a: LFT, names: Sequence[str]) -> LFT:
+    """The same LFT with blocks for exactly `names` (of size 0 where it has none)."""
+    missing = [Block(name, 0) for name in names if name not in a.slices()]
+    return LFT(a.M11, a.M12, a.M21, a.M22, tuple(sorted((*a.blocks, *missing))))
+
+
+def solve_nominal(matrix: Array, right: Array, what: str) -> Array:
+    """matrix^-1 right, or an error if the matrix is singular to working precision."""
+    if not matrix.size:
+        return np.zeros((matrix.shape[0], right.shape[1]))
+    scale = np.max(np.abs(matrix), axis=1, keepdims=True)
+    scale[scale == 0.0] = 1.0
+    try:
+        solution = np.linalg.solve(matrix / scale, right / scale)
+        singular = 1.0 / np.linalg.cond(matrix / scale, 1) < np.finfo(float).eps
+    except np.linalg.LinAlgError:
+        singular = True
+    if singular:
+        raise WellPosednessError(f"{what}: the matrix at delta = 0 is singular.")
+    return solution
+
+
+def _merge(
+    a: LFT,
+    b: LFT,
+    coupling: Array,
+    inputs: tuple[Array, Array],
+    outputs: tuple[Array, Array],
+    direct: Array,
+) -> LFT:
+    """[a, coupling; 0, b] with the blocks of equal names gathered."""
+    M11 = np.block([[a.M11, coupling], [np.zeros((b.order, a.order)), b.M11]])
+    parts_a, parts_b = a.slices(), b.slices()
+    names = sorted(parts_a.keys() | parts_b.keys())
+    blocks, order = [], []
+    for name in names:
+        rows = [*np.arange(a.order)[parts_a.get(name, slice(0))]]
+        rows += [*(a.order + np.arange(b.order)[parts_b.get(name, slice(0))])]
+        blocks.append(Block(name, len(rows)))
+        order += rows
+    i = np.array(order, dtype=int)
+    return LFT(
+        M11[np.ix_(i, i)], np.vstack(inputs)[i], np.hstack(outputs)[:, i], direct, tuple(blocks)
+    )
+
+
+def _indices(parts: Mapping[str, slice], names: Sequence[str]) -> NDArray[np.int64]:
+    ranges = [np.arange(parts[name].start, parts[name].stop) for name in names]
+    return np.concatenate([*ranges, np.zeros(0, dtype=int)]).astype(int)
+
+
+def _check(condition: bool, message: str) -> None:
+    if not condition:
+        raise StructureError(f"LFT: {message}.")
+
+
+def _check_name(a: LFT, name: str) -> None:
+    names = [block.name for block in a.blocks]
+    if name not in names:
+        raise StructureError("LFT: " + unknown_name("delta", name, names))
+
+
+def _problem(a: LFT) -> str | None:
+    """What does not fit, or None."""
+    n, names = a.M11.shape[0], [block.name for block in a.blocks]
+    n_out, n_in = a.M22.shape
+    for name, matrix, shape in (
+        ("M11", a.M11, (n, n)),
+        ("M12", a.M12, (n, n_in)),
+        ("M21", a.M21, (n_out, n)),
+    ):
+        if matrix.shape != shape:
+            return f"{name} needs shape {shape}, got {matrix.shape}."
+    if any(block.size < 0 for block in a.blocks):
+        return f"a block has a negative size: {a.blocks}."
+    if sum(block.size for block in a.blocks) != n:
+        return f"the sizes of the blocks add up to {sum(b.size for b in a.blocks)}, M11 is {n} x {n}."
+    if names != sorted(set(names)):
+        return f"blocks must be sorted by name, each name once; got {', '.join(names)}."
+    return None

@@ -1,0 +1,255 @@
+"""The LFT model: the waist below the extraction. numpy only; nothing here needs CasADi.
+
+    xdot = A   x + B_w  w + B_u  u
+    z    = C_z x + D_zw w + D_zu u
+    y    = C_y x + D_yw w + D_yu u,      w = diag(delta_k I_rk) z,  -1 <= delta_k <= 1
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mbdlft.errors import StructureError, unknown_name
+from mbdlft.lft.lft import LFT, Array, evaluate_at
+from mbdlft.parameter import Parameter, to_delta
+from mbdlft.signal import Signal
+
+if TYPE_CHECKING:
+    from control import StateSpace
+
+_OUTSIDE = 1e-9  # of the width of a range: what rounding may leave a value outside
+
+
+class StateMatrices(NamedTuple):
+    """A, B, C, D of one model, or of N with a leading axis; units as those of the signals."""
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Trim:
+    """What holds the equilibrium: numbers at nominal, and a static LFT with the constant 1 as input."""
+
+    signals: tuple[Signal, ...]
+    nominal: tuple[float, ...]
+    lft: LFT | None
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """What is proved and what was checked; the tuples are by parameter.
+
+    Attributes
+    ----------
+    order, lower_bound, raw_order : repetitions after reduction, their proved minimum, before reduction
+    max_relative_error : float
+        Against trimming and linearizing the nonlinear equations at `check_points` values of the
+        parameters, random points and corners drawn with `seed`; each entry of A, B, C, D and each
+        trimmed quantity relative to its largest size over the points.
+    exact : bool
+        Whether the model is the exact one (no truncation, no fit).
+    """
+
+    order: tuple[int, ...]
+    lower_bound: tuple[int, ...]
+    raw_order: tuple[int, ...]
+    max_relative_error: float
+    check_points: int
+    seed: int
+    exact: bool
+
+    @property
+    def minimal(self) -> bool:
+        """Whether no exact LFT of the same matrix can be smaller: order = lower bound."""
+        return self.order == self.lower_bound
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """Where a model comes from: the text of the scene, versions, and the time (ISO 8601, UTC)."""
+
+    scene: str
+    mbdlft: str
+    casadi: str
+    numpy: str
+    h5py: str
+    created: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LFTModel:
+    """A linear model with its parameters left in: value of `lft` = [A B ; C D].
+
+    Raises
+    ------
+    StructureError
+        The blocks of the LFT are not the parameters, or the shape is not that of the signals.
+    """
+
+    name: str
+    lft: LFT
+    states: tuple[Signal, ...]
+    inputs: tuple[Signal, ...]
+    outputs: tuple[Signal, ...]
+    parameters: tuple[Parameter, ...]
+    trim: Trim
+    certificate: Certificate
+    provenance: Provenance
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        names = [parameter.name for parameter in self.parameters]
+        shape = (len(self.states) + len(self.outputs), len(self.states) + len(self.inputs))
+        if [block.name for block in self.lft.blocks] != names:
+            raise StructureError(
+                f"model {self.name!r}: the blocks {[b.name for b in self.lft.blocks]} are not the "
+                f"parameters {names}."
+            )
+        if self.lft.shape != shape:
+            raise StructureError(
+                f"model {self.name!r}: the signals need shape {shape}, the LFT has {self.lft.shape}."
+            )
+
+    @property
+    def order(self) -> int:
+        """Size of Delta."""
+        return self.lft.order
+
+    @property
+    def A(self) -> Array:
+        """(nx, nx), at delta = 0."""
+        return self.lft.M22[: self._nx, : self._nx]
+
+    @property
+    def B_w(self) -> Array:
+        """(nx, nw)."""
+        return self.lft.M21[: self._nx]
+
+    @property
+    def B_u(self) -> Array:
+        """(nx, nu)."""
+        return self.lft.M22[: self._nx, self._nx :]
+
+    @property
+    def C_z(self) -> Array:
+        """(nw, nx)."""
+        return self.lft.M12[:, : self._nx]
+
+    @property
+    def D_zw(self) -> Array:
+        """(nw, nw)."""
+        return self.lft.M11
+
+    @property
+    def D_zu(self) -> Array:
+        """(nw, nu)."""
+        return self.lft.M12[:, self._nx :]
+
+    @property
+    def C_y(self) -> Array:
+        """(ny, nx)."""
+        return self.lft.M22[self._nx :, : self._nx]
+
+    @property
+    def D_yw(self) -> Array:
+        """(ny, nw)."""
+        return self.lft.M21[self._nx :]
+
+    @property
+    def D_yu(self) -> Array:
+        """(ny, nu)."""
+        return self.lft.M22[self._nx :, self._nx :]
+
+    @property
+    def _nx(self) -> int:
+        return len(self.states)
+
+    def at(self, **values: float) -> "StateSpace":
+        """The model at physical values by name, in their units; the others are nominal.
+
+        Returns
+        -------
+        control.StateSpace
+            With the names of the signals; python-control does not allow dots, so ``shoulder.torque``
+            is named ``shoulder_torque``.
+        """
+        import control  # here because it is slow to import and reading an archive does not need it
+
+        matrices = matrices_at(self, values)
+        return control.ss(
+            *matrices,
+            name=self.name,
+            states=[signal.name.replace(".", "_") for signal in self.states],
+            inputs=[signal.name.replace(".", "_") for signal in self.inputs],
+            outputs=[signal.name.replace(".", "_") for signal in self.outputs],
+        )
+
+
+def deltas_of(model: LFTModel, values: Mapping[str, ArrayLike]) -> Array:
+    """Normalized deltas (N, n_p) [1] of physical values by name; the others are nominal.
+
+    Raises
+    ------
+    StructureError
+        A name is unknown, a value lies outside the range, or the lengths differ.
+    """
+    names = [parameter.name for parameter in model.parameters]
+    for name in values:
+        if name not in names:
+            raise StructureError(f"model {model.name!r}: " + unknown_name("parameter", name, names))
+    arrays = {name: np.atleast_1d(np.asarray(value, dtype=float)) for name, value in values.items()}
+    lengths = {len(array) for array in arrays.values()} - {1}
+    if len(lengths) > 1 or any(array.ndim != 1 for array in arrays.values()):
+        raise StructureError(
+            f"model {model.name!r}: values of parameters must be numbers or arrays of one length, "
+            f"got lengths {sorted(lengths)}."
+        )
+    points = np.zeros((max(lengths, default=1), len(names)))
+    for k, parameter in enumerate(model.parameters):
+        if parameter.name not in arrays:
+            continue
+        array = arrays[parameter.name]
+        slack = _OUTSIDE * (parameter.high - parameter.low)
+        wrong = ~((array >= parameter.low - slack) & (array <= parameter.high + slack))
+        if np.any(wrong):
+            raise StructureError(
+                f"model {model.name!r}: {parameter.name} = {array[wrong][0]:g} is outside its range "
+                f"[{parameter.low:g}, {parameter.high:g}] {parameter.unit}. Widen the range in the "
+                "scene and linearize again."
+            )
+        points[:, k] = to_delta(parameter, array)
+    return points
+
+
+def matrices_at(model: LFTModel, values: Mapping[str, ArrayLike]) -> StateMatrices:
+    """State matrices at physical values by name, in their units; the others are nominal.
+
+    Numbers give matrices; arrays of length N give arrays of N matrices, A (N, nx, nx) and so on.
+    """
+    value = evaluate_at(model.lft, deltas_of(model, values))
+    if all(np.ndim(array) == 0 for array in values.values()):
+        value = value[0]
+    n = len(model.states)
+    return StateMatrices(
+        value[..., :n, :n], value[..., :n, n:], value[..., n:, :n], value[..., n:, n:]
+    )
+
+
+def trim_at(model: LFTModel, values: Mapping[str, ArrayLike]) -> Array:
+    """Trimmed quantities (n_t,) or (N, n_t) at physical values by name, from their static LFT.
+
+    Raises
+    ------
+    StructureError
+        The model has no trim LFT.
+    """
+    if model.trim.lft is None:
+        raise StructureError(f"model {model.name!r} was stored without the LFT of its trim.")
+    value = evaluate_at(model.trim.lft, deltas_of(model, values))[:, :, 0]
+    return value[0] if all(np.ndim(array) == 0 for array in values.values()) else value

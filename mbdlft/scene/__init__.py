@@ -1,0 +1,8 @@
+"""The user's description of a system, and its way to equations."""
+
+from mbdlft.scene.assemble import assemble as assemble
+from mbdlft.scene.scene import Constant as Constant
+from mbdlft.scene.scene import Scene as Scene
+from mbdlft.scene.toml import load_scene as load_scene
+from mbdlft.scene.toml import scene_from_toml as scene_from_toml
+from mbdlft.scene.toml import scene_to_toml as scene_to_toml

@@ -1,0 +1,239 @@
+"""Checks of a scene that need its values: units, physics, and denominators over the whole range."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import islice, product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.description import Expected
+from mbdlft.errors import NotRationalError, SceneError, WellPosednessError
+from mbdlft.expression import Expression, denominators, evaluate, names, parse, write
+from mbdlft.parameter import Parameter
+from mbdlft.scene.quantities import Place, angle_at, owner_name, owners, value_at
+from mbdlft.scene.scene import Constant, Scene
+from mbdlft.unit import dimension_name, parse_unit
+
+_SAMPLES, _CORNERS, _MOST_BOXES = 512, 256, 4096
+
+
+def check(scene: Scene) -> None:
+    """Raise an error for the first quantity of a scene that cannot be used.
+
+    Raises
+    ------
+    SceneError
+        A name is unknown, a unit does not fit, or a mass or inertia is not physical.
+    NotRationalError
+        A quantity is not rational in the parameters.
+    WellPosednessError
+        A denominator vanishes inside the range of the parameters.
+    """
+    samples = _samples(scene)
+    dimensions = _dimensions(scene)
+    for owner, quantities in owners(scene):
+        for label, expected in quantities.items():
+            place = Place(owner, label)
+            if expected.unit == "rad":
+                angle_at(scene, place, expected)
+            elif isinstance(expected.source, str):
+                _check_angle_is_position(scene, place, expected.source)
+                _sampled(place, expected, samples)
+                _check_dimension(place, expected, dimensions)
+                _check_denominators(scene, place, parse(expected.source))
+    for body in scene.bodies:
+        problem = body.physical_problem(
+            {
+                label: _sampled(Place(owner_name(body), label), expected, samples)
+                for label, expected in body.quantities().items()
+            }
+        )
+        if problem:
+            raise SceneError(f"{owner_name(body)}: {problem} Check the values and the ranges.")
+
+
+def _sampled(place: Place, expected: Expected, samples: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Values (SI) of a quantity at the samples of the range."""
+    with np.errstate(all="ignore"):  # a vanishing denominator has its own message
+        value = value_at(place, expected, samples)
+    return np.broadcast_to(value, (_SAMPLES,))
+
+
+@dataclass(frozen=True, slots=True)
+class Dimension:
+    """Exponents of kg, m, s of a value; None where a plain number may carry any unit."""
+
+    exponents: tuple[int, int, int] | None
+
+    def __add__(self, other: "Dimension | float") -> "Dimension":
+        if isinstance(other, float) or other.exponents is None:
+            return self
+        if self.exponents is None or self.exponents == other.exponents:
+            return other
+        raise SceneError(
+            f"{dimension_name(self.exponents)} and {dimension_name(other.exponents)} are added; "
+            "units do not fit."
+        )
+
+    __radd__ = __add__
+    __sub__ = __add__
+    __rsub__ = __add__
+
+    def __neg__(self) -> "Dimension":
+        return self
+
+    def _times(self, other: "Dimension | float", sign: int) -> "Dimension":
+        if isinstance(other, float) or self.exponents is None or other.exponents is None:
+            return Dimension(None)
+        kg, m, s = (
+            a + sign * b for a, b in zip(self.exponents, other.exponents, strict=True)
+        )
+        return Dimension((kg, m, s))
+
+    def __mul__(self, other: "Dimension | float") -> "Dimension":
+        return self._times(other, 1)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: "Dimension | float") -> "Dimension":
+        return self._times(other, -1)
+
+    def __rtruediv__(self, other: float) -> "Dimension":
+        return Dimension(None)
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """All values between low and high."""
+
+    low: float
+    high: float
+
+    def __add__(self, other: "Interval | float") -> "Interval":
+        o = _interval(other)
+        return Interval(self.low + o.low, self.high + o.high)
+
+    __radd__ = __add__
+
+    def __neg__(self) -> "Interval":
+        return Interval(-self.high, -self.low)
+
+    def __sub__(self, other: "Interval | float") -> "Interval":
+        return self + (-_interval(other))
+
+    def __rsub__(self, other: float) -> "Interval":
+        return -self + other
+
+    def __mul__(self, other: "Interval | float") -> "Interval":
+        o = _interval(other)
+        ends = [a * b for a in (self.low, self.high) for b in (o.low, o.high)]
+        return Interval(min(ends), max(ends))
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: "Interval | float") -> "Interval":
+        o = _interval(other)
+        if o.low <= 0.0 <= o.high:
+            return Interval(-np.inf, np.inf)
+        return self * Interval(1.0 / o.high, 1.0 / o.low)
+
+    def __rtruediv__(self, other: float) -> "Interval":
+        return _interval(other) / self
+
+
+def _interval(value: Interval | float) -> Interval:
+    return value if isinstance(value, Interval) else Interval(value, value)
+
+
+def _si_bounds(parameter: Parameter) -> tuple[float, float]:
+    factor = parse_unit(parameter.unit).factor
+    return parameter.low * factor, parameter.high * factor
+
+
+def _samples(scene: Scene) -> Mapping[str, Any]:
+    """Nominal, corners and random points of the range: an array (SI units) for each parameter."""
+    plain = [p for p in scene.parameters if not p.is_angle]
+    random = np.random.default_rng(0)
+    weights = random.random((_SAMPLES, len(plain)))
+    corners = np.array(list(islice(product((0.0, 1.0), repeat=len(plain)), _CORNERS)))
+    if 2 ** len(plain) > _CORNERS:
+        corners = random.integers(0, 2, (_CORNERS, len(plain))).astype(float)
+    weights[1 : 1 + len(corners)] = corners
+    values: dict[str, Any] = dict(scene.constant_values())
+    for k, p in enumerate(plain):
+        points = p.low + weights[:, k] * (p.high - p.low)
+        points[0] = p.nominal
+        values[p.name] = points * parse_unit(p.unit).factor
+    return values
+
+
+def _dimensions(scene: Scene) -> Mapping[str, Any]:
+    values: dict[str, Any] = dict(scene.constant_values())
+    for name, constant in scene.constants.items():
+        if isinstance(constant, Constant):
+            values[name] = Dimension(parse_unit(constant.unit).dimension)
+    for parameter in scene.parameters:
+        values[parameter.name] = Dimension(parse_unit(parameter.unit).dimension)
+    return values
+
+
+def _check_angle_is_position(scene: Scene, place: Place, source: str) -> None:
+    used = names(parse(source))
+    for parameter in scene.parameters:
+        if parameter.is_angle and parameter.name in used:
+            raise SceneError(
+                f"{place} = {source!r}: {parameter.name!r} has unit {parameter.unit!r}, which does "
+                "not fit. An angle parameter can only be the position of a revolute or fixed joint."
+            )
+
+
+def _check_dimension(place: Place, expected: Expected, dimensions: Mapping[str, Any]) -> None:
+    try:
+        value = evaluate(parse(expected.source), dimensions)
+    except NotRationalError:
+        return  # the root of a constant with a unit: its dimension is not followed
+    except SceneError as error:
+        raise SceneError(f"{place} = {expected.source!r}: {error}") from None
+    wanted = parse_unit(expected.unit).dimension
+    if isinstance(value, Dimension) and value.exponents not in (None, wanted):
+        raise SceneError(
+            f"{place} = {expected.source!r}: the unit does not fit: expected {expected.unit}, "
+            f"got {dimension_name(value.exponents)}."
+        )
+
+
+def _check_denominators(scene: Scene, place: Place, expression: Expression) -> None:
+    """Show by interval arithmetic that no denominator vanishes in the range, or raise."""
+    plain = {p.name: p for p in scene.parameters if not p.is_angle}
+    constants = scene.constant_values()
+    for denominator in denominators(expression):
+        used = sorted(names(denominator) & set(plain))
+        if not used:
+            continue
+        boxes = [tuple(_si_bounds(plain[name]) for name in used)]
+        examined = 0
+        while boxes:
+            box = boxes.pop()
+            examined += 1
+            inside = {name: Interval(*ends) for name, ends in zip(used, box, strict=True)}
+            value = _interval(evaluate(denominator, {**constants, **inside}))
+            if value.low > 0.0 or value.high < 0.0:
+                continue
+            if examined > _MOST_BOXES or all(high - low < 1e-9 * abs(high) for low, high in box):
+                ranges = ", ".join(
+                    f"{name} = {(low + high) / 2 / parse_unit(plain[name].unit).factor:g} "
+                    f"{plain[name].unit}"
+                    for name, (low, high) in zip(used, box, strict=True)
+                )
+                raise WellPosednessError(
+                    f"{place}: the denominator {write(denominator)} vanishes in the range, near "
+                    f"{ranges}. Narrow the range or write the quantity without the division."
+                )
+            widest = int(np.argmax([high - low for low, high in box]))
+            low, high = box[widest]
+            middle = 0.5 * (low + high)
+            boxes += [
+                (*box[:widest], half, *box[widest + 1 :]) for half in ((low, middle), (middle, high))
+            ]

@@ -1,0 +1,101 @@
+"""The quantities of a scene, evaluated in whatever number system is asked for."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from mbdlft.body import Body
+from mbdlft.description import Expected, vector_quantities
+from mbdlft.errors import MbdlftError, NotRationalError, SceneError
+from mbdlft.expression import evaluate, names, parse
+from mbdlft.joint import Joint
+from mbdlft.scene.scene import Scene
+
+
+class Place(NamedTuple):
+    """Where a quantity stands: its owner in words, and its label."""
+
+    owner: str
+    label: str
+
+    def __str__(self) -> str:
+        return f"{self.owner}, {self.label}"
+
+
+@dataclass(frozen=True, slots=True)
+class AngleSum:
+    """constant + sum of integer multiples of angle parameters (rad)."""
+
+    constant: float = 0.0
+    multiples: Mapping[str, int] = field(default_factory=dict)
+
+    def __add__(self, other: "AngleSum | float") -> "AngleSum":
+        if isinstance(other, float):
+            return AngleSum(self.constant + other, self.multiples)
+        merged = dict(self.multiples)
+        for name, count in other.multiples.items():
+            merged[name] = merged.get(name, 0) + count
+        return AngleSum(self.constant + other.constant, merged)
+
+    __radd__ = __add__
+
+    def __mul__(self, other: "AngleSum | float") -> "AngleSum":
+        if not isinstance(other, float) or not other.is_integer():
+            raise NotRationalError("an angle parameter can be multiplied by an integer only")
+        scaled = {name: count * int(other) for name, count in self.multiples.items()}
+        return AngleSum(self.constant * other, scaled)
+
+    __rmul__ = __mul__
+
+    def __neg__(self) -> "AngleSum":
+        return self * -1.0
+
+    def __sub__(self, other: "AngleSum | float") -> "AngleSum":
+        return self + (-other)
+
+    def __rsub__(self, other: float) -> "AngleSum":
+        return -self + other
+
+    def __truediv__(self, other: object) -> "AngleSum":
+        raise NotRationalError("an angle parameter can be multiplied by an integer only")
+
+    __rtruediv__ = __truediv__
+
+
+def owners(scene: Scene) -> Iterator[tuple[str, Mapping[str, Expected]]]:
+    """Everything that has quantities: its name in words, and its quantities by label."""
+    gravity = vector_quantities("gravity", scene.gravity, "m s^-2")
+    acceleration = vector_quantities("acceleration", scene.acceleration, "m s^-2")
+    yield f"scene {scene.name!r}", gravity | acceleration
+    for body in scene.bodies:
+        yield owner_name(body), body.quantities()
+    for joint in scene.joints:
+        yield owner_name(joint), joint.quantities()
+
+
+def owner_name(item: Body | Joint) -> str:
+    """How messages name a body or a joint."""
+    return f"{'body' if isinstance(item, Body) else 'joint'} {item.name!r}"
+
+
+def value_at(place: Place, expected: Expected, values: Mapping[str, Any]) -> Any:
+    """Value of one quantity; an error says where it stands."""
+    try:
+        return evaluate(parse(expected.source), values)
+    except MbdlftError as error:
+        raise type(error)(f"{place} = {expected.source!r}: {error}") from None
+
+
+def angle_at(scene: Scene, place: Place, expected: Expected) -> AngleSum:
+    """Value (rad) of a quantity that is an angle."""
+    angles = {p.name for p in scene.parameters if p.is_angle}
+    others = {p.name for p in scene.parameters} - angles
+    wrong = sorted(names(parse(expected.source)) & others)
+    if wrong:
+        raise SceneError(
+            f"{place} = {expected.source!r}: {wrong[0]!r} is not an angle. Give the parameter the "
+            "unit 'deg' or 'rad' (in Python: declare it as an Angle)."
+        )
+    values = scene.constant_values() | {name: AngleSum(0.0, {name: 1}) for name in angles}
+    value = value_at(place, expected, values)
+    return value if isinstance(value, AngleSum) else AngleSum(float(value))

@@ -1,0 +1,104 @@
+"""The scene: what a user describes, in Python or as a TOML file."""
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Annotated, Any, Self, final
+
+from pydantic import Field, InstanceOf, model_validator
+
+from mbdlft.body import Body
+from mbdlft.description import Description, Number, Text, Vector
+from mbdlft.errors import SceneError
+from mbdlft.expression import BUILTIN_CONSTANTS, FUNCTIONS
+from mbdlft.joint import Joint
+from mbdlft.parameter import Parameter
+from mbdlft.unit import parse_unit
+
+
+@final
+class Constant(Description):
+    """A named number with a unit."""
+
+    value: Number
+    unit: Text = "1"
+
+    @classmethod
+    def where(cls, fields: Mapping[str, Any]) -> str:
+        return "constant"
+
+
+@final
+class Scene(Description):
+    """Bodies connected by joints in a tree on the ground, in a uniformly accelerated frame.
+
+    Parameters
+    ----------
+    name : str
+    description : str, optional
+    gravity : three numbers or expressions (m/s^2)
+        In the frame of the scene, the axes of the ground.
+    acceleration : three numbers or expressions (m/s^2)
+        Uniform acceleration of the frame of the scene; the same as gravity the other way.
+    constants : mapping of names to numbers, or to `Constant` with a unit
+    parameters : sequence of `Parameter` and `Angle`
+    bodies : sequence of bodies
+    joints : sequence of joints
+    inputs, outputs : sequence of str
+        Signals of the linear model, such as ``shoulder.torque``; by default all joint efforts and
+        all joint positions.
+
+    Numbers in expressions are in SI units (rad for angles); names carry their own units.
+    """
+
+    name: Text
+    description: str = ""
+    gravity: Vector = (0.0, 0.0, 0.0)
+    acceleration: Vector = (0.0, 0.0, 0.0)
+    constants: dict[Text, Number | InstanceOf[Constant]] = {}
+    parameters: tuple[InstanceOf[Parameter], ...] = ()
+    bodies: tuple[InstanceOf[Body], ...] = ()
+    joints: tuple[InstanceOf[Joint], ...] = ()
+    inputs: Annotated[tuple[Text, ...] | None, Field(min_length=1)] = None
+    outputs: Annotated[tuple[Text, ...] | None, Field(min_length=1)] = None
+
+    @classmethod
+    def where(cls, fields: Mapping[str, Any]) -> str:
+        return f"scene {fields.get('name', '')!r}"
+
+    @model_validator(mode="after")
+    def _names_are_unique(self) -> Self:
+        values = [p.name for p in self.parameters] + list(self.constants)
+        reserved = {*BUILTIN_CONSTANTS, *FUNCTIONS}
+        for what, names in (
+            ("parameter or constant", values),
+            ("body", [body.name for body in self.bodies]),
+            ("joint", [joint.name for joint in self.joints]),
+            ("input", self.inputs or ()),
+            ("output", self.outputs or ()),
+        ):
+            twice = [name for name, count in Counter(names).items() if count > 1]
+            if twice:
+                raise SceneError(f"scene {self.name!r}: {what} {twice[0]!r} is given twice.")
+        for name in values:
+            if name in reserved or not name.isidentifier():
+                raise SceneError(
+                    f"scene {self.name!r}: {name!r} cannot name a parameter or constant. Use "
+                    f"letters, digits and underscores, and none of {', '.join(sorted(reserved))}."
+                )
+        for owner in (*self.bodies, *self.joints):
+            if "." in owner.name:
+                raise SceneError(
+                    f"scene {self.name!r}: the name {owner.name!r} has a dot; dots separate a body "
+                    "from its port and a joint from its signals."
+                )
+        return self
+
+    def constant_values(self) -> dict[str, float]:
+        """Constants in SI units, with the built-in ones."""
+        values = dict(BUILTIN_CONSTANTS)
+        for name, constant in self.constants.items():
+            if isinstance(constant, Constant):
+                values[name] = constant.value * parse_unit(constant.unit).factor
+            else:
+                values[name] = constant
+        return values

@@ -1,0 +1,222 @@
+"""Scenes as TOML files: `mbdlft-scene/1`. Python to TOML and back gives an equal scene."""
+
+import inspect
+import math
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from mbdlft.body import KINDS as BODIES
+from mbdlft.body import Inertia
+from mbdlft.errors import MbdlftError, SceneError, unknown_name
+from mbdlft.joint import KINDS as JOINTS
+from mbdlft.parameter import SUBSTITUTIONS, Angle, Parameter
+from mbdlft.scene.scene import Constant, Scene
+from mbdlft.unit import ANGLE_UNITS, parse_unit
+
+FORMAT = "mbdlft-scene/1"
+_TOP = (
+    "format",
+    "name",
+    "description",
+    "gravity",
+    "acceleration",
+    "constants",
+    "parameters",
+    "bodies",
+    "joints",
+    "linearize",
+)
+_PARAMETER_KEYS = tuple(name for name in inspect.signature(Parameter).parameters if name != "name")
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Scene of a TOML file.
+
+    Raises
+    ------
+    SceneError
+        The file cannot be read or is not a scene; the message names the file and, where known,
+        the line.
+    """
+    file = Path(path)
+    try:
+        text = file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError(f"{file}: cannot be read: {error}") from None
+    try:
+        return scene_from_toml(text)
+    except MbdlftError as error:
+        raise type(error)(f"{file}: {error}") from None
+
+
+def scene_from_toml(text: str) -> Scene:
+    """Scene of a TOML text.
+
+    Raises
+    ------
+    SceneError
+        The text is not TOML (with the line), or not a scene.
+    """
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"not valid TOML: {error}") from None
+    try:
+        return _scene(table)
+    except SceneError as error:
+        line = _line(text, str(error))
+        raise SceneError(f"line {line}: {error}" if line else str(error)) from None
+
+
+def scene_to_toml(scene: Scene) -> str:
+    """TOML text of a scene; `scene_from_toml` gives an equal scene back."""
+    table: dict[str, Any] = {"format": FORMAT, "name": scene.name}
+    if scene.description:
+        table["description"] = scene.description
+    table["gravity"] = list(scene.gravity)
+    if any(scene.acceleration):
+        table["acceleration"] = list(scene.acceleration)
+    if scene.constants:
+        table["constants"] = {
+            name: value.model_dump() if isinstance(value, Constant) else value
+            for name, value in scene.constants.items()
+        }
+    if scene.parameters:
+        table["parameters"] = {p.name: _parameter_table(p) for p in scene.parameters}
+    table["bodies"] = {body.name: _kind_table(body) for body in scene.bodies}
+    table["joints"] = {joint.name: _kind_table(joint) for joint in scene.joints}
+    chosen = {"inputs": scene.inputs, "outputs": scene.outputs}
+    linearize = {key: list(names) for key, names in chosen.items() if names is not None}
+    if linearize:
+        table["linearize"] = linearize
+    return tomli_w.dumps(table)
+
+
+def _scene(table: dict[str, Any]) -> Scene:
+    for key in table:
+        if key not in _TOP:
+            raise SceneError(unknown_name("key", key, _TOP))
+    if table.get("format") != FORMAT:
+        raise SceneError(f"format: expected {FORMAT!r}, got {table.get('format')!r}.")
+    linearize = _table("linearize", table.get("linearize", {}))
+    for key in linearize:
+        if key not in ("inputs", "outputs"):
+            raise SceneError("linearize: " + unknown_name("key", key, ("inputs", "outputs")))
+    plain = ("name", "description", "gravity", "acceleration")
+    return Scene(
+        **{key: table[key] for key in plain if key in table},
+        constants={
+            name: Constant(**value) if isinstance(value, dict) else value
+            for name, value in _table("constants", table.get("constants", {})).items()
+        },
+        parameters=[
+            _parameter(name, value)
+            for name, value in _table("parameters", table.get("parameters", {})).items()
+        ],
+        bodies=_kinds("body", "bodies", table, BODIES),
+        joints=_kinds("joint", "joints", table, JOINTS),
+        **linearize,
+    )
+
+
+def _table(where: str, value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise SceneError(f"{where}: expected a table, got {value!r}.")
+    return value
+
+
+def _kinds(what: str, key: str, table: dict[str, Any], kinds: Mapping[str, Any]) -> list[Any]:
+    """The described bodies or joints, each by the class of its kind."""
+    found = []
+    for name, value in _table(key, table.get(key, {})).items():
+        fields = dict(_table(f"{what} {name!r}", value))
+        kind = fields.pop("kind", None)
+        if kind not in kinds:
+            raise SceneError(f"{what} {name!r}: " + unknown_name("kind", str(kind), kinds))
+        if isinstance(fields.get("inertia"), dict):
+            try:
+                fields["inertia"] = Inertia(**fields["inertia"])
+            except SceneError as error:
+                raise SceneError(f"{what} {name!r}, {error}") from None
+        found.append(kinds[kind](**{"name": name, **fields}))
+    return found
+
+
+def _kind_table(item: Any) -> dict[str, Any]:
+    """Table of a body or joint: what differs from the default."""
+    fields = item.model_dump(exclude={"name"}, exclude_defaults=True, exclude_none=True)
+    return {"kind": item.kind} | {
+        key: list(value) if isinstance(value, tuple) else value for key, value in fields.items()
+    }
+
+
+def _parameter(name: str, value: Any) -> Parameter:
+    """Parameter of a table; a unit of an angle makes it an `Angle`."""
+    where = f"parameter {name!r}"
+    fields = _table(where, value)
+    for key, entry in fields.items():
+        if key not in _PARAMETER_KEYS:
+            raise SceneError(f"{where}: " + unknown_name("key", key, _PARAMETER_KEYS))
+        text = key in ("unit", "role", "substitution")
+        if not isinstance(entry, str if text else int | float) or isinstance(entry, bool):
+            raise SceneError(
+                f"{where}: {key}: expected a {'text' if text else 'number'}, got {entry!r}."
+            )
+    if "nominal" not in fields:
+        raise SceneError(f"{where}: 'nominal' is missing.")
+    if fields.get("unit") not in ANGLE_UNITS:
+        return Parameter(name, **fields)
+    if "percent" in fields:
+        raise SceneError(f"{where}: percent has no meaning for an angle; give low and high.")
+    if fields.get("substitution", "half-angle") not in SUBSTITUTIONS[1:]:
+        raise SceneError(
+            f"{where}: substitution: "
+            + unknown_name("substitution", fields["substitution"], SUBSTITUTIONS[1:])
+        )
+    return Angle(name, **fields)
+
+
+def _parameter_table(parameter: Parameter) -> dict[str, Any]:
+    p = parameter
+    table: dict[str, Any] = {"nominal": p.nominal, "low": p.low, "high": p.high, "unit": p.unit}
+    table["role"] = p.role
+    if p.is_angle:
+        table["substitution"] = p.substitution
+        table["reference"] = _in_unit(p.reference, parse_unit(p.unit).factor)
+    return table
+
+
+def _in_unit(radians: float, factor: float) -> float:
+    """A value in a unit that converts back to exactly `radians`."""
+    value = radians / factor
+    for candidate in (value, math.nextafter(value, math.inf), math.nextafter(value, -math.inf)):
+        if candidate * factor == radians:
+            return candidate
+    raise SceneError(
+        f"a reference angle of {radians!r} rad has no equal in the unit of its parameter; "
+        "give the parameter the unit 'rad'."
+    )
+
+
+def _line(text: str, message: str) -> int | None:
+    """Line of the table that an error message names, if it names one."""
+    match = re.search(r"(parameter|constant|body|joint) '([^']+)'", message)
+    if match is None:
+        return None
+    section = {"parameter": "parameters", "body": "bodies"}.get(match[1], match[1] + "s")
+    name = re.escape(match[2])
+    header = re.compile(rf"^\s*\[{section}\.\"?{name}\"?[.\]]|^\s*{section}\.{name}\b")
+    inside = ""
+    for number, line in enumerate(text.splitlines(), start=1):
+        if header.match(line):
+            return number
+        if line.lstrip().startswith("["):
+            inside = line.strip().strip("[]")
+        if inside == section and re.match(rf"\s*\"?{name}\"?\s*[.=]", line):
+            return number
+    return None

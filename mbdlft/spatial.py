@@ -1,0 +1,70 @@
+"""Vectors and rotations in CasADi SX.
+
+A motion is a 3 x 3 matrix whose columns are [omega, alpha, acceleration]: angular velocity (rad/s),
+angular acceleration (rad/s^2) and linear acceleration (m/s^2) of one point, relative to the frame
+of the scene plus the uniform acceleration of that frame, all expressed in one body frame.
+A wrench is a 3 x 2 matrix [force, torque] (N, N m) about one point. This file fixes both orders.
+
+``R_pc`` turns components in the child's frame into components in the parent's frame.
+"""
+
+from functools import cache
+
+import casadi as ca
+import numpy as np
+
+
+def skew(a: ca.SX) -> ca.SX:
+    """Matrix of the cross product: skew(a) b = a x b; a (3,), result (3, 3)."""
+    return ca.skew(a)
+
+
+def rotate(axis: ca.SX, cosine: ca.SX, sine: ca.SX, vectors: ca.SX) -> ca.SX:
+    """R v for each column v: rotation about the unit vector `axis`; vectors (3, n), result (3, n).
+
+    R v = v_par + cosine v_perp + sine axis x v. The component along the axis is not touched, so a
+    rotation about a coordinate axis costs the work of the plane.
+    """
+    parallel = ca.mtimes(axis, ca.mtimes(axis.T, vectors))
+    perpendicular = vectors - parallel
+    return parallel + cosine * perpendicular + sine * ca.mtimes(skew(axis), vectors)
+
+
+def rotate_back(axis: ca.SX, cosine: ca.SX, sine: ca.SX, vectors: ca.SX) -> ca.SX:
+    """R' v for each column v; the inverse of `rotate`."""
+    return rotate(axis, cosine, -sine, vectors)
+
+
+def exact_cosine_sine(angle: float) -> tuple[float, float]:
+    """Cosine and sine of an angle (rad); exactly 0 and 1 at the multiples of a right angle."""
+    quarter = angle / (np.pi / 2.0)
+    nearest = round(quarter)
+    if abs(quarter - nearest) <= 4.0 * np.finfo(float).eps * max(1.0, abs(quarter)):
+        return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[nearest % 4]
+    return float(np.cos(angle)), float(np.sin(angle))
+
+
+def move_motion(motion: ca.SX, r: ca.SX) -> ca.SX:
+    """Motion of the point at `r` (m) from the old one, of the same rigid body (3, 3)."""
+    return motion if r.nnz() == 0 else _move_motion()(motion, r)
+
+
+def move_wrench(wrench: ca.SX, r: ca.SX) -> ca.SX:
+    """Wrench about the old point, given about the point at `r` (m) from it (3, 2)."""
+    return wrench if r.nnz() == 0 else _move_wrench()(wrench, r)
+
+
+@cache
+def _move_motion() -> ca.Function:
+    motion, r = ca.SX.sym("motion", 3, 3), ca.SX.sym("r", 3)
+    omega, alpha, acceleration = ca.horzsplit(motion)
+    moved = acceleration + ca.cross(alpha, r) + ca.cross(omega, ca.cross(omega, r))
+    return ca.Function("move_motion", [motion, r], [ca.horzcat(omega, alpha, moved)])
+
+
+@cache
+def _move_wrench() -> ca.Function:
+    wrench, r = ca.SX.sym("wrench", 3, 2), ca.SX.sym("r", 3)
+    force, torque = ca.horzsplit(wrench)
+    moved = ca.horzcat(force, torque + ca.cross(r, force))
+    return ca.Function("move_wrench", [wrench, r], [moved])
