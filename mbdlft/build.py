@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import version
 
-import casadi as ca
 import numpy as np
 
 from mbdlft.certify import measure_error
@@ -109,9 +108,7 @@ def _state_space(equations: Equations, relations: LFT) -> LFT:
     n, nx = equations.residual.numel(), equations.x.numel()
     solved = eliminate(relations, n)
     rows = [*range(nx), *range(n, solved.shape[0])]
-    closed = LFT(
-        solved.M11, solved.M12, solved.M21[rows], solved.M22[rows], solved.blocks
-    )
+    closed = LFT(solved.M11, solved.M12, solved.M21[rows], solved.M22[rows], solved.blocks)
     return reorder(reduce_order(closed), [p.name for p in equations.parameters])
 
 
@@ -134,7 +131,9 @@ def _chosen(
         return [k for name, k in index.items() if what == "inputs" or _is_displacement(name)]
     for name in names:
         if name not in index:
-            raise SceneError(f"scene {scene.name!r}, {what}: " + unknown_name("signal", name, index))
+            raise SceneError(
+                f"scene {scene.name!r}, {what}: " + unknown_name("signal", name, index)
+            )
     return [index[name] for name in names]
 
 
@@ -146,7 +145,7 @@ def _provenance(scene: Scene) -> Provenance:
     return Provenance(
         scene=scene_to_toml(scene),
         mbdlft=version("mbdlft"),
-        casadi=ca.__version__,
+        casadi=version("casadi"),
         numpy=np.__version__,
         h5py=version("h5py"),
         created=datetime.now(UTC).isoformat(timespec="seconds"),

@@ -28,9 +28,7 @@ def check_points(parameters: Sequence[Parameter], seed: int) -> Array:
         outer = corners(parameters)
     else:
         sides = np.random.default_rng(seed).integers(0, 2, (_MOST_CORNERS, len(parameters)))
-        outer = {
-            p.name: np.where(sides[:, k], p.high, p.low) for k, p in enumerate(parameters)
-        }
+        outer = {p.name: np.where(sides[:, k], p.high, p.low) for k, p in enumerate(parameters)}
     columns = [np.concatenate([[p.nominal], inside[p.name], outer[p.name]]) for p in parameters]
     return np.stack(columns, axis=1)
 

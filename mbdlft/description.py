@@ -1,8 +1,9 @@
-"""The common base of everything a user describes: frozen, checked, with errors a person can act on."""
+"""The common base of everything a user describes: frozen, and checked when it is made."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple
 
+import casadi as ca
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from mbdlft.errors import MbdlftError, SceneError, unknown_name
@@ -12,6 +13,7 @@ Text = Annotated[str, Field(strict=True, min_length=1)]
 Quantity = Number | Text
 Vector = tuple[Quantity, Quantity, Quantity]
 Direction = tuple[Number, Number, Number]
+Values = Mapping[str, ca.SX | float]  # evaluated quantities by label
 
 AXES = ("x", "y", "z")
 
@@ -60,7 +62,8 @@ class Description(BaseModel):
                 line = f"{cls.where(fields)}: {item['loc'][0]!r} is missing."
             else:
                 place = str(item["loc"][0]) if item["loc"] else ""
-                line = f"{cls.where(fields)}: {place}: expected {_expected(place)}, got {fields.get(place)!r}."
+                got = f"got {fields.get(place)!r}."
+                line = f"{cls.where(fields)}: {place}: expected {_expected(place)}, {got}"
             if line not in lines:
                 lines.append(line)
         return "\n".join(lines)

@@ -38,16 +38,16 @@ class LinearModel:
     parameters: tuple[Parameter, ...]
 
 
-def linearize(
-    equations: Equations, inputs: Sequence[int], outputs: Sequence[int]
-) -> LinearModel:
+def linearize(equations: Equations, inputs: Sequence[int], outputs: Sequence[int]) -> LinearModel:
     """Linearized equations around the equilibrium, for every p at once.
 
     unknown = [xdot ; z], known = [x ; u[inputs]], output = y[outputs].
     """
     e, function = equations, equation_function(equations)
     symbols, p, cosine, sine = internal_symbols(e.parameters)
-    xdot, x, z = (ca.SX.sym(name, s.numel()) for name, s in (("xdot", e.xdot), ("x", e.x), ("z", e.z)))
+    xdot, x, z = (
+        ca.SX.sym(name, s.numel()) for name, s in (("xdot", e.xdot), ("x", e.x), ("z", e.z))
+    )
     selected = ca.SX.sym("u", len(inputs))
     u = ca.SX(e.u.numel(), 1)
     for k, column in enumerate(inputs):
@@ -58,8 +58,8 @@ def linearize(
     moved = ca.vertcat(*function(xdot, none[1], z, u, none[4], p, cosine, sine))
     # x enters through the derivative at the equilibrium: springs and dampers, and lifted loads
     displaced = ca.vertcat(*function(none[0], x, none[2], none[3], load, p, cosine, sine))
-    slopes = ca.jtimes(displaced, x, ca.DM.eye(x.numel()))
-    slopes = ca.Function("slopes", [x, load, symbols], [slopes])
+    columns = ca.jtimes(displaced, x, ca.DM.eye(x.numel()))
+    slopes = ca.Function("slopes", [x, load, symbols], [columns])
     linear = moved + ca.mtimes(ca.sparsify(slopes(none[1], none[4], symbols)), x)
     lifted, value = slopes(none[1], load, symbols), load_value(e, p)
     for k in range(x.numel()):

@@ -10,7 +10,7 @@ value becomes a normalized delta:
 """
 
 from dataclasses import dataclass
-from typing import Literal, cast, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -111,7 +111,9 @@ class Parameter:
     @property
     def map(self) -> BilinearMap:
         """The bilinear map between delta and the internal value."""
-        low, nominal, high = (float(x) for x in to_internal(self, [self.low, self.nominal, self.high]))
+        low, nominal, high = (
+            float(x) for x in to_internal(self, [self.low, self.nominal, self.high])
+        )
         excess = 2.0 * nominal - low - high
         if abs(excess) <= 4.0 * np.finfo(float).eps * max(abs(low), abs(nominal), abs(high)):
             return BilinearMap(nominal, 0.5 * (high - low), 0.0)  # centered: affine
@@ -119,7 +121,7 @@ class Parameter:
         return BilinearMap(nominal, high * (1.0 + a1) - nominal, a1)
 
 
-def Angle(  # noqa: N802 - reads as the constructor of a parameter that is an angle
+def Angle(
     name: str,
     nominal: float,
     low: float | None = None,
@@ -186,7 +188,7 @@ def to_internal(parameter: Parameter, physical: ArrayLike) -> NDArray[np.float64
 def to_delta(parameter: Parameter, physical: ArrayLike) -> NDArray[np.float64]:
     """Normalized deltas [1] of physical values, elementwise; shape kept."""
     internal, m = to_internal(parameter, physical), parameter.map
-    return cast("NDArray[np.float64]", (internal - m.b0) / (m.b1 - m.a1 * internal))
+    return (internal - m.b0) / (m.b1 - m.a1 * internal)
 
 
 def to_physical(parameter: Parameter, delta: ArrayLike) -> NDArray[np.float64]:
@@ -194,9 +196,9 @@ def to_physical(parameter: Parameter, delta: ArrayLike) -> NDArray[np.float64]:
     values, m = np.asarray(delta, dtype=float), parameter.map
     internal = (m.b0 + m.b1 * values) / (1.0 + m.a1 * values)
     if not parameter.is_angle:
-        return cast("NDArray[np.float64]", internal)
+        return internal
     radians = parameter.reference + _ANGLE_DIVISOR[parameter.substitution] * np.arctan(internal)
-    return cast("NDArray[np.float64]", radians / parse_unit(parameter.unit).factor)
+    return radians / parse_unit(parameter.unit).factor
 
 
 def _range(

@@ -19,7 +19,7 @@ def skew(a: ca.SX) -> ca.SX:
     return ca.skew(a)
 
 
-def rotate(axis: ca.SX, cosine: ca.SX, sine: ca.SX, vectors: ca.SX) -> ca.SX:
+def rotate(axis: ca.SX, cosine: ca.SX | float, sine: ca.SX | float, vectors: ca.SX) -> ca.SX:
     """R v for each column v: rotation about the unit vector `axis`; vectors (3, n), result (3, n).
 
     R v = v_par + cosine v_perp + sine axis x v. The component along the axis is not touched, so a
@@ -30,7 +30,7 @@ def rotate(axis: ca.SX, cosine: ca.SX, sine: ca.SX, vectors: ca.SX) -> ca.SX:
     return parallel + cosine * perpendicular + sine * ca.mtimes(skew(axis), vectors)
 
 
-def rotate_back(axis: ca.SX, cosine: ca.SX, sine: ca.SX, vectors: ca.SX) -> ca.SX:
+def rotate_back(axis: ca.SX, cosine: ca.SX | float, sine: ca.SX | float, vectors: ca.SX) -> ca.SX:
     """R' v for each column v; the inverse of `rotate`."""
     return rotate(axis, cosine, -sine, vectors)
 

@@ -75,21 +75,32 @@ def trim_efforts(equations: Equations, points: Array) -> tuple[Array, Array]:
     relations = ca.Function(
         "trim",
         [symbols],
-        [ca.densify(ca.substitute(residual, u, ca.SX.zeros(u.numel()))), ca.densify(ca.jacobian(residual, u))],
+        [
+            ca.densify(ca.substitute(residual, u, ca.SX.zeros(u.numel()))),
+            ca.densify(ca.jacobian(residual, u)),
+        ],
     )
     offset, matrix = evaluate_many(relations, points)
-    efforts = np.empty((len(points), e.u.numel()))
-    relative = np.empty(len(points))
-    for k, (b, a) in enumerate(zip(offset[:, :, 0], matrix, strict=True)):
-        efforts[k], _, rank, _ = np.linalg.lstsq(a, -b)
-        scale = max(float(np.max(np.abs(b), initial=0.0)), np.finfo(float).tiny)
-        relative[k] = float(np.max(np.abs(a @ efforts[k] + b), initial=0.0)) / scale
-        if rank < a.shape[1] or relative[k] > _RESIDUAL:
-            raise TrimError(
-                f"scene {e.name!r}: the efforts {', '.join(s.name for s in e.u_signals)} cannot hold "
-                f"the equilibrium: relative residual {relative[k]:.1e}, rank {rank} of {a.shape[1]}."
-            )
-    return efforts, relative
+    rows = np.flatnonzero(matrix.any(axis=(0, 2)))
+    names = ", ".join(signal.name for signal in e.u_signals)
+    if len(rows) != u.numel():
+        raise TrimError(
+            f"scene {e.name!r}: the efforts {names} act in {len(rows)} equations of equilibrium; "
+            f"there must be {u.numel()}."
+        )
+    try:
+        efforts = -np.asarray(np.linalg.solve(matrix[:, rows], offset[:, rows]), dtype=float)
+    except np.linalg.LinAlgError:
+        raise TrimError(f"scene {e.name!r}: the efforts {names} are redundant.") from None
+    residual_size = np.max(np.abs(matrix @ efforts + offset), axis=(1, 2))
+    scale = np.max(np.abs(offset), axis=(1, 2))
+    relative = residual_size / np.where(scale > 0, scale, 1.0)
+    if not np.all(relative <= _RESIDUAL):
+        raise TrimError(
+            f"scene {e.name!r}: the efforts {names} cannot hold the equilibrium: relative residual "
+            f"{np.max(relative):.1e}."
+        )
+    return efforts[:, :, 0], relative
 
 
 def evaluate_many(function: ca.Function, points: Array, *others: Array) -> list[Array]:

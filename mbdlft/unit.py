@@ -1,4 +1,4 @@
-"""Units of physical quantities: a text such as ``"N m/rad"`` gives a factor to SI and a dimension."""
+"""Units: a text such as ``"N m/rad"`` gives a factor to SI and a dimension."""
 
 import re
 from dataclasses import dataclass

@@ -32,9 +32,7 @@ def frequency_response(
         j omega is an eigenvalue of A at one of the samples.
     """
     frequencies = np.atleast_1d(np.asarray(omega, dtype=float))
-    A, B, C, D = (
-        matrix.reshape(-1, *matrix.shape[-2:]) for matrix in matrices_at(model, values)
-    )
+    A, B, C, D = (matrix.reshape(-1, *matrix.shape[-2:]) for matrix in matrices_at(model, values))
     eye = np.eye(A.shape[-1])
     response = np.empty((len(A), len(frequencies), *D.shape[-2:]), dtype=complex)
     for k, w in enumerate(frequencies):
@@ -50,4 +48,4 @@ def frequency_response(
 
 def singular_values(response: NDArray[np.complex128]) -> Array:
     """Singular values (..., min(ny, nu)) of frequency responses (..., ny, nu), largest first."""
-    return np.linalg.svd(response, compute_uv=False)
+    return np.asarray(np.linalg.svd(response, compute_uv=False), dtype=float)

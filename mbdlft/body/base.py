@@ -2,13 +2,13 @@
 
 import abc
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.description import Description, Expected, Text, Vector, vector_quantities
+from mbdlft.description import Description, Expected, Text, Values, Vector, vector_quantities
 
 
 class Body(Description, abc.ABC):
@@ -38,7 +38,7 @@ class Body(Description, abc.ABC):
         return None if port == "origin" else f"ports.{port}"
 
     @abc.abstractmethod
-    def wrench(self, motion: ca.SX, values: Mapping[str, Any], inboard: ca.SX) -> ca.SX | None:
+    def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX) -> ca.SX:
         """Wrench (3, 2) that the motion (3, 3) of the inboard port needs, about that port.
 
         `values` has one SX or float per label; `inboard` (3,) is the position of the port (m).

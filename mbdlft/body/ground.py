@@ -1,11 +1,11 @@
 """The ground: the frame of the scene, at rest in it. It exists in every scene under this name."""
 
-from collections.abc import Mapping
-from typing import Any, ClassVar, Literal, final
+from typing import ClassVar, Literal, final
 
 import casadi as ca
 
 from mbdlft.body.base import Body
+from mbdlft.description import Values
 
 GROUND = "ground"
 
@@ -17,6 +17,6 @@ class Ground(Body):
     kind: ClassVar[str] = "ground"
     name: Literal["ground"] = "ground"
 
-    def wrench(self, motion: ca.SX, values: Mapping[str, Any], inboard: ca.SX) -> None:
-        """Nothing moves the ground."""
-        return
+    def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX) -> ca.SX:
+        """Nothing moves the ground: it needs no wrench."""
+        return ca.SX(3, 2)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.body.base import Body
-from mbdlft.description import Description, Expected, Quantity, Vector, vector_quantities
+from mbdlft.description import Description, Expected, Quantity, Values, Vector, vector_quantities
 from mbdlft.errors import SceneError, unknown_name
 from mbdlft.spatial import move_motion, move_wrench
 
@@ -83,7 +83,7 @@ class RigidBody(Body):
     def port_label(self, port: str) -> str | None:
         return port if port == "center_of_mass" else super().port_label(port)
 
-    def wrench(self, motion: ca.SX, values: Mapping[str, Any], inboard: ca.SX) -> ca.SX:
+    def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX) -> ca.SX:
         """Newton-Euler about the point of the inertia, moved to the inboard port."""
         entries = [
             [values.get(f"inertia.{name}", ca.SX.sym(unseen_name(self.name, name))) for name in row]
@@ -98,7 +98,8 @@ class RigidBody(Body):
             )
         label = self.port_label(self.inertia.about)
         point = _position(values, label) if label else ca.SX(3, 1)
-        return newton_euler()(motion, values["mass"], point - inboard, center - point, inertia)
+        needed = newton_euler()(motion, values["mass"], point - inboard, center - point, inertia)
+        return ca.SX(needed)
 
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
         return negative_mass(values["mass"]) or _inertia_problem(self, values)
@@ -132,7 +133,7 @@ def negative_mass(mass: NDArray[np.float64]) -> str | None:
     return f"the mass is negative in the range: {lowest:g} kg." if lowest < 0 else None
 
 
-def _position(values: Mapping[str, Any], label: str) -> ca.SX:
+def _position(values: Values, label: str) -> ca.SX:
     return ca.vertcat(*(values[f"{label}.{axis}"] for axis in "xyz"))
 
 
@@ -150,7 +151,11 @@ def _inertia_problem(body: RigidBody, values: Mapping[str, NDArray[np.float64]])
             for axis in "xyz"
         ]
     )
-    steiner = {"xx": d[1] ** 2 + d[2] ** 2, "yy": d[0] ** 2 + d[2] ** 2, "zz": d[0] ** 2 + d[1] ** 2}
+    steiner = {
+        "xx": d[1] ** 2 + d[2] ** 2,
+        "yy": d[0] ** 2 + d[2] ** 2,
+        "zz": d[0] ** 2 + d[1] ** 2,
+    }
     for name in DIAGONAL:
         entry = entries[name]
         if entry is not None:

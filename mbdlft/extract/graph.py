@@ -10,14 +10,16 @@ equal sub-expressions exist once. Coefficient times signal:
     a / b               y with apply(b, y) = s, then apply(a, y); needs no inverse
 """
 
+from collections import Counter
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
 from mbdlft.errors import WellPosednessError
-from mbdlft.lft.lft import LFT, Block
+from mbdlft.lft.lft import LFT, Array, Block
 from mbdlft.parameter import BilinearMap
 
 
@@ -29,10 +31,10 @@ class Coefficient(NamedTuple):
 
 
 class Scaled(NamedTuple):
-    """factor times signal number `index`; index -1 is the zero signal."""
+    """factor times a signal, by number; number -1 is the zero signal."""
 
     factor: float
-    index: int
+    number: int
 
 
 ZERO = Scaled(0.0, -1)
@@ -110,12 +112,12 @@ class SignalGraph:
         if key not in self._applied:
             self._applied[key] = self._apply(number, Scaled(1.0, index))
         applied = self._applied[key]
-        return Scaled(factor * applied.factor, applied.index) if factor else ZERO
+        return Scaled(factor * applied.factor, applied.number) if factor else ZERO
 
     def _apply(self, number: int, signal: Scaled) -> Scaled:
         operation, arguments = self.nodes[number]
         if operation == "constant":
-            return Scaled(arguments[0], signal.index) if arguments[0] else ZERO
+            return Scaled(arguments[0], signal.number) if arguments[0] else ZERO
         if operation == "parameter":
             channel = self._new()
             self.channels.append((channel, int(arguments[0]), signal))
@@ -128,12 +130,12 @@ class SignalGraph:
         divisor = self.constant_value(second)
         if divisor is not None:
             applied = self.apply(first, signal)
-            return Scaled(applied.factor / divisor, applied.index)
+            return Scaled(applied.factor / divisor, applied.number)
         return self.apply(first, self._divide(second, signal))
 
     def _divide(self, number: int, signal: Scaled) -> Scaled:
         """y with apply(number, y) = signal."""
-        key = (-1 - number, signal.index)
+        key = (-1 - number, signal.number)
         if key not in self._applied:
             quotient = Scaled(1.0, self._new())
             self._applied[key] = quotient
@@ -149,71 +151,57 @@ class SignalGraph:
     def to_lft(self, names: list[str], maps: list[BilinearMap]) -> LFT:
         """Inputs to outputs as an LFT in the normalized deltas of the parameters `names`.
 
-        With E s = F u + G w for all signals s and z = H s, internal = b0 + b1' delta/(1 + a1 delta),
-        b1' = b1 - a1 b0: the channel w = p z is w = b0 z + b1' w', w' = delta (z - a1 w').
+        All signals s solve E s = F u + G w', and a channel w = p z of a parameter with
+        p = (b0 + b1 delta)/(1 + a1 delta) is w = b0 z + (b1 - a1 b0) w', w' = delta (z - a1 w').
 
         Raises
         ------
         WellPosednessError
             E is singular: a denominator vanishes at the nominal values.
         """
-        order = sorted(range(len(self.channels)), key=lambda c: (names[self.channels[c][1]], c))
-        n, nw, free = self.size, len(order), self.inputs
-        gain = np.array([maps[self.channels[c][1]].b1 for c in order])
-        offset = np.array([maps[self.channels[c][1]].b0 for c in order])
-        a1 = np.array([maps[self.channels[c][1]].a1 for c in order])
-        rows: list[int] = []
-        columns: list[int] = []
-        entries: list[float] = []
-
-        def put(row: int, signal: Scaled, sign: float) -> None:
-            if signal.index >= 0:
-                rows.append(row)
-                columns.append(signal.index)
-                entries.append(sign * signal.factor)
-
-        right = np.zeros((n, free + nw))
-        right[:free, :free] = np.eye(free)
-        row = 0
-        for row in range(free):
-            put(row, Scaled(1.0, row), 1.0)
-        row = free
-        for signal, terms in self.equations:
-            put(row, Scaled(1.0, signal), 1.0)
-            for term in terms:
-                put(row, term, -1.0)
-            row += 1
-        for left, equal in self.implicit:
-            put(row, left, 1.0)
-            put(row, equal, -1.0)
-            row += 1
-        reads = np.zeros((len(self.outputs) + nw, 2))
-        for position, c in enumerate(order):
-            signal, parameter, z = self.channels[c]
-            put(row, Scaled(1.0, signal), 1.0)
-            put(row, z, -offset[position])
-            right[row, free + position] = gain[position] - a1[position] * offset[position]
-            reads[position] = z
-            row += 1
-        for position, output in enumerate(self.outputs):
-            reads[nw + position] = output
-        solution = _solve(coo_array((entries, (rows, columns)), shape=(n, n)), right)
-        picked = reads[:, 1].astype(int)
-        read = np.where(picked[:, None] >= 0, solution[picked], 0.0) * reads[:, :1]
-        read[np.arange(nw), free + np.arange(nw)] -= a1
-        counts = [0] * len(names)
-        for _, parameter, _ in self.channels:
-            counts[parameter] += 1
-        blocks = sorted(Block(name, count) for name, count in zip(names, counts, strict=True))
-        return LFT(
-            read[:nw, free:], read[:nw, :free], read[nw:, free:], read[nw:, :free], tuple(blocks)
-        )
+        channels = sorted(self.channels, key=lambda channel: names[channel[1]])
+        nu, nw = self.inputs, len(channels)
+        owners = [maps[parameter] for _, parameter, _ in channels]
+        one = Scaled(1.0, -1)
+        equations: list[tuple[Scaled, ...]] = [(one._replace(number=k),) for k in range(nu)]
+        equations += [
+            (one._replace(number=signal), *(Scaled(-term.factor, term.number) for term in terms))
+            for signal, terms in self.equations
+        ]
+        equations += [(left, Scaled(-right.factor, right.number)) for left, right in self.implicit]
+        equations += [
+            (one._replace(number=signal), Scaled(-owner.b0 * z.factor, z.number))
+            for (signal, _, z), owner in zip(channels, owners, strict=True)
+        ]
+        right = np.zeros((self.size, nu + nw))
+        right[:nu, :nu] = np.eye(nu)
+        gains = np.array([owner.b1 - owner.a1 * owner.b0 for owner in owners])
+        right[self.size - nw :, nu:] = np.diag(gains)
+        solution = _solve(_matrix(equations, self.size), right)
+        reads = [(z,) for _, _, z in channels] + [(output,) for output in self.outputs]
+        read = _matrix(reads, self.size) @ solution
+        read[np.arange(nw), nu + np.arange(nw)] -= [owner.a1 for owner in owners]
+        counts = Counter(parameter for _, parameter, _ in self.channels)
+        blocks = tuple(sorted(Block(name, counts[k]) for k, name in enumerate(names)))
+        return LFT(read[:nw, nu:], read[:nw, :nu], read[nw:, nu:], read[nw:, :nu], blocks)
 
 
-def _solve(matrix: coo_array, right: np.ndarray) -> np.ndarray:
+def _matrix(rows: Sequence[tuple[Scaled, ...]], width: int) -> csc_array:
+    """Sparse matrix with one row for each sum of scaled signals."""
+    entries = [
+        (term.factor, row, term.number)
+        for row, terms in enumerate(rows)
+        for term in terms
+        if term.number >= 0
+    ]
+    values, i, j = zip(*entries, strict=True) if entries else ((), (), ())
+    return coo_array((values, (i, j)), shape=(len(rows), width), dtype=float).tocsc()
+
+
+def _solve(matrix: csc_array, right: Array) -> Array:
     """matrix^-1 right, or an error that says the model is not well posed at nominal."""
     try:
-        solution = splu(matrix.tocsc()).solve(right)
+        solution = np.asarray(splu(matrix).solve(right))
     except RuntimeError:
         solution = np.full_like(right, np.nan)
     if not np.all(np.isfinite(solution)):

@@ -97,7 +97,9 @@ def _add(graph: SignalGraph, a: Element, b: Element) -> Element:
 
 def _multiply(graph: SignalGraph, a: Element, b: Element) -> Element:
     if isinstance(a, Scaled) and isinstance(b, Scaled):
-        raise NotRationalError("two signals are multiplied, so the relations are not linear in them.")
+        raise NotRationalError(
+            "two signals are multiplied, so the relations are not linear in them."
+        )
     if isinstance(b, Scaled):
         a, b = b, a
     if isinstance(a, Scaled):
@@ -114,11 +116,13 @@ def _multiply(graph: SignalGraph, a: Element, b: Element) -> Element:
 
 def _divide(graph: SignalGraph, a: Element, b: Element) -> Element:
     if isinstance(b, Scaled):
-        raise NotRationalError("a signal is a divisor, so the relations are not linear in the signals.")
+        raise NotRationalError(
+            "a signal is a divisor, so the relations are not linear in the signals."
+        )
     value = graph.constant_value(b)
     if isinstance(a, Scaled):
         if value is not None:
-            return Scaled(a.factor / value, a.index)
+            return Scaled(a.factor / value, a.number)
         return graph.apply(graph.node("divide", graph.constant(1.0), b), a)
     x = graph.constant_value(a)
     if x is not None and value is not None:

@@ -5,14 +5,13 @@ parallel. Its coordinate is the displacement from the equilibrium position.
 """
 
 import abc
-from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import casadi as ca
 import numpy as np
 from pydantic import field_validator
 
-from mbdlft.description import Description, Direction, Expected, Text
+from mbdlft.description import Description, Direction, Expected, Text, Values
 from mbdlft.errors import SceneError
 
 
@@ -27,8 +26,8 @@ class Coordinate(NamedTuple):
 class Turn(NamedTuple):
     """One factor of an equilibrium rotation: cosine and sine of its angle."""
 
-    cosine: ca.SX
-    sine: ca.SX
+    cosine: ca.SX | float
+    sine: ca.SX | float
 
 
 class Joint(Description, abc.ABC):
@@ -50,24 +49,30 @@ class Joint(Description, abc.ABC):
 
     @abc.abstractmethod
     def motion(
-        self, motion: ca.SX, values: Mapping[str, Any], turns: list[Turn], coordinate: Coordinate
+        self,
+        motion: ca.SX,
+        values: Values,
+        turns: list[Turn],
+        coordinate: Coordinate,
     ) -> ca.SX:
         """Motion (3, 3) of the child's port in its frame, from that of the parent's port."""
 
     @abc.abstractmethod
     def wrench(
-        self, wrench: ca.SX, values: Mapping[str, Any], turns: list[Turn], coordinate: Coordinate
+        self,
+        wrench: ca.SX,
+        values: Values,
+        turns: list[Turn],
+        coordinate: Coordinate,
     ) -> ca.SX:
         """Wrench (3, 2) about the parent's port in its frame, from that about the child's port."""
 
-    def carry(self, wrench: ca.SX, motion: ca.SX, values: Mapping[str, Any]) -> ca.SX:
+    def carry(self, wrench: ca.SX, motion: ca.SX, values: Values) -> ca.SX:
         """Wrench (3, 2) about the child's port with that of the actuator's inertia added."""
         return wrench
 
     @abc.abstractmethod
-    def resistance(
-        self, wrench: ca.SX, values: Mapping[str, Any], coordinate: Coordinate
-    ) -> ca.SX:
+    def resistance(self, wrench: ca.SX, values: Values, coordinate: Coordinate) -> ca.SX:
         """Effort (degrees_of_freedom,) for a wrench at the child's port, springs and dampers."""
 
 

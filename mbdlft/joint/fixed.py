@@ -1,11 +1,10 @@
 """A fixed joint: no degree of freedom; it may hold a rotation about an axis."""
 
-from collections.abc import Mapping
-from typing import Any, ClassVar, final
+from typing import ClassVar, final
 
 import casadi as ca
 
-from mbdlft.description import Direction, Expected, Quantity
+from mbdlft.description import Direction, Expected, Quantity, Values
 from mbdlft.joint.base import AxisJoint, Coordinate, Turn
 from mbdlft.spatial import rotate, rotate_back
 
@@ -27,20 +26,26 @@ class Fixed(AxisJoint):
         return {"position": Expected(self.position, "rad")}
 
     def motion(
-        self, motion: ca.SX, values: Mapping[str, Any], turns: list[Turn], coordinate: Coordinate
+        self,
+        motion: ca.SX,
+        values: Values,
+        turns: list[Turn],
+        coordinate: Coordinate,
     ) -> ca.SX:
         for turn in turns:
             motion = rotate_back(self.direction(), *turn, motion)
         return motion
 
     def wrench(
-        self, wrench: ca.SX, values: Mapping[str, Any], turns: list[Turn], coordinate: Coordinate
+        self,
+        wrench: ca.SX,
+        values: Values,
+        turns: list[Turn],
+        coordinate: Coordinate,
     ) -> ca.SX:
         for turn in reversed(turns):
             wrench = rotate(self.direction(), *turn, wrench)
         return wrench
 
-    def resistance(
-        self, wrench: ca.SX, values: Mapping[str, Any], coordinate: Coordinate
-    ) -> ca.SX:
+    def resistance(self, wrench: ca.SX, values: Values, coordinate: Coordinate) -> ca.SX:
         return ca.SX(0, 1)

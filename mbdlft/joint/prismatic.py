@@ -6,13 +6,12 @@
 m is the mass that the actuator moves along the axis relative to the parent (a reflected inertia).
 """
 
-from collections.abc import Mapping
 from functools import cache
-from typing import Any, ClassVar, final
+from typing import ClassVar, final
 
 import casadi as ca
 
-from mbdlft.description import Expected, Quantity
+from mbdlft.description import Expected, Quantity, Values
 from mbdlft.joint.base import AxisJoint, Coordinate, Turn
 from mbdlft.spatial import move_motion, move_wrench
 
@@ -45,18 +44,24 @@ class Prismatic(AxisJoint):
         }
 
     def motion(
-        self, motion: ca.SX, values: Mapping[str, Any], turns: list[Turn], coordinate: Coordinate
+        self,
+        motion: ca.SX,
+        values: Values,
+        turns: list[Turn],
+        coordinate: Coordinate,
     ) -> ca.SX:
-        return _motion()(motion, self.direction(), values["position"], *coordinate)
+        return ca.SX(_motion()(motion, self.direction(), values["position"], *coordinate))
 
     def wrench(
-        self, wrench: ca.SX, values: Mapping[str, Any], turns: list[Turn], coordinate: Coordinate
+        self,
+        wrench: ca.SX,
+        values: Values,
+        turns: list[Turn],
+        coordinate: Coordinate,
     ) -> ca.SX:
-        return _wrench()(wrench, self.direction(), values["position"], coordinate.q)
+        return ca.SX(_wrench()(wrench, self.direction(), values["position"], coordinate.q))
 
-    def resistance(
-        self, wrench: ca.SX, values: Mapping[str, Any], coordinate: Coordinate
-    ) -> ca.SX:
+    def resistance(self, wrench: ca.SX, values: Values, coordinate: Coordinate) -> ca.SX:
         springs = values["stiffness"] * coordinate.q + values["damping"] * coordinate.v
         actuator = values["actuator_inertia"] * coordinate.a
         return ca.mtimes(self.direction().T, wrench[:, 0]) + springs + actuator

@@ -7,13 +7,12 @@ B is the parent's side, A the child's. J is the inertia of the actuator, a massl
 with the child: equations (7) to (9) of Kassarian et al. 2023.
 """
 
-from collections.abc import Mapping
 from functools import cache
-from typing import Any, ClassVar, final
+from typing import ClassVar, final
 
 import casadi as ca
 
-from mbdlft.description import Expected, Quantity
+from mbdlft.description import Expected, Quantity, Values
 from mbdlft.joint.base import AxisJoint, Coordinate, Turn
 from mbdlft.spatial import rotate, rotate_back
 
@@ -46,16 +45,24 @@ class Revolute(AxisJoint):
         }
 
     def motion(
-        self, motion: ca.SX, values: Mapping[str, Any], turns: list[Turn], coordinate: Coordinate
+        self,
+        motion: ca.SX,
+        values: Values,
+        turns: list[Turn],
+        coordinate: Coordinate,
     ) -> ca.SX:
         axis = self.direction()
         for turn in turns[1:]:
             motion = rotate_back(axis, *turn, motion)
         first = turns[0] if turns else Turn(1.0, 0.0)
-        return _motion()(motion, axis, *first, *coordinate)
+        return ca.SX(_motion()(motion, axis, *first, *coordinate))
 
     def wrench(
-        self, wrench: ca.SX, values: Mapping[str, Any], turns: list[Turn], coordinate: Coordinate
+        self,
+        wrench: ca.SX,
+        values: Values,
+        turns: list[Turn],
+        coordinate: Coordinate,
     ) -> ca.SX:
         axis = self.direction()
         first = turns[0] if turns else Turn(1.0, 0.0)
@@ -64,15 +71,13 @@ class Revolute(AxisJoint):
             wrench = rotate(axis, *turn, wrench)
         return wrench
 
-    def carry(self, wrench: ca.SX, motion: ca.SX, values: Mapping[str, Any]) -> ca.SX:
+    def carry(self, wrench: ca.SX, motion: ca.SX, values: Values) -> ca.SX:
         inertia = values["actuator_inertia"]
         if isinstance(inertia, float) and inertia == 0.0:
             return wrench
-        return _carry()(wrench, motion, self.direction(), inertia)
+        return ca.SX(_carry()(wrench, motion, self.direction(), inertia))
 
-    def resistance(
-        self, wrench: ca.SX, values: Mapping[str, Any], coordinate: Coordinate
-    ) -> ca.SX:
+    def resistance(self, wrench: ca.SX, values: Values, coordinate: Coordinate) -> ca.SX:
         springs = values["stiffness"] * coordinate.q + values["damping"] * coordinate.v
         return ca.mtimes(self.direction().T, wrench[:, 1]) + springs
 
@@ -84,9 +89,7 @@ def _motion() -> ca.Function:
     turned = rotate_back(axis, ca.cos(q), ca.sin(q), rotate_back(axis, c, s, motion))
     omega, alpha, acceleration = ca.horzsplit(turned)
     relative = axis * v
-    child = ca.horzcat(
-        omega + relative, alpha + ca.cross(omega, relative) + axis * a, acceleration
-    )
+    child = ca.horzcat(omega + relative, alpha + ca.cross(omega, relative) + axis * a, acceleration)
     return ca.Function("revolute_motion", [motion, axis, c, s, q, v, a], [child])
 
 

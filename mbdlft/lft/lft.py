@@ -55,6 +55,7 @@ class LFT:
     def __post_init__(self) -> None:
         for name in ("M11", "M12", "M21", "M22"):
             matrix = np.array(getattr(self, name), dtype=float, ndmin=2)
+            matrix += 0.0  # no negative zeros
             if not np.all(np.isfinite(matrix)):
                 raise StructureError(f"LFT: {name} has an entry that is not finite.")
             matrix.flags.writeable = False
@@ -110,7 +111,9 @@ class LFT:
 def constant(matrix: ArrayLike) -> LFT:
     """LFT without deltas: value = matrix."""
     value = np.array(matrix, dtype=float, ndmin=2)
-    return LFT(np.zeros((0, 0)), np.zeros((0, value.shape[1])), np.zeros((value.shape[0], 0)), value)
+    return LFT(
+        np.zeros((0, 0)), np.zeros((0, value.shape[1])), np.zeros((value.shape[0], 0)), value
+    )
 
 
 def delta(name: str, size: int = 1) -> LFT:
@@ -127,9 +130,7 @@ def as_lft(item: LFT | ArrayLike) -> LFT:
 def add(a: LFT, b: LFT) -> LFT:
     """Sum: value(a + b) = value(a) + value(b)."""
     _check(a.shape == b.shape, f"cannot add shapes {a.shape} and {b.shape}")
-    return _merge(
-        a, b, np.zeros((a.order, b.order)), (a.M12, b.M12), (a.M21, b.M21), a.M22 + b.M22
-    )
+    return _merge(a, b, np.zeros((a.order, b.order)), (a.M12, b.M12), (a.M21, b.M21), a.M22 + b.M22)
 
 
 def multiply(a: LFT, b: LFT) -> LFT:
@@ -207,8 +208,14 @@ def star(upper: LFT, lower: LFT, outputs: int, inputs: int) -> LFT:
     WellPosednessError
         The loop is singular at delta = 0.
     """
-    for size, limit in ((outputs, min(upper.shape[0], lower.shape[1])), (inputs, min(upper.shape[1], lower.shape[0]))):
-        _check(0 <= size <= limit, f"cannot close {size} signals between {upper.shape} and {lower.shape}")
+    for size, limit in (
+        (outputs, min(upper.shape[0], lower.shape[1])),
+        (inputs, min(upper.shape[1], lower.shape[0])),
+    ):
+        _check(
+            0 <= size <= limit,
+            f"cannot close {size} signals between {upper.shape} and {lower.shape}",
+        )
     both = stack_diagonal(upper, lower)
     a, c = upper.shape[0] - outputs, upper.shape[1] - inputs
     n_out, n_in = both.shape
@@ -217,7 +224,10 @@ def star(upper: LFT, lower: LFT, outputs: int, inputs: int) -> LFT:
     d_columns, b_columns = c + np.arange(inputs), upper.shape[1] + np.arange(outputs)
     given_rows = np.setdiff1d(np.arange(n_out), np.concatenate([b_rows, d_rows]))
     given_columns = np.setdiff1d(np.arange(n_in), np.concatenate([d_columns, b_columns]))
-    order = (np.concatenate([b_rows, d_rows, given_rows]), np.concatenate([b_columns, d_columns, given_columns]))
+    order = (
+        np.concatenate([b_rows, d_rows, given_rows]),
+        np.concatenate([b_columns, d_columns, given_columns]),
+    )
     relation = select(both, *order)
     k = outputs + inputs
     loop = np.zeros(relation.shape)
@@ -270,7 +280,9 @@ def fix(a: LFT, values: Mapping[str, float]) -> LFT:
     names = [block.name for block in a.blocks if block.name not in values]
     keep = _indices(parts, names)
     drop = _indices(parts, [block.name for block in a.blocks if block.name in values])
-    scale = np.concatenate([np.full(b.size, values[b.name]) for b in a.blocks if b.name in values] or [np.zeros(0)])
+    scale = np.concatenate(
+        [np.full(b.size, values[b.name]) for b in a.blocks if b.name in values] or [np.zeros(0)]
+    )
     left = np.vstack([a.M11[np.ix_(keep, drop)], a.M21[:, drop]]) * scale
     loop = np.eye(len(drop)) - a.M11[np.ix_(drop, drop)] * scale
     right = np.hstack([a.M11[np.ix_(drop, keep)], a.M12[drop]])
@@ -308,7 +320,9 @@ def evaluate(a: LFT, deltas: Mapping[str, ArrayLike]) -> Array:
     for name in deltas:
         _check_name(a, name)
     try:
-        columns = np.broadcast_arrays(*(np.asarray(value, dtype=float) for value in deltas.values()))
+        columns = np.broadcast_arrays(
+            *(np.asarray(value, dtype=float) for value in deltas.values())
+        )
     except ValueError:
         raise StructureError("evaluate: the arrays of deltas have different lengths.") from None
     single = not columns or columns[0].ndim == 0
@@ -403,7 +417,7 @@ def _indices(parts: Mapping[str, slice], names: Sequence[str]) -> NDArray[np.int
     return np.concatenate([*ranges, np.zeros(0, dtype=int)]).astype(int)
 
 
-def _check(condition: bool, message: str) -> None:
+def _check(condition: bool, message: str) -> None:  # noqa: FBT001
     if not condition:
         raise StructureError(f"LFT: {message}.")
 
@@ -428,7 +442,9 @@ def _problem(a: LFT) -> str | None:
     if any(block.size < 0 for block in a.blocks):
         return f"a block has a negative size: {a.blocks}."
     if sum(block.size for block in a.blocks) != n:
-        return f"the sizes of the blocks add up to {sum(b.size for b in a.blocks)}, M11 is {n} x {n}."
+        return (
+            f"the sizes of the blocks add up to {sum(b.size for b in a.blocks)}, M11 is {n} x {n}."
+        )
     if names != sorted(set(names)):
         return f"blocks must be sorted by name, each name once; got {', '.join(names)}."
     return None

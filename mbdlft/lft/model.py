@@ -1,8 +1,8 @@
 """The LFT model: the waist below the extraction. numpy only; nothing here needs CasADi.
 
-    xdot = A   x + B_w  w + B_u  u
-    z    = C_z x + D_zw w + D_zu u
-    y    = C_y x + D_yw w + D_yu u,      w = diag(delta_k I_rk) z,  -1 <= delta_k <= 1
+xdot = A   x + B_w  w + B_u  u
+z    = C_z x + D_zw w + D_zu u
+y    = C_y x + D_yw w + D_yu u,      w = diag(delta_k I_rk) z,  -1 <= delta_k <= 1
 """
 
 from collections.abc import Mapping

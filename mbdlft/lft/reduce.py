@@ -12,6 +12,8 @@ built; a direction counts when it stands out of that error. There is no toleranc
 """
 
 from collections.abc import Mapping
+from itertools import accumulate, pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dgeqp3, dorgqr
@@ -25,13 +27,23 @@ _BOUND_POINTS = 2
 _BALANCE_SWEEPS = 4
 
 
+class _Core(NamedTuple):
+    """The part of an LFT that a reduction works on; sizes of the blocks in order."""
+
+    M11: Array
+    M12: Array
+    M21: Array
+    sizes: tuple[int, ...]
+
+
 def reduce_order(a: LFT, threshold: float = _KEEP) -> LFT:
     """The LFT of equal value whose order is minimal for deltas that do not commute."""
-    balanced = _balance(a)
-    reached = _compress(balanced, threshold)
-    observed = _compress(_transposed(_balance(reached)), threshold)
-    small = _transposed(observed)
-    return LFT(small.M11, small.M12, small.M21, a.M22, small.blocks)
+    sizes = tuple(block.size for block in a.blocks)
+    core = _balance(_Core(a.M11, a.M12, a.M21, sizes))
+    core = _compress(core, threshold)
+    core = _transpose(_compress(_transpose(core), threshold))
+    blocks = [Block(block.name, size) for block, size in zip(a.blocks, core.sizes, strict=True)]
+    return LFT(core.M11, core.M12, core.M21, a.M22, tuple(blocks))
 
 
 def lower_bound(a: LFT, seed: int = 0) -> dict[str, int]:
@@ -61,25 +73,29 @@ def orders(a: LFT) -> Mapping[str, int]:
     return {block.name: block.size for block in a.blocks}
 
 
-def _transposed(a: LFT) -> LFT:
-    return LFT(a.M11.T, a.M21.T, a.M12.T, a.M22.T, a.blocks)
+def _transpose(core: _Core) -> _Core:
+    return _Core(core.M11.T, core.M21.T, core.M12.T, core.sizes)
 
 
-def _balance(a: LFT) -> LFT:
+def _balance(core: _Core) -> _Core:
     """Scale channels by powers of two so that what enters and what leaves each is of one size."""
-    M11, M12, M21 = a.M11, _unit_columns(a.M12), _unit_columns(a.M21.T).T
-    scale = np.ones(a.order)
+    inner = core.M11**2
+    first = np.sum(_unit_columns(core.M12) ** 2, axis=1)
+    last = np.sum(_unit_columns(core.M21.T) ** 2, axis=1)
+    scale = np.ones(len(inner))
     for _ in range(_BALANCE_SWEEPS):
-        into = np.sqrt(np.sum(M11**2, axis=1) + np.sum(M12**2, axis=1))
-        out = np.sqrt(np.sum(M11**2, axis=0) + np.sum(M21**2, axis=0))
+        into, out = inner.sum(axis=1) + first, inner.sum(axis=0) + last
         used = (into > 0) & (out > 0)
-        step = np.ones(a.order)
-        step[used] = 2.0 ** np.round(0.5 * np.log2(out[used] / into[used]))
-        if np.all(step == 1.0):
+        step = np.where(used, out, 1.0) / np.where(used, into, 1.0)
+        step = 2.0 ** np.round(0.25 * np.log2(step))
+        if (step == 1.0).all():
             break
-        M11, M12, M21 = step[:, None] * M11 / step, step[:, None] * M12, M21 / step
         scale *= step
-    return LFT(M11, scale[:, None] * a.M12, a.M21 / scale, a.M22, a.blocks)
+        step = step * step
+        inner, first, last = step[:, None] * inner / step, step * first, last / step
+    return _Core(
+        scale[:, None] * core.M11 / scale, scale[:, None] * core.M12, core.M21 / scale, core.sizes
+    )
 
 
 def _unit_columns(matrix: Array) -> Array:
@@ -88,25 +104,27 @@ def _unit_columns(matrix: Array) -> Array:
     return np.asarray(matrix / np.where(length > 0, length, 1.0))
 
 
-def _compress(a: LFT, threshold: float) -> LFT:
+def _compress(core: _Core, threshold: float) -> _Core:
     """Restrict each delta to its reachable subspace."""
-    bases = _reachable(a, threshold)
-    T = np.zeros((a.order, sum(basis.shape[1] for basis in bases)))
-    column = 0
-    for basis, part in zip(bases, a.slices().values(), strict=True):
-        T[part, column : column + basis.shape[1]] = basis
-        column += basis.shape[1]
-    blocks = tuple(
-        Block(block.name, basis.shape[1]) for block, basis in zip(a.blocks, bases, strict=True)
-    )
-    return LFT(T.T @ a.M11 @ T, T.T @ a.M12, a.M21 @ T, a.M22, blocks)
+    bases = _reachable(core, threshold)
+    sizes = tuple(basis.shape[1] for basis in bases)
+    T = np.zeros((len(core.M11), sum(sizes)))
+    for basis, rows, columns in zip(bases, _parts(core.sizes), _parts(sizes), strict=True):
+        T[rows, columns] = basis
+    return _Core(T.T @ core.M11 @ T, T.T @ core.M12, core.M21 @ T, sizes)
 
 
-def _reachable(a: LFT, threshold: float) -> list[Array]:
+def _parts(sizes: tuple[int, ...]) -> list[slice]:
+    """Rows of each block."""
+    ends = [0, *accumulate(sizes)]
+    return [slice(a, b) for a, b in pairwise(ends)]
+
+
+def _reachable(core: _Core, threshold: float) -> list[Array]:
     """Orthonormal bases of the smallest S_k with range(M12_k) in S_k and M11_kj S_j in S_k."""
-    parts = list(a.slices().values())
-    start = _unit_columns(a.M12)
-    rows = np.sqrt(np.sum(a.M11**2, axis=1) + np.sum(start**2, axis=1))
+    parts = _parts(core.sizes)
+    start = _unit_columns(core.M12)
+    rows = np.sqrt(np.sum(core.M11**2, axis=1) + np.sum(start**2, axis=1))
     noise = [_EPS * (float(np.max(rows[part], initial=0.0)) or 1.0) for part in parts]
     bases = [_Basis(part.stop - part.start) for part in parts]
     # candidates of each delta: columns, and the error of each column
@@ -114,20 +132,24 @@ def _reachable(a: LFT, threshold: float) -> list[Array]:
         basis.extend(start[part], np.full(start.shape[1], level), threshold)
         for basis, part, level in zip(bases, parts, noise, strict=True)
     ]
-    while any(vectors.shape[1] for vectors, _ in fresh):
-        following = []
+    while any(len(error) for _, error in fresh):
+        sources = [
+            (source, vectors, error)
+            for (vectors, error), source in zip(fresh, parts, strict=True)
+            if len(error)
+        ]
+        fresh = []
         for basis, part, level in zip(bases, parts, noise, strict=True):
-            columns, errors = [], []
-            for (vectors, error), source in zip(fresh, parts, strict=True):
-                if vectors.shape[1] and not basis.full:
-                    block = a.M11[part, source]
-                    columns.append(block @ vectors)
-                    errors.append(level + np.linalg.norm(block) * error)
-            if columns:
-                following.append(basis.extend(np.hstack(columns), np.hstack(errors), threshold))
-            else:
-                following.append((np.zeros((basis.size, 0)), np.zeros(0)))
-        fresh = following
+            blocks = [core.M11[part, source] for source, _, _ in sources] if not basis.full else []
+            coupled = [k for k, block in enumerate(blocks) if block.any()]
+            if not coupled:
+                fresh.append((basis.vectors[:, :0], basis.errors[:0]))
+                continue
+            columns = [blocks[k] @ sources[k][1] for k in coupled]
+            errors = [
+                level + float(np.sqrt((blocks[k] ** 2).sum())) * sources[k][2] for k in coupled
+            ]
+            fresh.append(basis.extend(np.hstack(columns), np.hstack(errors), threshold))
     return [basis.vectors for basis in bases]
 
 
@@ -141,7 +163,7 @@ class _Basis:
 
     @property
     def full(self) -> bool:
-        return self.vectors.shape[1] == self.size
+        return bool(self.vectors.shape[1] == self.size)
 
     def extend(self, columns: Array, errors: Array, threshold: float) -> tuple[Array, Array]:
         """Add the directions of `columns` that stand out of their errors; return what was added."""

@@ -61,11 +61,11 @@ def assemble(scene: Scene) -> Equations:
         x=symbols.x,
         z=ca.SX(0, 1),
         u=symbols.u,
-        load=ca.vertcat(*load.nonzeros()) if load.nnz() else ca.SX(0, 1),
+        load=ca.SX(load.nz[:]),
         p=symbols.p,
         cosine=symbols.cosine,
         sine=symbols.sine,
-        load_value=ca.vertcat(*base.nonzeros()) if base.nnz() else ca.SX(0, 1),
+        load_value=ca.SX(base.nz[:]),
         x_signals=tuple(
             Signal(f"{link.joint.name}.{link.joint.measures[k][0]}", link.joint.measures[k][1])
             for k in (0, 1)
@@ -131,7 +131,10 @@ class _Symbols:
 
     def _turns(self, constant: float, multiples: Mapping[str, int]) -> list[Turn]:
         found = [
-            Turn(self.cosine[self.index[name]], (1.0 if count > 0 else -1.0) * self.sine[self.index[name]])
+            Turn(
+                self.cosine[self.index[name]],
+                (1.0 if count > 0 else -1.0) * self.sine[self.index[name]],
+            )
             for name, count in multiples.items()
             for _ in range(abs(count))
         ]

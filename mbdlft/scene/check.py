@@ -87,9 +87,7 @@ class Dimension:
     def _times(self, other: "Dimension | float", sign: int) -> "Dimension":
         if isinstance(other, float) or self.exponents is None or other.exponents is None:
             return Dimension(None)
-        kg, m, s = (
-            a + sign * b for a, b in zip(self.exponents, other.exponents, strict=True)
-        )
+        kg, m, s = (a + sign * b for a, b in zip(self.exponents, other.exponents, strict=True))
         return Dimension((kg, m, s))
 
     def __mul__(self, other: "Dimension | float") -> "Dimension":
@@ -235,5 +233,6 @@ def _check_denominators(scene: Scene, place: Place, expression: Expression) -> N
             low, high = box[widest]
             middle = 0.5 * (low + high)
             boxes += [
-                (*box[:widest], half, *box[widest + 1 :]) for half in ((low, middle), (middle, high))
+                (*box[:widest], half, *box[widest + 1 :])
+                for half in ((low, middle), (middle, high))
             ]

@@ -85,10 +85,10 @@ class Scene(Description):
                     f"scene {self.name!r}: {name!r} cannot name a parameter or constant. Use "
                     f"letters, digits and underscores, and none of {', '.join(sorted(reserved))}."
                 )
-        for owner in (*self.bodies, *self.joints):
-            if "." in owner.name:
+        for name in (*(body.name for body in self.bodies), *(joint.name for joint in self.joints)):
+            if "." in name:
                 raise SceneError(
-                    f"scene {self.name!r}: the name {owner.name!r} has a dot; dots separate a body "
+                    f"scene {self.name!r}: the name {name!r} has a dot; dots separate a body "
                     "from its port and a joint from its signals."
                 )
         return self

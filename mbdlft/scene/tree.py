@@ -85,7 +85,9 @@ def _from_the_root(scene: Scene, links: dict[str, Link]) -> tuple[Link, ...]:
             "with parent = 'ground' or another connected body."
         )
     if not ordered:
-        raise SceneError(f"scene {scene.name!r}: there is no joint on the ground, so nothing moves.")
+        raise SceneError(
+            f"scene {scene.name!r}: there is no joint on the ground, so nothing moves."
+        )
     return tuple(ordered)
 
 

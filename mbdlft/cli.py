@@ -1,0 +1,267 @@
+"""The command line: check, trim, linearize, show."""
+
+import json
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from mbdlft import __version__
+from mbdlft.errors import MbdlftError, SceneError
+from mbdlft.lft.model import LFTModel
+
+app = typer.Typer(
+    help="Exact linear models of multibody systems, with their parameters left in.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+SceneFile = Annotated[Path, typer.Argument(help="Scene, a TOML file.")]
+_WIDTH = 110  # of tables that go into a file or a pipe
+
+
+def main() -> None:
+    """Run the command line; bad input is one message and exit code 2."""
+    try:
+        app()
+    except MbdlftError as error:
+        sys.stderr.write(f"mbdlft: {error}\n")
+        sys.exit(2)
+
+
+@app.callback(invoke_without_command=True)
+def _options(
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+) -> None:
+    if version:
+        _console().print(f"mbdlft {__version__}")
+        raise typer.Exit
+
+
+@app.command()
+def check(scene_file: SceneFile) -> None:
+    """Check a scene without linearizing it."""
+    from mbdlft.expression import names, parse
+    from mbdlft.scene import assemble, load_scene
+    from mbdlft.scene.quantities import owners
+
+    scene = load_scene(scene_file)
+    equations = assemble(scene)
+    console = _console()
+    console.print(
+        f"{scene.name}: {len(scene.bodies)} bodies, {len(scene.joints)} joints, "
+        f"{len(equations.x_signals)} states, {len(scene.parameters)} parameters."
+    )
+    used = {
+        name
+        for _, quantities in owners(scene)
+        for expected in quantities.values()
+        for name in names(parse(expected.source))
+    }
+    for name in (*(p.name for p in scene.parameters), *scene.constants):
+        if name not in used:
+            console.print(f"note: {name!r} is declared and not used.")
+    console.print("The scene is usable.")
+
+
+@app.command()
+def trim(
+    scene_file: SceneFile,
+    assignments: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="name=value in the unit of the parameter; may be repeated."),
+    ] = None,
+) -> None:
+    """Print the joint efforts that hold the equilibrium."""
+    from mbdlft.scene import assemble, load_scene
+    from mbdlft.trim import solve_trim
+
+    equations = assemble(load_scene(scene_file))
+    point = solve_trim(equations, _assignments(assignments or []))
+    console = _console()
+    if point.parameters:
+        table = Table(title=f"{equations.name}: parameters")
+        for heading in ("parameter", "value", "unit"):
+            table.add_column(heading, justify="right" if heading == "value" else "left")
+        for parameter in equations.parameters:
+            value = point.parameters[parameter.name]
+            table.add_row(parameter.name, f"{value:g}", parameter.unit)
+        console.print(table)
+    table = Table(title=f"{equations.name}: efforts that hold the equilibrium")
+    for heading in ("effort", "value", "unit"):
+        table.add_column(heading, justify="right" if heading == "value" else "left")
+    for signal, value in zip(point.signals, point.values, strict=True):
+        table.add_row(signal.name, f"{value:.10g}", signal.unit)
+    console.print(table)
+    console.print(f"relative residual {point.residual:.1e}")
+
+
+@app.command()
+def linearize(
+    scene_file: SceneFile,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Archive to write the model into.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    plot: Annotated[
+        Path | None, typer.Option(help="Figure of singular values to draw, such as fig.png.")
+    ] = None,
+) -> None:
+    """Linearize a scene, parameters left in, and certify the result."""
+    from mbdlft.build import build
+    from mbdlft.scene import load_scene
+
+    seconds: dict[str, float] = {}
+    start = time.perf_counter()
+    scene = load_scene(scene_file)
+    seconds["read"] = time.perf_counter() - start
+    with Console(stderr=True).status("") as status:
+        built = build(scene, progress=lambda stage: status.update(f"{scene.name}: {stage}"))
+        seconds |= {name: value for name, value in built.seconds.items() if name != "total"}
+        if output is not None:
+            status.update(f"{scene.name}: write")
+            from mbdlft.store import save
+
+            start = time.perf_counter()
+            save(output, built.model)
+            seconds["write"] = time.perf_counter() - start
+        if plot is not None:
+            status.update(f"{scene.name}: plot")
+            from mbdlft.plot import save_singular_values
+
+            start = time.perf_counter()
+            save_singular_values(plot, built.model)
+            seconds["plot"] = time.perf_counter() - start
+    seconds["total"] = sum(seconds.values())
+    if as_json:
+        sys.stdout.write(json.dumps(_summary(built.model, seconds), indent=2) + "\n")
+        return
+    _print_model(built.model)
+    console = _console()
+    console.print("seconds: " + ", ".join(f"{name} {value:.3f}" for name, value in seconds.items()))
+    for what, path in (("archive", output), ("figure", plot)):
+        if path is not None:
+            console.print(f"{what}: {path}", soft_wrap=True)
+
+
+@app.command()
+def show(
+    archive: Annotated[Path, typer.Argument(help="Archive, an HDF5 file.")],
+    name: Annotated[str | None, typer.Option(help="Only the model of this name.")] = None,
+) -> None:
+    """Print what is in an archive."""
+    from mbdlft.store import load, model_names
+
+    for key in [name] if name else model_names(archive):
+        model = load(archive, key)
+        _print_model(model)
+        made = model.provenance
+        _console().print(f"made {made.created} by mbdlft {made.mbdlft}, CasADi {made.casadi}")
+
+
+def _console() -> Console:
+    return Console() if sys.stdout.isatty() else Console(width=_WIDTH)
+
+
+def _assignments(texts: list[str]) -> dict[str, float]:
+    values = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        try:
+            values[name.strip()] = float(value)
+        except ValueError:
+            equals = ""
+        if not equals:
+            raise SceneError(f"--set {text}: expected name=value with a number, such as m1=3.2.")
+    return values
+
+
+def _print_model(model: LFTModel) -> None:
+    console = _console()
+    console.print(f"[bold]{model.name}[/bold]  {model.description}", highlight=False)
+    for what in ("states", "inputs", "outputs"):
+        signals = getattr(model, what)
+        listed = ", ".join(f"{signal.name} ({signal.unit})" for signal in signals)
+        console.print(f"{what} ({len(signals)}): {listed}", highlight=False)
+    certificate = model.certificate
+    table = Table(show_footer=True)
+    for heading, footer, side in (
+        ("parameter", "total", "left"),
+        ("unit", "", "left"),
+        ("nominal", "", "right"),
+        ("range", "", "right"),
+        ("role", "", "left"),
+        ("repetitions", str(sum(certificate.order)), "right"),
+        ("lower bound", str(sum(certificate.lower_bound)), "right"),
+        ("before reduction", str(sum(certificate.raw_order)), "right"),
+    ):
+        table.add_column(heading, footer, justify="left" if side == "left" else "right")
+    for p, order, bound, raw in zip(
+        model.parameters,
+        certificate.order,
+        certificate.lower_bound,
+        certificate.raw_order,
+        strict=True,
+    ):
+        span = f"[{p.low:g}, {p.high:g}]"
+        table.add_row(
+            p.name, p.unit, f"{p.nominal:g}", span, p.role, str(order), str(bound), str(raw)
+        )
+    console.print(table)
+    proof = "minimal: proved" if certificate.minimal else "not proved minimal"
+    console.print(f"order {model.order}, lower bound {sum(certificate.lower_bound)}: {proof}")
+    console.print(
+        f"maximum relative error {certificate.max_relative_error:.1e} against re-trimming and "
+        f"re-linearizing at {certificate.check_points} points and corners"
+    )
+    if model.trim.signals:
+        trimmed = ", ".join(
+            f"{signal.name} = {value:.6g} {signal.unit}"
+            for signal, value in zip(model.trim.signals, model.trim.nominal, strict=True)
+        )
+        console.print(f"trim at nominal: {trimmed}", highlight=False)
+
+
+def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]:
+    certificate = model.certificate
+    signals = {
+        what: [{"name": s.name, "unit": s.unit} for s in getattr(model, what)]
+        for what in ("states", "inputs", "outputs")
+    }
+    parameters = [
+        {
+            "name": p.name,
+            "unit": p.unit,
+            "nominal": p.nominal,
+            "low": p.low,
+            "high": p.high,
+            "role": p.role,
+            "order": certificate.order[k],
+            "lower_bound": certificate.lower_bound[k],
+            "raw_order": certificate.raw_order[k],
+        }
+        for k, p in enumerate(model.parameters)
+    ]
+    trim = [
+        {"name": signal.name, "unit": signal.unit, "nominal": value}
+        for signal, value in zip(model.trim.signals, model.trim.nominal, strict=True)
+    ]
+    return {
+        "name": model.name,
+        **signals,
+        "parameters": parameters,
+        "trim": trim,
+        "order": sum(certificate.order),
+        "lower_bound": sum(certificate.lower_bound),
+        "raw_order": sum(certificate.raw_order),
+        "minimal": certificate.minimal,
+        "max_relative_error": certificate.max_relative_error,
+        "check_points": certificate.check_points,
+        "seconds": dict(seconds),
+    }

@@ -1,0 +1,86 @@
+"""Figures of finished models."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from mbdlft.analyze import frequency_response, random, singular_values
+from mbdlft.errors import AnalysisError
+from mbdlft.lft.lft import Array
+from mbdlft.lft.model import LFTModel
+
+SAMPLES = 300
+_POINTS_PER_DECADE, _MARGIN_DECADES = 120, 1.0
+_COLORS = ("#4477aa", "#cc6677", "#228833", "#aa7711", "#66ccee", "#aa3377")
+
+
+def frequencies(model: LFTModel) -> Array:
+    """Frequencies (rad/s) around the poles of the nominal model, a decade to either side."""
+    poles = np.abs(np.linalg.eigvals(model.A))
+    poles = poles[poles > 1e-6 * np.max(poles, initial=1e-300)]
+    low, high = (np.min(poles), np.max(poles)) if len(poles) else (1.0, 1.0)
+    start, stop = np.log10(low) - _MARGIN_DECADES, np.log10(high) + _MARGIN_DECADES
+    return np.logspace(start, stop, int((stop - start) * _POINTS_PER_DECADE) + 1)
+
+
+def save_singular_values(path: str | Path, model: LFTModel, seed: int = 0) -> None:
+    """Draw the singular values of 300 random samples over those of the nominal model.
+
+    Raises
+    ------
+    AnalysisError
+        The file cannot be written, or its ending is not that of a figure.
+    """
+    omega = frequencies(model)
+    values = random(model.parameters, SAMPLES, seed)
+    samples = _decibels(singular_values(frequency_response(model, values, omega)))
+    nominal = _decibels(singular_values(frequency_response(model, {}, omega)))[0]
+    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
+    axes = figure.add_subplot()
+    handles = []
+    for k in range(nominal.shape[1]):
+        color = _COLORS[k % len(_COLORS)]
+        lines = [np.column_stack([omega, sample]) for sample in samples[:, :, k]]
+        axes.add_collection(LineCollection(lines, colors=color, linewidths=0.5, alpha=0.15))
+        label = f"singular value {k + 1}"
+        handles.append(
+            Line2D([], [], color=color, linewidth=2, alpha=0.5, label=f"{label}, {SAMPLES} samples")
+        )
+    for k in range(nominal.shape[1]):
+        style = ("-", "--", ":", "-.")[k % 4]
+        (line,) = axes.plot(
+            omega,
+            nominal[:, k],
+            color="black",
+            linestyle=style,
+            linewidth=1.6,
+            label=f"singular value {k + 1}, nominal",
+        )
+        handles.append(line)
+    axes.set(xscale="log", xlim=(omega[0], omega[-1]))
+    axes.set_xlabel("frequency (rad/s)")
+    axes.set_ylabel(f"singular values (dB of {_gain_unit(model)})")
+    axes.set_title(f"{model.name}: {len(model.parameters)} parameters, order {model.order}")
+    axes.grid(visible=True, which="both", linewidth=0.3, alpha=0.5)
+    axes.legend(handles=handles, loc="lower left", fontsize="small")
+    axes.autoscale_view(scalex=False)
+    try:
+        figure.savefig(path, dpi=150)
+    except (OSError, ValueError) as error:
+        raise AnalysisError(f"{path}: the figure cannot be written: {error}.") from None
+
+
+def _decibels(values: Array) -> Array:
+    return 20.0 * np.log10(np.maximum(values, np.finfo(float).tiny))
+
+
+def _gain_unit(model: LFTModel) -> str:
+    """Unit of the gain when all outputs, and all inputs, have one unit."""
+    pairs = {(y.unit, u.unit) for y in model.outputs for u in model.inputs}
+    if len(pairs) > 1:
+        return "mixed units"
+    over, under = (f"({unit})" if " " in unit or "/" in unit else unit for unit in pairs.pop())
+    return f"{over}/{under}"
