@@ -166,7 +166,8 @@ def write(expression: Expression) -> str:
         case Binary(operator, left, right):
             return f"({write(left)} {operator} {write(right)})"
         case Power(base, exponent):
-            return f"{write(base)}^{exponent}"
+            plain = isinstance(base, Number | Name)
+            return f"{write(base) if plain else f'({write(base)})'}^{exponent}"
         case Call(function, argument):
             return f"{function}({write(argument)})"
 

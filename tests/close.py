@@ -4,7 +4,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 EPS = float(np.finfo(float).eps)
-_ROUNDOFF = 200.0  # times eps, condition and scale; right results stay far below, wrong ones far above
+_ROUNDOFF = (
+    200.0  # times eps, condition and scale; right results stay far below, wrong ones far above
+)
 
 # the targets of the project, as promised in the README
 CLOSED_FORM = 1e-12
@@ -38,7 +40,9 @@ def roundoff(
     assert found <= _ROUNDOFF * EPS * max(kappa, 1.0), f"relative error {found:.2e}"
 
 
-def target(actual: ArrayLike, expected: ArrayLike, bound: float, scale: float | None = None) -> None:
+def target(
+    actual: ArrayLike, expected: ArrayLike, bound: float, scale: float | None = None
+) -> None:
     """A promised relative error, one of the names above."""
     found = error(actual, expected, scale)
     assert found <= bound, f"relative error {found:.2e}, promised {bound:.0e}"

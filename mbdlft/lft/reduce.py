@@ -16,7 +16,8 @@ from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dgeqp3, dorgqr
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 
 from mbdlft.lft.lft import LFT, Array, Block, fix
 
@@ -25,25 +26,35 @@ _KEEP = 2.0**8  # in a reduction, a direction counts above this multiple of its 
 _SURE = 2.0**20  # in a bound, it must be clear beyond doubt
 _BOUND_POINTS = 2
 _BALANCE_SWEEPS = 4
+_ZERO = 2.0**-46  # an entry of a basis below this is rounding
 
 
 class _Core(NamedTuple):
-    """The part of an LFT that a reduction works on; sizes of the blocks in order."""
+    """The part of an LFT that a reduction works on, scaled to entries of order one.
+
+    `error_in` and `error_out` are the rounding errors, for each block, of what enters its channels
+    (rows of M11 and M12) and of what leaves them (columns of M11 and M21).
+    """
 
     M11: Array
     M12: Array
     M21: Array
     sizes: tuple[int, ...]
+    error_in: tuple[float, ...]
+    error_out: tuple[float, ...]
 
 
 def reduce_order(a: LFT, threshold: float = _KEEP) -> LFT:
-    """The LFT of equal value whose order is minimal for deltas that do not commute."""
-    sizes = tuple(block.size for block in a.blocks)
-    core = _balance(_Core(a.M11, a.M12, a.M21, sizes))
-    core = _compress(core, threshold)
-    core = _transpose(_compress(_transpose(core), threshold))
-    blocks = [Block(block.name, size) for block, size in zip(a.blocks, core.sizes, strict=True)]
-    return LFT(core.M11, core.M12, core.M21, a.M22, tuple(blocks))
+    """The LFT of equal value whose order is minimal for deltas that do not commute.
+
+    An LFT that is minimal in this sense already comes back as it is.
+    """
+    core, inputs, outputs = _balance(a)
+    small = _transpose(_compress(_transpose(_compress(core, threshold)), threshold))
+    if small.sizes == core.sizes:
+        return a
+    blocks = [Block(block.name, size) for block, size in zip(a.blocks, small.sizes, strict=True)]
+    return LFT(small.M11, small.M12 * inputs, outputs[:, None] * small.M21, a.M22, tuple(blocks))
 
 
 def lower_bound(a: LFT, seed: int = 0) -> dict[str, int]:
@@ -74,17 +85,23 @@ def orders(a: LFT) -> Mapping[str, int]:
 
 
 def _transpose(core: _Core) -> _Core:
-    return _Core(core.M11.T, core.M21.T, core.M12.T, core.sizes)
+    return _Core(core.M11.T, core.M21.T, core.M12.T, core.sizes, core.error_out, core.error_in)
 
 
-def _balance(core: _Core) -> _Core:
-    """Scale channels by powers of two so that what enters and what leaves each is of one size."""
-    inner = core.M11**2
-    first = np.sum(_unit_columns(core.M12) ** 2, axis=1)
-    last = np.sum(_unit_columns(core.M21.T) ** 2, axis=1)
-    scale = np.ones(len(inner))
+def _balance(a: LFT) -> tuple[_Core, Array, Array]:
+    """The core in powers of two of the inputs, the outputs and the channels; the first two scales.
+
+    Inputs and outputs get length one; what enters and what leaves each channel gets one size.
+    """
+    inputs, outputs = (
+        _power_of_two(np.sum(a.M12**2, axis=0)),
+        _power_of_two(np.sum(a.M21**2, axis=1)),
+    )
+    M12, M21 = a.M12 / inputs, a.M21 / outputs[:, None]
+    inner, first, last = a.M11**2, np.sum(M12**2, axis=1), np.sum(M21**2, axis=0)
+    scale = np.ones(a.order)
+    into, out = inner.sum(axis=1) + first, inner.sum(axis=0) + last
     for _ in range(_BALANCE_SWEEPS):
-        into, out = inner.sum(axis=1) + first, inner.sum(axis=0) + last
         used = (into > 0) & (out > 0)
         step = np.where(used, out, 1.0) / np.where(used, into, 1.0)
         step = 2.0 ** np.round(0.25 * np.log2(step))
@@ -93,25 +110,68 @@ def _balance(core: _Core) -> _Core:
         scale *= step
         step = step * step
         inner, first, last = step[:, None] * inner / step, step * first, last / step
-    return _Core(
-        scale[:, None] * core.M11 / scale, scale[:, None] * core.M12, core.M21 / scale, core.sizes
+        into, out = inner.sum(axis=1) + first, inner.sum(axis=0) + last
+    sizes = tuple(block.size for block in a.blocks)
+    errors = [
+        tuple(
+            _EPS * (float(np.sqrt(np.max(size[part], initial=0.0))) or 1.0)
+            for part in _parts(sizes)
+        )
+        for size in (into, out)
+    ]
+    core = _Core(
+        scale[:, None] * a.M11 / scale,
+        scale[:, None] * M12,
+        M21 / scale,
+        sizes,
+        errors[0],
+        errors[1],
     )
+    return core, inputs, outputs
 
 
-def _unit_columns(matrix: Array) -> Array:
-    """Columns scaled to unit length; zero columns stay."""
-    length = np.sqrt(np.sum(matrix**2, axis=0))
-    return np.asarray(matrix / np.where(length > 0, length, 1.0))
+def _power_of_two(squares: Array) -> Array:
+    """The powers of two nearest to the roots of sums of squares; 1 for zero."""
+    return np.asarray(2.0 ** np.round(0.5 * np.log2(np.where(squares > 0, squares, 1.0))))
 
 
 def _compress(core: _Core, threshold: float) -> _Core:
-    """Restrict each delta to its reachable subspace."""
-    bases = _reachable(core, threshold)
+    """Restrict each delta to its reachable subspace, in coordinates that are channels of the old LFT.
+
+    S_k = range(T_k) with T_k the identity in the rows of the chosen channels: w = T w[chosen]. The new
+    matrices are rows of the old ones times T, so zeros, units and scales survive, and with them the
+    accuracy.
+    """
+    chosen, bases = [], []
+    for basis, part in zip(_reachable(core, threshold), _parts(core.sizes), strict=True):
+        rows, graph = _as_graph(basis)
+        chosen.append(part.start + rows)
+        bases.append(graph)
     sizes = tuple(basis.shape[1] for basis in bases)
     T = np.zeros((len(core.M11), sum(sizes)))
-    for basis, rows, columns in zip(bases, _parts(core.sizes), _parts(sizes), strict=True):
-        T[rows, columns] = basis
-    return _Core(T.T @ core.M11 @ T, T.T @ core.M12, core.M21 @ T, sizes)
+    for basis, old, new in zip(bases, _parts(core.sizes), _parts(sizes), strict=True):
+        T[old, new] = basis
+    kept = np.concatenate([*chosen, np.zeros(0, dtype=int)]).astype(int)
+    return _Core(
+        core.M11[kept] @ T, core.M12[kept], core.M21 @ T, sizes, core.error_in, core.error_out
+    )
+
+
+def _as_graph(basis: Array) -> tuple[NDArray[np.int64], Array]:
+    """Well-conditioned rows of an orthonormal basis, and the basis that is the identity in them."""
+    n, size = basis.shape
+    if size in (0, n):
+        return np.arange(size), np.eye(n)[:, :size]
+    factor, pivots, _, _, _ = dgeqp3(basis.T)
+    rows = pivots[:size].astype(int) - 1
+    others = pivots[size:].astype(int) - 1
+    graph = np.zeros((n, size))
+    graph[rows] = np.eye(size)
+    rest, _ = dtrtrs(factor[:, :size], factor[:, size:])
+    rest[np.abs(rest) < _ZERO * np.max(np.abs(rest), initial=1.0)] = 0.0
+    graph[others] = rest.T
+    order = np.argsort(rows)
+    return rows[order], graph[:, order]
 
 
 def _parts(sizes: tuple[int, ...]) -> list[slice]:
@@ -123,9 +183,7 @@ def _parts(sizes: tuple[int, ...]) -> list[slice]:
 def _reachable(core: _Core, threshold: float) -> list[Array]:
     """Orthonormal bases of the smallest S_k with range(M12_k) in S_k and M11_kj S_j in S_k."""
     parts = _parts(core.sizes)
-    start = _unit_columns(core.M12)
-    rows = np.sqrt(np.sum(core.M11**2, axis=1) + np.sum(start**2, axis=1))
-    noise = [_EPS * (float(np.max(rows[part], initial=0.0)) or 1.0) for part in parts]
+    noise, start = core.error_in, core.M12
     bases = [_Basis(part.stop - part.start) for part in parts]
     # candidates of each delta: columns, and the error of each column
     fresh = [

@@ -1,0 +1,46 @@
+"""Generated LFTs and points for the laws of the algebra."""
+
+import numpy as np
+from hypothesis import strategies as st
+
+from mbdlft.lft.lft import LFT, Block
+
+NAMES = ("a", "b", "c")
+
+
+@st.composite
+def lfts(
+    draw: st.DrawFn,
+    n_out: int | None = None,
+    n_in: int | None = None,
+    most: int = 3,
+    scales: tuple[float, ...] = (1.0, 1e-6, 1e6),
+) -> LFT:
+    """Random LFTs in up to three deltas; well posed on |delta| <= 1; sizes from zero."""
+    random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    rows = draw(st.integers(1, 3)) if n_out is None else n_out
+    columns = draw(st.integers(1, 3)) if n_in is None else n_in
+    names = draw(st.lists(st.sampled_from(NAMES), unique=True))
+    blocks = tuple(Block(name, draw(st.integers(0, most))) for name in sorted(names))
+    n = sum(block.size for block in blocks)
+    M11 = random.standard_normal((n, n))
+    M11 *= 0.6 / max(float(np.linalg.norm(M11, 2)), 1e-9) if n else 1.0
+    scale = draw(st.sampled_from(scales))
+    M12, M21 = (
+        random.standard_normal((n, columns)) * scale,
+        random.standard_normal((rows, n)) / scale,
+    )
+    if draw(st.booleans()) and n:
+        M12[draw(st.integers(0, n - 1))] = 0.0
+    M22 = random.standard_normal((rows, columns))
+    if rows == columns:
+        M22 = M22 + 3.0 * rows * np.eye(rows)
+    return LFT(M11, M12, M21, M22, blocks)
+
+
+def points(seed: int, count: int = 5) -> dict[str, np.ndarray]:
+    """Random deltas and two corners, for all names."""
+    random = np.random.default_rng(seed)
+    inside = random.uniform(-1, 1, (count, len(NAMES)))
+    corners = np.array([[1.0] * len(NAMES), [-1.0] * len(NAMES)])
+    return dict(zip(NAMES, np.vstack([inside, corners]).T, strict=True))
