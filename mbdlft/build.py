@@ -5,9 +5,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import version
 
 import numpy as np
+from threadpoolctl import ThreadpoolController
 
 from mbdlft.certify import measure_error
 from mbdlft.equations import Equations
@@ -59,8 +61,21 @@ def to_lft(scene: Scene) -> LFTModel:
 
 
 def build(scene: Scene, progress: Callable[[str], None] = lambda stage: None) -> Build:
-    """As `to_lft`, with the seconds of each stage; `progress` is told the name of each as it starts."""
-    clock = _Clock(progress)
+    """As `to_lft`, with the seconds of each stage; `progress` is told the name of each as it starts.
+
+    Linear algebra runs in one thread: the matrices are small, results then do not depend on the number
+    of cores, and on a busy machine threads that wait for each other would cost more than all the rest.
+    """
+    with _threads().limit(limits=1):
+        return _build(scene, _Clock(progress))
+
+
+@cache
+def _threads() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+def _build(scene: Scene, clock: _Clock) -> Build:
     with clock.stage("assemble"):
         equations = assemble(scene)
         inputs = _chosen(scene, "inputs", scene.inputs, equations.u_signals)

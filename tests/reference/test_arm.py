@@ -1,7 +1,5 @@
 """The arm against its closed form: matrices, trim, frequency response over all angles, 50 digits."""
 
-from pathlib import Path
-
 import mpmath
 import numpy as np
 import pytest
@@ -9,10 +7,15 @@ import pytest
 import mbdlft
 from mbdlft.lft.lft import LFT
 from tests.close import CLOSED_FORM, FREQUENCY_RESPONSE, error, target
-from tests.reference.arm import DAMPING, arm
-
-SCENE = Path(__file__).parents[2] / "scenarios" / "two_link_arm.toml"
-NAMES = ("m1", "J1", "rho1", "m3", "L2", "theta1", "theta2")
+from tests.reference.arm import (
+    NAMES,
+    SCENE,
+    arm,
+    closed_form,
+    full_circle_scene,
+    state_and_input,
+    worst_response_error,
+)
 
 
 @pytest.fixture(scope="module")
@@ -20,39 +23,10 @@ def model() -> mbdlft.LFTModel:
     return mbdlft.to_lft(mbdlft.load_scene(SCENE))
 
 
-def closed_form(values: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """A, B stacked as (N, 4, 6), and trim torques (N, 2)."""
-    radians = {
-        name: np.radians(value) if name.startswith("theta") else np.asarray(value)
-        for name, value in values.items()
-    }
-    count = max(np.size(value) for value in radians.values())
-    found = arm(radians, float, np.cos, np.sin)
-    M, K = (
-        np.stack([np.stack([np.broadcast_to(x, count) for x in row], -1) for row in part], -2)
-        for part in (found.M, found.K)
-    )
-    acceleration = np.linalg.solve(
-        M,
-        np.concatenate(
-            [-K, np.tile(-DAMPING * np.eye(2), (count, 1, 1)), np.tile(np.eye(2), (count, 1, 1))],
-            -1,
-        ),
-    )
-    velocity = np.tile(np.hstack([np.zeros((2, 2)), np.eye(2), np.zeros((2, 2))]), (count, 1, 1))
-    torques = np.stack([np.broadcast_to(x, count) for x in found.torques], -1)
-    return np.concatenate([velocity, acceleration], 1), torques
-
-
 def points(model: mbdlft.LFTModel) -> dict[str, np.ndarray]:
     inside, outer = mbdlft.random(model.parameters, 1000, seed=11), mbdlft.corners(model.parameters)
     assert len(outer["m1"]) == 128
     return {name: np.concatenate([inside[name], outer[name]]) for name in NAMES}
-
-
-def state_and_input(model: mbdlft.LFTModel, values: dict[str, np.ndarray]) -> np.ndarray:
-    matrices = mbdlft.matrices_at(model, values)
-    return np.concatenate([matrices.A, matrices.B], axis=-1)
 
 
 def test_lft_is_the_closed_form_at_1000_points_and_all_corners(model: mbdlft.LFTModel) -> None:
@@ -113,29 +87,11 @@ def test_frequency_response_over_all_angles() -> None:
 
     The paper's error is worst near theta1 = +-90 deg; here nothing happens there.
     """
-    text = SCENE.read_text(encoding="utf-8")
-    for name, nominal, low, high in (("theta1", 70.0, 45.0, 90.0), ("theta2", 90.0, 45.0, 135.0)):
-        old = f"nominal = {nominal}, low = {low}, high = {high}, unit"
-        assert old in text
-        text = text.replace(
-            old,
-            'nominal = 0.0, low = -180.0, high = 180.0, substitution = "quarter-angle", unit',
-            1,
-        )
-        assert f"{name} = {{ nominal = 0.0" in text
-    full = mbdlft.to_lft(mbdlft.scene_from_toml(text))
+    full = mbdlft.to_lft(full_circle_scene())
     angles = np.concatenate([np.arange(-175.0, 181.0, 5.0), [-90.1, -89.9, 89.9, 90.1, 179.999]])
     theta1, theta2 = (axis.ravel() for axis in np.meshgrid(angles, angles))
-    omega = np.logspace(-2, 3, 16)
-    values = {"theta1": theta1, "theta2": theta2}
-    actual = mbdlft.frequency_response(full, values, omega)
-    nominal = {"m1": 3.0, "J1": 0.2, "rho1": 0.3, "m3": 5.0, "L2": 1.0}
-    expected_state, _ = closed_form({**{n: np.array([v]) for n, v in nominal.items()}, **values})
-    for k, w in enumerate(omega):
-        loop = 1j * w * np.eye(4) - expected_state[:, :, :4]
-        expected = np.linalg.solve(loop, expected_state[:, :, 4:].astype(complex))[:, :2]
-        size = np.max(np.abs(expected), axis=(1, 2), keepdims=True)
-        target(actual[:, k] / size, expected / size, FREQUENCY_RESPONSE)
+    found = worst_response_error(full, theta1, theta2, np.logspace(-2, 3, 16))
+    assert found <= FREQUENCY_RESPONSE, f"relative error {found:.2e}"
 
 
 def test_python_control_gives_the_same_model(model: mbdlft.LFTModel) -> None:

@@ -1,0 +1,31 @@
+# make run    linearize the two-link arm into out/ and print its table
+# make test   all checks: style, types, import contracts, tests
+# make bench  measure, and write the table into the README
+# Each needs Python 3.11 or newer and a package index; everything goes into .venv.
+
+PYTHON ?= python3
+BIN := .venv/bin
+
+.PHONY: run test bench clean
+
+run: .venv/installed
+	mkdir -p out
+	$(BIN)/mbdlft linearize scenarios/two_link_arm.toml -o out/two_link_arm.h5 --plot out/two_link_arm.png
+
+test: .venv/installed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
+	$(BIN)/python -m pytest
+
+bench: .venv/installed
+	$(BIN)/python -m benchmarks.arm --write README.md
+
+.venv/installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv
+	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
+	touch $@
+
+clean:
+	rm -rf .venv out

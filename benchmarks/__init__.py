@@ -1,0 +1,1 @@
+"""Benchmarks: each verifies its answer before it prints a time."""
