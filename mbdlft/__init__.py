@@ -4,7 +4,7 @@ The names below are the public ones. Those that build models need CasADi and are
 are first used, so that reading archives needs numpy and h5py only.
 """
 
-from importlib import import_module
+import importlib
 from typing import TYPE_CHECKING, Any
 
 from mbdlft.analyze import corners as corners
@@ -75,7 +75,7 @@ _NEEDS_CASADI = {
 
 def __getattr__(name: str) -> Any:
     if name in _NEEDS_CASADI:
-        return getattr(import_module(_NEEDS_CASADI[name]), name)
+        return getattr(importlib.import_module(_NEEDS_CASADI[name]), name)
     raise AttributeError(f"module 'mbdlft' has no attribute {name!r}")
 
 

@@ -186,13 +186,33 @@ def to_internal(parameter: Parameter, physical: ArrayLike) -> NDArray[np.float64
 
 
 def to_delta(parameter: Parameter, physical: ArrayLike) -> NDArray[np.float64]:
-    """Normalized deltas [1] of physical values, elementwise; shape kept."""
+    """Normalized deltas of physical values, elementwise.
+
+    Parameters
+    ----------
+    parameter : Parameter
+    physical : number or array of any shape, in `parameter.unit`
+
+    Returns
+    -------
+    array of the same shape [1]; -1, 0, 1 at low, nominal, high
+    """
     internal, m = to_internal(parameter, physical), parameter.map
     return (internal - m.b0) / (m.b1 - m.a1 * internal)
 
 
 def to_physical(parameter: Parameter, delta: ArrayLike) -> NDArray[np.float64]:
-    """Physical values, in `parameter.unit`, of normalized deltas, elementwise; shape kept."""
+    """Physical values of normalized deltas, elementwise; the inverse of `to_delta`.
+
+    Parameters
+    ----------
+    parameter : Parameter
+    delta : number or array of any shape [1]
+
+    Returns
+    -------
+    array of the same shape, in `parameter.unit`
+    """
     values, m = np.asarray(delta, dtype=float), parameter.map
     internal = (m.b0 + m.b1 * values) / (1.0 + m.a1 * values)
     if not parameter.is_angle:

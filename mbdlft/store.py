@@ -93,6 +93,10 @@ def load(path: str | Path, name: str | None = None) -> LFTModel:
 def model_names(path: str | Path) -> tuple[str, ...]:
     """Names of the models in an archive, sorted.
 
+    Parameters
+    ----------
+    path : file
+
     Raises
     ------
     ArchiveError

@@ -47,5 +47,5 @@ def frequency_response(
 
 
 def singular_values(response: NDArray[np.complex128]) -> Array:
-    """Singular values (..., min(ny, nu)) of frequency responses (..., ny, nu), largest first."""
+    """Singular values (..., min(ny, nu)) of a `response` (..., ny, nu), largest first; its unit."""
     return np.asarray(np.linalg.svd(response, compute_uv=False), dtype=float)

@@ -13,13 +13,34 @@ _MOST = 2**22
 
 
 def random(parameters: Sequence[Parameter], count: int, seed: int = 0) -> dict[str, Array]:
-    """`count` points with independent uniform physical values in the ranges."""
+    """Random points with independent uniform physical values in the ranges.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+    count : int
+        Number of points N.
+    seed : int
+        The same seed gives the same points.
+
+    Returns
+    -------
+    dict of names to arrays (N,), in the units of the parameters
+    """
     generator = np.random.default_rng(seed)
     return {p.name: generator.uniform(p.low, p.high, count) for p in parameters}
 
 
 def corners(parameters: Sequence[Parameter]) -> dict[str, Array]:
-    """All 2^n combinations of the bounds.
+    """All 2^n combinations of the bounds of n parameters.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+
+    Returns
+    -------
+    dict of names to arrays (2^n,), in the units of the parameters
 
     Raises
     ------
@@ -30,7 +51,16 @@ def corners(parameters: Sequence[Parameter]) -> dict[str, Array]:
 
 
 def grid(parameters: Sequence[Parameter], counts: Mapping[str, int]) -> dict[str, Array]:
-    """All combinations of evenly spaced values, bounds included; parameters not counted are nominal.
+    """All combinations of evenly spaced values, bounds included.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+    counts : mapping of names to numbers of values; a parameter that is not named is nominal
+
+    Returns
+    -------
+    dict of names to arrays (N,), in the units of the parameters; N is the product of the counts
 
     Raises
     ------

@@ -228,9 +228,25 @@ def deltas_of(model: LFTModel, values: Mapping[str, ArrayLike]) -> Array:
 
 
 def matrices_at(model: LFTModel, values: Mapping[str, ArrayLike]) -> StateMatrices:
-    """State matrices at physical values by name, in their units; the others are nominal.
+    """State matrices at physical values by name.
 
-    Numbers give matrices; arrays of length N give arrays of N matrices, A (N, nx, nx) and so on.
+    Parameters
+    ----------
+    model : LFTModel
+    values : mapping of names to numbers or arrays (N,), in the units of the parameters
+        The others are nominal.
+
+    Returns
+    -------
+    StateMatrices
+        A (nx, nx) and so on for numbers; A (N, nx, nx) and so on if any value is an array.
+
+    Raises
+    ------
+    StructureError
+        A name is unknown, a value lies outside its range, or the lengths differ.
+    WellPosednessError
+        The model is singular at one of the points.
     """
     value = evaluate_at(model.lft, deltas_of(model, values))
     if all(np.ndim(array) == 0 for array in values.values()):
@@ -242,12 +258,22 @@ def matrices_at(model: LFTModel, values: Mapping[str, ArrayLike]) -> StateMatric
 
 
 def trim_at(model: LFTModel, values: Mapping[str, ArrayLike]) -> Array:
-    """Trimmed quantities (n_t,) or (N, n_t) at physical values by name, from their static LFT.
+    """Trimmed quantities at physical values by name, from their static LFT.
+
+    Parameters
+    ----------
+    model : LFTModel
+    values : mapping of names to numbers or arrays (N,), in the units of the parameters
+        The others are nominal.
+
+    Returns
+    -------
+    array (n_t,), or (N, n_t) if any value is an array, in the units of `model.trim.signals`
 
     Raises
     ------
     StructureError
-        The model has no trim LFT.
+        The model has no trim LFT; or as `matrices_at`.
     """
     if model.trim.lft is None:
         raise StructureError(f"model {model.name!r} was stored without the LFT of its trim.")

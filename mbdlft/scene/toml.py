@@ -37,6 +37,10 @@ _PARAMETER_KEYS = tuple(name for name in inspect.signature(Parameter).parameters
 def load_scene(path: str | Path) -> Scene:
     """Scene of a TOML file.
 
+    Parameters
+    ----------
+    path : file
+
     Raises
     ------
     SceneError

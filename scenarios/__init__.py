@@ -1,0 +1,1 @@
+"""Runnable scenes: TOML files, and scripts that use them."""

@@ -1,0 +1,83 @@
+"""What the README and the docs show can be copied, pasted and run."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbdlft
+from tests.close import CLOSED_FORM, target
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+
+
+@pytest.fixture
+def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.usefixtures("workplace")
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_python_examples_run(page: Path) -> None:
+    for block in blocks(page, "python"):
+        exec(compile(block, str(page), "exec"), {"__name__": "example"})
+
+
+def test_numbers_in_the_readme_are_true(workplace: Path) -> None:
+    names: dict[str, object] = {}
+    exec(blocks(ROOT / "README.md", "python")[0], names)
+    model = names["model"]
+    assert isinstance(model, mbdlft.LFTModel)
+    assert model.order == 19
+    assert model.certificate.lower_bound == (1, 2, 1, 2, 2, 4, 4)
+    assert model.certificate.max_relative_error < CLOSED_FORM
+    assert (workplace / "arm.h5").exists()
+
+
+def test_shell_examples_run(workplace: Path) -> None:
+    script = Path(sys.executable).parent / "mbdlft"
+    lines = [line for block in blocks(ROOT / "README.md", "sh") for line in block.splitlines()]
+    assert len(lines) >= 5
+    for line in lines:
+        command = [str(script), *line.split()[1:]]
+        result = subprocess.run(command, cwd=workplace, capture_output=True, text=True, check=False)
+        assert result.returncode == 0, f"{line}: {result.stderr}"
+        assert result.stderr == ""
+
+
+def test_scene_example_builds() -> None:
+    (block,) = blocks(ROOT / "README.md", "toml")
+    model = mbdlft.to_lft(mbdlft.scene_from_toml(block))
+    assert model.certificate.max_relative_error < CLOSED_FORM
+    assert [signal.name for signal in model.inputs] == ["tilt.torque", "slide.force"]
+
+
+def test_reader_of_the_docs_reproduces_samples(workplace: Path) -> None:
+    """Twenty lines with h5py only, against the library, for all substitutions and maps."""
+    (block,) = blocks(ROOT / "docs" / "archive-format.md", "python")
+    assert "mbdlft" not in block
+    assert len([line for line in block.splitlines() if line.strip()]) <= 28
+    names: dict[str, object] = {}
+    exec(block, names)
+    text = (ROOT / "scenarios" / "two_link_arm.toml").read_text(encoding="utf-8")
+    text = text.replace("nominal = 90.0,", 'nominal = 80.0, substitution = "quarter-angle",')
+    model = mbdlft.to_lft(mbdlft.scene_from_toml(text))
+    mbdlft.save(workplace / "arm.h5", model)
+    samples = mbdlft.random(model.parameters, 20, seed=3)
+    for k in range(20):
+        values = {name: float(column[k]) for name, column in samples.items()}
+        found = names["state_matrix"](workplace / "arm.h5", "two_link_arm", values)  # type: ignore[operator]
+        target(found, mbdlft.matrices_at(model, values).A, CLOSED_FORM)
+    nominal = names["state_matrix"](workplace / "arm.h5", "two_link_arm", {})  # type: ignore[operator]
+    target(nominal, model.A, CLOSED_FORM)
+    assert not np.allclose(nominal, found)

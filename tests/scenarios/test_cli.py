@@ -1,0 +1,144 @@
+"""The command line in one process: tables, JSON, figures, exit codes."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+import mbdlft
+from mbdlft.cli import main
+from tests.close import CLOSED_FORM, roundoff
+
+ROOT = Path(__file__).parents[2]
+ARM = str(ROOT / "scenarios" / "two_link_arm.toml")
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def run(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str
+) -> tuple[int, str, str]:
+    monkeypatch.setattr(sys, "argv", ["mbdlft", *arguments])
+    code = 0
+    try:
+        main()
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def test_linearize_writes_archive_figure_and_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    archive, figure = tmp_path / "arm.h5", tmp_path / "arm.png"
+    code, out, err = run(
+        monkeypatch, capsys, "linearize", ARM, "-o", str(archive), "--plot", str(figure)
+    )
+    assert (code, err) == (0, "")
+    for word in (
+        "shoulder.angle (rad)",
+        "elbow.torque (N m)",
+        "kg m^2",
+        "[0.16, 0.24]",
+        "lower bound",
+    ):
+        assert word in out
+    assert "order 19, lower bound 16" in out
+    assert "at 229 points and corners" in out
+    assert "seconds: read" in out
+    assert figure.read_bytes().startswith(PNG)
+    assert mbdlft.load(archive).order == 19
+    code, shown, err = run(monkeypatch, capsys, "show", str(archive))
+    assert (code, err) == (0, "")
+    assert "order 19, lower bound 16" in shown
+    assert "made 20" in shown
+
+
+def test_json_has_the_promised_keys(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, _ = run(monkeypatch, capsys, "linearize", ARM, "--json")
+    found = json.loads(out)
+    assert code == 0
+    assert (found["order"], found["lower_bound"]) == (19, 16)
+    assert found["raw_order"] >= found["order"]
+    assert found["max_relative_error"] < CLOSED_FORM
+    assert found["check_points"] == 229
+    stages = {
+        "read",
+        "assemble",
+        "trim",
+        "linearize",
+        "extract",
+        "reduce",
+        "bound",
+        "check",
+        "total",
+    }
+    assert set(found["seconds"]) == stages
+    total = sum(found["seconds"].values()) - found["seconds"]["total"]
+    roundoff(total, found["seconds"]["total"])
+    assert sum(p["order"] for p in found["parameters"]) == 19
+
+
+def test_trim_prints_the_torques(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, _ = run(monkeypatch, capsys, "trim", ARM, "--set", "theta1=90", "--set", "theta2=90")
+    assert code == 0
+    assert "-58.86" in out
+    assert "N m" in out
+
+
+def test_check_says_what_is_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, _ = run(monkeypatch, capsys, "check", ARM)
+    assert code == 0
+    assert "note" not in out
+    text = (
+        Path(ARM)
+        .read_text(encoding="utf-8")
+        .replace(
+            "[parameters]", '[parameters]\nspare = { nominal = 1.0, percent = 5, unit = "kg" }'
+        )
+    )
+    scene = tmp_path / "spare.toml"
+    scene.write_text(text, encoding="utf-8")
+    code, out, _ = run(monkeypatch, capsys, "check", str(scene))
+    assert code == 0
+    assert "'spare' is declared and not used" in out
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("check", "missing.toml"),
+        ("linearize", "missing.toml"),
+        ("show", "missing.h5"),
+        ("trim", ARM, "--set", "nonsense"),
+        ("trim", ARM, "--set", "theta=3"),
+        ("trim", ARM, "--set", "m1=1000"),
+        ("linearize", ARM, "-o", "/no/such/folder/arm.h5"),
+        ("linearize", ARM, "--plot", "figure.nonsense"),
+    ],
+)
+def test_bad_input_is_one_message_and_exit_code_2(
+    arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, err = run(monkeypatch, capsys, *arguments)
+    assert code == 2
+    assert err.startswith("mbdlft: ")
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+
+
+def test_version_and_help(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, capsys, "--version")[1].strip() == f"mbdlft {mbdlft.__version__}"
+    code, out, _ = run(monkeypatch, capsys, "--help")
+    assert code == 0
+    for command in ("check", "trim", "linearize", "show"):
+        assert command in out

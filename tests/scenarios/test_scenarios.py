@@ -1,0 +1,101 @@
+"""Every scenario builds, is exact, and says what its file promises."""
+
+from pathlib import Path
+
+import casadi as ca
+import pytest
+
+import mbdlft
+from benchmarks import arm as benchmark
+from mbdlft.linearize import linearize
+from mbdlft.scene import assemble
+from scenarios import two_link_arm
+from tests.close import SCENARIO, exact
+
+ROOT = Path(__file__).parents[2]
+SCENES = sorted((ROOT / "scenarios").glob("*.toml"))
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+def test_scenario_is_exact(path: Path) -> None:
+    scene = mbdlft.load_scene(path)
+    model = mbdlft.to_lft(scene)
+    assert scene.name == path.stem
+    assert scene.description
+    assert model.certificate.max_relative_error <= SCENARIO
+    assert model.certificate.check_points >= 100
+    assert model.order >= sum(model.certificate.lower_bound)
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+def test_toml_to_python_and_back_is_equal(path: Path) -> None:
+    scene = mbdlft.load_scene(path)
+    text = mbdlft.scene_to_toml(scene)
+    assert mbdlft.scene_from_toml(text) == scene
+    assert mbdlft.scene_to_toml(mbdlft.scene_from_toml(text)) == text
+
+
+def test_arm_in_python_equals_arm_in_toml() -> None:
+    from_toml = mbdlft.load_scene(ROOT / "scenarios" / "two_link_arm.toml")
+    in_python = two_link_arm.scene()
+    assert in_python == from_toml
+    a, b = mbdlft.to_lft(from_toml), mbdlft.to_lft(in_python)
+    assert a.lft.blocks == b.lft.blocks
+    for name in ("M11", "M12", "M21", "M22"):
+        exact(getattr(a.lft, name), getattr(b.lft, name))
+    assert a.certificate == b.certificate
+    assert a.trim.nominal == b.trim.nominal
+
+
+def test_batch_script_prints_its_table(capsys: pytest.CaptureFixture[str]) -> None:
+    two_link_arm.main()
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 1 + 12
+    # theta1 = 90, theta2 = 90 deg: the outer link is level, the torques are those of its weight
+    weight = 9.81 * (2.0 * 0.5 + 5.0)
+    values = lines[8 + 3].split()
+    assert values[:4] == ["90.0", "90.0", f"{-weight:.4f}", f"{-weight:.4f}"]
+
+
+def test_same_scene_gives_the_same_bytes() -> None:
+    scene = two_link_arm.scene()
+    first, second = mbdlft.to_lft(scene), mbdlft.to_lft(scene)
+    for name in ("M11", "M12", "M21", "M22"):
+        assert getattr(first.lft, name).tobytes() == getattr(second.lft, name).tobytes()
+
+
+def test_benchmark_at_its_smallest() -> None:
+    found = benchmark.rows(repeats=1, step=45.0)
+    text = benchmark.table(found)
+    assert text.count("\n") == len(found) + 3
+    timed = ("median",)
+    for row in found:
+        if not any(word in row.what for word in timed) and "of which" not in row.what:
+            assert row.met, row
+
+
+def instructions(text: str) -> int:
+    """Length of the tape of the linearized arm."""
+    equations = assemble(mbdlft.scene_from_toml(text))
+    m = linearize(equations, [0, 1], [0, 1])
+    tape = ca.Function("tape", [m.unknown, m.known, m.p], [m.residual, m.output])
+    return int(tape.n_instructions())
+
+
+def test_planar_scene_costs_planar_work() -> None:
+    """Terms that are zero are never built: what lies off the plane adds nothing."""
+    text = (ROOT / "scenarios" / "two_link_arm.toml").read_text(encoding="utf-8")
+    planar = instructions(text)
+    assert planar <= 170
+    thick = text.replace('center_of_mass = [0, "rho1', 'center_of_mass = ["0.2*L2", "rho1')
+    thick = thick.replace('ports.tip = [0, "L2", 0]', 'ports.tip = ["rho1*L1", "L2", 0]')
+    thick = thick.replace('{ xx = "J1" }', '{ xx = "J1", yy = "2*J1", zz = "2*J1", xy = 0.1 }')
+    assert thick.count("2*J1") == 2
+    assert instructions(thick) == planar
+    # the same arm with one axis out of the plane is a larger problem
+    spatial = text.replace("{ xx = 0.1 }", "{ xx = 0.1, yy = 0.1, zz = 0.1 }")
+    spatial = spatial.replace(
+        'child = "link2"\naxis = [1, 0, 0]', 'child = "link2"\naxis = [0, 0.6, 0.8]'
+    )
+    assert instructions(spatial) > 1.5 * planar
+    assert sum(mbdlft.to_lft(two_link_arm.scene()).certificate.raw_order) <= 46
