@@ -54,11 +54,11 @@ class Description(BaseModel):
         for item in error.errors(include_url=False):
             cause = item.get("ctx", {}).get("error")
             if isinstance(cause, MbdlftError):
-                line = str(cause)
+                line = f"{cls.where(fields)}: {cause}"
             elif item["type"] == "extra_forbidden" and len(item["loc"]) == 1:
                 known = [name for name in cls.model_fields if name != "name"]
                 line = f"{cls.where(fields)}: {unknown_name('key', str(item['loc'][0]), known)}"
-            elif item["type"] == "missing":
+            elif item["type"] == "missing" and len(item["loc"]) == 1:
                 line = f"{cls.where(fields)}: {item['loc'][0]!r} is missing."
             else:
                 place = str(item["loc"][0]) if item["loc"] else ""
@@ -77,6 +77,10 @@ def _expected(field: str) -> str:
         return "three numbers"
     if field == "ports":
         return "a table of positions, three numbers or expressions each"
+    if field == "inertia":
+        return "a table of entries such as { xx = 1.0, yy = 2.0, zz = 2.5 }"
+    if field == "constants":
+        return "numbers by name, or tables with value and unit"
     if field in ("inputs", "outputs"):
         return "a list of signal names"
     if field in ("name", "parent", "child", "about", "kind", "description"):

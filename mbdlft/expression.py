@@ -137,8 +137,12 @@ def evaluate(expression: Expression, values: Mapping[str, Any]) -> Any:
             return values[name]
         case Negative(operand):
             return -evaluate(operand, values)
-        case Binary(operator, left, right):
-            return _binary(operator, evaluate(left, values), evaluate(right, values))
+        case Binary():
+            first, rest = _spine(expression)
+            result = evaluate(first, values)
+            for operator, right in rest:
+                result = _binary(operator, result, evaluate(right, values))
+            return result
         case Power(base, exponent):
             return _power(evaluate(base, values), exponent)
         case Call(function, argument):
@@ -149,6 +153,8 @@ def evaluate(expression: Expression, values: Mapping[str, Any]) -> Any:
                     f"{', '.join(sorted(names(argument)))}. {function} takes constants only; "
                     "declare the whole root or angle function as a parameter instead."
                 )
+            if not math.isfinite(value):
+                raise SceneError(f"{function} of {value} is not a number.")
             if function == "sqrt" and value < 0:
                 raise SceneError(f"sqrt of the negative number {value}.")
             return FUNCTIONS[function](value)
@@ -163,8 +169,12 @@ def write(expression: Expression) -> str:
             return name
         case Negative(operand):
             return f"-{write(operand)}"
-        case Binary(operator, left, right):
-            return f"({write(left)} {operator} {write(right)})"
+        case Binary():
+            first, rest = _spine(expression)
+            text = write(first)
+            for operator, right in rest:
+                text = f"({text} {operator} {write(right)})"
+            return text
         case Power(base, exponent):
             plain = isinstance(base, Number | Name)
             return f"{write(base) if plain else f'({write(base)})'}^{exponent}"
@@ -193,16 +203,27 @@ def _power(base: Any, exponent: int) -> Any:
     return result
 
 
+def _spine(expression: Expression) -> tuple[Expression, list[tuple[str, Expression]]]:
+    """The first operand of a chain of operators and what follows it: long sums nest to the left."""
+    rest: list[tuple[str, Expression]] = []
+    while isinstance(expression, Binary):
+        rest.append((expression.operator, expression.right))
+        expression = expression.left
+    return expression, rest[::-1]
+
+
 def _walk(expression: Expression) -> Iterator[Expression]:
-    yield expression
-    match expression:
-        case Binary(_, left, right):
-            yield from _walk(left)
-            yield from _walk(right)
-        case Negative(child) | Power(child, _) | Call(_, child):
-            yield from _walk(child)
-        case _:
-            return
+    pending = [expression]
+    while pending:
+        node = pending.pop()
+        yield node
+        match node:
+            case Binary(_, left, right):
+                pending += [right, left]
+            case Negative(child) | Power(child, _) | Call(_, child):
+                pending.append(child)
+            case _:
+                pass
 
 
 class _Parser:
@@ -292,6 +313,8 @@ class _Parser:
     def _atom(self) -> Expression:
         kind, token = self.kind, self.token
         if kind == "number":
+            if not math.isfinite(float(token)):
+                raise self._error("a finite number")
             self._advance()
             return Number(float(token))
         if kind == "name":

@@ -87,8 +87,21 @@ class Parameter:
         reference: float = 0.0,
     ) -> None:
         where = f"parameter {name!r}"
+        numbers = {
+            "nominal": nominal,
+            "low": low,
+            "high": high,
+            "percent": percent,
+            "plus": plus,
+            "minus": minus,
+            "reference": reference,
+        }
+        for label, value in numbers.items():
+            missing = value is None and label != "nominal"
+            if not missing and (isinstance(value, bool) or not isinstance(value, int | float)):
+                raise SceneError(f"{where}: {label}: expected a number, got {value!r}.")
         low, high = _range(where, nominal, low, high, percent, plus, minus)
-        for field, value in (
+        for field, entry in (
             ("name", name),
             ("nominal", float(nominal)),
             ("low", low),
@@ -98,7 +111,7 @@ class Parameter:
             ("substitution", substitution),
             ("reference", float(reference)),
         ):
-            object.__setattr__(self, field, value)
+            object.__setattr__(self, field, entry)
         problem = _problem(self)
         if problem:
             raise SceneError(f"{where}: {problem}")
@@ -242,6 +255,11 @@ def _range(
             f"(and minus); got {sum(ways)} of them."
         )
     if percent is not None:
+        if nominal == 0 or percent <= 0:
+            raise SceneError(
+                f"{where}: {percent:g} percent of the nominal {nominal:g} is not a range. Give a "
+                "positive percent of a nominal that is not zero, or low and high."
+            )
         half = abs(nominal) * percent / 100.0
         return float(nominal - half), float(nominal + half)
     if plus is not None or minus is not None:
@@ -262,7 +280,12 @@ def _problem(parameter: Parameter) -> str | None:
         return f"role is one of {', '.join(ROLES)}; got {p.role!r}."
     if p.substitution not in SUBSTITUTIONS:
         return f"substitution is one of {', '.join(SUBSTITUTIONS)}; got {p.substitution!r}."
-    parse_unit(p.unit)
+    try:
+        parse_unit(p.unit)
+    except SceneError as error:
+        return str(error)
+    if p.is_angle and p.unit not in ANGLE_UNITS:
+        return f"the {p.substitution} needs unit 'deg' or 'rad', got {p.unit!r}."
     if not np.all(np.isfinite([p.nominal, p.low, p.high, p.reference])):
         return f"values must be finite, got nominal {p.nominal}, low {p.low}, high {p.high}."
     if p.low >= p.high:

@@ -51,7 +51,7 @@ _SYMBOLS = _BASE | {
     for name in _PREFIXED
     if prefix + name not in _BASE
 }
-_TOKEN = re.compile(r"\s*(?:([A-Za-zµ%]+|1)(?:\s*\^\s*(-?\d+))?|([*/·]))")
+_TOKEN = re.compile(r"\s*(?:([A-Za-zµ%]+|1)(?:\s*\^\s*(-?\d)(?!\d))?|([*/·]))")
 
 ANGLE_UNITS = ("deg", "rad")
 
@@ -68,27 +68,33 @@ def parse_unit(text: str) -> Unit:
     SceneError
         A symbol is not known, or the text is not a product of symbols.
     """
-    unit, divide, position = _BASE["1"], False, 0
     if not text.strip():
         raise SceneError("a unit is empty; write '1' for a dimensionless quantity.")
+    unit, divide, position, after_symbol = _BASE["1"], False, 0, False
     while position < len(text.rstrip()):
         match = _TOKEN.match(text, position)
-        if match is None:
-            raise SceneError(
-                f"unit {text!r} cannot be read at {text[position:].strip()!r}. Write symbols with "
-                "integer powers joined by blanks, '*' or '/', such as 'N m/rad' or 'kg m^2'."
-            )
-        position = match.end()
-        symbol, exponent, operator = match.groups()
+        symbol, exponent, operator = match.groups() if match else (None, None, None)
+        if match is None or (operator and not after_symbol):
+            raise _unreadable(text, text[position:].strip())
+        position, after_symbol = match.end(), not operator
         if operator:
             divide = operator == "/"
             continue
-        if symbol not in _SYMBOLS:
-            raise SceneError(f"unit {text!r}: " + unknown_name("symbol", symbol, _BASE))
+        if symbol is None or symbol not in _SYMBOLS:
+            raise SceneError(f"unit {text!r}: " + unknown_name("symbol", str(symbol), _BASE))
         power = int(exponent or 1)
         unit = unit * _SYMBOLS[symbol] ** (-power if divide else power)
         divide = False
+    if not after_symbol:
+        raise _unreadable(text, text.rstrip()[-1])
     return unit
+
+
+def _unreadable(text: str, rest: str) -> SceneError:
+    return SceneError(
+        f"unit {text!r} cannot be read at {rest!r}. Write symbols with integer powers joined by blanks, "
+        "'*' or '/', such as 'N m/rad' or 'kg m^2'."
+    )
 
 
 def dimension_name(dimension: tuple[int, int, int]) -> str:

@@ -1,7 +1,7 @@
 """Kinds of bodies, one file each. A new kind is one file and one line in `KINDS`."""
 
+from mbdlft.body.base import GROUND as GROUND
 from mbdlft.body.base import Body as Body
-from mbdlft.body.ground import GROUND as GROUND
 from mbdlft.body.ground import Ground as Ground
 from mbdlft.body.point_mass import PointMass as PointMass
 from mbdlft.body.rigid import Inertia as Inertia

@@ -2,13 +2,17 @@
 
 import abc
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import Any, ClassVar, Self
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import model_validator
 
 from mbdlft.description import Description, Expected, Text, Values, Vector, vector_quantities
+from mbdlft.errors import SceneError
+
+GROUND = "ground"
 
 
 class Body(Description, abc.ABC):
@@ -17,6 +21,25 @@ class Body(Description, abc.ABC):
     kind: ClassVar[str]
     name: Text
     ports: dict[Text, Vector] = {}
+
+    @classmethod
+    def where(cls, fields: Mapping[str, Any]) -> str:
+        return f"body {fields.get('name', '')!r}"
+
+    @model_validator(mode="after")
+    def _names_are_free(self) -> Self:
+        built_in = set(self.port_names()) - set(self.ports)
+        for port in self.ports:
+            if port in built_in or self.port_names().count(port) > 1:
+                raise SceneError(f"every body has the port {port!r} already; use another name.")
+            if "." in port:
+                raise SceneError(f"the name of the port {port!r} has a dot.")
+        if (self.name == GROUND) != (self.kind == GROUND):
+            raise SceneError(
+                f"{GROUND!r} is the name of the ground and of nothing else; got the name {self.name!r} "
+                f"with the kind {self.kind!r}."
+            )
+        return self
 
     def own_quantities(self) -> dict[str, Expected]:
         """The quantities of this kind by label, apart from the ports."""

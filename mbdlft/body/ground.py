@@ -1,21 +1,19 @@
 """The ground: the frame of the scene, at rest in it. It exists in every scene under this name."""
 
-from typing import ClassVar, Literal, final
+from typing import ClassVar, final
 
 import casadi as ca
 
-from mbdlft.body.base import Body
-from mbdlft.description import Values
-
-GROUND = "ground"
+from mbdlft.body.base import GROUND, Body
+from mbdlft.description import Text, Values
 
 
 @final
 class Ground(Body):
     """Describe it only to give it ports; positions from the origin of the scene frame (m)."""
 
-    kind: ClassVar[str] = "ground"
-    name: Literal["ground"] = "ground"
+    kind: ClassVar[str] = GROUND
+    name: Text = GROUND
 
     def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX) -> ca.SX:
         """Nothing moves the ground: it needs no wrench."""

@@ -9,11 +9,12 @@ Kassarian et al. 2023 with tau_BP written out, so that no product m d d is forme
 
 from collections.abc import Mapping
 from functools import cache
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar, Self, final
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import model_validator
 
 from mbdlft.body.base import Body
 from mbdlft.description import Description, Expected, Quantity, Values, Vector, vector_quantities
@@ -67,6 +68,14 @@ class RigidBody(Body):
     center_of_mass: Vector = (0.0, 0.0, 0.0)
     inertia: Inertia = Inertia()
 
+    @model_validator(mode="after")
+    def _point_of_the_inertia_exists(self) -> Self:
+        if self.inertia.about not in self.port_names():
+            raise SceneError(
+                "inertia.about: " + unknown_name("port", self.inertia.about, self.port_names())
+            )
+        return self
+
     def own_quantities(self) -> dict[str, Expected]:
         return {
             "mass": Expected(self.mass, "kg"),
@@ -91,11 +100,6 @@ class RigidBody(Body):
         ]
         inertia = ca.vertcat(*(ca.horzcat(*row) for row in entries))
         center = _position(values, "center_of_mass")
-        if self.inertia.about not in self.port_names():
-            raise SceneError(
-                f"body {self.name!r}, inertia.about: "
-                + unknown_name("port", self.inertia.about, self.port_names())
-            )
         label = self.port_label(self.inertia.about)
         point = _position(values, label) if label else ca.SX(3, 1)
         needed = newton_euler()(motion, values["mass"], point - inboard, center - point, inertia)

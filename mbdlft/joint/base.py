@@ -5,7 +5,8 @@ parallel. Its coordinate is the displacement from the equilibrium position.
 """
 
 import abc
-from typing import ClassVar, NamedTuple
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -42,6 +43,10 @@ class Joint(Description, abc.ABC):
     name: Text
     parent: Text
     child: Text
+
+    @classmethod
+    def where(cls, fields: Mapping[str, Any]) -> str:
+        return f"joint {fields.get('name', '')!r}"
 
     @abc.abstractmethod
     def quantities(self) -> dict[str, Expected]:
@@ -86,8 +91,7 @@ class AxisJoint(Joint, abc.ABC):
     def _has_length(cls, axis: Direction) -> Direction:
         if not np.any(axis):
             raise SceneError(
-                f"joint axis has zero length, got {list(axis)}. Give a direction; its length is "
-                "ignored."
+                f"axis has zero length, got {list(axis)}. Give a direction; its length is ignored."
             )
         return axis
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import islice, product
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -10,13 +10,21 @@ from numpy.typing import NDArray
 
 from mbdlft.description import Expected
 from mbdlft.errors import NotRationalError, SceneError, WellPosednessError
-from mbdlft.expression import Expression, denominators, evaluate, names, parse, write
+from mbdlft.expression import denominators, evaluate, names, write
 from mbdlft.parameter import Parameter
-from mbdlft.scene.quantities import Place, angle_at, owner_name, owners, value_at
+from mbdlft.scene.quantities import (
+    Place,
+    angle_at,
+    expression_at,
+    owner_name,
+    owners,
+    value_at,
+)
 from mbdlft.scene.scene import Constant, Scene
 from mbdlft.unit import dimension_name, parse_unit
 
-_SAMPLES, _CORNERS, _MOST_BOXES = 512, 256, 4096
+_RANDOM, _CORNERS, _MOST_BOXES = 64, 4096, 4096
+_COUNT = "number of samples"  # no parameter has this name: it has blanks
 
 
 def check(scene: Scene) -> None:
@@ -31,34 +39,40 @@ def check(scene: Scene) -> None:
     WellPosednessError
         A denominator vanishes inside the range of the parameters.
     """
-    samples = _samples(scene)
     dimensions = _dimensions(scene)
     for owner, quantities in owners(scene):
+        samples = _samples(scene, owner, quantities)
         for label, expected in quantities.items():
             place = Place(owner, label)
             if expected.unit == "rad":
                 angle_at(scene, place, expected)
             elif isinstance(expected.source, str):
-                _check_angle_is_position(scene, place, expected.source)
+                _check_angle_is_position(scene, place, expected)
                 _sampled(place, expected, samples)
-                _check_dimension(place, expected, dimensions)
-                _check_denominators(scene, place, parse(expected.source))
+                _check_denominators(scene, place, expected)
+            _check_dimension(place, expected, dimensions)
+            if expected.unit != "rad" and not np.all(
+                np.isfinite(_sampled(place, expected, samples))
+            ):
+                raise SceneError(f"{place} = {expected.source!r}: is not finite in the range.")
     for body in scene.bodies:
+        owner, quantities = owner_name(body), body.quantities()
+        samples = _samples(scene, owner, quantities)
         problem = body.physical_problem(
             {
-                label: _sampled(Place(owner_name(body), label), expected, samples)
-                for label, expected in body.quantities().items()
+                label: _sampled(Place(owner, label), expected, samples)
+                for label, expected in quantities.items()
             }
         )
         if problem:
-            raise SceneError(f"{owner_name(body)}: {problem} Check the values and the ranges.")
+            raise SceneError(f"{owner}: {problem} Check the values and the ranges.")
 
 
 def _sampled(place: Place, expected: Expected, samples: Mapping[str, Any]) -> NDArray[np.float64]:
     """Values (SI) of a quantity at the samples of the range."""
-    with np.errstate(all="ignore"):  # a vanishing denominator has its own message
+    with np.errstate(all="ignore"):  # what is not finite has its own message
         value = value_at(place, expected, samples)
-    return np.broadcast_to(value, (_SAMPLES,))
+    return np.broadcast_to(value, samples[_COUNT].shape)
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,21 +164,33 @@ def _si_bounds(parameter: Parameter) -> tuple[float, float]:
     return parameter.low * factor, parameter.high * factor
 
 
-def _samples(scene: Scene) -> Mapping[str, Any]:
-    """Nominal, corners and random points of the range: an array (SI units) for each parameter."""
+def _samples(
+    scene: Scene, owner: str, quantities: Mapping[str, Expected]
+) -> Mapping[str, NDArray[np.float64] | float]:
+    """Nominal, corners and random points of the range: an array (SI units) for each plain parameter.
+
+    Corners of the parameters that the quantities use: all of them if there are not too many.
+    """
+    used = {
+        name
+        for label, expected in quantities.items()
+        for name in names(expression_at(Place(owner, label), expected))
+    }
     plain = [p for p in scene.parameters if not p.is_angle]
-    random = np.random.default_rng(0)
-    weights = random.random((_SAMPLES, len(plain)))
-    corners = np.array(list(islice(product((0.0, 1.0), repeat=len(plain)), _CORNERS)))
-    if 2 ** len(plain) > _CORNERS:
-        corners = random.integers(0, 2, (_CORNERS, len(plain))).astype(float)
-    weights[1 : 1 + len(corners)] = corners
+    active = [p for p in plain if p.name in used]
+    generator = np.random.default_rng(0)
+    if 2 ** len(active) <= _CORNERS:
+        sides = np.array(list(product((0.0, 1.0), repeat=len(active))))
+    else:
+        sides = generator.integers(0, 2, (_CORNERS, len(active))).astype(float)
+    weights = np.vstack([sides, generator.random((_RANDOM if active else 0, len(active)))])
     values: dict[str, Any] = dict(scene.constant_values())
-    for k, p in enumerate(plain):
-        points = p.low + weights[:, k] * (p.high - p.low)
-        points[0] = p.nominal
-        values[p.name] = points * parse_unit(p.unit).factor
-    return values
+    for p in plain:
+        values[p.name] = np.full(len(weights) + 1, p.nominal * parse_unit(p.unit).factor)
+    for k, p in enumerate(active):
+        low, high = _si_bounds(p)
+        values[p.name][1:] = low + weights[:, k] * (high - low)
+    return {**values, _COUNT: np.zeros(len(weights) + 1)}
 
 
 def _dimensions(scene: Scene) -> Mapping[str, Any]:
@@ -177,19 +203,19 @@ def _dimensions(scene: Scene) -> Mapping[str, Any]:
     return values
 
 
-def _check_angle_is_position(scene: Scene, place: Place, source: str) -> None:
-    used = names(parse(source))
+def _check_angle_is_position(scene: Scene, place: Place, expected: Expected) -> None:
+    used = names(expression_at(place, expected))
     for parameter in scene.parameters:
         if parameter.is_angle and parameter.name in used:
             raise SceneError(
-                f"{place} = {source!r}: {parameter.name!r} has unit {parameter.unit!r}, which does "
-                "not fit. An angle parameter can only be the position of a revolute or fixed joint."
+                f"{place} = {expected.source!r}: {parameter.name!r} has unit {parameter.unit!r}, which "
+                "does not fit. An angle parameter can only be the position of a revolute or fixed joint."
             )
 
 
 def _check_dimension(place: Place, expected: Expected, dimensions: Mapping[str, Any]) -> None:
     try:
-        value = evaluate(parse(expected.source), dimensions)
+        value = evaluate(expression_at(place, expected), dimensions)
     except NotRationalError:
         return  # the root of a constant with a unit: its dimension is not followed
     except SceneError as error:
@@ -202,11 +228,11 @@ def _check_dimension(place: Place, expected: Expected, dimensions: Mapping[str, 
         )
 
 
-def _check_denominators(scene: Scene, place: Place, expression: Expression) -> None:
+def _check_denominators(scene: Scene, place: Place, expected: Expected) -> None:
     """Show by interval arithmetic that no denominator vanishes in the range, or raise."""
     plain = {p.name: p for p in scene.parameters if not p.is_angle}
     constants = scene.constant_values()
-    for denominator in denominators(expression):
+    for denominator in denominators(expression_at(place, expected)):
         used = sorted(names(denominator) & set(plain))
         if not used:
             continue

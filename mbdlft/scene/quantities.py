@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from mbdlft.body import Body
 from mbdlft.description import Expected, vector_quantities
 from mbdlft.errors import MbdlftError, NotRationalError, SceneError
-from mbdlft.expression import evaluate, names, parse
+from mbdlft.expression import Expression, evaluate, names, parse
 from mbdlft.joint import Joint
 from mbdlft.scene.scene import Scene
 
@@ -78,10 +78,19 @@ def owner_name(item: Body | Joint) -> str:
     return f"{'body' if isinstance(item, Body) else 'joint'} {item.name!r}"
 
 
+def expression_at(place: Place, expected: Expected) -> Expression:
+    """Expression of one quantity; an error says where it stands."""
+    try:
+        return parse(expected.source)
+    except SceneError as error:
+        raise SceneError(f"{place} = {expected.source!r}: {error}") from None
+
+
 def value_at(place: Place, expected: Expected, values: Mapping[str, Any]) -> Any:
     """Value of one quantity; an error says where it stands."""
+    expression = expression_at(place, expected)
     try:
-        return evaluate(parse(expected.source), values)
+        return evaluate(expression, values)
     except MbdlftError as error:
         raise type(error)(f"{place} = {expected.source!r}: {error}") from None
 
@@ -90,7 +99,7 @@ def angle_at(scene: Scene, place: Place, expected: Expected) -> AngleSum:
     """Value (rad) of a quantity that is an angle."""
     angles = {p.name for p in scene.parameters if p.is_angle}
     others = {p.name for p in scene.parameters} - angles
-    wrong = sorted(names(parse(expected.source)) & others)
+    wrong = sorted(names(expression_at(place, expected)) & others)
     if wrong:
         raise SceneError(
             f"{place} = {expected.source!r}: {wrong[0]!r} is not an angle. Give the parameter the "

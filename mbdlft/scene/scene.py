@@ -1,10 +1,11 @@
 """The scene: what a user describes, in Python or as a TOML file."""
 
+import math
 from collections import Counter
 from collections.abc import Mapping
 from typing import Annotated, Any, Self, final
 
-from pydantic import Field, InstanceOf, model_validator
+from pydantic import Field, InstanceOf, field_validator, model_validator
 
 from mbdlft.body import Body
 from mbdlft.description import Description, Number, Text, Vector
@@ -65,6 +66,23 @@ class Scene(Description):
     def where(cls, fields: Mapping[str, Any]) -> str:
         return f"scene {fields.get('name', '')!r}"
 
+    @field_validator("constants", mode="before")
+    @classmethod
+    def _constants_are_numbers(cls, constants: Any) -> Any:
+        for name, value in constants.items() if isinstance(constants, Mapping) else ():
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not (isinstance(value, Constant) or (number and math.isfinite(value))):
+                raise SceneError(
+                    f"constant {name!r}: expected a finite number, or a Constant with a unit (in TOML "
+                    f"a table with value and unit), got {value!r}."
+                )
+            if isinstance(value, Constant):
+                try:
+                    parse_unit(value.unit)
+                except SceneError as error:
+                    raise SceneError(f"constant {name!r}: {error}") from None
+        return constants
+
     @model_validator(mode="after")
     def _names_are_unique(self) -> Self:
         values = [p.name for p in self.parameters] + list(self.constants)
@@ -78,17 +96,17 @@ class Scene(Description):
         ):
             twice = [name for name, count in Counter(names).items() if count > 1]
             if twice:
-                raise SceneError(f"scene {self.name!r}: {what} {twice[0]!r} is given twice.")
+                raise SceneError(f"{what} {twice[0]!r} is given twice.")
         for name in values:
             if name in reserved or not name.isidentifier():
                 raise SceneError(
-                    f"scene {self.name!r}: {name!r} cannot name a parameter or constant. Use "
+                    f"{name!r} cannot name a parameter or constant. Use "
                     f"letters, digits and underscores, and none of {', '.join(sorted(reserved))}."
                 )
         for name in (*(body.name for body in self.bodies), *(joint.name for joint in self.joints)):
             if "." in name:
                 raise SceneError(
-                    f"scene {self.name!r}: the name {name!r} has a dot; dots separate a body "
+                    f"the name {name!r} has a dot; dots separate a body "
                     "from its port and a joint from its signals."
                 )
         return self

@@ -115,7 +115,7 @@ def _scene(table: dict[str, Any]) -> Scene:
     return Scene(
         **{key: table[key] for key in plain if key in table},
         constants={
-            name: Constant(**value) if isinstance(value, dict) else value
+            name: _constant(name, value) if isinstance(value, dict) else value
             for name, value in _table("constants", table.get("constants", {})).items()
         },
         parameters=[
@@ -126,6 +126,13 @@ def _scene(table: dict[str, Any]) -> Scene:
         joints=_kinds("joint", "joints", table, JOINTS),
         **linearize,
     )
+
+
+def _constant(name: str, fields: dict[str, Any]) -> Constant:
+    try:
+        return Constant(**fields)
+    except SceneError as error:
+        raise SceneError(f"constant {name!r}: {error}") from None
 
 
 def _table(where: str, value: Any) -> dict[str, Any]:
