@@ -13,7 +13,7 @@ from threadpoolctl import ThreadpoolController
 
 from mbdlft.certify import measure_error
 from mbdlft.equations import Equations
-from mbdlft.errors import SceneError, unknown_name
+from mbdlft.errors import SceneError, WellPosednessError, unknown_name
 from mbdlft.extract import extract
 from mbdlft.lft.lft import LFT, eliminate, reorder
 from mbdlft.lft.model import Certificate, LFTModel, Provenance, Trim
@@ -121,7 +121,18 @@ def _build(scene: Scene, clock: _Clock) -> Build:
 def _state_space(equations: Equations, relations: LFT) -> LFT:
     """Close the relations for [xdot ; z] in the algebra: the LFT of [A B ; C D]."""
     n, nx = equations.residual.numel(), equations.x.numel()
-    solved = eliminate(relations, n)
+    try:
+        solved = eliminate(relations, n)
+    except WellPosednessError:
+        directions = np.abs(np.linalg.svd(relations.M22[:n, :n])[2][-1])
+        names = [
+            s.name for s, size in zip(equations.x_signals, directions, strict=False) if size > 0.1
+        ]
+        raise WellPosednessError(
+            f"scene {equations.name!r}: the mass matrix is singular at nominal: nothing with inertia "
+            f"moves with {', '.join(names)}. Give what these joints carry a mass or an inertia, or the "
+            "joints an actuator_inertia."
+        ) from None
     rows = [*range(nx), *range(n, solved.shape[0])]
     closed = LFT(solved.M11, solved.M12, solved.M21[rows], solved.M22[rows], solved.blocks)
     return reorder(reduce_order(closed), [p.name for p in equations.parameters])

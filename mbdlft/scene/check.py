@@ -1,7 +1,6 @@
 """Checks of a scene that need its values: units, physics, and denominators over the whole range."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -12,6 +11,8 @@ from mbdlft.description import Expected
 from mbdlft.errors import NotRationalError, SceneError, WellPosednessError
 from mbdlft.expression import denominators, evaluate, names, write
 from mbdlft.parameter import Parameter
+from mbdlft.scene.dimension import Dimension
+from mbdlft.scene.interval import Interval, interval
 from mbdlft.scene.quantities import (
     Place,
     angle_at,
@@ -73,90 +74,6 @@ def _sampled(place: Place, expected: Expected, samples: Mapping[str, Any]) -> ND
     with np.errstate(all="ignore"):  # what is not finite has its own message
         value = value_at(place, expected, samples)
     return np.broadcast_to(value, samples[_COUNT].shape)
-
-
-@dataclass(frozen=True, slots=True)
-class Dimension:
-    """Exponents of kg, m, s of a value; None where a plain number may carry any unit."""
-
-    exponents: tuple[int, int, int] | None
-
-    def __add__(self, other: "Dimension | float") -> "Dimension":
-        if isinstance(other, float) or other.exponents is None:
-            return self
-        if self.exponents is None or self.exponents == other.exponents:
-            return other
-        raise SceneError(
-            f"{dimension_name(self.exponents)} and {dimension_name(other.exponents)} are added; "
-            "units do not fit."
-        )
-
-    __radd__ = __add__
-    __sub__ = __add__
-    __rsub__ = __add__
-
-    def __neg__(self) -> "Dimension":
-        return self
-
-    def _times(self, other: "Dimension | float", sign: int) -> "Dimension":
-        if isinstance(other, float) or self.exponents is None or other.exponents is None:
-            return Dimension(None)
-        kg, m, s = (a + sign * b for a, b in zip(self.exponents, other.exponents, strict=True))
-        return Dimension((kg, m, s))
-
-    def __mul__(self, other: "Dimension | float") -> "Dimension":
-        return self._times(other, 1)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: "Dimension | float") -> "Dimension":
-        return self._times(other, -1)
-
-    def __rtruediv__(self, other: float) -> "Dimension":
-        return Dimension(None)
-
-
-@dataclass(frozen=True, slots=True)
-class Interval:
-    """All values between low and high."""
-
-    low: float
-    high: float
-
-    def __add__(self, other: "Interval | float") -> "Interval":
-        o = _interval(other)
-        return Interval(self.low + o.low, self.high + o.high)
-
-    __radd__ = __add__
-
-    def __neg__(self) -> "Interval":
-        return Interval(-self.high, -self.low)
-
-    def __sub__(self, other: "Interval | float") -> "Interval":
-        return self + (-_interval(other))
-
-    def __rsub__(self, other: float) -> "Interval":
-        return -self + other
-
-    def __mul__(self, other: "Interval | float") -> "Interval":
-        o = _interval(other)
-        ends = [a * b for a in (self.low, self.high) for b in (o.low, o.high)]
-        return Interval(min(ends), max(ends))
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: "Interval | float") -> "Interval":
-        o = _interval(other)
-        if o.low <= 0.0 <= o.high:
-            return Interval(-np.inf, np.inf)
-        return self * Interval(1.0 / o.high, 1.0 / o.low)
-
-    def __rtruediv__(self, other: float) -> "Interval":
-        return _interval(other) / self
-
-
-def _interval(value: Interval | float) -> Interval:
-    return value if isinstance(value, Interval) else Interval(value, value)
 
 
 def _si_bounds(parameter: Parameter) -> tuple[float, float]:
@@ -242,7 +159,7 @@ def _check_denominators(scene: Scene, place: Place, expected: Expected) -> None:
             box = boxes.pop()
             examined += 1
             inside = {name: Interval(*ends) for name, ends in zip(used, box, strict=True)}
-            value = _interval(evaluate(denominator, {**constants, **inside}))
+            value = interval(evaluate(denominator, {**constants, **inside}))
             if value.low > 0.0 or value.high < 0.0:
                 continue
             if examined > _MOST_BOXES or all(high - low < 1e-9 * abs(high) for low, high in box):

@@ -12,6 +12,9 @@ from mbdlft.joint import Joint
 from mbdlft.scene.scene import Scene
 
 
+_MOST_TURNS = 16
+
+
 class Place(NamedTuple):
     """Where a quantity stands: its owner in words, and its label."""
 
@@ -107,4 +110,11 @@ def angle_at(scene: Scene, place: Place, expected: Expected) -> AngleSum:
         )
     values = scene.constant_values() | {name: AngleSum(0.0, {name: 1}) for name in angles}
     value = value_at(place, expected, values)
-    return value if isinstance(value, AngleSum) else AngleSum(float(value))
+    angle = value if isinstance(value, AngleSum) else AngleSum(float(value))
+    for name, count in angle.multiples.items():
+        if abs(count) > _MOST_TURNS:
+            raise SceneError(
+                f"{place} = {expected.source!r}: {count} times {name!r}; each multiple is one more "
+                f"rotation, and {_MOST_TURNS} is the most. Declare the multiple as a parameter."
+            )
+    return angle

@@ -1,0 +1,169 @@
+"""Models to store, and bit-exact comparison of models and of files."""
+
+from dataclasses import fields, replace
+from functools import cache
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from mbdlft import (
+    LFT,
+    Block,
+    Certificate,
+    LFTModel,
+    Parameter,
+    PointMass,
+    Prismatic,
+    Scene,
+    Signal,
+    scene_from_toml,
+    to_lft,
+)
+from mbdlft.lft.model import Provenance, Trim
+from tests.close import exact
+
+ARM = (Path(__file__).parents[2] / "scenarios" / "two_link_arm.toml").read_text(encoding="utf-8")
+MATRICES = ("A", "B_w", "B_u", "C_z", "D_zw", "D_zu", "C_y", "D_yw", "D_yu")
+
+
+@cache
+def arm() -> LFTModel:
+    """The two-link arm: seven parameters, two of them angles."""
+    return to_lft(scene_from_toml(ARM))
+
+
+@cache
+def turned_arm() -> LFTModel:
+    """The arm with a quarter-angle, a reference away from the nominal, and an angle in rad."""
+    text = ARM.replace("low = 45.0, high = 90.0, unit", "low = -170.0, high = 200.0, unit")
+    text = text.replace(
+        'unit = "deg", role', 'unit = "deg", substitution = "quarter-angle", role', 1
+    )
+    text = text.replace(
+        'nominal = 90.0, low = 45.0, high = 135.0, unit = "deg"',
+        'nominal = 1.5, low = 0.8, high = 2.4, reference = 0.3, unit = "rad"',
+    )
+    return to_lft(scene_from_toml(text.replace("two_link_arm", "turned_arm")))
+
+
+@cache
+def unused() -> LFTModel:
+    """The arm with a parameter that no quantity uses, so it has zero repetitions."""
+    text = ARM.replace("[parameters]", "[parameters]\nidle = { nominal = 1.0, percent = 5 }")
+    return to_lft(scene_from_toml(text))
+
+
+@cache
+def numbers() -> LFTModel:
+    """A scene without parameters."""
+    rail = Prismatic(name="rail", parent="ground", child="cart", axis=(0, 1, 0), stiffness=0.1)
+    cart = PointMass(name="cart", mass=0.7)
+    return to_lft(Scene(name="numbers", gravity=(0, -9.81, 0), bodies=[cart], joints=[rail]))
+
+
+def strange(seed: int, sizes: tuple[int, ...] = (2, 0, 3)) -> LFTModel:
+    """Random matrices with numbers of every size, and texts of every script; made by hand."""
+    random = np.random.default_rng(seed)
+
+    def some(*shape: int) -> np.ndarray:
+        return random.standard_normal(shape) * 10.0 ** random.integers(-300, 300, shape)
+
+    n, nx, nu, ny, nt = sum(sizes), *random.integers(1, 4, 4)
+    names = [f"p{k}_µ" for k in range(len(sizes))]
+    blocks = tuple(Block(*block) for block in zip(names, sizes, strict=True))
+
+    def signals(what: str, count: int) -> tuple[Signal, ...]:
+        return tuple(Signal(f"{what} θ₁ {k} \"'\\\n日本", "µm/s^2") for k in range(count))
+
+    return LFTModel(
+        name=f"strange model {seed}: λ",
+        lft=LFT(some(n, n), some(n, nx + nu), some(nx + ny, n), some(nx + ny, nx + nu), blocks),
+        states=signals("x", nx),
+        inputs=signals("u", nu),
+        outputs=signals("", ny),
+        parameters=tuple(
+            Parameter(name, 0.1 + 0.2, 0.05 * k, 1.0 / 3.0 + k, unit="kg", role="design")
+            for k, name in enumerate(names)
+        ),
+        trim=Trim(
+            signals("effort", nt),
+            tuple(float(value) for value in some(nt)),
+            LFT(some(n, n), some(n, 1), some(nt, n), some(nt, 1), blocks),
+        ),
+        certificate=Certificate(
+            order=sizes,
+            lower_bound=tuple(max(0, size - 1) for size in sizes),
+            raw_order=tuple(size + 5 for size in sizes),
+            max_relative_error=float(random.random()),
+            check_points=123,
+            seed=2**40 + 1,
+            exact=bool(seed % 2),
+        ),
+        provenance=Provenance(
+            scene='name = "µ"\n# ' + "日本 " * 30000,
+            mbdlft="0.1.0",
+            casadi="3.7.0",
+            numpy="2.0.0",
+            h5py="3.11.0",
+            created="2026-01-01T00:00:00+00:00",
+        ),
+        description="",
+    )
+
+
+def bare() -> LFTModel:
+    """The smallest model: no parameters, no inputs, no outputs, no trim."""
+    full = strange(0, ())
+    return replace(
+        full,
+        name="bare",
+        lft=LFT(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[-0.5]]),
+        states=full.states[:1],
+        inputs=(),
+        outputs=(),
+        trim=Trim((), (), None),
+    )
+
+
+def same(a: LFTModel, b: LFTModel) -> None:
+    """Equal in every bit of every field."""
+    for part in ("M11", "M12", "M21", "M22"):
+        _same_bits(getattr(a.lft, part), getattr(b.lft, part))
+    for name in MATRICES:
+        _same_bits(getattr(a, name), getattr(b, name))
+    assert a.lft.blocks == b.lft.blocks
+    for item in fields(LFTModel):
+        if item.name not in ("lft", "trim"):
+            assert getattr(a, item.name) == getattr(b, item.name), item.name
+    assert a.trim.signals == b.trim.signals
+    _same_bits(np.array(a.trim.nominal), np.array(b.trim.nominal))
+    assert (a.trim.lft is None) == (b.trim.lft is None)
+    if a.trim.lft is not None and b.trim.lft is not None:
+        assert a.trim.lft.blocks == b.trim.lft.blocks
+        for part in ("M11", "M12", "M21", "M22"):
+            _same_bits(getattr(a.trim.lft, part), getattr(b.trim.lft, part))
+
+
+def _same_bits(a: np.ndarray, b: np.ndarray) -> None:
+    assert a.dtype == b.dtype == np.float64
+    exact(np.ascontiguousarray(a).view(np.int64), np.ascontiguousarray(b).view(np.int64))
+
+
+def contents(path: Path) -> dict[str, object]:
+    """All datasets and attributes of an HDF5 file by path: type, shape and bytes, or texts."""
+    found: dict[str, object] = {}
+
+    def visit(name: str, item: object) -> None:
+        found[name] = type(item).__name__
+        if isinstance(item, h5py.Dataset):
+            value = item[()]
+            data = list(value.ravel()) if item.dtype == object else value.tobytes()
+            found[name] = (item.dtype.str, item.shape, data)
+        for key, value in item.attrs.items():
+            found[f"{name}@{key}"] = (type(value).__name__, value)
+
+    with h5py.File(path) as file:
+        visit("", file)
+        file.visititems(visit)
+    return found

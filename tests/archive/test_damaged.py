@@ -1,0 +1,305 @@
+"""Files that are missing, cut, foreign, newer, incomplete or damaged: always an ArchiveError."""
+
+import shutil
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from mbdlft import ArchiveError, load, model_names, save
+from tests.archive import models
+from tests.archive.test_layout import ATTRIBUTES, DATASETS, TEXT
+from tests.errors.scenes import says
+
+NAME = "two_link_arm"
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """An archive with the arm, not to be changed."""
+    file = tmp_path_factory.mktemp("written") / "arm.h5"
+    save(file, models.arm())
+    return file
+
+
+@pytest.fixture
+def file(written, tmp_path):
+    """A copy of it, to be damaged."""
+    return shutil.copy(written, tmp_path / "arm.h5")
+
+
+def edit(file, change):
+    with h5py.File(file, "r+") as archive:
+        change(archive["models"][NAME])
+
+
+# files --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("read", [load, model_names])
+def test_missing(tmp_path, read):
+    file = tmp_path / "none.h5"
+    with says(ArchiveError, f"{file}: cannot be read: No such file or directory."):
+        read(file)
+    with says(ArchiveError, f"{tmp_path}: cannot be read: Is a directory."):
+        read(tmp_path)
+
+
+@pytest.mark.parametrize("part", [0.0, 1e-4, 0.01, 0.1, 0.5, 0.9, 0.999])
+def test_truncated(file, part):
+    whole = file.read_bytes()
+    cut = whole[: int(part * len(whole))]
+    file.write_bytes(cut)
+    message = f"{file}: is not a whole HDF5 file ({len(cut)} bytes): "
+    advice = "Write it again, or take it from a backup."
+    for attempt in (load, model_names, lambda path: save(path, models.arm())):
+        with says(ArchiveError, message, advice):
+            attempt(file)
+    assert file.read_bytes() == cut
+
+
+def test_last_byte_missing_and_text(file):
+    whole = file.read_bytes()
+    file.write_bytes(whole[:-1])
+    with says(ArchiveError, f"is not a whole HDF5 file ({len(whole) - 1} bytes): "):
+        load(file)
+    file.write_text("A = [0 1; -1 0]")
+    with says(ArchiveError, "is not a whole HDF5 file (15 bytes): "):
+        load(file)
+
+
+def test_foreign(tmp_path):
+    file = tmp_path / "foreign.h5"
+    with h5py.File(file, "w") as archive:
+        archive["models/arm/A"] = np.eye(2)
+    before = file.read_bytes()
+    message = (
+        f"{file}: is not an mbdlft archive: root attribute 'format' is None, expected "
+        "'mbdlft-archive'."
+    )
+    for attempt in (load, model_names, lambda path: save(path, models.arm())):
+        with says(ArchiveError, message):
+            attempt(file)
+    assert file.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value", "message"),
+    [
+        ("format", "other", "root attribute 'format' is 'other', expected 'mbdlft-archive'."),
+        (
+            "format_version",
+            "2.0",
+            "has format version 2.0, this mbdlft reads up to 1.0. Install a newer mbdlft.",
+        ),
+        ("format_version", "10.1", "has format version 10.1, this mbdlft reads up to 1.0."),
+        ("format_version", "new", "'format_version' is 'new', expected '1.0'."),
+        ("format_version", None, "'format_version' is '', expected '1.0'."),
+    ],
+)
+def test_format(file, attribute, value, message):
+    with h5py.File(file, "r+") as archive:
+        if value is None:
+            del archive.attrs[attribute]
+        else:
+            archive.attrs[attribute] = value
+    before = file.read_bytes()
+    for attempt in (load, model_names, lambda path: save(path, models.arm())):
+        with says(ArchiveError, f"{file}: ", message):
+            attempt(file)
+    assert file.read_bytes() == before
+
+
+def test_models_that_is_not_a_group(file):
+    with h5py.File(file, "r+") as archive:
+        del archive["models"]
+        archive["models"] = np.arange(3.0)
+    for attempt in (load, model_names, lambda path: save(path, models.arm())):
+        with says(ArchiveError, f"{file}: ", "models"):
+            attempt(file)
+
+
+def test_bytes_that_are_damaged(file):
+    """Reading a damaged file gives a model or an ArchiveError, whatever HDF5 itself would raise."""
+    whole = file.read_bytes()
+    random = np.random.default_rng(0)
+    others = []
+    for position in (*range(0, 1200, 11), *random.integers(0, len(whole), 100)):
+        damaged = bytearray(whole)
+        damaged[position] ^= 0xFF
+        file.write_bytes(damaged)
+        try:
+            load(file)
+        except ArchiveError:
+            continue
+        except Exception as error:
+            others.append(f"byte {position}: {type(error).__name__}: {error}")
+    assert not others, "\n".join(others)
+
+
+# names --------------------------------------------------------------------------------------------
+
+
+def test_unknown_model(file):
+    with says(
+        ArchiveError,
+        f"{file}: unknown model 'two_link_am'. Did you mean 'two_link_arm'? Existing: two_link_arm.",
+    ):
+        load(file, "two_link_am")
+
+
+def test_name_is_needed(file):
+    save(file, models.arm(), "other")
+    with says(ArchiveError, f"{file}: give the name of a model. Existing: other, two_link_arm."):
+        load(file)
+    with h5py.File(file, "r+") as archive:
+        del archive["models"]
+    with says(ArchiveError, f"{file}: give the name of a model. Existing: none."):
+        load(file)
+
+
+@pytest.mark.parametrize("name", ["a/b", "/", ".", "a\0b", "a\ud800"])
+def test_name_that_cannot_be_written(file, name):
+    before = file.read_bytes()
+    with says(ArchiveError, f"{file}: {name!r} cannot name a model"):
+        save(file, models.arm(), name)
+    assert file.read_bytes() == before
+
+
+def test_text_that_cannot_be_written(file):
+    before = file.read_bytes()
+    with says(ArchiveError, f"{file}: "):
+        save(file, replace(models.arm(), description="a\0b"))
+    assert file.read_bytes() == before
+
+
+# models -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", DATASETS)
+def test_missing_dataset(file, name):
+    edit(file, lambda group: group.__delitem__(name))
+    last = name.split("/")[-1]
+    with says(ArchiveError, f"{file}: model '{NAME}' is not whole: ", f"'{last}'"):
+        load(file)
+
+
+@pytest.mark.parametrize("name", ["states", "parameters", "delta", "trim", "certificate"])
+def test_missing_group(file, name):
+    edit(file, lambda group: group.__delitem__(name))
+    with says(ArchiveError, f"{file}: model '{NAME}' is not whole: ", f"'{name}'"):
+        load(file)
+
+
+REQUIRED = [(group, name) for group in ("certificate", "provenance") for name in ATTRIBUTES[group]]
+
+
+@pytest.mark.parametrize(("group", "name"), REQUIRED)
+def test_missing_attribute(file, group, name):
+    edit(file, lambda model: model[group].attrs.__delitem__(name))
+    with says(ArchiveError, f"{file}: model '{NAME}' is not whole: ", f"'{name}'"):
+        load(file)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("encoding_type", "sweep", "encoding_type is 'sweep', expected 'lft-model'."),
+        ("encoding_type", None, "encoding_type is None, expected 'lft-model'."),
+        ("encoding_version", "2.1", "encoding_version is 2.1, this mbdlft reads up to 1.0."),
+        ("encoding_version", None, "encoding_version"),
+        ("time_domain", "discrete", "time_domain"),
+    ],
+)
+def test_encoding(file, name, value, message):
+    def change(group):
+        del group.attrs[name]
+        if value is not None:
+            group.attrs[name] = value
+
+    edit(file, change)
+    with says(ArchiveError, f"{file}: model '{NAME}'", message):
+        load(file)
+
+
+@pytest.mark.parametrize("name", DATASETS)
+def test_dataset_with_one_entry_too_many(file, name):
+    def change(group):
+        value = group[name].asstr()[()] if DATASETS[name][0] == TEXT else group[name][()]
+        del group[name]
+        longer = np.concatenate([value, value[-1:]])
+        group.create_dataset(name, data=longer)
+
+    edit(file, change)
+    with says(ArchiveError, f"{file}: model '{NAME}'"):
+        load(file)
+
+
+def test_dataset_of_texts_in_place_of_numbers(file):
+    def change(group):
+        del group["A"]
+        group["A"] = ["a", "b"]
+
+    edit(file, change)
+    with says(ArchiveError, f"{file}: model '{NAME}' is not as specified: "):
+        load(file)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_matrix_that_is_not_finite(file, value):
+    edit(file, lambda group: group["D_zw"].__setitem__((0, 0), value))
+    with says(
+        ArchiveError,
+        f"{file}: model '{NAME}' is not as specified: LFT: M11 has an entry that is not finite.",
+    ):
+        load(file)
+
+
+@pytest.mark.parametrize("rows", [[1, 0], [-1, 0], [0, 7]], ids=str)
+def test_channels_of_no_parameter(file, rows):
+    def change(group):
+        channels = group["delta/parameter"]
+        channels[[0, -1]] = rows
+
+    edit(file, change)
+    with says(
+        ArchiveError,
+        f"{file}: model '{NAME}': delta/parameter is not sorted, or names a parameter that is not "
+        "there.",
+    ):
+        load(file)
+
+
+def test_map_that_is_not_that_of_the_range(file):
+    edit(file, lambda group: group["parameters/map"].__setitem__((0, 1), 3.0))
+    with says(
+        ArchiveError,
+        f"{file}: model '{NAME}': parameters/map of 'J1' is [",
+        "], but its range gives [",
+    ):
+        load(file)
+
+
+def test_range_that_is_not_one(file):
+    edit(file, lambda group: group["parameters/low"].__setitem__(0, 9.0))
+    with says(
+        ArchiveError,
+        f"{file}: model '{NAME}' is not as specified: parameter 'J1': low must be less than high",
+    ):
+        load(file)
+
+
+# writing ------------------------------------------------------------------------------------------
+
+
+def test_folder_that_is_not_there(tmp_path):
+    file = tmp_path / "none" / "arm.h5"
+    with says(
+        ArchiveError,
+        f"{file}: cannot be written: No such file or directory. The old file, if there was one, is "
+        "unchanged.",
+    ):
+        save(file, models.arm())
+    with says(ArchiveError, f"{tmp_path}: cannot be read: Is a directory."):
+        save(tmp_path, models.arm())

@@ -1,0 +1,219 @@
+"""The layout of the archive, version 1.0, with plain h5py: every name, type and shape."""
+
+from datetime import UTC, datetime, timedelta
+from importlib.metadata import version
+
+import h5py
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft import save, scene_from_toml, to_lft
+from tests.archive import models
+from tests.close import exact, roundoff
+
+TEXT, FLOAT, INTEGER = "text", "<f8", "<i8"
+DATASETS = {
+    "A": (FLOAT, "nx", "nx"),
+    "B_w": (FLOAT, "nx", "nw"),
+    "B_u": (FLOAT, "nx", "nu"),
+    "C_z": (FLOAT, "nw", "nx"),
+    "D_zw": (FLOAT, "nw", "nw"),
+    "D_zu": (FLOAT, "nw", "nu"),
+    "C_y": (FLOAT, "ny", "nx"),
+    "D_yw": (FLOAT, "ny", "nw"),
+    "D_yu": (FLOAT, "ny", "nu"),
+    "states/name": (TEXT, "nx"),
+    "states/unit": (TEXT, "nx"),
+    "inputs/name": (TEXT, "nu"),
+    "inputs/unit": (TEXT, "nu"),
+    "outputs/name": (TEXT, "ny"),
+    "outputs/unit": (TEXT, "ny"),
+    "delta/parameter": (INTEGER, "nw"),
+    "parameters/name": (TEXT, "np"),
+    "parameters/unit": (TEXT, "np"),
+    "parameters/role": (TEXT, "np"),
+    "parameters/nominal": (FLOAT, "np"),
+    "parameters/low": (FLOAT, "np"),
+    "parameters/high": (FLOAT, "np"),
+    "parameters/map": (FLOAT, "np", "3"),
+    "parameters/substitution": (TEXT, "np"),
+    "parameters/reference": (FLOAT, "np"),
+    "trim/name": (TEXT, "nt"),
+    "trim/unit": (TEXT, "nt"),
+    "trim/nominal": (FLOAT, "nt"),
+    "trim/lft/D_zw": (FLOAT, "ntw", "ntw"),
+    "trim/lft/D_zu": (FLOAT, "ntw", "1"),
+    "trim/lft/D_yw": (FLOAT, "nt", "ntw"),
+    "trim/lft/D_yu": (FLOAT, "nt", "1"),
+    "trim/lft/delta/parameter": (INTEGER, "ntw"),
+    "certificate/order": (INTEGER, "np"),
+    "certificate/lower_bound": (INTEGER, "np"),
+    "certificate/raw_order": (INTEGER, "np"),
+}
+ATTRIBUTES = {
+    "": ("encoding_type", "encoding_version", "time_domain", "description"),
+    "certificate": ("max_relative_error", "check_points", "seed", "exact"),
+    "provenance": ("scene", "mbdlft", "casadi", "numpy", "h5py", "created"),
+}
+MODELS = {"arm": models.arm, "unused": models.unused, "strange": lambda: models.strange(8)}
+
+
+@pytest.fixture(params=MODELS.values(), ids=MODELS.keys())
+def stored(request, tmp_path):
+    """A model, and the group of the file that holds it."""
+    model = request.param()
+    save(tmp_path / "a.h5", model)
+    with h5py.File(tmp_path / "a.h5") as file:
+        yield model, file["models"][model.name]
+
+
+def is_text(dtype):
+    """Whether a type is UTF-8 of variable length."""
+    info = h5py.check_string_dtype(dtype)
+    return info is not None and info.encoding == "utf-8" and info.length is None
+
+
+def attribute_type(group, name):
+    return group.attrs.get_id(name).dtype
+
+
+def test_root(stored):
+    _, group = stored
+    root = group.file
+    assert dict(root.attrs) == {
+        "format": "mbdlft-archive",
+        "format_version": "1.0",
+        "generator": f"mbdlft {mbdlft.__version__}",
+    }
+    assert all(is_text(attribute_type(root, name)) for name in root.attrs)
+    assert list(root) == ["models"]
+
+
+def test_datasets(stored):
+    model, group = stored
+    sizes = {
+        "nx": len(model.states),
+        "nu": len(model.inputs),
+        "ny": len(model.outputs),
+        "nw": model.order,
+        "np": len(model.parameters),
+        "nt": len(model.trim.signals),
+        "ntw": model.trim.lft.order,
+        "1": 1,
+        "3": 3,
+    }
+    found = {}
+    group.visititems(
+        lambda name, item: found.update({name: item} if isinstance(item, h5py.Dataset) else {})
+    )
+    assert sorted(found) == sorted(DATASETS)
+    for name, (kind, *shape) in DATASETS.items():
+        assert found[name].shape == tuple(sizes[size] for size in shape), name
+        dtype = found[name].dtype
+        assert is_text(dtype) if kind == TEXT else dtype.str == kind, name
+
+
+def test_attributes(stored):
+    model, group = stored
+    found = {}
+    group.visititems(lambda name, item: found.update({name: set(item.attrs)}))
+    found[""] = set(group.attrs)
+    wanted = {name: set(names) for name, names in ATTRIBUTES.items()}
+    if not model.description:
+        wanted[""] -= {"description"}
+    assert {name: names for name, names in found.items() if names} == wanted
+    assert group.attrs["encoding_type"] == "lft-model"
+    assert group.attrs["encoding_version"] == "1.0"
+    assert group.attrs["time_domain"] == "continuous"
+    assert group.attrs.get("description", "") == model.description
+    for name in ("", "provenance"):
+        item = group[name] if name else group
+        assert all(is_text(attribute_type(item, key)) for key in item.attrs)
+    certificate = group["certificate"]
+    kinds = {key: attribute_type(certificate, key) for key in certificate.attrs}
+    assert kinds == {
+        "max_relative_error": np.dtype("<f8"),
+        "check_points": np.dtype("<i8"),
+        "seed": np.dtype("<i8"),
+        "exact": np.dtype(bool),
+    }
+
+
+def test_values(stored):
+    model, group = stored
+    for name in models.MATRICES:
+        exact(group[name][()], getattr(model, name))
+    for name in ("states", "inputs", "outputs"):
+        signals = getattr(model, name)
+        assert list(group[name]["name"].asstr()) == [signal.name for signal in signals]
+        assert list(group[name]["unit"].asstr()) == [signal.unit for signal in signals]
+    for name in ("name", "unit", "role", "substitution"):
+        wanted = [getattr(p, name) for p in model.parameters]
+        assert list(group["parameters"][name].asstr()) == wanted
+    for name in ("nominal", "low", "high", "reference"):
+        exact(group["parameters"][name][()], [getattr(p, name) for p in model.parameters])
+    maps = [[p.map.b0, p.map.b1, p.map.a1] for p in model.parameters]
+    exact(group["parameters/map"][()], maps)
+    for name in ("order", "lower_bound", "raw_order"):
+        exact(group["certificate"][name][()], getattr(model.certificate, name))
+    exact(group["trim/nominal"][()], model.trim.nominal)
+    for name, part in zip(
+        ("D_zw", "D_zu", "D_yw", "D_yu"), ("M11", "M12", "M21", "M22"), strict=True
+    ):
+        exact(group["trim/lft"][name][()], getattr(model.trim.lft, part))
+
+
+def test_channels_are_sorted_and_counted(stored):
+    model, group = stored
+    for rows, lft in (
+        (group["delta/parameter"][()], model.lft),
+        (group["trim/lft/delta/parameter"][()], model.trim.lft),
+    ):
+        assert np.all(np.diff(rows) >= 0)
+        counts = np.bincount(rows, minlength=len(model.parameters))
+        exact(counts, [block.size for block in lft.blocks])
+    exact(
+        np.bincount(group["delta/parameter"][()], minlength=len(model.parameters)),
+        group["certificate/order"][()],
+    )
+
+
+def test_map_gives_the_bounds(tmp_path):
+    save(tmp_path / "a.h5", models.turned_arm())
+    with h5py.File(tmp_path / "a.h5") as file:
+        p = file["models/turned_arm/parameters"]
+        divisor = {"half-angle": 2.0, "quarter-angle": 4.0}
+        roles, kinds = list(p["role"].asstr()), list(p["substitution"].asstr())
+        assert set(roles) == {"uncertain", "scheduled"}
+        assert set(kinds) == {"identity", *divisor}
+        for k, (b0, b1, a1) in enumerate(p["map"][()]):
+            for delta, bound in ((-1, "low"), (0, "nominal"), (1, "high")):
+                internal = physical = p[bound][k]
+                if kinds[k] in divisor:
+                    radians = np.deg2rad(physical) if p["unit"].asstr()[k] == "deg" else physical
+                    internal = np.tan((radians - p["reference"][k]) / divisor[kinds[k]])
+                roundoff((b0 + b1 * delta) / (1 + a1 * delta), internal, scale=1.0)
+
+
+def test_provenance(tmp_path):
+    before = datetime.now(UTC) - timedelta(seconds=1)
+    scene = scene_from_toml(models.ARM)
+    save(tmp_path / "a.h5", to_lft(scene))
+    with h5py.File(tmp_path / "a.h5") as file:
+        made = dict(file["models/two_link_arm/provenance"].attrs)
+    assert scene_from_toml(made["scene"]) == scene
+    for package in ("mbdlft", "casadi", "numpy", "h5py"):
+        assert made[package] == version(package)
+    created = datetime.fromisoformat(made["created"])
+    assert created.utcoffset() == timedelta(0)
+    assert before <= created <= datetime.now(UTC)
+
+
+def test_trim_lft_may_be_missing(tmp_path):
+    save(tmp_path / "a.h5", models.bare())
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert set(file["models/bare/trim"]) == {"name", "unit", "nominal"}
+        assert file["models/bare/trim/name"].shape == (0,)
+        assert file["models/bare/B_w"].shape == (1, 0)
+        assert file["models/bare/parameters/map"].shape == (0, 3)

@@ -1,0 +1,164 @@
+"""What is written is what is read, bit for bit; and writing is repeatable."""
+
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from mbdlft import load, matrices_at, model_names, save, trim_at
+from tests.archive import models
+from tests.archive.models import contents, same
+from tests.close import exact
+
+BUILT = {
+    "arm": models.arm,
+    "turned arm": models.turned_arm,
+    "a parameter with zero repetitions": models.unused,
+    "no parameters": models.numbers,
+}
+MADE = {
+    "bare": models.bare,
+    "no blocks": lambda: models.strange(1, ()),
+    "only empty blocks": lambda: models.strange(2, (0, 0)),
+    "empty first and last": lambda: models.strange(3, (0, 2, 0)),
+    "strange 4": lambda: models.strange(4),
+    "strange 5": lambda: models.strange(5, (1, 4, 0, 2)),
+}
+
+
+@pytest.mark.parametrize("make", (BUILT | MADE).values(), ids=(BUILT | MADE).keys())
+def test_round_trip(tmp_path, make):
+    model = make()
+    save(tmp_path / "a.h5", model)
+    same(load(tmp_path / "a.h5"), model)
+    same(load(str(tmp_path / "a.h5"), model.name), model)
+
+
+def test_comparison_sees_one_bit(tmp_path):
+    model = models.arm()
+    file = tmp_path / "a.h5"
+    save(file, model)
+    with h5py.File(file, "r+") as archive:
+        data = archive["models/two_link_arm/D_zw"]
+        row, column = np.argwhere(data[()])[0]
+        data[row, column] = np.nextafter(data[row, column], np.inf)
+    with pytest.raises(AssertionError):
+        same(load(file), model)
+    with pytest.raises(AssertionError):
+        same(replace(model, description="other"), model)
+
+
+def test_zero_repetitions_are_kept():
+    model = models.unused()
+    k = [p.name for p in model.parameters].index("idle")
+    assert model.certificate.order[k] == model.certificate.raw_order[k] == 0
+    assert model.lft.blocks[k].size == 0
+
+
+def test_read_model_answers_as_the_written_one(tmp_path):
+    model = models.turned_arm()
+    save(tmp_path / "a.h5", model)
+    read = load(tmp_path / "a.h5")
+    values = {"theta1": [-150.0, 20.0, 190.0], "theta2": 1.0, "m1": 2.7}
+    for a, b in zip(matrices_at(read, values), matrices_at(model, values), strict=True):
+        exact(a, b)
+    exact(trim_at(read, values), trim_at(model, values))
+
+
+def test_read_arrays_cannot_be_changed(tmp_path):
+    save(tmp_path / "a.h5", models.arm())
+    with pytest.raises(ValueError, match="read-only"):
+        load(tmp_path / "a.h5").A[0, 0] = 1.0
+
+
+@pytest.mark.parametrize("make", [models.arm, lambda: models.strange(4)], ids=["arm", "strange"])
+def test_writing_twice_gives_equal_files(tmp_path, make):
+    save(tmp_path / "a.h5", make())
+    save(tmp_path / "b.h5", make())
+    assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()
+
+
+def test_writing_again_into_the_same_file_gives_equal_datasets(tmp_path):
+    file = tmp_path / "a.h5"
+    save(file, models.arm())
+    before = contents(file)
+    save(file, models.arm())
+    assert contents(file) == before
+    save(file, load(file))
+    assert contents(file) == before
+    save(file, replace(models.arm(), description="other"))
+    assert contents(file) != before
+
+
+def test_two_models_in_one_file(tmp_path):
+    file = tmp_path / "a.h5"
+    save(file, models.arm())
+    save(file, models.strange(6), "second θ")
+    assert model_names(file) == ("second θ", "two_link_arm")
+    same(load(file, "two_link_arm"), models.arm())
+    same(load(file, "second θ"), replace(models.strange(6), name="second θ"))
+
+
+def test_replacing_one_model_keeps_the_other(tmp_path):
+    file = tmp_path / "a.h5"
+    save(file, models.arm())
+    save(file, models.strange(6), "second")
+    kept = {key: value for key, value in contents(file).items() if "two_link_arm" in key}
+    save(file, models.strange(7, (1,)), "second")
+    same(load(file, "second"), replace(models.strange(7, (1,)), name="second"))
+    after = {key: value for key, value in contents(file).items() if "two_link_arm" in key}
+    assert after == kept
+    assert model_names(file) == ("second", "two_link_arm")
+
+
+def test_replacing_again_and_again_does_not_make_the_file_grow(tmp_path):
+    file = tmp_path / "a.h5"
+    save(file, models.arm())
+    once = file.stat().st_size
+    for _ in range(20):
+        save(file, models.arm())
+    assert file.stat().st_size < 2 * once
+
+
+def test_what_mbdlft_does_not_know_stays(tmp_path):
+    file = tmp_path / "a.h5"
+    save(file, models.arm())
+    with h5py.File(file, "r+") as archive:
+        archive["sweeps/first/samples"] = np.arange(3.0)
+        archive.attrs["note"] = "mine"
+        archive["models/two_link_arm/theta/name"] = ["cubic"]
+        archive["models/two_link_arm/certificate"].attrs["fit_error_bound"] = 0.0
+    same(load(file), models.arm())
+    save(file, models.strange(6))
+    with h5py.File(file) as archive:
+        exact(archive["sweeps/first/samples"][()], np.arange(3.0))
+        assert archive.attrs["note"] == "mine"
+        assert "theta/name" in archive["models/two_link_arm"]
+
+
+def test_later_minor_versions_are_read(tmp_path):
+    file = tmp_path / "a.h5"
+    save(file, models.arm())
+    with h5py.File(file, "r+") as archive:
+        archive.attrs["format_version"] = "1.7"
+        archive["models/two_link_arm"].attrs["encoding_version"] = "1.3"
+    same(load(file), models.arm())
+
+
+@pytest.mark.parametrize("name", ["arm 2.0", "日本", "..", "a.b", "\\", "'", "a\nb"])
+def test_names_of_models(tmp_path, name):
+    save(tmp_path / "a.h5", models.arm(), name)
+    assert model_names(tmp_path / "a.h5") == (name,)
+    same(load(tmp_path / "a.h5", name), replace(models.arm(), name=name))
+
+
+def test_map_of_another_machine(tmp_path):
+    """A tangent may differ in its last bit on another processor; the archive is then still right."""
+    file = tmp_path / "a.h5"
+    save(file, models.arm())
+    with h5py.File(file, "r+") as archive:
+        parameters = archive["models/two_link_arm/parameters"]
+        row = list(parameters["name"].asstr()[()]).index("theta1")
+        parameters["map"][row, 1] = np.nextafter(parameters["map"][row, 1], np.inf)
+    assert load(file).name == "two_link_arm"

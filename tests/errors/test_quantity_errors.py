@@ -1,0 +1,349 @@
+"""Errors of the values of a scene: units, physics, rationality, denominators over the range."""
+
+import subprocess
+import sys
+
+import pytest
+
+from mbdlft import (
+    Angle,
+    Constant,
+    NotRationalError,
+    Parameter,
+    PointMass,
+    Prismatic,
+    Revolute,
+    RigidBody,
+    Scene,
+    SceneError,
+    WellPosednessError,
+    assemble,
+)
+from tests.errors.scenes import arm, cart, says, spinner
+
+SECONDS = 5.0
+MASS, LENGTH = 'mass = "m1"', 'ports.tip = [0, "L1", 0]'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            MASS,
+            'mass = "m11"',
+            "body 'link1', mass = 'm11': unknown name 'm11'. Did you mean 'm1'? Existing: J1, L1, ",
+        ),
+        (
+            '"rho1*L1"',
+            '"rho*L1"',
+            "body 'link1', center_of_mass.y = 'rho*L1': unknown name 'rho'. Did you mean 'rho1'?",
+        ),
+        (
+            'position = "theta1"',
+            'position = "theta"',
+            "joint 'shoulder', position = 'theta': unknown name 'theta'. Did you mean 'theta2'?",
+        ),
+        (
+            "0.0, -9.81]",
+            '0.0, "-g"]',
+            "scene 'two_link_arm', gravity.z = '-g': unknown name 'g'.",
+        ),
+    ],
+)
+def test_unknown_parameter(old, new, message):
+    with says(SceneError, message):
+        arm(old, new)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            MASS,
+            'mass = "L2"',
+            "body 'link1', mass = 'L2': the unit does not fit: expected kg, got m.",
+        ),
+        (MASS, 'mass = "m1*m3"', "the unit does not fit: expected kg, got kg^2."),
+        (MASS, 'mass = "m1/m3"', "the unit does not fit: expected kg, got 1."),
+        (
+            MASS,
+            'mass = "L1"',
+            "body 'link1', mass = 'L1': the unit does not fit: expected kg, got m.",
+        ),
+        (MASS, 'mass = "m1 + L2"', "mass = 'm1 + L2': kg and m are added; units do not fit."),
+        (MASS, 'mass = "m1 - J1"', "mass = 'm1 - J1': kg and kg m^2 are added; units do not fit."),
+        (
+            '{ xx = "J1" }',
+            '{ xx = "m1*L2" }',
+            "body 'link1', inertia.xx = 'm1*L2': the unit does not fit: expected kg m^2, got kg m.",
+        ),
+        (
+            LENGTH,
+            'ports.tip = [0, "m1", 0]',
+            "body 'link1', ports.tip.y = 'm1': the unit does not fit: expected m, got kg.",
+        ),
+        (
+            "stiffness = 0.1",
+            'stiffness = "m3"',
+            "joint 'shoulder', stiffness = 'm3': the unit does not fit: expected N m/rad, got kg.",
+        ),
+        (
+            "0.0, -9.81]",
+            '0.0, "-L2"]',
+            "scene 'two_link_arm', gravity.z = '-L2': the unit does not fit: expected m s^-2, got m.",
+        ),
+        (
+            MASS,
+            'mass = "theta1"',
+            "body 'link1', mass = 'theta1': 'theta1' has unit 'deg', which does not fit. An angle "
+            "parameter can only be the position of a revolute or fixed joint.",
+        ),
+        (
+            "stiffness = 0.1",
+            'stiffness = "0.1*theta2"',
+            "joint 'shoulder', stiffness = '0.1*theta2': 'theta2' has unit 'deg', which does not fit.",
+        ),
+        (
+            'position = "theta1"',
+            'position = "L2"',
+            "joint 'shoulder', position = 'L2': 'L2' is not an angle. Give the parameter the unit "
+            "'deg' or 'rad' (in Python: declare it as an Angle).",
+        ),
+        ('position = "theta1"', 'position = "theta1 + rho1"', "'rho1' is not an angle."),
+    ],
+)
+def test_unit_that_does_not_fit(old, new, message):
+    with says(SceneError, message):
+        arm(old, new)
+
+
+def test_constant_length_used_as_an_angle():
+    with says(SceneError, "joint 'shoulder', position = 'L1'", "m"):
+        arm('position = "theta1"', 'position = "L1"')
+
+
+def test_plain_parameter_in_degrees_used_as_a_position():
+    scene = Scene(
+        name="s",
+        parameters=[Parameter("a", 10, 0, 20, unit="deg")],
+        bodies=[PointMass(name="b", mass=1.0)],
+        joints=[Revolute(name="r", parent="ground", child="b", axis=(1, 0, 0), position="a")],
+    )
+    with says(
+        SceneError, "joint 'r', position = 'a': 'a' is not an angle.", "declare it as an Angle"
+    ):
+        assemble(scene)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("mass = 2.0", "mass = -2.0", "body 'link2': the mass is negative in the range: -2 kg."),
+        (MASS, 'mass = "m1 - 0.6*m3"', "body 'link1': the mass is negative in the range: -1.2 kg."),
+        (
+            'mass = "m3"',
+            'mass = "m3 - 4.5"',
+            "body 'load': the mass is negative in the range: -0.5 kg",
+        ),
+    ],
+)
+def test_negative_mass(old, new, message):
+    with says(SceneError, message, "Check the values and the ranges."):
+        arm(old, new)
+
+
+def test_mass_that_is_zero_at_a_corner_is_not_negative():
+    arm('mass = "m3"', 'mass = "m3 - 4"')
+
+
+def test_mass_that_is_negative_at_one_of_1024_corners():
+    parts = [Parameter(f"a{k}", 0.9, 0.1, 1.1, unit="kg") for k in range(1, 10)]
+    total = Parameter("a0", 10.0, 9.5, 11.0, unit="kg")
+    with says(SceneError, "body 'cart': the mass is negative"):
+        assemble(cart("a0 - " + " - ".join(p.name for p in parts), [total, *parts]))
+
+
+@pytest.mark.parametrize("value", [-3.0, "k - 1.5"])
+def test_negative_inertia_of_an_actuator(value):
+    parameters = [Parameter("k", 2, 1, 3, unit="kg")]
+    with says(SceneError, "joint 'rail'", "actuator_inertia", "negative"):
+        assemble(cart(5.0, parameters, joint={"actuator_inertia": value}))
+
+
+J = Parameter("J", 1.0, 0.5, 1.5, unit="kg m^2")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "inertia", "message"),
+    [
+        (
+            [],
+            {"xx": -1.0},
+            "inertia.xx about the center of mass is negative in the range: -1 kg m^2 (given about "
+            "center_of_mass).",
+        ),
+        (
+            [J],
+            {"xx": "J - 0.6"},
+            "inertia.xx about the center of mass is negative in the range: -0.1",
+        ),
+        (
+            [],
+            {"xx": 1.0, "yy": 1.0, "zz": 1.0, "xy": 2.0},
+            "the inertia matrix about the center of mass is not positive semidefinite in the range: "
+            "smallest principal moment -1 kg m^2.",
+        ),
+        (
+            [J],
+            {"xx": 1.0, "yy": 1.0, "zz": 1.0, "xz": "2*J - 1"},
+            "the inertia matrix about the center of mass is not positive semidefinite in the range: "
+            "smallest principal moment -1 kg m^2.",
+        ),
+        (
+            [],
+            {"xx": 1.0, "yy": 1.0, "zz": 3.0},
+            "the triangle inequality of the principal moments fails in the range: 1 + 1 < 3 kg m^2.",
+        ),
+        (
+            [J],
+            {"xx": 0.25, "yy": 0.75, "zz": "J"},
+            "the triangle inequality of the principal moments fails in the range: 0.25 + 0.75 < 1.5",
+        ),
+    ],
+)
+def test_inertia_that_is_not_physical(parameters, inertia, message):
+    with says(SceneError, f"body 'rotor': {message}", "Check the values and the ranges."):
+        assemble(spinner(parameters, **inertia))
+
+
+def test_flat_inertia_is_physical():
+    assemble(spinner(xx=1.0, yy=1.0, zz=2.0))
+    assemble(spinner(xx=0.0))
+
+
+def test_inertia_about_a_point_too_far_from_the_center_of_mass():
+    old, new = "inertia = { xx = 0.1 }", 'inertia = { xx = 0.1, about = "origin" }'
+    with says(
+        SceneError,
+        "body 'link2': inertia.xx about the center of mass is negative in the range: -0.62 kg m^2 "
+        "(given about origin).",
+    ):
+        arm(old, new)
+    arm(old, new.replace("0.1,", "0.8,"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "axis = [1, 0, 0]",
+            "axis = [0, 0, 1]",
+            "body 'link1': inertia.zz is needed, because the joints let the body turn in a way that "
+            "feels it. Give inertia.zz (kg m^2), 0 if it is.",
+        ),
+        ("{ xx = 0.1 }", "{ yy = 0.1 }", "body 'link2': inertia.xx is needed"),
+        ("axis = [1, 0, 0]", "axis = [1, 1, 0]", "body 'link1': inertia.xy is needed"),
+    ],
+)
+def test_inertia_that_is_needed(old, new, message):
+    with says(SceneError, message):
+        arm(old, new)
+
+
+def test_inertia_that_no_motion_sees_is_not_needed():
+    slider = Prismatic(name="j", parent="ground", child="b", axis=(1, 0, 0))
+    assemble(Scene(name="s", bodies=[RigidBody(name="b", mass=1.0)], joints=[slider]))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            MASS,
+            'mass = "sqrt(m1)"',
+            "body 'link1', mass = 'sqrt(m1)': sqrt(m1) is not rational in m1.",
+        ),
+        (
+            '{ xx = "J1" }',
+            '{ xx = "J1*cos(rho1)" }',
+            "body 'link1', inertia.xx = 'J1*cos(rho1)': cos",
+        ),
+    ],
+)
+def test_not_rational(old, new, message):
+    with says(NotRationalError, message, "takes constants only; declare the whole root"):
+        arm(old, new)
+
+
+@pytest.mark.parametrize(
+    "position",
+    ["0.5*theta1", "theta1/2", "2/theta1", "theta1*theta2", "theta1^2", "theta1^-1", "pi*theta1"],
+)
+def test_multiple_of_an_angle(position):
+    with says(
+        NotRationalError,
+        f"joint 'shoulder', position = {position!r}: an angle parameter can be multiplied by an "
+        "integer only",
+    ):
+        arm('position = "theta1"', f'position = "{position}"')
+
+
+def test_huge_multiple_of_an_angle_does_not_hang():
+    program = (
+        "from mbdlft import MbdlftError\n"
+        "from tests.errors.scenes import arm\n"
+        "try:\n"
+        """    arm('position = "theta1"', 'position = "1e30*theta1"')\n"""
+        "except MbdlftError as error:\n"
+        "    print(error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=SECONDS, check=True
+    )
+    assert "joint 'shoulder', position" in done.stdout
+
+
+def test_sine_of_an_angle():
+    with says(NotRationalError, "joint 'shoulder', position = 'sin(theta1)': sin(theta1) is not"):
+        arm('position = "theta1"', 'position = "sin(theta1)"')
+
+
+def test_integer_multiples_of_angles_are_accepted():
+    arm('position = "theta1"', 'position = "90*deg - 2*(theta1 - theta2)"')
+
+
+@pytest.mark.parametrize(
+    ("mass", "message"),
+    [
+        ("1/(m - 3.1)^2", "(m - 3.1))^2 vanishes in the range, near m = 3.1 kg."),
+        ("(m - 3.1)^-2", "the denominator (m - 3.1) vanishes in the range, near m = 3.1 kg."),
+        ("1/((m - 3.1)*(m - 3.1))", "vanishes in the range, near m = 3.1 kg."),
+        ("1/(m - k)", "the denominator (m - k) vanishes in the range, near k = "),
+        ("1 + 1/(k - 2)", "the denominator (k - 2.0) vanishes in the range, near k = 2"),
+        ("1/(m*m - 6.2*m + 9.61)", "vanishes in the range, near m = "),
+    ],
+)
+def test_denominator_that_vanishes_inside_the_range(mass, message):
+    parameters = [Parameter("m", 3, 2, 4, unit="kg"), Parameter("k", 2.5, 2, 3.3, unit="kg")]
+    with says(WellPosednessError, "body 'cart', mass: ", message, "Narrow the range or write the"):
+        assemble(cart(mass, parameters))
+
+
+@pytest.mark.parametrize("mass", ["1/(m - 4.1)^2", "1/(m + k)", "1/(m*m - 6.2*m + 9.62)"])
+def test_denominator_that_does_not_vanish(mass):
+    assemble(cart(mass, [Parameter(p, 3, 2, 4, unit="kg") for p in "mk"]))
+
+
+def test_divided_by_a_constant_zero():
+    with says(SceneError, "body 'link1', mass = 'm1/(L1 - 1)': division by zero in a constant."):
+        arm(MASS, 'mass = "m1/(L1 - 1)"')
+
+
+def test_root_of_a_negative_constant():
+    with says(SceneError, "body 'link1', mass = 'm1*sqrt(-L1)': sqrt of the negative number -1.0."):
+        arm(MASS, 'mass = "m1*sqrt(-L1)"')
+
+
+def test_root_of_a_constant_with_a_unit_is_accepted():
+    constants = {"area": Constant(value=4.0, unit="m^2")}
+    assemble(cart("2*sqrt(area)", [Angle("unused", 0, -1, 1)], constants=constants))
