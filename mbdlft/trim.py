@@ -107,11 +107,11 @@ def evaluate_many(function: ca.Function, points: Array, *others: Array) -> list[
     """Values of a function of column vectors at many points, each (N, rows, columns)."""
     count = len(points)
     arguments = [np.ascontiguousarray(part.T) for part in (points, *others)]
-    results = function(*arguments) if points.shape[1] else [function(arguments[0][:, 0])] * count
-    parts = results if isinstance(results, list | tuple) else [results]
+    if points.shape[1] == 0:  # an argument without rows cannot tell how many points there are
+        each = [function.call([column[:, k] for column in arguments]) for k in range(count)]
+        return [np.stack([values[k].full() for values in each]) for k in range(function.n_out())]
     found = []
-    for k in range(function.n_out()):
+    for k, value in enumerate(function.call(arguments)):
         rows, columns = function.size_out(k)
-        flat = parts[k].full()
-        found.append(flat.reshape(rows, count, columns).transpose(1, 0, 2))
+        found.append(value.full().reshape(rows, count, columns).transpose(1, 0, 2))
     return found

@@ -15,7 +15,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array, csc_array
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csc_array, diags_array
 from scipy.sparse.linalg import splu
 
 from mbdlft.errors import WellPosednessError
@@ -47,7 +48,8 @@ class SignalGraph:
         self.inputs = inputs
         self.size = inputs  # signals 0 .. inputs-1 are the inputs
         self.equations: list[tuple[int, tuple[Scaled, ...]]] = []  # signal = sum
-        self.implicit: list[tuple[Scaled, Scaled]] = []  # left = right
+        self.implicit: list[tuple[Scaled, Scaled]] = []  # left = right, one for each quotient
+        self.quotients: list[int] = []
         self.channels: list[tuple[int, int, Scaled]] = []  # (signal w, parameter k, z)
         self.outputs: list[Scaled] = []
         self.nodes: list[Coefficient] = []
@@ -139,7 +141,10 @@ class SignalGraph:
         if key not in self._applied:
             quotient = Scaled(1.0, self._new())
             self._applied[key] = quotient
-            self.implicit.append((self.apply(number, quotient), signal))
+            self.quotients.append(quotient.number)
+            position = len(self.implicit)
+            self.implicit.append((ZERO, ZERO))  # keeps its place: the divisor may divide again
+            self.implicit[position] = (self.apply(number, quotient), signal)
         return self._applied[key]
 
     def _new(self) -> int:
@@ -178,12 +183,38 @@ class SignalGraph:
         gains = np.array([owner.b1 - owner.a1 * owner.b0 for owner in owners])
         right[self.size - nw :, nu:] = np.diag(gains)
         solution = _solve(_matrix(equations, self.size), right)
+        solution[~self._depends(channels)] = 0.0  # what is zero by structure is zero exactly
         reads = [(z,) for _, _, z in channels] + [(output,) for output in self.outputs]
         read = _matrix(reads, self.size) @ solution
         read[np.arange(nw), nu + np.arange(nw)] -= [owner.a1 for owner in owners]
         counts = Counter(parameter for _, parameter, _ in self.channels)
         blocks = tuple(sorted(Block(name, counts[k]) for k, name in enumerate(names)))
         return LFT(read[:nw, nu:], read[:nw, :nu], read[nw:, nu:], read[nw:, :nu], blocks)
+
+    def _depends(self, channels: Sequence[tuple[int, int, Scaled]]) -> NDArray[np.bool_]:
+        """Whether each signal can depend on each input and channel: (signals, inputs + channels)."""
+        sources: list[list[int]] = [[] for _ in range(self.size)]
+        for signal, terms in self.equations:
+            sources[signal] += [term.number for term in terms]
+        for signal, (left, right) in zip(self.quotients, self.implicit, strict=True):
+            sources[signal] += [left.number, right.number]
+        bits = [1 << k if k < self.inputs else 0 for k in range(self.size)]
+        for k, (signal, _, z) in enumerate(channels):
+            bits[signal] |= 1 << (self.inputs + k)
+            sources[signal].append(z.number)
+        changed = True
+        while changed:
+            changed = False
+            for signal, used in enumerate(sources):
+                union = bits[signal]
+                for number in used:
+                    union |= bits[number] if number >= 0 else 0
+                if union != bits[signal]:
+                    bits[signal], changed = union, True
+        width = self.inputs + len(channels)
+        packed = b"".join(mask.to_bytes((width + 7) // 8, "little") for mask in bits)
+        table = np.frombuffer(packed, dtype=np.uint8).reshape(self.size, -1)
+        return np.unpackbits(table, axis=1, count=width, bitorder="little").astype(bool)
 
 
 def _matrix(rows: Sequence[tuple[Scaled, ...]], width: int) -> csc_array:
@@ -200,8 +231,11 @@ def _matrix(rows: Sequence[tuple[Scaled, ...]], width: int) -> csc_array:
 
 def _solve(matrix: csc_array, right: Array) -> Array:
     """matrix^-1 right, or an error that says the model is not well posed at nominal."""
+    largest = np.maximum.reduceat(np.abs(matrix.tocsr().data), matrix.tocsr().indptr[:-1])
+    scale = 2.0 ** -np.round(np.log2(largest))  # rows of one size: pivots then make no noise
     try:
-        solution = np.asarray(splu(matrix).solve(right))
+        scaled = (diags_array(scale) @ matrix).tocsc()
+        solution = np.asarray(splu(scaled).solve(scale[:, None] * right))
     except RuntimeError:
         solution = np.full_like(right, np.nan)
     if not np.all(np.isfinite(solution)):

@@ -24,6 +24,7 @@ from mbdlft.lft.lft import LFT, Array, Block, fix
 _EPS = float(np.finfo(float).eps)
 _KEEP = 2.0**8  # in a reduction, a direction counts above this multiple of its own error
 _SURE = 2.0**20  # in a bound, it must be clear beyond doubt
+_MOST_ERROR = 2.0**-40
 _BOUND_POINTS = 2
 _BALANCE_SWEEPS = 4
 _ZERO = 2.0**-46  # an entry of a basis below this is rounding
@@ -93,10 +94,8 @@ def _balance(a: LFT) -> tuple[_Core, Array, Array]:
 
     Inputs and outputs get length one; what enters and what leaves each channel gets one size.
     """
-    inputs, outputs = (
-        _power_of_two(np.sum(a.M12**2, axis=0)),
-        _power_of_two(np.sum(a.M21**2, axis=1)),
-    )
+    inputs = _power_of_two(np.sum(a.M12**2, axis=0))
+    outputs = _power_of_two(np.sum(a.M21**2, axis=1))
     M12, M21 = a.M12 / inputs, a.M21 / outputs[:, None]
     inner, first, last = a.M11**2, np.sum(M12**2, axis=1), np.sum(M21**2, axis=0)
     scale = np.ones(a.order)
@@ -233,6 +232,8 @@ class _Basis:
                 inside = self.vectors.T @ columns
                 columns = columns - self.vectors @ inside
                 errors = errors + np.abs(inside).T @ self.errors
+        # the estimate grows with every step although the vectors are made orthonormal again
+        errors = np.minimum(errors, _MOST_ERROR)
         # lengths in units of the error; pivoting takes the clearest direction first
         factor, _, reflectors, _, _ = dgeqp3(columns / errors)
         clear = np.abs(np.diagonal(factor))

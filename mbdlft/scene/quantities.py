@@ -11,7 +11,6 @@ from mbdlft.expression import Expression, evaluate, names, parse
 from mbdlft.joint import Joint
 from mbdlft.scene.scene import Scene
 
-
 _MOST_TURNS = 16
 
 
