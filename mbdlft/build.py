@@ -78,8 +78,7 @@ def _threads() -> ThreadpoolController:
 def _build(scene: Scene, clock: _Clock) -> Build:
     with clock.stage("assemble"):
         equations = assemble(scene)
-        inputs = _chosen(scene, "inputs", scene.inputs, equations.u_signals)
-        outputs = _chosen(scene, "outputs", scene.outputs, equations.y_signals)
+        inputs, outputs = choose_signals(scene, equations)
     with clock.stage("trim"):
         trim = _trim(equations)
         assert trim.lft is not None
@@ -146,6 +145,20 @@ def _trim(equations: Equations) -> Trim:
     efforts, _ = trim_efforts(equations, nominal)
     names = [parameter.name for parameter in equations.parameters]
     return Trim(equations.u_signals, tuple(float(u) for u in efforts[0]), reorder(lft, names))
+
+
+def choose_signals(scene: Scene, equations: Equations) -> tuple[list[int], list[int]]:
+    """Positions of the inputs and outputs of a scene among the efforts and measures of its joints.
+
+    Raises
+    ------
+    SceneError
+        A name is unknown.
+    """
+    return (
+        _chosen(scene, "inputs", scene.inputs, equations.u_signals),
+        _chosen(scene, "outputs", scene.outputs, equations.y_signals),
+    )
 
 
 def _chosen(

@@ -66,7 +66,7 @@ def reference_matrices(
         "slopes", [ca.vertcat(unknown, x), u, symbols], [ca.densify(slopes), ca.densify(share)]
     )
     effort = ca.SX.sym("effort", u.numel())
-    function = ca.Function("reference", [symbols, effort], at_trim(zero, effort, symbols))
+    function = ca.Function("reference", [symbols, effort], at_trim.call([zero, effort, symbols]))
     jacobian, shares = evaluate_many(function, points, efforts)
     n, nx = e.residual.numel(), x.numel()
     known = [*range(n, n + nx), *(n + nx + k for k in inputs)]

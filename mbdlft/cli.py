@@ -9,7 +9,9 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from mbdlft import __version__
 from mbdlft.errors import MbdlftError, SceneError
@@ -47,12 +49,14 @@ def _options(
 @app.command()
 def check(scene_file: SceneFile) -> None:
     """Check a scene without linearizing it."""
+    from mbdlft.build import choose_signals
     from mbdlft.expression import names, parse
     from mbdlft.scene import assemble, load_scene
     from mbdlft.scene.quantities import owners
 
     scene = load_scene(scene_file)
     equations = assemble(scene)
+    choose_signals(scene, equations)
     console = _console()
     console.print(
         f"{scene.name}: {len(scene.bodies)} bodies, {len(scene.joints)} joints, "
@@ -86,14 +90,14 @@ def trim(
     point = solve_trim(equations, _assignments(assignments or []))
     console = _console()
     if point.parameters:
-        table = Table(title=f"{equations.name}: parameters")
+        table = Table(title=Text(f"{equations.name}: parameters"))
         for heading in ("parameter", "value", "unit"):
             table.add_column(heading, justify="right" if heading == "value" else "left")
         for parameter in equations.parameters:
             value = point.parameters[parameter.name]
             table.add_row(parameter.name, f"{value:g}", parameter.unit)
         console.print(table)
-    table = Table(title=f"{equations.name}: efforts that hold the equilibrium")
+    table = Table(title=Text(f"{equations.name}: efforts that hold the equilibrium"))
     for heading in ("effort", "value", "unit"):
         table.add_column(heading, justify="right" if heading == "value" else "left")
     for signal, value in zip(point.signals, point.values, strict=True):
@@ -122,17 +126,17 @@ def linearize(
     scene = load_scene(scene_file)
     seconds["read"] = time.perf_counter() - start
     with Console(stderr=True).status("") as status:
-        built = build(scene, progress=lambda stage: status.update(f"{scene.name}: {stage}"))
+        built = build(scene, progress=lambda stage: status.update(f"{escape(scene.name)}: {stage}"))
         seconds |= {name: value for name, value in built.seconds.items() if name != "total"}
         if output is not None:
-            status.update(f"{scene.name}: write")
+            status.update(f"{escape(scene.name)}: write")
             from mbdlft.store import save
 
             start = time.perf_counter()
             save(output, built.model)
             seconds["write"] = time.perf_counter() - start
         if plot is not None:
-            status.update(f"{scene.name}: plot")
+            status.update(f"{escape(scene.name)}: plot")
             from mbdlft.plot import save_singular_values
 
             start = time.perf_counter()
@@ -166,7 +170,8 @@ def show(
 
 
 def _console() -> Console:
-    return Console() if sys.stdout.isatty() else Console(width=_WIDTH)
+    """Texts of scenes are printed as they are, not as markup."""
+    return Console(width=None if sys.stdout.isatty() else _WIDTH, markup=False, emoji=False)
 
 
 def _assignments(texts: list[str]) -> dict[str, float]:
@@ -184,7 +189,7 @@ def _assignments(texts: list[str]) -> dict[str, float]:
 
 def _print_model(model: LFTModel) -> None:
     console = _console()
-    console.print(f"[bold]{model.name}[/bold]  {model.description}", highlight=False)
+    console.print(f"{model.name}  {model.description}", style="bold", highlight=False)
     for what in ("states", "inputs", "outputs"):
         signals = getattr(model, what)
         listed = ", ".join(f"{signal.name} ({signal.unit})" for signal in signals)

@@ -83,6 +83,6 @@ def _expected(field: str) -> str:
         return "numbers by name, or tables with value and unit"
     if field in ("inputs", "outputs"):
         return "a list of signal names"
-    if field in ("name", "parent", "child", "about", "kind", "description"):
+    if field in ("name", "parent", "child", "about", "kind", "description", "unit"):
         return "a text"
     return "a finite number or an expression"

@@ -176,7 +176,7 @@ def write(expression: Expression) -> str:
                 text = f"({text} {operator} {write(right)})"
             return text
         case Power(base, exponent):
-            plain = isinstance(base, Number | Name)
+            plain = not isinstance(base, Negative | Power)
             return f"{write(base) if plain else f'({write(base)})'}^{exponent}"
         case Call(function, argument):
             return f"{function}({write(argument)})"

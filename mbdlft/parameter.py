@@ -284,6 +284,8 @@ def _problem(parameter: Parameter) -> str | None:
         parse_unit(p.unit)
     except SceneError as error:
         return str(error)
+    if not p.is_angle and p.unit in ANGLE_UNITS:
+        return f"a parameter in {p.unit} is an angle; declare it as an Angle."
     if p.is_angle and p.unit not in ANGLE_UNITS:
         return f"the {p.substitution} needs unit 'deg' or 'rad', got {p.unit!r}."
     if not np.all(np.isfinite([p.nominal, p.low, p.high, p.reference])):

@@ -23,6 +23,7 @@ from mbdlft.spatial import move_motion, move_wrench
 
 DIAGONAL = ("xx", "yy", "zz")
 PRODUCTS = ("xy", "xz", "yz")
+_ROUNDING = 1e-12
 _ENTRY = (("xx", "xy", "xz"), ("xy", "yy", "yz"), ("xz", "yz", "zz"))
 
 
@@ -134,7 +135,8 @@ def unseen_name(body: str, entry: str) -> str:
 def negative_mass(mass: NDArray[np.float64]) -> str | None:
     """The condition m >= 0."""
     lowest = float(np.min(mass))
-    return f"the mass is negative in the range: {lowest:g} kg." if lowest < 0 else None
+    rounding = _ROUNDING * float(np.max(np.abs(mass)))
+    return f"the mass is negative in the range: {lowest:g} kg." if lowest < -rounding else None
 
 
 def _position(values: Values, label: str) -> ca.SX:
@@ -164,7 +166,7 @@ def _inertia_problem(body: RigidBody, values: Mapping[str, NDArray[np.float64]])
         entry = entries[name]
         if entry is not None:
             central = entry - mass * steiner[name]
-            if np.min(central) < -1e-9 * np.max(np.abs(entry)):
+            if np.min(central) < -_ROUNDING * np.max(np.abs(entry)):
                 return (
                     f"inertia.{name} about the center of mass is negative in the range: "
                     f"{np.min(central):g} kg m^2 (given about {body.inertia.about})."
@@ -181,13 +183,13 @@ def _inertia_problem(body: RigidBody, values: Mapping[str, NDArray[np.float64]])
     central = full - mass[:, None, None] * (square - offset[:, :, None] * offset[:, None, :])
     principal = np.linalg.eigvalsh(central)
     scale = np.max(np.abs(full))
-    if np.min(principal) < -1e-9 * scale:
+    if np.min(principal) < -_ROUNDING * scale:
         return (
             "the inertia matrix about the center of mass is not positive semidefinite in the range: "
             f"smallest principal moment {np.min(principal):g} kg m^2."
         )
     slack = principal[:, 0] + principal[:, 1] - principal[:, 2]
-    if np.min(slack) < -1e-9 * scale:
+    if np.min(slack) < -_ROUNDING * scale:
         worst = principal[int(np.argmin(slack))]
         return (
             "the triangle inequality of the principal moments fails in the range: "

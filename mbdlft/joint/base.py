@@ -10,6 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import field_validator
 
 from mbdlft.description import Description, Direction, Expected, Text, Values
@@ -71,6 +72,11 @@ class Joint(Description, abc.ABC):
         coordinate: Coordinate,
     ) -> ca.SX:
         """Wrench (3, 2) about the parent's port in its frame, from that about the child's port."""
+
+    def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
+        """Which condition of physics fails at one of the sampled values, or None."""
+        lowest = float(np.min(values.get("actuator_inertia", np.zeros(1))))
+        return f"the actuator_inertia is negative in the range: {lowest:g}." if lowest < 0 else None
 
     def carry(self, wrench: ca.SX, motion: ca.SX, values: Values) -> ca.SX:
         """Wrench (3, 2) about the child's port with that of the actuator's inertia added."""

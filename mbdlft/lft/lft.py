@@ -55,6 +55,8 @@ class LFT:
     def __post_init__(self) -> None:
         for name in ("M11", "M12", "M21", "M22"):
             matrix = np.array(getattr(self, name), dtype=float, ndmin=2)
+            if matrix.ndim != 2:
+                raise StructureError(f"LFT: {name} needs two axes, got shape {matrix.shape}.")
             matrix += 0.0  # no negative zeros
             if not np.all(np.isfinite(matrix)):
                 raise StructureError(f"LFT: {name} has an entry that is not finite.")
@@ -326,6 +328,10 @@ def evaluate(a: LFT, deltas: Mapping[str, ArrayLike]) -> Array:
     except ValueError:
         raise StructureError("evaluate: the arrays of deltas have different lengths.") from None
     single = not columns or columns[0].ndim == 0
+    if not single and columns[0].ndim != 1:
+        raise StructureError(
+            f"evaluate: deltas are numbers or arrays of one axis, got shape {columns[0].shape}."
+        )
     count = 1 if single else len(columns[0])
     points = np.zeros((count, len(a.blocks)))
     index = {block.name: k for k, block in enumerate(a.blocks)}

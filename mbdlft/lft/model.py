@@ -184,7 +184,7 @@ class LFTModel:
         matrices = matrices_at(self, values)
         return control.ss(
             *matrices,
-            name=self.name,
+            name=self.name.replace(".", "_"),
             states=[signal.name.replace(".", "_") for signal in self.states],
             inputs=[signal.name.replace(".", "_") for signal in self.inputs],
             outputs=[signal.name.replace(".", "_") for signal in self.outputs],
@@ -208,7 +208,7 @@ def deltas_of(model: LFTModel, values: Mapping[str, ArrayLike]) -> Array:
     if len(lengths) > 1 or any(array.ndim != 1 for array in arrays.values()):
         raise StructureError(
             f"model {model.name!r}: values of parameters must be numbers or arrays of one length, "
-            f"got lengths {sorted(lengths)}."
+            f"got shapes {sorted({array.shape for array in arrays.values()})}."
         )
     points = np.zeros((max(lengths, default=1), len(names)))
     for k, parameter in enumerate(model.parameters):

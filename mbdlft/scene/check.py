@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.body import Body
 from mbdlft.description import Expected
 from mbdlft.errors import NotRationalError, SceneError, WellPosednessError
 from mbdlft.expression import denominators, evaluate, names, write
+from mbdlft.joint import Joint
 from mbdlft.parameter import Parameter
 from mbdlft.scene.dimension import Dimension
 from mbdlft.scene.interval import Interval, interval
@@ -56,13 +58,15 @@ def check(scene: Scene) -> None:
                 np.isfinite(_sampled(place, expected, samples))
             ):
                 raise SceneError(f"{place} = {expected.source!r}: is not finite in the range.")
-    for body in scene.bodies:
-        owner, quantities = owner_name(body), body.quantities()
+    items: list[Body | Joint] = [*scene.bodies, *scene.joints]
+    for item in items:
+        owner, quantities = owner_name(item), item.quantities()
         samples = _samples(scene, owner, quantities)
-        problem = body.physical_problem(
+        problem = item.physical_problem(
             {
                 label: _sampled(Place(owner, label), expected, samples)
                 for label, expected in quantities.items()
+                if expected.unit != "rad"
             }
         )
         if problem:
@@ -170,7 +174,8 @@ def _check_denominators(scene: Scene, place: Place, expected: Expected) -> None:
                 )
                 raise WellPosednessError(
                     f"{place}: the denominator {write(denominator)} vanishes in the range, near "
-                    f"{ranges}. Narrow the range or write the quantity without the division."
+                    f"{ranges}, or comes too close to zero to tell. Narrow the range or write the "
+                    "quantity without the division."
                 )
             widest = int(np.argmax([high - low for low, high in box]))
             low, high = box[widest]

@@ -12,6 +12,10 @@ from mbdlft.joint import Joint
 from mbdlft.scene.scene import Scene
 
 _MOST_TURNS = 16
+_INTEGER = (
+    "an angle parameter can be multiplied by an integer only. Declare the fraction of the angle as the "
+    "parameter."
+)
 
 
 class Place(NamedTuple):
@@ -43,7 +47,7 @@ class AngleSum:
 
     def __mul__(self, other: "AngleSum | float") -> "AngleSum":
         if not isinstance(other, float) or not other.is_integer():
-            raise NotRationalError("an angle parameter can be multiplied by an integer only")
+            raise NotRationalError(_INTEGER)
         scaled = {name: count * int(other) for name, count in self.multiples.items()}
         return AngleSum(self.constant * other, scaled)
 
@@ -59,7 +63,7 @@ class AngleSum:
         return -self + other
 
     def __truediv__(self, other: object) -> "AngleSum":
-        raise NotRationalError("an angle parameter can be multiplied by an integer only")
+        raise NotRationalError(_INTEGER)
 
     __rtruediv__ = __truediv__
 

@@ -50,8 +50,10 @@ def load_scene(path: str | Path) -> Scene:
     file = Path(path)
     try:
         text = file.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"{file}: cannot be read: {error}") from None
+    except UnicodeDecodeError as error:
+        raise SceneError(f"{file}: cannot be read: it is not UTF-8 text: {error}.") from None
+    except OSError as error:
+        raise SceneError(f"{file}: cannot be read: {error.strerror}.") from None
     try:
         return scene_from_toml(text)
     except MbdlftError as error:
@@ -132,7 +134,7 @@ def _constant(name: str, fields: dict[str, Any]) -> Constant:
     try:
         return Constant(**fields)
     except SceneError as error:
-        raise SceneError(f"constant {name!r}: {error}") from None
+        raise SceneError(str(error).replace("constant: ", f"constant {name!r}: ")) from None
 
 
 def _table(where: str, value: Any) -> dict[str, Any]:
@@ -147,8 +149,16 @@ def _kinds(what: str, key: str, table: dict[str, Any], kinds: Mapping[str, Any])
     for name, value in _table(key, table.get(key, {})).items():
         fields = dict(_table(f"{what} {name!r}", value))
         kind = fields.pop("kind", None)
-        if kind not in kinds:
+        if kind is None:
+            raise SceneError(
+                f"{what} {name!r}: 'kind' is missing. Kinds: {', '.join(sorted(kinds))}."
+            )
+        if not isinstance(kind, str) or kind not in kinds:
             raise SceneError(f"{what} {name!r}: " + unknown_name("kind", str(kind), kinds))
+        if "name" in fields:
+            raise SceneError(
+                f"{what} {name!r}: the key 'name' is not used; the table has the name."
+            )
         if isinstance(fields.get("inertia"), dict):
             try:
                 fields["inertia"] = Inertia(**fields["inertia"])

@@ -95,7 +95,7 @@ def test_foreign(tmp_path):
         ),
         ("format_version", "10.1", "has format version 10.1, this mbdlft reads up to 1.0."),
         ("format_version", "new", "'format_version' is 'new', expected '1.0'."),
-        ("format_version", None, "'format_version' is '', expected '1.0'."),
+        ("format_version", None, "'format_version' is None, expected '1.0'."),
     ],
 )
 def test_format(file, attribute, value, message):

@@ -184,7 +184,7 @@ def test_model_with_other_parameters_or_signals(model):
         ({"mass": np.nan}, "mass = nan is outside its range"),
         (
             {"mass": [1.0, 1.0], "load": [1.0, 1.0, 1.0]},
-            "values of parameters must be numbers or arrays of one length, got lengths [2, 3].",
+            "values of parameters must be numbers or arrays of one length, got shapes [(2,), (3,)].",
         ),
         ({"mass": np.ones((2, 2))}, "values of parameters must be numbers or arrays of one length"),
     ],

@@ -10,9 +10,7 @@ from mbdlft import (
     Constant,
     NotRationalError,
     Parameter,
-    PointMass,
     Prismatic,
-    Revolute,
     RigidBody,
     Scene,
     SceneError,
@@ -122,17 +120,9 @@ def test_constant_length_used_as_an_angle():
         arm('position = "theta1"', 'position = "L1"')
 
 
-def test_plain_parameter_in_degrees_used_as_a_position():
-    scene = Scene(
-        name="s",
-        parameters=[Parameter("a", 10, 0, 20, unit="deg")],
-        bodies=[PointMass(name="b", mass=1.0)],
-        joints=[Revolute(name="r", parent="ground", child="b", axis=(1, 0, 0), position="a")],
-    )
-    with says(
-        SceneError, "joint 'r', position = 'a': 'a' is not an angle.", "declare it as an Angle"
-    ):
-        assemble(scene)
+def test_plain_parameter_in_degrees():
+    with says(SceneError, "parameter 'a': a parameter in deg is an angle; declare it as an Angle."):
+        Parameter("a", 10, 0, 20, unit="deg")
 
 
 @pytest.mark.parametrize(
@@ -315,9 +305,9 @@ def test_integer_multiples_of_angles_are_accepted():
 @pytest.mark.parametrize(
     ("mass", "message"),
     [
-        ("1/(m - 3.1)^2", "(m - 3.1))^2 vanishes in the range, near m = 3.1 kg."),
-        ("(m - 3.1)^-2", "the denominator (m - 3.1) vanishes in the range, near m = 3.1 kg."),
-        ("1/((m - 3.1)*(m - 3.1))", "vanishes in the range, near m = 3.1 kg."),
+        ("1/(m - 3.1)^2", "(m - 3.1)^2 vanishes in the range, near m = 3.1 kg,"),
+        ("(m - 3.1)^-2", "the denominator (m - 3.1) vanishes in the range, near m = 3.1 kg,"),
+        ("1/((m - 3.1)*(m - 3.1))", "vanishes in the range, near m = 3.1 kg,"),
         ("1/(m - k)", "the denominator (m - k) vanishes in the range, near k = "),
         ("1 + 1/(k - 2)", "the denominator (k - 2.0) vanishes in the range, near k = 2"),
         ("1/(m*m - 6.2*m + 9.61)", "vanishes in the range, near m = "),

@@ -1,0 +1,223 @@
+"""Archives as files: which models they hold, and writing that leaves a file complete or unchanged.
+
+The whole file is made in memory, written beside the old one and put in its place.
+"""
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from mbdlft.errors import ArchiveError, MbdlftError, unknown_name
+from mbdlft.lft.model import LFTModel
+from mbdlft.store.model import read_model, write_model
+
+FORMAT, VERSION = "mbdlft-archive", "1.0"
+
+
+def save(path: str | Path, model: LFTModel, name: str | None = None) -> None:
+    """Write a model into an archive under /models/<name>; the other contents of the file stay.
+
+    Parameters
+    ----------
+    path : file, made if it does not exist
+    model : LFTModel
+    name : str, optional
+        The name of the model by default; a model of that name is replaced.
+
+    Raises
+    ------
+    ArchiveError
+        The file exists and is not an archive of this major version, or it cannot be written. The
+        old file is then unchanged.
+    """
+    file = Path(path)
+    key = model.name if name is None else name
+    if not key or "/" in key or key == "." or not _is_text(key):
+        raise ArchiveError(
+            f"{file}: {key!r} cannot name a model; a name is UTF-8 text without '/' and zero bytes."
+        )
+    for text in (model.description, model.provenance.scene):
+        if not _is_text(text):
+            raise ArchiveError(f"{file}: a text of the model is not UTF-8, or has a zero byte.")
+    image = BytesIO()
+    with h5py.File(image, "w") as new:
+        if file.exists():
+            with _opened(file) as old:
+                _names(file, old)
+                _copy(old, new, key)
+        new.attrs["format"] = FORMAT
+        new.attrs["format_version"] = VERSION
+        new.attrs["generator"] = f"mbdlft {version('mbdlft')}"
+        write_model(new.require_group("models").create_group(key), model)
+    _replace(file, image.getvalue())
+
+
+def load(path: str | Path, name: str | None = None) -> LFTModel:
+    """Read a model from an archive.
+
+    Parameters
+    ----------
+    path : file
+    name : str, optional
+        May be left out when the archive has one model.
+
+    Raises
+    ------
+    ArchiveError
+        The file is missing, truncated, foreign or newer, or the model is not there or not whole.
+    """
+    file = Path(path)
+    with _opened(file) as archive:
+        names = _names(file, archive)
+        if name is None:
+            if len(names) != 1:
+                raise ArchiveError(
+                    f"{file}: give the name of a model. Existing: {', '.join(names) or 'none'}."
+                )
+            name = names[0]
+        if name not in names:
+            raise ArchiveError(f"{file}: " + unknown_name("model", name, names))
+        return _read(file, archive, name)
+
+
+def model_names(path: str | Path) -> tuple[str, ...]:
+    """Names of the models in an archive, sorted.
+
+    Parameters
+    ----------
+    path : file
+
+    Raises
+    ------
+    ArchiveError
+        The file is missing, truncated, foreign or newer.
+    """
+    file = Path(path)
+    with _opened(file) as archive:
+        return _names(file, archive)
+
+
+@contextmanager
+def _opened(file: Path) -> Iterator[Any]:
+    """An existing archive, read into memory; damage that HDF5 finds is an `ArchiveError`."""
+    try:
+        image = BytesIO(file.read_bytes())
+    except OSError as error:
+        raise ArchiveError(f"{file}: cannot be read: {error.strerror}.") from None
+    size = len(image.getvalue())
+    try:
+        with h5py.File(image, "r") as archive:
+            _check_format(file, archive)
+            yield archive
+    except MbdlftError:
+        raise
+    except (OSError, RuntimeError, KeyError, ValueError, OverflowError, TypeError) as error:
+        raise ArchiveError(
+            f"{file}: is not a whole HDF5 file ({size} bytes): {error}. Write it again, or take it "
+            "from a backup."
+        ) from None
+
+
+def _check_format(file: Path, archive: Any) -> None:
+    found = archive.attrs.get("format")
+    if not isinstance(found, str) or found != FORMAT:
+        raise ArchiveError(
+            f"{file}: is not an mbdlft archive: root attribute 'format' is {found!r}, "
+            f"expected {FORMAT!r}."
+        )
+    text = archive.attrs.get("format_version")
+    major = text.partition(".")[0] if isinstance(text, str) else ""
+    if not major.isdecimal():
+        raise ArchiveError(f"{file}: 'format_version' is {text!r}, expected {VERSION!r}.")
+    if int(major) > int(VERSION.partition(".")[0]):
+        raise ArchiveError(
+            f"{file}: has format version {text}, this mbdlft reads up to {VERSION}. Install a newer "
+            "mbdlft."
+        )
+
+
+def _names(file: Path, archive: Any) -> tuple[str, ...]:
+    models = archive.get("models", {})
+    if not isinstance(models, dict | h5py.Group):
+        raise ArchiveError(f"{file}: /models is not a group.")
+    return tuple(sorted(models))
+
+
+def _copy(old: Any, new: Any, replaced: str) -> None:
+    """All contents of an archive but one model; copying leaves no holes in the file."""
+    for attribute, value in old.attrs.items():
+        new.attrs[attribute] = value
+    for key in old:
+        if key != "models":
+            old.copy(key, new)
+    models = new.create_group("models")
+    for key in old.get("models", {}):
+        if key != replaced:
+            old.copy(f"models/{key}", models, name=key)
+
+
+def _read(file: Path, archive: Any, name: str) -> LFTModel:
+    """One model; whatever is missing or wrong inside becomes an `ArchiveError`."""
+    try:
+        return read_model(archive["models"][name], name)
+    except ArchiveError as error:
+        raise ArchiveError(f"{file}: model {name!r}: {error}") from None
+    except KeyError as error:
+        raise ArchiveError(f"{file}: model {name!r} is not whole: {error.args[0]}.") from None
+    except (
+        MbdlftError,
+        OSError,
+        RuntimeError,
+        ValueError,
+        OverflowError,
+        TypeError,
+        AttributeError,
+        IndexError,
+    ) as error:
+        raise ArchiveError(f"{file}: model {name!r} is not as specified: {error}") from None
+
+
+def _replace(file: Path, image: bytes) -> None:
+    """Put a complete file in place of the old one, or leave the old one as it is."""
+    temporary: Path | None = None
+    try:
+        handle, temporary_name = tempfile.mkstemp(prefix=f".{file.name}.", dir=file.parent)
+        temporary = Path(temporary_name)
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(image)
+            stream.flush()
+            os.fsync(stream.fileno())
+        mode = file.stat().st_mode & 0o777 if file.exists() else 0o666 & ~_umask()
+        temporary.chmod(mode)
+        temporary.replace(file)
+    except OSError as error:
+        raise ArchiveError(
+            f"{file}: cannot be written: {error.strerror or error}. The old file, if there was one, "
+            "is unchanged."
+        ) from None
+    finally:
+        if temporary is not None:
+            with contextlib.suppress(OSError):
+                temporary.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _is_text(text: str) -> bool:
+    try:
+        text.encode("utf-8")
+    except UnicodeEncodeError:
+        return False
+    return "\0" not in text
