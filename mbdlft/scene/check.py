@@ -43,34 +43,37 @@ def check(scene: Scene) -> None:
         A denominator vanishes inside the range of the parameters.
     """
     dimensions = _dimensions(scene)
-    for owner, quantities in owners(scene):
-        samples = _samples(scene, owner, quantities)
-        for label, expected in quantities.items():
-            place = Place(owner, label)
-            if expected.unit == "rad":
-                angle_at(scene, place, expected)
-            elif isinstance(expected.source, str):
-                _check_angle_is_position(scene, place, expected)
-                _sampled(place, expected, samples)
-                _check_denominators(scene, place, expected)
-            _check_dimension(place, expected, dimensions)
-            if expected.unit != "rad" and not np.all(
-                np.isfinite(_sampled(place, expected, samples))
-            ):
-                raise SceneError(f"{place} = {expected.source!r}: is not finite in the range.")
+    sampled = {
+        owner: _check_quantities(scene, owner, quantities, dimensions)
+        for owner, quantities in owners(scene)
+    }
     items: list[Body | Joint] = [*scene.bodies, *scene.joints]
     for item in items:
-        owner, quantities = owner_name(item), item.quantities()
-        samples = _samples(scene, owner, quantities)
-        problem = item.physical_problem(
-            {
-                label: _sampled(Place(owner, label), expected, samples)
-                for label, expected in quantities.items()
-                if expected.unit != "rad"
-            }
-        )
+        problem = item.physical_problem(sampled[owner_name(item)])
         if problem:
-            raise SceneError(f"{owner}: {problem} Check the values and the ranges.")
+            raise SceneError(f"{owner_name(item)}: {problem} Check the values and the ranges.")
+
+
+def _check_quantities(
+    scene: Scene, owner: str, quantities: Mapping[str, Expected], dimensions: Mapping[str, Any]
+) -> dict[str, NDArray[np.float64]]:
+    """Values (SI) of the checked quantities of one owner at samples of the range; angles left out."""
+    samples = _samples(scene, owner, quantities)
+    found = {}
+    for label, expected in quantities.items():
+        place = Place(owner, label)
+        if expected.unit == "rad":
+            angle_at(scene, place, expected)
+            _check_dimension(place, expected, dimensions)
+            continue
+        _check_angle_is_position(scene, place, expected)
+        values = _sampled(place, expected, samples)
+        _check_denominators(scene, place, expected)
+        _check_dimension(place, expected, dimensions)
+        if not np.all(np.isfinite(values)):
+            raise SceneError(f"{place} = {expected.source!r}: is not finite in the range.")
+        found[label] = values
+    return found
 
 
 def _sampled(place: Place, expected: Expected, samples: Mapping[str, Any]) -> NDArray[np.float64]:
