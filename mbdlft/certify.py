@@ -3,19 +3,21 @@
 The truth is the nonlinear equations, trimmed and linearized again with numbers at every check point.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import casadi as ca
 import numpy as np
 
 from mbdlft.analyze.sample import corners, random
 from mbdlft.equations import Equations, equation_function, load_value, physical_symbols
-from mbdlft.errors import WellPosednessError
+from mbdlft.errors import AnalysisError, WellPosednessError
 from mbdlft.lft.lft import LFT, Array, evaluate_at
 from mbdlft.parameter import Parameter, to_delta
 from mbdlft.trim import evaluate_many, trim_efforts
 
 _RANDOM_POINTS, _MOST_CORNERS = 100, 128
+_FLOOR = 1e-6
+_ACCEPTED = 1e-5  # of an error; larger ones are refused
 _NEGLIGIBLE = 1e-8  # an entry below this part of its row's size is compared with the row
 _LINES = 32  # points to which the line from nominal is searched for singularities
 _REAL = 1e-6  # an eigenvalue with a smaller relative imaginary part may be a double real one
@@ -44,7 +46,7 @@ def reference_matrices(
     -------
     [A B ; C D] (N, ., .)
     trimmed efforts (N, n_u)
-    sizes of the efforts (N, n_u): what the components of the load contribute, without cancellation
+    sizes of the efforts (N, n_u): what they would be if no terms cancelled
 
     Raises
     ------
@@ -58,16 +60,13 @@ def reference_matrices(
     values = equation_function(e)(e.xdot, x, e.z, u, load_value(e, p), p, cosine, sine)
     stacked = ca.vertcat(values[0], values[1][list(outputs)])
     slopes = ca.jacobian(stacked, ca.vertcat(unknown, x, u))
-    load = ca.SX.sym("load", e.load.numel())
-    loaded, _ = equation_function(e)(e.xdot, x, e.z, u, load, p, cosine, sine)
-    share = ca.mtimes(ca.fabs(ca.jacobian(loaded, load)), ca.fabs(load_value(e, p)))
     zero = ca.SX(unknown.numel() + x.numel(), 1)
-    at_trim = ca.Function(
-        "slopes", [ca.vertcat(unknown, x), u, symbols], [ca.densify(slopes), ca.densify(share)]
-    )
+    around = ca.vertcat(unknown, x)
+    at_trim = ca.Function("slopes", [around, u, symbols], [ca.densify(slopes)])
+    at_rest = ca.Function("rest", [around, u, symbols], [ca.densify(values[0])])
     effort = ca.SX.sym("effort", u.numel())
-    function = ca.Function("reference", [symbols, effort], at_trim.call([zero, effort, symbols]))
-    jacobian, shares = evaluate_many(function, points, efforts)
+    function = ca.Function("reference", [symbols, effort], [at_trim(zero, effort, symbols)])
+    (jacobian,) = evaluate_many(function, points, efforts)
     n, nx = e.residual.numel(), x.numel()
     known = [*range(n, n + nx), *(n + nx + k for k in inputs)]
     try:
@@ -78,8 +77,57 @@ def reference_matrices(
             "masses and inertias away from zero."
         ) from None
     read = jacobian[:, n:, known] + jacobian[:, n:, :n] @ solved
+    no_effort = ca.Function("load", [symbols], [at_rest(zero, ca.SX(u.numel(), 1), symbols)])
     by_effort = np.abs(np.linalg.pinv(jacobian[:, :n, n + nx :]))
-    return np.concatenate([solved[:, :nx], read], axis=1), efforts, (by_effort @ shares)[:, :, 0]
+    terms = (by_effort @ term_sizes(no_effort, points)[:, :, None])[:, :, 0]
+    # where terms cancel already in the numbers of the scene: what the load does to the inertia
+    (load,) = evaluate_many(ca.Function("load", [symbols], [ca.densify(load_value(e, p))]), points)
+    inertia = np.max(by_effort @ np.abs(jacobian[:, :n, :n]), axis=2)
+    sizes = np.maximum(
+        terms, _FLOOR * np.max(np.abs(load), axis=(1, 2), initial=0.0)[:, None] * inertia
+    )
+    return np.concatenate([solved[:, :nx], read], axis=1), efforts, sizes
+
+
+def term_sizes(tape: ca.Function, points: Array) -> Array:
+    """Sizes (N, rows) of the outputs of a function if nothing cancelled: |a| + |b| for a + b.
+
+    The instructions are run once more, on pairs of a value and its size.
+    """
+    work: list[tuple[Array, Array]] = [(np.zeros(0), np.zeros(0))] * tape.sz_w()
+    found = np.zeros((len(points), tape.size1_out(0)))
+    for k in range(tape.n_instructions()):
+        operation = tape.instruction_id(k)
+        sources, targets = tape.instruction_input(k), tape.instruction_output(k)
+        if operation == ca.OP_OUTPUT:
+            found[:, targets[1]] = work[sources[0]][1]
+        elif operation in (ca.OP_INPUT, ca.OP_CONST):
+            constant = operation == ca.OP_CONST
+            value = tape.instruction_constant(k) if constant else points[:, sources[1]]
+            column = np.broadcast_to(np.asarray(value, dtype=float), (len(points),))
+            work[targets[0]] = column, np.abs(column)
+        elif len(sources) == 2:
+            work[targets[0]] = _PAIRS[operation](*work[sources[0]], *work[sources[1]])
+        else:
+            work[targets[0]] = _SINGLE[operation](*work[sources[0]])
+    return found
+
+
+_SINGLE: dict[int, Callable[[Array, Array], tuple[Array, Array]]] = {
+    ca.OP_ASSIGN: lambda a, size: (a, size),
+    ca.OP_NEG: lambda a, size: (-a, size),
+    ca.OP_TWICE: lambda a, size: (2 * a, 2 * size),
+    ca.OP_SQ: lambda a, size: (a * a, size * size),
+    ca.OP_INV: lambda a, size: (1 / a, size / (a * a)),
+    ca.OP_COS: lambda a, size: (np.cos(a), np.abs(np.cos(a))),
+    ca.OP_SIN: lambda a, size: (np.sin(a), np.abs(np.sin(a))),
+}
+_PAIRS: dict[int, Callable[[Array, Array, Array, Array], tuple[Array, Array]]] = {
+    ca.OP_ADD: lambda a, m, b, n: (a + b, m + n),
+    ca.OP_SUB: lambda a, m, b, n: (a - b, m + n),
+    ca.OP_MUL: lambda a, m, b, n: (a * b, m * n),
+    ca.OP_DIV: lambda a, m, b, n: (a / b, m * n / (b * b)),
+}
 
 
 def relative_error(values: Array, reference: Array) -> float:
@@ -140,16 +188,25 @@ def measure_error(
     ------
     WellPosednessError
         The model is singular somewhere in the range.
+    AnalysisError
+        The error is larger than rounding can explain in a problem that is worth solving.
     """
     points = check_points(equations.parameters, seed)
     deltas = check_well_posed(model, equations.parameters, points, equations.name)
     reference, efforts, sizes = reference_matrices(equations, inputs, outputs, points)
     error = relative_error(evaluate_at(model, deltas), reference)
-    trim_difference = np.max(
-        np.abs(evaluate_at(trim, deltas)[:, :, 0] - efforts), axis=0, initial=0.0
-    )
-    trim_size = np.max(sizes, axis=0, initial=0.0)
-    trim_error = float(
-        np.max(trim_difference / np.where(trim_size > 0, trim_size, 1.0), initial=0.0)
-    )
-    return max(error, trim_error), len(points)
+    difference = np.max(np.abs(evaluate_at(trim, deltas)[:, :, 0] - efforts), axis=0)
+    trim_error = 0.0
+    for unit in {signal.unit for signal in equations.u_signals}:
+        group = [k for k, signal in enumerate(equations.u_signals) if signal.unit == unit]
+        size = float(np.max(sizes[:, group]))
+        trim_error = max(trim_error, float(np.max(difference[group])) / (size if size > 0 else 1.0))
+    worst = max(error, trim_error)
+    if not worst <= _ACCEPTED:
+        raise AnalysisError(
+            f"scene {equations.name!r}: the model differs from the nonlinear equations by {worst:.1e} "
+            f"of the size of an entry of {'its matrices' if error >= trim_error else 'its trim'}. "
+            "Either the scene is so badly conditioned that double precision does not carry it (masses "
+            "or lengths of very different size in one chain), or this is a bug: please report the scene."
+        )
+    return worst, len(points)

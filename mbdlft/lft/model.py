@@ -50,8 +50,8 @@ class Certificate:
     order, lower_bound, raw_order : repetitions after reduction, their proved minimum, before reduction
     max_relative_error : float
         Against trimming and linearizing the nonlinear equations at `check_points` values of the
-        parameters, random points and corners drawn with `seed`; each entry of A, B, C, D and each
-        trimmed quantity relative to its largest size over the points.
+        parameters, random points and corners drawn with `seed`; each entry of A, B, C, D relative to
+        its largest size over the points, each trimmed effort to the largest of its unit.
     exact : bool
         Whether the model is the exact one (no truncation, no fit).
     """
