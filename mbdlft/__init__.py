@@ -72,6 +72,12 @@ _NEEDS_CASADI = {
     "solve_trim": "mbdlft.trim",
 }
 
+__all__ = sorted(
+    {name for name, item in globals().items() if name[0] != "_" and hasattr(item, "__module__")}
+    - {"Any"}
+    | set(_NEEDS_CASADI)
+)
+
 
 def __getattr__(name: str) -> Any:
     if name in _NEEDS_CASADI:

@@ -66,6 +66,10 @@ def build(scene: Scene, progress: Callable[[str], None] = lambda stage: None) ->
     Linear algebra runs in one thread: the matrices are small, results then do not depend on the number
     of cores, and on a busy machine threads that wait for each other would cost more than all the rest.
     """
+    if not isinstance(scene, Scene):
+        raise SceneError(
+            f"expected a Scene, got {type(scene).__name__}. load_scene(path) reads one from a file."
+        )
     with _threads().limit(limits=1):
         return _build(scene, _Clock(progress))
 

@@ -11,7 +11,8 @@ import numpy as np
 from mbdlft.analyze.sample import corners, random
 from mbdlft.equations import Equations, equation_function, load_value, physical_symbols
 from mbdlft.errors import AnalysisError, WellPosednessError
-from mbdlft.lft.lft import LFT, Array, evaluate_at
+from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.lft import LFT, Array
 from mbdlft.parameter import Parameter, to_delta
 from mbdlft.trim import evaluate_many, trim_efforts
 

@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -16,6 +16,10 @@ from rich.text import Text
 from mbdlft import __version__
 from mbdlft.errors import MbdlftError, SceneError
 from mbdlft.lft.model import LFTModel
+
+if TYPE_CHECKING:
+    from mbdlft.scene import Scene
+    from mbdlft.trim import TrimPoint
 
 app = typer.Typer(
     help="Exact linear models of multibody systems, with their parameters left in.",
@@ -50,27 +54,26 @@ def _options(
 def check(scene_file: SceneFile) -> None:
     """Check a scene without linearizing it."""
     from mbdlft.build import choose_signals
-    from mbdlft.expression import names, parse
     from mbdlft.scene import assemble, load_scene
-    from mbdlft.scene.quantities import owners
+    from mbdlft.trim import solve_trim
 
     scene = load_scene(scene_file)
     equations = assemble(scene)
     choose_signals(scene, equations)
+    point = solve_trim(equations)
     console = _console()
     console.print(
         f"{scene.name}: {len(scene.bodies)} bodies, {len(scene.joints)} joints, "
         f"{len(equations.x_signals)} states, {len(scene.parameters)} parameters."
     )
-    used = {
-        name
-        for _, quantities in owners(scene)
-        for expected in quantities.values()
-        for name in names(parse(expected.source))
-    }
-    for name in (*(p.name for p in scene.parameters), *scene.constants):
-        if name not in used:
-            console.print(f"note: {name!r} is declared and not used.")
+    if equations.parameters:
+        table = _table("parameters", "name", "unit", "low >", "nominal >", "high >", "role")
+        for p in equations.parameters:
+            table.add_row(p.name, p.unit, f"{p.low:g}", f"{p.nominal:g}", f"{p.high:g}", p.role)
+        console.print(table)
+    console.print(_efforts(point))
+    for note in _notes(scene):
+        console.print(note)
     console.print("The scene is usable.")
 
 
@@ -90,19 +93,12 @@ def trim(
     point = solve_trim(equations, _assignments(assignments or []))
     console = _console()
     if point.parameters:
-        table = Table(title=Text(f"{equations.name}: parameters"))
-        for heading in ("parameter", "value", "unit"):
-            table.add_column(heading, justify="right" if heading == "value" else "left")
+        table = _table(f"{equations.name}: parameters", "parameter", "value >", "unit")
         for parameter in equations.parameters:
             value = point.parameters[parameter.name]
             table.add_row(parameter.name, f"{value:g}", parameter.unit)
         console.print(table)
-    table = Table(title=Text(f"{equations.name}: efforts that hold the equilibrium"))
-    for heading in ("effort", "value", "unit"):
-        table.add_column(heading, justify="right" if heading == "value" else "left")
-    for signal, value in zip(point.signals, point.values, strict=True):
-        table.add_row(signal.name, f"{value:.10g}", signal.unit)
-    console.print(table)
+    console.print(_efforts(point))
     console.print(f"relative residual {point.residual:.1e}")
 
 
@@ -148,6 +144,8 @@ def linearize(
         return
     _print_model(built.model)
     console = _console()
+    for note in _notes(scene):
+        console.print(note)
     console.print("seconds: " + ", ".join(f"{name} {value:.3f}" for name, value in seconds.items()))
     for what, path in (("archive", output), ("figure", plot)):
         if path is not None:
@@ -174,6 +172,32 @@ def _console() -> Console:
     return Console(width=None if sys.stdout.isatty() else _WIDTH, markup=False, emoji=False)
 
 
+def _table(title: str | None, *headings: str) -> Table:
+    """A table; a heading that ends in ``>`` is that of a column of numbers."""
+    table = Table(title=Text(title) if title else None)
+    for heading in headings:
+        number = heading.endswith(">")
+        table.add_column(heading.rstrip(" >"), justify="right" if number else "left")
+    return table
+
+
+def _efforts(point: "TrimPoint") -> Table:
+    table = _table("efforts that hold the equilibrium", "effort", "value >", "unit")
+    for signal, value in zip(point.signals, point.values, strict=True):
+        table.add_row(signal.name, f"{value:.10g}", signal.unit)
+    return table
+
+
+def _notes(scene: "Scene") -> list[str]:
+    """What a user may have overlooked."""
+    from mbdlft.scene.quantities import unused_names
+
+    notes = [f"note: {name!r} is declared and not used." for name in unused_names(scene)]
+    if not any(scene.gravity) and not any(scene.acceleration):
+        notes.append("note: there is no gravity and no acceleration; both are zero by default.")
+    return notes
+
+
 def _assignments(texts: list[str]) -> dict[str, float]:
     values = {}
     for text in texts:
@@ -183,7 +207,10 @@ def _assignments(texts: list[str]) -> dict[str, float]:
         except ValueError:
             equals = ""
         if not equals:
-            raise SceneError(f"--set {text}: expected name=value with a number, such as m1=3.2.")
+            raise SceneError(
+                f"--set {text}: expected name=value with a number, such as m1=3.2. The unit is that "
+                "of the parameter."
+            )
     return values
 
 
@@ -195,18 +222,14 @@ def _print_model(model: LFTModel) -> None:
         listed = ", ".join(f"{signal.name} ({signal.unit})" for signal in signals)
         console.print(f"{what} ({len(signals)}): {listed}", highlight=False)
     certificate = model.certificate
-    table = Table(show_footer=True)
-    for heading, footer, side in (
-        ("parameter", "total", "left"),
-        ("unit", "", "left"),
-        ("nominal", "", "right"),
-        ("range", "", "right"),
-        ("role", "", "left"),
-        ("repetitions", str(sum(certificate.order)), "right"),
-        ("lower bound", str(sum(certificate.lower_bound)), "right"),
-        ("before reduction", str(sum(certificate.raw_order)), "right"),
-    ):
-        table.add_column(heading, footer, justify="left" if side == "left" else "right")
+    table = _table(
+        None, "parameter", "unit", "nominal >", "range >", "role", "repetitions >", "lower bound >",
+        "before reduction >",
+    )  # fmt: skip
+    totals = (sum(certificate.order), sum(certificate.lower_bound), sum(certificate.raw_order))
+    table.show_footer = True
+    for column, footer in enumerate(("total", "", "", "", "", *totals)):
+        table.columns[column].footer = str(footer)
     for p, order, bound, raw in zip(
         model.parameters,
         certificate.order,

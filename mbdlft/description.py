@@ -79,6 +79,8 @@ def _expected(field: str) -> str:
         return "a table of positions, three numbers or expressions each"
     if field == "inertia":
         return "a table of entries such as { xx = 1.0, yy = 2.0, zz = 2.5 }"
+    if field in ("parameters", "bodies", "joints"):
+        return f"a list of {field}"
     if field == "constants":
         return "numbers by name, or tables with value and unit"
     if field in ("inputs", "outputs"):

@@ -39,6 +39,7 @@ class ArchiveError(MbdlftError, OSError):
 def unknown_name(what: str, name: str, existing: Iterable[str]) -> str:
     """Sentence for a name that is not found: the nearest existing name first, then all of them."""
     names = sorted(existing)
-    nearest = get_close_matches(name, names, n=1, cutoff=0.5)
+    nearest = [known for known in names if known.lower() == name.lower()]
+    nearest = nearest or get_close_matches(name, names, n=1, cutoff=0.5)
     hint = f" Did you mean {nearest[0]!r}?" if nearest else ""
     return f"unknown {what} {name!r}.{hint} Existing: {', '.join(names) or 'none'}."

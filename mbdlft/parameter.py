@@ -307,6 +307,8 @@ def _problem(parameter: Parameter) -> str | None:
                 if p.substitution == "half-angle" and farthest < 2.0 * np.pi * (1.0 - 1e-12)
                 else "Move the reference or narrow the range."
             )
+            if p.unit == "rad" and max(abs(p.low), abs(p.high)) > 4.0 * np.pi:
+                advice = "If these are degrees, give unit = 'deg'."
             return (
                 f"the range [{p.low}, {p.high}] {p.unit} reaches a singular point of the "
                 f"{p.substitution} at {center - reach / factor:g} or {center + reach / factor:g} "

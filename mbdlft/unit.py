@@ -81,7 +81,11 @@ def parse_unit(text: str) -> Unit:
             divide = operator == "/"
             continue
         if symbol is None or symbol not in _SYMBOLS:
-            raise SceneError(f"unit {text!r}: " + unknown_name("symbol", str(symbol), _BASE))
+            raise SceneError(
+                f"unit {text!r}: "
+                + unknown_name("symbol", str(symbol), _BASE)
+                + f" Most of them take the prefixes {' '.join(_PREFIX)}."
+            )
         power = int(exponent or 1)
         unit = unit * _SYMBOLS[symbol] ** (-power if divide else power)
         divide = False

@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 from mbdlft.errors import StructureError, WellPosednessError, unknown_name
 
 Array = NDArray[np.float64]
-_CHUNK = 512  # samples evaluated together: small enough to stay in cache
 
 
 class Block(NamedTuple):
@@ -26,7 +25,7 @@ class Block(NamedTuple):
     size: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class LFT:
     """A frozen LFT; arrays are copied and read-only.
 
@@ -66,6 +65,12 @@ class LFT:
         problem = _problem(self)
         if problem:
             raise StructureError(f"LFT: {problem}")
+
+    def __repr__(self) -> str:
+        blocks = ", ".join(f"{name} {size}" for name, size in self.blocks)
+        return (
+            f"<LFT {self.shape[0]} x {self.shape[1]}; order {self.order}: {blocks or 'constant'}>"
+        )
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -131,13 +136,13 @@ def as_lft(item: LFT | ArrayLike) -> LFT:
 
 def add(a: LFT, b: LFT) -> LFT:
     """Sum: value(a + b) = value(a) + value(b)."""
-    _check(a.shape == b.shape, f"cannot add shapes {a.shape} and {b.shape}")
+    check(a.shape == b.shape, f"cannot add shapes {a.shape} and {b.shape}")
     return _merge(a, b, np.zeros((a.order, b.order)), (a.M12, b.M12), (a.M21, b.M21), a.M22 + b.M22)
 
 
 def multiply(a: LFT, b: LFT) -> LFT:
     """Product: value(a @ b) = value(a) value(b)."""
-    _check(a.shape[1] == b.shape[0], f"cannot multiply shapes {a.shape} and {b.shape}")
+    check(a.shape[1] == b.shape[0], f"cannot multiply shapes {a.shape} and {b.shape}")
     return _merge(
         a, b, a.M12 @ b.M21, (a.M12 @ b.M22, b.M12), (a.M21, a.M22 @ b.M21), a.M22 @ b.M22
     )
@@ -153,7 +158,7 @@ def inverse(a: LFT) -> LFT:
     WellPosednessError
         The value at delta = 0 is singular to working precision.
     """
-    _check(a.shape[0] == a.shape[1], f"cannot invert shape {a.shape}")
+    check(a.shape[0] == a.shape[1], f"cannot invert shape {a.shape}")
     inner = solve_nominal(a.M22, np.hstack([a.M21, np.eye(a.shape[0])]), "the inverse of an LFT")
     left, right = inner[:, : a.order], inner[:, a.order :]
     return LFT(a.M11 - a.M12 @ left, a.M12 @ right, -left, right, a.blocks)
@@ -165,7 +170,7 @@ def stack_rows(*parts: LFT | ArrayLike) -> LFT:
     result = items[0]
     for b in items[1:]:
         a = result
-        _check(a.shape[1] == b.shape[1], f"cannot stack shapes {a.shape} and {b.shape} as rows")
+        check(a.shape[1] == b.shape[1], f"cannot stack shapes {a.shape} and {b.shape} as rows")
         zero_a, zero_b = np.zeros((a.shape[0], b.order)), np.zeros((b.shape[0], a.order))
         outputs = (np.vstack([a.M21, zero_b]), np.vstack([zero_a, b.M21]))
         result = _merge(
@@ -214,7 +219,7 @@ def star(upper: LFT, lower: LFT, outputs: int, inputs: int) -> LFT:
         (outputs, min(upper.shape[0], lower.shape[1])),
         (inputs, min(upper.shape[1], lower.shape[0])),
     ):
-        _check(
+        check(
             0 <= size <= limit,
             f"cannot close {size} signals between {upper.shape} and {lower.shape}",
         )
@@ -277,7 +282,7 @@ def fix(a: LFT, values: Mapping[str, float]) -> LFT:
         I - M11 Delta is singular at these values.
     """
     for name in values:
-        _check_name(a, name)
+        check_name(a, name)
     parts = a.slices()
     names = [block.name for block in a.blocks if block.name not in values]
     keep = _indices(parts, names)
@@ -298,78 +303,6 @@ def fix(a: LFT, values: Mapping[str, float]) -> LFT:
         a.M22 + added[n:, n:],
         blocks,
     )
-
-
-def evaluate(a: LFT, deltas: Mapping[str, ArrayLike]) -> Array:
-    """Values at deltas given by name, numbers or arrays of one length N; the others are 0.
-
-    Parameters
-    ----------
-    a : LFT, shape (n_out, n_in)
-    deltas : mapping of names to numbers [1] or arrays (N,)
-
-    Returns
-    -------
-    array (n_out, n_in), or (N, n_out, n_in) if any delta is an array
-
-    Raises
-    ------
-    StructureError
-        A name is unknown, or the lengths differ.
-    WellPosednessError
-        I - M11 Delta is singular at one of the points.
-    """
-    for name in deltas:
-        _check_name(a, name)
-    try:
-        columns = np.broadcast_arrays(
-            *(np.asarray(value, dtype=float) for value in deltas.values())
-        )
-    except ValueError:
-        raise StructureError("evaluate: the arrays of deltas have different lengths.") from None
-    single = not columns or columns[0].ndim == 0
-    if not single and columns[0].ndim != 1:
-        raise StructureError(
-            f"evaluate: deltas are numbers or arrays of one axis, got shape {columns[0].shape}."
-        )
-    count = 1 if single else len(columns[0])
-    points = np.zeros((count, len(a.blocks)))
-    index = {block.name: k for k, block in enumerate(a.blocks)}
-    for name, column in zip(deltas, columns, strict=True):
-        points[:, index[name]] = column
-    values = evaluate_at(a, points)
-    return values[0] if single else values
-
-
-def evaluate_at(a: LFT, points: ArrayLike) -> Array:
-    """Values at many points: points (N, number of blocks) [1], result (N, n_out, n_in)."""
-    p = np.asarray(points, dtype=float)
-    _check(
-        p.ndim == 2 and p.shape[1] == len(a.blocks),
-        f"points need shape (N, {len(a.blocks)}), got {p.shape}",
-    )
-    # only the rows and columns that depend on delta are solved for, on the thinner side
-    rows, columns = np.flatnonzero(a.M21.any(axis=1)), np.flatnonzero(a.M12.any(axis=0))
-    values = np.repeat(a.M22[None], len(p), axis=0)
-    if not (a.order and len(rows) and len(columns)):
-        return values
-    wide = len(rows) < len(columns)
-    inner, first = (a.M11.T, a.M21[rows].T) if wide else (a.M11, a.M12[:, columns])
-    last = a.M12[:, columns].T if wide else a.M21[rows]
-    spread = np.repeat(p, [block.size for block in a.blocks], axis=1)
-    eye = np.eye(a.order)
-    for start in range(0, len(p), _CHUNK):
-        d = spread[start : start + _CHUNK]
-        # (I - M11 Delta)^-1 M12 from the right, or its transpose from the left
-        loop = eye - inner[None] * d[:, None, :]
-        try:
-            solved = np.linalg.solve(loop, np.broadcast_to(first, (len(d), *first.shape)))
-        except np.linalg.LinAlgError:
-            raise WellPosednessError("I - M11 Delta is singular at one of the points.") from None
-        change = (last * d[:, None, :]) @ solved
-        part = values[start : start + _CHUNK]
-        part[:, rows[:, None], columns] += np.swapaxes(change, 1, 2) if wide else change
-    return values
 
 
 def reorder(a: LFT, names: Sequence[str]) -> LFT:
@@ -423,12 +356,14 @@ def _indices(parts: Mapping[str, slice], names: Sequence[str]) -> NDArray[np.int
     return np.concatenate([*ranges, np.zeros(0, dtype=int)]).astype(int)
 
 
-def _check(condition: bool, message: str) -> None:  # noqa: FBT001
+def check(condition: bool, message: str) -> None:  # noqa: FBT001
+    """Raise a StructureError with the message unless the condition holds."""
     if not condition:
         raise StructureError(f"LFT: {message}.")
 
 
-def _check_name(a: LFT, name: str) -> None:
+def check_name(a: LFT, name: str) -> None:
+    """Raise a StructureError if the LFT has no delta of this name."""
     names = [block.name for block in a.blocks]
     if name not in names:
         raise StructureError("LFT: " + unknown_name("delta", name, names))

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mbdlft.errors import StructureError, unknown_name
-from mbdlft.lft.lft import LFT, Array, evaluate_at
+from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.lft import LFT, Array
 from mbdlft.parameter import Parameter, to_delta
 from mbdlft.signal import Signal
 
@@ -82,7 +83,7 @@ class Provenance:
     created: str
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class LFTModel:
     """A linear model with its parameters left in: value of `lft` = [A B ; C D].
 
@@ -115,6 +116,12 @@ class LFTModel:
             raise StructureError(
                 f"model {self.name!r}: the signals need shape {shape}, the LFT has {self.lft.shape}."
             )
+
+    def __repr__(self) -> str:
+        parts = (("states", self.states), ("inputs", self.inputs), ("outputs", self.outputs))
+        sizes = ", ".join(f"{len(signals)} {what}" for what, signals in parts)
+        blocks = ", ".join(f"{name} {size}" for name, size in self.lft.blocks)
+        return f"<LFTModel {self.name!r}: {sizes}; order {self.order}: {blocks or 'no parameters'}>"
 
     @property
     def order(self) -> int:
@@ -181,6 +188,12 @@ class LFTModel:
         """
         import control  # here because it is slow to import and reading an archive does not need it
 
+        for name, value in values.items():
+            if np.ndim(value) != 0:
+                raise StructureError(
+                    f"model {self.name!r}: at() takes one number for {name}; for arrays use "
+                    "matrices_at(model, values)."
+                )
         matrices = matrices_at(self, values)
         return control.ss(
             *matrices,
@@ -203,6 +216,9 @@ def deltas_of(model: LFTModel, values: Mapping[str, ArrayLike]) -> Array:
     for name in values:
         if name not in names:
             raise StructureError(f"model {model.name!r}: " + unknown_name("parameter", name, names))
+    for name, value in values.items():
+        if not np.issubdtype(np.asarray(value).dtype, np.number):
+            raise StructureError(f"model {model.name!r}: {name}: expected a number, got {value!r}.")
     arrays = {name: np.atleast_1d(np.asarray(value, dtype=float)) for name, value in values.items()}
     lengths = {len(array) for array in arrays.values()} - {1}
     if len(lengths) > 1 or any(array.ndim != 1 for array in arrays.values()):

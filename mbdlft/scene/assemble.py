@@ -204,13 +204,17 @@ def _without_unseen(scene: Scene, residual: ca.SX, symbols: _Symbols) -> ca.SX:
     )
     point = np.random.default_rng(0).uniform(0.5, 1.0, sensitivity.size1_in(0))
     seen = np.max(np.abs(sensitivity(point, np.ones(len(placeholders))).full()), axis=0)
+    felt: dict[str, list[str]] = {}
     for symbol, size in zip(placeholders, seen, strict=True):
         if size > _SEEN:
             body, entry = owners_of[symbol.name()]
-            raise SceneError(
-                f"body {body!r}: inertia.{entry} is needed, because the joints let the body turn in "
-                f"a way that feels it. Give inertia.{entry} (kg m^2), 0 if it is."
-            )
+            felt.setdefault(body, []).append(f"inertia.{entry}")
+    if felt:
+        missing = "; ".join(f"body {body!r}: {', '.join(sorted(set(felt[body])))}" for body in felt)
+        raise SceneError(
+            f"{missing}: needed, because the joints let the body turn in a way that feels it. Give the "
+            "entries (kg m^2); the products are 0 once xx, yy and zz are all given."
+        )
     return ca.substitute(residual, vector, ca.SX.zeros(len(placeholders)))
 
 

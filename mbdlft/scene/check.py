@@ -27,7 +27,6 @@ from mbdlft.scene.scene import Constant, Scene
 from mbdlft.unit import dimension_name, parse_unit
 
 _RANDOM, _CORNERS, _MOST_BOXES = 64, 4096, 4096
-_COUNT = "number of samples"  # no parameter has this name: it has blanks
 
 
 def check(scene: Scene) -> None:
@@ -80,7 +79,8 @@ def _sampled(place: Place, expected: Expected, samples: Mapping[str, Any]) -> ND
     """Values (SI) of a quantity at the samples of the range."""
     with np.errstate(all="ignore"):  # what is not finite has its own message
         value = value_at(place, expected, samples)
-    return np.broadcast_to(value, samples[_COUNT].shape)
+    count = max((np.size(entry) for entry in samples.values()), default=1)
+    return np.broadcast_to(value, (count,))
 
 
 def _si_bounds(parameter: Parameter) -> tuple[float, float]:
@@ -114,7 +114,7 @@ def _samples(
     for k, p in enumerate(active):
         low, high = _si_bounds(p)
         values[p.name][1:] = low + weights[:, k] * (high - low)
-    return {**values, _COUNT: np.zeros(len(weights) + 1)}
+    return values
 
 
 def _dimensions(scene: Scene) -> Mapping[str, Any]:

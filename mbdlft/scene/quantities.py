@@ -4,6 +4,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from mbdlft.body import Body
 from mbdlft.description import Expected, vector_quantities
 from mbdlft.errors import MbdlftError, NotRationalError, SceneError
@@ -79,6 +81,18 @@ def owners(scene: Scene) -> Iterator[tuple[str, Mapping[str, Expected]]]:
         yield owner_name(joint), joint.quantities()
 
 
+def unused_names(scene: Scene) -> tuple[str, ...]:
+    """Parameters and constants that no quantity uses."""
+    used = {
+        name
+        for _, quantities in owners(scene)
+        for expected in quantities.values()
+        for name in names(parse(expected.source))
+    }
+    declared = (*(p.name for p in scene.parameters), *scene.constants)
+    return tuple(name for name in declared if name not in used)
+
+
 def owner_name(item: Body | Joint) -> str:
     """How messages name a body or a joint."""
     return f"{'body' if isinstance(item, Body) else 'joint'} {item.name!r}"
@@ -114,6 +128,11 @@ def angle_at(scene: Scene, place: Place, expected: Expected) -> AngleSum:
     values = scene.constant_values() | {name: AngleSum(0.0, {name: 1}) for name in angles}
     value = value_at(place, expected, values)
     angle = value if isinstance(value, AngleSum) else AngleSum(float(value))
+    if abs(angle.constant) > 2.0 * np.pi * (1.0 + 1e-12):
+        raise SceneError(
+            f"{place} = {expected.source!r}: {angle.constant:g} rad is more than a full turn. Numbers "
+            f"are in rad; write degrees as {angle.constant:g}*deg."
+        )
     for name, count in angle.multiples.items():
         if abs(count) > _MOST_TURNS:
             raise SceneError(

@@ -107,8 +107,10 @@ def _scene(table: dict[str, Any]) -> Scene:
     for key in table:
         if key not in _TOP:
             raise SceneError(unknown_name("key", key, _TOP))
-    if table.get("format") != FORMAT:
-        raise SceneError(f"format: expected {FORMAT!r}, got {table.get('format')!r}.")
+    if "format" not in table:
+        raise SceneError(f"the line format = {FORMAT!r} is missing.")
+    if table["format"] != FORMAT:
+        raise SceneError(f"format: expected {FORMAT!r}, got {table['format']!r}.")
     linearize = _table("linearize", table.get("linearize", {}))
     for key in linearize:
         if key not in ("inputs", "outputs"):

@@ -20,6 +20,7 @@ from mbdlft.lft.model import LFTModel
 from mbdlft.store.model import read_model, write_model
 
 FORMAT, VERSION = "mbdlft-archive", "1.0"
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
 def save(path: str | Path, model: LFTModel, name: str | None = None) -> None:
@@ -113,6 +114,11 @@ def _opened(file: Path) -> Iterator[Any]:
     except OSError as error:
         raise ArchiveError(f"{file}: cannot be read: {error.strerror}.") from None
     size = len(image.getvalue())
+    if size and not image.getvalue().startswith(_SIGNATURE):
+        raise ArchiveError(
+            f"{file}: is not a whole HDF5 file ({size} bytes): it does not begin like one. Write it "
+            "again, or take it from a backup. For a scene, use the commands check and linearize."
+        )
     try:
         with h5py.File(image, "r") as archive:
             _check_format(file, archive)

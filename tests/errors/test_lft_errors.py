@@ -6,13 +6,12 @@ import pytest
 
 from mbdlft import LFT, NotRationalError, Parameter, StructureError, WellPosednessError
 from mbdlft.extract import extract
+from mbdlft.lft.evaluate import evaluate, evaluate_at
 from mbdlft.lft.lft import (
     add,
     constant,
     delta,
     eliminate,
-    evaluate,
-    evaluate_at,
     fix,
     inverse,
     multiply,

@@ -228,11 +228,12 @@ def test_inertia_about_a_point_too_far_from_the_center_of_mass():
         (
             "axis = [1, 0, 0]",
             "axis = [0, 0, 1]",
-            "body 'link1': inertia.zz is needed, because the joints let the body turn in a way that "
-            "feels it. Give inertia.zz (kg m^2), 0 if it is.",
+            "body 'link1': inertia.zz; body 'link2': inertia.xy, inertia.xz, inertia.yy, inertia.yz, "
+            "inertia.zz: needed, because the joints let the body turn in a way that feels it. Give the "
+            "entries (kg m^2); the products are 0 once xx, yy and zz are all given.",
         ),
-        ("{ xx = 0.1 }", "{ yy = 0.1 }", "body 'link2': inertia.xx is needed"),
-        ("axis = [1, 0, 0]", "axis = [1, 1, 0]", "body 'link1': inertia.xy is needed"),
+        ("{ xx = 0.1 }", "{ yy = 0.1 }", "body 'link2': inertia.xx: needed"),
+        ("axis = [1, 0, 0]", "axis = [1, 1, 0]", "body 'link1': inertia.xy, inertia.yy"),
     ],
 )
 def test_inertia_that_is_needed(old, new, message):

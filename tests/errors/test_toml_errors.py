@@ -40,7 +40,7 @@ def _pairs(text):
     ("old", "new", "message"),
     [
         ("scene/1", "scene/2", "format: expected 'mbdlft-scene/1', got 'mbdlft-scene/2'."),
-        ('format = "mbdlft-scene/1"', "", "format: expected 'mbdlft-scene/1', got None."),
+        ('format = "mbdlft-scene/1"', "", "the line format = 'mbdlft-scene/1' is missing."),
         ("gravity =", "gravty =", "unknown key 'gravty'. Did you mean 'gravity'? Existing: "),
         ("[linearize]", "[linearise]", "unknown key 'linearise'. Did you mean 'linearize'?"),
         (

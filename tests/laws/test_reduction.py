@@ -13,7 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbdlft.lft.lft import LFT, Block, delta, evaluate
+from mbdlft.lft.evaluate import evaluate
+from mbdlft.lft.lft import LFT, Block, delta
 from mbdlft.lft.reduce import lower_bound, reduce_order
 from tests.close import exact, roundoff
 from tests.laws.lfts import lfts, points

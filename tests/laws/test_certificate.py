@@ -1,0 +1,98 @@
+"""The certificate is small for exact models, refuses wrong ones, and never compares rounding."""
+
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft.build import choose_signals
+from mbdlft.certify import check_points, measure_error, term_sizes
+from mbdlft.lft.lft import LFT
+from mbdlft.scene import assemble
+from scenarios import two_link_arm
+from tests.close import SCENARIO, roundoff
+
+
+def pan_tilt(offset: float) -> mbdlft.Scene:
+    """Pan about the vertical carries no torque: its trim is zero by cancellation."""
+    return mbdlft.Scene(
+        name="pan_tilt",
+        gravity=(0, 0, -9.81),
+        parameters=[mbdlft.Angle("tilt", 0, -60, 60)],
+        bodies=[
+            mbdlft.RigidBody(name="yoke", mass=1, inertia=mbdlft.Inertia(zz=0.01)),
+            mbdlft.RigidBody(
+                name="camera",
+                mass=2,
+                center_of_mass=(0.04, offset, 0),
+                inertia=mbdlft.Inertia(xx=0.004, yy=0.009, zz=0.008),
+            ),
+        ],
+        joints=[
+            mbdlft.Revolute(name="pan", parent="ground", child="yoke", axis=(0, 0, 1)),
+            mbdlft.Revolute(
+                name="tilt", parent="yoke", child="camera", axis=(0, 1, 0), position="tilt"
+            ),
+        ],
+    )
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.015, 0.1, 1.0])
+def test_zero_efforts_are_not_compared_with_rounding(offset: float) -> None:
+    model = mbdlft.to_lft(pan_tilt(offset))
+    assert model.certificate.max_relative_error <= SCENARIO
+
+
+def test_a_wrong_model_or_trim_is_refused() -> None:
+    """Planted bugs: one entry of the model, or of its trim, off by a thousandth."""
+    equations = assemble(two_link_arm.scene())
+    inputs, outputs = choose_signals(two_link_arm.scene(), equations)
+    model = mbdlft.to_lft(two_link_arm.scene())
+    right, trim = model.lft, model.trim.lft
+    assert trim is not None
+    error, count = measure_error(equations, inputs, outputs, right, trim, 0)
+    assert error == model.certificate.max_relative_error
+    assert count == model.certificate.check_points == len(check_points(equations.parameters, 0))
+    with pytest.raises(mbdlft.AnalysisError, match="of the size of an entry of its matrices"):
+        measure_error(equations, inputs, outputs, planted(right), trim, 0)
+    with pytest.raises(mbdlft.AnalysisError, match="of the size of an entry of its trim"):
+        measure_error(equations, inputs, outputs, right, planted(trim), 0)
+
+
+def planted(a: LFT) -> LFT:
+    wrong = a.M21.copy()
+    wrong[np.unravel_index(np.argmax(np.abs(wrong)), wrong.shape)] *= 1.001
+    return LFT(a.M11, a.M12, wrong, a.M22, a.blocks)
+
+
+def test_sizes_of_terms_do_not_cancel() -> None:
+    import casadi as ca
+
+    x = ca.SX.sym("x", 2)
+    function = ca.Function(
+        "f", [x], [ca.vertcat(x[0] * x[1] - x[0] * x[1] * 3, x[0] / x[1] - 2 * x[0])]
+    )
+    points = np.array([[2.0, -3.0], [-1.0, 0.5]])
+    expected = np.array([[6.0 + 18.0, 2.0 / 3.0 + 4.0], [0.5 + 1.5, 2.0 + 2.0]])
+    roundoff(term_sizes(function, points), expected)
+
+
+def test_a_singularity_that_does_not_change_the_sign_is_found() -> None:
+    """Two rails at an angle theta: det M = m^2 sin(theta)^2 is zero at theta = 0 only."""
+    scene = mbdlft.Scene(
+        name="rails",
+        parameters=[mbdlft.Angle("theta", 5.0, -30.0, 40.0)],
+        bodies=[
+            mbdlft.RigidBody(name="first", mass=0.0),
+            mbdlft.RigidBody(name="turned", mass=0.0),
+            mbdlft.PointMass(name="second", mass=1.0),
+        ],
+        joints=[
+            mbdlft.Prismatic(name="a", parent="ground", child="first", axis=(1, 0, 0)),
+            mbdlft.Fixed(
+                name="t", parent="first", child="turned", axis=(0, 0, 1), position="theta"
+            ),
+            mbdlft.Prismatic(name="b", parent="turned", child="second", axis=(1, 0, 0)),
+        ],
+    )
+    with pytest.raises(mbdlft.WellPosednessError, match="the model is singular between"):
+        mbdlft.to_lft(scene)
