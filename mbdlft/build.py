@@ -15,6 +15,7 @@ from mbdlft.certify import measure_error
 from mbdlft.equations import Equations
 from mbdlft.errors import SceneError, WellPosednessError, unknown_name
 from mbdlft.extract import extract
+from mbdlft.lft.commute import reduce_commuting
 from mbdlft.lft.lft import LFT, eliminate, reorder
 from mbdlft.lft.model import Certificate, LFTModel, Provenance, Trim
 from mbdlft.lft.reduce import lower_bound, reduce_order
@@ -49,18 +50,27 @@ class _Clock:
         self.seconds[name] = time.perf_counter() - start
 
 
-def to_lft(scene: Scene) -> LFTModel:
+def to_lft(scene: Scene, search: float = 0.0) -> LFTModel:
     """The exact linear model of a scene around its equilibrium, parameters left in, with certificate.
+
+    Parameters
+    ----------
+    scene : Scene
+    search : float
+        Seconds to look for a smaller model by using that parameters commute; it ends at once when the
+        order meets the lower bound.
 
     Raises
     ------
     SceneError, NotRationalError, WellPosednessError, TrimError
         As the stages: `assemble`, `linearize`, `extract`, `certify`.
     """
-    return build(scene).model
+    return build(scene, search).model
 
 
-def build(scene: Scene, progress: Callable[[str], None] = lambda stage: None) -> Build:
+def build(
+    scene: Scene, search: float = 0.0, progress: Callable[[str], None] = lambda stage: None
+) -> Build:
     """As `to_lft`, with the seconds of each stage; `progress` is told the name of each as it starts.
 
     Linear algebra runs in one thread: the matrices are small, results then do not depend on the number
@@ -71,7 +81,7 @@ def build(scene: Scene, progress: Callable[[str], None] = lambda stage: None) ->
             f"expected a Scene, got {type(scene).__name__}. load_scene(path) reads one from a file."
         )
     with _threads().limit(limits=1):
-        return _build(scene, _Clock(progress))
+        return _build(scene, search, _Clock(progress))
 
 
 @cache
@@ -79,7 +89,7 @@ def _threads() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-def _build(scene: Scene, clock: _Clock) -> Build:
+def _build(scene: Scene, search: float, clock: _Clock) -> Build:
     with clock.stage("assemble"):
         equations = assemble(scene)
         inputs, outputs = choose_signals(scene, equations)
@@ -91,9 +101,14 @@ def _build(scene: Scene, clock: _Clock) -> Build:
     with clock.stage("extract"):
         raw = extract(relations)
     with clock.stage("reduce"):
-        lft = _state_space(equations, reduce_order(raw))
+        reduced = reduce_order(raw)
+        lft = _state_space(equations, reduced)
     with clock.stage("bound"):
         bound = lower_bound(lft)
+    if search > 0.0 and lft.order > sum(bound.values()):
+        with clock.stage("search"):
+            smaller = _state_space(equations, reduce_commuting(reduced, bound, search))
+            lft = min(lft, smaller, key=lambda candidate: candidate.order)
     with clock.stage("check"):
         error, count = measure_error(equations, inputs, outputs, lft, trim.lft, SEED)
     names = [parameter.name for parameter in equations.parameters]

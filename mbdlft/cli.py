@@ -109,6 +109,10 @@ def linearize(
         Path | None, typer.Option("-o", "--output", help="Archive to write the model into.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    search: Annotated[
+        float,
+        typer.Option(min=0.0, help="Seconds to look for a smaller model, as parameters commute."),
+    ] = 0.0,
     plot: Annotated[
         Path | None, typer.Option(help="Figure of singular values to draw, such as fig.png.")
     ] = None,
@@ -122,7 +126,9 @@ def linearize(
     scene = load_scene(scene_file)
     seconds["read"] = time.perf_counter() - start
     with Console(stderr=True).status("") as status:
-        built = build(scene, progress=lambda stage: status.update(f"{escape(scene.name)}: {stage}"))
+        built = build(
+            scene, search, progress=lambda stage: status.update(f"{escape(scene.name)}: {stage}")
+        )
         seconds |= {name: value for name, value in built.seconds.items() if name != "total"}
         if output is not None:
             status.update(f"{escape(scene.name)}: write")
