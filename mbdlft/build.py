@@ -199,12 +199,17 @@ def _is_displacement(name: str) -> bool:
     return name.endswith((".angle", ".position"))
 
 
+@cache
+def _version(package: str) -> str:
+    return version(package)
+
+
 def _provenance(scene: Scene) -> Provenance:
     return Provenance(
         scene=scene_to_toml(scene),
-        mbdlft=version("mbdlft"),
-        casadi=version("casadi"),
+        mbdlft=_version("mbdlft"),
+        casadi=_version("casadi"),
         numpy=np.__version__,
-        h5py=version("h5py"),
+        h5py=_version("h5py"),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
     )

@@ -1,6 +1,7 @@
 """The waist above the extraction: implicit equations of motion in CasADi SX, nothing inverted."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import casadi as ca
@@ -67,6 +68,7 @@ def physical_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
     return ParameterSymbols(p, p, ca.cos(factors * p), ca.sin(factors * p))
 
 
+@lru_cache(maxsize=1)  # the trim and the linearization of one scene share them
 def internal_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
     """The equations as rational functions of internal values: angles by tangents of a part of them.
 
