@@ -17,7 +17,7 @@ from mbdlft.parameter import Parameter, to_delta
 from mbdlft.trim import evaluate_many, trim_efforts
 
 _RANDOM_POINTS, _MOST_CORNERS = 100, 128
-_FLOOR = 1e-6
+_FLOOR = 1e-2  # of the load (and the inertia it acts on): the size below which terms have cancelled
 _ACCEPTED = 1e-5  # of an error; larger ones are refused
 _NEGLIGIBLE = 1e-8  # an entry below this part of its row's size is compared with the row
 _LINES = 32  # points to which the line from nominal is searched for singularities
@@ -40,7 +40,7 @@ def check_points(parameters: Sequence[Parameter], seed: int) -> Array:
 
 def reference_matrices(
     equations: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array, float]:
     """The nonlinear equations, trimmed and linearized at points (N, n_p).
 
     Returns
@@ -48,6 +48,7 @@ def reference_matrices(
     [A B ; C D] (N, ., .)
     trimmed efforts (N, n_u)
     sizes of the efforts (N, n_u): what they would be if no terms cancelled
+    a part of the largest load: no stiffness is compared with anything smaller
 
     Raises
     ------
@@ -84,10 +85,9 @@ def reference_matrices(
     # where terms cancel already in the numbers of the scene: what the load does to the inertia
     (load,) = evaluate_many(ca.Function("load", [symbols], [ca.densify(load_value(e, p))]), points)
     inertia = np.max(by_effort @ np.abs(jacobian[:, :n, :n]), axis=2)
-    sizes = np.maximum(
-        terms, _FLOOR * np.max(np.abs(load), axis=(1, 2), initial=0.0)[:, None] * inertia
-    )
-    return np.concatenate([solved[:, :nx], read], axis=1), efforts, sizes
+    floor = _FLOOR * np.max(np.abs(load), axis=(1, 2), initial=0.0)
+    sizes = np.maximum(terms, floor[:, None] * inertia)
+    return np.concatenate([solved[:, :nx], read], axis=1), efforts, sizes, float(np.max(floor))
 
 
 def term_sizes(tape: ca.Function, points: Array) -> Array:
@@ -131,13 +131,21 @@ _PAIRS: dict[int, Callable[[Array, Array, Array, Array], tuple[Array, Array]]] =
 }
 
 
-def relative_error(values: Array, reference: Array) -> float:
-    """Largest error of an entry, relative to the largest size of that entry over the points (N, ., .)."""
+def relative_error(values: Array, reference: Array, states: int, floor: float) -> float:
+    """Largest error of an entry of [A B ; C D], relative to its largest size over the points (N, ., .).
+
+    A negligible entry of A or C is compared with its row: where the terms of a stiffness cancel only
+    rounding is left; `floor` is the least size of such a row. One of B or D is compared with its
+    column, since inputs have units of their own.
+    """
     size = np.max(np.abs(reference), axis=0)
-    row = np.max(size, axis=-1, keepdims=True)
-    scale = np.where(size > _NEGLIGIBLE * row, size, row)
-    scale = np.where(scale > 0, scale, 1.0)
-    return float(np.max(np.abs(values - reference) / scale, initial=0.0))
+    of_row = np.max(size[:, :states], axis=1, initial=floor, keepdims=True)
+    of_column = np.max(size[:, states:], axis=0, initial=0.0, keepdims=True)
+    rows, columns = size.shape[0], size.shape[1] - states
+    whole = np.hstack([np.tile(of_row, (1, states)), np.tile(of_column, (rows, 1))])
+    whole = np.where(whole > 0, whole, np.max(size, initial=0.0)).reshape(rows, states + columns)
+    scale = np.where(size > _NEGLIGIBLE * whole, size, whole)
+    return float(np.max(np.abs(values - reference) / np.where(scale > 0, scale, 1.0), initial=0.0))
 
 
 def check_well_posed(lft: LFT, parameters: Sequence[Parameter], points: Array, name: str) -> Array:
@@ -194,8 +202,8 @@ def measure_error(
     """
     points = check_points(equations.parameters, seed)
     deltas = check_well_posed(model, equations.parameters, points, equations.name)
-    reference, efforts, sizes = reference_matrices(equations, inputs, outputs, points)
-    error = relative_error(evaluate_at(model, deltas), reference)
+    reference, efforts, sizes, floor = reference_matrices(equations, inputs, outputs, points)
+    error = relative_error(evaluate_at(model, deltas), reference, equations.x.numel(), floor)
     difference = np.max(np.abs(evaluate_at(trim, deltas)[:, :, 0] - efforts), axis=0)
     trim_error = 0.0
     for unit in {signal.unit for signal in equations.u_signals}:

@@ -58,6 +58,31 @@ def test_a_wrong_model_or_trim_is_refused() -> None:
         measure_error(equations, inputs, outputs, right, planted(trim), 0)
 
 
+@pytest.mark.parametrize("mass", [2.0, 1e6, 1e10])
+def test_a_wrong_input_matrix_is_refused_whatever_its_size(mass: float) -> None:
+    """B = 1/(m L^2) is tiny beside A for a large mass; three times too large is wrong all the same."""
+    scene = mbdlft.Scene(
+        name="pendulum",
+        gravity=(0, 0, -9.81),
+        parameters=[mbdlft.Parameter("m", mass, percent=20, unit="kg")],
+        bodies=[
+            mbdlft.RigidBody(
+                name="bob", mass="m", center_of_mass=(0, 0, -1), inertia=mbdlft.Inertia(xx=0)
+            )
+        ],
+        joints=[mbdlft.Revolute(name="pivot", parent="ground", child="bob", axis=(1, 0, 0))],
+    )
+    equations = assemble(scene)
+    model = mbdlft.to_lft(scene)
+    right, trim = model.lft, model.trim.lft
+    assert trim is not None
+    assert model.certificate.max_relative_error <= SCENARIO
+    gain = np.array([1.0, 1.0, 3.0])
+    wrong = LFT(right.M11, right.M12 * gain, right.M21, right.M22 * gain, right.blocks)
+    with pytest.raises(mbdlft.AnalysisError, match="of the size of an entry of its matrices"):
+        measure_error(equations, [0], [0], wrong, trim, 0)
+
+
 def planted(a: LFT) -> LFT:
     wrong = a.M21.copy()
     wrong[np.unravel_index(np.argmax(np.abs(wrong)), wrong.shape)] *= 1.001
