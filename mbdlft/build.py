@@ -16,7 +16,7 @@ from mbdlft.equations import Equations
 from mbdlft.errors import SceneError, WellPosednessError, unknown_name
 from mbdlft.extract import extract
 from mbdlft.lft.commute import reduce_commuting
-from mbdlft.lft.lft import LFT, eliminate, reorder
+from mbdlft.lft.lft import LFT, eliminate, with_blocks
 from mbdlft.lft.model import Certificate, LFTModel, Provenance, Trim
 from mbdlft.lft.reduce import lower_bound, reduce_order
 from mbdlft.linearize import linearize, trim_relations
@@ -123,7 +123,7 @@ def _build(scene: Scene, search: float, clock: _Clock) -> Build:
         trim=trim,
         certificate=Certificate(
             order=tuple(block.size for block in lft.blocks),
-            lower_bound=tuple(bound[name] for name in names),
+            lower_bound=tuple(min(bound[block.name], block.size) for block in lft.blocks),
             raw_order=tuple(raw_orders[name] for name in names),
             max_relative_error=error,
             check_points=count,
@@ -147,13 +147,13 @@ def _state_space(equations: Equations, relations: LFT) -> LFT:
             s.name for s, size in zip(equations.x_signals, directions, strict=False) if size > 0.1
         ]
         raise WellPosednessError(
-            f"scene {equations.name!r}: the mass matrix is singular at nominal: nothing with inertia "
-            f"moves with {', '.join(names)}. Give what these joints carry a mass or an inertia, or the "
-            "joints an actuator_inertia."
+            f"scene {equations.name!r}: the mass matrix is singular, or nearly so, at nominal: nothing "
+            f"with enough inertia moves with {', '.join(names)}. Give what these joints carry a mass or "
+            "an inertia, or the joints an actuator_inertia."
         ) from None
     rows = [*range(nx), *range(n, solved.shape[0])]
     closed = LFT(solved.M11, solved.M12, solved.M21[rows], solved.M22[rows], solved.blocks)
-    return reorder(reduce_order(closed), [p.name for p in equations.parameters])
+    return with_blocks(reduce_order(closed), [p.name for p in equations.parameters])
 
 
 def _trim(equations: Equations) -> Trim:
@@ -163,7 +163,7 @@ def _trim(equations: Equations) -> Trim:
     nominal = np.array([[parameter.nominal for parameter in equations.parameters]])
     efforts, _ = trim_efforts(equations, nominal)
     names = [parameter.name for parameter in equations.parameters]
-    return Trim(equations.u_signals, tuple(float(u) for u in efforts[0]), reorder(lft, names))
+    return Trim(equations.u_signals, tuple(float(u) for u in efforts[0]), with_blocks(lft, names))
 
 
 def choose_signals(scene: Scene, equations: Equations) -> tuple[list[int], list[int]]:

@@ -11,7 +11,7 @@ import numpy as np
 from mbdlft.analyze.sample import corners, random
 from mbdlft.equations import Equations, equation_function, load_value, physical_symbols
 from mbdlft.errors import AnalysisError, WellPosednessError
-from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.evaluate import chunks, evaluate_at
 from mbdlft.lft.lft import LFT, Array
 from mbdlft.parameter import Parameter, to_delta
 from mbdlft.trim import evaluate_many, trim_efforts
@@ -163,14 +163,17 @@ def check_well_posed(lft: LFT, parameters: Sequence[Parameter], points: Array, n
         [to_delta(p, points[:, k]) for k, p in enumerate(parameters)] or [np.zeros(0)], axis=1
     ).reshape(len(points), len(parameters))
     spread = np.repeat(deltas, [block.size for block in lft.blocks], axis=1)
-    signs, _ = np.linalg.slogdet(np.eye(lft.order) - lft.M11[None] * spread[:, None, :])
-    singular = signs <= 0
+    singular = np.zeros(len(points), dtype=bool)
+    for part in chunks(len(points), lft.order):
+        signs, _ = np.linalg.slogdet(np.eye(lft.order) - lft.M11[None] * spread[part, None, :])
+        singular[part] = signs <= 0
     # an eigenvalue of D_zw Delta that is real and >= 1: det vanishes on the line from nominal, even
     # where it does not change its sign
     lines = np.unique(np.linspace(0, len(points) - 1, _LINES).astype(int))
-    eigenvalues = np.linalg.eigvals(lft.M11[None] * spread[lines, None, :])
-    real = np.abs(eigenvalues.imag) <= _REAL * np.abs(eigenvalues)
-    singular[lines] |= np.any(real & (eigenvalues.real >= 1.0), axis=1)
+    for part in chunks(len(lines), lft.order):
+        eigenvalues = np.linalg.eigvals(lft.M11[None] * spread[lines[part], None, :])
+        real = np.abs(eigenvalues.imag) <= _REAL * np.abs(eigenvalues)
+        singular[lines[part]] |= np.any(real & (eigenvalues.real >= 1.0), axis=1)
     if np.any(singular):
         worst = points[int(np.argmax(singular))]
         where = ", ".join(
@@ -205,11 +208,8 @@ def measure_error(
     reference, efforts, sizes, floor = reference_matrices(equations, inputs, outputs, points)
     error = relative_error(evaluate_at(model, deltas), reference, equations.x.numel(), floor)
     difference = np.max(np.abs(evaluate_at(trim, deltas)[:, :, 0] - efforts), axis=0)
-    trim_error = 0.0
-    for unit in {signal.unit for signal in equations.u_signals}:
-        group = [k for k, signal in enumerate(equations.u_signals) if signal.unit == unit]
-        size = float(np.max(sizes[:, group]))
-        trim_error = max(trim_error, float(np.max(difference[group])) / (size if size > 0 else 1.0))
+    size = np.max(sizes, axis=0)
+    trim_error = float(np.max(difference / np.where(size > 0, size, 1.0), initial=0.0))
     worst = max(error, trim_error)
     if not worst <= _ACCEPTED:
         raise AnalysisError(

@@ -23,16 +23,22 @@ Substitution = Literal["identity", "half-angle", "quarter-angle"]
 
 ROLES: tuple[str, ...] = get_args(Role)
 SUBSTITUTIONS: tuple[str, ...] = get_args(Substitution)
+_NEAREST = 1e-8  # of the range: how near an end the nominal may be
 _ANGLE_DIVISOR = {"half-angle": 2.0, "quarter-angle": 4.0}
 
 
 @dataclass(frozen=True, slots=True)
 class BilinearMap:
-    """internal = (b0 + b1 delta) / (1 + a1 delta); affine when a1 = 0."""
+    """internal = b0 + gain delta / (1 + a1 delta) = (b0 + b1 delta) / (1 + a1 delta)."""
 
     b0: float
-    b1: float
+    gain: float
     a1: float
+
+    @property
+    def b1(self) -> float:
+        """Coefficient of delta in the numerator."""
+        return self.gain + self.a1 * self.b0
 
 
 @dataclass(frozen=True, slots=True, init=False)
@@ -130,8 +136,8 @@ class Parameter:
         excess = 2.0 * nominal - low - high
         if abs(excess) <= 4.0 * np.finfo(float).eps * max(abs(low), abs(nominal), abs(high)):
             return BilinearMap(nominal, 0.5 * (high - low), 0.0)  # centered: affine
-        a1 = excess / (high - low)
-        return BilinearMap(nominal, high * (1.0 + a1) - nominal, a1)
+        gain = 2.0 * (high - nominal) * (nominal - low) / (high - low)
+        return BilinearMap(nominal, gain, excess / (high - low))
 
 
 def Angle(
@@ -211,7 +217,8 @@ def to_delta(parameter: Parameter, physical: ArrayLike) -> NDArray[np.float64]:
     array of the same shape [1]; -1, 0, 1 at low, nominal, high
     """
     internal, m = to_internal(parameter, physical), parameter.map
-    return (internal - m.b0) / (m.b1 - m.a1 * internal)
+    distance = internal - m.b0
+    return distance / (m.gain - m.a1 * distance)
 
 
 def to_physical(parameter: Parameter, delta: ArrayLike) -> NDArray[np.float64]:
@@ -227,7 +234,7 @@ def to_physical(parameter: Parameter, delta: ArrayLike) -> NDArray[np.float64]:
     array of the same shape, in `parameter.unit`
     """
     values, m = np.asarray(delta, dtype=float), parameter.map
-    internal = (m.b0 + m.b1 * values) / (1.0 + m.a1 * values)
+    internal = m.b0 + m.gain * values / (1.0 + m.a1 * values)
     if not parameter.is_angle:
         return internal
     radians = parameter.reference + _ANGLE_DIVISOR[parameter.substitution] * np.arctan(internal)
@@ -296,6 +303,11 @@ def _problem(parameter: Parameter) -> str | None:
         return (
             f"the nominal must lie strictly inside the range, got nominal = {p.nominal}, "
             f"range [{p.low}, {p.high}] {p.unit}."
+        )
+    if min(p.nominal - p.low, p.high - p.nominal) < _NEAREST * (p.high - p.low):
+        return (
+            f"the nominal {p.nominal:g} is too close to an end of the range [{p.low:g}, {p.high:g}] "
+            f"{p.unit}: the other end would be mapped with a loss of digits. Move the nominal."
         )
     if p.is_angle:
         factor, reach = parse_unit(p.unit).factor, np.pi * _ANGLE_DIVISOR[p.substitution] / 2.0

@@ -21,7 +21,10 @@ from scipy.sparse.linalg import splu
 
 from mbdlft.errors import WellPosednessError
 from mbdlft.lft.lft import LFT, Array, Block
+from mbdlft.lft.rounding import cleaned
 from mbdlft.parameter import BilinearMap
+
+_MOST_CLEANED = 3000  # signals; the full inverse of more would not fit
 
 
 class Coefficient(NamedTuple):
@@ -126,7 +129,7 @@ class SignalGraph:
             return Scaled(1.0, channel)
         first, second = (int(child) for child in arguments)
         if operation == "add":
-            return self.combine([self.apply(first, signal), self.apply(second, signal)])
+            return self.combine([self.apply(term, signal) for term in self._terms(number)])
         if operation == "multiply":
             return self.apply(first, self.apply(second, signal))
         divisor = self.constant_value(second)
@@ -134,6 +137,17 @@ class SignalGraph:
             applied = self.apply(first, signal)
             return Scaled(applied.factor / divisor, applied.number)
         return self.apply(first, self._divide(second, signal))
+
+    def _terms(self, number: int) -> list[int]:
+        """Terms of a sum of coefficients, however it is nested."""
+        found, pending = [], [number]
+        while pending:
+            operation, arguments = self.nodes[current := pending.pop()]
+            if operation == "add":
+                pending += [int(arguments[1]), int(arguments[0])]
+            else:
+                found.append(current)
+        return found
 
     def _divide(self, number: int, signal: Scaled) -> Scaled:
         """y with apply(number, y) = signal."""
@@ -157,7 +171,7 @@ class SignalGraph:
         """Inputs to outputs as an LFT in the normalized deltas of the parameters `names`.
 
         All signals s solve E s = F u + G w', and a channel w = p z of a parameter with
-        p = (b0 + b1 delta)/(1 + a1 delta) is w = b0 z + (b1 - a1 b0) w', w' = delta (z - a1 w').
+        p = b0 + gain delta/(1 + a1 delta) is w = b0 z + gain w', w' = delta (z - a1 w').
 
         Raises
         ------
@@ -180,7 +194,7 @@ class SignalGraph:
         ]
         right = np.zeros((self.size, nu + nw))
         right[:nu, :nu] = np.eye(nu)
-        gains = np.array([owner.b1 - owner.a1 * owner.b0 for owner in owners])
+        gains = np.array([owner.gain for owner in owners])
         right[self.size - nw :, nu:] = np.diag(gains)
         solution = _solve(_matrix(equations, self.size), right)
         solution[~self._depends(channels)] = 0.0  # what is zero by structure is zero exactly
@@ -235,7 +249,12 @@ def _solve(matrix: csc_array, right: Array) -> Array:
     scale = 2.0 ** -np.round(np.log2(largest))  # rows of one size: pivots then make no noise
     try:
         scaled = (diags_array(scale) @ matrix).tocsc()
-        solution = np.asarray(splu(scaled).solve(scale[:, None] * right))
+        factors = splu(scaled)
+        solution = np.asarray(factors.solve(scale[:, None] * right))
+        if len(scale) <= _MOST_CLEANED and np.all(np.isfinite(solution)):
+            inverse, terms = factors.solve(np.eye(len(scale))), scale[:, None] * right
+            size = np.abs(inverse) @ (abs(scaled) @ np.abs(solution) + np.abs(terms))
+            solution = cleaned(solution, 0.25 * size)
     except RuntimeError:
         solution = np.full_like(right, np.nan)
     if not np.all(np.isfinite(solution)):

@@ -39,7 +39,6 @@ class Joint(Description, abc.ABC):
     degrees_of_freedom: ClassVar[int]
     effort: ClassVar[tuple[str, str] | None]
     measures: ClassVar[tuple[tuple[str, str], ...]]
-    rotates: ClassVar[bool]
 
     name: Text
     parent: Text

@@ -17,7 +17,6 @@ class Fixed(AxisJoint):
     degrees_of_freedom: ClassVar[int] = 0
     effort: ClassVar[None] = None
     measures: ClassVar[tuple[tuple[str, str], ...]] = ()
-    rotates: ClassVar[bool] = True
 
     axis: Direction = (1.0, 0.0, 0.0)
     position: Quantity = 0.0

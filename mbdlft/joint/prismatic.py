@@ -28,7 +28,6 @@ class Prismatic(AxisJoint):
         ("velocity", "m/s"),
         ("acceleration", "m/s^2"),
     )
-    rotates: ClassVar[bool] = False
 
     position: Quantity = 0.0
     stiffness: Quantity = 0.0

@@ -29,7 +29,6 @@ class Revolute(AxisJoint):
         ("rate", "rad/s"),
         ("acceleration", "rad/s^2"),
     )
-    rotates: ClassVar[bool] = True
 
     position: Quantity = 0.0
     stiffness: Quantity = 0.0

@@ -1,6 +1,6 @@
 """Values of an LFT at one or many values of its deltas."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from mbdlft.errors import StructureError, WellPosednessError
 from mbdlft.lft.lft import LFT, Array, check, check_name
 
-_CHUNK = 512  # samples evaluated together: small enough to stay in cache
+_CHUNK, _CHUNK_ENTRIES = 512, 2**22  # samples and matrix entries that are held at once
 
 
 def evaluate(a: LFT, deltas: Mapping[str, ArrayLike]) -> Array:
@@ -69,8 +69,8 @@ def evaluate_at(a: LFT, points: ArrayLike) -> Array:
     last = a.M12[:, columns].T if wide else a.M21[rows]
     spread = np.repeat(p, [block.size for block in a.blocks], axis=1)
     eye = np.eye(a.order)
-    for start in range(0, len(p), _CHUNK):
-        d = spread[start : start + _CHUNK]
+    for chunk in chunks(len(p), a.order):
+        d = spread[chunk]
         # (I - M11 Delta)^-1 M12 from the right, or its transpose from the left
         loop = eye - inner[None] * d[:, None, :]
         try:
@@ -78,6 +78,13 @@ def evaluate_at(a: LFT, points: ArrayLike) -> Array:
         except np.linalg.LinAlgError:
             raise WellPosednessError("I - M11 Delta is singular at one of the points.") from None
         change = (last * d[:, None, :]) @ solved
-        part = values[start : start + _CHUNK]
+        part = values[chunk]
         part[:, rows[:, None], columns] += np.swapaxes(change, 1, 2) if wide else change
     return values
+
+
+def chunks(count: int, order: int) -> Iterator[slice]:
+    """Slices of `count` samples whose order x order matrices fit into memory together."""
+    size = max(1, min(_CHUNK, _CHUNK_ENTRIES // max(1, order * order)))
+    for start in range(0, count, size):
+        yield slice(start, start + size)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mbdlft.errors import StructureError, WellPosednessError, unknown_name
+from mbdlft.lft.rounding import cleaned, solution_size
 
 Array = NDArray[np.float64]
 
@@ -259,16 +260,16 @@ def eliminate(relation: LFT, n: int) -> LFT:
     WellPosednessError
         That part is singular at delta = 0.
     """
-    m22 = relation.M22
-    right = np.hstack([relation.M21[:n], m22[:n, n:]])
-    solved = -solve_nominal(m22[:n, :n], right, "the relations to be solved")
-    from_w, from_s = solved[:, : relation.order], solved[:, relation.order :]
-    z_a, y_a = relation.M12[:, :n], m22[n:, :n]
+    w, m22 = relation.order, relation.M22
+    base = np.block([[relation.M11, relation.M12[:, n:]], [relation.M21[n:], m22[n:, n:]]])
+    left = np.vstack([relation.M12[:, :n], m22[n:, :n]])
+    right = -np.hstack([relation.M21[:n], m22[:n, n:]])
+    total, solved = _through(base, left, m22[:n, :n], right, "the relations to be solved")
     return LFT(
-        relation.M11 + z_a @ from_w,
-        relation.M12[:, n:] + z_a @ from_s,
-        np.vstack([from_w, relation.M21[n:] + y_a @ from_w]),
-        np.vstack([from_s, m22[n:, n:] + y_a @ from_s]),
+        total[:w, :w],
+        total[:w, w:],
+        np.vstack([solved[:, :w], total[w:, :w]]),
+        np.vstack([solved[:, w:], total[w:, w:]]),
         relation.blocks,
     )
 
@@ -293,20 +294,27 @@ def fix(a: LFT, values: Mapping[str, float]) -> LFT:
     left = np.vstack([a.M11[np.ix_(keep, drop)], a.M21[:, drop]]) * scale
     loop = np.eye(len(drop)) - a.M11[np.ix_(drop, drop)] * scale
     right = np.hstack([a.M11[np.ix_(drop, keep)], a.M12[drop]])
-    added = left @ solve_nominal(loop, right, "an LFT with fixed deltas")
+    base = np.block([[a.M11[np.ix_(keep, keep)], a.M12[keep]], [a.M21[:, keep], a.M22]])
+    total, _ = _through(base, left, loop, right, "an LFT with fixed deltas")
     n = len(keep)
     blocks = tuple(block for block in a.blocks if block.name not in values)
-    return LFT(
-        a.M11[np.ix_(keep, keep)] + added[:n, :n],
-        a.M12[keep] + added[:n, n:],
-        a.M21[:, keep] + added[n:, :n],
-        a.M22 + added[n:, n:],
-        blocks,
-    )
+    return LFT(total[:n, :n], total[:n, n:], total[n:, :n], total[n:, n:], blocks)
 
 
-def reorder(a: LFT, names: Sequence[str]) -> LFT:
-    """The same LFT with blocks for exactly `names` (of size 0 where it has none)."""
+def _through(
+    base: Array, left: Array, matrix: Array, right: Array, what: str
+) -> tuple[Array, Array]:
+    """base + left matrix^-1 right, and matrix^-1 right, both without the rounding of what cancels."""
+    if not matrix.size:
+        return base, np.zeros((0, base.shape[1]))
+    solved = solve_nominal(matrix, right, what)
+    size = solution_size(np.asarray(np.linalg.inv(matrix), dtype=float), matrix, solved, right)
+    solved = cleaned(solved, 0.25 * size)
+    return cleaned(base + left @ solved, np.abs(base) + np.abs(left) @ size), solved
+
+
+def with_blocks(a: LFT, names: Sequence[str]) -> LFT:
+    """The same LFT with a block for each of `names`, of size 0 where it has none."""
     missing = [Block(name, 0) for name in names if name not in a.slices()]
     return LFT(a.M11, a.M12, a.M21, a.M22, tuple(sorted((*a.blocks, *missing))))
 
@@ -323,7 +331,7 @@ def solve_nominal(matrix: Array, right: Array, what: str) -> Array:
     except np.linalg.LinAlgError:
         singular = True
     if singular:
-        raise WellPosednessError(f"{what}: the matrix at delta = 0 is singular.")
+        raise WellPosednessError(f"{what}: the matrix is singular to working precision.")
     return solution
 
 

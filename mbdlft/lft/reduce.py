@@ -8,10 +8,9 @@ The lower bound fixes all deltas but one. What is left is a one-parameter realiz
 of repetitions of that delta in any exact LFT of the same matrix is at least its McMillan degree.
 
 Ranks: every vector carries an estimate of its own rounding error, which grows as the subspaces are
-built; a direction counts when it stands out of that error. There is no tolerance to choose.
+built; a direction counts when it stands out of that error. There is no tolerance for the user to choose.
 """
 
-from collections.abc import Mapping
 from itertools import accumulate, pairwise
 from typing import NamedTuple
 
@@ -20,14 +19,27 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 
 from mbdlft.lft.lft import LFT, Array, Block, fix
+from mbdlft.lft.rounding import product
 
 _EPS = float(np.finfo(float).eps)
-_KEEP = 2.0**8  # in a reduction, a direction counts above this multiple of its own error
-_SURE = 2.0**20  # in a bound, it must be clear beyond doubt
-_MOST_ERROR = 2.0**-40
 _BOUND_POINTS = 2
 _BALANCE_SWEEPS = 4
 _ZERO = 2.0**-46  # an entry of a basis below this is rounding
+
+
+class Rule(NamedTuple):
+    """When a direction counts: its length over its error, and the most that an error is taken for.
+
+    The error estimate grows with every step although the vectors are made orthonormal again. In a
+    reduction a direction too many is harmless, so the estimate is capped; in a bound it is not.
+    """
+
+    threshold: float
+    most_error: float
+
+
+KEEP = Rule(2.0**8, 2.0**-40)
+SURE = Rule(2.0**20, 1.0)
 
 
 class _Core(NamedTuple):
@@ -45,13 +57,13 @@ class _Core(NamedTuple):
     error_out: tuple[float, ...]
 
 
-def reduce_order(a: LFT, threshold: float = _KEEP) -> LFT:
+def reduce_order(a: LFT, rule: Rule = KEEP) -> LFT:
     """The LFT of equal value whose order is minimal for deltas that do not commute.
 
     An LFT that is minimal in this sense already comes back as it is.
     """
     core, inputs, outputs = _balance(a)
-    small = _transpose(_compress(_transpose(_compress(core, threshold)), threshold))
+    small = _transpose(_compress(_transpose(_compress(core, rule)), rule))
     if small.sizes == core.sizes:
         return a
     blocks = [Block(block.name, size) for block, size in zip(a.blocks, small.sizes, strict=True)]
@@ -73,16 +85,11 @@ def lower_bound(a: LFT, seed: int = 0) -> dict[str, int]:
                 for other in a.blocks
                 if other.name != block.name
             }
-            degrees.append(reduce_order(fix(a, others), _SURE).order)
+            degrees.append(reduce_order(fix(a, others), SURE).order)
             if degrees[-1] == block.size:
                 break
         bound[block.name] = max(degrees)
     return bound
-
-
-def orders(a: LFT) -> Mapping[str, int]:
-    """Repetitions of each delta."""
-    return {block.name: block.size for block in a.blocks}
 
 
 def _transpose(core: _Core) -> _Core:
@@ -134,7 +141,7 @@ def _power_of_two(squares: Array) -> Array:
     return np.asarray(2.0 ** np.round(0.5 * np.log2(np.where(squares > 0, squares, 1.0))))
 
 
-def _compress(core: _Core, threshold: float) -> _Core:
+def _compress(core: _Core, rule: Rule) -> _Core:
     """Restrict each delta to its reachable subspace, in coordinates that are channels of the old LFT.
 
     S_k = range(T_k) with T_k the identity in the rows of the chosen channels: w = T w[chosen]. The new
@@ -142,7 +149,7 @@ def _compress(core: _Core, threshold: float) -> _Core:
     accuracy.
     """
     chosen, bases = [], []
-    for basis, part in zip(_reachable(core, threshold), _parts(core.sizes), strict=True):
+    for basis, part in zip(_reachable(core, rule), _parts(core.sizes), strict=True):
         rows, graph = _as_graph(basis)
         chosen.append(part.start + rows)
         bases.append(graph)
@@ -152,7 +159,12 @@ def _compress(core: _Core, threshold: float) -> _Core:
         T[old, new] = basis
     kept = np.concatenate([*chosen, np.zeros(0, dtype=int)]).astype(int)
     return _Core(
-        core.M11[kept] @ T, core.M12[kept], core.M21 @ T, sizes, core.error_in, core.error_out
+        product(core.M11[kept], T),
+        core.M12[kept],
+        product(core.M21, T),
+        sizes,
+        core.error_in,
+        core.error_out,
     )
 
 
@@ -179,14 +191,14 @@ def _parts(sizes: tuple[int, ...]) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(ends)]
 
 
-def _reachable(core: _Core, threshold: float) -> list[Array]:
+def _reachable(core: _Core, rule: Rule) -> list[Array]:
     """Orthonormal bases of the smallest S_k with range(M12_k) in S_k and M11_kj S_j in S_k."""
     parts = _parts(core.sizes)
     noise, start = core.error_in, core.M12
     bases = [_Basis(part.stop - part.start) for part in parts]
     # candidates of each delta: columns, and the error of each column
     fresh = [
-        basis.extend(start[part], np.full(start.shape[1], level), threshold)
+        basis.extend(start[part], np.full(start.shape[1], level), rule)
         for basis, part, level in zip(bases, parts, noise, strict=True)
     ]
     while any(len(error) for _, error in fresh):
@@ -206,7 +218,7 @@ def _reachable(core: _Core, threshold: float) -> list[Array]:
             errors = [
                 level + float(np.sqrt((blocks[k] ** 2).sum())) * sources[k][2] for k in coupled
             ]
-            fresh.append(basis.extend(np.hstack(columns), np.hstack(errors), threshold))
+            fresh.append(basis.extend(np.hstack(columns), np.hstack(errors), rule))
     return [basis.vectors for basis in bases]
 
 
@@ -222,7 +234,7 @@ class _Basis:
     def full(self) -> bool:
         return bool(self.vectors.shape[1] == self.size)
 
-    def extend(self, columns: Array, errors: Array, threshold: float) -> tuple[Array, Array]:
+    def extend(self, columns: Array, errors: Array, rule: Rule) -> tuple[Array, Array]:
         """Add the directions of `columns` that stand out of their errors; return what was added."""
         if self.full or not columns.shape[1]:
             return self.vectors[:, :0], self.errors[:0]
@@ -232,12 +244,11 @@ class _Basis:
                 inside = self.vectors.T @ columns
                 columns = columns - self.vectors @ inside
                 errors = errors + np.abs(inside).T @ self.errors
-        # the estimate grows with every step although the vectors are made orthonormal again
-        errors = np.minimum(errors, _MOST_ERROR)
+        errors = np.minimum(errors, rule.most_error)
         # lengths in units of the error; pivoting takes the clearest direction first
         factor, _, reflectors, _, _ = dgeqp3(columns / errors)
         clear = np.abs(np.diagonal(factor))
-        count = min(int(np.sum(clear > threshold)), self.size - known)
+        count = min(int(np.sum(clear > rule.threshold)), self.size - known)
         if count == 0:
             return self.vectors[:, :0], self.errors[:0]
         added, _, _ = dorgqr(factor[:, :count], reflectors[:count])

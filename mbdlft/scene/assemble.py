@@ -21,7 +21,7 @@ from mbdlft.signal import Signal
 from mbdlft.spatial import exact_cosine_sine, move_motion, move_wrench
 from mbdlft.unit import parse_unit
 
-_SEEN = 1e-9  # a sensitivity of the equations of order one below which an entry is not seen
+_SEEN = 1e-13  # a sensitivity of the equations of order one below which an entry is not seen
 
 Values = Mapping[str, Any]
 
