@@ -19,6 +19,7 @@ from mbdlft.lft.commute import reduce_commuting
 from mbdlft.lft.lft import LFT, eliminate, with_blocks
 from mbdlft.lft.model import Certificate, LFTModel, Provenance, Trim
 from mbdlft.lft.reduce import lower_bound, reduce_order
+from mbdlft.lft.rounding import COARSE, FINE
 from mbdlft.linearize import linearize, trim_relations
 from mbdlft.scene import Scene, assemble, scene_to_toml
 from mbdlft.signal import Signal
@@ -104,7 +105,9 @@ def _build(scene: Scene, search: float, clock: _Clock) -> Build:
         reduced = reduce_order(raw)
         lft = _state_space(equations, reduced)
     with clock.stage("bound"):
-        bound = lower_bound(lft)
+        # from a copy in which everything that may be rounding is zero
+        bound = lower_bound(_state_space(equations, reduced, COARSE))
+        bound = {block.name: min(bound[block.name], block.size) for block in lft.blocks}
     if search > 0.0 and lft.order > sum(bound.values()):
         with clock.stage("search"):
             smaller = _state_space(equations, reduce_commuting(reduced, bound, search))
@@ -136,11 +139,11 @@ def _build(scene: Scene, search: float, clock: _Clock) -> Build:
     return Build(model, clock.seconds | {"total": sum(clock.seconds.values())})
 
 
-def _state_space(equations: Equations, relations: LFT) -> LFT:
+def _state_space(equations: Equations, relations: LFT, level: float = FINE) -> LFT:
     """Close the relations for [xdot ; z] in the algebra: the LFT of [A B ; C D]."""
     n, nx = equations.residual.numel(), equations.x.numel()
     try:
-        solved = eliminate(relations, n)
+        solved = eliminate(relations, n, level)
     except WellPosednessError:
         directions = np.abs(np.linalg.svd(relations.M22[:n, :n])[2][-1])
         names = [

@@ -24,6 +24,7 @@ Substitution = Literal["identity", "half-angle", "quarter-angle"]
 ROLES: tuple[str, ...] = get_args(Role)
 SUBSTITUTIONS: tuple[str, ...] = get_args(Substitution)
 _NEAREST = 1e-8  # of the range: how near an end the nominal may be
+_NEAREST_SINGULAR = 1e-5  # of the reach: nearer to it the tangent takes too many digits
 _ANGLE_DIVISOR = {"half-angle": 2.0, "quarter-angle": 4.0}
 
 
@@ -312,7 +313,7 @@ def _problem(parameter: Parameter) -> str | None:
     if p.is_angle:
         factor, reach = parse_unit(p.unit).factor, np.pi * _ANGLE_DIVISOR[p.substitution] / 2.0
         farthest = max(abs(p.low * factor - p.reference), abs(p.high * factor - p.reference))
-        if farthest >= reach * (1.0 - 1e-12):
+        if farthest >= reach * (1.0 - _NEAREST_SINGULAR):
             center = p.reference / factor
             advice = (
                 "Use substitution = 'quarter-angle'."

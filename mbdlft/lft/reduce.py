@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 
 from mbdlft.lft.lft import LFT, Array, Block, fix
-from mbdlft.lft.rounding import product
+from mbdlft.lft.rounding import COARSE, FINE, product
 
 _EPS = float(np.finfo(float).eps)
 _BOUND_POINTS = 2
@@ -28,7 +28,8 @@ _ZERO = 2.0**-46  # an entry of a basis below this is rounding
 
 
 class Rule(NamedTuple):
-    """When a direction counts: its length over its error, and the most that an error is taken for.
+    """When a direction counts: its length over its error, the most that an error is taken for, and
+    what part of terms that cancelled is rounding.
 
     The error estimate grows with every step although the vectors are made orthonormal again. In a
     reduction a direction too many is harmless, so the estimate is capped; in a bound it is not.
@@ -36,10 +37,11 @@ class Rule(NamedTuple):
 
     threshold: float
     most_error: float
+    rounding: float
 
 
-KEEP = Rule(2.0**8, 2.0**-40)
-SURE = Rule(2.0**20, 1.0)
+KEEP = Rule(2.0**8, 2.0**-40, FINE)
+SURE = Rule(2.0**20, 1.0, COARSE)
 
 
 class _Core(NamedTuple):
@@ -85,7 +87,7 @@ def lower_bound(a: LFT, seed: int = 0) -> dict[str, int]:
                 for other in a.blocks
                 if other.name != block.name
             }
-            degrees.append(reduce_order(fix(a, others), SURE).order)
+            degrees.append(reduce_order(fix(a, others, COARSE), SURE).order)
             if degrees[-1] == block.size:
                 break
         bound[block.name] = max(degrees)
@@ -159,9 +161,9 @@ def _compress(core: _Core, rule: Rule) -> _Core:
         T[old, new] = basis
     kept = np.concatenate([*chosen, np.zeros(0, dtype=int)]).astype(int)
     return _Core(
-        product(core.M11[kept], T),
+        product(core.M11[kept], T, rule.rounding),
         core.M12[kept],
-        product(core.M21, T),
+        product(core.M21, T, rule.rounding),
         sizes,
         core.error_in,
         core.error_out,
