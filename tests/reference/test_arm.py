@@ -73,7 +73,7 @@ def test_fifty_digits(model: mbdlft.LFTModel) -> None:
 
 
 def test_order(model: mbdlft.LFTModel) -> None:
-    """The order reached and the proved bound, shared/notes: 16 = J1 1, m1 1, rho1 2, m3 2, L2 2, 4, 4."""
+    """The order reached and the proved bound: 16 = J1 1, m1 1, rho1 2, m3 2, L2 2, 4, 4."""
     bound = dict(
         zip((p.name for p in model.parameters), model.certificate.lower_bound, strict=True)
     )
