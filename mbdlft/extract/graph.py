@@ -21,7 +21,7 @@ from scipy.sparse.linalg import splu
 
 from mbdlft.errors import WellPosednessError
 from mbdlft.lft.lft import LFT, Array, Block
-from mbdlft.lft.rounding import cleaned
+from mbdlft.lft.rounding import cleaned, solution_size
 from mbdlft.parameter import BilinearMap
 
 _MOST_CLEANED = 3000  # signals; the full inverse of more would not fit
@@ -245,16 +245,16 @@ def _matrix(rows: Sequence[tuple[Scaled, ...]], width: int) -> csc_array:
 
 def _solve(matrix: csc_array, right: Array) -> Array:
     """matrix^-1 right, or an error that says the model is not well posed at nominal."""
-    largest = np.maximum.reduceat(np.abs(matrix.tocsr().data), matrix.tocsr().indptr[:-1])
+    by_rows = matrix.tocsr()
+    largest = np.maximum.reduceat(np.abs(by_rows.data), by_rows.indptr[:-1])
     scale = 2.0 ** -np.round(np.log2(largest))  # rows of one size: pivots then make no noise
     try:
         scaled = (diags_array(scale) @ matrix).tocsc()
-        factors = splu(scaled)
-        solution = np.asarray(factors.solve(scale[:, None] * right))
+        factors, terms = splu(scaled), scale[:, None] * right
+        solution = np.asarray(factors.solve(terms))
         if len(scale) <= _MOST_CLEANED and np.all(np.isfinite(solution)):
-            inverse, terms = factors.solve(np.eye(len(scale))), scale[:, None] * right
-            size = np.abs(inverse) @ (abs(scaled) @ np.abs(solution) + np.abs(terms))
-            solution = cleaned(solution, 0.25 * size)
+            inverse = factors.solve(np.eye(len(scale)))
+            solution = cleaned(solution, 0.25 * solution_size(inverse, scaled, solution, terms))
     except RuntimeError:
         solution = np.full_like(right, np.nan)
     if not np.all(np.isfinite(solution)):

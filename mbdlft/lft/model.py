@@ -264,9 +264,7 @@ def matrices_at(model: LFTModel, values: Mapping[str, ArrayLike]) -> StateMatric
     WellPosednessError
         The model is singular at one of the points.
     """
-    value = evaluate_at(model.lft, deltas_of(model, values))
-    if all(np.ndim(array) == 0 for array in values.values()):
-        value = value[0]
+    value = _value_at(model, model.lft, values)
     n = len(model.states)
     return StateMatrices(
         value[..., :n, :n], value[..., :n, n:], value[..., n:, :n], value[..., n:, n:]
@@ -293,5 +291,10 @@ def trim_at(model: LFTModel, values: Mapping[str, ArrayLike]) -> Array:
     """
     if model.trim.lft is None:
         raise StructureError(f"model {model.name!r} was stored without the LFT of its trim.")
-    value = evaluate_at(model.trim.lft, deltas_of(model, values))[:, :, 0]
-    return value[0] if all(np.ndim(array) == 0 for array in values.values()) else value
+    return _value_at(model, model.trim.lft, values)[..., 0]
+
+
+def _value_at(model: LFTModel, lft: LFT, values: Mapping[str, ArrayLike]) -> Array:
+    """Value of an LFT in the deltas of a model; with a leading axis if any value is an array."""
+    found = evaluate_at(lft, deltas_of(model, values))
+    return found[0] if all(np.ndim(array) == 0 for array in values.values()) else found

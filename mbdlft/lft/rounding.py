@@ -4,6 +4,8 @@ Every sum or solution comes with the size that it would have if nothing cancelle
 that size is rounding.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,7 +24,10 @@ def product(left: Array, right: Array, level: float = FINE) -> Array:
     return cleaned(left @ right, np.abs(left) @ np.abs(right), level)
 
 
-def solution_size(inverse: Array, matrix: Array, solution: Array, right: Array) -> Array:
-    """Size of the terms of matrix^-1 right: |matrix^-1| (|matrix| |solution| + |right|)."""
-    terms: Array = np.abs(matrix) @ np.abs(solution) + np.abs(right)
+def solution_size(inverse: Array, matrix: Any, solution: Array, right: Array) -> Array:
+    """Size of the terms of matrix^-1 right: |matrix^-1| (|matrix| |solution| + |right|).
+
+    `matrix` may be sparse.
+    """
+    terms: Array = abs(matrix) @ np.abs(solution) + np.abs(right)
     return np.asarray(np.abs(inverse) @ terms)
