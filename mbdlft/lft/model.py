@@ -55,6 +55,8 @@ class Certificate:
         its largest size over the points, each trimmed effort to the largest of its unit.
     exact : bool
         Whether the model is the exact one (no truncation, no fit).
+    exact_bound : bool
+        Whether the lower bound was computed in exact arithmetic, without rounding.
     """
 
     order: tuple[int, ...]
@@ -64,6 +66,7 @@ class Certificate:
     check_points: int
     seed: int
     exact: bool
+    exact_bound: bool = False
 
     @property
     def minimal(self) -> bool:
