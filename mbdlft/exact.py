@@ -28,7 +28,7 @@ from mbdlft.parameter import Parameter
 
 PRIME = 2**61 - 1
 _TRIES = 5
-_FIRST, _MOST_POINTS = 2, 512
+_MOST_POINTS = 512
 
 Rows = list[list[int]]
 
@@ -145,8 +145,6 @@ def _degree(
         if found == rank:
             break
         rank, count = found, 2 * count
-        if found == 0 and count > _FIRST:
-            break
     return rank
 
 

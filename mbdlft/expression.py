@@ -144,7 +144,7 @@ def evaluate(
         case Negative(operand):
             return -evaluate(operand, values, number)
         case Binary():
-            first, rest = _spine(expression)
+            first, rest = spine(expression)
             result = evaluate(first, values, number)
             for operator, right in rest:
                 result = _binary(operator, result, evaluate(right, values, number))
@@ -176,7 +176,7 @@ def write(expression: Expression) -> str:
         case Negative(operand):
             return f"-{write(operand)}"
         case Binary():
-            first, rest = _spine(expression)
+            first, rest = spine(expression)
             text = write(first)
             for operator, right in rest:
                 text = f"({text} {operator} {write(right)})"
@@ -209,7 +209,7 @@ def _power(base: Any, exponent: int) -> Any:
     return result
 
 
-def _spine(expression: Expression) -> tuple[Expression, list[tuple[str, Expression]]]:
+def spine(expression: Expression) -> tuple[Expression, list[tuple[str, Expression]]]:
     """The first operand of a chain of operators and what follows it: long sums nest to the left."""
     rest: list[tuple[str, Expression]] = []
     while isinstance(expression, Binary):

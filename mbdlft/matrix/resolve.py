@@ -20,6 +20,7 @@ from mbdlft.expression import (
     evaluate,
     names,
     parse,
+    spine,
     walk,
     write,
 )
@@ -179,8 +180,12 @@ class _Resolver:
                 return Negative(self._rational(operand))
             case Power(base, exponent):
                 return Power(self._rational(base), exponent)
-            case Binary(operator, left, right):
-                return Binary(operator, self._rational(left), self._rational(right))
+            case Binary():
+                first, rest = spine(expression)
+                result = self._rational(first)
+                for operator, right in rest:
+                    result = Binary(operator, result, self._rational(right))
+                return result
             case Call(function, argument):
                 return self._call(function, argument)
 

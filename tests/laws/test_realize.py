@@ -169,3 +169,11 @@ def test_archive_keeps_the_model(tmp_path: Path) -> None:
         assert stored.certificate.exact_bound
         same(stored, model)
         assert realize(mbdlft.matrix_from_toml(stored.provenance.scene)).order == model.order
+
+
+def test_long_sums_and_deep_texts() -> None:
+    """Thousands of terms need no recursion."""
+    text = " + ".join(f"{k % 7}*a*b" for k in range(1, 3001))
+    model = realize([[text]], [A, B])
+    total = sum(k % 7 for k in range(1, 3001))
+    target(value(model, SAMPLES)[:, 0, 0], total * SAMPLES["a"] * SAMPLES["b"], CLOSED_FORM)

@@ -7,10 +7,12 @@ import pytest
 
 import mbdlft
 from benchmarks import arm as benchmark
+from benchmarks import orders as orders_benchmark
 from mbdlft.linearize import linearize
 from mbdlft.scene import assemble
 from scenarios import two_link_arm
 from tests.close import SCENARIO, exact
+from tests.reference.orders import CASES
 
 ROOT = Path(__file__).parents[2]
 FILES = sorted((ROOT / "scenarios").glob("*.toml"))
@@ -100,6 +102,12 @@ def test_benchmark_at_its_smallest() -> None:
     for row in found:
         if not any(word in row.what for word in timed) and "of which" not in row.what:
             assert row.met, row
+
+
+def test_orders_benchmark_at_its_smallest() -> None:
+    rows = [orders_benchmark.measure(case, 0.0) for case in CASES if case.name in ("O4", "O9")]
+    assert [row.searched for row in rows] == [row.bound for row in rows] == [2, 3]
+    assert orders_benchmark.table(rows).count("\n") == len(rows) + 3
 
 
 def instructions(text: str) -> int:
