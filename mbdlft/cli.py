@@ -162,6 +162,7 @@ def realize(
 ) -> None:
     """Make a certified model of a matrix that is rational in parameters."""
     from mbdlft.matrix import load_matrix
+    from mbdlft.matrix.problem import unused_names
     from mbdlft.realization import build_matrix
 
     start = time.perf_counter()
@@ -182,7 +183,8 @@ def realize(
             start = time.perf_counter()
             save(output, built.model)
             seconds["write"] = time.perf_counter() - start
-    _report(built.model, seconds, {"archive": output}, [], as_json=as_json)
+    notes = [f"note: {name!r} is declared and not used." for name in unused_names(problem)]
+    _report(built.model, seconds, {"archive": output}, notes, as_json=as_json)
 
 
 @app.command()

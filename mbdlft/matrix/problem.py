@@ -8,7 +8,7 @@ from pydantic import InstanceOf, field_validator, model_validator
 
 from mbdlft.description import Description, Number, Quantity, Text
 from mbdlft.errors import SceneError
-from mbdlft.expression import BUILTIN_CONSTANTS
+from mbdlft.expression import BUILTIN_CONSTANTS, names, parse
 from mbdlft.parameter import Parameter
 from mbdlft.scene import Constant
 from mbdlft.scene.scene import check_constants, check_unique, check_value_names
@@ -101,16 +101,16 @@ class MatrixProblem(Description):
                 f"{len(self.states)} states do not fit into a matrix of {rows} rows and {columns} "
                 "columns; the leading part of that size is A."
             )
-        for what, names, size in (
+        for what, given, size in (
             ("inputs", self.inputs, columns - len(self.states)),
             ("outputs", self.outputs, rows - len(self.states)),
         ):
-            if names is not None and len(names) != size:
+            if given is not None and len(given) != size:
                 raise SceneError(
                     f"{what}: expected {size} names, one for each "
-                    f"{'column' if what == 'inputs' else 'row'} beside the states, got {len(names)}."
+                    f"{'column' if what == 'inputs' else 'row'} beside the states, got {len(given)}."
                 )
-            check_unique(what[:-1], names or ())
+            check_unique(what[:-1], given or ())
         check_unique("state", self.states)
         return self
 
@@ -136,6 +136,14 @@ class MatrixProblem(Description):
         return {**BUILTIN_CONSTANTS, **declared}
 
 
+def unused_names(problem: MatrixProblem) -> tuple[str, ...]:
+    """Parameters, constants and expressions that no text uses."""
+    sources = [*problem.expressions.values(), *(entry for row in problem.matrix for entry in row)]
+    used = {name for source in sources for name in names(parse(source))}
+    declared = (*(p.name for p in problem.parameters), *problem.constants, *problem.expressions)
+    return tuple(name for name in declared if name not in used)
+
+
 def check_quantity(place: str, value: Any) -> None:
     """Raise a SceneError unless a value is a finite number or a text."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -147,5 +155,5 @@ def _is_sequence(value: Any) -> bool:
     return isinstance(value, Sequence) and not isinstance(value, str)
 
 
-def _signals(names: Sequence[str]) -> tuple[Signal, ...]:
-    return tuple(Signal(name, "1") for name in names)
+def _signals(given: Sequence[str]) -> tuple[Signal, ...]:
+    return tuple(Signal(name, "1") for name in given)

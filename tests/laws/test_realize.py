@@ -7,6 +7,7 @@
 5. what is stored is read back
 """
 
+from collections.abc import Callable
 from pathlib import Path
 
 import casadi as ca
@@ -16,8 +17,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbdlft
-from mbdlft import Angle, Constant, MatrixProblem, Parameter, realize
+from mbdlft import Angle, Constant, MatrixProblem, Parameter, realization, realize
+from mbdlft.matrix import denominator, symbolic
 from mbdlft.matrix import resolve as resolving
+from mbdlft.scene.interval import Interval
 from tests.archive.models import same
 from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.laws.test_exact import entries
@@ -56,6 +59,55 @@ def test_all_ways_of_giving_a_matrix_agree(rows: list[list[str]]) -> None:
     for model in models:
         roundoff(value(model, SAMPLES), expected, 1e2)
         assert model.certificate.max_relative_error <= CLOSED_FORM
+
+
+def test_planted_bugs_of_conversion_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A difference of symbols read as a sum; a matrix that is twice too large."""
+    a, b = ca.SX.sym("a"), ca.SX.sym("b")
+    expected = python_value([["a - a*b"]], SAMPLES)
+    roundoff(value(realize(a - a * b, [A, B]), SAMPLES), expected, 1e2)
+    with monkeypatch.context() as planted:
+        planted.setitem(symbolic._BINARY, ca.OP_SUB, "+")
+        with pytest.raises(AssertionError, match="relative error"):
+            roundoff(value(realize(a - a * b, [A, B]), SAMPLES), expected, 1e2)
+    monkeypatch.setattr(realization, "internal_matrix", doubled)
+    with pytest.raises(mbdlft.AnalysisError, match="differs from the matrix by"):
+        realize([["a - a*b"]], [A, B])
+
+
+def doubled(problem: MatrixProblem, resolved: resolving.Resolved) -> tuple[ca.SX, ca.SX]:
+    p, matrix = symbolic.internal_matrix(problem, resolved)
+    return p, 2 * matrix
+
+
+def test_a_pole_that_intervals_miss_is_found_at_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(denominator, "find_zero", lambda function, bounds: None)
+    with pytest.raises(mbdlft.WellPosednessError, match="singular between the nominal values and"):
+        realize([["1/(a - 0.6)"]], [A])
+    with pytest.raises(mbdlft.WellPosednessError, match="vanishes at the nominal values"):
+        realize([["1/(a - 0.5)"]], [A])
+
+
+def law_interval(cosine: Callable[[float, float], Interval], low: float, width: float) -> None:
+    """All cosines lie inside, and the ends are reached."""
+    found = cosine(low, low + width)
+    turns = np.pi * np.arange(-10, 11)
+    inside = turns[(turns >= low) & (turns <= low + width)]
+    samples = np.cos(np.concatenate([np.linspace(low, low + width, 101), inside]))
+    roundoff([found.low, found.high], [samples.min(), samples.max()], scale=1.0)
+
+
+@given(st.floats(-10, 10), st.floats(0, 8))
+def test_intervals_of_cosines(low: float, width: float) -> None:
+    law_interval(denominator._cosine, low, width)
+
+
+def test_planted_interval_is_found() -> None:
+    def ends_only(low: float, high: float) -> Interval:
+        return Interval(*sorted((float(np.cos(low)), float(np.cos(high)))))
+
+    with pytest.raises(AssertionError):
+        law_interval(ends_only, -0.5, 1.5)
 
 
 def test_large_symbolic_matrix_has_short_texts() -> None:

@@ -108,6 +108,18 @@ def test_realize_writes_archive_and_table(
     assert set(found["seconds"]) == stages
 
 
+def test_realize_says_what_is_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = Path(MISSILE).read_text(encoding="utf-8")
+    file = tmp_path / "spare.toml"
+    file.write_text(text.replace("K1 = 1.4", "K1 = 1.4\nspare = 2.0"), encoding="utf-8")
+    code, out, _ = run(monkeypatch, capsys, "realize", str(file))
+    assert code == 0
+    assert out.count("is declared and not used") == 1
+    assert "'spare' is declared and not used" in out
+
+
 def test_trim_prints_the_torques(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
