@@ -41,9 +41,16 @@ if TYPE_CHECKING:
     from mbdlft.body import PointMass as PointMass
     from mbdlft.body import RigidBody as RigidBody
     from mbdlft.build import to_lft as to_lft
+    from mbdlft.exact import exact_lower_bound as exact_lower_bound
     from mbdlft.joint import Fixed as Fixed
     from mbdlft.joint import Prismatic as Prismatic
     from mbdlft.joint import Revolute as Revolute
+    from mbdlft.matrix import MatrixProblem as MatrixProblem
+    from mbdlft.matrix import load_matrix as load_matrix
+    from mbdlft.matrix import matrix_from_toml as matrix_from_toml
+    from mbdlft.matrix import matrix_problem as matrix_problem
+    from mbdlft.matrix import matrix_to_toml as matrix_to_toml
+    from mbdlft.realization import realize as realize
     from mbdlft.scene import Constant as Constant
     from mbdlft.scene import Scene as Scene
     from mbdlft.scene import assemble as assemble
@@ -60,9 +67,16 @@ _NEEDS_CASADI = {
     "PointMass": "mbdlft.body",
     "RigidBody": "mbdlft.body",
     "to_lft": "mbdlft.build",
+    "exact_lower_bound": "mbdlft.exact",
     "Fixed": "mbdlft.joint",
     "Prismatic": "mbdlft.joint",
     "Revolute": "mbdlft.joint",
+    "MatrixProblem": "mbdlft.matrix",
+    "load_matrix": "mbdlft.matrix",
+    "matrix_from_toml": "mbdlft.matrix",
+    "matrix_problem": "mbdlft.matrix",
+    "matrix_to_toml": "mbdlft.matrix",
+    "realize": "mbdlft.realization",
     "Constant": "mbdlft.scene",
     "Scene": "mbdlft.scene",
     "assemble": "mbdlft.scene",

@@ -37,7 +37,7 @@ class Build:
 
 
 @dataclass(slots=True)
-class _Clock:
+class Clock:
     """Seconds by stage."""
 
     progress: Callable[[str], None]
@@ -81,16 +81,17 @@ def build(
         raise SceneError(
             f"expected a Scene, got {type(scene).__name__}. load_scene(path) reads one from a file."
         )
-    with _threads().limit(limits=1):
-        return _build(scene, search, _Clock(progress))
+    with threads().limit(limits=1):
+        return _build(scene, search, Clock(progress))
 
 
 @cache
-def _threads() -> ThreadpoolController:
+def threads() -> ThreadpoolController:
+    """What limits the threads of linear algebra."""
     return ThreadpoolController()
 
 
-def _build(scene: Scene, search: float, clock: _Clock) -> Build:
+def _build(scene: Scene, search: float, clock: Clock) -> Build:
     with clock.stage("assemble"):
         equations = assemble(scene)
         inputs, outputs = choose_signals(scene, equations)
@@ -133,7 +134,7 @@ def _build(scene: Scene, search: float, clock: _Clock) -> Build:
             seed=SEED,
             exact=True,
         ),
-        provenance=_provenance(scene),
+        provenance=provenance(scene_to_toml(scene)),
         description=scene.description,
     )
     return Build(model, clock.seconds | {"total": sum(clock.seconds.values())})
@@ -207,9 +208,10 @@ def _version(package: str) -> str:
     return version(package)
 
 
-def _provenance(scene: Scene) -> Provenance:
+def provenance(text: str) -> Provenance:
+    """Versions, the time, and the TOML text that a model is made from."""
     return Provenance(
-        scene=scene_to_toml(scene),
+        scene=text,
         mbdlft=_version("mbdlft"),
         casadi=_version("casadi"),
         numpy=np.__version__,

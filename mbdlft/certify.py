@@ -18,7 +18,7 @@ from mbdlft.trim import evaluate_many, trim_efforts
 
 _RANDOM_POINTS, _MOST_CORNERS = 100, 128
 _FLOOR = 1e-2  # of the load (and the inertia it acts on): the size below which terms have cancelled
-_ACCEPTED = 1e-5  # of an error; larger ones are refused
+ACCEPTED = 1e-5  # of an error; larger ones are refused
 _NEGLIGIBLE = 1e-8  # an entry below this part of its row's size is compared with the row
 _LINES = 32  # points to which the line from nominal is searched for singularities
 _REAL = 1e-6  # an eigenvalue with a smaller relative imaginary part may be a double real one
@@ -131,12 +131,15 @@ _PAIRS: dict[int, Callable[[Array, Array, Array, Array], tuple[Array, Array]]] =
 }
 
 
-def relative_error(values: Array, reference: Array, states: int, floor: float) -> float:
+def relative_error(
+    values: Array, reference: Array, states: int, floor: float, terms: Array | float = 0.0
+) -> float:
     """Largest error of an entry of [A B ; C D], relative to its largest size over the points (N, ., .).
 
     A negligible entry of A or C is compared with its row: where the terms of a stiffness cancel only
     rounding is left; `floor` is the least size of such a row. One of B or D is compared with its
-    column, since inputs have units of their own.
+    column, since inputs have units of their own. `terms` are sizes of entries if nothing cancelled: what
+    is negligible beside its own terms is compared with them.
     """
     size = np.max(np.abs(reference), axis=0)
     of_row = np.max(size[:, :states], axis=1, initial=floor, keepdims=True)
@@ -144,11 +147,14 @@ def relative_error(values: Array, reference: Array, states: int, floor: float) -
     rows, columns = size.shape[0], size.shape[1] - states
     whole = np.hstack([np.tile(of_row, (1, states)), np.tile(of_column, (rows, 1))])
     whole = np.where(whole > 0, whole, np.max(size, initial=0.0)).reshape(rows, states + columns)
+    whole = np.maximum(whole, terms)
     scale = np.where(size > _NEGLIGIBLE * whole, size, whole)
     return float(np.max(np.abs(values - reference) / np.where(scale > 0, scale, 1.0), initial=0.0))
 
 
-def check_well_posed(lft: LFT, parameters: Sequence[Parameter], points: Array, name: str) -> Array:
+def check_well_posed(
+    lft: LFT, parameters: Sequence[Parameter], points: Array, owner: str, advice: str = ""
+) -> Array:
     """Deltas (N, n_p) of the points, once det(I - D_zw Delta) was seen to stay away from zero.
 
     The determinant is 1 at nominal, so a point where it is not positive means that it vanishes
@@ -180,8 +186,8 @@ def check_well_posed(lft: LFT, parameters: Sequence[Parameter], points: Array, n
             f"{p.name} = {value:g} {p.unit}" for p, value in zip(parameters, worst, strict=True)
         )
         raise WellPosednessError(
-            f"scene {name!r}: the model is singular between the nominal values and {where}. Narrow "
-            "the ranges, or keep masses and inertias away from zero."
+            f"{owner}: the model is singular between the nominal values and {where}. Narrow the "
+            f"ranges{advice}."
         )
     return deltas
 
@@ -204,14 +210,20 @@ def measure_error(
         The error is larger than rounding can explain in a problem that is worth solving.
     """
     points = check_points(equations.parameters, seed)
-    deltas = check_well_posed(model, equations.parameters, points, equations.name)
+    deltas = check_well_posed(
+        model,
+        equations.parameters,
+        points,
+        f"scene {equations.name!r}",
+        ", or keep masses and inertias away from zero",
+    )
     reference, efforts, sizes, floor = reference_matrices(equations, inputs, outputs, points)
     error = relative_error(evaluate_at(model, deltas), reference, equations.x.numel(), floor)
     difference = np.max(np.abs(evaluate_at(trim, deltas)[:, :, 0] - efforts), axis=0)
     size = np.max(sizes, axis=0)
     trim_error = float(np.max(difference / np.where(size > 0, size, 1.0), initial=0.0))
     worst = max(error, trim_error)
-    if not worst <= _ACCEPTED:
+    if not worst <= ACCEPTED:
         raise AnalysisError(
             f"scene {equations.name!r}: the model differs from the nonlinear equations by {worst:.1e} "
             f"of the size of an entry of {'its matrices' if error >= trim_error else 'its trim'}. "

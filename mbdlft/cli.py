@@ -1,4 +1,4 @@
-"""The command line: check, trim, linearize, show."""
+"""The command line: check, trim, linearize, realize, show."""
 
 import json
 import sys
@@ -28,6 +28,13 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+Output = Annotated[
+    Path | None, typer.Option("-o", "--output", help="Archive to write the model into.")
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+Search = Annotated[
+    float, typer.Option(min=0.0, help="Seconds to look for a smaller model, as parameters commute.")
+]
 SceneFile = Annotated[Path, typer.Argument(help="Scene, a TOML file.")]
 _WIDTH = 110  # of tables that go into a file or a pipe
 
@@ -105,14 +112,9 @@ def trim(
 @app.command()
 def linearize(
     scene_file: SceneFile,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Archive to write the model into.")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-    search: Annotated[
-        float,
-        typer.Option(min=0.0, help="Seconds to look for a smaller model, as parameters commute."),
-    ] = 0.0,
+    output: Output = None,
+    as_json: AsJson = False,
+    search: Search = 0.0,
     plot: Annotated[
         Path | None, typer.Option(help="Figure of singular values to draw, such as fig.png.")
     ] = None,
@@ -144,18 +146,45 @@ def linearize(
             start = time.perf_counter()
             save_singular_values(plot, built.model)
             seconds["plot"] = time.perf_counter() - start
-    seconds["total"] = sum(seconds.values())
-    if as_json:
-        sys.stdout.write(json.dumps(_summary(built.model, seconds), indent=2) + "\n")
-        return
-    _print_model(built.model)
-    console = _console()
-    for note in _notes(scene):
-        console.print(note)
-    console.print("seconds: " + ", ".join(f"{name} {value:.3f}" for name, value in seconds.items()))
-    for what, path in (("archive", output), ("figure", plot)):
-        if path is not None:
-            console.print(f"{what}: {path}", soft_wrap=True)
+    paths = {"archive": output, "figure": plot}
+    _report(built.model, seconds, paths, _notes(scene), as_json=as_json)
+
+
+@app.command()
+def realize(
+    matrix_file: Annotated[Path, typer.Argument(help="Matrix problem, a TOML file.")],
+    output: Output = None,
+    as_json: AsJson = False,
+    search: Search = 0.0,
+    exact: Annotated[
+        bool, typer.Option("--exact", help="Prove the lower bound in exact arithmetic.")
+    ] = False,
+) -> None:
+    """Make a certified model of a matrix that is rational in parameters."""
+    from mbdlft.matrix import load_matrix
+    from mbdlft.matrix.problem import unused_names
+    from mbdlft.realization import build_matrix
+
+    start = time.perf_counter()
+    problem = load_matrix(matrix_file)
+    seconds = {"read": time.perf_counter() - start}
+    with Console(stderr=True).status("") as status:
+        built = build_matrix(
+            problem,
+            search,
+            exact=exact,
+            progress=lambda stage: status.update(f"{escape(problem.name)}: {stage}"),
+        )
+        seconds |= {name: value for name, value in built.seconds.items() if name != "total"}
+        if output is not None:
+            status.update(f"{escape(problem.name)}: write")
+            from mbdlft.store import save
+
+            start = time.perf_counter()
+            save(output, built.model)
+            seconds["write"] = time.perf_counter() - start
+    notes = [f"note: {name!r} is declared and not used." for name in unused_names(problem)]
+    _report(built.model, seconds, {"archive": output}, notes, as_json=as_json)
 
 
 @app.command()
@@ -220,13 +249,36 @@ def _assignments(texts: list[str]) -> dict[str, float]:
     return values
 
 
+def _report(
+    model: LFTModel,
+    seconds: Mapping[str, float],
+    paths: Mapping[str, Path | None],
+    notes: list[str],
+    *,
+    as_json: bool,
+) -> None:
+    """Print what was made: one JSON object, or tables and notes."""
+    seconds = {**seconds, "total": sum(seconds.values())}
+    if as_json:
+        sys.stdout.write(json.dumps(_summary(model, seconds), indent=2) + "\n")
+        return
+    _print_model(model)
+    console = _console()
+    for note in notes:
+        console.print(note)
+    console.print("seconds: " + ", ".join(f"{name} {value:.3f}" for name, value in seconds.items()))
+    for what, path in paths.items():
+        if path is not None:
+            console.print(f"{what}: {path}", soft_wrap=True)
+
+
 def _print_model(model: LFTModel) -> None:
     console = _console()
     console.print(f"{model.name}  {model.description}", style="bold", highlight=False)
     for what in ("states", "inputs", "outputs"):
         signals = getattr(model, what)
         listed = ", ".join(f"{signal.name} ({signal.unit})" for signal in signals)
-        console.print(f"{what} ({len(signals)}): {listed}", highlight=False)
+        console.print(f"{what} ({len(signals)}): {listed}".rstrip(": "), highlight=False)
     certificate = model.certificate
     table = _table(
         None, "parameter", "unit", "nominal >", "range >", "role", "repetitions >", "lower bound >",
@@ -249,10 +301,13 @@ def _print_model(model: LFTModel) -> None:
         )
     console.print(table)
     proof = "minimal: proved" if certificate.minimal else "not proved minimal"
+    proof += " (bound in exact arithmetic)" if certificate.exact_bound else ""
     console.print(f"order {model.order}, lower bound {sum(certificate.lower_bound)}: {proof}")
+    # a scene has joints and so a trim; a matrix has none
+    truth = "re-trimming and re-linearizing" if model.trim.signals else "the matrix itself"
     console.print(
-        f"maximum relative error {certificate.max_relative_error:.1e} against re-trimming and "
-        f"re-linearizing at {certificate.check_points} points and corners"
+        f"maximum relative error {certificate.max_relative_error:.1e} against {truth} at "
+        f"{certificate.check_points} points and corners"
     )
     if model.trim.signals:
         trimmed = ", ".join(
@@ -295,6 +350,7 @@ def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]
         "lower_bound": sum(certificate.lower_bound),
         "raw_order": sum(certificate.raw_order),
         "minimal": certificate.minimal,
+        "exact_bound": certificate.exact_bound,
         "max_relative_error": certificate.max_relative_error,
         "check_points": certificate.check_points,
         "seconds": dict(seconds),

@@ -9,7 +9,7 @@ class MbdlftError(Exception):
 
 
 class SceneError(MbdlftError, ValueError):
-    """The description of a scene is inconsistent or incomplete."""
+    """The description of a scene or a matrix is inconsistent or incomplete."""
 
 
 class StructureError(MbdlftError, ValueError):

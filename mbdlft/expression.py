@@ -98,13 +98,13 @@ def parse(source: float | str) -> Expression:
 
 def names(expression: Expression) -> frozenset[str]:
     """Names of parameters and constants that an expression uses."""
-    return frozenset(node.name for node in _walk(expression) if isinstance(node, Name))
+    return frozenset(node.name for node in walk(expression) if isinstance(node, Name))
 
 
 def denominators(expression: Expression) -> tuple[Expression, ...]:
     """Divisors of an expression that are not plain numbers, and bases of negative powers."""
     found: list[Expression] = []
-    for node in _walk(expression):
+    for node in walk(expression):
         if isinstance(node, Binary) and node.operator == "/" and names(node.right):
             found.append(node.right)
         if isinstance(node, Power) and node.exponent < 0 and names(node.base):
@@ -112,7 +112,11 @@ def denominators(expression: Expression) -> tuple[Expression, ...]:
     return tuple(found)
 
 
-def evaluate(expression: Expression, values: Mapping[str, Any]) -> Any:
+def evaluate(
+    expression: Expression,
+    values: Mapping[str, Any],
+    number: Callable[[float], Any] = lambda value: value,
+) -> Any:
     """Value of an expression in the number system of `values`; a constant gives a float.
 
     Parameters
@@ -120,6 +124,8 @@ def evaluate(expression: Expression, values: Mapping[str, Any]) -> Any:
     expression : Expression
     values : mapping
         For each name a value with ``+ - * /`` (float, array, SX, interval, ...), in SI units.
+    number : function
+        Makes a literal number one of the number system; a float by default.
 
     Raises
     ------
@@ -130,23 +136,23 @@ def evaluate(expression: Expression, values: Mapping[str, Any]) -> Any:
     """
     match expression:
         case Number(value):
-            return value
+            return number(value)
         case Name(name):
             if name not in values:
                 raise SceneError(unknown_name("name", name, values))
             return values[name]
         case Negative(operand):
-            return -evaluate(operand, values)
+            return -evaluate(operand, values, number)
         case Binary():
-            first, rest = _spine(expression)
-            result = evaluate(first, values)
+            first, rest = spine(expression)
+            result = evaluate(first, values, number)
             for operator, right in rest:
-                result = _binary(operator, result, evaluate(right, values))
+                result = _binary(operator, result, evaluate(right, values, number))
             return result
         case Power(base, exponent):
-            return _power(evaluate(base, values), exponent)
+            return _power(evaluate(base, values, number), exponent)
         case Call(function, argument):
-            value = evaluate(argument, values)
+            value = evaluate(argument, values, number)
             if not isinstance(value, float):
                 raise NotRationalError(
                     f"{function}({write(argument)}) is not rational in "
@@ -170,7 +176,7 @@ def write(expression: Expression) -> str:
         case Negative(operand):
             return f"-{write(operand)}"
         case Binary():
-            first, rest = _spine(expression)
+            first, rest = spine(expression)
             text = write(first)
             for operator, right in rest:
                 text = f"({text} {operator} {write(right)})"
@@ -203,7 +209,7 @@ def _power(base: Any, exponent: int) -> Any:
     return result
 
 
-def _spine(expression: Expression) -> tuple[Expression, list[tuple[str, Expression]]]:
+def spine(expression: Expression) -> tuple[Expression, list[tuple[str, Expression]]]:
     """The first operand of a chain of operators and what follows it: long sums nest to the left."""
     rest: list[tuple[str, Expression]] = []
     while isinstance(expression, Binary):
@@ -212,7 +218,8 @@ def _spine(expression: Expression) -> tuple[Expression, list[tuple[str, Expressi
     return expression, rest[::-1]
 
 
-def _walk(expression: Expression) -> Iterator[Expression]:
+def walk(expression: Expression) -> Iterator[Expression]:
+    """All nodes of an expression."""
     pending = [expression]
     while pending:
         node = pending.pop()

@@ -32,7 +32,9 @@ def frequency_response(
         j omega is an eigenvalue of A at one of the samples.
     """
     frequencies = np.atleast_1d(np.asarray(omega, dtype=float))
-    A, B, C, D = (matrix.reshape(-1, *matrix.shape[-2:]) for matrix in matrices_at(model, values))
+    A, B, C, D = (
+        matrix if matrix.ndim == 3 else matrix[None] for matrix in matrices_at(model, values)
+    )
     eye = np.eye(A.shape[-1])
     response = np.empty((len(A), len(frequencies), *D.shape[-2:]), dtype=complex)
     for k, w in enumerate(frequencies):

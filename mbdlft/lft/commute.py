@@ -215,7 +215,7 @@ def _keeps(candidate: LFT, points: Array, values: Array) -> bool:
     spread = np.repeat(points, [block.size for block in candidate.blocks], axis=1)
     loop = np.eye(candidate.order) - candidate.M11[None] * spread[:, None, :]
     signs, _ = np.linalg.slogdet(loop)
-    if np.any(signs <= 0) or np.max(np.linalg.cond(loop)) > _CONDITION:
+    if np.any(signs <= 0) or (loop.size and np.max(np.linalg.cond(loop)) > _CONDITION):
         return False
     found = evaluate_at(candidate, points)
     size = np.max(np.abs(values), axis=0)

@@ -51,10 +51,13 @@ class Certificate:
     order, lower_bound, raw_order : repetitions after reduction, their proved minimum, before reduction
     max_relative_error : float
         Against trimming and linearizing the nonlinear equations at `check_points` values of the
-        parameters, random points and corners drawn with `seed`; each entry of A, B, C, D relative to
-        its largest size over the points, each trimmed effort to the largest of its unit.
+        parameters, random points and corners drawn with `seed`; for a matrix, against its value. Each
+        entry of A, B, C, D is relative to its largest size over the points, each trimmed effort to the
+        largest of its unit.
     exact : bool
         Whether the model is the exact one (no truncation, no fit).
+    exact_bound : bool
+        Whether the lower bound was computed in exact arithmetic, without rounding.
     """
 
     order: tuple[int, ...]
@@ -64,6 +67,7 @@ class Certificate:
     check_points: int
     seed: int
     exact: bool
+    exact_bound: bool = False
 
     @property
     def minimal(self) -> bool:
@@ -73,7 +77,7 @@ class Certificate:
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
-    """Where a model comes from: the text of the scene, versions, and the time (ISO 8601, UTC)."""
+    """Where a model comes from: the text of the scene or matrix, versions, the time (ISO 8601, UTC)."""
 
     scene: str
     mbdlft: str

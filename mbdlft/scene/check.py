@@ -14,7 +14,7 @@ from mbdlft.expression import denominators, evaluate, names, write
 from mbdlft.joint import Joint
 from mbdlft.parameter import Parameter
 from mbdlft.scene.dimension import Dimension
-from mbdlft.scene.interval import Interval, interval
+from mbdlft.scene.interval import find_zero
 from mbdlft.scene.quantities import (
     Place,
     angle_at,
@@ -26,7 +26,7 @@ from mbdlft.scene.quantities import (
 from mbdlft.scene.scene import Constant, Scene
 from mbdlft.unit import dimension_name, parse_unit
 
-_RANDOM, _CORNERS, _MOST_BOXES = 64, 4096, 4096
+_RANDOM, _CORNERS = 64, 4096
 
 
 def check(scene: Scene) -> None:
@@ -160,30 +160,17 @@ def _check_denominators(scene: Scene, place: Place, expected: Expected) -> None:
         used = sorted(names(denominator) & set(plain))
         if not used:
             continue
-        boxes = [tuple(_si_bounds(plain[name]) for name in used)]
-        examined = 0
-        while boxes:
-            box = boxes.pop()
-            examined += 1
-            inside = {name: Interval(*ends) for name, ends in zip(used, box, strict=True)}
-            value = interval(evaluate(denominator, {**constants, **inside}))
-            if value.low > 0.0 or value.high < 0.0:
-                continue
-            if examined > _MOST_BOXES or all(high - low < 1e-9 * abs(high) for low, high in box):
-                ranges = ", ".join(
-                    f"{name} = {(low + high) / 2 / parse_unit(plain[name].unit).factor:g} "
-                    f"{plain[name].unit}"
-                    for name, (low, high) in zip(used, box, strict=True)
-                )
-                raise WellPosednessError(
-                    f"{place}: the denominator {write(denominator)} vanishes in the range, near "
-                    f"{ranges}, or comes too close to zero to tell. Narrow the range or write the "
-                    "quantity without the division."
-                )
-            widest = int(np.argmax([high - low for low, high in box]))
-            low, high = box[widest]
-            middle = 0.5 * (low + high)
-            boxes += [
-                (*box[:widest], half, *box[widest + 1 :])
-                for half in ((low, middle), (middle, high))
-            ]
+        found = find_zero(
+            lambda box, divisor=denominator: evaluate(divisor, {**constants, **box}),  # type: ignore[misc]
+            {name: _si_bounds(plain[name]) for name in used},
+        )
+        if found is not None:
+            ranges = ", ".join(
+                f"{name} = {value / parse_unit(plain[name].unit).factor:g} {plain[name].unit}"
+                for name, value in found[0].items()
+            )
+            raise WellPosednessError(
+                f"{place}: the denominator {write(denominator)} vanishes in the range, near "
+                f"{ranges}, or comes too close to zero to tell. Narrow the range or write the "
+                "quantity without the division."
+            )

@@ -1,8 +1,12 @@
 """Intervals as a number system: an expression is evaluated over a whole range at once."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+
+_MOST_BOXES = 4096
+_SMALLEST = 1e-9  # width of a box that is not halved again, relative to the ends of the range
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,3 +51,43 @@ class Interval:
 def interval(value: Interval | float) -> Interval:
     """The interval of one number."""
     return value if isinstance(value, Interval) else Interval(value, value)
+
+
+def find_zero(
+    function: Callable[[Mapping[str, Interval]], Interval | float],
+    bounds: Mapping[str, tuple[float, float]],
+) -> tuple[dict[str, float], bool] | None:
+    """Where a function may vanish in a box; None if it is shown not to.
+
+    Parameters
+    ----------
+    function : from intervals by name to the interval of its values
+    bounds : (low, high) by name
+
+    Returns
+    -------
+    middle of a part of the box in which a zero could not be excluded, by name
+    whether that part is as small as rounding allows; if not, there were too many parts to tell
+    """
+    boxes = [tuple(bounds.values())]
+    sizes = [_SMALLEST * max(abs(low), abs(high)) for low, high in boxes[0]]
+    examined = 0
+    while boxes:
+        box = boxes.pop()
+        examined += 1
+        value = interval(
+            function({name: Interval(*ends) for name, ends in zip(bounds, box, strict=True)})
+        )
+        if value.low > 0.0 or value.high < 0.0:
+            continue
+        small = all(high - low < size for (low, high), size in zip(box, sizes, strict=True))
+        if small or examined > _MOST_BOXES:
+            middle = [0.5 * (low + high) for low, high in box]
+            return dict(zip(bounds, middle, strict=True)), small
+        widest = int(np.argmax([high - low for low, high in box]))
+        low, high = box[widest]
+        boxes += [
+            (*box[:widest], half, *box[widest + 1 :])
+            for half in ((low, 0.5 * (low + high)), (0.5 * (low + high), high))
+        ]
+    return None

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Self, final
 
 from pydantic import Field, InstanceOf, field_validator, model_validator
@@ -69,40 +69,18 @@ class Scene(Description):
     @field_validator("constants", mode="before")
     @classmethod
     def _constants_are_numbers(cls, constants: Any) -> Any:
-        for name, value in constants.items() if isinstance(constants, Mapping) else ():
-            number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not (isinstance(value, Constant) or (number and math.isfinite(value))):
-                raise SceneError(
-                    f"constant {name!r}: expected a finite number, or a Constant with a unit (in TOML "
-                    f"a table with value and unit), got {value!r}."
-                )
-            if isinstance(value, Constant):
-                try:
-                    parse_unit(value.unit)
-                except SceneError as error:
-                    raise SceneError(f"constant {name!r}: {error}") from None
+        check_constants(constants)
         return constants
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> Self:
-        values = [p.name for p in self.parameters] + list(self.constants)
-        reserved = {*BUILTIN_CONSTANTS, *FUNCTIONS}
-        for what, names in (
-            ("parameter or constant", values),
-            ("body", [body.name for body in self.bodies]),
-            ("joint", [joint.name for joint in self.joints]),
-            ("input", self.inputs or ()),
-            ("output", self.outputs or ()),
-        ):
-            twice = [name for name, count in Counter(names).items() if count > 1]
-            if twice:
-                raise SceneError(f"{what} {twice[0]!r} is given twice.")
-        for name in values:
-            if name in reserved or not name.isidentifier():
-                raise SceneError(
-                    f"{name!r} cannot name a parameter or constant. Use "
-                    f"letters, digits and underscores, and none of {', '.join(sorted(reserved))}."
-                )
+        check_value_names(
+            "parameter or constant", [p.name for p in self.parameters] + list(self.constants)
+        )
+        check_unique("body", [body.name for body in self.bodies])
+        check_unique("joint", [joint.name for joint in self.joints])
+        check_unique("input", self.inputs or ())
+        check_unique("output", self.outputs or ())
         for name in (*(body.name for body in self.bodies), *(joint.name for joint in self.joints)):
             if "." in name:
                 raise SceneError(
@@ -120,3 +98,38 @@ class Scene(Description):
             else:
                 values[name] = constant
         return values
+
+
+def check_constants(constants: Any) -> None:
+    """Raise a SceneError for the first constant that is not a finite number with a known unit."""
+    for name, value in constants.items() if isinstance(constants, Mapping) else ():
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not (isinstance(value, Constant) or (number and math.isfinite(value))):
+            raise SceneError(
+                f"constant {name!r}: expected a finite number, or a Constant with a unit (in TOML "
+                f"a table with value and unit), got {value!r}."
+            )
+        if isinstance(value, Constant):
+            try:
+                parse_unit(value.unit)
+            except SceneError as error:
+                raise SceneError(f"constant {name!r}: {error}") from None
+
+
+def check_value_names(what: str, names: Sequence[str]) -> None:
+    """Raise a SceneError for a name that is given twice or cannot stand in an expression."""
+    check_unique(what, names)
+    reserved = {*BUILTIN_CONSTANTS, *FUNCTIONS}
+    for name in names:
+        if name in reserved or not name.isidentifier():
+            raise SceneError(
+                f"{name!r} cannot name a {what}. Use "
+                f"letters, digits and underscores, and none of {', '.join(sorted(reserved))}."
+            )
+
+
+def check_unique(what: str, names: Sequence[str]) -> None:
+    """Raise a SceneError for a name that is given twice."""
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise SceneError(f"{what} {twice[0]!r} is given twice.")

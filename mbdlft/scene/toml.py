@@ -4,9 +4,9 @@ import inspect
 import math
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import tomli_w
 
@@ -17,6 +17,8 @@ from mbdlft.joint import KINDS as JOINTS
 from mbdlft.parameter import SUBSTITUTIONS, Angle, Parameter
 from mbdlft.scene.scene import Constant, Scene
 from mbdlft.unit import ANGLE_UNITS, parse_unit
+
+T = TypeVar("T")
 
 FORMAT = "mbdlft-scene/1"
 _TOP = (
@@ -47,17 +49,7 @@ def load_scene(path: str | Path) -> Scene:
         The file cannot be read or is not a scene; the message names the file and, where known,
         the line.
     """
-    file = Path(path)
-    try:
-        text = file.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise SceneError(f"{file}: cannot be read: it is not UTF-8 text: {error}.") from None
-    except OSError as error:
-        raise SceneError(f"{file}: cannot be read: {error.strerror}.") from None
-    try:
-        return scene_from_toml(text)
-    except MbdlftError as error:
-        raise type(error)(f"{file}: {error}") from None
+    return read_file(path, scene_from_toml)
 
 
 def scene_from_toml(text: str) -> Scene:
@@ -68,15 +60,7 @@ def scene_from_toml(text: str) -> Scene:
     SceneError
         The text is not TOML (with the line), or not a scene.
     """
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"not valid TOML: {error}") from None
-    try:
-        return _scene(table)
-    except SceneError as error:
-        line = _line(text, str(error))
-        raise SceneError(f"line {line}: {error}" if line else str(error)) from None
+    return read_table(text, _scene)
 
 
 def scene_to_toml(scene: Scene) -> str:
@@ -87,13 +71,7 @@ def scene_to_toml(scene: Scene) -> str:
     table["gravity"] = list(scene.gravity)
     if any(scene.acceleration):
         table["acceleration"] = list(scene.acceleration)
-    if scene.constants:
-        table["constants"] = {
-            name: value.model_dump() if isinstance(value, Constant) else value
-            for name, value in scene.constants.items()
-        }
-    if scene.parameters:
-        table["parameters"] = {p.name: _parameter_table(p) for p in scene.parameters}
+    table |= values_table(scene.constants, scene.parameters)
     table["bodies"] = {body.name: _kind_table(body) for body in scene.bodies}
     table["joints"] = {joint.name: _kind_table(joint) for joint in scene.joints}
     chosen = {"inputs": scene.inputs, "outputs": scene.outputs}
@@ -103,14 +81,80 @@ def scene_to_toml(scene: Scene) -> str:
     return tomli_w.dumps(table)
 
 
-def _scene(table: dict[str, Any]) -> Scene:
-    for key in table:
-        if key not in _TOP:
-            raise SceneError(unknown_name("key", key, _TOP))
+def read_file(path: str | Path, read: Callable[[str], T]) -> T:
+    """What `read` makes of the text of a file; its errors name the file."""
+    file = Path(path)
+    try:
+        text = file.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise SceneError(f"{file}: cannot be read: it is not UTF-8 text: {error}.") from None
+    except OSError as error:
+        raise SceneError(f"{file}: cannot be read: {error.strerror}.") from None
+    try:
+        return read(text)
+    except MbdlftError as error:
+        raise type(error)(f"{file}: {error}") from None
+
+
+def read_table(text: str, read: Callable[[dict[str, Any]], T]) -> T:
+    """What `read` makes of the table of a TOML text; its errors give the line, where known."""
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"not valid TOML: {error}") from None
+    try:
+        return read(table)
+    except SceneError as error:
+        line = _line(text, str(error))
+        raise SceneError(f"line {line}: {error}" if line else str(error)) from None
+
+
+def check_keys(table: Mapping[str, Any], form: str, keys: Sequence[str]) -> None:
+    """Raise a SceneError if a key is not known, or the format is missing or another one."""
     if "format" not in table:
-        raise SceneError(f"the line format = {FORMAT!r} is missing.")
-    if table["format"] != FORMAT:
-        raise SceneError(f"format: expected {FORMAT!r}, got {table['format']!r}.")
+        raise SceneError(f"the line format = {form!r} is missing.")
+    if table["format"] != form:
+        raise SceneError(
+            f"format: expected {form!r}, got {table['format']!r}. Scenes are for mbdlft linearize "
+            "(load_scene), matrices for mbdlft realize (load_matrix)."
+        )
+    for key in table:
+        if key not in keys:
+            raise SceneError(unknown_name("key", key, keys))
+
+
+def read_constants(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Numbers and `Constant`s of the table `constants`."""
+    return {
+        name: _constant(name, value) if isinstance(value, dict) else value
+        for name, value in _table("constants", table.get("constants", {})).items()
+    }
+
+
+def read_parameters(table: Mapping[str, Any]) -> list[Parameter]:
+    """Parameters of the table `parameters`."""
+    return [
+        _parameter(name, value)
+        for name, value in _table("parameters", table.get("parameters", {})).items()
+    ]
+
+
+def values_table(
+    constants: Mapping[str, float | Constant], parameters: Sequence[Parameter]
+) -> dict[str, Any]:
+    """The tables `constants` and `parameters`, those that are not empty."""
+    tables = {
+        "constants": {
+            name: value.model_dump() if isinstance(value, Constant) else value
+            for name, value in constants.items()
+        },
+        "parameters": {p.name: _parameter_table(p) for p in parameters},
+    }
+    return {key: table for key, table in tables.items() if table}
+
+
+def _scene(table: dict[str, Any]) -> Scene:
+    check_keys(table, FORMAT, _TOP)
     linearize = _table("linearize", table.get("linearize", {}))
     for key in linearize:
         if key not in ("inputs", "outputs"):
@@ -118,14 +162,8 @@ def _scene(table: dict[str, Any]) -> Scene:
     plain = ("name", "description", "gravity", "acceleration")
     return Scene(
         **{key: table[key] for key in plain if key in table},
-        constants={
-            name: _constant(name, value) if isinstance(value, dict) else value
-            for name, value in _table("constants", table.get("constants", {})).items()
-        },
-        parameters=[
-            _parameter(name, value)
-            for name, value in _table("parameters", table.get("parameters", {})).items()
-        ],
+        constants=read_constants(table),
+        parameters=read_parameters(table),
         bodies=_kinds("body", "bodies", table, BODIES),
         joints=_kinds("joint", "joints", table, JOINTS),
         **linearize,

@@ -50,6 +50,8 @@ def write_model(group: Any, model: LFTModel) -> None:
     certificate.attrs["check_points"] = np.int64(model.certificate.check_points)
     certificate.attrs["seed"] = np.int64(model.certificate.seed)
     certificate.attrs["exact"] = np.bool_(model.certificate.exact)
+    if model.certificate.exact_bound:
+        certificate.attrs["exact_bound"] = np.bool_(model.certificate.exact_bound)
     provenance = group.create_group("provenance")
     for name in Provenance.__dataclass_fields__:
         provenance.attrs[name] = getattr(model.provenance, name)
@@ -194,6 +196,7 @@ def _read_certificate(group: Any, count: int) -> Certificate:
         check_points=int(group.attrs["check_points"]),
         seed=int(group.attrs["seed"]),
         exact=bool(group.attrs["exact"]),
+        exact_bound=bool(group.attrs.get("exact_bound", False)),
     )
 
 

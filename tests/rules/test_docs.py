@@ -47,8 +47,8 @@ def test_numbers_in_the_readme_are_true(workplace: Path) -> None:
 
 def test_shell_examples_run(workplace: Path) -> None:
     script = Path(sys.executable).parent / "mbdlft"
-    lines = [line for block in blocks(ROOT / "README.md", "sh") for line in block.splitlines()]
-    assert len(lines) >= 5
+    lines = [line for page in PAGES for block in blocks(page, "sh") for line in block.splitlines()]
+    assert len(lines) >= 8
     for line in lines:
         command = [str(script), *line.split()[1:]]
         result = subprocess.run(command, cwd=workplace, capture_output=True, text=True, check=False)
@@ -61,6 +61,14 @@ def test_scene_example_builds() -> None:
     model = mbdlft.to_lft(mbdlft.scene_from_toml(block))
     assert model.certificate.max_relative_error < CLOSED_FORM
     assert [signal.name for signal in model.inputs] == ["tilt.torque", "slide.force"]
+
+
+def test_matrix_example_is_realized() -> None:
+    (block,) = blocks(ROOT / "docs" / "matrices.md", "toml")
+    problem = mbdlft.matrix_from_toml(block)
+    model = mbdlft.realize(problem)
+    assert model.certificate.max_relative_error < CLOSED_FORM
+    target(model.at(k=2.0, m=1.25).A, [[0, 1], [-9 - 2 / 1.25, -0.12]], CLOSED_FORM)
 
 
 def test_reader_of_the_docs_reproduces_samples(workplace: Path) -> None:

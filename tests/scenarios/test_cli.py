@@ -12,6 +12,7 @@ from tests.close import CLOSED_FORM, roundoff
 
 ROOT = Path(__file__).parents[2]
 ARM = str(ROOT / "scenarios" / "two_link_arm.toml")
+MISSILE = str(ROOT / "scenarios" / "missile.toml")
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -82,6 +83,43 @@ def test_json_has_the_promised_keys(
     assert sum(p["order"] for p in found["parameters"]) == 19
 
 
+def test_realize_writes_archive_and_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    archive = tmp_path / "missile.h5"
+    code, out, err = run(
+        monkeypatch, capsys, "realize", MISSILE, "-o", str(archive), "--search", "20", "--exact"
+    )
+    assert (code, err) == (0, "")
+    assert "order 10, lower bound 10: minimal: proved (bound in exact arithmetic)" in out
+    assert "against the matrix itself at 109 points and corners" in out
+    assert "seconds: read" in out
+    model = mbdlft.load(archive)
+    assert model.certificate.exact_bound
+    assert [signal.name for signal in model.states] == ["alpha", "q"]
+    code, shown, _ = run(monkeypatch, capsys, "show", str(archive))
+    assert code == 0
+    assert "minimal: proved (bound in exact arithmetic)" in shown
+    code, out, _ = run(monkeypatch, capsys, "realize", MISSILE, "--json")
+    found = json.loads(out)
+    assert (code, found["name"], found["lower_bound"]) == (0, "missile", 10)
+    assert found["exact_bound"] is False
+    stages = {"read", "resolve", "extract", "reduce", "bound", "check", "total"}
+    assert set(found["seconds"]) == stages
+
+
+def test_realize_says_what_is_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = Path(MISSILE).read_text(encoding="utf-8")
+    file = tmp_path / "spare.toml"
+    file.write_text(text.replace("K1 = 1.4", "K1 = 1.4\nspare = 2.0"), encoding="utf-8")
+    code, out, _ = run(monkeypatch, capsys, "realize", str(file))
+    assert code == 0
+    assert out.count("is declared and not used") == 1
+    assert "'spare' is declared and not used" in out
+
+
 def test_trim_prints_the_torques(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -116,6 +154,9 @@ def test_check_says_what_is_not_used(
     [
         ("check", "missing.toml"),
         ("linearize", "missing.toml"),
+        ("realize", "missing.toml"),
+        ("realize", ARM),
+        ("linearize", MISSILE),
         ("show", "missing.h5"),
         ("trim", ARM, "--set", "nonsense"),
         ("trim", ARM, "--set", "theta=3"),
@@ -140,5 +181,5 @@ def test_version_and_help(
     assert run(monkeypatch, capsys, "--version")[1].strip() == f"mbdlft {mbdlft.__version__}"
     code, out, _ = run(monkeypatch, capsys, "--help")
     assert code == 0
-    for command in ("check", "trim", "linearize", "show"):
+    for command in ("check", "trim", "linearize", "realize", "show"):
         assert command in out

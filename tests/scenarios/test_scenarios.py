@@ -7,13 +7,17 @@ import pytest
 
 import mbdlft
 from benchmarks import arm as benchmark
+from benchmarks import orders as orders_benchmark
 from mbdlft.linearize import linearize
 from mbdlft.scene import assemble
 from scenarios import two_link_arm
 from tests.close import SCENARIO, exact
+from tests.reference.orders import CASES
 
 ROOT = Path(__file__).parents[2]
-SCENES = sorted((ROOT / "scenarios").glob("*.toml"))
+FILES = sorted((ROOT / "scenarios").glob("*.toml"))
+MATRICES = [path for path in FILES if "mbdlft-matrix" in path.read_text(encoding="utf-8")]
+SCENES = [path for path in FILES if path not in MATRICES]
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
@@ -33,6 +37,32 @@ def test_toml_to_python_and_back_is_equal(path: Path) -> None:
     text = mbdlft.scene_to_toml(scene)
     assert mbdlft.scene_from_toml(text) == scene
     assert mbdlft.scene_to_toml(mbdlft.scene_from_toml(text)) == text
+
+
+@pytest.mark.parametrize("path", MATRICES, ids=lambda path: path.stem)
+def test_matrix_scenario_is_exact_and_makes_the_round_trip(path: Path) -> None:
+    problem = mbdlft.load_matrix(path)
+    model = mbdlft.realize(problem)
+    assert problem.name == path.stem
+    assert problem.description
+    assert model.certificate.max_relative_error <= SCENARIO
+    assert model.order >= sum(model.certificate.lower_bound)
+    text = mbdlft.matrix_to_toml(problem)
+    assert text == model.provenance.scene
+    assert mbdlft.matrix_from_toml(text) == problem
+    assert mbdlft.matrix_to_toml(mbdlft.matrix_from_toml(text)) == text
+
+
+def test_matrix_scenarios_have_their_orders() -> None:
+    aircraft = mbdlft.realize(mbdlft.load_matrix(ROOT / "scenarios" / "lateral_aircraft.toml"))
+    assert aircraft.order == 14
+    assert aircraft.certificate.minimal
+    missile = mbdlft.load_matrix(ROOT / "scenarios" / "missile.toml")
+    model = mbdlft.realize(missile, search=20.0, exact=True)
+    assert model.certificate.lower_bound == (4, 5, 1)
+    assert model.order == 10
+    assert model.certificate.minimal
+    assert model.certificate.exact_bound
 
 
 def test_arm_in_python_equals_arm_in_toml() -> None:
@@ -72,6 +102,12 @@ def test_benchmark_at_its_smallest() -> None:
     for row in found:
         if not any(word in row.what for word in timed) and "of which" not in row.what:
             assert row.met, row
+
+
+def test_orders_benchmark_at_its_smallest() -> None:
+    rows = [orders_benchmark.measure(case, 0.0) for case in CASES if case.name in ("O4", "O9")]
+    assert [row.searched for row in rows] == [row.bound for row in rows] == [2, 3]
+    assert orders_benchmark.table(rows).count("\n") == len(rows) + 3
 
 
 def instructions(text: str) -> int:

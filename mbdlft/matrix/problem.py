@@ -1,0 +1,159 @@
+"""The matrix problem: what a user describes who has a matrix instead of a scene."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Self, final
+
+from pydantic import InstanceOf, field_validator, model_validator
+
+from mbdlft.description import Description, Number, Quantity, Text
+from mbdlft.errors import SceneError
+from mbdlft.expression import BUILTIN_CONSTANTS, names, parse
+from mbdlft.parameter import Parameter
+from mbdlft.scene import Constant
+from mbdlft.scene.scene import check_constants, check_unique, check_value_names
+from mbdlft.signal import Signal
+
+
+@final
+class MatrixProblem(Description):
+    """A matrix whose entries are rational in parameters.
+
+    Parameters
+    ----------
+    name : str
+    description : str, optional
+    constants : mapping of names to numbers, or to `Constant` with a unit
+    parameters : sequence of `Parameter` and `Angle`
+    expressions : mapping of names to expressions, optional
+        Shared parts; each may use constants, parameters, and the expressions before it.
+    matrix : rows of numbers or expressions
+        An angle may stand in ``sin`` and ``cos`` only, alone or in a sum with integer factors.
+    states : number or names, optional
+        How many there are; the leading part of this size is A, and the matrix is [A B ; C D].
+    inputs, outputs : sequence of str, optional
+        Names for the other columns and rows; u0, u1, ... and y0, y1, ... by default.
+
+    Nothing is converted: a name is the value in the unit it was declared with.
+    """
+
+    name: Text = "matrix"
+    description: str = ""
+    constants: dict[Text, Number | InstanceOf[Constant]] = {}
+    parameters: tuple[InstanceOf[Parameter], ...] = ()
+    expressions: dict[Text, Quantity] = {}
+    matrix: tuple[tuple[Quantity, ...], ...]
+    states: tuple[Text, ...] = ()
+    inputs: tuple[Text, ...] | None = None
+    outputs: tuple[Text, ...] | None = None
+
+    @classmethod
+    def where(cls, fields: Mapping[str, Any]) -> str:
+        return f"matrix {fields.get('name', 'matrix')!r}"
+
+    @field_validator("constants", mode="before")
+    @classmethod
+    def _constants_are_numbers(cls, constants: Any) -> Any:
+        check_constants(constants)
+        return constants
+
+    @field_validator("expressions", mode="before")
+    @classmethod
+    def _expressions_are_quantities(cls, expressions: Any) -> Any:
+        for name, value in expressions.items() if isinstance(expressions, Mapping) else ():
+            check_quantity(f"expression {name!r}", value)
+        return expressions
+
+    @field_validator("matrix", mode="before")
+    @classmethod
+    def _matrix_has_rows_of_one_length(cls, matrix: Any) -> Any:
+        rows = matrix.tolist() if hasattr(matrix, "tolist") else matrix
+        if not _is_sequence(rows) or not all(_is_sequence(row) for row in rows):
+            raise SceneError(f"expected rows of numbers or expressions, got {matrix!r}.")
+        if not rows or not rows[0]:
+            raise SceneError("the matrix is empty. Give it at least one row and one column.")
+        for i, row in enumerate(rows):
+            if len(row) != len(rows[0]):
+                raise SceneError(
+                    f"row {i} has {len(row)} entries, row 0 has {len(rows[0])}. All rows need one "
+                    "length."
+                )
+            for j, entry in enumerate(row):
+                check_quantity(f"entry ({i}, {j})", entry)
+        return rows
+
+    @field_validator("states", mode="before")
+    @classmethod
+    def _count_of_states_is_names(cls, states: Any) -> Any:
+        if isinstance(states, bool) or not isinstance(states, int):
+            return states
+        if states < 0:
+            raise SceneError(f"states: expected a number of at least 0, or names, got {states}.")
+        return tuple(f"x{k}" for k in range(states))
+
+    @model_validator(mode="after")
+    def _names_and_sizes_fit(self) -> Self:
+        declared = [p.name for p in self.parameters] + list(self.constants) + list(self.expressions)
+        check_value_names("parameter, constant or expression", declared)
+        rows, columns = self.shape
+        if len(self.states) > min(rows, columns):
+            raise SceneError(
+                f"{len(self.states)} states do not fit into a matrix of {rows} rows and {columns} "
+                "columns; the leading part of that size is A."
+            )
+        for what, given, size in (
+            ("inputs", self.inputs, columns - len(self.states)),
+            ("outputs", self.outputs, rows - len(self.states)),
+        ):
+            if given is not None and len(given) != size:
+                raise SceneError(
+                    f"{what}: expected {size} names, one for each "
+                    f"{'column' if what == 'inputs' else 'row'} beside the states, got {len(given)}."
+                )
+            check_unique(what[:-1], given or ())
+        check_unique("state", self.states)
+        return self
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, columns)."""
+        return len(self.matrix), len(self.matrix[0])
+
+    def signals(self) -> tuple[tuple[Signal, ...], tuple[Signal, ...], tuple[Signal, ...]]:
+        """States, inputs and outputs; their units are not known and are given as 1."""
+        rows, columns = self.shape
+        n = len(self.states)
+        inputs = self.inputs or tuple(f"u{k}" for k in range(columns - n))
+        outputs = self.outputs or tuple(f"y{k}" for k in range(rows - n))
+        return _signals(self.states), _signals(inputs), _signals(outputs)
+
+    def constant_values(self) -> dict[str, float]:
+        """Constants as declared, with the built-in ones."""
+        declared = {
+            name: value.value if isinstance(value, Constant) else value
+            for name, value in self.constants.items()
+        }
+        return {**BUILTIN_CONSTANTS, **declared}
+
+
+def unused_names(problem: MatrixProblem) -> tuple[str, ...]:
+    """Parameters, constants and expressions that no text uses."""
+    sources = [*problem.expressions.values(), *(entry for row in problem.matrix for entry in row)]
+    used = {name for source in sources for name in names(parse(source))}
+    declared = (*(p.name for p in problem.parameters), *problem.constants, *problem.expressions)
+    return tuple(name for name in declared if name not in used)
+
+
+def check_quantity(place: str, value: Any) -> None:
+    """Raise a SceneError unless a value is a finite number or a text."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not ((number and math.isfinite(value)) or (isinstance(value, str) and value)):
+        raise SceneError(f"{place}: expected a finite number or an expression, got {value!r}.")
+
+
+def _is_sequence(value: Any) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, str)
+
+
+def _signals(given: Sequence[str]) -> tuple[Signal, ...]:
+    return tuple(Signal(name, "1") for name in given)

@@ -1,0 +1,236 @@
+"""From texts to expressions that are rational in names, and their values in any number system.
+
+An angle stands in sin and cos only. These are written as rational in the *parts* of the angle, two
+names that no text can contain, so that each number system gives its own cosine and sine.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from mbdlft.errors import MbdlftError, NotRationalError, SceneError, unknown_name
+from mbdlft.expression import (
+    Binary,
+    Call,
+    Expression,
+    Name,
+    Negative,
+    Number,
+    Power,
+    evaluate,
+    names,
+    parse,
+    spine,
+    walk,
+    write,
+)
+from mbdlft.matrix.problem import MatrixProblem
+from mbdlft.scene.quantities import AngleSum
+from mbdlft.spatial import exact_cosine_sine
+
+_MOST_TURNS = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Resolved:
+    """The expressions of a matrix problem, angles replaced by their parts.
+
+    Attributes
+    ----------
+    shared : expressions by name, each uses names before it only
+    entries : rows of expressions
+    irrational : what is not a rational number, with its place
+    """
+
+    shared: dict[str, Expression]
+    entries: tuple[tuple[Expression, ...], ...]
+    irrational: tuple[str, ...]
+
+    def names_of(self, expression: Expression) -> frozenset[str]:
+        """Names that an expression uses, itself or through shared expressions."""
+        used = set(names(expression))
+        for name in reversed(self.shared):
+            if name in used:
+                used |= names(self.shared[name])
+        return frozenset(used)
+
+    def parameters_of(self, expression: Expression) -> frozenset[str]:
+        """Parameters and constants that an expression uses; the parts of an angle belong to it."""
+        used = self.names_of(expression) - self.shared.keys()
+        return frozenset(name.rpartition(" ")[2] for name in used)
+
+
+def cosine_name(angle: str) -> str:
+    """Name of the cosine of an angle parameter."""
+    return f"cos {angle}"
+
+
+def sine_name(angle: str) -> str:
+    """Name of the sine of an angle parameter."""
+    return f"sin {angle}"
+
+
+def entry_place(problem: MatrixProblem, i: int, j: int) -> str:
+    """How messages name an entry."""
+    return f"matrix {problem.name!r}, entry ({i}, {j})"
+
+
+def resolve(problem: MatrixProblem) -> Resolved:
+    """Expressions of a problem.
+
+    Raises
+    ------
+    SceneError
+        A text is not an expression, or a name is unknown.
+    NotRationalError
+        A function of a parameter that is not sin or cos of an angle, or an angle outside of them.
+    """
+    return _Resolver(problem).run()
+
+
+def matrix_values(
+    problem: MatrixProblem,
+    resolved: Resolved,
+    values: Mapping[str, Any],
+    number: Callable[[float], Any] = lambda value: value,
+) -> list[list[Any]]:
+    """Rows of values in the number system of `values`, which has all parameters and constants."""
+    known = dict(values)
+    rows: list[list[Any]] = []
+    place = ""
+    try:
+        for name, expression in resolved.shared.items():
+            place = f"matrix {problem.name!r}, expression {name!r}"
+            known[name] = evaluate(expression, known, number)
+        for i, row in enumerate(resolved.entries):
+            rows.append([])
+            for j, entry in enumerate(row):
+                place = entry_place(problem, i, j)
+                rows[i].append(evaluate(entry, known, number))
+    except MbdlftError as error:
+        raise type(error)(f"{place}: {error}") from None
+    return rows
+
+
+class _Resolver:
+    """Walks the texts of one problem in order."""
+
+    def __init__(self, problem: MatrixProblem) -> None:
+        self.problem = problem
+        self.constants = problem.constant_values()
+        self.angles = {p.name for p in problem.parameters if p.is_angle}
+        self.plain = {p.name for p in problem.parameters} - self.angles
+        self.shared: dict[str, Expression] = {}
+        self.depends: dict[str, frozenset[str]] = {}  # parameters of each shared expression
+        self.irrational: list[str] = []
+        self.place = ""
+
+    def run(self) -> Resolved:
+        for name, source in self.problem.expressions.items():
+            expression = self._read(f"matrix {self.problem.name!r}, expression {name!r}", source)
+            self.shared[name] = expression
+            self.depends[name] = self._parameters(expression)
+        rows = tuple(
+            tuple(
+                self._read(entry_place(self.problem, i, j), source) for j, source in enumerate(row)
+            )
+            for i, row in enumerate(self.problem.matrix)
+        )
+        return Resolved(self.shared, rows, tuple(self.irrational))
+
+    def _read(self, place: str, source: float | str) -> Expression:
+        self.place = f"{place} = {source!r}"
+        try:
+            expression = parse(source)
+            known = {*self.constants, *self.angles, *self.plain, *self.problem.expressions}
+            for name in sorted(names(expression)):
+                if name not in known:
+                    raise SceneError(unknown_name("name", name, known))
+                if name in self.problem.expressions and name not in self.depends:
+                    raise SceneError(
+                        f"the expression {name!r} is not known here; an expression uses only those "
+                        "before it."
+                    )
+            return self._rational(expression)
+        except MbdlftError as error:
+            raise type(error)(f"{self.place}: {error}") from None
+
+    def _parameters(self, expression: Expression) -> frozenset[str]:
+        """Parameters an expression depends on."""
+        used: set[str] = set()
+        for name in names(expression):
+            used |= self.depends.get(name, {name} - self.constants.keys())
+        return frozenset(used)
+
+    def _rational(self, expression: Expression) -> Expression:
+        """The expression with angle functions in terms of the parts of the angles."""
+        match expression:
+            case Number():
+                return expression
+            case Name(name):
+                if name in self.angles:
+                    raise NotRationalError(
+                        f"the angle {name!r} stands outside of sin and cos. A matrix is rational in "
+                        "the sine and cosine of an angle, not in the angle."
+                    )
+                if name in ("pi", "deg"):
+                    self.irrational.append(f"{self.place}: {name}")
+                return expression
+            case Negative(operand):
+                return Negative(self._rational(operand))
+            case Power(base, exponent):
+                return Power(self._rational(base), exponent)
+            case Binary():
+                first, rest = spine(expression)
+                result = self._rational(first)
+                for operator, right in rest:
+                    result = Binary(operator, result, self._rational(right))
+                return result
+            case Call(function, argument):
+                return self._call(function, argument)
+
+    def _call(self, function: str, argument: Expression) -> Expression:
+        used = self._parameters(argument)
+        direct = {node.name for node in walk(argument) if isinstance(node, Name)}
+        if not used:
+            self.irrational.append(f"{self.place}: {write(Call(function, argument))}")
+            return Call(function, argument)
+        if function == "sqrt" or not used <= self.angles or not used <= direct:
+            raise NotRationalError(
+                f"{function}({write(argument)}) is not rational in {', '.join(sorted(used))}. "
+                "Functions take constants; sin and cos also take sums of angle parameters (unit "
+                "'deg' or 'rad'). Declare the whole value as a parameter instead."
+            )
+        values = self.constants | {name: AngleSum(0.0, {name: 1}) for name in self.angles}
+        angle = evaluate(argument, values)
+        if sum(abs(count) for count in angle.multiples.values()) > _MOST_TURNS:
+            raise NotRationalError(
+                f"{write(argument)}: each angle is one more rotation, and {_MOST_TURNS} is the most. "
+                "Declare the multiple as a parameter."
+            )
+        return self._parts(angle)[function == "sin"]
+
+    def _parts(self, angle: AngleSum) -> tuple[Expression, Expression]:
+        """Cosine and sine of a sum of angles, one rotation after the other."""
+        cosine, sine = exact_cosine_sine(angle.constant)
+        if not {cosine, sine} <= {-1.0, 0.0, 1.0}:
+            self.irrational.append(f"{self.place}: sin and cos of {angle.constant!r} rad")
+        # labels have blanks or parentheses, so no name of a text is like them
+        label = repr(angle.constant) if angle.constant else ""
+        parts: tuple[Expression, Expression] = (Number(cosine), Number(sine))
+        for name, count in sorted(angle.multiples.items()):
+            c, s = Name(cosine_name(name)), Name(sine_name(name))
+            turn: tuple[Expression, Expression] = (c, s if count > 0 else Negative(s))
+            for _ in range(abs(count)):
+                first, label = not label, f"{label} {'+' if count > 0 else '-'} {name}".lstrip(" +")
+                if first:
+                    parts = turn
+                    continue
+                rotated = (
+                    Binary("-", Binary("*", parts[0], turn[0]), Binary("*", parts[1], turn[1])),
+                    Binary("+", Binary("*", parts[0], turn[1]), Binary("*", parts[1], turn[0])),
+                )
+                self.shared.setdefault(f"cos({label})", rotated[0])
+                self.shared.setdefault(f"sin({label})", rotated[1])
+                parts = (Name(f"cos({label})"), Name(f"sin({label})"))
+        return parts

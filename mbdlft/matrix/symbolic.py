@@ -1,0 +1,257 @@
+"""CasADi SX and matrix problems: a matrix of symbols becomes texts, and texts become symbols."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+
+from mbdlft.equations import internal_symbols
+from mbdlft.errors import NotRationalError, SceneError, unknown_name
+from mbdlft.expression import Binary, Call, Expression, Name, Negative, Number, Power, names, write
+from mbdlft.matrix.problem import MatrixProblem
+from mbdlft.matrix.resolve import Resolved, cosine_name, matrix_values, sine_name
+from mbdlft.parameter import Parameter
+
+_DEEPEST = 12  # nesting beyond which a part of an expression gets a name
+
+
+def matrix_problem(
+    matrix: Any,
+    parameters: Sequence[Parameter] = (),
+    *,
+    symbols: Mapping[str, ca.SX] | None = None,
+    **fields: Any,
+) -> MatrixProblem:
+    """Matrix problem of rows of numbers and texts, or of a CasADi SX matrix.
+
+    Parameters
+    ----------
+    matrix : rows of numbers or expressions, or SX
+    parameters : sequence of `Parameter` and `Angle`
+    symbols : mapping of names of parameters to SX symbols, optional
+        For an SX matrix whose symbols are not named like the parameters.
+    fields
+        The other fields of `MatrixProblem`.
+
+    Raises
+    ------
+    SceneError
+        As `MatrixProblem`; or a symbol is not a parameter.
+    NotRationalError
+        An operation of an SX matrix is not rational; the message names the entry and the parameters.
+    """
+    if not isinstance(matrix, ca.SX):
+        if symbols is not None:
+            raise SceneError("symbols belong to an SX matrix; rows of texts have names.")
+        return MatrixProblem(matrix=matrix, parameters=parameters, **fields)
+    if "expressions" in fields:
+        raise SceneError("expressions belong to rows of texts; an SX matrix has its own.")
+    name = fields.get("name", "matrix")
+    taken = {p.name for p in parameters} | set(fields.get("constants") or {})
+    symbolic = _Texts(str(name), matrix, parameters, symbols or {}, taken)
+    return MatrixProblem(
+        matrix=symbolic.rows, expressions=symbolic.shared, parameters=parameters, **fields
+    )
+
+
+def internal_matrix(problem: MatrixProblem, resolved: Resolved) -> tuple[ca.SX, ca.SX]:
+    """Symbols of the internal values of the parameters (n_p,), and the matrix in them."""
+    symbols, p, cosine, sine = internal_symbols(problem.parameters)
+    values: dict[str, Any] = dict(problem.constant_values())
+    for k, parameter in enumerate(problem.parameters):
+        if parameter.is_angle:
+            values[cosine_name(parameter.name)] = cosine[k]
+            values[sine_name(parameter.name)] = sine[k]
+        else:
+            values[parameter.name] = p[k]
+    rows = matrix_values(problem, resolved, values)
+    matrix = ca.vertcat(*(ca.horzcat(*(ca.SX(entry) for entry in row)) for row in rows))
+    return symbols, matrix
+
+
+class _Texts:
+    """The instructions of an SX matrix as expressions; what is used twice gets a name."""
+
+    def __init__(
+        self,
+        name: str,
+        matrix: ca.SX,
+        parameters: Sequence[Parameter],
+        symbols: Mapping[str, ca.SX],
+        taken: set[str],
+    ) -> None:
+        self.name, self.taken = name, taken
+        self.angles = {p.name for p in parameters if p.is_angle}
+        self.parameters = {p.name for p in parameters}
+        self.shared: dict[str, str] = {}
+        self.depends: dict[str, frozenset[str]] = {}
+        if 0 in matrix.shape:
+            self.rows: list[list[float | str]] = []
+            return
+        free, self.free_names = self._free(matrix, symbols)
+        self.shape = matrix.shape
+        self.tape = ca.Function("matrix", [free], [ca.densify(matrix)])
+        entries = self._run()
+        self.rows = [
+            [entries[i + j * self.shape[0]] for j in range(self.shape[1])]
+            for i in range(self.shape[0])
+        ]
+
+    def _free(self, matrix: ca.SX, symbols: Mapping[str, ca.SX]) -> tuple[ca.SX, list[str]]:
+        for name in symbols:
+            if name not in self.parameters:
+                raise SceneError(
+                    f"matrix {self.name!r}, symbols: "
+                    + unknown_name("parameter", name, self.parameters)
+                )
+        free, used = [], []
+        for symbol in ca.symvar(matrix):
+            given = [name for name, item in symbols.items() if ca.is_equal(item, symbol)]
+            name = given[0] if given else symbol.name()
+            if name not in self.parameters:
+                raise SceneError(
+                    f"matrix {self.name!r}: " + unknown_name("symbol", name, self.parameters)
+                )
+            if name in used:
+                raise SceneError(
+                    f"matrix {self.name!r}: two symbols are named {name!r}. Use one symbol for each "
+                    "parameter, or tell them apart with symbols={'parameter': symbol}."
+                )
+            free.append(symbol)
+            used.append(name)
+        return ca.vertcat(ca.SX(0, 1), *free), used
+
+    def _uses(self) -> Counter[int]:
+        """How often the value of each instruction is read."""
+        reads: Counter[int] = Counter()
+        owner: dict[int, int] = {}
+        for k in range(self.tape.n_instructions()):
+            if self.tape.instruction_id(k) not in (ca.OP_INPUT, ca.OP_CONST):
+                reads.update(owner[source] for source in self.tape.instruction_input(k))
+            if self.tape.instruction_id(k) != ca.OP_OUTPUT:
+                owner[self.tape.instruction_output(k)[0]] = k
+        return reads
+
+    def _run(self) -> dict[int, float | str]:
+        uses = self._uses()
+        work: dict[int, tuple[Expression, int]] = {}  # and the depth
+        entries: dict[int, float | str] = {}
+        for k in range(self.tape.n_instructions()):
+            operation = self.tape.instruction_id(k)
+            sources, targets = self.tape.instruction_input(k), self.tape.instruction_output(k)
+            if operation == ca.OP_OUTPUT:
+                value = work[sources[0]][0]
+                entries[targets[1]] = value.value if isinstance(value, Number) else write(value)
+                continue
+            if operation == ca.OP_CONST:
+                work[targets[0]] = self._constant(self.tape.instruction_constant(k)), 0
+            elif operation == ca.OP_INPUT:
+                work[targets[0]] = Name(self.free_names[sources[1]]), 0
+            else:
+                parts = [work[source][0] for source in sources]
+                depth = 1 + max(work[source][1] for source in sources)
+                expression = self._operation(k, operation, parts)
+                work[targets[0]] = self._named(expression, depth, uses[k])
+        return entries
+
+    def _constant(self, value: float) -> Expression:
+        if not math.isfinite(value):
+            raise SceneError(
+                f"matrix {self.name!r}: the constant {value} is not a finite number. A division by a "
+                "constant that is zero gives one."
+            )
+        return Number(value) if value >= 0 else Negative(Number(-value))  # no negative literals
+
+    def _operation(self, k: int, operation: int, parts: list[Expression]) -> Expression:
+        if operation in _BINARY:
+            return Binary(_BINARY[operation], *parts)
+        if operation in _UNARY:
+            return _UNARY[operation](parts[0])
+        if (
+            operation in _FUNCTIONS
+            and self._parameters(parts[0]) <= _outside(parts[0]) & self.angles
+        ):
+            return Call(_FUNCTIONS[operation], parts[0])
+        if operation in (ca.OP_POW, ca.OP_CONSTPOW) and isinstance(parts[1], Number):
+            exponent = parts[1].value
+            if exponent.is_integer() and exponent <= _MOST_POWER:
+                return Power(parts[0], int(exponent))
+        used = sorted({name for part in parts for name in self._parameters(part)})
+        reached = self._entries_of(k)
+        i, j = reached % self.shape[0], reached // self.shape[0]
+        name = next(
+            item[3:].lower()
+            for item in dir(ca)
+            if item.startswith("OP_") and getattr(ca, item) == operation
+        )
+        raise NotRationalError(
+            f"matrix {self.name!r}, entry ({i}, {j}): {name} is not a rational operation "
+            f"(parameters: {', '.join(used) or 'none'}). Declare the whole function value as a "
+            "parameter instead."
+        )
+
+    def _entries_of(self, instruction: int) -> int:
+        """The first entry that the value of an instruction reaches."""
+        tainted: set[int] = set()
+        for k in range(instruction, self.tape.n_instructions()):
+            sources, targets = self.tape.instruction_input(k), self.tape.instruction_output(k)
+            operation = self.tape.instruction_id(k)
+            read = operation not in (ca.OP_INPUT, ca.OP_CONST) and bool(tainted & {*sources})
+            if operation == ca.OP_OUTPUT:
+                if read:
+                    return int(targets[1])
+            elif k == instruction or read:
+                tainted.add(targets[0])
+            else:
+                tainted.discard(targets[0])
+        raise AssertionError("every instruction of a function reaches an output")
+
+    def _parameters(self, expression: Expression) -> frozenset[str]:
+        found: set[str] = set()
+        for name in names(expression):
+            found |= self.depends.get(name, frozenset({name}))
+        return frozenset(found)
+
+    def _named(self, expression: Expression, depth: int, uses: int) -> tuple[Expression, int]:
+        """The expression, or its name if it is used more than once or is deeply nested.
+
+        What has an angle outside of sin and cos keeps its form: sums of angles have no name.
+        """
+        bare = _outside(expression) & self.angles
+        if bare or (uses < 2 and depth <= _DEEPEST):
+            return expression, depth
+        number = len(self.shared) + 1
+        while f"e{number}" in self.taken:
+            number += 1
+        name = f"e{number}"
+        self.taken.add(name)
+        self.shared[name] = write(expression)
+        self.depends[name] = self._parameters(expression)
+        return Name(name), 0
+
+
+def _outside(expression: Expression) -> frozenset[str]:
+    """Names that stand outside of functions."""
+    match expression:
+        case Binary(_, left, right):
+            return _outside(left) | _outside(right)
+        case Negative(operand):
+            return _outside(operand)
+        case Name(name):
+            return frozenset({name})
+        case _:
+            return frozenset()
+
+
+_BINARY = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
+_UNARY: dict[int, Callable[[Expression], Expression]] = {
+    ca.OP_ASSIGN: lambda a: a,
+    ca.OP_NEG: Negative,
+    ca.OP_TWICE: lambda a: Binary("*", Number(2.0), a),
+    ca.OP_SQ: lambda a: Binary("*", a, a),
+    ca.OP_INV: lambda a: Binary("/", Number(1.0), a),
+}
+_FUNCTIONS = {ca.OP_SIN: "sin", ca.OP_COS: "cos"}
+_MOST_POWER = 64

@@ -1,0 +1,156 @@
+"""Errors of matrix problems: each says where, what was expected, and what to try."""
+
+from typing import Any
+
+import casadi as ca
+import pytest
+
+import mbdlft
+from mbdlft import Angle, NotRationalError, Parameter, SceneError, WellPosednessError, realize
+
+A, B = Parameter("a", 0.5, 0.3, 0.8), Parameter("b", 1.5, 1.0, 2.0)
+TH = Angle("th", 30, 0, 60)
+HEAD = 'format = "mbdlft-matrix/1"\nname = "m"\n'
+
+
+@pytest.mark.parametrize(
+    ("matrix", "message"),
+    [
+        ([], "matrix 'matrix': the matrix is empty. Give it at least one row and one column."),
+        ([[]], "the matrix is empty"),
+        ("a", "expected rows of numbers or expressions, got 'a'"),
+        (["a", "b"], "expected rows of numbers or expressions"),
+        ([["a", 1], ["b"]], "row 1 has 1 entries, row 0 has 2"),
+        ([["a", None]], r"entry \(0, 1\): expected a finite number or an expression, got None"),
+        ([["a", float("nan")]], r"entry \(0, 1\): expected a finite number"),
+        ([["a", True]], r"entry \(0, 1\): expected a finite number"),
+        ([["a"], ["aa + 1"]], r"entry \(1, 0\) = 'aa \+ 1': unknown name 'aa'. Did you mean 'a'"),
+        ([["a*"]], r"entry \(0, 0\) = 'a\*': expression 'a\*', column 3: expected a number"),
+        ([["tan(a)"]], r"entry \(0, 0\) = 'tan\(a\)': expression 'tan\(a\)': unknown function"),
+    ],
+)
+def test_matrix(matrix: Any, message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        realize(matrix, [A, B])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("1 + sqrt(a + b)", r"sqrt\(\(a \+ b\)\) is not rational in a, b"),
+        ("sin(a)", r"sin\(a\) is not rational in a"),
+        ("sin(th + a)", r"is not rational in a, th"),
+        ("sqrt(th)", r"is not rational in th"),
+        ("a*th", "the angle 'th' stands outside of sin and cos"),
+        ("sin(0.5*th)", "an angle parameter can be multiplied by an integer only"),
+        ("sin(17*th)", "each angle is one more rotation, and 16 is the most"),
+        ("sin(shared)", r"is not rational in a"),
+    ],
+)
+def test_not_rational(text: str, message: str) -> None:
+    with pytest.raises(NotRationalError, match=r"matrix 'matrix', entry \(0, 1\) = .*" + message):
+        realize([["a", text]], [A, B, TH], expressions={"shared": "a + 1"})
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("1/(a - 0.5)", r"the denominator \(a - 0.5\) vanishes in the range, near a = 0.5"),
+        ("1/(a - 0.6)", r"vanishes in the range, near a = 0.6"),
+        ("1/(a*b - 1)", r"vanishes in the range, near a = 0.[5-8]\d*, b = 1.\d*\. Narrow"),
+        ("(a - 0.7)^(-2)", r"vanishes in the range, near a = 0.7"),
+        ("1/(a - a)", r"vanishes in the range, near a ="),
+        ("1/(sin(th) - 0.5)", r"vanishes in the range, near th = "),
+        ("1/shared", r"the denominator shared vanishes in the range, near b = 1.25"),
+    ],
+)
+def test_denominator(text: str, message: str) -> None:
+    with pytest.raises(WellPosednessError, match=r"matrix 'matrix', entry \(0, 0\): .*" + message):
+        realize([[text]], [A, B, TH], expressions={"shared": "4*b - 5"})
+
+
+def test_denominator_that_intervals_cannot_decide_is_accepted() -> None:
+    """(a - b)^2 + a b - a b + ... is positive, though intervals of its terms overlap."""
+    text = "1/(a^2 - 2*a*b + b^2 + 0.0001 + (a - b)*(b - a) + 0.5*(a - b)^2)"
+    model = realize([[text]], [A, B])
+    assert model.certificate.max_relative_error < 1.0
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"states": 3}, "3 states do not fit into a matrix of 2 rows and 2 columns"),
+        ({"states": -1}, "states: expected a number of at least 0, or names, got -1"),
+        ({"states": ["x", "x"]}, "state 'x' is given twice"),
+        (
+            {"inputs": ["f"]},
+            "inputs: expected 2 names, one for each column beside the states, got 1",
+        ),
+        ({"states": 1, "outputs": ["f", "g"]}, "outputs: expected 1 names, one for each row"),
+        ({"inputs": ["f", "f"]}, "input 'f' is given twice"),
+        ({"constants": {"a": 1.0}}, "parameter, constant or expression 'a' is given twice"),
+        ({"constants": {"c": "1"}}, "constant 'c': expected a finite number"),
+        ({"expressions": {"e": None}}, "expression 'e': expected a finite number or an expression"),
+        ({"expressions": {"e": "f", "f": "a"}}, "'f' is not known here; an expression uses only"),
+        ({"expressions": {"pi": "a"}}, "'pi' cannot name a parameter, constant or expression"),
+        ({"gravity": [0, 0, 1]}, "matrix 'matrix': unknown key 'gravity'"),
+        ({"symbols": {}}, "symbols belong to an SX matrix"),
+    ],
+)
+def test_fields(fields: dict[str, Any], message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        realize([["a", "b"], ["1", "2"]], [A, B], **fields)
+
+
+def test_fields_beside_a_problem() -> None:
+    problem = mbdlft.MatrixProblem(matrix=[["a"]], parameters=[A])
+    with pytest.raises(SceneError, match="a MatrixProblem has its own parameters and fields"):
+        realize(problem, [A])
+
+
+def sx(*names: str) -> list[ca.SX]:
+    return [ca.SX.sym(name) for name in names]
+
+
+def test_symbolic_matrix() -> None:
+    a, b, c, th = sx("a", "b", "c", "th")
+    with pytest.raises(
+        NotRationalError, match=r"entry \(1, 0\): sqrt is not .*\(parameters: a, b\)"
+    ):
+        realize(ca.vertcat(a, b + ca.sqrt(a * b)), [A, B])
+    with pytest.raises(NotRationalError, match=r"entry \(0, 1\): sin is not .*\(parameters: b\)"):
+        realize(ca.horzcat(a, ca.sin(b)), [A, B])
+    with pytest.raises(NotRationalError, match="the angle 'th' stands outside of sin and cos"):
+        realize(a * th, [A, TH])
+    with pytest.raises(SceneError, match="unknown symbol 'c'"):
+        realize(a * c, [A, B])
+    with pytest.raises(SceneError, match="unknown parameter 'd'"):
+        realize(a * c, [A, B], symbols={"d": c})
+    with pytest.raises(SceneError, match="two symbols are named 'a'"):
+        realize(a * ca.SX.sym("a"), [A, B])
+    with pytest.raises(SceneError, match="the constant inf is not a finite number"):
+        realize(ca.vertcat(a, ca.SX(1) / 0), [A, B])
+    with pytest.raises(SceneError, match="the matrix is empty"):
+        realize(ca.SX(0, 2), [A])
+    with pytest.raises(SceneError, match="expressions belong to rows of texts"):
+        realize(a, [A], expressions={})
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('name = "m"', "the line format = 'mbdlft-matrix/1' is missing"),
+        ('format = "mbdlft-scene/1"', "format: expected 'mbdlft-matrix/1', got 'mbdlft-scene/1'"),
+        (HEAD, "matrix 'm': 'matrix' is missing"),
+        (HEAD + 'matrx = [["a"]]', "unknown key 'matrx'. Did you mean 'matrix'"),
+        (
+            HEAD + 'matrix = [["a"]]\n[parameters]\na = { low = 1 }',
+            "line 5: parameter 'a': 'nominal'",
+        ),
+        (HEAD + "matrix = [[1]", "not valid TOML"),
+        (HEAD + 'matrix = [["a"], [1, 2]]', "row 1 has 2 entries, row 0 has 1"),
+    ],
+)
+def test_toml(text: str, message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        mbdlft.matrix_from_toml(text)

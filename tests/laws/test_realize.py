@@ -1,0 +1,231 @@
+"""Laws of realize beside those of tests/reference/test_orders.py.
+
+1. rows of texts, an SX matrix, a problem and its TOML text give one value
+2. states divide the matrix into A, B, C, D; without them it is static
+3. names are values as declared; a parameter that is not used has no repetition
+4. sin and cos of angles are those of the angle, whatever its unit and substitution
+5. what is stored is read back
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import mbdlft
+from mbdlft import Angle, Constant, MatrixProblem, Parameter, realization, realize
+from mbdlft.matrix import denominator, symbolic
+from mbdlft.matrix import resolve as resolving
+from mbdlft.scene.interval import Interval
+from tests.archive.models import same
+from tests.close import CLOSED_FORM, exact, roundoff, target
+from tests.laws.test_exact import entries
+
+A, B = Parameter("a", 0.5, 0.3, 0.8), Parameter("b", 1.5, 1.0, 2.0)
+SAMPLES = mbdlft.random([A, B], 50, seed=4)
+
+
+def value(model: mbdlft.LFTModel, values: dict[str, np.ndarray]) -> np.ndarray:
+    m = mbdlft.matrices_at(model, values)
+    return np.block([[m.A, m.B], [m.C, m.D]])
+
+
+def python_value(rows: list[list[str]], values: dict[str, np.ndarray]) -> np.ndarray:
+    count = len(next(iter(values.values())))
+    known = {**values, "sin": np.sin, "cos": np.cos}
+    found = [[np.broadcast_to(eval(t.replace("^", "**"), known), count) for t in r] for r in rows]
+    return np.moveaxis(np.array(found, dtype=float), 2, 0)
+
+
+@given(st.lists(st.lists(entries, min_size=2, max_size=2), min_size=1, max_size=3))
+def test_all_ways_of_giving_a_matrix_agree(rows: list[list[str]]) -> None:
+    expected = python_value(rows, SAMPLES)
+    problem = MatrixProblem(name="m", matrix=rows, parameters=(A, B))
+    symbols = {name: ca.SX.sym(name) for name in "ab"}
+    # other names of symbols than those of the parameters
+    swapped = {"a": ca.SX.sym("x"), "b": ca.SX.sym("y")}
+    models = [realize(rows, [B, A]), realize(problem)]
+    models.append(realize(mbdlft.matrix_from_toml(mbdlft.matrix_to_toml(problem))))
+    for table in (symbols, swapped):
+        # CasADi's own arithmetic on the entries
+        symbolic = ca.vertcat(
+            *(ca.horzcat(*(ca.SX(eval(t, dict(table))) for t in row)) for row in rows)
+        )
+        models.append(realize(symbolic, [A, B], symbols=None if table is symbols else table))
+    for model in models:
+        roundoff(value(model, SAMPLES), expected, 1e2)
+        assert model.certificate.max_relative_error <= CLOSED_FORM
+
+
+def test_planted_bugs_of_conversion_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A difference of symbols read as a sum; a matrix that is twice too large."""
+    a, b = ca.SX.sym("a"), ca.SX.sym("b")
+    expected = python_value([["a - a*b"]], SAMPLES)
+    roundoff(value(realize(a - a * b, [A, B]), SAMPLES), expected, 1e2)
+    with monkeypatch.context() as planted:
+        planted.setitem(symbolic._BINARY, ca.OP_SUB, "+")
+        with pytest.raises(AssertionError, match="relative error"):
+            roundoff(value(realize(a - a * b, [A, B]), SAMPLES), expected, 1e2)
+    monkeypatch.setattr(realization, "internal_matrix", doubled)
+    with pytest.raises(mbdlft.AnalysisError, match="differs from the matrix by"):
+        realize([["a - a*b"]], [A, B])
+
+
+def doubled(problem: MatrixProblem, resolved: resolving.Resolved) -> tuple[ca.SX, ca.SX]:
+    p, matrix = symbolic.internal_matrix(problem, resolved)
+    return p, 2 * matrix
+
+
+def test_a_pole_that_intervals_miss_is_found_at_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(denominator, "find_zero", lambda function, bounds: None)
+    with pytest.raises(mbdlft.WellPosednessError, match="singular between the nominal values and"):
+        realize([["1/(a - 0.6)"]], [A])
+    with pytest.raises(mbdlft.WellPosednessError, match="vanishes at the nominal values"):
+        realize([["1/(a - 0.5)"]], [A])
+
+
+def law_interval(cosine: Callable[[float, float], Interval], low: float, width: float) -> None:
+    """All cosines lie inside, and the ends are reached."""
+    found = cosine(low, low + width)
+    turns = np.pi * np.arange(-10, 11)
+    inside = turns[(turns >= low) & (turns <= low + width)]
+    samples = np.cos(np.concatenate([np.linspace(low, low + width, 101), inside]))
+    roundoff([found.low, found.high], [samples.min(), samples.max()], scale=1.0)
+
+
+@given(st.floats(-10, 10), st.floats(0, 8))
+def test_intervals_of_cosines(low: float, width: float) -> None:
+    law_interval(denominator._cosine, low, width)
+
+
+def test_planted_interval_is_found() -> None:
+    def ends_only(low: float, high: float) -> Interval:
+        return Interval(*sorted((float(np.cos(low)), float(np.cos(high)))))
+
+    with pytest.raises(AssertionError):
+        law_interval(ends_only, -0.5, 1.5)
+
+
+def test_large_symbolic_matrix_has_short_texts() -> None:
+    """What is shared gets a name: the text grows with the instructions, not with the tree."""
+    a, b = ca.SX.sym("a"), ca.SX.sym("b")
+    x = a
+    for _ in range(30):
+        x = (x * b + a) / (1 + x * x)
+    problem = mbdlft.matrix_problem(x, [A, B])
+    assert sum(len(str(text)) for text in problem.expressions.values()) < 5000
+    long = sum((0.1 * k * a * b + b for k in range(200)), a)
+    model = realize(long, [A, B])
+    expected = SAMPLES["a"] + sum(
+        0.1 * k * SAMPLES["a"] * SAMPLES["b"] + SAMPLES["b"] for k in range(200)
+    )
+    target(value(model, SAMPLES)[:, 0, 0], expected, CLOSED_FORM)
+    powers = realize(a**5 + (a * b) ** -3, [A, B])
+    expected = SAMPLES["a"] ** 5 + (SAMPLES["a"] * SAMPLES["b"]) ** -3.0
+    target(value(powers, SAMPLES)[:, 0, 0], expected, CLOSED_FORM)
+
+
+def test_states_divide_the_matrix() -> None:
+    rows = [["-a", "1", "b"], ["0", "-b", "1"], ["1", "a*b", "0"]]
+    model = realize(rows, [A, B], states=2, name="plant", inputs=["force"])
+    assert [s.name for s in model.states] == ["x0", "x1"]
+    assert [s.name for s in (*model.inputs, *model.outputs)] == ["force", "y0"]
+    plant = model.at(a=0.4, b=1.2)
+    target(plant.A, [[-0.4, 1], [0, -1.2]], CLOSED_FORM)
+    target(plant.C, [[1, 0.48]], CLOSED_FORM)
+    response = mbdlft.frequency_response(model, {"a": 0.4, "b": 1.2}, [2.0])
+    s = 2.0j
+    state = np.linalg.solve(s * np.eye(2) - plant.A, plant.B)
+    target(np.squeeze(response), np.squeeze(plant.C @ state + plant.D), CLOSED_FORM)
+
+
+def test_without_states_the_model_is_static() -> None:
+    model = realize([["a", "b", "1"], ["0", "a*b", "2"]], [A, B])
+    assert [s.name for s in (*model.inputs, *model.outputs)] == ["u0", "u1", "u2", "y0", "y1"]
+    assert model.states == ()
+    assert model.trim.signals == ()
+    target(model.at(a=0.4).D, [[0.4, 1.5, 1], [0, 0.6, 2]], CLOSED_FORM)
+    response = mbdlft.frequency_response(model, {"a": 0.4}, [1.0, 10.0])
+    target(np.squeeze(response)[1].real, [[0.4, 1.5, 1], [0, 0.6, 2]], CLOSED_FORM)
+    assert model.certificate.minimal
+
+
+def test_nothing_is_converted() -> None:
+    mm = Parameter("length", 20.0, 10.0, 40.0, unit="mm")
+    model = realize([["length + gap"]], [mm], constants={"gap": Constant(value=3.0, unit="mm")})
+    target(model.at(length=30.0).D, [[33.0]], CLOSED_FORM)
+
+
+def test_unused_parameters_and_numbers() -> None:
+    model = realize([["a", 2], [0.5, "a - a"]], [B, A])
+    assert dict(model.lft.blocks) == {"a": 1, "b": 0}
+    assert model.certificate.raw_order == (1, 0)
+    constant = realize(np.eye(2))
+    assert constant.order == 0
+    exact(constant.at().D, np.eye(2))
+
+
+def test_what_cancels_is_compared_with_its_terms() -> None:
+    model = realize([["1e8*(a + b)^2 - 1e8*a^2 - 2e8*a*b - 1e8*b^2 + 0*a"]], [A, B])
+    assert model.certificate.max_relative_error <= CLOSED_FORM
+
+
+ROTATIONS = [["cos(th + 2*ph)", "-sin(th - ph)"], ["sin(0.3 + th)*a", "1/(2 + cos(th)*sin(ph))"]]
+
+
+def law_angles(unit: str, substitution: str) -> None:
+    factor = np.pi / 180 if unit == "deg" else 1.0
+    angles = [
+        Angle(
+            "th", 0.5 / factor, -0.2 / factor, 1.5 / factor, unit=unit, substitution=substitution
+        ),
+        Angle(
+            "ph", -0.1 / factor, -1.0 / factor, 1.0 / factor, unit=unit, substitution=substitution
+        ),
+    ]
+    model = realize(ROTATIONS, [A, *angles])
+    samples = mbdlft.random([A, *angles], 50, seed=6)
+    in_rad = {name: column * (1.0 if name == "a" else factor) for name, column in samples.items()}
+    expected = python_value(ROTATIONS, in_rad)
+    target(value(model, samples), expected, CLOSED_FORM)
+    th, ph, a = (ca.SX.sym(name) for name in ("th", "ph", "a"))
+    known = {"th": th, "ph": ph, "a": a, "sin": ca.sin, "cos": ca.cos}
+    symbolic = ca.vertcat(*(ca.horzcat(*(eval(t, dict(known)) for t in row)) for row in ROTATIONS))
+    target(value(realize(symbolic, [A, *angles]), samples), expected, CLOSED_FORM)
+
+
+@pytest.mark.parametrize("unit", ["deg", "rad"])
+@pytest.mark.parametrize("substitution", ["half-angle", "quarter-angle"])
+def test_angles_are_angles(unit: str, substitution: str) -> None:
+    law_angles(unit, substitution)
+
+
+def test_planted_rotation_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cosine and sine of the constant part exchanged."""
+    right = resolving.exact_cosine_sine
+    monkeypatch.setattr(resolving, "exact_cosine_sine", lambda angle: right(angle)[::-1])
+    with pytest.raises((AssertionError, mbdlft.MbdlftError)):
+        law_angles("deg", "half-angle")
+
+
+def test_archive_keeps_the_model(tmp_path: Path) -> None:
+    for states in (0, 1):
+        model = realize([["a", "b"], ["a*b", "1/(1 + a)"]], [A, B], states=states, exact=True)
+        mbdlft.save(tmp_path / "m.h5", model)
+        stored = mbdlft.load(tmp_path / "m.h5")
+        assert stored.certificate == model.certificate
+        assert stored.certificate.exact_bound
+        same(stored, model)
+        assert realize(mbdlft.matrix_from_toml(stored.provenance.scene)).order == model.order
+
+
+def test_long_sums_and_deep_texts() -> None:
+    """Thousands of terms need no recursion."""
+    text = " + ".join(f"{k % 7}*a*b" for k in range(1, 3001))
+    model = realize([[text]], [A, B])
+    total = sum(k % 7 for k in range(1, 3001))
+    target(value(model, SAMPLES)[:, 0, 0], total * SAMPLES["a"] * SAMPLES["b"], CLOSED_FORM)

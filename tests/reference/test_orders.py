@@ -1,0 +1,134 @@
+"""Matrices of the literature: values against fractions, orders against the table, bounds proved.
+
+1. the value of the model is the matrix, at 1 000 random points and at corners
+2. the order is not below the bound, and the search reaches the order of the table
+3. the bound in exact arithmetic is that of the table, and that of double precision is not above it
+4. none of this depends on how the entries are written
+"""
+
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft import LFTModel, MatrixProblem, realization
+from mbdlft.lft.lft import LFT
+from tests.close import SCENARIO, target
+from tests.reference.orders import CASES, Case
+from tests.reference.rewrite import exact_value, rewritten
+
+SECONDS = 60.0  # more than needed: the search ends at the bound, or when nothing new is found
+REWRITTEN_SECONDS = 30.0
+NOT_STEADY = ("O2", "O11", "O12")  # here the present search depends on the way of writing
+WAYS_OF_WRITING = 5
+MOST_CORNERS = 128
+
+Realize = Callable[..., LFTModel]
+each_case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+
+
+def points(case: Case, inside: int) -> list[dict[str, float]]:
+    """Random points and corners of the range."""
+    generator = np.random.default_rng(3)
+    low = np.array([p.low for p in case.parameters])
+    high = np.array([p.high for p in case.parameters])
+    corners = (
+        np.array(np.meshgrid(*[(0.0, 1.0)] * min(len(low), 7))).reshape(min(len(low), 7), -1).T
+    )
+    if len(low) > 7:
+        corners = generator.integers(0, 2, (MOST_CORNERS, len(low))).astype(float)
+    weights = np.vstack([generator.random((inside, len(low))), corners])
+    rows = low + weights * (high - low)
+    return [dict(zip([p.name for p in case.parameters], row, strict=True)) for row in rows.tolist()]
+
+
+def exact_values(rows: list[list[str]], samples: list[dict[str, float]]) -> np.ndarray:
+    """Values (N, rows, columns) by arithmetic on fractions, rounded once."""
+    found = []
+    for sample in samples:
+        at = {name: Fraction(value) for name, value in sample.items()}
+        found.append([[float(exact_value(text, at)) for text in row] for row in rows])
+    return np.array(found)
+
+
+def law_values(
+    realize: Realize, case: Case, rows: list[list[str]], expected: np.ndarray, inside: int
+) -> LFTModel:
+    model = realize(case.problem(rows))
+    samples = points(case, inside)
+    values = {name: np.array([sample[name] for sample in samples]) for name in samples[0]}
+    blocks = mbdlft.matrices_at(model, values)
+    upper = np.concatenate([blocks.A, blocks.B], axis=2)
+    actual = np.concatenate([upper, np.concatenate([blocks.C, blocks.D], axis=2)], axis=1)
+    for i in range(expected.shape[1]):
+        for j in range(expected.shape[2]):
+            target(actual[:, i, j], expected[:, i, j], SCENARIO)
+    return model
+
+
+def with_search(problem: MatrixProblem, seconds: float = SECONDS) -> LFTModel:
+    return mbdlft.realize(problem, search=seconds, exact=True)
+
+
+@each_case
+def test_values_are_those_of_the_matrix(case: Case) -> None:
+    expected = exact_values(case.matrix, points(case, 1000))
+    for realize in (mbdlft.realize, with_search):
+        model = law_values(realize, case, case.matrix, expected, 1000)
+        certificate = model.certificate
+        assert certificate.max_relative_error <= SCENARIO
+        assert all(a >= b for a, b in zip(certificate.order, certificate.lower_bound, strict=True))
+        assert sum(certificate.lower_bound) <= case.bound
+    assert sum(certificate.lower_bound) == case.bound
+    assert certificate.exact_bound
+    assert model.order <= case.order
+
+
+@each_case
+def test_the_way_of_writing_does_not_matter(case: Case) -> None:
+    samples = points(case, 50)
+    expected = exact_values(case.matrix, samples)
+    for seed in range(WAYS_OF_WRITING):
+        rows = rewritten(case.matrix, seed)
+        at = {name: Fraction(7 * k + 3, 11 + k) for k, name in enumerate(samples[0])}
+        assert [[exact_value(text, at) for text in row] for row in rows] == [
+            [exact_value(text, at) for text in row] for row in case.matrix
+        ]
+        assert sum(mbdlft.exact_lower_bound(case.problem(rows)).values()) == case.bound
+        if case.name in NOT_STEADY:
+            law_values(mbdlft.realize, case, rows, expected, 50)
+        else:
+            model = law_values(
+                lambda problem: with_search(problem, REWRITTEN_SECONDS), case, rows, expected, 50
+            )
+            assert model.order == case.order
+
+
+def test_planted_bug_in_the_walk_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The matrix times the input from the wrong side is another matrix."""
+    case = next(case for case in CASES if case.name == "O12")
+    expected = exact_values(case.matrix, points(case, 5))
+    law_values(mbdlft.realize, case, case.matrix, expected, 5)
+    right = realization._extract
+
+    def transposed(*arguments: Any) -> list[LFT]:
+        return right(*arguments)[:1] + [realization.transpose(lft) for lft in right(*arguments)[:1]]
+
+    monkeypatch.setattr(realization, "_extract", lambda *a: transposed(*a)[1:])
+    with pytest.raises(mbdlft.AnalysisError, match="differs from the matrix by"):
+        mbdlft.realize(case.problem())
+    monkeypatch.setattr(realization, "ACCEPTED", np.inf)
+    with pytest.raises(AssertionError, match="relative error"):
+        law_values(mbdlft.realize, case, case.matrix, expected, 5)
+
+
+def test_planted_rewriting_is_found() -> None:
+    """A sign lost in rewriting changes the values."""
+    case = next(case for case in CASES if case.name == "O13")
+    expected = exact_values(case.matrix, points(case, 5))
+    wrong = [[text.replace("-1 - a", "-1 + a") for text in row] for row in case.matrix]
+    with pytest.raises(AssertionError, match="relative error"):
+        law_values(mbdlft.realize, case, wrong, expected, 5)
