@@ -250,6 +250,13 @@ def _print_model(model: LFTModel) -> None:
     console.print(table)
     proof = "minimal: proved" if certificate.minimal else "not proved minimal"
     console.print(f"order {model.order}, lower bound {sum(certificate.lower_bound)}: {proof}")
+    if any(certificate.doubtful):
+        unclear = ", ".join(
+            f"{p.name} {count}"
+            for p, count in zip(model.parameters, certificate.doubtful, strict=True)
+            if count
+        )
+        console.print(f"ranks that rounding makes unclear, not counted in the bound: {unclear}")
     console.print(
         f"maximum relative error {certificate.max_relative_error:.1e} against re-trimming and "
         f"re-linearizing at {certificate.check_points} points and corners"
@@ -279,6 +286,7 @@ def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]
             "order": certificate.order[k],
             "lower_bound": certificate.lower_bound[k],
             "raw_order": certificate.raw_order[k],
+            "doubtful": certificate.doubtful[k] if certificate.doubtful else None,
         }
         for k, p in enumerate(model.parameters)
     ]

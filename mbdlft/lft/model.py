@@ -55,6 +55,8 @@ class Certificate:
         its largest size over the points, each trimmed effort to the largest of its unit.
     exact : bool
         Whether the model is the exact one (no truncation, no fit).
+    doubtful : tuple of int
+        Ranks that rounding makes unclear; the lower bound does not count them. Empty: not recorded.
     """
 
     order: tuple[int, ...]
@@ -64,6 +66,7 @@ class Certificate:
     check_points: int
     seed: int
     exact: bool
+    doubtful: tuple[int, ...] = ()
 
     @property
     def minimal(self) -> bool:
