@@ -15,7 +15,7 @@ from mbdlft.certify import measure_error
 from mbdlft.equations import Equations
 from mbdlft.errors import SceneError, WellPosednessError, unknown_name
 from mbdlft.extract import extract
-from mbdlft.lft.bound import degree_bounds
+from mbdlft.lft.bound import degree_bounds, moved
 from mbdlft.lft.commute import reduce_commuting
 from mbdlft.lft.lft import LFT, eliminate, with_blocks
 from mbdlft.lft.model import Certificate, LFTModel, Provenance, Trim
@@ -105,7 +105,8 @@ def _build(scene: Scene, search: float, clock: _Clock) -> Build:
         reduced = reduce_order(raw)
         lft = _state_space(equations, reduced)
     with clock.stage("bound"):
-        degrees = degree_bounds(lft)
+        # the error of the bound is that of the whole way from the relations on
+        degrees = degree_bounds(lft, _state_space(equations, moved(reduced, SEED)), SEED)
         bound = {name: found.degree for name, found in degrees.items()}
     if search > 0.0 and lft.order > sum(bound.values()):
         with clock.stage("search"):

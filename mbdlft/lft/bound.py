@@ -15,8 +15,8 @@ The points stand on a circle, lambda and mu in turn: there L is close to a unita
 Hankel matrix.
 
 Rounding: if L is known up to an error E, sigma_k(L) > ||E|| proves rank >= k (Weyl). E is measured on a
-twin: the same LFT with every entry moved by what may be wrong with it, far more than rounding, evaluated
-in the same way. Directions are scaled such that the error is of one size in all rows and columns of L;
+twin: the same matrix from data in which every entry is moved by what may be wrong with it, far more than
+rounding. Directions are scaled such that the error is of one size in all rows and columns of L;
 so what is nothing but rounding counts as nothing, and what is small but accurate counts.
 
 Antoulas, Anderson: On the scalar rational interpolation problem, 1986. Mayo, Antoulas: A framework for
@@ -24,6 +24,7 @@ the solution of the generalized realization problem, 2007. Weyl: Golub, Van Loan
 section 8.6.
 """
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,7 +36,7 @@ from mbdlft.lft.reduce import balance
 
 _POINTS = 3  # generic values of the other deltas; the next are for what is doubtful at the first
 _UNCERTAIN = 2.0**-44  # of the size of an entry of the LFT, what may be wrong with it
-_CLEAR = 8.0  # a singular value counts from this many times the error on; the error is one sample
+_CLEAR = 64.0  # a singular value counts from this many times the error on; the error is one sample
 _ROUNDING = (
     1.0 / 16.0
 )  # below this part of the error it is rounding; between the two it is in doubt
@@ -68,15 +69,18 @@ def lower_bound(a: LFT, seed: int = 0) -> dict[str, int]:
 
     When a numerical rank is not clear, the smaller value is given.
     """
-    return {name: bound.degree for name, bound in degree_bounds(a, seed).items()}
+    return {name: bound.degree for name, bound in degree_bounds(a, seed=seed).items()}
 
 
-def degree_bounds(a: LFT, seed: int = 0) -> dict[str, Bound]:
+def degree_bounds(a: LFT, twin: LFT | None = None, seed: int = 0) -> dict[str, Bound]:
     """As `lower_bound`, with what rounding may hide.
 
     Parameters
     ----------
     a : LFT
+    twin : LFT, optional
+        The same matrix with the error that `a` may have, in any number of channels: what became of
+        `moved` data in the computation that gave `a`. By default `a` itself, moved.
     seed : int
         Of the generic values, points and directions.
 
@@ -86,40 +90,54 @@ def degree_bounds(a: LFT, seed: int = 0) -> dict[str, Bound]:
     """
     random = np.random.default_rng(seed)
     bounds = {block.name: Bound(0, block.size) for block in a.blocks}
-    parts, sizes = a.slices(), [block.size for block in a.blocks]
-    twins = _twins(a, random)
+    pair = (a, moved(a, seed) if twin is None else twin)
+    realizations = [_realization(item) for item in pair]
     for _ in range(_POINTS):
-        center = np.repeat(random.uniform(-_CENTER, _CENTER, len(a.blocks)), sizes)
+        values = {block.name: random.uniform(-_CENTER, _CENTER) for block in a.blocks}
         open_names = [name for name, bound in bounds.items() if bound.doubtful]
         if not open_names:
             break
         with np.errstate(all="ignore"):  # what overflows is not finite, and proves nothing
-            expanded = [_expand(one, center) for one in twins]
+            centers = [_spread(item, values) for item in pair]
+            expanded = [_expand(*item) for item in zip(realizations, centers, strict=True)]
             for name in open_names:
-                part = parts[name]
-                alone = [_alone(item, part, center) for item in expanded]
+                alone = [
+                    _alone(one, item.slices()[name], values[name])
+                    for one, item in zip(expanded, pair, strict=True)
+                ]
                 if all(np.all(np.isfinite(item.A)) for item in alone):
-                    one, twin = (_triangular(item) for item in alone)
-                    found = _bound(one, twin, random)
+                    first, second = (_triangular(item) for item in alone)
+                    found = _bound(first, second, random)
                     bounds[name] = max(bounds[name], found, key=_preference)
     return bounds
 
 
-def _twins(a: LFT, random: np.random.Generator) -> tuple[_Realization, _Realization]:
-    """The LFT in scaled channels, and the same with every entry moved by what may be wrong with it.
+def moved(a: LFT, seed: int = 0) -> LFT:
+    """An LFT with every entry moved by what may be wrong with it, far more than rounding.
 
-    An entry is taken for a sum of terms of the size of its row and of its column; one that is zero is
-    zero by structure.
+    With channels and signals scaled, an entry is taken for a sum of terms of the size of its row and of
+    its column. One that is zero is zero by structure.
     """
-    core, _, _ = balance(a)
+    core, inputs, outputs = balance(a)
     n = a.order
-    exact = np.block([[core.M11, core.M12], [core.M21, np.zeros(a.shape)]])
+    exact = np.block([[core.M11, core.M12], [core.M21, a.M22 / outputs[:, None] / inputs]])
     rows, columns = (np.sqrt(np.sum(exact**2, axis=axis)) for axis in (1, 0))
-    size = np.minimum(rows[:, None], columns)
-    moved = exact + _UNCERTAIN * size * random.choice([-1.0, 1.0], exact.shape)
-    moved[exact == 0.0] = 0.0
-    one, twin = (_Realization(M[:n, :n], M[:n, n:], M[n:, :n]) for M in (exact, moved))
-    return one, twin
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], exact.shape)
+    M = exact + np.where(exact != 0.0, _UNCERTAIN * np.minimum(rows[:, None], columns) * signs, 0.0)
+    M[n:] *= outputs[:, None]
+    M[:, n:] *= inputs
+    return LFT(M[:n, :n], M[:n, n:], M[n:, :n], M[n:, n:], a.blocks)
+
+
+def _realization(a: LFT) -> _Realization:
+    """The LFT with its channels scaled; signals keep their units."""
+    core, inputs, outputs = balance(a)
+    return _Realization(core.M11, core.M12 * inputs, core.M21 * outputs[:, None])
+
+
+def _spread(a: LFT, values: Mapping[str, float]) -> Array:
+    """The value of the delta of each channel (n)."""
+    return np.repeat([values[b.name] for b in a.blocks], [b.size for b in a.blocks])
 
 
 def _expand(one: _Realization, center: Array) -> _Realization:
@@ -133,9 +151,10 @@ def _expand(one: _Realization, center: Array) -> _Realization:
     return _Realization(A, solved[:, n:], one.C + (one.C * center) @ A)
 
 
-def _alone(one: _Realization, part: slice, center: Array) -> _Realization:
+def _alone(one: _Realization, part: slice, center: float) -> _Realization:
     """One delta with the others at the center; it is itself counted from 0 again."""
-    return _expand(_Realization(one.A[part, part], one.B[part], one.C[:, part]), -center[part])
+    alone = _Realization(one.A[part, part], one.B[part], one.C[:, part])
+    return _expand(alone, np.full(len(alone.A), -center))
 
 
 def _triangular(one: _Realization) -> _Realization:

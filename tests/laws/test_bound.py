@@ -120,6 +120,17 @@ def test_what_is_not_clear_is_doubtful(power: int, expected: tuple[int, int]) ->
     assert degree_bounds(a)["d"] == Bound(*expected)
 
 
+def test_a_twin_says_what_may_be_wrong() -> None:
+    """The second rank of a matrix that is known to a part in 2^20 is not proved."""
+
+    def known(entry: float) -> LFT:
+        return np.array([[1.0, 1.0], [1.0, entry]]) @ delta("d", 2)
+
+    a = known(1.0 + 2.0**-20)
+    assert degree_bounds(a)["d"] == Bound(2, 0)
+    assert degree_bounds(a, known(1.0 + 2.0**-21))["d"] == Bound(1, 1)
+
+
 def law_rounding() -> None:
     """diag(t, (p q - q p) t) is diag(t, 0): terms that cancel leave rounding, which is not rank."""
     p, q, t = (np.array([[0.3]]) + delta(name) for name in ("p", "q", "t"))
