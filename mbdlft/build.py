@@ -15,11 +15,11 @@ from mbdlft.certify import measure_error
 from mbdlft.equations import Equations
 from mbdlft.errors import SceneError, WellPosednessError, unknown_name
 from mbdlft.extract import extract
+from mbdlft.lft.bound import degree_bounds, moved
 from mbdlft.lft.commute import reduce_commuting
 from mbdlft.lft.lft import LFT, eliminate, with_blocks
 from mbdlft.lft.model import Certificate, LFTModel, Provenance, Trim
-from mbdlft.lft.reduce import lower_bound, reduce_order
-from mbdlft.lft.rounding import COARSE, FINE
+from mbdlft.lft.reduce import reduce_order
 from mbdlft.linearize import linearize, trim_relations
 from mbdlft.scene import Scene, assemble, scene_to_toml
 from mbdlft.signal import Signal
@@ -106,9 +106,9 @@ def _build(scene: Scene, search: float, clock: Clock) -> Build:
         reduced = reduce_order(raw)
         lft = _state_space(equations, reduced)
     with clock.stage("bound"):
-        # from a copy in which everything that may be rounding is zero
-        bound = lower_bound(_state_space(equations, reduced, COARSE))
-        bound = {block.name: min(bound[block.name], block.size) for block in lft.blocks}
+        # the error of the bound is that of the whole way from the relations on
+        degrees = degree_bounds(lft, _state_space(equations, moved(reduced, SEED)), SEED)
+        bound = {name: found.degree for name, found in degrees.items()}
     if search > 0.0 and lft.order > sum(bound.values()):
         with clock.stage("search"):
             smaller = _state_space(equations, reduce_commuting(reduced, bound, search))
@@ -133,6 +133,9 @@ def _build(scene: Scene, search: float, clock: Clock) -> Build:
             check_points=count,
             seed=SEED,
             exact=True,
+            doubtful=tuple(
+                max(0, min(degrees[name].doubtful, size - bound[name])) for name, size in lft.blocks
+            ),
         ),
         provenance=provenance(scene_to_toml(scene)),
         description=scene.description,
@@ -140,11 +143,11 @@ def _build(scene: Scene, search: float, clock: Clock) -> Build:
     return Build(model, clock.seconds | {"total": sum(clock.seconds.values())})
 
 
-def _state_space(equations: Equations, relations: LFT, level: float = FINE) -> LFT:
+def _state_space(equations: Equations, relations: LFT) -> LFT:
     """Close the relations for [xdot ; z] in the algebra: the LFT of [A B ; C D]."""
     n, nx = equations.residual.numel(), equations.x.numel()
     try:
-        solved = eliminate(relations, n, level)
+        solved = eliminate(relations, n)
     except WellPosednessError:
         directions = np.abs(np.linalg.svd(relations.M22[:n, :n])[2][-1])
         names = [

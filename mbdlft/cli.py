@@ -305,6 +305,13 @@ def _print_model(model: LFTModel) -> None:
     console.print(f"order {model.order}, lower bound {sum(certificate.lower_bound)}: {proof}")
     # a scene has joints and so a trim; a matrix has none
     truth = "re-trimming and re-linearizing" if model.trim.signals else "the matrix itself"
+    if any(certificate.doubtful):
+        unclear = ", ".join(
+            f"{p.name} {count}"
+            for p, count in zip(model.parameters, certificate.doubtful, strict=True)
+            if count
+        )
+        console.print(f"ranks that rounding makes unclear, not counted in the bound: {unclear}")
     console.print(
         f"maximum relative error {certificate.max_relative_error:.1e} against {truth} at "
         f"{certificate.check_points} points and corners"
@@ -334,6 +341,7 @@ def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]
             "order": certificate.order[k],
             "lower_bound": certificate.lower_bound[k],
             "raw_order": certificate.raw_order[k],
+            "doubtful": certificate.doubtful[k] if certificate.doubtful else None,
         }
         for k, p in enumerate(model.parameters)
     ]

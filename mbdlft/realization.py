@@ -17,11 +17,12 @@ from mbdlft.certify import (
 from mbdlft.errors import AnalysisError, SceneError, WellPosednessError
 from mbdlft.exact import exact_lower_bound
 from mbdlft.extract import extract
+from mbdlft.lft.bound import Bound, degree_bounds, moved
 from mbdlft.lft.commute import reduce_commuting
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, Array, transpose, with_blocks
 from mbdlft.lft.model import Certificate, LFTModel, Trim
-from mbdlft.lft.reduce import lower_bound, reduce_order
+from mbdlft.lft.reduce import reduce_order
 from mbdlft.linearize import LinearModel
 from mbdlft.matrix import MatrixProblem, matrix_problem, matrix_to_toml
 from mbdlft.matrix.denominator import check_denominators
@@ -108,7 +109,12 @@ def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> 
             ((way, reduce_order(way)) for way in ways), key=lambda pair: pair[1].order
         )
     with clock.stage("bound"):
-        bound = exact_lower_bound(problem, SEED) if exact else lower_bound(reduced)
+        degrees = (
+            {name: Bound(degree, 0) for name, degree in exact_lower_bound(problem, SEED).items()}
+            if exact
+            else degree_bounds(reduced, moved(reduced, SEED), SEED)
+        )
+        bound = {name: found.degree for name, found in degrees.items()}
         _check_bound(problem, bound, reduced)
     if search > 0.0 and reduced.order > sum(bound.values()):
         with clock.stage("search"):
@@ -135,6 +141,9 @@ def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> 
             seed=SEED,
             exact=True,
             exact_bound=exact,
+            doubtful=tuple(
+                max(0, min(degrees[name].doubtful, size - bound[name])) for name, size in lft.blocks
+            ),
         ),
         provenance=provenance(matrix_to_toml(problem)),
         description=problem.description,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mbdlft.errors import StructureError, WellPosednessError, unknown_name
-from mbdlft.lft.rounding import FINE, cleaned, solution_size
+from mbdlft.lft.rounding import cleaned, solution_size
 
 Array = NDArray[np.float64]
 
@@ -250,11 +250,11 @@ def select(a: LFT, rows: ArrayLike, columns: ArrayLike) -> LFT:
     return LFT(a.M11, a.M12[:, j], a.M21[i], a.M22[np.ix_(i, j)], a.blocks)
 
 
-def eliminate(relation: LFT, n: int, level: float = FINE) -> LFT:
+def eliminate(relation: LFT, n: int) -> LFT:
     """Solve [0 ; y] = relation [a ; s] for the first n inputs a: the LFT s -> [a ; y].
 
-    This inverts the first n x n part without adding a channel. Entries below `level` of what they
-    would be if nothing cancelled are zero.
+    This inverts the first n x n part without adding a channel. Entries that are rounding of
+    what cancels are zero.
 
     Raises
     ------
@@ -265,7 +265,7 @@ def eliminate(relation: LFT, n: int, level: float = FINE) -> LFT:
     base = np.block([[relation.M11, relation.M12[:, n:]], [relation.M21[n:], m22[n:, n:]]])
     left = np.vstack([relation.M12[:, :n], m22[n:, :n]])
     right = -np.hstack([relation.M21[:n], m22[:n, n:]])
-    total, solved = _through(base, left, m22[:n, :n], right, "the relations to be solved", level)
+    total, solved = _through(base, left, m22[:n, :n], right, "the relations to be solved")
     return LFT(
         total[:w, :w],
         total[:w, w:],
@@ -275,8 +275,8 @@ def eliminate(relation: LFT, n: int, level: float = FINE) -> LFT:
     )
 
 
-def fix(a: LFT, values: Mapping[str, float], level: float = FINE) -> LFT:
-    """The LFT in the remaining deltas, with the named ones fixed to values [1]; `level` as above.
+def fix(a: LFT, values: Mapping[str, float]) -> LFT:
+    """The LFT in the remaining deltas, with the named ones fixed to values [1].
 
     Raises
     ------
@@ -296,22 +296,22 @@ def fix(a: LFT, values: Mapping[str, float], level: float = FINE) -> LFT:
     loop = np.eye(len(drop)) - a.M11[np.ix_(drop, drop)] * scale
     right = np.hstack([a.M11[np.ix_(drop, keep)], a.M12[drop]])
     base = np.block([[a.M11[np.ix_(keep, keep)], a.M12[keep]], [a.M21[:, keep], a.M22]])
-    total, _ = _through(base, left, loop, right, "an LFT with fixed deltas", level)
+    total, _ = _through(base, left, loop, right, "an LFT with fixed deltas")
     n = len(keep)
     blocks = tuple(block for block in a.blocks if block.name not in values)
     return LFT(total[:n, :n], total[:n, n:], total[n:, :n], total[n:, n:], blocks)
 
 
 def _through(
-    base: Array, left: Array, matrix: Array, right: Array, what: str, level: float
+    base: Array, left: Array, matrix: Array, right: Array, what: str
 ) -> tuple[Array, Array]:
     """base + left matrix^-1 right, and matrix^-1 right, both without the rounding of what cancels."""
     if not matrix.size:
         return base, np.zeros((0, base.shape[1]))
     solved = solve_nominal(matrix, right, what)
     size = solution_size(np.asarray(np.linalg.inv(matrix), dtype=float), matrix, solved, right)
-    solved = cleaned(solved, 0.25 * size, level)
-    return cleaned(base + left @ solved, np.abs(base) + np.abs(left) @ size, level), solved
+    solved = cleaned(solved, 0.25 * size)
+    return cleaned(base + left @ solved, np.abs(base) + np.abs(left) @ size), solved
 
 
 def with_blocks(a: LFT, names: Sequence[str]) -> LFT:

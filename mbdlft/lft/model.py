@@ -58,6 +58,8 @@ class Certificate:
         Whether the model is the exact one (no truncation, no fit).
     exact_bound : bool
         Whether the lower bound was computed in exact arithmetic, without rounding.
+    doubtful : tuple of int
+        Ranks that rounding makes unclear; the lower bound does not count them. Empty: not recorded.
     """
 
     order: tuple[int, ...]
@@ -68,6 +70,7 @@ class Certificate:
     seed: int
     exact: bool
     exact_bound: bool = False
+    doubtful: tuple[int, ...] = ()
 
     @property
     def minimal(self) -> bool:

@@ -1,14 +1,13 @@
-"""n-D reduction of an LFT and the lower bound on its order.
+"""n-D reduction of an LFT.
 
 Reduction keeps, for each delta, the smallest subspaces S_k with range(B_k) in S_k and
 A_kj S_j in S_k, and then the same for the transposed LFT. It is exact, and minimal if the deltas did
 not commute: D'Andrea and Khatri (1997); Beck and Doyle (1999).
 
-The lower bound fixes all deltas but one. What is left is a one-parameter realization, so the number
-of repetitions of that delta in any exact LFT of the same matrix is at least its McMillan degree.
-
 Ranks: every vector carries an estimate of its own rounding error, which grows as the subspaces are
 built; a direction counts when it stands out of that error. There is no tolerance for the user to choose.
+The estimate grows with every step although the vectors are made orthonormal again, so it is capped: a
+direction too many is harmless, one too few would be an error.
 """
 
 from itertools import accumulate, pairwise
@@ -18,33 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 
-from mbdlft.lft.lft import LFT, Array, Block, fix
-from mbdlft.lft.rounding import COARSE, FINE, product
+from mbdlft.lft.lft import LFT, Array, Block
+from mbdlft.lft.rounding import product
 
 _EPS = float(np.finfo(float).eps)
-_BOUND_POINTS = 2
+_THRESHOLD = 2.0**8  # a direction counts when its length over its error is larger
+_MOST_ERROR = 2.0**-40
 _BALANCE_SWEEPS = 4
 _ZERO = 2.0**-46  # an entry of a basis below this is rounding
 
 
-class Rule(NamedTuple):
-    """When a direction counts: its length over its error, the most that an error is taken for, and
-    what part of terms that cancelled is rounding.
-
-    The error estimate grows with every step although the vectors are made orthonormal again. In a
-    reduction a direction too many is harmless, so the estimate is capped; in a bound it is not.
-    """
-
-    threshold: float
-    most_error: float
-    rounding: float
-
-
-KEEP = Rule(2.0**8, 2.0**-40, FINE)
-SURE = Rule(2.0**20, 1.0, COARSE)
-
-
-class _Core(NamedTuple):
+class Core(NamedTuple):
     """The part of an LFT that a reduction works on, scaled to entries of order one.
 
     `error_in` and `error_out` are the rounding errors, for each block, of what enters its channels
@@ -59,46 +42,24 @@ class _Core(NamedTuple):
     error_out: tuple[float, ...]
 
 
-def reduce_order(a: LFT, rule: Rule = KEEP) -> LFT:
+def reduce_order(a: LFT) -> LFT:
     """The LFT of equal value whose order is minimal for deltas that do not commute.
 
     An LFT that is minimal in this sense already comes back as it is.
     """
-    core, inputs, outputs = _balance(a)
-    small = _transpose(_compress(_transpose(_compress(core, rule)), rule))
+    core, inputs, outputs = balance(a)
+    small = _transpose(_compress(_transpose(_compress(core))))
     if small.sizes == core.sizes:
         return a
     blocks = [Block(block.name, size) for block, size in zip(a.blocks, small.sizes, strict=True)]
     return LFT(small.M11, small.M12 * inputs, outputs[:, None] * small.M21, a.M22, tuple(blocks))
 
 
-def lower_bound(a: LFT, seed: int = 0) -> dict[str, int]:
-    """Proved minimum of the repetitions of each delta, in any exact LFT of the same matrix.
-
-    When a numerical rank is not clear, the smaller value is given.
-    """
-    random = np.random.default_rng(seed)
-    bound: dict[str, int] = {}
-    for block in a.blocks:
-        degrees = [0]
-        for _ in range(_BOUND_POINTS if block.size else 0):
-            others = {
-                other.name: float(random.uniform(-0.9, 0.9))
-                for other in a.blocks
-                if other.name != block.name
-            }
-            degrees.append(reduce_order(fix(a, others, COARSE), SURE).order)
-            if degrees[-1] == block.size:
-                break
-        bound[block.name] = max(degrees)
-    return bound
+def _transpose(core: Core) -> Core:
+    return Core(core.M11.T, core.M21.T, core.M12.T, core.sizes, core.error_out, core.error_in)
 
 
-def _transpose(core: _Core) -> _Core:
-    return _Core(core.M11.T, core.M21.T, core.M12.T, core.sizes, core.error_out, core.error_in)
-
-
-def _balance(a: LFT) -> tuple[_Core, Array, Array]:
+def balance(a: LFT) -> tuple[Core, Array, Array]:
     """The core in powers of two of the inputs, the outputs and the channels; the first two scales.
 
     Inputs and outputs get length one; what enters and what leaves each channel gets one size.
@@ -127,7 +88,7 @@ def _balance(a: LFT) -> tuple[_Core, Array, Array]:
         )
         for size in (into, out)
     ]
-    core = _Core(
+    core = Core(
         scale[:, None] * a.M11 / scale,
         scale[:, None] * M12,
         M21 / scale,
@@ -143,28 +104,31 @@ def _power_of_two(squares: Array) -> Array:
     return np.asarray(2.0 ** np.round(0.5 * np.log2(np.where(squares > 0, squares, 1.0))))
 
 
-def _compress(core: _Core, rule: Rule) -> _Core:
+def _compress(core: Core) -> Core:
     """Restrict each delta to its reachable subspace, in coordinates that are channels of the old LFT.
 
     S_k = range(T_k) with T_k the identity in the rows of the chosen channels: w = T w[chosen]. The new
     matrices are rows of the old ones times T, so zeros, units and scales survive, and with them the
     accuracy.
     """
+    parts = _parts(core.sizes)
     chosen, bases = [], []
-    for basis, part in zip(_reachable(core, rule), _parts(core.sizes), strict=True):
+    for basis, part in zip(_reachable(core), parts, strict=True):
         rows, graph = _as_graph(basis)
         chosen.append(part.start + rows)
         bases.append(graph)
-    sizes = tuple(basis.shape[1] for basis in bases)
-    T = np.zeros((len(core.M11), sum(sizes)))
-    for basis, old, new in zip(bases, _parts(core.sizes), _parts(sizes), strict=True):
-        T[old, new] = basis
     kept = np.concatenate([*chosen, np.zeros(0, dtype=int)]).astype(int)
-    return _Core(
-        product(core.M11[kept], T, rule.rounding),
+
+    def restricted(matrix: Array) -> Array:
+        # T is block diagonal: one product for each block
+        columns = [product(matrix[:, part], T) for part, T in zip(parts, bases, strict=True)]
+        return np.hstack([*columns, np.zeros((len(matrix), 0))])
+
+    return Core(
+        restricted(core.M11[kept]),
         core.M12[kept],
-        product(core.M21, T, rule.rounding),
-        sizes,
+        restricted(core.M21),
+        tuple(T.shape[1] for T in bases),
         core.error_in,
         core.error_out,
     )
@@ -193,14 +157,14 @@ def _parts(sizes: tuple[int, ...]) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(ends)]
 
 
-def _reachable(core: _Core, rule: Rule) -> list[Array]:
+def _reachable(core: Core) -> list[Array]:
     """Orthonormal bases of the smallest S_k with range(M12_k) in S_k and M11_kj S_j in S_k."""
     parts = _parts(core.sizes)
     noise, start = core.error_in, core.M12
     bases = [_Basis(part.stop - part.start) for part in parts]
     # candidates of each delta: columns, and the error of each column
     fresh = [
-        basis.extend(start[part], np.full(start.shape[1], level), rule)
+        basis.extend(start[part], np.full(start.shape[1], level))
         for basis, part, level in zip(bases, parts, noise, strict=True)
     ]
     while any(len(error) for _, error in fresh):
@@ -220,7 +184,7 @@ def _reachable(core: _Core, rule: Rule) -> list[Array]:
             errors = [
                 level + float(np.sqrt((blocks[k] ** 2).sum())) * sources[k][2] for k in coupled
             ]
-            fresh.append(basis.extend(np.hstack(columns), np.hstack(errors), rule))
+            fresh.append(basis.extend(np.hstack(columns), np.hstack(errors)))
     return [basis.vectors for basis in bases]
 
 
@@ -236,7 +200,7 @@ class _Basis:
     def full(self) -> bool:
         return bool(self.vectors.shape[1] == self.size)
 
-    def extend(self, columns: Array, errors: Array, rule: Rule) -> tuple[Array, Array]:
+    def extend(self, columns: Array, errors: Array) -> tuple[Array, Array]:
         """Add the directions of `columns` that stand out of their errors; return what was added."""
         if self.full or not columns.shape[1]:
             return self.vectors[:, :0], self.errors[:0]
@@ -246,11 +210,11 @@ class _Basis:
                 inside = self.vectors.T @ columns
                 columns = columns - self.vectors @ inside
                 errors = errors + np.abs(inside).T @ self.errors
-        errors = np.minimum(errors, rule.most_error)
+        errors = np.minimum(errors, _MOST_ERROR)
         # lengths in units of the error; pivoting takes the clearest direction first
         factor, _, reflectors, _, _ = dgeqp3(columns / errors)
         clear = np.abs(np.diagonal(factor))
-        count = min(int(np.sum(clear > rule.threshold)), self.size - known)
+        count = min(int(np.sum(clear > _THRESHOLD)), self.size - known)
         if count == 0:
             return self.vectors[:, :0], self.errors[:0]
         added, _, _ = dorgqr(factor[:, :count], reflectors[:count])

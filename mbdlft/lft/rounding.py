@@ -10,18 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-FINE = 2.0**-50  # for models: what is dropped is no more than rounding can have made
-COARSE = 2.0**-44  # for bounds, which must not count rounding and may miss a little
+_ROUNDING = 2.0**-50  # what is dropped is no more than rounding can have made
 
 
-def cleaned(values: Array, size: Array, level: float = FINE) -> Array:
+def cleaned(values: Array, size: Array) -> Array:
     """Values with the entries that are rounding of terms of a size set to zero; same shapes."""
-    return np.where(np.abs(values) <= level * size, 0.0, values)
+    return np.where(np.abs(values) <= _ROUNDING * size, 0.0, values)
 
 
-def product(left: Array, right: Array, level: float = FINE) -> Array:
+def product(left: Array, right: Array) -> Array:
     """left @ right, cleaned."""
-    return cleaned(left @ right, np.abs(left) @ np.abs(right), level)
+    return cleaned(left @ right, np.abs(left) @ np.abs(right))
 
 
 def solution_size(inverse: Array, matrix: Any, solution: Array, right: Array) -> Array:

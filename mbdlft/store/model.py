@@ -46,6 +46,10 @@ def write_model(group: Any, model: LFTModel) -> None:
         certificate.create_dataset(
             name, data=np.array(getattr(model.certificate, name), dtype="<i8")
         )
+    if model.certificate.doubtful:
+        certificate.create_dataset(
+            "doubtful", data=np.array(model.certificate.doubtful, dtype="<i8")
+        )
     certificate.attrs["max_relative_error"] = np.float64(model.certificate.max_relative_error)
     certificate.attrs["check_points"] = np.int64(model.certificate.check_points)
     certificate.attrs["seed"] = np.int64(model.certificate.seed)
@@ -197,6 +201,7 @@ def _read_certificate(group: Any, count: int) -> Certificate:
         seed=int(group.attrs["seed"]),
         exact=bool(group.attrs["exact"]),
         exact_bound=bool(group.attrs.get("exact_bound", False)),
+        doubtful=_get_integers(group, "doubtful", count) if "doubtful" in group else (),
     )
 
 

@@ -99,6 +99,7 @@ def strange(seed: int, sizes: tuple[int, ...] = (2, 0, 3)) -> LFTModel:
             check_points=123,
             seed=2**40 + 1,
             exact=bool(seed % 2),
+            doubtful=tuple(min(1, size) for size in sizes),
         ),
         provenance=Provenance(
             scene='name = "µ"\n# ' + "日本 " * 30000,

@@ -9,7 +9,7 @@ import pytest
 
 from mbdlft import ArchiveError, load, model_names, save
 from tests.archive import models
-from tests.archive.test_layout import ATTRIBUTES, DATASETS, TEXT
+from tests.archive.test_layout import ATTRIBUTES, DATASETS, OPTIONAL, TEXT
 from tests.errors.scenes import says
 
 NAME = "two_link_arm"
@@ -177,7 +177,7 @@ def test_text_that_cannot_be_written(file):
 # models -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", DATASETS)
+@pytest.mark.parametrize("name", [name for name in DATASETS if name not in OPTIONAL])
 def test_missing_dataset(file, name):
     edit(file, lambda group: group.__delitem__(name))
     last = name.split("/")[-1]

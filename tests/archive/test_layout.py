@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import save, scene_from_toml, to_lft
+from mbdlft import load, save, scene_from_toml, to_lft
 from tests.archive import models
 from tests.close import exact, roundoff
 
@@ -50,7 +50,9 @@ DATASETS = {
     "certificate/order": (INTEGER, "np"),
     "certificate/lower_bound": (INTEGER, "np"),
     "certificate/raw_order": (INTEGER, "np"),
+    "certificate/doubtful": (INTEGER, "np"),
 }
+OPTIONAL = ("certificate/doubtful",)
 ATTRIBUTES = {
     "": ("encoding_type", "encoding_version", "time_domain", "description"),
     "certificate": ("max_relative_error", "check_points", "seed", "exact"),
@@ -155,7 +157,7 @@ def test_values(stored):
         exact(group["parameters"][name][()], [getattr(p, name) for p in model.parameters])
     maps = [[p.map.b0, p.map.b1, p.map.a1] for p in model.parameters]
     exact(group["parameters/map"][()], maps)
-    for name in ("order", "lower_bound", "raw_order"):
+    for name in ("order", "lower_bound", "raw_order", "doubtful"):
         exact(group["certificate"][name][()], getattr(model.certificate, name))
     exact(group["trim/nominal"][()], model.trim.nominal)
     for name, part in zip(
@@ -217,3 +219,11 @@ def test_trim_lft_may_be_missing(tmp_path):
         assert file["models/bare/trim/name"].shape == (0,)
         assert file["models/bare/B_w"].shape == (1, 0)
         assert file["models/bare/parameters/map"].shape == (0, 3)
+
+
+def test_doubtful_ranks_may_be_missing(tmp_path):
+    """As in archives written before they were recorded."""
+    save(tmp_path / "a.h5", models.arm())
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        del file["models/two_link_arm/certificate/doubtful"]
+    assert load(tmp_path / "a.h5").certificate.doubtful == ()

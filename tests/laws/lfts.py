@@ -44,3 +44,30 @@ def points(seed: int, count: int = 5) -> dict[str, np.ndarray]:
     inside = random.uniform(-1, 1, (count, len(NAMES)))
     corners = np.array([[1.0] * len(NAMES), [-1.0] * len(NAMES)])
     return dict(zip(NAMES, np.vstack([inside, corners]).T, strict=True))
+
+
+def padded(a: LFT, random: np.random.Generator) -> LFT:
+    """The same value with channels that nothing reaches or nobody sees, in mixed coordinates."""
+    blocks, rows = [], []
+    for name, part in a.slices().items():
+        size = part.stop - part.start
+        T, _ = np.linalg.qr(random.standard_normal((size + 2, size + 2)))
+        blocks.append(Block(name, size + 2))
+        rows.append((part, T))
+    n = sum(block.size for block in blocks)
+    M11, M12, M21 = np.zeros((n, n)), np.zeros((n, a.shape[1])), np.zeros((a.shape[0], n))
+    T_all = np.zeros((n, n))
+    position, old, unseen, unreached = 0, [], [], []
+    for part, T in rows:
+        size = part.stop - part.start
+        T_all[position : position + size + 2, position : position + size + 2] = T
+        old += range(position, position + size)
+        unseen.append(position + size)
+        unreached.append(position + size + 1)
+        position += size + 2
+    M11[np.ix_(old, old)], M12[old], M21[:, old] = a.M11, a.M12, a.M21
+    M11[np.ix_(unseen, old)] = random.standard_normal((len(unseen), len(old)))
+    M12[unseen] = random.standard_normal((len(unseen), a.shape[1]))
+    M11[np.ix_(old, unreached)] = random.standard_normal((len(old), len(unreached)))
+    M21[:, unreached] = random.standard_normal((a.shape[0], len(unreached)))
+    return LFT(T_all @ M11 @ T_all.T, T_all @ M12, M21 @ T_all.T, a.M22, tuple(blocks))

@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 
 import mbdlft
 from mbdlft.lft import commute
+from mbdlft.lft.bound import lower_bound
 from mbdlft.lft.commute import reduce_commuting
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows
-from mbdlft.lft.reduce import lower_bound, reduce_order
+from mbdlft.lft.reduce import reduce_order
 from scenarios import two_link_arm
 from tests.close import CLOSED_FORM, roundoff, target
 from tests.laws.lfts import lfts

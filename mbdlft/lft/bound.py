@@ -1,0 +1,256 @@
+"""Lower bound on the repetitions of each delta: McMillan degrees, from Loewner matrices.
+
+Fix all deltas but one at generic values. In that one, z, what is left is
+
+    H(z) = H(0) + z C (I - z A)^-1 B,
+
+and every exact LFT of the same matrix repeats that delta at least as often as the McMillan degree of H.
+For points lambda_a, mu_b and directions l_a, r_b the Loewner matrix
+
+    L_ab = l_a' (H(lambda_a) - H(mu_b)) r_b / (lambda_a - mu_b)
+         = l_a' C (I - lambda_a A)^-1 (I - mu_b A)^-1 B r_b
+
+has a rank that is not above the McMillan degree, and equal to it for generic points and directions.
+The points stand on a circle, lambda and mu in turn: there L is close to a unitary transformation of the
+Hankel matrix.
+
+Rounding: if L is known up to an error E, sigma_k(L) > ||E|| proves rank >= k (Weyl). E is measured on a
+twin: the same matrix from data in which every entry is moved by what may be wrong with it, far more than
+rounding. Directions are scaled such that the error is of one size in all rows and columns of L;
+so what is nothing but rounding counts as nothing, and what is small but accurate counts.
+
+Antoulas, Anderson: On the scalar rational interpolation problem, 1986. Mayo, Antoulas: A framework for
+the solution of the generalized realization problem, 2007. Weyl: Golub, Van Loan: Matrix computations,
+section 8.6.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import schur
+
+from mbdlft.lft.lft import LFT, Array
+from mbdlft.lft.reduce import balance
+
+_POINTS = 3  # generic values of the other deltas; the next are for what is doubtful at the first
+_UNCERTAIN = 2.0**-44  # of the size of an entry of the LFT, what may be wrong with it
+_CLEAR = 64.0  # a singular value counts from this many times the error on; the error is one sample
+_ROUNDING = (
+    1.0 / 16.0
+)  # below this part of the error it is rounding; between the two it is in doubt
+_MORE_POINTS = 2  # on the circle than the degree needs
+_CENTER = 0.6  # of the range of a delta, where generic values are taken
+_INSIDE = 0.9  # radius of the circle over the distance of the nearest pole
+
+
+class Bound(NamedTuple):
+    """Repetitions of a delta that are proved to be needed, and whether rounding may hide more.
+
+    `doubtful` is the number of singular values that are neither clear nor clearly rounding; they do not
+    count.
+    """
+
+    degree: int
+    doubtful: int
+
+
+class _Realization(NamedTuple):
+    """A, B, C of H(0) + C Z (I - A Z)^-1 B, with Z the deltas; H(0) has no part in degrees."""
+
+    A: NDArray[Any]
+    B: NDArray[Any]
+    C: NDArray[Any]
+
+
+def lower_bound(a: LFT, seed: int = 0) -> dict[str, int]:
+    """Proved minimum of the repetitions of each delta, in any exact LFT of the same matrix.
+
+    When a numerical rank is not clear, the smaller value is given.
+    """
+    return {name: bound.degree for name, bound in degree_bounds(a, seed=seed).items()}
+
+
+def degree_bounds(a: LFT, twin: LFT | None = None, seed: int = 0) -> dict[str, Bound]:
+    """As `lower_bound`, with what rounding may hide.
+
+    Parameters
+    ----------
+    a : LFT
+    twin : LFT, optional
+        The same matrix with the error that `a` may have, in any number of channels: what became of
+        `moved` data in the computation that gave `a`. By default `a` itself, moved.
+    seed : int
+        Of the generic values, points and directions.
+
+    Returns
+    -------
+    dict of names to Bound
+    """
+    random = np.random.default_rng(seed)
+    bounds = {block.name: Bound(0, block.size) for block in a.blocks}
+    pair = (a, moved(a, seed) if twin is None else twin)
+    realizations = [_realization(item) for item in pair]
+    for _ in range(_POINTS):
+        values = {block.name: random.uniform(-_CENTER, _CENTER) for block in a.blocks}
+        open_names = [name for name, bound in bounds.items() if bound.doubtful]
+        if not open_names:
+            break
+        with np.errstate(all="ignore"):  # what overflows is not finite, and proves nothing
+            centers = [_spread(item, values) for item in pair]
+            expanded = [_expand(*item) for item in zip(realizations, centers, strict=True)]
+            for name in open_names:
+                alone = [
+                    _alone(one, item.slices()[name], values[name])
+                    for one, item in zip(expanded, pair, strict=True)
+                ]
+                if all(np.all(np.isfinite(item.A)) for item in alone):
+                    first, second = (_triangular(item) for item in alone)
+                    found = _bound(first, second, random)
+                    bounds[name] = max(bounds[name], found, key=_preference)
+    return bounds
+
+
+def moved(a: LFT, seed: int = 0) -> LFT:
+    """An LFT with every entry moved by what may be wrong with it, far more than rounding.
+
+    With channels and signals scaled, an entry is taken for a sum of terms of the size of its row and of
+    its column. One that is zero is zero by structure.
+    """
+    core, inputs, outputs = balance(a)
+    n = a.order
+    exact = np.block([[core.M11, core.M12], [core.M21, a.M22 / outputs[:, None] / inputs]])
+    rows, columns = (np.sqrt(np.sum(exact**2, axis=axis)) for axis in (1, 0))
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], exact.shape)
+    M = exact + np.where(exact != 0.0, _UNCERTAIN * np.minimum(rows[:, None], columns) * signs, 0.0)
+    M[n:] *= outputs[:, None]
+    M[:, n:] *= inputs
+    return LFT(M[:n, :n], M[:n, n:], M[n:, :n], M[n:, n:], a.blocks)
+
+
+def _realization(a: LFT) -> _Realization:
+    """The LFT with its channels scaled; signals keep their units."""
+    core, inputs, outputs = balance(a)
+    return _Realization(core.M11, core.M12 * inputs, core.M21 * outputs[:, None])
+
+
+def _spread(a: LFT, values: Mapping[str, float]) -> Array:
+    """The value of the delta of each channel (n)."""
+    return np.repeat([values[b.name] for b in a.blocks], [b.size for b in a.blocks])
+
+
+def _expand(one: _Realization, center: Array) -> _Realization:
+    """The same in the distances of all deltas from a center (n)."""
+    n = len(center)
+    try:
+        solved = np.linalg.solve(np.eye(n) - one.A * center, np.hstack([one.A, one.B]))
+    except np.linalg.LinAlgError:  # the center is a pole
+        solved = np.full((n, n + one.B.shape[1]), np.nan)
+    A = solved[:, :n]
+    return _Realization(A, solved[:, n:], one.C + (one.C * center) @ A)
+
+
+def _alone(one: _Realization, part: slice, center: float) -> _Realization:
+    """One delta with the others at the center; it is itself counted from 0 again."""
+    alone = _Realization(one.A[part, part], one.B[part], one.C[:, part])
+    return _expand(alone, np.full(len(alone.A), -center))
+
+
+def _triangular(one: _Realization) -> _Realization:
+    """The same in coordinates in which A is upper triangular."""
+    A, Q = schur(one.A, output="complex")
+    return _Realization(A, Q.conj().T @ one.B, one.C @ Q)
+
+
+def _bound(one: _Realization, twin: _Realization, random: np.random.Generator) -> Bound:
+    """What the first circle without a doubt proves, or else the best one."""
+    found = []
+    for radius in _radii(one.A):
+        found.append(_degree(one, twin, radius, random))
+        if not found[-1].doubtful:
+            break
+    return max(found, key=_preference)
+
+
+def _preference(bound: Bound) -> tuple[int, int]:
+    """The largest degree is proved; one point that shows it clearly is enough."""
+    return bound.degree, -bound.doubtful
+
+
+def _radii(A: NDArray[Any]) -> list[float]:
+    """Circles with all poles outside on which powers of z A do not vanish, and the unit circle."""
+    poles, norm = float(np.max(np.abs(np.diagonal(A)))), float(np.linalg.norm(A, 2))
+    return [_INSIDE / size if size > _UNCERTAIN else 1.0 for size in (poles, norm)] + [1.0]
+
+
+def _degree(
+    one: _Realization, twin: _Realization, radius: float, random: np.random.Generator
+) -> Bound:
+    """What the Loewner matrix on one circle proves."""
+    most = len(one.A)
+    count = most + _MORE_POINTS
+    angles = (np.arange(2 * count) + random.uniform()) * np.pi / count
+    circle = radius * np.exp(1j * angles)
+    rows, columns = _noise_scales(*_sizes(one, twin, circle[:: count // 2]))
+    left = rows[:, None] * random.standard_normal((len(rows), count))
+    right = columns[:, None] * random.standard_normal((len(columns), count))
+    L, other = (
+        _left(item, circle[::2], item.C.T @ left).T @ _right(item, circle[1::2], item.B @ right)
+        for item in (one, twin)
+    )
+    rows, columns = _noise_scales(np.abs(L), np.abs(other - L))
+    L, other = (rows[:, None] * item * columns for item in (L, other))
+    if not (np.all(np.isfinite(L)) and np.all(np.isfinite(other))):
+        return Bound(0, most)
+    values = np.linalg.svd(L, compute_uv=False)
+    noise = np.linalg.norm(other - L, 2)
+    degree = min(most, int(np.sum(values > _CLEAR * noise)))
+    possible = min(most, int(np.sum(values > _ROUNDING * noise)))
+    return Bound(degree, possible - degree)
+
+
+def _sizes(one: _Realization, twin: _Realization, points: NDArray[Any]) -> tuple[Array, Array]:
+    """Largest size and error, over some points, of the entries (n_out, n_in) of the derivative of H."""
+    first, second = (_derivatives(item, points) for item in (one, twin))
+    return np.max(np.abs(first), axis=0), np.max(np.abs(second - first), axis=0)
+
+
+def _derivatives(one: _Realization, points: NDArray[Any]) -> NDArray[Any]:
+    """C (I - z A)^-2 B at each point z, (number of points, n_out, n_in)."""
+    left, right = (
+        solve(one, np.repeat(points, columns.shape[1]), np.tile(columns, len(points)))
+        .reshape(len(columns), len(points), -1)
+        .swapaxes(0, 1)
+        for solve, columns in ((_left, one.C.T), (_right, one.B))
+    )
+    return np.asarray(left.swapaxes(1, 2) @ right)
+
+
+def _noise_scales(size: Array, error: Array) -> tuple[Array, Array]:
+    """Scales of rows and columns that give errors a mean square of one; 0 where all is zero."""
+    error = np.maximum(error, _UNCERTAIN * size)
+    rows = _reciprocal(np.sqrt(np.mean(error**2, axis=1)))
+    columns = _reciprocal(np.sqrt(np.mean((rows[:, None] * error) ** 2, axis=0)))
+    return rows, columns
+
+
+def _reciprocal(values: Array) -> Array:
+    used = values != 0.0
+    return np.where(used, 1.0 / np.where(used, values, 1.0), 0.0)
+
+
+def _right(one: _Realization, points: NDArray[Any], columns: NDArray[Any]) -> NDArray[Any]:
+    """(I - z_k A)^-1 c_k for each point z_k and column c_k (n, number of points)."""
+    X = columns.astype(complex)
+    for i in reversed(range(len(X))):
+        X[i] = (X[i] + points * (one.A[i, i + 1 :] @ X[i + 1 :])) / (1.0 - points * one.A[i, i])
+    return X
+
+
+def _left(one: _Realization, points: NDArray[Any], columns: NDArray[Any]) -> NDArray[Any]:
+    """(I - z_k A')^-1 c_k for each point z_k and column c_k (n, number of points)."""
+    X = columns.astype(complex)
+    for i in range(len(X)):
+        X[i] = (X[i] + points * (one.A[:i, i] @ X[:i])) / (1.0 - points * one.A[i, i])
+    return X

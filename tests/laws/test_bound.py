@@ -1,0 +1,190 @@
+"""Laws of the lower bound.
+
+1. it is never above the degree in exact arithmetic modulo a prime, and equal if nothing is doubtful
+2. what rounding could have made does not count, and what is not clear is said to be doubtful
+3. multibody chains have the degrees of exact arithmetic
+"""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import mbdlft
+from mbdlft.extract import extract
+from mbdlft.lft import bound
+from mbdlft.lft.bound import Bound, degree_bounds, lower_bound
+from mbdlft.lft.lft import LFT, Block, delta, stack_diagonal
+from mbdlft.lft.reduce import reduce_order
+from mbdlft.linearize import linearize
+from mbdlft.scene import assemble
+
+PRIME = 2**61 - 1
+DENOMINATOR = 4  # entries are integers over this: exact in floating point and modulo a prime
+
+Rows = list[list[int]]
+
+
+def solve_modulo(matrix: Rows, right: Rows) -> tuple[Rows, int]:
+    """Reduced rows of [matrix, right] without the columns of matrix, and the rank of matrix."""
+    rows = [[*a, *b] for a, b in zip(matrix, right, strict=True)]
+    rank, width = 0, len(matrix[0]) if matrix else 0
+    for column in range(width):
+        pivot = next((i for i in range(rank, len(rows)) if rows[i][column]), None)
+        if pivot is None:
+            continue
+        rows[rank], rows[pivot] = rows[pivot], rows[rank]
+        inverse = pow(rows[rank][column], -1, PRIME)
+        rows[rank] = [x * inverse % PRIME for x in rows[rank]]
+        for i, row in enumerate(rows):
+            if i != rank and row[column]:
+                factor = row[column]
+                rows[i] = [(x - factor * y) % PRIME for x, y in zip(row, rows[rank], strict=True)]
+        rank += 1
+    return [row[width:] for row in rows], rank
+
+
+def modulo(matrix: np.ndarray) -> Rows:
+    inverse = pow(DENOMINATOR, -1, PRIME)
+    return [[int(x) * inverse % PRIME for x in row] for row in np.rint(matrix * DENOMINATOR)]
+
+
+def value_modulo(a: LFT, point: dict[str, int]) -> Rows:
+    """M22 + M21 Delta (I - M11 Delta)^-1 M12 modulo the prime."""
+    M11, M12, M21, M22 = (modulo(matrix) for matrix in (a.M11, a.M12, a.M21, a.M22))
+    d = [point[block.name] for block in a.blocks for _ in range(block.size)]
+    n = len(d)
+    loop = [[((i == j) - M11[i][j] * d[j]) % PRIME for j in range(n)] for i in range(n)]
+    X, rank = solve_modulo(loop, M12)
+    assert rank == n
+    change = [
+        [sum(row[j] * d[j] * X[j][k] for j in range(n)) for k in range(a.shape[1])] for row in M21
+    ]
+    return [
+        [(x + y) % PRIME for x, y in zip(*rows, strict=True)]
+        for rows in zip(M22, change, strict=True)
+    ]
+
+
+def exact_degree(a: LFT, name: str, random: np.random.Generator) -> int:
+    """Rank modulo the prime of a Loewner matrix with blocks, at random points: the McMillan degree."""
+    count = dict(a.blocks)[name] + 1
+    others = {block.name: int(random.integers(1, PRIME)) for block in a.blocks}
+    points = [int(z) for z in random.integers(1, PRIME, 2 * count)]
+    values = [value_modulo(a, others | {name: z}) for z in points]
+    rows: Rows = []
+    for mu, left in zip(points[:count], values[:count], strict=True):
+        for i in range(a.shape[0]):
+            row: list[int] = []
+            for z, right in zip(points[count:], values[count:], strict=True):
+                inverse = pow(mu - z, -1, PRIME)
+                row += [(x - y) * inverse % PRIME for x, y in zip(left[i], right[i], strict=True)]
+            rows.append(row)
+    return solve_modulo(rows, [[] for _ in rows])[1]
+
+
+@st.composite
+def sparse_lfts(draw: st.DrawFn) -> LFT:
+    """LFTs with few entries, small fractions: most are not minimal."""
+    random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    blocks = tuple(Block(name, draw(st.integers(0, 4))) for name in ("a", "b", "c"))
+    n, n_out, n_in = sum(block.size for block in blocks), *random.integers(1, 4, 2)
+    density = draw(st.sampled_from([0.15, 0.3, 0.6]))
+
+    def some(rows: int, columns: int) -> np.ndarray:
+        entries = random.integers(-3, 4, (rows, columns)) / DENOMINATOR
+        return entries * (random.random((rows, columns)) < density)
+
+    return LFT(some(n, n), some(n, n_in), some(n_out, n), some(n_out, n_in), blocks)
+
+
+def law_degrees(a: LFT) -> None:
+    random = np.random.default_rng(0)
+    for name, found in degree_bounds(a).items():
+        degree = exact_degree(a, name, random)
+        assert found.degree <= degree
+        assert found.degree == degree or found.doubtful
+
+
+@given(sparse_lfts())
+def test_degrees_of_exact_arithmetic(a: LFT) -> None:
+    law_degrees(a)
+
+
+@pytest.mark.parametrize(
+    ("power", "expected"), [(-20, (2, 0)), (-30, (2, 0)), (-43, (1, 1)), (-51, (1, 0))]
+)
+def test_what_is_not_clear_is_doubtful(power: int, expected: tuple[int, int]) -> None:
+    """delta [1 1 ; 1 1+e] has degree 2; when e is as small as rounding, that cannot be seen."""
+    a = np.array([[1.0, 1.0], [1.0, 1.0 + 2.0**power]]) @ delta("d", 2)
+    assert degree_bounds(a)["d"] == Bound(*expected)
+
+
+def test_a_twin_says_what_may_be_wrong() -> None:
+    """The second rank of a matrix that is known to a part in 2^20 is not proved."""
+
+    def known(entry: float) -> LFT:
+        return np.array([[1.0, 1.0], [1.0, entry]]) @ delta("d", 2)
+
+    a = known(1.0 + 2.0**-20)
+    assert degree_bounds(a)["d"] == Bound(2, 0)
+    assert degree_bounds(a, known(1.0 + 2.0**-21))["d"] == Bound(1, 1)
+
+
+def law_rounding() -> None:
+    """diag(t, (p q - q p) t) is diag(t, 0): terms that cancel leave rounding, which is not rank."""
+    p, q, t = (np.array([[0.3]]) + delta(name) for name in ("p", "q", "t"))
+    for seed in range(20):
+        a = stack_diagonal(t, (p @ q - q @ p) @ t)
+        assert lower_bound(a, seed) == {"p": 0, "q": 0, "t": 1}
+
+
+def test_what_cancels_does_not_count() -> None:
+    law_rounding()
+
+
+def chain(links: int) -> LFT:
+    """Relations of a planar chain of equal links with parameters m, L and the angle t of each."""
+    parameters: list[mbdlft.Parameter] = []
+    bodies, joints = [], []
+    for k in range(links):
+        parameters += [
+            mbdlft.Parameter(f"m{k}", 2.0, percent=20, unit="kg"),
+            mbdlft.Parameter(f"L{k}", 1.0, percent=20, unit="m"),
+            mbdlft.Angle(f"t{k}", 20.0 + 10 * k, 0.0, 80.0),
+        ]
+        body = mbdlft.RigidBody(
+            name=f"b{k}",
+            mass=f"m{k}",
+            center_of_mass=(0, f"0.5*L{k}", 0),
+            inertia=mbdlft.Inertia(xx=0.1, yy=0.05, zz=0.1),
+            ports={"tip": (0, f"L{k}", 0)},
+        )
+        parent = f"b{k - 1}.tip" if k else "ground"
+        bodies.append(body)
+        joints.append(
+            mbdlft.Revolute(
+                name=f"j{k}", parent=parent, child=f"b{k}", axis=(1, 0, 0), position=f"t{k}"
+            )
+        )
+    scene = mbdlft.Scene(
+        name="chain", gravity=(0, 0, -9.81), parameters=parameters, bodies=bodies, joints=joints
+    )
+    return extract(linearize(assemble(scene), range(links), range(links)))
+
+
+def test_degrees_of_a_chain() -> None:
+    """85 in exact arithmetic modulo 2^61 - 1, of which mass k has k + 1: the joints that it loads."""
+    found = degree_bounds(reduce_order(chain(6)))
+    assert sum(item.degree for item in found.values()) == 85
+    assert [found[f"m{k}"].degree for k in range(6)] == [1, 2, 3, 4, 5, 6]
+    assert not any(item.doubtful for item in found.values())
+
+
+def test_planted_bug_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bound that trusts every entry counts rounding."""
+    monkeypatch.setattr(bound, "_UNCERTAIN", 2.0**-60)
+    with pytest.raises(AssertionError):
+        law_rounding()
+    with pytest.raises(AssertionError):
+        test_degrees_of_a_chain()
