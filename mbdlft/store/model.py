@@ -50,6 +50,7 @@ def write_model(group: Any, model: LFTModel) -> None:
     certificate.attrs["check_points"] = np.int64(model.certificate.check_points)
     certificate.attrs["seed"] = np.int64(model.certificate.seed)
     certificate.attrs["exact"] = np.bool_(model.certificate.exact)
+    certificate.attrs["truncation_error"] = np.float64(model.certificate.truncation_error)
     provenance = group.create_group("provenance")
     for name in Provenance.__dataclass_fields__:
         provenance.attrs[name] = getattr(model.provenance, name)
@@ -194,7 +195,15 @@ def _read_certificate(group: Any, count: int) -> Certificate:
         check_points=int(group.attrs["check_points"]),
         seed=int(group.attrs["seed"]),
         exact=bool(group.attrs["exact"]),
+        truncation_error=_truncation_error(group),
     )
+
+
+def _truncation_error(group: Any) -> float:
+    """The first files of format 1.0 do not have it; what is in them is exact."""
+    if group.attrs["exact"] and "truncation_error" not in group.attrs:
+        return 0.0
+    return float(group.attrs["truncation_error"])
 
 
 def _read_indices(group: Any, parameters: Sequence[Parameter]) -> tuple[Block, ...]:

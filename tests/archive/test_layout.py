@@ -53,7 +53,7 @@ DATASETS = {
 }
 ATTRIBUTES = {
     "": ("encoding_type", "encoding_version", "time_domain", "description"),
-    "certificate": ("max_relative_error", "check_points", "seed", "exact"),
+    "certificate": ("max_relative_error", "check_points", "seed", "exact", "truncation_error"),
     "provenance": ("scene", "mbdlft", "casadi", "numpy", "h5py", "created"),
 }
 MODELS = {"arm": models.arm, "unused": models.unused, "strange": lambda: models.strange(8)}
@@ -137,6 +137,7 @@ def test_attributes(stored):
         "check_points": np.dtype("<i8"),
         "seed": np.dtype("<i8"),
         "exact": np.dtype(bool),
+        "truncation_error": np.dtype("<f8"),
     }
 
 
