@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.errors import AnalysisError, StructureError
+from mbdlft.errors import AnalysisError, StructureError, WellPosednessError
 from mbdlft.lft.evaluate import chunks, evaluate_at
 from mbdlft.lft.gain import gain_bound
 from mbdlft.lft.lft import LFT, Array, Block
@@ -30,8 +30,9 @@ _SEED, _POINTS = 2, 128  # random points, and as many corners
 _BOXES = 5  # into which the range may be cut for one bound
 _CANDIDATES = 4  # directions that are tried before one is left out
 _BEYOND = 4.0  # times the tolerance: the sampled error at which no more directions are left out
-_NEGLIGIBLE = 1e-6  # an entry below this part of what is typical does not count for what is typical
-_FITS = 4
+_ROUNDING = 1e-9  # of its terms: an entry below this is what cancellation has left
+_TERM_POINTS = 8
+_SWEEPS = 100  # over rows and columns, until their typical sizes fit each other
 _LEAST = 1e-3  # of the tolerance: the least unit in which an error is bounded
 
 Indices = NDArray[np.int64]
@@ -72,6 +73,8 @@ def truncate(model: LFTModel, tolerance: float) -> LFTModel:
         The tolerance is not a positive number, or the model is not exact.
     AnalysisError
         The model cannot be shown to be well posed on its whole range, so there is no guarantee.
+    WellPosednessError
+        The model is singular at a point of its range.
     """
     where = f"model {model.name!r}"
     if not model.certificate.exact:
@@ -81,7 +84,7 @@ def truncate(model: LFTModel, tolerance: float) -> LFTModel:
         )
     try:
         lft, error = truncate_lft(model.lft, tolerance)
-    except (StructureError, AnalysisError) as problem:
+    except (StructureError, AnalysisError, WellPosednessError) as problem:
         raise type(problem)(f"{where}: {problem}") from None
     if lft is model.lft:
         return model
@@ -155,25 +158,34 @@ def check_tolerance(tolerance: float) -> None:
 def typical_sizes(a: LFT) -> tuple[Array, Array]:
     """Sizes r (n_out,) of rows and c (n_in,) of columns: r_i c_j is typical of the entry (i, j).
 
-    The logarithms of r_i c_j fit those of the largest sizes of the entries over the box, among those that
-    depend on the deltas, in the sense of least squares; so other units of a signal change r or c by the
-    same factor. Rows and columns that do not depend on the deltas get 1. The sizes are those at
-    nominal, sampled points and corners.
+    With size_ij the largest size of an entry at nominal, sampled points and corners, the root mean
+    square of size_ij / (r_i c_j) is 1 over each row and each column; entries count that depend on the
+    deltas and are not zero up to rounding. Other units of a signal change r or c by the same factor, and
+    a tiny entry changes little. Rows and columns that do not depend on the deltas get 1.
     """
     points = np.vstack([np.zeros((1, len(a.blocks))), _points(len(a.blocks))])
     rows, columns = np.ones(a.shape[0]), np.ones(a.shape[1])
     i, j = np.flatnonzero(a.M21.any(axis=1)), np.flatnonzero(a.M12.any(axis=0))
     size = np.max(np.abs(evaluate_at(a, points)), axis=0)[np.ix_(i, j)]
-    counts = size > 0.0
-    for _ in range(_FITS):
-        p, q = np.nonzero(counts)
-        if not len(p):
-            break
-        pattern = np.hstack([np.eye(len(i))[p], np.eye(len(j))[q]])
-        logarithms = np.linalg.lstsq(pattern, np.log(size[p, q]), rcond=None)[0]
-        rows[i], columns[j] = np.exp(logarithms[: len(i)]), np.exp(logarithms[len(i) :])
-        counts = size > _NEGLIGIBLE * np.outer(rows[i], columns[j])
+    counts = size > _ROUNDING * _term_sizes(a, points[: _TERM_POINTS + 1])[np.ix_(i, j)]
+    squares = np.where(counts, size, 0.0) ** 2
+    used = np.maximum(np.sum(counts, axis=1), 1), np.maximum(np.sum(counts, axis=0), 1)
+    c = np.ones(len(j))
+    for _ in range(_SWEEPS):
+        r = np.sum(squares / c, axis=1) / used[0]
+        r[r == 0.0] = 1.0
+        c = np.sum(squares / r[:, None], axis=0) / used[1]
+        c[c == 0.0] = 1.0
+        rows[i], columns[j] = np.sqrt(r), np.sqrt(c)
     return rows, columns
+
+
+def _term_sizes(a: LFT, points: Array) -> Array:
+    """Sizes (n_out, n_in) that the entries of the value would have if nothing cancelled, at points."""
+    d = np.repeat(points, [block.size for block in a.blocks], axis=1)
+    inverse = np.abs(np.linalg.inv(np.eye(a.order) - a.M11[None] * d[:, None, :]))
+    through = (np.abs(a.M21)[None] * np.abs(d)[:, None, :]) @ inverse @ np.abs(a.M12)
+    return np.asarray(np.max(np.abs(a.M22) + through, axis=0))
 
 
 def balance(a: LFT, points: Array) -> tuple[LFT, Array]:

@@ -22,7 +22,16 @@ from mbdlft.build import build
 from mbdlft.lft import truncate as truncation
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.gain import gain_bound, restrict
-from mbdlft.lft.lft import LFT, Block, constant, delta, inverse, stack_diagonal
+from mbdlft.lft.lft import (
+    LFT,
+    Block,
+    constant,
+    delta,
+    inverse,
+    stack_columns,
+    stack_diagonal,
+    stack_rows,
+)
 from mbdlft.lft.reduce import reduce_order
 from mbdlft.lft.truncate import truncate_lft, typical_sizes
 from tests.archive.models import arm, same
@@ -154,6 +163,17 @@ def test_units_do_not_matter() -> None:
     first, second = truncate_lft(a, 0.05), truncate_lft(other, 0.05)
     assert first[0].blocks == second[0].blocks
     assert abs(first[1] - second[1]) <= BOUND * first[1]
+
+
+def test_rounding_is_not_a_typical_size() -> None:
+    """An entry p q - q p is zero up to rounding; the sizes of the others are not changed by it."""
+    p, q = (constant([[0.3]]) + delta(name) for name in "pq")
+    rest = p @ q - q @ p
+    a = stack_rows(stack_columns(p, rest), stack_columns(q, p))
+    rows, columns = typical_sizes(a)
+    size = np.outer(rows, columns)
+    assert np.min(size) > 1.0
+    assert np.max(size) < 2.0
 
 
 @pytest.mark.parametrize("tolerance", [0.1, 0.2])
