@@ -1,7 +1,8 @@
 """mbdlft: exact, small linear models of multibody systems, with their parameters left in.
 
-The names below are the public ones. Those that build models need CasADi and are imported when they
-are first used, so that reading archives needs numpy and h5py only.
+The names below are the public ones. Those that build models need CasADi, those that truncate
+them scipy; they are imported when they are first used, so that reading archives needs numpy and h5py
+only.
 """
 
 import importlib
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from mbdlft.joint import Fixed as Fixed
     from mbdlft.joint import Prismatic as Prismatic
     from mbdlft.joint import Revolute as Revolute
+    from mbdlft.lft.truncate import truncate as truncate
     from mbdlft.matrix import MatrixProblem as MatrixProblem
     from mbdlft.matrix import load_matrix as load_matrix
     from mbdlft.matrix import matrix_from_toml as matrix_from_toml
@@ -61,13 +63,14 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-_NEEDS_CASADI = {
+_ON_FIRST_USE = {
     "Ground": "mbdlft.body",
     "Inertia": "mbdlft.body",
     "PointMass": "mbdlft.body",
     "RigidBody": "mbdlft.body",
     "to_lft": "mbdlft.build",
     "exact_lower_bound": "mbdlft.exact",
+    "truncate": "mbdlft.lft.truncate",
     "Fixed": "mbdlft.joint",
     "Prismatic": "mbdlft.joint",
     "Revolute": "mbdlft.joint",
@@ -89,15 +92,15 @@ _NEEDS_CASADI = {
 __all__ = sorted(
     {name for name, item in globals().items() if name[0] != "_" and hasattr(item, "__module__")}
     - {"Any"}
-    | set(_NEEDS_CASADI)
+    | set(_ON_FIRST_USE)
 )
 
 
 def __getattr__(name: str) -> Any:
-    if name in _NEEDS_CASADI:
-        return getattr(importlib.import_module(_NEEDS_CASADI[name]), name)
+    if name in _ON_FIRST_USE:
+        return getattr(importlib.import_module(_ON_FIRST_USE[name]), name)
     raise AttributeError(f"module 'mbdlft' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_NEEDS_CASADI})
+    return sorted({*globals(), *_ON_FIRST_USE})

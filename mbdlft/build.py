@@ -20,6 +20,8 @@ from mbdlft.lft.commute import reduce_commuting
 from mbdlft.lft.lft import LFT, eliminate, with_blocks
 from mbdlft.lft.model import Certificate, LFTModel, Provenance, Trim
 from mbdlft.lft.reduce import reduce_order
+from mbdlft.lft.truncate import check_tolerance
+from mbdlft.lft.truncate import truncate as truncated
 from mbdlft.linearize import linearize, trim_relations
 from mbdlft.scene import Scene, assemble, scene_to_toml
 from mbdlft.signal import Signal
@@ -70,9 +72,15 @@ def to_lft(scene: Scene, search: float = 0.0) -> LFTModel:
 
 
 def build(
-    scene: Scene, search: float = 0.0, progress: Callable[[str], None] = lambda stage: None
+    scene: Scene,
+    search: float = 0.0,
+    progress: Callable[[str], None] = lambda stage: None,
+    truncate: float | None = None,
 ) -> Build:
     """As `to_lft`, with the seconds of each stage; `progress` is told the name of each as it starts.
+
+    With a number for `truncate` the model is truncated to that tolerance [1], as by
+    `mbdlft.truncate(model, tolerance)`.
 
     Linear algebra runs in one thread: the matrices are small, results then do not depend on the number
     of cores, and on a busy machine threads that wait for each other would cost more than all the rest.
@@ -81,8 +89,15 @@ def build(
         raise SceneError(
             f"expected a Scene, got {type(scene).__name__}. load_scene(path) reads one from a file."
         )
+    if truncate is not None:
+        check_tolerance(truncate)  # before the work, not after it
     with threads().limit(limits=1):
-        return _build(scene, search, Clock(progress))
+        clock = Clock(progress)
+        model = _build(scene, search, clock)
+        if truncate is not None:
+            with clock.stage("truncate"):
+                model = truncated(model, truncate)
+    return Build(model, clock.seconds | {"total": sum(clock.seconds.values())})
 
 
 @cache
@@ -91,7 +106,7 @@ def threads() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-def _build(scene: Scene, search: float, clock: Clock) -> Build:
+def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
     with clock.stage("assemble"):
         equations = assemble(scene)
         inputs, outputs = choose_signals(scene, equations)
@@ -117,7 +132,7 @@ def _build(scene: Scene, search: float, clock: Clock) -> Build:
         error, count = measure_error(equations, inputs, outputs, lft, trim.lft, SEED)
     names = [parameter.name for parameter in equations.parameters]
     raw_orders = dict(raw.blocks)
-    model = LFTModel(
+    return LFTModel(
         name=scene.name,
         lft=lft,
         states=equations.x_signals,
@@ -140,7 +155,6 @@ def _build(scene: Scene, search: float, clock: Clock) -> Build:
         provenance=provenance(scene_to_toml(scene)),
         description=scene.description,
     )
-    return Build(model, clock.seconds | {"total": sum(clock.seconds.values())})
 
 
 def _state_space(equations: Equations, relations: LFT) -> LFT:

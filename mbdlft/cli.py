@@ -115,6 +115,10 @@ def linearize(
     output: Output = None,
     as_json: AsJson = False,
     search: Search = 0.0,
+    truncate: Annotated[
+        float | None,
+        typer.Option(help="Relative error that a smaller model may have on the whole range."),
+    ] = None,
     plot: Annotated[
         Path | None, typer.Option(help="Figure of singular values to draw, such as fig.png.")
     ] = None,
@@ -129,7 +133,10 @@ def linearize(
     seconds["read"] = time.perf_counter() - start
     with Console(stderr=True).status("") as status:
         built = build(
-            scene, search, progress=lambda stage: status.update(f"{escape(scene.name)}: {stage}")
+            scene,
+            search,
+            progress=lambda stage: status.update(f"{escape(scene.name)}: {stage}"),
+            truncate=truncate,
         )
         seconds |= {name: value for name, value in built.seconds.items() if name != "total"}
         if output is not None:
@@ -300,11 +307,18 @@ def _print_model(model: LFTModel) -> None:
             p.name, p.unit, f"{p.nominal:g}", span, p.role, str(order), str(bound), str(raw)
         )
     console.print(table)
-    proof = "minimal: proved" if certificate.minimal else "not proved minimal"
-    proof += " (bound in exact arithmetic)" if certificate.exact_bound else ""
-    console.print(f"order {model.order}, lower bound {sum(certificate.lower_bound)}: {proof}")
-    # a scene has joints and so a trim; a matrix has none
-    truth = "re-trimming and re-linearizing" if model.trim.signals else "the matrix itself"
+    if certificate.exact:
+        proof = "minimal: proved" if certificate.minimal else "not proved minimal"
+        proof += " (bound in exact arithmetic)" if certificate.exact_bound else ""
+        console.print(f"order {model.order}, lower bound {sum(certificate.lower_bound)}: {proof}")
+    else:
+        console.print(
+            f"order {model.order}; the lower bound {sum(certificate.lower_bound)} is that of exact models"
+        )
+        console.print(
+            f"not exact: values differ by at most {_upward(certificate.truncation_error)} of their "
+            "typical sizes, on the whole range"
+        )
     if any(certificate.doubtful):
         unclear = ", ".join(
             f"{p.name} {count}"
@@ -312,9 +326,12 @@ def _print_model(model: LFTModel) -> None:
             if count
         )
         console.print(f"ranks that rounding makes unclear, not counted in the bound: {unclear}")
+    # a scene has joints and so a trim; a matrix has none
+    truth = "re-trimming and re-linearizing" if model.trim.signals else "the matrix itself"
     console.print(
         f"maximum relative error {certificate.max_relative_error:.1e} against {truth} at "
         f"{certificate.check_points} points and corners"
+        + ("" if certificate.exact else ", before truncation")
     )
     if model.trim.signals:
         trimmed = ", ".join(
@@ -322,6 +339,12 @@ def _print_model(model: LFTModel) -> None:
             for signal, value in zip(model.trim.signals, model.trim.nominal, strict=True)
         )
         console.print(f"trim at nominal: {trimmed}", highlight=False)
+
+
+def _upward(error: float) -> str:
+    """Three digits, never rounded down."""
+    text = f"{error:.2e}"
+    return text if float(text) >= error else f"{error + 0.01 * 10.0 ** int(text[-3:]):.2e}"
 
 
 def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]:
@@ -359,6 +382,8 @@ def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]
         "raw_order": sum(certificate.raw_order),
         "minimal": certificate.minimal,
         "exact_bound": certificate.exact_bound,
+        "exact": certificate.exact,
+        "truncation_error": certificate.truncation_error,
         "max_relative_error": certificate.max_relative_error,
         "check_points": certificate.check_points,
         "seconds": dict(seconds),

@@ -13,6 +13,9 @@ CLOSED_FORM = 1e-12
 FREQUENCY_RESPONSE = 1e-10
 SCENARIO = 1e-11
 
+# how much a guaranteed bound may be above a largest value that is known
+BOUND = 0.02
+
 
 def exact(actual: ArrayLike, expected: ArrayLike) -> None:
     """Equal bits: names, structure, sizes, stored arrays."""

@@ -48,18 +48,22 @@ class Certificate:
 
     Attributes
     ----------
-    order, lower_bound, raw_order : repetitions after reduction, their proved minimum, before reduction
+    order, lower_bound, raw_order : repetitions of the model, their proved minimum, before reduction
+        The minimum is that of exact models; a truncated one may be smaller.
     max_relative_error : float
         Against trimming and linearizing the nonlinear equations at `check_points` values of the
         parameters, random points and corners drawn with `seed`; for a matrix, against its value. Each
         entry of A, B, C, D is relative to its largest size over the points, each trimmed effort to the
-        largest of its unit.
+        largest of its unit. Of a truncated model: of the exact one it comes from.
     exact : bool
         Whether the model is the exact one (no truncation, no fit).
     exact_bound : bool
         Whether the lower bound was computed in exact arithmetic, without rounding.
     doubtful : tuple of int
         Ranks that rounding makes unclear; the lower bound does not count them. Empty: not recorded.
+    truncation_error : float
+        Guaranteed bound [1] of what truncation changes, over the whole range, as in `truncate`; 0.0 if
+        nothing was truncated.
     """
 
     order: tuple[int, ...]
@@ -71,11 +75,12 @@ class Certificate:
     exact: bool
     exact_bound: bool = False
     doubtful: tuple[int, ...] = ()
+    truncation_error: float = 0.0
 
     @property
     def minimal(self) -> bool:
-        """Whether no exact LFT of the same matrix can be smaller: order = lower bound."""
-        return self.order == self.lower_bound
+        """Whether no exact LFT of the same matrix can be smaller: exact, and order = lower bound."""
+        return self.exact and self.order == self.lower_bound
 
 
 @dataclass(frozen=True, slots=True)

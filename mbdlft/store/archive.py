@@ -49,7 +49,7 @@ def save(path: str | Path, model: LFTModel, name: str | None = None) -> None:
         if not _is_text(text):
             raise ArchiveError(f"{file}: a text of the model is not UTF-8, or has a zero byte.")
     image = BytesIO()
-    with h5py.File(image, "w") as new:
+    with h5py.File(image, "w", libver=("v110", "v110")) as new:  # metadata with checksums
         if file.exists():
             with _opened(file) as old:
                 _names(file, old)

@@ -56,6 +56,7 @@ def write_model(group: Any, model: LFTModel) -> None:
     certificate.attrs["exact"] = np.bool_(model.certificate.exact)
     if model.certificate.exact_bound:
         certificate.attrs["exact_bound"] = np.bool_(model.certificate.exact_bound)
+    certificate.attrs["truncation_error"] = np.float64(model.certificate.truncation_error)
     provenance = group.create_group("provenance")
     for name in Provenance.__dataclass_fields__:
         provenance.attrs[name] = getattr(model.provenance, name)
@@ -202,7 +203,15 @@ def _read_certificate(group: Any, count: int) -> Certificate:
         exact=bool(group.attrs["exact"]),
         exact_bound=bool(group.attrs.get("exact_bound", False)),
         doubtful=_get_integers(group, "doubtful", count) if "doubtful" in group else (),
+        truncation_error=_truncation_error(group),
     )
+
+
+def _truncation_error(group: Any) -> float:
+    """The first files of format 1.0 do not have it; what is in them is exact."""
+    if group.attrs["exact"] and "truncation_error" not in group.attrs:
+        return 0.0
+    return float(group.attrs["truncation_error"])
 
 
 def _read_indices(group: Any, parameters: Sequence[Parameter]) -> tuple[Block, ...]:

@@ -192,13 +192,29 @@ def test_missing_group(file, name):
         load(file)
 
 
-REQUIRED = [(group, name) for group in ("certificate", "provenance") for name in ATTRIBUTES[group]]
+# an exact model of the first files has no truncation_error
+REQUIRED = [
+    (group, name)
+    for group in ("certificate", "provenance")
+    for name in ATTRIBUTES[group]
+    if name != "truncation_error"
+]
 
 
 @pytest.mark.parametrize(("group", "name"), REQUIRED)
 def test_missing_attribute(file, group, name):
     edit(file, lambda model: model[group].attrs.__delitem__(name))
     with says(ArchiveError, f"{file}: model '{NAME}' is not whole: ", f"'{name}'"):
+        load(file)
+
+
+def test_missing_bound_of_a_model_that_is_not_exact(file):
+    def change(model):
+        model["certificate"].attrs["exact"] = np.bool_(False)
+        del model["certificate"].attrs["truncation_error"]
+
+    edit(file, change)
+    with says(ArchiveError, f"{file}: model '{NAME}' is not whole: ", "'truncation_error'"):
         load(file)
 
 

@@ -55,7 +55,7 @@ DATASETS = {
 OPTIONAL = ("certificate/doubtful",)
 ATTRIBUTES = {
     "": ("encoding_type", "encoding_version", "time_domain", "description"),
-    "certificate": ("max_relative_error", "check_points", "seed", "exact"),
+    "certificate": ("max_relative_error", "check_points", "seed", "exact", "truncation_error"),
     "provenance": ("scene", "mbdlft", "casadi", "numpy", "h5py", "created"),
 }
 MODELS = {"arm": models.arm, "unused": models.unused, "strange": lambda: models.strange(8)}
@@ -139,6 +139,7 @@ def test_attributes(stored):
         "check_points": np.dtype("<i8"),
         "seed": np.dtype("<i8"),
         "exact": np.dtype(bool),
+        "truncation_error": np.dtype("<f8"),
     }
 
 

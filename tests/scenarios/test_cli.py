@@ -120,6 +120,23 @@ def test_realize_says_what_is_not_used(
     assert "'spare' is declared and not used" in out
 
 
+def test_truncate_says_that_the_model_is_not_exact(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    archive = tmp_path / "arm.h5"
+    command = ("linearize", ARM, "--search", "60", "--truncate", "0.1", "-o", str(archive))
+    code, out, err = run(monkeypatch, capsys, *command)
+    assert (code, err) == (0, "")
+    assert "not exact: values differ by at most" in out
+    assert ", truncate " in out
+    assert "minimal: proved" not in out
+    assert "not exact" in run(monkeypatch, capsys, "show", str(archive))[1]
+    found = json.loads(run(monkeypatch, capsys, *command, "--json")[1])
+    assert found["order"] < found["lower_bound"] == 16
+    assert (found["exact"], found["minimal"]) == (False, False)
+    assert 0.0 < found["truncation_error"] <= 0.1
+
+
 def test_trim_prints_the_torques(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -163,6 +180,8 @@ def test_check_says_what_is_not_used(
         ("trim", ARM, "--set", "m1=1000"),
         ("linearize", ARM, "-o", "/no/such/folder/arm.h5"),
         ("linearize", ARM, "--plot", "figure.nonsense"),
+        ("linearize", ARM, "--truncate", "0"),
+        ("linearize", ARM, "--truncate", "nan"),
     ],
 )
 def test_bad_input_is_one_message_and_exit_code_2(

@@ -1,0 +1,256 @@
+"""Laws of truncation and of the bound behind it.
+
+1. the bound is not below any value: random points, all corners, lines between corners
+2. where the largest value is known in closed form, the bound is close to it
+3. a larger tolerance never gives a larger model; nominal values and the trim stay
+4. what was truncated is not called exact or minimal, and the archive keeps that
+"""
+
+from dataclasses import replace
+from functools import cache
+from itertools import product
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import mbdlft
+from mbdlft.build import build
+from mbdlft.lft import truncate as truncation
+from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.gain import gain_bound, restrict
+from mbdlft.lft.lft import (
+    LFT,
+    Block,
+    constant,
+    delta,
+    inverse,
+    stack_columns,
+    stack_diagonal,
+    stack_rows,
+)
+from mbdlft.lft.reduce import reduce_order
+from mbdlft.lft.truncate import truncate_lft, typical_sizes
+from tests.archive.models import arm, same
+from tests.close import BOUND, exact, roundoff
+from tests.laws.lfts import lfts
+
+ARM = Path(__file__).parents[2] / "scenarios" / "two_link_arm.toml"
+
+
+@cache
+def small_arm() -> mbdlft.LFTModel:
+    return build(mbdlft.load_scene(ARM), search=60.0).model
+
+
+def box_points(count: int, seed: int = 11) -> np.ndarray:
+    """Random points, all corners, and points on edges of the unit box (N, count)."""
+    random = np.random.default_rng(seed)
+    corners = np.array(list(product((-1.0, 1.0), repeat=count))).reshape(2**count, count)
+    edges = random.choice(corners, 300)
+    if count:
+        edges[np.arange(300), random.integers(0, count, 300)] = random.uniform(-1, 1, 300)
+    return np.vstack([random.uniform(-1, 1, (1000, count)), corners, edges])
+
+
+def sampled_error(exact_one: LFT, small: LFT) -> float:
+    rows, columns = typical_sizes(exact_one)
+    at = box_points(len(exact_one.blocks))
+    difference = evaluate_at(small, at) - evaluate_at(exact_one, at)
+    return float(np.max(np.linalg.norm(difference / rows[:, None] / columns, 2, axis=(1, 2))))
+
+
+def law_bound(a: LFT, tolerance: float) -> tuple[LFT, float]:
+    """The truncated LFT is within its bound, the bound within the tolerance."""
+    small, error = truncate_lft(a, tolerance)
+    assert error <= tolerance
+    assert sampled_error(a, small) <= error
+    return small, error
+
+
+def law_gain(a: LFT) -> None:
+    at = box_points(len(a.blocks))
+    largest = float(np.max(np.linalg.norm(evaluate_at(a, at), 2, axis=(1, 2))))
+    assert gain_bound(a) >= largest
+
+
+def fading(seed: int) -> LFT:
+    """Two deltas whose channels matter less and less."""
+    random = np.random.default_rng(seed)
+    size = np.array([1.0, 0.1, 1e-2, 1e-4, 1.0, 0.05, 1e-3])
+    M11 = random.standard_normal((7, 7))
+    M11 *= 0.5 / np.linalg.norm(M11, 2)
+    return LFT(
+        M11 * np.sqrt(np.outer(size, size)),
+        random.standard_normal((7, 2)) * np.sqrt(size)[:, None],
+        random.standard_normal((2, 7)) * np.sqrt(size),
+        random.standard_normal((2, 2)),
+        (Block("a", 4), Block("b", 3)),
+    )
+
+
+def with_small_part(size: float) -> LFT:
+    """1 + a/2 + size b/(1 - b/2): leaving b out does 2 size at most, at b = 1."""
+    fraction = delta("b") @ inverse(constant([[1.0]]) - delta("b") @ constant([[0.5]]))
+    rest = constant([[1.0]]) + delta("a") @ constant([[0.5]])
+    return reduce_order(rest + fraction @ constant([[size]]))
+
+
+def known_gains() -> list[tuple[LFT, float]]:
+    one, a, b = constant([[1.0]]), delta("a"), delta("b")
+    square = a @ a
+    return [
+        (one - square, 1.0),  # largest inside the box
+        (a @ inverse(one + square @ constant([[4.0]])), 0.25),  # at a = 1/2
+        (a @ b - b @ a @ constant([[3.0]]), 2.0),  # deltas that commute
+        (stack_diagonal(one + a, b @ constant([[0.5]])), 2.0),
+        (constant([[3.0, 4.0]]), 5.0),
+        (constant([[1.0]]) + a - a, 1.0),
+    ]
+
+
+@given(lfts(scales=(1.0,)))
+def test_gain_is_an_upper_bound(a: LFT) -> None:
+    law_gain(a)
+
+
+@pytest.mark.parametrize("case", range(len(known_gains())))
+def test_gain_of_closed_forms(case: int) -> None:
+    a, largest = known_gains()[case]
+    found = gain_bound(a, largest * (1.0 + BOUND), boxes=64)
+    assert largest <= found <= largest * (1.0 + BOUND)
+
+
+@given(lfts(scales=(1.0,)), st.integers(0, 1000))
+def test_restriction_to_a_part_of_the_box(a: LFT, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    q = len(a.blocks)
+    center, half = random.uniform(-0.6, 0.6, q), random.uniform(0.0, 0.4, q)
+    at = random.uniform(-1, 1, (5, q))
+    part = evaluate_at(restrict(a, center, half), at)
+    roundoff(part, evaluate_at(a, center + half * at), kappa=1e3)
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e-3, 1e-1])
+def test_a_part_of_known_size_is_left_out(size: float) -> None:
+    a = with_small_part(size)
+    known = 2.0 * size / (1.5 + 2.0 * size)  # of the largest value, at a = b = 1
+    small, error = law_bound(a, 1.1 * known)
+    assert dict(small.blocks) == {"a": 1, "b": 0}
+    assert known <= error <= known * (1.0 + BOUND)
+    kept, error = truncate_lft(a, 0.5 * known)
+    assert kept is a
+    assert error == 0.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_larger_tolerance_is_not_a_larger_model(seed: int) -> None:
+    a = fading(seed)
+    orders = [law_bound(a, tolerance)[0].order for tolerance in (1e-7, 1e-3, 1e-2, 0.1, 0.5)]
+    assert orders == sorted(orders, reverse=True)
+    assert orders[0] == a.order > orders[2] > orders[-1]
+
+
+def test_units_do_not_matter() -> None:
+    a = fading(0)
+    rows, columns = np.array([1e3, 0.02]), np.array([1.0, 57.0])
+    other = LFT(
+        a.M11, a.M12 * columns, rows[:, None] * a.M21, rows[:, None] * a.M22 * columns, a.blocks
+    )
+    first, second = truncate_lft(a, 0.05), truncate_lft(other, 0.05)
+    assert first[0].blocks == second[0].blocks
+    assert abs(first[1] - second[1]) <= BOUND * first[1]
+
+
+def test_rounding_is_not_a_typical_size() -> None:
+    """An entry p q - q p is zero up to rounding; the sizes of the others are not changed by it."""
+    p, q = (constant([[0.3]]) + delta(name) for name in "pq")
+    rest = p @ q - q @ p
+    a = stack_rows(stack_columns(p, rest), stack_columns(q, p))
+    rows, columns = typical_sizes(a)
+    size = np.outer(rows, columns)
+    assert np.min(size) > 1.0
+    assert np.max(size) < 2.0
+
+
+@pytest.mark.parametrize("tolerance", [0.1, 0.2])
+def test_arm(tolerance: float) -> None:
+    model = small_arm()
+    small = mbdlft.truncate(model, tolerance)
+    found, promised = sampled_error(model.lft, small.lft), small.certificate.truncation_error
+    assert small.order <= model.order - 4
+    assert small.order == sum(small.certificate.order)
+    assert found <= promised <= tolerance
+    exact(small.lft.M22, model.lft.M22)
+    assert small.trim is model.trim
+    assert not small.certificate.exact
+    assert not small.certificate.minimal
+
+
+def test_nothing_to_leave_out() -> None:
+    assert mbdlft.truncate(arm(), 1e-6) is arm()
+
+
+def test_not_minimal_where_the_order_is_the_bound() -> None:
+    certificate = replace(arm().certificate, lower_bound=arm().certificate.order)
+    assert certificate.minimal
+    assert not replace(certificate, exact=False).minimal
+
+
+def test_archive_keeps_the_error_and_reads_old_files(tmp_path: Path) -> None:
+    small = mbdlft.truncate(small_arm(), 0.1)
+    mbdlft.save(tmp_path / "a.h5", small)
+    same(mbdlft.load(tmp_path / "a.h5"), small)
+    mbdlft.save(tmp_path / "b.h5", arm())
+    with h5py.File(tmp_path / "b.h5", "r+") as file:
+        del file["models/two_link_arm/certificate"].attrs["truncation_error"]
+    same(mbdlft.load(tmp_path / "b.h5"), arm())
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1e-3, float("nan"), float("inf"), True, "1e-3", None])
+def test_tolerances_that_make_no_sense(tolerance: object) -> None:
+    with pytest.raises(mbdlft.StructureError, match="tolerance above 0"):
+        mbdlft.truncate(arm(), tolerance)  # type: ignore[arg-type]
+
+
+def test_a_truncated_model_is_not_truncated_again() -> None:
+    once = replace(arm(), certificate=replace(arm().certificate, exact=False))
+    with pytest.raises(mbdlft.StructureError, match="not exact already"):
+        mbdlft.truncate(once, 0.1)
+
+
+def test_no_guarantee_where_the_model_is_singular() -> None:
+    """1/(1 - 1.2 a) has a pole on the range."""
+    pole = inverse(constant([[1.0]]) - delta("a") @ constant([[1.2]]))
+    with pytest.raises(mbdlft.AnalysisError, match="no guarantee"):
+        truncate_lft(pole + delta("b") @ constant([[1e-6]]), 0.1)
+
+
+def test_without_parameters() -> None:
+    a = constant([[1.0, 2.0]])
+    assert truncate_lft(a, 0.1) == (a, 0.0)
+
+
+def test_planted_bug_half_of_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    a = with_small_part(1e-3)
+    law_bound(a, 0.1)
+    monkeypatch.setattr(truncation, "gain_bound", lambda *given: 0.5 * gain_bound(*given))
+    with pytest.raises(AssertionError):
+        law_bound(a, 0.1)
+
+
+def test_planted_bug_dropped_factor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An error system in which what reaches the left-out channels through others is forgotten."""
+    right = truncation.error_lft
+
+    def wrong(a: LFT, kept: np.ndarray, unit: float = 1.0) -> LFT:
+        return right(replace(a, M11=np.diag(np.diagonal(a.M11))), kept, unit)
+
+    a = fading(0)
+    law_bound(a, 0.01)
+    monkeypatch.setattr(truncation, "error_lft", wrong)
+    with pytest.raises(AssertionError):
+        law_bound(a, 0.01)
