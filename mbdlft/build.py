@@ -126,7 +126,7 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
         bound = {name: found.degree for name, found in degrees.items()}
     if search > 0.0 and lft.order > sum(bound.values()):
         with clock.stage("search"):
-            smaller = _state_space(equations, reduce_commuting(reduced, bound, search))
+            smaller = _state_space(equations, reduce_commuting([reduced], bound, search))
             lft = min(lft, smaller, key=lambda candidate: candidate.order)
     with clock.stage("check"):
         error, count = measure_error(equations, inputs, outputs, lft, trim.lft, SEED)

@@ -105,9 +105,8 @@ def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> 
     with clock.stage("extract"):
         ways = _extract(problem, resolved)
     with clock.stage("reduce"):
-        raw, reduced = min(
-            ((way, reduce_order(way)) for way in ways), key=lambda pair: pair[1].order
-        )
+        forms = [reduce_order(way) for way in ways]
+        raw, reduced = min(zip(ways, forms, strict=True), key=lambda pair: pair[1].order)
     with clock.stage("bound"):
         degrees = (
             {name: Bound(degree, 0) for name, degree in exact_lower_bound(problem, SEED).items()}
@@ -118,7 +117,7 @@ def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> 
         _check_bound(problem, bound, reduced)
     if search > 0.0 and reduced.order > sum(bound.values()):
         with clock.stage("search"):
-            reduced = _smaller(reduced, bound, search)
+            reduced = reduce_commuting(forms, bound, search)
     lft = with_blocks(reduced, names)
     with clock.stage("check"):
         error, count = _measure_error(problem, resolved, lft, parameters)
@@ -149,11 +148,6 @@ def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> 
         description=problem.description,
     )
     return Build(model, clock.seconds | {"total": sum(clock.seconds.values())})
-
-
-def _smaller(reduced: LFT, bound: Mapping[str, int], seconds: float) -> LFT:
-    """The only call of the search: the LFT of smallest order that it finds."""
-    return reduce_commuting(reduced, bound, seconds)
 
 
 def _extract(problem: MatrixProblem, resolved: Resolved) -> list[LFT]:

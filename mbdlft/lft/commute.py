@@ -1,206 +1,308 @@
 """Smaller LFTs by using that deltas commute.
 
-Open the block of one delta: what is left, N, is an LFT in the other deltas, with the channels of the
-opened block among its inputs and outputs,
+n-D reduction restricts each delta to a constant subspace. Deltas that commute allow a basis that depends
+on the other deltas (`mbdlft.lft.basis`). The search opens the blocks one after the other: what is left,
 
-    [z ; y] = N(others) [w ; u],    w = delta_k z,    N = [A B ; C D].
+    [z ; y] = N(deltas that are not opened) [w ; u],
 
-n-D reduction restricts w to a constant subspace. Deltas that commute allow a subspace that depends on
-the others: over the field of rational functions in them, the reachable space of (A, B) has as its
-dimension the McMillan degree in delta_k (or less often that of the observable one). With d columns
-K(others) of [B, A B, A^2 B, ...] that span it and d of its rows,
+is a matrix like the one at the start, and
 
-    w = T w',    T = K (rows of K)^-1  or  K,    A' = S A T, B' = S B, C' = C T,
+    score = sizes of the opened blocks + sum of the degrees of N in the deltas that are left
 
-and N' is again an LFT in the others. Each such step is exact; whether the whole becomes smaller depends
-on the columns and rows, so they are searched. A step is kept only if the values stay and the result is
-well posed on the range, since 1/det(rows of K) may have poles there.
+is a lower bound of all that can follow. A block that can be opened without a higher score is opened; else
+the bases are tried that raise it least, a few models at once. At every step the opened blocks can be
+closed again: that is an LFT of equal value, and if it is smaller, it is the result. The search starts
+again from there, until nothing smaller is found with the most effort.
 """
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import combinations
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mbdlft.errors import WellPosednessError
+from mbdlft.lft.basis import Choice, Exchange, choices, choose, choose_values, exchange, settle
 from mbdlft.lft.evaluate import evaluate_at
-from mbdlft.lft.lft import (
-    LFT,
-    Array,
-    Block,
-    constant,
-    inverse,
-    select,
-    stack_columns,
-    stack_diagonal,
-    transpose,
-)
+from mbdlft.lft.exchange import search_exchanges
+from mbdlft.lft.lft import LFT, Array, Block
+from mbdlft.lft.lines import Lines, Values, lines_of, total_degree, values_on
 from mbdlft.lft.reduce import reduce_order
 
-_BEAM, _SLACK = 6, 3  # models that are followed at once; how much larger than the best they may be
-_MOST_ROWS, _COLUMN_ORDERS = 40, 4
 _POINTS = 64
 _SAME = 1e-11  # relative difference of values, far above rounding and far below a wrong step
 _CONDITION = 1e7  # of I - M11 Delta on the range
-_INDEPENDENT = 1e-7
+_NEGLIGIBLE = 1e-6  # of the largest entry: a smaller one is compared with that part of it
+_SHIFT = (0.1, 0.3)  # of the range: the search runs around a point where nothing vanishes by chance
+_HOPELESS = 8  # a score this much above the smallest LFT is not followed
+_TRIED = 4  # steps that are made for each that is followed
+_ATTEMPTS = 20  # descents from each form, with other random choices
+_FAR = 3  # a form this much larger than the smallest is not started from
+_GROWTH = 2  # of the order, that LFTs on the way may have
 
 
-def reduce_commuting(a: LFT, bound: Mapping[str, int], seconds: float) -> LFT:
+class Effort(NamedTuple):
+    """How much is tried: models followed at once, deltas and bases of each that are looked at."""
+
+    width: int
+    deltas: int
+    bases: int
+    rows: int
+    orders: int
+    exchanges: int
+
+
+EFFORTS = (
+    Effort(width=1, deltas=3, bases=3, rows=0, orders=1, exchanges=0),
+    Effort(width=1, deltas=100, bases=2, rows=4, orders=1, exchanges=0),
+    Effort(width=3, deltas=100, bases=3, rows=20, orders=2, exchanges=0),
+    Effort(width=3, deltas=100, bases=3, rows=20, orders=2, exchanges=500),
+    Effort(width=4, deltas=100, bases=4, rows=40, orders=4, exchanges=3000),
+)
+
+
+class _State(NamedTuple):
+    """Opened blocks in order, what is left, and the score."""
+
+    score: int
+    opened: tuple[Block, ...]
+    left: LFT
+
+
+class _Step(NamedTuple):
+    """A block to be opened in a basis, and the score that it will have."""
+
+    score: int
+    exchanges: tuple[Exchange, ...]
+    size: int
+    state: _State
+    name: str
+    choice: Choice | None
+
+
+class _Problem(NamedTuple):
+    """What the steps of a pass share."""
+
+    lines: Lines
+    effort: Effort
+    seed: int
+    most: int
+    stop: Callable[[], bool]
+
+
+def reduce_commuting(starts: Sequence[LFT], bound: Mapping[str, int], seconds: float) -> LFT:
     """The smallest LFT of equal value that is found in a time, at the latest when it meets the bound.
 
     Parameters
     ----------
-    a : LFT
+    starts : LFTs of one value, with the same blocks but for their sizes
+        Different forms lead to different results.
     bound : mapping of names to the lower bounds of the repetitions
     seconds : float
-        Budget (s); the order in which candidates are tried does not depend on it.
+        Budget (s); what is tried, and in which order, does not depend on it.
 
     Returns
     -------
     LFT
-        `a` itself if nothing smaller was found.
+        The smallest of `starts` itself if nothing smaller was found.
     """
     deadline = time.perf_counter() + seconds
+    smallest = min(starts, key=lambda start: start.order)
     target = sum(bound.values())
-    points = _check_points(len(a.blocks))
-    values = evaluate_at(a, points)
-    best, beam = a, [a]
-    seen = {_key(a)}
-    while beam and best.order > target and time.perf_counter() < deadline:
-        found: dict[tuple[object, ...], LFT] = {}
-        for parent in beam:
-            for block in parent.blocks:
-                if block.size <= bound[block.name]:
-                    continue
-                for candidate in _candidates(parent, block.name, deadline):
-                    key = _key(candidate)
-                    if candidate.order > best.order + _SLACK or key in seen or key in found:
-                        continue
-                    if _keeps(candidate, points, values):
-                        found[key] = candidate
-                        if candidate.order <= target:
-                            return candidate
-        seen |= found.keys()
-        beam = sorted(found.values(), key=lambda candidate: candidate.order)[:_BEAM]
-        if beam and beam[0].order < best.order:
-            best = beam[0]
+    forms = [_without_empty(start) for start in starts if start.order <= _FAR * smallest.order]
+    forms.sort(key=lambda form: form.order)
+    search = _Search(bound, target, lambda: time.perf_counter() > deadline, forms[0])
+    best, seed = forms[0], 0
+    for attempt in range(_ATTEMPTS):
+        for form in forms if attempt else forms[:1]:
+            found, level = form, 0
+            efforts = EFFORTS[:-1] if attempt else EFFORTS
+            while level < len(efforts) and best.order > target and not search.stop():
+                smaller = _pass(found, search, efforts[level], seed)
+                level = level if smaller.order < found.order else level + 1
+                found, seed = smaller, seed + 1
+                best = found if found.order < best.order else best
+    if best.order == smallest.order:
+        return smallest
+    sizes = dict.fromkeys((block.name for block in smallest.blocks), 0) | dict(best.blocks)
+    blocks = tuple(Block(*item) for item in sizes.items())
+    return LFT(best.M11, best.M12, best.M21, best.M22, blocks)
+
+
+class _Search:
+    """The bounds, the budget, and values by which every result is checked."""
+
+    def __init__(
+        self, bound: Mapping[str, int], target: int, stop: Callable[[], bool], form: LFT
+    ) -> None:
+        self.bound, self.target, self.stop = bound, target, stop
+        self.points = _check_points(len(form.blocks))
+        self.values = evaluate_at(form, self.points)
+
+
+def _pass(a: LFT, search: _Search, effort: Effort, seed: int) -> LFT:
+    """The smallest LFT on the way of opening all blocks of `a` once."""
+    random = np.random.default_rng(seed)
+    shift = random.uniform(*_SHIFT, len(a.blocks)) * random.choice([-1.0, 1.0], len(a.blocks))
+    target, best = search.target, a
+
+    def restore(state: _State) -> LFT | None:
+        """The state closed, around delta = 0 again, if it is smaller than the best and right."""
+        closed = state.left
+        for block in reversed(state.opened):
+            closed = _close(closed, block)
+        try:
+            closed = reduce_order(_around(closed, -shift))
+        except WellPosednessError:
+            return None
+        return closed if closed.order < best.order and _keeps(closed, search) else None
+
+    problem = _Problem(
+        lines_of({name: search.bound[name] + 2 for name, _ in a.blocks}, seed),
+        effort,
+        seed,
+        _GROWTH * a.order + 30,
+        search.stop,
+    )
+    start = _around(a, shift)
+    states = [_State(total_degree(values_on(start, problem.lines), problem.lines), (), start)]
+    for _ in a.blocks:
+        steps = sorted(
+            (step for state in states for step in _steps(state, problem)),
+            key=lambda step: (step.score, len(step.exchanges), step.size),
+        )
+        # of those with one score the simplest: it has the fewest channels left
+        states = sorted(_taken(steps, problem), key=lambda state: (state.score, state.left.order))
+        states = states[: effort.width]
+        for state in states:
+            best = restore(state) or best
+        if not states or best.order <= target or search.stop():
+            break
+        if states[0].score > best.order + _HOPELESS:
+            break
     return best
 
 
-def _candidates(a: LFT, name: str, deadline: float) -> Iterator[LFT]:
-    """LFTs of equal value in which the block `name` has its McMillan degree for its size."""
-    yield from _reachable_candidates(a, name, deadline)
-    for candidate in _reachable_candidates(transpose(a), name, deadline):
-        yield transpose(candidate)
+def _steps(state: _State, problem: _Problem) -> list[_Step]:
+    """Ways to open one more block."""
+    effort, lines = problem.effort, problem.lines
+    done = sum(block.size for block in state.opened)
+    plain = []
+    for name, size in state.left.blocks:
+        opened = _open(state.left, name)
+        values = values_on(opened, lines, diagonal=True)
+        score = done + size + total_degree(values, lines)
+        plain.append((_Step(score, (), size, state, name, None), values))
+        if score <= state.score:
+            return [plain[-1][0]]
+    plain.sort(key=lambda item: (item[0].size, item[0].score))
+    steps = []
+    for step, values in plain[: effort.deltas]:
+        if problem.stop():
+            return [step for step, _ in plain]
+        steps += _bases(step, values, done, problem)
+    return steps
 
 
-def _reachable_candidates(a: LFT, name: str, deadline: float) -> Iterator[LFT]:
-    opened, r = _open(a, name)
-    inputs, outputs = opened.shape[1] - r, opened.shape[0] - r
-    generator = np.random.default_rng(0)
-    tried: list[list[tuple[int, int]]] = []
-    for trial in range(_COLUMN_ORDERS):
-        order = [int(j) for j in generator.permutation(inputs)] if trial else list(range(inputs))
-        columns = _independent_columns(opened, r, order, generator)
-        if len(columns) == r or sorted(columns) in tried:
+def _bases(plain: _Step, values: Values, done: int, problem: _Problem) -> list[_Step]:
+    """The most promising bases for a block that is opened."""
+    effort, lines, floor = problem.effort, problem.lines, plain.state.score
+    random = np.random.default_rng([problem.seed, len(plain.state.opened), plain.size])
+    tried: list[tuple[_Step, Values]] = [(plain, values)]
+    for choice in choices(values, plain.size, effort.rows, effort.orders, random):
+        found = choose_values(values, plain.size, choice)
+        if found is None:
             continue
-        tried.append(sorted(columns))
-        K = _krylov(opened, r, columns)
-        for rows in _row_choices(r, len(columns), generator):
-            if time.perf_counter() > deadline:
-                return
-            try:
-                normal = inverse(select(K, rows, range(len(columns))))
-            except WellPosednessError:
-                continue  # these rows are dependent at nominal
-            pick = np.eye(r)[rows]
-            for S, T in ((constant(pick), K @ normal), (normal @ pick, K)):
-                T = _with_identity(T, rows) if S.order == 0 else T
-                left, right = stack_diagonal(S, np.eye(outputs)), stack_diagonal(T, np.eye(inputs))
-                smaller = reduce_order(left @ opened @ right)
-                yield reduce_order(_close(smaller, name, len(columns)))
+        score = done + choice.size + total_degree(found, lines)
+        if score >= floor:  # less is a rank that was not seen
+            tried.append((plain._replace(score=score, size=choice.size, choice=choice), found))
+    tried.sort(key=lambda item: (item[0].score, item[0].size))
+    steps = []
+    for step, found in tried[: effort.bases]:
+        steps.append(step)
+        if effort.exchanges and found.circles and step.score > floor:
+            rest = done + step.size
+            score, exchanges = search_exchanges(
+                found,
+                step.size,
+                lines,
+                step.score - rest,
+                floor - rest,
+                effort.exchanges,
+                problem.seed,
+            )
+            if exchanges:
+                steps.append(step._replace(score=rest + score, exchanges=exchanges))
+    return steps
 
 
-def _open(a: LFT, name: str) -> tuple[LFT, int]:
-    """The LFT in the other deltas, (w, u) -> (z, y), and the size of the block."""
+def _taken(steps: list[_Step], problem: _Problem) -> Any:
+    """States of the best steps, as LFTs, with the scores they really have."""
+    seen: dict[object, int] = {}
+    tried = 0
+    for step in steps:
+        opened = (*step.state.opened, Block(step.name, step.size))
+        key = (step.score, tuple(sorted(opened)))
+        if seen.get(key, 0) >= 2 or tried >= _TRIED * problem.effort.width:
+            continue
+        tried += 1
+        left = _open(step.state.left, step.name)
+        try:
+            if step.choice is not None:
+                size = dict(step.state.left.blocks)[step.name]
+                left = settle(choose(left, size, step.choice, problem.most), problem.lines)
+            for move in step.exchanges:
+                left = settle(exchange(left, step.size, move, problem.most), problem.lines)
+            left = reduce_order(left)
+            values = values_on(left, problem.lines)
+        except (WellPosednessError, np.linalg.LinAlgError):
+            continue  # not invertible around delta = 0, or too large on the way
+        score = sum(block.size for block in opened) + total_degree(values, problem.lines)
+        if score <= step.score:
+            seen[key] = seen.get(key, 0) + 1
+            yield _State(score, opened, left)
+
+
+def _without_empty(a: LFT) -> LFT:
+    return LFT(a.M11, a.M12, a.M21, a.M22, tuple(block for block in a.blocks if block.size))
+
+
+def _open(a: LFT, name: str) -> LFT:
+    """The LFT in the other deltas, (w, u) -> (z, y)."""
     part = a.slices()[name]
     k = np.arange(part.start, part.stop)
     rest = np.setdiff1d(np.arange(a.order), k)
-    opened = LFT(
+    return LFT(
         a.M11[np.ix_(rest, rest)],
         np.hstack([a.M11[np.ix_(rest, k)], a.M12[rest]]),
         np.vstack([a.M11[np.ix_(k, rest)], a.M21[:, rest]]),
         np.block([[a.M11[np.ix_(k, k)], a.M12[k]], [a.M21[:, k], a.M22]]),
         tuple(block for block in a.blocks if block.name != name),
     )
-    return opened, len(k)
 
 
-def _close(opened: LFT, name: str, r: int) -> LFT:
-    """The inverse of `_open`: the first r inputs and outputs become the block `name`."""
-    before = sum(block.size for block in opened.blocks if block.name < name)
-    n = opened.order
+def _close(opened: LFT, block: Block) -> LFT:
+    """The inverse of `_open`: the first inputs and outputs become the block."""
+    before = sum(other.size for other in opened.blocks if other.name < block.name)
+    n, r = opened.order, block.size
     order = np.r_[np.arange(before), n + np.arange(r), np.arange(before, n)].astype(int)
     M11 = np.block([[opened.M11, opened.M12[:, :r]], [opened.M21[:r], opened.M22[:r, :r]]])
     M12 = np.vstack([opened.M12[:, r:], opened.M22[:r, r:]])
     M21 = np.hstack([opened.M21[r:], opened.M22[r:, :r]])
-    blocks = tuple(sorted((*opened.blocks, Block(name, r))))
+    blocks = tuple(sorted((*opened.blocks, block)))
     return LFT(M11[np.ix_(order, order)], M12[order], M21[:, order], opened.M22[r:, r:], blocks)
 
 
-def _independent_columns(
-    opened: LFT, r: int, order: Sequence[int], generator: np.random.Generator
-) -> list[tuple[int, int]]:
-    """(input j, power e) of columns A^e B_j that span the reachable space at a generic point."""
-    point = generator.uniform(-0.7, 0.7, (1, len(opened.blocks)))
-    value = evaluate_at(opened, point)[0]
-    A, B = value[:r, :r], value[:r, r:]
-    chosen: list[tuple[int, int]] = []
-    basis = np.zeros((r, 0))
-    current = [(int(j), 0, B[:, j]) for j in order]
-    while current and len(chosen) < r:
-        following = []
-        for j, e, column in current:
-            length = np.linalg.norm(column)
-            if length == 0.0:
-                continue
-            rest = column / length
-            for _ in range(2):
-                rest = rest - basis @ (basis.T @ rest)
-            if np.linalg.norm(rest) > _INDEPENDENT:
-                basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
-                chosen.append((j, e))
-                following.append((j, e + 1, A @ column))
-        current = following
-    return chosen
-
-
-def _krylov(opened: LFT, r: int, columns: Sequence[tuple[int, int]]) -> LFT:
-    """The chosen columns A^e B_j as an LFT (r, number of columns)."""
-    A = select(opened, range(r), range(r))
-    parts: dict[tuple[int, int], LFT] = {}
-    for j, e in columns:
-        source = select(opened, range(r), [r + j]) if e == 0 else A @ parts[j, e - 1]
-        parts[j, e] = reduce_order(source)
-    return reduce_order(stack_columns(*(parts[column] for column in columns)))
-
-
-def _row_choices(r: int, d: int, generator: np.random.Generator) -> list[list[int]]:
-    choices = [list(rows) for rows in combinations(range(r), d)]
-    if len(choices) <= _MOST_ROWS:
-        return choices
-    picked = sorted(generator.choice(len(choices), _MOST_ROWS, replace=False))
-    return [choices[k] for k in picked]
-
-
-def _with_identity(T: LFT, rows: Sequence[int]) -> LFT:
-    """T with its chosen rows, the identity up to rounding, made exactly so."""
-    r, d = T.shape
-    others = np.setdiff1d(np.arange(r), rows)
-    rest = reduce_order(select(T, others, range(d)))
-    eye, spread = np.eye(r)[:, rows], np.eye(r)[:, others]
-    return constant(spread) @ rest + eye
+def _around(a: LFT, shift: Array) -> LFT:
+    """The same value in the distances of the deltas from a point (number of blocks)."""
+    center = np.repeat(shift, [block.size for block in a.blocks])
+    try:
+        solved = np.linalg.solve(np.eye(a.order) - a.M11 * center, np.hstack([a.M11, a.M12]))
+    except np.linalg.LinAlgError:
+        raise WellPosednessError("the LFT is singular at the point.") from None
+    M11, M12 = solved[:, : a.order], solved[:, a.order :]
+    outer = a.M21 * center
+    return LFT(M11, M12, a.M21 + outer @ M11, a.M22 + outer @ M12, a.blocks)
 
 
 def _check_points(count: int) -> Array:
@@ -210,21 +312,18 @@ def _check_points(count: int) -> Array:
     return points
 
 
-def _keeps(candidate: LFT, points: Array, values: Array) -> bool:
+def _keeps(candidate: LFT, search: _Search) -> bool:
     """Whether the values are the same, and the loop is far from singular, at all points."""
-    spread = np.repeat(points, [block.size for block in candidate.blocks], axis=1)
-    loop = np.eye(candidate.order) - candidate.M11[None] * spread[:, None, :]
-    signs, _ = np.linalg.slogdet(loop)
-    if np.any(signs <= 0) or (loop.size and np.max(np.linalg.cond(loop)) > _CONDITION):
-        return False
+    points, values = search.points, search.values
+    if candidate.order:
+        spread = np.repeat(points, [block.size for block in candidate.blocks], axis=1)
+        loop = np.eye(candidate.order) - candidate.M11[None] * spread[:, None, :]
+        signs, _ = np.linalg.slogdet(loop)
+        if np.any(signs <= 0) or np.max(np.linalg.cond(loop)) > _CONDITION:
+            return False
     found = evaluate_at(candidate, points)
     size = np.max(np.abs(values), axis=0)
-    size = np.maximum(size, 1e-6 * np.max(size, initial=0.0))
+    size = np.maximum(size, _NEGLIGIBLE * np.max(size, initial=0.0))
     return bool(
         np.max(np.abs(found - values) / np.where(size > 0, size, 1.0), initial=0.0) <= _SAME
     )
-
-
-def _key(a: LFT) -> tuple[object, ...]:
-    """What tells two candidates apart: sizes, and a number that depends on all entries."""
-    return (*(block.size for block in a.blocks), f"{np.sum(np.abs(a.M11)):.6e}")

@@ -3,7 +3,7 @@
 `bound` is the sum of the McMillan degrees, `published` what tools were reported to reach, and `order`
 what is reached here with a search; where it is larger than the bound, it may be tightened.
 
-O1 to O6: small matrices used to compare order reduction. O9, O10, O13: small state-space models. O11,
+O1 to O8: small matrices used to compare order reduction. O9, O10, O13: small state-space models. O11,
 O12: a missile with aerodynamic coefficients that are polynomials in the angle of attack and the Mach
 number, free and with the fin at its trim, numbers our own. O14: lateral motion of a transport aircraft
 with 14 coefficients.
@@ -136,6 +136,25 @@ CASES = (
         4,
         4,
         "4",
+    ),
+    Case(
+        "O7",
+        [["d1^2*s^2 + d1*d3*s + d1^2*d3^2"]],
+        parameters("d1", "d3", "s"),
+        6,
+        7,
+        "7",
+    ),
+    Case(
+        "O8",
+        [
+            ["s*x^2*z^3 + 3*x*y*z", "x^2*y^2*z^3", "1"],
+            ["0", "s^2*x^3*y*z", "x*y^2*z - x^2*y*z"],
+        ],
+        parameters("s", "x", "y", "z"),
+        16,
+        17,
+        "18",
     ),
     Case(
         "O9",
