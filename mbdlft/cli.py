@@ -301,8 +301,12 @@ def _print_model(model: LFTModel) -> None:
         )
     console.print(table)
     proof = "minimal: proved" if certificate.minimal else "not proved minimal"
-    proof += " (bound in exact arithmetic)" if certificate.exact_bound else ""
-    console.print(f"order {model.order}, lower bound {sum(certificate.lower_bound)}: {proof}")
+    alone = sum(certificate.lower_bound)
+    pairs = certificate.order_bound - alone
+    if certificate.exact_bound:
+        proof += f" ({f'the {alone}' if pairs else 'bound'} in exact arithmetic)"
+    parts = f" ({alone} one by one, {pairs} more by pairs)" if pairs else ""
+    console.print(f"order {model.order}, lower bound {certificate.order_bound}{parts}: {proof}")
     # a scene has joints and so a trim; a matrix has none
     truth = "re-trimming and re-linearizing" if model.trim.signals else "the matrix itself"
     console.print(
@@ -349,6 +353,7 @@ def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]
         "order": sum(certificate.order),
         "lower_bound": sum(certificate.lower_bound),
         "raw_order": sum(certificate.raw_order),
+        "order_bound": certificate.order_bound,
         "minimal": certificate.minimal,
         "exact_bound": certificate.exact_bound,
         "max_relative_error": certificate.max_relative_error,

@@ -6,7 +6,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from mbdlft.build import SEED, Build, Clock, provenance, threads
+from mbdlft.build import SEED, Build, Clock, bound_of_pairs, provenance, threads
 from mbdlft.certify import (
     ACCEPTED,
     check_points,
@@ -110,9 +110,11 @@ def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> 
     with clock.stage("bound"):
         bound = exact_lower_bound(problem, SEED) if exact else lower_bound(reduced)
         _check_bound(problem, bound, reduced)
-    if search > 0.0 and reduced.order > sum(bound.values()):
+    order_bound = sum(bound.values())
+    if search > 0.0 and reduced.order > order_bound:
         with clock.stage("search"):
             reduced = _smaller(reduced, bound, search)
+        order_bound = bound_of_pairs(reduced, bound, clock)
     lft = with_blocks(reduced, names)
     with clock.stage("check"):
         error, count = _measure_error(problem, resolved, lft, parameters)
@@ -135,6 +137,7 @@ def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> 
             seed=SEED,
             exact=True,
             exact_bound=exact,
+            order_bound=order_bound,
         ),
         provenance=provenance(matrix_to_toml(problem)),
         description=problem.description,

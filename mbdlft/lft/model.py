@@ -58,6 +58,14 @@ class Certificate:
         Whether the model is the exact one (no truncation, no fit).
     exact_bound : bool
         Whether the lower bound was computed in exact arithmetic, without rounding.
+    order_bound : int
+        Proved minimum of the sum of all repetitions. Pairs of parameters that cannot both have their
+        lower bound make it larger than the sum of these, which stands for 0.
+
+    Raises
+    ------
+    StructureError
+        `order_bound` is below the sum of the lower bounds.
     """
 
     order: tuple[int, ...]
@@ -68,11 +76,22 @@ class Certificate:
     seed: int
     exact: bool
     exact_bound: bool = False
+    order_bound: int = 0
+
+    def __post_init__(self) -> None:
+        alone = sum(self.lower_bound)
+        if self.order_bound == 0:
+            object.__setattr__(self, "order_bound", alone)
+        if self.order_bound < alone:
+            raise StructureError(
+                f"certificate: order_bound is {self.order_bound}, expected at least {alone}, the sum of "
+                "the lower bounds."
+            )
 
     @property
     def minimal(self) -> bool:
         """Whether no exact LFT of the same matrix can be smaller: order = lower bound."""
-        return self.order == self.lower_bound
+        return self.order == self.lower_bound or sum(self.order) == self.order_bound
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,6 +52,8 @@ def write_model(group: Any, model: LFTModel) -> None:
     certificate.attrs["exact"] = np.bool_(model.certificate.exact)
     if model.certificate.exact_bound:
         certificate.attrs["exact_bound"] = np.bool_(model.certificate.exact_bound)
+    if model.certificate.order_bound > sum(model.certificate.lower_bound):
+        certificate.attrs["order_bound"] = np.int64(model.certificate.order_bound)
     provenance = group.create_group("provenance")
     for name in Provenance.__dataclass_fields__:
         provenance.attrs[name] = getattr(model.provenance, name)
@@ -197,6 +199,7 @@ def _read_certificate(group: Any, count: int) -> Certificate:
         seed=int(group.attrs["seed"]),
         exact=bool(group.attrs["exact"]),
         exact_bound=bool(group.attrs.get("exact_bound", False)),
+        order_bound=int(group.attrs.get("order_bound", 0)),
     )
 
 
