@@ -60,7 +60,8 @@ def to_lft(scene: Scene, search: float = 0.0) -> LFTModel:
     scene : Scene
     search : float
         Seconds to look for a smaller model by using that parameters commute; it ends at once when the
-        order meets the lower bound.
+        order meets the lower bound. If it does not, the bound on the order is raised by pairs of
+        parameters, which takes from a tenth of a second to some seconds more.
 
     Raises
     ------

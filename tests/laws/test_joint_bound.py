@@ -101,7 +101,7 @@ def test_nothing_is_added_to_a_sum_that_is_reached(case: Case) -> None:
 
 
 def some_lft(random: np.random.Generator, *, sparse: bool, affine: bool) -> LFT:
-    """Two or three deltas up to four times; zeros by chance; some deltas that enter affinely, M_kk = 0."""
+    """Two or three deltas up to four times; zeros by chance; some deltas enter affinely, M_kk = 0."""
 
     def entries(*shape: int) -> np.ndarray:
         zeros = sparse * (random.random(shape) < 0.5)
@@ -146,7 +146,7 @@ Word = tuple[np.ndarray, str, np.ndarray]
 
 
 def words(random: np.random.Generator) -> list[Word]:
-    """Terms x a b a y of a polynomial in two or three parameters; x and y are taken from a few vectors."""
+    """Terms x a b a y of a polynomial in two or three parameters; x and y are from a few vectors."""
     rows, columns = random.integers(1, 4, 2)
     left = [*np.eye(rows), *random.standard_normal((2, rows))]
     right = [*np.eye(columns), *random.standard_normal((2, columns))]
@@ -338,7 +338,7 @@ def test_planted_line_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(AssertionError):
         law_safe(2, sparse=False, affine=True)
     with pytest.raises(AssertionError):
-        law_words(0)
+        law_words(3)
 
 
 def test_planted_side_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

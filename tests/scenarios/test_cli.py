@@ -108,6 +108,40 @@ def test_realize_writes_archive_and_table(
     assert set(found["seconds"]) == stages
 
 
+PAIR = """
+format = "mbdlft-matrix/1"
+name = "pair"
+matrix = [
+    ["7*L^2 + m*(2 + 3*L + 5*L^2)", "m*(1 - 2*L)", "m*(3 + L)"],
+    ["m*(1 - 2*L)", "2*m", "-m"],
+]
+
+[parameters]
+L = { nominal = 0.4, percent = 20 }
+m = { nominal = 0.6, percent = 20 }
+"""
+
+
+@pytest.mark.parametrize("exact", [(), ("--exact",)])
+def test_bound_by_pairs_is_printed(
+    exact: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    file, archive = tmp_path / "pair.toml", str(tmp_path / "pair.h5")
+    file.write_text(PAIR, encoding="utf-8")
+    arguments = ("realize", str(file), "--search", "0.5", *exact)
+    _, out, _ = run(monkeypatch, capsys, *arguments, "-o", archive)
+    words = "order 5, lower bound 5 (4 one by one, 1 more by pairs): minimal: proved"
+    words += " (the 4 in exact arithmetic)" if exact else ""
+    assert words in out
+    assert words in run(monkeypatch, capsys, "show", archive)[1]
+    found = json.loads(run(monkeypatch, capsys, *arguments, "--json")[1])
+    assert (found["order"], found["lower_bound"], found["order_bound"]) == (5, 4, 5)
+    assert found["minimal"] is True
+
+
 def test_realize_says_what_is_not_used(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
