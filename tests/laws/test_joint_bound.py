@@ -3,7 +3,8 @@
 1. it has the values of the table: reached orders are proved minimal, attained sums get nothing more
 2. it is not above the order of any LFT of the same matrix, whatever LFT it is computed from, and the
    same for all of them
-3. it stays with constant transformations, feedback, transposition, Moebius changes of the parameters
+3. it stays with constant transformations, feedback, transposition, units and Moebius
+   changes of the parameters
 4. a closed form where it is known by hand
 5. the least sum of repetitions is that of an enumeration
 """
@@ -243,10 +244,23 @@ def moebius(a: LFT, random: np.random.Generator) -> LFT:
     return LFT(z_w - np.diag(c), z_u, a.M21 @ w_w, a.M22 + a.M21 @ w_u, a.blocks)
 
 
+def scaled(a: LFT, random: np.random.Generator) -> LFT:
+    """Other units of inputs, outputs and channels."""
+    channels, outputs, inputs = (10.0 ** random.uniform(-3, 3, n) for n in (a.order, *a.shape))
+    return LFT(
+        channels[:, None] * a.M11 / channels,
+        channels[:, None] * a.M12 * inputs,
+        outputs[:, None] * a.M21 / channels,
+        outputs[:, None] * a.M22 * inputs,
+        a.blocks,
+    )
+
+
 CHANGES: dict[str, Callable[[LFT, np.random.Generator], LFT]] = {
     "inputs and outputs": transformed,
     "feedback": with_feedback,
     "Moebius": moebius,
+    "units": scaled,
     "transposition": lambda a, random: transpose(a),
 }
 
