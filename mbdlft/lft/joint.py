@@ -31,7 +31,6 @@ from numpy.typing import NDArray
 from mbdlft.errors import WellPosednessError
 from mbdlft.lft.lft import LFT, Array, check, fix, transpose
 from mbdlft.lft.reduce import reduce_order
-from mbdlft.lft.rounding import COARSE
 
 Complex = NDArray[np.complex128]
 Degrees = Mapping[str, int]
@@ -43,6 +42,7 @@ _TURN = math.pi * (3.0 - math.sqrt(5.0))  # golden angle between values alpha: n
 _LARGEST = 10.0  # radius that the nearest pole may give to a circle
 _EXTRA = 2  # samples more than needed
 _MOST_COEFFICIENTS = 120  # of u; a larger pair is left out
+_CANCELED = 2.0**-44  # of the sizes of terms: what is left of them is rounding
 _RANK = (2.0**-38, 2.0**-29)  # of the largest singular value: rounding is below, a rank is above
 _SINE = (2.0**-20, 2.0**-8)  # of an angle to a space: below is inside, above is outside
 
@@ -206,7 +206,9 @@ def _compressed(a: LFT, random: np.random.Generator) -> LFT:
     }
     left, right = _factors(a, points)
     # an entry of terms that cancel is not there
-    H = np.where(np.abs(left @ right) > COARSE * (np.abs(left) @ np.abs(right)), left @ right, 0.0)
+    H = np.where(
+        np.abs(left @ right) > _CANCELED * (np.abs(left) @ np.abs(right)), left @ right, 0.0
+    )
     # as real and imaginary parts, so that the new coordinates are real
     inputs = _coordinates(np.vstack([part.reshape(-1, a.shape[1]) for part in (H.real, H.imag)]))
     H = np.swapaxes(H @ inputs, 1, 2)
