@@ -48,7 +48,7 @@ class Row(NamedTuple):
 def arm_rows(repeats: int) -> list[Row]:
     """Exactness, order and seconds of the arm."""
     text = SCENE.read_text(encoding="utf-8")
-    model = mbdlft.to_lft(mbdlft.scene_from_toml(text))
+    model = mbdlft.to_lft(mbdlft.scene_from_toml(text), search=0.0)
     inside, corners = (
         mbdlft.random(model.parameters, 1000, seed=11),
         mbdlft.corners(model.parameters),
@@ -64,7 +64,7 @@ def arm_rows(repeats: int) -> list[Row]:
     total, without = [], []
     for _ in range(repeats + 1):
         start = time.perf_counter()
-        built = build(mbdlft.scene_from_toml(text))
+        built = build(mbdlft.scene_from_toml(text), search=0.0)
         total.append(time.perf_counter() - start)
         without.append(total[-1] - sum(built.seconds[name] for name in CERTIFICATE_STAGES))
     start = time.perf_counter()
@@ -148,7 +148,7 @@ def pendulum_row() -> Row:
 
 def response_row(step: float) -> Row:
     """Figure 5 of the paper: nominal response over all angles."""
-    model = mbdlft.to_lft(full_circle_scene())
+    model = mbdlft.to_lft(full_circle_scene(), search=0.0)
     angles = np.concatenate([np.arange(-180.0 + step, 180.0 + step / 2, step), [-90.1, 89.9, 90.1]])
     theta1, theta2 = (axis.ravel() for axis in np.meshgrid(angles, angles))
     error = worst_response_error(model, theta1, theta2, np.logspace(-2, 3, 16))
@@ -163,7 +163,7 @@ def response_row(step: float) -> Row:
 
 def evaluation_row(repeats: int, samples: int = 10_000) -> Row:
     """Microseconds a sample of one call; 10 samples are checked against single calls."""
-    model = mbdlft.to_lft(mbdlft.load_scene(SCENE))
+    model = mbdlft.to_lft(mbdlft.load_scene(SCENE), search=0.0)
     values = mbdlft.random(model.parameters, samples)
     found = mbdlft.matrices_at(model, values)
     for k in range(0, samples, samples // 10):

@@ -1,14 +1,18 @@
-"""Orders of matrices of the literature, as a table.
+"""Orders of matrices of the literature and of chains of links, as two tables.
 
-Run it from the top of the repository: python -m benchmarks.orders [--write docs/orders.md]
+Run it from the top of the repository:
 
-The values of a model are verified against arithmetic on fractions before its time is printed.
+    python -m benchmarks.orders [--write docs/orders.md] [--rewritings 100]
+
+The values of a model are verified before its time is printed: of a matrix against arithmetic on
+fractions, of a scene against the nonlinear equations, trimmed and linearized again.
 """
 
 import argparse
 import os
 import platform
 import time
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -18,15 +22,30 @@ import numpy as np
 import mbdlft
 from benchmarks.arm import BEGIN, END
 from tests.close import SCENARIO
+from tests.laws.chains import chain
 from tests.reference.orders import CASES, Case
+from tests.reference.rewrite import rewritten
 from tests.reference.test_orders import exact_values, points
 
 _SEARCH = 20.0  # s; it ends at the bound, or when nothing new is found
 _CHECKED = 200
 
 
+_CHAINS = (
+    (False, 2),
+    (False, 3),
+    (False, 4),
+    (False, 6),
+    (True, 2),
+    (True, 3),
+    (True, 4),
+    (True, 6),
+)
+_CHAIN_SEARCH = 30.0  # s
+
+
 class Row(NamedTuple):
-    """One matrix: orders, the proved bound, and seconds."""
+    """One matrix: orders, the proved bound, and seconds; orders of other ways to write it."""
 
     name: str
     shape: str
@@ -37,9 +56,10 @@ class Row(NamedTuple):
     bound: int
     error: float
     seconds: float
+    rewritten: str
 
 
-def measure(case: Case, search: float = _SEARCH) -> Row:
+def measure(case: Case, search: float = _SEARCH, rewritings: int = 0) -> Row:
     """Orders with and without search, once the values are verified."""
     problem = case.problem()
     start = time.perf_counter()
@@ -61,21 +81,79 @@ def measure(case: Case, search: float = _SEARCH) -> Row:
         case.published,
         mbdlft.realize(problem).order,
         model.order,
-        sum(model.certificate.lower_bound),
+        model.certificate.order_bound,
         error,
         seconds,
+        _rewritten(case, search, rewritings),
     )
+
+
+def _rewritten(case: Case, search: float, count: int) -> str:
+    """Orders of other ways to write a matrix, and how often each was found."""
+    search = search if case.order == case.proved else min(search, 1.0)  # no proof ends the search
+    found = Counter(
+        mbdlft.realize(case.problem(rewritten(case.matrix, seed)), search=search, exact=True).order
+        for seed in range(count)
+    )
+    return ", ".join(f"{order} ({times})" for order, times in sorted(found.items()))
+
+
+class ChainRow(NamedTuple):
+    """One chain: orders, bounds one by one and by pairs, and seconds."""
+
+    name: str
+    parameters: int
+    plain: int
+    searched: int
+    alone: int
+    bound: int
+    error: float
+    seconds: float
+
+
+def measure_chain(links: int, *, spatial: bool, search: float = _CHAIN_SEARCH) -> ChainRow:
+    """Orders with and without search; the certificate has verified the values."""
+    scene = chain(links, spatial=spatial)
+    start = time.perf_counter()
+    certificate = mbdlft.to_lft(scene, search=search).certificate
+    seconds = time.perf_counter() - start
+    return ChainRow(
+        f"{links} links, {'axes x and z in turn' if spatial else 'planar'}",
+        len(scene.parameters),
+        mbdlft.to_lft(scene, search=0.0).order,
+        sum(certificate.order),
+        sum(certificate.lower_bound),
+        certificate.order_bound,
+        certificate.max_relative_error,
+        seconds,
+    )
+
+
+def chain_table(rows: Sequence[ChainRow]) -> str:
+    """The rows in Markdown."""
+    lines = [
+        "| chain | parameters | reduced | with search | bound one by one | bound by pairs | gap | error "
+        "| seconds |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| {r.name} | {r.parameters} | {r.plain} | {r.searched} | {r.alone} | {r.bound} | "
+        f"{100 * (r.searched - r.bound) / r.bound:.0f} % | {r.error:.1e} | {r.seconds:.1f} |"
+        for r in rows
+    ]
+    return "\n".join(lines)
 
 
 def table(rows: Sequence[Row]) -> str:
     """The rows in Markdown."""
     lines = [
-        "| matrix | size | parameters | published | reduced | with search | bound | error | seconds |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| matrix | size | parameters | published | reduced | with search | bound | error | seconds | "
+        "rewritten |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     lines += [
         f"| {r.name} | {r.shape} | {r.parameters} | {r.published} | {r.plain} | {r.searched} | "
-        f"{r.bound} | {r.error:.1e} | {r.seconds:.2f} |"
+        f"{r.bound} | {r.error:.1e} | {r.seconds:.2f} | {r.rewritten} |"
         for r in rows
     ]
     machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
@@ -89,9 +167,12 @@ def main() -> None:
     """Print the table, and write it into a file between its two marks if asked."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", type=Path)
+    parser.add_argument("--rewritings", type=int, default=5)
     options = parser.parse_args()
     mbdlft.realize(CASES[0].problem(), search=_SEARCH, exact=True)  # the first one warms up
-    text = table([measure(case) for case in CASES])
+    chains = [measure_chain(links, spatial=spatial) for spatial, links in _CHAINS]
+    cases = [measure(case, rewritings=options.rewritings) for case in CASES]
+    text = chain_table(chains) + "\n\n" + table(cases)
     print(text)
     if options.write:
         page = options.write.read_text(encoding="utf-8")

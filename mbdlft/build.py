@@ -17,6 +17,7 @@ from mbdlft.errors import SceneError, WellPosednessError, unknown_name
 from mbdlft.extract import extract
 from mbdlft.lft.bound import degree_bounds, moved
 from mbdlft.lft.commute import reduce_commuting
+from mbdlft.lft.joint import joint_bound
 from mbdlft.lft.lft import LFT, eliminate, with_blocks
 from mbdlft.lft.model import Certificate, LFTModel, Provenance, Trim
 from mbdlft.lft.reduce import reduce_order
@@ -28,6 +29,7 @@ from mbdlft.signal import Signal
 from mbdlft.trim import trim_efforts
 
 SEED = 0
+SEARCH = 2.0  # s; some milliseconds are enough where the order meets the bound at once
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,15 +55,15 @@ class Clock:
         self.seconds[name] = time.perf_counter() - start
 
 
-def to_lft(scene: Scene, search: float = 0.0) -> LFTModel:
+def to_lft(scene: Scene, search: float = SEARCH) -> LFTModel:
     """The exact linear model of a scene around its equilibrium, parameters left in, with certificate.
 
     Parameters
     ----------
     scene : Scene
     search : float
-        Seconds to look for a smaller model by using that parameters commute; it ends at once when the
-        order meets the lower bound.
+        Seconds to look for a smaller model by using that parameters commute, and for a better lower
+        bound by pairs of parameters; it ends at once when the order meets the bound. 0: neither.
 
     Raises
     ------
@@ -73,7 +75,7 @@ def to_lft(scene: Scene, search: float = 0.0) -> LFTModel:
 
 def build(
     scene: Scene,
-    search: float = 0.0,
+    search: float = SEARCH,
     progress: Callable[[str], None] = lambda stage: None,
     truncate: float | None = None,
 ) -> Build:
@@ -124,10 +126,16 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
         # the error of the bound is that of the whole way from the relations on
         degrees = degree_bounds(lft, _state_space(equations, moved(reduced, SEED)), SEED)
         bound = {name: found.degree for name, found in degrees.items()}
-    if search > 0.0 and lft.order > sum(bound.values()):
+    order_bound = sum(bound.values())
+    if search > 0.0 and lft.order > order_bound:
         with clock.stage("search"):
-            smaller = _state_space(equations, reduce_commuting([reduced], bound, search))
-            lft = min(lft, smaller, key=lambda candidate: candidate.order)
+            smaller, order_bound = reduce_commuting(
+                [reduced],
+                bound,
+                search,
+                lambda found, stop: joint_bound(_state_space(equations, found), bound, stop),
+            )
+            lft = min(lft, _state_space(equations, smaller), key=lambda candidate: candidate.order)
     with clock.stage("check"):
         error, count = measure_error(equations, inputs, outputs, lft, trim.lft, SEED)
     names = [parameter.name for parameter in equations.parameters]
@@ -151,6 +159,7 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
             doubtful=tuple(
                 max(0, min(degrees[name].doubtful, size - bound[name])) for name, size in lft.blocks
             ),
+            order_bound=order_bound,
         ),
         provenance=provenance(scene_to_toml(scene)),
         description=scene.description,

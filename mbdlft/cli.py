@@ -33,9 +33,13 @@ Output = Annotated[
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 Search = Annotated[
-    float, typer.Option(min=0.0, help="Seconds to look for a smaller model, as parameters commute.")
+    float,
+    typer.Option(
+        min=0.0, help="Seconds to look for a smaller model, as parameters commute; 0: none."
+    ),
 ]
 SceneFile = Annotated[Path, typer.Argument(help="Scene, a TOML file.")]
+SEARCH_SECONDS = 2.0  # as mbdlft.build.SEARCH, which is slow to import
 _WIDTH = 110  # of tables that go into a file or a pipe
 
 
@@ -114,7 +118,7 @@ def linearize(
     scene_file: SceneFile,
     output: Output = None,
     as_json: AsJson = False,
-    search: Search = 0.0,
+    search: Search = SEARCH_SECONDS,
     truncate: Annotated[
         float | None,
         typer.Option(help="Relative error that a smaller model may have on the whole range."),
@@ -162,7 +166,7 @@ def realize(
     matrix_file: Annotated[Path, typer.Argument(help="Matrix problem, a TOML file.")],
     output: Output = None,
     as_json: AsJson = False,
-    search: Search = 0.0,
+    search: Search = SEARCH_SECONDS,
     exact: Annotated[
         bool, typer.Option("--exact", help="Prove the lower bound in exact arithmetic.")
     ] = False,
@@ -309,8 +313,12 @@ def _print_model(model: LFTModel) -> None:
     console.print(table)
     if certificate.exact:
         proof = "minimal: proved" if certificate.minimal else "not proved minimal"
-        proof += " (bound in exact arithmetic)" if certificate.exact_bound else ""
-        console.print(f"order {model.order}, lower bound {sum(certificate.lower_bound)}: {proof}")
+        alone = sum(certificate.lower_bound)
+        pairs = certificate.order_bound - alone
+        if certificate.exact_bound:
+            proof += f" ({f'the {alone}' if pairs else 'bound'} in exact arithmetic)"
+        parts = f" ({alone} one by one, {pairs} more by pairs)" if pairs else ""
+        console.print(f"order {model.order}, lower bound {certificate.order_bound}{parts}: {proof}")
     else:
         console.print(
             f"order {model.order}; the lower bound {sum(certificate.lower_bound)} is that of exact models"
@@ -380,6 +388,7 @@ def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]
         "order": sum(certificate.order),
         "lower_bound": sum(certificate.lower_bound),
         "raw_order": sum(certificate.raw_order),
+        "order_bound": certificate.order_bound,
         "minimal": certificate.minimal,
         "exact_bound": certificate.exact_bound,
         "exact": certificate.exact,

@@ -6,7 +6,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from mbdlft.build import SEED, Build, Clock, provenance, threads
+from mbdlft.build import SEARCH, SEED, Build, Clock, provenance, threads
 from mbdlft.certify import (
     ACCEPTED,
     check_points,
@@ -20,12 +20,14 @@ from mbdlft.extract import extract
 from mbdlft.lft.bound import Bound, degree_bounds, moved
 from mbdlft.lft.commute import reduce_commuting
 from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.joint import joint_bound
 from mbdlft.lft.lft import LFT, Array, transpose, with_blocks
 from mbdlft.lft.model import Certificate, LFTModel, Trim
 from mbdlft.lft.reduce import reduce_order
 from mbdlft.linearize import LinearModel
 from mbdlft.matrix import MatrixProblem, matrix_problem, matrix_to_toml
 from mbdlft.matrix.denominator import check_denominators
+from mbdlft.matrix.polynomial import expanded_matrix
 from mbdlft.matrix.resolve import Resolved, cosine_name, matrix_values, resolve, sine_name
 from mbdlft.matrix.symbolic import internal_matrix
 from mbdlft.parameter import Parameter, to_internal
@@ -36,7 +38,7 @@ def realize(
     matrix: Any,
     parameters: Sequence[Parameter] = (),
     *,
-    search: float = 0.0,
+    search: float = SEARCH,
     exact: bool = False,
     **fields: Any,
 ) -> LFTModel:
@@ -50,7 +52,8 @@ def realize(
         A name is the value in the unit of its parameter; nothing is converted. An angle stands in sin
         and cos only.
     search : float
-        Seconds to look for a smaller model by using that parameters commute.
+        Seconds to look for a smaller model by using that parameters commute, and for a better lower
+        bound by pairs of parameters; 0: neither.
     exact : bool
         Whether the lower bound is computed in exact arithmetic; needs python-flint.
     fields
@@ -86,7 +89,7 @@ def realize(
 
 def build_matrix(
     problem: MatrixProblem,
-    search: float = 0.0,
+    search: float = SEARCH,
     *,
     exact: bool = False,
     progress: Callable[[str], None] = lambda stage: None,
@@ -115,9 +118,12 @@ def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> 
         )
         bound = {name: found.degree for name, found in degrees.items()}
         _check_bound(problem, bound, reduced)
-    if search > 0.0 and reduced.order > sum(bound.values()):
+    order_bound = sum(bound.values())
+    if search > 0.0 and reduced.order > order_bound:
         with clock.stage("search"):
-            reduced = reduce_commuting(forms, bound, search)
+            reduced, order_bound = reduce_commuting(
+                forms, bound, search, lambda found, stop: joint_bound(found, bound, stop)
+            )
     lft = with_blocks(reduced, names)
     with clock.stage("check"):
         error, count = _measure_error(problem, resolved, lft, parameters)
@@ -143,6 +149,7 @@ def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> 
             doubtful=tuple(
                 max(0, min(degrees[name].doubtful, size - bound[name])) for name, size in lft.blocks
             ),
+            order_bound=order_bound,
         ),
         provenance=provenance(matrix_to_toml(problem)),
         description=problem.description,
@@ -151,8 +158,17 @@ def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> 
 
 
 def _extract(problem: MatrixProblem, resolved: Resolved) -> list[LFT]:
-    """LFTs of the matrix, from its rows and from its columns: products meet in opposite orders."""
+    """LFTs of the matrix, as it is written and expanded; from its rows and from its columns, where
+    products meet in opposite orders."""
     p, matrix = internal_matrix(problem, resolved)
+    expanded = expanded_matrix(problem, resolved, p)
+    found = []
+    for form in (matrix, expanded) if expanded is not None else (matrix,):
+        found += _both_ways(problem, form, p)
+    return found
+
+
+def _both_ways(problem: MatrixProblem, matrix: ca.SX, p: ca.SX) -> list[LFT]:
     found = []
     for M in (matrix, matrix.T):
         known = ca.SX.sym("input", M.shape[1])

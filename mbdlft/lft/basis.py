@@ -131,7 +131,7 @@ def choose(opened: LFT, r: int, choice: Choice, largest: int) -> LFT:
 class Exchange(NamedTuple):
     """A new basis in which one column of [A B], or if transposed one row of [A ; C], is a unit vector."""
 
-    index: int
+    position: int
     signal: int
     transposed: bool
 
@@ -140,14 +140,14 @@ def exchange(opened: LFT, d: int, move: Exchange, largest: int) -> LFT:
     """The opened LFT after an exchange; errors as for `choose`."""
     a = transpose(opened) if move.transposed else opened
     column = reduce_order(select(a, range(d), [move.signal]))
-    unit = np.eye(d)[:, [move.index]]
+    unit = np.eye(d)[:, [move.position]]
     T = reduce_order(column @ unit.T + (np.eye(d) - unit @ unit.T))
     changed = _change(a, reduce_order(inverse(T)), T, largest)
     return transpose(changed) if move.transposed else changed
 
 
 def settle(a: LFT, lines: Lines) -> LFT:
-    """The same with rows and columns that do not vary made constants: then nothing is repeated for them."""
+    """The same with rows and columns that do not vary as constants, for which nothing is repeated."""
     values = values_on(a, lines)
     every = np.concatenate([values.box, *values.circles.values()])
     first, size = values.box[0], np.max(np.abs(every), axis=0)

@@ -36,7 +36,8 @@ _NEGLIGIBLE = 1e-6  # of the largest entry: a smaller one is compared with that 
 _SHIFT = (0.1, 0.3)  # of the range: the search runs around a point where nothing vanishes by chance
 _HOPELESS = 8  # a score this much above the smallest LFT is not followed
 _TRIED = 4  # steps that are made for each that is followed
-_ATTEMPTS = 20  # descents from each form, with other random choices
+_QUICK = 3  # efforts of the first descent
+_ATTEMPTS = 8  # descents from each form, with other random choices
 _FAR = 3  # a form this much larger than the smallest is not started from
 _GROWTH = 2  # of the order, that LFTs on the way may have
 
@@ -90,7 +91,19 @@ class _Problem(NamedTuple):
     stop: Callable[[], bool]
 
 
-def reduce_commuting(starts: Sequence[LFT], bound: Mapping[str, int], seconds: float) -> LFT:
+class Smallest(NamedTuple):
+    """What a search found, and the least order that any LFT of the same value can have."""
+
+    lft: LFT
+    order_bound: int
+
+
+def reduce_commuting(
+    starts: Sequence[LFT],
+    bound: Mapping[str, int],
+    seconds: float,
+    joint: Callable[[LFT, Callable[[], bool]], int],
+) -> Smallest:
     """The smallest LFT of equal value that is found in a time, at the latest when it meets the bound.
 
     Parameters
@@ -100,42 +113,44 @@ def reduce_commuting(starts: Sequence[LFT], bound: Mapping[str, int], seconds: f
     bound : mapping of names to the lower bounds of the repetitions
     seconds : float
         Budget (s); what is tried, and in which order, does not depend on it.
+    joint : function of an LFT and of a function that says when to stop
+        A lower bound on the order that may be better than the sum of `bound`; asked for once, when a
+        first descent has not reached that sum.
 
     Returns
     -------
-    LFT
-        The smallest of `starts` itself if nothing smaller was found.
+    Smallest
+        With the smallest of `starts` itself if nothing smaller was found.
     """
     deadline = time.perf_counter() + seconds
     smallest = min(starts, key=lambda start: start.order)
-    target = sum(bound.values())
     forms = [_without_empty(start) for start in starts if start.order <= _FAR * smallest.order]
     forms.sort(key=lambda form: form.order)
-    search = _Search(bound, target, lambda: time.perf_counter() > deadline, forms[0])
+    search = _Search(bound, lambda: time.perf_counter() > deadline, forms[0])
     best, seed = forms[0], 0
     for attempt in range(_ATTEMPTS):
-        for form in forms if attempt else forms[:1]:
+        if attempt == 1 and best.order > search.target and not search.stop():
+            search.target = joint(best, search.stop)
+        efforts = EFFORTS[:_QUICK] if attempt == 0 else EFFORTS
+        for form in forms if attempt > 1 else [best]:
             found, level = form, 0
-            efforts = EFFORTS[:-1] if attempt else EFFORTS
-            while level < len(efforts) and best.order > target and not search.stop():
+            while level < len(efforts) and best.order > search.target and not search.stop():
                 smaller = _pass(found, search, efforts[level], seed)
                 level = level if smaller.order < found.order else level + 1
                 found, seed = smaller, seed + 1
                 best = found if found.order < best.order else best
     if best.order == smallest.order:
-        return smallest
+        return Smallest(smallest, search.target)
     sizes = dict.fromkeys((block.name for block in smallest.blocks), 0) | dict(best.blocks)
     blocks = tuple(Block(*item) for item in sizes.items())
-    return LFT(best.M11, best.M12, best.M21, best.M22, blocks)
+    return Smallest(LFT(best.M11, best.M12, best.M21, best.M22, blocks), search.target)
 
 
 class _Search:
     """The bounds, the budget, and values by which every result is checked."""
 
-    def __init__(
-        self, bound: Mapping[str, int], target: int, stop: Callable[[], bool], form: LFT
-    ) -> None:
-        self.bound, self.target, self.stop = bound, target, stop
+    def __init__(self, bound: Mapping[str, int], stop: Callable[[], bool], form: LFT) -> None:
+        self.bound, self.target, self.stop = bound, sum(bound.values()), stop
         self.points = _check_points(len(form.blocks))
         self.values = evaluate_at(form, self.points)
 
@@ -295,9 +310,11 @@ def _close(opened: LFT, block: Block) -> LFT:
 
 def _around(a: LFT, shift: Array) -> LFT:
     """The same value in the distances of the deltas from a point (number of blocks)."""
-    center = np.repeat(shift, [block.size for block in a.blocks])
+    center: Array = np.repeat(shift, [block.size for block in a.blocks]).astype(float)
     try:
-        solved = np.linalg.solve(np.eye(a.order) - a.M11 * center, np.hstack([a.M11, a.M12]))
+        solved: Array = np.linalg.solve(
+            np.eye(a.order) - a.M11 * center, np.hstack([a.M11, a.M12])
+        ).astype(float)
     except np.linalg.LinAlgError:
         raise WellPosednessError("the LFT is singular at the point.") from None
     M11, M12 = solved[:, : a.order], solved[:, a.order :]

@@ -32,12 +32,12 @@ class _Line(NamedTuple):
     A: NDArray[Any]
     B: NDArray[Any]
     C: NDArray[Any]
-    B_right_l: NDArray[Any]
-    left_C_l: NDArray[Any]
-    left_D_right_l: NDArray[Any]
-    B_right_r: NDArray[Any]
-    left_C_r: NDArray[Any]
-    left_D_right_r: NDArray[Any]
+    inputs_l: NDArray[Any]
+    outputs_l: NDArray[Any]
+    direct_l: NDArray[Any]
+    inputs_r: NDArray[Any]
+    outputs_r: NDArray[Any]
+    direct_r: NDArray[Any]
     distances: NDArray[Any]
 
 
@@ -99,12 +99,12 @@ def _line(values: NDArray[Any], d: int, circle: NDArray[Any]) -> _Line:
         A=A,
         B=B,
         C=C,
-        B_right_l=B[ls] @ right,
-        left_C_l=(left[:, None, :] @ C[ls]),
-        left_D_right_l=(left[:, None, :] @ D[ls])[:, 0] @ right,
-        B_right_r=B[rs] @ right.T[:, :, None],
-        left_C_r=left @ C[rs],
-        left_D_right_r=(left @ (D[rs] @ right.T[:, :, None]))[:, :, 0].T,
+        inputs_l=B[ls] @ right,
+        outputs_l=(left[:, None, :] @ C[ls]),
+        direct_l=(left[:, None, :] @ D[ls])[:, 0] @ right,
+        inputs_r=B[rs] @ right.T[:, :, None],
+        outputs_r=left @ C[rs],
+        direct_r=(left @ (D[rs] @ right.T[:, :, None]))[:, :, 0].T,
         distances=circle[ls, None] - circle[rs],
     )
 
@@ -120,10 +120,10 @@ def _score(data: dict[str, _Line], basis: Basis, most: int) -> int:
         left, right = directions(2, d, count).T, directions(3, d, count)
         TR = T[::2] @ right
         head = left[:, None, :] @ S[::2]
-        one = (head @ (line.A[::2] @ TR + line.B_right_l) + line.left_C_l @ TR)[:, 0]
+        one = (head @ (line.A[::2] @ TR + line.inputs_l) + line.outputs_l @ TR)[:, 0]
         tr = T[1::2] @ right.T[:, :, None]
-        tail = (left @ S[1::2]) @ (line.A[1::2] @ tr + line.B_right_r) + line.left_C_r @ tr
-        difference = one + line.left_D_right_l - tail[:, :, 0].T - line.left_D_right_r
+        tail = (left @ S[1::2]) @ (line.A[1::2] @ tr + line.inputs_r) + line.outputs_r @ tr
+        difference = one + line.direct_l - tail[:, :, 0].T - line.direct_r
         total += rank(difference / line.distances)
         if total >= most:
             return most
@@ -133,7 +133,7 @@ def _score(data: dict[str, _Line], basis: Basis, most: int) -> int:
 def _exchanged(data: dict[str, _Line], basis: Basis, move: Exchange) -> Basis | None:
     """The basis after an exchange; None if the pivot vanishes on a line or at delta = 0."""
     changed: Basis = {}
-    i, c = move.index, move.signal
+    i, c = move.position, move.signal
     for name, line in data.items():
         S, T = basis[name]
         if move.transposed:

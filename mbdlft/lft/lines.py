@@ -49,7 +49,8 @@ def lines_of(degrees: Mapping[str, int], seed: int) -> Lines:
 
     def circle(degree: int) -> NDArray[Any]:
         count = 2 * (degree + _MORE_POINTS)
-        return _RADIUS * np.exp(2j * np.pi * (np.arange(count) + random.uniform()) / count)
+        angles = 2.0 * np.pi * (np.arange(count) + random.uniform()) / count
+        return np.asarray(_RADIUS * np.exp(1j * angles))
 
     inside = random.uniform(-1.0, 1.0, (_BOX_POINTS, len(degrees)))
     near_corners = 0.95 * np.sign(inside) + 0.05 * inside
@@ -115,7 +116,7 @@ def equilibrate(values: NDArray[Any]) -> tuple[Array, Array]:
 def rank(matrix: NDArray[Any]) -> int:
     """Rank of a matrix whose rows and columns may have any size."""
     if not matrix.size or not np.all(np.isfinite(matrix)):
-        return min(matrix.shape)
+        return int(min(matrix.shape))
     rows, columns = equilibrate(matrix[None])
     singular = np.linalg.svd(matrix * rows[:, None] * columns, compute_uv=False)
     return int(np.sum(singular > _RANK * singular[0]))

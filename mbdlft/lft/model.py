@@ -64,6 +64,14 @@ class Certificate:
     truncation_error : float
         Guaranteed bound [1] of what truncation changes, over the whole range, as in `truncate`; 0.0 if
         nothing was truncated.
+    order_bound : int
+        Proved minimum of the sum of all repetitions. Pairs of parameters that cannot both have their
+        lower bound make it larger than the sum of these, which stands for 0.
+
+    Raises
+    ------
+    StructureError
+        `order_bound` is below the sum of the lower bounds.
     """
 
     order: tuple[int, ...]
@@ -76,11 +84,22 @@ class Certificate:
     exact_bound: bool = False
     doubtful: tuple[int, ...] = ()
     truncation_error: float = 0.0
+    order_bound: int = 0
+
+    def __post_init__(self) -> None:
+        alone = sum(self.lower_bound)
+        if self.order_bound == 0:
+            object.__setattr__(self, "order_bound", alone)
+        if self.order_bound < alone:
+            raise StructureError(
+                f"certificate: order_bound is {self.order_bound}, expected at least {alone}, the sum of "
+                "the lower bounds."
+            )
 
     @property
     def minimal(self) -> bool:
-        """Whether no exact LFT of the same matrix can be smaller: exact, and order = lower bound."""
-        return self.exact and self.order == self.lower_bound
+        """Whether no exact LFT of the same matrix can be smaller: exact, and order = bound."""
+        return self.exact and sum(self.order) == self.order_bound
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,6 +57,8 @@ def write_model(group: Any, model: LFTModel) -> None:
     if model.certificate.exact_bound:
         certificate.attrs["exact_bound"] = np.bool_(model.certificate.exact_bound)
     certificate.attrs["truncation_error"] = np.float64(model.certificate.truncation_error)
+    if model.certificate.order_bound > sum(model.certificate.lower_bound):
+        certificate.attrs["order_bound"] = np.int64(model.certificate.order_bound)
     provenance = group.create_group("provenance")
     for name in Provenance.__dataclass_fields__:
         provenance.attrs[name] = getattr(model.provenance, name)
@@ -204,6 +206,7 @@ def _read_certificate(group: Any, count: int) -> Certificate:
         exact_bound=bool(group.attrs.get("exact_bound", False)),
         doubtful=_get_integers(group, "doubtful", count) if "doubtful" in group else (),
         truncation_error=_truncation_error(group),
+        order_bound=int(group.attrs.get("order_bound", 0)),
     )
 
 

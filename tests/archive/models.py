@@ -30,7 +30,7 @@ MATRICES = ("A", "B_w", "B_u", "C_z", "D_zw", "D_zu", "C_y", "D_yw", "D_yu")
 @cache
 def arm() -> LFTModel:
     """The two-link arm: seven parameters, two of them angles."""
-    return to_lft(scene_from_toml(ARM))
+    return to_lft(scene_from_toml(ARM), search=0.0)
 
 
 @cache
@@ -44,14 +44,14 @@ def turned_arm() -> LFTModel:
         'nominal = 90.0, low = 45.0, high = 135.0, unit = "deg"',
         'nominal = 1.5, low = 0.8, high = 2.4, reference = 0.3, unit = "rad"',
     )
-    return to_lft(scene_from_toml(text.replace("two_link_arm", "turned_arm")))
+    return to_lft(scene_from_toml(text.replace("two_link_arm", "turned_arm")), search=0.0)
 
 
 @cache
 def unused() -> LFTModel:
     """The arm with a parameter that no quantity uses, so it has zero repetitions."""
     text = ARM.replace("[parameters]", "[parameters]\nidle = { nominal = 1.0, percent = 5 }")
-    return to_lft(scene_from_toml(text))
+    return to_lft(scene_from_toml(text), search=0.0)
 
 
 @cache
@@ -59,7 +59,9 @@ def numbers() -> LFTModel:
     """A scene without parameters."""
     rail = Prismatic(name="rail", parent="ground", child="cart", axis=(0, 1, 0), stiffness=0.1)
     cart = PointMass(name="cart", mass=0.7)
-    return to_lft(Scene(name="numbers", gravity=(0, -9.81, 0), bodies=[cart], joints=[rail]))
+    return to_lft(
+        Scene(name="numbers", gravity=(0, -9.81, 0), bodies=[cart], joints=[rail]), search=0.0
+    )
 
 
 def strange(seed: int, sizes: tuple[int, ...] = (2, 0, 3)) -> LFTModel:

@@ -239,6 +239,12 @@ def test_encoding(file, name, value, message):
         load(file)
 
 
+def test_bound_of_the_order_below_that_of_the_parameters(file):
+    edit(file, lambda model: model["certificate"].attrs.__setitem__("order_bound", 3))
+    with says(ArchiveError, f"{file}: model '{NAME}'", "order_bound is 3, expected at least 16"):
+        load(file)
+
+
 @pytest.mark.parametrize("name", DATASETS)
 def test_dataset_with_one_entry_too_many(file, name):
     def change(group):

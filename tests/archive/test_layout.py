@@ -1,5 +1,6 @@
 """The layout of the archive, version 1.0, with plain h5py: every name, type and shape."""
 
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from importlib.metadata import version
 
@@ -202,7 +203,7 @@ def test_map_gives_the_bounds(tmp_path):
 def test_provenance(tmp_path):
     before = datetime.now(UTC) - timedelta(seconds=1)
     scene = scene_from_toml(models.ARM)
-    save(tmp_path / "a.h5", to_lft(scene))
+    save(tmp_path / "a.h5", to_lft(scene, search=0.0))
     with h5py.File(tmp_path / "a.h5") as file:
         made = dict(file["models/two_link_arm/provenance"].attrs)
     assert scene_from_toml(made["scene"]) == scene
@@ -211,6 +212,20 @@ def test_provenance(tmp_path):
     created = datetime.fromisoformat(made["created"])
     assert created.utcoffset() == timedelta(0)
     assert before <= created <= datetime.now(UTC)
+
+
+def test_bound_of_the_order_is_written_if_it_is_more(tmp_path):
+    model = models.arm()
+    alone = sum(model.certificate.lower_bound)
+    save(tmp_path / "a.h5", model)
+    assert load(tmp_path / "a.h5").certificate.order_bound == alone
+    model = replace(model, certificate=replace(model.certificate, order_bound=alone + 2))
+    save(tmp_path / "a.h5", model)
+    with h5py.File(tmp_path / "a.h5") as file:
+        certificate = file["models/two_link_arm/certificate"]
+        assert certificate.attrs["order_bound"] == alone + 2
+        assert attribute_type(certificate, "order_bound") == np.dtype("<i8")
+    assert load(tmp_path / "a.h5").certificate.order_bound == alone + 2
 
 
 def test_trim_lft_may_be_missing(tmp_path):

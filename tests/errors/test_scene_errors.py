@@ -246,7 +246,7 @@ def test_port_of_a_body_did_you_mean():
 )
 def test_signal(what, name, message):
     with says(SceneError, f"scene 'cart_on_rail', {what}: {message}"):
-        to_lft(cart(2.0, **{what: [name]}))
+        to_lft(cart(2.0, **{what: [name]}), search=0.0)
 
 
 def test_point_of_the_inertia():

@@ -1,8 +1,10 @@
 """Laws of the search that uses commutation.
 
 1. values stay and the order does not grow
-2. known minimal orders of the literature are reached, whatever the way of writing
-3. a candidate with another value, or one that is singular on the range, is refused
+2. known minimal orders of the literature are reached, whatever the way of writing, and minimal
+   orders of scenes are recognized
+3. another basis of a block leaves the value, and has the score that it was chosen for
+4. a result with another value, or one that is singular on the range, is refused
 """
 
 import numpy as np
@@ -11,18 +13,29 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbdlft
-from mbdlft.lft import commute
+from mbdlft.lft import basis, commute
 from mbdlft.lft.bound import lower_bound
 from mbdlft.lft.commute import reduce_commuting
 from mbdlft.lft.evaluate import evaluate_at
-from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows
+from mbdlft.lft.exchange import search_exchanges
+from mbdlft.lft.joint import joint_bound
+from mbdlft.lft.lft import LFT, Block, constant, delta, inverse, stack_columns, stack_rows
+from mbdlft.lft.lines import Lines, lines_of, total_degree, values_on
 from mbdlft.lft.reduce import reduce_order
 from scenarios import two_link_arm
 from tests.close import CLOSED_FORM, roundoff, target
+from tests.laws.chains import chain
 from tests.laws.lfts import lfts
 from tests.reference.arm import NAMES, closed_form, state_and_input
 
 SECONDS = 20.0  # far more than needed: all cases end at their bound
+
+
+def smallest(plain: LFT, seconds: float = SECONDS) -> LFT:
+    bound = lower_bound(plain)
+    return reduce_commuting(
+        [plain], bound, seconds, lambda a, stop: joint_bound(a, bound, stop)
+    ).lft
 
 
 def parameter(name: str, nominal: float) -> LFT:
@@ -67,7 +80,7 @@ def test_orders_of_the_literature(name: str, order: int) -> None:
     """Matrices of two and more parameters whose smallest order is known."""
     plain = reduce_order(case(name))
     bound = lower_bound(plain)
-    small = reduce_commuting(plain, bound, SECONDS)
+    small = smallest(plain)
     assert small.order == order == sum(bound.values())
     points = np.random.default_rng(2).uniform(-0.9, 0.9, (50, len(plain.blocks)))
     roundoff(evaluate_at(small, points), evaluate_at(plain, points), 1e4)
@@ -89,7 +102,7 @@ def test_arm_reaches_its_bound_and_stays_exact() -> None:
 @given(lfts(2, 2, most=2, scales=(1.0,)), st.integers(0, 100))
 def test_values_stay_and_the_order_does_not_grow(a: LFT, seed: int) -> None:
     plain = reduce_order(a)
-    small = reduce_commuting(plain, dict.fromkeys(dict(plain.blocks), 0), 0.05)
+    small = smallest(plain, 0.05)
     assert small.order <= plain.order
     points = np.random.default_rng(seed).uniform(-1, 1, (5, len(plain.blocks)))
     roundoff(evaluate_at(small, points), evaluate_at(plain, points), 1e6)
@@ -97,18 +110,93 @@ def test_values_stay_and_the_order_does_not_grow(a: LFT, seed: int) -> None:
 
 def test_no_time_changes_nothing() -> None:
     plain = reduce_order(case("O3"))
-    assert reduce_commuting(plain, lower_bound(plain), 0.0) is plain
+    assert smallest(plain, 0.0) is plain
+
+
+@pytest.mark.parametrize(
+    ("spatial", "links", "order"), [(False, 2, 15), (True, 2, 21), (False, 3, 30)]
+)
+def test_minimal_orders_of_chains(spatial: bool, links: int, order: int) -> None:
+    """Reached, and recognized as the smallest: the search then ends."""
+    model = mbdlft.to_lft(chain(links, spatial=spatial), search=SECONDS)
+    assert model.order == order == model.certificate.order_bound
+    assert model.certificate.minimal
+    assert model.certificate.max_relative_error <= CLOSED_FORM
+
+
+def around(a: LFT) -> tuple[LFT, Lines]:
+    """The LFT around a point where nothing vanishes by chance, and lines for it."""
+    shift = 0.05 + 0.1 * np.random.default_rng(5).random(len(a.blocks))
+    return commute._around(a, shift), lines_of(lower_bound(a), 3)
+
+
+def law_bases(a: LFT) -> int:
+    """Every basis that is offered leaves the value, and has its score; returns how many there were."""
+    start, lines = around(a)
+    points = np.random.default_rng(4).uniform(-0.2, 0.2, (5, len(a.blocks)))
+    expected, count = evaluate_at(start, points), 0
+    for name, size in start.blocks:
+        opened = commute._open(start, name)
+        values = values_on(opened, lines, diagonal=True)
+        for choice in basis.choices(values, size, 3, 1, np.random.default_rng(0)):
+            changed = basis.choose_values(values, size, choice)
+            if changed is None:
+                continue
+            made = basis.settle(basis.choose(opened, size, choice, 400), lines)
+            assert total_degree(values_on(made, lines), lines) == total_degree(changed, lines)
+            score = total_degree(changed, lines)
+            found, moves = search_exchanges(changed, choice.size, lines, score, 0, 40, 1)
+            for move in moves:
+                made = basis.settle(basis.exchange(made, choice.size, move, 400), lines)
+            assert total_degree(values_on(made, lines), lines) == found <= score
+            closed = commute._close(made, Block(name, choice.size))
+            roundoff(evaluate_at(closed, points), expected, 1e5)
+            count += 1
+    return count
+
+
+@pytest.mark.parametrize("name", ["O1", "O3", "O13"])
+def test_other_bases_leave_the_value(name: str) -> None:
+    assert law_bases(reduce_order(case(name))) > 3
+
+
+def test_planted_bases_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A basis on one side only, and an exchange that forgets the other columns."""
+    plain = reduce_order(case("O13"))
+    right = basis._change
+
+    def one_sided(a: LFT, S: LFT, T: LFT, largest: int) -> LFT:
+        return right(a, S, 1.01 * np.eye(T.shape[0]) @ T, largest)
+
+    monkeypatch.setattr(basis, "_change", one_sided)
+    with pytest.raises(AssertionError):
+        law_bases(plain)
 
 
 def test_planted_candidates_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One with a wrong entry, and one that is singular on the range though its value is right."""
+    """A wrong entry, and a result that is singular on the range though its value is right."""
     plain = reduce_order(case("O3"))
+    right = commute.choose
 
-    def wrong(a: LFT, name: str, deadline: float) -> object:
-        yield LFT(a.M11, a.M12, 1.001 * a.M21, a.M22, a.blocks)
-        grown = inverse(constant([[0.5]]) + delta("d1")) @ (constant([[0.5]]) + delta("d1"))
-        yield a @ grown
+    def wrong(opened: LFT, r: int, choice: basis.Choice, largest: int) -> LFT:
+        a = right(opened, r, choice, largest)
+        return LFT(a.M11, a.M12, 1.001 * a.M21, a.M22, a.blocks)
 
-    monkeypatch.setattr(commute, "_candidates", wrong)
-    monkeypatch.setattr(commute, "_SLACK", 100)
-    assert reduce_commuting(plain, lower_bound(plain), 1.0) is plain
+    assert smallest(plain, 5.0).order == 3
+    monkeypatch.setattr(commute, "choose", wrong)
+    assert smallest(plain, 1.0) is plain
+    monkeypatch.setattr(commute, "_keeps", lambda candidate, search: True)
+    small = smallest(plain, 1.0)
+    points = np.random.default_rng(2).uniform(-0.9, 0.9, (50, len(plain.blocks)))
+    with pytest.raises(AssertionError, match="relative error"):
+        roundoff(evaluate_at(small, points), evaluate_at(plain, points), 1e4)
+
+
+def test_singular_results_are_refused() -> None:
+    """(p / p) H has the value of H where p is not zero, and p vanishes on the range."""
+    plain = reduce_order(case("O3"))
+    p = constant([[0.5]]) + delta("d1")
+    singular = plain @ (inverse(p) @ p)
+    search = commute._Search(lower_bound(plain), lambda: False, plain)
+    assert commute._keeps(plain, search)
+    assert not commute._keeps(singular, search)

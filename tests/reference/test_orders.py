@@ -22,7 +22,6 @@ from tests.reference.rewrite import exact_value, rewritten
 
 SECONDS = 60.0  # more than needed: the search ends at the bound, or when nothing new is found
 REWRITTEN_SECONDS = 30.0
-NOT_STEADY = ("O2", "O11", "O12")  # here the present search depends on the way of writing
 WAYS_OF_WRITING = 5
 MOST_CORNERS = 128
 
@@ -85,6 +84,7 @@ def test_values_are_those_of_the_matrix(case: Case) -> None:
     assert sum(certificate.lower_bound) == case.bound
     assert certificate.exact_bound
     assert model.order <= case.order
+    assert certificate.minimal == (case.order == case.proved)
 
 
 @each_case
@@ -98,13 +98,13 @@ def test_the_way_of_writing_does_not_matter(case: Case) -> None:
             [exact_value(text, at) for text in row] for row in case.matrix
         ]
         assert sum(mbdlft.exact_lower_bound(case.problem(rows)).values()) == case.bound
-        if case.name in NOT_STEADY:
-            law_values(mbdlft.realize, case, rows, expected, 50)
-        else:
-            model = law_values(
-                lambda problem: with_search(problem, REWRITTEN_SECONDS), case, rows, expected, 50
-            )
-            assert model.order == case.order
+        seconds = (
+            REWRITTEN_SECONDS if case.order == case.proved else 0.5
+        )  # no proof ends the search
+        model = law_values(
+            lambda problem, seconds=seconds: with_search(problem, seconds), case, rows, expected, 50
+        )
+        assert model.order == case.order
 
 
 def test_planted_bug_in_the_walk_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -119,7 +119,7 @@ def test_planted_bug_in_the_walk_is_found(monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr(realization, "_extract", lambda *a: transposed(*a)[1:])
     with pytest.raises(mbdlft.AnalysisError, match="differs from the matrix by"):
-        mbdlft.realize(case.problem())
+        mbdlft.realize(case.problem(), search=0.0)
     monkeypatch.setattr(realization, "ACCEPTED", np.inf)
     with pytest.raises(AssertionError, match="relative error"):
         law_values(mbdlft.realize, case, case.matrix, expected, 5)

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import mbdlft
+from mbdlft import build, cli
 from mbdlft.cli import main
 from tests.close import CLOSED_FORM, roundoff
 
@@ -45,21 +46,21 @@ def test_linearize_writes_archive_figure_and_table(
         "lower bound",
     ):
         assert word in out
-    assert "order 19, lower bound 16" in out
+    assert "order 16, lower bound 16: minimal: proved" in out
     assert "at 229 points and corners" in out
     assert "seconds: read" in out
     assert figure.read_bytes().startswith(PNG)
-    assert mbdlft.load(archive).order == 19
+    assert mbdlft.load(archive).order == 16
     code, shown, err = run(monkeypatch, capsys, "show", str(archive))
     assert (code, err) == (0, "")
-    assert "order 19, lower bound 16" in shown
+    assert "order 16, lower bound 16: minimal: proved" in shown
     assert "made 20" in shown
 
 
 def test_json_has_the_promised_keys(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, out, _ = run(monkeypatch, capsys, "linearize", ARM, "--json")
+    code, out, _ = run(monkeypatch, capsys, "linearize", ARM, "--json", "--search", "0")
     found = json.loads(out)
     assert code == 0
     assert (found["order"], found["lower_bound"]) == (19, 16)
@@ -83,6 +84,10 @@ def test_json_has_the_promised_keys(
     assert sum(p["order"] for p in found["parameters"]) == 19
 
 
+def test_default_budget_is_that_of_the_package() -> None:
+    assert cli.SEARCH_SECONDS == build.SEARCH
+
+
 def test_realize_writes_archive_and_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -100,12 +105,46 @@ def test_realize_writes_archive_and_table(
     code, shown, _ = run(monkeypatch, capsys, "show", str(archive))
     assert code == 0
     assert "minimal: proved (bound in exact arithmetic)" in shown
-    code, out, _ = run(monkeypatch, capsys, "realize", MISSILE, "--json")
+    code, out, _ = run(monkeypatch, capsys, "realize", MISSILE, "--json", "--search", "0")
     found = json.loads(out)
     assert (code, found["name"], found["lower_bound"]) == (0, "missile", 10)
     assert found["exact_bound"] is False
     stages = {"read", "resolve", "extract", "reduce", "bound", "check", "total"}
     assert set(found["seconds"]) == stages
+
+
+PAIR = """
+format = "mbdlft-matrix/1"
+name = "pair"
+matrix = [
+    ["7*L^2 + m*(2 + 3*L + 5*L^2)", "m*(1 - 2*L)", "m*(3 + L)"],
+    ["m*(1 - 2*L)", "2*m", "-m"],
+]
+
+[parameters]
+L = { nominal = 0.4, percent = 20 }
+m = { nominal = 0.6, percent = 20 }
+"""
+
+
+@pytest.mark.parametrize("exact", [(), ("--exact",)])
+def test_bound_by_pairs_is_printed(
+    exact: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    file, archive = tmp_path / "pair.toml", str(tmp_path / "pair.h5")
+    file.write_text(PAIR, encoding="utf-8")
+    arguments = ("realize", str(file), "--search", "0.5", *exact)
+    _, out, _ = run(monkeypatch, capsys, *arguments, "-o", archive)
+    words = "order 5, lower bound 5 (4 one by one, 1 more by pairs): minimal: proved"
+    words += " (the 4 in exact arithmetic)" if exact else ""
+    assert words in out
+    assert words in run(monkeypatch, capsys, "show", archive)[1]
+    found = json.loads(run(monkeypatch, capsys, *arguments, "--json")[1])
+    assert (found["order"], found["lower_bound"], found["order_bound"]) == (5, 4, 5)
+    assert found["minimal"] is True
 
 
 def test_realize_says_what_is_not_used(

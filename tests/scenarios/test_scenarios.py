@@ -23,7 +23,7 @@ SCENES = [path for path in FILES if path not in MATRICES]
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
 def test_scenario_is_exact(path: Path) -> None:
     scene = mbdlft.load_scene(path)
-    model = mbdlft.to_lft(scene)
+    model = mbdlft.to_lft(scene, search=0.0)
     assert scene.name == path.stem
     assert scene.description
     assert model.certificate.max_relative_error <= SCENARIO
@@ -42,7 +42,7 @@ def test_toml_to_python_and_back_is_equal(path: Path) -> None:
 @pytest.mark.parametrize("path", MATRICES, ids=lambda path: path.stem)
 def test_matrix_scenario_is_exact_and_makes_the_round_trip(path: Path) -> None:
     problem = mbdlft.load_matrix(path)
-    model = mbdlft.realize(problem)
+    model = mbdlft.realize(problem, search=0.0)
     assert problem.name == path.stem
     assert problem.description
     assert model.certificate.max_relative_error <= SCENARIO
@@ -54,7 +54,9 @@ def test_matrix_scenario_is_exact_and_makes_the_round_trip(path: Path) -> None:
 
 
 def test_matrix_scenarios_have_their_orders() -> None:
-    aircraft = mbdlft.realize(mbdlft.load_matrix(ROOT / "scenarios" / "lateral_aircraft.toml"))
+    aircraft = mbdlft.realize(
+        mbdlft.load_matrix(ROOT / "scenarios" / "lateral_aircraft.toml"), search=0.0
+    )
     assert aircraft.order == 14
     assert aircraft.certificate.minimal
     missile = mbdlft.load_matrix(ROOT / "scenarios" / "missile.toml")
@@ -69,7 +71,7 @@ def test_arm_in_python_equals_arm_in_toml() -> None:
     from_toml = mbdlft.load_scene(ROOT / "scenarios" / "two_link_arm.toml")
     in_python = two_link_arm.scene()
     assert in_python == from_toml
-    a, b = mbdlft.to_lft(from_toml), mbdlft.to_lft(in_python)
+    a, b = mbdlft.to_lft(from_toml, search=0.0), mbdlft.to_lft(in_python, search=0.0)
     assert a.lft.blocks == b.lft.blocks
     for name in ("M11", "M12", "M21", "M22"):
         exact(getattr(a.lft, name), getattr(b.lft, name))
@@ -89,7 +91,7 @@ def test_batch_script_prints_its_table(capsys: pytest.CaptureFixture[str]) -> No
 
 def test_same_scene_gives_the_same_bytes() -> None:
     scene = two_link_arm.scene()
-    first, second = mbdlft.to_lft(scene), mbdlft.to_lft(scene)
+    first, second = mbdlft.to_lft(scene, search=0.0), mbdlft.to_lft(scene, search=0.0)
     for name in ("M11", "M12", "M21", "M22"):
         assert getattr(first.lft, name).tobytes() == getattr(second.lft, name).tobytes()
 
@@ -108,6 +110,9 @@ def test_orders_benchmark_at_its_smallest() -> None:
     rows = [orders_benchmark.measure(case, 0.0) for case in CASES if case.name in ("O4", "O9")]
     assert [row.searched for row in rows] == [row.bound for row in rows] == [2, 3]
     assert orders_benchmark.table(rows).count("\n") == len(rows) + 3
+    chains = [orders_benchmark.measure_chain(2, spatial=False, search=10.0)]
+    assert (chains[0].plain, chains[0].searched, chains[0].bound) == (18, 15, 15)
+    assert orders_benchmark.chain_table(chains).count("\n") == len(chains) + 1
 
 
 def instructions(text: str) -> int:
@@ -134,4 +139,4 @@ def test_planar_scene_costs_planar_work() -> None:
         'child = "link2"\naxis = [1, 0, 0]', 'child = "link2"\naxis = [0, 0.6, 0.8]'
     )
     assert instructions(spatial) > 1.5 * planar
-    assert sum(mbdlft.to_lft(two_link_arm.scene()).certificate.raw_order) <= 46
+    assert sum(mbdlft.to_lft(two_link_arm.scene(), search=0.0).certificate.raw_order) <= 46

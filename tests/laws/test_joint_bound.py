@@ -1,0 +1,376 @@
+"""Laws of the bound by pairs of parameters.
+
+1. it has the values of the table: reached orders are proved minimal, attained sums get nothing more
+2. it is not above the order of any LFT of the same matrix, whatever LFT it is computed from, and the
+   same for all of them
+3. it stays with constant transformations, feedback, transposition, units and Moebius
+   changes of the parameters
+4. a closed form where it is known by hand
+5. the least sum of repetitions is that of an enumeration
+"""
+
+from collections.abc import Callable, Iterable
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import mbdlft
+from mbdlft.extract import extract
+from mbdlft.lft import joint
+from mbdlft.lft.bound import lower_bound
+from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.joint import Pair, joint_bound, least_more
+from mbdlft.lft.lft import (
+    LFT,
+    Block,
+    constant,
+    delta,
+    stack_columns,
+    stack_diagonal,
+    stack_rows,
+    transpose,
+)
+from mbdlft.lft.reduce import reduce_order
+from mbdlft.linearize import linearize
+from mbdlft.scene import assemble
+from tests.close import roundoff
+from tests.laws.chains import chain
+from tests.reference.orders import CASES, Case
+
+KAPPA = 1e3
+seeds = st.integers(0, 1000)
+bits = st.booleans()
+
+
+def bound(a: LFT) -> int:
+    """The bound, from the degrees in double precision."""
+    return joint_bound(a, lower_bound(a))
+
+
+def relations(links: int, *, spatial: bool) -> LFT:
+    """The LFT of the relations of a chain, all joints driven and measured."""
+    equations = assemble(chain(links, spatial=spatial))
+    return reduce_order(extract(linearize(equations, range(links), range(links))))
+
+
+def parameter(name: str, nominal: float) -> LFT:
+    return constant([[nominal]]) + delta(name)
+
+
+def power(a: LFT, exponent: int) -> LFT:
+    return a if exponent == 1 else power(a, exponent - 1) @ a
+
+
+def o8() -> LFT:
+    """O8 of the literature on order reduction, order 17 reached."""
+    s, x, y, z = (parameter(name, 0.37 + 0.11 * k) for k, name in enumerate("sxyz"))
+    square, cube = power(x, 2), power(z, 3)
+    first = stack_columns(
+        s @ square @ cube + constant([[3.0]]) @ x @ y @ z, square @ power(y, 2) @ cube, [[1.0]]
+    )
+    last = x @ power(y, 2) @ z - square @ y @ z
+    second = stack_columns([[0.0]], power(s, 2) @ power(x, 3) @ y @ z, last)
+    return reduce_order(stack_rows(first, second))
+
+
+def law_table(degrees: int, expected: int, a: LFT) -> None:
+    assert sum(lower_bound(a).values()) == degrees
+    assert bound(a) == expected
+
+
+def test_planar_and_spatial_chains() -> None:
+    """2 links in space: 21, which n-D reduction reaches; 3 in the plane: 30, which a search reaches."""
+    spatial = relations(2, spatial=True)
+    law_table(19, 21, spatial)
+    assert spatial.order == 21
+    law_table(15, 15, relations(2, spatial=False))
+    law_table(28, 30, relations(3, spatial=False))
+
+
+def test_a_matrix_of_the_literature() -> None:
+    law_table(16, 17, o8())
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_nothing_is_added_to_a_sum_that_is_reached(case: Case) -> None:
+    model = mbdlft.realize(case.problem(), search=0.0)
+    degrees = mbdlft.exact_lower_bound(case.problem())
+    assert case.bound <= joint_bound(model.lft, degrees) <= case.order
+
+
+def some_lft(random: np.random.Generator, *, sparse: bool, affine: bool) -> LFT:
+    """Two or three deltas up to four times; zeros by chance; some deltas enter affinely, M_kk = 0."""
+
+    def entries(*shape: int) -> np.ndarray:
+        zeros = sparse * (random.random(shape) < 0.5)
+        return np.where(zeros, 0.0, random.standard_normal(shape))
+
+    sizes = random.integers(1, 5, random.integers(2, 4))
+    n, (rows, columns) = int(np.sum(sizes)), random.integers(1, 4, 2)
+    blocks = tuple(Block(name, int(size)) for name, size in zip("abc", sizes, strict=False))
+    M11 = entries(n, n)
+    M11 *= 0.6 / max(1.0, float(np.linalg.norm(M11, 2)))
+    M12, M21 = entries(n, columns), entries(rows, n)
+    for part in LFT(M11, M12, M21, np.zeros((rows, columns)), blocks).slices().values():
+        if affine and random.random() < 0.5:
+            M11[part, part] = 0.0
+    return LFT(M11, M12, M21, np.zeros((rows, columns)), blocks)
+
+
+def inflated(a: LFT, random: np.random.Generator) -> LFT:
+    """The same value with more repetitions that n-D reduction keeps: d1 d2 - d2 d1 is zero."""
+    for first, second in combinations([name for name, _ in a.blocks], 2):
+        d1, d2 = delta(first), delta(second)
+        left, right = (
+            random.standard_normal(shape) for shape in ((a.shape[0], 1), (1, a.shape[1]))
+        )
+        a = a + left @ (d1 @ d2 - d2 @ d1) @ right
+    return reduce_order(a)
+
+
+def law_safe(seed: int, *, sparse: bool, affine: bool) -> None:
+    random = np.random.default_rng(seed)
+    small = reduce_order(some_lft(random, sparse=sparse, affine=affine))
+    assert bound(small) <= small.order
+    assert bound(inflated(small, random)) <= small.order
+
+
+@given(seeds, bits, bits)
+def test_not_above_the_order_of_any_lft(seed: int, sparse: bool, affine: bool) -> None:
+    law_safe(seed, sparse=sparse, affine=affine)
+
+
+Word = tuple[np.ndarray, str, np.ndarray]
+
+
+def words(random: np.random.Generator) -> list[Word]:
+    """Terms x a b a y of a polynomial in two or three parameters; x and y are from a few vectors."""
+    rows, columns = random.integers(1, 4, 2)
+    left = [*np.eye(rows), *random.standard_normal((2, rows))]
+    right = [*np.eye(columns), *random.standard_normal((2, columns))]
+    letters = "abc"[: random.integers(2, 4)]
+    return [
+        (
+            left[random.integers(len(left))][:, None],
+            "".join(random.choice(list(letters), random.integers(1, 5))),
+            right[random.integers(len(right))][None, :],
+        )
+        for _ in range(random.integers(3, 7))
+    ]
+
+
+def written(terms: list[Word], order: Callable[[str], Iterable[str]]) -> LFT:
+    """The polynomial with the letters of each word in some order, which do commute."""
+    total = constant(np.zeros((len(terms[0][0]), terms[0][2].shape[1])))
+    for left, word, right in terms:
+        product_of_letters = constant(np.eye(1))
+        for letter in order(word):
+            product_of_letters = product_of_letters @ parameter(letter, 0.1 * ord(letter) - 9.3)
+        total = total + left @ product_of_letters @ right
+    return reduce_order(total)
+
+
+def law_words(seed: int) -> None:
+    terms = words(np.random.default_rng(seed))
+    ways: list[Callable[[str], Iterable[str]]] = [str, sorted, reversed]
+    found = [written(terms, way) for way in ways]
+    bounds = {bound(a) for a in found}
+    assert len(bounds) == 1
+    assert max(bounds) <= min(a.order for a in found)
+
+
+@given(seeds)
+def test_the_order_of_factors_does_not_matter(seed: int) -> None:
+    law_words(seed)
+
+
+def known(g: float, seed: int) -> LFT:
+    """g [L^2 0 0 ; 0 0 0] + m N(L), N = [quadratic linear linear ; linear constant constant].
+
+    D_L = D_m = 2. With g = 0 both are enough, as m N(L). Otherwise (1, 0) is in X by hand
+    (docs/method.md), h = 1, and 5 are needed; they are enough: m for the rows of N, and L three times for
+    [N ; L^2 0 0].
+    """
+    random = np.random.default_rng(seed)
+    al, be, ga, de, ep, ze, et, ka, th = random.uniform(0.5, 2.0, 9) * random.choice([-1, 1], 9)
+    L, m = parameter("L", 0.4), parameter("m", 0.6)
+    slope = linear(de, ep, L)
+    first = stack_columns(al + L @ linear(be, ga, L), slope, linear(ze, et, L))
+    N = stack_rows(first, stack_columns(slope, [[ka]], [[th]]))
+    square = constant([[g], [0.0]]) @ L @ L @ constant([[1.0, 0.0, 0.0]])
+    # m at the inputs, three times: not the smallest way of writing
+    return reduce_order(N @ stack_diagonal(m, m, m) + square)
+
+
+def linear(constant_part: float, slope: float, a: LFT) -> LFT:
+    return constant([[constant_part]]) + constant([[slope]]) @ a
+
+
+def law_known(g: float, seed: int, change: Callable[[LFT], LFT] = lambda a: a) -> None:
+    a = change(known(g, seed))
+    degrees = lower_bound(a)
+    assert degrees == {"L": 2, "m": 2}
+    assert a.order > 4
+    assert joint_bound(a, degrees) == (5 if g else 4)
+
+
+@given(st.sampled_from([0.0, 1.0, -0.7]), seeds)
+def test_closed_form(g: float, seed: int) -> None:
+    law_known(g, seed)
+
+
+def transformed(a: LFT, random: np.random.Generator) -> LFT:
+    outputs, inputs = (np.eye(n) + 0.3 * random.standard_normal((n, n)) for n in a.shape)
+    return outputs @ a @ inputs
+
+
+def with_feedback(a: LFT, random: np.random.Generator) -> LFT:
+    """u = v + K y."""
+    K = 0.1 * random.standard_normal(a.shape[::-1])
+    loop = np.linalg.inv(np.eye(a.shape[1]) - K @ a.M22)
+    back = loop @ K @ a.M21
+    return LFT(a.M11 + a.M12 @ back, a.M12 @ loop, a.M21 + a.M22 @ back, a.M22 @ loop, a.blocks)
+
+
+def moebius(a: LFT, random: np.random.Generator) -> LFT:
+    """delta = (mu + c)/(1 + c mu), which is c z + (1 - c^2) mu (z - c w)."""
+    c = np.repeat(random.uniform(-0.5, 0.5, len(a.blocks)), [block.size for block in a.blocks])
+    solve = np.linalg.inv(np.eye(a.order) - a.M11 * c)
+    z_w, z_u = solve @ (a.M11 * (1 - c * c)), solve @ a.M12
+    w_w, w_u = c[:, None] * z_w + np.diag(1 - c * c), c[:, None] * z_u
+    return LFT(z_w - np.diag(c), z_u, a.M21 @ w_w, a.M22 + a.M21 @ w_u, a.blocks)
+
+
+def scaled(a: LFT, random: np.random.Generator) -> LFT:
+    """Other units of inputs, outputs and channels."""
+    channels, outputs, inputs = (10.0 ** random.uniform(-3, 3, n) for n in (a.order, *a.shape))
+    return LFT(
+        channels[:, None] * a.M11 / channels,
+        channels[:, None] * a.M12 * inputs,
+        outputs[:, None] * a.M21 / channels,
+        outputs[:, None] * a.M22 * inputs,
+        a.blocks,
+    )
+
+
+CHANGES: dict[str, Callable[[LFT, np.random.Generator], LFT]] = {
+    "inputs and outputs": transformed,
+    "feedback": with_feedback,
+    "Moebius": moebius,
+    "units": scaled,
+    "transposition": lambda a, random: transpose(a),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+@given(st.sampled_from([0.0, 1.0]), seeds)
+def test_changes_that_leave_the_problem_as_it_is(name: str, g: float, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    law_known(g, seed, lambda a: CHANGES[name](a, random))
+
+
+def test_moebius_change_is_one() -> None:
+    a = known(1.0, 0)
+    changed = moebius(a, np.random.default_rng(3))
+    c = np.random.default_rng(3).uniform(-0.5, 0.5, 2)
+    mu = np.random.default_rng(4).uniform(-0.9, 0.9, (20, 2))
+    roundoff(evaluate_at(changed, mu), evaluate_at(a, (mu + c) / (1 + c * mu)), KAPPA)
+
+
+pairs = st.lists(
+    st.builds(
+        lambda two, first, second: Pair(*two, first, second),
+        st.sampled_from(list(combinations("abcd", 2))),
+        st.integers(1, 3),
+        st.integers(1, 3),
+    ),
+    max_size=4,
+)
+
+
+def law_least(least: Callable[[str, list[Pair]], int], found: list[Pair]) -> None:
+    """Against all repetitions up to 3 more of each."""
+    more = (dict(zip("abcd", counts, strict=True)) for counts in product(range(4), repeat=4))
+    allowed = [
+        sum(e.values())
+        for e in more
+        if all(e[p.first] or e[p.second] >= p.second_more for p in found)
+        and all(e[p.second] or e[p.first] >= p.first_more for p in found)
+    ]
+    assert least("abcd", found) == min(allowed)
+
+
+@given(pairs)
+def test_least_sum(found: list[Pair]) -> None:
+    law_least(least_more, found)
+
+
+def test_models_say_what_is_proved() -> None:
+    """Two links in space: 19 one by one, 21 by pairs, 21 reached."""
+    scene = chain(2, spatial=True)
+    certificate = mbdlft.to_lft(scene, search=20.0).certificate
+    assert sum(certificate.lower_bound) == 19
+    assert certificate.order_bound == 21 == sum(certificate.order)
+    assert certificate.minimal
+    plain = mbdlft.to_lft(
+        scene, search=0.0
+    ).certificate  # without a search the pairs are not looked at
+    assert plain.order_bound == 19
+    assert not plain.minimal
+
+
+def test_missing_degree() -> None:
+    with pytest.raises(mbdlft.StructureError, match=r"degrees of \['m'\] are missing"):
+        joint_bound(known(1.0, 0), {"L": 2})
+
+
+def test_planted_kappa_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lines on which the pairs are not generated in degree 1 have to count."""
+    right = joint._obstruction
+
+    def planted(*arguments: Any) -> Any:
+        return right(*arguments)._replace(kappa=1)
+
+    a = o8()
+    law_table(16, 17, a)
+    monkeypatch.setattr(joint, "_obstruction", planted)
+    with pytest.raises(AssertionError, match="18 == 17"):
+        law_table(16, 17, a)
+
+
+def test_planted_line_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sections that need not vanish at infinity are too many: LFTs of a smaller order exist."""
+    right = joint._inside
+    law_known(0.0, 0)
+    law_safe(2, sparse=False, affine=True)
+    monkeypatch.setattr(
+        joint, "_inside", lambda basis, b, power: right(basis, b, max(1, power - 1))
+    )
+    with pytest.raises(AssertionError):
+        law_known(0.0, 0)
+    with pytest.raises(AssertionError):
+        law_safe(2, sparse=False, affine=True)
+    with pytest.raises(AssertionError):
+        law_words(3)
+
+
+def test_planted_side_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The columns alone do not show what the rows do."""
+    law_known(1.0, 0)
+    law_known(1.0, 0, transpose)
+    monkeypatch.setattr(joint, "transpose", lambda a: a)
+    law_known(1.0, 0)
+    with pytest.raises(AssertionError):
+        law_known(1.0, 0, transpose)
+
+
+def test_planted_sum_is_found() -> None:
+    """Pairs that share a parameter need not be paid for twice."""
+    found = [Pair("a", "b", 1, 1), Pair("a", "c", 1, 1)]
+    law_least(least_more, found)
+    with pytest.raises(AssertionError):
+        law_least(lambda names, found: sum(min(p[2:]) for p in found), found)
