@@ -9,7 +9,6 @@ from functools import cache
 from importlib.metadata import version
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from mbdlft.certify import measure_error
 from mbdlft.equations import Equations
@@ -21,6 +20,7 @@ from mbdlft.lft.joint import joint_bound
 from mbdlft.lft.lft import LFT, eliminate, with_blocks
 from mbdlft.lft.model import Certificate, LFTModel, Provenance, Trim
 from mbdlft.lft.reduce import reduce_order
+from mbdlft.lft.threads import one_thread
 from mbdlft.lft.truncate import check_tolerance
 from mbdlft.lft.truncate import truncate as truncated
 from mbdlft.linearize import linearize, trim_relations
@@ -84,8 +84,7 @@ def build(
     With a number for `truncate` the model is truncated to that tolerance [1], as by
     `mbdlft.truncate(model, tolerance)`.
 
-    Linear algebra runs in one thread: the matrices are small, results then do not depend on the number
-    of cores, and on a busy machine threads that wait for each other would cost more than all the rest.
+    Linear algebra runs in one thread.
     """
     if not isinstance(scene, Scene):
         raise SceneError(
@@ -93,19 +92,13 @@ def build(
         )
     if truncate is not None:
         check_tolerance(truncate)  # before the work, not after it
-    with threads().limit(limits=1):
+    with one_thread():
         clock = Clock(progress)
         model = _build(scene, search, clock)
         if truncate is not None:
             with clock.stage("truncate"):
                 model = truncated(model, truncate)
     return Build(model, clock.seconds | {"total": sum(clock.seconds.values())})
-
-
-@cache
-def threads() -> ThreadpoolController:
-    """What limits the threads of linear algebra."""
-    return ThreadpoolController()
 
 
 def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:

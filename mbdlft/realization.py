@@ -6,7 +6,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from mbdlft.build import SEARCH, SEED, Build, Clock, provenance, threads
+from mbdlft.build import SEARCH, SEED, Build, Clock, provenance
 from mbdlft.certify import (
     ACCEPTED,
     check_points,
@@ -24,6 +24,7 @@ from mbdlft.lft.joint import joint_bound
 from mbdlft.lft.lft import LFT, Array, transpose, with_blocks
 from mbdlft.lft.model import Certificate, LFTModel, Trim
 from mbdlft.lft.reduce import reduce_order
+from mbdlft.lft.threads import one_thread
 from mbdlft.linearize import LinearModel
 from mbdlft.matrix import MatrixProblem, matrix_problem, matrix_to_toml
 from mbdlft.matrix.denominator import check_denominators
@@ -95,7 +96,7 @@ def build_matrix(
     progress: Callable[[str], None] = lambda stage: None,
 ) -> Build:
     """As `realize`, with the seconds of each stage; `progress` is told the name of each as it starts."""
-    with threads().limit(limits=1):
+    with one_thread():
         return _build(problem, search, exact, Clock(progress))
 
 

@@ -10,6 +10,7 @@ The estimate grows with every step although the vectors are made orthonormal aga
 direction too many is harmless, one too few would be an error.
 """
 
+from contextlib import nullcontext
 from itertools import accumulate, pairwise
 from typing import NamedTuple
 
@@ -19,10 +20,12 @@ from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 
 from mbdlft.lft.lft import LFT, Array, Block
 from mbdlft.lft.rounding import product
+from mbdlft.lft.threads import one_thread
 
 _EPS = float(np.finfo(float).eps)
 _THRESHOLD = 2.0**8  # a direction counts when its length over its error is larger
 _MOST_ERROR = 2.0**-40
+_LARGE = 300  # channels; for fewer, changing the number of threads would cost more than it gains
 _BALANCE_SWEEPS = 4
 _ZERO = 2.0**-46  # an entry of a basis below this is rounding
 
@@ -48,7 +51,8 @@ def reduce_order(a: LFT) -> LFT:
     An LFT that is minimal in this sense already comes back as it is.
     """
     core, inputs, outputs = balance(a)
-    small = _transpose(_compress(_transpose(_compress(core))))
+    with one_thread() if a.order > _LARGE else nullcontext():
+        small = _transpose(_compress(_transpose(_compress(core))))
     if small.sizes == core.sizes:
         return a
     blocks = [Block(block.name, size) for block, size in zip(a.blocks, small.sizes, strict=True)]

@@ -9,7 +9,7 @@ def chain(links: int, *, spatial: bool) -> mbdlft.Scene:
     for k in range(links):
         parameters.append(mbdlft.Parameter(f"m{k}", 2.0, percent=20, unit="kg"))
         parameters.append(mbdlft.Parameter(f"L{k}", 1.0, percent=20, unit="m"))
-        parameters.append(mbdlft.Angle(f"t{k}", 20.0 + 10 * k, 0.0, 80.0))
+        parameters.append(mbdlft.Angle(f"t{k}", 20.0 + 10 * (k % 6), 0.0, 80.0))
     bodies = [
         mbdlft.RigidBody(
             name=f"link{k}",
