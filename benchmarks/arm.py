@@ -201,11 +201,22 @@ def table(found: list[Row]) -> str:
     lines += [
         f"| {r.what} | {r.target} | {r.measured}{'' if r.met else ' (missed)'} |" for r in found
     ]
-    machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+    return "\n".join([*lines, "", machine()])
+
+
+def machine() -> str:
+    """Where it was measured."""
+    kind = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
     versions = f"Python {platform.python_version()}, numpy {np.__version__}"
-    return "\n".join(
-        [*lines, "", f"Measured on {machine}, {versions}, a shared and noisy machine."]
-    )
+    return f"Measured on {kind}, {versions}, a shared and noisy machine."
+
+
+def write_between(path: Path, text: str) -> None:
+    """Put a text between the two marks of a page."""
+    page = path.read_text(encoding="utf-8")
+    before, _, rest = page.partition(BEGIN)
+    _, _, after = rest.partition(END)
+    path.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8")
 
 
 def main() -> None:
@@ -217,10 +228,7 @@ def main() -> None:
     text = table(rows(options.repeats))
     print(text)
     if options.write:
-        page = options.write.read_text(encoding="utf-8")
-        before, _, rest = page.partition(BEGIN)
-        _, _, after = rest.partition(END)
-        options.write.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8")
+        write_between(options.write, text)
 
 
 if __name__ == "__main__":

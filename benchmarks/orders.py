@@ -9,8 +9,6 @@ fractions, of a scene against the nonlinear equations, trimmed and linearized ag
 """
 
 import argparse
-import os
-import platform
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -20,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 import mbdlft
-from benchmarks.arm import BEGIN, END
+from benchmarks.arm import machine, write_between
 from mbdlft.extract import extract
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.reduce import reduce_order
@@ -179,11 +177,7 @@ def table(rows: Sequence[Row]) -> str:
         f"{r.bound} | {r.error:.1e} | {r.seconds:.2f} | {r.rewritten} |"
         for r in rows
     ]
-    machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
-    versions = f"Python {platform.python_version()}, numpy {np.__version__}"
-    return "\n".join(
-        [*lines, "", f"Measured on {machine}, {versions}, a shared and noisy machine."]
-    )
+    return "\n".join([*lines, "", machine()])
 
 
 def main() -> None:
@@ -198,10 +192,7 @@ def main() -> None:
     text = "\n\n".join([chain_table(chains), measure_reduction(), table(cases)])
     print(text)
     if options.write:
-        page = options.write.read_text(encoding="utf-8")
-        before, _, rest = page.partition(BEGIN)
-        _, _, after = rest.partition(END)
-        options.write.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8")
+        write_between(options.write, text)
 
 
 if __name__ == "__main__":

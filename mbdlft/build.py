@@ -10,7 +10,7 @@ from importlib.metadata import version
 
 import numpy as np
 
-from mbdlft.certify import measure_error
+from mbdlft.certify import certificate, measure_error
 from mbdlft.equations import Equations
 from mbdlft.errors import SceneError, WellPosednessError, unknown_name
 from mbdlft.extract import extract
@@ -18,7 +18,7 @@ from mbdlft.lft.bound import degree_bounds, moved
 from mbdlft.lft.commute import reduce_commuting
 from mbdlft.lft.joint import joint_bound
 from mbdlft.lft.lft import LFT, eliminate, with_blocks
-from mbdlft.lft.model import Certificate, LFTModel, Provenance, Trim
+from mbdlft.lft.model import LFTModel, Provenance, Trim
 from mbdlft.lft.reduce import reduce_order
 from mbdlft.lft.threads import one_thread
 from mbdlft.lft.truncate import check_tolerance
@@ -130,9 +130,7 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
             )
             lft = min(lft, _state_space(equations, smaller), key=lambda candidate: candidate.order)
     with clock.stage("check"):
-        error, count = measure_error(equations, inputs, outputs, lft, trim.lft, SEED)
-    names = [parameter.name for parameter in equations.parameters]
-    raw_orders = dict(raw.blocks)
+        check = measure_error(equations, inputs, outputs, lft, trim.lft, SEED)
     return LFTModel(
         name=scene.name,
         lft=lft,
@@ -141,19 +139,7 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
         outputs=tuple(equations.y_signals[k] for k in outputs),
         parameters=equations.parameters,
         trim=trim,
-        certificate=Certificate(
-            order=tuple(block.size for block in lft.blocks),
-            lower_bound=tuple(min(bound[block.name], block.size) for block in lft.blocks),
-            raw_order=tuple(raw_orders[name] for name in names),
-            max_relative_error=error,
-            check_points=count,
-            seed=SEED,
-            exact=True,
-            doubtful=tuple(
-                max(0, min(degrees[name].doubtful, size - bound[name])) for name, size in lft.blocks
-            ),
-            order_bound=order_bound,
-        ),
+        certificate=certificate(lft, raw, degrees, order_bound, check, SEED),
         provenance=provenance(scene_to_toml(scene)),
         description=scene.description,
     )

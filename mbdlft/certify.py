@@ -3,7 +3,7 @@
 The truth is the nonlinear equations, trimmed and linearized again with numbers at every check point.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import casadi as ca
 import numpy as np
@@ -11,8 +11,10 @@ import numpy as np
 from mbdlft.analyze.sample import corners, random
 from mbdlft.equations import Equations, equation_function, load_value, physical_symbols
 from mbdlft.errors import AnalysisError, WellPosednessError
+from mbdlft.lft.bound import Bound
 from mbdlft.lft.evaluate import chunks, evaluate_at
 from mbdlft.lft.lft import LFT, Array
+from mbdlft.lft.model import Certificate
 from mbdlft.parameter import Parameter, to_delta
 from mbdlft.trim import evaluate_many, trim_efforts
 
@@ -22,6 +24,43 @@ ACCEPTED = 1e-5  # of an error; larger ones are refused
 _NEGLIGIBLE = 1e-8  # an entry below this part of its row's size is compared with the row
 _LINES = 32  # points to which the line from nominal is searched for singularities
 _REAL = 1e-6  # an eigenvalue with a smaller relative imaginary part may be a double real one
+
+
+def certificate(
+    lft: LFT,
+    raw: LFT,
+    bounds: Mapping[str, Bound],
+    order_bound: int,
+    check: tuple[float, int],
+    seed: int,
+    *,
+    exact_bound: bool = False,
+) -> Certificate:
+    """The certificate of an exact model; `check` is its error and the number of points.
+
+    A bound that the model contradicts by being smaller rests on a wrong rank: then nothing is claimed
+    for that parameter, and nothing for pairs.
+    """
+    order, raw_order = dict(lft.blocks), dict(raw.blocks)
+    wrong = {name for name, size in order.items() if bounds[name].degree > size}
+    lower = {name: 0 if name in wrong else bounds[name].degree for name in order}
+    doubtful = {
+        name: size if name in wrong else max(0, min(bounds[name].doubtful, size - lower[name]))
+        for name, size in order.items()
+    }
+    contradicted = wrong or order_bound > lft.order
+    return Certificate(
+        order=tuple(order.values()),
+        lower_bound=tuple(lower.values()),
+        raw_order=tuple(raw_order.get(name, 0) for name in order),
+        max_relative_error=check[0],
+        check_points=check[1],
+        seed=seed,
+        exact=True,
+        exact_bound=exact_bound,
+        doubtful=tuple(doubtful.values()),
+        order_bound=sum(lower.values()) if contradicted else order_bound,
+    )
 
 
 def check_points(parameters: Sequence[Parameter], seed: int) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from mbdlft.build import SEARCH, SEED, Build, Clock, provenance
 from mbdlft.certify import (
     ACCEPTED,
+    certificate,
     check_points,
     check_well_posed,
     relative_error,
@@ -22,7 +23,7 @@ from mbdlft.lft.commute import reduce_commuting
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.joint import joint_bound
 from mbdlft.lft.lft import LFT, Array, transpose, with_blocks
-from mbdlft.lft.model import Certificate, LFTModel, Trim
+from mbdlft.lft.model import LFTModel, Trim
 from mbdlft.lft.reduce import reduce_order
 from mbdlft.lft.threads import one_thread
 from mbdlft.linearize import LinearModel
@@ -127,9 +128,8 @@ def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> 
             )
     lft = with_blocks(reduced, names)
     with clock.stage("check"):
-        error, count = _measure_error(problem, resolved, lft, parameters)
+        check = _measure_error(problem, resolved, lft, parameters)
     states, inputs, outputs = problem.signals()
-    raw_orders = dict(raw.blocks)
     model = LFTModel(
         name=problem.name,
         lft=lft,
@@ -138,20 +138,7 @@ def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> 
         outputs=outputs,
         parameters=parameters,
         trim=Trim((), (), None),
-        certificate=Certificate(
-            order=tuple(block.size for block in lft.blocks),
-            lower_bound=tuple(bound[name] for name in names),
-            raw_order=tuple(raw_orders[name] for name in names),
-            max_relative_error=error,
-            check_points=count,
-            seed=SEED,
-            exact=True,
-            exact_bound=exact,
-            doubtful=tuple(
-                max(0, min(degrees[name].doubtful, size - bound[name])) for name, size in lft.blocks
-            ),
-            order_bound=order_bound,
-        ),
+        certificate=certificate(lft, raw, degrees, order_bound, check, SEED, exact_bound=exact),
         provenance=provenance(matrix_to_toml(problem)),
         description=problem.description,
     )

@@ -126,6 +126,8 @@ def reduce_commuting(
     smallest = min(starts, key=lambda start: start.order)
     forms = [_without_empty(start) for start in starts if start.order <= _FAR * smallest.order]
     forms.sort(key=lambda form: form.order)
+    used = {block.name for block in forms[0].blocks}  # the least that the value depends on
+    forms = [form for form in forms if {block.name for block in form.blocks} == used]
     search = _Search(bound, lambda: time.perf_counter() > deadline, forms[0])
     best, seed = forms[0], 0
     for attempt in range(_ATTEMPTS):

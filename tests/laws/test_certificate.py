@@ -5,8 +5,9 @@ import pytest
 
 import mbdlft
 from mbdlft.build import choose_signals
-from mbdlft.certify import check_points, measure_error, term_sizes
-from mbdlft.lft.lft import LFT
+from mbdlft.certify import certificate, check_points, measure_error, term_sizes
+from mbdlft.lft.bound import Bound
+from mbdlft.lft.lft import LFT, delta
 from mbdlft.scene import assemble
 from scenarios import two_link_arm
 from tests.close import SCENARIO, roundoff
@@ -121,3 +122,16 @@ def test_a_singularity_that_does_not_change_the_sign_is_found() -> None:
     )
     with pytest.raises(mbdlft.WellPosednessError, match="the model is singular between"):
         mbdlft.to_lft(scene, search=0.0)
+
+
+def test_a_bound_that_the_model_contradicts_is_not_claimed() -> None:
+    """A model with fewer repetitions than a bound shows that the bound rests on a wrong rank."""
+    lft = delta("a", 1) + delta("b", 1)
+    right = {"a": Bound(1, 0), "b": Bound(1, 0)}
+    honest = certificate(lft, lft, right, 2, (0.0, 1), 0)
+    assert honest.minimal
+    assert honest.doubtful == (0, 0)
+    wrong = certificate(lft, lft, right | {"b": Bound(2, 0)}, 3, (0.0, 1), 0)
+    assert (wrong.lower_bound, wrong.doubtful, wrong.order_bound) == ((1, 0), (0, 1), 1)
+    assert not wrong.minimal
+    assert not certificate(lft, lft, {"a": Bound(0, 0), "b": Bound(1, 0)}, 3, (0.0, 1), 0).minimal

@@ -23,7 +23,7 @@ from mbdlft.lft.lft import LFT, Block, constant, delta, inverse, stack_columns, 
 from mbdlft.lft.lines import Lines, lines_of, total_degree, values_on
 from mbdlft.lft.reduce import reduce_order
 from scenarios import two_link_arm
-from tests.close import CLOSED_FORM, roundoff, target
+from tests.close import CLOSED_FORM, SCENARIO, roundoff, target
 from tests.laws.chains import chain
 from tests.laws.lfts import lfts
 from tests.reference.arm import NAMES, closed_form, state_and_input
@@ -122,6 +122,24 @@ def test_minimal_orders_of_chains(spatial: bool, links: int, order: int) -> None
     assert model.order == order == model.certificate.order_bound
     assert model.certificate.minimal
     assert model.certificate.max_relative_error <= CLOSED_FORM
+    plain = mbdlft.to_lft(chain(links, spatial=spatial), search=0.0)
+    inside = mbdlft.random(model.parameters, 1000, seed=9)
+    outer = mbdlft.random(model.parameters, 300, seed=10)
+    outer = {p.name: np.where(outer[p.name] > p.nominal, p.high, p.low) for p in model.parameters}
+    values = {name: np.concatenate([inside[name], outer[name]]) for name in inside}
+    for found, expected in zip(
+        mbdlft.matrices_at(model, values), mbdlft.matrices_at(plain, values), strict=True
+    ):
+        target(found, expected, SCENARIO)
+
+
+def test_forms_that_use_other_parameters() -> None:
+    """Where terms cancel by commutation only, one form has a parameter that another has not."""
+    text = "(a + b)*(c - b) - a*c + b*a - c*b + b*b + c*c*a"
+    parameters = [mbdlft.Parameter(name, 0.5, 0.2, 0.9) for name in "abc"]
+    model = mbdlft.realize([[text]], parameters)
+    assert model.certificate.order == (1, 0, 2)
+    assert model.certificate.minimal
 
 
 def around(a: LFT) -> tuple[LFT, Lines]:
