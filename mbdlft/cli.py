@@ -371,6 +371,7 @@ def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]
             "role": p.role,
             "order": certificate.order[k],
             "lower_bound": certificate.lower_bound[k],
+            "gap": certificate.gap[k],
             "raw_order": certificate.raw_order[k],
             "doubtful": certificate.doubtful[k] if certificate.doubtful else None,
         }

@@ -21,11 +21,15 @@ from scipy.linalg import qr
 from mbdlft.errors import WellPosednessError
 from mbdlft.lft.lft import (
     LFT,
+    Array,
+    Block,
     constant,
+    fix,
     inverse,
     select,
     stack_columns,
     stack_diagonal,
+    stack_rows,
     transpose,
 )
 from mbdlft.lft.lines import Lines, Values, degree, equilibrate, values_on
@@ -35,6 +39,32 @@ _INDEPENDENT = 1e-7
 _SINGULAR = 1e-7  # of the median over the box: a smaller determinant at delta = 0 is not inverted
 _NOISE = 1e-10  # of the largest entry of each row: a column below is rounding
 _SAME = 1e-10  # relative variation of an entry that is a constant
+
+
+def open_block(a: LFT, name: str) -> LFT:
+    """The LFT in the other deltas, (w, u) -> (z, y)."""
+    part = a.slices()[name]
+    k = np.arange(part.start, part.stop)
+    rest = np.setdiff1d(np.arange(a.order), k)
+    return LFT(
+        a.M11[np.ix_(rest, rest)],
+        np.hstack([a.M11[np.ix_(rest, k)], a.M12[rest]]),
+        np.vstack([a.M11[np.ix_(k, rest)], a.M21[:, rest]]),
+        np.block([[a.M11[np.ix_(k, k)], a.M12[k]], [a.M21[:, k], a.M22]]),
+        tuple(block for block in a.blocks if block.name != name),
+    )
+
+
+def close_block(opened: LFT, block: Block) -> LFT:
+    """The inverse of `open_block`: the first inputs and outputs become the block."""
+    before = sum(other.size for other in opened.blocks if other.name < block.name)
+    n, r = opened.order, block.size
+    order = np.r_[np.arange(before), n + np.arange(r), np.arange(before, n)].astype(int)
+    M11 = np.block([[opened.M11, opened.M12[:, :r]], [opened.M21[:r], opened.M22[:r, :r]]])
+    M12 = np.vstack([opened.M12[:, r:], opened.M22[:r, r:]])
+    M21 = np.hstack([opened.M21[r:], opened.M22[r:, :r]])
+    blocks = tuple(sorted((*opened.blocks, block)))
+    return LFT(M11[np.ix_(order, order)], M12[order], M21[:, order], opened.M22[r:, r:], blocks)
 
 
 class Choice(NamedTuple):
@@ -160,6 +190,39 @@ def settle(a: LFT, lines: Lines) -> LFT:
     outer[np.ix_(rows, columns)] = 0.0
     left, right = np.eye(a.shape[0])[:, rows], np.eye(a.shape[1])[columns]
     return left @ core @ right + outer
+
+
+def affine_form(opened: LFT, chosen: LFT, r: int, d: int, lines: Lines) -> LFT:
+    """The same as `chosen`, made from values of `opened`, if the delta enters affinely.
+
+    With A' = 0 and C' constant the value is N0 + delta C' B', and B' is the difference of the values at
+    delta = 1 and 0 in some rows: products keep the order of their factors, which n-D reduction needs.
+    The same for B' constant. In other cases `chosen` itself.
+    """
+    values = values_on(chosen, lines)
+    every = np.concatenate([values.box, *values.circles.values()])
+    if np.any(np.abs(every[:, :d, :d]) > _NOISE * np.max(np.abs(every))):
+        return chosen
+    for transposed in (False, True):
+        outer = every.transpose(0, 2, 1)[:, d:, :d] if transposed else every[:, d:, :d]
+        K = outer[0].real
+        if d and np.max(np.abs(outer - K)) <= _SAME * np.max(np.abs(K)):
+            found = _affine_form(transpose(opened) if transposed else opened, K, r)
+            return transpose(found) if transposed else found
+    return chosen
+
+
+def _affine_form(opened: LFT, K: Array, r: int) -> LFT:
+    d = K.shape[1]
+    rows = np.sort(qr(K.T, pivoting=True)[2][:d])
+    name = "".join(block.name for block in opened.blocks) + "_"  # not one of them
+    there = fix(close_block(opened, Block(name, r)), {name: 1.0})
+    here = select(opened, range(r, opened.shape[0]), range(r, opened.shape[1]))
+    columns = range(here.shape[1])
+    B = np.linalg.inv(K[rows]) @ (select(there, rows, columns) - select(here, rows, columns))
+    return reduce_order(
+        stack_rows(stack_columns(np.zeros((d, d)), B), stack_columns(constant(K), here))
+    )
 
 
 def _transposed(values: Values) -> Values:

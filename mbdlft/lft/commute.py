@@ -22,7 +22,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbdlft.errors import WellPosednessError
-from mbdlft.lft.basis import Choice, Exchange, choices, choose, choose_values, exchange, settle
+from mbdlft.lft.basis import (
+    Choice,
+    Exchange,
+    affine_form,
+    choices,
+    choose,
+    choose_values,
+    close_block,
+    exchange,
+    open_block,
+    settle,
+)
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.exchange import search_exchanges
 from mbdlft.lft.lft import LFT, Array, Block
@@ -167,7 +178,7 @@ def _pass(a: LFT, search: _Search, effort: Effort, seed: int) -> LFT:
         """The state closed, around delta = 0 again, if it is smaller than the best and right."""
         closed = state.left
         for block in reversed(state.opened):
-            closed = _close(closed, block)
+            closed = close_block(closed, block)
         try:
             closed = reduce_order(_around(closed, -shift))
         except WellPosednessError:
@@ -206,7 +217,7 @@ def _steps(state: _State, problem: _Problem) -> list[_Step]:
     done = sum(block.size for block in state.opened)
     plain = []
     for name, size in state.left.blocks:
-        opened = _open(state.left, name)
+        opened = open_block(state.left, name)
         values = values_on(opened, lines, diagonal=True)
         score = done + size + total_degree(values, lines)
         plain.append((_Step(score, (), size, state, name, None), values))
@@ -263,11 +274,14 @@ def _taken(steps: list[_Step], problem: _Problem) -> Any:
         if seen.get(key, 0) >= 2 or tried >= _TRIED * problem.effort.width:
             continue
         tried += 1
-        left = _open(step.state.left, step.name)
+        left = open_block(step.state.left, step.name)
         try:
             if step.choice is not None:
                 size = dict(step.state.left.blocks)[step.name]
+                opened_left = left
                 left = settle(choose(left, size, step.choice, problem.most), problem.lines)
+                plain = affine_form(opened_left, left, size, step.choice.size, problem.lines)
+                left = min(left, plain, key=lambda one: one.order)
             for move in step.exchanges:
                 left = settle(exchange(left, step.size, move, problem.most), problem.lines)
             left = reduce_order(left)
@@ -282,32 +296,6 @@ def _taken(steps: list[_Step], problem: _Problem) -> Any:
 
 def _without_empty(a: LFT) -> LFT:
     return LFT(a.M11, a.M12, a.M21, a.M22, tuple(block for block in a.blocks if block.size))
-
-
-def _open(a: LFT, name: str) -> LFT:
-    """The LFT in the other deltas, (w, u) -> (z, y)."""
-    part = a.slices()[name]
-    k = np.arange(part.start, part.stop)
-    rest = np.setdiff1d(np.arange(a.order), k)
-    return LFT(
-        a.M11[np.ix_(rest, rest)],
-        np.hstack([a.M11[np.ix_(rest, k)], a.M12[rest]]),
-        np.vstack([a.M11[np.ix_(k, rest)], a.M21[:, rest]]),
-        np.block([[a.M11[np.ix_(k, k)], a.M12[k]], [a.M21[:, k], a.M22]]),
-        tuple(block for block in a.blocks if block.name != name),
-    )
-
-
-def _close(opened: LFT, block: Block) -> LFT:
-    """The inverse of `_open`: the first inputs and outputs become the block."""
-    before = sum(other.size for other in opened.blocks if other.name < block.name)
-    n, r = opened.order, block.size
-    order = np.r_[np.arange(before), n + np.arange(r), np.arange(before, n)].astype(int)
-    M11 = np.block([[opened.M11, opened.M12[:, :r]], [opened.M21[:r], opened.M22[:r, :r]]])
-    M12 = np.vstack([opened.M12[:, r:], opened.M22[:r, r:]])
-    M21 = np.hstack([opened.M21[r:], opened.M22[r:, :r]])
-    blocks = tuple(sorted((*opened.blocks, block)))
-    return LFT(M11[np.ix_(order, order)], M12[order], M21[:, order], opened.M22[r:, r:], blocks)
 
 
 def _around(a: LFT, shift: Array) -> LFT:

@@ -97,6 +97,11 @@ class Certificate:
             )
 
     @property
+    def gap(self) -> tuple[int, ...]:
+        """Repetitions above the lower bound, by parameter."""
+        return tuple(a - b for a, b in zip(self.order, self.lower_bound, strict=True))
+
+    @property
     def minimal(self) -> bool:
         """Whether no exact LFT of the same matrix can be smaller: exact, and order = bound."""
         return self.exact and sum(self.order) == self.order_bound

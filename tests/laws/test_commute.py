@@ -154,7 +154,7 @@ def law_bases(a: LFT) -> int:
     points = np.random.default_rng(4).uniform(-0.2, 0.2, (5, len(a.blocks)))
     expected, count = evaluate_at(start, points), 0
     for name, size in start.blocks:
-        opened = commute._open(start, name)
+        opened = basis.open_block(start, name)
         values = values_on(opened, lines, diagonal=True)
         for choice in basis.choices(values, size, 3, 1, np.random.default_rng(0)):
             changed = basis.choose_values(values, size, choice)
@@ -162,12 +162,15 @@ def law_bases(a: LFT) -> int:
                 continue
             made = basis.settle(basis.choose(opened, size, choice, 400), lines)
             assert total_degree(values_on(made, lines), lines) == total_degree(changed, lines)
+            plain = basis.affine_form(opened, made, size, choice.size, lines)
+            closed = basis.close_block(plain, Block(name, choice.size))
+            roundoff(evaluate_at(closed, points), expected, 1e5)
             score = total_degree(changed, lines)
             found, moves = search_exchanges(changed, choice.size, lines, score, 0, 40, 1)
             for move in moves:
                 made = basis.settle(basis.exchange(made, choice.size, move, 400), lines)
             assert total_degree(values_on(made, lines), lines) == found <= score
-            closed = commute._close(made, Block(name, choice.size))
+            closed = basis.close_block(made, Block(name, choice.size))
             roundoff(evaluate_at(closed, points), expected, 1e5)
             count += 1
     return count
@@ -188,6 +191,16 @@ def test_planted_bases_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(basis, "_change", one_sided)
     with pytest.raises(AssertionError):
+        law_bases(plain)
+
+
+def test_planted_affine_form_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The difference of values at the wrong delta."""
+    plain = reduce_order(case("O1"))
+    law_bases(plain)
+    right = basis.fix
+    monkeypatch.setattr(basis, "fix", lambda a, values: right(a, dict.fromkeys(values, 1.01)))
+    with pytest.raises(AssertionError, match="relative error"):
         law_bases(plain)
 
 

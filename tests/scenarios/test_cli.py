@@ -82,6 +82,7 @@ def test_json_has_the_promised_keys(
     total = sum(found["seconds"].values()) - found["seconds"]["total"]
     roundoff(total, found["seconds"]["total"])
     assert sum(p["order"] for p in found["parameters"]) == 19
+    assert sum(p["gap"] for p in found["parameters"]) == 3
 
 
 def test_default_budget_is_that_of_the_package() -> None:
