@@ -17,6 +17,7 @@ again from there, until nothing smaller is found with the most effort.
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -164,8 +165,12 @@ class _Search:
 
     def __init__(self, bound: Mapping[str, int], stop: Callable[[], bool], form: LFT) -> None:
         self.bound, self.target, self.stop = bound, sum(bound.values()), stop
-        self.points = _check_points(len(form.blocks))
-        self.values = evaluate_at(form, self.points)
+        self.form, self.points = form, _check_points(len(form.blocks))
+
+    @cached_property
+    def values(self) -> Array:
+        """At the points; not before a result is to be checked."""
+        return evaluate_at(self.form, self.points)
 
 
 def _pass(a: LFT, search: _Search, effort: Effort, seed: int) -> LFT:
@@ -217,6 +222,8 @@ def _steps(state: _State, problem: _Problem) -> list[_Step]:
     done = sum(block.size for block in state.opened)
     plain = []
     for name, size in state.left.blocks:
+        if problem.stop():
+            return []
         opened = open_block(state.left, name)
         values = values_on(opened, lines, diagonal=True)
         score = done + size + total_degree(values, lines)

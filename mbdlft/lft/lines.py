@@ -6,6 +6,7 @@ here it is only a guide, so a plain threshold does).
 """
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +20,6 @@ _RANK = 1e-9  # of the largest singular value
 _ZERO = 1e-12  # of the size of its terms: an entry below is zero
 _NOISE = 1e-11  # of the largest entry beside it: a row or column below is zero
 _BOX_POINTS = 24
-_DIRECTIONS = np.random.default_rng(7).standard_normal((4, 600, 80))
 
 
 class Lines(NamedTuple):
@@ -95,7 +95,7 @@ def degree(values: NDArray[Any], circle: NDArray[Any]) -> int:
         return count
     rows, columns = equilibrate(values)
     scaled = values * rows[:, None] * columns
-    left, right = _DIRECTIONS[0, : len(rows), :count].T, _DIRECTIONS[1, : len(columns), :count]
+    left, right = directions(0, len(rows), count).T, directions(1, len(columns), count)
     one = ((left[:, None, :] @ scaled[::2])[:, 0]) @ right
     other = np.einsum("ap,pqb,qb->ab", left, scaled[1::2].transpose(1, 2, 0), right, optimize=True)
     return rank((one - other) / (circle[::2, None] - circle[1::2]))
@@ -122,9 +122,10 @@ def rank(matrix: NDArray[Any]) -> int:
     return int(np.sum(singular > _RANK * singular[0]))
 
 
+@lru_cache(maxsize=512)
 def directions(side: int, rows: int, count: int) -> Array:
     """Generic directions (rows, count), the same at every call."""
-    return np.asarray(_DIRECTIONS[side, :rows, :count])
+    return np.random.default_rng([side, rows, count]).standard_normal((rows, count))
 
 
 def _without_noise(values: Values) -> Values:
