@@ -44,7 +44,7 @@ _CHAINS = (
     (True, 4),
     (True, 6),
 )
-_CHAIN_SEARCH = 60.0  # s
+_CHAIN_SEARCH = 30.0  # s
 
 
 class Row(NamedTuple):
@@ -184,7 +184,7 @@ def main() -> None:
     """Print the table, and write it into a file between its two marks if asked."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", type=Path)
-    parser.add_argument("--rewritings", type=int, default=5)
+    parser.add_argument("--rewritings", type=int, default=10)
     options = parser.parse_args()
     mbdlft.realize(CASES[0].problem(), search=_SEARCH, exact=True)  # the first one warms up
     chains = [measure_chain(links, spatial=spatial) for spatial, links in _CHAINS]
