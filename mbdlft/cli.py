@@ -145,11 +145,7 @@ def linearize(
         seconds |= {name: value for name, value in built.seconds.items() if name != "total"}
         if output is not None:
             status.update(f"{escape(scene.name)}: write")
-            from mbdlft.store import save
-
-            start = time.perf_counter()
-            save(output, built.model)
-            seconds["write"] = time.perf_counter() - start
+            seconds["write"] = _write(output, built.model)
         if plot is not None:
             status.update(f"{escape(scene.name)}: plot")
             from mbdlft.plot import save_singular_values
@@ -189,11 +185,7 @@ def realize(
         seconds |= {name: value for name, value in built.seconds.items() if name != "total"}
         if output is not None:
             status.update(f"{escape(problem.name)}: write")
-            from mbdlft.store import save
-
-            start = time.perf_counter()
-            save(output, built.model)
-            seconds["write"] = time.perf_counter() - start
+            seconds["write"] = _write(output, built.model)
     notes = [f"note: {name!r} is declared and not used." for name in unused_names(problem)]
     _report(built.model, seconds, {"archive": output}, notes, as_json=as_json)
 
@@ -258,6 +250,15 @@ def _assignments(texts: list[str]) -> dict[str, float]:
                 "of the parameter."
             )
     return values
+
+
+def _write(archive: Path, model: LFTModel) -> float:
+    """Save a model; the seconds it took."""
+    from mbdlft.store import save
+
+    start = time.perf_counter()
+    save(archive, model)
+    return time.perf_counter() - start
 
 
 def _report(

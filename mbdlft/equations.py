@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from mbdlft.parameter import Parameter
+from mbdlft.parameter import Parameter, cosine_sine_parts
 from mbdlft.signal import Signal
 from mbdlft.spatial import exact_cosine_sine
 from mbdlft.unit import parse_unit
@@ -70,23 +70,13 @@ def physical_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
 
 @lru_cache(maxsize=1)  # the trim and the linearization of one scene share them
 def internal_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
-    """The equations as rational functions of internal values: angles by tangents of a part of them.
-
-    With t = tan((theta - reference)/2): cos = (1 - t^2)/(1 + t^2), sin = 2 t/(1 + t^2) of the angle
-    from the reference; with t = tan((theta - reference)/4) the same formulas are applied twice.
-    """
+    """The equations as rational functions of internal values: angles by tangents of a part of them."""
     p = ca.SX.sym("internal", len(parameters))
     cosine, sine = ca.SX(len(parameters), 1), ca.SX(len(parameters), 1)
     for k, parameter in enumerate(parameters):
         if not parameter.is_angle:
             continue
-        t = p[k]
-        square = t * t
-        if parameter.substitution == "half-angle":
-            c, s, denominator = 1 - square, 2 * t, 1 + square
-        else:
-            c, s = 1 - 6 * square + square * square, 4 * t * (1 - square)
-            denominator = (1 + square) * (1 + square)
+        c, s, denominator = cosine_sine_parts(parameter.substitution, p[k])
         c0, s0 = exact_cosine_sine(parameter.reference)
         cosine[k] = (c0 * c - s0 * s) / denominator
         sine[k] = (s0 * c + c0 * s) / denominator

@@ -24,7 +24,7 @@ from typing import Any
 from mbdlft.errors import AnalysisError, NotRationalError, WellPosednessError
 from mbdlft.matrix import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, cosine_name, matrix_values, resolve, sine_name
-from mbdlft.parameter import Parameter
+from mbdlft.parameter import Parameter, cosine_sine_parts
 
 PRIME = 2**61 - 1
 _TRIES = 5
@@ -186,12 +186,7 @@ def _residues(parameter: Parameter, t: Residue) -> dict[str, Residue]:
     """A parameter by its internal value; the degree does not depend on the reference of an angle."""
     if not parameter.is_angle:
         return {parameter.name: t}
-    square = t * t
-    if parameter.substitution == "half-angle":
-        c, s, denominator = 1.0 - square, 2.0 * t, 1.0 + square
-    else:
-        c, s = 1.0 - 6.0 * square + square * square, 4.0 * t * (1.0 - square)
-        denominator = (1.0 + square) * (1.0 + square)
+    c, s, denominator = cosine_sine_parts(parameter.substitution, t)
     return {
         cosine_name(parameter.name): c / denominator,
         sine_name(parameter.name): s / denominator,

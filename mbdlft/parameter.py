@@ -10,7 +10,7 @@ value becomes a normalized delta:
 """
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -203,6 +203,18 @@ def to_internal(parameter: Parameter, physical: ArrayLike) -> NDArray[np.float64
         return values
     radians = values * parse_unit(parameter.unit).factor
     return np.tan((radians - parameter.reference) / _ANGLE_DIVISOR[parameter.substitution])
+
+
+def cosine_sine_parts(substitution: Substitution, t: Any) -> tuple[Any, Any, Any]:
+    """Numerators of cosine and sine of the angle from the reference, and their denominator.
+
+    With t the tangent of half of the angle, cos = (1 - t^2)/(1 + t^2), sin = 2 t/(1 + t^2); with that
+    of a quarter the same formulas are applied twice. `t` may be in any number system.
+    """
+    square = t * t
+    if substitution == "half-angle":
+        return 1 - square, 2 * t, 1 + square
+    return 1 - 6 * square + square * square, 4 * t * (1 - square), (1 + square) * (1 + square)
 
 
 def to_delta(parameter: Parameter, physical: ArrayLike) -> NDArray[np.float64]:

@@ -16,9 +16,9 @@ again from there, until nothing smaller is found with the most effort.
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from mbdlft.lft.basis import (
 )
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.exchange import search_exchanges
-from mbdlft.lft.lft import LFT, Array, Block
+from mbdlft.lft.lft import LFT, Array, Block, with_blocks
 from mbdlft.lft.lines import Lines, Values, lines_of, total_degree, values_on
 from mbdlft.lft.reduce import reduce_order
 
@@ -155,9 +155,8 @@ def reduce_commuting(
                 best = found if found.order < best.order else best
     if best.order == smallest.order:
         return Smallest(smallest, search.target)
-    sizes = dict.fromkeys((block.name for block in smallest.blocks), 0) | dict(best.blocks)
-    blocks = tuple(Block(*item) for item in sizes.items())
-    return Smallest(LFT(best.M11, best.M12, best.M21, best.M22, blocks), search.target)
+    names = [block.name for block in smallest.blocks]
+    return Smallest(with_blocks(best, names), search.target)
 
 
 class _Search:
@@ -271,7 +270,7 @@ def _bases(plain: _Step, values: Values, done: int, problem: _Problem) -> list[_
     return steps
 
 
-def _taken(steps: list[_Step], problem: _Problem) -> Any:
+def _taken(steps: list[_Step], problem: _Problem) -> Iterator[_State]:
     """States of the best steps, as LFTs, with the scores they really have."""
     seen: dict[object, int] = {}
     tried = 0
