@@ -43,10 +43,21 @@ if TYPE_CHECKING:
     from mbdlft.body import RigidBody as RigidBody
     from mbdlft.build import to_lft as to_lft
     from mbdlft.exact import exact_lower_bound as exact_lower_bound
+    from mbdlft.force import Buoyancy as Buoyancy
+    from mbdlft.force import Force as Force
+    from mbdlft.force import Spring as Spring
+    from mbdlft.force import Torque as Torque
+    from mbdlft.joint import Cylindrical as Cylindrical
     from mbdlft.joint import Fixed as Fixed
+    from mbdlft.joint import Free as Free
+    from mbdlft.joint import Planar as Planar
     from mbdlft.joint import Prismatic as Prismatic
     from mbdlft.joint import Revolute as Revolute
+    from mbdlft.joint import Rotation as Rotation
+    from mbdlft.joint import Spherical as Spherical
+    from mbdlft.joint import Universal as Universal
     from mbdlft.lft.truncate import truncate as truncate
+    from mbdlft.loop import Loop as Loop
     from mbdlft.matrix import MatrixProblem as MatrixProblem
     from mbdlft.matrix import load_matrix as load_matrix
     from mbdlft.matrix import matrix_from_toml as matrix_from_toml
@@ -55,10 +66,22 @@ if TYPE_CHECKING:
     from mbdlft.realization import realize as realize
     from mbdlft.scene import Constant as Constant
     from mbdlft.scene import Scene as Scene
+    from mbdlft.scene import Spin as Spin
     from mbdlft.scene import assemble as assemble
     from mbdlft.scene import load_scene as load_scene
     from mbdlft.scene import scene_from_toml as scene_from_toml
     from mbdlft.scene import scene_to_toml as scene_to_toml
+    from mbdlft.sensor import Acceleration as Acceleration
+    from mbdlft.sensor import Accelerometer as Accelerometer
+    from mbdlft.sensor import AngularAcceleration as AngularAcceleration
+    from mbdlft.sensor import AngularRate as AngularRate
+    from mbdlft.sensor import CenterOfMass as CenterOfMass
+    from mbdlft.sensor import Gyro as Gyro
+    from mbdlft.sensor import JointWrench as JointWrench
+    from mbdlft.sensor import Momentum as Momentum
+    from mbdlft.sensor import Position as Position
+    from mbdlft.sensor import SmallRotation as SmallRotation
+    from mbdlft.sensor import Velocity as Velocity
     from mbdlft.trim import solve_trim as solve_trim
 
 __version__ = "0.1.0"
@@ -70,10 +93,21 @@ _ON_FIRST_USE = {
     "RigidBody": "mbdlft.body",
     "to_lft": "mbdlft.build",
     "exact_lower_bound": "mbdlft.exact",
-    "truncate": "mbdlft.lft.truncate",
+    "Buoyancy": "mbdlft.force",
+    "Force": "mbdlft.force",
+    "Spring": "mbdlft.force",
+    "Torque": "mbdlft.force",
+    "Cylindrical": "mbdlft.joint",
     "Fixed": "mbdlft.joint",
+    "Free": "mbdlft.joint",
+    "Planar": "mbdlft.joint",
     "Prismatic": "mbdlft.joint",
     "Revolute": "mbdlft.joint",
+    "Rotation": "mbdlft.joint",
+    "Spherical": "mbdlft.joint",
+    "Universal": "mbdlft.joint",
+    "truncate": "mbdlft.lft.truncate",
+    "Loop": "mbdlft.loop",
     "MatrixProblem": "mbdlft.matrix",
     "load_matrix": "mbdlft.matrix",
     "matrix_from_toml": "mbdlft.matrix",
@@ -82,10 +116,22 @@ _ON_FIRST_USE = {
     "realize": "mbdlft.realization",
     "Constant": "mbdlft.scene",
     "Scene": "mbdlft.scene",
+    "Spin": "mbdlft.scene",
     "assemble": "mbdlft.scene",
     "load_scene": "mbdlft.scene",
     "scene_from_toml": "mbdlft.scene",
     "scene_to_toml": "mbdlft.scene",
+    "Acceleration": "mbdlft.sensor",
+    "Accelerometer": "mbdlft.sensor",
+    "AngularAcceleration": "mbdlft.sensor",
+    "AngularRate": "mbdlft.sensor",
+    "CenterOfMass": "mbdlft.sensor",
+    "Gyro": "mbdlft.sensor",
+    "JointWrench": "mbdlft.sensor",
+    "Momentum": "mbdlft.sensor",
+    "Position": "mbdlft.sensor",
+    "SmallRotation": "mbdlft.sensor",
+    "Velocity": "mbdlft.sensor",
     "solve_trim": "mbdlft.trim",
 }
 

@@ -1,11 +1,11 @@
 """From a scene to a certified LFT model: all stages in order, with the seconds of each."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import version
 
 import numpy as np
@@ -25,7 +25,6 @@ from mbdlft.lft.truncate import check_tolerance
 from mbdlft.lft.truncate import truncate as truncated
 from mbdlft.linearize import linearize, trim_relations
 from mbdlft.scene import Scene, assemble, scene_to_toml
-from mbdlft.signal import Signal
 from mbdlft.trim import trim_efforts
 
 SEED = 0
@@ -112,12 +111,13 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
         relations = linearize(equations, inputs, outputs)
     with clock.stage("extract"):
         raw = extract(relations)
+    close = partial(_state_space, equations, len(outputs))
     with clock.stage("reduce"):
         reduced = reduce_order(raw)
-        lft = _state_space(equations, reduced)
+        lft = close(reduced)
     with clock.stage("bound"):
         # the error of the bound is that of the whole way from the relations on
-        degrees = degree_bounds(lft, _state_space(equations, moved(reduced, SEED)), SEED)
+        degrees = degree_bounds(lft, close(moved(reduced, SEED)), SEED)
         bound = {name: found.degree for name, found in degrees.items()}
     order_bound = sum(bound.values())
     if search > 0.0 and lft.order > order_bound:
@@ -126,9 +126,9 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
                 [reduced],
                 bound,
                 search,
-                lambda found, stop: joint_bound(_state_space(equations, found), bound, stop),
+                lambda found, stop: joint_bound(close(found), bound, stop),
             )
-            lft = min(lft, _state_space(equations, smaller), key=lambda candidate: candidate.order)
+            lft = min(lft, close(smaller), key=lambda candidate: candidate.order)
     with clock.stage("check"):
         check = measure_error(equations, inputs, outputs, lft, trim.lft, SEED)
     return LFTModel(
@@ -145,9 +145,10 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
     )
 
 
-def _state_space(equations: Equations, relations: LFT) -> LFT:
-    """Close the relations for [xdot ; z] in the algebra: the LFT of [A B ; C D]."""
-    n, nx = equations.residual.numel(), equations.x.numel()
+def _state_space(equations: Equations, outputs: int, relations: LFT) -> LFT:
+    """Close the relations for the unknown signals in the algebra: the LFT of [A B ; C D]."""
+    # the relations come first; there are as many as unknowns
+    n, nx = relations.shape[0] - outputs, len(equations.states)
     try:
         solved = eliminate(relations, n)
     except WellPosednessError:
@@ -168,11 +169,13 @@ def _state_space(equations: Equations, relations: LFT) -> LFT:
 def _trim(equations: Equations) -> Trim:
     """Numbers at nominal from the nonlinear equations, and the static LFT from the relations."""
     relations = trim_relations(equations)
-    lft = reduce_order(eliminate(extract(relations), equations.u.numel()))
+    lft = reduce_order(eliminate(extract(relations), len(equations.unknown)))
     nominal = np.array([[parameter.nominal for parameter in equations.parameters]])
     efforts, _ = trim_efforts(equations, nominal)
     names = [parameter.name for parameter in equations.parameters]
-    return Trim(equations.u_signals, tuple(float(u) for u in efforts[0]), with_blocks(lft, names))
+    unknown = equations.unknown
+    signals = tuple(equations.u_signals[k] for k in unknown)
+    return Trim(signals, tuple(float(efforts[0, k]) for k in unknown), with_blocks(lft, names))
 
 
 def choose_signals(scene: Scene, equations: Equations) -> tuple[list[int], list[int]]:
@@ -183,29 +186,29 @@ def choose_signals(scene: Scene, equations: Equations) -> tuple[list[int], list[
     SceneError
         A name is unknown.
     """
+    e = equations
+    named = {e.u_signals[k].name: k for k in e.inputs}
+    measured = {signal.name: k for k, signal in enumerate(e.y_signals)}
     return (
-        _chosen(scene, "inputs", scene.inputs, equations.u_signals),
-        _chosen(scene, "outputs", scene.outputs, equations.y_signals),
+        _chosen(scene, "inputs", scene.inputs, named, e.default_inputs),
+        _chosen(scene, "outputs", scene.outputs, measured, e.default_outputs),
     )
 
 
 def _chosen(
-    scene: Scene, what: str, names: tuple[str, ...] | None, signals: tuple[Signal, ...]
+    scene: Scene,
+    what: str,
+    names: tuple[str, ...] | None,
+    index: Mapping[str, int],
+    default: tuple[int, ...],
 ) -> list[int]:
-    """Positions of the chosen signals; by default all efforts and all displacements."""
-    index = {signal.name: k for k, signal in enumerate(signals)}
-    if names is None:
-        return [k for name, k in index.items() if what == "inputs" or _is_displacement(name)]
-    for name in names:
+    """Positions of the chosen signals, or the default."""
+    for name in names or ():
         if name not in index:
             raise SceneError(
                 f"scene {scene.name!r}, {what}: " + unknown_name("signal", name, index)
             )
-    return [index[name] for name in names]
-
-
-def _is_displacement(name: str) -> bool:
-    return name.endswith((".angle", ".position"))
+    return list(default) if names is None else [index[name] for name in names]
 
 
 @cache

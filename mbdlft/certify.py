@@ -9,7 +9,14 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.analyze.sample import corners, random
-from mbdlft.equations import Equations, equation_function, load_value, physical_symbols
+from mbdlft.equations import (
+    Equations,
+    equation_function,
+    given_value,
+    load_value,
+    physical_symbols,
+    split,
+)
 from mbdlft.errors import AnalysisError, WellPosednessError
 from mbdlft.lft.bound import Bound
 from mbdlft.lft.evaluate import chunks, evaluate_at
@@ -85,8 +92,8 @@ def reference_matrices(
     Returns
     -------
     [A B ; C D] (N, ., .)
-    trimmed efforts (N, n_u)
-    sizes of the efforts (N, n_u): what they would be if no terms cancelled
+    trimmed unknowns (N, n_t)
+    sizes of the unknowns (N, n_t): what they would be if no terms cancelled
     a part of the largest load: no stiffness is compared with anything smaller
 
     Raises
@@ -97,36 +104,39 @@ def reference_matrices(
     e = equations
     efforts, _ = trim_efforts(e, points)
     symbols, p, cosine, sine = physical_symbols(e.parameters)
-    unknown, x, u = ca.vertcat(e.xdot, e.z), e.x, e.u
-    values = equation_function(e)(e.xdot, x, e.z, u, load_value(e, p), p, cosine, sine)
+    function = equation_function(e)
+    values = function(e.xdot, e.x, e.z, e.u, load_value(e, p), p, cosine, sine)
     stacked = ca.vertcat(values[0], values[1][list(outputs)])
-    slopes = ca.jacobian(stacked, ca.vertcat(unknown, x, u))
-    zero = ca.SX(unknown.numel() + x.numel(), 1)
-    around = ca.vertcat(unknown, x)
-    at_trim = ca.Function("slopes", [around, u, symbols], [ca.densify(slopes)])
-    at_rest = ca.Function("rest", [around, u, symbols], [ca.densify(values[0])])
-    effort = ca.SX.sym("effort", u.numel())
-    function = ca.Function("reference", [symbols, effort], [at_trim(zero, effort, symbols)])
-    (jacobian,) = evaluate_many(function, points, efforts)
-    n, nx = e.residual.numel(), x.numel()
-    known = [*range(n, n + nx), *(n + nx + k for k in inputs)]
+    unknown, known = split(e, inputs)
+    by_unknown, by_known = ca.jacobian(stacked, unknown), ca.jacobian(stacked, known)
+    slopes = ca.horzcat(by_unknown, by_known, ca.jacobian(stacked, e.u[list(e.unknown)]))
+    around = ca.vertcat(e.xdot, e.x, e.z)
+    at_trim = ca.Function("slopes", [around, e.u, symbols], [ca.densify(slopes)])
+    at_rest = ca.Function("rest", [around, e.u, symbols], [ca.densify(values[0])])
+    zero, effort = ca.SX(around.numel(), 1), ca.SX.sym("effort", e.u.numel())
+    slope = ca.Function("reference", [symbols, effort], [at_trim(zero, effort, symbols)])
+    (jacobian,) = evaluate_many(slope, points, efforts)
+    n, nk = unknown.numel(), known.numel()
     try:
-        solved = -np.linalg.solve(jacobian[:, :n, :n], jacobian[:, :n, known])
+        solved = -np.linalg.solve(jacobian[:, :n, :n], jacobian[:, :n, n : n + nk])
     except np.linalg.LinAlgError:
         raise WellPosednessError(
             f"scene {e.name!r}: the mass matrix is singular at a point of the parameter range. Keep "
             "masses and inertias away from zero."
         ) from None
-    read = jacobian[:, n:, known] + jacobian[:, n:, :n] @ solved
-    no_effort = ca.Function("load", [symbols], [at_rest(zero, ca.SX(u.numel(), 1), symbols)])
-    by_effort = np.abs(np.linalg.pinv(jacobian[:, :n, n + nx :]))
+    read = jacobian[:, n:, n : n + nk] + jacobian[:, n:, :n] @ solved
+    given = given_value(e, p)
+    no_effort = ca.Function("load", [symbols], [at_rest(zero, given, symbols)])
+    by_effort = np.abs(np.linalg.pinv(jacobian[:, :n, n + nk :]))
     terms = (by_effort @ term_sizes(no_effort, points)[:, :, None])[:, :, 0]
     # where terms cancel already in the numbers of the scene: what the load does to the inertia
     (load,) = evaluate_many(ca.Function("load", [symbols], [ca.densify(load_value(e, p))]), points)
-    inertia = np.max(by_effort @ np.abs(jacobian[:, :n, :n]), axis=2)
+    inertia = np.max(by_effort @ np.abs(jacobian[:, :n, :n]), axis=2, initial=0.0)
     floor = _FLOOR * np.max(np.abs(load), axis=(1, 2), initial=0.0)
     sizes = np.maximum(terms, floor[:, None] * inertia)
-    return np.concatenate([solved[:, :nx], read], axis=1), efforts, sizes, float(np.max(floor))
+    read_states = solved[:, : len(e.states)]
+    trimmed = efforts[:, list(e.unknown)]
+    return np.concatenate([read_states, read], axis=1), trimmed, sizes, float(np.max(floor))
 
 
 def term_sizes(tape: ca.Function, points: Array) -> Array:
@@ -257,7 +267,7 @@ def measure_error(
         ", or keep masses and inertias away from zero",
     )
     reference, efforts, sizes, floor = reference_matrices(equations, inputs, outputs, points)
-    error = relative_error(evaluate_at(model, deltas), reference, equations.x.numel(), floor)
+    error = relative_error(evaluate_at(model, deltas), reference, len(equations.states), floor)
     difference = np.max(np.abs(evaluate_at(trim, deltas)[:, :, 0] - efforts), axis=0)
     size = np.max(sizes, axis=0)
     trim_error = float(np.max(difference / np.where(size > 0, size, 1.0), initial=0.0))

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple
 
-import casadi as ca
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from mbdlft.errors import MbdlftError, SceneError, unknown_name
@@ -13,7 +12,7 @@ Text = Annotated[str, Field(strict=True, min_length=1)]
 Quantity = Number | Text
 Vector = tuple[Quantity, Quantity, Quantity]
 Direction = tuple[Number, Number, Number]
-Values = Mapping[str, ca.SX | float]  # evaluated quantities by label
+Values = Mapping[str, Any]  # by label: SX or float, an angle a tuple of turns
 
 AXES = ("x", "y", "z")
 
@@ -69,22 +68,30 @@ class Description(BaseModel):
         return "\n".join(lines)
 
 
+_TEXTS = ("parent", "child", "about", "port", "joint", "frame")
+_VECTORS = ("gravity", "acceleration", "center_of_mass")
+
+
 def _expected(field: str) -> str:
     """What a field takes, in words."""
-    if field in ("gravity", "acceleration", "center_of_mass"):
+    if field in _VECTORS:
         return "three numbers or expressions"
-    if field == "axis":
+    if field in ("axis", "axis1", "axis2", "direction"):
         return "three numbers"
     if field == "ports":
         return "a table of positions, three numbers or expressions each"
     if field == "inertia":
         return "a table of entries such as { xx = 1.0, yy = 2.0, zz = 2.5 }"
-    if field in ("parameters", "bodies", "joints"):
+    if field in ("parameters", "bodies", "joints", "loads", "sensors", "loops"):
         return f"a list of {field}"
+    if field == "orientation":
+        return "a list of rotations, each with axis and angle"
+    if field == "imposed":
+        return "true or false"
     if field == "constants":
         return "numbers by name, or tables with value and unit"
     if field in ("inputs", "outputs"):
         return "a list of signal names"
-    if field in ("name", "parent", "child", "about", "kind", "description", "unit"):
+    if field in (*_TEXTS, "name", "kind", "description", "unit"):
         return "a text"
     return "a finite number or an expression"

@@ -1,5 +1,6 @@
 """The waist above the extraction: implicit equations of motion in CasADi SX, nothing inverted."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -13,24 +14,61 @@ from mbdlft.unit import parse_unit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Equations:
-    """0 = residual(xdot, x, z, u, p, cosine, sine, load),  y = output(...).
-
-    x = 0, xdot = 0 is the equilibrium for every p, once u takes its trim value. The equations are
-    linear in `load`, the uniform acceleration that makes the equilibrium, whose value is
-    `load_value`.
+class SpringLaw:
+    """Force density of a spring: u[index] = stiffness (1 - rest_length/length).
 
     Attributes
     ----------
-    residual : SX (n_x + n_z,)
+    index : position of its force density (N/m) among the efforts
+    length2 : SX, function of x, p, cosine, sine: square of its length (m^2)
+    stiffness : SX, function of p (N/m)
+    rest_length : SX, function of p (m)
+    """
+
+    index: int
+    length2: ca.SX
+    stiffness: ca.SX
+    rest_length: ca.SX
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Equations:
+    """0 = residual(xdot, x, z, u, p, cosine, sine, load),  y = output(...).
+
+    x = 0, xdot = 0, z = 0 is the equilibrium for every p, once u takes its trim value. The equations
+    are linear in `load`, the uniform acceleration that makes the equilibrium, whose value is
+    `load_value`, and in u.
+
+    Attributes
+    ----------
+    residual : SX (2 n + 3 m,)
+        n kinematic and n dynamic equations; those of m loop closures for displacements, rates and
+        accelerations.
     output : SX (n_y,)
-    xdot, x, z, u, load : SX symbols
+    xdot, x : SX symbols (2 n,)
+        Displacements, then rates, of all joints.
+    z : SX symbols (m,)
+        Multipliers of loop closures, deviations from the trim.
+    u, load : SX symbols
+        u: efforts, magnitudes of loads, accelerations, multipliers; total values.
     p : SX symbols (n_p,)
         One for each parameter, in its own unit; that of an angle is not used.
     cosine, sine : SX symbols (n_p,)
         Of each angle parameter; those of the others are not used.
     load_value : SX, function of p
-    x_signals, u_signals, y_signals : names and units
+    given : SX (n_u,), function of p
+        Trim values of the entries of u that are given; zero for the others.
+    unknown : positions in u of those that the trim solves for
+    inputs : positions in u of those that can be inputs
+    states : positions in x of the states; the other entries follow from the loop closures
+    x_signals, u_signals, y_signals : names and units; x_signals are those of the states
+    equilibrium_signals : Signal (n,)
+        Unbalanced effort of each of the n dynamic equations.
+    default_inputs, default_outputs : positions of the signals a scene has if it names none
+    springs : laws of springs whose rest length is given
+    elastic : SX symbol
+        1 for small displacements, where the force density of a spring is that at equilibrium; 0 where it
+        follows its law.
     parameters : sorted by name
     """
 
@@ -46,10 +84,29 @@ class Equations:
     cosine: ca.SX
     sine: ca.SX
     load_value: ca.SX
+    given: ca.SX
+    unknown: tuple[int, ...]
+    inputs: tuple[int, ...]
+    states: tuple[int, ...]
     x_signals: tuple[Signal, ...]
     u_signals: tuple[Signal, ...]
     y_signals: tuple[Signal, ...]
+    equilibrium_signals: tuple[Signal, ...]
+    default_inputs: tuple[int, ...]
+    default_outputs: tuple[int, ...]
+    springs: tuple[SpringLaw, ...]
+    elastic: ca.SX
     parameters: tuple[Parameter, ...]
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """n, the number of coordinates of all joints."""
+        return int(self.x.numel()) // 2
+
+    @property
+    def followers(self) -> tuple[int, ...]:
+        """Positions in x of the entries that follow from the loop closures."""
+        return tuple(k for k in range(self.x.numel()) if k not in set(self.states))
 
 
 class ParameterSymbols(NamedTuple):
@@ -86,12 +143,31 @@ def internal_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
 def equation_function(equations: Equations) -> ca.Function:
     """(xdot, x, z, u, load, p, cosine, sine) -> (residual, output)."""
     e = equations
-    return ca.Function(
-        "equations", [e.xdot, e.x, e.z, e.u, e.load, e.p, e.cosine, e.sine], [e.residual, e.output]
-    )
+    found = [e.residual, e.output]
+    if ca.depends_on(ca.vertcat(*found), e.elastic):
+        found = ca.substitute(found, [e.elastic], [ca.SX(1.0)])
+    arguments = [e.xdot, e.x, e.z, e.u, e.load, e.p, e.cosine, e.sine]
+    return ca.Function("equations", arguments, found)
 
 
 def load_value(equations: Equations, p: ca.SX) -> ca.SX:
     """The load (n_l,) at the parameter symbols p."""
     e = equations
     return ca.Function("load", [e.p], [e.load_value])(p)
+
+
+def given_value(equations: Equations, p: ca.SX) -> ca.SX:
+    """Trim values (n_u,) of the given efforts at the parameter symbols p; zero for the others."""
+    e = equations
+    return ca.Function("given", [e.p], [e.given])(p)
+
+
+def split(equations: Equations, inputs: Sequence[int]) -> tuple[ca.SX, ca.SX]:
+    """Unknown and known signals of the linear model.
+
+    unknown = [xdot of the states ; xdot and x of the followers ; z], known = [x of the states ; u].
+    """
+    e = equations
+    states, followers = list(e.states), list(e.followers)
+    unknown = ca.vertcat(e.xdot[states], e.xdot[followers], e.x[followers], e.z)
+    return unknown, ca.vertcat(e.x[states], e.u[list(inputs)])

@@ -12,9 +12,16 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from mbdlft.equations import Equations, equation_function, internal_symbols, load_value
-from mbdlft.errors import TrimError
+from mbdlft.equations import (
+    Equations,
+    equation_function,
+    given_value,
+    internal_symbols,
+    load_value,
+    split,
+)
 from mbdlft.parameter import Parameter
+from mbdlft.trim import trim_rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,58 +48,114 @@ class LinearModel:
 def linearize(equations: Equations, inputs: Sequence[int], outputs: Sequence[int]) -> LinearModel:
     """Linearized equations around the equilibrium, for every p at once.
 
-    unknown = [xdot ; z], known = [x ; u[inputs]], output = y[outputs].
+    unknown = [xdot of the states ; what follows from them ; z ; lifted trim loads],
+    known = [x of the states ; u[inputs]], output = y[outputs].
     """
     e, function = equations, equation_function(equations)
     symbols, p, cosine, sine = internal_symbols(e.parameters)
-    xdot, x, z = (
-        ca.SX.sym(name, s.numel()) for name, s in (("xdot", e.xdot), ("x", e.x), ("z", e.z))
-    )
-    selected = ca.SX.sym("u", len(inputs))
-    u = ca.SX(e.u.numel(), 1)
-    for k, column in enumerate(inputs):
-        u[column] = selected[k]
+    at = (p, cosine, sine)
+    chosen = ca.SX(e.u.numel(), 1)
+    for k in inputs:
+        chosen[k] = e.u[k]
     load = ca.SX.sym("load", e.load.numel())
     none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z, e.u, e.load)]
-    # xdot, z and u enter linearly as they are
-    moved = ca.vertcat(*function(xdot, none[1], z, u, none[4], p, cosine, sine))
+    # xdot, z and u enter linearly
+    driven = ca.SX(ca.vertcat(*function(e.xdot, none[1], e.z, e.u, none[4], *at)))
+    moved = _linear(driven, ca.vertcat(e.xdot, e.z, e.u), ca.vertcat(e.xdot, e.z, chosen))
     # x enters through the derivative at the equilibrium: springs and dampers, and lifted loads
-    displaced = ca.vertcat(*function(none[0], x, none[2], none[3], load, p, cosine, sine))
-    columns = ca.jtimes(displaced, x, ca.DM.eye(x.numel()))
-    slopes = ca.Function("slopes", [x, load, symbols], [columns])
-    linear = moved + ca.mtimes(ca.sparsify(slopes(none[1], none[4], symbols)), x)
-    lifted, value = slopes(none[1], load, symbols), load_value(e, p)
-    for k in range(x.numel()):
-        linear = linear + ca.jtimes(lifted[:, k], load, value * x[k])
+    displaced = ca.vertcat(*function(none[0], e.x, none[2], e.u, load, *at))
+    columns = ca.jtimes(displaced, e.x, ca.DM.eye(e.x.numel()))
+    slopes = ca.Function("slopes", [e.x, e.u, load, symbols], [columns])
+    linear = moved + ca.mtimes(ca.sparsify(slopes(none[1], none[3], none[4], symbols)), e.x)
+    lifted, value = slopes(none[1], e.u, load, symbols), load_value(e, p)
+    total, given = ca.vertcat(load, e.u), given_value(e, p)
+    implicit = _Implicit(e, function, at)
+    for k in range(e.x.numel()):
+        column = lifted[:, k]
+        times = given * e.x[k]
+        if e.unknown and ca.depends_on(column, e.u[list(e.unknown)]):
+            times = implicit.times(value * e.x[k], times, e.x[k])
+        linear = linear + ca.jtimes(column, total, ca.vertcat(value * e.x[k], times))
     n = e.residual.numel()
+    unknown, known = split(e, inputs)
     return LinearModel(
-        residual=linear[:n],
+        residual=ca.vertcat(linear[:n], *implicit.relations),
         output=linear[n:][list(outputs)],
-        unknown=ca.vertcat(xdot, z),
-        known=ca.vertcat(x, selected),
+        unknown=ca.vertcat(unknown, *implicit.unknown),
+        known=known,
         p=symbols,
         parameters=e.parameters,
     )
 
 
+class _Implicit:
+    """Unknown trim loads times displacements: signals l with A(p) l = b(p) dx, never solved for here."""
+
+    def __init__(
+        self, equations: Equations, function: ca.Function, at: tuple[ca.SX, ca.SX, ca.SX]
+    ) -> None:
+        self.equations, self.function, self.at = equations, function, at
+        self.rows: tuple[int, ...] | None = None
+        self.unknown: list[ca.SX] = []
+        self.relations: list[ca.SX] = []
+
+    def times(self, load: ca.SX, given: ca.SX, displacement: ca.SX) -> ca.SX:
+        """u (n_u,) times a displacement; `load` and `given` are what they stand for times it."""
+        e = self.equations
+        self.rows = trim_rows(e) if self.rows is None else self.rows
+        signals = ca.SX.sym("lifted", len(e.unknown))
+        u = ca.SX(given)
+        u[list(e.unknown)] = signals
+        self.unknown.append(signals)
+        relations = at_rest(e, self.function, u, load, self.at, displacement)
+        self.relations.append(relations[list(self.rows)])
+        return u
+
+
+def _linear(expression: ca.SX, signals: ca.SX, values: ca.SX) -> ca.SX:
+    """The part that is linear in some symbols, with values in their place.
+
+    An expression that vanishes with the symbols is taken as it is; the derivative drops what does not.
+    """
+    at_zero = ca.substitute(expression, signals, ca.SX.zeros(signals.numel()))
+    if ca.sparsify(at_zero).nnz() == 0:
+        return ca.substitute(expression, signals, ca.densify(values))
+    return ca.jtimes(expression, signals, values)
+
+
+def at_rest(
+    equations: Equations,
+    function: ca.Function,
+    u: ca.SX,
+    load: ca.SX,
+    at: tuple[ca.SX, ca.SX, ca.SX],
+    scale: ca.SX,
+) -> ca.SX:
+    """Residual at rest, times `scale`: u and load are already multiplied by it."""
+    e = equations
+    none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z, e.u, e.load)]
+    symbol = ca.SX.sym("load", e.load.numel())
+    residual, _ = function(*none[:3], e.u, symbol, *at)
+    alone, _ = function(*none, *at)  # what the spin of the frame needs
+    acting = _linear(residual, ca.vertcat(e.u, symbol), ca.vertcat(u, load))
+    return acting + ca.sparsify(alone) * scale
+
+
 def trim_relations(equations: Equations) -> LinearModel:
     """Relations of the trim, left implicit: 0 = residual at rest, linear in u and in the load.
 
-    unknown = u, known = the constant 1, output = nothing.
+    unknown = the unknown entries of u, known = the constant 1, output = nothing.
 
     Raises
     ------
     TrimError
-        There are not as many relations as efforts.
+        The unknown efforts are redundant.
     """
     e, function = equations, equation_function(equations)
     symbols, p, cosine, sine = internal_symbols(e.parameters)
-    u, one = ca.SX.sym("u", e.u.numel()), ca.SX.sym("one")
-    none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z)]
-    residual, _ = function(*none, u, load_value(e, p) * one, p, cosine, sine)
-    rows = sorted(set(ca.jacobian_sparsity(residual, u).row()))
-    if len(rows) != u.numel():
-        raise TrimError(
-            f"scene {e.name!r}: {u.numel()} unknown efforts and {len(rows)} equations of equilibrium."
-        )
-    return LinearModel(residual[rows], ca.SX(0, 1), u, one, symbols, e.parameters)
+    unknown, one = ca.SX.sym("u", len(e.unknown)), ca.SX.sym("one")
+    u = ca.SX(given_value(e, p) * one)
+    u[list(e.unknown)] = unknown
+    residual = at_rest(e, function, u, load_value(e, p) * one, (p, cosine, sine), one)
+    rows = list(trim_rows(e))
+    return LinearModel(residual[rows], ca.SX(0, 1), unknown, one, symbols, e.parameters)

@@ -1,17 +1,26 @@
-"""Trim: the efforts that hold the equilibrium, 0 = residual(0, 0, 0, u, p), linear in u."""
+"""Trim: the efforts and loads that hold the equilibrium, 0 = residual(0, 0, 0, u, p), linear in u."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+from scipy.linalg import qr
 
-from mbdlft.equations import Equations, equation_function, load_value, physical_symbols
+from mbdlft.equations import (
+    Equations,
+    equation_function,
+    given_value,
+    load_value,
+    physical_symbols,
+)
 from mbdlft.errors import TrimError, unknown_name
 from mbdlft.lft.lft import Array
 from mbdlft.signal import Signal
 
 _RESIDUAL = 1e-9
+_RANK = 1e-10  # an unknown whose effect is that of others up to this part is redundant
+_IDLE = 0.1  # share in a combination of unknowns that does nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,8 +30,8 @@ class TrimPoint:
     Attributes
     ----------
     parameters : physical value by name, in its unit
-    signals : names and units of the efforts
-    values : one number for each effort
+    signals : names and units of the efforts and loads that were unknown
+    values : one number for each of them
     residual : float
         Largest residual of the equations relative to the largest effort.
     """
@@ -55,7 +64,10 @@ def solve_trim(equations: Equations, values: Mapping[str, float] | None = None) 
     point = {name: float(given.get(name, known[name].nominal)) for name in known}
     efforts, residual = trim_efforts(equations, np.array([list(point.values())]))
     return TrimPoint(
-        point, equations.u_signals, tuple(float(u) for u in efforts[0]), float(residual[0])
+        point,
+        tuple(equations.u_signals[k] for k in equations.unknown),
+        tuple(float(efforts[0, k]) for k in equations.unknown),
+        float(residual[0]),
     )
 
 
@@ -65,42 +77,108 @@ def trim_efforts(equations: Equations, points: Array) -> tuple[Array, Array]:
     Raises
     ------
     TrimError
-        At one of the points no efforts hold the equilibrium.
+        Unknown efforts are redundant, or at one of the points no efforts hold the equilibrium.
     """
     e = equations
+    rows, unknown = list(trim_rows(e)), list(e.unknown)
+    offset, matrix, given = _relations_at(e, points)
+    efforts = given.copy()
+    if unknown:
+        try:
+            efforts[:, unknown] = -np.linalg.solve(matrix[:, rows], offset[:, rows, None])[:, :, 0]
+        except np.linalg.LinAlgError:
+            raise TrimError(
+                f"scene {e.name!r}: the equilibrium does not determine the trim unknowns {_names(e)} at a "
+                "point of the parameter range: they are redundant there. Narrow the ranges."
+            ) from None
+    residual = offset + (matrix @ efforts[:, unknown, None])[:, :, 0]
+    scale = np.max(np.abs(offset), axis=1, initial=0.0)
+    relative = np.max(np.abs(residual), axis=1, initial=0.0) / np.where(scale > 0, scale, 1.0)
+    if not np.all(relative <= _RESIDUAL):
+        raise TrimError(_unbalanced(e, points, residual, int(np.argmax(relative))))
+    return efforts, relative
+
+
+def trim_rows(equations: Equations) -> tuple[int, ...]:
+    """Positions of the equations of equilibrium that determine the unknown efforts, one for each.
+
+    Raises
+    ------
+    TrimError
+        The unknown efforts are redundant: some of them do the same.
+    """
+    e = equations
+    nominal = np.array([[parameter.nominal for parameter in e.parameters]])
+    _, matrix, _ = _relations_at(e, nominal)
+    matrix, count = matrix[0], len(e.unknown)
+    rows = [int(row) for row in np.flatnonzero(matrix.any(axis=1))]
+    if len(rows) == count and np.linalg.matrix_rank(matrix) == count:
+        return tuple(rows)
+    # rows and columns of one size, so that newtons and newton meters can be compared
+    size = np.max(np.abs(matrix), axis=1, initial=0.0, keepdims=True)
+    scaled = matrix / np.where(size > 0, size, 1.0)
+    if not count:
+        return ()
+    _, triangle, order = qr(scaled.T, mode="economic", pivoting=True)
+    steps = np.abs(np.diag(triangle))
+    rank = int(np.sum(steps > _RANK * np.max(steps, initial=0.0)))
+    if rank < count:
+        idle = np.abs(np.linalg.svd(scaled)[2][rank:])
+        doubtful = [
+            k for k, size in zip(e.unknown, np.max(idle, axis=0), strict=True) if size > _IDLE
+        ]
+        raise TrimError(
+            f"scene {e.name!r}: the equilibrium does not determine the trim unknowns "
+            f"{', '.join(e.u_signals[k].name for k in doubtful)}: they are redundant, {count - rank} too "
+            "many. Give a value to that many of them (a joint's preload, a load's magnitude)."
+        )
+    return tuple(sorted(int(row) for row in order[:count]))
+
+
+def _relations_at(e: Equations, points: Array) -> tuple[Array, Array, Array]:
+    """Unbalanced efforts (N, rows) without the unknowns, their slopes (N, rows, unknowns), given u."""
     symbols, p, cosine, sine = physical_symbols(e.parameters)
     none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z)]
     u = ca.SX.sym("u", e.u.numel())
     residual, _ = equation_function(e)(*none, u, load_value(e, p), p, cosine, sine)
+    given = given_value(e, p)
     relations = ca.Function(
         "trim",
         [symbols],
         [
-            ca.densify(ca.substitute(residual, u, ca.SX.zeros(u.numel()))),
-            ca.densify(ca.jacobian(residual, u)),
+            ca.densify(ca.substitute(residual, u, given)),
+            ca.densify(ca.jacobian(residual, u[list(e.unknown)]))
+            if e.unknown
+            else ca.SX.zeros(residual.numel(), 0),
+            ca.densify(given),
         ],
     )
-    offset, matrix = evaluate_many(relations, points)
-    rows = np.flatnonzero(matrix.any(axis=(0, 2)))
-    names = ", ".join(signal.name for signal in e.u_signals)
-    if len(rows) != u.numel():
-        raise TrimError(
-            f"scene {e.name!r}: the efforts {names} act in {len(rows)} equations of equilibrium; "
-            f"there must be {u.numel()}."
-        )
-    try:
-        efforts = -np.asarray(np.linalg.solve(matrix[:, rows], offset[:, rows]), dtype=float)
-    except np.linalg.LinAlgError:
-        raise TrimError(f"scene {e.name!r}: the efforts {names} are redundant.") from None
-    residual_size = np.max(np.abs(matrix @ efforts + offset), axis=(1, 2))
-    scale = np.max(np.abs(offset), axis=(1, 2))
-    relative = residual_size / np.where(scale > 0, scale, 1.0)
-    if not np.all(relative <= _RESIDUAL):
-        raise TrimError(
-            f"scene {e.name!r}: the efforts {names} cannot hold the equilibrium: relative residual "
-            f"{np.max(relative):.1e}."
-        )
-    return efforts[:, :, 0], relative
+    offset, matrix, values = evaluate_many(relations, points)
+    return offset[:, :, 0], matrix, values[:, :, 0]
+
+
+def _names(e: Equations) -> str:
+    return ", ".join(e.u_signals[k].name for k in e.unknown)
+
+
+def _unbalanced(e: Equations, points: Array, residual: Array, worst: int) -> str:
+    """Which coordinate is not in equilibrium, by how much, and where."""
+    n = e.degrees_of_freedom
+    row = int(np.argmax(np.abs(residual[worst, n : 2 * n])))
+    signal, size = e.equilibrium_signals[row], residual[worst, n + row]
+    where = ", ".join(
+        f"{p.name} = {value:g} {p.unit}"
+        for p, value in zip(e.parameters, points[worst], strict=True)
+    )
+    return (
+        f"scene {e.name!r}: no equilibrium{' at ' + where if where else ''}: {signal.name} misses "
+        f"{size:.4g} {signal.unit}"
+        f"{' with the trim unknowns ' + _names(e) if e.unknown else ', and nothing is unknown'}. "
+        "Leave out a preload or a load's magnitude that can balance it, or change the position "
+        "(find_equilibrium gives one). Where the position itself depends on parameters: (a) declare "
+        "the angle as a parameter and let the trim solve for a load or preload, which is exact, or (b) "
+        "fit the position by a rational function with a guaranteed bound (fit_positions)."
+    )
 
 
 def evaluate_many(function: ca.Function, points: Array, *others: Array) -> list[Array]:

@@ -406,8 +406,9 @@ class _Draft:
         """The default signals, or all of them in any order."""
         if self.chance(0.2):
             return {"inputs": None, "outputs": None}
-        efforts = [f"{joint.name}.{joint.effort[0]}" for joint in self.joints if joint.effort]
-        measures = [f"{joint.name}.{name}" for joint in self.joints for name, _ in joint.measures]
+        freedoms = [(joint.name, freedom) for joint in self.joints for freedom in joint.freedoms]
+        efforts = [f"{name}.{freedom.effort.name}" for name, freedom in freedoms]
+        measures = [f"{name}.{m.name}" for name, freedom in freedoms for m in freedom.measures]
         return {
             "inputs": tuple(map(str, self.random.permutation(efforts))),
             "outputs": tuple(map(str, self.random.permutation(measures))),

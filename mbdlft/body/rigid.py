@@ -140,7 +140,7 @@ def negative_mass(mass: NDArray[np.float64]) -> str | None:
 
 
 def _position(values: Values, label: str) -> ca.SX:
-    return ca.vertcat(*(values[f"{label}.{axis}"] for axis in "xyz"))
+    return ca.SX(ca.vertcat(*(values[f"{label}.{axis}"] for axis in "xyz")))
 
 
 def _inertia_problem(body: RigidBody, values: Mapping[str, NDArray[np.float64]]) -> str | None:

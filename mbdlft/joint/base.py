@@ -1,89 +1,166 @@
-"""What every kind of joint has: two ports, quantities, and how motions and wrenches cross it.
+"""What every kind of joint has: two ports, an orientation, coordinates, and the moves between them.
 
-A joint places the frame of its child's port on its parent's port; at zero position their axes are
-parallel. Its coordinate is the displacement from the equilibrium position.
+A joint places the frame of its child's port on its parent's port; at zero position, and without an
+`orientation`, their axes are parallel. Its coordinates are displacements from the equilibrium.
 """
 
 import abc
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, final
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import field_validator
+from pydantic import InstanceOf, field_validator
 
-from mbdlft.description import Description, Direction, Expected, Text, Values
+from mbdlft.description import Description, Direction, Expected, Quantity, Text, Values
 from mbdlft.errors import SceneError
+from mbdlft.joint.move import Coordinate, Move, turned
+from mbdlft.signal import Signal
 
 
-class Coordinate(NamedTuple):
-    """Symbols of one joint: displacement, rate, acceleration (none for a fixed joint)."""
+class Freedom(NamedTuple):
+    """Names of one coordinate: what it adds to the labels of quantities, its effort and its measures."""
 
-    q: ca.SX
-    v: ca.SX
-    a: ca.SX
+    label: str
+    effort: Signal
+    measures: tuple[Signal, Signal, Signal]
+    turns: bool
 
 
-class Turn(NamedTuple):
-    """One factor of an equilibrium rotation: cosine and sine of its angle."""
+def turning(label: str = "", suffix: str = "", *, of: str = "angle") -> Freedom:
+    """A coordinate that is an angle (rad), or a component of a small rotation vector."""
+    second = "acceleration" if not label else "angular_acceleration"
+    return Freedom(
+        label,
+        Signal(f"torque{suffix}", "N m"),
+        (
+            Signal(f"{of}{suffix}", "rad"),
+            Signal(f"rate{suffix}", "rad/s"),
+            Signal(f"{second}{suffix}", "rad/s^2"),
+        ),
+        turns=True,
+    )
 
-    cosine: ca.SX | float
-    sine: ca.SX | float
+
+def sliding(label: str = "", suffix: str = "") -> Freedom:
+    """A coordinate that is a displacement (m)."""
+    return Freedom(
+        label,
+        Signal(f"force{suffix}", "N"),
+        (
+            Signal(f"position{suffix}", "m"),
+            Signal(f"velocity{suffix}", "m/s"),
+            Signal(f"acceleration{suffix}", "m/s^2"),
+        ),
+        turns=False,
+    )
+
+
+@final
+class Rotation(Description):
+    """A rotation by `angle` (rad) about `axis`, a direction in the frame turned so far."""
+
+    axis: Direction
+    angle: Quantity
+
+    @field_validator("axis")
+    @classmethod
+    def _has_length(cls, axis: Direction) -> Direction:
+        return with_length("axis", axis)
+
+    @classmethod
+    def where(cls, fields: Mapping[str, Any]) -> str:
+        return "orientation"
 
 
 class Joint(Description, abc.ABC):
-    """A joint; every concrete kind is final. `parent` and `child` are ``body`` or ``body.port``."""
+    """A joint; every concrete kind is final. `parent` and `child` are ``body`` or ``body.port``.
+
+    `orientation` are rotations from the axes of the parent's port to those of the joint. An
+    `imposed` joint has its acceleration as input, in place of its effort.
+    """
 
     kind: ClassVar[str]
-    degrees_of_freedom: ClassVar[int]
-    effort: ClassVar[tuple[str, str] | None]
-    measures: ClassVar[tuple[tuple[str, str], ...]]
+    freedoms: ClassVar[tuple[Freedom, ...]]
 
     name: Text
     parent: Text
     child: Text
+    orientation: tuple[InstanceOf[Rotation], ...] = ()
 
     @classmethod
     def where(cls, fields: Mapping[str, Any]) -> str:
         return f"joint {fields.get('name', '')!r}"
 
-    @abc.abstractmethod
+    def own_quantities(self) -> dict[str, Expected]:
+        """The quantities of this kind by label, apart from the orientation."""
+        return {}
+
     def quantities(self) -> dict[str, Expected]:
         """All quantities by label, each as given and with the unit it must fit."""
+        angles = {
+            f"orientation.{k}": Expected(r.angle, "rad") for k, r in enumerate(self.orientation)
+        }
+        return angles | self.own_quantities()
+
+    def moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
+        """Factors of the joint, from the parent's port to the child's."""
+        placed: tuple[Move, ...] = ()
+        for k, rotation in enumerate(self.orientation):
+            placed += turned(unit_vector(rotation.axis), values[f"orientation.{k}"])
+        return placed + self.own_moves(values, at)
 
     @abc.abstractmethod
-    def motion(
-        self,
-        motion: ca.SX,
-        values: Values,
-        turns: list[Turn],
-        coordinate: Coordinate,
-    ) -> ca.SX:
-        """Motion (3, 3) of the child's port in its frame, from that of the parent's port."""
-
-    @abc.abstractmethod
-    def wrench(
-        self,
-        wrench: ca.SX,
-        values: Values,
-        turns: list[Turn],
-        coordinate: Coordinate,
-    ) -> ca.SX:
-        """Wrench (3, 2) about the parent's port in its frame, from that about the child's port."""
+    def own_moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
+        """Factors of the joint after its orientation."""
 
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
         """Which condition of physics fails at one of the sampled values, or None."""
-        lowest = float(np.min(values.get("actuator_inertia", np.zeros(1))))
-        return f"the actuator_inertia is negative in the range: {lowest:g}." if lowest < 0 else None
+        for label, value in values.items():
+            if label.startswith("actuator_inertia") and np.min(value) < 0:
+                return f"the {label} is negative in the range: {float(np.min(value)):g}."
+        return None
 
-    def carry(self, wrench: ca.SX, motion: ca.SX, values: Values) -> ca.SX:
-        """Wrench (3, 2) about the child's port with that of the actuator's inertia added."""
-        return wrench
 
-    @abc.abstractmethod
-    def resistance(self, wrench: ca.SX, values: Values, coordinate: Coordinate) -> ca.SX:
-        """Effort (degrees_of_freedom,) for a wrench at the child's port, springs and dampers."""
+class MovingJoint(Joint, abc.ABC):
+    """A joint with coordinates.
+
+    A kind declares `position`, `stiffness`, `damping`, `actuator_inertia` and `preload`: a quantity
+    if it has one coordinate, a tuple with one for each if it has several. `preload` is the effort
+    at equilibrium; where it is left out, the trim solves for it.
+    """
+
+    imposed: bool = False
+
+    def own_quantities(self) -> dict[str, Expected]:
+        found: dict[str, Expected] = {}
+        for key, (turn, slide) in _UNITS.items():
+            given = getattr(self, key, None)
+            if given is None or (key == "preload" and self.imposed):
+                continue
+            for freedom, value in zip(self.freedoms, _entries(given), strict=False):
+                unit = turn if freedom.turns else slide
+                found[labelled(key, freedom)] = Expected(value, unit)
+        return found
+
+
+_UNITS = {
+    "position": ("rad", "m"),
+    "stiffness": ("N m/rad", "N/m"),
+    "damping": ("N m s/rad", "N s/m"),
+    "actuator_inertia": ("kg m^2", "kg"),
+    "preload": ("N m", "N"),
+}
+
+
+def _entries(given: Quantity | tuple[Quantity, ...]) -> tuple[Quantity, ...]:
+    return given if isinstance(given, tuple) else (given,)
+
+
+def labelled(key: str, freedom: Freedom) -> str:
+    """Label of a quantity of one coordinate: ``stiffness``, or ``stiffness.x``."""
+    return f"{key}.{freedom.label}" if freedom.label else key
 
 
 class AxisJoint(Joint, abc.ABC):
@@ -94,13 +171,23 @@ class AxisJoint(Joint, abc.ABC):
     @field_validator("axis")
     @classmethod
     def _has_length(cls, axis: Direction) -> Direction:
-        if not np.any(axis):
-            raise SceneError(
-                f"axis has zero length, got {list(axis)}. Give a direction; its length is ignored."
-            )
-        return axis
+        return with_length("axis", axis)
 
     def direction(self) -> ca.SX:
         """The axis with unit length (3,); exact zeros stay structural."""
-        axis = np.asarray(self.axis) / np.linalg.norm(self.axis)
-        return ca.sparsify(ca.SX(axis))
+        return unit_vector(self.axis)
+
+
+def with_length(what: str, axis: Direction) -> Direction:
+    """The direction, or a SceneError if its length is zero."""
+    if not np.any(axis):
+        raise SceneError(
+            f"{what} has zero length, got {list(axis)}. Give a direction; its length is ignored."
+        )
+    return axis
+
+
+def unit_vector(direction: Direction) -> ca.SX:
+    """The direction with unit length (3,); exact zeros stay structural."""
+    axis = np.asarray(direction) / np.linalg.norm(direction)
+    return ca.sparsify(ca.SX(axis))

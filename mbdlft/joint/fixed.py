@@ -2,11 +2,9 @@
 
 from typing import ClassVar, final
 
-import casadi as ca
-
 from mbdlft.description import Direction, Expected, Quantity, Values
-from mbdlft.joint.base import AxisJoint, Coordinate, Turn
-from mbdlft.spatial import rotate, rotate_back
+from mbdlft.joint.base import AxisJoint, Freedom
+from mbdlft.joint.move import Coordinate, Move, turned
 
 
 @final
@@ -14,37 +12,13 @@ class Fixed(AxisJoint):
     """The child's port is clamped on the parent's, turned by `position` (rad) about `axis`."""
 
     kind: ClassVar[str] = "fixed"
-    degrees_of_freedom: ClassVar[int] = 0
-    effort: ClassVar[None] = None
-    measures: ClassVar[tuple[tuple[str, str], ...]] = ()
+    freedoms: ClassVar[tuple[Freedom, ...]] = ()
 
     axis: Direction = (1.0, 0.0, 0.0)
     position: Quantity = 0.0
 
-    def quantities(self) -> dict[str, Expected]:
+    def own_quantities(self) -> dict[str, Expected]:
         return {"position": Expected(self.position, "rad")}
 
-    def motion(
-        self,
-        motion: ca.SX,
-        values: Values,
-        turns: list[Turn],
-        coordinate: Coordinate,
-    ) -> ca.SX:
-        for turn in turns:
-            motion = rotate_back(self.direction(), *turn, motion)
-        return motion
-
-    def wrench(
-        self,
-        wrench: ca.SX,
-        values: Values,
-        turns: list[Turn],
-        coordinate: Coordinate,
-    ) -> ca.SX:
-        for turn in reversed(turns):
-            wrench = rotate(self.direction(), *turn, wrench)
-        return wrench
-
-    def resistance(self, wrench: ca.SX, values: Values, coordinate: Coordinate) -> ca.SX:
-        return ca.SX(0, 1)
+    def own_moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
+        return turned(self.direction(), values["position"])

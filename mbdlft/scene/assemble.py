@@ -1,82 +1,124 @@
 """From a scene to its equations: the recursive Newton-Euler residual of the tree."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from mbdlft.body import Body
+from mbdlft.analyze.sample import random
 from mbdlft.body.rigid import DIAGONAL, PRODUCTS, unseen_name
-from mbdlft.description import AXES
-from mbdlft.equations import Equations
-from mbdlft.errors import SceneError
-from mbdlft.joint import Coordinate, Turn
+from mbdlft.description import AXES, Values
+from mbdlft.equations import Equations, SpringLaw
+from mbdlft.errors import NotRationalError, SceneError
+from mbdlft.force import BodyWrench, Spring
+from mbdlft.joint import Coordinate, Freedom, Turn, labelled
+from mbdlft.lft.lft import Array
 from mbdlft.parameter import Parameter
 from mbdlft.scene.check import check
+from mbdlft.scene.closure import Closure, close_loops, constraint, reactions
+from mbdlft.scene.placed import inertial_wrenches, motions, pass_inward
 from mbdlft.scene.quantities import Place, angle_at, owner_name, owners, value_at
 from mbdlft.scene.scene import Scene
-from mbdlft.scene.tree import Link, tree
+from mbdlft.scene.tree import Link, all_bodies, tree
+from mbdlft.scene.view import View
 from mbdlft.signal import Signal
-from mbdlft.spatial import exact_cosine_sine, move_motion, move_wrench
+from mbdlft.spatial import exact_cosine_sine
 from mbdlft.unit import parse_unit
 
 _SEEN = 1e-13  # a sensitivity of the equations of order one below which an entry is not seen
+_POINTS = 16  # random points at which loops are checked, beside nominal
+GROUND_ACCELERATION = tuple(f"ground.acceleration.{axis}" for axis in AXES)
 
-Values = Mapping[str, Any]
+
+class Effort(NamedTuple):
+    """One entry of u: its name, its trim value (None: unknown), whether it can be an input."""
+
+    signal: Signal
+    given: ca.SX | float | None
+    is_input: bool = True
+    is_default: bool = True
 
 
 def assemble(scene: Scene) -> Equations:
-    """Equations of motion of a scene: x = [displacements, rates] of the joints, u = joint efforts.
+    """Equations of motion of a scene: x = [displacements, rates] of the joints, u = efforts and loads.
 
-    residual = [qdot - v ; RNEA(q, v, vdot) + springs + dampers - u], the recursive Newton-Euler
-    algorithm (Featherstone, section 5.3) outward for motions and inward for wrenches, with the
-    uniform acceleration of the frame given to the ground.
+    residual = [qdot - v ; RNEA(q, v, vdot) + springs + dampers - efforts - loads ; closures], the
+    recursive Newton-Euler algorithm (Featherstone, section 5.3) outward for motions and inward for
+    wrenches, with the acceleration and the spin of the frame given to the ground.
 
     Raises
     ------
     SceneError, NotRationalError, WellPosednessError
-        The scene is not a tree, or one of its quantities cannot be used; see `check`.
+        The joints are not a tree, or one of the quantities cannot be used; see `check`.
     """
     links = tree(scene)
     check(scene)
     parameters = tuple(sorted(scene.parameters, key=lambda parameter: parameter.name))
     symbols = _Symbols(scene, parameters, links)
-    values, turns = symbols.quantities(scene, links)
-    gravity = values[f"scene {scene.name!r}"]
-    base = ca.vertcat(*(gravity[f"acceleration.{a}"] - gravity[f"gravity.{a}"] for a in AXES))
+    values = symbols.quantities(scene)
+    own = values[f"scene {scene.name!r}"]
+    gravity = ca.sparsify(ca.SX(ca.vertcat(*(own[f"gravity.{a}"] for a in AXES))))
+    view = View(links, all_bodies(scene), values, symbols.coordinates(links), gravity)
+    elastic = view.elastic = ca.SX.sym("elastic")
+    closure = close_loops(scene, view, symbols.evaluate)
+
+    listed = _efforts(scene, links, values, view, closure)
+    u = ca.SX.sym("u", len(listed))
+    z = ca.SX.sym("multiplier", len(closure.rows))
+    base = ca.vertcat(*(own[f"acceleration.{a}"] - own[f"gravity.{a}"] for a in AXES))
     base = ca.sparsify(ca.SX(base))
     load = ca.SX.sym("load", base.sparsity())
-    residual = _newton_euler(links, symbols, values, turns, ca.horzcat(ca.SX(3, 2), load))
+    view.motions = motions(view.now, _ground_motion(scene, own, load, listed, u))
+    needed = inertial_wrenches(view.now, view.motions)
+    for acted in _acting(scene, links, values, view, closure, u, z):
+        if acted.body in needed:
+            needed[acted.body] -= acted.wrench
+    view.passed = pass_inward(view.now, view.motions, needed)
+    dynamics = _dynamics(links, symbols, values, view, u)
     n = symbols.q.numel()
-    residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], residual - symbols.u)
-    residual = _without_unseen(scene, residual, symbols)
-    measured, y_signals = _measures(links, symbols)
-    moving = [link for link in links if link.joint.degrees_of_freedom]
+    held = [constraint(scene.loops, view, order)[list(closure.rows)] for order in range(3)]
+    residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
+    measured, y_signals, displacements = _measures(scene, links, symbols, view)
+    both = _without_unseen(scene, ca.vertcat(residual, measured), symbols)
+    coordinate_signals = [
+        [Signal(f"{link.joint.name}.{freedom.measures[k].name}", freedom.measures[k].unit)
+         for link in links for freedom in link.joint.freedoms]
+        for k in range(2)
+    ]  # fmt: skip
+    followers = {*closure.dependent, *(n + k for k in closure.dependent)}
+    states = tuple(k for k in range(2 * n) if k not in followers)
     return Equations(
         name=scene.name,
-        residual=residual,
-        output=measured,
+        residual=both[: residual.numel()],
+        output=both[residual.numel() :],
         xdot=symbols.xdot,
         x=symbols.x,
-        z=ca.SX(0, 1),
-        u=symbols.u,
+        z=z,
+        u=u,
         load=ca.SX(load.nz[:]),
         p=symbols.p,
         cosine=symbols.cosine,
         sine=symbols.sine,
         load_value=ca.SX(base.nz[:]),
-        x_signals=tuple(
-            Signal(f"{link.joint.name}.{link.joint.measures[k][0]}", link.joint.measures[k][1])
-            for k in (0, 1)
-            for link in moving
+        given=ca.SX(
+            ca.vertcat(*(0.0 if effort.given is None else effort.given for effort in listed))
         ),
-        u_signals=tuple(
-            Signal(f"{link.joint.name}.{link.joint.effort[0]}", link.joint.effort[1])
-            for link in moving
-            if link.joint.effort
-        ),
+        unknown=tuple(k for k, effort in enumerate(listed) if effort.given is None),
+        inputs=tuple(k for k, effort in enumerate(listed) if effort.is_input),
+        states=states,
+        x_signals=tuple((coordinate_signals[0] + coordinate_signals[1])[k] for k in states),
+        u_signals=tuple(effort.signal for effort in listed),
         y_signals=y_signals,
+        equilibrium_signals=tuple(
+            Signal(f"{link.joint.name}.{freedom.effort.name}", freedom.effort.unit)
+            for link in links
+            for freedom in link.joint.freedoms
+        ),
+        default_inputs=tuple(k for k, effort in enumerate(listed) if effort.is_default),
+        default_outputs=displacements,
+        springs=_spring_laws(scene, values, view, listed),
+        elastic=elastic,
         parameters=parameters,
     )
 
@@ -87,16 +129,16 @@ class _Symbols:
     def __init__(
         self, scene: Scene, parameters: tuple[Parameter, ...], links: tuple[Link, ...]
     ) -> None:
-        n = sum(link.joint.degrees_of_freedom for link in links)
+        n = sum(len(link.joint.freedoms) for link in links)
         if n == 0:
             raise SceneError(f"scene {scene.name!r}: all joints are fixed, so nothing moves.")
         self.x = ca.SX.sym("x", 2 * n)
         self.xdot = ca.SX.sym("xdot", 2 * n)
-        self.u = ca.SX.sym("u", n)
         self.q, self.v, self.a = self.x[:n], self.x[n:], self.xdot[n:]
         self.p = ca.SX.sym("p", len(parameters))
         self.cosine = ca.SX.sym("cosine", len(parameters))
         self.sine = ca.SX.sym("sine", len(parameters))
+        self.parameters = parameters
         self.index = {parameter.name: k for k, parameter in enumerate(parameters)}
         self.names: dict[str, Any] = dict(scene.constant_values())
         for name, k in self.index.items():
@@ -107,100 +149,180 @@ class _Symbols:
         """Slices of q, v and a for each link."""
         found, k = [], 0
         for link in links:
-            part = slice(k, k := k + link.joint.degrees_of_freedom)
+            part = slice(k, k := k + len(link.joint.freedoms))
             found.append(Coordinate(self.q[part], self.v[part], self.a[part]))
         return found
 
-    def quantities(
-        self, scene: Scene, links: tuple[Link, ...]
-    ) -> tuple[dict[str, Values], dict[str, list[Turn]]]:
-        """Values of all quantities by owner, and the equilibrium rotation of each joint."""
-        values: dict[str, Values] = {}
-        turns: dict[str, list[Turn]] = {}
-        for owner, quantities in owners(scene):
-            values[owner] = {
-                label: value_at(Place(owner, label), expected, self.names)
+    def quantities(self, scene: Scene) -> dict[str, Values]:
+        """Values of all quantities by owner and label; an angle is a tuple of turns."""
+        return {
+            owner: {
+                label: self._turns(scene, Place(owner, label), expected)
+                if expected.unit == "rad"
+                else value_at(Place(owner, label), expected, self.names)
                 for label, expected in quantities.items()
-                if expected.unit != "rad"
             }
-            for label, expected in quantities.items():
-                if expected.unit == "rad":
-                    angle = angle_at(scene, Place(owner, label), expected)
-                    turns[owner] = self._turns(angle.constant, angle.multiples)
-        return values, turns
+            for owner, quantities in owners(scene)
+        }
 
-    def _turns(self, constant: float, multiples: Mapping[str, int]) -> list[Turn]:
+    def _turns(self, scene: Scene, place: Place, expected: Any) -> tuple[Turn, ...]:
+        angle = angle_at(scene, place, expected)
         found = [
             Turn(
                 self.cosine[self.index[name]],
                 (1.0 if count > 0 else -1.0) * self.sine[self.index[name]],
             )
-            for name, count in multiples.items()
+            for name, count in angle.multiples.items()
             for _ in range(abs(count))
         ]
-        if constant != 0.0:
-            found.append(Turn(*exact_cosine_sine(constant)))
-        return found
+        if angle.constant != 0.0:
+            found.append(Turn(*exact_cosine_sine(angle.constant)))
+        return tuple(found)
+
+    def evaluate(self, expression: ca.SX) -> list[Array]:
+        """Values of an expression of the parameters, at nominal and at random points."""
+        function = ca.Function("values", [self.p, self.cosine, self.sine], [ca.densify(expression)])
+        points = [np.array([parameter.nominal for parameter in self.parameters])]
+        if self.parameters:
+            inside = random(self.parameters, _POINTS, 0)
+            points += list(np.stack([inside[p.name] for p in self.parameters], axis=1))
+        factors = np.array([parse_unit(parameter.unit).factor for parameter in self.parameters])
+        return [
+            function(point, np.cos(factors * point), np.sin(factors * point)).full()
+            for point in points
+        ]
 
 
-def _newton_euler(
+def _efforts(
+    scene: Scene,
+    links: tuple[Link, ...],
+    values: Mapping[str, Values],
+    view: View,
+    closure: Closure,
+) -> list[Effort]:
+    """Entries of u: of joints, loads, the ground if it is asked for, and the multipliers."""
+    found: list[Effort] = []
+    for link in links:
+        imposed = getattr(link.joint, "imposed", False)
+        for freedom in link.joint.freedoms:
+            signal = freedom.measures[2] if imposed else freedom.effort
+            named = Signal(f"{link.joint.name}.{signal.name}", signal.unit)
+            given = values[owner_name(link.joint)].get(labelled("preload", freedom))
+            found.append(Effort(named, 0.0 if imposed else given))
+    for load in scene.loads:
+        own = values[owner_name(load)]
+        given = own.get(load.magnitude_key)
+        if isinstance(load, Spring) and load.rest_length is not None:
+            given = _force_density(load, own, view)
+        found.append(Effort(Signal(f"{load.name}.{load.signal.name}", load.signal.unit), given))
+    asked = set(scene.inputs or ())
+    found += [
+        Effort(Signal(name, "m/s^2"), 0.0, is_default=False)
+        for name in GROUND_ACCELERATION
+        if name in asked
+    ]
+    multipliers = [signal for loop in scene.loops for signal in loop.signals()]
+    return found + [
+        Effort(multipliers[k], None, is_input=False, is_default=False) for k in closure.rows
+    ]
+
+
+def _force_density(spring: Spring, own: Values, view: View) -> Any:
+    """Tension over length at equilibrium of a spring with a rest length."""
+    view.owner = owner_name(spring)
+    r = view.between_at_rest(spring.parent, spring.child)
+    length2 = ca.dot(r, r)
+    if ca.symvar(length2):
+        raise NotRationalError(
+            f"{view.owner}: the distance of its ports depends on parameters, and its tension "
+            "stiffness*(length - rest_length) has the square root of a polynomial. Give the tension over "
+            "the length as force_density (N/m), or leave both out and let the trim solve for it."
+        )
+    length = float(ca.DM(ca.sqrt(length2)))
+    if length == 0.0:
+        raise SceneError(f"{view.owner}: its ports are at one point, so it has no direction.")
+    return own["stiffness"] * (1.0 - own["rest_length"] / length)
+
+
+def _ground_motion(
+    scene: Scene, own: Values, load: ca.SX, listed: Sequence[Effort], u: ca.SX
+) -> ca.SX:
+    """Motion (3, 3) of the origin of the ground: spin of the frame, and its acceleration."""
+    names = [effort.signal.name for effort in listed]
+    spin = ca.SX(3, 1)
+    if scene.spin:
+        axis = np.asarray(scene.spin.axis) / np.linalg.norm(scene.spin.axis)
+        spin = ca.sparsify(ca.SX(axis)) * own["spin.rate"]
+    asked = {name: u[names.index(name)] for name in GROUND_ACCELERATION if name in names}
+    if asked:
+        load = load + ca.vertcat(*(asked.get(name, 0.0) for name in GROUND_ACCELERATION))
+    return ca.horzcat(spin, ca.SX(3, 1), load)
+
+
+def _acting(
+    scene: Scene,
+    links: tuple[Link, ...],
+    values: Mapping[str, Values],
+    view: View,
+    closure: Closure,
+    u: ca.SX,
+    z: ca.SX,
+) -> list[BodyWrench]:
+    """Wrenches on bodies of all loads and loop closures."""
+    k = sum(len(link.joint.freedoms) for link in links)
+    found: list[BodyWrench] = []
+    for load in scene.loads:
+        view.owner = owner_name(load)
+        found += load.wrenches(values[view.owner], u[k], view)
+        k += 1
+    count = sum(len(loop.signals()) for loop in scene.loops)
+    multipliers = ca.SX(count, 1)
+    for position, row in enumerate(closure.rows):
+        multipliers[row] = u[u.numel() - len(closure.rows) + position] + z[position]
+    return found + reactions(scene.loops, view, multipliers)
+
+
+def _dynamics(
     links: tuple[Link, ...],
     symbols: _Symbols,
     values: Mapping[str, Values],
-    turns: Mapping[str, list[Turn]],
-    ground: ca.SX,
+    view: View,
+    u: ca.SX,
 ) -> ca.SX:
-    """Joint efforts (n,) for a motion of the ground (3, 3)."""
-    coordinates = symbols.coordinates(links)
-    motions: dict[str, ca.SX] = {}
-    inboard: dict[str, ca.SX] = {}
-    arms: dict[str, ca.SX] = {}  # from the inboard port of the parent to the joint
-    wrenches: dict[str, ca.SX] = {}
-    for link, coordinate in zip(links, coordinates, strict=True):
-        name, joint = link.child.name, owner_name(link.joint)
-        motion = ground
-        if link.parent.name in motions:
-            arms[name] = _port(link.parent, link.parent_port, values) - inboard[link.parent.name]
-            motion = move_motion(motions[link.parent.name], arms[name])
-        motion = link.joint.motion(motion, values[joint], turns.get(joint, []), coordinate)
-        inboard[name] = _port(link.child, link.child_port, values)
-        motions[name] = motion
-        wrenches[name] = link.child.wrench(motion, values[owner_name(link.child)], inboard[name])
-    efforts: list[ca.SX] = []
-    for link, coordinate in zip(reversed(links), reversed(coordinates), strict=True):
-        name, joint = link.child.name, owner_name(link.joint)
-        carried = link.joint.carry(wrenches[name], motions[name], values[joint])
-        efforts.insert(0, link.joint.resistance(carried, values[joint], coordinate))
-        if link.parent.name in motions:
-            passed = link.joint.wrench(carried, values[joint], turns.get(joint, []), coordinate)
-            wrenches[link.parent.name] += move_wrench(passed, arms[name])
-    return ca.vertcat(*efforts)
+    """Efforts needed minus efforts given (n,); for an imposed joint its acceleration minus the input."""
+    rows: list[ca.SX] = []
+    for link, needed in zip(links, view.passed.efforts, strict=True):
+        own = values[owner_name(link.joint)]
+        for k, freedom in enumerate(link.joint.freedoms):
+            row = len(rows)
+            if getattr(link.joint, "imposed", False):
+                rows.append(symbols.a[row] - u[row])
+                continue
+            springs = _of(own, "stiffness", freedom) * symbols.q[row]
+            springs += _of(own, "damping", freedom) * symbols.v[row]
+            rows.append(needed[k] + springs - u[row])
+    return ca.vertcat(*rows)
 
 
-def _port(body: Body, port: str, values: Mapping[str, Values]) -> ca.SX:
-    """Position (3,) of a port in the frame of its body (m)."""
-    label = body.port_label(port)
-    if label is None:
-        return ca.SX(3, 1)
-    own = values[owner_name(body)]
-    return ca.sparsify(ca.SX(ca.vertcat(*(own[f"{label}.{axis}"] for axis in AXES))))
+def _of(own: Values, key: str, freedom: Freedom) -> Any:
+    return own.get(labelled(key, freedom), 0.0)
 
 
-def _without_unseen(scene: Scene, residual: ca.SX, symbols: _Symbols) -> ca.SX:
-    """The residual without placeholders of inertia entries; an error if the motion sees one."""
+def _without_unseen(scene: Scene, relations: ca.SX, symbols: _Symbols) -> ca.SX:
+    """The relations without placeholders of inertia entries; an error if the motion sees one."""
     owners_of = {
         unseen_name(body.name, entry): (body.name, entry)
         for body in scene.bodies
         for entry in (*DIAGONAL, *PRODUCTS)
     }
-    placeholders = [symbol for symbol in ca.symvar(residual) if symbol.name() in owners_of]
+    placeholders = [symbol for symbol in ca.symvar(relations) if symbol.name() in owners_of]
     if not placeholders:
-        return residual
+        return relations
     vector = ca.vertcat(*placeholders)
     sensitivity = ca.Function(
         "sensitivity",
-        [ca.vertcat(*(s for s in ca.symvar(residual) if s.name() not in owners_of)), vector],
-        [ca.jacobian(residual, vector)],
+        [ca.vertcat(*(s for s in ca.symvar(relations) if s.name() not in owners_of)), vector],
+        [ca.jacobian(relations, vector)],
     )
     point = np.random.default_rng(0).uniform(0.5, 1.0, sensitivity.size1_in(0))
     seen = np.max(np.abs(sensitivity(point, np.ones(len(placeholders))).full()), axis=0)
@@ -215,15 +337,54 @@ def _without_unseen(scene: Scene, residual: ca.SX, symbols: _Symbols) -> ca.SX:
             f"{missing}: needed, because the joints let the body turn in a way that feels it. Give the "
             "entries (kg m^2); the products are 0 once xx, yy and zz are all given."
         )
-    return ca.substitute(residual, vector, ca.SX.zeros(len(placeholders)))
+    return ca.substitute(relations, vector, ca.SX.zeros(len(placeholders)))
 
 
-def _measures(links: tuple[Link, ...], symbols: _Symbols) -> tuple[ca.SX, tuple[Signal, ...]]:
-    """All outputs of the joints: displacement, rate and acceleration of each coordinate."""
+def _measures(
+    scene: Scene, links: tuple[Link, ...], symbols: _Symbols, view: View
+) -> tuple[ca.SX, tuple[Signal, ...], tuple[int, ...]]:
+    """Outputs: measures of all joints, and the sensors that are asked for.
+
+    Returns
+    -------
+    expressions (n_y,), signals (n_y), positions of the default outputs
+    """
     entries: list[ca.SX] = []
     signals: list[Signal] = []
-    for link, coordinate in zip(links, symbols.coordinates(links), strict=True):
-        for (name, unit), value in zip(link.joint.measures, coordinate, strict=False):
-            entries.append(value)
-            signals.append(Signal(f"{link.joint.name}.{name}", unit))
-    return ca.vertcat(*entries), tuple(signals)
+    default: list[int] = []
+    row = 0
+    for link in links:
+        for freedom in link.joint.freedoms:
+            default.append(len(entries))
+            for measure, value in zip(
+                freedom.measures, (symbols.q, symbols.v, symbols.a), strict=True
+            ):
+                entries.append(value[row])
+                signals.append(Signal(f"{link.joint.name}.{measure.name}", measure.unit))
+            row += 1
+    for sensor in scene.sensors:
+        named = sensor.signals()
+        if scene.outputs is not None and not {s.name for s in named} & set(scene.outputs):
+            continue
+        view.owner = f"sensor {sensor.name!r}"
+        default += range(len(signals), len(signals) + len(named))
+        entries.append(sensor.measure(view))
+        signals += named
+    return ca.vertcat(*entries), tuple(signals), tuple(default)
+
+
+def _spring_laws(
+    scene: Scene, values: Mapping[str, Values], view: View, listed: Sequence[Effort]
+) -> tuple[SpringLaw, ...]:
+    """Laws of the springs with a rest length, for displacements that are not small."""
+    names = [effort.signal.name for effort in listed]
+    found = []
+    for load in scene.loads:
+        if isinstance(load, Spring) and load.rest_length is not None:
+            view.owner = owner_name(load)
+            own, r = values[view.owner], view.between(load.parent, load.child)
+            index = names.index(f"{load.name}.{load.signal.name}")
+            found.append(
+                SpringLaw(index, ca.dot(r, r), ca.SX(own["stiffness"]), ca.SX(own["rest_length"]))
+            )
+    return tuple(found)

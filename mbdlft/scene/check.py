@@ -133,7 +133,7 @@ def _check_angle_is_position(scene: Scene, place: Place, expected: Expected) -> 
         if parameter.is_angle and parameter.name in used:
             raise SceneError(
                 f"{place} = {expected.source!r}: {parameter.name!r} has unit {parameter.unit!r}, which "
-                "does not fit. An angle parameter can only be the position of a revolute or fixed joint."
+                "does not fit. An angle parameter can be the position of a joint, or in an orientation."
             )
 
 

@@ -10,6 +10,7 @@ from mbdlft.body import Body
 from mbdlft.description import Expected, vector_quantities
 from mbdlft.errors import MbdlftError, NotRationalError, SceneError
 from mbdlft.expression import Expression, evaluate, names, parse
+from mbdlft.force import Load
 from mbdlft.joint import Joint
 from mbdlft.scene.scene import Scene
 
@@ -74,11 +75,11 @@ def owners(scene: Scene) -> Iterator[tuple[str, Mapping[str, Expected]]]:
     """Everything that has quantities: its name in words, and its quantities by label."""
     gravity = vector_quantities("gravity", scene.gravity, "m s^-2")
     acceleration = vector_quantities("acceleration", scene.acceleration, "m s^-2")
-    yield f"scene {scene.name!r}", gravity | acceleration
-    for body in scene.bodies:
-        yield owner_name(body), body.quantities()
-    for joint in scene.joints:
-        yield owner_name(joint), joint.quantities()
+    spin = {"spin.rate": Expected(scene.spin.rate, "rad/s")} if scene.spin else {}
+    yield f"scene {scene.name!r}", gravity | acceleration | spin
+    items: list[Body | Joint | Load] = [*scene.bodies, *scene.joints, *scene.loads]
+    for item in items:
+        yield owner_name(item), item.quantities()
 
 
 def unused_names(scene: Scene) -> tuple[str, ...]:
@@ -93,9 +94,9 @@ def unused_names(scene: Scene) -> tuple[str, ...]:
     return tuple(name for name in declared if name not in used)
 
 
-def owner_name(item: Body | Joint) -> str:
-    """How messages name a body or a joint."""
-    return f"{'body' if isinstance(item, Body) else 'joint'} {item.name!r}"
+def owner_name(item: Body | Joint | Load) -> str:
+    """How messages name a body, a joint or a load."""
+    return type(item).where({"name": item.name})
 
 
 def expression_at(place: Place, expected: Expected) -> Expression:

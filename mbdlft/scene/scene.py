@@ -8,11 +8,15 @@ from typing import Annotated, Any, Self, final
 from pydantic import Field, InstanceOf, field_validator, model_validator
 
 from mbdlft.body import Body
-from mbdlft.description import Description, Number, Text, Vector
+from mbdlft.description import Description, Direction, Number, Quantity, Text, Vector
 from mbdlft.errors import SceneError
 from mbdlft.expression import BUILTIN_CONSTANTS, FUNCTIONS
+from mbdlft.force import Load
 from mbdlft.joint import Joint
+from mbdlft.joint.base import with_length
+from mbdlft.loop import Loop
 from mbdlft.parameter import Parameter
+from mbdlft.sensor import Sensor
 from mbdlft.unit import parse_unit
 
 
@@ -29,8 +33,25 @@ class Constant(Description):
 
 
 @final
+class Spin(Description):
+    """Steady rotation of the frame of the scene about an axis through its origin (rad/s)."""
+
+    axis: Direction
+    rate: Quantity
+
+    @classmethod
+    def where(cls, fields: Mapping[str, Any]) -> str:
+        return "spin"
+
+    @field_validator("axis")
+    @classmethod
+    def _has_length(cls, axis: Direction) -> Direction:
+        return with_length("axis", axis)
+
+
+@final
 class Scene(Description):
-    """Bodies connected by joints in a tree on the ground, in a uniformly accelerated frame.
+    """Bodies connected by joints in a tree on the ground, in an accelerated or spinning frame.
 
     Parameters
     ----------
@@ -44,9 +65,13 @@ class Scene(Description):
     parameters : sequence of `Parameter` and `Angle`
     bodies : sequence of bodies
     joints : sequence of joints
+    loads : sequence of loads
+    sensors : sequence of sensors
+    loops : sequence of `Loop`
+        Closures of kinematic loops.
     inputs, outputs : sequence of str
         Signals of the linear model, such as ``shoulder.torque``; by default all joint efforts and
-        all joint positions.
+        loads, and all joint positions and sensors.
 
     Numbers in expressions are in SI units (rad for angles); names carry their own units.
     """
@@ -55,10 +80,14 @@ class Scene(Description):
     description: str = ""
     gravity: Vector = (0.0, 0.0, 0.0)
     acceleration: Vector = (0.0, 0.0, 0.0)
+    spin: InstanceOf[Spin] | None = None
     constants: dict[Text, Number | InstanceOf[Constant]] = {}
     parameters: tuple[InstanceOf[Parameter], ...] = ()
     bodies: tuple[InstanceOf[Body], ...] = ()
     joints: tuple[InstanceOf[Joint], ...] = ()
+    loads: tuple[InstanceOf[Load], ...] = ()
+    sensors: tuple[InstanceOf[Sensor], ...] = ()
+    loops: tuple[InstanceOf[Loop], ...] = ()
     inputs: Annotated[tuple[Text, ...] | None, Field(min_length=1)] = None
     outputs: Annotated[tuple[Text, ...] | None, Field(min_length=1)] = None
 
@@ -78,10 +107,13 @@ class Scene(Description):
             "parameter or constant", [p.name for p in self.parameters] + list(self.constants)
         )
         check_unique("body", [body.name for body in self.bodies])
+        with_signals: list[Joint | Load | Sensor | Loop] = [*self.joints, *self.loads]
+        with_signals += [*self.sensors, *self.loops]
         check_unique("joint", [joint.name for joint in self.joints])
+        check_unique("joint, load, sensor or loop", [item.name for item in with_signals])
         check_unique("input", self.inputs or ())
         check_unique("output", self.outputs or ())
-        for name in (*(body.name for body in self.bodies), *(joint.name for joint in self.joints)):
+        for name in [*(body.name for body in self.bodies), *(item.name for item in with_signals)]:
             if "." in name:
                 raise SceneError(
                     f"the name {name!r} has a dot; dots separate a body "

@@ -13,9 +13,14 @@ import tomli_w
 from mbdlft.body import KINDS as BODIES
 from mbdlft.body import Inertia
 from mbdlft.errors import MbdlftError, SceneError, unknown_name
+from mbdlft.force import KINDS as LOADS
 from mbdlft.joint import KINDS as JOINTS
+from mbdlft.joint import Rotation
+from mbdlft.loop import KINDS as LOOPS
+from mbdlft.loop import Loop
 from mbdlft.parameter import SUBSTITUTIONS, Angle, Parameter
-from mbdlft.scene.scene import Constant, Scene
+from mbdlft.scene.scene import Constant, Scene, Spin
+from mbdlft.sensor import KINDS as SENSORS
 from mbdlft.unit import ANGLE_UNITS, parse_unit
 
 T = TypeVar("T")
@@ -27,10 +32,14 @@ _TOP = (
     "description",
     "gravity",
     "acceleration",
+    "spin",
     "constants",
     "parameters",
     "bodies",
     "joints",
+    "loads",
+    "sensors",
+    "loops",
     "linearize",
 )
 _PARAMETER_KEYS = tuple(name for name in inspect.signature(Parameter).parameters if name != "name")
@@ -71,9 +80,21 @@ def scene_to_toml(scene: Scene) -> str:
     table["gravity"] = list(scene.gravity)
     if any(scene.acceleration):
         table["acceleration"] = list(scene.acceleration)
+    if scene.spin:
+        table["spin"] = {"axis": list(scene.spin.axis), "rate": scene.spin.rate}
     table |= values_table(scene.constants, scene.parameters)
     table["bodies"] = {body.name: _kind_table(body) for body in scene.bodies}
     table["joints"] = {joint.name: _kind_table(joint) for joint in scene.joints}
+    optional: dict[str, Sequence[Any]] = {
+        "loads": scene.loads,
+        "sensors": scene.sensors,
+        "loops": scene.loops,
+    }
+    table |= {
+        key: {item.name: _kind_table(item) for item in items}
+        for key, items in optional.items()
+        if items
+    }
     chosen = {"inputs": scene.inputs, "outputs": scene.outputs}
     linearize = {key: list(names) for key, names in chosen.items() if names is not None}
     if linearize:
@@ -160,12 +181,17 @@ def _scene(table: dict[str, Any]) -> Scene:
         if key not in ("inputs", "outputs"):
             raise SceneError("linearize: " + unknown_name("key", key, ("inputs", "outputs")))
     plain = ("name", "description", "gravity", "acceleration")
+    spin = {"spin": Spin(**_table("spin", table["spin"]))} if "spin" in table else {}
     return Scene(
         **{key: table[key] for key in plain if key in table},
+        **spin,
         constants=read_constants(table),
         parameters=read_parameters(table),
         bodies=_kinds("body", "bodies", table, BODIES),
         joints=_kinds("joint", "joints", table, JOINTS),
+        loads=_kinds("load", "loads", table, LOADS),
+        sensors=_kinds("sensor", "sensors", table, SENSORS),
+        loops=_kinds("loop", "loops", table, dict.fromkeys(LOOPS, Loop)),
         **linearize,
     )
 
@@ -199,21 +225,33 @@ def _kinds(what: str, key: str, table: dict[str, Any], kinds: Mapping[str, Any])
             raise SceneError(
                 f"{what} {name!r}: the key 'name' is not used; the table has the name."
             )
-        if isinstance(fields.get("inertia"), dict):
-            try:
+        try:
+            if isinstance(fields.get("inertia"), dict):
                 fields["inertia"] = Inertia(**fields["inertia"])
-            except SceneError as error:
-                raise SceneError(f"{what} {name!r}, {error}") from None
+            if isinstance(fields.get("orientation"), list):
+                fields["orientation"] = [
+                    Rotation(**_table("orientation", entry)) for entry in fields["orientation"]
+                ]
+        except SceneError as error:
+            raise SceneError(f"{what} {name!r}, {error}") from None
+        if kinds[kind] is Loop:
+            fields["kind"] = kind
         found.append(kinds[kind](**{"name": name, **fields}))
     return found
 
 
 def _kind_table(item: Any) -> dict[str, Any]:
     """Table of a body or joint: what differs from the default."""
-    fields = item.model_dump(exclude={"name"}, exclude_defaults=True, exclude_none=True)
-    return {"kind": item.kind} | {
-        key: list(value) if isinstance(value, tuple) else value for key, value in fields.items()
-    }
+    fields = item.model_dump(exclude={"name", "kind"}, exclude_defaults=True, exclude_none=True)
+    plain: dict[str, Any] = _plain(fields)
+    return {"kind": item.kind} | plain
+
+
+def _plain(value: Any) -> Any:
+    """The same with lists for tuples."""
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items()}
+    return [_plain(entry) for entry in value] if isinstance(value, tuple) else value
 
 
 def _parameter(name: str, value: Any) -> Parameter:
@@ -266,7 +304,7 @@ def _in_unit(radians: float, factor: float) -> float:
 
 def _line(text: str, message: str) -> int | None:
     """Line of the table that an error message names, if it names one."""
-    match = re.search(r"(parameter|constant|body|joint) '([^']+)'", message)
+    match = re.search(r"(parameter|constant|body|joint|load|sensor|loop) '([^']+)'", message)
     if match is None:
         return None
     section = {"parameter": "parameters", "body": "bodies"}.get(match[1], match[1] + "s")

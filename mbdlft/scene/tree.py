@@ -1,6 +1,7 @@
 """The tree of a scene: every body hangs on one joint, and the ground is the root."""
 
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mbdlft.body import GROUND, Body, Ground
@@ -28,11 +29,11 @@ def tree(scene: Scene) -> tuple[Link, ...]:
     SceneError
         A body or port is unknown, a body has two parents, a loop closes, or a body hangs on nothing.
     """
-    bodies: dict[str, Body] = {GROUND: Ground()} | {body.name: body for body in scene.bodies}
+    bodies = all_bodies(scene)
     links: dict[str, Link] = {}
     for joint in scene.joints:
-        parent, parent_port = _end(scene, joint, "parent", bodies)
-        child, child_port = _end(scene, joint, "child", bodies)
+        parent, parent_port = find_port(bodies, f"joint {joint.name!r}", "parent", joint.parent)
+        child, child_port = find_port(bodies, f"joint {joint.name!r}", "child", joint.child)
         if child.name == GROUND:
             raise SceneError(
                 f"joint {joint.name!r}: the ground cannot be a child. Exchange parent and child."
@@ -40,23 +41,34 @@ def tree(scene: Scene) -> tuple[Link, ...]:
         if child.name in links:
             raise SceneError(
                 f"body {child.name!r} has two parents: it is the child of joints "
-                f"{links[child.name].joint.name!r} and {joint.name!r}. A scene is a tree; remove one, "
-                "or exchange parent and child of the one that should lead away from the body."
+                f"{links[child.name].joint.name!r} and {joint.name!r}. Joints make a tree: write one of "
+                "them under 'loops' instead, as the closure of a loop, or exchange parent and child of "
+                "the one that should lead away from the body."
             )
         links[child.name] = Link(joint, parent, parent_port, child, child_port)
     return _from_the_root(scene, links)
 
 
-def _end(scene: Scene, joint: Joint, side: str, bodies: dict[str, Body]) -> tuple[Body, str]:
-    """Body and port that one side of a joint names."""
-    name, dot, port = getattr(joint, side).partition(".")
+def all_bodies(scene: Scene) -> dict[str, Body]:
+    """Bodies by name, the ground among them."""
+    return {GROUND: Ground()} | {body.name: body for body in scene.bodies}
+
+
+def find_port(bodies: Mapping[str, Body], owner: str, key: str, text: str) -> tuple[Body, str]:
+    """Body and port that ``body`` or ``body.port`` names; `owner` and `key` say where it stands.
+
+    Raises
+    ------
+    SceneError
+        The body or the port is unknown.
+    """
+    name, dot, port = text.partition(".")
     if name not in bodies:
-        raise SceneError(f"joint {joint.name!r}, {side}: " + unknown_name("body", name, bodies))
+        raise SceneError(f"{owner}, {key}: " + unknown_name("body", name, bodies))
     body = bodies[name]
     if dot and port not in body.port_names():
         raise SceneError(
-            f"joint {joint.name!r}, {side}: body {name!r}: "
-            + unknown_name("port", port, body.port_names())
+            f"{owner}, {key}: body {name!r}: " + unknown_name("port", port, body.port_names())
         )
     return body, port if dot else "origin"
 
@@ -77,8 +89,8 @@ def _from_the_root(scene: Scene, links: dict[str, Link]) -> tuple[Link, ...]:
         loop = _loop(links, loose[0])
         if loop:
             raise SceneError(
-                f"scene {scene.name!r}: the joints close a loop: {' -> '.join(loop)}. A scene is a "
-                "tree on the ground; open the loop at one joint."
+                f"scene {scene.name!r}: the joints close a loop: {' -> '.join(loop)}. Joints make a "
+                "tree on the ground; write one of them under 'loops' instead, as its closure."
             )
         raise SceneError(
             f"scene {scene.name!r}: not connected to the ground: {', '.join(loose)}. Add a joint "

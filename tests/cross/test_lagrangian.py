@@ -446,7 +446,7 @@ def test_scenes_repeat_and_cover() -> None:
     abouts = {body.inertia.about for body in bodies if body.kind == "rigid"}
     assert abouts == {"center_of_mass", "origin", "tip", "side"}
     assert any("." in joint.child for joint in joints)
-    moving = [sum(joint.degrees_of_freedom for joint in scene.joints) for scene in drawn]
+    moving = [sum(len(joint.freedoms) for joint in scene.joints) for scene in drawn]
     assert set(moving) == {1, 2, 3, 4, 5, 6}
     parents = [[joint.parent.partition(".")[0] for joint in scene.joints] for scene in drawn]
     assert any(len(set(names)) < len(names) for names in parents)

@@ -94,7 +94,7 @@ def test_unknown_parameter(old, new, message):
             MASS,
             'mass = "theta1"',
             "body 'link1', mass = 'theta1': 'theta1' has unit 'deg', which does not fit. An angle "
-            "parameter can only be the position of a revolute or fixed joint.",
+            "parameter can be the position of a joint, or in an orientation.",
         ),
         (
             "stiffness = 0.1",

@@ -187,14 +187,14 @@ def test_names(fields, message):
         (
             ["a", "b"],
             [rail("i", "ground", "a"), rail("j", "ground", "b"), rail("k", "a", "b")],
-            "body 'b' has two parents: it is the child of joints 'j' and 'k'. A scene is a tree; "
-            "remove one, or exchange parent and child",
+            "body 'b' has two parents: it is the child of joints 'j' and 'k'. Joints make a "
+            "tree: write one of them under 'loops' instead",
         ),
         (
             ["a", "b", "c"],
             [rail("i", "c", "a"), rail("j", "a", "b"), rail("k", "b", "c")],
-            "scene 's': the joints close a loop: a -> c -> b -> a. A scene is a tree on the ground; "
-            "open the loop at one joint.",
+            "scene 's': the joints close a loop: a -> c -> b -> a. Joints make a tree on the ground; "
+            "write one of them under 'loops' instead, as its closure.",
         ),
         (
             ["top", "a", "b"],

@@ -1,0 +1,40 @@
+"""A universal joint: a rotation about an axis of the parent, then about one of the cross."""
+
+from typing import ClassVar, final
+
+from pydantic import field_validator
+
+from mbdlft.description import Direction, Quantity, Values
+from mbdlft.joint.base import Freedom, MovingJoint, turning, unit_vector, with_length
+from mbdlft.joint.move import Coordinate, Hinge, Move, turned
+
+Pair = tuple[Quantity, Quantity]
+
+
+@final
+class Universal(MovingJoint):
+    """About `axis1`, then about `axis2` in the frame turned by the first; quantities in that order."""
+
+    kind: ClassVar[str] = "universal"
+    freedoms: ClassVar[tuple[Freedom, ...]] = (turning("1", ".1"), turning("2", ".2"))
+
+    axis1: Direction = (1.0, 0.0, 0.0)
+    axis2: Direction = (0.0, 1.0, 0.0)
+    position: Pair = (0.0, 0.0)
+    stiffness: Pair = (0.0, 0.0)
+    damping: Pair = (0.0, 0.0)
+    actuator_inertia: Pair = (0.0, 0.0)
+    preload: Pair | None = None
+
+    @field_validator("axis1", "axis2")
+    @classmethod
+    def _has_length(cls, axis: Direction) -> Direction:
+        return with_length("axis", axis)
+
+    def own_moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
+        axes = (unit_vector(self.axis1), unit_vector(self.axis2))
+        found: tuple[Move, ...] = ()
+        for k, (label, axis) in enumerate(zip("12", axes, strict=True)):
+            found += turned(axis, values[f"position.{label}"])
+            found += (Hinge(axis, at.part(k), values[f"actuator_inertia.{label}"]),)
+        return found

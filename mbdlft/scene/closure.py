@@ -1,0 +1,142 @@
+"""Closed kinematic loops: independent rows of the constraints, and the coordinates that follow."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from scipy.linalg import qr
+
+from mbdlft.errors import SceneError
+from mbdlft.force import BodyWrench
+from mbdlft.joint import labelled
+from mbdlft.lft.lft import Array
+from mbdlft.loop import Loop
+from mbdlft.scene.quantities import owner_name
+from mbdlft.scene.scene import Scene
+from mbdlft.scene.view import View
+from mbdlft.spatial import move_wrench
+
+_GAP = 1e-9  # of the lengths of the scene: ports farther apart do not meet
+_PASSIVE = 10.0  # weight of a coordinate that nothing holds among those that may follow
+_RANK = 1e-9  # a constraint that is another one up to this part is redundant
+
+
+@dataclass(frozen=True, slots=True)
+class Closure:
+    """Rows of the constraints that are kept, and positions of the coordinates they determine."""
+
+    rows: tuple[int, ...]
+    dependent: tuple[int, ...]
+
+
+def constraint(loops: tuple[Loop, ...], view: View, order: int) -> ca.SX:
+    """G w for the small motions w of one order: displacement, velocity or acceleration."""
+    rows = []
+    for loop in loops:
+        view.owner = Loop.where({"name": loop.name})
+        body, held = view.small(loop.parent, order)
+        other, moved = view.small(loop.child, order)
+        rows.append(view.across(moved.displacement, other, body) - held.displacement)
+        turned = view.across(moved.rotation, other, body) - held.rotation
+        rows.append(ca.mtimes(loop.turned_rows(), turned))
+    return ca.vertcat(*rows) if rows else ca.SX(0, 1)
+
+
+def reactions(loops: tuple[Loop, ...], view: View, multipliers: ca.SX) -> list[BodyWrench]:
+    """Wrenches of the multipliers, one for each row of `constraint`, on both bodies of each loop."""
+    found, k = [], 0
+    for loop in loops:
+        view.owner = Loop.where({"name": loop.name})
+        directions = loop.turned_rows()
+        force = multipliers[k : k + 3]
+        torque = ca.mtimes(directions.T, multipliers[k + 3 : k + 3 + directions.shape[0]])
+        k += 3 + directions.shape[0]
+        body, at = view.port(loop.parent)
+        other, there = view.port(loop.child)
+        pair = ca.horzcat(force, torque)
+        on_child = ca.horzcat(
+            *(view.across_now(pair[:, column], body, other) for column in range(2))
+        )
+        found.append(BodyWrench(body, move_wrench(-pair, at)))
+        found.append(BodyWrench(other, move_wrench(on_child, there)))
+    return found
+
+
+def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]) -> Closure:
+    """Which constraints are independent, and which coordinates they determine, at nominal.
+
+    `evaluate` gives the values of an expression at nominal and at other points of the range.
+
+    Raises
+    ------
+    SceneError
+        The ports of a loop do not meet, or the constraints lose or gain rank in the range.
+    """
+    if not scene.loops:
+        return Closure((), ())
+    q = ca.vertcat(*(coordinate.q for coordinate in view.coordinates))
+    for loop in scene.loops:
+        _check_that_it_closes(loop, view, evaluate)
+    matrices = evaluate(ca.jacobian(constraint(scene.loops, view, 0), q))
+    rank, rows = _independent(matrices[0].T)
+    for matrix in matrices[1:]:
+        if _independent(matrix.T)[0] != rank or _independent(matrix[rows].T)[0] != rank:
+            raise SceneError(
+                f"scene {scene.name!r}: the {rank} independent constraints of the loops "
+                f"{', '.join(loop.name for loop in scene.loops)} are not independent everywhere in the "
+                "range of the parameters: the mechanism passes a singular position, or constraints "
+                "are redundant at nominal only. Move the nominal values or narrow the ranges."
+            )
+    # the states are those of joints that are held or driven, and near the ground, where that is well
+    # conditioned: columns are compared with a weight, the last one first
+    weights = np.array([_PASSIVE if is_passive else 1.0 for is_passive in _passive(view)])
+    _, last = _independent((matrices[0][rows] * weights)[:, ::-1])
+    return Closure(tuple(rows), tuple(sorted(len(weights) - 1 - k for k in last)))
+
+
+def _passive(view: View) -> list[bool]:
+    """Whether the effort of each coordinate is given, so that nothing holds it."""
+    return [
+        labelled("preload", freedom) in view.now.values[owner_name(link.joint)]
+        for link in view.now.links
+        for freedom in link.joint.freedoms
+    ]
+
+
+def _independent(columns: Array) -> tuple[int, list[int]]:
+    """Rank of a matrix, and the positions of columns that make it."""
+    _, triangle, order = qr(columns, mode="economic", pivoting=True)
+    sizes = np.abs(np.diag(triangle))
+    rank = int(np.sum(sizes > _RANK * np.max(sizes, initial=0.0)))
+    return rank, sorted(int(k) for k in order[:rank])
+
+
+def _check_that_it_closes(
+    loop: Loop, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]
+) -> None:
+    """The ports meet, and for a closure that holds directions these are parallel, at all points."""
+    view.owner = Loop.where({"name": loop.name})
+    gaps = evaluate(view.between_at_rest(loop.parent, loop.child))
+    arms = [view.between_at_rest("ground", port) for port in (loop.parent, loop.child)]
+    reach = max(float(np.max(np.abs(value))) for arm in arms for value in evaluate(arm))
+    widest = max(float(np.linalg.norm(gap)) for gap in gaps)
+    if not widest <= _GAP * reach:
+        raise SceneError(
+            f"loop {loop.name!r}: the ports {loop.parent!r} and {loop.child!r} do not meet: they are "
+            f"{widest:.3g} m apart at nominal or elsewhere in the range. Correct the positions of the "
+            "joints; where a parameter changes the shape of the loop they must follow it."
+        )
+    body, other = (view.port(port)[0] for port in (loop.parent, loop.child))
+    held = ca.SX.eye(3) if loop.kind == "fixed" else ca.SX(3, 0)
+    if loop.axis is not None:
+        held = ca.SX(np.asarray(loop.axis) / np.linalg.norm(loop.axis))
+    for k in range(held.shape[1]):
+        turned = evaluate(view.across(held[:, k], body, other) - held[:, k])
+        skewed = max(float(np.max(np.abs(value))) for value in turned)
+        if not skewed <= _GAP:
+            raise SceneError(
+                f"loop {loop.name!r}: a direction that it holds is not the same in {loop.parent!r} and "
+                f"in {loop.child!r}: they differ by {skewed:.3g} rad at nominal or elsewhere in the "
+                "range. Give the joints an orientation that makes them parallel."
+            )

@@ -1,0 +1,138 @@
+"""What loads and sensors see of a placed tree: positions, small motions, wrenches, momentum."""
+
+from collections.abc import Mapping, Sequence
+
+import casadi as ca
+
+from mbdlft.body import GROUND, Body
+from mbdlft.description import Values
+from mbdlft.errors import SceneError, unknown_name
+from mbdlft.joint import Coordinate
+from mbdlft.scene.placed import (
+    Motions,
+    Passed,
+    Placed,
+    across,
+    between,
+    inertial_wrenches,
+    motions,
+    pass_inward,
+    place,
+    port_arm,
+)
+from mbdlft.scene.quantities import owner_name
+from mbdlft.scene.tree import Link, find_port
+from mbdlft.sensor import Small
+from mbdlft.spatial import move_motion
+
+
+class View:
+    """The `Space` of loads and the `View` of sensors, over one tree and one set of symbols.
+
+    Small motions of all orders are those of `vdot` at rest: at first order displacement, velocity and
+    acceleration are the same linear function of q, v and vdot.
+    """
+
+    def __init__(
+        self,
+        links: tuple[Link, ...],
+        bodies: Mapping[str, Body],
+        values: Mapping[str, Values],
+        coordinates: Sequence[Coordinate],
+        gravity: ca.SX,
+    ) -> None:
+        self.gravity = gravity
+        self.elastic: ca.SX | float = 1.0
+        self.now = place(links, bodies, values, coordinates)
+        rest = [_at_rest(coordinate, None) for coordinate in coordinates]
+        self.rest = place(links, bodies, values, rest)
+        self.coordinates = coordinates
+        self.motions = Motions({}, {})
+        self.passed = Passed((), {}, ca.SX(3, 2))
+        self.joints = {link.joint.name: link.child.name for link in links}
+        self.owner = ""  # of the port that is asked for, for messages
+        self._small: dict[int, tuple[Placed, Motions]] = {}
+
+    def find(self, port: str) -> tuple[str, str]:
+        """Body and port by name."""
+        body, name = find_port(self.now.bodies, self.owner, "port", port)
+        return body.name, name
+
+    # of loads -------------------------------------------------------------------------------
+
+    def port(self, port: str) -> tuple[str, ca.SX]:
+        body, name = self.find(port)
+        return body, port_arm(self.now, body, name)
+
+    def outward(self, vector: ca.SX, body: str) -> ca.SX:
+        return across(self.now, vector, GROUND, body)
+
+    def across_now(self, vector: ca.SX, source: str, target: str) -> ca.SX:
+        """A vector (3,) in the axes of `source` in those of `target`, displaced as they are."""
+        return across(self.now, vector, source, target)
+
+    def between(self, a: str, b: str) -> ca.SX:
+        return between(self.now, self.find(a), self.find(b))
+
+    def between_at_rest(self, a: str, b: str) -> ca.SX:
+        return between(self.rest, self.find(a), self.find(b))
+
+    def departure(self, a: str, b: str, order: int) -> ca.SX:
+        body, small = self.small(a, order)
+        other, moved = self.small(b, order)
+        far = across(self.rest, moved.displacement, other, body) - small.displacement
+        # the axes of a turn with it: seen from them b moves the other way
+        return far - ca.cross(small.rotation, self.between_at_rest(a, b))
+
+    # of sensors -----------------------------------------------------------------------------
+
+    def small(self, port: str, order: int) -> tuple[str, Small]:
+        body, name = self.find(port)
+        placed, found = self._linear(order)
+        moved = move_motion(found.bodies[body], port_arm(placed, body, name))
+        return body, Small(moved[:, 1], moved[:, 2])
+
+    def across(self, vector: ca.SX, source: str, target: str) -> ca.SX:
+        if target not in self.rest.bodies:
+            raise SceneError(
+                f"{self.owner}, frame: " + unknown_name("body", target, self.rest.bodies)
+            )
+        return across(self.rest, vector, source, target)
+
+    def motion(self, port: str) -> ca.SX:
+        body, name = self.find(port)
+        return move_motion(self.motions.bodies[body], port_arm(self.now, body, name))
+
+    def joint_wrench(self, joint: str) -> ca.SX:
+        if joint not in self.joints:
+            raise SceneError(f"{self.owner}, joint: " + unknown_name("joint", joint, self.joints))
+        return self.passed.joints[self.joints[joint]]
+
+    def momentum(self, order: int) -> ca.SX:
+        placed, found = self._linear(order)
+        return pass_inward(placed, found, inertial_wrenches(placed, found)).ground
+
+    def mass(self) -> ca.SX:
+        return sum(
+            (
+                self.now.values[owner_name(link.child)]["mass"]
+                for link in self.now.links
+                if "mass" in self.now.values[owner_name(link.child)]
+            ),
+            start=ca.SX(0),
+        )
+
+    def _linear(self, order: int) -> tuple[Placed, Motions]:
+        """The tree at rest, with small motions of one order in place of accelerations."""
+        if order not in self._small:
+            now = self.now
+            coordinates = [_at_rest(coordinate, order) for coordinate in self.coordinates]
+            placed = place(now.links, now.bodies, now.values, coordinates)
+            self._small[order] = placed, motions(placed, ca.SX(3, 3))
+        return self._small[order]
+
+
+def _at_rest(coordinate: Coordinate, order: int | None) -> Coordinate:
+    """q = v = 0, and the coordinates of one order as accelerations (none: zero)."""
+    zero = ca.SX(coordinate.q.numel(), 1)
+    return Coordinate(zero, zero, zero if order is None else coordinate[order])
