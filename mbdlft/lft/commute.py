@@ -115,6 +115,7 @@ def reduce_commuting(
     bound: Mapping[str, int],
     seconds: float,
     joint: Callable[[LFT, Callable[[], bool]], int],
+    finish: Callable[[LFT], LFT] = lambda found: found,
 ) -> Smallest:
     """The smallest LFT of equal value that is found in a time, at the latest when it meets the bound.
 
@@ -128,6 +129,9 @@ def reduce_commuting(
     joint : function of an LFT and of a function that says when to stop
         A lower bound on the order that may be better than the sum of `bound`; asked for once, when a
         first descent has not reached that sum.
+    finish : function of an LFT
+        What becomes of the result. That has to keep its values too: solving for accelerations makes
+        rounding larger.
 
     Returns
     -------
@@ -140,7 +144,7 @@ def reduce_commuting(
     forms.sort(key=lambda form: form.order)
     used = {block.name for block in forms[0].blocks}  # the least that the value depends on
     forms = [form for form in forms if {block.name for block in form.blocks} == used]
-    search = _Search(bound, lambda: time.perf_counter() > deadline, forms[0])
+    search = _Search(bound, lambda: time.perf_counter() > deadline, forms[0], finish)
     best, seed = forms[0], 0
     for attempt in range(_ATTEMPTS):
         if attempt == 1 and best.order > search.target and not search.stop():
@@ -159,17 +163,33 @@ def reduce_commuting(
     return Smallest(with_blocks(best, names), search.target)
 
 
-class _Search:
-    """The bounds, the budget, and values by which every result is checked."""
+class _Truth:
+    """Values by which every result is checked; not computed before there is one."""
 
-    def __init__(self, bound: Mapping[str, int], stop: Callable[[], bool], form: LFT) -> None:
-        self.bound, self.target, self.stop = bound, sum(bound.values()), stop
-        self.form, self.points = form, _check_points(len(form.blocks))
+    def __init__(self, form: Callable[[], LFT]) -> None:
+        self.form = form
 
     @cached_property
-    def values(self) -> Array:
-        """At the points; not before a result is to be checked."""
-        return evaluate_at(self.form, self.points)
+    def values(self) -> tuple[Array, Array]:
+        """Points (N, number of blocks) of the unit box, and values there."""
+        form = self.form()
+        points = _check_points(len(form.blocks))
+        return points, evaluate_at(form, points)
+
+
+class _Search:
+    """The bounds, the budget, and what every result is checked against, as it is and finished."""
+
+    def __init__(
+        self,
+        bound: Mapping[str, int],
+        stop: Callable[[], bool],
+        form: LFT,
+        finish: Callable[[LFT], LFT] = lambda found: found,
+    ) -> None:
+        self.bound, self.target, self.stop = bound, sum(bound.values()), stop
+        self.finish = finish
+        self.truth, self.finished = _Truth(lambda: form), _Truth(lambda: finish(form))
 
 
 def _pass(a: LFT, search: _Search, effort: Effort, seed: int) -> LFT:
@@ -185,9 +205,9 @@ def _pass(a: LFT, search: _Search, effort: Effort, seed: int) -> LFT:
             closed = close_block(closed, block)
         try:
             closed = reduce_order(_around(closed, -shift))
+            return closed if closed.order < best.order and _keeps(closed, search) else None
         except WellPosednessError:
             return None
-        return closed if closed.order < best.order and _keeps(closed, search) else None
 
     problem = _Problem(
         lines_of({name: search.bound[name] + 2 for name, _ in a.blocks}, seed),
@@ -326,8 +346,13 @@ def _check_points(count: int) -> Array:
 
 
 def _keeps(candidate: LFT, search: _Search) -> bool:
+    """Whether a candidate is right as it is, and when it is finished."""
+    return _same(candidate, search.truth) and _same(search.finish(candidate), search.finished)
+
+
+def _same(candidate: LFT, truth: _Truth) -> bool:
     """Whether the values are the same, and the loop is far from singular, at all points."""
-    points, values = search.points, search.values
+    points, values = truth.values
     if candidate.order:
         spread = np.repeat(points, [block.size for block in candidate.blocks], axis=1)
         loop = np.eye(candidate.order) - candidate.M11[None] * spread[:, None, :]
