@@ -23,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mbdlft.errors import WellPosednessError
+from mbdlft.lft.affine import is_affine, is_polynomial, move_affine
 from mbdlft.lft.basis import (
     Choice,
     Exchange,
@@ -32,23 +33,28 @@ from mbdlft.lft.basis import (
     choose_values,
     close_block,
     exchange,
+    is_regular,
     open_block,
     settle,
 )
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.exchange import search_exchanges
 from mbdlft.lft.lft import LFT, Array, Block, with_blocks
-from mbdlft.lft.lines import Lines, Values, lines_of, total_degree, values_on
+from mbdlft.lft.lines import Lines, Values, equilibrate, lines_of, total_degree, values_on
 from mbdlft.lft.reduce import reduce_order
 
 _POINTS = 64
 _SAME = 1e-11  # relative difference of values, far above rounding and far below a wrong step
 _CONDITION = 1e7  # of I - M11 Delta on the range
 _NEGLIGIBLE = 1e-6  # of the largest entry: a smaller one is compared with that part of it
+_CANCELED = 1e-2  # of its row and column, after solving for accelerations: there terms cancel
 _SHIFT = (0.1, 0.3)  # of the range: the search runs around a point where nothing vanishes by chance
 _HOPELESS = 8  # a score this much above the smallest LFT is not followed
 _TRIED = 4  # steps that are made for each that is followed
-_QUICK = 3  # efforts of the first descent
+_SHUFFLES = 12  # orders of chance that are tried
+_QUICK = 3 + _SHUFFLES  # efforts of the first descent
+_POLYNOMIAL_FIRST = 0.5  # of these orders
+_LARGE = 40  # channels: from there on orders of chance come first, as they are quick
 _ATTEMPTS = 8  # descents from each form, with other random choices
 _FAR = 3  # a form this much larger than the smallest is not started from
 _GROWTH = 2  # of the order, that LFTs on the way may have
@@ -63,10 +69,12 @@ class Effort(NamedTuple):
     rows: int
     orders: int
     exchanges: int
+    shuffled: bool = False  # the blocks are opened in an order of chance, so one is looked at
 
 
 EFFORTS = (
     Effort(width=1, deltas=3, bases=3, rows=0, orders=1, exchanges=0),
+    *[Effort(width=1, deltas=1, bases=3, rows=4, orders=1, exchanges=0, shuffled=True)] * _SHUFFLES,
     Effort(width=1, deltas=100, bases=2, rows=4, orders=1, exchanges=0),
     Effort(width=3, deltas=100, bases=3, rows=20, orders=2, exchanges=0),
     Effort(width=3, deltas=100, bases=3, rows=20, orders=2, exchanges=500),
@@ -91,6 +99,7 @@ class _Step(NamedTuple):
     state: _State
     name: str
     choice: Choice | None
+    regular: bool = True
 
 
 class _Problem(NamedTuple):
@@ -101,6 +110,7 @@ class _Problem(NamedTuple):
     seed: int
     most: int
     stop: Callable[[], bool]
+    order: tuple[str, ...]  # in which the blocks are opened; empty: as the scores say
 
 
 class Smallest(NamedTuple):
@@ -145,11 +155,16 @@ def reduce_commuting(
     used = {block.name for block in forms[0].blocks}  # the least that the value depends on
     forms = [form for form in forms if {block.name for block in form.blocks} == used]
     search = _Search(bound, lambda: time.perf_counter() > deadline, forms[0], finish)
+    for form in _moved(forms[0]) if not search.stop() else ():
+        if form.order < forms[0].order and _keeps(form, search):
+            forms.insert(0, form)
     best, seed = forms[0], 0
     for attempt in range(_ATTEMPTS):
         if attempt == 1 and best.order > search.target and not search.stop():
             search.target = joint(best, search.stop)
         efforts = EFFORTS[:_QUICK] if attempt == 0 else EFFORTS
+        if best.order > _LARGE:
+            efforts = tuple(sorted(efforts, key=lambda effort: not effort.shuffled))
         for form in forms if attempt > 1 else [best]:
             found, level = form, 0
             while level < len(efforts) and best.order > search.target and not search.stop():
@@ -163,11 +178,23 @@ def reduce_commuting(
     return Smallest(with_blocks(best, names), search.target)
 
 
+def _moved(a: LFT) -> Iterator[LFT]:
+    """Forms of the same value with the affine deltas moved: inside of other polynomial ones, or not."""
+    affine = [name for name, _ in a.blocks if is_affine(a, name)]
+    if affine:
+        others = [name for name, _ in a.blocks if name not in affine and is_polynomial(a, name)]
+        for outside in (others, ()):
+            try:
+                yield move_affine(a, outside, affine)
+            except WellPosednessError:
+                continue
+
+
 class _Truth:
     """Values by which every result is checked; not computed before there is one."""
 
-    def __init__(self, form: Callable[[], LFT]) -> None:
-        self.form = form
+    def __init__(self, form: Callable[[], LFT], floor: Callable[[Array], Array | float]) -> None:
+        self.form, self.floor = form, floor
 
     @cached_property
     def values(self) -> tuple[Array, Array]:
@@ -189,7 +216,8 @@ class _Search:
     ) -> None:
         self.bound, self.target, self.stop = bound, sum(bound.values()), stop
         self.finish = finish
-        self.truth, self.finished = _Truth(lambda: form), _Truth(lambda: finish(form))
+        self.truth = _Truth(lambda: form, _part_of_largest)
+        self.finished = _Truth(lambda: finish(form), _part_of_row_and_column)
 
 
 def _pass(a: LFT, search: _Search, effort: Effort, seed: int) -> LFT:
@@ -210,18 +238,19 @@ def _pass(a: LFT, search: _Search, effort: Effort, seed: int) -> LFT:
             return None
 
     problem = _Problem(
-        lines_of({name: search.bound[name] + 2 for name, _ in a.blocks}, seed),
+        lines_of({name: 2 * search.bound[name] + 2 for name, _ in a.blocks}, seed, shift),
         effort,
         seed,
         _GROWTH * a.order + 30,
         search.stop,
+        _order(a, random) if effort.shuffled else (),
     )
     start = _around(a, shift)
     states = [_State(total_degree(values_on(start, problem.lines), problem.lines), (), start)]
     for _ in a.blocks:
         steps = sorted(
             (step for state in states for step in _steps(state, problem)),
-            key=lambda step: (step.score, len(step.exchanges), step.size),
+            key=lambda step: (step.score, not step.regular, len(step.exchanges), step.size),
         )
         # of those with one score the simplest: it has the fewest channels left
         states = sorted(_taken(steps, problem), key=lambda state: (state.score, state.left.order))
@@ -233,6 +262,14 @@ def _pass(a: LFT, search: _Search, effort: Effort, seed: int) -> LFT:
         if states[0].score > best.order + _HOPELESS:
             break
     return best
+
+
+def _order(a: LFT, random: np.random.Generator) -> tuple[str, ...]:
+    """An order of chance; every second time deltas without poles come first."""
+    names = [a.blocks[k].name for k in random.permutation(len(a.blocks))]
+    if random.random() < _POLYNOMIAL_FIRST:
+        names.sort(key=lambda name: not is_polynomial(a, name))
+    return tuple(names)
 
 
 def _steps(state: _State, problem: _Problem) -> list[_Step]:
@@ -249,7 +286,8 @@ def _steps(state: _State, problem: _Problem) -> list[_Step]:
         plain.append((_Step(score, (), size, state, name, None), values))
         if score <= state.score:
             return [plain[-1][0]]
-    plain.sort(key=lambda item: (item[0].size, item[0].score))
+    place = {name: k for k, name in enumerate(problem.order)}
+    plain.sort(key=lambda item: (place.get(item[0].name, 0), item[0].size, item[0].score))
     steps = []
     for step, values in plain[: effort.deltas]:
         if problem.stop():
@@ -269,8 +307,10 @@ def _bases(plain: _Step, values: Values, done: int, problem: _Problem) -> list[_
             continue
         score = done + choice.size + total_degree(found, lines)
         if score >= floor:  # less is a rank that was not seen
-            tried.append((plain._replace(score=score, size=choice.size, choice=choice), found))
-    tried.sort(key=lambda item: (item[0].score, item[0].size))
+            regular = is_regular(values, plain.size, choice)
+            changed = plain._replace(score=score, size=choice.size, choice=choice, regular=regular)
+            tried.append((changed, found))
+    tried.sort(key=lambda item: (item[0].score, not item[0].regular, item[0].size))
     steps = []
     for step, found in tried[: effort.bases]:
         steps.append(step)
@@ -345,13 +385,27 @@ def _check_points(count: int) -> Array:
     return points
 
 
+def _part_of_largest(values: Array) -> float:
+    return _NEGLIGIBLE * float(np.max(np.abs(values), initial=0.0))
+
+
+def _part_of_row_and_column(values: Array) -> Array:
+    """(rows, columns); an entry is no larger than what its row and its column give it."""
+    rows, columns = equilibrate(values)
+    used = np.max(np.abs(values), initial=0.0) > 0.0
+    return np.asarray(_CANCELED * used / np.outer(rows, columns))
+
+
 def _keeps(candidate: LFT, search: _Search) -> bool:
     """Whether a candidate is right as it is, and when it is finished."""
     return _same(candidate, search.truth) and _same(search.finish(candidate), search.finished)
 
 
 def _same(candidate: LFT, truth: _Truth) -> bool:
-    """Whether the values are the same, and the loop is far from singular, at all points."""
+    """Whether the values are the same, and the loop is far from singular, at all points.
+
+    An entry is compared with its size, and a small one with a part of what its row and column have.
+    """
     points, values = truth.values
     if candidate.order:
         spread = np.repeat(points, [block.size for block in candidate.blocks], axis=1)
@@ -361,7 +415,7 @@ def _same(candidate: LFT, truth: _Truth) -> bool:
             return False
     found = evaluate_at(candidate, points)
     size = np.max(np.abs(values), axis=0)
-    size = np.maximum(size, _NEGLIGIBLE * np.max(size, initial=0.0))
+    size = np.maximum(size, truth.floor(values))
     return bool(
         np.max(np.abs(found - values) / np.where(size > 0, size, 1.0), initial=0.0) <= _SAME
     )
