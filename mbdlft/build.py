@@ -126,7 +126,7 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
                 [reduced],
                 bound,
                 search,
-                lambda found, stop: joint_bound(_state_space(equations, found), bound, stop),
+                lambda found, stop: joint_bound(found, bound, stop),
                 lambda found: _state_space(equations, found),
             )
             lft = min(lft, _state_space(equations, smaller), key=lambda candidate: candidate.order)

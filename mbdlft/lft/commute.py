@@ -51,10 +51,10 @@ _CANCELED = 1e-2  # of its row and column, after solving for accelerations: ther
 _SHIFT = (0.1, 0.3)  # of the range: the search runs around a point where nothing vanishes by chance
 _HOPELESS = 8  # a score this much above the smallest LFT is not followed
 _TRIED = 4  # steps that are made for each that is followed
-_SHUFFLES = 12  # orders of chance that are tried
-_QUICK = 3 + _SHUFFLES  # efforts of the first descent
+_SHUFFLES = 8  # orders of chance that are tried after a descent
+_LEVELS = (1, 3)  # efforts of the first descents
 _POLYNOMIAL_FIRST = 0.5  # of these orders
-_LARGE = 40  # channels: from there on orders of chance come first, as they are quick
+_LARGE = 120  # channels: from there on the bound by pairs waits for the end of a first descent
 _ATTEMPTS = 8  # descents from each form, with other random choices
 _FAR = 3  # a form this much larger than the smallest is not started from
 _GROWTH = 2  # of the order, that LFTs on the way may have
@@ -74,12 +74,13 @@ class Effort(NamedTuple):
 
 EFFORTS = (
     Effort(width=1, deltas=3, bases=3, rows=0, orders=1, exchanges=0),
-    *[Effort(width=1, deltas=1, bases=3, rows=4, orders=1, exchanges=0, shuffled=True)] * _SHUFFLES,
     Effort(width=1, deltas=100, bases=2, rows=4, orders=1, exchanges=0),
     Effort(width=3, deltas=100, bases=3, rows=20, orders=2, exchanges=0),
     Effort(width=3, deltas=100, bases=3, rows=20, orders=2, exchanges=500),
     Effort(width=4, deltas=100, bases=4, rows=40, orders=4, exchanges=3000),
 )
+
+SHUFFLED = Effort(width=1, deltas=1, bases=3, rows=40, orders=1, exchanges=0, shuffled=True)
 
 
 class _State(NamedTuple):
@@ -155,23 +156,32 @@ def reduce_commuting(
     used = {block.name for block in forms[0].blocks}  # the least that the value depends on
     forms = [form for form in forms if {block.name for block in form.blocks} == used]
     search = _Search(bound, lambda: time.perf_counter() > deadline, forms[0], finish)
-    for form in _moved(forms[0]) if not search.stop() else ():
+    origin = forms[0]
+    for form in _moved(origin) if not search.stop() else ():
         if form.order < forms[0].order and _keeps(form, search):
             forms.insert(0, form)
-    best, seed = forms[0], 0
+    best, seed, bounded = forms[0], 0, False
+
+    def is_over() -> bool:
+        return best.order <= search.target or search.stop()
+
     for attempt in range(_ATTEMPTS):
-        if attempt == 1 and best.order > search.target and not search.stop():
-            search.target = joint(best, search.stop)
-        efforts = EFFORTS[:_QUICK] if attempt == 0 else EFFORTS
-        if best.order > _LARGE:
-            efforts = tuple(sorted(efforts, key=lambda effort: not effort.shuffled))
+        efforts = EFFORTS[: _LEVELS[attempt]] if attempt < len(_LEVELS) else EFFORTS
         for form in forms if attempt > 1 else [best]:
             found, level = form, 0
-            while level < len(efforts) and best.order > search.target and not search.stop():
+            while level < len(efforts) and not is_over():
                 smaller = _pass(found, search, efforts[level], seed)
                 level = level if smaller.order < found.order else level + 1
                 found, seed = smaller, seed + 1
                 best = found if found.order < best.order else best
+                # pairs take long for many deltas
+                if not (bounded or is_over()) and (attempt > 0 or best.order <= _LARGE):
+                    search.target, bounded = joint(finish(best), search.stop), True
+        for _ in range(_SHUFFLES):
+            if is_over():
+                break
+            found, seed = _pass(origin, search, SHUFFLED, seed), seed + 1
+            best = found if found.order < best.order else best
     if best.order == smallest.order:
         return Smallest(smallest, search.target)
     names = [block.name for block in smallest.blocks]
