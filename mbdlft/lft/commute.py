@@ -18,7 +18,7 @@ again from there, until nothing smaller is found with the most effort.
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -51,9 +51,8 @@ _CANCELED = 1e-2  # of its row and column, after solving for accelerations: ther
 _SHIFT = (0.1, 0.3)  # of the range: the search runs around a point where nothing vanishes by chance
 _HOPELESS = 8  # a score this much above the smallest LFT is not followed
 _TRIED = 4  # steps that are made for each that is followed
-_SHUFFLES = 8  # orders of chance that are tried after a descent
+_ORDERS = 8  # that are tried after a descent
 _LEVELS = (1, 3)  # efforts of the first descents
-_POLYNOMIAL_FIRST = 0.5  # of these orders
 _LARGE = 120  # channels: from there on the bound by pairs waits for the end of a first descent
 _ATTEMPTS = 8  # descents from each form, with other random choices
 _FAR = 3  # a form this much larger than the smallest is not started from
@@ -69,7 +68,7 @@ class Effort(NamedTuple):
     rows: int
     orders: int
     exchanges: int
-    shuffled: bool = False  # the blocks are opened in an order of chance, so one is looked at
+    order: Literal["scores", "sizes", "chance"] = "scores"  # in which the blocks are opened
 
 
 EFFORTS = (
@@ -80,7 +79,11 @@ EFFORTS = (
     Effort(width=4, deltas=100, bases=4, rows=40, orders=4, exchanges=3000),
 )
 
-SHUFFLED = Effort(width=1, deltas=1, bases=3, rows=40, orders=1, exchanges=0, shuffled=True)
+# of one delta only, so quick: small blocks first, or an order of chance
+ORDERED = (
+    Effort(width=1, deltas=1, bases=3, rows=40, orders=1, exchanges=0, order="sizes"),
+    Effort(width=1, deltas=1, bases=3, rows=40, orders=1, exchanges=0, order="chance"),
+)
 
 
 class _State(NamedTuple):
@@ -177,10 +180,10 @@ def reduce_commuting(
                 # pairs take long for many deltas
                 if not (bounded or is_over()) and (attempt > 0 or best.order <= _LARGE):
                     search.target, bounded = joint(finish(best), search.stop), True
-        for _ in range(_SHUFFLES):
+        for k in range(_ORDERS):
             if is_over():
                 break
-            found, seed = _pass(origin, search, SHUFFLED, seed), seed + 1
+            found, seed = _pass(origin, search, ORDERED[k % 2], seed), seed + 1
             best = found if found.order < best.order else best
     if best.order == smallest.order:
         return Smallest(smallest, search.target)
@@ -253,7 +256,7 @@ def _pass(a: LFT, search: _Search, effort: Effort, seed: int) -> LFT:
         seed,
         _GROWTH * a.order + 30,
         search.stop,
-        _order(a, random) if effort.shuffled else (),
+        _order(a, effort, random),
     )
     start = _around(a, shift)
     states = [_State(total_degree(values_on(start, problem.lines), problem.lines), (), start)]
@@ -274,12 +277,14 @@ def _pass(a: LFT, search: _Search, effort: Effort, seed: int) -> LFT:
     return best
 
 
-def _order(a: LFT, random: np.random.Generator) -> tuple[str, ...]:
-    """An order of chance; every second time deltas without poles come first."""
-    names = [a.blocks[k].name for k in random.permutation(len(a.blocks))]
-    if random.random() < _POLYNOMIAL_FIRST:
-        names.sort(key=lambda name: not is_polynomial(a, name))
-    return tuple(names)
+def _order(a: LFT, effort: Effort, random: np.random.Generator) -> tuple[str, ...]:
+    """The order in which an effort opens the blocks, empty if the scores decide."""
+    blocks = [a.blocks[k] for k in random.permutation(len(a.blocks))]
+    if effort.order == "scores":
+        return ()
+    if effort.order == "sizes":
+        blocks.sort(key=lambda block: block.size)
+    return tuple(block.name for block in blocks)
 
 
 def _steps(state: _State, problem: _Problem) -> list[_Step]:
