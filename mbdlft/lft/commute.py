@@ -168,6 +168,9 @@ def reduce_commuting(
     def is_over() -> bool:
         return best.order <= search.target or search.stop()
 
+    # where moving was enough there may be nothing to search for; pairs take long for many deltas
+    if best is not origin and best.order <= _LARGE and not is_over():
+        search.target, bounded = joint(finish(best), search.stop), True
     for attempt in range(_ATTEMPTS):
         efforts = EFFORTS[: _LEVELS[attempt]] if attempt < len(_LEVELS) else EFFORTS
         for form in forms if attempt > 1 else [best]:
@@ -177,7 +180,6 @@ def reduce_commuting(
                 level = level if smaller.order < found.order else level + 1
                 found, seed = smaller, seed + 1
                 best = found if found.order < best.order else best
-                # pairs take long for many deltas
                 if not (bounded or is_over()) and (attempt > 0 or best.order <= _LARGE):
                     search.target, bounded = joint(finish(best), search.stop), True
         for k in range(_ORDERS):
