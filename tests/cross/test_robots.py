@@ -15,10 +15,12 @@ import numpy as np
 import pytest
 
 import mbdlft
+from benchmarks import ur5 as benchmark
 from mbdlft.scene.urdf import make
 from mbdlft.scene.urdf.file import Robot as File
 from mbdlft.scene.urdf.file import RobotJoint, RobotLink, read_robot, read_robot_file
 from mbdlft.scene.urdf.values import AXIAL
+from scenarios import ur5
 from tests.close import MUJOCO, PINOCCHIO, target
 from tests.cross.robots import Rest, by_mujoco, by_pinocchio, edited, robots
 
@@ -164,6 +166,23 @@ def test_robot_equals_pinocchio(name: str) -> None:
 @pytest.mark.parametrize("name", ["ur5", "panda", "xarm7", "so101"])
 def test_robot_equals_mujoco(name: str) -> None:
     compare(case(name), by_mujoco, 5, MUJOCO)
+
+
+def test_scenario_is_that_of_its_script(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robots()  # or skip
+    written = ur5.TOML.read_text(encoding="utf-8")
+    monkeypatch.setattr(ur5, "TOML", tmp_path / "ur5.toml")
+    monkeypatch.setattr("sys.argv", ["ur5.py"])
+    ur5.main()
+    assert (tmp_path / "ur5.toml").read_text(encoding="utf-8") == written
+    assert len(capsys.readouterr().out.splitlines()) == 8 + 1 + 9
+
+
+def test_benchmark_at_its_smallest() -> None:
+    text = benchmark.table(robots() / ROBOTS["ur5"].file, 0.0, repeats=1)
+    assert "| of which check |" in text
 
 
 # planted bugs --------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from mbdlft import Angle, Parameter, SceneError, load_urdf
+from mbdlft import Angle, NotRationalError, Parameter, SceneError, load_urdf
 from tests.errors.robots import ROBOT, written
 from tests.errors.scenes import line_of, says
 
@@ -170,6 +170,10 @@ def test_joint_that_moves_nothing(tmp_path: Path) -> None:
         ),
         ({"vary": {"arm.center_of_mass.x": 5}}, ["that is not zero, got 0.0"]),
         (
+            {"vary": {"arm.mass": 5}, "values": {"arm.mass": 2.0}},
+            ["'arm.mass' is both in vary and in values; give it in one of them."],
+        ),
+        (
             {"moving": ["swng"]},
             ["moving: unknown joint that can move 'swng'. Did you mean 'swing'?"],
         ),
@@ -212,3 +216,21 @@ def test_floating_joint_cannot_be_locked(tmp_path: Path) -> None:
     file = written(tmp_path, 'name="swing" type="revolute"', 'name="swing" type="floating"')
     with says(SceneError, "moving: the floating joint 'swing' cannot be locked", "fixed joint"):
         load_urdf(file, moving=["slide"])
+
+
+def test_mimic_joint_that_would_follow_a_fraction_of_an_angle(tmp_path: Path) -> None:
+    text = ROBOT.replace('"finger" type="prismatic"', '"finger" type="continuous"')
+    text = text.replace('"other" type="prismatic"', '"other" type="continuous"')
+    file = written(
+        tmp_path,
+        text=text.replace('izz="0"', 'izz="0.01"').replace('"0" iyy="0"', '"0.01" iyy="0.01"'),
+    )
+    follow = {"parameters": [Angle("a", 10.0, 5.0, 20.0)], "values": {"finger.position": "a"}}
+    with says(
+        NotRationalError,
+        "joint 'other', position = '0.5*(a) + 0.01': an angle parameter can be multiplied by an integer",
+        "The joint mimics 'finger'; give 'other.position' a value or a parameter of its own.",
+    ):
+        load_urdf(file, **follow)
+    follow["values"] |= {"other.position": 0.0}
+    load_urdf(file, **follow)

@@ -186,6 +186,8 @@ def test_free_root_is_held_by_its_weight(tmp_path: Path) -> None:
     trim = {s.name: v for s, v in zip(model.trim.signals, model.trim.nominal, strict=True)}
     target(trim["hold_force_z.force"], 9.81 * (3.0 + SIZES["m"]), CLOSED_FORM)
     assert any("hold the free robot" in line for line in report.assumed)
+    locked, _ = load_urdf(file, base="free", values=values, moving=[])
+    assert [joint.kind for joint in locked.joints] == ["free", "fixed"]
     floating, report = load_urdf(file, base="free", values=values, gravity=(0, 0, 0))
     assert floating.loads == ()
     assert not any("hold" in line or "gravity" in line for line in report.assumed)

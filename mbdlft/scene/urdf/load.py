@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from mbdlft.body import GROUND, Body
 from mbdlft.description import Quantity, Vector
-from mbdlft.errors import SceneError, unknown_name
+from mbdlft.errors import NotRationalError, SceneError, unknown_name
 from mbdlft.parameter import Parameter
 from mbdlft.scene.check import check
 from mbdlft.scene.scene import Constant, Scene
@@ -39,7 +39,8 @@ class ImportReport:
     assumed : tuple of str
         What the scene says and the file does not: gravity, positions, right angles, names, ...
     limits : tuple of JointLimit
-        Limits of the moving joints: position (rad or m), effort (N m or N), rate (rad/s or m/s).
+        Limits of the joints that turn or slide: position (rad or m), effort (N m or N), rate (rad/s
+        or m/s).
     """
 
     ignored: tuple[str, ...]
@@ -111,6 +112,8 @@ def load_urdf(
     SceneError
         The file cannot be read, is not a robot (with the line), a label is unknown, a position
         leaves the limits of its joint, a joint moves nothing that has a mass, or as `Scene`.
+    NotRationalError
+        A value is not rational in the parameters.
     """
     if base not in ("fixed", "free"):
         raise SceneError(f"base: expected 'fixed' or 'free', got {base!r}.")
@@ -120,6 +123,8 @@ def load_urdf(
     added = {label: varied(label, percent, found) for label, percent in (vary or {}).items()}
     for label in values or {}:
         check_label("values", label, found)
+        if label in added:
+            raise SceneError(f"{label!r} is both in vary and in values; give it in one of them.")
     chosen = {label: p.name for label, p in added.items()} | dict(values or {})
     found |= chosen
     set_positions(robot, found, set(chosen), assumed)
@@ -147,7 +152,7 @@ def load_urdf(
         joints=[joint_of(making, joint) for joint in robot.joints.values()],
         loads=holds(making) if held else (),
     )
-    check(scene)
+    _check(scene, making)
     check_limits(scene, limits(making))
     if tuple(gravity) == GRAVITY:
         assumed.append("gravity is 9.81 m/s^2 against the z axis of the ground")
@@ -173,6 +178,20 @@ def _checked(made: list[Body], scene: Scene, assumed: list[str], *, keep: bool) 
     return [unchecked(body) if body.name in found else body for body in made]
 
 
+def _check(scene: Scene, making: Making) -> None:
+    """`check`; a position that nobody wrote but a mimic joint has says where it comes from."""
+    try:
+        check(scene)
+    except NotRationalError as error:
+        for joint in making.robot.joints.values():
+            if joint.mimic and f"joint {making.names[joint.name]!r}, position" in str(error):
+                raise NotRationalError(
+                    f"{error} The joint mimics {joint.mimic.leader!r}; give '{joint.name}.position' a "
+                    "value or a parameter of its own."
+                ) from None
+        raise
+
+
 def _on_the_ground(robot: Robot, base: str) -> Robot:
     """The robot with one more joint, the first: of its root on the ground."""
     name = "root_joint"
@@ -185,9 +204,11 @@ def _on_the_ground(robot: Robot, base: str) -> Robot:
 
 def _moves(robot: Robot, moving: Iterable[str] | None) -> frozenset[str]:
     """Names of the joints that move."""
-    can = frozenset(joint.name for joint in robot.joints.values() if joint.kind != "fixed")
+    base, *joints = robot.joints.values()
+    can = frozenset(joint.name for joint in joints if joint.kind != "fixed")
+    always = frozenset([base.name] if base.kind != "fixed" else [])
     if moving is None:
-        return can
+        return can | always
     if isinstance(moving, str):
         raise SceneError(f"moving: expected a list of names of joints, got the text {moving!r}.")
     chosen = frozenset(moving)
@@ -200,7 +221,7 @@ def _moves(robot: Robot, moving: Iterable[str] | None) -> frozenset[str]:
                 f"moving: the {robot.joints[name].kind} joint {name!r} cannot be locked; name it too, or "
                 "make it a fixed joint in the file."
             )
-    return chosen
+    return chosen | always
 
 
 def _refuse_massless(robot: Robot, values: Values, moves: frozenset[str]) -> None:
@@ -217,8 +238,9 @@ def _refuse_massless(robot: Robot, values: Values, moves: frozenset[str]) -> Non
             pending += [other.child for other in children.get(carried[-1], [])]
         keys = ("mass", *(f"inertia.{entry}" for entry in ENTRIES))
         if all(values[f"{link}.{key}"] == 0.0 for link in carried for key in keys):
+            where = f"line {joint.line}: " if joint.line else ""
             raise SceneError(
-                f"line {joint.line}: joint {joint.name!r} moves nothing that has a mass or an inertia: "
+                f"{where}joint {joint.name!r} moves nothing that has a mass or an inertia: "
                 f"{', '.join(carried)}. Give one of these an <inertial>, or a value to "
                 f"'{joint.child}.mass' and '{joint.child}.inertia.xx', ..., or to "
                 f"'{joint.name}.actuator_inertia'; or leave the joint out of `moving`."
