@@ -19,6 +19,7 @@ from benchmarks import ur5 as benchmark
 from mbdlft.scene.urdf import make
 from mbdlft.scene.urdf.file import Robot as File
 from mbdlft.scene.urdf.file import RobotJoint, RobotLink, read_robot, read_robot_file
+from mbdlft.scene.urdf.load import RIGHT_ANGLE
 from mbdlft.scene.urdf.values import AXIAL
 from scenarios import ur5
 from tests.close import MUJOCO, PINOCCHIO, target
@@ -53,14 +54,12 @@ ROBOTS = {
     "anymal_c": Robot("anymal_c_simple_description/urdf/anymal.urdf", 6),
     "talos": Robot("talos_data/robots/talos_full_v2.urdf", 4),
     "talos_arm": Robot("talos_data/robots/talos_left_arm.urdf", 7),
-    "icub": Robot("icub_description/robots/icub_reduced.urdf", 4),
     "allegro": Robot("allegro_hand_description/urdf/allegro_right_hand.urdf", 4),
     "baxter": Robot("baxter_description/urdf/baxter.urdf", 4),
     "tiago": Robot("tiago_description/robots/tiago_no_hand.urdf", 4),
     "pr2": Robot("pr2_description/urdf/pr2.urdf", 3),
     "g1": Robot("g1_description/urdf/g1_29dof_rev_1_0.urdf", 4),
     "so101": Robot("so_arm_description/urdf/so101.urdf", 6),
-    "romeo": Robot("romeo_description/urdf/romeo_small.urdf", 4),
 }
 
 
@@ -86,9 +85,12 @@ def span(joint: RobotJoint) -> tuple[float, float]:
 
 @cache
 def case(name: str) -> Case:
-    robot = ROBOTS[name]
+    return case_of(ROBOTS[name])
+
+
+def case_of(robot: Robot, right_angle: float = RIGHT_ANGLE) -> Case:
     path = robots() / robot.file
-    generator = np.random.default_rng(len(name))
+    generator = np.random.default_rng(len(robot.file))
     axial = [joint for joint in read_robot_file(path).joints.values() if joint.kind in AXIAL]
     hinges = [joint.name for joint in axial if joint.kind != "prismatic"]
     chosen = sorted(generator.permutation(hinges)[: robot.angles])
@@ -113,6 +115,7 @@ def case(name: str) -> Case:
         base="free" if robot.free else "fixed",
         vary=dict.fromkeys(robot.vary, 20.0),
         keep_unphysical=True,
+        right_angle=right_angle,
     )
     model = mbdlft.to_lft(scene, search=0.0)
     points = mbdlft.random(model.parameters, COUNT, seed=1)
@@ -168,6 +171,15 @@ def test_robot_equals_mujoco(name: str) -> None:
     compare(case(name), by_mujoco, 5, MUJOCO)
 
 
+@pytest.mark.parametrize("name", ["ur5", "kinova", "talos_arm"])
+def test_file_as_it_stands_equals_pinocchio(name: str) -> None:
+    """No angle is taken as a right one, and the other tool reads the file itself."""
+    robot = ROBOTS[name]._replace(angles=1, vary=(), payload="")
+    found = case_of(robot, right_angle=0.0)
+    text = found.path.read_text(encoding="utf-8")
+    compare(found, lambda _, *told, **free: by_pinocchio(text, *told, **free), 3, PINOCCHIO)
+
+
 def test_scenario_is_that_of_its_script(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -217,7 +229,7 @@ def test_planted_bug_is_found(bug: str, monkeypatch: pytest.MonkeyPatch) -> None
     place, name, wrong = PLANTED[bug]
     monkeypatch.setattr(f"mbdlft.scene.urdf.{place}", wrong)
     with pytest.raises(AssertionError, match="relative error"):
-        compare(case.__wrapped__(name), by_pinocchio, 1, PINOCCHIO)
+        compare(case_of(ROBOTS[name]), by_pinocchio, 1, PINOCCHIO)
 
 
 def test_stiffness_at_zero_only_is_found() -> None:
