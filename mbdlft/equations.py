@@ -69,6 +69,9 @@ class Equations:
     elastic : SX symbol
         1 for small displacements, where the force density of a spring is that at equilibrium; 0 where it
         follows its law.
+    carried : SX (n_c,)
+        Wrenches of the elastic bodies whose `prestress` is not said to be negligible; as `output`.
+    carried_by : name of the body of each entry of `carried`
     parameters : sorted by name
     """
 
@@ -96,6 +99,8 @@ class Equations:
     default_outputs: tuple[int, ...]
     springs: tuple[SpringLaw, ...]
     elastic: ca.SX
+    carried: ca.SX
+    carried_by: tuple[str, ...]
     parameters: tuple[Parameter, ...]
 
     @property

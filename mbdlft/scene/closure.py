@@ -12,7 +12,6 @@ from mbdlft.force import BodyWrench
 from mbdlft.joint import labelled
 from mbdlft.lft.lft import Array
 from mbdlft.loop import Loop
-from mbdlft.scene.quantities import owner_name
 from mbdlft.scene.scene import Scene
 from mbdlft.scene.view import View
 from mbdlft.spatial import move_wrench
@@ -75,7 +74,7 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
     """
     if not scene.loops:
         return Closure((), ())
-    q = ca.vertcat(*(coordinate.q for coordinate in view.coordinates))
+    q = ca.vertcat(*(coordinate.q for coordinate in view.coordinates.values()))
     for loop in scene.loops:
         _check_that_it_closes(loop, view, evaluate)
     matrices = evaluate(ca.jacobian(constraint(scene.loops, view, 0), q))
@@ -97,11 +96,12 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
 
 def _passive(view: View) -> list[bool]:
     """Whether the effort of each coordinate is given, so that nothing holds it."""
-    return [
-        labelled("preload", freedom) in view.now.values[owner_name(link.joint)]
-        for link in view.now.links
-        for freedom in link.joint.freedoms
-    ]
+    found = []
+    for link in view.now.links:
+        values = view.now.values[link.owner]
+        found += [labelled("preload", freedom) in values for freedom in link.joint.freedoms]
+        found += [True for _ in link.child.freedoms()]
+    return found
 
 
 def _independent(columns: Array) -> tuple[int, list[int]]:
