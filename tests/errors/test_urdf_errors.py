@@ -159,6 +159,13 @@ def test_joint_that_moves_nothing(tmp_path: Path) -> None:
             {"values": {"am.mass": 1.0}},
             ["values, 'am.mass': unknown link or joint 'am'. Did you mean 'arm'?"],
         ),
+        (
+            {
+                "parameters": [Parameter("L", 1.0, percent=10, unit="m")],
+                "values": {"arm.mass": "L"},
+            },
+            ["body 'arm', mass = 'L': ", "kg"],
+        ),
         ({"values": {"arm.mass": "m"}}, ["body 'arm', mass = 'm': unknown name 'm'."]),
         (
             {"vary": {"arm.mass.x": 5}},

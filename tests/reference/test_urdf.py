@@ -116,6 +116,36 @@ def compare_inertia(rpy: tuple[float, float, float]) -> None:
     roundoff(turned, R @ matrix @ R.T)
 
 
+def test_units_of_parameters_are_converted(tmp_path: Path) -> None:
+    """A length in mm and a mass in g stand where the file has m and kg."""
+    scene, _ = load_urdf(
+        pendulum(tmp_path),
+        parameters=[
+            Parameter("drop", 700.0, percent=20, unit="mm"),
+            Parameter("m", 2000.0, percent=20, unit="g"),
+        ],
+        values={"rod.center_of_mass.z": "-drop", "rod.mass": "m"},
+    )
+    model = mbdlft.to_lft(scene, search=0.0)
+    points = mbdlft.random(model.parameters, 20, seed=4)
+    m, L = points["m"] / 1000, points["drop"] / 1000
+    target(
+        mbdlft.matrices_at(model, points).A[:, 1, 0],
+        -9.81 * m * L / (SIZES["J"] + m * L**2),
+        CLOSED_FORM,
+    )
+
+
+def test_missing_limits_are_told(tmp_path: Path) -> None:
+    limit = '<limit lower="0.5" upper="1.5" effort="20" velocity="1"/>'
+    _, report = load_urdf(
+        written(tmp_path, limit, '<limit effort="20" velocity="1"/>'),
+        values={"swing.position": 3.0},
+    )
+    assert "joints without limits of position have none: swing" in report.assumed
+    assert report.limits[1] == mbdlft.JointLimit("swing", "rad", None, None, 20.0, 1.0)
+
+
 # choices -------------------------------------------------------------------------------------
 
 

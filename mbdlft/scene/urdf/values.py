@@ -59,6 +59,13 @@ def _tell(robot: Robot, snapped: list[float], assumed: list[str]) -> None:
     massless = [link.name for link in links if not link.inertial]
     if massless:
         assumed.append(f"links without <inertial> have no mass: {', '.join(massless)}")
+    unlimited = [
+        joint.name
+        for joint in robot.joints.values()
+        if joint.kind in ("revolute", "prismatic") and joint.lower is None
+    ]
+    if unlimited:
+        assumed.append(f"joints without limits of position have none: {', '.join(unlimited)}")
     points = [link.name for link in links if link.mass and not any(link.inertia.values())]
     if points:
         assumed.append(f"links with a mass and no inertia are point masses: {', '.join(points)}")
