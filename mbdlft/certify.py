@@ -29,7 +29,7 @@ _RANDOM_POINTS, _MOST_CORNERS = 100, 128
 _FLOOR = 1e-2  # of the load (and the inertia it acts on): the size below which terms have cancelled
 ACCEPTED = 1e-5  # of an error; larger ones are refused
 _NEGLIGIBLE = 1e-8  # an entry below this part of its row's size is compared with the row
-_MIXED = 1e-6  # part of the largest entry that a row of rounding is compared with
+_MIXED = 1e-4  # part of the largest entry of a column that one of rounding is compared with
 _LINES = 32  # points to which the line from nominal is searched for singularities
 _REAL = 1e-6  # an eigenvalue with a smaller relative imaginary part may be a double real one
 
@@ -172,12 +172,12 @@ def entry_sizes(
     unknown, known = split(e, inputs)
     n, nk = unknown.numel(), known.numel()
     solved = np.abs(np.linalg.inv(jacobian[:, :n, :n])) @ terms[:, :n, n : n + nk]
+    # pivots mix the rows: one that is exactly zero gets the rounding of the largest in the column
+    mixed = _MIXED * np.max(solved, axis=(0, 1), initial=0.0)
     read = terms[:, n:, n : n + nk] + terms[:, n:, :n] @ solved
-    sizes: Array = np.max(np.concatenate([solved[:, : len(e.states)], read], axis=1), axis=0)
-    # pivots mix the rows: one that is exactly zero gets the rounding of the largest
-    by_state = sizes[:, : len(e.states)]
-    by_state[:] = np.maximum(by_state, _MIXED * np.max(by_state, initial=0.0))
-    return sizes
+    sizes = np.max(np.concatenate([solved[:, : len(e.states)], read], axis=1), axis=0)
+    found: Array = np.maximum(sizes, mixed)
+    return found
 
 
 def term_sizes(tape: ca.Function, points: Array) -> Array:
