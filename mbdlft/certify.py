@@ -29,6 +29,7 @@ _RANDOM_POINTS, _MOST_CORNERS = 100, 128
 _FLOOR = 1e-2  # of the load (and the inertia it acts on): the size below which terms have cancelled
 ACCEPTED = 1e-5  # of an error; larger ones are refused
 _NEGLIGIBLE = 1e-8  # an entry below this part of its row's size is compared with the row
+_EFFECT = 1e-4  # of an effort of one: the least that an input is compared with if it does nothing
 _LINES = 32  # points to which the line from nominal is searched for singularities
 _REAL = 1e-6  # an eigenvalue with a smaller relative imaginary part may be a double real one
 
@@ -86,12 +87,13 @@ def check_points(parameters: Sequence[Parameter], seed: int) -> Array:
 
 def reference_matrices(
     equations: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array
-) -> tuple[Array, Array, Array, float]:
+) -> tuple[Array, Array, Array, Array, float]:
     """The nonlinear equations, trimmed and linearized at points (N, n_p).
 
     Returns
     -------
     [A B ; C D] (N, ., .)
+    sizes of its entries (., .): what they would be if no terms cancelled; zero for A and B
     trimmed unknowns (N, n_t)
     sizes of the unknowns (N, n_t): what they would be if no terms cancelled
     a part of the largest load: no stiffness is compared with anything smaller
@@ -136,7 +138,31 @@ def reference_matrices(
     sizes = np.maximum(terms, floor[:, None] * inertia)
     read_states = solved[:, : len(e.states)]
     trimmed = efforts[:, list(e.unknown)]
-    return np.concatenate([read_states, read], axis=1), trimmed, sizes, float(np.max(floor))
+    return (
+        np.concatenate([read_states, read], axis=1),
+        _entry_sizes(jacobian[:, :, : n + nk], np.asarray(solved), len(e.states)),
+        trimmed,
+        sizes,
+        float(np.max(floor)),
+    )
+
+
+def _entry_sizes(jacobian: Array, solved: Array, states: int) -> Array:
+    """Sizes (., .) of the entries of [A B ; C D] where a whole row or column of them may cancel.
+
+    What an output adds up is nothing but rounding for the wrench of a joint that carries nothing, and
+    so is what a load does that acts across all axes: it is compared with what an effort of one does.
+    """
+    n = solved.shape[1]
+    unknown, known = np.abs(jacobian[:, n:, :n]), np.abs(jacobian[:, n:, n:])
+    found = np.zeros((states + known.shape[1], known.shape[2]))
+    found[states:] = np.max(known + unknown @ np.abs(solved), axis=0)
+    found[states:, :states] = np.max(found[states:, :states], axis=1, keepdims=True)
+    inverse = np.abs(np.linalg.inv(jacobian[:, :n, :n]))
+    by_one = np.concatenate([inverse[:, :states], unknown @ inverse], axis=1)
+    one = _EFFECT * np.max(by_one, axis=(0, 2), initial=0.0)
+    found[:, states:] = np.maximum(found[:, states:], one[:, None])
+    return found
 
 
 def term_sizes(tape: ca.Function, points: Array) -> Array:
@@ -266,8 +292,9 @@ def measure_error(
         f"scene {equations.name!r}",
         ", or keep masses and inertias away from zero",
     )
-    reference, efforts, sizes, floor = reference_matrices(equations, inputs, outputs, points)
-    error = relative_error(evaluate_at(model, deltas), reference, len(equations.states), floor)
+    reference, terms, efforts, sizes, floor = reference_matrices(equations, inputs, outputs, points)
+    values = evaluate_at(model, deltas)
+    error = relative_error(values, reference, len(equations.states), floor, terms)
     difference = np.max(np.abs(evaluate_at(trim, deltas)[:, :, 0] - efforts), axis=0)
     size = np.max(sizes, axis=0)
     trim_error = float(np.max(difference / np.where(size > 0, size, 1.0), initial=0.0))
