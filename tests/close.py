@@ -12,6 +12,7 @@ _ROUNDOFF = (
 CLOSED_FORM = 1e-12
 FREQUENCY_RESPONSE = 1e-10
 SCENARIO = 1e-11
+CROSS = 1e-9  # against another tool
 
 # how much a guaranteed bound may be above a largest value that is known
 BOUND = 0.02
