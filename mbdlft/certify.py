@@ -30,6 +30,9 @@ _FLOOR = 1e-2  # of the load (and the inertia it acts on): the size below which 
 ACCEPTED = 1e-5  # of an error; larger ones are refused
 _NEGLIGIBLE = 1e-8  # an entry below this part of its row's size is compared with the row
 _EFFECT = 1e-4  # of an effort of one: the least that an input is compared with if it does nothing
+_IDLE = (
+    1e-6  # of the stiffest spring: the least that a row of A is compared with if all of it cancels
+)
 _LINES = 32  # points to which the line from nominal is searched for singularities
 _REAL = 1e-6  # an eigenvalue with a smaller relative imaginary part may be a double real one
 
@@ -93,7 +96,7 @@ def reference_matrices(
     Returns
     -------
     [A B ; C D] (N, ., .)
-    sizes of its entries (., .): what they would be if no terms cancelled; zero for A and B
+    sizes of its entries (., .): what they would be if no terms cancelled
     trimmed unknowns (N, n_t)
     sizes of the unknowns (N, n_t): what they would be if no terms cancelled
     a part of the largest load: no stiffness is compared with anything smaller
@@ -150,19 +153,22 @@ def reference_matrices(
 def _entry_sizes(jacobian: Array, solved: Array, states: int) -> Array:
     """Sizes (., .) of the entries of [A B ; C D] where a whole row or column of them may cancel.
 
-    What an output adds up is nothing but rounding for the wrench of a joint that carries nothing, and
-    so is what a load does that acts across all axes: it is compared with what an effort of one does.
+    The wrench of a joint that carries nothing is nothing but rounding, and so is the acceleration of one
+    that nothing drives. What a load does that acts across all axes is compared with what an effort of
+    one does.
     """
     n = solved.shape[1]
-    unknown, known = np.abs(jacobian[:, n:, :n]), np.abs(jacobian[:, n:, n:])
-    found = np.zeros((states + known.shape[1], known.shape[2]))
-    found[states:] = np.max(known + unknown @ np.abs(solved), axis=0)
-    found[states:, :states] = np.max(found[states:, :states], axis=1, keepdims=True)
+    relations, outputs = np.abs(jacobian[:, :n, n:]), np.abs(jacobian[:, n:])
     inverse = np.abs(np.linalg.inv(jacobian[:, :n, :n]))
-    by_one = np.concatenate([inverse[:, :states], unknown @ inverse], axis=1)
-    one = _EFFECT * np.max(by_one, axis=(0, 2), initial=0.0)
-    found[:, states:] = np.maximum(found[:, states:], one[:, None])
-    return found
+    read = outputs[:, :, n:] + outputs[:, :, :n] @ np.abs(solved)
+    found = np.max(np.concatenate([inverse[:, :states] @ relations, read], axis=1), axis=0)
+    by_one = np.concatenate([inverse[:, :states], outputs[:, :, :n] @ inverse], axis=1)
+    one = np.max(by_one, axis=(0, 2), initial=0.0)[:, None]
+    stiffest = np.max(relations[:, :, :states], initial=0.0)
+    of_row = np.max(found[:, :states], axis=1, initial=0.0, keepdims=True)
+    found[:, :states] = np.maximum(of_row, _IDLE * stiffest * one)
+    found[:, states:] = np.maximum(found[:, states:], _EFFECT * one)
+    return np.asarray(found)
 
 
 def term_sizes(tape: ca.Function, points: Array) -> Array:

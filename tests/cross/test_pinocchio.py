@@ -20,6 +20,7 @@ from tests.cross.pinocchio_model import SIGNALS, Linear, pinocchio_model
 from tests.mechanisms import MOST_BODIES, random_mechanism
 
 SEEDS = range(12)
+HARD = (144, 273)  # one coordinate; an acceleration that nothing drives
 MANY = range(300)
 POINTS = 4
 FREE_MOVES, CARRIED = mbdlft.Free.moves, Hinge.carried
@@ -96,6 +97,11 @@ def compare(scene: mbdlft.Scene) -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_model_and_trim_equal_pinocchio(seed: int) -> None:
     compare(small_mechanism(seed))
+
+
+@pytest.mark.parametrize("seed", HARD)
+def test_hard_model_and_trim_equal_pinocchio(seed: int) -> None:
+    compare(random_mechanism(seed))
 
 
 @pytest.mark.long
