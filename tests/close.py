@@ -15,6 +15,7 @@ SCENARIO = 1e-11
 PINOCCHIO = 1e-9
 MUJOCO = 1e-5  # by finite differences
 MECHANISM = 1e-9
+CROSS = 1e-9  # against another tool
 
 # how much a guaranteed bound may be above a largest value that is known
 BOUND = 0.02
