@@ -3,7 +3,7 @@
 The truth is the nonlinear equations, trimmed and linearized again with numbers at every check point.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import casadi as ca
 import numpy as np
@@ -23,7 +23,7 @@ from mbdlft.lft.evaluate import chunks, evaluate_at
 from mbdlft.lft.lft import LFT, Array
 from mbdlft.lft.model import Certificate
 from mbdlft.parameter import Parameter, to_delta
-from mbdlft.trim import evaluate_many, trim_efforts
+from mbdlft.trim import evaluate_many, term_sizes, trim_efforts
 
 _RANDOM_POINTS, _MOST_CORNERS = 100, 128
 _FLOOR = 1e-2  # of the load (and the inertia it acts on): the size below which terms have cancelled
@@ -137,47 +137,6 @@ def reference_matrices(
     read_states = solved[:, : len(e.states)]
     trimmed = efforts[:, list(e.unknown)]
     return np.concatenate([read_states, read], axis=1), trimmed, sizes, float(np.max(floor))
-
-
-def term_sizes(tape: ca.Function, points: Array) -> Array:
-    """Sizes (N, rows) of the outputs of a function if nothing cancelled: |a| + |b| for a + b.
-
-    The instructions are run once more, on pairs of a value and its size.
-    """
-    work: list[tuple[Array, Array]] = [(np.zeros(0), np.zeros(0))] * tape.sz_w()
-    found = np.zeros((len(points), tape.size1_out(0)))
-    for k in range(tape.n_instructions()):
-        operation = tape.instruction_id(k)
-        sources, targets = tape.instruction_input(k), tape.instruction_output(k)
-        if operation == ca.OP_OUTPUT:
-            found[:, targets[1]] = work[sources[0]][1]
-        elif operation in (ca.OP_INPUT, ca.OP_CONST):
-            constant = operation == ca.OP_CONST
-            value = tape.instruction_constant(k) if constant else points[:, sources[1]]
-            column = np.broadcast_to(np.asarray(value, dtype=float), (len(points),))
-            work[targets[0]] = column, np.abs(column)
-        elif len(sources) == 2:
-            work[targets[0]] = _PAIRS[operation](*work[sources[0]], *work[sources[1]])
-        else:
-            work[targets[0]] = _SINGLE[operation](*work[sources[0]])
-    return found
-
-
-_SINGLE: dict[int, Callable[[Array, Array], tuple[Array, Array]]] = {
-    ca.OP_ASSIGN: lambda a, size: (a, size),
-    ca.OP_NEG: lambda a, size: (-a, size),
-    ca.OP_TWICE: lambda a, size: (2 * a, 2 * size),
-    ca.OP_SQ: lambda a, size: (a * a, size * size),
-    ca.OP_INV: lambda a, size: (1 / a, size / (a * a)),
-    ca.OP_COS: lambda a, size: (np.cos(a), np.abs(np.cos(a))),
-    ca.OP_SIN: lambda a, size: (np.sin(a), np.abs(np.sin(a))),
-}
-_PAIRS: dict[int, Callable[[Array, Array, Array, Array], tuple[Array, Array]]] = {
-    ca.OP_ADD: lambda a, m, b, n: (a + b, m + n),
-    ca.OP_SUB: lambda a, m, b, n: (a - b, m + n),
-    ca.OP_MUL: lambda a, m, b, n: (a * b, m * n),
-    ca.OP_DIV: lambda a, m, b, n: (a / b, m * n / (b * b)),
-}
 
 
 def relative_error(

@@ -14,24 +14,6 @@ from mbdlft.unit import parse_unit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SpringLaw:
-    """Force density of a spring: u[index] = stiffness (1 - rest_length/length).
-
-    Attributes
-    ----------
-    index : position of its force density (N/m) among the efforts
-    length2 : SX, function of x, p, cosine, sine: square of its length (m^2)
-    stiffness : SX, function of p (N/m)
-    rest_length : SX, function of p (m)
-    """
-
-    index: int
-    length2: ca.SX
-    stiffness: ca.SX
-    rest_length: ca.SX
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Equations:
     """0 = residual(xdot, x, z, u, p, cosine, sine, load),  y = output(...).
 
@@ -65,10 +47,6 @@ class Equations:
     equilibrium_signals : Signal (n,)
         Unbalanced effort of each of the n dynamic equations.
     default_inputs, default_outputs : positions of the signals a scene has if it names none
-    springs : laws of springs whose rest length is given
-    elastic : SX symbol
-        1 for small displacements, where the force density of a spring is that at equilibrium; 0 where it
-        follows its law.
     parameters : sorted by name
     """
 
@@ -94,8 +72,6 @@ class Equations:
     equilibrium_signals: tuple[Signal, ...]
     default_inputs: tuple[int, ...]
     default_outputs: tuple[int, ...]
-    springs: tuple[SpringLaw, ...]
-    elastic: ca.SX
     parameters: tuple[Parameter, ...]
 
     @property
@@ -143,11 +119,8 @@ def internal_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
 def equation_function(equations: Equations) -> ca.Function:
     """(xdot, x, z, u, load, p, cosine, sine) -> (residual, output)."""
     e = equations
-    found = [e.residual, e.output]
-    if ca.depends_on(ca.vertcat(*found), e.elastic):
-        found = ca.substitute(found, [e.elastic], [ca.SX(1.0)])
     arguments = [e.xdot, e.x, e.z, e.u, e.load, e.p, e.cosine, e.sine]
-    return ca.Function("equations", arguments, found)
+    return ca.Function("equations", arguments, [e.residual, e.output])
 
 
 def load_value(equations: Equations, p: ca.SX) -> ca.SX:

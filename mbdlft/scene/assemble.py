@@ -8,9 +8,10 @@ import numpy as np
 
 from mbdlft.analyze.sample import random
 from mbdlft.body.rigid import DIAGONAL, PRODUCTS, unseen_name
-from mbdlft.description import AXES, Values
-from mbdlft.equations import Equations, SpringLaw
+from mbdlft.description import AXES, Expected, Values
+from mbdlft.equations import Equations
 from mbdlft.errors import NotRationalError, SceneError
+from mbdlft.expression import evaluate
 from mbdlft.force import BodyWrench, Spring
 from mbdlft.joint import Coordinate, Freedom, Turn, labelled
 from mbdlft.lft.lft import Array
@@ -55,23 +56,27 @@ def assemble(scene: Scene) -> Equations:
     links = tree(scene)
     check(scene)
     parameters = tuple(sorted(scene.parameters, key=lambda parameter: parameter.name))
-    symbols = _Symbols(scene, parameters, links)
+    symbols = Symbols(scene, parameters, links)
     values = symbols.quantities(scene)
     own = values[f"scene {scene.name!r}"]
     gravity = ca.sparsify(ca.SX(ca.vertcat(*(own[f"gravity.{a}"] for a in AXES))))
     view = View(links, all_bodies(scene), values, symbols.coordinates(links), gravity)
-    elastic = view.elastic = ca.SX.sym("elastic")
     closure = close_loops(scene, view, symbols.evaluate)
 
-    listed = _efforts(scene, links, values, view, closure)
+    densities = {
+        load.name: _force_density(load, values[owner_name(load)], view)
+        for load in scene.loads
+        if isinstance(load, Spring)
+    }
+    listed = list_efforts(scene, links, values, densities, closure.rows)
     u = ca.SX.sym("u", len(listed))
     z = ca.SX.sym("multiplier", len(closure.rows))
     base = ca.vertcat(*(own[f"acceleration.{a}"] - own[f"gravity.{a}"] for a in AXES))
     base = ca.sparsify(ca.SX(base))
     load = ca.SX.sym("load", base.sparsity())
-    view.motions = motions(view.now, _ground_motion(scene, own, load, listed, u))
+    view.motions = motions(view.now, ground_motion(scene, own, load, listed, u))
     needed = inertial_wrenches(view.now, view.motions)
-    for acted in _acting(scene, links, values, view, closure, u, z):
+    for acted in acting(scene, links, values, view, closure, u, z):
         if acted.body in needed:
             needed[acted.body] -= acted.wrench
     view.passed = pass_inward(view.now, view.motions, needed)
@@ -80,7 +85,7 @@ def assemble(scene: Scene) -> Equations:
     held = [constraint(scene.loops, view, order)[list(closure.rows)] for order in range(3)]
     residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
     measured, y_signals, displacements = _measures(scene, links, symbols, view)
-    both = _without_unseen(scene, ca.vertcat(residual, measured), symbols)
+    both = without_unseen(scene, ca.vertcat(residual, measured))
     coordinate_signals = [
         [Signal(f"{link.joint.name}.{freedom.measures[k].name}", freedom.measures[k].unit)
          for link in links for freedom in link.joint.freedoms]
@@ -117,13 +122,11 @@ def assemble(scene: Scene) -> Equations:
         ),
         default_inputs=tuple(k for k, effort in enumerate(listed) if effort.is_default),
         default_outputs=displacements,
-        springs=_spring_laws(scene, values, view, listed),
-        elastic=elastic,
         parameters=parameters,
     )
 
 
-class _Symbols:
+class Symbols:
     """The symbols of one assembly."""
 
     def __init__(
@@ -165,9 +168,9 @@ class _Symbols:
             for owner, quantities in owners(scene)
         }
 
-    def _turns(self, scene: Scene, place: Place, expected: Any) -> tuple[Turn, ...]:
+    def _turns(self, scene: Scene, place: Place, expected: Expected) -> tuple[Turn, ...]:
         angle = angle_at(scene, place, expected)
-        found = [
+        found: list[Turn] = [
             Turn(
                 self.cosine[self.index[name]],
                 (1.0 if count > 0 else -1.0) * self.sine[self.index[name]],
@@ -175,9 +178,25 @@ class _Symbols:
             for name, count in angle.multiples.items()
             for _ in range(abs(count))
         ]
+        for tangent, count in angle.arctangents.items():
+            r = evaluate(tangent, self.names)
+            square = r * r
+            cosine = (1 - square) / (1 + square)
+            sine = (1.0 if count > 0 else -1.0) * (2 * r / (1 + square))
+            found += [Turn(cosine, sine)] * (abs(count) // 2)
         if angle.constant != 0.0:
             found.append(Turn(*exact_cosine_sine(angle.constant)))
         return tuple(found)
+
+    def angle(self, scene: Scene, place: Place, expected: Expected) -> Any:
+        """The angle itself (rad), a function of p."""
+        angle = angle_at(scene, place, expected)
+        turns = [count * self.names[name] for name, count in angle.multiples.items()]
+        turns += [
+            count * ca.atan(evaluate(tangent, self.names))
+            for tangent, count in angle.arctangents.items()
+        ]
+        return sum(turns, start=ca.SX(angle.constant))
 
     def evaluate(self, expression: ca.SX) -> list[Array]:
         """Values of an expression of the parameters, at nominal and at random points."""
@@ -193,14 +212,18 @@ class _Symbols:
         ]
 
 
-def _efforts(
+def list_efforts(
     scene: Scene,
     links: tuple[Link, ...],
     values: Mapping[str, Values],
-    view: View,
-    closure: Closure,
+    densities: Mapping[str, Any],
+    rows: Sequence[int],
 ) -> list[Effort]:
-    """Entries of u: of joints, loads, the ground if it is asked for, and the multipliers."""
+    """Entries of u: of joints, loads, the ground if it is asked for, and multipliers.
+
+    `densities` are force densities of the springs by name (None: unknown), `rows` the constraints of
+    the loops that are kept.
+    """
     found: list[Effort] = []
     for link in links:
         imposed = getattr(link.joint, "imposed", False)
@@ -210,10 +233,8 @@ def _efforts(
             given = values[owner_name(link.joint)].get(labelled("preload", freedom))
             found.append(Effort(named, 0.0 if imposed else given))
     for load in scene.loads:
-        own = values[owner_name(load)]
-        given = own.get(load.magnitude_key)
-        if isinstance(load, Spring) and load.rest_length is not None:
-            given = _force_density(load, own, view)
+        given = values[owner_name(load)].get(load.magnitude_key)
+        given = densities.get(load.name, given)
         found.append(Effort(Signal(f"{load.name}.{load.signal.name}", load.signal.unit), given))
     asked = set(scene.inputs or ())
     found += [
@@ -222,13 +243,13 @@ def _efforts(
         if name in asked
     ]
     multipliers = [signal for loop in scene.loops for signal in loop.signals()]
-    return found + [
-        Effort(multipliers[k], None, is_input=False, is_default=False) for k in closure.rows
-    ]
+    return found + [Effort(multipliers[k], None, is_input=False, is_default=False) for k in rows]
 
 
 def _force_density(spring: Spring, own: Values, view: View) -> Any:
-    """Tension over length at equilibrium of a spring with a rest length."""
+    """Tension over length of a spring at equilibrium; None if it is not given."""
+    if spring.rest_length is None:
+        return own.get(spring.magnitude_key)
     view.owner = owner_name(spring)
     r = view.between_at_rest(spring.parent, spring.child)
     length2 = ca.dot(r, r)
@@ -244,7 +265,7 @@ def _force_density(spring: Spring, own: Values, view: View) -> Any:
     return own["stiffness"] * (1.0 - own["rest_length"] / length)
 
 
-def _ground_motion(
+def ground_motion(
     scene: Scene, own: Values, load: ca.SX, listed: Sequence[Effort], u: ca.SX
 ) -> ca.SX:
     """Motion (3, 3) of the origin of the ground: spin of the frame, and its acceleration."""
@@ -259,7 +280,7 @@ def _ground_motion(
     return ca.horzcat(spin, ca.SX(3, 1), load)
 
 
-def _acting(
+def acting(
     scene: Scene,
     links: tuple[Link, ...],
     values: Mapping[str, Values],
@@ -284,7 +305,7 @@ def _acting(
 
 def _dynamics(
     links: tuple[Link, ...],
-    symbols: _Symbols,
+    symbols: Symbols,
     values: Mapping[str, Values],
     view: View,
     u: ca.SX,
@@ -298,17 +319,18 @@ def _dynamics(
             if getattr(link.joint, "imposed", False):
                 rows.append(symbols.a[row] - u[row])
                 continue
-            springs = _of(own, "stiffness", freedom) * symbols.q[row]
-            springs += _of(own, "damping", freedom) * symbols.v[row]
+            springs = quantity_of(own, "stiffness", freedom) * symbols.q[row]
+            springs += quantity_of(own, "damping", freedom) * symbols.v[row]
             rows.append(needed[k] + springs - u[row])
     return ca.vertcat(*rows)
 
 
-def _of(own: Values, key: str, freedom: Freedom) -> Any:
+def quantity_of(own: Values, key: str, freedom: Freedom) -> Any:
+    """Value of a quantity of one coordinate; zero if the joint has none."""
     return own.get(labelled(key, freedom), 0.0)
 
 
-def _without_unseen(scene: Scene, relations: ca.SX, symbols: _Symbols) -> ca.SX:
+def without_unseen(scene: Scene, relations: ca.SX) -> ca.SX:
     """The relations without placeholders of inertia entries; an error if the motion sees one."""
     owners_of = {
         unseen_name(body.name, entry): (body.name, entry)
@@ -341,7 +363,7 @@ def _without_unseen(scene: Scene, relations: ca.SX, symbols: _Symbols) -> ca.SX:
 
 
 def _measures(
-    scene: Scene, links: tuple[Link, ...], symbols: _Symbols, view: View
+    scene: Scene, links: tuple[Link, ...], symbols: Symbols, view: View
 ) -> tuple[ca.SX, tuple[Signal, ...], tuple[int, ...]]:
     """Outputs: measures of all joints, and the sensors that are asked for.
 
@@ -371,20 +393,3 @@ def _measures(
         entries.append(sensor.measure(view))
         signals += named
     return ca.vertcat(*entries), tuple(signals), tuple(default)
-
-
-def _spring_laws(
-    scene: Scene, values: Mapping[str, Values], view: View, listed: Sequence[Effort]
-) -> tuple[SpringLaw, ...]:
-    """Laws of the springs with a rest length, for displacements that are not small."""
-    names = [effort.signal.name for effort in listed]
-    found = []
-    for load in scene.loads:
-        if isinstance(load, Spring) and load.rest_length is not None:
-            view.owner = owner_name(load)
-            own, r = values[view.owner], view.between(load.parent, load.child)
-            index = names.index(f"{load.name}.{load.signal.name}")
-            found.append(
-                SpringLaw(index, ca.dot(r, r), ca.SX(own["stiffness"]), ca.SX(own["rest_length"]))
-            )
-    return tuple(found)

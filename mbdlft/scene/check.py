@@ -62,8 +62,7 @@ def _check_quantities(
     for label, expected in quantities.items():
         place = Place(owner, label)
         if expected.unit == "rad":
-            angle_at(scene, place, expected)
-            _check_dimension(place, expected, dimensions)
+            _check_angle(scene, place, expected, dimensions, samples)
             continue
         _check_angle_is_position(scene, place, expected)
         values = _sampled(place, expected, samples)
@@ -73,6 +72,26 @@ def _check_quantities(
             raise SceneError(f"{place} = {expected.source!r}: is not finite in the range.")
         found[label] = values
     return found
+
+
+def _check_angle(
+    scene: Scene,
+    place: Place,
+    expected: Expected,
+    dimensions: Mapping[str, Any],
+    samples: Mapping[str, Any],
+) -> None:
+    """An angle, and the arguments of its arctangents, which are plain numbers."""
+    arctangents = angle_at(scene, place, expected).arctangents
+    if not arctangents:
+        _check_dimension(place, expected, dimensions)
+    for tangent in arctangents:
+        source = Expected(write(tangent), "1")
+        inside = Place(place.owner, f"{place.label}, atan")
+        _check_denominators(scene, inside, source)
+        _check_dimension(inside, source, dimensions)
+        if not np.all(np.isfinite(_sampled(inside, source, samples))):
+            raise SceneError(f"{inside} of {source.source!r}: is not finite in the range.")
 
 
 def _sampled(place: Place, expected: Expected, samples: Mapping[str, Any]) -> NDArray[np.float64]:

@@ -42,7 +42,7 @@ class View:
         gravity: ca.SX,
     ) -> None:
         self.gravity = gravity
-        self.elastic: ca.SX | float = 1.0
+        self.elastic = 1.0
         self.now = place(links, bodies, values, coordinates)
         rest = [_at_rest(coordinate, None) for coordinate in coordinates]
         self.rest = place(links, bodies, values, rest)
