@@ -18,6 +18,8 @@ from mbdlft.lft.lft import Array
 
 _MARGIN = 0.9  # of the tolerance, for the samples: the error between them may be larger
 _FEWEST = {1: 33, 2: 13, 3: 8}  # samples along each parameter, by the number of parameters
+_GUARDS = {1: 257, 2: 41, 3: 13}  # points along each parameter where poles are looked for
+_AROUND = 2.0**-18  # of half the box: several of the smallest pieces of a proof
 _ROUNDS = 5  # of one degree with points that the proof found
 
 
@@ -125,16 +127,19 @@ def _fit(
     root = start_branch(s, nominal, start)
     center, half = 0.5 * (low + high), 0.5 * (high - low)
     extra = np.zeros((0, len(low)))
+    guards = nodes(half * 0, half / half, _GUARDS.get(len(low), 7))
     best = np.full(s.unknowns, np.inf)
     functions: list[Rational | None] = [None] * s.unknowns
     for degree in range(largest_degree + 1):
         for _ in range(_ROUNDS):
-            points = np.vstack([nominal, nodes(center, half, degree), extra])
+            points = np.vstack([nominal, nodes(center, half, _samples(len(low), degree)), extra])
             roots = follow(s, nominal, root, points)
             for i in range(s.unknowns):
                 if functions[i] is None:
                     x = (points - center) / half
-                    fit, error = rational.smallest_fit(x, roots[:, i], degree, _MARGIN * tolerance)
+                    fit, error = rational.smallest_fit(
+                        x, roots[:, i], guards, degree, _MARGIN * tolerance
+                    )
                     best[i] = min(best[i], error)
                     if error <= _MARGIN * tolerance:
                         functions[i] = rational.physical(fit, center, half)
@@ -149,8 +154,13 @@ def _fit(
                 return EquilibriumFit(
                     s.names, tuple(ready), texts, proof.bound, proof.found, proof.pieces
                 )
+            poles = [_poles(f, proof.stuck, half) for f in ready]
+            if any(len(p) for p in poles):
+                guards = np.vstack([guards, *((p - center) / half for p in poles)])
+                functions = [None if len(p) else f for p, f in zip(poles, ready, strict=True)]
+                continue
             if not len(proof.exceptions):
-                raise _not_proved(s, proof, nominal, root, tolerance, most_pieces)
+                raise _not_proved(s, proof, proof.stuck, nominal, root, tolerance, most_pieces)
             exact = follow(s, nominal, root, proof.exceptions)
             errors = np.max(np.abs([f(proof.exceptions) for f in ready] - exact.T), axis=1)
             extra = np.vstack([extra, proof.exceptions])
@@ -158,7 +168,8 @@ def _fit(
                 f if e <= _MARGIN * tolerance else None for f, e in zip(ready, errors, strict=True)
             ]
             if None not in functions:
-                raise _not_proved(s, proof, nominal, root, tolerance, most_pieces)
+                stuck = proof.exceptions[0]
+                raise _not_proved(s, proof, stuck, nominal, root, tolerance, most_pieces)
     raise TrimError(
         f"equilibrium of {s.name!r}: no rational fit up to degree {largest_degree} is within "
         f"{tolerance:g}; the errors came down to {', '.join(f'{e:.1e}' for e in best)}. Use a larger "
@@ -166,25 +177,46 @@ def _fit(
     )
 
 
-def nodes(center: Array, half: Array, degree: int) -> Array:
-    """Samples (N, q): products of Chebyshev nodes with the ends, enough for a total degree."""
-    q = len(center)
-    count = max(_FEWEST.get(q, 5), (2 if q > 2 else 3) + 2 * degree if q < 4 else degree + 2)
+def _poles(function: Rational, stuck: Array | None, half: Array) -> Array:
+    """Points (N, q) around the one where a proof got stuck at which the denominator is not positive.
+
+    A pole and a zero next to each other, between the samples, are not seen in the errors.
+    """
+    if stuck is None:
+        return np.zeros((0, len(half)))
+    signs = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=len(half))))
+    around = stuck + signs * half * _AROUND
+    return np.asarray(around[function.below(around) <= 0])
+
+
+def nodes(center: Array, half: Array, count: int) -> Array:
+    """Products (count^q, q) of Chebyshev nodes with the ends."""
     x = np.cos(np.pi * np.arange(count) / (count - 1))
-    return np.asarray(center + half * np.array(list(itertools.product(x, repeat=q))))
+    return np.asarray(center + half * np.array(list(itertools.product(x, repeat=len(center)))))
+
+
+def _samples(variables: int, degree: int) -> int:
+    """Number along each parameter that determines all terms of a total degree, some to spare."""
+    enough = {1: 3 + 2 * degree, 2: 3 + 2 * degree, 3: 2 + 2 * degree}.get(variables, 2 + degree)
+    return max(_FEWEST.get(variables, 5), enough)
 
 
 def _not_proved(
-    s: System, proof: Proof, nominal: Array, root: Array, tolerance: float, most_pieces: int
+    s: System,
+    proof: Proof,
+    stuck: Array | None,
+    nominal: Array,
+    root: Array,
+    tolerance: float,
+    most_pieces: int,
 ) -> TrimError:
     """What stopped a proof although no error above the tolerance was found."""
-    if proof.stuck is not None:
-        follow(s, nominal, root, proof.stuck[None])  # raises if the branch ends on the way
+    if stuck is not None:
+        follow(s, nominal, root, stuck[None])  # raises if the branch ends on the way
         return TrimError(
-            f"equilibrium of {s.name!r}: nothing can be proved near {s.at(proof.stuck)}: df/dt is "
-            "singular there (a fold or a bifurcation), or the tolerance "
-            f"{tolerance:g} is too small for double precision. Use a smaller range or a larger "
-            "tolerance."
+            f"equilibrium of {s.name!r}: nothing can be proved near {s.at(stuck)}: df/dt is singular "
+            "there or nearly so (a fold or a bifurcation), or double precision does not carry the "
+            f"tolerance {tolerance:g}. Use a smaller range or a larger tolerance."
         )
     return TrimError(
         f"equilibrium of {s.name!r}: the bound {tolerance:g} is proved on "

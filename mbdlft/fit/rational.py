@@ -34,9 +34,12 @@ class Rational:
 
     def __call__(self, p: Array) -> Array:
         """Values (N,) at p (N, q)."""
-        d = p - self.center
-        above = monomials(d, self.numerator_exponents) @ self.numerator
-        return np.asarray(above / (monomials(d, self.denominator_exponents) @ self.denominator))
+        above = monomials(p - self.center, self.numerator_exponents) @ self.numerator
+        return np.asarray(above / self.below(p))
+
+    def below(self, p: Array) -> Array:
+        """Values (N,) of the denominator at p (N, q)."""
+        return monomials(p - self.center, self.denominator_exponents) @ self.denominator
 
 
 def monomials(x: Array, exponents: Array) -> Array:
@@ -51,7 +54,9 @@ def exponents(caps: Sequence[int], degree: int) -> Array:
     return np.array(kept, dtype=int).reshape(len(kept), len(caps))
 
 
-def smallest_fit(x: Array, t: Array, degree: int, tolerance: float) -> tuple[Rational, float]:
+def smallest_fit(
+    x: Array, t: Array, guards: Array, degree: int, tolerance: float
+) -> tuple[Rational, float]:
     """The cheapest fit of a total degree with an error within a tolerance, else the best one.
 
     A polynomial comes first, then denominators of rising degree: in an LFT one of degree 1 costs no
@@ -63,6 +68,8 @@ def smallest_fit(x: Array, t: Array, degree: int, tolerance: float) -> tuple[Rat
     x : Array (N, q)
         Samples of the variables, in [-1, 1].
     t : Array (N,)
+    guards : Array (number of guards, q)
+        Points at which the denominator must be clear of zero, too.
     degree : total degree of the numerator, and the largest of the denominator
     tolerance : float
 
@@ -75,7 +82,7 @@ def smallest_fit(x: Array, t: Array, degree: int, tolerance: float) -> tuple[Rat
     caps = [degree] * q
     best: tuple[Rational, float] | None = None
     for below in _denominators(q, degree):
-        fit = _fit(x, t, caps, degree, below, tolerance, tolerance)
+        fit = _fit(x, t, guards, caps, degree, below, tolerance, tolerance)
         if best is None or fit[1] < best[1]:
             best = fit
         if best[1] <= tolerance:
@@ -86,10 +93,10 @@ def smallest_fit(x: Array, t: Array, degree: int, tolerance: float) -> tuple[Rat
     for k in range(q):
         while caps[k] > 0:
             lower = [*caps[:k], caps[k] - 1, *caps[k + 1 :]]
-            if _fit(x, t, lower, degree, below, tolerance, tolerance)[1] > tolerance:
+            if _fit(x, t, guards, lower, degree, below, tolerance, tolerance)[1] > tolerance:
                 break
             caps = lower
-    return _fit(x, t, caps, degree, below, tolerance, _ENOUGH * tolerance)
+    return _fit(x, t, guards, caps, degree, below, tolerance, _ENOUGH * tolerance)
 
 
 def physical(fit: Rational, center: Array, half: Array) -> Rational:
@@ -145,6 +152,7 @@ def _nested(terms: dict[tuple[int, ...], float], variables: Sequence[str]) -> st
 def _fit(
     x: Array,
     t: Array,
+    guards: Array,
     caps: Sequence[int],
     degree: int,
     below: int,
@@ -162,6 +170,7 @@ def _fit(
     under = under[np.argsort(under.sum(axis=1), kind="stable")]
     V, W = monomials(x, powers), monomials(x, under)
     matrix = np.hstack([V, -t[:, None] * W[:, 1:]])
+    between = monomials(guards, under)
     weight, last = np.ones(len(t)), np.ones(len(t))
     unit, zero = np.array([1.0]), np.zeros(x.shape[1])
     best = Rational(zero, powers, np.zeros(len(powers)), under[:1], unit), float("inf")
@@ -170,7 +179,8 @@ def _fit(
         solution = lstsq(matrix * scale[:, None], t * scale, _INDEPENDENT, lapack_driver="gelsy")[0]
         c, e = solution[: len(powers)], np.concatenate([unit, solution[len(powers) :]])
         D = W @ e
-        if not np.all(D > 0):  # a pole: take back a part of the denominator
+        if min(D.min(), float((between @ e).min(initial=1.0))) <= 0:
+            # a pole: the weights of the next sweep hold the denominator up there
             last = np.maximum(np.abs(D), 0.1)
             continue
         errors = np.abs(V @ c / D - t)
