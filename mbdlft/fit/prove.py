@@ -25,7 +25,7 @@ from mbdlft.fit.tape import evaluate_tape
 from mbdlft.fit.taylor import Space, Taylor
 from mbdlft.lft.lft import Array
 
-_ORDERS = {1: 12, 2: 9, 3: 7, 4: 6}  # of the residual, by the number of parameters; measured
+_ORDERS = {1: 12, 2: 8, 3: 7, 4: 5}  # of the residual, by the number of parameters; measured
 _JACOBIAN_ORDER = 2
 _BATCH = 256
 _SMALLEST = 2.0**-24  # side of a piece that is not halved again, relative to the box
