@@ -15,6 +15,7 @@ SCENARIO = 1e-11
 
 # how much a guaranteed bound may be above a largest value that is known
 BOUND = 0.02
+FIT_BOUND = 0.2
 
 
 def exact(actual: ArrayLike, expected: ArrayLike) -> None:
