@@ -23,6 +23,7 @@ from mbdlft.scene.scene import Scene
 _SAME = 1e-6  # of the size of an unknown: equilibria that are nearer are one
 _IDLE = 0.1  # share in a combination of unknowns that changes nothing
 _RANK = 1e-9
+_FLAT = 1e-3  # of the rows: a smaller slope of their squares is that of a minimum
 _NAMED = 4  # unbalanced rows that a message names
 
 
@@ -284,6 +285,6 @@ def _why(b: Balance, attempt: Attempt) -> str:
     if held:
         return f"{', '.join(held)} at the end of the bounds."
     towards = np.abs(at.slopes.T @ at.rows)
-    if float(np.max(towards, initial=0.0)) <= _SAME * float(np.linalg.norm(at.rows)):
+    if float(np.max(towards, initial=0.0)) <= _FLAT * float(np.linalg.norm(at.rows)):
         return "there no small change of the unknowns makes that smaller."
     return "the iteration did not converge."

@@ -169,7 +169,7 @@ def displace(scene: Scene) -> Displaced:
                 Signal(name, freedom.measures[0].unit),
                 is_ball=place not in expected,
                 is_passive=not imposed and labelled("preload", freedom) in owned,
-                is_sprung=bool(ca.SX(quantity_of(owned, "stiffness", freedom)).nnz()),
+                is_sprung=bool(ca.sparsify(ca.SX(quantity_of(owned, "stiffness", freedom))).nnz()),
             )
             if not imposed:
                 stiffness = quantity_of(owned, "stiffness", freedom)
