@@ -42,8 +42,11 @@ def certificate(
     seed: int,
     *,
     exact_bound: bool = False,
+    fit_error_bound: float = 0.0,
 ) -> Certificate:
-    """The certificate of an exact model; `check` is its error and the number of points.
+    """The certificate of a model; `check` is its error and the number of points.
+
+    It is exact unless the equilibrium is a fit.
 
     A bound that the model contradicts by being smaller rests on a wrong rank: then nothing is claimed
     for that parameter, and nothing for pairs.
@@ -63,7 +66,8 @@ def certificate(
         max_relative_error=check[0],
         check_points=check[1],
         seed=seed,
-        exact=True,
+        exact=fit_error_bound == 0.0,
+        fit_error_bound=fit_error_bound,
         exact_bound=exact_bound,
         doubtful=tuple(doubtful.values()),
         order_bound=sum(lower.values()) if contradicted else order_bound,

@@ -48,6 +48,10 @@ class Equations:
         Unbalanced effort of each of the n dynamic equations.
     default_inputs, default_outputs : positions of the signals a scene has if it names none
     parameters : sorted by name
+    x_bounds : tuple of float (n,)
+        By how much the displacements may miss the equilibrium, where positions are fits; else zero.
+    u_bounds : tuple of float (n_u,)
+        The same of given efforts.
     """
 
     name: str
@@ -73,6 +77,13 @@ class Equations:
     default_inputs: tuple[int, ...]
     default_outputs: tuple[int, ...]
     parameters: tuple[Parameter, ...]
+    x_bounds: tuple[float, ...]
+    u_bounds: tuple[float, ...]
+
+    @property
+    def fit_error_bound(self) -> float:
+        """Largest error of a position that is a fit (rad, m); 0.0 if the equilibrium is exact."""
+        return max(self.x_bounds)
 
     @property
     def degrees_of_freedom(self) -> int:

@@ -21,6 +21,7 @@ from mbdlft.signal import Signal
 _RESIDUAL = 1e-9
 _RANK = 1e-10  # an unknown whose effect is that of others up to this part is redundant
 _PART = 1e-2  # of the inertia and stiffness that unbalanced efforts are compared with
+_CURVED = 10.0  # of the bound of a fit: what terms of second order may add
 _IDLE = 0.1  # share in a combination of unknowns that does nothing
 
 
@@ -94,11 +95,16 @@ def trim_efforts(equations: Equations, points: Array) -> tuple[Array, Array]:
             ) from None
     residual = offset + (matrix @ efforts[:, unknown, None])[:, :, 0]
     scale = np.max(np.abs(offset), axis=1, initial=0.0)
-    relative = np.max(np.abs(residual), axis=1, initial=0.0) / np.where(scale > 0, scale, 1.0)
+    relative = _relative(residual, scale)
     if not np.all(relative <= _RESIDUAL):
         # where nothing is unknown the terms have cancelled already, and what is left is no scale
         scale = _uncancelled(e, points, efforts)
-        relative = np.max(np.abs(residual), axis=1, initial=0.0) / np.where(scale > 0, scale, 1.0)
+        relative = _relative(residual, scale)
+    if not np.all(relative <= _RESIDUAL) and e.fit_error_bound > 0.0:
+        excess = np.abs(residual) - _explained(e, points, efforts, matrix)
+        if np.all(_relative(np.maximum(excess, 0.0), scale) <= _RESIDUAL):
+            return efforts, relative
+        raise TrimError(_unbalanced(e, points, residual, int(np.argmax(np.max(excess, axis=1)))))
     if not np.all(relative <= _RESIDUAL):
         raise TrimError(_unbalanced(e, points, residual, int(np.argmax(relative))))
     return efforts, relative
@@ -140,6 +146,43 @@ def trim_rows(equations: Equations) -> tuple[int, ...]:
     return tuple(sorted(int(row) for row in order[:count]))
 
 
+def _relative(residual: Array, scale: Array) -> Array:
+    return np.asarray(
+        np.max(np.abs(residual), axis=1, initial=0.0) / np.where(scale > 0, scale, 1.0)
+    )
+
+
+def _explained(e: Equations, points: Array, efforts: Array, matrix: Array) -> Array:
+    """Unbalanced efforts (N, rows) that the bounds of fitted positions and efforts allow.
+
+    To first order, once the unknown efforts have followed; `matrix` are the slopes by these.
+    """
+    slopes = _slopes(e, points, efforts, ca.vertcat(e.x[: e.degrees_of_freedom], e.u))
+    rows = list(trim_rows(e))
+    if rows:
+        slopes = slopes - matrix @ np.linalg.solve(matrix[:, rows], slopes[:, rows])
+    bounds = np.array([*e.x_bounds, *e.u_bounds])
+    return np.asarray((1.0 + _CURVED * e.fit_error_bound) * (np.abs(slopes) @ bounds))
+
+
+def _slopes(e: Equations, points: Array, efforts: Array, around: ca.SX) -> Array:
+    """Derivatives (N, rows, entries) of the equations at rest by entries of xdot, x and u."""
+    symbols, p, cosine, sine = physical_symbols(e.parameters)
+    effort, moving = ca.SX.sym("u", e.u.numel()), ca.vertcat(e.xdot, e.x)
+    moved, _ = equation_function(e)(
+        e.xdot, e.x, ca.SX(e.z.numel(), 1), e.u, load_value(e, p), p, cosine, sine
+    )
+    by_around = ca.substitute(
+        ca.jacobian(moved, around),
+        ca.vertcat(moving, e.u),
+        ca.vertcat(ca.SX.zeros(moving.numel()), effort),
+    )
+    (found,) = evaluate_many(
+        ca.Function("slopes", [symbols, effort], [ca.densify(by_around)]), points, efforts
+    )
+    return found
+
+
 def _uncancelled(e: Equations, points: Array, efforts: Array) -> Array:
     """Sizes (N,) of the equations of equilibrium if nothing cancelled in them.
 
@@ -150,19 +193,13 @@ def _uncancelled(e: Equations, points: Array, efforts: Array) -> Array:
     symbols, residual, u, given = _at_rest(e)
     offset = ca.densify(ca.substitute(residual, u, given))
     terms = term_sizes(ca.Function("offset", [symbols], [offset]), points)
-    _, p, cosine, sine = arguments = physical_symbols(e.parameters)
-    none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z)]
-    around, effort = ca.vertcat(e.xdot[n:], e.x[:n]), ca.SX.sym("u", e.u.numel())
-    moved, _ = equation_function(e)(e.xdot, e.x, none[2], effort, load_value(e, p), p, cosine, sine)
-    slopes = ca.substitute(ca.jacobian(moved, around), ca.vertcat(e.xdot, e.x), ca.SX.zeros(4 * n))
-    function = ca.Function(
-        "slopes", [arguments.symbols, effort], [ca.densify(slopes), ca.densify(load_value(e, p))]
-    )
-    by_motion, load = evaluate_many(function, points, efforts)
+    by_motion = _slopes(e, points, efforts, ca.vertcat(e.xdot[n:], e.x[:n]))
     by_motion = np.max(np.abs(by_motion), axis=1)
-    pull = np.max(np.abs(load), axis=(1, 2), initial=0.0)
     inertia = np.max(by_motion[:, :n], axis=1, initial=0.0)
     stiffness = np.max(by_motion[:, n:], axis=1, initial=0.0)
+    value = ca.Function("load", [symbols], [ca.densify(load_value(e, symbols))])
+    (load,) = evaluate_many(value, points)
+    pull = np.max(np.abs(load), axis=(1, 2), initial=0.0)
     largest = np.maximum(np.max(terms, axis=1), np.max(np.abs(efforts), axis=1, initial=0.0))
     return np.asarray(np.maximum(largest, _PART * np.maximum(pull * inertia, stiffness)))
 

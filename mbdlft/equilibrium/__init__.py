@@ -2,5 +2,6 @@
 
 from mbdlft.equilibrium.find import EquilibriumPoint as EquilibriumPoint
 from mbdlft.equilibrium.find import find_equilibrium as find_equilibrium
+from mbdlft.equilibrium.fitted import fit_positions as fit_positions
 from mbdlft.equilibrium.write import at_equilibrium as at_equilibrium
 from mbdlft.equilibrium.write import eigenvalues_at as eigenvalues_at

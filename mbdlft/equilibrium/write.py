@@ -105,20 +105,30 @@ def _declared(
     """Declared positions (n,) and new force densities of springs by name."""
     symbols, p, cosine, sine = physical_symbols(d.parameters)
     springs = [s for s in scene.loads if isinstance(s, Spring) and s.force_density is not None]
-    ratios = ca.vertcat(*(d.stretches[spring.name] for spring in springs))
+    lengths = ca.SX(ca.vertcat(*(d.lengths[spring.name] for spring in springs)))
     expressions = ca.substitute(
-        [ca.densify(d.declared), ca.densify(ratios)],
+        [ca.densify(d.declared), ca.densify(lengths)],
         [d.p, d.cosine, d.sine],
         [p, cosine, sine],
     )
     function = ca.Function("declared", [symbols, d.q], expressions)
     values = [point.parameters[parameter.name] for parameter in d.parameters]
-    declared = function(values, np.zeros(d.q.numel()))[0].full()[:, 0]
-    q = displacements(d, point, declared)
-    ratio = function(values, q)[1].full().reshape(-1)
+    declared, before = (part.full().reshape(-1) for part in function(values, 0.0))
+    _, after = (
+        part.full().reshape(-1) for part in function(values, displacements(d, point, declared))
+    )
     return declared, {
-        spring.name: _density(spring, float(r)) for spring, r in zip(springs, ratio, strict=True)
+        spring.name: _density(spring, float(a / b))
+        for spring, a, b in zip(springs, before, after, strict=True)
     }
+
+
+def declared_positions(d: Displaced) -> Array:
+    """Declared positions (n,) at nominal (rad, m)."""
+    symbols, p, cosine, sine = physical_symbols(d.parameters)
+    declared = ca.substitute([ca.densify(d.declared)], [d.p, d.cosine, d.sine], [p, cosine, sine])
+    function = ca.Function("declared", [symbols], declared)
+    return np.asarray(function([p.nominal for p in d.parameters]).full()[:, 0])
 
 
 def displacements(d: Displaced, point: EquilibriumPoint, declared: Array) -> Array:
@@ -154,27 +164,23 @@ def _moved(
     """A joint with some of its coordinates at new positions, by index."""
     update: dict[str, Any] = {}
     entries = [(k, c) for k, c in enumerate(coordinates) if c.joint.name == joint.name]
-    several = len(joint.freedoms) > 1
     expected = joint.quantities()
-
-    def put(key: str, index: int, value: Quantity) -> None:
-        if several:
-            update.setdefault(key, list(getattr(joint, key)))[index] = value
-        else:
-            update[key] = value
 
     for index, (k, c) in enumerate(entries):
         if k not in positions or c.is_ball:
             continue
-        put("position", index, _within_a_turn(positions[k]) if c.freedom.turns else positions[k])
+        put_entry(
+            joint,
+            update,
+            "position",
+            index,
+            within_a_turn(positions[k]) if c.freedom.turns else positions[k],
+        )
         if c.is_sprung and c.is_passive:
             preload = expected[labelled("preload", c.freedom)].source
             stiffness = expected[labelled("stiffness", c.freedom)].source
             q = positions[k] - declared[k]
-            put("preload", index, _relaxed(preload, stiffness, float(q)))
-    update = {
-        key: tuple(value) if isinstance(value, list) else value for key, value in update.items()
-    }
+            put_entry(joint, update, "preload", index, _relaxed(preload, stiffness, float(q)))
     vector = np.array([positions[k] for k, c in entries if c.is_ball and k in positions])
     angle = float(np.linalg.norm(vector)) if len(vector) else 0.0
     if angle > 0.0:
@@ -183,7 +189,18 @@ def _moved(
     return joint.model_copy(update=update)
 
 
-def _within_a_turn(angle: float) -> float:
+def put_entry(joint: Joint, update: dict[str, Any], key: str, index: int, value: Quantity) -> None:
+    """Note a new value of one entry of a quantity of a joint in `update`."""
+    if len(joint.freedoms) == 1:
+        update[key] = value
+        return
+    entries = list(update.get(key, getattr(joint, key)))
+    entries[index] = value
+    update[key] = tuple(entries)
+
+
+def within_a_turn(angle: float) -> float:
+    """The angle (rad) between minus and plus half a turn."""
     return float(np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi)
 
 

@@ -16,7 +16,7 @@ from mbdlft.force import BodyWrench, Spring
 from mbdlft.joint import Coordinate, Freedom, Turn, labelled
 from mbdlft.lft.lft import Array
 from mbdlft.parameter import Parameter
-from mbdlft.scene.check import check
+from mbdlft.scene.check import check, check_fit
 from mbdlft.scene.closure import Closure, close_loops, constraint, reactions
 from mbdlft.scene.placed import inertial_wrenches, motions, pass_inward
 from mbdlft.scene.quantities import Place, angle_at, owner_name, owners, value_at
@@ -91,6 +91,7 @@ def assemble(scene: Scene) -> Equations:
          for link in links for freedom in link.joint.freedoms]
         for k in range(2)
     ]  # fmt: skip
+    check_fit(scene, [*coordinate_signals[0], *(effort.signal for effort in listed)])
     followers = {*closure.dependent, *(n + k for k in closure.dependent)}
     states = tuple(k for k in range(2 * n) if k not in followers)
     return Equations(
@@ -123,7 +124,15 @@ def assemble(scene: Scene) -> Equations:
         default_inputs=tuple(k for k, effort in enumerate(listed) if effort.is_default),
         default_outputs=displacements,
         parameters=parameters,
+        x_bounds=_bounds(scene, coordinate_signals[0]),
+        u_bounds=_bounds(scene, [effort.signal for effort in listed]),
     )
+
+
+def _bounds(scene: Scene, signals: Sequence[Signal]) -> tuple[float, ...]:
+    """Bounds of the fit of the scene by signal, zero where it has none."""
+    bounds = scene.fit.bounds if scene.fit else {}
+    return tuple(float(bounds.get(signal.name, 0.0)) for signal in signals)
 
 
 class Symbols:

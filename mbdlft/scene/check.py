@@ -1,6 +1,6 @@
 """Checks of a scene that need its values: units, physics, and denominators over the whole range."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mbdlft.body import Body
 from mbdlft.description import Expected
-from mbdlft.errors import NotRationalError, SceneError, WellPosednessError
+from mbdlft.errors import NotRationalError, SceneError, WellPosednessError, unknown_name
 from mbdlft.expression import denominators, evaluate, names, write
 from mbdlft.joint import Joint
 from mbdlft.parameter import Parameter
@@ -24,6 +24,7 @@ from mbdlft.scene.quantities import (
     value_at,
 )
 from mbdlft.scene.scene import Constant, Scene
+from mbdlft.signal import Signal
 from mbdlft.unit import dimension_name, parse_unit
 
 _RANDOM, _CORNERS = 64, 4096
@@ -51,6 +52,16 @@ def check(scene: Scene) -> None:
         problem = item.physical_problem(sampled[owner_name(item)])
         if problem:
             raise SceneError(f"{owner_name(item)}: {problem} Check the values and the ranges.")
+
+
+def check_fit(scene: Scene, signals: Sequence[Signal]) -> None:
+    """Raise a SceneError if the fit of the scene names what it does not have."""
+    for name in scene.fit.bounds if scene.fit else ():
+        known = [signal.name for signal in signals]
+        if name not in known:
+            raise SceneError(
+                f"scene {scene.name!r}, fit: " + unknown_name("coordinate or effort", name, known)
+            )
 
 
 def _check_quantities(

@@ -87,8 +87,8 @@ class Displaced:
     coordinates : JointCoordinate (n,)
     declared : SX (n,)
         Declared positions (rad, m), functions of p; zero for rotation vectors.
-    stretches : SX by name of the springs with a given force density
-        Declared length over length.
+    lengths : SX by name of the springs
+        At the displaced positions (m), functions of q and p.
     arms : SX (3, n_a)
         Arms of bodies and joints (m), for the size of the scene.
     parameters : sorted by name
@@ -109,7 +109,7 @@ class Displaced:
     sine: ca.SX
     coordinates: tuple[JointCoordinate, ...]
     declared: ca.SX
-    stretches: Mapping[str, ca.SX]
+    lengths: Mapping[str, ca.SX]
     arms: ca.SX
     parameters: tuple[Parameter, ...]
 
@@ -203,10 +203,8 @@ def displace(scene: Scene) -> Displaced:
         sine=symbols.sine,
         coordinates=tuple(coordinates),
         declared=ca.SX(ca.vertcat(*declared)),
-        stretches={
-            load.name: _stretch(load, view)
-            for load in scene.loads
-            if isinstance(load, Spring) and load.force_density is not None
+        lengths={
+            load.name: _length(load, view) for load in scene.loads if isinstance(load, Spring)
         },
         arms=ca.densify(ca.horzcat(*view.now.arms.values(), *view.now.inboard.values())),
         parameters=parameters,
@@ -222,18 +220,16 @@ def spring_law(spring: Spring, own: Values, view: View) -> ca.SX | None:
     view.owner = owner_name(spring)
     if spring.rest_length is None and spring.force_density is None:
         return None
+    length = _length(spring, view)
     if spring.rest_length is not None:
-        length = ca.norm_2(view.between(spring.parent, spring.child))
         return ca.SX(own["stiffness"] * (1.0 - own["rest_length"] / length))
-    change = (own["stiffness"] - own["force_density"]) * _stretch(spring, view)
-    return ca.SX(own["stiffness"] - change)
-
-
-def _stretch(spring: Spring, view: View) -> ca.SX:
-    """Declared length over length."""
-    view.owner = owner_name(spring)
     declared = ca.norm_2(view.between_at_rest(spring.parent, spring.child))
-    return declared / ca.norm_2(view.between(spring.parent, spring.child))
+    return ca.SX(own["stiffness"] - (own["stiffness"] - own["force_density"]) * declared / length)
+
+
+def _length(spring: Spring, view: View) -> ca.SX:
+    view.owner = owner_name(spring)
+    return ca.norm_2(view.between(spring.parent, spring.child))
 
 
 def _gaps(loops: tuple[Loop, ...], view: View) -> tuple[list[ca.SX], list[Signal], list[ca.SX]]:
