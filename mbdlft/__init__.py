@@ -42,6 +42,11 @@ if TYPE_CHECKING:
     from mbdlft.body import PointMass as PointMass
     from mbdlft.body import RigidBody as RigidBody
     from mbdlft.build import to_lft as to_lft
+    from mbdlft.equilibrium import EquilibriumPoint as EquilibriumPoint
+    from mbdlft.equilibrium import at_equilibrium as at_equilibrium
+    from mbdlft.equilibrium import eigenvalues_at as eigenvalues_at
+    from mbdlft.equilibrium import find_equilibrium as find_equilibrium
+    from mbdlft.equilibrium import fit_positions as fit_positions
     from mbdlft.exact import exact_lower_bound as exact_lower_bound
     from mbdlft.force import Buoyancy as Buoyancy
     from mbdlft.force import Force as Force
@@ -65,6 +70,7 @@ if TYPE_CHECKING:
     from mbdlft.matrix import matrix_to_toml as matrix_to_toml
     from mbdlft.realization import realize as realize
     from mbdlft.scene import Constant as Constant
+    from mbdlft.scene import Fit as Fit
     from mbdlft.scene import Scene as Scene
     from mbdlft.scene import Spin as Spin
     from mbdlft.scene import assemble as assemble
@@ -92,6 +98,11 @@ _ON_FIRST_USE = {
     "PointMass": "mbdlft.body",
     "RigidBody": "mbdlft.body",
     "to_lft": "mbdlft.build",
+    "EquilibriumPoint": "mbdlft.equilibrium",
+    "at_equilibrium": "mbdlft.equilibrium",
+    "eigenvalues_at": "mbdlft.equilibrium",
+    "find_equilibrium": "mbdlft.equilibrium",
+    "fit_positions": "mbdlft.equilibrium",
     "exact_lower_bound": "mbdlft.exact",
     "Buoyancy": "mbdlft.force",
     "Force": "mbdlft.force",
@@ -115,6 +126,7 @@ _ON_FIRST_USE = {
     "matrix_to_toml": "mbdlft.matrix",
     "realize": "mbdlft.realization",
     "Constant": "mbdlft.scene",
+    "Fit": "mbdlft.scene",
     "Scene": "mbdlft.scene",
     "Spin": "mbdlft.scene",
     "assemble": "mbdlft.scene",

@@ -12,6 +12,8 @@ from mbdlft.signal import Signal
 from mbdlft.spatial import exact_cosine_sine
 from mbdlft.unit import parse_unit
 
+CURVED = 10.0  # of the bound of a fit: what terms of second order may add to what it explains
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Equations:

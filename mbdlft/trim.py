@@ -8,6 +8,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from mbdlft.equations import (
+    CURVED,
     Equations,
     equation_function,
     given_value,
@@ -21,7 +22,6 @@ from mbdlft.signal import Signal
 _RESIDUAL = 1e-9
 _RANK = 1e-10  # an unknown whose effect is that of others up to this part is redundant
 _PART = 1e-2  # of the inertia and stiffness that unbalanced efforts are compared with
-_CURVED = 10.0  # of the bound of a fit: what terms of second order may add
 _IDLE = 0.1  # share in a combination of unknowns that does nothing
 
 
@@ -162,7 +162,7 @@ def _explained(e: Equations, points: Array, efforts: Array, matrix: Array) -> Ar
     if rows:
         slopes = slopes - matrix @ np.linalg.solve(matrix[:, rows], slopes[:, rows])
     bounds = np.array([*e.x_bounds, *e.u_bounds])
-    return np.asarray((1.0 + _CURVED * e.fit_error_bound) * (np.abs(slopes) @ bounds))
+    return np.asarray((1.0 + CURVED * e.fit_error_bound) * (np.abs(slopes) @ bounds))
 
 
 def _slopes(e: Equations, points: Array, efforts: Array, around: ca.SX) -> Array:

@@ -29,8 +29,8 @@ def fit_positions(scene: Scene, joints: Sequence[str], tolerance: float) -> Scen
     The `position` of each of the joints becomes theta0 + 2*atan(r), or x0 + 2*r, with a rational
     expression r of the parameters. A `preload` beside a `stiffness` becomes the effort of the
     displaced spring, and springs between ports get the `force_density` that they have there. All that
-    has a guaranteed bound for all values of the parameters, stored in ``scene.fit``. The model that `to_lft`
-    makes is not exact; its certificate has the largest bound of a position.
+    has a guaranteed bound for all values of the parameters, stored in ``scene.fit``. The model that
+    `to_lft` makes is not exact; its certificate has the largest bound of a position.
 
     Parameters
     ----------
