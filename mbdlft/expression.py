@@ -135,7 +135,7 @@ def evaluate(
     SceneError
         A name is unknown, or a constant is divided by zero.
     NotRationalError
-        sqrt, sin or cos of something that is not a constant.
+        sqrt, sin, cos or atan of something that is not a constant.
     """
     match expression:
         case Number(value):
