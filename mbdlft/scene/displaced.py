@@ -189,7 +189,7 @@ def displace(scene: Scene) -> Displaced:
     count = len(listed) - len(rows)
     return Displaced(
         name=scene.name,
-        rows=ca.densify(without_unseen(scene, ca.vertcat(*balance, *gaps))),
+        rows=ca.densify(without_unseen(scene, ca.vertcat(ca.SX(0, 1), *balance, *gaps))),
         row_signals=(*row_signals, *gap_signals),
         alignment=ca.densify(ca.vertcat(ca.SX(0, 1), *alignment)),
         q=symbols.q,
