@@ -132,7 +132,8 @@ def _fit(
     functions: list[Rational | None] = [None] * s.unknowns
     for degree in range(largest_degree + 1):
         for _ in range(_ROUNDS):
-            points = np.vstack([nominal, nodes(center, half, _samples(len(low), degree)), extra])
+            count = _samples(len(low), degree)
+            points = np.vstack([nominal, nodes(center, half, count), extra])
             roots = follow(s, nominal, root, points)
             for i in range(s.unknowns):
                 if functions[i] is None:
@@ -148,8 +149,9 @@ def _fit(
                 break
             texts = tuple(rational.text(function, s.names) for function in ready)
             found = np.max(np.abs([f(points) for f in ready] - roots.T), axis=1)
-            goal = np.full(s.unknowns, tolerance)
-            proof = prove(s, [parse(text) for text in texts], low, high, goal, found, most_pieces)
+            goal, trees = np.full(s.unknowns, tolerance), [parse(text) for text in texts]
+            probes = nodes(center, half, 2 * count if len(low) < 3 else count + 1)
+            proof = prove(s, trees, low, high, goal, found, probes, most_pieces)
             if proof.complete:
                 return EquilibriumFit(
                     s.names, tuple(ready), texts, proof.bound, proof.found, proof.pieces

@@ -71,6 +71,7 @@ def prove(
     high: Array,
     tolerance: Array,
     found: Array,
+    probes: Array,
     most_pieces: int,
 ) -> Proof:
     """Bounds (n,) of |fit - root| on the box [low, high] (q,), by pieces that are halved.
@@ -84,10 +85,17 @@ def prove(
         Bounds above it are refined.
     found : Array (n,)
         Largest errors that are known; bounds not far above them are not refined.
+    probes : Array (N, q)
+        Points that are looked at before anything is proved, which takes longer.
     most_pieces : int
     """
-    radius = 2 * _TIGHT * np.maximum(found, _EXACT * tolerance)
     bound, none = np.zeros(s.unknowns), np.zeros((0, len(low)))
+    here = _errors_at(s, fits, probes)
+    wrong = ~np.all(here <= tolerance, axis=1)
+    found = np.maximum(found, here[~wrong].max(axis=0, initial=0.0))
+    if np.any(wrong):
+        return Proof(bound, found, 0, 0.0, probes[wrong])
+    radius = 2 * _TIGHT * np.maximum(found, _EXACT * tolerance)
     pieces, count, share = [np.array([low, high])], 0, 0.0
     while pieces:
         batch = np.array(pieces[-_BATCH:])
@@ -98,7 +106,7 @@ def prove(
         wrong = ~np.all(here <= tolerance, axis=1)
         found = np.maximum(found, here[~wrong].max(axis=0, initial=0.0))
         if np.any(_TIGHT * found > radius):  # larger than the samples told: begin again
-            return prove(s, fits, low, high, tolerance, found, most_pieces)
+            return prove(s, fits, low, high, tolerance, found, none, most_pieces)
         target = np.minimum(tolerance, _TIGHT * np.maximum(found, _EXACT * tolerance))
         done = np.all(errors <= (tolerance if count > most_pieces // 4 else target), axis=1)
         bound = np.maximum(bound, errors[done].max(axis=0, initial=0.0))

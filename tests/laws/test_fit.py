@@ -100,17 +100,26 @@ def twisted(t: Any, p: Any, m: Any) -> list[Any]:
     return [p[0] * t[0] - p[1] * m.sin(t[0] + p[2])]
 
 
+def three_links(t: Any, p: Any, m: Any) -> list[Any]:
+    """Three coupled angles in a ring of springs p1."""
+    return [
+        p[0] * t[k] - m.sin(t[k] + 0.4 + 0.1 * k) - 0.3 * p[1] * m.sin(t[k] - t[(k + 1) % 3])
+        for k in range(3)
+    ]
+
+
 CASES = {
     "closed form": Case(tangent, [(0.0, 0.5, 1.0), (-0.5, 0.0, 1.0)], [0.3], 1e-6),
     "spring": Case(spring, [(0.5, 1.0, 1.5), (3.0, 4.0, 6.0)], [0.2], 1e-6),
     "offset": Case(offset, [(0.5, 1.0, 1.5), (0.2, 0.5, 1.0)], [0.1], 1e-8),
     "two links": Case(two_links, [(3.0, 4.0, 5.0), (2.5, 3.0, 4.0)], [0.1, 0.1], 1e-5),
+    "three links": Case(three_links, [(3.0, 4.0, 5.0), (0.5, 1.0, 1.5)], [0.1] * 3, 1e-3),
     "three parameters": Case(
         twisted, [(4.0, 5.0, 6.0), (1.5, 2.0, 2.5), (0.1, 0.3, 0.5)], [0.1], 1e-4
     ),
 }
 PEAK = Case(peak, [(0.0, 0.7, 1.0)], [0.6], 1e-3)
-POINTS = {2: 21, 3: 9}
+POINTS = {2: 17, 3: 9}
 
 
 def bound_holds(case: Case, fit: EquilibriumFit, points: Sequence[Sequence[float]]) -> np.ndarray:
