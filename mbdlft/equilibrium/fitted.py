@@ -72,7 +72,8 @@ def fit_positions(scene: Scene, joints: Sequence[str], tolerance: float) -> Scen
     if point.undetermined:
         raise TrimError(
             f"{what}: the nominal equilibrium does not determine {', '.join(point.undetermined)}: it is "
-            "a fold or a bifurcation, or nothing holds them. Change the nominal values, or fit other joints."
+            "a fold or a bifurcation, or nothing holds them. Change the nominal values, or fit other "
+            "joints."
         )
     nominal = {k: float(point.positions[before.coordinates[k].signal.name]) for k in chosen}
     tangents = {k: _fresh(scene, k) for k in chosen}
