@@ -2,12 +2,14 @@
 
 from typing import Any
 
+import casadi as ca
 import mpmath
 import numpy as np
 import pytest
 
 import mbdlft
 from mbdlft import Fixed, Inertia, Loop, Parameter, PointMass, Revolute, RigidBody, Scene, Spring
+from mbdlft.equations import equation_function, load_value, physical_symbols
 from mbdlft.scene import displaced
 from tests.close import SCENARIO, exact, roundoff, target
 from tests.cross.lagrangian import lagrangian
@@ -330,6 +332,42 @@ def test_parameters_stay_at_the_equilibrium() -> None:
     roundoff(mbdlft.matrices_at(model, {"m": 1.5}).A, [[0, 1], [-G / 0.8, 0]])
 
 
+def test_conditions_are_those_of_the_model() -> None:
+    """Without springs between ports the displaced conditions are the residual of the model at rest."""
+    check_conditions()
+
+
+def check_conditions() -> None:
+    for seed in (2, 5, 11):
+        scene = known_equilibrium(seed).scene.model_copy(update={"loads": ()})
+        d, e = displaced.displace(scene), mbdlft.assemble(scene)
+        rng = np.random.default_rng(seed)
+        n = e.degrees_of_freedom
+        q, u = rng.normal(0.0, 0.4, n), rng.normal(0.0, 5.0, e.u.numel())
+        rows = ca.Function("rows", [d.q, d.u, d.p], [d.rows])(q, u, 2.3)
+        symbols, p, cosine, sine = physical_symbols(e.parameters)
+        residual, _ = equation_function(e)(e.xdot, e.x, e.z, e.u, load_value(e, p), p, cosine, sine)
+        full = ca.Function("full", [e.xdot, e.x, e.u, symbols], [residual])
+        expected = full(0, np.concatenate([q, np.zeros(n)]), u, 2.3).full()[n : 2 * n]
+        roundoff(rows.full(), expected, kappa=10.0)
+
+
+def whirling(rate: float | str, **fields: Any) -> Scene:
+    """A pendulum of 0.8 m on a vertical axis that spins: cos(theta) = g/(L rate^2)."""
+    scene = pendulum(position=0.7, stiffness=0.0)
+    return scene.model_copy(update={"spin": mbdlft.Spin(axis=(0, 0, 1), rate=rate), **fields})
+
+
+def test_spinning_pendulum() -> None:
+    points = mbdlft.find_equilibrium(whirling(5.0), starts=20, every=True)
+    out = float(np.arccos(G / (0.8 * 25.0)))
+    angles = sorted(abs(point.positions["hinge.angle"]) for point in points)
+    roundoff(angles, [0.0, out, out, np.pi])
+    for point in points:
+        growing = bool(np.max(mbdlft.eigenvalues_at(whirling(5.0), point).real) > 0.1)
+        assert growing == (np.abs(np.cos(point.positions["hinge.angle"])) > 0.9)
+
+
 def planted(name: str) -> Any:
     right = getattr(displaced, name)
 
@@ -350,6 +388,7 @@ def planted(name: str) -> Any:
     [
         ("spring_law", check_cable, ()),
         ("quantity_of", check_sag, ()),
+        ("quantity_of", check_conditions, ()),
         ("_gaps", check_four_bar, ("revolute",)),
     ],
 )

@@ -13,7 +13,7 @@ from mbdlft import Fit, Parameter, PointMass, Revolute, Scene, Spring
 from mbdlft.equilibrium import conditions, fitted
 from mbdlft.expression import evaluate, parse
 from tests.close import SCENARIO, roundoff, target
-from tests.laws.test_equilibrium import four_bar
+from tests.laws.test_equilibrium import four_bar, whirling
 
 G = 9.81
 MASS = Parameter("m", 2.0, percent=30, unit="kg")
@@ -207,6 +207,37 @@ def test_loop_whose_shape_depends_on_a_length() -> None:
     wrong = found.model_copy(update={"fit": None})
     with pytest.raises(mbdlft.SceneError, match="do not meet"):
         mbdlft.to_lft(wrong, search=0.0)
+
+
+def test_units_and_unused_parameters() -> None:
+    """Parameters in grams and with another unit are those in kilograms; the others are left alone."""
+    other = Parameter("m", 2000.0, percent=30, unit="g")
+    idle = Parameter("c", 1.0, percent=10, unit="N m s/rad")
+    scene = sag(damping="c").model_copy(update={"parameters": (other, STIFFNESS, idle)})
+    found = mbdlft.fit_positions(scene, ["hinge"], 1e-4)
+    assert found.fit is not None
+    position = found.joints[0].position  # type: ignore[attr-defined]
+    for m, k in VALUES:
+        off = abs(angle(position, {"m": m, "k": k}) - sagging(m, k))
+        assert off <= found.fit.bounds["hinge.angle"]
+    model = mbdlft.to_lft(found, search=0.0)
+    assert model.certificate.max_relative_error <= SCENARIO
+    assert dict(model.lft.blocks)["c"] == 1
+
+
+def test_spinning_pendulum() -> None:
+    """cos(theta) = g/(L rate^2), over a range of rates."""
+    rate = Parameter("rate", 5.0, low=4.4, high=6.0, unit="rad/s")
+    found = mbdlft.fit_positions(whirling("rate", parameters=(MASS, rate)), ["hinge"], 1e-5)
+    assert found.fit is not None
+    position = found.joints[0].position  # type: ignore[attr-defined]
+    for value in np.linspace(4.4, 6.0, 17):
+        off = abs(angle(position, {"rate": float(value)}) - np.arccos(G / (0.8 * value**2)))
+        assert off <= found.fit.bounds["hinge.angle"]
+    assert mbdlft.to_lft(found, search=0.0).certificate.max_relative_error <= SCENARIO
+    wide = Parameter("rate", 5.0, low=3.0, high=6.0, unit="rad/s")
+    with pytest.raises(mbdlft.TrimError, match=r"rate = 3\.50.*singular"):
+        mbdlft.fit_positions(whirling("rate", parameters=(MASS, wide)), ["hinge"], 1e-5)
 
 
 def test_position_that_is_rational_is_fitted_as_such() -> None:

@@ -80,7 +80,7 @@ def test_errors_say_where(
     file = tmp_path / "pendulum.toml"
     text = PENDULUM.replace("DAMPING", "0.1").replace("preload = 0", "preload = 25.0")
     file.write_text(text, encoding="utf-8")
-    code, out, err = run(monkeypatch, capsys, "trim", str(file), "--positions")
+    code, _, err = run(monkeypatch, capsys, "trim", str(file), "--positions")
     assert code == 2
     assert "no equilibrium found from 20 starts" in err
     assert "hinge.torque misses -5.38 N m" in err
