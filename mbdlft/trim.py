@@ -155,7 +155,8 @@ def _relative(residual: Array, scale: Array) -> Array:
 def _explained(e: Equations, points: Array, efforts: Array, matrix: Array) -> Array:
     """Unbalanced efforts (N, rows) that the bounds of fitted positions and efforts allow.
 
-    To first order, once the unknown efforts have followed; `matrix` are the slopes by these.
+    To first order, once the unknown efforts have followed; `matrix` are the slopes by these. Errors
+    of positions and of efforts are added as if each had its largest value and the worse sign.
     """
     slopes = _slopes(e, points, efforts, ca.vertcat(e.x[: e.degrees_of_freedom], e.u))
     rows = list(trim_rows(e))

@@ -176,7 +176,7 @@ def _point(b: Balance, attempt: Attempt, iterations: int) -> EquilibriumPoint:
         for unknown, value in zip(b.unknowns, attempt.s, strict=True)
         if unknown.is_parameter
     }
-    rows = attempt.rows * b.sizes
+    rows = b.slopes(attempt.s, w)[0].full()[:, 0]
     units = {u.signal.name: u.signal.unit for u in b.unknowns if not u.is_parameter}
     return EquilibriumPoint(
         scene=d.name,
@@ -188,7 +188,7 @@ def _point(b: Balance, attempt: Attempt, iterations: int) -> EquilibriumPoint:
         unbalanced={
             signal.name: float(row) for signal, row in zip(d.row_signals, rows, strict=True)
         },
-        residual=attempt.residual,
+        residual=float(np.max(np.abs(rows) / b.sizes, initial=0.0)),
         iterations=iterations,
         undetermined=_undetermined(b, attempt.s, w),
     )
