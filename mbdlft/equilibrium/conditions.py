@@ -11,7 +11,7 @@ eliminated, with pivots that are chosen at nominal.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -89,58 +89,21 @@ def conditions(
     """
     s = _Symbols(scene, tangents)
     rows, given = s.at(after, [after.rows, after.given])
-    (declared,) = s.at(before, [before.declared])
     u = ca.SX(given)
-    index = {signal.name: k for k, signal in enumerate(after.u_signals)}
-    halves: dict[int, ca.SX] = {}
-    equations: Entries = []
-    for k, name in tangents.items():
-        c = before.coordinates[k]
-        if c.is_sprung:
-            half = s.tangents[k]
-            if c.freedom.turns:
-                half = ca.SX.sym(f"angle {name}")
-                equations.append(ca.sin(half) - s.tangents[k] * ca.cos(half))
-                halves[k] = half
-            if ca.symvar(declared[k]):
-                raise TrimError(
-                    f"scene {scene.name!r}: the spring of {c.joint.name!r} is relaxed at a position that "
-                    "depends on parameters. Give it a number, and the rest as preload."
-                )
-            q = nominal[k] + 2.0 * half - declared[k]
-            effort = index[f"{c.joint.name}.{c.freedom.effort.name}"]
-            u[effort] -= s.value(quantity(c, "stiffness")) * q
-    symbols = [*s.tangents.values(), *halves.values()]
-    start = [0.0] * len(symbols)
-    springs: dict[str, float] = {}
-    for load in scene.loads:
-        if not isinstance(load, Spring) or index[f"{load.name}.force_density"] in after.unknown:
-            continue
-        (length,) = s.at(after, [after.lengths[load.name]])
-        if not ca.depends_on(length, s.all_tangents):
-            continue
-        (declared_length,) = s.at(before, [before.lengths[load.name]])
-        stiffness, given = s.value(load.stiffness), s.value(load.force_density or 0.0)
-        slack = (stiffness - given) * declared_length
-        if load.rest_length is not None:
-            slack = stiffness * s.value(load.rest_length)
-        size = abs(s.at_nominal(stiffness)) or 1.0
-        density = ca.SX.sym(f"density {load.name}")
-        equations.append(density * length - (stiffness * length - slack) / size)
-        u[index[f"{load.name}.force_density"]] = size * density
-        symbols.append(density)
-        start.append(s.at_nominal((stiffness - slack / length) / size))
-        springs[load.name] = size
-    t, w = ca.vertcat(*symbols), ca.SX.sym("w", len(after.unknown))
+    halves = _sprung_joints(s, before, after, nominal, u)
+    ropes = _ropes(s, before, after, u)
+    own = [ca.sin(half) - s.tangents[k] * ca.cos(half) for k, half in halves.items()]
+    own += [rope.law for rope in ropes]
+    t = ca.vertcat(s.all_tangents, *halves.values(), *(rope.density for rope in ropes))
+    start = [0.0] * (len(tangents) + len(halves)) + [rope.nominal for rope in ropes]
+    w = ca.SX.sym("w", len(after.unknown))
     if after.unknown:
         u[list(after.unknown)] = w
-    rows = ca.substitute(rows, after.u, u)
-    point = [*start, *s.nominal.values()]
     arguments = ca.vertcat(t, *s.parameters.values())
-    numbers = _numbers(arguments, np.array(point))
-    left = _eliminated(ca.vertsplit(rows), w, numbers)
-    own = ca.vertcat(ca.SX(0, 1), *equations)
-    f = ca.vertcat(_independent(scene, left, own, t, len(tangents), numbers), own)
+    numbers = _numbers(arguments, np.array([*start, *s.nominal.values()]))
+    left = _eliminated(ca.vertsplit(ca.substitute(rows, after.u, u)), w, numbers)
+    laws = ca.vertcat(ca.SX(0, 1), *own)
+    f = ca.vertcat(_independent(scene, left, laws, t, len(tangents), numbers), laws)
     slopes = np.max(np.abs(numbers(ca.jacobian(f, t))), axis=1)
     f = f / ca.DM(np.where(slopes > 0, slopes, 1.0))
     met = float(np.max(np.abs(numbers(f))))
@@ -149,11 +112,83 @@ def conditions(
             f"scene {scene.name!r}: the nominal equilibrium does not meet the equations without the "
             f"unknown efforts, by {met:.1e}."
         )
+    residual, names = _of_used_parameters(s, f, t)
+    return Conditions(
+        residual,
+        names,
+        np.array(start),
+        tuple(tangents),
+        tuple(halves),
+        {rope.name: rope.size for rope in ropes},
+    )
+
+
+class _Rope(NamedTuple):
+    """A spring whose force density is size * density, with its law and the nominal of the unknown."""
+
+    name: str
+    size: float
+    density: ca.SX
+    law: ca.SX
+    nominal: float
+
+
+def _sprung_joints(
+    s: "_Symbols", before: Displaced, after: Displaced, nominal: Mapping[int, float], u: ca.SX
+) -> dict[int, ca.SX]:
+    """Put the torques and forces of sprung joints into u; new symbols for half the angles."""
+    index = {signal.name: k for k, signal in enumerate(after.u_signals)}
+    (declared,) = s.at(before, [before.declared])
+    halves: dict[int, ca.SX] = {}
+    for k, tangent in s.tangents.items():
+        c = before.coordinates[k]
+        if not c.is_sprung:
+            continue
+        if ca.symvar(declared[k]):
+            raise TrimError(
+                f"scene {before.name!r}: the spring of {c.joint.name!r} is relaxed at a position that "
+                "depends on parameters. Give it a number, and the rest as preload."
+            )
+        half = tangent
+        if c.freedom.turns:
+            half = halves[k] = ca.SX.sym("half")
+        q = nominal[k] + 2.0 * half - declared[k]
+        effort = index[f"{c.joint.name}.{c.freedom.effort.name}"]
+        u[effort] -= s.value(quantity(c, "stiffness")) * q
+    return halves
+
+
+def _ropes(s: "_Symbols", before: Displaced, after: Displaced, u: ca.SX) -> list[_Rope]:
+    """Put new symbols for the force densities of springs into u, where these depend on positions."""
+    index = {signal.name: k for k, signal in enumerate(after.u_signals)}
+    found: list[_Rope] = []
+    for load in s.scene.loads:
+        if not isinstance(load, Spring):
+            continue
+        row = index[f"{load.name}.{Spring.signal.name}"]
+        (length,) = s.at(after, [after.lengths[load.name]])
+        if row in after.unknown or not ca.depends_on(length, s.all_tangents):
+            continue
+        (declared,) = s.at(before, [before.lengths[load.name]])
+        k, h = s.value(load.stiffness), s.value(load.force_density or 0.0)
+        slack = (k - h) * declared if load.rest_length is None else k * s.value(load.rest_length)
+        size = abs(s.at_nominal(k)) or 1.0
+        density = ca.SX.sym("density")
+        law = density * length - (k * length - slack) / size
+        u[row] = size * density
+        found.append(
+            _Rope(load.name, size, density, law, s.at_nominal((k - slack / length) / size))
+        )
+    return found
+
+
+def _of_used_parameters(s: "_Symbols", f: ca.SX, t: ca.SX) -> tuple[ca.Function, tuple[str, ...]]:
+    """f as a function of t and the parameters that it depends on, and their names."""
     used = [name for name, p in s.parameters.items() if ca.depends_on(f, p)]
-    turned = [p.name for p in scene.parameters if p.is_angle and p.name in used]
+    turned = [p.name for p in s.scene.parameters if p.is_angle and p.name in used]
     if turned:
         raise NotRationalError(
-            f"scene {scene.name!r}: the equilibrium depends on the angle {turned[0]!r}; a fit is a "
+            f"scene {s.scene.name!r}: the equilibrium depends on the angle {turned[0]!r}; a fit is a "
             "function of parameters that are not angles. Make its tangent a parameter t, with the "
             "angle 2*atan(t), or let the trim solve for an effort."
         )
@@ -164,14 +199,7 @@ def conditions(
         ca.SX(ca.DM([s.nominal[name] for name in others])),
     )
     p = ca.vertcat(ca.SX(0, 1), *(s.parameters[name] for name in used))
-    return Conditions(
-        ca.Function("equilibrium", [t, p], [ca.densify(f)]),
-        tuple(used),
-        np.array(start),
-        tuple(tangents),
-        tuple(halves),
-        springs,
-    )
+    return ca.Function("equilibrium", [t, p], [ca.densify(f)]), tuple(used)
 
 
 class _Symbols:
