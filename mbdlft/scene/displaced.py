@@ -31,7 +31,7 @@ from mbdlft.scene.closure import Closure
 from mbdlft.scene.placed import inertial_wrenches, motions, pass_inward
 from mbdlft.scene.quantities import Place, owner_name
 from mbdlft.scene.scene import Scene
-from mbdlft.scene.tree import all_bodies, tree
+from mbdlft.scene.tree import Link, all_bodies, tree
 from mbdlft.scene.view import View
 from mbdlft.signal import Signal
 
@@ -152,39 +152,18 @@ def displace(scene: Scene) -> Displaced:
             needed[acted.body] -= acted.wrench
     passed = pass_inward(view.now, view.motions, needed)
 
-    coordinates: list[JointCoordinate] = []
-    declared: list[Any] = []
+    coordinates = _coordinates(links, values)
     balance: list[ca.SX] = []
     row_signals: list[Signal] = []
-    for link, efforts in zip(links, passed.efforts, strict=True):
-        joint, owned = link.joint, values[owner_name(link.joint)]
-        expected = joint.quantities()
-        for k, freedom in enumerate(joint.freedoms):
-            column, place = len(coordinates), labelled("position", freedom)
-            imposed = bool(getattr(joint, "imposed", False))
-            name = f"{joint.name}.{freedom.measures[0].name}"
-            found = JointCoordinate(
-                joint,
-                freedom,
-                Signal(name, freedom.measures[0].unit),
-                is_ball=place not in expected,
-                is_passive=not imposed and labelled("preload", freedom) in owned,
-                is_sprung=bool(ca.sparsify(ca.SX(quantity_of(owned, "stiffness", freedom))).nnz()),
-            )
-            if not imposed:
-                stiffness = quantity_of(owned, "stiffness", freedom)
-                balance.append(efforts[k] + stiffness * symbols.q[column] - u[column])
-                row_signals.append(
-                    Signal(f"{joint.name}.{freedom.effort.name}", freedom.effort.unit)
-                )
-            if found.is_ball:
-                declared.append(0.0)
-            elif freedom.turns:
-                at = Place(owner_name(joint), place)
-                declared.append(symbols.angle(scene, at, expected[place]))
-            else:
-                declared.append(owned[place])
-            coordinates.append(found)
+    for k, (c, effort) in enumerate(
+        zip(coordinates, ca.vertsplit(ca.vertcat(*passed.efforts)), strict=True)
+    ):
+        if not c.is_imposed:
+            stiffness = quantity_of(values[owner_name(c.joint)], "stiffness", c.freedom)
+            balance.append(effort + stiffness * symbols.q[k] - u[k])
+            name = f"{c.joint.name}.{c.freedom.effort.name}"
+            row_signals.append(Signal(name, c.freedom.effort.unit))
+    declared = [_declared(scene, symbols, values, c) for c in coordinates]
     gaps, gap_signals, alignment = _gaps(scene.loops, view)
     count = len(listed) - len(rows)
     return Displaced(
@@ -201,7 +180,7 @@ def displace(scene: Scene) -> Displaced:
         p=symbols.p,
         cosine=symbols.cosine,
         sine=symbols.sine,
-        coordinates=tuple(coordinates),
+        coordinates=coordinates,
         declared=ca.SX(ca.vertcat(*declared)),
         lengths={
             load.name: _length(load, view) for load in scene.loads if isinstance(load, Spring)
@@ -209,6 +188,42 @@ def displace(scene: Scene) -> Displaced:
         arms=ca.densify(ca.horzcat(*view.now.arms.values(), *view.now.inboard.values())),
         parameters=parameters,
     )
+
+
+def _coordinates(
+    links: tuple[Link, ...], values: Mapping[str, Values]
+) -> tuple[JointCoordinate, ...]:
+    """Coordinates of all joints, in the order of the tree."""
+    found = []
+    for link in links:
+        joint, own = link.joint, values[owner_name(link.joint)]
+        imposed = bool(getattr(joint, "imposed", False))
+        for freedom in joint.freedoms:
+            measure = freedom.measures[0]
+            stiffness = ca.sparsify(ca.SX(quantity_of(own, "stiffness", freedom)))
+            found.append(
+                JointCoordinate(
+                    joint,
+                    freedom,
+                    Signal(f"{joint.name}.{measure.name}", measure.unit),
+                    is_ball=labelled("position", freedom) not in own,
+                    is_passive=not imposed and labelled("preload", freedom) in own,
+                    is_sprung=bool(stiffness.nnz()),
+                )
+            )
+    return tuple(found)
+
+
+def _declared(
+    scene: Scene, symbols: Symbols, values: Mapping[str, Values], c: JointCoordinate
+) -> Any:
+    """Declared position (rad, m) of a coordinate, a function of p."""
+    owner, label = owner_name(c.joint), labelled("position", c.freedom)
+    if c.is_ball:
+        return 0.0
+    if c.freedom.turns:
+        return symbols.angle(scene, Place(owner, label), c.joint.quantities()[label])
+    return values[owner][label]
 
 
 def spring_law(spring: Spring, own: Values, view: View) -> ca.SX | None:
