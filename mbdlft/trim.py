@@ -90,8 +90,8 @@ def trim_efforts(equations: Equations, points: Array) -> tuple[Array, Array]:
             efforts[:, unknown] = -np.linalg.solve(matrix[:, rows], offset[:, rows, None])[:, :, 0]
         except np.linalg.LinAlgError:
             raise TrimError(
-                f"scene {e.name!r}: the equilibrium does not determine the trim unknowns {_names(e)} "
-                "at a point of the parameter range: they are redundant there. Narrow the ranges."
+                f"scene {e.name!r}: the equilibrium does not determine the trim unknowns {_names(e)} at "
+                "a point of the parameter range: they are redundant there. Narrow the ranges."
             ) from None
     residual = offset + (matrix @ efforts[:, unknown, None])[:, :, 0]
     scale = np.max(np.abs(offset), axis=1, initial=0.0)
