@@ -37,8 +37,11 @@ from mbdlft.store import model_names as model_names
 from mbdlft.store import save as save
 
 if TYPE_CHECKING:
+    from mbdlft.body import Beam as Beam
+    from mbdlft.body import FlexibleBody as FlexibleBody
     from mbdlft.body import Ground as Ground
     from mbdlft.body import Inertia as Inertia
+    from mbdlft.body import Mode as Mode
     from mbdlft.body import PointMass as PointMass
     from mbdlft.body import RigidBody as RigidBody
     from mbdlft.build import to_lft as to_lft
@@ -93,6 +96,9 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _ON_FIRST_USE = {
+    "Beam": "mbdlft.body",
+    "FlexibleBody": "mbdlft.body",
+    "Mode": "mbdlft.body",
     "Ground": "mbdlft.body",
     "Inertia": "mbdlft.body",
     "PointMass": "mbdlft.body",

@@ -15,6 +15,7 @@ Direction = tuple[Number, Number, Number]
 Values = Mapping[str, Any]  # by label: SX or float, an angle a tuple of turns
 
 AXES = ("x", "y", "z")
+ANY_UNIT = "any"  # of a quantity whose unit is not checked
 
 
 class Expected(NamedTuple):

@@ -49,6 +49,9 @@ class Equations:
     equilibrium_signals : Signal (n,)
         Unbalanced effort of each of the n dynamic equations.
     default_inputs, default_outputs : positions of the signals a scene has if it names none
+    carried : SX (n_c,)
+        Wrenches of the elastic bodies whose `prestress` is not said to be negligible; as `output`.
+    carried_by : name of the body of each entry of `carried`
     parameters : sorted by name
     x_bounds : tuple of float (n,)
         By how much the displacements may miss the equilibrium, where positions are fits; else zero.
@@ -78,6 +81,8 @@ class Equations:
     equilibrium_signals: tuple[Signal, ...]
     default_inputs: tuple[int, ...]
     default_outputs: tuple[int, ...]
+    carried: ca.SX
+    carried_by: tuple[str, ...]
     parameters: tuple[Parameter, ...]
     x_bounds: tuple[float, ...]
     u_bounds: tuple[float, ...]

@@ -9,9 +9,22 @@ A wrench is a 3 x 2 matrix [force, torque] (N, N m) about one point. This file f
 """
 
 from functools import cache
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
+
+
+class Coordinate(NamedTuple):
+    """Displacements, rates and accelerations (n,) of coordinates: of a joint, a move, a body."""
+
+    q: ca.SX
+    v: ca.SX
+    a: ca.SX
+
+    def part(self, entries: int | slice) -> "Coordinate":
+        """Those of some of the coordinates."""
+        return Coordinate(self.q[entries], self.v[entries], self.a[entries])
 
 
 def skew(a: ca.SX) -> ca.SX:

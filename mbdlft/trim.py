@@ -22,6 +22,7 @@ from mbdlft.signal import Signal
 _RESIDUAL = 1e-9
 _RANK = 1e-10  # an unknown whose effect is that of others up to this part is redundant
 _PART = 1e-2  # of the inertia and stiffness that unbalanced efforts are compared with
+_CARRIED = 1e-9  # of the loads of the scene: a smaller wrench through a body is rounding
 _IDLE = 0.1  # share in a combination of unknowns that does nothing
 
 
@@ -102,12 +103,38 @@ def trim_efforts(equations: Equations, points: Array) -> tuple[Array, Array]:
         relative = _relative(residual, scale)
     if not np.all(relative <= _RESIDUAL) and e.fit_error_bound > 0.0:
         excess = np.abs(residual) - _explained(e, points, efforts, matrix)
-        if np.all(_relative(np.maximum(excess, 0.0), scale) <= _RESIDUAL):
-            return efforts, relative
-        raise TrimError(_unbalanced(e, points, residual, int(np.argmax(np.max(excess, axis=1)))))
-    if not np.all(relative <= _RESIDUAL):
+        if not np.all(_relative(np.maximum(excess, 0.0), scale) <= _RESIDUAL):
+            worst = int(np.argmax(np.max(excess, axis=1)))
+            raise TrimError(_unbalanced(e, points, residual, worst))
+    elif not np.all(relative <= _RESIDUAL):
         raise TrimError(_unbalanced(e, points, residual, int(np.argmax(relative))))
+    if e.carried_by:
+        _check_prestress(e, points, efforts)
     return efforts, relative
+
+
+def _check_prestress(e: Equations, points: Array, efforts: Array) -> None:
+    """No load at equilibrium goes through an elastic body, unless its scene says that this is known."""
+    symbols, p, cosine, sine = physical_symbols(e.parameters)
+    still = [e.xdot, e.x, e.z]
+    rest = ca.substitute([e.carried], still, [ca.SX.zeros(s.numel()) for s in still])
+    function = ca.Function("carried", [e.u, e.load, e.p, e.cosine, e.sine], rest)
+    u, load = ca.SX.sym("u", e.u.numel()), load_value(e, p)
+    values = function(u, load, p, cosine, sine)
+    at = ca.Function("carried", [symbols, u], [ca.densify(values), ca.densify(load)])
+    carried, loads = evaluate_many(at, points, efforts)
+    largest = np.max(np.abs(carried[:, :, 0]), axis=0)
+    floor = _CARRIED * max(np.max(np.abs(loads), initial=0.0), np.max(np.abs(efforts), initial=0.0))
+    loaded = np.flatnonzero(largest > floor)
+    if len(loaded):
+        body = e.carried_by[int(loaded[0])]
+        raise TrimError(
+            f"scene {e.name!r}: body {body!r} is elastic and carries a load at equilibrium (up to "
+            f"{np.max(largest[loaded]):.3g} N or N m). The model takes the given shape for that under "
+            "this load, and has the effects of the load through the displaced ports and of the weight of "
+            "the displaced mass; it does not have the change of the body's own stiffness by the load "
+            "(buckling, tension). Where that may be left out, write prestress = 'neglected' in the body."
+        )
 
 
 def trim_rows(equations: Equations) -> tuple[int, ...]:

@@ -11,7 +11,7 @@ from mbdlft.errors import SceneError, unknown_name
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """Factor to SI and the exponents of kg, m and s; an angle is dimensionless."""
+    """Factor to SI and the exponents of kg, m and s; an angle is dimensionless, a cycle is 2 pi rad."""
 
     factor: float
     dimension: tuple[int, int, int]
@@ -37,7 +37,7 @@ _BASE = {
     "s": Unit(1.0, (0, 0, 1)),
     "min": Unit(60.0, (0, 0, 1)),
     "h": Unit(3600.0, (0, 0, 1)),
-    "Hz": Unit(1.0, (0, 0, -1)),
+    "Hz": Unit(2.0 * float(np.pi), (0, 0, -1)),
     "N": Unit(1.0, (1, 1, -2)),
     "Pa": Unit(1.0, (1, -1, -2)),
     "J": Unit(1.0, (1, 2, -2)),

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from mbdlft.description import Description, Expected, Text, Values, Vector, vector_quantities
+from mbdlft.description import AXES, Description, Expected, Text, Values, Vector, vector_quantities
 from mbdlft.errors import SceneError
+from mbdlft.signal import Freedom
+from mbdlft.spatial import Coordinate
 
 GROUND = "ground"
 
@@ -60,12 +62,36 @@ class Body(Description, abc.ABC):
         """Label of the position of a port among the quantities; None for the origin."""
         return None if port == "origin" else f"ports.{port}"
 
+    def port_position(self, port: str, values: Values) -> ca.SX:
+        """Position (3,) of a port from the origin, undeformed (m)."""
+        label = self.port_label(port)
+        if label is None:
+            return ca.SX(3, 1)
+        return ca.sparsify(ca.SX(ca.vertcat(*(values[f"{label}.{axis}"] for axis in AXES))))
+
+    def freedoms(self) -> tuple[Freedom, ...]:
+        """Names of the coordinates of an elastic body; a rigid one has none."""
+        return ()
+
     @abc.abstractmethod
-    def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX) -> ca.SX:
+    def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
         """Wrench (3, 2) that the motion (3, 3) of the inboard port needs, about that port.
 
-        `values` has one SX or float per label; `inboard` (3,) is the position of the port (m).
+        `values` has one SX or float per label; `inboard` (3,) is the position of the port (m); `at`
+        are the coordinates of an elastic body.
         """
+
+    def efforts(self, motion: ca.SX, values: Values, at: Coordinate) -> ca.SX:
+        """Generalized forces (n,) that the coordinates of an elastic body need."""
+        return ca.SX(0, 1)
+
+    def shape(self, port: str, values: Values, vector: ca.SX) -> ca.SX:
+        """Small displacement and rotation (6,) of a port of an elastic body for coordinates (n,)."""
+        raise NotImplementedError(f"{self.kind} is not elastic")
+
+    def shape_transposed(self, port: str, values: Values, vector: ca.SX) -> ca.SX:
+        """Generalized forces (n,) of a force and torque (6,) at a port of an elastic body."""
+        raise NotImplementedError(f"{self.kind} is not elastic")
 
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
         """Which condition of physics fails at one of the sampled values, or None."""

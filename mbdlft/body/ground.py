@@ -6,6 +6,7 @@ import casadi as ca
 
 from mbdlft.body.base import GROUND, Body
 from mbdlft.description import Text, Values
+from mbdlft.spatial import Coordinate
 
 
 @final
@@ -15,6 +16,6 @@ class Ground(Body):
     kind: ClassVar[str] = GROUND
     name: Text = GROUND
 
-    def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX) -> ca.SX:
+    def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
         """Nothing moves the ground: it needs no wrench."""
         return ca.SX(3, 2)

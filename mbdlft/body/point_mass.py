@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mbdlft.body.base import Body
 from mbdlft.body.rigid import negative_mass
 from mbdlft.description import Expected, Quantity, Values
-from mbdlft.spatial import move_motion, move_wrench
+from mbdlft.spatial import Coordinate, move_motion, move_wrench
 
 
 @final
@@ -23,7 +23,7 @@ class PointMass(Body):
     def own_quantities(self) -> dict[str, Expected]:
         return {"mass": Expected(self.mass, "kg")}
 
-    def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX) -> ca.SX:
+    def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
         """Newton: force = m a_origin, moved to the inboard port."""
         acceleration = move_motion(motion, -inboard)[:, 2]
         return move_wrench(ca.horzcat(values["mass"] * acceleration, ca.SX(3, 1)), -inboard)

@@ -19,7 +19,7 @@ from pydantic import model_validator
 from mbdlft.body.base import Body
 from mbdlft.description import Description, Expected, Quantity, Values, Vector, vector_quantities
 from mbdlft.errors import SceneError, unknown_name
-from mbdlft.spatial import move_motion, move_wrench
+from mbdlft.spatial import Coordinate, move_motion, move_wrench
 
 DIAGONAL = ("xx", "yy", "zz")
 PRODUCTS = ("xy", "xz", "yz")
@@ -93,13 +93,9 @@ class RigidBody(Body):
     def port_label(self, port: str) -> str | None:
         return port if port == "center_of_mass" else super().port_label(port)
 
-    def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX) -> ca.SX:
+    def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
         """Newton-Euler about the point of the inertia, moved to the inboard port."""
-        entries = [
-            [values.get(f"inertia.{name}", ca.SX.sym(unseen_name(self.name, name))) for name in row]
-            for row in _ENTRY
-        ]
-        inertia = ca.vertcat(*(ca.horzcat(*row) for row in entries))
+        inertia = inertia_entries(self.name, values)
         center = _position(values, "center_of_mass")
         label = self.port_label(self.inertia.about)
         point = _position(values, label) if label else ca.SX(3, 1)
@@ -125,6 +121,15 @@ def newton_euler() -> ca.Function:
     return ca.Function(
         "newton_euler", [motion, mass, r, d, inertia], [move_wrench(ca.horzcat(force, torque), r)]
     )
+
+
+def inertia_entries(body: str, values: Values) -> ca.SX:
+    """Inertia matrix (3, 3); a symbol stands for an entry that was not given."""
+    entries = [
+        [values.get(f"inertia.{name}", ca.SX.sym(unseen_name(body, name))) for name in row]
+        for row in _ENTRY
+    ]
+    return ca.SX(ca.vertcat(*(ca.horzcat(*row) for row in entries)))
 
 
 def unseen_name(body: str, entry: str) -> str:

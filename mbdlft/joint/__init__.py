@@ -1,6 +1,5 @@
 """Kinds of joints, one file each. A new kind is one file and one line in `KINDS`."""
 
-from mbdlft.joint.base import Freedom as Freedom
 from mbdlft.joint.base import Joint as Joint
 from mbdlft.joint.base import MovingJoint as MovingJoint
 from mbdlft.joint.base import Rotation as Rotation
@@ -8,7 +7,6 @@ from mbdlft.joint.base import labelled as labelled
 from mbdlft.joint.cylindrical import Cylindrical as Cylindrical
 from mbdlft.joint.fixed import Fixed as Fixed
 from mbdlft.joint.free import Free as Free
-from mbdlft.joint.move import Coordinate as Coordinate
 from mbdlft.joint.move import Move as Move
 from mbdlft.joint.move import Turn as Turn
 from mbdlft.joint.planar import Planar as Planar

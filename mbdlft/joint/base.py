@@ -6,7 +6,7 @@ A joint places the frame of its child's port on its parent's port; at zero posit
 
 import abc
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple, final
+from typing import Any, ClassVar, final
 
 import casadi as ca
 import numpy as np
@@ -15,17 +15,9 @@ from pydantic import InstanceOf, field_validator
 
 from mbdlft.description import Description, Direction, Expected, Quantity, Text, Values
 from mbdlft.errors import SceneError
-from mbdlft.joint.move import Coordinate, Move, turned
-from mbdlft.signal import Signal
-
-
-class Freedom(NamedTuple):
-    """Names of one coordinate: what it adds to the labels of quantities, its effort and its measures."""
-
-    label: str
-    effort: Signal
-    measures: tuple[Signal, Signal, Signal]
-    turns: bool
+from mbdlft.joint.move import Move, turned
+from mbdlft.signal import Freedom, Signal
+from mbdlft.spatial import Coordinate
 
 
 def turning(label: str = "", suffix: str = "", *, of: str = "angle") -> Freedom:

@@ -3,8 +3,10 @@
 from typing import ClassVar, final
 
 from mbdlft.description import Quantity, Values
-from mbdlft.joint.base import AxisJoint, Freedom, MovingJoint, sliding, turning
-from mbdlft.joint.move import Coordinate, Hinge, Move, Slide, shifted, turned
+from mbdlft.joint.base import AxisJoint, MovingJoint, sliding, turning
+from mbdlft.joint.move import Hinge, Move, Slide, shifted, turned
+from mbdlft.signal import Freedom
+from mbdlft.spatial import Coordinate
 
 Pair = tuple[Quantity, Quantity]
 

@@ -3,8 +3,10 @@
 from typing import ClassVar, final
 
 from mbdlft.description import Direction, Expected, Quantity, Values
-from mbdlft.joint.base import AxisJoint, Freedom
-from mbdlft.joint.move import Coordinate, Move, turned
+from mbdlft.joint.base import AxisJoint
+from mbdlft.joint.move import Move, turned
+from mbdlft.signal import Freedom
+from mbdlft.spatial import Coordinate
 
 
 @final

@@ -5,8 +5,10 @@ from typing import ClassVar, final
 import casadi as ca
 
 from mbdlft.description import AXES, Quantity, Values, Vector
-from mbdlft.joint.base import Freedom, Joint, MovingJoint, sliding, turning
-from mbdlft.joint.move import Ball, Coordinate, Move, Slide, shifted
+from mbdlft.joint.base import Joint, MovingJoint, sliding, turning
+from mbdlft.joint.move import Ball, Move, Slide, shifted
+from mbdlft.signal import Freedom
+from mbdlft.spatial import Coordinate
 
 Six = tuple[Quantity, Quantity, Quantity, Quantity, Quantity, Quantity]
 _NONE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -11,25 +11,14 @@ algorithm (Featherstone, section 5.3).
 """
 
 import abc
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
 import casadi as ca
 
-from mbdlft.spatial import move_motion, move_wrench, rotate, rotate_back
-
-
-class Coordinate(NamedTuple):
-    """Displacements, rates and accelerations (n,) of the coordinates of a joint or of one move."""
-
-    q: ca.SX
-    v: ca.SX
-    a: ca.SX
-
-    def part(self, entries: int | slice) -> "Coordinate":
-        """Those of some of the coordinates."""
-        return Coordinate(self.q[entries], self.v[entries], self.a[entries])
+from mbdlft.spatial import Coordinate, move_motion, move_wrench, rotate, rotate_back
 
 
 class Turn(NamedTuple):
@@ -204,6 +193,51 @@ class Ball(Move):
 
     def effort(self, carried: ca.SX) -> ca.SX:
         return carried[:, 1] + self.inertia * self.at.a
+
+
+class Deformed(Move):
+    """From the place of a port in the undeformed body to the port: linear in elastic coordinates.
+
+        r_A = u,   R = rotation by the small rotation vector phi,   [u ; phi] = Phi q
+        effort = Phi_u' f + Phi_phi' (torque_A + phi x torque_A/2)
+
+    The last term makes the stiffness by an equilibrium torque symmetric: phi is a rotation vector.
+    """
+
+    def __init__(
+        self,
+        shape: Callable[[ca.SX], ca.SX],
+        transposed: Callable[[ca.SX], ca.SX],
+        at: Coordinate,
+    ) -> None:
+        self.degrees_of_freedom = int(at.q.numel())
+        self.effort_of = transposed
+        small = [shape(vector) for vector in at]
+        self.slide = Coordinate(*(vector[:3] for vector in small))
+        self.ball = Ball(Coordinate(*(vector[3:] for vector in small)), ca.SX(3, 1))
+
+    def rotated(self, vectors: ca.SX) -> ca.SX:
+        return self.ball.rotated(vectors)
+
+    def rotated_back(self, vectors: ca.SX) -> ca.SX:
+        return self.ball.rotated_back(vectors)
+
+    def offset(self) -> ca.SX:
+        return self.slide.q
+
+    def motion(self, motion: ca.SX) -> ca.SX:
+        u, du, ddu = self.slide
+        omega, alpha, acceleration = ca.horzsplit(move_motion(motion, u))
+        moved = ca.horzcat(omega, alpha, acceleration + 2 * ca.cross(omega, du) + ddu)
+        return self.ball.motion(moved)
+
+    def wrench(self, wrench: ca.SX) -> ca.SX:
+        return move_wrench(self.ball.wrench(wrench), self.slide.q)
+
+    def effort(self, carried: ca.SX) -> ca.SX:
+        force, torque = self.rotated(carried[:, :1]), carried[:, 1]
+        torque = torque + 0.5 * ca.cross(self.ball.at.q, torque)
+        return self.effort_of(ca.vertcat(force, torque))
 
 
 def turned(axis: ca.SX, turns: tuple[Turn, ...]) -> tuple[Turned, ...]:

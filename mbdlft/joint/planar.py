@@ -6,8 +6,10 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.description import Direction, Quantity, Values
-from mbdlft.joint.base import AxisJoint, Freedom, MovingJoint, sliding, turning
-from mbdlft.joint.move import Coordinate, Hinge, Move, Slide, shifted, turned
+from mbdlft.joint.base import AxisJoint, MovingJoint, sliding, turning
+from mbdlft.joint.move import Hinge, Move, Slide, shifted, turned
+from mbdlft.signal import Freedom
+from mbdlft.spatial import Coordinate
 
 Triple = tuple[Quantity, Quantity, Quantity]
 

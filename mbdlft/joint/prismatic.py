@@ -8,8 +8,10 @@ m is the mass that the actuator moves along the axis relative to the parent (a r
 from typing import ClassVar, final
 
 from mbdlft.description import Quantity, Values
-from mbdlft.joint.base import AxisJoint, Freedom, MovingJoint, sliding
-from mbdlft.joint.move import Coordinate, Move, Slide, shifted
+from mbdlft.joint.base import AxisJoint, MovingJoint, sliding
+from mbdlft.joint.move import Move, Slide, shifted
+from mbdlft.signal import Freedom
+from mbdlft.spatial import Coordinate
 
 
 @final

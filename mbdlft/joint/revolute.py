@@ -8,8 +8,10 @@ J is the inertia of the actuator, which turns with the child: Kassarian et al. 2
 from typing import ClassVar, final
 
 from mbdlft.description import Quantity, Values
-from mbdlft.joint.base import AxisJoint, Freedom, MovingJoint, turning
-from mbdlft.joint.move import Coordinate, Hinge, Move, turned
+from mbdlft.joint.base import AxisJoint, MovingJoint, turning
+from mbdlft.joint.move import Hinge, Move, turned
+from mbdlft.signal import Freedom
+from mbdlft.spatial import Coordinate
 
 
 @final

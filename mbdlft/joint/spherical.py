@@ -8,8 +8,10 @@ from typing import ClassVar, final
 import casadi as ca
 
 from mbdlft.description import AXES, Quantity, Values
-from mbdlft.joint.base import Freedom, MovingJoint, turning
-from mbdlft.joint.move import Ball, Coordinate, Move
+from mbdlft.joint.base import MovingJoint, turning
+from mbdlft.joint.move import Ball, Move
+from mbdlft.signal import Freedom
+from mbdlft.spatial import Coordinate
 
 Triple = tuple[Quantity, Quantity, Quantity]
 

@@ -5,8 +5,10 @@ from typing import ClassVar, final
 from pydantic import field_validator
 
 from mbdlft.description import Direction, Quantity, Values
-from mbdlft.joint.base import Freedom, MovingJoint, turning, unit_vector, with_length
-from mbdlft.joint.move import Coordinate, Hinge, Move, turned
+from mbdlft.joint.base import MovingJoint, turning, unit_vector, with_length
+from mbdlft.joint.move import Hinge, Move, turned
+from mbdlft.signal import Freedom
+from mbdlft.spatial import Coordinate
 
 Pair = tuple[Quantity, Quantity]
 

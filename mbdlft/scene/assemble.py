@@ -7,13 +7,14 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.analyze.sample import random
+from mbdlft.body import ElasticBody
 from mbdlft.body.rigid import DIAGONAL, PRODUCTS, unseen_name
 from mbdlft.description import AXES, Expected, Values
 from mbdlft.equations import Equations
 from mbdlft.errors import NotRationalError, SceneError
 from mbdlft.expression import evaluate
 from mbdlft.force import BodyWrench, Spring
-from mbdlft.joint import Coordinate, Freedom, Turn, labelled
+from mbdlft.joint import Turn, labelled
 from mbdlft.lft.lft import Array
 from mbdlft.parameter import Parameter
 from mbdlft.scene.check import check, check_fit
@@ -21,10 +22,10 @@ from mbdlft.scene.closure import Closure, close_loops, constraint, reactions
 from mbdlft.scene.placed import inertial_wrenches, motions, pass_inward
 from mbdlft.scene.quantities import Place, angle_at, owner_name, owners, value_at
 from mbdlft.scene.scene import Scene
-from mbdlft.scene.tree import Link, all_bodies, tree
+from mbdlft.scene.tree import Link, PortJoint, all_bodies, tree
 from mbdlft.scene.view import View
-from mbdlft.signal import Signal
-from mbdlft.spatial import exact_cosine_sine
+from mbdlft.signal import Freedom, Signal
+from mbdlft.spatial import Coordinate, exact_cosine_sine
 from mbdlft.unit import parse_unit
 
 _SEEN = 1e-13  # a sensitivity of the equations of order one below which an entry is not seen
@@ -41,6 +42,27 @@ class Effort(NamedTuple):
     is_default: bool = True
 
 
+class Owned(NamedTuple):
+    """Coordinates of a joint or of an elastic body."""
+
+    owner: str
+    name: str
+    freedoms: tuple[Freedom, ...]
+    kind: str  # "joint", "imposed" or "elastic"
+
+
+def coordinate_owners(links: tuple[Link, ...]) -> list[Owned]:
+    """Joints and bodies from the ground outward; each body after the joint that holds it."""
+    found = []
+    for link in links:
+        joint, body = link.joint, link.child
+        if not isinstance(joint, PortJoint):
+            kind = "imposed" if getattr(joint, "imposed", False) else "joint"
+            found.append(Owned(link.owner, joint.name, joint.freedoms, kind))
+        found.append(Owned(owner_name(body), body.name, body.freedoms(), "elastic"))
+    return found
+
+
 def assemble(scene: Scene) -> Equations:
     """Equations of motion of a scene: x = [displacements, rates] of the joints, u = efforts and loads.
 
@@ -55,6 +77,7 @@ def assemble(scene: Scene) -> Equations:
     """
     links = tree(scene)
     check(scene)
+    _check_spin(scene)
     parameters = tuple(sorted(scene.parameters, key=lambda parameter: parameter.name))
     symbols = Symbols(scene, parameters, links)
     values = symbols.quantities(scene)
@@ -82,16 +105,18 @@ def assemble(scene: Scene) -> Equations:
     view.passed = pass_inward(view.now, view.motions, needed)
     dynamics = _dynamics(links, symbols, values, view, u)
     n = symbols.q.numel()
+    carried, carried_by = _carried(links, view)
     held = [constraint(scene.loops, view, order)[list(closure.rows)] for order in range(3)]
     residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
     measured, y_signals, displacements = _measures(scene, links, symbols, view)
     both = without_unseen(scene, ca.vertcat(residual, measured))
     coordinate_signals = [
-        [Signal(f"{link.joint.name}.{freedom.measures[k].name}", freedom.measures[k].unit)
-         for link in links for freedom in link.joint.freedoms]
+        Signal(f"{named.name}.{freedom.measures[k].name}", freedom.measures[k].unit)
         for k in range(2)
-    ]  # fmt: skip
-    check_fit(scene, [*coordinate_signals[0], *(effort.signal for effort in listed)])
+        for named in coordinate_owners(links)
+        for freedom in named.freedoms
+    ]
+    check_fit(scene, [*coordinate_signals[:n], *(effort.signal for effort in listed)])
     followers = {*closure.dependent, *(n + k for k in closure.dependent)}
     states = tuple(k for k in range(2 * n) if k not in followers)
     return Equations(
@@ -113,18 +138,20 @@ def assemble(scene: Scene) -> Equations:
         unknown=tuple(k for k, effort in enumerate(listed) if effort.given is None),
         inputs=tuple(k for k, effort in enumerate(listed) if effort.is_input),
         states=states,
-        x_signals=tuple((coordinate_signals[0] + coordinate_signals[1])[k] for k in states),
+        x_signals=tuple(coordinate_signals[k] for k in states),
         u_signals=tuple(effort.signal for effort in listed),
         y_signals=y_signals,
         equilibrium_signals=tuple(
-            Signal(f"{link.joint.name}.{freedom.effort.name}", freedom.effort.unit)
-            for link in links
-            for freedom in link.joint.freedoms
+            Signal(f"{named.name}.{freedom.effort.name}", freedom.effort.unit)
+            for named in coordinate_owners(links)
+            for freedom in named.freedoms
         ),
         default_inputs=tuple(k for k, effort in enumerate(listed) if effort.is_default),
         default_outputs=displacements,
+        carried=carried,
+        carried_by=carried_by,
         parameters=parameters,
-        x_bounds=_bounds(scene, coordinate_signals[0]),
+        x_bounds=_bounds(scene, coordinate_signals[:n]),
         u_bounds=_bounds(scene, [effort.signal for effort in listed]),
     )
 
@@ -135,13 +162,22 @@ def _bounds(scene: Scene, signals: Sequence[Signal]) -> tuple[float, ...]:
     return tuple(float(bounds.get(signal.name, 0.0)) for signal in signals)
 
 
+def _check_spin(scene: Scene) -> None:
+    elastic = [body.name for body in scene.bodies if isinstance(body, ElasticBody)]
+    if scene.spin and elastic:
+        raise SceneError(
+            f"scene {scene.name!r}: the frame spins and body {elastic[0]!r} is elastic. Centrifugal "
+            "loads change its stiffness, which modal data do not say. Use rigid bodies and springs."
+        )
+
+
 class Symbols:
     """The symbols of one assembly."""
 
     def __init__(
         self, scene: Scene, parameters: tuple[Parameter, ...], links: tuple[Link, ...]
     ) -> None:
-        n = sum(len(link.joint.freedoms) for link in links)
+        n = sum(len(named.freedoms) for named in coordinate_owners(links))
         if n == 0:
             raise SceneError(f"scene {scene.name!r}: all joints are fixed, so nothing moves.")
         self.x = ca.SX.sym("x", 2 * n)
@@ -157,12 +193,12 @@ class Symbols:
             factor = parse_unit(parameters[k].unit).factor
             self.names[name] = self.p[k] if factor == 1.0 else factor * self.p[k]
 
-    def coordinates(self, links: tuple[Link, ...]) -> list[Coordinate]:
-        """Slices of q, v and a for each link."""
-        found, k = [], 0
-        for link in links:
-            part = slice(k, k := k + len(link.joint.freedoms))
-            found.append(Coordinate(self.q[part], self.v[part], self.a[part]))
+    def coordinates(self, links: tuple[Link, ...]) -> dict[str, Coordinate]:
+        """Slices of q, v and a by owner, in the order of `coordinate_owners`."""
+        found, k = {}, 0
+        for named in coordinate_owners(links):
+            part = slice(k, k := k + len(named.freedoms))
+            found[named.owner] = Coordinate(self.q[part], self.v[part], self.a[part])
         return found
 
     def quantities(self, scene: Scene) -> dict[str, Values]:
@@ -234,13 +270,14 @@ def list_efforts(
     the loops that are kept.
     """
     found: list[Effort] = []
-    for link in links:
-        imposed = getattr(link.joint, "imposed", False)
-        for freedom in link.joint.freedoms:
-            signal = freedom.measures[2] if imposed else freedom.effort
-            named = Signal(f"{link.joint.name}.{signal.name}", signal.unit)
-            given = values[owner_name(link.joint)].get(labelled("preload", freedom))
-            found.append(Effort(named, 0.0 if imposed else given))
+    for owner, name, freedoms, kind in coordinate_owners(links):
+        for freedom in freedoms:
+            signal = freedom.measures[2] if kind == "imposed" else freedom.effort
+            given = values.get(owner, {}).get(labelled("preload", freedom))
+            given = 0.0 if kind == "imposed" else given
+            is_input = kind != "elastic"  # the force that holds a static deflection is internal
+            named = Signal(f"{name}.{signal.name}", signal.unit)
+            found.append(Effort(named, given, is_input=is_input, is_default=is_input))
     for load in scene.loads:
         given = values[owner_name(load)].get(load.magnitude_key)
         given = densities.get(load.name, given)
@@ -299,7 +336,7 @@ def acting(
     z: ca.SX,
 ) -> list[BodyWrench]:
     """Wrenches on bodies of all loads and loop closures."""
-    k = sum(len(link.joint.freedoms) for link in links)
+    k = sum(len(named.freedoms) for named in coordinate_owners(links))
     found: list[BodyWrench] = []
     for load in scene.loads:
         view.owner = owner_name(load)
@@ -321,17 +358,31 @@ def _dynamics(
 ) -> ca.SX:
     """Efforts needed minus efforts given (n,); for an imposed joint its acceleration minus the input."""
     rows: list[ca.SX] = []
-    for link, needed in zip(links, view.passed.efforts, strict=True):
-        own = values[owner_name(link.joint)]
-        for k, freedom in enumerate(link.joint.freedoms):
+    for owner, _, freedoms, kind in coordinate_owners(links):
+        own, needed = values.get(owner, {}), view.passed.efforts[owner]
+        for k, freedom in enumerate(freedoms):
             row = len(rows)
-            if getattr(link.joint, "imposed", False):
+            if kind == "imposed":
                 rows.append(symbols.a[row] - u[row])
                 continue
-            springs = quantity_of(own, "stiffness", freedom) * symbols.q[row]
-            springs += quantity_of(own, "damping", freedom) * symbols.v[row]
-            rows.append(needed[k] + springs - u[row])
+            effort = needed[k]
+            if kind == "joint":
+                effort += quantity_of(own, "stiffness", freedom) * symbols.q[row]
+                effort += quantity_of(own, "damping", freedom) * symbols.v[row]
+            rows.append(effort - u[row])
     return ca.vertcat(*rows)
+
+
+def _carried(links: tuple[Link, ...], view: View) -> tuple[ca.SX, tuple[str, ...]]:
+    """Wrenches through the ports of elastic bodies whose prestress is not said to be negligible."""
+    wrenches: list[ca.SX] = []
+    names: list[str] = []
+    for link in links:
+        body = link.parent if isinstance(link.joint, PortJoint) else link.child
+        if isinstance(body, ElasticBody) and body.prestress is None:
+            wrenches.append(ca.vec(view.passed.joints[link.child.name]))
+            names += [body.name] * 6
+    return ca.vertcat(ca.SX(0, 1), *wrenches), tuple(names)
 
 
 def quantity_of(own: Values, key: str, freedom: Freedom) -> Any:
@@ -384,14 +435,15 @@ def _measures(
     signals: list[Signal] = []
     default: list[int] = []
     row = 0
-    for link in links:
-        for freedom in link.joint.freedoms:
-            default.append(len(entries))
+    for _, name, freedoms, kind in coordinate_owners(links):
+        for freedom in freedoms:
+            if kind != "elastic":
+                default.append(len(entries))
             for measure, value in zip(
                 freedom.measures, (symbols.q, symbols.v, symbols.a), strict=True
             ):
                 entries.append(value[row])
-                signals.append(Signal(f"{link.joint.name}.{measure.name}", measure.unit))
+                signals.append(Signal(f"{name}.{measure.name}", measure.unit))
             row += 1
     for sensor in scene.sensors:
         named = sensor.signals()

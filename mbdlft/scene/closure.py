@@ -13,7 +13,6 @@ from mbdlft.force import BodyWrench
 from mbdlft.joint import labelled
 from mbdlft.lft.lft import Array
 from mbdlft.loop import Loop
-from mbdlft.scene.quantities import owner_name
 from mbdlft.scene.scene import Scene
 from mbdlft.scene.view import View
 from mbdlft.spatial import move_wrench
@@ -76,7 +75,7 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
     """
     if not scene.loops:
         return Closure((), ())
-    q = ca.vertcat(*(coordinate.q for coordinate in view.coordinates))
+    q = ca.vertcat(*(coordinate.q for coordinate in view.coordinates.values()))
     matrices = evaluate(ca.jacobian(constraint(scene.loops, view, 0), q))
     explained = _explained(scene, view, matrices)
     row = 0
@@ -102,11 +101,10 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
 def _explained(scene: Scene, view: View, matrices: Sequence[Array]) -> Array:
     """Gaps (N, rows) that the bounds of fitted positions allow at the points of the matrices."""
     bounds = scene.fit.bounds if scene.fit else {}
-    names = [
-        f"{link.joint.name}.{freedom.measures[0].name}"
-        for link in view.now.links
-        for freedom in link.joint.freedoms
-    ]
+    names: list[str] = []
+    for link in view.now.links:
+        names += [f"{link.joint.name}.{f.measures[0].name}" for f in link.joint.freedoms]
+        names += [f"{link.child.name}.{f.measures[0].name}" for f in link.child.freedoms()]
     errors = np.array([bounds.get(name, 0.0) for name in names])
     errors = errors * (1.0 + CURVED * np.max(errors, initial=0.0))
     return np.asarray(np.abs(np.array(matrices)) @ errors)
@@ -114,11 +112,12 @@ def _explained(scene: Scene, view: View, matrices: Sequence[Array]) -> Array:
 
 def _passive(view: View) -> list[bool]:
     """Whether the effort of each coordinate is given, so that nothing holds it."""
-    return [
-        labelled("preload", freedom) in view.now.values[owner_name(link.joint)]
-        for link in view.now.links
-        for freedom in link.joint.freedoms
-    ]
+    found = []
+    for link in view.now.links:
+        values = view.now.values[link.owner]
+        found += [labelled("preload", freedom) in values for freedom in link.joint.freedoms]
+        found += [True for _ in link.child.freedoms()]
+    return found
 
 
 def _independent(columns: Array) -> tuple[int, list[int]]:

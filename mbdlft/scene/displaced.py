@@ -3,7 +3,8 @@
     0 = efforts needed at rest + stiffness q - u,      0 = gap of each loop
 
 At q = 0 they are those of `assemble`. Here springs follow their law, and loops have their true gaps,
-with all rows, also redundant ones; they need not be closed at the declared positions.
+with all rows, also redundant ones; they need not be closed at the declared positions. Elastic bodies keep
+the shape that they have at the declared ones.
 """
 
 from collections.abc import Mapping
@@ -15,12 +16,13 @@ import numpy as np
 
 from mbdlft.description import AXES, Values
 from mbdlft.force import Spring
-from mbdlft.joint import Coordinate, Freedom, Joint, labelled
+from mbdlft.joint import Joint, labelled
 from mbdlft.loop import Loop
 from mbdlft.parameter import Parameter
 from mbdlft.scene.assemble import (
     Symbols,
     acting,
+    coordinate_owners,
     ground_motion,
     list_efforts,
     quantity_of,
@@ -33,7 +35,8 @@ from mbdlft.scene.quantities import Place, owner_name
 from mbdlft.scene.scene import Scene
 from mbdlft.scene.tree import Link, all_bodies, tree
 from mbdlft.scene.view import View
-from mbdlft.signal import Signal
+from mbdlft.signal import Freedom, Signal
+from mbdlft.spatial import Coordinate
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,10 +132,16 @@ def displace(scene: Scene) -> Displaced:
     values = symbols.quantities(scene)
     own = values[f"scene {scene.name!r}"]
     gravity = ca.SX(ca.vertcat(*(own[f"gravity.{a}"] for a in AXES)))
-    at_rest = [
-        Coordinate(at.q, ca.SX(at.q.numel(), 1), ca.SX(at.q.numel(), 1))
-        for at in symbols.coordinates(links)
-    ]
+    owned = coordinate_owners(links)
+    moving = [named.kind != "elastic" for named in owned for _ in named.freedoms]
+    at_rest = {
+        named.owner: Coordinate(
+            ca.SX(at.q.numel(), 1) if named.kind == "elastic" else at.q,
+            ca.SX(at.q.numel(), 1),
+            ca.SX(at.q.numel(), 1),
+        )
+        for named, at in zip(owned, symbols.coordinates(links).values(), strict=True)
+    }
     view = View(links, all_bodies(scene), values, at_rest, ca.sparsify(gravity))
     view.elastic = 0.0
     laws = {
@@ -153,11 +162,11 @@ def displace(scene: Scene) -> Displaced:
     passed = pass_inward(view.now, view.motions, needed)
 
     coordinates = _coordinates(links, values)
+    entries = [k for k, moves in enumerate(moving) if moves]
     balance: list[ca.SX] = []
     row_signals: list[Signal] = []
-    for k, (c, effort) in enumerate(
-        zip(coordinates, ca.vertsplit(ca.vertcat(*passed.efforts)), strict=True)
-    ):
+    efforts = [passed.efforts[named.owner] for named in owned if named.kind != "elastic"]
+    for k, c, effort in zip(entries, coordinates, ca.vertsplit(ca.vertcat(*efforts)), strict=True):
         if not c.is_imposed:
             stiffness = quantity_of(values[owner_name(c.joint)], "stiffness", c.freedom)
             balance.append(effort + stiffness * symbols.q[k] - u[k])
@@ -171,10 +180,14 @@ def displace(scene: Scene) -> Displaced:
         rows=ca.densify(without_unseen(scene, ca.vertcat(ca.SX(0, 1), *balance, *gaps))),
         row_signals=(*row_signals, *gap_signals),
         alignment=ca.densify(ca.vertcat(ca.SX(0, 1), *alignment)),
-        q=symbols.q,
+        q=symbols.q[entries],
         u=u,
         given=ca.SX(ca.vertcat(*(0.0 if e.given is None else e.given for e in listed))),
-        unknown=tuple(k for k, effort in enumerate(listed) if effort.given is None),
+        unknown=tuple(
+            k
+            for k, effort in enumerate(listed)
+            if effort.given is None and (k >= len(moving) or moving[k])
+        ),
         multipliers=tuple(range(count, len(listed))),
         u_signals=tuple(effort.signal for effort in listed),
         p=symbols.p,
@@ -196,7 +209,7 @@ def _coordinates(
     """Coordinates of all joints, in the order of the tree."""
     found = []
     for link in links:
-        joint, own = link.joint, values[owner_name(link.joint)]
+        joint, own = link.joint, values.get(link.owner, {})
         imposed = bool(getattr(joint, "imposed", False))
         for freedom in joint.freedoms:
             measure = freedom.measures[0]

@@ -11,11 +11,11 @@ from typing import NamedTuple
 import casadi as ca
 
 from mbdlft.body import GROUND, Body
-from mbdlft.description import AXES, Values
-from mbdlft.joint import Coordinate, Move
+from mbdlft.description import Values
+from mbdlft.joint import Move
 from mbdlft.scene.quantities import owner_name
 from mbdlft.scene.tree import Link
-from mbdlft.spatial import move_motion, move_wrench
+from mbdlft.spatial import Coordinate, move_motion, move_wrench
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,6 +28,7 @@ class Placed:
     moves : factors of the joint of each link, by child
     arms : (3,) from the inboard port of the parent to the joint of each link, by child (m)
     inboard : (3,) from the origin of each body to its inboard port, by body (m)
+    elastic : coordinates of the elastic bodies, by body
     bodies : by name
     values : quantities by owner
     """
@@ -36,6 +37,7 @@ class Placed:
     moves: Mapping[str, tuple[Move, ...]]
     arms: Mapping[str, ca.SX]
     inboard: Mapping[str, ca.SX]
+    elastic: Mapping[str, Coordinate]
     bodies: Mapping[str, Body]
     values: Mapping[str, Values]
 
@@ -44,27 +46,26 @@ def place(
     links: tuple[Link, ...],
     bodies: Mapping[str, Body],
     values: Mapping[str, Values],
-    coordinates: Sequence[Coordinate],
+    coordinates: Mapping[str, Coordinate],
 ) -> Placed:
-    """The tree with one set of coordinates for each link."""
+    """The tree at coordinates by name: those of the joints, and those of the elastic bodies."""
     inboard: dict[str, ca.SX] = {GROUND: ca.SX(3, 1)}
     moves: dict[str, tuple[Move, ...]] = {}
     arms: dict[str, ca.SX] = {}
-    for link, coordinate in zip(links, coordinates, strict=True):
-        name = link.child.name
+    elastic: dict[str, Coordinate] = {}
+    for link in links:
+        name, joint = link.child.name, link.joint
         arms[name] = position(link.parent, link.parent_port, values) - inboard[link.parent.name]
         inboard[name] = position(link.child, link.child_port, values)
-        moves[name] = link.joint.moves(values[owner_name(link.joint)], coordinate)
-    return Placed(links, moves, arms, inboard, bodies, values)
+        elastic[name] = coordinates[owner_name(link.child)]
+        own = elastic[link.parent.name] if joint.kind == "port" else coordinates[link.owner]
+        moves[name] = joint.moves(values[link.owner], own)
+    return Placed(links, moves, arms, inboard, elastic, bodies, values)
 
 
 def position(body: Body, port: str, values: Mapping[str, Values]) -> ca.SX:
     """Position (3,) of a port from the origin of its body (m)."""
-    label = body.port_label(port)
-    if label is None:
-        return ca.SX(3, 1)
-    own = values[owner_name(body)]
-    return ca.sparsify(ca.SX(ca.vertcat(*(own[f"{label}.{axis}"] for axis in AXES))))
+    return body.port_position(port, values.get(owner_name(body), {}))
 
 
 def port_arm(placed: Placed, body: str, port: str) -> ca.SX:
@@ -96,18 +97,19 @@ def inertial_wrenches(placed: Placed, found: Motions) -> dict[str, ca.SX]:
     return {
         link.child.name: link.child.wrench(
             found.bodies[link.child.name],
-            placed.values[owner_name(link.child)],
+            placed.values.get(owner_name(link.child), {}),
             placed.inboard[link.child.name],
+            placed.elastic[link.child.name],
         )
         for link in placed.links
     }
 
 
 class Passed(NamedTuple):
-    """What wrenches do on their way to the ground: efforts of each link (n,), wrenches of the joints
-    on their children (3, 2) by child, and the wrench of the joints on the ground (3, 2)."""
+    """What wrenches do on their way to the ground: efforts (n,) by joint and elastic body, wrenches of
+    the joints on their children (3, 2) by child, and the wrench of the joints on the ground (3, 2)."""
 
-    efforts: Sequence[ca.SX]
+    efforts: Mapping[str, ca.SX]
     joints: Mapping[str, ca.SX]
     ground: ca.SX
 
@@ -116,7 +118,14 @@ def pass_inward(placed: Placed, found: Motions, needed: Mapping[str, ca.SX]) -> 
     """Inward pass of the wrenches `needed` by the bodies apart from their joints, by body."""
     total = {**needed, GROUND: ca.SX(3, 2)}
     joints: dict[str, ca.SX] = {}
-    collected: list[ca.SX] = []
+    collected = {
+        owner_name(link.child): link.child.efforts(
+            found.bodies[link.child.name],
+            placed.values.get(owner_name(link.child), {}),
+            placed.elastic[link.child.name],
+        )
+        for link in placed.links
+    }
     for link in reversed(placed.links):
         name = link.child.name
         joints[name] = wrench = total[name]
@@ -127,7 +136,10 @@ def pass_inward(placed: Placed, found: Motions, needed: Mapping[str, ca.SX]) -> 
             wrench = move.carried(wrench, motion)
             own.insert(0, move.effort(wrench))
             wrench = move.wrench(wrench)
-        collected.insert(0, ca.vertcat(*own))
+        efforts = ca.vertcat(*own)
+        collected[link.owner] = (
+            collected[link.owner] + efforts if link.joint.kind == "port" else efforts
+        )
         total[link.parent.name] += move_wrench(wrench, placed.arms[name])
     return Passed(collected, joints, total[GROUND])
 

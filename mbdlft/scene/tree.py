@@ -3,11 +3,55 @@
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
+from typing import ClassVar, final
 
-from mbdlft.body import GROUND, Body, Ground
+import casadi as ca
+from pydantic import InstanceOf
+
+from mbdlft.body import GROUND, Body, ElasticBody, Ground
+from mbdlft.description import Text, Values
 from mbdlft.errors import SceneError, unknown_name
-from mbdlft.joint import Joint
+from mbdlft.joint import Joint, Move
+from mbdlft.joint.move import Deformed, shifted
+from mbdlft.scene.quantities import owner_name
 from mbdlft.scene.scene import Scene
+from mbdlft.signal import Freedom
+from mbdlft.spatial import Coordinate
+
+
+@final
+class PortFrame(Body):
+    """The moving frame of a port of an elastic body: a body without mass, made for every such port."""
+
+    kind: ClassVar[str] = "port"
+
+    @classmethod
+    def named(cls, body: str, port: str) -> "PortFrame":
+        """The frame of one port; no user can give a name with a dot."""
+        return cls(name=f"{body}.{port}")
+
+    def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
+        """Nothing: it has no mass."""
+        return ca.SX(3, 2)
+
+
+@final
+class PortJoint(Joint):
+    """From the origin of an elastic body to the frame of one of its ports."""
+
+    kind: ClassVar[str] = "port"
+    freedoms: ClassVar[tuple[Freedom, ...]] = ()
+
+    body: InstanceOf[Body]
+    port: Text
+
+    def own_moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
+        """The place in the undeformed body, then the deformation; `values` are those of the body."""
+        shape = partial(self.body.shape, self.port, values)
+        transposed = partial(self.body.shape_transposed, self.port, values)
+        place = self.body.port_position(self.port, values)
+        return (*shifted(place), Deformed(shape, transposed, at))
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +63,11 @@ class Link:
     parent_port: str
     child: Body
     child_port: str
+
+    @property
+    def owner(self) -> str:
+        """Whose quantities the joint has."""
+        return owner_name(self.parent if isinstance(self.joint, PortJoint) else self.joint)
 
 
 def tree(scene: Scene) -> tuple[Link, ...]:
@@ -45,13 +94,31 @@ def tree(scene: Scene) -> tuple[Link, ...]:
                 "them under 'loops' instead, as the closure of a loop, or exchange parent and child of "
                 "the one that should lead away from the body."
             )
+        if isinstance(child, PortFrame) or (
+            isinstance(child, ElasticBody) and child_port != "origin"
+        ):
+            raise SceneError(
+                f"joint {joint.name!r}, child: an elastic body is held at its origin, got "
+                f"{joint.child!r}. Exchange parent and child, or describe it from its other end."
+            )
         links[child.name] = Link(joint, parent, parent_port, child, child_port)
+    for body in scene.bodies:
+        if isinstance(body, ElasticBody):
+            for port in body.elastic_ports():
+                frame = bodies[f"{body.name}.{port}"]
+                links[frame.name] = _port_link(body, port, frame)
     return _from_the_root(scene, links)
 
 
 def all_bodies(scene: Scene) -> dict[str, Body]:
-    """Bodies by name, the ground among them."""
-    return {GROUND: Ground()} | {body.name: body for body in scene.bodies}
+    """Bodies by name, with the ground and the frames of the ports of elastic bodies."""
+    frames = [
+        PortFrame.named(body.name, port)
+        for body in scene.bodies
+        if isinstance(body, ElasticBody)
+        for port in body.elastic_ports()
+    ]
+    return {GROUND: Ground()} | {body.name: body for body in (*scene.bodies, *frames)}
 
 
 def find_port(bodies: Mapping[str, Body], owner: str, key: str, text: str) -> tuple[Body, str]:
@@ -70,7 +137,16 @@ def find_port(bodies: Mapping[str, Body], owner: str, key: str, text: str) -> tu
         raise SceneError(
             f"{owner}, {key}: body {name!r}: " + unknown_name("port", port, body.port_names())
         )
+    if isinstance(body, ElasticBody) and port in body.elastic_ports():
+        return bodies[text], "origin"
     return body, port if dot else "origin"
+
+
+def _port_link(body: ElasticBody, port: str, frame: Body) -> Link:
+    joint = PortJoint(
+        name=f"{body.name}.{port}", parent=body.name, child=frame.name, body=body, port=port
+    )
+    return Link(joint, body, "origin", frame, "origin")
 
 
 def _from_the_root(scene: Scene, links: dict[str, Link]) -> tuple[Link, ...]:

@@ -1,13 +1,12 @@
 """What loads and sensors see of a placed tree: positions, small motions, wrenches, momentum."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import casadi as ca
 
 from mbdlft.body import GROUND, Body
 from mbdlft.description import Values
 from mbdlft.errors import SceneError, unknown_name
-from mbdlft.joint import Coordinate
 from mbdlft.scene.placed import (
     Motions,
     Passed,
@@ -23,7 +22,7 @@ from mbdlft.scene.placed import (
 from mbdlft.scene.quantities import owner_name
 from mbdlft.scene.tree import Link, find_port
 from mbdlft.sensor import Small
-from mbdlft.spatial import move_motion
+from mbdlft.spatial import Coordinate, move_motion
 
 
 class View:
@@ -38,17 +37,17 @@ class View:
         links: tuple[Link, ...],
         bodies: Mapping[str, Body],
         values: Mapping[str, Values],
-        coordinates: Sequence[Coordinate],
+        coordinates: Mapping[str, Coordinate],
         gravity: ca.SX,
     ) -> None:
         self.gravity = gravity
         self.elastic = 1.0
         self.now = place(links, bodies, values, coordinates)
-        rest = [_at_rest(coordinate, None) for coordinate in coordinates]
+        rest = {name: _at_rest(coordinate, None) for name, coordinate in coordinates.items()}
         self.rest = place(links, bodies, values, rest)
         self.coordinates = coordinates
         self.motions = Motions({}, {})
-        self.passed = Passed((), {}, ca.SX(3, 2))
+        self.passed = Passed({}, {}, ca.SX(3, 2))
         self.joints = {link.joint.name: link.child.name for link in links}
         self.owner = ""  # of the port that is asked for, for messages
         self._small: dict[int, tuple[Placed, Motions]] = {}
@@ -117,7 +116,7 @@ class View:
             (
                 self.now.values[owner_name(link.child)]["mass"]
                 for link in self.now.links
-                if "mass" in self.now.values[owner_name(link.child)]
+                if "mass" in self.now.values.get(owner_name(link.child), {})
             ),
             start=ca.SX(0),
         )
@@ -126,7 +125,9 @@ class View:
         """The tree at rest, with small motions of one order in place of accelerations."""
         if order not in self._small:
             now = self.now
-            coordinates = [_at_rest(coordinate, order) for coordinate in self.coordinates]
+            coordinates = {
+                name: _at_rest(coordinate, order) for name, coordinate in self.coordinates.items()
+            }
             placed = place(now.links, now.bodies, now.values, coordinates)
             self._small[order] = placed, motions(placed, ca.SX(3, 3))
         return self._small[order]

@@ -1,0 +1,90 @@
+"""Every scene of the scenarios folder: what it shows, how small it is, how exact, how long it takes.
+
+    python -m benchmarks.scenarios [--search SECONDS] [--write docs/scenarios.md]
+
+Each row is verified before it is printed: the certificate compares the model with the nonlinear
+equations, trimmed and linearized again, at nominal, random points and corners.
+"""
+
+import argparse
+import textwrap
+from dataclasses import dataclass
+from pathlib import Path
+
+import mbdlft
+from mbdlft.build import SEARCH, build
+
+ROOT = Path(__file__).parents[1]
+MARKS = ("<!-- table begin -->", "<!-- table end -->")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One scene and its model."""
+
+    name: str
+    description: str
+    states: int
+    parameters: int
+    order: int
+    bound: int
+    error: float
+    seconds: float
+
+
+def scenes() -> list[Path]:
+    """Files of the scenes, those of matrices left out."""
+    files = sorted((ROOT / "scenarios").glob("*.toml"))
+    return [path for path in files if "mbdlft-matrix" not in path.read_text(encoding="utf-8")]
+
+
+def measure(path: Path, search: float) -> Row:
+    """Build one scene."""
+    scene = mbdlft.load_scene(path)
+    built = build(scene, search)
+    certificate = built.model.certificate
+    return Row(
+        scene.name,
+        scene.description,
+        len(built.model.states),
+        len(scene.parameters),
+        built.model.order,
+        certificate.order_bound,
+        certificate.max_relative_error,
+        built.seconds["total"],
+    )
+
+
+def table(rows: list[Row]) -> str:
+    """Rows as a table."""
+    lines = [
+        "| scene | what it shows | states | parameters | order | proved bound | gap | error | seconds |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for r in rows:
+        gap = "minimal" if r.order == r.bound else f"{100.0 * (r.order / r.bound - 1.0):.0f} %"
+        lines.append(
+            f"| `{r.name}` | {r.description} | {r.states} | {r.parameters} | {r.order} | {r.bound} | "
+            f"{gap} | {r.error:.0e} | {r.seconds:.1f} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Print the table, or write it into a page between its marks."""
+    parser = argparse.ArgumentParser(description=textwrap.dedent(__doc__ or ""))
+    parser.add_argument("--search", type=float, default=SEARCH)
+    parser.add_argument("--write", type=Path)
+    options = parser.parse_args()
+    text = table([measure(path, options.search) for path in scenes()])
+    if options.write is None:
+        print(text)
+        return
+    page = options.write.read_text(encoding="utf-8")
+    before, rest = page.split(MARKS[0])
+    after = rest.split(MARKS[1])[1]
+    options.write.write_text(f"{before}{MARKS[0]}\n{text}{MARKS[1]}{after}", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
