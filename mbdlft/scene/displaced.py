@@ -20,9 +20,7 @@ from mbdlft.joint import Joint, labelled
 from mbdlft.loop import Loop
 from mbdlft.parameter import Parameter
 from mbdlft.scene.assemble import (
-    Symbols,
     acting,
-    coordinate_owners,
     ground_motion,
     list_efforts,
     quantity_of,
@@ -33,6 +31,7 @@ from mbdlft.scene.closure import Closure
 from mbdlft.scene.placed import inertial_wrenches, motions, pass_inward
 from mbdlft.scene.quantities import Place, owner_name
 from mbdlft.scene.scene import Scene
+from mbdlft.scene.symbols import Symbols, coordinate_owners
 from mbdlft.scene.tree import Link, all_bodies, tree
 from mbdlft.scene.view import View
 from mbdlft.signal import Freedom, Signal
