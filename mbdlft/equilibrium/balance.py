@@ -197,7 +197,12 @@ def _choose(
 ) -> tuple[Unknown, ...]:
     """The entries of s, those of coordinates first."""
     coordinates = d.coordinates
-    chosen = [k for k, c in enumerate(coordinates) if c.is_passive]
+    sprung = {c.joint.name for c in coordinates if c.is_ball and c.is_sprung}
+    chosen = [
+        k
+        for k, c in enumerate(coordinates)
+        if c.is_passive and not (c.is_ball and c.joint.name in sprung)
+    ]
     parameters: list[int] = []
     if positions is not None:
         by_name = {parameter.name: k for k, parameter in enumerate(d.parameters)}

@@ -104,7 +104,8 @@ def find_equilibrium(
         The others are nominal.
     positions : sequence of str, optional
         Names of joints, of coordinates such as ``slide.position.x``, or of parameters that are
-        unknown. By default all joints whose effort is given by a `preload`.
+        unknown. By default all joints whose effort is given by a `preload`, but not the rotations of
+        balls that have a stiffness, whose law is one of small rotations.
     bounds : mapping of names to (low, high), optional
         Of positions, by coordinate (rad, m; also by joint if it has one only), or of parameters, in their
         units.

@@ -107,7 +107,8 @@ def test_imposed_joint() -> None:
 
 def test_ball_with_springs_and_bounds() -> None:
     with says(TrimError, "joint 'ball' has a stiffness against rotations about all axes"):
-        find_equilibrium(ball(5.0))
+        find_equilibrium(ball(5.0), positions=["ball"])
+    assert find_equilibrium(ball(5.0)).positions == {}
     with says(TrimError, "bounds: a rotation vector such as ball.rotation.x has none."):
         find_equilibrium(ball(0.0), bounds={"ball.rotation.x": (0.0, 1.0)})
 
