@@ -420,3 +420,36 @@ def test_fixed_joint_stays_fixed() -> None:
         }
     )
     assert set(mbdlft.find_equilibrium(scene).positions) == {"j0.angle"}
+
+
+def test_elastic_body_keeps_its_shape() -> None:
+    """A panel with a mode sags on its hinge as a rigid one does; its model is there."""
+    fields: dict[str, Any] = {
+        "name": "panel",
+        "mass": 2.0,
+        "center_of_mass": (0, 0.5, 0),
+        "inertia": Inertia(xx=0.3, yy=0.1, zz=0.3),
+    }
+    mode = mbdlft.Mode(frequency=20.0, damping=0.01, participation=(0, 0, 0.8, 0.5, 0, 0))
+    bodies = [
+        RigidBody(**fields),
+        mbdlft.FlexibleBody(**fields, modes=[mode], prestress="neglected"),
+    ]
+    found = []
+    for body in bodies:
+        hinge = Revolute(
+            name="hinge",
+            parent="ground",
+            child="panel",
+            axis=(1, 0, 0),
+            stiffness=40.0,
+            preload=0.0,
+        )
+        scene = Scene(name="panel", gravity=(0, 0, -G), bodies=[body], joints=[hinge])
+        found.append(mbdlft.find_equilibrium(scene))
+        assert found[-1].undetermined == ()
+        assert found[-1].efforts == {}
+        model = mbdlft.to_lft(mbdlft.at_equilibrium(scene, found[-1]), search=0.0)
+        assert model.certificate.max_relative_error <= SCENARIO
+    roundoff(found[0].positions["hinge.angle"], found[1].positions["hinge.angle"])
+    assert found[0].positions["hinge.angle"] < -0.1
