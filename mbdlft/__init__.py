@@ -45,6 +45,11 @@ if TYPE_CHECKING:
     from mbdlft.body import PointMass as PointMass
     from mbdlft.body import RigidBody as RigidBody
     from mbdlft.build import to_lft as to_lft
+    from mbdlft.equilibrium import EquilibriumPoint as EquilibriumPoint
+    from mbdlft.equilibrium import at_equilibrium as at_equilibrium
+    from mbdlft.equilibrium import eigenvalues_at as eigenvalues_at
+    from mbdlft.equilibrium import find_equilibrium as find_equilibrium
+    from mbdlft.equilibrium import fit_positions as fit_positions
     from mbdlft.exact import exact_lower_bound as exact_lower_bound
     from mbdlft.force import Buoyancy as Buoyancy
     from mbdlft.force import Force as Force
@@ -68,6 +73,7 @@ if TYPE_CHECKING:
     from mbdlft.matrix import matrix_to_toml as matrix_to_toml
     from mbdlft.realization import realize as realize
     from mbdlft.scene import Constant as Constant
+    from mbdlft.scene import Fit as Fit
     from mbdlft.scene import ImportReport as ImportReport
     from mbdlft.scene import JointLimit as JointLimit
     from mbdlft.scene import Scene as Scene
@@ -101,6 +107,11 @@ _ON_FIRST_USE = {
     "PointMass": "mbdlft.body",
     "RigidBody": "mbdlft.body",
     "to_lft": "mbdlft.build",
+    "EquilibriumPoint": "mbdlft.equilibrium",
+    "at_equilibrium": "mbdlft.equilibrium",
+    "eigenvalues_at": "mbdlft.equilibrium",
+    "find_equilibrium": "mbdlft.equilibrium",
+    "fit_positions": "mbdlft.equilibrium",
     "exact_lower_bound": "mbdlft.exact",
     "Buoyancy": "mbdlft.force",
     "Force": "mbdlft.force",
@@ -126,6 +137,7 @@ _ON_FIRST_USE = {
     "Constant": "mbdlft.scene",
     "ImportReport": "mbdlft.scene",
     "JointLimit": "mbdlft.scene",
+    "Fit": "mbdlft.scene",
     "Scene": "mbdlft.scene",
     "Spin": "mbdlft.scene",
     "assemble": "mbdlft.scene",

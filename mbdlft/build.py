@@ -140,7 +140,15 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
         outputs=tuple(equations.y_signals[k] for k in outputs),
         parameters=equations.parameters,
         trim=trim,
-        certificate=certificate(lft, raw, degrees, order_bound, check, SEED),
+        certificate=certificate(
+            lft,
+            raw,
+            degrees,
+            order_bound,
+            check,
+            SEED,
+            fit_error_bound=equations.fit_error_bound,
+        ),
         provenance=provenance(scene_to_toml(scene)),
         description=scene.description,
     )

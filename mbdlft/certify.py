@@ -3,7 +3,7 @@
 The truth is the nonlinear equations, trimmed and linearized again with numbers at every check point.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import casadi as ca
 import numpy as np
@@ -23,12 +23,16 @@ from mbdlft.lft.evaluate import chunks, evaluate_at
 from mbdlft.lft.lft import LFT, Array
 from mbdlft.lft.model import Certificate
 from mbdlft.parameter import Parameter, to_delta
-from mbdlft.trim import evaluate_many, trim_efforts
+from mbdlft.trim import evaluate_many, term_sizes, trim_efforts
 
 _RANDOM_POINTS, _MOST_CORNERS = 100, 128
 _FLOOR = 1e-2  # of the load (and the inertia it acts on): the size below which terms have cancelled
 ACCEPTED = 1e-5  # of an error; larger ones are refused
 _NEGLIGIBLE = 1e-8  # an entry below this part of its row's size is compared with the row
+_EFFECT = 1e-4  # of an effort of one: the least that an input is compared with if it does nothing
+_IDLE = (
+    1e-6  # of the stiffest spring: the least that a row of A is compared with if all of it cancels
+)
 _MIXED = 1e-4  # part of the largest entry of a column that one of rounding is compared with
 _LINES = 32  # points to which the line from nominal is searched for singularities
 _REAL = 1e-6  # an eigenvalue with a smaller relative imaginary part may be a double real one
@@ -43,8 +47,11 @@ def certificate(
     seed: int,
     *,
     exact_bound: bool = False,
+    fit_error_bound: float = 0.0,
 ) -> Certificate:
-    """The certificate of an exact model; `check` is its error and the number of points.
+    """The certificate of a model; `check` is its error and the number of points.
+
+    It is exact unless the equilibrium is a fit.
 
     A bound that the model contradicts by being smaller rests on a wrong rank: then nothing is claimed
     for that parameter, and nothing for pairs.
@@ -64,7 +71,8 @@ def certificate(
         max_relative_error=check[0],
         check_points=check[1],
         seed=seed,
-        exact=True,
+        exact=fit_error_bound == 0.0,
+        fit_error_bound=fit_error_bound,
         exact_bound=exact_bound,
         doubtful=tuple(doubtful.values()),
         order_bound=sum(lower.values()) if contradicted else order_bound,
@@ -171,54 +179,21 @@ def entry_sizes(
     terms = term_sizes(tape, known_points).reshape(jacobian.shape)
     unknown, known = split(e, inputs)
     n, nk = unknown.numel(), known.numel()
-    solved = np.abs(np.linalg.inv(jacobian[:, :n, :n])) @ terms[:, :n, n : n + nk]
+    inverse = np.abs(np.linalg.inv(jacobian[:, :n, :n]))
+    solved = inverse @ terms[:, :n, n : n + nk]
     # pivots mix the rows: one that is exactly zero gets the rounding of the largest in the column
     mixed = _MIXED * np.max(solved, axis=(0, 1), initial=0.0)
     read = terms[:, n:, n : n + nk] + terms[:, n:, :n] @ solved
-    sizes = np.max(np.concatenate([solved[:, : len(e.states)], read], axis=1), axis=0)
+    states = len(e.states)
+    sizes = np.max(np.concatenate([solved[:, :states], read], axis=1), axis=0)
     found: Array = np.maximum(sizes, mixed)
+    # what an effort of one and the stiffest spring do, where a whole row or column cancels
+    by_one = np.concatenate([inverse[:, :states], terms[:, n:, :n] @ inverse], axis=1)
+    one = np.max(by_one, axis=(0, 2), initial=0.0)[:, None]
+    stiffest = float(np.max(terms[:, :n, n : n + states], initial=0.0))
+    found[:, :states] = np.maximum(found[:, :states], _IDLE * stiffest * one)
+    found[:, states:] = np.maximum(found[:, states:], _EFFECT * one)
     return found
-
-
-def term_sizes(tape: ca.Function, points: Array) -> Array:
-    """Sizes (N, rows) of the outputs of a function if nothing cancelled: |a| + |b| for a + b.
-
-    The instructions are run once more, on pairs of a value and its size.
-    """
-    work: list[tuple[Array, Array]] = [(np.zeros(0), np.zeros(0))] * tape.sz_w()
-    found = np.zeros((len(points), tape.size1_out(0)))
-    for k in range(tape.n_instructions()):
-        operation = tape.instruction_id(k)
-        sources, targets = tape.instruction_input(k), tape.instruction_output(k)
-        if operation == ca.OP_OUTPUT:
-            found[:, targets[1]] = work[sources[0]][1]
-        elif operation in (ca.OP_INPUT, ca.OP_CONST):
-            constant = operation == ca.OP_CONST
-            value = tape.instruction_constant(k) if constant else points[:, sources[1]]
-            column = np.broadcast_to(np.asarray(value, dtype=float), (len(points),))
-            work[targets[0]] = column, np.abs(column)
-        elif len(sources) == 2:
-            work[targets[0]] = _PAIRS[operation](*work[sources[0]], *work[sources[1]])
-        else:
-            work[targets[0]] = _SINGLE[operation](*work[sources[0]])
-    return found
-
-
-_SINGLE: dict[int, Callable[[Array, Array], tuple[Array, Array]]] = {
-    ca.OP_ASSIGN: lambda a, size: (a, size),
-    ca.OP_NEG: lambda a, size: (-a, size),
-    ca.OP_TWICE: lambda a, size: (2 * a, 2 * size),
-    ca.OP_SQ: lambda a, size: (a * a, size * size),
-    ca.OP_INV: lambda a, size: (1 / a, size / (a * a)),
-    ca.OP_COS: lambda a, size: (np.cos(a), np.abs(np.cos(a))),
-    ca.OP_SIN: lambda a, size: (np.sin(a), np.abs(np.sin(a))),
-}
-_PAIRS: dict[int, Callable[[Array, Array, Array, Array], tuple[Array, Array]]] = {
-    ca.OP_ADD: lambda a, m, b, n: (a + b, m + n),
-    ca.OP_SUB: lambda a, m, b, n: (a - b, m + n),
-    ca.OP_MUL: lambda a, m, b, n: (a * b, m * n),
-    ca.OP_DIV: lambda a, m, b, n: (a / b, m * n / (b * b)),
-}
 
 
 def relative_error(

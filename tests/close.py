@@ -19,6 +19,7 @@ CROSS = 1e-9  # against another tool
 
 # how much a guaranteed bound may be above a largest value that is known
 BOUND = 0.02
+FIT_BOUND = 0.2
 
 
 def exact(actual: ArrayLike, expected: ArrayLike) -> None:

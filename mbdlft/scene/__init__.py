@@ -2,6 +2,7 @@
 
 from mbdlft.scene.assemble import assemble as assemble
 from mbdlft.scene.scene import Constant as Constant
+from mbdlft.scene.scene import Fit as Fit
 from mbdlft.scene.scene import Scene as Scene
 from mbdlft.scene.scene import Spin as Spin
 from mbdlft.scene.toml import load_scene as load_scene

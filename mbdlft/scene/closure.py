@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import qr
 
+from mbdlft.equations import CURVED
 from mbdlft.errors import SceneError
 from mbdlft.force import BodyWrench
 from mbdlft.joint import labelled
@@ -80,9 +81,12 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
     if not scene.loops:
         return Closure((), ())
     q = ca.vertcat(*(coordinate.q for coordinate in view.coordinates.values()))
-    for loop in scene.loops:
-        _check_that_it_closes(loop, view, evaluate)
     matrices = evaluate(ca.jacobian(constraint(scene.loops, view, 0), q))
+    explained = _explained(scene, view, matrices)
+    row = 0
+    for loop in scene.loops:
+        own = slice(row, row := row + len(loop.signals()))
+        _check_that_it_closes(loop, view, evaluate, explained[:, own])
     rank, rows = _independent(matrices[0].T)
     for matrix in matrices[1:]:
         if _independent(matrix.T)[0] != rank or _independent(matrix[rows].T)[0] != rank:
@@ -154,6 +158,18 @@ def _held(loop: Loop) -> ca.SX:
     return ca.SX.eye(3) if loop.kind == "fixed" else ca.SX(3, 0)
 
 
+def _explained(scene: Scene, view: View, matrices: Sequence[Array]) -> Array:
+    """Gaps (N, rows) that the bounds of fitted positions allow at the points of the matrices."""
+    bounds = scene.fit.bounds if scene.fit else {}
+    names: list[str] = []
+    for link in view.now.links:
+        names += [f"{link.joint.name}.{f.measures[0].name}" for f in link.joint.freedoms]
+        names += [f"{link.child.name}.{f.measures[0].name}" for f in link.child.freedoms()]
+    errors = np.array([bounds.get(name, 0.0) for name in names])
+    errors = errors * (1.0 + CURVED * np.max(errors, initial=0.0))
+    return np.asarray(np.abs(np.array(matrices)) @ errors)
+
+
 def _passive(view: View) -> list[bool]:
     """Whether the effort of each coordinate is given, so that nothing holds it."""
     found = []
@@ -173,15 +189,19 @@ def _independent(columns: Array) -> tuple[int, list[int]]:
 
 
 def _check_that_it_closes(
-    loop: Loop, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]
+    loop: Loop, view: View, evaluate: Callable[[ca.SX], Sequence[Array]], explained: Array
 ) -> None:
-    """The ports meet, and for a closure that holds directions these are parallel, at all points."""
+    """The ports meet, and for a closure that holds directions these are parallel, at all points.
+
+    `explained` (N, rows) are the gaps that fitted positions may leave.
+    """
     view.owner = Loop.where({"name": loop.name})
     gaps = evaluate(view.between_at_rest(loop.parent, loop.child))
     arms = [view.between_at_rest("ground", port) for port in (loop.parent, loop.child)]
     reach = max(float(np.max(np.abs(value))) for arm in arms for value in evaluate(arm))
     widest = max(float(np.linalg.norm(gap)) for gap in gaps)
-    if not widest <= _GAP * reach:
+    excess = np.max(np.linalg.norm(gaps, axis=(1, 2)) - np.linalg.norm(explained[:, :3], axis=1))
+    if not excess <= _GAP * reach:
         raise SceneError(
             f"loop {loop.name!r}: the ports {loop.parent!r} and {loop.child!r} do not meet: they are "
             f"{widest:.3g} m apart at nominal or elsewhere in the range. Correct the positions of the "
@@ -192,7 +212,8 @@ def _check_that_it_closes(
     for k in range(held.shape[1]):
         turned = evaluate(view.across(held[:, k], body, other) - held[:, k])
         skewed = max(float(np.max(np.abs(value))) for value in turned)
-        if not skewed <= _GAP:
+        allowed = float(np.max(np.linalg.norm(explained[:, 3:], axis=1)))
+        if not skewed <= _GAP + allowed:
             raise SceneError(
                 f"loop {loop.name!r}: a direction that it holds is not the same in {loop.parent!r} and "
                 f"in {loop.child!r}: they differ by {skewed:.3g} rad at nominal or elsewhere in the "

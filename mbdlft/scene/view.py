@@ -41,7 +41,7 @@ class View:
         gravity: ca.SX,
     ) -> None:
         self.gravity = gravity
-        self.elastic: ca.SX | float = 1.0
+        self.elastic = 1.0
         self.now = place(links, bodies, values, coordinates)
         rest = {name: _at_rest(coordinate, None) for name, coordinate in coordinates.items()}
         self.rest = place(links, bodies, values, rest)

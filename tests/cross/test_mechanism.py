@@ -138,13 +138,13 @@ def elastic_force_without_tension(patch: Patch) -> None:
 
 def spin_of(change: Callable[[ca.SX], ca.SX]) -> Callable[[Patch], None]:
     def plant(patch: Patch) -> None:
-        original = assembling._ground_motion
+        original = assembling.ground_motion
 
         def wrong(*arguments):
             motion = original(*arguments)
             return ca.horzcat(change(motion[:, 0]), motion[:, 1:])
 
-        patch.setattr(assembling, "_ground_motion", wrong)
+        patch.setattr(assembling, "ground_motion", wrong)
 
     return plant
 

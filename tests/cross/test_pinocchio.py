@@ -252,8 +252,8 @@ PLANTED = {
     "the ground is shaken the other way": (
         patched(
             ASSEMBLE,
-            "_ground_motion",
-            lambda *given, moved=ASSEMBLE._ground_motion: moved(*given[:-1], -given[-1]),
+            "ground_motion",
+            lambda *given, moved=ASSEMBLE.ground_motion: moved(*given[:-1], -given[-1]),
         ),
         driven,
     ),

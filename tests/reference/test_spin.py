@@ -220,12 +220,12 @@ BUGS = {
 )
 def test_planted_spin_is_found(bug: str, law, monkeypatch: pytest.MonkeyPatch) -> None:
     assembling = import_module("mbdlft.scene.assemble")
-    original = assembling._ground_motion
+    original = assembling.ground_motion
 
     def wrong(*arguments):
         motion = original(*arguments)
         return ca.horzcat(BUGS[bug](motion[:, 0]), motion[:, 1:])
 
-    monkeypatch.setattr(assembling, "_ground_motion", wrong)
+    monkeypatch.setattr(assembling, "ground_motion", wrong)
     with pytest.raises(AssertionError):
         law()
