@@ -7,11 +7,17 @@ import numpy as np
 import pytest
 
 import mbdlft
+from scenarios import sagging_arm
 from tests.close import roundoff
 from tests.scenarios.test_cli import run
 
-ROOT = Path(__file__).parents[2]
-SAGGING = str(ROOT / "scenarios" / "sagging_arm.toml")
+
+@pytest.fixture
+def sagging(tmp_path: Path) -> str:
+    file = tmp_path / "sagging_arm.toml"
+    file.write_text(mbdlft.scene_to_toml(sagging_arm.scene()), encoding="utf-8")
+    return str(file)
+
 
 PENDULUM = """
 format = "mbdlft-scene/1"
@@ -35,11 +41,14 @@ damping = DAMPING
 
 
 def test_positions_and_the_scene_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    sagging: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     written = tmp_path / "there.toml"
     code, out, err = run(
-        monkeypatch, capsys, "trim", SAGGING, "--positions", "--set", "m=2.4", "-o", str(written)
+        monkeypatch, capsys, "trim", sagging, "--positions", "--set", "m=2.4", "-o", str(written)
     )
     assert (code, err) == (0, "")
     assert "sagging_arm: equilibrium 1" in out
@@ -75,7 +84,10 @@ def test_all_equilibria(
 
 
 def test_errors_say_where(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    sagging: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     file = tmp_path / "pendulum.toml"
     text = PENDULUM.replace("DAMPING", "0.1").replace("preload = 0", "preload = 25.0")
@@ -85,7 +97,7 @@ def test_errors_say_where(
     assert "no equilibrium found from 20 starts" in err
     assert "hinge.torque misses -5.38 N m" in err
     code, _, err = run(
-        monkeypatch, capsys, "trim", SAGGING, "--positions", "-o", str(tmp_path / "no" / "x.toml")
+        monkeypatch, capsys, "trim", sagging, "--positions", "-o", str(tmp_path / "no" / "x.toml")
     )
     assert code == 2
     assert "x.toml: cannot be written: No such file" in err
@@ -95,7 +107,7 @@ def test_fit_is_shown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """`linearize` says that positions are fits, and so does the archive, by an attribute."""
-    fitted = mbdlft.fit_positions(mbdlft.load_scene(SAGGING), ["hinge"], 1e-4)
+    fitted = mbdlft.fit_positions(sagging_arm.scene(), ["hinge"], 1e-4)
     file, archive = tmp_path / "fitted.toml", tmp_path / "fitted.h5"
     file.write_text(mbdlft.scene_to_toml(fitted), encoding="utf-8")
     code, out, err = run(
@@ -109,3 +121,10 @@ def test_fit_is_shown(
     assert isinstance(value, np.float64)
     assert fitted.fit is not None
     assert float(value) == fitted.fit.bounds["hinge.angle"]
+
+
+def test_scenario_in_python(capsys: pytest.CaptureFixture[str]) -> None:
+    sagging_arm.main()
+    out = capsys.readouterr().out
+    assert "m = 2.0 kg: 0.5739 rad, decays with 0.039 rad/s" in out
+    assert "fit for all m and k: within 7.7e-05 rad, order 6" in out

@@ -18,21 +18,18 @@ ROOT = Path(__file__).parents[2]
 FILES = sorted((ROOT / "scenarios").glob("*.toml"))
 MATRICES = [path for path in FILES if "mbdlft-matrix" in path.read_text(encoding="utf-8")]
 SCENES = [path for path in FILES if path not in MATRICES]
-SAGGING = {"sagging_arm": ["hinge"]}  # positions that are to be fitted
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
 def test_scenario_is_exact(path: Path) -> None:
     scene = mbdlft.load_scene(path)
-    if path.stem in SAGGING:
-        scene = mbdlft.fit_positions(scene, SAGGING[path.stem], 1e-4)
     model = mbdlft.to_lft(scene, search=0.0)
     assert scene.name == path.stem
     assert scene.description
     assert model.certificate.max_relative_error <= SCENARIO
     assert model.certificate.check_points >= 100
     assert model.order >= sum(model.certificate.lower_bound)
-    assert model.certificate.exact == (path.stem not in SAGGING)
+    assert model.certificate.exact
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
