@@ -22,6 +22,7 @@ from mbdlft.lft.bound import Bound
 from mbdlft.lft.evaluate import chunks, evaluate_at
 from mbdlft.lft.lft import LFT, Array
 from mbdlft.lft.model import Certificate
+from mbdlft.lft.rounding import cleaned, solution_size
 from mbdlft.parameter import Parameter, to_delta
 from mbdlft.trim import evaluate_many, trim_efforts
 
@@ -118,7 +119,7 @@ def reference_matrices(
     (jacobian,) = evaluate_many(slope, points, efforts)
     n, nk = unknown.numel(), known.numel()
     try:
-        solved = -np.linalg.solve(jacobian[:, :n, :n], jacobian[:, :n, n : n + nk])
+        solved = _solved(jacobian[:, :n, :n], -jacobian[:, :n, n : n + nk])
     except np.linalg.LinAlgError:
         raise WellPosednessError(
             f"scene {e.name!r}: the mass matrix is singular at a point of the parameter range. Keep "
@@ -137,6 +138,17 @@ def reference_matrices(
     read_states = solved[:, : len(e.states)]
     trimmed = efforts[:, list(e.unknown)]
     return np.concatenate([read_states, read], axis=1), trimmed, sizes, float(np.max(floor))
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    """matrix^-1 right (N, n, k), refined once: rows without stiff terms keep no rounding of stiff ones.
+
+    The acceleration of an imposed coordinate is exactly its input, whatever stiffness is beside it.
+    """
+    inverse = np.linalg.inv(matrix)
+    found = inverse @ right
+    found = found + inverse @ (right - matrix @ found)
+    return cleaned(found, solution_size(inverse, matrix, found, right))
 
 
 def term_sizes(tape: ca.Function, points: Array) -> Array:

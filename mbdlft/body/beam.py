@@ -11,7 +11,7 @@ torsion (rho (Iy + Iz) L, G J/L), linear. Timoshenko elements (cubic, with `shea
 
     K = E I/(L^3 (1 + phi)) (K0 + phi K1),   phi = 12 E I n^2/(k G A L^2)
 
-They are the matrices of appendix B of the source in `tests/reference/flexible.md`.
+They are the matrices of appendix B of the source in `tests/reference/flexible.py`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
