@@ -22,7 +22,6 @@ from mbdlft.lft.bound import Bound
 from mbdlft.lft.evaluate import chunks, evaluate_at
 from mbdlft.lft.lft import LFT, Array
 from mbdlft.lft.model import Certificate
-from mbdlft.lft.rounding import cleaned, solution_size
 from mbdlft.parameter import Parameter, to_delta
 from mbdlft.trim import evaluate_many, trim_efforts
 
@@ -141,14 +140,26 @@ def reference_matrices(
 
 
 def _solved(matrix: Array, right: Array) -> Array:
-    """matrix^-1 right (N, n, k), refined once: rows without stiff terms keep no rounding of stiff ones.
+    """matrix^-1 right (N, n, k), refined once; unknowns that one equation gives alone are taken from it.
 
     The acceleration of an imposed coordinate is exactly its input, whatever stiffness is beside it.
     """
-    inverse = np.linalg.inv(matrix)
-    found = inverse @ right
-    found = found + inverse @ (right - matrix @ found)
-    return cleaned(found, solution_size(inverse, matrix, found, right))
+    pattern = np.any(matrix != 0.0, axis=0)
+    rows = np.flatnonzero(pattern.sum(axis=1) == 1)
+    alone = pattern[rows].argmax(axis=1)
+    pivots = matrix[:, rows, alone]
+    if len(set(alone)) < len(rows) or not np.all(pivots):
+        raise np.linalg.LinAlgError("singular")
+    given = right[:, rows] / pivots[:, :, None]
+    others = np.setdiff1d(np.arange(matrix.shape[1]), rows)
+    coupled = np.setdiff1d(np.arange(matrix.shape[1]), alone)
+    rest = right[:, others] - matrix[:, others[:, None], alone] @ given
+    inverse = np.linalg.inv(matrix[:, others[:, None], coupled])
+    first = inverse @ rest
+    found = np.zeros_like(right)
+    found[:, alone] = given
+    found[:, coupled] = first + inverse @ (rest - matrix[:, others[:, None], coupled] @ first)
+    return found
 
 
 def term_sizes(tape: ca.Function, points: Array) -> Array:

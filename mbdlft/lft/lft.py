@@ -332,8 +332,8 @@ def solve_nominal(matrix: Array, right: Array, what: str) -> Array:
     scale[scale == 0.0] = 1.0
     try:
         matrix, right = matrix / scale, right / scale
-        solution = np.linalg.solve(matrix, right)
-        solution = solution + np.linalg.solve(matrix, right - matrix @ solution)
+        first = np.linalg.solve(matrix, right)
+        solution = np.asarray(first + np.linalg.solve(matrix, right - matrix @ first), dtype=float)
         singular = 1.0 / np.linalg.cond(matrix, 1) < np.finfo(float).eps
     except np.linalg.LinAlgError:
         singular = True
