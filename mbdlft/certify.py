@@ -22,6 +22,7 @@ from mbdlft.lft.bound import Bound
 from mbdlft.lft.evaluate import chunks, evaluate_at
 from mbdlft.lft.lft import LFT, Array
 from mbdlft.lft.model import Certificate
+from mbdlft.lft.rounding import solution_size
 from mbdlft.parameter import Parameter, to_delta
 from mbdlft.trim import evaluate_many, trim_efforts
 
@@ -86,12 +87,13 @@ def check_points(parameters: Sequence[Parameter], seed: int) -> Array:
 
 def reference_matrices(
     equations: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array
-) -> tuple[Array, Array, Array, float]:
+) -> tuple[Array, Array, Array, Array, float]:
     """The nonlinear equations, trimmed and linearized at points (N, n_p).
 
     Returns
     -------
     [A B ; C D] (N, ., .)
+    sizes of its entries (., .): what they would be if no terms cancelled
     trimmed unknowns (N, n_t)
     sizes of the unknowns (N, n_t): what they would be if no terms cancelled
     a part of the largest load: no stiffness is compared with anything smaller
@@ -136,7 +138,28 @@ def reference_matrices(
     sizes = np.maximum(terms, floor[:, None] * inertia)
     read_states = solved[:, : len(e.states)]
     trimmed = efforts[:, list(e.unknown)]
-    return np.concatenate([read_states, read], axis=1), trimmed, sizes, float(np.max(floor))
+    return (
+        np.concatenate([read_states, read], axis=1),
+        _entry_sizes(jacobian[:, :, : n + nk], np.asarray(solved), len(e.states)),
+        trimmed,
+        sizes,
+        float(np.max(floor)),
+    )
+
+
+def _entry_sizes(jacobian: Array, solved: Array, states: int) -> Array:
+    """Sizes (., .) of the entries of [A B ; C D] if nothing cancelled in them.
+
+    In a chain of beams an entry of M^-1 K may be 1e-9 of its terms, which is then all that double
+    precision has of it.
+    """
+    n = solved.shape[1]
+    matrix, right = jacobian[:, :n, :n], jacobian[:, :n, n:]
+    inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
+    inside = solution_size(inverse, matrix, solved, right)[:, :states]
+    unknown, known = np.abs(jacobian[:, n:, :n]), np.abs(jacobian[:, n:, n:])
+    outside = known + unknown @ np.abs(solved)
+    return np.asarray(np.max(np.concatenate([inside, outside], axis=1), axis=0))
 
 
 def _solved(matrix: Array, right: Array) -> Array:
@@ -289,8 +312,9 @@ def measure_error(
         f"scene {equations.name!r}",
         ", or keep masses and inertias away from zero",
     )
-    reference, efforts, sizes, floor = reference_matrices(equations, inputs, outputs, points)
-    error = relative_error(evaluate_at(model, deltas), reference, len(equations.states), floor)
+    reference, terms, efforts, sizes, floor = reference_matrices(equations, inputs, outputs, points)
+    values = evaluate_at(model, deltas)
+    error = relative_error(values, reference, len(equations.states), floor, terms)
     difference = np.max(np.abs(evaluate_at(trim, deltas)[:, :, 0] - efforts), axis=0)
     size = np.max(sizes, axis=0)
     trim_error = float(np.max(difference / np.where(size > 0, size, 1.0), initial=0.0))

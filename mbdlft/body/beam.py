@@ -229,6 +229,9 @@ class Beam(ElasticBody):
             found.append(Term(1.0 / values["length"], turned))
         return found
 
+    def total_mass(self, values: Values) -> ca.SX:
+        return ca.SX(values["density"] * values["area"] * values["length"])
+
     def rigid_wrench(self, motion: ca.SX, values: Values) -> ca.SX:
         L, rho, A = (values[key] for key in ("length", "density", "area"))
         mass = rho * A * L

@@ -1,0 +1,280 @@
+"""Elastic scenes against published results, and against finite elements written down by themselves."""
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft import Parameter
+from tests.close import (
+    ARM_TABLE,
+    CHAIN,
+    ELASTIC,
+    LENGTH_TABLE,
+    MAST_TABLE,
+    SAME_MESH,
+    SPACECRAFT_TABLE,
+    STABLE,
+    exact,
+    target,
+)
+from tests.reference import beams
+from tests.reference import flexible as data
+
+PER_LENGTH = data.STRIP["density"] * data.STRIP["thickness"] * data.STRIP["width"]
+BENDING = data.STRIP["modulus"] * data.STRIP["width"] * data.STRIP["thickness"] ** 3 / 12.0
+LENGTH = Parameter("L", 1.0, percent=50, unit="m")
+OMEGA = np.array([3.0, 40.0, 500.0, 6000.0])  # rad/s, between the frequencies of the strip
+
+
+def model(scene: mbdlft.Scene) -> mbdlft.LFTModel:
+    found = mbdlft.to_lft(scene, search=0.0)
+    assert found.certificate.max_relative_error <= ELASTIC
+    return found
+
+
+@pytest.mark.parametrize("elements", [4, 9])
+def test_spacecraft_has_the_modes_of_the_table(elements: int) -> None:
+    """Each mode with the hub at rest three times, each one with the hub in motion once."""
+    found = data.frequencies(model(data.spacecraft(elements)))[:12]
+    table = np.array(data.SPACECRAFT[elements])
+    target(found / np.repeat(table, [3, 1, 3, 1, 3, 1]), np.ones(12), SPACECRAFT_TABLE)
+
+
+@pytest.mark.parametrize("elements", data.SPACECRAFT)
+def test_one_appendage_has_them_too(elements: int) -> None:
+    """By symmetry: a quarter of the hub, or none; up to 50 elements."""
+    moving = data.frequencies(model(data.spacecraft(elements, 1)))[:3]
+    resting = data.frequencies(model(data.clamped_appendage(elements)))[:3]
+    found = np.array([resting, moving]).T.ravel()
+    target(found / data.SPACECRAFT[elements], np.ones(6), SPACECRAFT_TABLE)
+
+
+def test_imposed_coordinate_beside_stiff_elements() -> None:
+    """What an imposed joint does is exactly its input; rounding beside 1e13 1/s^2 is no reference."""
+    found = model(data.clamped_appendage(50))
+    row = [signal.name for signal in found.states].index("pin.rate")
+    assert not found.A[row].any()
+    assert found.certificate.max_relative_error < STABLE
+
+
+@pytest.mark.parametrize("angle", data.ARM)
+def test_arm_has_the_modes_of_the_table(angle: int) -> None:
+    found = data.frequencies(model(data.arm(angle)))[:4]
+    target(found / data.ARM[angle], np.ones(4), ARM_TABLE)
+
+
+def test_length_of_a_beam() -> None:
+    scene = data.row("length", [data.strip("beam", "L", 1, "quintic")], [LENGTH], lift=False)
+    found = model(scene)
+    for length, frequency in data.LENGTHS.items():
+        hertz = data.frequencies(found, L=length)[0] / (2.0 * np.pi)
+        target(hertz / frequency, 1.0, LENGTH_TABLE)
+    # in: angular acceleration of the root, force at the tip; out: acceleration of the tip, root torque
+    assert found.order == data.REPETITIONS["length"]
+
+
+CUBIC: Callable[[float], beams.Mesh] = lambda h: beams.mesh([h / 3] * 3, BENDING, PER_LENGTH)  # noqa: E731
+QUINTIC: Callable[[float], beams.Mesh] = lambda h: beams.superelement(h, BENDING, PER_LENGTH)  # noqa: E731
+
+
+@pytest.mark.parametrize(
+    ("functions", "elements", "mesh"), [("cubic", 3, CUBIC), ("quintic", 1, QUINTIC)]
+)
+def test_frozen_lft_is_the_mesh_at_this_length(
+    functions: str, elements: int, mesh: Callable[[float], beams.Mesh]
+) -> None:
+    """100 random lengths: frequencies, and all nine frequency responses of the two ports."""
+    scene = data.row("length", [data.strip("beam", "L", elements, functions)], [LENGTH])
+    found = model(scene)
+    values = mbdlft.random(found.parameters, 100)
+    responses = mbdlft.frequency_response(found, values, OMEGA)
+    for k, length in enumerate(values["L"]):
+        direct = mesh(float(length))
+        target(
+            data.frequencies(found, L=float(length)) / beams.clamped(direct),
+            np.ones(len(direct.M) - 2),
+            SAME_MESH,
+        )
+        for j, omega in enumerate(OMEGA):
+            expected = beams.response(direct, float(omega))
+            target(responses[k, j] / expected, np.ones((3, 3)), SAME_MESH)
+
+
+def test_wrong_mesh_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = beams.hermite
+    monkeypatch.setattr(
+        beams, "hermite", lambda h, e, m: (right(h, e, m)[0], right(h, e, 1.01 * m)[0])
+    )
+    with pytest.raises(AssertionError):
+        test_frozen_lft_is_the_mesh_at_this_length("cubic", 3, CUBIC)
+
+
+def test_proved_order_of_the_length() -> None:
+    """Exact arithmetic on the superelement: 19 repetitions for rotation and force, none fewer do."""
+    problem, order = superelement_matrix(lift=False), data.REPETITIONS["length"]
+    assert mbdlft.exact_lower_bound(problem) == {"L": order}
+    assert mbdlft.exact_lower_bound(superelement_matrix(lift=True)) == {"L": order + 1}
+
+
+def superelement_matrix(*, lift: bool) -> mbdlft.MatrixProblem:
+    """[A B ; C D] of the superelement with unit stiffness and density, in exact fractions of L."""
+    import flint
+
+    def fractions(matrix: np.ndarray) -> "flint.fmpq_mat":
+        rows = [[flint.fmpq(round(x)) for x in row] for row in matrix]
+        return flint.fmpq_mat(rows)
+
+    unit = beams.superelement(1.0, 70.0, 55440.0)
+    M, K = fractions(unit.M), fractions(unit.K)
+    root = [0, 1] if lift else [1]
+    free = [2, 3, 4, 5]
+
+    def part(matrix: "flint.fmpq_mat", rows: list[int], columns: list[int]) -> "flint.fmpq_mat":
+        return flint.fmpq_mat([[matrix[i, j] for j in columns] for i in rows])
+
+    mass, stiff = flint.fmpq(1, 55440), flint.fmpq(1, 70)
+    inverse = (mass * part(M, free, free)).inv()
+    tip = flint.fmpq_mat([[0], [1], [0], [0]])
+    own = inverse * (-stiff * part(K, free, free))  # / L^4
+    by_root = inverse * (-mass * part(M, free, root))  # scaled unknowns: slopes are L times slopes
+    by_force = inverse * tip
+    back = mass * part(M, root, free)
+    held = stiff * part(K, root, free)
+    # powers of L: of unknowns 0; of root rotations 1; of forces -1 (density L); of torques 1 + ...
+    powers = [0, 1] if lift else [1]
+    rows: list[list[str]] = []
+    n = 4
+
+    def text(value: object, power: int) -> str:
+        return "0" if value == 0 else f"({value})*L^({power})" if power else f"({value})"
+
+    for i in range(n):
+        rows.append(["0"] * n + [str(int(i == j)) for j in range(n)] + ["0"] * (len(root) + 1))
+    for i in range(n):
+        rows.append(
+            [text(own[i, j], -4) for j in range(n)]
+            + ["0"] * n
+            + [text(by_root[i, j], powers[j]) for j in range(len(root))]
+            + [text(by_force[i, 0], -1)]
+        )
+    rows.append(list(rows[n + 1]))  # acceleration of the tip
+    reaction, feed = back * own + held, back * by_root + mass * part(M, root, root)
+    pushed = back * by_force
+    for i, power in enumerate(powers):
+        rows.append(
+            [text(reaction[i, j], power - 3) for j in range(n)]
+            + ["0"] * n
+            + [text(feed[i, j], power + 1 + powers[j]) for j in range(len(root))]
+            + [text(pushed[i, 0] - (1 if root[i] == 0 else 0), power)]
+        )
+    names = tuple(f"x{k}" for k in range(2 * n))
+    return mbdlft.matrix_problem(rows, [LENGTH], states=names)
+
+
+@cache
+def counted(name: str) -> mbdlft.LFTModel:
+    """Models whose repetitions the source counts."""
+    L, quintic = LENGTH, "quintic"
+    t = Parameter("t", data.STRIP["thickness"], percent=30, unit="m")
+    b = Parameter("b", data.STRIP["width"], percent=30, unit="m")
+    scenes = {
+        "two beams": lambda: data.row(
+            "two", [data.strip("b1", "L", 1, quintic), data.strip("b2", "2 - L", 1, quintic)], [L]
+        ),
+        "three beams": lambda: data.row(
+            "three",
+            [
+                data.strip("b1", "L", 1, quintic),
+                data.strip("b2", 0.2, 1, quintic),
+                data.strip("b3", "1.8 - L", 1, quintic),
+            ],
+            [L],
+        ),
+        "section": lambda: data.row(
+            "section", [data.strip("b1", 1.0, 1, quintic, thickness="t", width="b")], [t, b]
+        ),
+        "section and length": lambda: data.row(
+            "all", [data.strip("b1", "L", 1, quintic, thickness="t", width="b")], [t, b, L]
+        ),
+        "rotatory spacecraft": lambda: data.spacecraft(3, parametric=True),
+    }
+    return model(scenes[name]())
+
+
+COUNTED = [name for name in data.REPETITIONS if name != "length"]
+
+
+@pytest.mark.parametrize("name", COUNTED)
+def test_fewer_repetitions_than_the_source(name: str) -> None:
+    found = counted(name)
+    assert found.order < data.REPETITIONS[name]
+    assert found.order >= found.certificate.order_bound
+    assert found.certificate.exact
+
+
+@pytest.mark.parametrize("name", COUNTED)
+def test_no_unstable_poles_in_the_whole_range(name: str) -> None:
+    """1 000 samples and the corners: undamped poles stay on the axis, also the fast ones."""
+    found = counted(name)
+    values = mbdlft.random(found.parameters, 1000, seed=5)
+    outer = mbdlft.corners(found.parameters)
+    both = {key: np.concatenate([values[key], outer[key][:64]]) for key in values}
+    poles = np.linalg.eigvals(mbdlft.matrices_at(found, both).A)
+    # a double pole at zero, of a rigid body, is split by rounding
+    fast = np.abs(poles) > data.RIGID
+    growth = np.where(fast, poles.real, 0.0)
+    target(
+        growth / np.max(np.abs(poles), axis=1, keepdims=True), np.zeros(growth.shape), STABLE, 1.0
+    )
+
+
+def test_two_beams_do_not_feel_where_they_meet() -> None:
+    """One beam of 2 m, whatever its division: the first frequencies are those of a fine mesh."""
+    found = counted("two beams")
+    fine = beams.clamped(beams.mesh([0.1] * 20, BENDING, PER_LENGTH))[:2]
+    for length in (0.5, 0.8, 1.3, 1.5):
+        direct = beams.joined([QUINTIC(length), QUINTIC(2.0 - length)])
+        target(
+            data.frequencies(found, L=length) / beams.clamped(direct),
+            np.ones(len(direct.M) - 2),
+            CHAIN,
+        )
+        target(data.frequencies(found, L=length)[:2] / fine, np.ones(2), LENGTH_TABLE)
+
+
+def test_chain_of_beams_is_one_mesh() -> None:
+    """Four beams of 7 elements in a row, of L/8, L/4, L/2, L/8, against the 28 elements.
+
+    The slow half of the modes is taken from the inverse, which has them to more digits.
+    """
+    parts, length = [0.125, 0.25, 0.5, 0.125], 0.5
+    found = model(data.chain([length * part for part in parts], 7))
+    own = [k for k, signal in enumerate(found.states) if signal.name.startswith("beam")]
+    A = found.A[np.ix_(own, own)]
+    slow = np.sort(1.0 / np.abs(np.linalg.eigvals(np.linalg.inv(A))))[::2]
+    fast = np.sort(np.abs(np.linalg.eigvals(A)))[::2]
+    mesh = beams.mesh([length * part / 7 for part in parts for _ in range(7)], BENDING, PER_LENGTH)
+    half = len(fast) // 2
+    both = np.concatenate([slow[:half], fast[half:]])
+    target(both / beams.clamped(mesh), np.ones(56), CHAIN)
+
+
+def test_mast_has_the_published_properties() -> None:
+    found = model(data.mast())
+    state = {signal.name: k for k, signal in enumerate(found.states)}
+    sense = {signal.name: k for k, signal in enumerate(found.outputs)}
+    C = found.C_y
+    mass = C[sense["momentum.linear.y"], state["flight.velocity.y"]]
+    inertia = C[sense["momentum.angular.z"], state["flight.rate"]]
+    center = C[sense["center.y"], state["flight.angle"]]
+    target(C[sense["center.y"], state["flight.position.y"]], 1.0, STABLE)
+    for value, name in ((mass, "mass"), (center, "center"), (inertia, "inertia")):
+        target(value / data.MAST_TOTAL[name], 1.0, MAST_TABLE)
+    target(data.frequencies(found)[:3] / data.MAST, np.ones(3), MAST_TABLE)
+
+
+def test_repeated_modes_are_counted_once() -> None:
+    exact(data.distinct(np.array([1.0, 1.0, 2.0])), np.array([1.0, 2.0]))
