@@ -6,6 +6,7 @@ import pytest
 
 import mbdlft
 from mbdlft import Beam, Fixed, FlexibleBody, Inertia, Mode, PointMass, Revolute, Scene, SceneError
+from mbdlft.body import Body
 from tests.errors.scenes import says
 from tests.laws import elastic as scenes
 
@@ -27,7 +28,7 @@ def panel(**given: Any) -> FlexibleBody:
     return FlexibleBody(**{**{"name": "panel"}, **data, **given})
 
 
-def on_hinge(body: mbdlft.Body, **fields: Any) -> Scene:
+def on_hinge(body: Body, **fields: Any) -> Scene:
     hinge = Revolute(name="hinge", parent="ground", child=body.name, axis=(0, 0, 1))
     return Scene(**{"name": "held", "bodies": [body], "joints": [hinge], **fields})
 
@@ -58,7 +59,7 @@ def test_spinning_frame_has_no_elastic_bodies() -> None:
 
 
 @pytest.mark.parametrize(("child", "body"), [("beam.tip", scenes.beam()), ("panel.tip", panel())])
-def test_elastic_body_is_held_at_its_origin(child: str, body: mbdlft.Body) -> None:
+def test_elastic_body_is_held_at_its_origin(child: str, body: Body) -> None:
     scene = on_hinge(body)
     joint = scene.joints[0].model_copy(update={"child": child})
     with says(SceneError, "joint 'hinge', child: an elastic body is held at its origin", child):

@@ -5,7 +5,6 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-import mbdlft
 from mbdlft import (
     Beam,
     CenterOfMass,
@@ -23,7 +22,9 @@ from mbdlft import (
     Scene,
     assemble,
 )
+from mbdlft.body import Body
 from mbdlft.equations import equation_function, load_value, physical_symbols
+from mbdlft.joint import Joint
 from mbdlft.trim import trim_efforts
 
 GRAVITY = 9.81
@@ -88,8 +89,8 @@ def segments(count: int, angle: float = 0.0, bending: float = 1e3) -> Scene:
     """
     h = 1.0 / count
     lengths = [h / 2, *[h] * (count - 1), h / 2]
-    bodies: list[mbdlft.Body] = []
-    joints: list[mbdlft.Joint] = []
+    bodies: list[Body] = []
+    joints: list[Joint] = []
     for k, length in enumerate(lengths):
         bodies.append(
             RigidBody(

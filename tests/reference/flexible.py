@@ -25,6 +25,8 @@ from mbdlft import (
     RigidBody,
     Scene,
 )
+from mbdlft.body import Body
+from mbdlft.joint import Joint
 
 # table 6.4 (rad/s): modes 1, 3, 5 with the hub at rest, 2, 4, 6 with the hub in motion
 SPACECRAFT = {
@@ -82,7 +84,7 @@ def spacecraft(elements: int, count: int = 4, *, parametric: bool = False) -> Sc
 
     Parameters: lengths and tip masses, +-30 % (section 8.3).
     """
-    bodies: list[mbdlft.Body] = [
+    bodies: list[Body] = [
         RigidBody(
             name="hub",
             mass=1.0,
@@ -93,9 +95,7 @@ def spacecraft(elements: int, count: int = 4, *, parametric: bool = False) -> Sc
             },
         )
     ]
-    joints: list[mbdlft.Joint] = [
-        Revolute(name="pin", parent="ground", child="hub", axis=(0, 0, 1))
-    ]
+    joints: list[Joint] = [Revolute(name="pin", parent="ground", child="hub", axis=(0, 0, 1))]
     parameters = []
     for k in range(count):
         length: float | str = f"L{k}" if parametric else LENGTH
@@ -205,7 +205,7 @@ def row(name: str, beams: list[Beam], parameters: list[Parameter], *, lift: bool
     acceleration of the tip, and the force (with `lift`) and torque at the root.
     """
     names = [beam.name for beam in beams]
-    joints: list[mbdlft.Joint] = [
+    joints: list[Joint] = [
         Prismatic(name="lift", parent="ground", child="slider", axis=(0, 1, 0), imposed=True),
         Revolute(name="root", parent="slider", child="hub", axis=(0, 0, 1), imposed=True),
     ]
@@ -241,7 +241,7 @@ def chain(fractions: list[float], elements: int) -> Scene:
 def mast(elements: int = 4) -> Scene:
     """Satellite with a mast of three segments (table 9.1), free in the plane."""
     count, segment, hub = 3, 4.06, Inertia(zz=250.0, xz=0, yz=0)
-    bodies: list[mbdlft.Body] = [
+    bodies: list[Body] = [
         RigidBody(
             name="hub",
             mass=500.0,
@@ -249,7 +249,7 @@ def mast(elements: int = 4) -> Scene:
             ports={"side": (1.0, 0, 0)},
         )
     ]
-    joints: list[mbdlft.Joint] = [
+    joints: list[Joint] = [
         mbdlft.Planar(name="flight", parent="ground", child="hub", axis=(0, 0, 1))
     ]
     for k in range(count):
