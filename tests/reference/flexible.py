@@ -52,6 +52,7 @@ LENGTHS = {1.05: 6.708, 1.5: 3.287}
 # sections 6.1.3 and 8.3: repetitions of the source
 REPETITIONS = {"length": 19, "two beams": 48, "three beams": 51, "section": 71}
 REPETITIONS |= {"section and length": 100, "rotatory spacecraft": 125}
+VARIED = Parameter("L", 1.0, percent=50, unit="m")  # section 6.1.3
 # table 9.1, section 9.2: mass (kg), center (m) and inertia (kg m^2) about the hub, modes (rad/s)
 MAST_TOTAL = {"mass": 568.15, "center": 1.504, "inertia": 11294.0}
 MAST = (3.89, 17.57, 53.81)
@@ -228,6 +229,57 @@ def row(name: str, beams: list[Beam], parameters: list[Parameter], *, lift: bool
         outputs=("end.y", "reaction.force.y", "reaction.torque.z")
         if lift
         else ("end.y", "reaction.torque.z"),
+    )
+
+
+def counted(name: str) -> Scene:
+    """The scenes whose repetitions the source counts (`REPETITIONS`); one quintic element a beam.
+
+    "length": angular acceleration of the root and force at the tip to acceleration of the tip and torque
+    at the root; the other rows have the acceleration across and the force at the root as well.
+    """
+    L, quintic = VARIED, "quintic"
+    t = Parameter("t", STRIP["thickness"], percent=30, unit="m")
+    b = Parameter("b", STRIP["width"], percent=30, unit="m")
+
+    def section(length: float | str) -> Beam:
+        return strip("beam1", length, 1, quintic, thickness="t", width="b")
+
+    def part(k: int, length: float | str) -> Beam:
+        return strip(f"beam{k}", length, 1, quintic)
+
+    if name == "length":
+        return row("length", [part(1, "L")], [L], lift=False)
+    if name == "two beams":
+        return row("two_beams", [part(1, "L"), part(2, "2 - L")], [L])
+    if name == "three beams":
+        return row("three_beams", [part(1, "L"), part(2, 0.2), part(3, "1.8 - L")], [L])
+    if name == "section":
+        return row("section", [section(1.0)], [t, b])
+    if name == "section and length":
+        return row("section_and_length", [section("L")], [t, b, L])
+    return spacecraft(3, parametric=True)
+
+
+def large() -> Scene:
+    """98 states, 20 parameters: the rotatory spacecraft with six elements and more that varies."""
+    scene = spacecraft(6, parametric=True)
+    parameters = [*scene.parameters]
+    bodies: list[Body] = []
+    for body in scene.bodies:
+        k = body.name[-1]
+        if isinstance(body, Beam):
+            parameters += [
+                Parameter(f"E{k}", MODULUS, percent=20, unit="Pa"),
+                Parameter(f"rho{k}", DENSITY, percent=20, unit="kg m^-3"),
+            ]
+            body = body.model_copy(update={"modulus": f"E{k}", "density": f"rho{k}"})
+        elif body.name != "hub":
+            parameters.append(Parameter(f"J{k}", TIP_INERTIA, percent=20, unit="kg m^2"))
+            body = body.model_copy(update={"inertia": Inertia(zz=f"J{k}")})
+        bodies.append(body)
+    return scene.model_copy(
+        update={"name": "large", "bodies": tuple(bodies), "parameters": tuple(parameters)}
     )
 
 

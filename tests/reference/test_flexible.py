@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import Parameter
 from tests.close import (
     ARM_TABLE,
     CHAIN,
@@ -22,10 +21,10 @@ from tests.close import (
 )
 from tests.reference import beams
 from tests.reference import flexible as data
+from tests.reference.superelement import superelement_matrix
 
 PER_LENGTH = data.STRIP["density"] * data.STRIP["thickness"] * data.STRIP["width"]
 BENDING = data.STRIP["modulus"] * data.STRIP["width"] * data.STRIP["thickness"] ** 3 / 12.0
-LENGTH = Parameter("L", 1.0, percent=50, unit="m")
 OMEGA = np.array([3.0, 40.0, 500.0, 6000.0])  # rad/s, between the frequencies of the strip
 
 
@@ -67,12 +66,10 @@ def test_arm_has_the_modes_of_the_table(angle: int) -> None:
 
 
 def test_length_of_a_beam() -> None:
-    scene = data.row("length", [data.strip("beam", "L", 1, "quintic")], [LENGTH], lift=False)
-    found = model(scene)
+    found = counted("length")
     for length, frequency in data.LENGTHS.items():
         hertz = data.frequencies(found, L=length)[0] / (2.0 * np.pi)
         target(hertz / frequency, 1.0, LENGTH_TABLE)
-    # in: angular acceleration of the root, force at the tip; out: acceleration of the tip, root torque
     assert found.order == data.REPETITIONS["length"]
 
 
@@ -87,7 +84,7 @@ def test_frozen_lft_is_the_mesh_at_this_length(
     functions: str, elements: int, mesh: Callable[[float], beams.Mesh]
 ) -> None:
     """100 random lengths: frequencies, and all nine frequency responses of the two ports."""
-    scene = data.row("length", [data.strip("beam", "L", elements, functions)], [LENGTH])
+    scene = data.row("length", [data.strip("beam", "L", elements, functions)], [data.VARIED])
     found = model(scene)
     values = mbdlft.random(found.parameters, 100)
     responses = mbdlft.frequency_response(found, values, OMEGA)
@@ -119,89 +116,10 @@ def test_proved_order_of_the_length() -> None:
     assert mbdlft.exact_lower_bound(superelement_matrix(lift=True)) == {"L": order + 1}
 
 
-def superelement_matrix(*, lift: bool) -> mbdlft.MatrixProblem:
-    """[A B ; C D] of the superelement with unit stiffness and density, in exact fractions of L."""
-    import flint
-
-    def fractions(matrix: np.ndarray) -> "flint.fmpq_mat":
-        rows = [[flint.fmpq(round(x)) for x in row] for row in matrix]
-        return flint.fmpq_mat(rows)
-
-    unit = beams.superelement(1.0, 70.0, 55440.0)
-    M, K = fractions(unit.M), fractions(unit.K)
-    root = [0, 1] if lift else [1]
-    free = [2, 3, 4, 5]
-
-    def part(matrix: "flint.fmpq_mat", rows: list[int], columns: list[int]) -> "flint.fmpq_mat":
-        return flint.fmpq_mat([[matrix[i, j] for j in columns] for i in rows])
-
-    mass, stiff = flint.fmpq(1, 55440), flint.fmpq(1, 70)
-    inverse = (mass * part(M, free, free)).inv()
-    tip = flint.fmpq_mat([[0], [1], [0], [0]])
-    own = inverse * (-stiff * part(K, free, free))  # / L^4
-    by_root = inverse * (-mass * part(M, free, root))  # scaled unknowns: slopes are L times slopes
-    by_force = inverse * tip
-    back = mass * part(M, root, free)
-    held = stiff * part(K, root, free)
-    # powers of L: of unknowns 0; of root rotations 1; of forces -1 (density L); of torques 1 + ...
-    powers = [0, 1] if lift else [1]
-    rows: list[list[str]] = []
-    n = 4
-
-    def text(value: object, power: int) -> str:
-        return "0" if value == 0 else f"({value})*L^({power})" if power else f"({value})"
-
-    for i in range(n):
-        rows.append(["0"] * n + [str(int(i == j)) for j in range(n)] + ["0"] * (len(root) + 1))
-    for i in range(n):
-        rows.append(
-            [text(own[i, j], -4) for j in range(n)]
-            + ["0"] * n
-            + [text(by_root[i, j], powers[j]) for j in range(len(root))]
-            + [text(by_force[i, 0], -1)]
-        )
-    rows.append(list(rows[n + 1]))  # acceleration of the tip
-    reaction, feed = back * own + held, back * by_root + mass * part(M, root, root)
-    pushed = back * by_force
-    for i, power in enumerate(powers):
-        rows.append(
-            [text(reaction[i, j], power - 3) for j in range(n)]
-            + ["0"] * n
-            + [text(feed[i, j], power + 1 + powers[j]) for j in range(len(root))]
-            + [text(pushed[i, 0] - (1 if root[i] == 0 else 0), power)]
-        )
-    names = tuple(f"x{k}" for k in range(2 * n))
-    return mbdlft.matrix_problem(rows, [LENGTH], states=names)
-
-
 @cache
 def counted(name: str) -> mbdlft.LFTModel:
     """Models whose repetitions the source counts."""
-    L, quintic = LENGTH, "quintic"
-    t = Parameter("t", data.STRIP["thickness"], percent=30, unit="m")
-    b = Parameter("b", data.STRIP["width"], percent=30, unit="m")
-    scenes = {
-        "two beams": lambda: data.row(
-            "two", [data.strip("b1", "L", 1, quintic), data.strip("b2", "2 - L", 1, quintic)], [L]
-        ),
-        "three beams": lambda: data.row(
-            "three",
-            [
-                data.strip("b1", "L", 1, quintic),
-                data.strip("b2", 0.2, 1, quintic),
-                data.strip("b3", "1.8 - L", 1, quintic),
-            ],
-            [L],
-        ),
-        "section": lambda: data.row(
-            "section", [data.strip("b1", 1.0, 1, quintic, thickness="t", width="b")], [t, b]
-        ),
-        "section and length": lambda: data.row(
-            "all", [data.strip("b1", "L", 1, quintic, thickness="t", width="b")], [t, b, L]
-        ),
-        "rotatory spacecraft": lambda: data.spacecraft(3, parametric=True),
-    }
-    return model(scenes[name]())
+    return model(data.counted(name))
 
 
 COUNTED = [name for name in data.REPETITIONS if name != "length"]
