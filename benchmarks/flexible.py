@@ -22,6 +22,7 @@ from tests.reference.superelement import superelement_matrix
 
 MARKS = ("<!-- tables begin -->", "<!-- tables end -->")
 _SAMPLES = 100
+_WHOLE = 20  # elements of an appendage; with more, one of the four by symmetry
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,8 @@ def checks() -> list[Check]:
             data.frequencies(model(data.spacecraft(elements)))[:12],
             np.repeat(data.SPACECRAFT[elements], [3, 1, 3, 1, 3, 1]),
         )
-        for elements in (4, 9, 14)
+        for elements in data.SPACECRAFT
+        if elements < _WHOLE
     ]
     arm = [worst(data.frequencies(model(data.arm(a)))[:4], data.ARM[a]) for a in data.ARM]
     length = model(data.counted("length"))

@@ -3,13 +3,18 @@
 from collections.abc import Callable
 from functools import cache
 
+import mpmath
 import numpy as np
 import pytest
 
 import mbdlft
+from benchmarks import assumed_modes
+from mbdlft.certify import _NEGLIGIBLE
+from mbdlft.lft import lft
 from tests.close import (
     ARM_TABLE,
     CHAIN,
+    CLOSED_FORM,
     ELASTIC,
     LENGTH_TABLE,
     MAST_TABLE,
@@ -19,6 +24,7 @@ from tests.close import (
     exact,
     target,
 )
+from tests.laws import elastic as scenes
 from tests.reference import beams
 from tests.reference import flexible as data
 from tests.reference.superelement import superelement_matrix
@@ -57,6 +63,40 @@ def test_imposed_coordinate_beside_stiff_elements() -> None:
     row = [signal.name for signal in found.states].index("pin.rate")
     assert not found.A[row].any()
     assert found.certificate.max_relative_error < STABLE
+
+
+@pytest.mark.parametrize("count", data.ASSUMED)
+def test_assumed_modes_have_those_of_the_table(count: int) -> None:
+    """The rival method of the source, so that the table compares right with right."""
+    target(
+        np.array(assumed_modes.frequencies(count)) / data.ASSUMED[count],
+        np.ones(6),
+        SPACECRAFT_TABLE,
+    )
+
+
+def test_entries_have_the_digits_of_their_terms() -> None:
+    """M^-1 K of finite elements entry by entry against 50 digits, where it falls by many orders."""
+    scene = data.spacecraft(4)
+    M, _, K = scenes.motion(scene)
+    with mpmath.workdps(50):
+        inverse = mpmath.inverse(mpmath.matrix(M.tolist()))
+        solved = -inverse * mpmath.matrix(K.tolist())
+        expected = np.array([[float(solved[i, j]) for j in range(len(K))] for i in range(len(K))])
+    n = len(K)
+    found = model(scene).A[n:, :n]
+    size = np.abs(expected)
+    clear = size > _NEGLIGIBLE * np.max(size, axis=1, keepdims=True)
+    assert np.min(size[clear]) < STABLE * np.max(size)
+    target(found[clear] / expected[clear], np.ones(int(clear.sum())), CLOSED_FORM)
+
+
+def test_digits_need_the_refinement(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        lft, "solve_nominal", lambda matrix, right, what: np.linalg.solve(matrix, right)
+    )
+    with pytest.raises(AssertionError):
+        test_entries_have_the_digits_of_their_terms()
 
 
 @pytest.mark.parametrize("angle", data.ARM)

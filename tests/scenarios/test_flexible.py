@@ -8,6 +8,7 @@ import pytest
 from scipy.linalg import eigh
 
 import mbdlft
+from benchmarks import flexible as benchmark
 from tests.close import ARM_TABLE, CLOSED_FORM, MAST_TABLE, SAME_MESH, STABLE, target
 from tests.reference import beams
 from tests.reference import flexible as data
@@ -114,3 +115,16 @@ def test_launcher_is_trimmed_and_bends() -> None:
     bending = np.argmin(np.where(poles.imag > 8.0, poles.imag, np.inf))
     aft, nose = (model.C_y[k] @ modes[:, bending] for k in (1, 2))
     assert (aft / nose).real < -0.2  # a node between them
+
+
+def test_benchmark_at_its_smallest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(data, "SPACECRAFT", {4: data.SPACECRAFT[4]})
+    monkeypatch.setattr(data, "ASSUMED", {5: data.ASSUMED[5]})
+    monkeypatch.setattr(data, "large", lambda: data.spacecraft(2, parametric=True))
+    monkeypatch.setattr(data, "REPETITIONS", {"length": 19, "section": 71})
+    text = benchmark.tables(search=0.0)
+    assert "| length | 12 | 19 | 19 | 19 (exact) |" in text
+    assert "34 states and 8 parameters" in text
+    monkeypatch.setattr(data, "ASSUMED", {5: data.SPACECRAFT[4]})
+    with pytest.raises(AssertionError):
+        benchmark.tables(search=0.0)
