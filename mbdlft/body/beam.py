@@ -29,6 +29,7 @@ from mbdlft.body.rigid import newton_euler
 from mbdlft.description import Expected, Quantity, Text, Values
 from mbdlft.errors import SceneError, unknown_name
 from mbdlft.signal import Freedom, Signal
+from mbdlft.spatial import Coordinate
 
 DEFORMATIONS = ("axial", "torsion", "bending_y", "bending_z")
 SHAPES = ("cubic", "quintic")
@@ -190,6 +191,12 @@ class Beam(ElasticBody):
         given = {"mass_damping": self.mass_damping, "stiffness_damping": self.stiffness_damping}
         damped = any(value != 0.0 for value in given.values())
         return Elastic(mass, damping if damped else [], stiffness, participation)
+
+    def efforts(self, motion: ca.SX, values: Values, at: Coordinate) -> ca.SX:
+        """As of any elastic body, with M (qddot + a qdot) + K (q + b qdot): M and K are met once."""
+        q = at.q + values["stiffness_damping"] * at.v
+        a = at.a + values["mass_damping"] * at.v
+        return ca.SX(super().efforts(motion, values, Coordinate(q, ca.SX(*at.v.shape), a)))
 
     def _stiffness(
         self, name: str, numbers: Field1D, n: int, part: slice, values: Values
