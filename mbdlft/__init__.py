@@ -68,10 +68,13 @@ if TYPE_CHECKING:
     from mbdlft.matrix import matrix_to_toml as matrix_to_toml
     from mbdlft.realization import realize as realize
     from mbdlft.scene import Constant as Constant
+    from mbdlft.scene import ImportReport as ImportReport
+    from mbdlft.scene import JointLimit as JointLimit
     from mbdlft.scene import Scene as Scene
     from mbdlft.scene import Spin as Spin
     from mbdlft.scene import assemble as assemble
     from mbdlft.scene import load_scene as load_scene
+    from mbdlft.scene import load_urdf as load_urdf
     from mbdlft.scene import scene_from_toml as scene_from_toml
     from mbdlft.scene import scene_to_toml as scene_to_toml
     from mbdlft.sensor import Acceleration as Acceleration
@@ -121,10 +124,13 @@ _ON_FIRST_USE = {
     "matrix_to_toml": "mbdlft.matrix",
     "realize": "mbdlft.realization",
     "Constant": "mbdlft.scene",
+    "ImportReport": "mbdlft.scene",
+    "JointLimit": "mbdlft.scene",
     "Scene": "mbdlft.scene",
     "Spin": "mbdlft.scene",
     "assemble": "mbdlft.scene",
     "load_scene": "mbdlft.scene",
+    "load_urdf": "mbdlft.scene",
     "scene_from_toml": "mbdlft.scene",
     "scene_to_toml": "mbdlft.scene",
     "Acceleration": "mbdlft.sensor",

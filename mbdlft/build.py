@@ -130,7 +130,8 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
                 [reduced],
                 bound,
                 search,
-                lambda found, stop: joint_bound(close(found), bound, stop),
+                lambda found, stop: joint_bound(found, bound, stop),
+                close,
             )
             lft = min(lft, close(smaller), key=lambda candidate: candidate.order)
     with clock.stage("check"):

@@ -1,4 +1,4 @@
-"""The command line: check, trim, linearize, realize, show."""
+"""The command line: import, check, trim, linearize, realize, show."""
 
 import json
 import sys
@@ -14,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mbdlft import __version__
+from mbdlft.cli_urdf import import_robot
 from mbdlft.errors import MbdlftError, SceneError
 from mbdlft.lft.model import LFTModel
 
@@ -40,6 +41,7 @@ Search = Annotated[
 ]
 SceneFile = Annotated[Path, typer.Argument(help="Scene, a TOML file.")]
 SEARCH_SECONDS = 2.0  # as mbdlft.build.SEARCH, which is slow to import
+app.command("import")(import_robot)
 _WIDTH = 110  # of tables that go into a file or a pipe
 
 

@@ -7,3 +7,6 @@ from mbdlft.scene.scene import Spin as Spin
 from mbdlft.scene.toml import load_scene as load_scene
 from mbdlft.scene.toml import scene_from_toml as scene_from_toml
 from mbdlft.scene.toml import scene_to_toml as scene_to_toml
+from mbdlft.scene.urdf import ImportReport as ImportReport
+from mbdlft.scene.urdf import JointLimit as JointLimit
+from mbdlft.scene.urdf import load_urdf as load_urdf

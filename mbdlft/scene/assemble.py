@@ -1,6 +1,6 @@
 """From a scene to its equations: the recursive Newton-Euler residual of the tree."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -28,6 +28,7 @@ from mbdlft.spatial import Coordinate, exact_cosine_sine
 from mbdlft.unit import parse_unit
 
 _SEEN = 1e-13  # a sensitivity of the equations of order one below which an entry is not seen
+_APART = 1e-9  # of the reach of its ports: a spring that is shorter has no direction
 _POINTS = 16  # random points at which loops are checked, beside nominal
 GROUND_ACCELERATION = tuple(f"ground.acceleration.{axis}" for axis in AXES)
 
@@ -85,6 +86,7 @@ def assemble(scene: Scene) -> Equations:
     view = View(links, all_bodies(scene), values, symbols.coordinates(links), gravity)
     elastic = view.elastic = ca.SX.sym("elastic")
     closure = close_loops(scene, view, symbols.evaluate)
+    _check_springs(scene, view, symbols.evaluate)
 
     listed = _efforts(scene, links, values, view, closure)
     u = ca.SX.sym("u", len(listed))
@@ -264,6 +266,23 @@ def _efforts(
     ]
 
 
+def _check_springs(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]) -> None:
+    """The ports of springs are apart at nominal and at other points of the range."""
+    for load in scene.loads:
+        if not isinstance(load, Spring):
+            continue
+        view.owner = owner_name(load)
+        gaps = evaluate(view.between_at_rest(load.parent, load.child))
+        arms = [view.between_at_rest("ground", port) for port in (load.parent, load.child)]
+        reach = max(float(np.max(np.abs(value))) for arm in arms for value in evaluate(arm))
+        apart = [float(np.linalg.norm(gap)) for gap in gaps]
+        if min(apart) <= _APART * reach:
+            raise SceneError(
+                f"{view.owner}: its ports are at one point, so it has no direction. Move one of the "
+                f"ports {load.parent!r} and {load.child!r}, or the equilibrium."
+            )
+
+
 def _force_density(spring: Spring, own: Values, view: View) -> Any:
     """Tension over length at equilibrium of a spring with a rest length."""
     view.owner = owner_name(spring)
@@ -276,8 +295,6 @@ def _force_density(spring: Spring, own: Values, view: View) -> Any:
             "the length as force_density (N/m), or leave both out and let the trim solve for it."
         )
     length = float(ca.DM(ca.sqrt(length2)))
-    if length == 0.0:
-        raise SceneError(f"{view.owner}: its ports are at one point, so it has no direction.")
     return own["stiffness"] * (1.0 - own["rest_length"] / length)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.body import Body
-from mbdlft.description import ANY_UNIT, Expected
+from mbdlft.description import ANY_UNIT, AXES, Expected
 from mbdlft.errors import NotRationalError, SceneError, WellPosednessError
 from mbdlft.expression import denominators, evaluate, names, write
 from mbdlft.joint import Joint
@@ -27,6 +27,7 @@ from mbdlft.scene.scene import Constant, Scene
 from mbdlft.unit import dimension_name, parse_unit
 
 _RANDOM, _CORNERS = 64, 4096
+_ROUNDING = 1e-12
 
 
 def check(scene: Scene) -> None:
@@ -35,7 +36,8 @@ def check(scene: Scene) -> None:
     Raises
     ------
     SceneError
-        A name is unknown, a unit does not fit, or a mass or inertia is not physical.
+        A name is unknown, a unit does not fit, or a mass or inertia is not physical, or
+        gravity is not steady in the spinning frame.
     NotRationalError
         A quantity is not rational in the parameters.
     WellPosednessError
@@ -46,6 +48,7 @@ def check(scene: Scene) -> None:
         owner: _check_quantities(scene, owner, quantities, dimensions)
         for owner, quantities in owners(scene)
     }
+    _check_steady(scene, sampled[f"scene {scene.name!r}"])
     items: list[Body | Joint] = [*scene.bodies, *scene.joints]
     for item in items:
         problem = item.physical_problem(sampled[owner_name(item)])
@@ -73,6 +76,21 @@ def _check_quantities(
             raise SceneError(f"{place} = {expected.source!r}: is not finite in the range.")
         found[label] = values
     return found
+
+
+def _check_steady(scene: Scene, values: Mapping[str, NDArray[np.float64]]) -> None:
+    """Gravity is steady in the frame of the scene: along the axis of its spin, or zero."""
+    if scene.spin is None or not np.any(values["spin.rate"]):
+        return
+    axis = np.asarray(scene.spin.axis) / np.linalg.norm(scene.spin.axis)
+    gravity = np.stack([values[f"gravity.{a}"] for a in AXES], axis=1)
+    across = float(np.max(np.linalg.norm(np.cross(axis, gravity), axis=1)))
+    if across > _ROUNDING * float(np.max(np.abs(gravity))):
+        raise SceneError(
+            f"scene {scene.name!r}: gravity has {across:.4g} m/s^2 across the axis of the spin "
+            f"{list(scene.spin.axis)}. It would turn in the spinning frame of the scene, which has no "
+            "steady equilibrium then. Expected gravity along the axis, or zero."
+        )
 
 
 def _sampled(place: Place, expected: Expected, samples: Mapping[str, Any]) -> NDArray[np.float64]:

@@ -62,7 +62,11 @@ def rail(name: str, parent: str, child: str) -> Prismatic:
         (
             lambda: Inertia(xw=1.0),
             "inertia: unknown key 'xw'. Did you mean 'xz'? "
-            "Existing: about, xx, xy, xz, yy, yz, zz.",
+            "Existing: about, unchecked, xx, xy, xz, yy, yz, zz.",
+        ),
+        (
+            lambda: Inertia(unchecked="perhaps"),
+            "inertia: unchecked: expected true or false, got 'perhaps'.",
         ),
         (
             lambda: Inertia(xx=[1]),
