@@ -119,7 +119,7 @@ def reference_matrices(
     unknown, known = split(e, inputs)
     n, nk = unknown.numel(), known.numel()
     try:
-        solved = -np.linalg.solve(jacobian[:, :n, :n], jacobian[:, :n, n : n + nk])
+        solved = _solved(jacobian[:, :n, :n], -jacobian[:, :n, n : n + nk])
     except np.linalg.LinAlgError:
         raise WellPosednessError(
             f"scene {e.name!r}: the mass matrix is singular at a point of the parameter range. Keep "
@@ -139,6 +139,30 @@ def reference_matrices(
     read_states = solved[:, : len(e.states)]
     trimmed = efforts[:, list(e.unknown)]
     return np.concatenate([read_states, read], axis=1), trimmed, sizes, float(np.max(floor))
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    """matrix^-1 right (N, n, k), refined once; unknowns that one equation gives alone are taken from it.
+
+    The acceleration of an imposed coordinate is exactly its input, whatever stiffness is beside it.
+    """
+    pattern = np.any(matrix != 0.0, axis=0)
+    rows = np.flatnonzero(pattern.sum(axis=1) == 1)
+    alone = pattern[rows].argmax(axis=1)
+    pivots = matrix[:, rows, alone]
+    if len(set(alone)) < len(rows) or not np.all(pivots):
+        raise np.linalg.LinAlgError("singular")
+    given = right[:, rows] / pivots[:, :, None]
+    others = np.setdiff1d(np.arange(matrix.shape[1]), rows)
+    coupled = np.setdiff1d(np.arange(matrix.shape[1]), alone)
+    rest = right[:, others] - matrix[:, others[:, None], alone] @ given
+    own = matrix[:, others[:, None], coupled]
+    inverse = np.linalg.inv(own)
+    first = inverse @ rest
+    found = np.zeros_like(right)
+    found[:, alone] = given
+    found[:, coupled] = first + inverse @ (rest - own @ first)
+    return found
 
 
 def _at_trim(
@@ -179,8 +203,11 @@ def entry_sizes(
     terms = term_sizes(tape, known_points).reshape(jacobian.shape)
     unknown, known = split(e, inputs)
     n, nk = unknown.numel(), known.numel()
-    inverse = np.abs(np.linalg.inv(jacobian[:, :n, :n]))
-    solved = inverse @ terms[:, :n, n : n + nk]
+    matrix, right = jacobian[:, :n, :n], terms[:, :n, n : n + nk]
+    # rounding of the matrix itself counts too: a chain of beams adds far masses to small ones
+    first = np.abs(_solved(matrix, jacobian[:, :n, n : n + nk]))
+    inverse = np.abs(np.linalg.inv(matrix))
+    solved = inverse @ (right + terms[:, :n, :n] @ first)
     # pivots mix the rows: one that is exactly zero gets the rounding of the largest in the column
     mixed = _MIXED * np.max(solved, axis=(0, 1), initial=0.0)
     read = terms[:, n:, n : n + nk] + terms[:, n:, :n] @ solved

@@ -16,6 +16,17 @@ PINOCCHIO = 1e-9
 MUJOCO = 1e-5  # by finite differences
 MECHANISM = 1e-9
 CROSS = 1e-9  # against another tool
+# entries of M^-1 K of finite elements fall by many orders from the diagonal, and so do their digits
+ELASTIC = 1e-5
+
+# results of the literature on elastic systems
+SPACECRAFT_TABLE = 2e-5
+ARM_TABLE = 1e-4
+LENGTH_TABLE = 1e-3
+MAST_TABLE = 3e-3
+SAME_MESH = 1e-8
+CHAIN = 1e-7
+STABLE = 1e-6  # of the largest frequency: real parts of undamped poles that are rounding
 
 # how much a guaranteed bound may be above a largest value that is known
 BOUND = 0.02
