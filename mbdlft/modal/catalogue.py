@@ -51,7 +51,10 @@ def load_body(path: str | Path, name: str | None = None, **choices: Any) -> Body
         if choices:
             key = next(iter(choices))
             raise SceneError(f"{file}: {key!r} cannot be chosen: the body has no matrices.")
-        return read_body(called, table["body"])
+        try:
+            return read_body(called, table["body"])
+        except MbdlftError as error:
+            raise type(error)(f"{file}: {error}") from None
     options = _options(file, table, choices)
     kept = {key: options[key] for key in ("damping", "prestress") if key in options}
     return modal_body(called, reduced_body(file, **choices), **kept)
@@ -71,10 +74,9 @@ def reduced_body(path: str | Path, **choices: Any) -> ModalModel:
     options = _options(file, table, choices)
     reduction = {key: options[key] for key in (*LIMITS, "method") if key in options}
     try:
-        ports = {port: _interface(given) for port, given in table["ports"].items()}
-        return modal_model(
-            *_matrices(file.parent, table), _interface(table["parent"]), ports, **reduction
-        )
+        parent = _interface("parent", table["parent"])
+        ports = {port: _interface(f"ports.{port}", at) for port, at in table["ports"].items()}
+        return modal_model(*_matrices(file.parent, table), parent, ports, **reduction)
     except MbdlftError as error:
         raise type(error)(f"{file}: {error}") from None
 
@@ -130,11 +132,11 @@ def _matrices(folder: Path, table: Mapping[str, Any]) -> FiniteElements:
     return elements
 
 
-def _interface(given: Any) -> Any:
+def _interface(what: str, given: Any) -> Any:
     """A node, several, or a table with nodes and point."""
     if not isinstance(given, dict):
         return given
     if set(given) - {"nodes", "point"} or "nodes" not in given:
-        raise StructureError(f"expected nodes and, if need be, a point, got {given!r}.")
+        raise StructureError(f"{what}: expected nodes and, if need be, a point, got {given!r}.")
     point = given.get("point")
     return Interface(given["nodes"], tuple(point) if isinstance(point, list) else point)

@@ -95,9 +95,9 @@ def modal_model(
     limit = Limit(modes, frequency, effective_mass)
     structure = _structure(mass_matrix, stiffness_matrix, nodes, parent, ports)
     at = structure.at
+    first = _first_frequency(structure, nodes)
     bodily = at.rigid.T @ (structure.mass @ at.rigid)
     rigid = rigid_properties(nodes, at, bodily)
-    first = _first_frequency(structure, nodes)
     grounding = _grounding(structure, bodily, first)
     kept, reduced = chosen(candidates(structure, method, nodes), limit, np.diag(bodily))
     w, coupling, ports_move = _modal(reduced)
