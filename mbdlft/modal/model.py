@@ -13,7 +13,7 @@ from mbdlft.modal.eigen import MASSLESS
 from mbdlft.modal.matrices import checked
 from mbdlft.modal.nodes import DIRECTIONS, Array, Nodes
 from mbdlft.modal.partition import partition
-from mbdlft.modal.reduction import Reduced, Structure, candidates, free_modes
+from mbdlft.modal.reduction import Candidates, Reduced, Structure, candidates
 from mbdlft.modal.rigid import Rigid, rigid_properties
 from mbdlft.modal.select import Limit, chosen
 
@@ -95,20 +95,26 @@ def modal_model(
     limit = Limit(modes, frequency, effective_mass)
     structure = _structure(mass_matrix, stiffness_matrix, nodes, parent, ports)
     at = structure.at
-    first = _first_frequency(structure, nodes)
+    held = candidates(structure, "effective-mass", nodes)
+    first = _first_frequency(held)
     bodily = at.rigid.T @ (structure.mass @ at.rigid)
     rigid = rigid_properties(nodes, at, bodily)
     grounding = _grounding(structure, bodily, first)
-    kept, reduced = chosen(candidates(structure, method, nodes), limit, np.diag(bodily))
+    found = held if method == "effective-mass" else candidates(structure, method, nodes)
+    kept, reduced = chosen(found, limit, np.diag(bodily))
     w, coupling, ports_move = _modal(reduced)
     size = np.sqrt(np.maximum(np.diag(bodily), 0.0))[:, None]
     coupling[np.abs(coupling) <= _NOTHING * size] = 0.0
     participation = np.zeros((6, len(w)))
     participation[list(at.directions)] = coupling
+    # rotations times the size of the structure are comparable with displacements
+    reach = np.max(np.linalg.norm(np.asarray(nodes.coordinates) - at.origin, axis=1))
+    extent = np.where(np.array(at.directions) < 3, 1.0, reach if reach > 0.0 else 1.0)
     shapes = {}
     for name, place in at.ports.items():
         moved = ports_move[place.start - at.interior : place.stop - at.interior]
-        moved[np.abs(moved) <= _NOTHING * np.max(np.abs(moved), axis=1, keepdims=True)] = 0.0
+        scaled = np.abs(moved) * extent[:, None]
+        moved[scaled <= _NOTHING * np.max(scaled)] = 0.0
         shapes[name] = np.zeros((6, len(w)))
         shapes[name][list(at.directions)] = moved
     return ModalModel(
@@ -137,9 +143,9 @@ def _structure(
     return Structure(mass, stiffness, at)
 
 
-def _first_frequency(structure: Structure, nodes: Nodes) -> float:
+def _first_frequency(held: Candidates) -> float:
     """The lowest frequency (rad/s) of the structure held at its parent, ports free."""
-    found = free_modes(structure, nodes, 1).frequencies
+    found = held.modes(1).frequencies
     if not len(found):
         raise StructureError("mass matrix: nothing that can move has mass; no frequency is finite.")
     first = float(found[0])

@@ -52,31 +52,30 @@ def candidates(structure: Structure, method: str, nodes: Nodes) -> Candidates:
     """The modes of a method and how they are used."""
     at, n = structure.at, structure.at.interior
     if method == "effective-mass":
-        return Candidates(
-            lambda count: free_modes(structure, nodes, count),
-            lambda modes: effective_mass(structure, modes),
-        )
-    solver = Solver(structure.stiffness[:n, :n], _names(structure, nodes))
-    inner = (structure.mass[:n, :n], solver, structure.stiffness[:n, :n])
-    beside = structure.stiffness[:n, n:].toarray()
-    constraint = -solver(beside)
-    e = at.free - n
+        modes, _ = _computed(structure, nodes, at.free)
+        return Candidates(modes, lambda modes: effective_mass(structure, modes))
+    modes, solver = _computed(structure, nodes, n)
+    constraint = -solver(structure.stiffness[:n, n:].toarray())
     if method == "hurty":
-        return Candidates(
-            lambda count: lowest_modes(*inner, count),
-            lambda modes: hurty(structure, modes, constraint[:, :e]),
-        )
-    return Candidates(
-        lambda count: lowest_modes(*inner, count),
-        lambda modes: craig_bampton(structure, modes, constraint),
-    )
+        ports = constraint[:, : at.free - n]
+        return Candidates(modes, lambda modes: hurty(structure, modes, ports))
+    return Candidates(modes, lambda modes: craig_bampton(structure, modes, constraint))
 
 
-def free_modes(structure: Structure, nodes: Nodes, count: int) -> Modes:
-    """Modes of the structure held at its parent, ports free."""
-    f = structure.at.free
-    solver = Solver(structure.stiffness[:f, :f], _names(structure, nodes))
-    return lowest_modes(structure.mass[:f, :f], solver, structure.stiffness[:f, :f], count)
+def _computed(
+    structure: Structure, nodes: Nodes, rows: int
+) -> tuple[Callable[[int], Modes], Solver]:
+    """Modes of the first `rows` coordinates with the others fixed; those of the last call are kept."""
+    mass, stiffness = (matrix[:rows, :rows] for matrix in structure[:2])
+    solver = Solver(stiffness, _names(structure, nodes))
+    last: list[Modes] = []
+
+    def modes(count: int) -> Modes:
+        if not last or not (last[-1].complete or len(last[-1]) >= count):
+            last.append(lowest_modes(mass, solver, stiffness, count))
+        return last[-1]
+
+    return modes, solver
 
 
 def hurty(structure: Structure, modes: Modes, constraint: Array) -> Reduced:
