@@ -79,6 +79,7 @@ if TYPE_CHECKING:
     from mbdlft.modal import load_nastran as load_nastran
     from mbdlft.modal import modal_body as modal_body
     from mbdlft.modal import modal_model as modal_model
+    from mbdlft.modal import model_of_results as model_of_results
     from mbdlft.modal import save_matrices as save_matrices
     from mbdlft.modal import to_si as to_si
     from mbdlft.realization import realize as realize
@@ -148,6 +149,7 @@ _ON_FIRST_USE = {
     "effective_masses": "mbdlft.modal",
     "modal_body": "mbdlft.modal",
     "modal_model": "mbdlft.modal",
+    "model_of_results": "mbdlft.modal",
     "to_si": "mbdlft.modal",
     "realize": "mbdlft.realization",
     "Constant": "mbdlft.scene",

@@ -15,3 +15,4 @@ from mbdlft.modal.nodes import Nodes as Nodes
 from mbdlft.modal.nodes import every_dof as every_dof
 from mbdlft.modal.report import EffectiveMasses as EffectiveMasses
 from mbdlft.modal.report import effective_masses as effective_masses
+from mbdlft.modal.results import model_of_results as model_of_results

@@ -324,6 +324,45 @@ def test_participation_that_exceeds_the_rigid_mass() -> None:
         mbdlft.assemble(mbdlft.Scene(name="s", bodies=[hub, body], joints=joints))
 
 
+def results(**changes: Any) -> Any:
+    """A slender arm with one mode."""
+    given = {
+        "frequencies": [3.0], "reactions": 9.0 * np.array([[0, 0, 1.2, 0, -1.0, 0]]).T,
+        "shapes": {"tip": np.ones((6, 1))}, "ports": {"tip": (1, 0, 0)}, "mass": 3.0,
+        "center": (0.5, 0, 0), "inertia": np.diag([0.1, 1.5, 1.5]), **changes,
+    }  # fmt: skip
+    w, reactions, shapes, ports = (
+        given.pop(k) for k in ("frequencies", "reactions", "shapes", "ports")
+    )
+    return mbdlft.model_of_results(w, reactions, shapes, ports, **given)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"frequencies": []}, "frequencies: expected some between"),
+        ({"frequencies": [0.0]}, "in rad/s (not Hz, not squares), got [0.0]."),
+        ({"frequencies": [[1.0]]}, "frequencies: expected finite numbers of shape (1,), got the"),
+        ({"reactions": np.ones((3, 1))}, "reactions: expected finite numbers of shape (6, 1), got"),
+        ({"reactions": "x"}, "reactions: expected numbers of shape (6, 1)."),
+        ({"shapes": {}}, "port 'tip' has no mode shapes in `shapes`."),
+        ({"ports": {}}, "port 'tip' has no position in `ports`."),
+        ({"shapes": {"tip": np.ones((6, 2))}}, "shapes of 'tip': expected finite numbers of shape"),
+        ({"modal_masses": [-1.0]}, "modal_masses: expected positive masses, got -1."),
+        ({"inertia": [[1, 1, 0], [0, 1, 0], [0, 0, 1]]}, "inertia: expected a symmetric matrix."),
+        (
+            {"mass": 1.0},
+            "reactions: the participation factors exceed the rigid mass",
+        ),
+        ({"modal_masses": [0.1]}, "reactions: the participation factors exceed the rigid mass"),
+    ],
+)
+def test_results_of_a_modal_analysis(changes: dict[str, Any], message: str) -> None:
+    assert len(results().frequencies) == 1
+    with says(StructureError, message):
+        results(**changes)
+
+
 def test_files_of_matrices(tmp_path: Path) -> None:
     with says(StructureError, "x.mat: expected a name that ends in .npz, .h5, .hdf5 or .mass.mtx."):
         load_matrices(tmp_path / "x.mat")

@@ -273,6 +273,41 @@ def test_a_wrong_point_of_reference_makes_the_residual_mass_negative() -> None:
     assert np.linalg.eigvalsh(residual)[0] < 0.0
 
 
+def results_give_the_same_model() -> None:
+    """Frequencies, reactions and shapes that an analysis prints, with modes of any mass."""
+    fe = tee(COUNT)
+    M, K, nodes = fe
+    held = rows(nodes, PARENT)
+    free = np.setdiff1d(np.arange(len(M)), held)
+    w2, modes = scipy.linalg.eigh(K[np.ix_(free, free)], M[np.ix_(free, free)])
+    phi = np.zeros((len(M), 8))
+    phi[free] = modes[:, :8] * np.arange(1.0, 9.0)
+    # the load on the support: what the constraint has to put on the structure, with the other sign
+    reactions = -(K @ phi - M @ phi * w2[:8])[held]
+    expected = modal_model(*fe, PARENT, PORTS, method="effective-mass", modes=8)
+    found = mbdlft.model_of_results(
+        np.sqrt(w2[:8]),
+        reactions,
+        {port: phi[rows(nodes, number)] for port, number in PORTS.items()},
+        expected.ports,
+        mass=expected.rigid.mass,
+        center=expected.rigid.center,
+        inertia=expected.rigid.inertia,
+        modal_masses=np.arange(1.0, 9.0) ** 2,
+    )
+    s = (0.1 + 1.7j) * float(expected.frequencies[0])
+    roundoff(transfer(found, s), transfer(expected, s), conditioned(fe))
+
+
+def test_results_give_the_same_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    results_give_the_same_model()
+    given = mbdlft.model_of_results
+    monkeypatch.setattr(
+        mbdlft, "model_of_results", lambda w, r, *a, **k: given(w, -r, *a, **k), raising=False
+    )
+    breaks(results_give_the_same_model)
+
+
 # --- how many modes --------------------------------------------------------------------------------
 
 
