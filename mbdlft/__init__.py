@@ -71,6 +71,22 @@ if TYPE_CHECKING:
     from mbdlft.matrix import matrix_from_toml as matrix_from_toml
     from mbdlft.matrix import matrix_problem as matrix_problem
     from mbdlft.matrix import matrix_to_toml as matrix_to_toml
+    from mbdlft.modal import EffectiveMasses as EffectiveMasses
+    from mbdlft.modal import FiniteElements as FiniteElements
+    from mbdlft.modal import Interface as Interface
+    from mbdlft.modal import ModalModel as ModalModel
+    from mbdlft.modal import Nodes as Nodes
+    from mbdlft.modal import effective_masses as effective_masses
+    from mbdlft.modal import every_dof as every_dof
+    from mbdlft.modal import flexible_body as flexible_body
+    from mbdlft.modal import load_body as load_body
+    from mbdlft.modal import load_matrices as load_matrices
+    from mbdlft.modal import load_nastran as load_nastran
+    from mbdlft.modal import modal_body as modal_body
+    from mbdlft.modal import modal_model as modal_model
+    from mbdlft.modal import model_of_results as model_of_results
+    from mbdlft.modal import save_matrices as save_matrices
+    from mbdlft.modal import to_si as to_si
     from mbdlft.realization import realize as realize
     from mbdlft.scene import Constant as Constant
     from mbdlft.scene import Fit as Fit
@@ -133,6 +149,22 @@ _ON_FIRST_USE = {
     "matrix_from_toml": "mbdlft.matrix",
     "matrix_problem": "mbdlft.matrix",
     "matrix_to_toml": "mbdlft.matrix",
+    "FiniteElements": "mbdlft.modal",
+    "Interface": "mbdlft.modal",
+    "ModalModel": "mbdlft.modal",
+    "Nodes": "mbdlft.modal",
+    "every_dof": "mbdlft.modal",
+    "flexible_body": "mbdlft.modal",
+    "load_nastran": "mbdlft.modal",
+    "load_body": "mbdlft.modal",
+    "load_matrices": "mbdlft.modal",
+    "save_matrices": "mbdlft.modal",
+    "EffectiveMasses": "mbdlft.modal",
+    "effective_masses": "mbdlft.modal",
+    "modal_body": "mbdlft.modal",
+    "modal_model": "mbdlft.modal",
+    "model_of_results": "mbdlft.modal",
+    "to_si": "mbdlft.modal",
     "realize": "mbdlft.realization",
     "Constant": "mbdlft.scene",
     "ImportReport": "mbdlft.scene",

@@ -6,12 +6,12 @@ import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import tomli_w
 
 from mbdlft.body import KINDS as BODIES
-from mbdlft.body import Inertia, Mode
+from mbdlft.body import Body, Inertia, Mode
 from mbdlft.errors import MbdlftError, SceneError, unknown_name
 from mbdlft.force import KINDS as LOADS
 from mbdlft.joint import KINDS as JOINTS
@@ -103,6 +103,22 @@ def scene_to_toml(scene: Scene) -> str:
     if linearize:
         table["linearize"] = linearize
     return tomli_w.dumps(table)
+
+
+def body_to_toml(body: Body) -> str:
+    """TOML text of one body, the table `bodies.NAME` to be pasted into a scene file.
+
+    Parameters
+    ----------
+    body : Body
+    """
+    return tomli_w.dumps({"bodies": {body.name: _kind_table(body)}})
+
+
+def read_body(name: str, table: Mapping[str, Any]) -> Body:
+    """Body of the entries of a table `bodies.NAME`."""
+    (body,) = _kinds("body", "bodies", {"bodies": {name: dict(table)}}, BODIES)
+    return cast(Body, body)
 
 
 def read_file(path: str | Path, read: Callable[[str], T]) -> T:

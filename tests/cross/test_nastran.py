@@ -1,0 +1,132 @@
+"""NASTRAN: a superelement of NX NASTRAN against what that program printed, and files of pyYeti's writer.
+
+The superelement (`inboard`, 4 boundary nodes in two coordinate systems, 8 component modes) comes with
+pyYeti, BSD license, pyyeti/tests/nas2cam_extseout; the numbers are those of its output file: the weight
+check of the g-set about the origin of the basic system, and the eigenvalues with the boundary fixed.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import pyyeti
+import scipy.sparse as sp
+from pyyeti.nastran import bulk, op4
+
+import mbdlft
+from mbdlft import FiniteElements, Interface, load_nastran, modal_model, to_si
+from mbdlft.modal.nodes import transport
+from mbdlft.modal.rigid import mass_matrix
+from tests.close import exact, published, roundoff
+from tests.reference.frames import tee
+
+INBOARD = Path(pyyeti.__file__).parent / "tests" / "nas2cam_extseout" / "inboard.op4"
+EIGENVALUES = (
+    "1.483160e3", "1.483542e3", "2.204734e4", "1.960809e5", "1.978078e5", "4.324796e5", "1.395851e6",
+    "1.717815e6",
+)  # fmt: skip
+WEIGHT = {
+    (0, 0): "1.755052e0",
+    (0, 4): "2.632578e2",
+    (1, 5): "1.825251e3",
+    (3, 3): "1.148825e5",
+    (3, 4): "-2.737877e5",
+    (4, 4): "2.305948e6",
+    (4, 5): "-3.937911e4",
+}
+
+
+def inboard() -> FiniteElements:
+    return load_nastran(INBOARD, INBOARD.with_suffix(".pch"), mass="MXX", stiffness="KXX")
+
+
+def test_superelement_has_the_frequencies_that_nastran_printed() -> None:
+    model = modal_model(*inboard(), (3, 11, 19, 27), {}, method="effective-mass", modes=8)
+    for found, printed in zip(model.frequencies**2, EIGENVALUES, strict=True):
+        published(float(found), printed)
+
+
+def test_superelement_has_the_rigid_mass_that_nastran_printed() -> None:
+    model = modal_model(*inboard(), Interface((3, 11, 19), (0.0, 0.0, 0.0)), {"p": 27}, modes=4)
+    found = mass_matrix(model.rigid)
+    for (i, j), printed in WEIGHT.items():
+        published(float(found[i, j]), printed)
+
+
+def test_units_are_converted() -> None:
+    """Frequencies do not change, masses are in kg and lengths in m."""
+    data = inboard()
+    in_files = modal_model(*data, 3, {"p": 19}, modes=8)
+    in_si = modal_model(*to_si(data, "mm", "t"), 3, {"p": 19}, modes=8)
+    roundoff(in_si.frequencies, in_files.frequencies, kappa=1e6)
+    roundoff(in_si.rigid.mass, 1e3 * in_files.rigid.mass)
+    roundoff(in_si.rigid.center, 1e-3 * in_files.rigid.center)
+    roundoff(in_si.ports["p"], 1e-3 * in_files.ports["p"])
+
+
+def grid_cards(fe: FiniteElements, system: int = 0) -> str:
+    cards = ["CORD2R,5,0,1.,2.,3.,1.,3.,3.\n,1.,2.,4."] if system else []
+    nodes = fe.nodes
+    for number, (x, y, z) in zip(
+        np.asarray(nodes.numbers), np.asarray(nodes.coordinates), strict=True
+    ):
+        cards.append(f"GRID,{number},,{x:.6f},{y:.6f},{z:.6f},{system or ''}")
+    return "\n".join(cards) + "\n"
+
+
+@pytest.mark.parametrize("form", ["binary", "text", "bigmat"])
+def test_op4_files_of_another_writer(tmp_path: Path, form: str) -> None:
+    fe = tee(2)
+    path, table = tmp_path / "tee.op4", tmp_path / "tee.bdf"
+    table.write_text(grid_cards(fe))
+    op4.write(
+        str(path), {"mgg": fe.mass_matrix, "kgg": fe.stiffness_matrix},
+        binary=form != "text", sparse="bigmat" if form == "bigmat" else "dense",
+    )  # fmt: skip
+    found = load_nastran(path, table, mass="MGG", stiffness="KGG")
+    exact(found.nodes.dof, fe.nodes.dof)
+    roundoff(found.mass_matrix.toarray(), fe.mass_matrix)
+    roundoff(found.stiffness_matrix.toarray(), fe.stiffness_matrix)
+
+
+def test_dmig_cards_and_axes_of_nodes(tmp_path: Path) -> None:
+    """Matrices in a turned coordinate system of the nodes."""
+    fe = tee(2)
+    # columns are the axes of system 5: z along the basic y, x along the basic z
+    axes = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
+    rotate = np.kron(np.eye(2 * len(fe.nodes)), axes)
+    index = pd.MultiIndex.from_arrays(np.asarray(fe.nodes.dof).T, names=["id", "dof"])
+    frames = {
+        name: pd.DataFrame(rotate.T @ matrix @ rotate, index=index, columns=index)
+        for name, matrix in (("maa", fe.mass_matrix), ("kaa", fe.stiffness_matrix))
+    }
+    path = tmp_path / "tee.pch"
+    bulk.wtdmig(str(path), frames)
+    with path.open("a") as stream:
+        stream.write(grid_cards(fe, 5))
+    found = load_nastran(path, path)
+    a = modal_model(*fe, 10, {"right": 50}, modes=4)
+    b = modal_model(*found, 10, {"right": 50}, modes=4)
+    roundoff(b.frequencies, a.frequencies, kappa=1e6)
+    roundoff(b.shapes["right"] @ b.shapes["right"].T, a.shapes["right"] @ a.shapes["right"].T, 1e6)
+    roundoff(mass_matrix(b.rigid), mass_matrix(a.rigid), kappa=1e6)
+    assert np.max(np.abs(np.asarray(found.nodes.axes) - np.eye(3))) > 0.5
+    roundoff(transport(b.ports["right"]), transport(a.ports["right"]))
+
+
+def test_coordinates_without_mass_and_stiffness_are_left_out(tmp_path: Path) -> None:
+    fe = tee(2)
+    dof = np.asarray(fe.nodes.dof)
+    plane = sp.diags_array(np.isin(dof[:, 1], (1, 2, 6)).astype(float))
+    path, table = tmp_path / "tee.op4", tmp_path / "tee.bdf"
+    table.write_text(grid_cards(fe))
+    op4.write(
+        str(path),
+        {"maa": plane @ fe.mass_matrix @ plane, "kaa": plane @ fe.stiffness_matrix @ plane},
+    )
+    found = load_nastran(path, table)
+    assert set(np.asarray(found.nodes.dof)[:, 1].tolist()) == {1, 2, 6}
+    body = mbdlft.flexible_body("tee", *found, 10, {"right": 50}, modes=2)
+    assert body.inertia.xx is None
+    assert all(mode.participation[2] == 0.0 for mode in body.modes)

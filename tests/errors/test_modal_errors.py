@@ -1,0 +1,457 @@
+"""Errors of finite-element data: matrices, node tables, interfaces, units, files, catalogue bodies."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import mbdlft
+from mbdlft import (
+    FiniteElements,
+    FlexibleBody,
+    Inertia,
+    Interface,
+    Mode,
+    Nodes,
+    RigidBody,
+    SceneError,
+    StructureError,
+    every_dof,
+    load_body,
+    load_matrices,
+    load_nastran,
+    modal_model,
+    save_matrices,
+    to_si,
+)
+from tests.errors.scenes import says
+from tests.reference.frames import frame, straight, tee
+
+ROOT = Path(__file__).parents[2]
+N = 30  # coordinates of the beam of `broken`: 5 nodes, 10 to 50
+
+
+def broken(
+    change: Callable[[Any, Any], None] | None = None,
+    parent: Any = 10,
+    ports: Any = None,
+    nodes: Nodes | None = None,
+    **options: Any,
+) -> Any:
+    """Modal model of a beam of four elements with its matrices changed."""
+    mass, stiffness, table = straight(4)
+    if change:
+        change(mass, stiffness)
+    chosen = {"modes": 3} if not set(options) & {"modes", "frequency", "effective_mass"} else {}
+    return modal_model(
+        mass, stiffness, nodes or table, parent, {"tip": 50} if ports is None else ports,
+        **chosen, **options,
+    )  # fmt: skip
+
+
+def entry(which: int, i: int, j: int, value: float) -> Callable[[Any, Any], None]:
+    def change(*matrices: Any) -> None:
+        matrices[which][i, j] = value
+
+    return change
+
+
+def scaled(which: int, factor: float) -> Callable[[Any, Any], None]:
+    def change(*matrices: Any) -> None:
+        matrices[which][:] *= factor
+
+    return change
+
+
+def support(_: Any, stiffness: Any) -> None:
+    stiffness[13, 13] += 1e4
+
+
+def lighter(mass: Any, _: Any) -> None:
+    mass[7, 7] *= 0.5
+
+
+def weightless(mass: Any, _: Any) -> None:
+    mass[range(3), range(3)] = -50.0
+
+
+def tied(mass: Any, _: Any) -> None:
+    """Masses that couple a displacement to the rotation of another node."""
+    mass[6, 22] = mass[22, 6] = 0.01
+
+
+def negative(_: Any, stiffness: Any) -> None:
+    stiffness[25:, 25:] *= 0.3
+
+
+def cut(_: Any, stiffness: Any) -> None:
+    """The outer half of the beam is not connected to the inner."""
+    stiffness[:18, 18:] = stiffness[18:, :18] = 0.0
+    small = straight(2, 1.0).stiffness_matrix
+    stiffness[:18, :18] = small
+    stiffness[18:, 18:] = straight(1, 0.5).stiffness_matrix
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (entry(0, 3, 4, 0.5), "mass matrix: not symmetric: entry (4, 5) is 0.5 and (5, 4) is 0."),
+        (entry(1, 3, 4, 1e9), "stiffness matrix: not symmetric: entry (4, 5) is 1e+09"),
+        (entry(0, 2, 2, np.nan), "mass matrix: expected finite entries, got nan or inf."),
+        (entry(1, 20, 20, -1.0), "stiffness matrix: component 3 of node 40 has a negative stiffness"),
+        (entry(1, 20, 20, 0.0), "stiffness matrix: component 3 of node 40 has no stiffness (0)"),
+        (negative, "stiffness matrix: indefinite: the structure held at the parent"),
+        (cut, "stiffness matrix: singular although the structure is held at the parent"),
+        (scaled(0, -1.0), "mass matrix: indefinite: a motion of the structure has negative"),
+        (entry(0, 20, 20, -5.0), "mass matrix: indefinite: a motion of the structure has negative"),
+        (scaled(0, 0.0), "mass matrix: nothing that can move has mass"),
+        (weightless, "mass matrix: the mass of the structure is -47."),
+        (support, "deforms the structure: on its stiffness it would have the frequency"),
+        (lighter, "mass matrix: the mass is not the same in all directions (x: 3.24 kg, y:"),
+        (tied, "mass matrix: not that of a body: in a rigid motion, the entry (x, ry)"),
+        (scaled(1, 1e-14), "the first frequency is 5.82e-07 Hz; expected one between 0.0001 Hz"),
+        (scaled(1, 1e14), "MHz."),
+    ],
+)  # fmt: skip
+def test_matrices(change: Callable[[Any, Any], None], message: str) -> None:
+    with says(StructureError, message):
+        broken(change)
+
+
+def test_indefinite_mass() -> None:
+    def spun(mass: Any, _: Any) -> None:
+        """Negative rotary inertia that the rigid inertia does not show."""
+        mass[9, 9] -= 0.02
+        mass[15, 15] -= 0.02
+        mass[9, 15] += 0.02
+        mass[15, 9] += 0.02
+
+    with says(StructureError, "mass matrix: indefinite: a motion of the structure has negative"):
+        broken(spun)
+
+
+def test_shapes_of_matrices() -> None:
+    mass, stiffness, nodes = straight(4)
+    with says(StructureError, "mass matrix: expected 30 x 30", "got 29 x 29"):
+        modal_model(mass[:-1, :-1], stiffness, nodes, 10, {"tip": 50}, modes=3)
+    with says(StructureError, "stiffness matrix: expected 30 x 30", "got 30 x 29"):
+        modal_model(mass, stiffness[:, :-1], nodes, 10, {"tip": 50}, modes=3)
+    with says(StructureError, "mass matrix: expected a matrix of real numbers"):
+        modal_model("heavy", stiffness, nodes, 10, {"tip": 50}, modes=3)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: broken(parent=11), "parent: node 11 is not in the node table, which has 5 nodes"),
+        (lambda: broken(ports={"tip": 60}), "port 'tip': node 60 is not in the node table"),
+        (lambda: broken(parent="root"), "parent: expected the number of a node, several numbers"),
+        (lambda: broken(parent=()), "parent: expected the number of a node, several numbers"),
+        (lambda: broken(parent=1.5), "parent: expected the number of a node, several numbers"),
+        (lambda: broken(ports={"tip": 10}), "node 10 belongs to parent and to port 'tip'."),
+        (
+            lambda: broken(parent=Interface((10,), (0.0, np.inf, 0.0))),
+            "parent: point: expected three coordinates (m), got (0.0, inf, 0.0).",
+        ),
+        (
+            lambda: broken(parent=(10, 20), ports={"tip": (30, 40, 50)}),
+            "all nodes belong to interfaces",
+        ),
+        (lambda: broken(method="guyan"), "unknown method 'guyan'."),
+        (lambda: broken(modes=3, frequency=100.0), "got modes and frequency."),
+        (lambda: broken(modes=-1), "modes: expected a whole number, 0 or more, got -1."),
+        (lambda: broken(modes=True), "modes: expected a whole number, 0 or more, got True."),
+        (lambda: broken(modes=19), "modes: 19 are asked for and there are 18"),
+        (lambda: broken(frequency=0.0), "frequency: expected a positive number (rad/s), got 0.0."),
+        (lambda: broken(effective_mass=1.0), "effective_mass: expected a fraction of the rigid"),
+        (
+            lambda: broken(effective_mass=0.9999),
+            "effective_mass: 0.9999 is asked for; 18 modes have 0.9",
+        ),
+        (
+            lambda: broken(method="effective-mass", modes=0),
+            "no mode is kept, the first is at 36.5449 rad/s: ask for at least one.",
+        ),
+        (
+            lambda: broken(method="effective-mass", frequency=1.0),
+            "no mode is kept, the first is at",
+        ),
+    ],
+)
+def test_interfaces_and_choices(make: Callable[[], Any], message: str) -> None:
+    with says(StructureError, message):
+        make()
+
+
+def test_nothing_asked_for() -> None:
+    with says(StructureError, "expected one of modes", "got none."):
+        modal_model(*straight(4), 10, {"tip": 50})
+
+
+def test_interface_nodes_that_do_not_hold() -> None:
+    """Displacements only, as in solid elements: one node is a ball joint, nodes on a line a hinge."""
+    mass, stiffness, nodes = tee(3)
+    dof = np.asarray(nodes.dof)
+    kept = (dof[:, 1] <= 3) | (dof[:, 0] != 10)
+    model = FiniteElements(
+        mass[np.ix_(kept, kept)],
+        stiffness[np.ix_(kept, kept)],
+        Nodes(nodes.numbers, nodes.coordinates, dof[kept]),
+    )
+    with says(
+        StructureError, "parent: it does not hold rx, ry, rz, in which the port 'p' can move"
+    ):
+        modal_model(*model, 10, {"p": 70}, modes=3)
+    with says(StructureError, "no displacements that tell where its center of mass is along x"):
+        modal_model(*model, 10, {}, modes=3)
+    corners = np.vstack([np.zeros(3), np.eye(3)])
+    truss = np.zeros((12, 12))
+    for a, b in ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)):
+        along = (corners[b] - corners[a]) / np.linalg.norm(corners[b] - corners[a])
+        stretch = np.zeros(12)
+        stretch[3 * a : 3 * a + 3], stretch[3 * b : 3 * b + 3] = -along, along
+        truss += 1e3 * np.outer(stretch, stretch)
+    numbers = [1, 2, 3, 4]
+    table = Nodes(numbers, corners, every_dof(numbers, (1, 2, 3)))
+    with says(StructureError, "stiffness matrix: singular although the structure is held"):
+        modal_model(np.eye(12), truss, table, 1, {}, method="effective-mass", modes=3)
+    held = modal_model(np.eye(12), truss, table, (1, 2, 3), {}, method="effective-mass", modes=3)
+    assert len(held.frequencies) == 3
+    with says(StructureError, "port 'p': its nodes have no rx and no ry and no rz"):
+        modal_model(*model, 70, {"p": 10}, modes=3)
+    numbers = [1, 2, 3]
+    line = Nodes(numbers, [[0, 0, 0], [1, 1, 0], [2, 2, 0]], every_dof(numbers, (1, 2, 3)))
+    with says(StructureError, "parent: its nodes do not determine all of the motions"):
+        modal_model(np.eye(9), np.eye(9), line, (1, 2, 3), {}, modes=1)
+    bare = Nodes([1, 2], [[0, 0, 0], [1, 0, 0]], every_dof([1]))
+    with says(StructureError, "port 'tip': node 2 has no coordinate in the matrices."):
+        modal_model(np.eye(6), np.eye(6), bare, 1, {"tip": 2}, modes=1)
+
+
+def test_plane_models_that_do_not_tell_enough() -> None:
+    line = straight(3)
+    at = np.asarray(line.nodes.dof)[:, 1] == 4
+    with says(StructureError, "the structure has no displacements at its parent"):
+        modal_model(
+            line.mass_matrix[np.ix_(at, at)], line.stiffness_matrix[np.ix_(at, at)],
+            Nodes(line.nodes.numbers, line.nodes.coordinates, np.asarray(line.nodes.dof)[at]),
+            10, {}, modes=1,
+        )  # fmt: skip
+    bent = frame(np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0.5]]), [(0, 1), (1, 2)])
+    kept = np.isin(np.asarray(bent.nodes.dof)[:, 1], (2, 4, 6))
+    model = modal_model(
+        bent.mass_matrix[np.ix_(kept, kept)], bent.stiffness_matrix[np.ix_(kept, kept)],
+        Nodes(bent.nodes.numbers, bent.nodes.coordinates, np.asarray(bent.nodes.dof)[kept]),
+        10, {}, method="effective-mass", modes=2,
+    )  # fmt: skip
+    assert np.isnan(model.rigid.inertia[1, 1])
+    sheared = np.isin(np.asarray(bent.nodes.dof)[:, 1], (2,))
+    with says(StructureError, "no displacements that tell where its center of mass is along x"):
+        modal_model(
+            sp.eye_array(3), sp.csr_array(np.array([[1, -1, 0], [-1, 2, -1], [0, -1, 1.0]])),
+            Nodes(bent.nodes.numbers, bent.nodes.coordinates, np.asarray(bent.nodes.dof)[sheared]),
+            10, {}, method="effective-mass", modes=1,
+        )  # fmt: skip
+
+
+def test_coordinates_without_mass() -> None:
+    """Lumped masses: a rotation of a port that has no mass in any motion that is kept."""
+    nodes = Nodes([1, 2, 3], np.zeros((3, 3)), every_dof([1, 2, 3], (1,)))
+    stiffness = np.array([[1, -1, 0], [-1, 2, -1], [0, -1, 1.0]])
+    with says(StructureError, "mass matrix: a coordinate that is kept has no mass"):
+        modal_model(np.diag([1.0, 1.0, 0.0]), stiffness, nodes, 1, {"tip": 3}, modes=1)
+    with says(StructureError, "mass matrix: nothing that can move has mass"):
+        modal_model(np.diag([1.0, 0.0, 0.0]), stiffness, nodes, 1, {"tip": 3}, modes=1)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Nodes([], []), "node table: coordinates: expected the shape (0, 3)"),
+        (lambda: Nodes([], np.zeros((0, 3))), "node table: expected at least one node, got none."),
+        (lambda: Nodes([1, 1], np.zeros((2, 3))), "node table: node 1 is given twice."),
+        (lambda: Nodes([1.5], np.zeros((1, 3))), "node table: numbers: expected whole numbers"),
+        (
+            lambda: Nodes([1], np.zeros((1, 2))),
+            "coordinates: expected the shape (1, 3), got (1, 2).",
+        ),
+        (lambda: Nodes([1], [[0, 0, np.nan]]), "coordinates: expected finite numbers"),
+        (lambda: Nodes([1], [[0, 0, 0]], [[1, 7]]), "dof: component 7 of node 1; expected 1, 2, 3"),
+        (lambda: Nodes([1], [[0, 0, 0]], [[2, 1]]), "dof: node 2 is not in the node table"),
+        (
+            lambda: Nodes([1], [[0, 0, 0]], [[1, 1], [1, 1]]),
+            "component 1 of node 1 is there twice.",
+        ),
+        (
+            lambda: Nodes([1], [[0, 0, 0]], [[1, 1, 1]]),
+            "dof: expected a row of two (node, component)",
+        ),
+        (
+            lambda: Nodes([1], [[0, 0, 0]], axes=[2 * np.eye(3)]),
+            "the axes of node 1 are not right-handed and orthonormal.",
+        ),
+        (
+            lambda: to_si(straight(2), length="kg"),
+            "to_si: length: expected a unit of length such as 'm', got 'kg'.",
+        ),
+    ],
+)
+def test_node_tables(make: Callable[[], Any], message: str) -> None:
+    with says(StructureError, message):
+        make()
+
+
+def test_damping_ratios() -> None:
+    with says(
+        StructureError, "body 'b': damping: expected one ratio or 9, one for each mode, got 2."
+    ):
+        mbdlft.flexible_body("b", *straight(4), 10, {"tip": 50}, modes=3, damping=[0.1, 0.2])
+
+
+def test_participation_that_exceeds_the_rigid_mass() -> None:
+    """Data given as modes, not as matrices: the check of the body itself."""
+    mode = Mode(frequency=3.0, participation=(0, 0, 2.0, 0, 0, 0))
+    body = FlexibleBody(name="p", mass=3, inertia=Inertia(xx=1, yy=1, zz=1), modes=[mode])
+    hub = RigidBody(name="hub", mass=1, inertia=Inertia(xx=1, yy=1, zz=1))
+    joints = [
+        mbdlft.Free(name="free", parent="ground", child="hub"),
+        mbdlft.Fixed(name="fixed", parent="hub", child="p"),
+    ]
+    with says(SceneError, "'p'", "the participation factors exceed the rigid mass"):
+        mbdlft.assemble(mbdlft.Scene(name="s", bodies=[hub, body], joints=joints))
+
+
+def results(**changes: Any) -> Any:
+    """A slender arm with one mode."""
+    given = {
+        "frequencies": [3.0], "reactions": 9.0 * np.array([[0, 0, 1.2, 0, -1.0, 0]]).T,
+        "shapes": {"tip": np.ones((6, 1))}, "ports": {"tip": (1, 0, 0)}, "mass": 3.0,
+        "center": (0.5, 0, 0), "inertia": np.diag([0.1, 1.5, 1.5]), **changes,
+    }  # fmt: skip
+    w, reactions, shapes, ports = (
+        given.pop(k) for k in ("frequencies", "reactions", "shapes", "ports")
+    )
+    return mbdlft.model_of_results(w, reactions, shapes, ports, **given)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"frequencies": []}, "frequencies: expected some between"),
+        ({"frequencies": [0.0]}, "in rad/s (not Hz, not squares), got [0.0]."),
+        ({"frequencies": [[1.0]]}, "frequencies: expected finite numbers of shape (1,), got the"),
+        ({"reactions": np.ones((3, 1))}, "reactions: expected finite numbers of shape (6, 1), got"),
+        ({"reactions": "x"}, "reactions: expected numbers of shape (6, 1)."),
+        ({"shapes": {}}, "port 'tip' has no mode shapes in `shapes`."),
+        ({"ports": {}}, "port 'tip' has no position in `ports`."),
+        ({"shapes": {"tip": np.ones((6, 2))}}, "shapes of 'tip': expected finite numbers of shape"),
+        ({"modal_masses": [-1.0]}, "modal_masses: expected positive masses, got -1."),
+        ({"inertia": [[1, 1, 0], [0, 1, 0], [0, 0, 1]]}, "inertia: expected a symmetric matrix."),
+        (
+            {"mass": 1.0},
+            "reactions: the participation factors exceed the rigid mass",
+        ),
+        ({"modal_masses": [0.1]}, "reactions: the participation factors exceed the rigid mass"),
+    ],
+)
+def test_results_of_a_modal_analysis(changes: dict[str, Any], message: str) -> None:
+    assert len(results().frequencies) == 1
+    with says(StructureError, message):
+        results(**changes)
+
+
+def test_files_of_matrices(tmp_path: Path) -> None:
+    with says(StructureError, "x.mat: expected a name that ends in .npz, .h5, .hdf5 or .mass.mtx."):
+        load_matrices(tmp_path / "x.mat")
+    for name in ("x.npz", "x.h5", "x.mass.mtx"):
+        with says(StructureError, f"{name}: cannot be read"):
+            load_matrices(tmp_path / name)
+    (tmp_path / "x.npz").write_text("no archive")
+    with says(StructureError, "x.npz: cannot be read"):
+        load_matrices(tmp_path / "x.npz")
+    with says(StructureError, "x.txt: expected a name that ends in .npz, .h5 or .hdf5."):
+        save_matrices(tmp_path / "x.txt", straight(2))
+    fields = {"numbers": [1], "coordinates": [[0, 0, 0.0]], "dof": [[1, 1]], "mass": [[1.0]]}
+    np.savez(tmp_path / "a.npz", **{"numbers": [1]})
+    with says(StructureError, "a.npz: 'coordinates' is missing. There are: numbers."):
+        load_matrices(tmp_path / "a.npz")
+    np.savez(tmp_path / "b.npz", **fields)
+    with says(StructureError, "b.npz: 'stiffness' (dense) or 'stiffness.row' is missing."):
+        load_matrices(tmp_path / "b.npz")
+    fields |= {"dof": [[1, 1], [1, 2]], "mass": np.eye(2), "stiffness.row": [0]}
+    np.savez(tmp_path / "c.npz", **fields, **{"stiffness.column": [1], "stiffness.value": [1.0]})
+    with says(StructureError, "c.npz: stiffness: expected the lower triangle"):
+        load_matrices(tmp_path / "c.npz")
+    for line in ("1 0.0 0.0", "1 a b c 1", "1.5 0 0 0 1"):
+        (tmp_path / "d.nodes.txt").write_text(f"# nodes\n{line}\n")
+        with says(StructureError, "d.nodes.txt, line 2: expected the number of a node", line):
+            load_matrices(tmp_path / "d.mass.mtx")
+
+
+def test_nastran_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from pyyeti.nastran import op4
+
+    bulk = tmp_path / "nodes.bdf"
+    bulk.write_text("GRID    10              0.      0.      0.\n")
+    op4.write(str(tmp_path / "x.op4"), {"maa": np.eye(6), "kbb": np.eye(6), "kcc": np.eye(5)})
+    with says(StructureError, "x.op4: unknown matrix 'KAA'. Existing: kbb, kcc, maa."):
+        load_nastran(tmp_path / "x.op4", bulk)
+    with says(StructureError, "x.op4: kcc is 5 x 5", "has 6 coordinates"):
+        load_nastran(tmp_path / "x.op4", bulk, stiffness="kcc")
+    with says(StructureError, "y.op4: cannot be read as NASTRAN matrices"):
+        load_nastran(tmp_path / "y.op4", bulk)
+    with says(StructureError, "none.bdf: cannot be read as bulk data with GRID cards"):
+        load_nastran(tmp_path / "x.op4", tmp_path / "none.bdf")
+    monkeypatch.setitem(__import__("sys").modules, "pyyeti.nastran.op4", None)
+    with says(StructureError, "pyYeti, which cannot be imported", "mbdlft[nastran]"):
+        load_nastran(tmp_path / "x.op4", bulk)
+
+
+TEXTS = 'format = "mbdlft-body/1"\ndescription = "d"\nsource = "s"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "message"),
+    [
+        ("", SceneError, "format: expected 'mbdlft-body/1', got None."),
+        (TEXTS, SceneError, "'data' is missing."),
+        (TEXTS + "mass = 1\n", SceneError, "unknown key 'mass'."),
+        (TEXTS + "body = 1\n", SceneError, "body: expected a table, got 1."),
+        (TEXTS + "data = 1\nparent = 1\nports = {}\n", SceneError, "data: expected a text, got 1."),
+        (
+            TEXTS + 'body = { kind = "rigid", mass = 1, modes = 1 }\n',
+            SceneError,
+            "unknown key 'modes'",
+        ),
+        (
+            TEXTS + 'data = "x.npz"\nparent = 1\nports = {}\n',
+            StructureError,
+            "x.npz: cannot be read",
+        ),
+        (
+            TEXTS + 'data = "x.npz"\nparent = { node = 1 }\nports = {}\n',
+            StructureError,
+            "parent: expected nodes and, if need be, a point, got {'node': 1}.",
+        ),
+    ],
+)
+def test_catalogue_files(tmp_path: Path, text: str, error: type[Exception], message: str) -> None:
+    file = tmp_path / "box.toml"
+    file.write_text(text)
+    with says(error, "box.toml", message):
+        load_body(file)
+
+
+def test_choices_of_catalogue_bodies(tmp_path: Path) -> None:
+    file = tmp_path / "box.toml"
+    file.write_text(TEXTS + 'body = { kind = "point_mass", mass = 2 }\n')
+    assert load_body(file) == mbdlft.PointMass(name="box", mass=2)
+    with says(SceneError, "box.toml: 'modes' cannot be chosen: the body has no matrices."):
+        load_body(file, modes=3)
+    with says(SceneError, "box.toml: the body has no matrices ('data')."):
+        mbdlft.modal.catalogue.reduced_body(file)
+    with says(SceneError, "solar_panel.toml: unknown choice 'mode'. Did you mean 'modes'?"):
+        load_body(ROOT / "bodies" / "solar_panel.toml", mode=3)
