@@ -105,7 +105,7 @@ def trim(
     every: Annotated[
         bool, typer.Option("--all", help="Find all equilibria that random starts lead to.")
     ] = False,
-    starts: Annotated[int, typer.Option(min=1, help="Starts of the search for positions.")] = 20,
+    starts: Annotated[int, typer.Option(min=1, help="Starts of the search for positions.")] = 30,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Scene to write, at the equilibrium.")
     ] = None,

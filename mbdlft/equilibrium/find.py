@@ -88,7 +88,7 @@ def find_equilibrium(
     values: Mapping[str, float] | None = None,
     positions: Sequence[str] | None = None,
     bounds: Bounds | None = None,
-    starts: int = 1,
+    starts: int = 30,
     seed: int = 0,
     every: bool = False,  # noqa: FBT001, FBT002
 ) -> EquilibriumPoint | tuple[EquilibriumPoint, ...]:

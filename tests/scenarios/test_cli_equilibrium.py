@@ -94,7 +94,7 @@ def test_errors_say_where(
     file.write_text(text, encoding="utf-8")
     code, _, err = run(monkeypatch, capsys, "trim", str(file), "--positions")
     assert code == 2
-    assert "no equilibrium found from 20 starts" in err
+    assert "no equilibrium found from 30 starts" in err
     assert "hinge.torque misses -5.38 N m" in err
     code, _, err = run(
         monkeypatch, capsys, "trim", sagging, "--positions", "-o", str(tmp_path / "no" / "x.toml")
