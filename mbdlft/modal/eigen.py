@@ -90,7 +90,7 @@ def lowest_modes(mass: Any, solver: Solver, stiffness: Any, count: int) -> Modes
     The eigenvalues sought are 1/w^2 of M phi = (1/w^2) K phi, so that the lowest frequencies are the
     accurate ones and coordinates without mass do no harm.
     """
-    n = solver.rows
+    n, count = solver.rows, max(count, 1)
     if n <= _DENSE or 2 * count >= n:
         mu, shapes = scipy.linalg.eigh(_dense(mass), _dense(stiffness))
         complete = True

@@ -332,6 +332,7 @@ def test_iterative_and_dense_modes_agree(monkeypatch: pytest.MonkeyPatch) -> Non
     fe, ports = straight(9, 3.0, equal), {"right": 60}
     whole = modal_model(*fe, PARENT, ports, modes=12)
     monkeypatch.setattr(mbdlft.modal.eigen, "_DENSE", 0)
+    assert modal_model(*fe, PARENT, ports, modes=0).kept == 0
     found = modal_model(*fe, PARENT, ports, modes=12)
     roundoff(found.frequencies / whole.frequencies, np.ones(18), conditioned(fe))
     roundoff(whole.frequencies[1] / whole.frequencies[0], 1.0, conditioned(fe))
