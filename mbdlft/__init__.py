@@ -45,6 +45,10 @@ if TYPE_CHECKING:
     from mbdlft.body import PointMass as PointMass
     from mbdlft.body import RigidBody as RigidBody
     from mbdlft.build import to_lft as to_lft
+    from mbdlft.channel import TunableGain as TunableGain
+    from mbdlft.channel import TunablePlant as TunablePlant
+    from mbdlft.channel import invert_channels as invert_channels
+    from mbdlft.channel import tunable as tunable
     from mbdlft.exact import exact_lower_bound as exact_lower_bound
     from mbdlft.force import Buoyancy as Buoyancy
     from mbdlft.force import Force as Force
@@ -66,6 +70,7 @@ if TYPE_CHECKING:
     from mbdlft.matrix import matrix_from_toml as matrix_from_toml
     from mbdlft.matrix import matrix_problem as matrix_problem
     from mbdlft.matrix import matrix_to_toml as matrix_to_toml
+    from mbdlft.port import two_port as two_port
     from mbdlft.realization import realize as realize
     from mbdlft.scene import Constant as Constant
     from mbdlft.scene import Scene as Scene
@@ -98,6 +103,10 @@ _ON_FIRST_USE = {
     "PointMass": "mbdlft.body",
     "RigidBody": "mbdlft.body",
     "to_lft": "mbdlft.build",
+    "TunableGain": "mbdlft.channel",
+    "TunablePlant": "mbdlft.channel",
+    "invert_channels": "mbdlft.channel",
+    "tunable": "mbdlft.channel",
     "exact_lower_bound": "mbdlft.exact",
     "Buoyancy": "mbdlft.force",
     "Force": "mbdlft.force",
@@ -119,6 +128,7 @@ _ON_FIRST_USE = {
     "matrix_from_toml": "mbdlft.matrix",
     "matrix_problem": "mbdlft.matrix",
     "matrix_to_toml": "mbdlft.matrix",
+    "two_port": "mbdlft.port",
     "realize": "mbdlft.realization",
     "Constant": "mbdlft.scene",
     "Scene": "mbdlft.scene",

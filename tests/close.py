@@ -13,6 +13,11 @@ CLOSED_FORM = 1e-12
 FREQUENCY_RESPONSE = 1e-10
 SCENARIO = 1e-11
 
+# a mesh of eight quintic elements against a closed form: its first three frequencies
+FINITE_ELEMENTS = 1e-5
+# matrices of a finite-element mesh after solves with them: what their condition leaves
+BALANCE = 1e-8
+
 # how much a guaranteed bound may be above a largest value that is known
 BOUND = 0.02
 
