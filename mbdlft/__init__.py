@@ -37,6 +37,12 @@ from mbdlft.store import model_names as model_names
 from mbdlft.store import save as save
 
 if TYPE_CHECKING:
+    from mbdlft.actuator import ArrayDrive as ArrayDrive
+    from mbdlft.actuator import array_drive as array_drive
+    from mbdlft.actuator import band_pass as band_pass
+    from mbdlft.actuator import delay as delay
+    from mbdlft.actuator import imbalance as imbalance
+    from mbdlft.actuator import low_pass as low_pass
     from mbdlft.body import Beam as Beam
     from mbdlft.body import FlexibleBody as FlexibleBody
     from mbdlft.body import Ground as Ground
@@ -48,6 +54,7 @@ if TYPE_CHECKING:
     from mbdlft.channel import TunableGain as TunableGain
     from mbdlft.channel import TunablePlant as TunablePlant
     from mbdlft.channel import invert_channels as invert_channels
+    from mbdlft.channel import series as series
     from mbdlft.channel import tunable as tunable
     from mbdlft.exact import exact_lower_bound as exact_lower_bound
     from mbdlft.force import Buoyancy as Buoyancy
@@ -95,6 +102,12 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _ON_FIRST_USE = {
+    "ArrayDrive": "mbdlft.actuator",
+    "array_drive": "mbdlft.actuator",
+    "band_pass": "mbdlft.actuator",
+    "delay": "mbdlft.actuator",
+    "imbalance": "mbdlft.actuator",
+    "low_pass": "mbdlft.actuator",
     "Beam": "mbdlft.body",
     "FlexibleBody": "mbdlft.body",
     "Mode": "mbdlft.body",
@@ -106,6 +119,7 @@ _ON_FIRST_USE = {
     "TunableGain": "mbdlft.channel",
     "TunablePlant": "mbdlft.channel",
     "invert_channels": "mbdlft.channel",
+    "series": "mbdlft.channel",
     "tunable": "mbdlft.channel",
     "exact_lower_bound": "mbdlft.exact",
     "Buoyancy": "mbdlft.force",

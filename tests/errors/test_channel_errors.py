@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import control
 import pytest
 
 import mbdlft
@@ -10,11 +11,19 @@ from mbdlft import (
     Ground,
     Parameter,
     PointMass,
+    Revolute,
+    Scene,
     SceneError,
     StructureError,
     WellPosednessError,
+    assemble,
+    band_pass,
+    delay,
+    imbalance,
     invert_channels,
+    low_pass,
     realize,
+    series,
     tunable,
     two_port,
 )
@@ -117,3 +126,92 @@ def test_a_point_mass_does_not_turn() -> None:
     assert once.D_yu[0, 0] == -0.5
     with pytest.raises(WellPosednessError):
         invert_channels(ball, ["origin"])
+
+
+STATIC = realize([[2.0, 0.0], [0.0, 3.0]], inputs=["a", "b"], outputs=["a", "c"])
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: series(CART, "u", low_pass(1.0)), "series: unknown channel 'u'. Did you mean"),
+        (
+            lambda: series(CART, [], low_pass(1.0)),
+            "channels: expected one or more names, each once,",
+        ),
+        (lambda: series(CART, ["u0", "u0"], low_pass(1.0)), "each once, got ['u0', 'u0']."),
+        (
+            lambda: series(CART, "u0", low_pass(1.0), side="in"),
+            "series: unknown side 'in'. Did you",
+        ),
+        (
+            lambda: series(STATIC, "a", low_pass(1.0)),
+            "series: a are names of inputs and of outputs. Say side = 'inputs' or 'outputs'.",
+        ),
+        (
+            lambda: series(STATIC, ["b", "c"], low_pass(1.0)),
+            "b, c are inputs and outputs; one block",
+        ),
+        (
+            lambda: series(STATIC, ["a", "b"], low_pass(1.0), side="inputs"),
+            "series: the block has 1 outputs for the 2 channels a, b.",
+        ),
+        (
+            lambda: series(CART, "y0", imbalance(1.0, 0.0, 2.0)),
+            "series: the block has 2 inputs for the 1 channels y0.",
+        ),
+        (
+            lambda: series(CART, "u0", control.tf([1], [1, 1])),
+            "block: expected an LFTModel or a control.StateSpace, got TransferFunction. control.ss(",
+        ),
+        (
+            lambda: series(CART, "u0", control.ss([[0.5]], [[1]], [[1]], [[0]], 0.1)),
+            "block: expected continuous time (dt = 0), got dt = 0.1.",
+        ),
+        (
+            lambda: series(CART, "u0", low_pass(1.0, "k", [Parameter("k", 3.0, percent=5)])),
+            "the parameter 'k' of the block is not that of the model:",
+        ),
+    ],
+)
+def test_series(make: Callable[[], object], message: str) -> None:
+    with says(StructureError, message):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: low_pass(-3.0), "low_pass, bandwidth = -3.0: expected a positive number, got -3"),
+        (lambda: low_pass(True), "low_pass, bandwidth = True: expected a number or an expression."),
+        (lambda: low_pass("w"), "low_pass, bandwidth = 'w': unknown name 'w'."),
+        (
+            lambda: low_pass("T", parameters=[Parameter("T", 1.0, percent=5, unit="s")]),
+            "low_pass, bandwidth = 'T': the unit does not fit: expected rad/s, got",
+        ),
+        (
+            lambda: low_pass(1.0, "z", [Parameter("z", 0.5, low=-0.1, high=1.0)], name="rw"),
+            "rw, damping = 'z': expected a positive number, got -0.1 1 in the range.",
+        ),
+        (lambda: delay(0.0), "delay, time = 0.0: expected a positive number"),
+        (lambda: delay(1.0, 0), "delay, order: expected a whole number from 1 to 20, got 0."),
+        (lambda: delay(1.0, 2.0), "delay, order: expected a whole number from 1 to 20, got 2.0."),
+        (lambda: band_pass(1.0, "2*", 0.7), "band_pass, high = '2*': "),
+        (
+            lambda: imbalance(0.0, -1.0, 1.0),
+            "imbalance, dynamic = -1.0: expected a positive number",
+        ),
+        (lambda: imbalance(0.0, 0.0, 0.0), "imbalance, speed = 0.0: expected a positive number"),
+    ],
+)
+def test_actuators(make: Callable[[], object], message: str) -> None:
+    with says(SceneError, message):
+        make()
+
+
+def test_a_gear_that_does_not_turn() -> None:
+    n = Parameter("n", 1.0, low=-1.0, high=3.0)
+    joint = Revolute(name="j", parent="ground", child="b", axis=(0, 0, 1), gear_ratio="n")
+    scene = Scene(name="s", parameters=[n], bodies=[PointMass(name="b", mass=1.0)], joints=[joint])
+    with says(SceneError, "joint 'j': the gear_ratio vanishes in the range [-1, 3]: the actuator"):
+        assemble(scene)
