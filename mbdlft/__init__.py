@@ -48,6 +48,8 @@ if TYPE_CHECKING:
     from mbdlft.body import Ground as Ground
     from mbdlft.body import Inertia as Inertia
     from mbdlft.body import Mode as Mode
+    from mbdlft.body import PiezoBeam as PiezoBeam
+    from mbdlft.body import PiezoPatch as PiezoPatch
     from mbdlft.body import PointMass as PointMass
     from mbdlft.body import RigidBody as RigidBody
     from mbdlft.build import to_lft as to_lft
@@ -113,6 +115,8 @@ _ON_FIRST_USE = {
     "Mode": "mbdlft.body",
     "Ground": "mbdlft.body",
     "Inertia": "mbdlft.body",
+    "PiezoBeam": "mbdlft.body",
+    "PiezoPatch": "mbdlft.body",
     "PointMass": "mbdlft.body",
     "RigidBody": "mbdlft.body",
     "to_lft": "mbdlft.build",

@@ -28,7 +28,7 @@ from mbdlft.sensor import Acceleration, AngularAcceleration, JointWrench
 from mbdlft.signal import Signal
 
 DIRECTIONS = (*AXES, *(f"r{axis}" for axis in AXES))
-_HOLD = "hold"
+_HOLD, _WRENCH = "hold", "wrench"
 _UNITS = {
     "force": "N",
     "torque": "N m",
@@ -72,7 +72,8 @@ def two_port(
     LFTModel
         Inputs ``C.force.x`` (N) to ``C.torque.z`` (N m) of each child, then ``P.acceleration.x`` (m/s^2)
         to ``P.angular_acceleration.z`` (rad/s^2), under the names of the ports; outputs, in the same
-        places, ``C.acceleration.x`` and so on, then ``P.force.x`` and so on. Its states are those of the
+        places, ``C.acceleration.x`` and so on, then ``P.force.x`` and so on; voltages and charges of
+        piezoelectric patches come last. Its states are those of the
         deformations. Its ``at(...)`` gives a `control.StateSpace`, and `invert_channels` other boundary
         conditions.
 
@@ -88,12 +89,13 @@ def two_port(
         {port: _signals(port, kinds, used) for port in (*ports, parent)}
         for kinds in (_LOADS, _ACCELERATIONS)
     )
+    own = _own(body)
     return replace(
         model,
-        lft=_without_rigid_motion(model, len(used)),
+        lft=_without_rigid_motion(model, [signal.name for signal in model.outputs]),
         states=tuple(s for s in model.states if not _is_rigid(s)),
-        inputs=(*(s for port in ports for s in loads[port]), *accelerations[parent]),
-        outputs=(*(s for port in ports for s in accelerations[port]), *loads[parent]),
+        inputs=(*(s for port in ports for s in loads[port]), *accelerations[parent], *own[0]),
+        outputs=(*(s for port in ports for s in accelerations[port]), *loads[parent], *own[1]),
     )
 
 
@@ -159,14 +161,15 @@ def _scene(
             )
         sensors.append(Acceleration(name=f"{_ACCELERATIONS[0]}_{k}", port=at))
         sensors.append(AngularAcceleration(name=f"{_ACCELERATIONS[1]}_{k}", port=at))
-    sensors.append(JointWrench(name="wrench", joint=_HOLD))
+    sensors.append(JointWrench(name=_WRENCH, joint=_HOLD))
     imposed = [f"{_HOLD}.{kind}.{axis}" for kind, axis in _split(axes, _ACCELERATIONS)]
     measured = [
         f"{kind}_{k}.{axis}"
         for k in range(len(ports))
         for kind, axis in _split(axes, _ACCELERATIONS)
     ]
-    wrench = [f"wrench.{kind}.{axis}" for kind, axis in _split(axes, _LOADS)]
+    wrench = [f"{_WRENCH}.{kind}.{axis}" for kind, axis in _split(axes, _LOADS)]
+    own = [[signal.name for signal in signals] for signals in _own(body)]
     return Scene(
         name=body.name,
         description=f"two-port of the body {body.name}",
@@ -176,9 +179,18 @@ def _scene(
         joints=(Free(name=_HOLD, parent=GROUND, child=f"{body.name}.{parent}", imposed=True),),
         loads=tuple(loads),
         sensors=tuple(sensors),
-        inputs=(*(f"{load.name}.{load.kind}" for load in loads), *imposed),
-        outputs=(*measured, *wrench),
+        inputs=(*(f"{load.name}.{load.kind}" for load in loads), *imposed, *own[0]),
+        outputs=(*measured, *wrench, *own[1]),
     )
+
+
+def _own(body: Body) -> tuple[list[Signal], list[Signal]]:
+    """Inputs and outputs of the body itself, as the model names them."""
+    inputs, outputs = (
+        [Signal(f"{body.name}.{signal.name}", signal.unit) for signal in signals]
+        for signals in (body.inputs(), body.outputs())
+    )
+    return inputs, outputs
 
 
 def _split(axes: Sequence[str], kinds: tuple[str, str]) -> list[tuple[str, str]]:
@@ -194,7 +206,7 @@ def _is_rigid(signal: Signal) -> bool:
     return signal.name.startswith(f"{_HOLD}.")
 
 
-def _without_rigid_motion(model: LFTModel, reactions: int) -> LFT:
+def _without_rigid_motion(model: LFTModel, outputs: Sequence[str]) -> LFT:
     """The LFT without the position and rate of P, and with the reaction of the wrench that holds P.
 
     Nothing depends on them: there is no load at equilibrium, and P moves as it is told to.
@@ -209,6 +221,7 @@ def _without_rigid_motion(model: LFTModel, reactions: int) -> LFT:
             "This is a bug: please report the body."
         )
     lft = select(model.lft, rows, columns)
-    sign = np.ones(len(rows))
-    sign[len(rows) - reactions :] = -1.0  # the joint measures P on A, the port has A on P
+    # the joint measures P on A, the port has A on P
+    reaction = [name.startswith(f"{_WRENCH}.") for name in outputs]
+    sign = np.where([False] * (len(rows) - len(outputs)) + reaction, -1.0, 1.0)
     return LFT(lft.M11, lft.M12, sign[:, None] * lft.M21, sign[:, None] * lft.M22, lft.blocks)

@@ -15,6 +15,8 @@ SCENARIO = 1e-11
 
 # a mesh of eight quintic elements against a closed form: its first three frequencies
 FINITE_ELEMENTS = 1e-5
+# stiff elastic models with all their sizes as parameters
+LAMINATE = 1e-5
 # matrices of a finite-element mesh after solves with them: what their condition leaves
 BALANCE = 1e-8
 

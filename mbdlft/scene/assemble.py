@@ -16,6 +16,7 @@ from mbdlft.force import BodyWrench, Spring
 from mbdlft.joint import Turn, labelled
 from mbdlft.lft.lft import Array
 from mbdlft.parameter import Parameter
+from mbdlft.scene.channels import body_channels, body_inputs
 from mbdlft.scene.check import check
 from mbdlft.scene.closure import Closure, close_loops, constraint, reactions
 from mbdlft.scene.placed import inertial_wrenches, motions, pass_inward
@@ -98,12 +99,15 @@ def assemble(scene: Scene) -> Equations:
         if acted.body in needed:
             needed[acted.body] -= acted.wrench
     view.passed = pass_inward(view.now, view.motions, needed)
-    dynamics = _dynamics(links, symbols, values, view, u)
+    channels = body_channels(links, values, view, u, [effort.signal.name for effort in listed])
+    dynamics = _dynamics(links, symbols, values, view, u) - channels.forces
     n = symbols.q.numel()
     carried, carried_by = _carried(links, view)
     held = [constraint(scene.loops, view, order)[list(closure.rows)] for order in range(3)]
     residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
     measured, y_signals, displacements = _measures(scene, links, symbols, view)
+    displacements += tuple(len(y_signals) + k for k in range(len(channels.signals)))
+    measured, y_signals = ca.vertcat(measured, channels.outputs), y_signals + channels.signals
     both = _without_unseen(scene, ca.vertcat(residual, measured), symbols)
     coordinate_signals = [
         Signal(f"{named.name}.{freedom.measures[k].name}", freedom.measures[k].unit)
@@ -252,6 +256,7 @@ def _efforts(
         if isinstance(load, Spring) and load.rest_length is not None:
             given = _force_density(load, own, view)
         found.append(Effort(Signal(f"{load.name}.{load.signal.name}", load.signal.unit), given))
+    found += [Effort(signal, 0.0) for link in links for signal in body_inputs(link.child)]
     asked = set(scene.inputs or ())
     found += [
         Effort(Signal(name, "m/s^2"), 0.0, is_default=False)
