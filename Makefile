@@ -1,6 +1,6 @@
 # make run    linearize the two-link arm into out/ and print its table
 # make test   all checks: style, types, import contracts, tests
-# make bench  measure, and write the tables into the README and docs/orders.md
+# make bench  measure, and write the tables into the README and docs/; print that of the UR5
 # Each needs Python 3.11 or newer and a package index; everything goes into .venv.
 
 PYTHON ?= python3
@@ -22,10 +22,12 @@ test: .venv/installed
 bench: .venv/installed
 	$(BIN)/python -m benchmarks.arm --write README.md
 	$(BIN)/python -m benchmarks.orders --write docs/orders.md
+	$(BIN)/python -m benchmarks.flexible --write docs/flexible.md
+	$(BIN)/python -m benchmarks.ur5
 
 .venv/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
+	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test,robots]'
 	touch $@
 
 clean:

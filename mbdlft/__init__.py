@@ -58,6 +58,11 @@ if TYPE_CHECKING:
     from mbdlft.channel import invert_channels as invert_channels
     from mbdlft.channel import series as series
     from mbdlft.channel import tunable as tunable
+    from mbdlft.equilibrium import EquilibriumPoint as EquilibriumPoint
+    from mbdlft.equilibrium import at_equilibrium as at_equilibrium
+    from mbdlft.equilibrium import eigenvalues_at as eigenvalues_at
+    from mbdlft.equilibrium import find_equilibrium as find_equilibrium
+    from mbdlft.equilibrium import fit_positions as fit_positions
     from mbdlft.exact import exact_lower_bound as exact_lower_bound
     from mbdlft.force import Buoyancy as Buoyancy
     from mbdlft.force import Force as Force
@@ -82,10 +87,14 @@ if TYPE_CHECKING:
     from mbdlft.port import two_port as two_port
     from mbdlft.realization import realize as realize
     from mbdlft.scene import Constant as Constant
+    from mbdlft.scene import Fit as Fit
+    from mbdlft.scene import ImportReport as ImportReport
+    from mbdlft.scene import JointLimit as JointLimit
     from mbdlft.scene import Scene as Scene
     from mbdlft.scene import Spin as Spin
     from mbdlft.scene import assemble as assemble
     from mbdlft.scene import load_scene as load_scene
+    from mbdlft.scene import load_urdf as load_urdf
     from mbdlft.scene import scene_from_toml as scene_from_toml
     from mbdlft.scene import scene_to_toml as scene_to_toml
     from mbdlft.sensor import Acceleration as Acceleration
@@ -125,6 +134,11 @@ _ON_FIRST_USE = {
     "invert_channels": "mbdlft.channel",
     "series": "mbdlft.channel",
     "tunable": "mbdlft.channel",
+    "EquilibriumPoint": "mbdlft.equilibrium",
+    "at_equilibrium": "mbdlft.equilibrium",
+    "eigenvalues_at": "mbdlft.equilibrium",
+    "find_equilibrium": "mbdlft.equilibrium",
+    "fit_positions": "mbdlft.equilibrium",
     "exact_lower_bound": "mbdlft.exact",
     "Buoyancy": "mbdlft.force",
     "Force": "mbdlft.force",
@@ -149,10 +163,14 @@ _ON_FIRST_USE = {
     "two_port": "mbdlft.port",
     "realize": "mbdlft.realization",
     "Constant": "mbdlft.scene",
+    "ImportReport": "mbdlft.scene",
+    "JointLimit": "mbdlft.scene",
+    "Fit": "mbdlft.scene",
     "Scene": "mbdlft.scene",
     "Spin": "mbdlft.scene",
     "assemble": "mbdlft.scene",
     "load_scene": "mbdlft.scene",
+    "load_urdf": "mbdlft.scene",
     "scene_from_toml": "mbdlft.scene",
     "scene_to_toml": "mbdlft.scene",
     "Acceleration": "mbdlft.sensor",

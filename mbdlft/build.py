@@ -10,6 +10,7 @@ from importlib.metadata import version
 
 import numpy as np
 
+from mbdlft.body import ElasticBody
 from mbdlft.certify import certificate, measure_error
 from mbdlft.equations import Equations
 from mbdlft.errors import SceneError, WellPosednessError, unknown_name
@@ -115,6 +116,9 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
     with clock.stage("reduce"):
         reduced = reduce_order(raw)
         lft = close(reduced)
+        if any(isinstance(body, ElasticBody) for body in scene.bodies):
+            # stiffnesses beside inertias: a reduction keeps more digits of M^-1 K than of M and K
+            lft = min(close(raw), lft, key=lambda candidate: candidate.order)
     with clock.stage("bound"):
         # the error of the bound is that of the whole way from the relations on
         degrees = degree_bounds(lft, close(moved(reduced, SEED)), SEED)
@@ -126,7 +130,8 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
                 [reduced],
                 bound,
                 search,
-                lambda found, stop: joint_bound(close(found), bound, stop),
+                lambda found, stop: joint_bound(found, bound, stop),
+                close,
             )
             lft = min(lft, close(smaller), key=lambda candidate: candidate.order)
     with clock.stage("check"):
@@ -139,7 +144,15 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
         outputs=tuple(equations.y_signals[k] for k in outputs),
         parameters=equations.parameters,
         trim=trim,
-        certificate=certificate(lft, raw, degrees, order_bound, check, SEED),
+        certificate=certificate(
+            lft,
+            raw,
+            degrees,
+            order_bound,
+            check,
+            SEED,
+            fit_error_bound=equations.fit_error_bound,
+        ),
         provenance=provenance(scene_to_toml(scene)),
         description=scene.description,
     )

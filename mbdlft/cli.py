@@ -1,4 +1,4 @@
-"""The command line: check, trim, linearize, realize, show."""
+"""The command line: import, check, trim, linearize, realize, show."""
 
 import json
 import sys
@@ -11,11 +11,13 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
-from rich.text import Text
 
 from mbdlft import __version__
+from mbdlft.cli_urdf import import_robot
 from mbdlft.errors import MbdlftError, SceneError
 from mbdlft.lft.model import LFTModel
+from mbdlft.report import console as _console
+from mbdlft.report import table as _table
 
 if TYPE_CHECKING:
     from mbdlft.scene import Scene
@@ -40,7 +42,7 @@ Search = Annotated[
 ]
 SceneFile = Annotated[Path, typer.Argument(help="Scene, a TOML file.")]
 SEARCH_SECONDS = 2.0  # as mbdlft.build.SEARCH, which is slow to import
-_WIDTH = 110  # of tables that go into a file or a pipe
+app.command("import")(import_robot)
 
 
 def main() -> None:
@@ -95,11 +97,27 @@ def trim(
         list[str] | None,
         typer.Option("--set", help="name=value in the unit of the parameter; may be repeated."),
     ] = None,
+    positions: Annotated[
+        bool, typer.Option("--positions", help="Find the positions of joints that nothing holds.")
+    ] = False,
+    every: Annotated[
+        bool, typer.Option("--all", help="Find all equilibria that random starts lead to.")
+    ] = False,
+    starts: Annotated[int, typer.Option(min=1, help="Starts of the search for positions.")] = 20,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Scene to write, at the equilibrium.")
+    ] = None,
 ) -> None:
-    """Print the joint efforts that hold the equilibrium."""
+    """Print the joint efforts that hold the equilibrium, or find the equilibrium."""
     from mbdlft.scene import assemble, load_scene
     from mbdlft.trim import solve_trim
 
+    if positions or every or output:
+        from mbdlft.report import print_equilibria
+
+        values = _assignments(assignments or [])
+        print_equilibria(load_scene(scene_file), values, starts, output, every=every)
+        return
     equations = assemble(load_scene(scene_file))
     point = solve_trim(equations, _assignments(assignments or []))
     console = _console()
@@ -203,20 +221,6 @@ def show(
         _print_model(model)
         made = model.provenance
         _console().print(f"made {made.created} by mbdlft {made.mbdlft}, CasADi {made.casadi}")
-
-
-def _console() -> Console:
-    """Texts of scenes are printed as they are, not as markup."""
-    return Console(width=None if sys.stdout.isatty() else _WIDTH, markup=False, emoji=False)
-
-
-def _table(title: str | None, *headings: str) -> Table:
-    """A table; a heading that ends in ``>`` is that of a column of numbers."""
-    table = Table(title=Text(title) if title else None)
-    for heading in headings:
-        number = heading.endswith(">")
-        table.add_column(heading.rstrip(" >"), justify="right" if number else "left")
-    return table
 
 
 def _efforts(point: "TrimPoint") -> Table:
@@ -324,10 +328,16 @@ def _print_model(model: LFTModel) -> None:
         console.print(
             f"order {model.order}; the lower bound {sum(certificate.lower_bound)} is that of exact models"
         )
-        console.print(
-            f"not exact: values differ by at most {_upward(certificate.truncation_error)} of their "
-            "typical sizes, on the whole range"
-        )
+        if certificate.truncation_error > 0.0:
+            console.print(
+                f"not exact: values differ by at most {_upward(certificate.truncation_error)} of their "
+                "typical sizes, on the whole range"
+            )
+        if certificate.fit_error_bound > 0.0:
+            console.print(
+                f"not exact: positions are fits, within {_upward(certificate.fit_error_bound)} rad or m "
+                "of the equilibrium, on the whole range"
+            )
     if any(certificate.doubtful):
         unclear = ", ".join(
             f"{p.name} {count}"
@@ -340,7 +350,8 @@ def _print_model(model: LFTModel) -> None:
     console.print(
         f"maximum relative error {certificate.max_relative_error:.1e} against {truth} at "
         f"{certificate.check_points} points and corners"
-        + ("" if certificate.exact else ", before truncation")
+        + (", before truncation" if certificate.truncation_error > 0.0 else "")
+        + (", at the fitted positions" if certificate.fit_error_bound > 0.0 else "")
     )
     if model.trim.signals:
         trimmed = ", ".join(
@@ -395,6 +406,7 @@ def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]
         "exact_bound": certificate.exact_bound,
         "exact": certificate.exact,
         "truncation_error": certificate.truncation_error,
+        "fit_error_bound": certificate.fit_error_bound,
         "max_relative_error": certificate.max_relative_error,
         "check_points": certificate.check_points,
         "seconds": dict(seconds),

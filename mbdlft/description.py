@@ -95,4 +95,6 @@ def _expected(field: str) -> str:
         return "a list of signal names"
     if field in (*_TEXTS, "name", "kind", "description", "unit"):
         return "a text"
+    if field == "unchecked":
+        return "true or false"
     return "a finite number or an expression"

@@ -12,23 +12,7 @@ from mbdlft.signal import Signal
 from mbdlft.spatial import exact_cosine_sine
 from mbdlft.unit import parse_unit
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SpringLaw:
-    """Force density of a spring: u[index] = stiffness (1 - rest_length/length).
-
-    Attributes
-    ----------
-    index : position of its force density (N/m) among the efforts
-    length2 : SX, function of x, p, cosine, sine: square of its length (m^2)
-    stiffness : SX, function of p (N/m)
-    rest_length : SX, function of p (m)
-    """
-
-    index: int
-    length2: ca.SX
-    stiffness: ca.SX
-    rest_length: ca.SX
+CURVED = 10.0  # of the bound of a fit: what terms of second order may add to what it explains
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,14 +49,14 @@ class Equations:
     equilibrium_signals : Signal (n,)
         Unbalanced effort of each of the n dynamic equations.
     default_inputs, default_outputs : positions of the signals a scene has if it names none
-    springs : laws of springs whose rest length is given
-    elastic : SX symbol
-        1 for small displacements, where the force density of a spring is that at equilibrium; 0 where it
-        follows its law.
     carried : SX (n_c,)
         Wrenches of the elastic bodies whose `prestress` is not said to be negligible; as `output`.
     carried_by : name of the body of each entry of `carried`
     parameters : sorted by name
+    x_bounds : tuple of float (n,)
+        By how much the displacements may miss the equilibrium, where positions are fits; else zero.
+    u_bounds : tuple of float (n_u,)
+        The same of given efforts.
     """
 
     name: str
@@ -97,11 +81,16 @@ class Equations:
     equilibrium_signals: tuple[Signal, ...]
     default_inputs: tuple[int, ...]
     default_outputs: tuple[int, ...]
-    springs: tuple[SpringLaw, ...]
-    elastic: ca.SX
     carried: ca.SX
     carried_by: tuple[str, ...]
     parameters: tuple[Parameter, ...]
+    x_bounds: tuple[float, ...]
+    u_bounds: tuple[float, ...]
+
+    @property
+    def fit_error_bound(self) -> float:
+        """Largest error of a position that is a fit (rad, m); 0.0 if the equilibrium is exact."""
+        return max(self.x_bounds)
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -148,11 +137,8 @@ def internal_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
 def equation_function(equations: Equations) -> ca.Function:
     """(xdot, x, z, u, load, p, cosine, sine) -> (residual, output)."""
     e = equations
-    found = [e.residual, e.output]
-    if ca.depends_on(ca.vertcat(*found), e.elastic):
-        found = ca.substitute(found, [e.elastic], [ca.SX(1.0)])
     arguments = [e.xdot, e.x, e.z, e.u, e.load, e.p, e.cosine, e.sine]
-    return ca.Function("equations", arguments, found)
+    return ca.Function("equations", arguments, [e.residual, e.output])
 
 
 def load_value(equations: Equations, p: ca.SX) -> ca.SX:

@@ -5,7 +5,9 @@
     factor  = ("+" | "-") factor | power
     power   = atom ("^" | "**") integer | atom
     atom    = number | name | function "(" sum ")" | "(" sum ")"
-    function = "sqrt" | "sin" | "cos"             of constants only
+    function = "sqrt" | "sin" | "cos" | "atan"    of constants only
+
+In an angle, even multiples of "atan" may be of parameters: see `mbdlft.scene.quantities`.
 
 One evaluation serves every number system: floats, arrays, CasADi SX, intervals, dimensions.
 Numbers are in SI units; a name carries the unit it was declared with. ``pi`` and ``deg`` are known.
@@ -25,6 +27,7 @@ FUNCTIONS: Mapping[str, Callable[[float], float]] = {
     "sqrt": math.sqrt,
     "sin": math.sin,
     "cos": math.cos,
+    "atan": math.atan,
 }
 _MAX_EXPONENT = 64
 _MAX_DEPTH = 100
@@ -132,7 +135,7 @@ def evaluate(
     SceneError
         A name is unknown, or a constant is divided by zero.
     NotRationalError
-        sqrt, sin or cos of something that is not a constant.
+        sqrt, sin, cos or atan of something that is not a constant.
     """
     match expression:
         case Number(value):
@@ -157,7 +160,11 @@ def evaluate(
                 raise NotRationalError(
                     f"{function}({write(argument)}) is not rational in "
                     f"{', '.join(sorted(names(argument)))}. {function} takes constants only; "
-                    "declare the whole root or angle function as a parameter instead."
+                    + (
+                        "an angle may have 2*atan of parameters."
+                        if function == "atan"
+                        else "declare the whole root or angle function as a parameter instead."
+                    )
                 )
             if not math.isfinite(value):
                 raise SceneError(f"{function} of {value} is not a number.")
@@ -207,6 +214,25 @@ def _power(base: Any, exponent: int) -> Any:
     for k in range(exponent):
         result = base if k == 0 else result * base
     return result
+
+
+def with_calls(expression: Expression, replace: Callable[[Call], Expression | None]) -> Expression:
+    """The expression with calls replaced by what `replace` gives for them, where it gives something."""
+    match expression:
+        case Call():
+            return replace(expression) or expression
+        case Binary():
+            tree, rest = spine(expression)
+            tree = with_calls(tree, replace)
+            for operator, right in rest:
+                tree = Binary(operator, tree, with_calls(right, replace))
+            return tree
+        case Negative(operand):
+            return Negative(with_calls(operand, replace))
+        case Power(base, exponent):
+            return Power(with_calls(base, replace), exponent)
+        case _:
+            return expression
 
 
 def spine(expression: Expression) -> tuple[Expression, list[tuple[str, Expression]]]:

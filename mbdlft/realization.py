@@ -13,7 +13,6 @@ from mbdlft.certify import (
     check_points,
     check_well_posed,
     relative_error,
-    term_sizes,
 )
 from mbdlft.errors import AnalysisError, SceneError, WellPosednessError
 from mbdlft.exact import exact_lower_bound
@@ -33,6 +32,7 @@ from mbdlft.matrix.polynomial import expanded_matrix
 from mbdlft.matrix.resolve import Resolved, cosine_name, matrix_values, resolve, sine_name
 from mbdlft.matrix.symbolic import internal_matrix
 from mbdlft.parameter import Parameter, to_internal
+from mbdlft.trim import term_sizes
 from mbdlft.unit import parse_unit
 
 

@@ -1,6 +1,6 @@
 """Trim: the efforts and loads that hold the equilibrium, 0 = residual(0, 0, 0, u, p), linear in u."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -8,6 +8,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from mbdlft.equations import (
+    CURVED,
     Equations,
     equation_function,
     given_value,
@@ -20,6 +21,7 @@ from mbdlft.signal import Signal
 
 _RESIDUAL = 1e-9
 _RANK = 1e-10  # an unknown whose effect is that of others up to this part is redundant
+_PART = 1e-2  # of the inertia and stiffness that unbalanced efforts are compared with
 _CARRIED = 1e-9  # of the loads of the scene: a smaller wrench through a body is rounding
 _IDLE = 0.1  # share in a combination of unknowns that does nothing
 
@@ -94,8 +96,17 @@ def trim_efforts(equations: Equations, points: Array) -> tuple[Array, Array]:
             ) from None
     residual = offset + (matrix @ efforts[:, unknown, None])[:, :, 0]
     scale = np.max(np.abs(offset), axis=1, initial=0.0)
-    relative = np.max(np.abs(residual), axis=1, initial=0.0) / np.where(scale > 0, scale, 1.0)
+    relative = _relative(residual, scale)
     if not np.all(relative <= _RESIDUAL):
+        # where nothing is unknown the terms have cancelled already, and what is left is no scale
+        scale = _uncancelled(e, points, efforts)
+        relative = _relative(residual, scale)
+    if not np.all(relative <= _RESIDUAL) and e.fit_error_bound > 0.0:
+        excess = np.abs(residual) - _explained(e, points, efforts, matrix)
+        if not np.all(_relative(np.maximum(excess, 0.0), scale) <= _RESIDUAL):
+            worst = int(np.argmax(np.max(excess, axis=1)))
+            raise TrimError(_unbalanced(e, points, residual, worst))
+    elif not np.all(relative <= _RESIDUAL):
         raise TrimError(_unbalanced(e, points, residual, int(np.argmax(relative))))
     if e.carried_by:
         _check_prestress(e, points, efforts)
@@ -107,9 +118,9 @@ def _check_prestress(e: Equations, points: Array, efforts: Array) -> None:
     symbols, p, cosine, sine = physical_symbols(e.parameters)
     still = [e.xdot, e.x, e.z]
     rest = ca.substitute([e.carried], still, [ca.SX.zeros(s.numel()) for s in still])
-    function = ca.Function("carried", [e.u, e.load, e.p, e.cosine, e.sine, e.elastic], rest)
+    function = ca.Function("carried", [e.u, e.load, e.p, e.cosine, e.sine], rest)
     u, load = ca.SX.sym("u", e.u.numel()), load_value(e, p)
-    values = function(u, load, p, cosine, sine, 1.0)
+    values = function(u, load, p, cosine, sine)
     at = ca.Function("carried", [symbols, u], [ca.densify(values), ca.densify(load)])
     carried, loads = evaluate_many(at, points, efforts)
     largest = np.max(np.abs(carried[:, :, 0]), axis=0)
@@ -162,13 +173,77 @@ def trim_rows(equations: Equations) -> tuple[int, ...]:
     return tuple(sorted(int(row) for row in order[:count]))
 
 
-def _relations_at(e: Equations, points: Array) -> tuple[Array, Array, Array]:
-    """Unbalanced efforts (N, rows) without the unknowns, their slopes (N, rows, unknowns), given u."""
+def _relative(residual: Array, scale: Array) -> Array:
+    return np.asarray(
+        np.max(np.abs(residual), axis=1, initial=0.0) / np.where(scale > 0, scale, 1.0)
+    )
+
+
+def _explained(e: Equations, points: Array, efforts: Array, matrix: Array) -> Array:
+    """Unbalanced efforts (N, rows) that the bounds of fitted positions and efforts allow.
+
+    To first order, once the unknown efforts have followed; `matrix` are the slopes by these. Errors
+    of positions and of efforts are added as if each had its largest value and the worse sign.
+    """
+    slopes = _slopes(e, points, efforts, ca.vertcat(e.x[: e.degrees_of_freedom], e.u))
+    rows = list(trim_rows(e))
+    if rows:
+        slopes = slopes - matrix @ np.linalg.solve(matrix[:, rows], slopes[:, rows])
+    bounds = np.array([*e.x_bounds, *e.u_bounds])
+    return np.asarray((1.0 + CURVED * e.fit_error_bound) * (np.abs(slopes) @ bounds))
+
+
+def _slopes(e: Equations, points: Array, efforts: Array, around: ca.SX) -> Array:
+    """Derivatives (N, rows, entries) of the equations at rest by entries of xdot, x and u."""
+    symbols, p, cosine, sine = physical_symbols(e.parameters)
+    effort, moving = ca.SX.sym("u", e.u.numel()), ca.vertcat(e.xdot, e.x)
+    moved, _ = equation_function(e)(
+        e.xdot, e.x, ca.SX(e.z.numel(), 1), e.u, load_value(e, p), p, cosine, sine
+    )
+    by_around = ca.substitute(
+        ca.jacobian(moved, around),
+        ca.vertcat(moving, e.u),
+        ca.vertcat(ca.SX.zeros(moving.numel()), effort),
+    )
+    (found,) = evaluate_many(
+        ca.Function("slopes", [symbols, effort], [ca.densify(by_around)]), points, efforts
+    )
+    return found
+
+
+def _uncancelled(e: Equations, points: Array, efforts: Array) -> Array:
+    """Sizes (N,) of the equations of equilibrium if nothing cancelled in them.
+
+    Terms of the residual; what efforts do; parts of what the load does to the inertia, and of what
+    displacements of 1 rad or 1 m do. In a scene of numbers only the last ones are left.
+    """
+    n = e.degrees_of_freedom
+    symbols, residual, u, given = _at_rest(e)
+    offset = ca.densify(ca.substitute(residual, u, given))
+    terms = term_sizes(ca.Function("offset", [symbols], [offset]), points)
+    by_motion = _slopes(e, points, efforts, ca.vertcat(e.xdot[n:], e.x[:n]))
+    by_motion = np.max(np.abs(by_motion), axis=1)
+    inertia = np.max(by_motion[:, :n], axis=1, initial=0.0)
+    stiffness = np.max(by_motion[:, n:], axis=1, initial=0.0)
+    value = ca.Function("load", [symbols], [ca.densify(load_value(e, symbols))])
+    (load,) = evaluate_many(value, points)
+    pull = np.max(np.abs(load), axis=(1, 2), initial=0.0)
+    largest = np.maximum(np.max(terms, axis=1), np.max(np.abs(efforts), axis=1, initial=0.0))
+    return np.asarray(np.maximum(largest, _PART * np.maximum(pull * inertia, stiffness)))
+
+
+def _at_rest(e: Equations) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Symbols of physical values, residual at rest, u in it, and the given entries of u."""
     symbols, p, cosine, sine = physical_symbols(e.parameters)
     none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z)]
     u = ca.SX.sym("u", e.u.numel())
     residual, _ = equation_function(e)(*none, u, load_value(e, p), p, cosine, sine)
-    given = given_value(e, p)
+    return symbols, residual, u, given_value(e, p)
+
+
+def _relations_at(e: Equations, points: Array) -> tuple[Array, Array, Array]:
+    """Unbalanced efforts (N, rows) without the unknowns, their slopes (N, rows, unknowns), given u."""
+    symbols, residual, u, given = _at_rest(e)
     relations = ca.Function(
         "trim",
         [symbols],
@@ -220,3 +295,44 @@ def evaluate_many(function: ca.Function, points: Array, *others: Array) -> list[
         rows, columns = function.size_out(k)
         found.append(value.full().reshape(rows, count, columns).transpose(1, 0, 2))
     return found
+
+
+def term_sizes(tape: ca.Function, points: Array) -> Array:
+    """Sizes (N, rows) of the outputs of a function if nothing cancelled: |a| + |b| for a + b.
+
+    The instructions are run once more, on pairs of a value and its size.
+    """
+    work: list[tuple[Array, Array]] = [(np.zeros(0), np.zeros(0))] * tape.sz_w()
+    found = np.zeros((len(points), tape.size1_out(0)))
+    for k in range(tape.n_instructions()):
+        operation = tape.instruction_id(k)
+        sources, targets = tape.instruction_input(k), tape.instruction_output(k)
+        if operation == ca.OP_OUTPUT:
+            found[:, targets[1]] = work[sources[0]][1]
+        elif operation in (ca.OP_INPUT, ca.OP_CONST):
+            constant = operation == ca.OP_CONST
+            value = tape.instruction_constant(k) if constant else points[:, sources[1]]
+            column = np.broadcast_to(np.asarray(value, dtype=float), (len(points),))
+            work[targets[0]] = column, np.abs(column)
+        elif len(sources) == 2:
+            work[targets[0]] = _PAIRS[operation](*work[sources[0]], *work[sources[1]])
+        else:
+            work[targets[0]] = _SINGLE[operation](*work[sources[0]])
+    return found
+
+
+_SINGLE: dict[int, Callable[[Array, Array], tuple[Array, Array]]] = {
+    ca.OP_ASSIGN: lambda a, size: (a, size),
+    ca.OP_NEG: lambda a, size: (-a, size),
+    ca.OP_TWICE: lambda a, size: (2 * a, 2 * size),
+    ca.OP_SQ: lambda a, size: (a * a, size * size),
+    ca.OP_INV: lambda a, size: (1 / a, size / (a * a)),
+    ca.OP_COS: lambda a, size: (np.cos(a), np.abs(np.cos(a))),
+    ca.OP_SIN: lambda a, size: (np.sin(a), np.abs(np.sin(a))),
+}
+_PAIRS: dict[int, Callable[[Array, Array, Array, Array], tuple[Array, Array]]] = {
+    ca.OP_ADD: lambda a, m, b, n: (a + b, m + n),
+    ca.OP_SUB: lambda a, m, b, n: (a - b, m + n),
+    ca.OP_MUL: lambda a, m, b, n: (a * b, m * n),
+    ca.OP_DIV: lambda a, m, b, n: (a / b, m * n / (b * b)),
+}

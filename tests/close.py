@@ -12,6 +12,21 @@ _ROUNDOFF = (
 CLOSED_FORM = 1e-12
 FREQUENCY_RESPONSE = 1e-10
 SCENARIO = 1e-11
+PINOCCHIO = 1e-9
+MUJOCO = 1e-5  # by finite differences
+MECHANISM = 1e-9
+CROSS = 1e-9  # against another tool
+# entries of M^-1 K of finite elements fall by many orders from the diagonal, and so do their digits
+ELASTIC = 1e-5
+
+# results of the literature on elastic systems
+SPACECRAFT_TABLE = 2e-5
+ARM_TABLE = 1e-4
+LENGTH_TABLE = 1e-3
+MAST_TABLE = 3e-3
+SAME_MESH = 1e-8
+CHAIN = 1e-7
+STABLE = 1e-6  # of the largest frequency: real parts of undamped poles that are rounding
 
 # a mesh of eight quintic elements against a closed form: its first three frequencies
 FINITE_ELEMENTS = 1e-5
@@ -22,6 +37,7 @@ BALANCE = 1e-8
 
 # how much a guaranteed bound may be above a largest value that is known
 BOUND = 0.02
+FIT_BOUND = 0.2
 
 
 def exact(actual: ArrayLike, expected: ArrayLike) -> None:
@@ -70,3 +86,19 @@ def finite_difference(actual: ArrayLike, expected: ArrayLike, scale: float | Non
     """Against a central difference with a step of eps^(1/3): accurate to eps^(2/3)."""
     found = error(actual, expected, scale)
     assert found <= 1e3 * EPS ** (2.0 / 3.0), f"relative error {found:.2e}"
+
+
+def entries(actual: ArrayLike, expected: ArrayLike, terms: ArrayLike) -> None:
+    """Matrices (N, ., .) entry by entry: relative to the largest size of each over the points.
+
+    An entry below a thousandth of its row is compared with that, and a row of nothing with a
+    ten thousandth of the largest of the `terms` that are added up.
+    """
+    a, b, t = np.asarray(actual), np.asarray(expected), np.max(np.abs(terms), axis=0)
+    assert a.shape == b.shape, f"shape {a.shape}, expected {b.shape}"
+    size = np.max(np.abs(b), axis=0)
+    scale = np.maximum(size, 1e-3 * np.max(size, axis=1, keepdims=True, initial=0.0))
+    scale = np.maximum(scale, 1e-4 * np.max(t, initial=0.0))
+    found = np.max(np.abs(a - b), axis=0) / np.where(scale > 0, scale, 1.0)
+    worst = np.unravel_index(int(np.argmax(found)), found.shape)
+    assert np.all(found <= MECHANISM), f"relative error {np.max(found):.2e} at {worst}"

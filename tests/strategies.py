@@ -29,6 +29,7 @@ MASS, LENGTH, INERTIA = ("kg", "g", "t"), ("m", "mm", "cm"), ("kg m^2", "kg cm^2
 TURN_STIFFNESS, SLIDE_STIFFNESS = ("N m/rad", "N m/deg", "N m"), ("N/m", "N/mm", "kN/m")
 TURN_DAMPING, SLIDE_DAMPING = ("N m s/rad", "N mm s/rad"), ("N s/m", "kg/s")
 ACCELERATION = ("m/s^2", "mm/s^2")
+FORCE, TORQUE = ("N", "kN", "kg m s^-2"), ("N m", "N mm")
 _LETTERS = {
     MASS: "m",
     LENGTH: "L",
@@ -38,6 +39,8 @@ _LETTERS = {
     TURN_DAMPING: "d",
     SLIDE_DAMPING: "d",
     ACCELERATION: "g",
+    FORCE: "F",
+    TORQUE: "T",
 }
 
 
@@ -63,7 +66,7 @@ def random_scene(
 
     The mass matrix is positive definite and the inertias are physical over the whole range.
     """
-    return _Draft(seed, joints, parameters, edge or EDGES[seed % len(EDGES)]).scene()
+    return Draft(seed, joints, parameters, edge or EDGES[seed % len(EDGES)]).scene()
 
 
 def scenes() -> st.SearchStrategy[mbdlft.Scene]:
@@ -71,7 +74,7 @@ def scenes() -> st.SearchStrategy[mbdlft.Scene]:
     return st.integers(0, 2**32 - 1).map(random_scene)
 
 
-class _Draft:
+class Draft:
     """A random scene in the making."""
 
     def __init__(self, seed: int, joints: int | None, parameters: int | None, edge: str) -> None:

@@ -109,6 +109,10 @@ class Body(Description, abc.ABC):
         """Generalized forces (n,) of a force and torque (6,) at a port of an elastic body."""
         raise NotImplementedError(f"{self.kind} is not elastic")
 
+    def total_mass(self, values: Values) -> ca.SX:
+        """Mass of the body (kg)."""
+        return ca.SX(values.get("mass", 0.0))
+
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
         """Which condition of physics fails at one of the sampled values, or None."""
         return None

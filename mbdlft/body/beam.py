@@ -11,7 +11,7 @@ torsion (rho (Iy + Iz) L, G J/L), linear. Timoshenko elements (cubic, with `shea
 
     K = E I/(L^3 (1 + phi)) (K0 + phi K1),   phi = 12 E I n^2/(k G A L^2)
 
-They are the matrices of appendix B of the source in `tests/reference/flexible.md`.
+They are the matrices of appendix B of the source in `tests/reference/flexible.py`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -29,6 +29,7 @@ from mbdlft.body.rigid import newton_euler
 from mbdlft.description import Expected, Quantity, Text, Values
 from mbdlft.errors import SceneError, unknown_name
 from mbdlft.signal import Freedom, Signal
+from mbdlft.spatial import Coordinate
 
 DEFORMATIONS = ("axial", "torsion", "bending_y", "bending_z")
 SHAPES = ("cubic", "quintic")
@@ -189,6 +190,12 @@ class Beam(ElasticBody):
         damped = any(value != 0.0 for value in given.values())
         return Elastic(mass, damping if damped else [], stiffness, participation)
 
+    def efforts(self, motion: ca.SX, values: Values, at: Coordinate) -> ca.SX:
+        """As of any elastic body, with M (qddot + a qdot) + K (q + b qdot): M and K are met once."""
+        q = at.q + values["stiffness_damping"] * at.v
+        a = at.a + values["mass_damping"] * at.v
+        return ca.SX(super().efforts(motion, values, Coordinate(q, ca.SX(*at.v.shape), a)))
+
     def _participation(
         self, name: str, numbers: Field1D, part: slice, line: Any, length: Any
     ) -> list[Term]:
@@ -243,6 +250,9 @@ class Beam(ElasticBody):
         if np.any(turned):
             found.append(Term(1.0 / values["length"], turned))
         return found
+
+    def total_mass(self, values: Values) -> ca.SX:
+        return ca.SX(values["density"] * values["area"] * values["length"])
 
     def rigid_wrench(self, motion: ca.SX, values: Values) -> ca.SX:
         L, rho, A = (values[key] for key in ("length", "density", "area"))

@@ -33,7 +33,8 @@ class Inertia(Description):
 
     The products are the entries of the matrix: ``xy`` is minus the integral of x y dm. They are
     zero when all of xx, yy and zz are given without them. Entries that no motion of the scene can
-    see may be left out. `about` is ``center_of_mass``, ``origin`` or a port.
+    see may be left out. `about` is ``center_of_mass``, ``origin`` or a port. An `unchecked` inertia
+    may be one that no body has, as some files of robots have them; the equations do not mind.
     """
 
     xx: Quantity | None = None
@@ -43,6 +44,7 @@ class Inertia(Description):
     xz: Quantity | None = None
     yz: Quantity | None = None
     about: str = "center_of_mass"
+    unchecked: bool = False
 
     @classmethod
     def where(cls, fields: Mapping[str, Any]) -> str:
@@ -103,7 +105,8 @@ class RigidBody(Body):
         return ca.SX(needed)
 
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
-        return negative_mass(values["mass"]) or _inertia_problem(self, values)
+        problem = negative_mass(values["mass"])
+        return problem if self.inertia.unchecked else problem or _inertia_problem(self, values)
 
 
 @cache

@@ -32,7 +32,7 @@ class Space(Protocol):
     def departure(self, a: str, b: str, order: int) -> ca.SX:
         """Displacement (order 0) or velocity (1) of b relative to a, first order, axes of a at rest."""
 
-    elastic: ca.SX | float  # 1; 0 where the magnitude follows the law of a spring by itself
+    elastic: float  # 1; 0 where the magnitude follows the law of a spring by itself
 
 
 class BodyWrench(NamedTuple):

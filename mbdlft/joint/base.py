@@ -6,12 +6,12 @@ A joint places the frame of its child's port on its parent's port; at zero posit
 
 import abc
 from collections.abc import Mapping
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar, Self, final
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import InstanceOf, field_validator
+from pydantic import InstanceOf, field_validator, model_validator
 
 from mbdlft.description import Description, Direction, Expected, Quantity, Text, Values
 from mbdlft.errors import SceneError
@@ -124,6 +124,16 @@ class MovingJoint(Joint, abc.ABC):
     """
 
     imposed: bool = False
+
+    @model_validator(mode="after")
+    def _imposed_has_no_preload(self) -> Self:
+        given = getattr(self, "preload", None)
+        if self.imposed and given is not None and any(entry != 0 for entry in _entries(given)):
+            raise SceneError(
+                f"an imposed joint takes the effort that its acceleration needs, so it has no preload, "
+                f"got {given!r}. Leave out preload or imposed."
+            )
+        return self
 
     def own_quantities(self) -> dict[str, Expected]:
         found: dict[str, Expected] = {}

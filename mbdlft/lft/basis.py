@@ -37,6 +37,7 @@ from mbdlft.lft.reduce import reduce_order
 
 _INDEPENDENT = 1e-7
 _SINGULAR = 1e-7  # of the median over the box: a smaller determinant at delta = 0 is not inverted
+_SMALL = 1e-2  # of the median over the box: with a smaller determinant a basis is not regular
 _NOISE = 1e-10  # of the largest entry of each row: a column below is rounding
 _SAME = 1e-10  # relative variation of an entry that is a constant
 
@@ -133,6 +134,14 @@ def choose_values(values: Values, r: int, choice: Choice) -> Values | None:
     except np.linalg.LinAlgError:
         return None
     return _transposed(changed) if choice.transposed else changed
+
+
+def is_regular(values: Values, r: int, choice: Choice) -> bool:
+    """Whether the basis is invertible on the whole range, as far as the points of the box tell."""
+    found = _transposed(values) if choice.transposed else values
+    sizes = np.linalg.det(_krylov_values(found.box, r, choice.columns)[:, choice.rows, :])
+    sizes = sizes * np.sign(sizes[0])  # where it changes its sign it is not invertible between
+    return bool(np.min(sizes) > _SMALL * np.median(sizes))
 
 
 def choose(opened: LFT, r: int, choice: Choice, largest: int) -> LFT:

@@ -18,11 +18,12 @@ again from there, until nothing smaller is found with the most effort.
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from mbdlft.errors import WellPosednessError
+from mbdlft.lft.affine import is_affine, is_polynomial, move_affine
 from mbdlft.lft.basis import (
     Choice,
     Exchange,
@@ -32,23 +33,27 @@ from mbdlft.lft.basis import (
     choose_values,
     close_block,
     exchange,
+    is_regular,
     open_block,
     settle,
 )
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.exchange import search_exchanges
 from mbdlft.lft.lft import LFT, Array, Block, with_blocks
-from mbdlft.lft.lines import Lines, Values, lines_of, total_degree, values_on
+from mbdlft.lft.lines import Lines, Values, equilibrate, lines_of, total_degree, values_on
 from mbdlft.lft.reduce import reduce_order
 
 _POINTS = 64
 _SAME = 1e-11  # relative difference of values, far above rounding and far below a wrong step
 _CONDITION = 1e7  # of I - M11 Delta on the range
 _NEGLIGIBLE = 1e-6  # of the largest entry: a smaller one is compared with that part of it
+_CANCELED = 1e-2  # of its row and column, after solving for accelerations: there terms cancel
 _SHIFT = (0.1, 0.3)  # of the range: the search runs around a point where nothing vanishes by chance
 _HOPELESS = 8  # a score this much above the smallest LFT is not followed
 _TRIED = 4  # steps that are made for each that is followed
-_QUICK = 3  # efforts of the first descent
+_ORDERS = 8  # that are tried after a descent
+_LEVELS = (1, 3)  # efforts of the first descents
+_LARGE = 120  # channels: from there on the bound by pairs waits for the end of a first descent
 _ATTEMPTS = 8  # descents from each form, with other random choices
 _FAR = 3  # a form this much larger than the smallest is not started from
 _GROWTH = 2  # of the order, that LFTs on the way may have
@@ -63,6 +68,7 @@ class Effort(NamedTuple):
     rows: int
     orders: int
     exchanges: int
+    order: Literal["scores", "sizes", "chance"] = "scores"  # in which the blocks are opened
 
 
 EFFORTS = (
@@ -71,6 +77,12 @@ EFFORTS = (
     Effort(width=3, deltas=100, bases=3, rows=20, orders=2, exchanges=0),
     Effort(width=3, deltas=100, bases=3, rows=20, orders=2, exchanges=500),
     Effort(width=4, deltas=100, bases=4, rows=40, orders=4, exchanges=3000),
+)
+
+# of one delta only, so quick: small blocks first, or an order of chance
+ORDERED = (
+    Effort(width=1, deltas=1, bases=3, rows=40, orders=1, exchanges=0, order="sizes"),
+    Effort(width=1, deltas=1, bases=3, rows=40, orders=1, exchanges=0, order="chance"),
 )
 
 
@@ -91,6 +103,7 @@ class _Step(NamedTuple):
     state: _State
     name: str
     choice: Choice | None
+    regular: bool = True
 
 
 class _Problem(NamedTuple):
@@ -101,6 +114,7 @@ class _Problem(NamedTuple):
     seed: int
     most: int
     stop: Callable[[], bool]
+    order: tuple[str, ...]  # in which the blocks are opened; empty: as the scores say
 
 
 class Smallest(NamedTuple):
@@ -115,6 +129,7 @@ def reduce_commuting(
     bound: Mapping[str, int],
     seconds: float,
     joint: Callable[[LFT, Callable[[], bool]], int],
+    finish: Callable[[LFT], LFT] = lambda found: found,
 ) -> Smallest:
     """The smallest LFT of equal value that is found in a time, at the latest when it meets the bound.
 
@@ -124,52 +139,101 @@ def reduce_commuting(
         Different forms lead to different results.
     bound : mapping of names to the lower bounds of the repetitions
     seconds : float
-        Budget (s); what is tried, and in which order, does not depend on it.
+        Budget of processor time of this thread (s), so that a busy machine finds the same; what is
+        tried, and in which order, does not depend on it.
     joint : function of an LFT and of a function that says when to stop
         A lower bound on the order that may be better than the sum of `bound`; asked for once, when a
         first descent has not reached that sum.
+    finish : function of an LFT
+        What becomes of the result. That has to keep its values too: solving for accelerations makes
+        rounding larger.
 
     Returns
     -------
     Smallest
         With the smallest of `starts` itself if nothing smaller was found.
     """
-    deadline = time.perf_counter() + seconds
+    deadline = time.thread_time() + seconds
     smallest = min(starts, key=lambda start: start.order)
     forms = [_without_empty(start) for start in starts if start.order <= _FAR * smallest.order]
     forms.sort(key=lambda form: form.order)
     used = {block.name for block in forms[0].blocks}  # the least that the value depends on
     forms = [form for form in forms if {block.name for block in form.blocks} == used]
-    search = _Search(bound, lambda: time.perf_counter() > deadline, forms[0])
-    best, seed = forms[0], 0
+    search = _Search(bound, lambda: time.thread_time() > deadline, forms[0], finish)
+    origin = forms[0]
+    for form in _moved(origin) if not search.stop() else ():
+        if form.order < forms[0].order and _keeps(form, search):
+            forms.insert(0, form)
+    best, seed, bounded = forms[0], 0, False
+
+    def is_over() -> bool:
+        return best.order <= search.target or search.stop()
+
+    # where moving was enough there may be nothing to search for; pairs take long for many deltas
+    if best is not origin and best.order <= _LARGE and not is_over():
+        search.target, bounded = joint(finish(best), search.stop), True
     for attempt in range(_ATTEMPTS):
-        if attempt == 1 and best.order > search.target and not search.stop():
-            search.target = joint(best, search.stop)
-        efforts = EFFORTS[:_QUICK] if attempt == 0 else EFFORTS
+        efforts = EFFORTS[: _LEVELS[attempt]] if attempt < len(_LEVELS) else EFFORTS
         for form in forms if attempt > 1 else [best]:
             found, level = form, 0
-            while level < len(efforts) and best.order > search.target and not search.stop():
+            while level < len(efforts) and not is_over():
                 smaller = _pass(found, search, efforts[level], seed)
                 level = level if smaller.order < found.order else level + 1
                 found, seed = smaller, seed + 1
                 best = found if found.order < best.order else best
+                if not (bounded or is_over()) and (attempt > 0 or best.order <= _LARGE):
+                    search.target, bounded = joint(finish(best), search.stop), True
+        for k in range(_ORDERS):
+            if is_over():
+                break
+            found, seed = _pass(origin, search, ORDERED[k % 2], seed), seed + 1
+            best = found if found.order < best.order else best
     if best.order == smallest.order:
         return Smallest(smallest, search.target)
     names = [block.name for block in smallest.blocks]
     return Smallest(with_blocks(best, names), search.target)
 
 
-class _Search:
-    """The bounds, the budget, and values by which every result is checked."""
+def _moved(a: LFT) -> Iterator[LFT]:
+    """Forms of the same value with the affine deltas moved: inside of other polynomial ones, or not."""
+    affine = [name for name, _ in a.blocks if is_affine(a, name)]
+    if affine:
+        others = [name for name, _ in a.blocks if name not in affine and is_polynomial(a, name)]
+        for outside in (others, ()):
+            try:
+                yield move_affine(a, outside, affine)
+            except WellPosednessError:
+                continue
 
-    def __init__(self, bound: Mapping[str, int], stop: Callable[[], bool], form: LFT) -> None:
-        self.bound, self.target, self.stop = bound, sum(bound.values()), stop
-        self.form, self.points = form, _check_points(len(form.blocks))
+
+class _Truth:
+    """Values by which every result is checked; not computed before there is one."""
+
+    def __init__(self, form: Callable[[], LFT], floor: Callable[[Array], Array | float]) -> None:
+        self.form, self.floor = form, floor
 
     @cached_property
-    def values(self) -> Array:
-        """At the points; not before a result is to be checked."""
-        return evaluate_at(self.form, self.points)
+    def values(self) -> tuple[Array, Array]:
+        """Points (N, number of blocks) of the unit box, and values there."""
+        form = self.form()
+        points = _check_points(len(form.blocks))
+        return points, evaluate_at(form, points)
+
+
+class _Search:
+    """The bounds, the budget, and what every result is checked against, as it is and finished."""
+
+    def __init__(
+        self,
+        bound: Mapping[str, int],
+        stop: Callable[[], bool],
+        form: LFT,
+        finish: Callable[[LFT], LFT] = lambda found: found,
+    ) -> None:
+        self.bound, self.target, self.stop = bound, sum(bound.values()), stop
+        self.finish = finish
+        self.truth = _Truth(lambda: form, _part_of_largest)
+        self.finished = _Truth(lambda: finish(form), _part_of_row_and_column)
 
 
 def _pass(a: LFT, search: _Search, effort: Effort, seed: int) -> LFT:
@@ -185,23 +249,24 @@ def _pass(a: LFT, search: _Search, effort: Effort, seed: int) -> LFT:
             closed = close_block(closed, block)
         try:
             closed = reduce_order(_around(closed, -shift))
+            return closed if closed.order < best.order and _keeps(closed, search) else None
         except WellPosednessError:
             return None
-        return closed if closed.order < best.order and _keeps(closed, search) else None
 
     problem = _Problem(
-        lines_of({name: search.bound[name] + 2 for name, _ in a.blocks}, seed),
+        lines_of({name: 2 * search.bound[name] + 2 for name, _ in a.blocks}, seed, shift),
         effort,
         seed,
         _GROWTH * a.order + 30,
         search.stop,
+        _order(a, effort, random),
     )
     start = _around(a, shift)
     states = [_State(total_degree(values_on(start, problem.lines), problem.lines), (), start)]
     for _ in a.blocks:
         steps = sorted(
             (step for state in states for step in _steps(state, problem)),
-            key=lambda step: (step.score, len(step.exchanges), step.size),
+            key=lambda step: (step.score, not step.regular, len(step.exchanges), step.size),
         )
         # of those with one score the simplest: it has the fewest channels left
         states = sorted(_taken(steps, problem), key=lambda state: (state.score, state.left.order))
@@ -213,6 +278,16 @@ def _pass(a: LFT, search: _Search, effort: Effort, seed: int) -> LFT:
         if states[0].score > best.order + _HOPELESS:
             break
     return best
+
+
+def _order(a: LFT, effort: Effort, random: np.random.Generator) -> tuple[str, ...]:
+    """The order in which an effort opens the blocks, empty if the scores decide."""
+    blocks = [a.blocks[k] for k in random.permutation(len(a.blocks))]
+    if effort.order == "scores":
+        return ()
+    if effort.order == "sizes":
+        blocks.sort(key=lambda block: block.size)
+    return tuple(block.name for block in blocks)
 
 
 def _steps(state: _State, problem: _Problem) -> list[_Step]:
@@ -229,7 +304,8 @@ def _steps(state: _State, problem: _Problem) -> list[_Step]:
         plain.append((_Step(score, (), size, state, name, None), values))
         if score <= state.score:
             return [plain[-1][0]]
-    plain.sort(key=lambda item: (item[0].size, item[0].score))
+    place = {name: k for k, name in enumerate(problem.order)}
+    plain.sort(key=lambda item: (place.get(item[0].name, 0), item[0].size, item[0].score))
     steps = []
     for step, values in plain[: effort.deltas]:
         if problem.stop():
@@ -249,8 +325,10 @@ def _bases(plain: _Step, values: Values, done: int, problem: _Problem) -> list[_
             continue
         score = done + choice.size + total_degree(found, lines)
         if score >= floor:  # less is a rank that was not seen
-            tried.append((plain._replace(score=score, size=choice.size, choice=choice), found))
-    tried.sort(key=lambda item: (item[0].score, item[0].size))
+            regular = is_regular(values, plain.size, choice)
+            changed = plain._replace(score=score, size=choice.size, choice=choice, regular=regular)
+            tried.append((changed, found))
+    tried.sort(key=lambda item: (item[0].score, not item[0].regular, item[0].size))
     steps = []
     for step, found in tried[: effort.bases]:
         steps.append(step)
@@ -325,9 +403,28 @@ def _check_points(count: int) -> Array:
     return points
 
 
+def _part_of_largest(values: Array) -> float:
+    return _NEGLIGIBLE * float(np.max(np.abs(values), initial=0.0))
+
+
+def _part_of_row_and_column(values: Array) -> Array:
+    """(rows, columns); an entry is no larger than what its row and its column give it."""
+    rows, columns = equilibrate(values)
+    used = np.max(np.abs(values), initial=0.0) > 0.0
+    return np.asarray(_CANCELED * used / np.outer(rows, columns))
+
+
 def _keeps(candidate: LFT, search: _Search) -> bool:
-    """Whether the values are the same, and the loop is far from singular, at all points."""
-    points, values = search.points, search.values
+    """Whether a candidate is right as it is, and when it is finished."""
+    return _same(candidate, search.truth) and _same(search.finish(candidate), search.finished)
+
+
+def _same(candidate: LFT, truth: _Truth) -> bool:
+    """Whether the values are the same, and the loop is far from singular, at all points.
+
+    An entry is compared with its size, and a small one with a part of what its row and column have.
+    """
+    points, values = truth.values
     if candidate.order:
         spread = np.repeat(points, [block.size for block in candidate.blocks], axis=1)
         loop = np.eye(candidate.order) - candidate.M11[None] * spread[:, None, :]
@@ -336,7 +433,7 @@ def _keeps(candidate: LFT, search: _Search) -> bool:
             return False
     found = evaluate_at(candidate, points)
     size = np.max(np.abs(values), axis=0)
-    size = np.maximum(size, _NEGLIGIBLE * np.max(size, initial=0.0))
+    size = np.maximum(size, truth.floor(values))
     return bool(
         np.max(np.abs(found - values) / np.where(size > 0, size, 1.0), initial=0.0) <= _SAME
     )

@@ -321,14 +321,20 @@ def with_blocks(a: LFT, names: Sequence[str]) -> LFT:
 
 
 def solve_nominal(matrix: Array, right: Array, what: str) -> Array:
-    """matrix^-1 right, or an error if the matrix is singular to working precision."""
+    """matrix^-1 right, or an error if the matrix is singular to working precision.
+
+    One step of refinement makes the error small relative to the terms of each entry (Skeel 1980): the
+    entries of M^-1 K of a finite-element model fall by many orders from the diagonal.
+    """
     if not matrix.size:
         return np.zeros((matrix.shape[0], right.shape[1]))
     scale = np.max(np.abs(matrix), axis=1, keepdims=True)
     scale[scale == 0.0] = 1.0
     try:
-        solution = np.linalg.solve(matrix / scale, right / scale)
-        singular = 1.0 / np.linalg.cond(matrix / scale, 1) < np.finfo(float).eps
+        matrix, right = matrix / scale, right / scale
+        first = np.linalg.solve(matrix, right)
+        solution = np.asarray(first + np.linalg.solve(matrix, right - matrix @ first), dtype=float)
+        singular = 1.0 / np.linalg.cond(matrix, 1) < np.finfo(float).eps
     except np.linalg.LinAlgError:
         singular = True
     if singular:

@@ -43,8 +43,11 @@ class Values(NamedTuple):
     box: Array
 
 
-def lines_of(degrees: Mapping[str, int], seed: int) -> Lines:
-    """Lines for LFTs of about these degrees."""
+def lines_of(degrees: Mapping[str, int], seed: int, shift: Array | float = 0.0) -> Lines:
+    """Lines for LFTs of about these degrees, in the distances of the deltas from a point.
+
+    `shift` is the point (number of deltas); the box is the range of the deltas.
+    """
     random = np.random.default_rng(seed)
 
     def circle(degree: int) -> NDArray[Any]:
@@ -54,7 +57,7 @@ def lines_of(degrees: Mapping[str, int], seed: int) -> Lines:
 
     inside = random.uniform(-1.0, 1.0, (_BOX_POINTS, len(degrees)))
     near_corners = 0.95 * np.sign(inside) + 0.05 * inside
-    box = np.vstack([np.zeros((1, len(degrees))), inside, near_corners])
+    box = np.vstack([np.zeros((1, len(degrees))), np.vstack([inside, near_corners]) - shift])
     return Lines(
         {name: float(random.uniform(-_CENTER, _CENTER)) for name in degrees},
         {name: circle(degree) for name, degree in degrees.items()},

@@ -64,6 +64,9 @@ class Certificate:
     truncation_error : float
         Guaranteed bound [1] of what truncation changes, over the whole range, as in `truncate`; 0.0 if
         nothing was truncated.
+    fit_error_bound : float
+        Guaranteed bound (rad or m) of the error of equilibrium positions that are rational fits, over the
+        whole range; 0.0 if nothing was fitted. The other numbers are then those at the fitted positions.
     order_bound : int
         Proved minimum of the sum of all repetitions. Pairs of parameters that cannot both have their
         lower bound make it larger than the sum of these, which stands for 0.
@@ -85,6 +88,7 @@ class Certificate:
     doubtful: tuple[int, ...] = ()
     truncation_error: float = 0.0
     order_bound: int = 0
+    fit_error_bound: float = 0.0
 
     def __post_init__(self) -> None:
         alone = sum(self.lower_bound)

@@ -77,7 +77,8 @@ def truncate(model: LFTModel, tolerance: float) -> LFTModel:
         The model is singular at a point of its range.
     """
     where = f"model {model.name!r}"
-    if not model.certificate.exact:
+    fitted = model.certificate.fit_error_bound > 0.0 and model.certificate.truncation_error == 0.0
+    if not (model.certificate.exact or fitted):
         raise StructureError(
             f"{where}: it is not exact already, and errors of two truncations have no common scale. "
             "Truncate the exact model with the larger tolerance."

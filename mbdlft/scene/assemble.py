@@ -1,35 +1,32 @@
 """From a scene to its equations: the recursive Newton-Euler residual of the tree."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from mbdlft.analyze.sample import random
 from mbdlft.body import ElasticBody
 from mbdlft.body.rigid import DIAGONAL, PRODUCTS, unseen_name
 from mbdlft.description import AXES, Values
-from mbdlft.equations import Equations, SpringLaw
+from mbdlft.equations import Equations
 from mbdlft.errors import NotRationalError, SceneError
 from mbdlft.force import BodyWrench, Spring
-from mbdlft.joint import Turn, labelled
+from mbdlft.joint import labelled
 from mbdlft.lft.lft import Array
-from mbdlft.parameter import Parameter
 from mbdlft.scene.channels import body_channels, body_inputs
-from mbdlft.scene.check import check
+from mbdlft.scene.check import check, check_fit
 from mbdlft.scene.closure import Closure, close_loops, constraint, reactions
 from mbdlft.scene.placed import inertial_wrenches, motions, pass_inward
-from mbdlft.scene.quantities import Place, angle_at, owner_name, owners, value_at
+from mbdlft.scene.quantities import owner_name
 from mbdlft.scene.scene import Scene
+from mbdlft.scene.symbols import Symbols, coordinate_owners
 from mbdlft.scene.tree import Link, PortJoint, all_bodies, tree
 from mbdlft.scene.view import View
 from mbdlft.signal import Freedom, Signal
-from mbdlft.spatial import Coordinate, exact_cosine_sine
-from mbdlft.unit import parse_unit
 
 _SEEN = 1e-13  # a sensitivity of the equations of order one below which an entry is not seen
-_POINTS = 16  # random points at which loops are checked, beside nominal
+_APART = 1e-9  # of the reach of its ports: a spring that is shorter has no direction
 GROUND_ACCELERATION = tuple(f"ground.acceleration.{axis}" for axis in AXES)
 
 
@@ -40,27 +37,6 @@ class Effort(NamedTuple):
     given: ca.SX | float | None
     is_input: bool = True
     is_default: bool = True
-
-
-class Owned(NamedTuple):
-    """Coordinates of a joint or of an elastic body."""
-
-    owner: str
-    name: str
-    freedoms: tuple[Freedom, ...]
-    kind: str  # "joint", "imposed" or "elastic"
-
-
-def coordinate_owners(links: tuple[Link, ...]) -> list[Owned]:
-    """Joints and bodies from the ground outward; each body after the joint that holds it."""
-    found = []
-    for link in links:
-        joint, body = link.joint, link.child
-        if not isinstance(joint, PortJoint):
-            kind = "imposed" if getattr(joint, "imposed", False) else "joint"
-            found.append(Owned(link.owner, joint.name, joint.freedoms, kind))
-        found.append(Owned(owner_name(body), body.name, body.freedoms(), "elastic"))
-    return found
 
 
 def assemble(scene: Scene) -> Equations:
@@ -79,23 +55,28 @@ def assemble(scene: Scene) -> Equations:
     check(scene)
     _check_spin(scene)
     parameters = tuple(sorted(scene.parameters, key=lambda parameter: parameter.name))
-    symbols = _Symbols(scene, parameters, links)
+    symbols = Symbols(scene, parameters, links)
     values = symbols.quantities(scene)
     own = values[f"scene {scene.name!r}"]
     gravity = ca.sparsify(ca.SX(ca.vertcat(*(own[f"gravity.{a}"] for a in AXES))))
     view = View(links, all_bodies(scene), values, symbols.coordinates(links), gravity)
-    elastic = view.elastic = ca.SX.sym("elastic")
     closure = close_loops(scene, view, symbols.evaluate)
+    _check_springs(scene, view, symbols.evaluate)
 
-    listed = _efforts(scene, links, values, view, closure)
+    densities = {
+        load.name: _force_density(load, values[owner_name(load)], view)
+        for load in scene.loads
+        if isinstance(load, Spring)
+    }
+    listed = list_efforts(scene, links, values, densities, closure.rows)
     u = ca.SX.sym("u", len(listed))
     z = ca.SX.sym("multiplier", len(closure.rows))
     base = ca.vertcat(*(own[f"acceleration.{a}"] - own[f"gravity.{a}"] for a in AXES))
     base = ca.sparsify(ca.SX(base))
     load = ca.SX.sym("load", base.sparsity())
-    view.motions = motions(view.now, _ground_motion(scene, own, load, listed, u))
+    view.motions = motions(view.now, ground_motion(scene, own, load, listed, u))
     needed = inertial_wrenches(view.now, view.motions)
-    for acted in _acting(scene, links, values, view, closure, u, z):
+    for acted in acting(scene, links, values, view, closure, u, z):
         if acted.body in needed:
             needed[acted.body] -= acted.wrench
     view.passed = pass_inward(view.now, view.motions, needed)
@@ -108,13 +89,14 @@ def assemble(scene: Scene) -> Equations:
     measured, y_signals, displacements = _measures(scene, links, symbols, view)
     displacements += tuple(len(y_signals) + k for k in range(len(channels.signals)))
     measured, y_signals = ca.vertcat(measured, channels.outputs), y_signals + channels.signals
-    both = _without_unseen(scene, ca.vertcat(residual, measured), symbols)
+    both = without_unseen(scene, ca.vertcat(residual, measured))
     coordinate_signals = [
         Signal(f"{named.name}.{freedom.measures[k].name}", freedom.measures[k].unit)
         for k in range(2)
         for named in coordinate_owners(links)
         for freedom in named.freedoms
     ]
+    check_fit(scene, [*coordinate_signals[:n], *(effort.signal for effort in listed)])
     followers = {*closure.dependent, *(n + k for k in closure.dependent)}
     states = tuple(k for k in range(2 * n) if k not in followers)
     return Equations(
@@ -146,12 +128,18 @@ def assemble(scene: Scene) -> Equations:
         ),
         default_inputs=tuple(k for k, effort in enumerate(listed) if effort.is_default),
         default_outputs=displacements,
-        springs=_spring_laws(scene, values, view, listed),
-        elastic=elastic,
         carried=carried,
         carried_by=carried_by,
         parameters=parameters,
+        x_bounds=_bounds(scene, coordinate_signals[:n]),
+        u_bounds=_bounds(scene, [effort.signal for effort in listed]),
     )
+
+
+def _bounds(scene: Scene, signals: Sequence[Signal]) -> tuple[float, ...]:
+    """Bounds of the fit of the scene by signal, zero where it has none."""
+    bounds = scene.fit.bounds if scene.fit else {}
+    return tuple(float(bounds.get(signal.name, 0.0)) for signal in signals)
 
 
 def _check_spin(scene: Scene) -> None:
@@ -163,84 +151,18 @@ def _check_spin(scene: Scene) -> None:
         )
 
 
-class _Symbols:
-    """The symbols of one assembly."""
-
-    def __init__(
-        self, scene: Scene, parameters: tuple[Parameter, ...], links: tuple[Link, ...]
-    ) -> None:
-        n = sum(len(named.freedoms) for named in coordinate_owners(links))
-        if n == 0:
-            raise SceneError(f"scene {scene.name!r}: all joints are fixed, so nothing moves.")
-        self.x = ca.SX.sym("x", 2 * n)
-        self.xdot = ca.SX.sym("xdot", 2 * n)
-        self.q, self.v, self.a = self.x[:n], self.x[n:], self.xdot[n:]
-        self.p = ca.SX.sym("p", len(parameters))
-        self.cosine = ca.SX.sym("cosine", len(parameters))
-        self.sine = ca.SX.sym("sine", len(parameters))
-        self.parameters = parameters
-        self.index = {parameter.name: k for k, parameter in enumerate(parameters)}
-        self.names: dict[str, Any] = dict(scene.constant_values())
-        for name, k in self.index.items():
-            factor = parse_unit(parameters[k].unit).factor
-            self.names[name] = self.p[k] if factor == 1.0 else factor * self.p[k]
-
-    def coordinates(self, links: tuple[Link, ...]) -> dict[str, Coordinate]:
-        """Slices of q, v and a by owner, in the order of `coordinate_owners`."""
-        found, k = {}, 0
-        for named in coordinate_owners(links):
-            part = slice(k, k := k + len(named.freedoms))
-            found[named.owner] = Coordinate(self.q[part], self.v[part], self.a[part])
-        return found
-
-    def quantities(self, scene: Scene) -> dict[str, Values]:
-        """Values of all quantities by owner and label; an angle is a tuple of turns."""
-        return {
-            owner: {
-                label: self._turns(scene, Place(owner, label), expected)
-                if expected.unit == "rad"
-                else value_at(Place(owner, label), expected, self.names)
-                for label, expected in quantities.items()
-            }
-            for owner, quantities in owners(scene)
-        }
-
-    def _turns(self, scene: Scene, place: Place, expected: Any) -> tuple[Turn, ...]:
-        angle = angle_at(scene, place, expected)
-        found = [
-            Turn(
-                self.cosine[self.index[name]],
-                (1.0 if count > 0 else -1.0) * self.sine[self.index[name]],
-            )
-            for name, count in angle.multiples.items()
-            for _ in range(abs(count))
-        ]
-        if angle.constant != 0.0:
-            found.append(Turn(*exact_cosine_sine(angle.constant)))
-        return tuple(found)
-
-    def evaluate(self, expression: ca.SX) -> list[Array]:
-        """Values of an expression of the parameters, at nominal and at random points."""
-        function = ca.Function("values", [self.p, self.cosine, self.sine], [ca.densify(expression)])
-        points = [np.array([parameter.nominal for parameter in self.parameters])]
-        if self.parameters:
-            inside = random(self.parameters, _POINTS, 0)
-            points += list(np.stack([inside[p.name] for p in self.parameters], axis=1))
-        factors = np.array([parse_unit(parameter.unit).factor for parameter in self.parameters])
-        return [
-            function(point, np.cos(factors * point), np.sin(factors * point)).full()
-            for point in points
-        ]
-
-
-def _efforts(
+def list_efforts(
     scene: Scene,
     links: tuple[Link, ...],
     values: Mapping[str, Values],
-    view: View,
-    closure: Closure,
+    densities: Mapping[str, Any],
+    rows: Sequence[int],
 ) -> list[Effort]:
-    """Entries of u: of joints, loads, the ground if it is asked for, and the multipliers."""
+    """Entries of u: of joints, loads, the ground if it is asked for, and multipliers.
+
+    `densities` are force densities of the springs by name (None: unknown), `rows` the constraints of
+    the loops that are kept.
+    """
     found: list[Effort] = []
     for owner, name, freedoms, kind in coordinate_owners(links):
         for freedom in freedoms:
@@ -251,10 +173,8 @@ def _efforts(
             named = Signal(f"{name}.{signal.name}", signal.unit)
             found.append(Effort(named, given, is_input=is_input, is_default=is_input))
     for load in scene.loads:
-        own = values[owner_name(load)]
-        given = own.get(load.magnitude_key)
-        if isinstance(load, Spring) and load.rest_length is not None:
-            given = _force_density(load, own, view)
+        given = values[owner_name(load)].get(load.magnitude_key)
+        given = densities.get(load.name, given)
         found.append(Effort(Signal(f"{load.name}.{load.signal.name}", load.signal.unit), given))
     found += [Effort(signal, 0.0) for link in links for signal in body_inputs(link.child)]
     asked = set(scene.inputs or ())
@@ -264,13 +184,30 @@ def _efforts(
         if name in asked
     ]
     multipliers = [signal for loop in scene.loops for signal in loop.signals()]
-    return found + [
-        Effort(multipliers[k], None, is_input=False, is_default=False) for k in closure.rows
-    ]
+    return found + [Effort(multipliers[k], None, is_input=False, is_default=False) for k in rows]
+
+
+def _check_springs(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]) -> None:
+    """The ports of springs are apart at nominal and at other points of the range."""
+    for load in scene.loads:
+        if not isinstance(load, Spring):
+            continue
+        view.owner = owner_name(load)
+        gaps = evaluate(view.between_at_rest(load.parent, load.child))
+        arms = [view.between_at_rest("ground", port) for port in (load.parent, load.child)]
+        reach = max(float(np.max(np.abs(value))) for arm in arms for value in evaluate(arm))
+        apart = [float(np.linalg.norm(gap)) for gap in gaps]
+        if min(apart) <= _APART * reach:
+            raise SceneError(
+                f"{view.owner}: its ports are at one point, so it has no direction. Move one of the "
+                f"ports {load.parent!r} and {load.child!r}, or the equilibrium."
+            )
 
 
 def _force_density(spring: Spring, own: Values, view: View) -> Any:
-    """Tension over length at equilibrium of a spring with a rest length."""
+    """Tension over length of a spring at equilibrium; None if it is not given."""
+    if spring.rest_length is None:
+        return own.get(spring.magnitude_key)
     view.owner = owner_name(spring)
     r = view.between_at_rest(spring.parent, spring.child)
     length2 = ca.dot(r, r)
@@ -281,12 +218,10 @@ def _force_density(spring: Spring, own: Values, view: View) -> Any:
             "the length as force_density (N/m), or leave both out and let the trim solve for it."
         )
     length = float(ca.DM(ca.sqrt(length2)))
-    if length == 0.0:
-        raise SceneError(f"{view.owner}: its ports are at one point, so it has no direction.")
     return own["stiffness"] * (1.0 - own["rest_length"] / length)
 
 
-def _ground_motion(
+def ground_motion(
     scene: Scene, own: Values, load: ca.SX, listed: Sequence[Effort], u: ca.SX
 ) -> ca.SX:
     """Motion (3, 3) of the origin of the ground: spin of the frame, and its acceleration."""
@@ -301,7 +236,7 @@ def _ground_motion(
     return ca.horzcat(spin, ca.SX(3, 1), load)
 
 
-def _acting(
+def acting(
     scene: Scene,
     links: tuple[Link, ...],
     values: Mapping[str, Values],
@@ -326,7 +261,7 @@ def _acting(
 
 def _dynamics(
     links: tuple[Link, ...],
-    symbols: _Symbols,
+    symbols: Symbols,
     values: Mapping[str, Values],
     view: View,
     u: ca.SX,
@@ -342,8 +277,8 @@ def _dynamics(
                 continue
             effort = needed[k]
             if kind == "joint":
-                effort += _of(own, "stiffness", freedom) * symbols.q[row]
-                effort += _of(own, "damping", freedom) * symbols.v[row]
+                effort += quantity_of(own, "stiffness", freedom) * symbols.q[row]
+                effort += quantity_of(own, "damping", freedom) * symbols.v[row]
             rows.append(effort - u[row])
     return ca.vertcat(*rows)
 
@@ -360,11 +295,12 @@ def _carried(links: tuple[Link, ...], view: View) -> tuple[ca.SX, tuple[str, ...
     return ca.vertcat(ca.SX(0, 1), *wrenches), tuple(names)
 
 
-def _of(own: Values, key: str, freedom: Freedom) -> Any:
+def quantity_of(own: Values, key: str, freedom: Freedom) -> Any:
+    """Value of a quantity of one coordinate; zero if the joint has none."""
     return own.get(labelled(key, freedom), 0.0)
 
 
-def _without_unseen(scene: Scene, relations: ca.SX, symbols: _Symbols) -> ca.SX:
+def without_unseen(scene: Scene, relations: ca.SX) -> ca.SX:
     """The relations without placeholders of inertia entries; an error if the motion sees one."""
     owners_of = {
         unseen_name(body.name, entry): (body.name, entry)
@@ -397,7 +333,7 @@ def _without_unseen(scene: Scene, relations: ca.SX, symbols: _Symbols) -> ca.SX:
 
 
 def _measures(
-    scene: Scene, links: tuple[Link, ...], symbols: _Symbols, view: View
+    scene: Scene, links: tuple[Link, ...], symbols: Symbols, view: View
 ) -> tuple[ca.SX, tuple[Signal, ...], tuple[int, ...]]:
     """Outputs: measures of all joints, and the sensors that are asked for.
 
@@ -428,20 +364,3 @@ def _measures(
         entries.append(sensor.measure(view))
         signals += named
     return ca.vertcat(*entries), tuple(signals), tuple(default)
-
-
-def _spring_laws(
-    scene: Scene, values: Mapping[str, Values], view: View, listed: Sequence[Effort]
-) -> tuple[SpringLaw, ...]:
-    """Laws of the springs with a rest length, for displacements that are not small."""
-    names = [effort.signal.name for effort in listed]
-    found = []
-    for load in scene.loads:
-        if isinstance(load, Spring) and load.rest_length is not None:
-            view.owner = owner_name(load)
-            own, r = values[view.owner], view.between(load.parent, load.child)
-            index = names.index(f"{load.name}.{load.signal.name}")
-            found.append(
-                SpringLaw(index, ca.dot(r, r), ca.SX(own["stiffness"]), ca.SX(own["rest_length"]))
-            )
-    return tuple(found)

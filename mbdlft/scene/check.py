@@ -1,6 +1,6 @@
 """Checks of a scene that need its values: units, physics, and denominators over the whole range."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any
 
@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.body import Body
-from mbdlft.description import ANY_UNIT, Expected
-from mbdlft.errors import NotRationalError, SceneError, WellPosednessError
+from mbdlft.description import ANY_UNIT, AXES, Expected
+from mbdlft.errors import NotRationalError, SceneError, WellPosednessError, unknown_name
 from mbdlft.expression import denominators, evaluate, names, write
 from mbdlft.joint import Joint
 from mbdlft.parameter import Parameter
@@ -24,9 +24,11 @@ from mbdlft.scene.quantities import (
     value_at,
 )
 from mbdlft.scene.scene import Constant, Scene
+from mbdlft.signal import Signal
 from mbdlft.unit import dimension_name, parse_unit
 
 _RANDOM, _CORNERS = 64, 4096
+_ROUNDING = 1e-12
 
 
 def check(scene: Scene) -> None:
@@ -35,7 +37,8 @@ def check(scene: Scene) -> None:
     Raises
     ------
     SceneError
-        A name is unknown, a unit does not fit, or a mass or inertia is not physical.
+        A name is unknown, a unit does not fit, or a mass or inertia is not physical, or
+        gravity is not steady in the spinning frame.
     NotRationalError
         A quantity is not rational in the parameters.
     WellPosednessError
@@ -46,11 +49,22 @@ def check(scene: Scene) -> None:
         owner: _check_quantities(scene, owner, quantities, dimensions)
         for owner, quantities in owners(scene)
     }
+    _check_steady(scene, sampled[f"scene {scene.name!r}"])
     items: list[Body | Joint] = [*scene.bodies, *scene.joints]
     for item in items:
         problem = item.physical_problem(sampled[owner_name(item)])
         if problem:
             raise SceneError(f"{owner_name(item)}: {problem} Check the values and the ranges.")
+
+
+def check_fit(scene: Scene, signals: Sequence[Signal]) -> None:
+    """Raise a SceneError if the fit of the scene names what it does not have."""
+    for name in scene.fit.bounds if scene.fit else ():
+        known = [signal.name for signal in signals]
+        if name not in known:
+            raise SceneError(
+                f"scene {scene.name!r}, fit: " + unknown_name("coordinate or effort", name, known)
+            )
 
 
 def _check_quantities(
@@ -62,8 +76,7 @@ def _check_quantities(
     for label, expected in quantities.items():
         place = Place(owner, label)
         if expected.unit == "rad":
-            angle_at(scene, place, expected)
-            _check_dimension(place, expected, dimensions)
+            _check_angle(scene, place, expected, dimensions, samples)
             continue
         _check_angle_is_position(scene, place, expected)
         values = _sampled(place, expected, samples)
@@ -73,6 +86,41 @@ def _check_quantities(
             raise SceneError(f"{place} = {expected.source!r}: is not finite in the range.")
         found[label] = values
     return found
+
+
+def _check_steady(scene: Scene, values: Mapping[str, NDArray[np.float64]]) -> None:
+    """Gravity is steady in the frame of the scene: along the axis of its spin, or zero."""
+    if scene.spin is None or not np.any(values["spin.rate"]):
+        return
+    axis = np.asarray(scene.spin.axis) / np.linalg.norm(scene.spin.axis)
+    gravity = np.stack([values[f"gravity.{a}"] for a in AXES], axis=1)
+    across = float(np.max(np.linalg.norm(np.cross(axis, gravity), axis=1)))
+    if across > _ROUNDING * float(np.max(np.abs(gravity))):
+        raise SceneError(
+            f"scene {scene.name!r}: gravity has {across:.4g} m/s^2 across the axis of the spin "
+            f"{list(scene.spin.axis)}. It would turn in the spinning frame of the scene, which has no "
+            "steady equilibrium then. Expected gravity along the axis, or zero."
+        )
+
+
+def _check_angle(
+    scene: Scene,
+    place: Place,
+    expected: Expected,
+    dimensions: Mapping[str, Any],
+    samples: Mapping[str, Any],
+) -> None:
+    """An angle, and the arguments of its arctangents, which are plain numbers."""
+    arctangents = angle_at(scene, place, expected).arctangents
+    if not arctangents:
+        _check_dimension(place, expected, dimensions)
+    for tangent in arctangents:
+        source = Expected(write(tangent), "1")
+        inside = Place(place.owner, f"{place.label}, atan")
+        _check_denominators(scene, inside, source)
+        _check_dimension(inside, source, dimensions)
+        if not np.all(np.isfinite(_sampled(inside, source, samples))):
+            raise SceneError(f"{inside} of {source.source!r}: is not finite in the range.")
 
 
 def _sampled(place: Place, expected: Expected, samples: Mapping[str, Any]) -> NDArray[np.float64]:

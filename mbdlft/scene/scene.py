@@ -50,6 +50,29 @@ class Spin(Description):
 
 
 @final
+class Fit(Description):
+    """Positions that are rational fits of the equilibrium, as `fit_positions` writes them.
+
+    `bounds` are guaranteed for all values of the parameters: of positions (rad, m) by coordinate, such as
+    ``hinge.angle``, and of efforts (N m, N) and force densities (N/m) that go with them, by input.
+    """
+
+    tolerance: Number
+    bounds: dict[Text, Number]
+
+    @classmethod
+    def where(cls, fields: Mapping[str, Any]) -> str:
+        return "fit"
+
+    @model_validator(mode="after")
+    def _are_bounds(self) -> Self:
+        for name, bound in {"tolerance": self.tolerance, **self.bounds}.items():
+            if not bound >= 0.0:
+                raise SceneError(f"{name}: expected a number that is not negative, got {bound:g}.")
+        return self
+
+
+@final
 class Scene(Description):
     """Bodies connected by joints in a tree on the ground, in an accelerated or spinning frame.
 
@@ -69,6 +92,8 @@ class Scene(Description):
     sensors : sequence of sensors
     loops : sequence of `Loop`
         Closures of kinematic loops.
+    fit : `Fit`, optional
+        That of `fit_positions`: the equilibrium is met within these bounds only.
     inputs, outputs : sequence of str
         Signals of the linear model, such as ``shoulder.torque``; by default all joint efforts and
         loads, and all joint positions and sensors.
@@ -88,6 +113,7 @@ class Scene(Description):
     loads: tuple[InstanceOf[Load], ...] = ()
     sensors: tuple[InstanceOf[Sensor], ...] = ()
     loops: tuple[InstanceOf[Loop], ...] = ()
+    fit: InstanceOf[Fit] | None = None
     inputs: Annotated[tuple[Text, ...] | None, Field(min_length=1)] = None
     outputs: Annotated[tuple[Text, ...] | None, Field(min_length=1)] = None
 

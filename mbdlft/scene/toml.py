@@ -19,7 +19,7 @@ from mbdlft.joint import Rotation
 from mbdlft.loop import KINDS as LOOPS
 from mbdlft.loop import Loop
 from mbdlft.parameter import SUBSTITUTIONS, Angle, Parameter
-from mbdlft.scene.scene import Constant, Scene, Spin
+from mbdlft.scene.scene import Constant, Fit, Scene, Spin
 from mbdlft.sensor import KINDS as SENSORS
 from mbdlft.unit import ANGLE_UNITS, parse_unit
 
@@ -40,6 +40,7 @@ _TOP = (
     "loads",
     "sensors",
     "loops",
+    "fit",
     "linearize",
 )
 _PARAMETER_KEYS = tuple(name for name in inspect.signature(Parameter).parameters if name != "name")
@@ -95,6 +96,8 @@ def scene_to_toml(scene: Scene) -> str:
         for key, items in optional.items()
         if items
     }
+    if scene.fit:
+        table["fit"] = scene.fit.model_dump()
     chosen = {"inputs": scene.inputs, "outputs": scene.outputs}
     linearize = {key: list(names) for key, names in chosen.items() if names is not None}
     if linearize:
@@ -185,6 +188,7 @@ def _scene(table: dict[str, Any]) -> Scene:
     return Scene(
         **{key: table[key] for key in plain if key in table},
         **spin,
+        **({"fit": Fit(**_table("fit", table["fit"]))} if "fit" in table else {}),
         constants=read_constants(table),
         parameters=read_parameters(table),
         bodies=_kinds("body", "bodies", table, BODIES),

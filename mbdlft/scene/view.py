@@ -41,7 +41,7 @@ class View:
         gravity: ca.SX,
     ) -> None:
         self.gravity = gravity
-        self.elastic: ca.SX | float = 1.0
+        self.elastic = 1.0
         self.now = place(links, bodies, values, coordinates)
         rest = {name: _at_rest(coordinate, None) for name, coordinate in coordinates.items()}
         self.rest = place(links, bodies, values, rest)
@@ -112,14 +112,11 @@ class View:
         return pass_inward(placed, found, inertial_wrenches(placed, found)).ground
 
     def mass(self) -> ca.SX:
-        return sum(
-            (
-                self.now.values[owner_name(link.child)]["mass"]
-                for link in self.now.links
-                if "mass" in self.now.values.get(owner_name(link.child), {})
-            ),
-            start=ca.SX(0),
-        )
+        total = ca.SX(0)
+        for link in self.now.links:
+            values = self.now.values.get(owner_name(link.child), {})
+            total = total + link.child.total_mass(values)
+        return total
 
     def _linear(self, order: int) -> tuple[Placed, Motions]:
         """The tree at rest, with small motions of one order in place of accelerations."""

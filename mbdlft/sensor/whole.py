@@ -10,7 +10,10 @@ from mbdlft.signal import Signal
 
 @final
 class Momentum(Sensor):
-    """Linear (N s) and angular momentum (N m s) about the origin of the scene, relative to its frame."""
+    """Linear (N s) and angular momentum (N m s) about the origin of the scene, relative to its frame.
+
+    Actuators that turn with their child are in it; those that move relative to the parent are not.
+    """
 
     kind: ClassVar[str] = "momentum"
     components: ClassVar[tuple[Signal, ...]] = (

@@ -57,6 +57,8 @@ def write_model(group: Any, model: LFTModel) -> None:
     if model.certificate.exact_bound:
         certificate.attrs["exact_bound"] = np.bool_(model.certificate.exact_bound)
     certificate.attrs["truncation_error"] = np.float64(model.certificate.truncation_error)
+    if model.certificate.fit_error_bound > 0.0:
+        certificate.attrs["fit_error_bound"] = np.float64(model.certificate.fit_error_bound)
     if model.certificate.order_bound > sum(model.certificate.lower_bound):
         certificate.attrs["order_bound"] = np.int64(model.certificate.order_bound)
     provenance = group.create_group("provenance")
@@ -207,6 +209,7 @@ def _read_certificate(group: Any, count: int) -> Certificate:
         doubtful=_get_integers(group, "doubtful", count) if "doubtful" in group else (),
         truncation_error=_truncation_error(group),
         order_bound=int(group.attrs.get("order_bound", 0)),
+        fit_error_bound=float(group.attrs.get("fit_error_bound", 0.0)),
     )
 
 

@@ -150,11 +150,11 @@ class _Energy:
             displacement = self.q[k]
             self.potential += 0.5 * self.value(joint.stiffness) * displacement**2
         if joint.kind == "prismatic":
-            across = _translation(ca.SX(axis) * (position + displacement))
+            across = translation(ca.SX(axis) * (position + displacement))
             self.length += ca.fabs(position)
         else:
-            across = _rotation(axis, position + displacement)
-        frame = self.placed[parent] @ _translation(outboard) @ across @ _translation(-inboard)
+            across = rotation(axis, position + displacement)
+        frame = self.placed[parent] @ translation(outboard) @ across @ translation(-inboard)
         self.placed[child] = frame
         self.chain[child] = self.chain[parent] + ([] if k is None else [k])
         self.length += ca.norm_1(outboard) + ca.norm_1(inboard)
@@ -231,13 +231,13 @@ def _derivatives(energy: ca.SX, variables: ca.SX) -> tuple[ca.SX, ca.SX]:
     return gradient, hessian
 
 
-def _translation(r: ca.SX) -> ca.SX:
+def translation(r: ca.SX) -> ca.SX:
     frame = ca.SX.eye(4)
     frame[:3, 3] = r
     return frame
 
 
-def _rotation(axis: np.ndarray, angle: ca.SX) -> ca.SX:
+def rotation(axis: np.ndarray, angle: ca.SX) -> ca.SX:
     """Rotation about a unit axis by the quaternion [cos, axis sin] of half the angle."""
     w, v = ca.cos(0.5 * angle), ca.SX(axis) * ca.sin(0.5 * angle)
     frame = ca.SX.eye(4)

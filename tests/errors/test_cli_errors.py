@@ -5,6 +5,7 @@ import json
 import pytest
 
 from mbdlft import cli
+from tests.errors.robots import written
 from tests.errors.scenes import changed
 
 
@@ -167,3 +168,26 @@ def test_usage(run, words, text):
     assert (code, out) == (2, "")
     assert text in err
     assert "Traceback" not in err
+
+
+@pytest.mark.parametrize(
+    ("words", "texts"),
+    [
+        (["--set", "arm.mass"], ["--set arm.mass: expected a name, = and a value."]),
+        (["--vary", "arm.mass=much"], ["--vary arm.mass: expected a number, got 'much'."]),
+        (["--parameter", "m=1,2"], ["--parameter m=1,2: expected NAME=LOW,NOMINAL,HIGH,UNIT"]),
+        (["--parameter", "m=1,x,2,kg"], ["--parameter m: expected a number, got 'x'."]),
+        (["--set", "arm.mas=1"], ["values: unknown label 'arm.mas'. Did you mean 'arm.mass'?"]),
+        (["--moving", "swng"], ["Did you mean 'swing'?"]),
+    ],
+)
+def test_import(run, tmp_path, words, texts):
+    written(tmp_path)
+    check_message(run("import", "crane.urdf", "-o", "crane.toml", *words), *texts)
+    assert not (tmp_path / "crane.toml").exists()
+
+
+def test_import_into_a_folder_that_is_not_there(run, tmp_path):
+    written(tmp_path)
+    result = run("import", "crane.urdf", "-o", "none/crane.toml")
+    check_message(result, "none/crane.toml: cannot be written: No such file or directory.")

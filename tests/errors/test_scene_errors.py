@@ -62,7 +62,11 @@ def rail(name: str, parent: str, child: str) -> Prismatic:
         (
             lambda: Inertia(xw=1.0),
             "inertia: unknown key 'xw'. Did you mean 'xz'? "
-            "Existing: about, xx, xy, xz, yy, yz, zz.",
+            "Existing: about, unchecked, xx, xy, xz, yy, yz, zz.",
+        ),
+        (
+            lambda: Inertia(unchecked="perhaps"),
+            "inertia: unchecked: expected true or false, got 'perhaps'.",
         ),
         (
             lambda: Inertia(xx=[1]),
@@ -139,7 +143,7 @@ def test_messages_name_things_as_the_other_messages_do(make, kind):
         (
             {"constants": {"pi": 3.0}},
             "'pi' cannot name a parameter or constant. Use letters, digits and underscores, and none "
-            "of cos, deg, pi, sin, sqrt.",
+            "of atan, cos, deg, pi, sin, sqrt.",
         ),
         ({"parameters": [Parameter("sin", 1, percent=10)]}, "'sin' cannot name a parameter"),
         ({"constants": {"2a": 3.0}}, "'2a' cannot name a parameter or constant."),

@@ -135,3 +135,60 @@ def test_a_bound_that_the_model_contradicts_is_not_claimed() -> None:
     assert (wrong.lower_bound, wrong.doubtful, wrong.order_bound) == ((1, 0), (0, 1), 1)
     assert not wrong.minimal
     assert not certificate(lft, lft, {"a": Bound(0, 0), "b": Bound(1, 0)}, 3, (0.0, 1), 0).minimal
+
+
+# rows and columns that are nothing but rounding ------------------------------------------------
+
+BLOCK = mbdlft.RigidBody(
+    name="block",
+    mass="m",
+    center_of_mass=(0.11, 0.23, -0.37),
+    inertia=mbdlft.Inertia(xx=0.31, yy=0.42, zz=0.53, xy=0.04, xz=0.03, yz=-0.02),
+    ports={"tip": (0.3, -0.7, 0.1)},
+)
+WEIGHT = (mbdlft.Parameter("m", 2.0, percent=30, unit="kg"),)
+
+
+THETA = mbdlft.Angle("theta", 20.0, plus=40.0)
+SKEW = (2.0, -3.0, 5.0)
+
+
+def test_a_joint_that_carries_nothing_is_certified() -> None:
+    """The wrench of a free joint is zero, the sum of what two bodies need."""
+    tilt = mbdlft.Rotation(axis=(1.0, 2.0, 3.0), angle=0.7)
+    scene = mbdlft.Scene(
+        name="free",
+        parameters=(*WEIGHT, THETA),
+        bodies=(BLOCK, BLOCK.model_copy(update={"name": "other"})),
+        joints=(
+            mbdlft.Free(name="base", parent="ground", child="block.tip", orientation=(tilt,)),
+            mbdlft.Revolute(
+                name="pivot",
+                parent="block",
+                child="other.tip",
+                axis=SKEW,
+                position="theta",
+                stiffness=3.0,
+                preload=0.0,
+            ),
+        ),
+        sensors=(mbdlft.JointWrench(name="held", joint="base"),),
+    )
+    assert mbdlft.to_lft(scene, search=0.0).certificate.max_relative_error <= SCENARIO
+
+
+def test_a_load_that_moves_nothing_is_certified() -> None:
+    """A weight along the axis of a pivot: its torque is rounding, and so is all it does."""
+    scene = mbdlft.Scene(
+        name="across",
+        gravity=(-2.0, 3.0, -5.0),
+        parameters=(*WEIGHT, THETA),
+        bodies=(BLOCK,),
+        joints=(
+            mbdlft.Revolute(
+                name="pivot", parent="ground", child="block", axis=SKEW, position="theta"
+            ),
+        ),
+        loads=(mbdlft.Buoyancy(name="float", port="block.tip", displaced_mass=0.5),),
+    )
+    assert mbdlft.to_lft(scene, search=0.0).certificate.max_relative_error <= SCENARIO

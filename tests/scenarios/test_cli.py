@@ -10,6 +10,7 @@ import mbdlft
 from mbdlft import build, cli
 from mbdlft.cli import main
 from tests.close import CLOSED_FORM, roundoff
+from tests.errors.robots import written
 
 ROOT = Path(__file__).parents[2]
 ARM = str(ROOT / "scenarios" / "two_link_arm.toml")
@@ -242,3 +243,38 @@ def test_version_and_help(
     assert code == 0
     for command in ("check", "trim", "linearize", "realize", "show"):
         assert command in out
+
+
+def test_import_of_a_robot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The scene that is written is that of `load_urdf`, and the report is printed."""
+    file, scene = written(tmp_path), tmp_path / "crane.toml"
+    code, out, err = run(
+        monkeypatch, capsys, "import", str(file), "-o", str(scene),
+        "--parameter", "load=1,2,3,kg", "--parameter", "theta=40,60,80,deg",
+        "--set", "tip.left.mass=load", "--set", "swing.position=theta", "--vary", "arm.mass=20",
+        "--moving", "slide", "--moving", "swing",
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    assert "ignored: Coulomb friction of slide: it is not linear" in out
+    assert "assumed: links without <inertial> have no mass: rail" in out
+    assert "crane: 5 bodies, 5 joints, 3 parameters." in out
+    expected, _ = mbdlft.load_urdf(
+        file,
+        parameters=[
+            mbdlft.Parameter("load", 2.0, 1.0, 3.0, unit="kg"),
+            mbdlft.Angle("theta", 60.0, 40.0, 80.0),
+        ],
+        values={"tip.left.mass": "load", "swing.position": "theta"},
+        vary={"arm.mass": 20.0},
+        moving=["slide", "swing"],
+    )
+    assert mbdlft.load_scene(scene) == expected
+    code, out, err = run(monkeypatch, capsys, "check", str(scene))
+    assert (code, err) == (0, "")
+    assert "slide.force" in out
+    free = [str(file), "-o", str(scene), "--free-base", "--keep-unphysical"]
+    code, out, err = run(monkeypatch, capsys, "import", *free)
+    assert (code, err) == (0, "")
+    assert mbdlft.load_scene(scene).joints[0].kind == "free"

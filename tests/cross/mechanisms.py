@@ -1,0 +1,290 @@
+"""Random scenes with every kind of joint, springs, loads, spin, sensors and closures.
+
+Lengths are parameters in trees; a closed loop keeps its shape, with ports where the tree puts them.
+"""
+
+import casadi as ca
+import numpy as np
+
+import mbdlft
+from mbdlft import Angle, Loop, Parameter, Rotation, Scene
+from mbdlft.joint import Joint
+from tests.cross.frames import Frames
+
+KINDS = ("revolute", "prismatic", "universal", "cylindrical", "planar", "spherical")
+# joints whose efforts are given where a closure holds as many coordinates
+_ONE, _TWO = ("revolute", "prismatic"), ("universal", "cylindrical")
+_PASSIVE = {
+    "spherical": (_TWO, _ONE),
+    "revolute": (("planar", "spherical"), _TWO),
+    "fixed": (("spherical",), _TWO, _ONE),
+}
+CLASSES = {
+    "revolute": mbdlft.Revolute,
+    "prismatic": mbdlft.Prismatic,
+    "universal": mbdlft.Universal,
+    "cylindrical": mbdlft.Cylindrical,
+    "planar": mbdlft.Planar,
+    "spherical": mbdlft.Spherical,
+}
+PARAMETERS = (
+    Parameter("m", 3.0, percent=20, unit="kg"),
+    Parameter("L", 0.8, low=0.6, high=1.1, unit="m"),
+    Parameter("k", 50.0, percent=40, unit="N/m"),
+    Angle("th", 20.0, low=-40.0, high=60.0),
+)
+RATE = Parameter("rate", 1.5, low=0.5, high=3.0, unit="rad/s")
+
+
+def open_tree(seed: int) -> Scene:
+    """A chain or tree of two or three bodies with loads, springs and, for odd seeds, spin."""
+    random = np.random.default_rng(seed)
+    bodies, joints = _tree(random, list(random.choice(KINDS, 2 + (seed % 8 == 3))), "L", "th")
+    gravity = random.uniform(-6.0, 6.0, 3)
+    spin = None
+    varied = ("m", "L", "k", "th")[seed % 3 : seed % 3 + 2]
+    parameters = tuple(p for p in PARAMETERS if p.name in varied)
+    constants = {
+        p.name: mbdlft.Constant(value=p.nominal, unit=p.unit)
+        for p in PARAMETERS
+        if p not in parameters
+    }
+    if seed % 2:
+        axis = random.integers(-2, 3, 3) + np.array([0, 0, 3])
+        spin = mbdlft.Spin(axis=tuple(axis), rate="rate")
+        gravity = axis * (1.5 if seed % 4 == 1 else 0.0)
+        parameters += (RATE,)
+    ground = mbdlft.Ground(ports={"wall": _vector(random, 2.0)})
+    last = bodies[-1].name
+    loads = [
+        mbdlft.Spring(
+            name="stay",
+            parent=f"{last}.side",
+            child="ground.wall",
+            stiffness="k",
+            damping=2.0,
+            force_density="0.2*k",
+        ),
+        mbdlft.Force(
+            name="thrust", port=f"{last}.tip", direction=_vector(random, 1.0), magnitude="2*m"
+        ),
+        mbdlft.Torque(
+            name="twist",
+            port=bodies[0].name,
+            direction=_vector(random, 1.0),
+            frame="ground",
+            magnitude=1.5,
+        ),
+        mbdlft.Force(
+            name="wind",
+            port=f"{bodies[0].name}.side",
+            direction=_vector(random, 1.0),
+            frame="ground",
+            magnitude=-2.0,
+        ),
+        mbdlft.Torque(name="wheel", port=last, direction=_vector(random, 1.0), magnitude="0.3*k*L"),
+        mbdlft.Spring(
+            name="strut",
+            parent=f"{bodies[0].name}.side",
+            child=f"{last}.tip",
+            stiffness=30.0,
+            damping="0.1*m",
+            force_density=-4.0,
+        ),
+        mbdlft.Buoyancy(name="float", port=f"{last}.side", displaced_mass="0.4*m"),
+    ]
+    return Scene(
+        name=f"tree_{seed}",
+        gravity=tuple(gravity),
+        acceleration=(0.3, -0.2, 0.5),
+        spin=spin,
+        constants=constants,
+        parameters=parameters,
+        bodies=(ground, *bodies),
+        joints=joints,
+        loads=loads,
+        sensors=_sensors(last, joints[-1].name),
+        inputs=_inputs(joints, loads),
+    )
+
+
+def closed_loop(seed: int) -> Scene:
+    """A chain closed on the ground by a ball, a hinge or a weld; masses, stiffness and spin vary."""
+    random = np.random.default_rng(1000 + seed)
+    kind = ("spherical", "revolute", "fixed")[seed % 3]
+    # as many coordinates have a given effort as the closure holds; they come in any order
+    passive = [str(random.choice(choice)) for choice in _PASSIVE[kind]]
+    kinds = [*passive, str(random.choice(KINDS))]
+    given = random.permutation(len(kinds))
+    bodies, joints = _tree(random, [kinds[k] for k in given], 0.8, 0.35, imposing=False)
+    joints = [
+        _with_preload(joint, random) if given[k] < len(passive) else joint
+        for k, joint in enumerate(joints)
+    ]
+    gravity, spin = random.uniform(-6.0, 6.0, 3), None
+    parameters = tuple(p for p in PARAMETERS if p.name in ("m", "k"))
+    if seed % 2:
+        spin = mbdlft.Spin(axis=(0, 0, 1), rate="rate")
+        gravity, parameters = np.array([0.0, 0.0, 4.0]), (*parameters, RATE)
+    frame = _frame(Scene(name="chain", parameters=parameters, bodies=bodies, joints=joints))
+    # a last body whose axes are those of the ground, where the closure is
+    axis, angle = _axis_angle(frame[:3, :3].T)
+    pin = (0.2, 0.3, -0.1)
+    end = mbdlft.RigidBody(
+        name="end",
+        mass=0.5,
+        center_of_mass=(0.1, 0.0, 0.0),
+        inertia=mbdlft.Inertia(xx=0.02, yy=0.02, zz=0.03),
+        ports={"pin": pin},
+    )
+    weld = mbdlft.Fixed(
+        name="weld",
+        parent=f"{bodies[-1].name}.tip",
+        child="end",
+        axis=axis,
+        position=angle,
+    )
+    ground = mbdlft.Ground(
+        ports={"anchor": tuple(frame[:3, 3] + pin), "wall": _vector(random, 2.0)}
+    )
+    return Scene(
+        name=f"loop_{kind}_{seed}",
+        gravity=tuple(gravity),
+        spin=spin,
+        parameters=parameters,
+        bodies=(ground, *bodies, end),
+        joints=(*joints, weld),
+        loops=[
+            Loop(
+                name="pin",
+                kind=kind,
+                parent="ground.anchor",
+                child="end.pin",
+                axis=(1.0, 2.0, -1.0) if kind == "revolute" else None,
+            )
+        ],
+        loads=[
+            mbdlft.Spring(
+                name="stay",
+                parent=f"{bodies[1].name}.side",
+                child="ground.wall",
+                stiffness="k",
+                damping=2.0,
+                rest_length=0.7,
+            )
+        ],
+        sensors=_sensors("end", joints[0].name),
+    )
+
+
+def _inputs(joints, loads) -> list[str]:
+    names = [
+        f"{joint.name}.{(freedom.measures[2] if joint.imposed else freedom.effort).name}"
+        for joint in joints
+        for freedom in joint.freedoms
+    ]
+    names += [f"{load.name}.{load.signal.name}" for load in loads]
+    return names + [f"ground.acceleration.{axis}" for axis in "xyz"]
+
+
+def _sensors(port: str, joint: str) -> list[mbdlft.sensor.Sensor]:
+    placed = {
+        "pos": mbdlft.Position,
+        "vel": mbdlft.Velocity,
+        "acc": mbdlft.Acceleration,
+        "rot": mbdlft.SmallRotation,
+        "rate_of": mbdlft.AngularRate,
+        "alpha": mbdlft.AngularAcceleration,
+    }
+    frames = ("ground", port)
+    found = [
+        kind(name=name, port=port, frame=frames[k % 2])
+        for k, (name, kind) in enumerate(placed.items())
+    ]
+    found += [mbdlft.Accelerometer(name="imu", port=port), mbdlft.Gyro(name="gyro", port=port)]
+    found += [mbdlft.Momentum(name="whole"), mbdlft.CenterOfMass(name="center")]
+    return [*found, mbdlft.JointWrench(name="cut", joint=joint)]
+
+
+def _tree(random, kinds: list[str], length, angle, *, imposing: bool = True):
+    """Bodies b0, b1, ... on joints j0, j1, ... of some kinds; closed loops need a chain."""
+    bodies, joints = [], []
+    for k, kind in enumerate(kinds):
+        bodies.append(_body(random, k, length))
+        on = random.integers(max(0, k - 2), k) if k and imposing else k - 1
+        parent = f"b{on}.tip" if k else "ground"
+        joints.append(_joint(random, k, kind, parent, 0.4 if k else angle, imposing))
+    return bodies, joints
+
+
+def _body(random, k: int, length) -> mbdlft.RigidBody:
+    """The first has the mass m; the inertia of the others may be about a port."""
+    root = random.uniform(-1.0, 1.0, (3, 3))
+    central = np.trace(root @ root.T) * np.eye(3) - root @ root.T
+    center, side = np.array(_vector(random, 0.4)), np.array(_vector(random, 0.8))
+    mass, about = 1.0 + 0.5 * k, "center_of_mass"
+    if k and random.random() < 0.7:
+        about = str(random.choice(["origin", "side"]))
+        d = center - (side if about == "side" else 0.0)
+        central = central + mass * (d @ d * np.eye(3) - np.outer(d, d))
+    entries = {"xyz"[i] + "xyz"[j]: float(central[i, j]) for i in range(3) for j in range(i, 3)}
+    return mbdlft.RigidBody(
+        name=f"b{k}",
+        mass=mass if k else "m",
+        center_of_mass=tuple(center),
+        inertia=mbdlft.Inertia(**entries, about=about),
+        ports={"tip": (length, *_vector(random, 0.6)[1:]), "side": tuple(side)},
+    )
+
+
+def _joint(random, k: int, kind: str, parent: str, angle, may_impose: bool) -> Joint:
+    cls = CLASSES[kind]
+    count = len(cls.freedoms)
+
+    def each(make):
+        values = tuple(make() for _ in range(count))
+        return values[0] if count == 1 else values
+
+    fields = {
+        "name": f"j{k}",
+        "parent": parent,
+        "child": f"b{k}.side" if random.random() < 0.4 else f"b{k}",
+        "stiffness": each(lambda: float(random.uniform(5.0, 20.0))),
+        "damping": each(lambda: float(random.uniform(0.1, 2.0))),
+        "actuator_inertia": each(lambda: float(random.uniform(0.1, 0.5))),
+        "orientation": [Rotation(axis=_vector(random, 1.0), angle=angle)],
+        "imposed": bool(may_impose and random.random() < 0.2),
+    }
+    if kind != "spherical":
+        fields["position"] = each(lambda: float(random.uniform(-0.8, 0.8)))
+    if kind == "universal":
+        fields |= {"axis1": _vector(random, 1.0), "axis2": _vector(random, 1.0)}
+    elif kind != "spherical":
+        fields["axis"] = _vector(random, 1.0) if random.random() < 0.6 else (0.0, -2.0, 0.0)
+    return cls(**fields)
+
+
+def _with_preload(joint: Joint, random) -> Joint:
+    values = tuple(float(x) for x in random.uniform(-1.0, 1.0, len(joint.freedoms)))
+    fields = {name: getattr(joint, name) for name in type(joint).model_fields}
+    return type(joint)(**{**fields, "preload": values if len(values) > 1 else values[0]})
+
+
+def _vector(random, size: float) -> tuple[float, float, float]:
+    return tuple(float(x) for x in random.uniform(-size, size, 3))
+
+
+def _frame(scene: Scene) -> np.ndarray:
+    """Frame of the tip of the last body at rest."""
+    p = {parameter.name: ca.SX(parameter.nominal) for parameter in scene.parameters}
+    f = Frames(scene, p)
+    frame, at = f.port(f"{scene.bodies[-1].name}.tip")
+    frame = ca.Function("frame", [f.q], [frame, at])
+    turned, at = (part.full() for part in frame(np.zeros(f.q.numel())))
+    return np.block([[turned[:3, :3], at], [np.zeros((1, 3)), np.ones((1, 1))]])
+
+
+def _axis_angle(turn: np.ndarray) -> tuple[tuple[float, ...], float]:
+    axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    sine, cosine = 0.5 * np.linalg.norm(axis), 0.5 * (np.trace(turn) - 1.0)
+    return tuple(float(x) for x in axis), float(np.arctan2(sine, cosine))

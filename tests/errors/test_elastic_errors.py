@@ -1,0 +1,152 @@
+"""What is said about elastic bodies that are wrong, incomplete or out of scope."""
+
+from typing import Any
+
+import pytest
+
+import mbdlft
+from mbdlft import Beam, Fixed, FlexibleBody, Inertia, Mode, PointMass, Revolute, Scene, SceneError
+from mbdlft.body import Body
+from tests.errors.scenes import says
+from tests.laws import elastic as scenes
+
+SIX = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def mode(**given: Any) -> Mode:
+    data: dict[str, Any] = {"frequency": 3.0, "participation": SIX, "shapes": {"tip": SIX}}
+    return Mode(**{**data, **given})
+
+
+def panel(**given: Any) -> FlexibleBody:
+    data: dict[str, Any] = {
+        "mass": 3.0,
+        "inertia": Inertia(xx=1.0, yy=1.0, zz=1.0),
+        "ports": {"tip": (1, 0, 0)},
+        "modes": (mode(),),
+    }
+    return FlexibleBody(**{**{"name": "panel"}, **data, **given})
+
+
+def on_hinge(body: Body, **fields: Any) -> Scene:
+    hinge = Revolute(name="hinge", parent="ground", child=body.name, axis=(0, 0, 1))
+    return Scene(**{"name": "held", "bodies": [body], "joints": [hinge], **fields})
+
+
+def build(scene: Scene) -> mbdlft.LFTModel:
+    return mbdlft.to_lft(scene, search=0.0)
+
+
+def test_load_at_equilibrium_must_be_said_to_be_known() -> None:
+    with says(
+        mbdlft.TrimError, "body 'beam' is elastic and carries a load", "prestress = 'neglected'"
+    ):
+        build(scenes.lever(20.0, prestress=None))
+    assert build(scenes.lever(20.0)).certificate.exact
+    weightless = scenes.lever(20.0, prestress=None).model_copy(update={"gravity": (0, 0, 0)})
+    assert build(weightless).certificate.exact
+
+
+def test_prestress_is_a_known_word() -> None:
+    with says(SceneError, "prestress: expected 'neglected' or nothing, got 'included'"):
+        scenes.beam(prestress="included")
+
+
+def test_spinning_frame_has_no_elastic_bodies() -> None:
+    spin = mbdlft.Spin(axis=(0, 0, 1), rate=1.0)
+    with says(SceneError, "elastic"):
+        build(on_hinge(scenes.beam(), spin=spin))
+
+
+@pytest.mark.parametrize(("child", "body"), [("beam.tip", scenes.beam()), ("panel.tip", panel())])
+def test_elastic_body_is_held_at_its_origin(child: str, body: Body) -> None:
+    scene = on_hinge(body)
+    joint = scene.joints[0].model_copy(update={"child": child})
+    with says(SceneError, "joint 'hinge', child: an elastic body is held at its origin", child):
+        build(scene.model_copy(update={"joints": (joint,)}))
+
+
+def test_modes_are_complete() -> None:
+    with says(SceneError, "modes: at least one is needed"):
+        panel(modes=())
+    with says(SceneError, "mode 1 has no shape at the port 'tip'", "shapes.tip"):
+        panel(modes=(mode(shapes={}),))
+    with says(SceneError, "mode 2 has a shape at 'end', which is not a port"):
+        panel(modes=(mode(), mode(shapes={"tip": SIX, "end": SIX})))
+    with says(SceneError, "inertia.about", "got 'end'"):
+        panel(inertia=Inertia(zz=1.0, about="end"))
+
+
+def test_participation_is_not_more_than_the_mass() -> None:
+    heavy = mode(participation=(0.0, 1.8, 0.0, 0.0, 0.0, 0.0))
+    with says(SceneError, "body 'panel'", "participation factors exceed the rigid mass"):
+        build(on_hinge(panel(modes=(heavy,))))
+    light = mode(participation=(0.0, 1.7, 0.0, 0.0, 0.0, 0.0))
+    assert build(on_hinge(panel(modes=(light,)))).certificate.exact
+
+
+def test_frequency_and_damping_have_signs() -> None:
+    with says(SceneError, "body 'panel'", "stiffness", "not positive definite"):
+        build(on_hinge(panel(modes=(mode(frequency=0.0),))))
+    with says(SceneError, "body 'panel'", "damping is negative"):
+        build(on_hinge(panel(modes=(mode(damping=-0.1),))))
+
+
+@pytest.mark.parametrize(
+    ("given", "texts"),
+    [
+        ({"shape_functions": "linear"}, ("shape_functions", "linear", "cubic")),
+        ({"deformations": ()}, ("deformations: expected some of axial",)),
+        ({"deformations": ("bending_z", "bending_z")}, ("each once",)),
+        ({"deformations": ("bend",)}, ("deformation", "bend", "bending_y")),
+        ({"deformations": ("torsion",)}, ("is missing", "deformation 'torsion' needs it")),
+        ({"I_y": None}, ("'I_y' is missing", "bending_z")),
+        (
+            {"shear_coefficient": 0.8, "shear_modulus": 1.0, "shape_functions": "quintic"},
+            ("shear is for cubic shape functions only",),
+        ),
+        ({"shear_coefficient": 0.8}, ("'shear_modulus' is missing",)),
+        ({"ports": {"end": (1, 0, 0)}}, ("a beam has 'tip' and `stations`",)),
+        ({"stations": {"far": 4}}, ("stations.far", "from 1 to 3, got 4")),
+        ({"stations": {"tip": 2}}, ("stations.tip", "a new name")),
+    ],
+)
+def test_beam_is_complete(given: dict[str, Any], texts: tuple[str, ...]) -> None:
+    with says(SceneError, *texts):
+        scenes.beam(**given)
+
+
+@pytest.mark.parametrize("key", ["length", "density", "area", "modulus", "I_y"])
+def test_beam_is_positive_in_the_range(key: str) -> None:
+    units = {"length": "m", "density": "kg m^-3", "area": "m^2", "modulus": "Pa", "I_y": "m^4"}
+    value = mbdlft.Parameter("value", 1.0, low=-0.5, high=2.0, unit=units[key])
+    with says(SceneError, "body 'beam'", f"{key} is not positive in the range"):
+        build(on_hinge(scenes.beam(**{key: "value"}), parameters=[value]))
+
+
+def test_unit_of_a_beam_is_checked() -> None:
+    value = mbdlft.Parameter("value", 1.0, percent=10, unit="kg")
+    with says(
+        SceneError, "body 'beam', length = 'value': the unit does not fit: expected m, got kg"
+    ):
+        build(on_hinge(scenes.beam(length="value"), parameters=[value]))
+
+
+def test_port_of_a_beam_is_named() -> None:
+    scene = on_hinge(scenes.beam())
+    bob = PointMass(name="bob", mass=1.0)
+    end = Fixed(name="end", parent="beam.end", child="bob")
+    with says(SceneError, "joint 'end', parent", "body 'beam'", "end", "tip"):
+        build(
+            scene.model_copy(
+                update={"bodies": (*scene.bodies, bob), "joints": (*scene.joints, end)}
+            )
+        )
+
+
+def test_beam_round_trips_with_its_words() -> None:
+    text = mbdlft.scene_to_toml(scenes.lever(20.0))
+    assert 'prestress = "neglected"' in text
+    again = mbdlft.scene_from_toml(text)
+    assert isinstance(again.bodies[0], Beam)
+    assert mbdlft.scene_to_toml(again) == text

@@ -1,0 +1,224 @@
+"""Small elastic scenes for laws, and their equations of motion as matrices."""
+
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from mbdlft import (
+    Beam,
+    CenterOfMass,
+    Fixed,
+    FlexibleBody,
+    Force,
+    Free,
+    Inertia,
+    Mode,
+    Momentum,
+    Parameter,
+    PointMass,
+    Revolute,
+    RigidBody,
+    Scene,
+    assemble,
+)
+from mbdlft.body import Body
+from mbdlft.equations import equation_function, load_value, physical_symbols
+from mbdlft.joint import Joint
+from mbdlft.trim import trim_efforts
+
+GRAVITY = 9.81
+
+
+class Motion(NamedTuple):
+    """M qddot + D qdot + K q = u of all joints and elastic bodies, (n, n) each."""
+
+    M: np.ndarray
+    D: np.ndarray
+    K: np.ndarray
+
+
+def motion(scene: Scene) -> Motion:
+    """Slopes of the residual at the nominal equilibrium, by automatic differentiation."""
+    e = assemble(scene)
+    points = np.array([[p.nominal for p in e.parameters]])
+    efforts, _ = trim_efforts(e, points)
+    symbols, p, cosine, sine = physical_symbols(e.parameters)
+    n = e.degrees_of_freedom
+    residual, _ = equation_function(e)(e.xdot, e.x, e.z, e.u, load_value(e, p), p, cosine, sine)
+    forces = residual[n : 2 * n]
+    slopes = [ca.jacobian(forces, part) for part in (e.xdot[n:], e.x[n:], e.x[:n])]
+    at = ca.Function("slopes", [e.xdot, e.x, e.z, e.u, symbols], [ca.densify(s) for s in slopes])
+    zero = [np.zeros(s.numel()) for s in (e.xdot, e.x, e.z)]
+    M, D, K = (value.full() for value in at(*zero, efforts[0], points[0]))
+    return Motion(M, D, K)
+
+
+def beam(name: str = "beam", elements: int = 3, **given: object) -> Beam:
+    """One meter, one kilogram per meter, 1 000 N m^2."""
+    data = {"length": 1.0, "density": 1.0, "area": 1.0, "modulus": 1e3, "I_y": 1.0, "I_z": 1.0}
+    return Beam(
+        **{"name": name, "elements": elements, "deformations": ("bending_z",), **data, **given}
+    )
+
+
+def lever(angle: float, prestress: str | None = "neglected", **given: object) -> Scene:
+    """A beam with a mass at its tip on a hinge about y, held at an angle (deg) from the horizontal."""
+    return Scene(
+        name="lever",
+        gravity=(0, 0, -GRAVITY),
+        bodies=[beam(prestress=prestress, **given), PointMass(name="bob", mass=1.0)],
+        joints=[
+            Revolute(
+                name="hinge",
+                parent="ground",
+                child="beam",
+                axis=(0, 1, 0),
+                position=float(np.radians(angle)),
+            ),
+            Fixed(name="end", parent="beam.tip", child="bob"),
+        ],
+    )
+
+
+def segments(count: int, angle: float = 0.0, bending: float = 1e3) -> Scene:
+    """The lever as rigid rods on springs of EI/h, held by their preloads.
+
+    The first rod and the last are half as long, so that the springs stand in the middle of what they
+    bend; the hinge is at the root.
+    """
+    h = 1.0 / count
+    lengths = [h / 2, *[h] * (count - 1), h / 2]
+    bodies: list[Body] = []
+    joints: list[Joint] = []
+    for k, length in enumerate(lengths):
+        bodies.append(
+            RigidBody(
+                name=f"rod{k}",
+                mass=length,
+                center_of_mass=(length / 2, 0, 0),
+                inertia=Inertia(yy=length**3 / 12.0),
+                ports={"tip": (length, 0, 0)},
+            )
+        )
+        joints.append(
+            Revolute(
+                name=f"j{k}",
+                parent=f"rod{k - 1}.tip" if k else "ground",
+                child=f"rod{k}",
+                axis=(0, 1, 0),
+                position=0.0 if k else float(np.radians(angle)),
+                stiffness=bending / h if k else 0.0,
+            )
+        )
+    bodies.append(PointMass(name="bob", mass=1.0))
+    joints.append(Fixed(name="end", parent=f"rod{count}.tip", child="bob"))
+    return Scene(name="rods", gravity=(0, 0, -GRAVITY), bodies=bodies, joints=joints)
+
+
+PANEL_PARAMETERS = [
+    Parameter("f", 4.0, percent=20, unit="rad/s"),
+    Parameter("xi", 0.02, percent=50, unit="1"),
+    Parameter("p", 1.5, percent=20),
+    Parameter("s", 0.4, percent=30),
+    Parameter("m", 9.0, percent=20, unit="kg"),
+    Parameter("c", 0.8, percent=20, unit="m"),
+    Parameter("J", 6.0, percent=20, unit="kg m^2"),
+    Parameter("mt", 0.7, percent=40, unit="kg"),
+]
+
+
+def panel() -> Scene:
+    """A flexible body on a hinge about z with a mass at its tip: every quantity is a parameter."""
+    zero = (0.0, 0.0, 0.0)
+    first = (0.0, "p", 0.0, 0.0, 0.0, "1.2*p")
+    second = (0.0, 0.6, 0.0, 0.0, 0.0, -0.3)
+    return Scene(
+        name="panel",
+        parameters=PANEL_PARAMETERS,
+        bodies=[
+            FlexibleBody(
+                name="panel",
+                mass="m",
+                center_of_mass=("c", 0, 0),
+                inertia=Inertia(zz="J"),
+                ports={"tip": (2.0, 0, 0)},
+                modes=(
+                    Mode(
+                        frequency="f",
+                        damping="xi",
+                        participation=first,
+                        shapes={"tip": (0.0, "s", 0.0, 0.0, 0.0, 0.3)},
+                    ),
+                    Mode(
+                        frequency=31.0,
+                        damping=0.01,
+                        participation=second,
+                        shapes={"tip": (0.0, -0.5, 0.0, *zero)},
+                    ),
+                ),
+            ),
+            PointMass(name="bob", mass="mt"),
+        ],
+        joints=[
+            Revolute(name="hinge", parent="ground", child="panel", axis=(0, 0, 1)),
+            Fixed(name="end", parent="panel.tip", child="bob"),
+        ],
+        outputs=("hinge.angle",),
+    )
+
+
+def panel_matrices(v: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+    """A and B of the panel from its kinetic energy: rigid, coupling and tip in (theta, eta1, eta2)."""
+    rotation = np.array([1.2 * v["p"], -0.3])
+    at_tip = np.array([2.0, v["s"], -0.5])  # displacement of the tip for each coordinate
+    M = np.zeros((3, 3))
+    M[0, 0] = v["J"] + v["m"] * v["c"] ** 2
+    M[0, 1:] = M[1:, 0] = rotation
+    M[1:, 1:] = np.eye(2)
+    M += v["mt"] * np.outer(at_tip, at_tip)
+    w = np.array([0.0, v["f"], 31.0])
+    damping = np.array([0.0, v["xi"], 0.01])
+    A, B = np.zeros((6, 6)), np.zeros((6, 1))
+    A[:3, 3:] = np.eye(3)
+    A[3:, :3] = -np.linalg.solve(M, np.diag(w**2))
+    A[3:, 3:] = -np.linalg.solve(M, np.diag(2.0 * damping * w))
+    B[3:, 0] = np.linalg.inv(M)[:, 0]
+    return A, B
+
+
+def free_beam() -> Scene:
+    """A beam that bends in two planes and twists, on a free rigid body, pushed at its tip."""
+    slender = beam(
+        area=1.0,
+        shear_modulus=3e2,
+        torsion_constant=2.0,
+        I_y=1.0,
+        I_z=1.7,
+        elements=2,
+        deformations=("axial", "torsion", "bending_y", "bending_z"),
+        stiffness_damping=1e-3,
+    )
+    return Scene(
+        name="free_beam",
+        bodies=[
+            RigidBody(name="hub", mass=2.0, inertia=Inertia(xx=1.0, yy=1.5, zz=2.0)),
+            slender,
+        ],
+        joints=[
+            Free(name="flight", parent="ground", child="hub"),
+            Fixed(name="root", parent="hub", child="beam", axis=(0, 0, 1), position=0.4),
+        ],
+        loads=[
+            Force(
+                name="push", port="beam.tip", direction=(0, 0.6, 0.8), frame="ground", magnitude=0
+            )
+        ],
+        sensors=[Momentum(name="momentum"), CenterOfMass(name="center")],
+        inputs=("push.force",),
+        outputs=tuple(
+            f"{name}.{axis}"
+            for name in ("momentum.linear", "momentum.angular", "center")
+            for axis in "xyz"
+        ),
+    )

@@ -1,0 +1,247 @@
+"""Laws of elastic bodies: symmetry, energy, momentum, statics, rigid limits; each finds a planted bug."""
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft.body.beam import Beam
+from mbdlft.body.elastic import ElasticBody, times
+from tests.close import CLOSED_FORM, SAME_MESH, SCENARIO, STABLE, target
+from tests.laws import elastic as scenes
+
+ANGLES = [0.0, 35.0, 90.0, -90.0]
+
+
+def frequencies(scene: mbdlft.Scene) -> np.ndarray:
+    """Squares of frequencies from A; negative for a toppling mode."""
+    A = mbdlft.to_lft(scene, search=0.0).A
+    n = len(A) // 2
+    squares = np.linalg.eigvals(-A[n:, :n])
+    target(squares.imag / np.max(np.abs(squares)), np.zeros(n), STABLE, 1.0)
+    return np.sort(squares.real)
+
+
+# conservative loads: symmetric matrices, poles in pairs
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_stiffness_under_gravity_is_symmetric(angle: float) -> None:
+    found = scenes.motion(scenes.lever(angle, modulus=40.0))
+    target(found.M, found.M.T, CLOSED_FORM)
+    target(found.K, found.K.T, CLOSED_FORM)
+    assert not found.D.any()
+    weightless = scenes.lever(angle, modulus=40.0).model_copy(update={"gravity": (0, 0, 0)})
+    by_gravity = np.max(np.abs(found.K - scenes.motion(weightless).K))
+    assert (by_gravity > 1.0) == (angle != 0.0)  # a level beam is only pushed aside
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_energy_is_kept(angle: float) -> None:
+    """d/dt (qdot' M qdot + q' K q)/2 = - qdot' D qdot, for every motion of the model."""
+    for damping in (0.0, 1e-3):
+        scene = scenes.lever(angle, stiffness_damping=damping)
+        M, D, K = scenes.motion(scene)
+        A, n = mbdlft.to_lft(scene, search=0.0).A, len(M)
+        energy = np.block([[K, np.zeros((n, n))], [np.zeros((n, n)), M]])
+        lost = np.block([[np.zeros((n, 2 * n))], [np.zeros((n, n)), D]])
+        size = np.abs(A.T) @ np.abs(energy)
+        change = 0.5 * (A.T @ energy + energy @ A) + lost
+        target(change / np.max(size), np.zeros(A.shape), CLOSED_FORM, 1.0)
+        assert np.any(D) == (damping > 0.0)
+        poles = np.linalg.eigvals(A)
+        mirrored = np.array([np.min(np.abs(poles + pole)) for pole in poles])
+        paired = float(np.max(mirrored) / np.max(np.abs(poles)))
+        assert (paired <= STABLE) == (damping == 0.0)
+
+
+def test_hanging_lever_swings_and_inverted_one_topples() -> None:
+    """With a stiff beam the slow mode is that of the rigid pendulum (Jg = m L^2 + rho A L^3/3)."""
+    weight = scenes.GRAVITY * (1.0 + 0.5)
+    for angle, sign in ((90.0, 1.0), (-90.0, -1.0)):  # about y, positive is down
+        slow = frequencies(scenes.lever(angle, modulus=1e6))
+        slow = slow[np.argmin(np.abs(slow))]
+        target(slow / (sign * weight / (1.0 + 1.0 / 3.0)), 1.0, STABLE_PENDULUM)
+
+
+STABLE_PENDULUM = 1e-4  # of a beam with 1e6 N m^2, not of a rigid one
+
+
+# rigid motion
+
+
+def test_momentum_of_a_free_beam() -> None:
+    """No load, no change; a force changes it by itself and its moment; the center follows."""
+    model = mbdlft.to_lft(scenes.free_beam(), search=0.0)
+    momentum = model.C_y[:6]
+    size = np.abs(momentum) @ np.abs(model.A)
+    target((momentum @ model.A) / np.max(size), np.zeros(model.A.shape)[:6], CLOSED_FORM, 1.0)
+    force = np.array([0.0, 0.6, 0.8])
+    tip = np.array([np.cos(0.4), np.sin(0.4), 0.0])
+    expected = np.concatenate([force, np.cross(tip, force)])
+    target((momentum @ model.B_u)[:, 0], expected, SCENARIO)
+    velocity = model.C_y[6:] @ model.A  # of the center of mass: 2 kg + 1 kg
+    target(3.0 * velocity, model.C_y[:3], SCENARIO)
+
+
+def test_six_rigid_modes() -> None:
+    model = mbdlft.to_lft(scenes.free_beam(), search=0.0)
+    n = len(model.A) // 2
+    squares = np.sort(np.abs(np.linalg.eigvals(model.A[n:, :n])))
+    assert np.sum(squares < STABLE * squares[-1]) == 6
+    assert np.max(np.linalg.eigvals(model.A).real) < STABLE * np.sqrt(squares[-1])
+
+
+# statics
+
+
+def cantilever(direction: str) -> mbdlft.Scene:
+    return mbdlft.Scene(
+        name="cantilever",
+        bodies=[
+            mbdlft.RigidBody(name="root", mass=1.0, inertia=mbdlft.Inertia(yy=1.0)),
+            scenes.beam(elements=4),
+        ],
+        joints=[
+            mbdlft.Revolute(
+                name="hold", parent="ground", child="root", axis=(0, 1, 0), imposed=True
+            ),
+            mbdlft.Fixed(name="clamp", parent="root", child="beam"),
+        ],
+        loads=[mbdlft.Force(name="push", port="beam.tip", direction=(0, 0, 1), magnitude=0)],
+        sensors=[mbdlft.Position(name="tip", port="beam.tip")],
+        inputs=("push.force", "ground.acceleration.z"),
+        outputs=("tip.z",),
+    )
+
+
+def test_static_deflections() -> None:
+    """L^3/3EI by a force at the tip, rho A g L^4/8EI by weight: exact with cubic elements."""
+    model = mbdlft.to_lft(cantilever("z"), search=0.0)
+    own = [k for k, signal in enumerate(model.states) if signal.name.startswith("beam")]
+    A, B = model.A[np.ix_(own, own)], model.B_u[own]
+    found = -model.C_y[:, own] @ np.linalg.solve(A, B)
+    target(found[0], [1.0 / 3e3, -1.0 / 8e3], SCENARIO)
+
+
+def test_beam_under_gravity_is_the_limit_of_rigid_rods() -> None:
+    """Rods on springs converge to the beam with the square of their length."""
+    beam = scenes.lever(0.0, elements=20, modulus=100.0)
+    fine = frequencies(beam)[1:4]
+    errors = []
+    for count in (8, 16, 32):
+        rods = frequencies(scenes.segments(count, bending=100.0))[1:4]
+        errors.append(np.max(np.abs(rods / fine - 1.0)))
+    assert errors[1] < errors[0] / 2.5
+    assert errors[2] < errors[1] / 2.5
+    torques = [
+        mbdlft.to_lft(scene, search=0.0).trim.nominal[0] for scene in (beam, scenes.segments(8))
+    ]
+    target(torques[0], torques[1], CLOSED_FORM)
+
+
+# parameters
+
+
+def test_all_parameters_of_a_modal_body() -> None:
+    model = mbdlft.to_lft(scenes.panel(), search=0.0)
+    values = mbdlft.random(model.parameters, 50, seed=2)
+    found = mbdlft.matrices_at(model, values)
+    for k in range(50):
+        A, B = scenes.panel_matrices({name: float(x[k]) for name, x in values.items()})
+        target(found.A[k], A, SCENARIO)
+        target(found.B[k], B, SCENARIO)
+
+
+@pytest.mark.parametrize("functions", ["cubic", "quintic"])
+def test_parameters_of_a_beam_are_rebuilt(functions: str) -> None:
+    """Length, section, modulus, density and tip mass: the model is that of a beam with the numbers."""
+    parameters = [
+        mbdlft.Parameter("L", 1.0, percent=30, unit="m"),
+        mbdlft.Parameter("E", 50.0, percent=30, unit="Pa"),
+        mbdlft.Parameter("t", 1.0, percent=20, unit="m"),
+        mbdlft.Parameter("rho", 1.2, percent=30, unit="kg m^-3"),
+        mbdlft.Parameter("mt", 0.5, percent=50, unit="kg"),
+    ]
+
+    def scene(given: dict[str, float] | None) -> mbdlft.Scene:
+        v = given or {p.name: p.name for p in parameters}
+        wide = {"w": mbdlft.Constant(value=1.0, unit="m")}
+        beam = scenes.beam(
+            length=v["L"],
+            modulus=v["E"],
+            density=v["rho"],
+            area=v["t"] if given else "w*t",
+            I_y=given["t"] ** 3 if given else "w*t^3",
+            elements=2,
+            shape_functions=functions,
+            prestress="neglected",
+        )
+        bob = mbdlft.PointMass(name="bob", mass=v["mt"])
+        found = () if given else tuple(parameters)
+        given_too = {"bodies": (beam, bob), "parameters": found, "constants": wide}
+        return scenes.lever(20.0).model_copy(update=given_too)
+
+    model = mbdlft.to_lft(scene(None), search=0.0)
+    values = mbdlft.random(model.parameters, 5, seed=8)
+    for k in range(5):
+        point = {name: float(x[k]) for name, x in values.items()}
+        frozen = mbdlft.to_lft(scene(point), search=0.0)
+        found = mbdlft.matrices_at(model, point)
+        size = np.max(np.abs(frozen.A), axis=1, keepdims=True)
+        target((found.A - frozen.A) / size, np.zeros(found.A.shape), SAME_MESH, 1.0)
+        target(mbdlft.trim_at(model, point), frozen.trim.nominal, SCENARIO)
+
+
+# planted bugs
+
+
+def without_weight(
+    body: ElasticBody, motion: ca.SX, values: object, inboard: ca.SX, at: object
+) -> ca.SX:
+    needed = times(body.elastic(values).participation, at.a)  # type: ignore[arg-type,attr-defined]
+    elastic = ca.horzcat(needed[:3], needed[3:])
+    return ca.SX(body.rigid_wrench(motion, values) + elastic)  # type: ignore[arg-type]
+
+
+def without_participation(body: ElasticBody, motion: ca.SX, values: object, at: object) -> ca.SX:
+    e = body.elastic(values)  # type: ignore[arg-type]
+    return ca.SX(times(e.mass, at.a) + times(e.stiffness, at.q))  # type: ignore[attr-defined]
+
+
+def softer(body: Beam, *given: object) -> list[object]:
+    return [term._replace(factor=0.99 * term.factor) for term in STIFFNESS(body, *given)]
+
+
+def weightless(body: Beam, values: object) -> ca.SX:
+    return ca.SX(0)
+
+
+def no_wrench(body: Beam, motion: ca.SX, values: object) -> ca.SX:
+    return ca.SX(3, 2)
+
+
+STIFFNESS = Beam._stiffness
+SYMMETRY = lambda: test_stiffness_under_gravity_is_symmetric(35.0)  # noqa: E731
+ENERGY = lambda: test_energy_is_kept(35.0)  # noqa: E731
+BUGS: list[tuple[object, str, object, Callable[[], None]]] = [
+    (ElasticBody, "wrench", without_weight, SYMMETRY),
+    (ElasticBody, "efforts", without_participation, SYMMETRY),
+    (ElasticBody, "wrench", without_weight, ENERGY),
+    (ElasticBody, "efforts", without_participation, ENERGY),
+    (ElasticBody, "efforts", without_participation, test_all_parameters_of_a_modal_body),
+    (Beam, "_stiffness", softer, test_static_deflections),
+    (Beam, "total_mass", weightless, test_momentum_of_a_free_beam),
+    (Beam, "rigid_wrench", no_wrench, test_hanging_lever_swings_and_inverted_one_topples),
+    (Beam, "_stiffness", softer, test_beam_under_gravity_is_the_limit_of_rigid_rods),
+]
+
+
+@pytest.mark.parametrize("number", range(len(BUGS)))
+def test_planted_bug_is_found(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    where, name, wrong, law = BUGS[number]
+    monkeypatch.setattr(where, name, wrong)
+    with pytest.raises((AssertionError, mbdlft.MbdlftError)):
+        law()

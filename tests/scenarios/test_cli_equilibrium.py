@@ -1,0 +1,130 @@
+"""The command line finds positions: tables with units, all equilibria, the scene that is written."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import mbdlft
+from scenarios import sagging_arm
+from tests.close import roundoff
+from tests.scenarios.test_cli import run
+
+
+@pytest.fixture
+def sagging(tmp_path: Path) -> str:
+    file = tmp_path / "sagging_arm.toml"
+    file.write_text(mbdlft.scene_to_toml(sagging_arm.scene()), encoding="utf-8")
+    return str(file)
+
+
+PENDULUM = """
+format = "mbdlft-scene/1"
+name = "pendulum"
+gravity = [0.0, 0.0, -9.81]
+
+[bodies.bob]
+kind = "point_mass"
+mass = 2.0
+ports.top = [0, 0, 1]
+
+[joints.hinge]
+kind = "revolute"
+parent = "ground"
+child = "bob.top"
+axis = [1, 0, 0]
+position = 1.0
+preload = 0
+damping = DAMPING
+"""
+
+
+def test_positions_and_the_scene_there(
+    sagging: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    written = tmp_path / "there.toml"
+    code, out, err = run(
+        monkeypatch, capsys, "trim", sagging, "--positions", "--set", "m=2.4", "-o", str(written)
+    )
+    assert (code, err) == (0, "")
+    assert "sagging_arm: equilibrium 1" in out
+    assert "hinge.angle" in out
+    assert "0.526640989" in out
+    assert "rad" in out
+    assert "stable: decays with" in out
+    scene = mbdlft.load_scene(written)
+    point = mbdlft.find_equilibrium(scene, {"m": 2.4})
+    roundoff(point.positions["hinge.angle"], 0.5266409894615065)
+    code, out, err = run(monkeypatch, capsys, "trim", str(written), "--set", "m=2.4")
+    assert (code, err) == (0, "")
+
+
+def test_all_equilibria(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "pendulum.toml"
+    file.write_text(PENDULUM.replace("DAMPING", "0.1"), encoding="utf-8")
+    code, out, err = run(monkeypatch, capsys, "trim", str(file), "--all", "--starts", "10")
+    assert (code, err) == (0, "")
+    assert "equilibrium 2" in out
+    assert "equilibrium 3" not in out
+    assert out.count("; stable: decays with") == 1
+    assert out.count("; unstable: grows with") == 1
+    file.write_text(PENDULUM.replace("DAMPING", "0.0"), encoding="utf-8")
+    code, out, err = run(monkeypatch, capsys, "trim", str(file), "--positions")
+    assert "neither stable nor unstable: something moves without damping" in out
+    weightless = PENDULUM.replace("-9.81", "0.0").replace("DAMPING", "0.1")
+    file.write_text(weightless, encoding="utf-8")
+    code, out, err = run(monkeypatch, capsys, "trim", str(file), "--positions")
+    assert "not determined: hinge.angle" in out
+
+
+def test_errors_say_where(
+    sagging: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    file = tmp_path / "pendulum.toml"
+    text = PENDULUM.replace("DAMPING", "0.1").replace("preload = 0", "preload = 25.0")
+    file.write_text(text, encoding="utf-8")
+    code, _, err = run(monkeypatch, capsys, "trim", str(file), "--positions")
+    assert code == 2
+    assert "no equilibrium found from 20 starts" in err
+    assert "hinge.torque misses -5.38 N m" in err
+    code, _, err = run(
+        monkeypatch, capsys, "trim", sagging, "--positions", "-o", str(tmp_path / "no" / "x.toml")
+    )
+    assert code == 2
+    assert "x.toml: cannot be written: No such file" in err
+
+
+def test_fit_is_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`linearize` says that positions are fits, and so does the archive, by an attribute."""
+    fitted = mbdlft.fit_positions(sagging_arm.scene(), ["hinge"], 1e-4)
+    file, archive = tmp_path / "fitted.toml", tmp_path / "fitted.h5"
+    file.write_text(mbdlft.scene_to_toml(fitted), encoding="utf-8")
+    code, out, err = run(
+        monkeypatch, capsys, "linearize", str(file), "-o", str(archive), "--search", "0"
+    )
+    assert (code, err) == (0, "")
+    assert "not exact: positions are fits, within 7.71e-05 rad or m of the equilibrium" in out
+    assert "minimal" not in out
+    with h5py.File(archive) as stored:
+        value = stored["models/sagging_arm/certificate"].attrs["fit_error_bound"]
+    assert isinstance(value, np.float64)
+    assert fitted.fit is not None
+    assert float(value) == fitted.fit.bounds["hinge.angle"]
+
+
+def test_scenario_in_python(capsys: pytest.CaptureFixture[str]) -> None:
+    sagging_arm.main()
+    out = capsys.readouterr().out
+    assert "m = 2.0 kg: 0.5739 rad, decays with 0.039 rad/s" in out
+    assert "fit for all m and k: within 7.7e-05 rad, order 6" in out
