@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.channel.points import check_determinant, sampled_deltas, value_error
+from mbdlft.channel.points import check_determinant, check_exact, sampled_deltas, value_error
 from mbdlft.errors import StructureError, WellPosednessError, unknown_name
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, Array, eliminate, select, stack_columns
@@ -46,11 +46,13 @@ def invert_channels(model: LFTModel, channels: Sequence[str]) -> LFTModel:
     Raises
     ------
     StructureError
-        A channel is unknown or named twice, or has not as many inputs as outputs.
+        A channel is unknown or named twice, or has not as many inputs as outputs; or the model is
+        truncated.
     WellPosednessError
         What is to be inverted, the feed-through from these inputs to these outputs, is singular at
         nominal or somewhere in the range.
     """
+    check_exact(model, "inversion")
     pairs = _pairs(model, channels)
     n = len(model.states)
     rows = np.array([n + output for _, output in pairs])

@@ -5,13 +5,24 @@ from collections.abc import Sequence
 import numpy as np
 
 from mbdlft.analyze.sample import corners, random
-from mbdlft.errors import WellPosednessError
+from mbdlft.errors import StructureError, WellPosednessError
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, Array
+from mbdlft.lft.model import LFTModel
 from mbdlft.parameter import Parameter, to_delta
 
 _RANDOM, _MOST_CORNERS = 50, 64
 _NEGLIGIBLE = 1e-8  # an entry below this part of its row and column is compared with them
+
+
+def check_exact(model: LFTModel, what: str) -> None:
+    """Raise a StructureError for a truncated model: its guaranteed error would not be one any more."""
+    if model.certificate.truncation_error > 0.0:
+        raise StructureError(
+            f"model {model.name!r}, {what}: the model is truncated, and the guaranteed bound of its "
+            "error holds for its own inputs and outputs only. Start from the exact model and truncate "
+            "the result."
+        )
 
 
 def sampled_deltas(parameters: Sequence[Parameter], seed: int) -> Array:

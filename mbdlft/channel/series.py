@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mbdlft.channel.points import sampled_deltas, value_error
+from mbdlft.channel.points import check_exact, sampled_deltas, value_error
 from mbdlft.errors import StructureError, unknown_name
 from mbdlft.lft.bound import degree_bounds
 from mbdlft.lft.evaluate import evaluate_at
@@ -71,9 +71,11 @@ def series(
     Raises
     ------
     StructureError
-        A channel is unknown, named twice or on both sides; the block has another size, is not continuous
-        or not a block; a parameter or a state of it has the name of another one of the model.
+        The model or the block is truncated; a channel is unknown, named twice or on both sides; the
+        block has another size, is not continuous or not a block; a parameter of it has the name of
+        another one of the model.
     """
+    check_exact(model, "series")
     names = (channels,) if isinstance(channels, str) else tuple(channels)
     at_inputs = _side(model, names, side)
     found = _as_block(model, block)
@@ -155,6 +157,7 @@ def _side(model: LFTModel, names: Sequence[str], side: str | None) -> bool:
 
 def _as_block(model: LFTModel, block: "LFTModel | StateSpace") -> _Block:
     if isinstance(block, LFTModel):
+        check_exact(block, "series")
         raw = zip(block.parameters, block.certificate.raw_order, strict=True)
         return _Block(
             block.lft,

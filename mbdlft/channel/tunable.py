@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mbdlft.channel.points import check_exact
 from mbdlft.errors import StructureError, unknown_name
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.model import Certificate, LFTModel, Trim
@@ -70,9 +71,10 @@ def tunable(model: LFTModel, names: Sequence[str] | None = None) -> TunablePlant
     Raises
     ------
     StructureError
-        A parameter is unknown or named twice, none has the role ``design``, or a signal has the name of
-        a new one.
+        The model is truncated, a parameter is unknown or named twice, none has the role ``design``, or
+        a signal has the name of a new one.
     """
+    check_exact(model, "tunable")
     chosen = _chosen(model, names)
     parts = model.lft.slices()
     gains = tuple(

@@ -1,6 +1,7 @@
 """Errors of two-ports, inverted channels and tunable gains."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import control
 import pytest
@@ -215,3 +216,21 @@ def test_a_gear_that_does_not_turn() -> None:
     scene = Scene(name="s", parameters=[n], bodies=[PointMass(name="b", mass=1.0)], joints=[joint])
     with says(SceneError, "joint 'j': the gear_ratio vanishes in the range [-1, 3]: the actuator"):
         assemble(scene)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda model: invert_channels(model, ["a"]),
+        lambda model: tunable(model, ["k"]),
+        lambda model: series(model, "a", low_pass(1.0), side="inputs"),
+        lambda model: series(STATIC, "b", model),
+    ],
+)
+def test_a_guaranteed_error_is_not_carried_over(make: Callable[[object], object]) -> None:
+    model = static([["1 + k"]], "a")
+    certificate = replace(model.certificate, exact=False, truncation_error=0.01)
+    with says(
+        StructureError, "the model is truncated, and the guaranteed bound of its error holds"
+    ):
+        make(replace(model, certificate=certificate))
