@@ -37,14 +37,27 @@ from mbdlft.store import model_names as model_names
 from mbdlft.store import save as save
 
 if TYPE_CHECKING:
+    from mbdlft.actuator import ArrayDrive as ArrayDrive
+    from mbdlft.actuator import array_drive as array_drive
+    from mbdlft.actuator import band_pass as band_pass
+    from mbdlft.actuator import delay as delay
+    from mbdlft.actuator import imbalance as imbalance
+    from mbdlft.actuator import low_pass as low_pass
     from mbdlft.body import Beam as Beam
     from mbdlft.body import FlexibleBody as FlexibleBody
     from mbdlft.body import Ground as Ground
     from mbdlft.body import Inertia as Inertia
     from mbdlft.body import Mode as Mode
+    from mbdlft.body import PiezoBeam as PiezoBeam
+    from mbdlft.body import PiezoPatch as PiezoPatch
     from mbdlft.body import PointMass as PointMass
     from mbdlft.body import RigidBody as RigidBody
     from mbdlft.build import to_lft as to_lft
+    from mbdlft.channel import TunableGain as TunableGain
+    from mbdlft.channel import TunablePlant as TunablePlant
+    from mbdlft.channel import invert_channels as invert_channels
+    from mbdlft.channel import series as series
+    from mbdlft.channel import tunable as tunable
     from mbdlft.equilibrium import EquilibriumPoint as EquilibriumPoint
     from mbdlft.equilibrium import at_equilibrium as at_equilibrium
     from mbdlft.equilibrium import eigenvalues_at as eigenvalues_at
@@ -87,6 +100,7 @@ if TYPE_CHECKING:
     from mbdlft.modal import model_of_results as model_of_results
     from mbdlft.modal import save_matrices as save_matrices
     from mbdlft.modal import to_si as to_si
+    from mbdlft.port import two_port as two_port
     from mbdlft.realization import realize as realize
     from mbdlft.scene import Constant as Constant
     from mbdlft.scene import Fit as Fit
@@ -115,14 +129,27 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _ON_FIRST_USE = {
+    "ArrayDrive": "mbdlft.actuator",
+    "array_drive": "mbdlft.actuator",
+    "band_pass": "mbdlft.actuator",
+    "delay": "mbdlft.actuator",
+    "imbalance": "mbdlft.actuator",
+    "low_pass": "mbdlft.actuator",
     "Beam": "mbdlft.body",
     "FlexibleBody": "mbdlft.body",
     "Mode": "mbdlft.body",
     "Ground": "mbdlft.body",
     "Inertia": "mbdlft.body",
+    "PiezoBeam": "mbdlft.body",
+    "PiezoPatch": "mbdlft.body",
     "PointMass": "mbdlft.body",
     "RigidBody": "mbdlft.body",
     "to_lft": "mbdlft.build",
+    "TunableGain": "mbdlft.channel",
+    "TunablePlant": "mbdlft.channel",
+    "invert_channels": "mbdlft.channel",
+    "series": "mbdlft.channel",
+    "tunable": "mbdlft.channel",
     "EquilibriumPoint": "mbdlft.equilibrium",
     "at_equilibrium": "mbdlft.equilibrium",
     "eigenvalues_at": "mbdlft.equilibrium",
@@ -165,6 +192,7 @@ _ON_FIRST_USE = {
     "modal_model": "mbdlft.modal",
     "model_of_results": "mbdlft.modal",
     "to_si": "mbdlft.modal",
+    "two_port": "mbdlft.port",
     "realize": "mbdlft.realization",
     "Constant": "mbdlft.scene",
     "ImportReport": "mbdlft.scene",

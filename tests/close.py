@@ -28,6 +28,13 @@ SAME_MESH = 1e-8
 CHAIN = 1e-7
 STABLE = 1e-6  # of the largest frequency: real parts of undamped poles that are rounding
 
+# a mesh of eight quintic elements against a closed form: its first three frequencies
+FINITE_ELEMENTS = 1e-5
+# stiff elastic models with all their sizes as parameters
+LAMINATE = 1e-5
+# matrices of a finite-element mesh after solves with them: what their condition leaves
+BALANCE = 1e-8
+
 # how much a guaranteed bound may be above a largest value that is known
 BOUND = 0.02
 FIT_BOUND = 0.2

@@ -7,10 +7,12 @@ from mbdlft.body.elastic import ElasticBody as ElasticBody
 from mbdlft.body.flexible import FlexibleBody as FlexibleBody
 from mbdlft.body.flexible import Mode as Mode
 from mbdlft.body.ground import Ground as Ground
+from mbdlft.body.piezo import PiezoBeam as PiezoBeam
+from mbdlft.body.piezo import PiezoPatch as PiezoPatch
 from mbdlft.body.point_mass import PointMass as PointMass
 from mbdlft.body.rigid import Inertia as Inertia
 from mbdlft.body.rigid import RigidBody as RigidBody
 
 KINDS: dict[str, type[Body]] = {
-    cls.kind: cls for cls in (Beam, FlexibleBody, Ground, PointMass, RigidBody)
+    cls.kind: cls for cls in (Beam, FlexibleBody, Ground, PiezoBeam, PointMass, RigidBody)
 }

@@ -11,7 +11,7 @@ from pydantic import model_validator
 
 from mbdlft.description import AXES, Description, Expected, Text, Values, Vector, vector_quantities
 from mbdlft.errors import SceneError
-from mbdlft.signal import Freedom
+from mbdlft.signal import Freedom, Signal
 from mbdlft.spatial import Coordinate
 
 GROUND = "ground"
@@ -83,6 +83,22 @@ class Body(Description, abc.ABC):
 
     def efforts(self, motion: ca.SX, values: Values, at: Coordinate) -> ca.SX:
         """Generalized forces (n,) that the coordinates of an elastic body need."""
+        return ca.SX(0, 1)
+
+    def inputs(self) -> tuple[Signal, ...]:
+        """Inputs of the body itself, such as a voltage; zero at equilibrium."""
+        return ()
+
+    def outputs(self) -> tuple[Signal, ...]:
+        """Outputs of the body itself, such as a charge."""
+        return ()
+
+    def driven(self, values: Values, inputs: ca.SX) -> ca.SX:
+        """Generalized forces (n,) on the coordinates of an elastic body by its inputs."""
+        return ca.SX(len(self.freedoms()), 1)
+
+    def measure(self, values: Values, inputs: ca.SX, at: Coordinate) -> ca.SX:
+        """Outputs (m,) for the inputs and coordinates of the body."""
         return ca.SX(0, 1)
 
     def shape(self, port: str, values: Values, vector: ca.SX) -> ca.SX:

@@ -16,7 +16,7 @@ They are the matrices of appendix B of the source in `tests/reference/flexible.p
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from typing import Annotated, Any, ClassVar, NamedTuple, Self, final
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import casadi as ca
 import numpy as np
@@ -62,7 +62,6 @@ class Field1D(NamedTuple):
     moment1: NDArray[np.float64]
 
 
-@final
 class Beam(ElasticBody):
     """A uniform beam from the origin along x: SI units, moments of area about y and z.
 
@@ -144,7 +143,10 @@ class Beam(ElasticBody):
         return self._node(port) / self.elements
 
     def _fields(self) -> list[tuple[str, Field1D]]:
-        return [(name, _field(name, self.shape_functions, self.elements)) for name in self._order()]
+        return [
+            (name, field_numbers(name, self.shape_functions, self.elements))
+            for name in self._order()
+        ]
 
     def _order(self) -> list[str]:
         return [name for name in DEFORMATIONS if name in self.deformations]
@@ -175,15 +177,11 @@ class Beam(ElasticBody):
             if name.startswith("bending") and self.rotary_inertia:
                 mass.append(Term(rho * values[_AREA[name]] / L, _square(n, part, numbers.rotary)))
             stiffness += self._stiffness(name, numbers, n, part, values)
-            row, sign = _ROW[name]
-            participation.append(Term(line, _row(n, part, row, numbers.moment0)))
-            if name.startswith("bending"):
-                turned = _row(n, part, _TURNED[name], sign * numbers.moment1)
-                participation.append(Term(L * line, turned))
-                if self.rotary_inertia:
-                    slope = sign * _slopes(self.shape_functions, self.elements)
-                    factor = rho * values[_AREA[name]]
-                    participation.append(Term(factor, _row(n, part, _TURNED[name], slope)))
+            participation += self._participation(name, numbers, part, line, L)
+            if name.startswith("bending") and self.rotary_inertia:
+                slope = _ROW[name][1] * _slopes(self.shape_functions, self.elements)
+                factor = rho * values[_AREA[name]]
+                participation.append(Term(factor, _row(n, part, _TURNED[name], slope)))
         damping = [Term(values["mass_damping"] * factor, matrix) for factor, matrix in mass]
         damping += [
             Term(values["stiffness_damping"] * factor, matrix) for factor, matrix in stiffness
@@ -197,6 +195,23 @@ class Beam(ElasticBody):
         q = at.q + values["stiffness_damping"] * at.v
         a = at.a + values["mass_damping"] * at.v
         return ca.SX(super().efforts(motion, values, Coordinate(q, ca.SX(*at.v.shape), a)))
+
+    def _participation(
+        self, name: str, numbers: Field1D, part: slice, line: Any, length: Any
+    ) -> list[Term]:
+        """Participation factors of one deformation for a mass `line` in all (kg), or kg m^2."""
+        n, (row, sign) = len(self.freedoms()), _ROW[name]
+        found = [Term(line, _row(n, part, row, numbers.moment0))]
+        if name.startswith("bending"):
+            found.append(Term(length * line, _row(n, part, _TURNED[name], sign * numbers.moment1)))
+        return found
+
+    def _placed(self, part: slice, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+        return _square(len(self.freedoms()), part, matrix)
+
+    def _position(self, deformation: str, node: int) -> int:
+        """Of the displacement of a node among the coordinates of a deformation."""
+        return _first(deformation, self.shape_functions, node)
 
     def _stiffness(
         self, name: str, numbers: Field1D, n: int, part: slice, values: Values
@@ -257,6 +272,10 @@ class Beam(ElasticBody):
             lowest = float(np.min(value))
             if lowest < 0.0 or (lowest == 0.0 and "damping" not in key):
                 return f"{key} is not positive in the range: {lowest:g} {_UNITS[key]}."
+        return elastic_problem(self, values, self.rigid_mass(values))
+
+    def rigid_mass(self, values: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Mass matrices (samples, 6, 6) of the undeformed body about its origin."""
         L, mass = values["length"], values["density"] * values["area"] * values["length"]
         rigid = np.zeros((len(mass), 6, 6))
         rigid[:, [0, 1, 2], [0, 1, 2]] = mass[:, None]
@@ -269,7 +288,7 @@ class Beam(ElasticBody):
                     rigid[:, k, k] += values["density"] * values[key] * L
         if "torsion" in self.deformations:
             rigid[:, 3, 3] = values["density"] * self._polar(values) * L
-        return elastic_problem(self, values, rigid)
+        return rigid
 
 
 _NEEDED: dict[str, tuple[str, ...]] = {
@@ -328,12 +347,14 @@ def _first(name: str, functions: str, node: int) -> int:
 
 
 @cache
-def _field(name: str, functions: str, elements: int) -> Field1D:
-    """Assembled numbers of one deformation."""
+def field_numbers(
+    name: str, functions: str, elements: int, first: int = 0, last: int | None = None
+) -> Field1D:
+    """Assembled numbers of one deformation, of the elements between two nodes."""
     bending = name.startswith("bending")
     order = 2 if bending else 1
     ds = 1.0 / elements
-    shapes = _element(_per_node(name, functions), ds)
+    shapes = element_shapes(name, functions, ds)
     count = _per_node(name, functions) * (elements + 1)
     total = {key: np.zeros((count, count)) for key in ("mass", "rotary", "stiffness", "shear")}
     moments = np.zeros((2, count))
@@ -343,7 +364,7 @@ def _field(name: str, functions: str, elements: int) -> Field1D:
         "stiffness": _products(shapes, order, ds),
         "shear": _shear(ds) if bending and functions == "cubic" else np.zeros((len(shapes),) * 2),
     }
-    for element in range(elements):
+    for element in range(first, elements if last is None else last):
         at = slice(start := element * len(shapes) // 2, start + len(shapes))
         for key, matrix in local.items():
             total[key][at, at] += matrix
@@ -362,6 +383,11 @@ def _slopes(functions: str, elements: int) -> NDArray[np.float64]:
     found = np.zeros(per_node * (elements + 1) - _clamped("bending_y", functions))
     found[_first("bending_y", functions, elements)] = 1.0
     return found
+
+
+def element_shapes(name: str, functions: str, ds: float) -> tuple[Polynomial, ...]:
+    """Shape functions of one deformation on an element of length ds."""
+    return _element(_per_node(name, functions), ds)
 
 
 @cache

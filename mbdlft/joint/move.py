@@ -57,8 +57,8 @@ class Move(abc.ABC):
         """Wrench (3, 2) after the move with that of the actuator's inertia added."""
         return wrench
 
-    def effort(self, carried: ca.SX) -> ca.SX:
-        """Efforts (degrees_of_freedom,) for a carried wrench."""
+    def effort(self, carried: ca.SX, motion: ca.SX) -> ca.SX:
+        """Efforts (degrees_of_freedom,) for a carried wrench and the motion after the move."""
         return ca.SX(0, 1)
 
 
@@ -103,15 +103,17 @@ class Hinge(Move):
     """A rotation by q about `axis`.
 
         omega_A = R' omega_B + axis qdot,  alpha_A = R' alpha_B + (R' omega_B) x axis qdot + axis qddot
-        effort  = axis . torque_A + J axis . alpha_A
+        effort  = axis . torque_A + n J (axis . alpha_A + (n - 1) qddot)
 
-    J is the inertia of the actuator, a massless body that turns with the child: equations (7) to
-    (9) of Kassarian et al. 2023.
+    J is the inertia of the actuator, a massless rotor about the axis. It turns with the child where the
+    gear ratio n is 1: equations (7) to (9) of Kassarian et al. 2023. Else it turns n times as far, seen
+    from the parent, which feels J (axis . alpha_B + n qddot), and the effort is that behind the gear.
     """
 
     axis: ca.SX
     at: Coordinate
     inertia: ca.SX | float = 0.0
+    ratio: ca.SX | float = 1.0
     degrees_of_freedom = 1
 
     def rotated(self, vectors: ca.SX) -> ca.SX:
@@ -129,10 +131,25 @@ class Hinge(Move):
     def carried(self, wrench: ca.SX, motion: ca.SX) -> ca.SX:
         if isinstance(self.inertia, float) and self.inertia == 0.0:
             return wrench
-        return ca.SX(_hinge_actuator()(wrench, motion, self.axis, self.inertia))
+        carried = ca.SX(_hinge_actuator()(wrench, motion, self.axis, self.inertia))
+        if not self._is_geared():
+            return carried
+        # what the rotor turns more than the child: its spin, which the parent turns along, and its rate
+        more = self.inertia * (self.ratio - 1.0)
+        gyroscopic = ca.cross(motion[:, 0], self.axis * (more * self.at.v))
+        torque = self.axis * (more * self.at.a) + gyroscopic
+        return ca.horzcat(carried[:, 0], carried[:, 1] + torque)
 
-    def effort(self, carried: ca.SX) -> ca.SX:
-        return ca.mtimes(self.axis.T, carried[:, 1])
+    def effort(self, carried: ca.SX, motion: ca.SX) -> ca.SX:
+        effort = ca.mtimes(self.axis.T, carried[:, 1])
+        if not self._is_geared():
+            return effort
+        more = self.ratio - 1.0
+        turned = ca.mtimes(self.axis.T, motion[:, 1]) + more * self.at.a
+        return effort + more * self.inertia * turned
+
+    def _is_geared(self) -> bool:
+        return not (isinstance(self.ratio, float) and self.ratio == 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,7 +176,7 @@ class Slide(Move):
     def wrench(self, wrench: ca.SX) -> ca.SX:
         return ca.SX(_slide_wrench()(wrench, self.axis, self.at.q))
 
-    def effort(self, carried: ca.SX) -> ca.SX:
+    def effort(self, carried: ca.SX, motion: ca.SX) -> ca.SX:
         return ca.mtimes(self.axis.T, carried[:, 0]) + self.inertia * self.at.a
 
 
@@ -191,7 +208,7 @@ class Ball(Move):
     def wrench(self, wrench: ca.SX) -> ca.SX:
         return self.rotated(wrench)
 
-    def effort(self, carried: ca.SX) -> ca.SX:
+    def effort(self, carried: ca.SX, motion: ca.SX) -> ca.SX:
         return carried[:, 1] + self.inertia * self.at.a
 
 
@@ -234,7 +251,7 @@ class Deformed(Move):
     def wrench(self, wrench: ca.SX) -> ca.SX:
         return move_wrench(self.ball.wrench(wrench), self.slide.q)
 
-    def effort(self, carried: ca.SX) -> ca.SX:
+    def effort(self, carried: ca.SX, motion: ca.SX) -> ca.SX:
         force, torque = self.rotated(carried[:, :1]), carried[:, 1]
         torque = torque + 0.5 * ca.cross(self.ball.at.q, torque)
         return self.effort_of(ca.vertcat(force, torque))

@@ -2,12 +2,17 @@
 
     effort = axis . torque + J axis . alpha + stiffness q + damping qdot
 
-J is the inertia of the actuator, which turns with the child: Kassarian et al. 2023, equation (7).
+J is the inertia of the actuator, which turns with the child: Kassarian et al. 2023, equation (7). Behind
+a gear it is a rotor that turns `gear_ratio` times as far as the child, relative to the parent: `Hinge`.
 """
 
+from collections.abc import Mapping
 from typing import ClassVar, final
 
-from mbdlft.description import Quantity, Values
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.description import Expected, Quantity, Values
 from mbdlft.joint.base import AxisJoint, MovingJoint, turning
 from mbdlft.joint.move import Hinge, Move, turned
 from mbdlft.signal import Freedom
@@ -16,7 +21,11 @@ from mbdlft.spatial import Coordinate
 
 @final
 class Revolute(AxisJoint, MovingJoint):
-    """A rotation about `axis`; `position` (rad), N m/rad, N m s/rad, kg m^2, `preload` (N m)."""
+    """A rotation about `axis`; `position` (rad), N m/rad, N m s/rad, kg m^2, `preload` (N m).
+
+    `gear_ratio` is the angle of the actuator over that of the joint; `actuator_inertia` is that of
+    the rotor itself, in front of the gear, and the effort acts behind it.
+    """
 
     kind: ClassVar[str] = "revolute"
     freedoms: ClassVar[tuple[Freedom, ...]] = (turning(),)
@@ -25,11 +34,27 @@ class Revolute(AxisJoint, MovingJoint):
     stiffness: Quantity = 0.0
     damping: Quantity = 0.0
     actuator_inertia: Quantity = 0.0
+    gear_ratio: Quantity = 1.0
     preload: Quantity | None = None
+
+    def own_quantities(self) -> dict[str, Expected]:
+        found = super().own_quantities()
+        if self.gear_ratio != 1.0:  # without a gear nothing is multiplied
+            found["gear_ratio"] = Expected(self.gear_ratio, "1")
+        return found
+
+    def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
+        ratio = values.get("gear_ratio", np.ones(1))
+        if np.min(ratio) <= 0.0 <= np.max(ratio):
+            return (
+                f"the gear_ratio vanishes in the range [{np.min(ratio):g}, {np.max(ratio):g}]: the "
+                "actuator would not turn. A negative one turns it the other way."
+            )
+        return super().physical_problem(values)
 
     def own_moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
         axis = self.direction()
         return (
             *turned(axis, values["position"]),
-            Hinge(axis, at.part(0), values["actuator_inertia"]),
+            Hinge(axis, at.part(0), values["actuator_inertia"], values.get("gear_ratio", 1.0)),
         )

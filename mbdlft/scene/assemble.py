@@ -14,6 +14,7 @@ from mbdlft.errors import NotRationalError, SceneError
 from mbdlft.force import BodyWrench, Spring
 from mbdlft.joint import labelled
 from mbdlft.lft.lft import Array
+from mbdlft.scene.channels import body_channels, body_inputs
 from mbdlft.scene.check import check, check_fit
 from mbdlft.scene.closure import Closure, close_loops, constraint, reactions
 from mbdlft.scene.placed import inertial_wrenches, motions, pass_inward
@@ -79,12 +80,15 @@ def assemble(scene: Scene) -> Equations:
         if acted.body in needed:
             needed[acted.body] -= acted.wrench
     view.passed = pass_inward(view.now, view.motions, needed)
-    dynamics = _dynamics(links, symbols, values, view, u)
+    channels = body_channels(links, values, view, u, [effort.signal.name for effort in listed])
+    dynamics = _dynamics(links, symbols, values, view, u) - channels.forces
     n = symbols.q.numel()
     carried, carried_by = _carried(links, view)
     held = [constraint(scene.loops, view, order)[list(closure.rows)] for order in range(3)]
     residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
     measured, y_signals, displacements = _measures(scene, links, symbols, view)
+    displacements += tuple(len(y_signals) + k for k in range(len(channels.signals)))
+    measured, y_signals = ca.vertcat(measured, channels.outputs), y_signals + channels.signals
     both = without_unseen(scene, ca.vertcat(residual, measured))
     coordinate_signals = [
         Signal(f"{named.name}.{freedom.measures[k].name}", freedom.measures[k].unit)
@@ -172,6 +176,7 @@ def list_efforts(
         given = values[owner_name(load)].get(load.magnitude_key)
         given = densities.get(load.name, given)
         found.append(Effort(Signal(f"{load.name}.{load.signal.name}", load.signal.unit), given))
+    found += [Effort(signal, 0.0) for link in links for signal in body_inputs(link.child)]
     asked = set(scene.inputs or ())
     found += [
         Effort(Signal(name, "m/s^2"), 0.0, is_default=False)

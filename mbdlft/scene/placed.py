@@ -134,7 +134,7 @@ def pass_inward(placed: Placed, found: Motions, needed: Mapping[str, ca.SX]) -> 
             reversed(placed.moves[name]), reversed(found.moves[name]), strict=True
         ):
             wrench = move.carried(wrench, motion)
-            own.insert(0, move.effort(wrench))
+            own.insert(0, move.effort(wrench, motion))
             wrench = move.wrench(wrench)
         efforts = ca.vertcat(*own)
         collected[link.owner] = (

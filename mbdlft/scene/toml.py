@@ -11,7 +11,7 @@ from typing import Any, TypeVar, cast
 import tomli_w
 
 from mbdlft.body import KINDS as BODIES
-from mbdlft.body import Body, Inertia, Mode
+from mbdlft.body import Body, Inertia, Mode, PiezoPatch
 from mbdlft.errors import MbdlftError, SceneError, unknown_name
 from mbdlft.force import KINDS as LOADS
 from mbdlft.joint import KINDS as JOINTS
@@ -250,6 +250,10 @@ def _kinds(what: str, key: str, table: dict[str, Any], kinds: Mapping[str, Any])
                 fields["inertia"] = Inertia(**fields["inertia"])
             if isinstance(fields.get("modes"), list):
                 fields["modes"] = [Mode(**_table("modes", entry)) for entry in fields["modes"]]
+            if isinstance(fields.get("patches"), list):
+                fields["patches"] = [
+                    PiezoPatch(**_table("patches", entry)) for entry in fields["patches"]
+                ]
             if isinstance(fields.get("orientation"), list):
                 fields["orientation"] = [
                     Rotation(**_table("orientation", entry)) for entry in fields["orientation"]

@@ -1,0 +1,390 @@
+"""Laws of two-ports: statics, reciprocity, boundary conditions, energy, assembly; inverted channels."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import brentq
+
+import mbdlft
+from mbdlft import (
+    Beam,
+    FlexibleBody,
+    Inertia,
+    Mode,
+    Parameter,
+    PointMass,
+    RigidBody,
+    invert_channels,
+    matrices_at,
+    two_port,
+)
+from mbdlft.body import elastic
+from mbdlft.channel import invert
+from mbdlft.lft.bound import lower_bound
+from mbdlft.sensor import JointWrench
+from tests.close import BALANCE, CLOSED_FORM, FINITE_ELEMENTS, roundoff, target
+
+E = Parameter("E", 70e9, percent=20, unit="Pa")
+L = Parameter("L", 1.2, percent=20, unit="m")
+M = Parameter("m", 5.0, percent=30, unit="kg")
+PLANE = ("y", "rz")
+LOAD, MOTION = ["tip"], ["origin"]
+
+
+def transport(r: np.ndarray) -> np.ndarray:
+    """phi of a rigid displacement: a_C = a_P + alpha x r."""
+    found = np.eye(6)
+    found[:3, 3:] = np.cross(np.eye(3), r).T
+    return found
+
+
+def rigid_mass(mass: float, center: np.ndarray, about_center: np.ndarray) -> np.ndarray:
+    """Mass matrix about the origin: T' diag(m, J) T with T the transport to the center."""
+    inner = np.zeros((6, 6))
+    inner[:3, :3], inner[3:, 3:] = mass * np.eye(3), about_center
+    return transport(center).T @ inner @ transport(center)
+
+
+def beam(**fields) -> Beam:
+    given = {
+        "name": "beam",
+        "length": 1.2,
+        "density": 2700,
+        "area": 1e-4,
+        "modulus": "E",
+        "shear_modulus": 26e9,
+        "I_y": 1e-9,
+        "I_z": 2e-9,
+        "torsion_constant": 1.5e-9,
+        "elements": 2,
+    }
+    return Beam(**(given | fields))
+
+
+def bending(**fields) -> Beam:
+    plane = {"deformations": ("bending_y",), "shape_functions": "quintic"}
+    return beam(**(plane | fields))
+
+
+def panel() -> FlexibleBody:
+    return FlexibleBody(
+        name="panel",
+        mass="m",
+        center_of_mass=(0.7, 0.1, -0.2),
+        inertia=Inertia(xx=1.0, yy=3.0, zz=2.5, xy=0.1, yz=0.2),
+        ports={"tip": (1.5, 0.2, 0.1), "side": (0.4, -0.6, 0.0)},
+        modes=(
+            Mode(
+                frequency=9.0,
+                damping=0.01,
+                participation=(0.1, 0.2, 1.2, 0.2, -1.0, 0.1),
+                shapes={"tip": (0, 0.1, 0.9, 0.1, -0.4, 0), "side": (0, 0, 0.3, 0.2, 0, 0)},
+            ),
+            Mode(
+                frequency=31.0,
+                damping=0.02,
+                participation=(0.0, 1.0, 0.1, 0.1, 0.0, 0.8),
+                shapes={"tip": (0.2, 0.7, 0, 0, 0, 0.5), "side": (0, 0.2, 0, 0, 0.1, 0.1)},
+            ),
+        ),
+    )
+
+
+def box() -> RigidBody:
+    return RigidBody(
+        name="box",
+        mass="m",
+        center_of_mass=(0.3, -0.2, 0.1),
+        inertia=Inertia(xx=1.0, yy=2.0, zz=1.5, xz=0.2),
+        ports={"tip": (0.5, 0.5, 0.0), "side": (-1.0, 0.2, 0.3)},
+    )
+
+
+def static_gain(model: mbdlft.LFTModel, **values: float) -> np.ndarray:
+    A, B, C, D = matrices_at(model, values)
+    return D - C @ np.linalg.solve(A, B) if len(A) else D
+
+
+def expected_statics(mass: np.ndarray, *arms) -> np.ndarray:
+    """[0 phi ; phi' -M]."""
+    phi = np.vstack([transport(np.asarray(arm, dtype=float)) for arm in arms])
+    zero = np.zeros((len(phi), len(phi)))
+    return np.block([[zero, phi], [phi.T, -mass]])
+
+
+def check_statics() -> None:
+    tensor = np.array([[1.0, 0.1, 0.0], [0.1, 3.0, 0.2], [0.0, 0.2, 2.5]])
+    for m in (3.7, 5.0, 6.5):
+        mass = rigid_mass(m, np.array([0.7, 0.1, -0.2]), tensor)
+        expected = expected_statics(mass, (1.5, 0.2, 0.1), (0.4, -0.6, 0.0))
+        target(static_gain(two_port(panel(), [M], search=0.0), m=m), expected, CLOSED_FORM)
+
+
+def test_statics_of_modes() -> None:
+    check_statics()
+
+
+def test_statics_catch_a_wrong_sign(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = JointWrench.measure
+    monkeypatch.setattr(JointWrench, "measure", lambda self, view: -right(self, view))
+    with pytest.raises(AssertionError):
+        check_statics()
+
+
+def test_statics_of_a_rigid_body_and_a_point_mass() -> None:
+    tensor = np.array([[1.0, 0.0, 0.2], [0.0, 2.0, 0.0], [0.2, 0.0, 1.5]])
+    mass = rigid_mass(4.2, np.array([0.3, -0.2, 0.1]), tensor)
+    model = two_port(box(), [M])
+    assert not model.states
+    target(
+        static_gain(model, m=4.2),
+        expected_statics(mass, (0.5, 0.5, 0.0), (-1.0, 0.2, 0.3)),
+        CLOSED_FORM,
+    )
+    ball = two_port(PointMass(name="ball", mass="m"), [M])
+    assert ball.order == ball.certificate.order_bound == 3
+    target(static_gain(ball, m=4.2), -np.diag([4.2, 4.2, 4.2, 0, 0, 0]), CLOSED_FORM)
+
+
+def test_a_rigid_body_can_be_held_at_any_port() -> None:
+    """Held at its side: the lever arms and the mass matrix are those about that port."""
+    r = np.array([-1.0, 0.2, 0.3])
+    tensor = np.array([[1.0, 0.0, 0.2], [0.0, 2.0, 0.0], [0.2, 0.0, 1.5]])
+    model = two_port(box(), [M], ["tip", "origin"], parent="side")
+    assert model.inputs[-1].name == "side.angular_acceleration.z"
+    mass = rigid_mass(5.0, np.array([0.3, -0.2, 0.1]) - r, tensor)
+    expected = expected_statics(mass, np.array([0.5, 0.5, 0.0]) - r, -r)
+    target(static_gain(model), expected, CLOSED_FORM)
+
+
+def test_statics_of_a_beam() -> None:
+    model = two_port(beam(length="L"), [E, L], search=0.0)
+    for length in (0.96, 1.2, 1.4):
+        line = 2700 * 1e-4 * length
+        polar = 2700 * 3e-9 * length
+        mass = rigid_mass(
+            line,
+            np.array([length / 2, 0, 0]),
+            np.diag([polar, line * length**2 / 12, line * length**2 / 12]),
+        )
+        found = static_gain(model, E=60e9, L=length)
+        target(found, expected_statics(mass, (length, 0, 0)), BALANCE)
+
+
+def check_feed_through() -> None:
+    """A load here and an acceleration there, as there and here."""
+    for model in (two_port(panel(), [M], search=0.0), two_port(beam(), [E], search=0.0)):
+        D = matrices_at(model, {}).D
+        size = np.sqrt(np.abs(np.diag(D)))
+        scale = np.where(size > 0, size, 1.0)
+        balanced = D / scale / scale[:, None]
+        target(balanced, balanced.T, BALANCE)
+
+
+def test_feed_through_is_symmetric() -> None:
+    check_feed_through()
+
+
+def test_symmetry_catches_a_wrong_shape(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = elastic.ElasticBody.shape
+    monkeypatch.setattr(
+        elastic.ElasticBody,
+        "shape",
+        lambda self, port, v, vector: 1.01 * right(self, port, v, vector),
+    )
+    with pytest.raises(AssertionError):
+        check_feed_through()
+
+
+def root(function, low: float, high: float) -> float:
+    return float(brentq(function, low, high, xtol=1e-14))
+
+
+CLAMPED_FREE = [
+    root(lambda b: np.cos(b) + 1 / np.cosh(b), *ends) for ends in ((1, 3), (4, 6), (7, 9))
+]
+FREE_FREE = [
+    root(lambda b: np.cos(b) - 1 / np.cosh(b), *ends) for ends in ((4, 6), (7, 9), (10, 12))
+]
+
+
+def wave_numbers(model: mbdlft.LFTModel, modulus: float) -> np.ndarray:
+    """beta L of the first three frequencies, omega = beta^2 sqrt(E I/(rho A))."""
+    values = np.linalg.eigvals(matrices_at(model, {"E": modulus}).A).imag
+    unit = np.sqrt(modulus * 2e-9 / (2700 * 1e-4)) / 1.2**2
+    found = np.sort(values[values > 0.1 * unit])
+    return np.sqrt(found[:3] / unit)
+
+
+def check_boundaries() -> None:
+    """Clamped at P and free at C; both exchanged; free at both; clamped at both."""
+    model = two_port(bending(elements=8), [E], axes=PLANE, search=0.0)
+    for modulus in (58e9, 70e9, 83e9):
+        for channels, expected in (
+            ([], CLAMPED_FREE),
+            (LOAD + MOTION, CLAMPED_FREE),
+            (MOTION, FREE_FREE),
+            (LOAD, FREE_FREE),  # clamped at both ends: the same numbers
+        ):
+            changed = invert_channels(model, channels) if channels else model
+            target(wave_numbers(changed, modulus), expected, FINITE_ELEMENTS)
+
+
+def test_frequencies_of_all_boundary_conditions() -> None:
+    check_boundaries()
+
+
+def test_boundaries_catch_a_wrong_inversion(monkeypatch: pytest.MonkeyPatch) -> None:
+    def wrong(relation: mbdlft.LFT, n: int) -> mbdlft.LFT:
+        a = right(relation, n)
+        return mbdlft.LFT(a.M11, a.M12, a.M21, 1.01 * a.M22, a.blocks)
+
+    right = invert.eliminate
+    monkeypatch.setattr(invert, "eliminate", wrong)
+    with pytest.raises(AssertionError):
+        check_boundaries()
+
+
+def values_of(model: mbdlft.LFTModel, values: dict[str, float]) -> np.ndarray:
+    A, B, C, D = matrices_at(model, values)
+    return np.block([[A, B], [C, D]])
+
+
+CHANNELS = ["tip", "origin", "tip.torque.z", "tip.force.x", "origin.angular_acceleration.x"]
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    channels=st.lists(st.sampled_from(CHANNELS), min_size=1, unique_by=lambda name: name[:3]),
+    modulus=st.floats(56e9, 84e9),
+)
+def test_inverted_twice_is_the_model(channels: list[str], modulus: float) -> None:
+    model = flexible()
+    once = invert_channels(model, channels)
+    changed = [b.name for a, b in zip(model.inputs, once.inputs, strict=True) if a != b]
+    assert changed
+    twice = invert_channels(once, changed)
+    assert twice.inputs == model.inputs
+    assert twice.outputs == model.outputs
+    assert once.order == twice.order == model.order
+    # entries of one size, as the sizes of the deformations and of the loads differ by powers of ten
+    found, expected = (values_of(item, {"E": modulus}) for item in (twice, model))
+    rows = np.max(np.abs(expected), axis=1, keepdims=True)
+    target(found / rows, expected / rows, BALANCE)
+
+
+@cache
+def flexible() -> mbdlft.LFTModel:
+    return two_port(beam(stiffness_damping=1e-5), [E], search=0.0)
+
+
+def check_inversion() -> None:
+    """Against the formulas for A, B, C, D with one channel set inverted, in numbers."""
+    model = flexible()
+    once = invert_channels(model, ["tip"])
+    for modulus in (57e9, 80e9):
+        A, B, C, D = matrices_at(model, {"E": modulus})
+        i, o = slice(0, 6), slice(6, 12)
+        inner = np.linalg.inv(D[i, i])
+        expected = np.block(
+            [
+                [A - B[:, i] @ inner @ C[i], B[:, i] @ inner, B[:, o] - B[:, i] @ inner @ D[i, o]],
+                [-inner @ C[i], inner, -inner @ D[i, o]],
+                [
+                    C[o] - D[o, i] @ inner @ C[i],
+                    D[o, i] @ inner,
+                    D[o, o] - D[o, i] @ inner @ D[i, o],
+                ],
+            ]
+        )
+        # the tip's own rows cancel: it moves as it is told to
+        terms = np.maximum(np.abs(expected), np.abs(values_of(model, {"E": modulus})))
+        rows = np.max(terms, axis=1, keepdims=True)
+        kappa = float(np.linalg.cond(D[i, i]))
+        roundoff(values_of(once, {"E": modulus}) / rows, expected / rows, kappa)
+
+
+def test_inversion_is_that_of_state_space() -> None:
+    check_inversion()
+
+
+def test_inversion_catches_an_exchanged_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = invert.select
+    monkeypatch.setattr(
+        invert, "select", lambda a, rows, columns: right(a, rows, np.asarray(columns)[::-1])
+    )
+    with pytest.raises((AssertionError, mbdlft.MbdlftError)):
+        check_inversion()
+
+
+def test_lower_bounds_survive_an_inversion() -> None:
+    """Measured again, they are those of the model."""
+    arm = Parameter("r", 0.5, percent=30, unit="m")
+    body = box().model_copy(update={"ports": {"tip": ("r", 0.5, "2*r")}})
+    model = two_port(body, [M, arm], search=0.0)
+    once = invert_channels(model, ["origin"])
+    assert model.certificate.lower_bound > (0, 0)
+    assert tuple(lower_bound(once.lft).values()) == once.certificate.lower_bound
+    assert once.certificate.lower_bound == model.certificate.lower_bound
+    assert once.certificate.max_relative_error < CLOSED_FORM
+
+
+def power(model: mbdlft.LFTModel, omega: float) -> np.ndarray:
+    """Hermitian matrix of the mean power that harmonic inputs supply.
+
+    Loads of the children times their velocities, and the load of the parent on the body (minus the
+    output) times the velocity of the parent.
+    """
+    A, B, C, D = matrices_at(model, {})
+    G = C @ np.linalg.solve(1j * omega * np.eye(len(A)) - A, B) + D
+    n = len(D) // 2
+    first, second = G[:n], G[n:]
+    supplied = np.zeros((2 * n, 2 * n), dtype=complex)
+    supplied[:n] = first / (1j * omega)
+    supplied[:, n:] += (second / (1j * omega)).conj().T  # (minus F)^* times a/(j omega), transposed
+    return 0.25 * (supplied + supplied.conj().T)
+
+
+def check_energy(damping: float) -> None:
+    model = two_port(bending(stiffness_damping=damping), [E], axes=PLANE, search=0.0)
+    for omega in (3.0, 40.0, 333.0, 5000.0):
+        found = power(model, omega)
+        size = np.sqrt(np.max(np.abs(found), axis=0)) if damping else np.ones(4)
+        smallest = np.min(np.linalg.eigvalsh(found / np.outer(size, size)))
+        assert smallest > -BALANCE
+        if not damping:
+            target(found, np.zeros_like(found), BALANCE)
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e-4])
+def test_energy_is_balanced(damping: float) -> None:
+    """Without damping no mean power goes in; with it, none comes out."""
+    check_energy(damping)
+
+
+def test_energy_catches_a_wrong_shape(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = elastic.ElasticBody.shape
+    monkeypatch.setattr(
+        elastic.ElasticBody, "shape", lambda self, port, v, vector: -right(self, port, v, vector)
+    )
+    with pytest.raises(AssertionError):
+        check_energy(1e-4)
+
+
+def test_chained_two_ports_are_the_whole_beam() -> None:
+    """Z_up = G22 + G21 Z (1 - G11 Z)^-1 G12 of two halves, against a beam with twice the elements."""
+    half = two_port(bending(length=0.6, shape_functions="cubic"), [E], axes=PLANE, search=0.0)
+    last = two_port(bending(length=0.6, shape_functions="cubic"), [E], [], axes=PLANE, search=0.0)
+    whole = two_port(
+        bending(length=1.2, elements=4, shape_functions="cubic"), [E], [], axes=PLANE, search=0.0
+    )
+    omega = np.array([1.0, 30.0, 170.0, 900.0])
+    values = {"E": np.array([60e9])}
+    G, Z, expected = (
+        mbdlft.frequency_response(model, values, omega)[0] for model in (half, last, whole)
+    )
+    inner = np.linalg.solve(np.eye(2) - G[:, :2, :2] @ Z, G[:, :2, 2:])
+    target(G[:, 2:, 2:] + G[:, 2:, :2] @ Z @ inner, expected, BALANCE)
