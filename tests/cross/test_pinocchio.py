@@ -210,7 +210,7 @@ PLANTED = {
         heavy_hinge,
     ),
     "no actuator in a ball": (
-        patched(Ball, "effort", lambda move, carried: carried[:, 1]),
+        patched(Ball, "effort", lambda move, carried, _: carried[:, 1]),
         heavy_ball,
     ),
     "a ball turns the other way": (

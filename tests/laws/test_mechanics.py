@@ -119,7 +119,7 @@ def test_a_follower_has_no_potential(scene: mbdlft.Scene) -> None:
 
 
 def test_mass_that_is_not_symmetric_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Slide, "effort", lambda move, wrench: move.axis.T @ wrench[:, 0] * 1.1)
+    monkeypatch.setattr(Slide, "effort", lambda move, wrench, _: move.axis.T @ wrench[:, 0] * 1.1)
     with pytest.raises(AssertionError):
         is_symmetric(mass_and_stiffness(without_balance(conservative()))[0])
 
@@ -251,7 +251,7 @@ def test_friction_on_the_scene_is_found(monkeypatch: pytest.MonkeyPatch) -> None
     """Slides that rub: those of the base rub on the ground."""
     effort = Slide.effort
     monkeypatch.setattr(
-        Slide, "effort", lambda move, wrench: effort(move, wrench) + 0.1 * move.at.v
+        Slide, "effort", lambda move, wrench, moved: effort(move, wrench, moved) + 0.1 * move.at.v
     )
     with pytest.raises(AssertionError):
         internal_forces_change_nothing()
