@@ -72,6 +72,8 @@ def linearize(equations: Equations, inputs: Sequence[int], outputs: Sequence[int
     implicit = _Implicit(e, function, at)
     for k in range(e.x.numel()):
         column = lifted[:, k]
+        if not ca.depends_on(column, total):
+            continue
         times = given * e.x[k]
         if e.unknown and ca.depends_on(column, e.u[list(e.unknown)]):
             times = implicit.times(value * e.x[k], times, e.x[k])

@@ -38,9 +38,17 @@ def rotate(axis: ca.SX, cosine: ca.SX | float, sine: ca.SX | float, vectors: ca.
     R v = v_par + cosine v_perp + sine axis x v. The component along the axis is not touched, so a
     rotation about a coordinate axis costs the work of the plane.
     """
+    return ca.SX(_rotate(vectors.shape[1])(axis, cosine, sine, vectors))
+
+
+@cache
+def _rotate(columns: int) -> ca.Function:
+    axis, vectors = ca.SX.sym("axis", 3), ca.SX.sym("vectors", 3, columns)
+    cosine, sine = ca.SX.sym("cosine"), ca.SX.sym("sine")
     parallel = ca.mtimes(axis, ca.mtimes(axis.T, vectors))
     perpendicular = vectors - parallel
-    return parallel + cosine * perpendicular + sine * ca.mtimes(skew(axis), vectors)
+    rotated = parallel + cosine * perpendicular + sine * ca.mtimes(skew(axis), vectors)
+    return ca.Function("rotate", [axis, cosine, sine, vectors], [rotated])
 
 
 def rotate_back(axis: ca.SX, cosine: ca.SX | float, sine: ca.SX | float, vectors: ca.SX) -> ca.SX:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -137,6 +138,7 @@ def _check_prestress(e: Equations, points: Array, efforts: Array) -> None:
         )
 
 
+@lru_cache(maxsize=1)  # the stages of one scene ask for the same
 def trim_rows(equations: Equations) -> tuple[int, ...]:
     """Positions of the equations of equilibrium that determine the unknown efforts, one for each.
 
@@ -243,20 +245,18 @@ def _at_rest(e: Equations) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
 
 def _relations_at(e: Equations, points: Array) -> tuple[Array, Array, Array]:
     """Unbalanced efforts (N, rows) without the unknowns, their slopes (N, rows, unknowns), given u."""
-    symbols, residual, u, given = _at_rest(e)
-    relations = ca.Function(
-        "trim",
-        [symbols],
-        [
-            ca.densify(ca.substitute(residual, u, given)),
-            ca.densify(ca.jacobian(residual, u[list(e.unknown)]))
-            if e.unknown
-            else ca.SX.zeros(residual.numel(), 0),
-            ca.densify(given),
-        ],
-    )
-    offset, matrix, values = evaluate_many(relations, points)
+    offset, matrix, values = evaluate_many(_relations(e), points)
     return offset[:, :, 0], matrix, values[:, :, 0]
+
+
+@lru_cache(maxsize=1)  # the stages of one scene ask for the same
+def _relations(e: Equations) -> ca.Function:
+    """Physical values -> residual at rest with the given entries of u, its slopes, given entries."""
+    symbols, residual, u, given = _at_rest(e)
+    none = ca.SX.zeros(residual.numel(), 0)
+    slopes = ca.densify(ca.jacobian(residual, u[list(e.unknown)])) if e.unknown else none
+    offset = ca.densify(ca.substitute(residual, u, given))
+    return ca.Function("trim", [symbols], [offset, slopes, ca.densify(given)])
 
 
 def _names(e: Equations) -> str:

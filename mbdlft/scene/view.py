@@ -1,6 +1,7 @@
 """What loads and sensors see of a placed tree: positions, small motions, wrenches, momentum."""
 
 from collections.abc import Mapping
+from functools import cached_property
 
 import casadi as ca
 
@@ -43,14 +44,19 @@ class View:
         self.gravity = gravity
         self.elastic = 1.0
         self.now = place(links, bodies, values, coordinates)
-        rest = {name: _at_rest(coordinate, None) for name, coordinate in coordinates.items()}
-        self.rest = place(links, bodies, values, rest)
         self.coordinates = coordinates
         self.motions = Motions({}, {})
         self.passed = Passed({}, {}, ca.SX(3, 2))
         self.joints = {link.joint.name: link.child.name for link in links}
         self.owner = ""  # of the port that is asked for, for messages
         self._small: dict[int, tuple[Placed, Motions]] = {}
+
+    @cached_property
+    def rest(self) -> Placed:
+        """The tree at equilibrium; not every scene asks for it."""
+        now = self.now
+        rest = {name: _at_rest(coordinate, None) for name, coordinate in self.coordinates.items()}
+        return place(now.links, now.bodies, now.values, rest)
 
     def find(self, port: str) -> tuple[str, str]:
         """Body and port by name."""
