@@ -334,7 +334,7 @@ def solve_nominal(matrix: Array, right: Array, what: str) -> Array:
         matrix, right = matrix / scale, right / scale
         first = np.linalg.solve(matrix, right)
         solution = np.asarray(first + np.linalg.solve(matrix, right - matrix @ first), dtype=float)
-        singular = condition(matrix) > 1.0 / np.finfo(float).eps
+        singular = condition(matrix) > 1.0 / float(np.finfo(float).eps)
     except np.linalg.LinAlgError:
         singular = True
     if singular:
