@@ -20,7 +20,7 @@ Row = list[Any]
 Matrix = list[Row]
 DIGITS = 50
 DRAWS = 12
-_MANY = 50  # coordinates: fewer draws, as each takes seconds
+_MANY = 50  # coordinates: one draw, as each takes a minute
 _NOTHING = 1e-30
 _STEP = 80  # bits: relative change of the data, far below their own rounding, far above 50 digits
 
@@ -76,7 +76,7 @@ def truth(motion: Callable[[Sequence[Any]], Motion], data: Sequence[Any]) -> Tru
         change = np.zeros(np.shape(X))
         signs = random.Random(0)
         step = mp.mpf(2) ** -_STEP
-        for _ in range(DRAWS if len(exact.M) < _MANY else 2):
+        for _ in range(DRAWS if len(exact.M) < _MANY else 1):
             moved = [value * (1 + signs.choice((-1, 1)) * step) for value in data]
             other, _ = solution(motion(moved))
             change = np.maximum(change, np.abs(to_float((other - X) / step)))
