@@ -23,6 +23,8 @@ bench: .venv/installed
 	$(BIN)/python -m benchmarks.arm --write README.md
 	$(BIN)/python -m benchmarks.orders --write docs/orders.md
 	$(BIN)/python -m benchmarks.flexible --write docs/flexible.md
+	$(BIN)/python -m benchmarks.hard_cases --write docs/hard-cases.md
+	$(BIN)/python -m benchmarks.scaling --write docs/scaling.md --figure docs/scaling.png
 	$(BIN)/python -m benchmarks.ur5
 
 .venv/installed: pyproject.toml constraints.txt

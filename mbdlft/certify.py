@@ -35,6 +35,8 @@ _IDLE = (
 )
 _MIXED = 1e-4  # part of the largest entry of a column that one of rounding is compared with
 _LINES = 32  # points to which the line from nominal is searched for singularities
+_FEWEST_LINES = 4
+_CHEAP = 256  # order up to which so many lines cost less than all the rest of the check
 _REAL = 1e-6  # an eigenvalue with a smaller relative imaginary part may be a double real one
 
 
@@ -267,7 +269,9 @@ def check_well_posed(
         singular[part] = signs <= 0
     # an eigenvalue of D_zw Delta that is real and >= 1: det vanishes on the line from nominal, even
     # where it does not change its sign
-    lines = np.unique(np.linspace(0, len(points) - 1, _LINES).astype(int))
+    affordable = int(_LINES * (_CHEAP / max(lft.order, 1)) ** 3)
+    count = min(_LINES, max(_FEWEST_LINES, affordable))
+    lines = np.unique(np.linspace(0, len(points) - 1, count).astype(int))
     for part in chunks(len(lines), lft.order):
         eigenvalues = np.linalg.eigvals(lft.M11[None] * spread[lines[part], None, :])
         real = np.abs(eigenvalues.imag) <= _REAL * np.abs(eigenvalues)

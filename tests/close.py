@@ -102,3 +102,15 @@ def entries(actual: ArrayLike, expected: ArrayLike, terms: ArrayLike) -> None:
     found = np.max(np.abs(a - b), axis=0) / np.where(scale > 0, scale, 1.0)
     worst = np.unravel_index(int(np.argmax(found)), found.shape)
     assert np.all(found <= MECHANISM), f"relative error {np.max(found):.2e} at {worst}"
+
+
+# times eps and the condition of an entry or pole, measured with 50 digits, on the hard cases
+HARD = 20.0
+# a numeric linearization that is as good as the condition permits
+HARD_NUMERIC = 5.0
+
+
+def conditioned(actual: ArrayLike, expected: ArrayLike, kappa: float, factor: float = HARD) -> None:
+    """A number whose relative condition is `kappa`: error within a small factor of kappa eps."""
+    found = error(actual, expected)
+    assert found <= factor * EPS * kappa, f"relative error {found:.2e}, condition {kappa:.1e}"

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csc_array, diags_array
+from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
 from mbdlft.errors import WellPosednessError
@@ -24,7 +24,7 @@ from mbdlft.lft.lft import LFT, Array, Block
 from mbdlft.lft.rounding import cleaned, solution_size
 from mbdlft.parameter import BilinearMap
 
-_MOST_CLEANED = 3000  # signals; the full inverse of more would not fit
+_MOST_CLEANED = 3000  # quotients and channels; the full inverse of more would not fit
 
 
 class Coefficient(NamedTuple):
@@ -170,40 +170,74 @@ class SignalGraph:
     def to_lft(self, names: list[str], maps: list[BilinearMap]) -> LFT:
         """Inputs to outputs as an LFT in the normalized deltas of the parameters `names`.
 
-        All signals s solve E s = F u + G w', and a channel w = p z of a parameter with
-        p = b0 + gain delta/(1 + a1 delta) is w = b0 z + gain w', w' = delta (z - a1 w').
+        Sums are put in, one into the other; what is left is a system for the quotients and channels. A
+        channel w = p z of a parameter with p = b0 + gain delta/(1 + a1 delta) is w = b0 z + gain w',
+        w' = delta (z - a1 w').
 
         Raises
         ------
         WellPosednessError
-            E is singular: a denominator vanishes at the nominal values.
+            The system is singular: a denominator vanishes at the nominal values.
         """
         channels = sorted(self.channels, key=lambda channel: names[channel[1]])
-        nu, nw = self.inputs, len(channels)
+        nu, nq, nw = self.inputs, len(self.quotients), len(channels)
         owners = [maps[parameter] for _, parameter, _ in channels]
-        one = Scaled(1.0, -1)
-        equations: list[tuple[Scaled, ...]] = [(one._replace(number=k),) for k in range(nu)]
-        equations += [
-            (one._replace(number=signal), *(Scaled(-term.factor, term.number) for term in terms))
-            for signal, terms in self.equations
-        ]
-        equations += [(left, Scaled(-right.factor, right.number)) for left, right in self.implicit]
-        equations += [
-            (one._replace(number=signal), Scaled(-owner.b0 * z.factor, z.number))
-            for (signal, _, z), owner in zip(channels, owners, strict=True)
-        ]
-        right = np.zeros((self.size, nu + nw))
-        right[:nu, :nu] = np.eye(nu)
-        gains = np.array([owner.gain for owner in owners])
-        right[self.size - nw :, nu:] = np.diag(gains)
-        solution = _solve(_matrix(equations, self.size), right)
-        solution[~self._depends(channels)] = 0.0  # what is zero by structure is zero exactly
-        reads = [(z,) for _, _, z in channels] + [(output,) for output in self.outputs]
-        read = _matrix(reads, self.size) @ solution
+        rows = self._open(channels)
+        loops, reads = rows[:nq], rows[nq:]
+        # unknown quotients y and channels w: loops = 0, w = b0 z + gain w'
+        b0, gain = (np.array([getattr(o, key) for o in owners]) for key in ("b0", "gain"))
+        matrix = np.vstack([loops[:, nu:], -b0[:, None] * reads[:nw, nu:]])
+        matrix[nq + np.arange(nw), nq + np.arange(nw)] += 1.0
+        right = np.zeros((nq + nw, nu + nw))
+        right[:nq, :nu], right[nq:, :nu] = -loops[:, :nu], b0[:, None] * reads[:nw, :nu]
+        right[nq + np.arange(nw), nu + np.arange(nw)] = gain
+        sources = [*self.quotients, *(signal for signal, _, _ in channels)]
+        depends = self._depends(channels)
+        solution = _solve(matrix, right)
+        solution[~depends[sources]] = 0.0  # what is zero by structure is zero exactly
+        read = _read(reads, solution, nu)
+        number = [z.number for _, _, z in channels] + [output.number for output in self.outputs]
+        read[~depends[number] | (np.array(number) < 0)[:, None]] = 0.0
         read[np.arange(nw), nu + np.arange(nw)] -= [owner.a1 for owner in owners]
         counts = Counter(parameter for _, parameter, _ in self.channels)
         blocks = tuple(sorted(Block(name, counts[k]) for k, name in enumerate(names)))
         return LFT(read[:nw, nu:], read[:nw, :nu], read[nw:, nu:], read[nw:, :nu], blocks)
+
+    def _open(self, channels: Sequence[tuple[int, int, Scaled]]) -> Array:
+        """Rows [left - right of quotients ; z of channels ; outputs] by [inputs, quotients, channels].
+
+        A sum refers to signals that are older than itself, so one pass in the order of their numbers is
+        enough. A row is dropped after its last use: there are many more signals than rows that stay.
+        """
+        sources = [*range(self.inputs), *self.quotients, *(signal for signal, _, _ in channels)]
+        width = len(sources)
+        asked: list[tuple[Scaled, ...]] = [
+            (left, Scaled(-right.factor, right.number)) for left, right in self.implicit
+        ]
+        asked += [(z,) for _, _, z in channels] + [(output,) for output in self.outputs]
+        left_over = Counter(
+            term.number for terms in (*(t for _, t in self.equations), *asked) for term in terms
+        )
+        position = {signal: k for k, signal in enumerate(sources)}
+        held: dict[int, Array] = {}
+
+        def added(terms: Sequence[Scaled]) -> Array:
+            row = np.zeros((2, width))  # values, and their sizes if nothing cancelled
+            for factor, number in terms:
+                if number in position:
+                    row[:, position[number]] += (factor, abs(factor))
+                elif number >= 0:
+                    row += np.array([[factor], [abs(factor)]]) * held[number]
+                    left_over[number] -= 1
+                    if not left_over[number]:
+                        del held[number]
+            row[0] = cleaned(row[0], row[1])
+            return row
+
+        for signal, terms in self.equations:
+            if left_over[signal]:
+                held[signal] = added(terms)
+        return np.array([added(terms)[0] for terms in asked]).reshape(len(asked), width)
 
     def _depends(self, channels: Sequence[tuple[int, int, Scaled]]) -> NDArray[np.bool_]:
         """Whether each signal can depend on each input and channel: (signals, inputs + channels)."""
@@ -231,25 +265,21 @@ class SignalGraph:
         return np.unpackbits(table, axis=1, count=width, bitorder="little").astype(bool)
 
 
-def _matrix(rows: Sequence[tuple[Scaled, ...]], width: int) -> csc_array:
-    """Sparse matrix with one row for each sum of scaled signals."""
-    entries = [
-        (term.factor, row, term.number)
-        for row, terms in enumerate(rows)
-        for term in terms
-        if term.number >= 0
-    ]
-    values, i, j = zip(*entries, strict=True) if entries else ((), (), ())
-    return coo_array((values, (i, j)), shape=(len(rows), width), dtype=float).tocsc()
+def _read(rows: Array, solution: Array, inputs: int) -> Array:
+    """Values (rows, columns) of rows by [inputs, unknowns], the unknowns being a solution by columns."""
+    direct = np.hstack([rows[:, :inputs], np.zeros((len(rows), solution.shape[1] - inputs))])
+    sparse = csr_array(rows[:, inputs:])
+    return cleaned(direct + sparse @ solution, np.abs(direct) + abs(sparse) @ np.abs(solution))
 
 
-def _solve(matrix: csc_array, right: Array) -> Array:
+def _solve(matrix: Array, right: Array) -> Array:
     """matrix^-1 right, or an error that says the model is not well posed at nominal."""
-    by_rows = matrix.tocsr()
-    largest = np.maximum.reduceat(np.abs(by_rows.data), by_rows.indptr[:-1])
-    scale = 2.0 ** -np.round(np.log2(largest))  # rows of one size: pivots then make no noise
+    if not matrix.size:
+        return np.zeros(right.shape)
+    largest = np.max(np.abs(matrix), axis=1)
+    scale = 2.0 ** -np.round(np.log2(np.where(largest > 0.0, largest, 1.0)))
     try:
-        scaled = (diags_array(scale) @ matrix).tocsc()
+        scaled = csc_array(scale[:, None] * matrix)  # rows of one size: pivots then make no noise
         factors, terms = splu(scaled), scale[:, None] * right
         solution = np.asarray(factors.solve(terms))
         if len(scale) <= _MOST_CLEANED and np.all(np.isfinite(solution)):

@@ -334,12 +334,21 @@ def solve_nominal(matrix: Array, right: Array, what: str) -> Array:
         matrix, right = matrix / scale, right / scale
         first = np.linalg.solve(matrix, right)
         solution = np.asarray(first + np.linalg.solve(matrix, right - matrix @ first), dtype=float)
-        singular = 1.0 / np.linalg.cond(matrix, 1) < np.finfo(float).eps
+        singular = condition(matrix) > 1.0 / float(np.finfo(float).eps)
     except np.linalg.LinAlgError:
         singular = True
     if singular:
         raise WellPosednessError(f"{what}: the matrix is singular to working precision.")
     return solution
+
+
+def condition(matrix: Array) -> float:
+    """Condition number in the 1-norm, with rows and columns of one size: units do not count."""
+    scaled = matrix
+    for axis in (1, 0):
+        size = np.max(np.abs(scaled), axis=axis, keepdims=True, initial=0.0)
+        scaled = scaled / np.where(size > 0.0, size, 1.0)
+    return float(np.linalg.cond(scaled, 1))
 
 
 def _merge(

@@ -56,9 +56,9 @@ def lagrangian(scene: mbdlft.Scene, points: dict[str, np.ndarray]) -> Reference:
 
     moving = tuple(joint for joint in scene.joints if joint.kind in NAMES)
     q, qdot = ca.SX.sym("q", len(moving)), ca.SX.sym("qdot", len(moving))
-    energy = _Energy(scene, values, moving, q, qdot)
-    force, K = _derivatives(energy.potential, q)
-    _, M = _derivatives(energy.kinetic, qdot)
+    energy = Energy(scene, values, moving, q, qdot)
+    force, K = derivatives(energy.potential, q)
+    _, M = derivatives(energy.kinetic, qdot)
     damping = ca.diag(ca.vertcat(*(energy.value(joint.damping) for joint in moving)))
     results = [M, damping, K, force, *energy.sizes()]
     arguments = [q, qdot, ca.vertcat(*symbols.values())]
@@ -93,7 +93,7 @@ def state_space(reference: Reference, model: mbdlft.LFTModel) -> np.ndarray:
     return np.concatenate([derivatives, outputs], axis=1)[:, :, picked]
 
 
-class _Energy:
+class Energy:
     """Kinetic and potential energy as functions of q, qdot and the parameters."""
 
     def __init__(
@@ -225,7 +225,7 @@ def _plain(constant: mbdlft.Constant) -> tuple[float, str]:
     return constant.value, constant.unit
 
 
-def _derivatives(energy: ca.SX, variables: ca.SX) -> tuple[ca.SX, ca.SX]:
+def derivatives(energy: ca.SX, variables: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Gradient and Hessian."""
     hessian, gradient = ca.hessian(energy, variables)
     return gradient, hessian

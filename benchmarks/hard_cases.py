@@ -1,0 +1,66 @@
+"""Hard cases: errors against 50 digits, beside the condition of the problem.
+
+    python -m benchmarks.hard_cases [--small] [--write docs/hard-cases.md]
+
+Nothing is printed unless every error is within a small factor of condition times eps, or at most what the
+certificate of the model says.
+"""
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import mbdlft
+from benchmarks.arm import machine, write_between
+from tests.close import HARD, HARD_NUMERIC
+from tests.hard.cases import CASES, LARGE, REFUSED, Case
+from tests.hard.measure import Errors, measure
+
+
+def verified(case: Case) -> Errors:
+    """The errors of a case; the program ends if one is neither explained nor stated."""
+    found = measure(case)
+    explained = found.lft_factor <= HARD or found.lft <= found.certified
+    if not (explained and found.numeric_factor <= HARD_NUMERIC):
+        raise SystemExit(f"{case.name}: the error is larger than the condition explains: {found}")
+    print(json.dumps({"case": case.name} | found._asdict()), flush=True)
+    return found
+
+
+def table(cases: Sequence[Case]) -> str:
+    """One row for each case, and what is refused."""
+    lines = [
+        "| case | states | order | condition | error of the LFT | times condition eps "
+        "| error of the numeric linearization | times condition eps | certificate |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for case in cases:
+        e = verified(case)
+        lines.append(
+            f"| {case.name} | {e.states} | {e.order} | {e.condition:.1e} | {e.lft:.1e} "
+            f"| {e.lft_factor:.2g} | {e.numeric:.1e} | {e.numeric_factor:.2g} | {e.certified:.1e} |"
+        )
+    try:
+        mbdlft.to_lft(REFUSED.scene, search=0.0)
+    except mbdlft.WellPosednessError as refusal:
+        lines += ["", f"Refused: {REFUSED.name}. {str(refusal).partition(': ')[2]}"]
+    else:
+        raise SystemExit(f"{REFUSED.name}: not refused.")
+    return "\n".join([*lines, "", machine()])
+
+
+def main() -> None:
+    """Print the table, and write it into a page between its two marks if asked."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--small", action="store_true", help="without the cases that take minutes")
+    parser.add_argument("--write", type=Path)
+    options = parser.parse_args()
+    text = table(CASES if options.small else [*CASES, *LARGE])
+    print(text)
+    if options.write:
+        write_between(options.write, text)
+
+
+if __name__ == "__main__":
+    main()

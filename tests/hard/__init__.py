@@ -1,0 +1,1 @@
+"""Cases that are hard for floating point, against 50 digits."""
