@@ -218,13 +218,15 @@ def show(
     name: Annotated[str | None, typer.Option(help="Only the model of this name.")] = None,
 ) -> None:
     """Print what is in an archive."""
-    from mbdlft.store import load, model_names
+    from mbdlft.store import load, model_names, sweep_names
 
     for key in [name] if name else model_names(archive):
         model = load(archive, key)
         _print_model(model)
         made = model.provenance
         _console().print(f"made {made.created} by mbdlft {made.mbdlft}, CasADi {made.casadi}")
+    if name is None and sweep_names(archive):
+        _console().print(f"sweeps: {', '.join(sweep_names(archive))}", highlight=False)
 
 
 def _efforts(point: "TrimPoint") -> Table:

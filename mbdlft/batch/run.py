@@ -169,7 +169,9 @@ def _computed(
             write_shard(folder, shard, rows)
             yield shard
         return
-    processes = workers or len(os.sched_getaffinity(0))
+    # some systems do not tell which cores this process may use
+    allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else ()
+    processes = workers or len(allowed) or os.cpu_count() or 1
     if min(processes, len(todo)) > 1:
         yield from finished_shards(folder, todo, processes)
         return

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from mbdlft.lft.lft import Array
 from mbdlft.lft.program import ADD, DIVIDE, MULTIPLY, SIZE, SUBTRACT, Instruction, Program
 
-_CACHE = 2**19  # numbers in all vectors of a run: they stay near a core
-_SHORTEST, _LONGEST = 512, 4096  # samples of a vector
+_CACHE = 2**20  # numbers in all vectors of a run: they stay near a core
+_SHORTEST, _LONGEST = 512, 5120  # samples of a vector
 _LOST = 2.0**-5  # a pivot below this part of its terms has lost five binary digits
 _CALLS: dict[str, Callable[..., Any]] = {
     ADD: np.add,

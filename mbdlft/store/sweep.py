@@ -9,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -187,7 +188,10 @@ def sweep_names(path: str | Path) -> tuple[str, ...]:
         The file is missing, truncated, foreign or newer.
     """
     with _opened(Path(path)) as archive:
-        return tuple(sorted(archive.get("sweeps", {})))
+        found = archive.get("sweeps", {})
+        if not isinstance(found, dict | h5py.Group):
+            raise ArchiveError(f"{path}: /sweeps is not a group.")
+        return tuple(sorted(found))
 
 
 def load_sweep(

@@ -137,6 +137,12 @@ def test_scene_without_parameters(tmp_path: Path) -> None:
 def test_what_is_not_there_or_not_whole(tmp_path: Path) -> None:
     file = tmp_path / "a.h5"
     mbdlft.save(file, models.arm())
+    with h5py.File(file, "a") as found:
+        found["sweeps"] = 1.0
+    with says(mbdlft.ArchiveError, f"{file}: /sweeps is not a group"):
+        mbdlft.sweep_names(file)
+    with h5py.File(file, "a") as found:
+        del found["sweeps"]
     with says(mbdlft.ArchiveError, f"{file}: give the name of a sweep. Existing: none."):
         mbdlft.load_sweep(file)
     swept(file)

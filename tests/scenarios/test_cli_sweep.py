@@ -50,6 +50,9 @@ def test_model_of_an_archive(
     found = mbdlft.load_sweep(archive)
     exact(found.A, mbdlft.matrices_at(model, mbdlft.random(model.parameters, 20)).A)
     assert mbdlft.model_names(archive) == ("two_link_arm",)
+    code, out, err = run(monkeypatch, capsys, "show", str(archive))
+    assert (code, err) == (0, "")
+    assert "sweeps: two_link_arm" in out
 
 
 @pytest.mark.parametrize(
