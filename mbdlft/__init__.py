@@ -32,9 +32,12 @@ from mbdlft.parameter import Parameter as Parameter
 from mbdlft.parameter import to_delta as to_delta
 from mbdlft.parameter import to_physical as to_physical
 from mbdlft.signal import Signal as Signal
+from mbdlft.store import Sweep as Sweep
 from mbdlft.store import load as load
+from mbdlft.store import load_sweep as load_sweep
 from mbdlft.store import model_names as model_names
 from mbdlft.store import save as save
+from mbdlft.store import sweep_names as sweep_names
 
 if TYPE_CHECKING:
     from mbdlft.actuator import ArrayDrive as ArrayDrive
@@ -43,6 +46,11 @@ if TYPE_CHECKING:
     from mbdlft.actuator import delay as delay
     from mbdlft.actuator import imbalance as imbalance
     from mbdlft.actuator import low_pass as low_pass
+    from mbdlft.batch import GridSamples as GridSamples
+    from mbdlft.batch import RandomSamples as RandomSamples
+    from mbdlft.batch import SweepReport as SweepReport
+    from mbdlft.batch import read_samples as read_samples
+    from mbdlft.batch import sweep as sweep
     from mbdlft.body import Beam as Beam
     from mbdlft.body import FlexibleBody as FlexibleBody
     from mbdlft.body import Ground as Ground
@@ -135,6 +143,11 @@ _ON_FIRST_USE = {
     "delay": "mbdlft.actuator",
     "imbalance": "mbdlft.actuator",
     "low_pass": "mbdlft.actuator",
+    "GridSamples": "mbdlft.batch",
+    "RandomSamples": "mbdlft.batch",
+    "SweepReport": "mbdlft.batch",
+    "read_samples": "mbdlft.batch",
+    "sweep": "mbdlft.batch",
     "Beam": "mbdlft.body",
     "FlexibleBody": "mbdlft.body",
     "Mode": "mbdlft.body",

@@ -4,6 +4,7 @@ The truth is the nonlinear equations, trimmed and linearized again with numbers 
 """
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -114,20 +115,10 @@ def reference_matrices(
     """
     e = equations
     efforts, _ = trim_efforts(e, points)
-    symbols, effort, slopes, residual = _at_trim(e, inputs, outputs)
-    (jacobian,) = evaluate_many(
-        ca.Function("reference", [symbols, effort], [slopes]), points, efforts
-    )
+    matrices, jacobian = linearized(e, inputs, outputs, points, efforts)
     unknown, known = split(e, inputs)
     n, nk = unknown.numel(), known.numel()
-    try:
-        solved = _solved(jacobian[:, :n, :n], -jacobian[:, :n, n : n + nk])
-    except np.linalg.LinAlgError:
-        raise WellPosednessError(
-            f"scene {e.name!r}: the mass matrix is singular at a point of the parameter range. Keep "
-            "masses and inertias away from zero."
-        ) from None
-    read = jacobian[:, n:, n : n + nk] + jacobian[:, n:, :n] @ solved
+    symbols, effort, _, residual = _at_trim(e, tuple(inputs), tuple(outputs))
     given = ca.substitute(residual, effort, given_value(e, symbols))
     no_effort = ca.Function("load", [symbols], [ca.densify(given)])
     by_effort = np.abs(np.linalg.pinv(jacobian[:, :n, n + nk :]))
@@ -138,9 +129,42 @@ def reference_matrices(
     inertia = np.max(by_effort @ np.abs(jacobian[:, :n, :n]), axis=2, initial=0.0)
     floor = _FLOOR * np.max(np.abs(load), axis=(1, 2), initial=0.0)
     sizes = np.maximum(terms, floor[:, None] * inertia)
-    read_states = solved[:, : len(e.states)]
-    trimmed = efforts[:, list(e.unknown)]
-    return np.concatenate([read_states, read], axis=1), trimmed, sizes, float(np.max(floor))
+    return matrices, efforts[:, list(e.unknown)], sizes, float(np.max(floor))
+
+
+def linearized(
+    equations: Equations,
+    inputs: Sequence[int],
+    outputs: Sequence[int],
+    points: Array,
+    efforts: Array,
+) -> tuple[Array, Array]:
+    """The nonlinear equations, linearized at points (N, n_p) with their efforts (N, n_u).
+
+    Returns
+    -------
+    [A B ; C D] (N, ., .)
+    slopes of [residual ; outputs] by unknown, known and trim unknowns (N, ., .)
+
+    Raises
+    ------
+    WellPosednessError
+        The accelerations cannot be solved for at one of the points.
+    """
+    e = equations
+    function = _slope_function(e, tuple(inputs), tuple(outputs))
+    (jacobian,) = evaluate_many(function, points, efforts)
+    unknown, known = split(e, inputs)
+    n, nk = unknown.numel(), known.numel()
+    try:
+        solved = _solved(jacobian[:, :n, :n], -jacobian[:, :n, n : n + nk])
+    except np.linalg.LinAlgError:
+        raise WellPosednessError(
+            f"scene {e.name!r}: the mass matrix is singular at a point of the parameter range. Keep "
+            "masses and inertias away from zero."
+        ) from None
+    read = jacobian[:, n:, n : n + nk] + jacobian[:, n:, :n] @ solved
+    return np.concatenate([solved[:, : len(e.states)], read], axis=1), jacobian
 
 
 def _solved(matrix: Array, right: Array) -> Array:
@@ -167,8 +191,18 @@ def _solved(matrix: Array, right: Array) -> Array:
     return found
 
 
+@lru_cache(maxsize=2)  # a sweep asks for it again and again
+def _slope_function(
+    equations: Equations, inputs: tuple[int, ...], outputs: tuple[int, ...]
+) -> ca.Function:
+    """(physical values, efforts) -> slopes, as in `_at_trim`."""
+    symbols, effort, slopes, _ = _at_trim(equations, inputs, outputs)
+    return ca.Function("reference", [symbols, effort], [slopes])
+
+
+@lru_cache(maxsize=2)
 def _at_trim(
-    equations: Equations, inputs: Sequence[int], outputs: Sequence[int]
+    equations: Equations, inputs: tuple[int, ...], outputs: tuple[int, ...]
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     """Symbols of the parameters and the efforts, and as their functions, at rest: slopes, residual.
 
@@ -197,7 +231,7 @@ def entry_sizes(
     """
     e = equations
     efforts, _ = trim_efforts(e, points)
-    symbols, effort, slopes, _ = _at_trim(e, inputs, outputs)
+    symbols, effort, slopes, _ = _at_trim(e, tuple(inputs), tuple(outputs))
     both = ca.vertcat(symbols, effort)
     known_points = np.hstack([points, efforts])
     (jacobian,) = evaluate_many(ca.Function("slopes", [both], [slopes]), known_points)

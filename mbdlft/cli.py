@@ -1,4 +1,4 @@
-"""The command line: import, body, check, trim, linearize, realize, show."""
+"""The command line: import, body, check, trim, linearize, sweep, realize, show."""
 
 import json
 import sys
@@ -14,6 +14,7 @@ from rich.table import Table
 
 from mbdlft import __version__
 from mbdlft.cli_body import body
+from mbdlft.cli_sweep import sweep
 from mbdlft.cli_urdf import import_robot
 from mbdlft.errors import MbdlftError, SceneError
 from mbdlft.lft.model import LFTModel
@@ -45,6 +46,7 @@ SceneFile = Annotated[Path, typer.Argument(help="Scene, a TOML file.")]
 SEARCH_SECONDS = 2.0  # as mbdlft.build.SEARCH, which is slow to import
 app.command("import")(import_robot)
 app.command()(body)
+app.command()(sweep)
 
 
 def main() -> None:
@@ -216,13 +218,15 @@ def show(
     name: Annotated[str | None, typer.Option(help="Only the model of this name.")] = None,
 ) -> None:
     """Print what is in an archive."""
-    from mbdlft.store import load, model_names
+    from mbdlft.store import load, model_names, sweep_names
 
     for key in [name] if name else model_names(archive):
         model = load(archive, key)
         _print_model(model)
         made = model.provenance
         _console().print(f"made {made.created} by mbdlft {made.mbdlft}, CasADi {made.casadi}")
+    if name is None and sweep_names(archive):
+        _console().print(f"sweeps: {', '.join(sweep_names(archive))}", highlight=False)
 
 
 def _efforts(point: "TrimPoint") -> Table:

@@ -3,9 +3,11 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from mbdlft.equations import (
@@ -75,6 +77,28 @@ def solve_trim(equations: Equations, values: Mapping[str, float] | None = None) 
     )
 
 
+class Balance(NamedTuple):
+    """Efforts at N points, and how well they hold the equilibrium.
+
+    Attributes
+    ----------
+    efforts : array (N, n_u)
+    relative : array (N,)
+        Largest residual relative to the largest effort.
+    unbalanced : bool array (N,)
+        No efforts hold the equilibrium there.
+    residual : array (N, rows)
+    excess : array (N,)
+        By how much the worst row misses the equilibrium, beyond what fits explain.
+    """
+
+    efforts: Array
+    relative: Array
+    unbalanced: NDArray[np.bool_]
+    residual: Array
+    excess: Array
+
+
 def trim_efforts(equations: Equations, points: Array) -> tuple[Array, Array]:
     """Efforts (N, n_u) and relative residuals (N,) at physical points (N, n_p).
 
@@ -83,39 +107,69 @@ def trim_efforts(equations: Equations, points: Array) -> tuple[Array, Array]:
     TrimError
         Unknown efforts are redundant, or at one of the points no efforts hold the equilibrium.
     """
+    try:
+        found = balance(equations, points)
+    except np.linalg.LinAlgError:
+        raise TrimError(
+            f"scene {equations.name!r}: the equilibrium does not determine the trim unknowns "
+            f"{_names(equations)} at a point of the parameter range: they are redundant there. Narrow "
+            "the ranges."
+        ) from None
+    if np.any(found.unbalanced):
+        raise TrimError(
+            _unbalanced(equations, points, found.residual, int(np.argmax(found.excess)))
+        )
+    check_prestress(equations, points, found.efforts)
+    return found.efforts, found.relative
+
+
+def balance(equations: Equations, points: Array) -> Balance:
+    """Efforts at physical points (N, n_p), and where they do not hold the equilibrium.
+
+    Raises
+    ------
+    TrimError
+        Unknown efforts are redundant at nominal.
+    numpy.linalg.LinAlgError
+        They are at one of the points.
+    """
     e = equations
     rows, unknown = list(trim_rows(e)), list(e.unknown)
     offset, matrix, given = _relations_at(e, points)
     efforts = given.copy()
     if unknown:
-        try:
-            efforts[:, unknown] = -np.linalg.solve(matrix[:, rows], offset[:, rows, None])[:, :, 0]
-        except np.linalg.LinAlgError:
-            raise TrimError(
-                f"scene {e.name!r}: the equilibrium does not determine the trim unknowns {_names(e)} at "
-                "a point of the parameter range: they are redundant there. Narrow the ranges."
-            ) from None
+        efforts[:, unknown] = -np.linalg.solve(matrix[:, rows], offset[:, rows, None])[:, :, 0]
     residual = offset + (matrix @ efforts[:, unknown, None])[:, :, 0]
     scale = np.max(np.abs(offset), axis=1, initial=0.0)
-    relative = _relative(residual, scale)
-    if not np.all(relative <= _RESIDUAL):
+    relative = excess = _relative(residual, scale)
+    unbalanced = ~(relative <= _RESIDUAL)
+    if np.any(unbalanced):
         # where nothing is unknown the terms have cancelled already, and what is left is no scale
-        scale = _uncancelled(e, points, efforts)
-        relative = _relative(residual, scale)
-    if not np.all(relative <= _RESIDUAL) and e.fit_error_bound > 0.0:
-        excess = np.abs(residual) - _explained(e, points, efforts, matrix)
-        if not np.all(_relative(np.maximum(excess, 0.0), scale) <= _RESIDUAL):
-            worst = int(np.argmax(np.max(excess, axis=1)))
-            raise TrimError(_unbalanced(e, points, residual, worst))
-    elif not np.all(relative <= _RESIDUAL):
-        raise TrimError(_unbalanced(e, points, residual, int(np.argmax(relative))))
-    if e.carried_by:
-        _check_prestress(e, points, efforts)
-    return efforts, relative
+        some = np.flatnonzero(unbalanced)
+        scale = _uncancelled(e, points[some], efforts[some])
+        relative[some] = _relative(residual[some], scale)
+        unbalanced = ~(relative <= _RESIDUAL)
+        excess = relative.copy()
+        if np.any(unbalanced) and e.fit_error_bound > 0.0:
+            explained = _explained(e, points[some], efforts[some], matrix[some])
+            beyond = np.maximum(np.abs(residual[some]) - explained, 0.0)
+            excess = np.zeros(len(points))
+            excess[some] = np.max(beyond, axis=1, initial=0.0)
+            unbalanced[some] &= ~(_relative(beyond, scale) <= _RESIDUAL)
+    return Balance(efforts, relative, unbalanced, residual, excess)
 
 
-def _check_prestress(e: Equations, points: Array, efforts: Array) -> None:
-    """No load at equilibrium goes through an elastic body, unless its scene says that this is known."""
+def check_prestress(equations: Equations, points: Array, efforts: Array) -> None:
+    """No load at equilibrium goes through an elastic body, unless its scene says that this is known.
+
+    Raises
+    ------
+    TrimError
+        It does.
+    """
+    e = equations
+    if not e.carried_by:
+        return
     symbols, p, cosine, sine = physical_symbols(e.parameters)
     still = [e.xdot, e.x, e.z]
     rest = ca.substitute([e.carried], still, [ca.SX.zeros(s.numel()) for s in still])

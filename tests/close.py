@@ -10,6 +10,7 @@ _ROUNDOFF = (
 
 # the targets of the project, as promised in the README
 CLOSED_FORM = 1e-12
+EVALUATION = 1e-14
 FREQUENCY_RESPONSE = 1e-10
 SCENARIO = 1e-11
 PINOCCHIO = 1e-9

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mbdlft.errors import AnalysisError
+from mbdlft.lft.evaluate import chunks
 from mbdlft.lft.lft import Array
 from mbdlft.lft.model import LFTModel, matrices_at
 
@@ -37,14 +38,18 @@ def frequency_response(
     )
     eye = np.eye(A.shape[-1])
     response = np.empty((len(A), len(frequencies), *D.shape[-2:]), dtype=complex)
-    for k, w in enumerate(frequencies):
-        try:
-            response[:, k] = C @ np.linalg.solve(1j * w * eye - A, B.astype(complex)) + D
-        except np.linalg.LinAlgError:
-            raise AnalysisError(
-                f"model {model.name!r}: omega = {w:g} rad/s is a pole at one of the samples, where "
-                "the response is infinite. Leave this frequency out or add damping."
-            ) from None
+    for part in chunks(len(A), max(1, A.shape[-1] + max(D.shape[-2:]))):
+        right = B[part].astype(complex)
+        for k, w in enumerate(frequencies):
+            try:
+                response[part, k] = (
+                    C[part] @ np.linalg.solve(1j * w * eye - A[part], right) + D[part]
+                )
+            except np.linalg.LinAlgError:
+                raise AnalysisError(
+                    f"model {model.name!r}: omega = {w:g} rad/s is a pole at one of the samples, where "
+                    "the response is infinite. Leave this frequency out or add damping."
+                ) from None
     return response
 
 

@@ -1,14 +1,26 @@
-"""Values of an LFT at one or many values of its deltas."""
+"""Values of an LFT at one or many values of its deltas.
+
+Few values are solved for with dense matrices. For many a program is made of the LFT, which does without
+the zeros (`mbdlft/lft/program.py`); its pivots are on the diagonal, so samples at which one of them has
+lost digits are solved for with dense matrices, and all samples are if some of them differ.
+"""
 
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from mbdlft.errors import StructureError, WellPosednessError
 from mbdlft.lft.lft import LFT, Array, check, check_name
+from mbdlft.lft.program import program
+from mbdlft.lft.run import Plan, plan, run
 
 _CHUNK, _CHUNK_ENTRIES = 512, 2**22  # samples and matrix entries that are held at once
+MANY = 1024  # samples from which on a program is worth making
+_LONGEST = 20_000  # instructions; making a program takes microseconds for each
+_PROBES = 32  # samples at which a program is compared with the dense definition
+_ROUNDING = 64.0 * float(np.finfo(float).eps)  # times the order: what the two may differ by
 
 
 def evaluate(a: LFT, deltas: Mapping[str, ArrayLike]) -> Array:
@@ -59,17 +71,57 @@ def evaluate_at(a: LFT, points: ArrayLike) -> Array:
         p.ndim == 2 and p.shape[1] == len(a.blocks),
         f"points need shape (N, {len(a.blocks)}), got {p.shape}",
     )
+    values = np.repeat(a.M22[None], len(p), axis=0)
+    found = _plan(a) if len(p) >= MANY else None
+    if found is None:
+        _dense(a, p, values)
+        return values
+    lost = run(found, p, values)
+    if not _agrees(a, p, values, lost):
+        lost[:] = True
+    if np.any(lost):
+        again = np.repeat(a.M22[None], int(np.sum(lost)), axis=0)
+        _dense(a, p[lost], again)
+        values[lost] = again
+    return values
+
+
+@lru_cache(maxsize=16)
+def _plan(a: LFT) -> Plan | None:
+    """The program of an LFT, or nothing if dense matrices are faster."""
+    found = program(a, min(_LONGEST, a.order**2 * (a.order + 12)))
+    return None if found is None else plan(found)
+
+
+def _agrees(a: LFT, points: Array, values: Array, lost: NDArray[np.bool_]) -> bool:
+    """Whether values are the dense ones at some of the points that are not lost, up to rounding."""
+    probes = np.unique(np.linspace(0, len(points) - 1, _PROBES).astype(int))
+    probes = probes[~lost[probes]]
+    expected = np.repeat(a.M22[None], len(probes), axis=0)
+    sizes = _dense(a, points[probes], expected)
+    return bool(np.all(np.abs(values[probes] - expected) <= _ROUNDING * a.order * sizes))
+
+
+def _dense(a: LFT, points: Array, values: Array) -> Array:
+    """Add M21 Delta (I - M11 Delta)^-1 M12 to values (N, n_out, n_in).
+
+    Returns
+    -------
+    array (N, n_out, n_in) for up to `_PROBES` points, else empty
+        Sizes of the sums if nothing cancelled: |M22| + |M21 Delta| |(I - M11 Delta)^-1 M12|.
+    """
     # only the rows and columns that depend on delta are solved for, on the thinner side
     rows, columns = np.flatnonzero(a.M21.any(axis=1)), np.flatnonzero(a.M12.any(axis=0))
-    values = np.repeat(a.M22[None], len(p), axis=0)
+    measured = len(points) <= _PROBES
+    sizes = np.abs(values) if measured else np.zeros(0)
     if not (a.order and len(rows) and len(columns)):
-        return values
+        return sizes
     wide = len(rows) < len(columns)
     inner, first = (a.M11.T, a.M21[rows].T) if wide else (a.M11, a.M12[:, columns])
     last = a.M12[:, columns].T if wide else a.M21[rows]
-    spread = np.repeat(p, [block.size for block in a.blocks], axis=1)
+    spread = np.repeat(points, [block.size for block in a.blocks], axis=1)
     eye = np.eye(a.order)
-    for chunk in chunks(len(p), a.order):
+    for chunk in chunks(len(points), a.order):
         d = spread[chunk]
         # (I - M11 Delta)^-1 M12 from the right, or its transpose from the left
         loop = eye - inner[None] * d[:, None, :]
@@ -77,10 +129,14 @@ def evaluate_at(a: LFT, points: ArrayLike) -> Array:
             solved = np.linalg.solve(loop, np.broadcast_to(first, (len(d), *first.shape)))
         except np.linalg.LinAlgError:
             raise WellPosednessError("I - M11 Delta is singular at one of the points.") from None
-        change = (last * d[:, None, :]) @ solved
+        outer = last * d[:, None, :]
+        change = outer @ solved
         part = values[chunk]
         part[:, rows[:, None], columns] += np.swapaxes(change, 1, 2) if wide else change
-    return values
+        if measured:
+            terms = np.abs(outer) @ np.abs(solved)
+            sizes[chunk][:, rows[:, None], columns] += np.swapaxes(terms, 1, 2) if wide else terms
+    return sizes
 
 
 def chunks(count: int, order: int) -> Iterator[slice]:

@@ -6,7 +6,7 @@ The whole file is made in memory, written beside the old one and put in its plac
 import contextlib
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from io import BytesIO
@@ -20,6 +20,7 @@ from mbdlft.lft.model import LFTModel
 from mbdlft.store.model import read_model, write_model
 
 FORMAT, VERSION = "mbdlft-archive", "1.0"
+_LARGE = 2**26  # bytes from which on an archive is not held in memory
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
@@ -41,23 +42,84 @@ def save(path: str | Path, model: LFTModel, name: str | None = None) -> None:
     """
     file = Path(path)
     key = model.name if name is None else name
-    if not key or "/" in key or key == "." or not _is_text(key):
-        raise ArchiveError(
-            f"{file}: {key!r} cannot name a model; a name is UTF-8 text without '/' and zero bytes."
-        )
+    check_name(file, "model", key)
     for text in (model.description, model.provenance.scene):
         if not _is_text(text):
             raise ArchiveError(f"{file}: a text of the model is not UTF-8, or has a zero byte.")
+    rewrite(
+        file,
+        lambda new: write_model(new["models"].create_group(key), model),
+        f"models/{key}",
+        large=_size(file) > _LARGE,
+    )
+
+
+def check_name(file: Path, kind: str, name: str) -> None:
+    """Whether a name can be that of a group.
+
+    Raises
+    ------
+    ArchiveError
+        It cannot.
+    """
+    if not name or "/" in name or name == "." or not _is_text(name):
+        raise ArchiveError(
+            f"{file}: {name!r} cannot name a {kind}; a name is UTF-8 text without '/' and zero bytes."
+        )
+
+
+def check_file(file: Path) -> None:
+    """Whether an archive can be written here, as far as can be seen beforehand.
+
+    Raises
+    ------
+    ArchiveError
+        The file exists and is not an archive of this major version, or its folder does not exist.
+    """
+    if file.exists():
+        with _opened(file) as archive:
+            _names(file, archive)
+    elif not file.parent.is_dir():
+        raise ArchiveError(f"{file}: cannot be written: {file.parent} is not a folder.")
+
+
+def rewrite(
+    file: Path,
+    fill: Callable[[Any], None],
+    replaced: str,
+    *,
+    large: bool,
+    beside: Path | None = None,
+) -> None:
+    """Put an archive in place of a file: its contents but the group `replaced`, and what `fill` writes.
+
+    A `large` archive is written to the disk as it is made, another one is made in memory first; it is in
+    the folder `beside`, by default that of the file, until it is complete.
+
+    Raises
+    ------
+    ArchiveError
+        The file exists and is not an archive of this major version, or it cannot be written. The
+        old file is then unchanged.
+    """
+
+    def make(target: BytesIO | Path) -> None:
+        with h5py.File(target, "w", libver=("v110", "v110")) as new:  # metadata with checksums
+            if file.exists():
+                with _opened(file) as old:
+                    _names(file, old)
+                    _copy(old, new, replaced)
+            new.attrs["format"] = FORMAT
+            new.attrs["format_version"] = VERSION
+            new.attrs["generator"] = f"mbdlft {version('mbdlft')}"
+            new.require_group("models")
+            fill(new)
+
+    if large:
+        _replace(file, make, beside)
+        return
     image = BytesIO()
-    with h5py.File(image, "w", libver=("v110", "v110")) as new:  # metadata with checksums
-        if file.exists():
-            with _opened(file) as old:
-                _names(file, old)
-                _copy(old, new, key)
-        new.attrs["format"] = FORMAT
-        new.attrs["format_version"] = VERSION
-        new.attrs["generator"] = f"mbdlft {version('mbdlft')}"
-        write_model(new.require_group("models").create_group(key), model)
+    make(image)
     _replace(file, image.getvalue())
 
 
@@ -108,13 +170,15 @@ def model_names(path: str | Path) -> tuple[str, ...]:
 
 @contextmanager
 def _opened(file: Path) -> Iterator[Any]:
-    """An existing archive, read into memory; damage that HDF5 finds is an `ArchiveError`."""
+    """An existing archive, in memory if it is not large; damage that HDF5 finds is an `ArchiveError`."""
     try:
-        image = BytesIO(file.read_bytes())
+        size = file.stat().st_size
+        image = file if size > _LARGE else BytesIO(file.read_bytes())
+        with file.open("rb") as stream:
+            signature = stream.read(len(_SIGNATURE))
     except OSError as error:
         raise ArchiveError(f"{file}: cannot be read: {error.strerror}.") from None
-    size = len(image.getvalue())
-    if size and not image.getvalue().startswith(_SIGNATURE):
+    if size and signature != _SIGNATURE:
         raise ArchiveError(
             f"{file}: is not a whole HDF5 file ({size} bytes): it does not begin like one. Write it "
             "again, or take it from a backup. For a scene, use the commands check and linearize."
@@ -158,16 +222,17 @@ def _names(file: Path, archive: Any) -> tuple[str, ...]:
 
 
 def _copy(old: Any, new: Any, replaced: str) -> None:
-    """All contents of an archive but one model; copying leaves no holes in the file."""
+    """All contents of an archive but one group of a group; copying leaves no holes in the file."""
+    parent = replaced.partition("/")[0]
     for attribute, value in old.attrs.items():
         new.attrs[attribute] = value
     for key in old:
-        if key != "models":
+        if key != parent:
             old.copy(key, new)
-    models = new.create_group("models")
-    for key in old.get("models", {}):
-        if key != replaced:
-            old.copy(f"models/{key}", models, name=key)
+    inner = new.create_group(parent)
+    for key in old.get(parent, {}):
+        if f"{parent}/{key}" != replaced:
+            old.copy(f"{parent}/{key}", inner, name=key)
 
 
 def _read(file: Path, archive: Any, name: str) -> LFTModel:
@@ -191,28 +256,40 @@ def _read(file: Path, archive: Any, name: str) -> LFTModel:
         raise ArchiveError(f"{file}: model {name!r} is not as specified: {error}") from None
 
 
-def _replace(file: Path, image: bytes) -> None:
-    """Put a complete file in place of the old one, or leave the old one as it is."""
+def _replace(file: Path, image: bytes | Callable[[Path], None], beside: Path | None = None) -> None:
+    """Put a complete file in place of the old one, or leave the old one as it is.
+
+    `image` is what is in the file, or writes it.
+    """
     temporary: Path | None = None
     try:
-        handle, temporary_name = tempfile.mkstemp(prefix=f".{file.name}.", dir=file.parent)
+        handle, temporary_name = tempfile.mkstemp(
+            prefix=f".{file.name}.", dir=beside or file.parent
+        )
         temporary = Path(temporary_name)
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(image)
-            stream.flush()
+        with os.fdopen(handle, "r+b") as stream:
+            if isinstance(image, bytes):
+                stream.write(image)
+                stream.flush()
+            else:
+                image(temporary)
             os.fsync(stream.fileno())
         mode = file.stat().st_mode & 0o777 if file.exists() else 0o666 & ~_umask()
         temporary.chmod(mode)
         temporary.replace(file)
-    except OSError as error:
+    except (OSError, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or error
         raise ArchiveError(
-            f"{file}: cannot be written: {error.strerror or error}. The old file, if there was one, "
-            "is unchanged."
+            f"{file}: cannot be written: {reason}. The old file, if there was one, is unchanged."
         ) from None
     finally:
         if temporary is not None:
             with contextlib.suppress(OSError):
                 temporary.unlink(missing_ok=True)
+
+
+def _size(file: Path) -> int:
+    return file.stat().st_size if file.exists() else 0
 
 
 def _umask() -> int:

@@ -1,0 +1,189 @@
+"""Trims and linearizations at many samples, one row of numbers each; a row that fails is not an error.
+
+The equations are trimmed and linearized again at each sample; or an LFT model is evaluated there.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.build import choose_signals
+from mbdlft.certify import linearized
+from mbdlft.equations import Equations
+from mbdlft.errors import WellPosednessError
+from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.lft import Array
+from mbdlft.lft.model import LFTModel, deltas_of
+from mbdlft.parameter import Parameter
+from mbdlft.scene import Scene, assemble
+from mbdlft.signal import Signal
+from mbdlft.store.sweep import NO_EQUILIBRIUM, SINGULAR, SOLVED, Layout
+from mbdlft.trim import balance, check_prestress
+
+Indices = NDArray[np.intp]
+_CHUNK, _CHUNK_ENTRIES = 4096, 2**21  # samples and matrix entries that are held at once
+
+
+class Source(Protocol):
+    """What a sweep evaluates: names and shapes, and the rows at physical points (N, n_p)."""
+
+    @property
+    def layout(self) -> Layout: ...
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]: ...
+
+    @property
+    def chunk(self) -> int: ...
+
+    def rows(self, points: Array) -> tuple[Array, Array, Array, Array]:
+        """[A B ; C D] (N, ., .), trim (N, nt), residual (N,), status (N,); NaN in rows that failed."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EquationSource:
+    """The nonlinear equations of a scene."""
+
+    equations: Equations
+    inputs: tuple[int, ...]
+    outputs: tuple[int, ...]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Sorted by name."""
+        return self.equations.parameters
+
+    @property
+    def layout(self) -> Layout:
+        """Names and shapes."""
+        e = self.equations
+        return Layout(
+            parameters=tuple(Signal(p.name, p.unit) for p in e.parameters),
+            states=e.x_signals,
+            inputs=tuple(e.u_signals[k] for k in self.inputs),
+            outputs=tuple(e.y_signals[k] for k in self.outputs),
+            trim=tuple(e.u_signals[k] for k in e.unknown),
+        )
+
+    @property
+    def chunk(self) -> int:
+        """Samples that are held at once."""
+        e = self.equations
+        rows = e.residual.numel() + len(self.outputs)
+        columns = rows + len(e.states) + len(self.inputs) + len(e.unknown)
+        return max(1, min(_CHUNK, _CHUNK_ENTRIES // (rows * columns)))
+
+    def rows(self, points: Array) -> tuple[Array, Array, Array, Array]:
+        """As `Source.rows`."""
+        shape = self.layout.matrix_shape
+        count, unknown = len(points), list(self.equations.unknown)
+        matrices = np.full((count, *shape), np.nan)
+        trim, residual = np.full((count, len(unknown)), np.nan), np.full(count, np.nan)
+        status = np.full(count, float(SINGULAR))
+
+        def fill(some: Indices) -> None:
+            e, at = self.equations, points[some]
+            found = balance(e, at)
+            status[some] = np.where(found.unbalanced, NO_EQUILIBRIUM, SINGULAR)
+            good = ~found.unbalanced & np.all(np.isfinite(found.efforts), axis=1)
+            efforts, kept = found.efforts[good], some[good]
+            if not len(kept):
+                return
+            values, _ = linearized(e, self.inputs, self.outputs, at[good], efforts)
+            check_prestress(e, at[good], efforts)
+            finite = np.all(np.isfinite(values), axis=(1, 2))
+            kept = kept[finite]
+            matrices[kept], trim[kept] = values[finite], efforts[finite][:, unknown]
+            residual[kept], status[kept] = found.relative[good][finite], SOLVED
+
+        _halves(fill, np.arange(count))
+        return matrices, trim, residual, status
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelSource:
+    """An LFT model; the residual of a row is the error of the certificate."""
+
+    model: LFTModel
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Sorted by name."""
+        return self.model.parameters
+
+    @property
+    def layout(self) -> Layout:
+        """Names and shapes."""
+        m = self.model
+        return Layout(
+            parameters=tuple(Signal(p.name, p.unit) for p in m.parameters),
+            states=m.states,
+            inputs=m.inputs,
+            outputs=m.outputs,
+            trim=m.trim.signals if m.trim.lft is not None else (),
+        )
+
+    @property
+    def chunk(self) -> int:
+        """Samples that are held at once."""
+        return max(1, min(_CHUNK, _CHUNK_ENTRIES // max(1, int(np.prod(self.model.lft.shape)))))
+
+    def rows(self, points: Array) -> tuple[Array, Array, Array, Array]:
+        """As `Source.rows`."""
+        m, count = self.model, len(points)
+        deltas = deltas_of(m, {p.name: points[:, k] for k, p in enumerate(m.parameters)})
+        deltas = np.broadcast_to(deltas, (count, deltas.shape[1]))
+        matrices = np.full((count, *m.lft.shape), np.nan)
+        trim = np.full((count, len(self.layout.trim)), np.nan)
+        residual = np.full(count, np.nan)
+        status = np.full(count, float(SINGULAR))
+
+        def fill(some: Indices) -> None:
+            values = evaluate_at(m.lft, deltas[some])
+            if m.trim.lft is not None:
+                trim[some] = evaluate_at(m.trim.lft, deltas[some])[:, :, 0]
+            finite = np.all(np.isfinite(values), axis=(1, 2)) & np.all(
+                np.isfinite(trim[some]), axis=1
+            )
+            kept = some[finite]
+            trim[some[~finite]] = np.nan
+            matrices[kept], residual[kept] = values[finite], m.certificate.max_relative_error
+            status[kept] = SOLVED
+
+        _halves(fill, np.arange(count))
+        return matrices, trim, residual, status
+
+
+def _halves(fill: Callable[[Indices], None], some: Indices) -> None:
+    """Fill rows together; if that is singular somewhere, each half alone, down to the row that is.
+
+    A row alone stays as it is: NaN, and not converged.
+    """
+    if not len(some):
+        return
+    try:
+        fill(some)
+    except (WellPosednessError, np.linalg.LinAlgError):
+        if len(some) > 1:
+            middle = len(some) // 2
+            _halves(fill, some[:middle])
+            _halves(fill, some[middle:])
+
+
+def source_of(given: Scene | LFTModel) -> EquationSource | ModelSource:
+    """The equations of a scene, or a model.
+
+    Raises
+    ------
+    SceneError
+        The scene cannot be assembled.
+    """
+    if isinstance(given, LFTModel):
+        return ModelSource(given)
+    equations = assemble(given)
+    inputs, outputs = choose_signals(given, equations)
+    return EquationSource(equations, tuple(inputs), tuple(outputs))

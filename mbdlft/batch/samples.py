@@ -1,0 +1,214 @@
+"""Sets of parameter values that are made where they are needed, so that millions take no memory."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mbdlft.errors import AnalysisError, unknown_name
+from mbdlft.lft.lft import Array
+from mbdlft.parameter import Parameter
+
+_OUTSIDE = 1e-9  # of the width of a range: what rounding may leave a value outside
+
+
+@dataclass(frozen=True, slots=True)
+class GridSamples:
+    """All combinations of evenly spaced values, bounds included.
+
+    The order is that of `grid` for parameters sorted by name.
+
+    Attributes
+    ----------
+    counts : mapping of names to numbers of values; a parameter that is not named is nominal
+    """
+
+    counts: Mapping[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class RandomSamples:
+    """Independent uniform values in the ranges, those of `random` for parameters sorted by name.
+
+    Attributes
+    ----------
+    count : number of samples
+    seed : the same seed gives the same samples
+    """
+
+    count: int
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GivenSamples:
+    """Values that are given.
+
+    Attributes
+    ----------
+    points : array (N, n_p)
+        Physical values in the units and the order of the parameters.
+    """
+
+    points: Array = field(repr=False)
+
+
+Samples = GridSamples | RandomSamples | GivenSamples
+
+
+def samples_of(
+    parameters: Sequence[Parameter], given: GridSamples | RandomSamples | Mapping[str, ArrayLike]
+) -> Samples:
+    """Checked samples.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+    given : GridSamples, RandomSamples, or a mapping of names to numbers or arrays (N,)
+        In the units of the parameters; those that are not named are nominal.
+
+    Raises
+    ------
+    AnalysisError
+        A name is unknown, there are no samples, or a value is outside its range.
+    """
+    if isinstance(given, GridSamples):
+        _check_names("grid", parameters, given.counts)
+        if not given.counts or any(count < 1 for count in given.counts.values()):
+            raise AnalysisError(
+                f"sweep: a grid needs a number of values of at least 1 for some parameters, got "
+                f"{dict(given.counts)}."
+            )
+        return given
+    if isinstance(given, RandomSamples):
+        if given.count < 1 or given.seed < 0:
+            raise AnalysisError(
+                f"sweep: expected at least 1 random sample and a seed of at least 0, got {given}."
+            )
+        return given
+    if not isinstance(given, Mapping):
+        raise AnalysisError(
+            "sweep: expected GridSamples, RandomSamples or a mapping of names to arrays, got "
+            f"{type(given).__name__}."
+        )
+    _check_names("samples", parameters, given)
+    return GivenSamples(_points(parameters, given))
+
+
+def count_of(samples: Samples) -> int:
+    """Number of samples."""
+    if isinstance(samples, GridSamples):
+        return prod(samples.counts.values())
+    return samples.count if isinstance(samples, RandomSamples) else len(samples.points)
+
+
+def points_of(samples: Samples, parameters: Sequence[Parameter], start: int, stop: int) -> Array:
+    """Physical values (stop - start, n_p) of some of the samples; the same for any way to cut them."""
+    if isinstance(samples, GivenSamples):
+        return np.array(samples.points[start:stop], dtype=float)
+    points = np.empty((stop - start, len(parameters)))
+    if isinstance(samples, RandomSamples):
+        for k, p in enumerate(parameters):
+            # `random` draws one 64-bit number for each value, parameter by parameter
+            bits = np.random.PCG64(samples.seed)
+            bits.advance(k * samples.count + start)
+            points[:, k] = np.random.Generator(bits).uniform(p.low, p.high, stop - start)
+        return points
+    index = np.arange(start, stop)
+    for k in reversed(range(len(parameters))):
+        p = parameters[k]
+        size = samples.counts.get(p.name, 1)
+        axis = np.linspace(p.low, p.high, size) if size > 1 else np.array([p.nominal])
+        index, position = np.divmod(index, size)
+        points[:, k] = axis[position]
+    return points
+
+
+def described(samples: Samples) -> dict[str, Any]:
+    """What makes samples, as plain data; those that are given are kept beside it."""
+    if isinstance(samples, GridSamples):
+        return {"kind": "grid", "counts": {k: int(v) for k, v in samples.counts.items()}}
+    if isinstance(samples, RandomSamples):
+        return {"kind": "random", "count": int(samples.count), "seed": int(samples.seed)}
+    return {"kind": "given", "count": len(samples.points)}
+
+
+def from_description(data: Mapping[str, Any], points: Path) -> Samples:
+    """The samples that `described` describes; given ones stay on the disk, in `points`."""
+    if data["kind"] == "grid":
+        return GridSamples(data["counts"])
+    if data["kind"] == "random":
+        return RandomSamples(data["count"], data["seed"])
+    return GivenSamples(np.load(points, mmap_mode="r"))
+
+
+def read_samples(path: str | Path) -> dict[str, Array]:
+    """Samples of a text file: names in the first line, then one sample a line, all with commas.
+
+    Parameters
+    ----------
+    path : file
+
+    Returns
+    -------
+    dict of names to arrays (N,)
+
+    Raises
+    ------
+    AnalysisError
+        The file cannot be read, or a line is not one number for each name.
+    """
+    file = Path(path)
+    try:
+        with file.open(encoding="utf-8") as stream:
+            names = [name.strip() for name in stream.readline().split(",")]
+            table = np.loadtxt(stream, delimiter=",", ndmin=2)
+    except OSError as error:
+        raise AnalysisError(f"{file}: cannot be read: {error.strerror}.") from None
+    except ValueError as error:
+        raise AnalysisError(
+            f"{file}: expected names in the first line, then one number for each: {error}"
+        ) from None
+    if len(set(names)) != len(names) or table.shape[1] != len(names):
+        raise AnalysisError(
+            f"{file}: expected as many different names as columns, got names {names} and "
+            f"{table.shape[1]} columns."
+        )
+    return {name: table[:, k] for k, name in enumerate(names)}
+
+
+def _check_names(what: str, parameters: Sequence[Parameter], given: Mapping[str, Any]) -> None:
+    known = [p.name for p in parameters]
+    for name in given:
+        if name not in known:
+            raise AnalysisError(f"sweep, {what}: " + unknown_name("parameter", name, known))
+
+
+def _points(parameters: Sequence[Parameter], given: Mapping[str, ArrayLike]) -> Array:
+    columns = {
+        name: np.atleast_1d(np.asarray(column, dtype=float)) for name, column in given.items()
+    }
+    lengths = {len(column) for column in columns.values() if column.ndim == 1}
+    if any(column.ndim != 1 for column in columns.values()) or len(lengths - {1}) > 1:
+        raise AnalysisError(
+            "sweep: values of parameters must be numbers or arrays of one length, got shapes "
+            f"{sorted({column.shape for column in columns.values()})}."
+        )
+    if 0 in lengths:
+        raise AnalysisError("sweep: there are no samples.")
+    points = np.empty((max(lengths, default=1), len(parameters)))
+    for k, p in enumerate(parameters):
+        points[:, k] = columns.get(p.name, np.array([p.nominal]))
+        slack = _OUTSIDE * (p.high - p.low)
+        wrong = ~((points[:, k] >= p.low - slack) & (points[:, k] <= p.high + slack))
+        if np.any(wrong):
+            row = int(np.argmax(wrong))
+            raise AnalysisError(
+                f"sweep: sample {row}: {p.name} = {points[row, k]:g} is outside its range "
+                f"[{p.low:g}, {p.high:g}] {p.unit}. Widen the range in the scene, or leave it out."
+            )
+    return points

@@ -1,0 +1,212 @@
+"""The unfinished part of a sweep: a folder beside the archive, with one file for each finished shard.
+
+Shards are consecutive samples. A shard's file is there as a whole or not at all, and its numbers depend
+on nothing but the plan: not on who computes it, when, or how often. So a sweep that was killed goes on
+with the shards that are missing.
+"""
+
+import contextlib
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbdlft.batch.rows import EquationSource, ModelSource, source_of
+from mbdlft.batch.samples import (
+    GivenSamples,
+    Samples,
+    count_of,
+    described,
+    from_description,
+    points_of,
+)
+from mbdlft.errors import AnalysisError, ArchiveError
+from mbdlft.lft.lft import Array
+from mbdlft.lft.model import LFTModel
+from mbdlft.lft.threads import one_thread
+from mbdlft.scene import Scene, scene_from_toml, scene_to_toml
+from mbdlft.store import load, save
+from mbdlft.store.sweep import pack
+
+_SHARD_ROWS, _SHARD_BYTES = 16384, 2**25
+_PLAN, _SCENE, _MODEL, _SAMPLES = "plan.json", "scene.toml", "model.h5", "samples.npy"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Work:
+    """What the shards of a sweep are made from."""
+
+    source: EquationSource | ModelSource
+    samples: Samples
+    shard_rows: int
+
+    @property
+    def count(self) -> int:
+        """Number of samples."""
+        return count_of(self.samples)
+
+    @property
+    def shards(self) -> int:
+        """Number of shards."""
+        return -(-self.count // self.shard_rows)
+
+    def rows_of(self, shard: int) -> int:
+        """Samples of a shard."""
+        return min(self.shard_rows, self.count - shard * self.shard_rows)
+
+
+def work_of(given: Scene | LFTModel, samples: Samples) -> Work:
+    """Shards of whole chunks, small enough for progress and memory."""
+    source = source_of(given)
+    most = min(_SHARD_ROWS, _SHARD_BYTES // (8 * source.layout.width))
+    return Work(source, samples, source.chunk * max(1, most // source.chunk))
+
+
+def points_at(work: Work, shard: int) -> Array:
+    """Samples (n, n_p) of a shard."""
+    start = shard * work.shard_rows
+    return points_of(work.samples, work.source.parameters, start, start + work.rows_of(shard))
+
+
+def rows_at(source: EquationSource | ModelSource, points: Array) -> Array:
+    """Rows (n, width) at the samples of a shard; the chunks are the same whoever computes them."""
+    with one_thread():
+        parts = [
+            pack(source.layout, part, *source.rows(part))
+            for part in (
+                points[start : start + source.chunk]
+                for start in range(0, len(points), source.chunk)
+            )
+        ]
+    return np.concatenate(parts)
+
+
+def prepare(folder: Path, given: Scene | LFTModel, samples: Samples, *, restart: bool) -> Work:
+    """The folder of a sweep: a new one, or that of the same sweep, which goes on.
+
+    Raises
+    ------
+    AnalysisError
+        It is the folder of another sweep that is not finished.
+    ArchiveError
+        It cannot be written.
+    """
+    work = work_of(given, samples)
+    plan = {
+        "mbdlft": version("mbdlft"),
+        "source": "model" if isinstance(given, LFTModel) else "scene",
+        "samples": described(samples),
+        "shard_rows": work.shard_rows,
+        "fingerprint": _fingerprint(given, samples),
+    }
+    with _written(folder):
+        if restart or (folder.exists() and not (folder / _PLAN).exists()):
+            clear(folder)
+        if folder.exists():
+            if json.loads((folder / _PLAN).read_text(encoding="utf-8")) != plan:
+                raise AnalysisError(
+                    f"{folder}: another sweep of this name is not finished: its scene, samples or "
+                    "version of mbdlft differ. Finish that one, give this one another name, or start "
+                    "again (restart=True, --restart), which throws away what was computed."
+                )
+            return work
+        folder.mkdir(parents=True)
+        if isinstance(given, LFTModel):
+            save(folder / _MODEL, given, "model")
+        else:
+            (folder / _SCENE).write_text(scene_to_toml(given), encoding="utf-8")
+        if isinstance(samples, GivenSamples):
+            np.save(folder / _SAMPLES, samples.points)
+        _put(folder / _PLAN, json.dumps(plan).encode())
+    return work
+
+
+def opened(folder: Path) -> Work:
+    """The work of a folder, as another process sees it."""
+    plan: dict[str, Any] = json.loads((folder / _PLAN).read_text(encoding="utf-8"))
+    given: Scene | LFTModel
+    if plan["source"] == "model":
+        given = load(folder / _MODEL, "model")
+    else:
+        given = scene_from_toml((folder / _SCENE).read_text(encoding="utf-8"))
+    return Work(
+        source_of(given), from_description(plan["samples"], folder / _SAMPLES), plan["shard_rows"]
+    )
+
+
+def missing(folder: Path, work: Work) -> list[int]:
+    """Shards that are not finished."""
+    return [k for k in range(work.shards) if not _shard(folder, k).exists()]
+
+
+def write_shard(folder: Path, shard: int, rows: Array) -> None:
+    """Put the rows of a shard into its file, at once.
+
+    Raises
+    ------
+    ArchiveError
+        It cannot be written.
+    """
+    with _written(folder):
+        _put(_shard(folder, shard), rows.astype("<f8").tobytes())
+
+
+def read_shards(folder: Path, work: Work) -> Iterator[Array]:
+    """Rows of all shards in their order, one shard in memory."""
+    for k in range(work.shards):
+        rows = np.fromfile(_shard(folder, k), dtype="<f8")
+        yield rows.reshape(work.rows_of(k), work.source.layout.width)
+
+
+def clear(folder: Path) -> None:
+    """Remove the folder; without its plan, what is left of it after a kill counts for nothing."""
+    with contextlib.suppress(FileNotFoundError):
+        (folder / _PLAN).unlink()
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def _shard(folder: Path, shard: int) -> Path:
+    return folder / f"shard-{shard:07d}.f8"
+
+
+def _put(file: Path, image: bytes) -> None:
+    """Write beside, then rename: a file of this name is whole."""
+    beside = file.with_name(f"{file.name}.{os.getpid()}")
+    with beside.open("wb") as stream:
+        stream.write(image)
+        stream.flush()
+        os.fsync(stream.fileno())
+    beside.replace(file)
+
+
+@contextlib.contextmanager
+def _written(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise ArchiveError(
+            f"{folder}: cannot be written: {error.strerror or error}. What is finished stays there; "
+            "the same sweep goes on from it."
+        ) from None
+
+
+def _fingerprint(given: Scene | LFTModel, samples: Samples) -> str:
+    found = hashlib.sha256()
+    if isinstance(given, LFTModel):
+        found.update(repr((given.parameters, given.states, given.inputs, given.outputs)).encode())
+        for lft in (given.lft, given.trim.lft):
+            if lft is not None:
+                for matrix in (lft.M11, lft.M12, lft.M21, lft.M22):
+                    found.update(matrix.tobytes())
+    else:
+        found.update(scene_to_toml(given).encode())
+    if isinstance(samples, GivenSamples):
+        found.update(np.ascontiguousarray(samples.points).tobytes())
+    return found.hexdigest()

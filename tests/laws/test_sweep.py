@@ -1,0 +1,312 @@
+"""Sweeps give what trimming and linearizing at each sample gives, whoever computes them and how often.
+
+1. rows of the arm are the closed form; rows of a model are its values
+2. samples do not depend on how they are cut
+3. a row without a solution is NaN with its status, and its neighbors are right
+4. any number of processes, a worker or the sweep killed, a cluster: the same bits, each row once
+5. memory is bounded
+"""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft import Angle, GridSamples, Parameter, RandomSamples
+from mbdlft.batch import cluster, pool, rows, samples, staging
+from mbdlft.batch.samples import points_of, samples_of
+from tests.close import CLOSED_FORM, error, exact, roundoff, target
+from tests.errors.scenes import cart, says
+from tests.reference.arm import SCENE, closed_form
+
+ROOT = Path(__file__).parents[2]
+PARAMETERS = (
+    Parameter("a", 1.0, low=0.0, high=3.0),
+    Parameter("b", 2.0, percent=10),
+    Angle("c", 10.0, low=-20.0, high=80.0),
+)
+SECONDS = 120
+MEMORY = 2**27  # bytes
+RUN = """
+import sys
+import mbdlft
+from mbdlft.batch import staging
+
+staging._SHARD_ROWS = 4096
+scene = mbdlft.load_scene(sys.argv[1])
+mbdlft.sweep(scene, mbdlft.RandomSamples(int(sys.argv[3]), 5), sys.argv[2], workers=2)
+"""
+CLUSTER = """
+import os, signal, sys
+import mbdlft
+from mbdlft.batch import staging
+from distributed import Client, LocalCluster
+
+if __name__ == "__main__":
+    staging._SHARD_ROWS = 4096
+    scene = mbdlft.load_scene(sys.argv[1])
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as local:
+        with Client(local) as client:
+            victims = list(client.run(os.getpid).values())[:1]
+
+            def kill(done, count):
+                if done and victims:
+                    os.kill(victims.pop(), signal.SIGKILL)
+
+            samples = mbdlft.RandomSamples(int(sys.argv[3]), 5)
+            report = mbdlft.sweep(scene, samples, sys.argv[2], client=client, progress=kill)
+            assert not victims
+            print(report.count, report.solved)
+"""
+
+
+def arm() -> mbdlft.Scene:
+    return mbdlft.load_scene(SCENE)
+
+
+def drawn(count: int, seed: int = 0) -> dict[str, np.ndarray]:
+    """What `RandomSamples` stand for: the parameters sorted by name, as in a model."""
+    return mbdlft.random(sorted(arm().parameters, key=lambda p: p.name), count, seed)
+
+
+def check_arm(found: mbdlft.Sweep, values: dict[str, np.ndarray]) -> None:
+    state, torques = closed_form(values)
+    target(np.concatenate([found.A, found.B], axis=2), state, CLOSED_FORM)
+    target(found.trim, torques, CLOSED_FORM)
+    exact(found.status, np.zeros(len(found.status)))
+
+
+def same(a: mbdlft.Sweep, b: mbdlft.Sweep) -> None:
+    for name in ("samples", "A", "B", "C", "D", "trim", "residual", "status"):
+        exact(getattr(a, name), getattr(b, name))
+    assert a.layout == b.layout
+
+
+def test_rows_are_the_closed_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    values = drawn(400, 2)
+    report = mbdlft.sweep(arm(), values, tmp_path / "a.h5", workers=1)
+    assert (report.count, report.solved, report.resumed) == (400, 400, 0)
+    found = mbdlft.load_sweep(tmp_path / "a.h5")
+    for k, parameter in enumerate(found.layout.parameters):
+        exact(found.samples[:, k], values[parameter.name])
+    check_arm(found, values)
+    names = [signal.name for signal in found.layout.inputs]
+    assert names == ["shoulder.torque", "elbow.torque"]
+    assert [p.name for p in (tmp_path).iterdir()] == ["a.h5"]
+    linearized = rows.linearized  # planted: rows of a neighbor
+    monkeypatch.setattr(
+        rows, "linearized", lambda e, i, o, at, u: linearized(e, i, o, np.roll(at, 1, axis=0), u)
+    )
+    mbdlft.sweep(arm(), values, tmp_path / "b.h5", workers=1)
+    wrong = mbdlft.load_sweep(tmp_path / "b.h5")
+    with pytest.raises(AssertionError, match="promised"):
+        check_arm(wrong, values)
+
+
+def test_rows_of_a_model_are_its_values(tmp_path: Path) -> None:
+    model = mbdlft.to_lft(arm(), search=0.0)
+    values = mbdlft.random(model.parameters, 1500)
+    mbdlft.sweep(model, RandomSamples(1500), tmp_path / "a.h5", workers=1)
+    found = mbdlft.load_sweep(tmp_path / "a.h5")
+    roundoff(found.A, mbdlft.matrices_at(model, values).A)
+    roundoff(found.D, mbdlft.matrices_at(model, values).D)
+    roundoff(found.trim, mbdlft.trim_at(model, values))
+    assert found.model == model.name
+    check_arm(found, values)
+    exact(found.residual, np.full(1500, model.certificate.max_relative_error))
+
+
+def test_singular_samples_of_a_model(tmp_path: Path) -> None:
+    scene = cart("m", [Parameter("m", 1.0, low=0.5, high=2.0, unit="kg")])
+    model = mbdlft.to_lft(scene, search=0.0)
+    source = rows.ModelSource(model)
+    # far outside the range, where the certificate says nothing: m = 0
+    block = model.lft.blocks[0].size
+    singular = np.linalg.eigvals(model.lft.M11).real
+    assert block == len(singular) == 1
+    points = np.array([[1.0], [0.7]])
+    deltas = rows.deltas_of
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            rows,
+            "deltas_of",
+            lambda *a: np.where(deltas(*a) == 0.0, 1.0 / singular[0], deltas(*a)),
+        )
+        matrices, _, residual, status = source.rows(points)
+    exact(status, [1, 0])
+    assert np.all(np.isnan(matrices[0]))
+    assert np.isnan(residual[0])
+    roundoff(matrices[1][:2, :2], model.at(m=0.7).A)
+
+
+@pytest.mark.parametrize("cut", [1, 7, 60])
+def test_samples_do_not_depend_on_the_cut(cut: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    counts = {"c": 4, "a": 5, "b": 3}
+    for given, expected in (
+        (GridSamples(counts), mbdlft.grid(PARAMETERS, counts)),
+        (GridSamples({"b": 60}), mbdlft.grid(PARAMETERS, {"b": 60})),
+        (RandomSamples(60, 9), mbdlft.random(PARAMETERS, 60, 9)),
+    ):
+        found = samples_of(PARAMETERS, given)
+        parts = [points_of(found, PARAMETERS, k, min(60, k + cut)) for k in range(0, 60, cut)]
+        exact(np.concatenate(parts), np.stack([expected[p.name] for p in PARAMETERS], axis=1))
+    if cut < 60:  # planted: each part draws from the start
+        monkeypatch.setattr(samples.np.random, "PCG64", lambda seed: Stuck(seed))
+        parts = [points_of(found, PARAMETERS, k, min(60, k + cut)) for k in range(0, 60, cut)]
+        assert error(np.concatenate(parts)[:, 0], expected["a"]) > CLOSED_FORM
+
+
+class Stuck(np.random.PCG64):
+    def advance(self, delta: int) -> "Stuck":
+        return self
+
+
+def test_failed_rows_are_nan(tmp_path: Path) -> None:
+    force = Parameter("f", 0.0, low=-1.0, high=1.0, unit="N")
+    mass = Parameter("m", 1.0, low=0.0, high=2.0, unit="kg")
+    scene = cart("m", [force, mass], {"preload": "f"})
+    values = {"f": np.array([0.0, 0.0, 0.5, 1.0, 0.0]), "m": np.array([0.0, 1.0, 1.0, 0.0, 0.5])}
+    report = mbdlft.sweep(scene, values, tmp_path / "a.h5", workers=1)
+    assert (report.solved, report.not_converged, report.no_equilibrium) == (2, 1, 2)
+    found = mbdlft.load_sweep(tmp_path / "a.h5")
+    exact(found.status, [1, 0, 2, 2, 0])
+    for name in ("A", "B", "C", "D", "residual"):
+        failed = getattr(found, name)[[0, 2, 3]]
+        assert np.all(np.isnan(failed)), name
+    roundoff(found.A[[1, 4], 1, 0], [-3.0, -6.0])
+    exact(found.samples[:, 0], values["f"])
+
+
+def test_processes_and_a_killed_worker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
+    given = RandomSamples(20_000, 5)
+    mbdlft.sweep(arm(), given, tmp_path / "one.h5", workers=1)
+    start, started = pool._start, []
+
+    def short_life(folder: Path) -> subprocess.Popen[str]:
+        process = start(folder)
+        started.append(process.pid)
+        if len(started) == 1:
+            process.kill()
+        return process
+
+    monkeypatch.setattr(pool, "_start", short_life)
+    seen: list[int] = []
+    mbdlft.sweep(
+        arm(), given, tmp_path / "two.h5", name="two_link_arm", workers=2,
+        progress=lambda done, count: seen.append(done),
+    )  # fmt: skip
+    assert len(started) >= 3
+    assert seen[0] == 0
+    assert seen[-1] == 20_000
+    assert seen == sorted(set(seen))
+    one = mbdlft.load_sweep(tmp_path / "one.h5")
+    same(mbdlft.load_sweep(tmp_path / "two.h5"), one)
+    check_arm(one, drawn(20_000, 5))
+
+
+def test_workers_that_always_die(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
+
+    def dead(folder: Path) -> subprocess.Popen[str]:
+        pipe = subprocess.PIPE
+        return subprocess.Popen([sys.executable, "-c", ""], stdin=pipe, stdout=pipe, text=True)
+
+    monkeypatch.setattr(pool, "_start", dead)
+    with says(mbdlft.AnalysisError, "sweep: 3 workers died over shard", "the same sweep goes on"):
+        mbdlft.sweep(arm(), RandomSamples(9000), tmp_path / "a.h5", workers=2)
+
+
+def test_killed_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    count, file = 100_000, tmp_path / "a.h5"
+    model = mbdlft.to_lft(cart(), search=0.0)
+    mbdlft.save(file, model)
+    before, folder = file.read_bytes(), tmp_path / ".a.h5.two_link_arm.sweep"
+    command = [sys.executable, "-c", RUN, str(SCENE), str(file), str(count)]
+    with subprocess.Popen(command, cwd=ROOT) as process:
+        stop = time.monotonic() + SECONDS
+        while not list(folder.glob("shard-*.f8")) and time.monotonic() < stop:
+            time.sleep(0.005)
+        time.sleep(random.uniform(0.0, 0.3))
+        process.send_signal(signal.SIGKILL)
+        assert process.wait(SECONDS) == -signal.SIGKILL
+    assert file.read_bytes() == before
+    monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
+    given = RandomSamples(count, 5)
+    with says(mbdlft.AnalysisError, "another sweep of this name is not finished", "--restart"):
+        mbdlft.sweep(arm(), RandomSamples(count, 6), file, workers=1)
+    report = mbdlft.sweep(arm(), given, file, workers=2)
+    assert 0 < report.resumed < count
+    assert report.solved == count
+    assert mbdlft.model_names(file) == (model.name,)
+    exact(mbdlft.load(file).A, model.A)
+    mbdlft.sweep(arm(), given, tmp_path / "b.h5", workers=1)
+    same(mbdlft.load_sweep(file), mbdlft.load_sweep(tmp_path / "b.h5"))
+    assert not folder.exists()
+
+
+def test_restart_forgets_what_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
+    given, file = RandomSamples(9000), tmp_path / "a.h5"
+
+    def interrupt(done: int, count: int) -> None:
+        if done:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        mbdlft.sweep(arm(), given, file, workers=1, progress=interrupt)
+    (shard,) = (tmp_path / ".a.h5.two_link_arm.sweep").glob("shard-*.f8")
+    shard.write_bytes(bytes(len(shard.read_bytes())))  # planted: zeros, which a resumed sweep takes
+    assert mbdlft.sweep(arm(), given, file, workers=1).resumed == 4096
+    assert not np.any(mbdlft.load_sweep(file, stop=4096).A)
+    with pytest.raises(KeyboardInterrupt):
+        mbdlft.sweep(arm(), given, file, workers=1, progress=interrupt)
+    assert mbdlft.sweep(arm(), given, file, workers=1, restart=True).resumed == 0
+    check_arm(mbdlft.load_sweep(file), drawn(9000))
+
+
+def test_cluster_with_a_killed_worker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    count, script = 60_000, tmp_path / "script.py"
+    script.write_text(CLUSTER, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, str(script), str(SCENE), str(tmp_path / "a.h5"), str(count)],
+        cwd=tmp_path,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        timeout=SECONDS,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == [str(count), str(count)]
+    monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
+    mbdlft.sweep(arm(), RandomSamples(count, 5), tmp_path / "b.h5", workers=1)
+    same(mbdlft.load_sweep(tmp_path / "a.h5"), mbdlft.load_sweep(tmp_path / "b.h5"))
+
+
+def test_cluster_needs_dask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def absent(name: str) -> None:
+        raise ImportError(name)
+
+    monkeypatch.setattr(cluster, "import_module", absent)
+    with says(mbdlft.AnalysisError, "a cluster needs Dask: pip install 'mbdlft[cluster]'"):
+        mbdlft.sweep(arm(), RandomSamples(5), tmp_path / "a.h5", client=object())
+
+
+def test_memory_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
+    tracemalloc.start()
+    mbdlft.sweep(arm(), RandomSamples(60_000), tmp_path / "a.h5", workers=1)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert (tmp_path / "a.h5").stat().st_size > 60_000 * 8 * 40
+    assert peak < MEMORY / 4

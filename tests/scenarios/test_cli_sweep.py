@@ -1,0 +1,77 @@
+"""The command `sweep`."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbdlft
+from tests.close import CLOSED_FORM, exact, target
+from tests.reference.arm import closed_form
+from tests.scenarios.test_cli import ARM, run
+
+
+@pytest.mark.parametrize("kind", ["grid", "random", "file"])
+def test_samples_of_each_kind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], kind: str
+) -> None:
+    archive, table = tmp_path / "a.h5", tmp_path / "s.csv"
+    table.write_text("theta1, m1\n50.0,2.5\n60.0,3.5\n", encoding="utf-8")
+    options = {
+        "grid": ("--grid", "theta1=5", "--grid", "m1=2"),
+        "random": ("--random", "10", "--seed", "4"),
+        "file": ("--file", str(table)),
+    }[kind]
+    code, out, err = run(
+        monkeypatch, capsys, "sweep", ARM, *options, "-o", str(archive), "--name", kind
+    )
+    assert (code, err) == (0, "")
+    count = 2 if kind == "file" else 10
+    assert f"{kind}: {count} samples, {count} solved, 0 not converged, 0 without" in out
+    found = mbdlft.load_sweep(archive, kind)
+    assert len(found.status) == count
+    values = {p.name: found.samples[:, k] for k, p in enumerate(found.layout.parameters)}
+    state, torques = closed_form(values)
+    target(np.concatenate([found.A, found.B], axis=2), state, CLOSED_FORM)
+    target(found.trim, torques, CLOSED_FORM)
+
+
+def test_model_of_an_archive(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    archive = tmp_path / "a.h5"
+    model = mbdlft.to_lft(mbdlft.load_scene(ARM), search=0.0)
+    mbdlft.save(archive, model)
+    command = ("sweep", str(archive), "--random", "20", "-o", str(archive), "--json")
+    code, out, err = run(monkeypatch, capsys, *command)
+    assert (code, err) == (0, "")
+    assert json.loads(out)["solved"] == 20
+    found = mbdlft.load_sweep(archive)
+    exact(found.A, mbdlft.matrices_at(model, mbdlft.random(model.parameters, 20)).A)
+    assert mbdlft.model_names(archive) == ("two_link_arm",)
+    code, out, err = run(monkeypatch, capsys, "show", str(archive))
+    assert (code, err) == (0, "")
+    assert "sweeps: two_link_arm" in out
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ((), "expected exactly one of --grid, --random and --file"),
+        (("--random", "3", "--grid", "m1=2"), "expected exactly one of"),
+        (("--grid", "m1=2", "--seed", "3"), "--seed: only --random has a seed"),
+        (("--grid", "m1"), "--grid m1: expected NAME=COUNT"),
+        (("--random", "3", "--model", "x"), "only an archive has models"),
+    ],
+)
+def test_bad_options(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    options: tuple[str, ...],
+    text: str,
+) -> None:
+    code, out, err = run(monkeypatch, capsys, "sweep", ARM, *options, "-o", str(tmp_path / "a.h5"))
+    assert (code, out) == (2, "")
+    assert text in err
