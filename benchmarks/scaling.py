@@ -174,7 +174,7 @@ def figure(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
-    fig, panels = plt.subplots(1, 3, figsize=(12, 4.2), layout="constrained")
+    fig, panels = plt.subplots(1, 3, figsize=(12, 4.8), layout="constrained")
     titles = {"seconds": "processor seconds", "megabytes": "memory (MB)", "order": "order"}
     for panel, (key, title) in zip(panels, titles.items(), strict=True):
         for k, (name, family) in enumerate(families(rows).items()):
@@ -188,7 +188,8 @@ def figure(path: Path, rows: Sequence[dict[str, Any]]) -> None:
         panel.set_title(title)
         panel.grid(visible=True, alpha=0.3)
     panels[0].axhline(20.0, color="0.5", lw=0.8)
-    panels[-1].legend(fontsize=8)
+    handles, labels = panels[0].get_legend_handles_labels()
+    fig.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=9)
     fig.savefig(path, dpi=120)
     plt.close(fig)
 

@@ -9,6 +9,7 @@ from tests.close import EPS, HARD, HARD_NUMERIC, conditioned
 from tests.hard.cases import (
     CASES,
     GRAVITY,
+    LARGE,
     NEAR,
     REFUSED,
     Case,
@@ -26,6 +27,14 @@ from tests.hard.measure import measure
 def test_entries_against_50_digits(case: Case) -> None:
     found = measure(case)
     assert found.lft_factor <= HARD, found
+    assert found.numeric_factor <= HARD_NUMERIC, found
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("case", LARGE, ids=lambda case: case.name)
+def test_large_cases_are_within_their_condition_or_their_certificate(case: Case) -> None:
+    found = measure(case)
+    assert found.lft_factor <= HARD or found.lft <= found.certified, found
     assert found.numeric_factor <= HARD_NUMERIC, found
 
 
