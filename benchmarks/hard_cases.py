@@ -44,7 +44,7 @@ def table(cases: Sequence[Case]) -> str:
     try:
         mbdlft.to_lft(REFUSED.scene, search=0.0)
     except mbdlft.WellPosednessError as refusal:
-        lines += ["", f"Refused: {REFUSED.name}. {str(refusal).partition(': ')[2]}"]
+        lines += ["", f"Refused, {REFUSED.name}: {str(refusal).partition(': ')[2]}"]
     else:
         raise SystemExit(f"{REFUSED.name}: not refused.")
     return "\n".join([*lines, "", machine()])
