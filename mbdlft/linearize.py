@@ -59,9 +59,12 @@ def linearize(equations: Equations, inputs: Sequence[int], outputs: Sequence[int
         chosen[k] = e.u[k]
     load = ca.SX.sym("load", e.load.numel())
     none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z, e.u, e.load)]
-    # xdot, z and u enter linearly
-    driven = ca.SX(ca.vertcat(*function(e.xdot, none[1], e.z, e.u, none[4], *at)))
-    moved = _linear(driven, ca.vertcat(e.xdot, e.z, e.u), ca.vertcat(e.xdot, e.z, chosen))
+    # xdot, z and u enter linearly as they are, beside what the spin of the frame makes
+    alone = ca.sparsify(ca.vertcat(*function(*none, *at)))
+    moved = ca.SX(ca.vertcat(*function(e.xdot, none[1], e.z, chosen, none[4], *at)))
+    if alone.nnz():
+        signals = ca.vertcat(e.xdot, e.z, e.u[list(inputs)])
+        moved = ca.SX(ca.jtimes(moved, signals, signals))
     # x enters through the derivative at the equilibrium: springs and dampers, and lifted loads
     displaced = ca.vertcat(*function(none[0], e.x, none[2], e.u, load, *at))
     columns = ca.jtimes(displaced, e.x, ca.DM.eye(e.x.numel()))
@@ -114,17 +117,6 @@ class _Implicit:
         return u
 
 
-def _linear(expression: ca.SX, signals: ca.SX, values: ca.SX) -> ca.SX:
-    """The part that is linear in some symbols, with values in their place.
-
-    An expression that vanishes with the symbols is taken as it is; the derivative drops what does not.
-    """
-    at_zero = ca.substitute(expression, signals, ca.SX.zeros(signals.numel()))
-    if ca.sparsify(at_zero).nnz() == 0:
-        return ca.substitute(expression, signals, ca.densify(values))
-    return ca.jtimes(expression, signals, values)
-
-
 def at_rest(
     equations: Equations,
     function: ca.Function,
@@ -136,11 +128,13 @@ def at_rest(
     """Residual at rest, times `scale`: u and load are already multiplied by it."""
     e = equations
     none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z, e.u, e.load)]
+    alone = ca.sparsify(function(*none, *at)[0])  # what the spin of the frame needs
+    if not alone.nnz():
+        return ca.SX(function(*none[:3], u, load, *at)[0])
     symbol = ca.SX.sym("load", e.load.numel())
     residual, _ = function(*none[:3], e.u, symbol, *at)
-    alone, _ = function(*none, *at)  # what the spin of the frame needs
-    acting = _linear(residual, ca.vertcat(e.u, symbol), ca.vertcat(u, load))
-    return acting + ca.sparsify(alone) * scale
+    acting = ca.jtimes(residual, ca.vertcat(e.u, symbol), ca.vertcat(u, load))
+    return ca.SX(acting + alone * scale)
 
 
 def trim_relations(equations: Equations) -> LinearModel:

@@ -128,11 +128,14 @@ def newton_euler() -> ca.Function:
 
 def inertia_entries(body: str, values: Values) -> ca.SX:
     """Inertia matrix (3, 3); a symbol stands for an entry that was not given."""
-    entries = [
-        [values.get(f"inertia.{name}", ca.SX.sym(unseen_name(body, name))) for name in row]
-        for row in _ENTRY
-    ]
-    return ca.SX(ca.vertcat(*(ca.horzcat(*row) for row in entries)))
+    entries = {
+        name: values[key]
+        if (key := f"inertia.{name}") in values
+        else ca.SX.sym(unseen_name(body, name))
+        for name in (*DIAGONAL, *PRODUCTS)
+    }
+    rows = ([entries[name] for name in row] for row in _ENTRY)
+    return ca.SX(ca.vertcat(*(ca.horzcat(*row) for row in rows)))
 
 
 def unseen_name(body: str, entry: str) -> str:

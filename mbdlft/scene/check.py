@@ -127,8 +127,8 @@ def _sampled(place: Place, expected: Expected, samples: Mapping[str, Any]) -> ND
     """Values (SI) of a quantity at the samples of the range."""
     with np.errstate(all="ignore"):  # what is not finite has its own message
         value = value_at(place, expected, samples)
-    count = max((np.size(entry) for entry in samples.values()), default=1)
-    return np.broadcast_to(value, (count,))
+    longest = next((e for e in samples.values() if isinstance(e, np.ndarray)), None)  # all are
+    return np.broadcast_to(value, (1,) if longest is None else longest.shape)
 
 
 def _si_bounds(parameter: Parameter) -> tuple[float, float]:
