@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 
 import mbdlft
+from benchmarks.arm import write_between
 from benchmarks.assumed_modes import frequencies as assumed
 from mbdlft.build import SEARCH, build
 from tests.reference import beams
 from tests.reference import flexible as data
 from tests.reference.superelement import superelement_matrix
 
-MARKS = ("<!-- tables begin -->", "<!-- tables end -->")
 _SAMPLES = 100
 _WHOLE = 20  # elements of an appendage; with more, one of the four by symmetry
 
@@ -160,10 +160,7 @@ def main() -> None:
     if options.write is None:
         print(text)
         return
-    page = options.write.read_text(encoding="utf-8")
-    before, rest = page.split(MARKS[0])
-    after = rest.split(MARKS[1])[1]
-    options.write.write_text(f"{before}{MARKS[0]}\n{text}{MARKS[1]}{after}", encoding="utf-8")
+    write_between(options.write, text)
 
 
 if __name__ == "__main__":

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import mbdlft
+from benchmarks.arm import write_between
 from mbdlft.build import SEARCH, build
 
 ROOT = Path(__file__).parents[1]
-MARKS = ("<!-- table begin -->", "<!-- table end -->")
 
 
 @dataclass(frozen=True)
@@ -80,10 +80,7 @@ def main() -> None:
     if options.write is None:
         print(text)
         return
-    page = options.write.read_text(encoding="utf-8")
-    before, rest = page.split(MARKS[0])
-    after = rest.split(MARKS[1])[1]
-    options.write.write_text(f"{before}{MARKS[0]}\n{text}{MARKS[1]}{after}", encoding="utf-8")
+    write_between(options.write, text)
 
 
 if __name__ == "__main__":
