@@ -24,11 +24,11 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from mbdlft.body.elastic import Elastic, ElasticBody, Term, elastic_problem
+from mbdlft.body.elastic import Elastic, ElasticBody, Term, elastic_freedom, elastic_problem
 from mbdlft.body.rigid import newton_euler
 from mbdlft.description import Expected, Quantity, Text, Values
 from mbdlft.errors import SceneError, unknown_name
-from mbdlft.signal import Freedom, Signal
+from mbdlft.signal import Freedom
 from mbdlft.spatial import Coordinate
 
 DEFORMATIONS = ("axial", "torsion", "bending_y", "bending_z")
@@ -154,8 +154,11 @@ class Beam(ElasticBody):
     def freedoms(self) -> tuple[Freedom, ...]:
         found = []
         for name, numbers in self._fields():
+            # displacements, slopes and curvatures times powers of the element's length
+            turns = name == "torsion"
+            unit, effort = ("rad", "N m") if turns else ("m", "N")
             for k in range(len(numbers.mass)):
-                found.append(_nodal_freedom(f"{name}.{k + 1}", turns=name == "torsion"))
+                found.append(elastic_freedom(f"{name}.{k + 1}", unit, effort, turns=turns))
         return tuple(found)
 
     def _blocks(self) -> list[tuple[str, Field1D, slice]]:
@@ -300,21 +303,6 @@ _NEEDED: dict[str, tuple[str, ...]] = {
 _AREA = {"bending_y": "I_z", "bending_z": "I_y"}
 _ROW = {"axial": (0, 1.0), "torsion": (3, 1.0), "bending_y": (1, 1.0), "bending_z": (2, -1.0)}
 _TURNED = {"bending_y": 5, "bending_z": 4}  # th_z = dv/dx, th_y = -dw/dx
-
-
-def _nodal_freedom(label: str, *, turns: bool) -> Freedom:
-    """A nodal coordinate: displacement, slope or curvature times powers of the element's length."""
-    unit, effort = ("rad", "N m") if turns else ("m", "N")
-    return Freedom(
-        label,
-        Signal(f"{label}.force", effort),
-        (
-            Signal(f"{label}.displacement", unit),
-            Signal(f"{label}.velocity", f"{unit}/s"),
-            Signal(f"{label}.acceleration", f"{unit}/s^2"),
-        ),
-        turns=turns,
-    )
 
 
 def _square(n: int, part: slice, matrix: NDArray[np.float64]) -> NDArray[np.float64]:

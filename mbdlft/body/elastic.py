@@ -22,6 +22,7 @@ from pydantic import model_validator
 from mbdlft.body.base import Body
 from mbdlft.description import Text, Values
 from mbdlft.errors import SceneError
+from mbdlft.signal import Freedom, Signal
 from mbdlft.spatial import Coordinate
 
 NEGLECTED = "neglected"
@@ -96,6 +97,16 @@ class ElasticBody(Body, abc.ABC):
 
     def shape_transposed(self, port: str, values: Values, vector: ca.SX) -> ca.SX:
         return times_transposed(self.shapes(port, values), vector)
+
+
+def elastic_freedom(label: str, unit: str, effort: str, *, turns: bool = False) -> Freedom:
+    """A coordinate of a deformation in a unit, with its generalized force in another."""
+    measures = (
+        Signal(f"{label}.displacement", unit),
+        Signal(f"{label}.velocity", f"{unit}/s"),
+        Signal(f"{label}.acceleration", f"{unit}/s^2"),
+    )
+    return Freedom(label, Signal(f"{label}.force", effort), measures, turns=turns)
 
 
 def times(terms: Sequence[Term], vector: ca.SX) -> ca.SX:

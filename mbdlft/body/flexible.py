@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import InstanceOf, model_validator
 
-from mbdlft.body.elastic import Elastic, ElasticBody, Term, elastic_problem
+from mbdlft.body.elastic import Elastic, ElasticBody, Term, elastic_freedom, elastic_problem
 from mbdlft.body.rigid import Inertia, RigidBody, inertia_entries, newton_euler
 from mbdlft.description import (
     ANY_UNIT,
@@ -27,7 +27,7 @@ from mbdlft.description import (
     vector_quantities,
 )
 from mbdlft.errors import SceneError
-from mbdlft.signal import Freedom, Signal
+from mbdlft.signal import Freedom
 
 Six = tuple[Quantity, Quantity, Quantity, Quantity, Quantity, Quantity]
 _DIRECTIONS = (*AXES, *(f"r{axis}" for axis in AXES))
@@ -103,7 +103,10 @@ class FlexibleBody(ElasticBody):
         return found
 
     def freedoms(self) -> tuple[Freedom, ...]:
-        return tuple(modal_freedom(f"mode{k}") for k in range(1, len(self.modes) + 1))
+        return tuple(
+            elastic_freedom(f"mode{k}", "kg^1/2 m", "kg^1/2 m/s^2")  # of unit mass
+            for k in range(1, len(self.modes) + 1)
+        )
 
     def elastic(self, values: Values) -> Elastic:
         n = len(self.modes)
@@ -167,20 +170,6 @@ class FlexibleBody(ElasticBody):
         )
         problem = rigid.physical_problem(values)
         return problem or elastic_problem(self, values, _mass_matrix(self, values))
-
-
-def modal_freedom(label: str) -> Freedom:
-    """A modal coordinate of unit mass."""
-    return Freedom(
-        label,
-        Signal(f"{label}.force", "kg^1/2 m/s^2"),
-        (
-            Signal(f"{label}.displacement", "kg^1/2 m"),
-            Signal(f"{label}.velocity", "kg^1/2 m/s"),
-            Signal(f"{label}.acceleration", "kg^1/2 m/s^2"),
-        ),
-        turns=False,
-    )
 
 
 def _mass_matrix(
