@@ -60,7 +60,7 @@ def linearize(equations: Equations, inputs: Sequence[int], outputs: Sequence[int
     load = ca.SX.sym("load", e.load.numel())
     none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z, e.u, e.load)]
     # xdot, z and u enter linearly as they are, beside what the spin of the frame makes
-    alone = ca.sparsify(ca.vertcat(*function(*none, *at)))
+    alone = ca.SX(ca.sparsify(ca.vertcat(*function(*none, *at))))
     moved = ca.SX(ca.vertcat(*function(e.xdot, none[1], e.z, chosen, none[4], *at)))
     if alone.nnz():
         signals = ca.vertcat(e.xdot, e.z, e.u[list(inputs)])
@@ -72,7 +72,8 @@ def linearize(equations: Equations, inputs: Sequence[int], outputs: Sequence[int
     linear = moved + ca.mtimes(ca.sparsify(slopes(none[1], none[3], none[4], symbols)), e.x)
     lifted, value = slopes(none[1], e.u, load, symbols), load_value(e, p)
     total, given = ca.vertcat(load, e.u), given_value(e, p)
-    implicit = _Implicit(e, function, at)
+    n = e.residual.numel()
+    implicit = _Implicit(e, function, at, alone[:n])
     for k in range(e.x.numel()):
         column = lifted[:, k]
         if not ca.depends_on(column, total):
@@ -81,7 +82,6 @@ def linearize(equations: Equations, inputs: Sequence[int], outputs: Sequence[int
         if e.unknown and ca.depends_on(column, e.u[list(e.unknown)]):
             times = implicit.times(value * e.x[k], times, e.x[k])
         linear = linear + ca.jtimes(column, total, ca.vertcat(value * e.x[k], times))
-    n = e.residual.numel()
     unknown, known = split(e, inputs)
     return LinearModel(
         residual=ca.vertcat(linear[:n], *implicit.relations),
@@ -97,23 +97,25 @@ class _Implicit:
     """Unknown trim loads times displacements: signals l with A(p) l = b(p) dx, never solved for here."""
 
     def __init__(
-        self, equations: Equations, function: ca.Function, at: tuple[ca.SX, ca.SX, ca.SX]
+        self,
+        equations: Equations,
+        function: ca.Function,
+        at: tuple[ca.SX, ca.SX, ca.SX],
+        alone: ca.SX,
     ) -> None:
-        self.equations, self.function, self.at = equations, function, at
-        self.rows: tuple[int, ...] | None = None
+        self.equations, self.function, self.at, self.alone = equations, function, at, alone
         self.unknown: list[ca.SX] = []
         self.relations: list[ca.SX] = []
 
     def times(self, load: ca.SX, given: ca.SX, displacement: ca.SX) -> ca.SX:
         """u (n_u,) times a displacement; `load` and `given` are what they stand for times it."""
         e = self.equations
-        self.rows = trim_rows(e) if self.rows is None else self.rows
         signals = ca.SX.sym("lifted", len(e.unknown))
         u = ca.SX(given)
         u[list(e.unknown)] = signals
         self.unknown.append(signals)
-        relations = at_rest(e, self.function, u, load, self.at, displacement)
-        self.relations.append(relations[list(self.rows)])
+        relations = at_rest(e, self.function, u, load, self.at, self.alone, displacement)
+        self.relations.append(relations[list(trim_rows(e))])
         return u
 
 
@@ -123,12 +125,15 @@ def at_rest(
     u: ca.SX,
     load: ca.SX,
     at: tuple[ca.SX, ca.SX, ca.SX],
+    alone: ca.SX,
     scale: ca.SX,
 ) -> ca.SX:
-    """Residual at rest, times `scale`: u and load are already multiplied by it."""
+    """Residual at rest, times `scale`: u and load are already multiplied by it.
+
+    `alone` is the residual without either, what the spin of the frame needs.
+    """
     e = equations
     none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z, e.u, e.load)]
-    alone = ca.sparsify(function(*none, *at)[0])  # what the spin of the frame needs
     if not alone.nnz():
         return ca.SX(function(*none[:3], u, load, *at)[0])
     symbol = ca.SX.sym("load", e.load.numel())
@@ -152,6 +157,9 @@ def trim_relations(equations: Equations) -> LinearModel:
     unknown, one = ca.SX.sym("u", len(e.unknown)), ca.SX.sym("one")
     u = ca.SX(given_value(e, p) * one)
     u[list(e.unknown)] = unknown
-    residual = at_rest(e, function, u, load_value(e, p) * one, (p, cosine, sine), one)
+    at = (p, cosine, sine)
+    none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z, e.u, e.load)]
+    alone = ca.sparsify(function(*none, *at)[0])
+    residual = at_rest(e, function, u, load_value(e, p) * one, at, alone, one)
     rows = list(trim_rows(e))
     return LinearModel(residual[rows], ca.SX(0, 1), unknown, one, symbols, e.parameters)
