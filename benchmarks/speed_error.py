@@ -1,0 +1,195 @@
+"""Seconds per model against error: this package, other tools and common practice on four systems.
+
+    python -m benchmarks.speed_error [--samples N] [--lines FILE] [--write PAGE] [--figure PICTURE]
+
+The same random values of the parameters for all; errors are against 50-digit arithmetic. A method whose
+error is above what it promises ends the program before anything is timed. Seconds are those of
+the processor in one thread, medians of rounds in which all methods take turns.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from benchmarks.arm import machine, write_between
+from benchmarks.speed.methods import CANDIDATES, Candidate, made
+from benchmarks.speed.own import whole
+from benchmarks.speed.picture import figure
+from benchmarks.speed.robots import Method
+from benchmarks.speed.systems import System, systems
+from benchmarks.speed.truth import Truth, entry_errors, pole_errors, truth
+
+SAMPLES, PROOFS, ROUNDS = 10_000, 200, 5
+TARGET_SECONDS, TARGET_ERROR = 1e-6, 1e-14  # of the LFT of the arm
+Row = dict[str, Any]
+
+
+def measured(system: System, samples: int, proofs: int, rounds: int) -> list[Row]:
+    """One row for each method: its errors first, then its time.
+
+    Raises
+    ------
+    SystemExit
+        A method is wrong.
+    """
+    values = system.samples(samples)
+    exact = truth(system, values, proofs)
+    rows: list[Row] = []
+    ready: list[tuple[Row, Method]] = []
+    for candidate in CANDIDATES:
+        start = time.process_time()
+        method = made(candidate, system)
+        build = time.process_time() - start
+        row: Row = {"system": system.name, "method": candidate.name, "samples": samples}
+        row |= {"proofs": len(exact.subset), "proved": exact.proved}
+        rows.append(row)
+        if isinstance(method, str):
+            row["reason"] = method
+            continue
+        row |= {"build_seconds": build} | errors(candidate, whole(method(values)), exact)
+        ready.append((row, method))
+    seconds: dict[str, list[float]] = {row["method"]: [] for row, _ in ready}
+    for _ in range(rounds):
+        for row, method in ready:
+            start = time.process_time()
+            method(values)
+            seconds[row["method"]].append(time.process_time() - start)
+    for row, _ in ready:
+        row["seconds_per_model"] = median(seconds[row["method"]]) / samples
+    return rows
+
+
+def errors(candidate: Candidate, found: np.ndarray, exact: Truth) -> Row:
+    """Errors of entries and poles, and the pole farthest to the right, found and true."""
+    own, poles = entry_errors(found, exact), pole_errors(found, exact)
+    worst = max(float(np.max(own)), float(np.max(poles)))
+    if not worst <= candidate.accepted:
+        raise SystemExit(f"{candidate.name} is wrong: error {worst:.1e}; no times are printed.")
+    return {
+        "error": max(float(np.max(own)), exact.proved),
+        "error_median": max(float(np.median(own)), exact.proved),
+        "pole_error": max(float(np.max(poles)), exact.proved),
+        "rightmost_pole": rightmost(found, exact.states),
+        "rightmost_pole_true": rightmost(exact.values.astype(float), exact.states),
+    }
+
+
+def rightmost(values: np.ndarray, states: int) -> float:
+    """Largest real part of a pole over the samples (1/s)."""
+    return float(np.max(np.linalg.eigvals(values[:, :states, :states]).real))
+
+
+def beaten(rows: Sequence[Row], own: Sequence[str]) -> list[str]:
+    """General tools that are faster and more accurate, on one system, than each of some methods."""
+    by_name = {row["method"]: row for row in rows if "error" in row}
+    mine = [by_name[name] for name in own]
+    return [
+        c.name
+        for c in CANDIDATES
+        if c.general and not c.own and (row := by_name.get(c.name)) is not None
+        and all(
+            row["error"] < r["error"] and row["seconds_per_model"] < r["seconds_per_model"]
+            for r in mine
+        )
+    ]
+
+
+def table(rows: Sequence[Row]) -> str:
+    """All rows in Markdown, what the fits miss, and whether the targets are met."""
+    lines = [
+        "| system | method | microseconds per model | largest error of an entry | median over the samples "
+        "| largest error of a pole | seconds to prepare |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for r in rows:
+        head = f"| {r['system']} | {r['method']} "
+        if "error" not in r:
+            lines.append(f"{head}| - | {r['reason']} | - | - | - |")
+            continue
+        lines.append(
+            f"{head}| {1e6 * r['seconds_per_model']:.3g} | {r['error']:.1e} | {r['error_median']:.1e} "
+            f"| {r['pole_error']:.1e} | {r['build_seconds']:.2g} |"
+        )
+    lines += ["", *missed(rows), "", *verdicts(rows), "", machine()]
+    return "\n".join(lines)
+
+
+def groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Rows by system."""
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        found.setdefault(row["system"], []).append(row)
+    return found
+
+
+def missed(rows: Sequence[Row]) -> list[str]:
+    """The largest real part of a pole over all samples, true and by the fits."""
+    fits = [c.name for c in CANDIDATES if c.accepted == float("inf")]
+    lines = [
+        "| system | largest real part of a pole over the samples (1/s) | "
+        + " | ".join(fits)
+        + " | 50 digits computed at | 80 bits differ there by |",
+        "|" + "---|" * (4 + len(fits)),
+    ]
+    for name, group in groups(rows).items():
+        by_name = {r["method"]: r for r in group if "error" in r}
+        true = next(iter(by_name.values()))
+        cells = [f"{by_name[fit]['rightmost_pole']:.3g}" for fit in fits]
+        lines.append(
+            f"| {name} | {abs(true['rightmost_pole_true']):.3g} | {' | '.join(cells)} "
+            f"| {true['proofs']} samples | {true['proved']:.0e} |"
+        )
+    return lines
+
+
+def verdicts(rows: Sequence[Row]) -> list[str]:
+    """Which general tools are both faster and more accurate; the target of the arm."""
+    lines = []
+    own = [c.name for c in CANDIDATES if c.own]
+    for title, names in [("both ways of this package", own), *((f"`{n}`", [n]) for n in own)]:
+        found = [f"{', '.join(b)} ({s})" for s, g in groups(rows).items() if (b := beaten(g, names))]
+        lines.append(f"- Faster and more accurate than {title}: {'; '.join(found) or 'none'}.")
+    arm = next((r for r in rows if r["method"] == own[0] and r["system"] == "two-link arm"), None)
+    if arm is not None:
+        us, error = 1e6 * arm["seconds_per_model"], arm["error"]
+        met = us <= 1e6 * TARGET_SECONDS and error <= TARGET_ERROR
+        lines.append(
+            f"- LFT of the arm: {us:.2f} us per sample and error {error:.1e}; target "
+            f"{1e6 * TARGET_SECONDS:g} us and {TARGET_ERROR:.0e}: {'met' if met else 'missed'}."
+        )
+    return lines
+
+
+def main() -> None:
+    """Print the table; write lines, table and figure if asked."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--samples", type=int, default=SAMPLES)
+    parser.add_argument("--proofs", type=int, default=PROOFS)
+    parser.add_argument("--rounds", type=int, default=ROUNDS)
+    parser.add_argument("--lines", type=Path, default=Path("docs/speed-error.jsonl"))
+    parser.add_argument("--write", type=Path)
+    parser.add_argument("--figure", type=Path)
+    options = parser.parse_args()
+    rows: list[Row] = []
+    with threadpool_limits(1):
+        for system in systems():
+            rows += measured(system, options.samples, options.proofs, options.rounds)
+    lines = "".join(json.dumps(row) + "\n" for row in rows)
+    options.lines.write_text(lines, encoding="utf-8")
+    text = table(rows)
+    print(text)
+    if options.write:
+        write_between(options.write, text)
+    if options.figure:
+        figure(options.figure, groups(rows))
+
+
+if __name__ == "__main__":
+    main()
