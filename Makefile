@@ -19,17 +19,23 @@ test: .venv/installed
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/python -m pytest
 
-bench: .venv/installed
+bench: .venv/compared
 	$(BIN)/python -m benchmarks.arm --write README.md
 	$(BIN)/python -m benchmarks.orders --write docs/orders.md
 	$(BIN)/python -m benchmarks.flexible --write docs/flexible.md
 	$(BIN)/python -m benchmarks.hard_cases --write docs/hard-cases.md
 	$(BIN)/python -m benchmarks.scaling --write docs/scaling.md --figure docs/scaling.png
+	$(BIN)/python -m benchmarks.speed_error --write docs/speed-error.md --figure docs/speed-error.png
 	$(BIN)/python -m benchmarks.ur5
 
 .venv/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
 	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test,robots]'
+	touch $@
+
+# other tools that speed and error are compared with
+.venv/compared: .venv/installed
+	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[benchmarks]'
 	touch $@
 
 clean:

@@ -23,8 +23,9 @@ from mbdlft.lft.bound import Bound
 from mbdlft.lft.evaluate import chunks, evaluate_at
 from mbdlft.lft.lft import LFT, Array
 from mbdlft.lft.model import Certificate
+from mbdlft.many import evaluate_in_chunks, evaluate_many
 from mbdlft.parameter import Parameter, to_delta
-from mbdlft.trim import evaluate_many, term_sizes, trim_efforts
+from mbdlft.trim import term_sizes, trim_efforts
 
 _RANDOM_POINTS, _MOST_CORNERS = 100, 128
 _FLOOR = 1e-2  # of the load (and the inertia it acts on): the size below which terms have cancelled
@@ -115,9 +116,11 @@ def reference_matrices(
     """
     e = equations
     efforts, _ = trim_efforts(e, points)
-    matrices, jacobian = linearized(e, inputs, outputs, points, efforts)
+    (jacobian,) = evaluate_many(_slope_function(e, tuple(inputs), tuple(outputs)), points, efforts)
     unknown, known = split(e, inputs)
     n, nk = unknown.numel(), known.numel()
+    matrices = np.empty((len(points), len(e.states) + len(outputs), nk))
+    _state_space(e, n, jacobian, matrices)
     symbols, effort, _, residual = _at_trim(e, tuple(inputs), tuple(outputs))
     given = ca.substitute(residual, effort, given_value(e, symbols))
     no_effort = ca.Function("load", [symbols], [ca.densify(given)])
@@ -138,13 +141,12 @@ def linearized(
     outputs: Sequence[int],
     points: Array,
     efforts: Array,
-) -> tuple[Array, Array]:
+) -> Array:
     """The nonlinear equations, linearized at points (N, n_p) with their efforts (N, n_u).
 
     Returns
     -------
     [A B ; C D] (N, ., .)
-    slopes of [residual ; outputs] by unknown, known and trim unknowns (N, ., .)
 
     Raises
     ------
@@ -153,18 +155,28 @@ def linearized(
     """
     e = equations
     function = _slope_function(e, tuple(inputs), tuple(outputs))
-    (jacobian,) = evaluate_many(function, points, efforts)
-    unknown, known = split(e, inputs)
-    n, nk = unknown.numel(), known.numel()
+    n = split(e, inputs)[0].numel()
+    values = np.empty((len(points), len(e.states) + len(outputs), len(e.states) + len(inputs)))
+    for part, (jacobian,) in evaluate_in_chunks(function, points, efforts):
+        _state_space(e, n, jacobian, values[part])
+    return values
+
+
+def _state_space(e: Equations, n: int, jacobian: Array, values: Array) -> None:
+    """Write [A B ; C D] (N, ., .) of slopes (N, ., .) as in `_at_trim`, by n unknown signals first."""
+    states, known = len(e.states), values.shape[2]
     try:
-        solved = _solved(jacobian[:, :n, :n], -jacobian[:, :n, n : n + nk])
+        solved = _solved(jacobian[:, :n, :n], -jacobian[:, :n, n : n + known])
     except np.linalg.LinAlgError:
         raise WellPosednessError(
             f"scene {e.name!r}: the mass matrix is singular at a point of the parameter range. Keep "
             "masses and inertias away from zero."
         ) from None
-    read = jacobian[:, n:, n : n + nk] + jacobian[:, n:, :n] @ solved
-    return np.concatenate([solved[:, : len(e.states)], read], axis=1), jacobian
+    values[:, :states] = solved[:, :states]
+    values[:, states:] = jacobian[:, n:, n : n + known]
+    by_unknown = jacobian[:, n:, :n]
+    if np.any(by_unknown):
+        values[:, states:] += by_unknown @ solved
 
 
 def _solved(matrix: Array, right: Array) -> Array:
@@ -172,22 +184,26 @@ def _solved(matrix: Array, right: Array) -> Array:
 
     The acceleration of an imposed coordinate is exactly its input, whatever stiffness is beside it.
     """
-    pattern = np.any(matrix != 0.0, axis=0)
+    pattern, acted = (np.any(part != 0.0, axis=0) for part in (matrix, right))
     rows = np.flatnonzero(pattern.sum(axis=1) == 1)
     alone = pattern[rows].argmax(axis=1)
     pivots = matrix[:, rows, alone]
     if len(set(alone)) < len(rows) or not np.all(pivots):
         raise np.linalg.LinAlgError("singular")
-    given = right[:, rows] / pivots[:, :, None]
-    others = np.setdiff1d(np.arange(matrix.shape[1]), rows)
-    coupled = np.setdiff1d(np.arange(matrix.shape[1]), alone)
-    rest = right[:, others] - matrix[:, others[:, None], alone] @ given
-    own = matrix[:, others[:, None], coupled]
+    others, coupled = (np.delete(np.arange(len(pattern)), taken) for taken in (rows, alone))
+    found = np.zeros_like(right)
+    # columns of zeros, as those of rates without damping, are not solved for
+    used = np.flatnonzero(np.any(acted[rows], axis=0))
+    found[:, alone[:, None], used] = right[:, rows[:, None], used] / pivots[:, :, None]
+    if np.any(pattern[np.ix_(others, alone)]):
+        right = right - matrix[:, :, alone] @ found[:, alone]
+        used = np.arange(right.shape[2])
+    else:
+        used = np.flatnonzero(np.any(acted[others], axis=0))
+    rest, own = right[:, others[:, None], used], matrix[:, others[:, None], coupled]
     inverse = np.linalg.inv(own)
     first = inverse @ rest
-    found = np.zeros_like(right)
-    found[:, alone] = given
-    found[:, coupled] = first + inverse @ (rest - own @ first)
+    found[:, coupled[:, None], used] = first + inverse @ (rest - own @ first)
     return found
 
 

@@ -20,6 +20,7 @@ from mbdlft.equations import (
 )
 from mbdlft.errors import TrimError, unknown_name
 from mbdlft.lft.lft import Array
+from mbdlft.many import evaluate_many
 from mbdlft.signal import Signal
 
 _RESIDUAL = 1e-9
@@ -170,14 +171,7 @@ def check_prestress(equations: Equations, points: Array, efforts: Array) -> None
     e = equations
     if not e.carried_by:
         return
-    symbols, p, cosine, sine = physical_symbols(e.parameters)
-    still = [e.xdot, e.x, e.z]
-    rest = ca.substitute([e.carried], still, [ca.SX.zeros(s.numel()) for s in still])
-    function = ca.Function("carried", [e.u, e.load, e.p, e.cosine, e.sine], rest)
-    u, load = ca.SX.sym("u", e.u.numel()), load_value(e, p)
-    values = function(u, load, p, cosine, sine)
-    at = ca.Function("carried", [symbols, u], [ca.densify(values), ca.densify(load)])
-    carried, loads = evaluate_many(at, points, efforts)
+    carried, loads = evaluate_many(_carried_at_rest(e), points, efforts)
     largest = np.max(np.abs(carried[:, :, 0]), axis=0)
     floor = _CARRIED * max(np.max(np.abs(loads), initial=0.0), np.max(np.abs(efforts), initial=0.0))
     loaded = np.flatnonzero(largest > floor)
@@ -190,6 +184,18 @@ def check_prestress(equations: Equations, points: Array, efforts: Array) -> None
             "the displaced mass; it does not have the change of the body's own stiffness by the load "
             "(buckling, tension). Where that may be left out, write prestress = 'neglected' in the body."
         )
+
+
+@lru_cache(maxsize=1)  # a sweep asks for it again and again
+def _carried_at_rest(e: Equations) -> ca.Function:
+    """(physical values, efforts) -> wrenches through elastic bodies, loads of the scene."""
+    symbols, p, cosine, sine = physical_symbols(e.parameters)
+    still = [e.xdot, e.x, e.z]
+    rest = ca.substitute([e.carried], still, [ca.SX.zeros(s.numel()) for s in still])
+    function = ca.Function("carried", [e.u, e.load, e.p, e.cosine, e.sine], rest)
+    u, load = ca.SX.sym("u", e.u.numel()), load_value(e, p)
+    values = function(u, load, p, cosine, sine)
+    return ca.Function("carried", [symbols, u], [ca.densify(values), ca.densify(load)])
 
 
 @lru_cache(maxsize=1)  # the stages of one scene ask for the same
@@ -335,20 +341,6 @@ def _unbalanced(e: Equations, points: Array, residual: Array, worst: int) -> str
         "the angle as a parameter and let the trim solve for a load or preload, which is exact, or (b) "
         "fit the position by a rational function with a guaranteed bound (fit_positions)."
     )
-
-
-def evaluate_many(function: ca.Function, points: Array, *others: Array) -> list[Array]:
-    """Values of a function of column vectors at many points, each (N, rows, columns)."""
-    count = len(points)
-    arguments = [np.ascontiguousarray(part.T) for part in (points, *others)]
-    if points.shape[1] == 0:  # an argument without rows cannot tell how many points there are
-        each = [function.call([column[:, k] for column in arguments]) for k in range(count)]
-        return [np.stack([values[k].full() for values in each]) for k in range(function.n_out())]
-    found = []
-    for k, value in enumerate(function.call(arguments)):
-        rows, columns = function.size_out(k)
-        found.append(value.full().reshape(rows, count, columns).transpose(1, 0, 2))
-    return found
 
 
 def term_sizes(tape: ca.Function, points: Array) -> Array:

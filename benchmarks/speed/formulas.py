@@ -57,9 +57,7 @@ def by_sympy(system: System, seconds: float = 300.0) -> Method:
     symbols = {p.name: sympy.Symbol(p.name) for p in system.parameters}
     degree = sympy.Float(np.pi / 180.0, 17)
     with limited(seconds):
-        motion = system.motion(
-            system.in_radians(symbols, degree), Circle(sympy.cos, sympy.sin)
-        )
+        motion = system.motion(system.in_radians(symbols, degree), Circle(sympy.cos, sympy.sin))
         n, nu = len(motion.M), len(motion.inputs)
         if n <= _SYMBOLIC:
             entries = _entries(state_space(motion))
@@ -100,9 +98,7 @@ def by_sympy(system: System, seconds: float = 300.0) -> Method:
         values[:, 2 * n :, : 2 * n] = outputs[:, :, : 2 * n]
         used = np.flatnonzero(outputs[:, :, 2 * n :].any(axis=(0, 2)))
         if len(used):
-            values[:, 2 * n + used] += (
-                outputs[:, used, 2 * n :] @ values[:, n : 2 * n]
-            )
+            values[:, 2 * n + used] += outputs[:, used, 2 * n :] @ values[:, n : 2 * n]
 
     def method(samples: Samples) -> Array:
         count = len(next(iter(samples.values())))
@@ -129,9 +125,7 @@ def _entries(rows: list[list[Any]]) -> dict[tuple[int, int], Any]:
 def by_compiled_c(system: System) -> Method:
     """All of [A B ; C D] as C code, the mass matrix solved with in it, in a loop over samples in C."""
     symbols = {p.name: ca.SX.sym(p.name) for p in system.parameters}
-    motion = system.motion(
-        system.in_radians(symbols, np.pi / 180.0), Circle(ca.cos, ca.sin)
-    )
+    motion = system.motion(system.in_radians(symbols, np.pi / 180.0), Circle(ca.cos, ca.sin))
     rows = state_space(motion)
     shape = (len(rows), len(rows[0]))
     constant, varying = np.zeros(shape), {}
@@ -161,7 +155,14 @@ def by_compiled_c(system: System) -> Method:
         points = np.stack([samples[name] for name in symbols], axis=-1)
         values = np.empty((len(points), *shape))
         library.samples(
-            len(points), points.shape[1], len(index), values[0].size, points, constant, index, values
+            len(points),
+            points.shape[1],
+            len(index),
+            values[0].size,
+            points,
+            constant,
+            index,
+            values,
         )
         return values
 

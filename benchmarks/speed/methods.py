@@ -37,7 +37,11 @@ CANDIDATES = (
     Candidate("pinocchio", by_pinocchio, module="pinocchio", rigid=True),
     Candidate("MuJoCo, one-sided", by_mujoco, DIFFERENCES, module="mujoco", rigid=True),
     Candidate(
-        "MuJoCo, central", partial(by_mujoco, central=True), DIFFERENCES, module="mujoco", rigid=True
+        "MuJoCo, central",
+        partial(by_mujoco, central=True),
+        DIFFERENCES,
+        module="mujoco",
+        rigid=True,
     ),
     Candidate("Drake", by_drake, module="pydrake", rigid=True),
     Candidate("SymPy", by_sympy, module="sympy"),

@@ -121,7 +121,10 @@ def chain_motion(links: Sequence[Link], circle: Circle) -> Motion:
         seen = [[dot(column, axis) for column in zip(*turn, strict=True)] for axis in axes]
         for body in link.bodies:
             arms = [
-                [less(add(x, dot(row, body.center)), y) for x, row, y in zip(point, turn, p, strict=True)]
+                [
+                    less(add(x, dot(row, body.center)), y)
+                    for x, row, y in zip(point, turn, p, strict=True)
+                ]
                 for p in points
             ]
             moved = [cross(axis, arm) for axis, arm in zip(axes, arms, strict=True)]
@@ -172,9 +175,7 @@ def state_space(motion: Motion) -> Matrix:
     place = [[int(i == j) for j in range(width)] for i in range(n)]
     rate = [[int(n + i == j) for j in range(width)] for i in range(n)]
     signals = [*place, *rate, *accelerations]
-    read = [
-        [dot(row, column) for column in zip(*signals, strict=True)] for row in motion.outputs
-    ]
+    read = [[dot(row, column) for column in zip(*signals, strict=True)] for row in motion.outputs]
     return [*rate, *accelerations, *read]
 
 

@@ -41,17 +41,24 @@ def figure(path: Path, groups: Mapping[str, Sequence[Mapping[str, Any]]]) -> Non
             panel.scatter(
                 row["error"], y, marker=marker, color=color, s=size, zorder=3, label=row["method"]
             )
-        absent = [row["method"] for row in rows if "error" not in row]
-        panel.set_title(name)
+        absent = list(dict.fromkeys(r["method"].split(",")[0] for r in rows if "error" not in r))
+        panel.set_title(f"{name}: {rows[0]['states']} states, {rows[0]['parameters']} parameters")
         if absent:
             panel.text(
-                0.98, 0.97, "cannot: " + "\n".join(absent), transform=panel.transAxes, ha="right",
-                va="top", fontsize=8, color="0.4",
-            )  # fmt: skip
+                0.98,
+                0.96,
+                "not possible with\n" + "\n".join(absent),
+                transform=panel.transAxes,
+                ha="right",
+                va="top",
+                fontsize=9,
+                color="0.4",
+            )
         panel.set(xscale="log", yscale="log")
         panel.grid(visible=True, alpha=0.3)
+    count = next(iter(groups.values()))[0]["samples"]
     for panel in panels[-1]:
-        panel.set_xlabel("largest error over all samples, relative")
+        panel.set_xlabel(f"largest relative error over {count} samples (bar: of a pole)")
     for panel in panels[:, 0]:
         panel.set_ylabel("seconds per model")
     handles: dict[str, Any] = {}

@@ -36,8 +36,10 @@ def by_polynomials(system: System, degree: int) -> Method:
         gram += basis.T @ basis
         right = basis.T @ flat if right is None else right + basis.T @ flat
         ends = np.stack([flat.min(axis=0), flat.max(axis=0)])
-        seen = ends if seen is None else np.stack(
-            [np.minimum(seen[0], ends[0]), np.maximum(seen[1], ends[1])]
+        seen = (
+            ends
+            if seen is None
+            else np.stack([np.minimum(seen[0], ends[0]), np.maximum(seen[1], ends[1])])
         )
     assert right is not None
     assert seen is not None

@@ -5,7 +5,7 @@ for the slope of gravity's torques and for the mass matrix; these are solved wit
 together, and written into arrays that are there already.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -126,7 +126,9 @@ def by_pinocchio(system: System) -> Method:
         slope, mass = np.empty((count, n, n)), np.empty((count, n, n))
         heavier, longer = now.changes()
         moments = {k: now.rigid[k].inertia[:, :, None] * np.eye(3) for k in heavier}
-        given = [(k + 1, now.rigid[k].mass.tolist(), now.rigid[k].center, moments[k]) for k in heavier]
+        given = [
+            (k + 1, now.rigid[k].mass.tolist(), now.rigid[k].center, moments[k]) for k in heavier
+        ]
         places = [(k + 1, now.rigid[k].offset) for k in longer]
         Inertia, derivatives = pin.Inertia, pin.computeRNEADerivatives
         inertias, placements, angles = model.inertias, model.jointPlacements, now.angles
@@ -239,7 +241,9 @@ def by_drake(system: System) -> Method:
         )
 
     def placed(body: Rigid, quarter: bool, s: int) -> Any:  # noqa: FBT001
-        return RigidTransform(RollPitchYaw(0.0, np.pi / 2.0 if quarter else 0.0, 0.0), body.offset[s])
+        return RigidTransform(
+            RollPitchYaw(0.0, np.pi / 2.0 if quarter else 0.0, 0.0), body.offset[s]
+        )
 
     before = plant.world_body()
     for k, (link, body) in enumerate(zip(start.links, start.rigid, strict=True)):
@@ -263,9 +267,7 @@ def by_drake(system: System) -> Method:
         bodies = [
             (now.rigid[k], *(p.GetBodyByName(f"link{k}") for p in (plant, smooth))) for k in heavier
         ]
-        places = [
-            (k, *(p.GetFrameByName(f"place{k}") for p in (plant, smooth))) for k in longer
-        ]
+        places = [(k, *(p.GetFrameByName(f"place{k}") for p in (plant, smooth))) for k in longer]
         for s in range(count):
             for body, plain, wide in bodies:
                 plain.SetSpatialInertiaInBodyFrame(contexts[0], inertia(body, s))
@@ -285,5 +287,3 @@ def by_drake(system: System) -> Method:
         return assembled(now.links, mass, slope)
 
     return method
-
-

@@ -41,7 +41,8 @@ class System:
         """The values with angles in rad; `degree` is one degree."""
         units = {p.name: p.unit for p in self.parameters}
         return {
-            name: value * degree if units[name] == "deg" else value for name, value in values.items()
+            name: value * degree if units[name] == "deg" else value
+            for name, value in values.items()
         }
 
 
@@ -144,5 +145,7 @@ def systems() -> tuple[System, ...]:
         chain("two-link arm", load(SCENARIOS / "two_link_arm.toml"), arm_links),
         chain("spatial chain of 4", scaling.scene("spatial chain", 4, few=True), chain_links),
         chain("UR5", ur5.scene(urdf()), ur5_links),
-        System("flexible satellite", load(SCENARIOS / "rotatory_spacecraft.toml"), spacecraft_motion),
+        System(
+            "flexible satellite", load(SCENARIOS / "rotatory_spacecraft.toml"), spacecraft_motion
+        ),
     )

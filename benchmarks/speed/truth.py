@@ -20,9 +20,12 @@ from tests.close import EPS
 
 DIGITS = 50
 LONG = np.longdouble
-NEGLIGIBLE = 1e-8  # an entry below this part of its row (of A, C) or column (of B, D) is compared with that
+NEGLIGIBLE = (
+    1e-8  # an entry below this part of its row (of A, C) or column (of B, D) is compared with that
+)
 _PI = LONG("3.14159265358979323846264338327950288419716939937510582")
 _PROVED = 10.0 * EPS  # below what any method in double precision gets where this is reached
+_CHUNK = 1000  # samples that are compared at once
 _BALL = 1e-20  # radius of a pole that was computed with 50 digits, relative to the largest
 
 
@@ -47,6 +50,13 @@ class Truth:
     subset: np.ndarray
     proved: float
     states: int
+
+    @property
+    def rightmost(self) -> np.ndarray:
+        """Largest real part of a pole at each sample (N,)."""
+        if self.poles.size:
+            return np.asarray(np.max(self.poles.real, axis=1), dtype=float)
+        return np.asarray(np.sqrt(np.maximum(np.max(self.squares, axis=1), 0.0)), dtype=float)
 
 
 def truth(system: System, samples: dict[str, np.ndarray], proofs: int) -> Truth:
@@ -179,17 +189,21 @@ def entry_sizes(values: np.ndarray, states: int) -> np.ndarray:
 
 def entry_errors(found: np.ndarray, exact: Truth) -> np.ndarray:
     """Largest error of an entry of [A B ; C D] at each sample (N,)."""
-    difference = np.abs(found - exact.values).astype(float)
-    return np.asarray(np.max(difference / entry_sizes(exact.values, exact.states), axis=(1, 2)))
+    sizes = entry_sizes(exact.values, exact.states)
+    errors = np.empty(len(found))
+    for start in range(0, len(found), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        difference = np.abs(found[part] - exact.values[part]).astype(float)
+        errors[part] = np.max(difference / sizes, axis=(1, 2))
+    return errors
 
 
-def pole_errors(found: np.ndarray, exact: Truth) -> np.ndarray:
-    """Largest error of a pole at each sample (N,), relative to the largest pole.
+def pole_errors(poles: np.ndarray, exact: Truth) -> np.ndarray:
+    """Largest error of a pole (N, 2 n) at each sample (N,), relative to the largest pole.
 
     Without damping, that of its square relative to the largest square: a pair near zero is as far
     from zero as the root of any error.
     """
-    poles = np.linalg.eigvals(found[:, : exact.states, : exact.states])
     if exact.squares.size:
         squares = poles**2
         order = np.argsort(squares.real, axis=1)

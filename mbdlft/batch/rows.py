@@ -72,16 +72,14 @@ class EquationSource:
     @property
     def chunk(self) -> int:
         """Samples that are held at once."""
-        e = self.equations
-        rows = e.residual.numel() + len(self.outputs)
-        columns = rows + len(e.states) + len(self.inputs) + len(e.unknown)
-        return max(1, min(_CHUNK, _CHUNK_ENTRIES // (rows * columns)))
+        states = len(self.equations.states)
+        entries = (states + len(self.outputs)) * (states + len(self.inputs))
+        return max(1, min(_CHUNK, _CHUNK_ENTRIES // max(1, entries)))
 
     def rows(self, points: Array) -> tuple[Array, Array, Array, Array]:
         """As `Source.rows`."""
-        shape = self.layout.matrix_shape
         count, unknown = len(points), list(self.equations.unknown)
-        matrices = np.full((count, *shape), np.nan)
+        matrices = np.empty((count, *self.layout.matrix_shape))
         trim, residual = np.full((count, len(unknown)), np.nan), np.full(count, np.nan)
         status = np.full(count, float(SINGULAR))
 
@@ -89,18 +87,20 @@ class EquationSource:
             e, at = self.equations, points[some]
             found = balance(e, at)
             status[some] = np.where(found.unbalanced, NO_EQUILIBRIUM, SINGULAR)
-            good = ~found.unbalanced & np.all(np.isfinite(found.efforts), axis=1)
-            efforts, kept = found.efforts[good], some[good]
-            if not len(kept):
+            good = np.flatnonzero(~found.unbalanced & np.all(np.isfinite(found.efforts), axis=1))
+            if not len(good):
                 return
-            values, _ = linearized(e, self.inputs, self.outputs, at[good], efforts)
+            efforts, kept = found.efforts[good], some[good]
+            values = linearized(e, self.inputs, self.outputs, at[good], efforts)
             check_prestress(e, at[good], efforts)
+            matrices[_as_slice(kept)] = values
             finite = np.all(np.isfinite(values), axis=(1, 2))
             kept = kept[finite]
-            matrices[kept], trim[kept] = values[finite], efforts[finite][:, unknown]
+            trim[kept] = efforts[finite][:, unknown]
             residual[kept], status[kept] = found.relative[good][finite], SOLVED
 
         _halves(fill, np.arange(count))
+        matrices[status != SOLVED] = np.nan
         return matrices, trim, residual, status
 
 
@@ -156,6 +156,12 @@ class ModelSource:
 
         _halves(fill, np.arange(count))
         return matrices, trim, residual, status
+
+
+def _as_slice(some: Indices) -> slice | Indices:
+    """Indices, as a slice if they are without gaps: that is copied in one go."""
+    whole = some[-1] - some[0] + 1 == len(some)
+    return slice(int(some[0]), int(some[-1]) + 1) if whole else some
 
 
 def _halves(fill: Callable[[Indices], None], some: Indices) -> None:

@@ -19,10 +19,15 @@ from mbdlft.lft.lft import LFT
 Operand = int | float  # a register, or a number
 
 ADD, SUBTRACT, MULTIPLY, DIVIDE, SIZE = "add", "subtract", "multiply", "divide", "size"
+ROOT, COSINE, SINE = (
+    "root",
+    "cosine",
+    "sine",
+)  # not in an LFT: of other functions that are run like one
 
 
 class Instruction(NamedTuple):
-    """target := left operation right; `SIZE` is |left| and has no right side."""
+    """target := left operation right; `SIZE` is |left|, and like roots and cosines has no right side."""
 
     operation: str
     target: int
@@ -61,8 +66,8 @@ class _TooLongError(Exception):
     """The program has more instructions than it may have."""
 
 
-class _Tape:
-    """Instructions that are written once each; numbers are computed at once."""
+class Tape:
+    """Instructions that are written once each; sums and products of numbers are computed at once."""
 
     def __init__(self, inputs: int, most: int) -> None:
         self.inputs, self.most = inputs, most
@@ -117,7 +122,7 @@ class _Tape:
 
 def program(a: LFT, most: int) -> Program | None:
     """The program of an LFT, or nothing if it would have more than `most` instructions."""
-    tape = _Tape(len(a.blocks), most)
+    tape = Tape(len(a.blocks), most)
     try:
         entries, pivots = _close(a, tape)
     except _TooLongError:
@@ -125,9 +130,7 @@ def program(a: LFT, most: int) -> Program | None:
     return Program(tape.inputs, tuple(tape.instructions), entries, pivots)
 
 
-def _close(
-    a: LFT, tape: _Tape
-) -> tuple[tuple[tuple[tuple[int, int], int], ...], tuple[Pivot, ...]]:
+def _close(a: LFT, tape: Tape) -> tuple[tuple[tuple[tuple[int, int], int], ...], tuple[Pivot, ...]]:
     """Close all channels; the entries of the value that depend on deltas, and the pivots."""
     n = a.order
     delta = np.repeat(np.arange(len(a.blocks)), [block.size for block in a.blocks])

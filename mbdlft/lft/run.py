@@ -8,7 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.lft.lft import Array
-from mbdlft.lft.program import ADD, DIVIDE, MULTIPLY, SIZE, SUBTRACT, Instruction, Program
+from mbdlft.lft.program import (
+    ADD,
+    COSINE,
+    DIVIDE,
+    MULTIPLY,
+    ROOT,
+    SINE,
+    SIZE,
+    SUBTRACT,
+    Instruction,
+    Program,
+)
 
 _CACHE = 2**20  # numbers in all vectors of a run: they stay near a core
 _SHORTEST, _LONGEST = 512, 5120  # samples of a vector
@@ -19,6 +30,9 @@ _CALLS: dict[str, Callable[..., Any]] = {
     MULTIPLY: np.multiply,
     DIVIDE: np.divide,
     SIZE: np.copysign,  # of +0: the absolute value
+    ROOT: lambda left, _, target: np.sqrt(left, target),
+    COSINE: lambda left, _, target: np.cos(left, target),
+    SINE: lambda left, _, target: np.sin(left, target),
 }
 
 
