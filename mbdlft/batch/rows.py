@@ -17,6 +17,7 @@ from mbdlft.errors import WellPosednessError
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import Array
 from mbdlft.lft.model import LFTModel, deltas_of
+from mbdlft.many import MANY
 from mbdlft.parameter import Parameter
 from mbdlft.scene import Scene, assemble
 from mbdlft.signal import Signal
@@ -72,9 +73,16 @@ class EquationSource:
     @property
     def chunk(self) -> int:
         """Samples that are held at once."""
-        states = len(self.equations.states)
+        e = self.equations
+        states = len(e.states)
         entries = (states + len(self.outputs)) * (states + len(self.inputs))
-        return max(1, min(_CHUNK, _CHUNK_ENTRIES // max(1, entries)))
+        size = min(_CHUNK, _CHUNK_ENTRIES // max(1, entries))
+        if size >= MANY:
+            return size
+        # fewer are not vectors: the slopes of all of them are held at once
+        rows = e.residual.numel() + len(self.outputs)
+        columns = rows + states + len(self.inputs) + len(e.unknown)
+        return max(1, min(_CHUNK, _CHUNK_ENTRIES // (rows * columns)))
 
     def rows(self, points: Array) -> tuple[Array, Array, Array, Array]:
         """As `Source.rows`."""

@@ -1,13 +1,18 @@
 """Values at many points are those of the function at each."""
 
+from pathlib import Path
+
 import casadi as ca
 import numpy as np
 import pytest
 
-import mbdlft.many as many
+import mbdlft
+from mbdlft import many
+from mbdlft.batch.rows import source_of
 from mbdlft.lft.run import _CALLS
 from tests.close import exact, roundoff
 
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
 COUNT = 3 * many.MANY
 
 
@@ -78,6 +83,18 @@ def test_an_operation_without_a_program_is_called() -> None:
 def test_a_long_function_is_called(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(many, "_LONGEST", 3)
     assert many.vectors(operations()) is None
+
+
+@pytest.mark.parametrize("name", ["two_link_arm", "solar_arrays"])
+def test_linearizations_are_those_of_calls(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where accelerations are imposed, which one equation alone gives."""
+    source = source_of(mbdlft.load_scene(SCENARIOS / f"{name}.toml"))
+    samples = mbdlft.random(source.parameters, many.MANY + 1, seed=2)
+    at = np.stack([samples[p.name] for p in source.parameters], axis=-1)
+    found = source.rows(at)
+    monkeypatch.setattr(many, "MANY", len(at) + 1)
+    for part, expected in zip(found, source.rows(at), strict=True):
+        roundoff(part, expected)
 
 
 def test_a_wrong_operation_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
