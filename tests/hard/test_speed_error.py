@@ -96,12 +96,16 @@ def test_a_wrong_method_is_not_timed() -> None:
 
 
 def test_a_tool_that_is_faster_and_more_accurate_is_named() -> None:
-    own = {"system": "s", "method": "mbdlft, LFT", "error": 1e-15, "seconds_per_model": 1e-6}
+    own: Row = {"method": "mbdlft, LFT", "error": 1e-15, "seconds_per_model": 1e-6}
+    own |= {"system": "s", "pole_error": 3e-15, "pole_rounding": 1e-15}
     better = own | {"method": "Drake", "error": 5e-16, "seconds_per_model": 5e-7}
     exact(speed_error.beaten([own, better], ["mbdlft, LFT"]), ["Drake"])
     for key in ("error", "seconds_per_model"):
         exact(speed_error.beaten([own, better | {key: own[key]}], ["mbdlft, LFT"]), [])
     exact(speed_error.beaten([own, better | {"method": "compiled C"}], ["mbdlft, LFT"]), [])
+    poles = better | {"error": own["error"], "pole_error": 1e-15}
+    exact(speed_error.beaten([own, poles], ["mbdlft, LFT"]), ["Drake"])
+    exact(speed_error.beaten([own, poles | {"pole_error": 2.5e-15}], ["mbdlft, LFT"]), [])
 
 
 def test_80_bits_that_are_64_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:

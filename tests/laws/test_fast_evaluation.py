@@ -140,12 +140,12 @@ def test_lost_digits_are_computed_again(monkeypatch: pytest.MonkeyPatch) -> None
 def test_wrong_program_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     points = deltas_of(arm(), mbdlft.random(arm().parameters, MANY))
     right = dense(arm().lft, points)
-    multiply = programs._Tape.multiply
+    multiply = programs.Tape.multiply
 
-    def slip(self: programs._Tape, a: programs.Operand, b: programs.Operand) -> programs.Operand:
+    def slip(self: programs.Tape, a: programs.Operand, b: programs.Operand) -> programs.Operand:
         return multiply(self, a, b * (1.0 + 2.0**-30) if isinstance(b, float) and b != 1.0 else b)
 
-    monkeypatch.setattr(programs._Tape, "multiply", slip)
+    monkeypatch.setattr(programs.Tape, "multiply", slip)
     module._plan.cache_clear()
     wrong, _ = by_program(arm().lft, points)
     assert error(wrong, right) > EVALUATION
