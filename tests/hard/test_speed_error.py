@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -20,6 +21,11 @@ from benchmarks.speed.systems import System, systems
 from benchmarks.speed.truth import entry_errors, pole_errors, truth
 from benchmarks.speed_error import Row, groups, json_lines, measured, table
 from tests.close import CLOSED_FORM, EVALUATION, exact, roundoff
+
+try:
+    distribution("example-robot-data")
+except PackageNotFoundError:
+    pytest.skip("the robot is not installed: pip install -e '.[robots]'", allow_module_level=True)
 
 # other tools are imported here, old ones beside new ones
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
