@@ -32,6 +32,7 @@ _ROUNDING = 1e-9  # 1/s: a smaller real part is that of an undamped pole
 Row = dict[str, Any]
 
 
+@threadpool_limits.wrap(limits=1)
 def measured(
     system: System,
     samples: int,
@@ -204,9 +205,8 @@ def main() -> None:
     parser.add_argument("--figure", type=Path)
     options = parser.parse_args()
     rows: list[Row] = []
-    with threadpool_limits(1):
-        for system in systems():
-            rows += measured(system, options.samples, options.proofs, options.rounds)
+    for system in systems():
+        rows += measured(system, options.samples, options.proofs, options.rounds)
     options.lines.write_text(json_lines(rows), encoding="utf-8")
     text = table(rows)
     print(text)
