@@ -29,7 +29,7 @@ from mbdlft.scene import Scene, assemble, scene_to_toml
 from mbdlft.trim import trim_efforts
 
 SEED = 0
-_LOSSY = 1e-12  # error of a model above which another way of reducing it is tried
+_LOSSY = 2e-14  # error of a model above which another way of reducing it is tried
 _MOST_RETRIED = 400  # channels before reduction; for more it would take too long
 SEARCH = 2.0  # s; some milliseconds are enough where the order meets the bound at once
 

@@ -113,6 +113,23 @@ class Body(Description, abc.ABC):
         """Mass of the body (kg)."""
         return ca.SX(values.get("mass", 0.0))
 
+    def mass_and_moment(self, values: Values, inboard: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Mass (kg), and first moment (3,) about the inboard port (kg m), at rest and undeformed.
+
+        They are what accelerations along x and y need.
+        """
+        zero = ca.SX(len(self.freedoms()), 1)
+        x, y = (
+            self.wrench(
+                ca.horzcat(ca.SX(3, 2), ca.SX.eye(3)[:, k]),
+                values,
+                inboard,
+                Coordinate(zero, zero, zero),
+            )
+            for k in range(2)
+        )
+        return x[0, 0], ca.vertcat(y[2, 1], -x[2, 1], x[1, 1])
+
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
         """Which condition of physics fails at one of the sampled values, or None."""
         return None

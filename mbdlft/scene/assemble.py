@@ -17,12 +17,13 @@ from mbdlft.lft.lft import Array
 from mbdlft.scene.channels import body_channels, body_inputs
 from mbdlft.scene.check import check, check_fit
 from mbdlft.scene.closure import Closure, close_loops, constraint, reactions
-from mbdlft.scene.placed import inertial_wrenches, motions, pass_inward
+from mbdlft.scene.placed import Passed, inertial_wrenches, motions, pass_inward
 from mbdlft.scene.quantities import owner_name
 from mbdlft.scene.scene import Scene
 from mbdlft.scene.symbols import Symbols, coordinate_owners
 from mbdlft.scene.tree import Link, PortJoint, all_bodies, tree
 from mbdlft.scene.view import View
+from mbdlft.scene.weights import pass_weights_inward
 from mbdlft.signal import Freedom, Signal
 
 _SEEN = 1e-13  # a sensitivity of the equations of order one below which an entry is not seen
@@ -75,11 +76,7 @@ def assemble(scene: Scene) -> Equations:
     base = ca.sparsify(ca.SX(base))
     load = ca.SX.sym("load", base.sparsity())
     view.motions = motions(view.now, ground_motion(scene, own, load, listed, u))
-    needed = inertial_wrenches(view.now, view.motions)
-    for acted in acting(scene, links, values, view, closure, u, z):
-        if acted.body in needed:
-            needed[acted.body] -= acted.wrench
-    view.passed = pass_inward(view.now, view.motions, needed)
+    view.passed = _passed(scene, view, acting(scene, links, values, view, closure, u, z), load)
     channels = body_channels(links, values, view, u, [effort.signal.name for effort in listed])
     dynamics = _dynamics(links, symbols, values, view, u) - channels.forces
     n = symbols.q.numel()
@@ -257,6 +254,20 @@ def acting(
     for position, row in enumerate(closure.rows):
         multipliers[row] = u[u.numel() - len(closure.rows) + position] + z[position]
     return found + reactions(scene.loops, view, multipliers)
+
+
+def _passed(scene: Scene, view: View, acted: Sequence[BodyWrench], load: ca.SX) -> Passed:
+    """Inward pass of the inertial wrenches and the loads."""
+    needed = inertial_wrenches(view.now, view.motions)
+    loads = {name: ca.SX(3, 2) for name in needed}
+    for on in acted:
+        if on.body in loads:
+            loads[on.body] -= on.wrench
+    if load.nnz() and not (scene.spin or scene.loops):
+        return pass_weights_inward(view.now, view.motions, needed, loads, load)
+    return pass_inward(
+        view.now, view.motions, {name: needed[name] + loads[name] for name in needed}
+    )
 
 
 def _dynamics(

@@ -23,10 +23,13 @@ from mbdlft.linearize import linearize
 from mbdlft.scene import assemble
 from tests.close import SCENARIO, roundoff, target
 from tests.laws.chains import chain
+from tests.laws.turned import forces_turned_on_the_way
 
 
 def relations(links: int, *, spatial: bool) -> LFT:
-    equations = assemble(chain(links, spatial=spatial))
+    """Of forces that turn on the way in: there is something left to find."""
+    with forces_turned_on_the_way():
+        equations = assemble(chain(links, spatial=spatial))
     return reduce_order(extract(linearize(equations, range(links), range(links))))
 
 
