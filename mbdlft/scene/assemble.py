@@ -18,6 +18,7 @@ from mbdlft.scene.channels import body_channels, body_inputs
 from mbdlft.scene.check import check, check_fit
 from mbdlft.scene.closure import Closure, close_loops, constraint, reactions
 from mbdlft.scene.placed import inertial_wrenches, motions, pass_inward
+from mbdlft.scene.plane import Plane, common_plane
 from mbdlft.scene.quantities import owner_name
 from mbdlft.scene.scene import Scene
 from mbdlft.scene.symbols import Symbols, coordinate_owners
@@ -56,7 +57,11 @@ def assemble(scene: Scene) -> Equations:
     _check_spin(scene)
     parameters = tuple(sorted(scene.parameters, key=lambda parameter: parameter.name))
     symbols = Symbols(scene, parameters, links)
-    values = symbols.quantities(scene)
+    values: Mapping[str, Values] = symbols.quantities(scene)
+    plane = common_plane(scene, values, symbols.evaluate)
+    if plane:
+        scene, values = plane.scene, plane.values
+        links = tree(scene)
     own = values[f"scene {scene.name!r}"]
     gravity = ca.sparsify(ca.SX(ca.vertcat(*(own[f"gravity.{a}"] for a in AXES))))
     view = View(links, all_bodies(scene), values, symbols.coordinates(links), gravity)
@@ -86,7 +91,7 @@ def assemble(scene: Scene) -> Equations:
     carried, carried_by = _carried(links, view)
     held = [constraint(scene.loops, view, order)[list(closure.rows)] for order in range(3)]
     residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
-    measured, y_signals, displacements = _measures(scene, links, symbols, view)
+    measured, y_signals, displacements = _measures(scene, links, symbols, view, plane)
     displacements += tuple(len(y_signals) + k for k in range(len(channels.signals)))
     measured, y_signals = ca.vertcat(measured, channels.outputs), y_signals + channels.signals
     both = without_unseen(scene, ca.vertcat(residual, measured))
@@ -333,7 +338,7 @@ def without_unseen(scene: Scene, relations: ca.SX) -> ca.SX:
 
 
 def _measures(
-    scene: Scene, links: tuple[Link, ...], symbols: Symbols, view: View
+    scene: Scene, links: tuple[Link, ...], symbols: Symbols, view: View, plane: Plane | None
 ) -> tuple[ca.SX, tuple[Signal, ...], tuple[int, ...]]:
     """Outputs: measures of all joints, and the sensors that are asked for.
 
@@ -361,6 +366,7 @@ def _measures(
             continue
         view.owner = f"sensor {sensor.name!r}"
         default += range(len(signals), len(signals) + len(named))
-        entries.append(sensor.measure(view))
+        measured = sensor.measure(view)
+        entries.append(plane.back(measured) if plane else measured)
         signals += named
     return ca.vertcat(*entries), tuple(signals), tuple(default)
