@@ -25,6 +25,7 @@ from mbdlft.scene.symbols import Symbols, coordinate_owners
 from mbdlft.scene.tree import Link, PortJoint, all_bodies, tree
 from mbdlft.scene.view import View
 from mbdlft.signal import Freedom, Signal
+from mbdlft.spatial import column
 
 _SEEN = 1e-13  # a sensitivity of the equations of order one below which an entry is not seen
 _APART = 1e-9  # of the reach of its ports: a spring that is shorter has no direction
@@ -63,7 +64,7 @@ def assemble(scene: Scene) -> Equations:
         scene, values = plane.scene, plane.values
         links = tree(scene)
     own = values[f"scene {scene.name!r}"]
-    gravity = ca.sparsify(ca.SX(ca.vertcat(*(own[f"gravity.{a}"] for a in AXES))))
+    gravity = column(own[f"gravity.{a}"] for a in AXES)
     view = View(links, all_bodies(scene), values, symbols.coordinates(links), gravity)
     closure = close_loops(scene, view, symbols.evaluate)
     _check_springs(scene, view, symbols.evaluate)
@@ -76,8 +77,7 @@ def assemble(scene: Scene) -> Equations:
     listed = list_efforts(scene, links, values, densities, closure.rows)
     u = ca.SX.sym("u", len(listed))
     z = ca.SX.sym("multiplier", len(closure.rows))
-    base = ca.vertcat(*(own[f"acceleration.{a}"] - own[f"gravity.{a}"] for a in AXES))
-    base = ca.sparsify(ca.SX(base))
+    base = column(own[f"acceleration.{a}"] - own[f"gravity.{a}"] for a in AXES)
     load = ca.SX.sym("load", base.sparsity())
     view.motions = motions(view.now, ground_motion(scene, own, load, listed, u))
     needed = inertial_wrenches(view.now, view.motions)
