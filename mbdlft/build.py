@@ -121,9 +121,11 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
     with clock.stage("reduce"):
         reduced = reduce_order(raw)
         lft = close(reduced)
+        late: LFT | None = None  # the one that is reduced after the solution only
         if any(isinstance(body, ElasticBody) for body in scene.bodies):
             # stiffnesses beside inertias: a reduction keeps more digits of M^-1 K than of M and K
-            lft = min(close(raw), lft, key=lambda candidate: candidate.order)
+            late = close(raw)
+            lft = min(late, lft, key=lambda candidate: candidate.order)
     with clock.stage("bound"):
         # the error of the bound is that of the whole way from the relations on
         degrees = degree_bounds(lft, close(moved(reduced, SEED)), SEED)
@@ -144,11 +146,11 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
             measure_error, equations, inputs, outputs, trim=trim.lft, seed=SEED, need=need
         )
         check = measure(lft)
-        if check[0] > _LOSSY and raw.order <= _MOST_RETRIED:
+        if check[0] > _LOSSY and raw.order <= _MOST_RETRIED and lft is not late:
             # masses of very different size: a reduction after the solution keeps more digits
-            other = close(raw)
-            if other.order <= lft.order and (again := measure(other))[0] < check[0]:
-                lft, check = other, again
+            late = late or close(raw)
+            if late.order <= lft.order and (again := measure(late))[0] < check[0]:
+                lft, check = late, again
     return LFTModel(
         name=scene.name,
         lft=lft,

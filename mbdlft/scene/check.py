@@ -155,16 +155,18 @@ def _samples(
         for label, expected in quantities.items()
         for name in names(expression_at(Place(owner, label), expected))
     }
-    active = [p for p in scene.parameters if not p.is_angle and p.name in used]
+    plain = [p for p in scene.parameters if not p.is_angle]
+    active = [p for p in plain if p.name in used]
+    values: dict[str, Any] = dict(scene.constant_values())
+    values |= {p.name: p.nominal for p in plain}  # those that are not used: for messages
     if not active:
-        return scene.constant_values()
+        return values
     generator = np.random.default_rng(0)
     if 2 ** len(active) <= _CORNERS:
         sides = np.array(list(product((0.0, 1.0), repeat=len(active))))
     else:
         sides = generator.integers(0, 2, (_CORNERS, len(active))).astype(float)
     weights = np.vstack([sides, generator.random((_RANDOM, len(active)))])
-    values: dict[str, Any] = dict(scene.constant_values())
     for k, p in enumerate(active):
         low, high = _si_bounds(p)
         nominal = p.nominal * parse_unit(p.unit).factor

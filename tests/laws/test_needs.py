@@ -8,17 +8,15 @@
 from pathlib import Path
 from typing import Any
 
-import casadi as ca
 import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
 import mbdlft
+from benchmarks.needs import Transfer, instructions, requests, transfers
 from mbdlft import need
 from mbdlft.batch.rows import source_of
-from mbdlft.build import choose_signals, choose_states
 from mbdlft.errors import AnalysisError, SceneError
-from mbdlft.scene import assemble
 from tests.close import roundoff
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
@@ -43,13 +41,6 @@ def scene_of(name: str, source: str, target: str, states: str) -> mbdlft.Scene:
     return scene.model_copy(update=chosen)
 
 
-def instructions(scene: mbdlft.Scene) -> int:
-    equations = assemble(scene)
-    m = choose_states(scene, equations, *choose_signals(scene, equations)).relations
-    tape = ca.Function("tape", [ca.vertcat(m.unknown, m.known), m.p], [m.residual, m.output])
-    return int(tape.n_instructions())
-
-
 @pytest.mark.parametrize(("name", "source", "target", "all_of_them", "needed"), TRANSFERS)
 def test_same_transfer_for_less(
     name: str, source: str, target: str, all_of_them: int, needed: int
@@ -70,14 +61,7 @@ def test_same_transfer_for_less(
 def test_one_transfer_never_costs_more_than_everything(name: str) -> None:
     source, target = next(row[1:3] for row in TRANSFERS if row[0] == name)
     scene = mbdlft.load_scene(SCENARIOS / f"{name}.toml")
-    equations = assemble(scene.model_copy(update={"inputs": None, "outputs": None}))
-    everything = scene.model_copy(
-        update={
-            "inputs": tuple(equations.u_signals[k].name for k in equations.inputs),
-            "outputs": tuple(signal.name for signal in equations.y_signals),
-        }
-    )
-    scenes = [everything, *(scene_of(name, source, target, states) for states in ("all", "needed"))]
+    scenes = [asked for _, asked in requests(Transfer(lambda: scene, source, target))]
     models = [mbdlft.to_lft(scene, search=0.0) for scene in scenes]
     for costs in (
         [len(model.states) for model in models],
@@ -134,3 +118,9 @@ def test_names_of_needed_states() -> None:
         search=0.0,
     )
     assert [s.name for s in model.states] == ["flight.position.z", "flight.velocity.z"]
+
+
+def test_benchmark_at_its_smallest(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = transfers(["launcher_slosh"], repeats=1)
+    assert [row.states for row in rows] == [10, 10, 6]
+    assert capsys.readouterr().out.count('"system": "launcher_slosh"') == len(rows)

@@ -11,51 +11,15 @@ import numpy as np
 import pytest
 
 import mbdlft
+from benchmarks.needs import TURNED, instructions, thick, turned
 from mbdlft.scene import plane
 from scenarios import two_link_arm
 from tests.close import error, roundoff
-from tests.laws.test_needs import instructions
 
 SKEW = (
-    np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]]),
+    TURNED,
     np.linalg.qr(np.array([[1.0, 2.0, -1.0], [0.5, -1.0, 3.0], [2.0, 0.3, 0.7]]))[0],
 )
-
-
-def turned_vector(Q: np.ndarray, vector: Any) -> tuple[Any, ...]:
-    """Q times a vector of numbers and expressions."""
-    if all(isinstance(entry, int | float) for entry in vector):
-        return tuple(float(entry) for entry in Q @ np.array(vector, dtype=float))
-    terms = [
-        [f"({row[k]:.17f})*({entry})" for k, entry in enumerate(vector) if entry != 0] for row in Q
-    ]
-    return tuple(" + ".join(row) for row in terms)
-
-
-def turned(scene: mbdlft.Scene, Q: np.ndarray) -> mbdlft.Scene:
-    """The same planar scene, its plane turned; bodies have one moment of inertia, xx."""
-    bodies = []
-    for body in scene.bodies:
-        update: dict[str, Any] = {"ports": {k: turned_vector(Q, v) for k, v in body.ports.items()}}
-        if isinstance(body, mbdlft.RigidBody):
-            update["center_of_mass"] = turned_vector(Q, body.center_of_mass)
-            axis = Q[:, 0]
-            update["inertia"] = mbdlft.Inertia(
-                **{
-                    f"{'xyz'[i]}{'xyz'[k]}": f"({axis[i] * axis[k]:.17f})*({body.inertia.xx})"
-                    for i in range(3)
-                    for k in range(i, 3)
-                },
-                unchecked=True,
-            )
-        bodies.append(body.model_copy(update=update))
-    joints = [
-        joint.model_copy(update={"axis": turned_vector(Q, joint.axis)}) for joint in scene.joints
-    ]
-    gravity = turned_vector(Q, scene.gravity)
-    return scene.model_copy(
-        update={"bodies": tuple(bodies), "joints": tuple(joints), "gravity": gravity}
-    )
 
 
 def rich() -> mbdlft.Scene:
@@ -127,15 +91,50 @@ def rich() -> mbdlft.Scene:
 @pytest.mark.parametrize("Q", SKEW)
 def test_skew_plane_costs_planar_work(Q: np.ndarray) -> None:
     scene = two_link_arm.scene()
-    planar, skew = (mbdlft.to_lft(s, search=0.0) for s in (scene, turned(scene, Q)))
-    assert skew.lft.blocks == planar.lft.blocks
-    assert skew.certificate.raw_order == planar.certificate.raw_order
-    assert instructions(turned(scene, Q)) <= 1.1 * instructions(scene)
+    in_space = {"thick": thick(scene), "skew": turned(scene, Q)}
+    assert instructions(in_space["thick"]) == instructions(scene)
+    assert instructions(in_space["skew"]) <= 1.1 * instructions(scene)
+    planar = mbdlft.to_lft(scene, search=0.0)
     values = mbdlft.random(planar.parameters, 20)
-    for found, expected in zip(
-        mbdlft.matrices_at(skew, values), mbdlft.matrices_at(planar, values), strict=True
-    ):
-        roundoff(found, expected)
+    for described in in_space.values():
+        model = mbdlft.to_lft(described, search=0.0)
+        assert model.lft.blocks == planar.lft.blocks
+        assert model.certificate.raw_order == planar.certificate.raw_order
+        for found, expected in zip(
+            mbdlft.matrices_at(model, values), mbdlft.matrices_at(planar, values), strict=True
+        ):
+            roundoff(found, expected)
+
+
+def test_without_a_common_plane_a_skew_one_costs_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The measure sees the difference: the planted bug is that no plane is recognized."""
+    scene = two_link_arm.scene()
+    monkeypatch.setattr(sys.modules["mbdlft.scene.assemble"], "common_plane", lambda *_: None)
+    assert instructions(turned(scene, SKEW[0])) > 2 * instructions(scene)
+
+
+def test_rotations_about_skew_axes_meet_two_components() -> None:
+    """As many channels as about a coordinate axis, where the bodies are balls about the axes."""
+
+    def spun(axis: tuple[float, float, float]) -> int:
+        scene = mbdlft.Scene(
+            name="ball",
+            parameters=[mbdlft.Angle("t", 20.0, 0.0, 60.0)],
+            bodies=[
+                mbdlft.PointMass(name="a", mass=1.0, ports={"p": (0.1, 0.2, 0.3)}),
+                mbdlft.RigidBody(name="b", mass=1.0, inertia=mbdlft.Inertia(xx=1, yy=1, zz=1)),
+            ],
+            joints=[
+                mbdlft.Planar(name="base", parent="ground", child="a", axis=(0.0, 0.0, 1.0)),
+                mbdlft.Revolute(
+                    name="pivot", parent="a.p", child="b", axis=axis, position="t", damping=0.1
+                ),
+            ],
+            gravity=(0.0, 0.0, 0.0),
+        )
+        return sum(mbdlft.to_lft(scene, search=0.0).certificate.raw_order)
+
+    assert spun((1.0, 2.0, -2.0)) <= spun((1.0, 0.0, 0.0)) + 2
 
 
 def without_plane(monkeypatch: pytest.MonkeyPatch, scene: mbdlft.Scene) -> mbdlft.LFTModel:
