@@ -14,11 +14,11 @@ from mbdlft.errors import NotRationalError, SceneError
 from mbdlft.force import BodyWrench, Spring
 from mbdlft.joint import labelled
 from mbdlft.lft.lft import Array
+from mbdlft.scene.aligned import Aligned, align
 from mbdlft.scene.channels import body_channels, body_inputs
 from mbdlft.scene.check import check, check_fit
 from mbdlft.scene.closure import Closure, close_loops, constraint, reactions
 from mbdlft.scene.placed import inertial_wrenches, motions, pass_inward
-from mbdlft.scene.plane import Plane, common_plane
 from mbdlft.scene.quantities import owner_name
 from mbdlft.scene.scene import Scene
 from mbdlft.scene.symbols import Symbols, coordinate_owners
@@ -59,9 +59,9 @@ def assemble(scene: Scene) -> Equations:
     parameters = tuple(sorted(scene.parameters, key=lambda parameter: parameter.name))
     symbols = Symbols(scene, parameters, links)
     values: Mapping[str, Values] = symbols.quantities(scene)
-    plane = common_plane(scene, values, symbols.evaluate)
-    if plane:
-        scene, values = plane.scene, plane.values
+    aligned = align(scene, values, symbols.evaluate)
+    if aligned:
+        scene, values = aligned.scene, aligned.values
         links = tree(scene)
     own = values[f"scene {scene.name!r}"]
     gravity = column(own[f"gravity.{a}"] for a in AXES)
@@ -91,7 +91,7 @@ def assemble(scene: Scene) -> Equations:
     carried, carried_by = _carried(links, view)
     held = [constraint(scene.loops, view, order)[list(closure.rows)] for order in range(3)]
     residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
-    measured, y_signals, displacements = _measures(scene, links, symbols, view, plane)
+    measured, y_signals, displacements = _measures(scene, links, symbols, view, aligned)
     displacements += tuple(len(y_signals) + k for k in range(len(channels.signals)))
     measured, y_signals = ca.vertcat(measured, channels.outputs), y_signals + channels.signals
     both = without_unseen(scene, ca.vertcat(residual, measured))
@@ -338,7 +338,7 @@ def without_unseen(scene: Scene, relations: ca.SX) -> ca.SX:
 
 
 def _measures(
-    scene: Scene, links: tuple[Link, ...], symbols: Symbols, view: View, plane: Plane | None
+    scene: Scene, links: tuple[Link, ...], symbols: Symbols, view: View, aligned: Aligned | None
 ) -> tuple[ca.SX, tuple[Signal, ...], tuple[int, ...]]:
     """Outputs: measures of all joints, and the sensors that are asked for.
 
@@ -367,6 +367,6 @@ def _measures(
         view.owner = f"sensor {sensor.name!r}"
         default += range(len(signals), len(signals) + len(named))
         measured = sensor.measure(view)
-        entries.append(plane.back(measured) if plane else measured)
+        entries.append(aligned.back(measured) if aligned else measured)
         signals += named
     return ca.vertcat(*entries), tuple(signals), tuple(default)

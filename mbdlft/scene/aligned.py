@@ -29,7 +29,7 @@ _PLACES = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # of the entries in the m
 _FIRST = [0, 4, 8, 1, 2, 5]  # where the matrix, row by row, has each of them first
 
 
-class Plane(NamedTuple):
+class Aligned(NamedTuple):
     """A scene in turned axes, its quantities, and the rotation Q (3, 3) back to the user's."""
 
     scene: Scene
@@ -42,7 +42,7 @@ class Plane(NamedTuple):
         return ca.vec(ca.mtimes(ca.sparsify(ca.SX(self.Q)), vectors))
 
 
-def common_plane(scene: Scene, values: Mapping[str, Values], evaluate: Evaluate) -> Plane | None:
+def align(scene: Scene, values: Mapping[str, Values], evaluate: Evaluate) -> Aligned | None:
     """The scene in axes along its plane; None if it has none, or has that already.
 
     `evaluate` gives the values of an expression at nominal and at other points of the range.
@@ -67,7 +67,7 @@ def common_plane(scene: Scene, values: Mapping[str, Values], evaluate: Evaluate)
         turn = Q.T if len(labels) == 3 else conjugate
         sizes = np.abs(turn) @ np.abs(coefficients)
         found[owner] |= zip(labels, _combined(turn @ coefficients, sizes, terms), strict=True)
-    return Plane(_turned_scene(scene, Q), found, Q)
+    return Aligned(_turned_scene(scene, Q), found, Q)
 
 
 def _directions(scene: Scene) -> Iterator[Direction]:
