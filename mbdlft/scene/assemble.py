@@ -198,9 +198,7 @@ def _check_springs(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequenc
         if not isinstance(load, Spring):
             continue
         view.owner = owner_name(load)
-        gaps = evaluate(view.between_at_rest(load.parent, load.child))
-        arms = [view.between_at_rest("ground", port) for port in (load.parent, load.child)]
-        reach = max(float(np.max(np.abs(value))) for arm in arms for value in evaluate(arm))
+        gaps, reach = view.gaps(load.parent, load.child, evaluate)
         apart = [float(np.linalg.norm(gap)) for gap in gaps]
         if min(apart) <= _APART * reach:
             raise SceneError(
