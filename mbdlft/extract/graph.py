@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array, csr_array
+from scipy.sparse import csr_array
 from scipy.sparse.linalg import splu
 
 from mbdlft.errors import WellPosednessError
@@ -286,8 +286,15 @@ class SignalGraph:
 def _read(rows: Array, solution: Array, inputs: int) -> Array:
     """Values (rows, columns) of rows by [inputs, unknowns], the unknowns being a solution by columns."""
     direct = np.hstack([rows[:, :inputs], np.zeros((len(rows), solution.shape[1] - inputs))])
-    sparse = csr_array(rows[:, inputs:])
+    sparse = _sparse(rows[:, inputs:])
     return cleaned(direct + sparse @ solution, np.abs(direct) + abs(sparse) @ np.abs(solution))
+
+
+def _sparse(matrix: Array) -> csr_array:
+    """The nonzeros of a matrix by rows; scipy's own way takes three times as long for small ones."""
+    at, columns = matrix.nonzero()
+    starts = np.searchsorted(at, np.arange(len(matrix) + 1))
+    return csr_array((matrix[at, columns], columns, starts), shape=matrix.shape)
 
 
 def _solve(matrix: Array, right: Array) -> Array:
@@ -297,7 +304,8 @@ def _solve(matrix: Array, right: Array) -> Array:
     largest = np.max(np.abs(matrix), axis=1)
     scale = 2.0 ** -np.round(np.log2(np.where(largest > 0.0, largest, 1.0)))
     try:
-        scaled = csc_array(scale[:, None] * matrix)  # rows of one size: pivots then make no noise
+        # rows of one size: pivots then make no noise
+        scaled = _sparse((scale[:, None] * matrix).T).T
         factors, terms = splu(scaled), scale[:, None] * right
         solution = np.asarray(factors.solve(terms))
         if len(scale) <= _MOST_CLEANED and np.all(np.isfinite(solution)):

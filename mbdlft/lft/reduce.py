@@ -12,6 +12,7 @@ direction too many is harmless, one too few would be an error.
 
 from contextlib import nullcontext
 from itertools import accumulate, pairwise
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -166,8 +167,17 @@ def _parts(sizes: tuple[int, ...]) -> list[slice]:
 
 def _reachable(core: Core) -> list[Array]:
     """Orthonormal bases of the smallest S_k with range(M12_k) in S_k and M11_kj S_j in S_k."""
-    parts, norms = _parts(core.sizes), _block_norms(core)
+    parts = _parts(core.sizes)
     bases = [_Basis(part.stop - part.start) for part in parts]
+    norms: dict[tuple[int, int], float] = {}
+
+    def norm(into: int, out_of: int) -> float:
+        """Frobenius norm of a block of M11; many of them are never asked for."""
+        if (into, out_of) not in norms:
+            block = core.M11[parts[into], parts[out_of]]
+            norms[into, out_of] = sqrt((block**2).sum()) if block.any() else 0.0
+        return norms[into, out_of]
+
     # candidates of each delta: columns, and the error of each column
     fresh = [
         basis.extend(core.M12[part], np.full(core.M12.shape[1], level))
@@ -176,28 +186,17 @@ def _reachable(core: Core) -> list[Array]:
     while sources := [k for k, (_, error) in enumerate(fresh) if len(error)]:
         moved = np.hstack([core.M11[:, parts[k]] @ fresh[k][0] for k in sources])
         error = np.concatenate([fresh[k][1] for k in sources])
-        source = np.repeat(sources, [len(fresh[k][1]) for k in sources])
+        counts = [len(fresh[k][1]) for k in sources]
         fresh = []
         for k, (basis, part) in enumerate(zip(bases, parts, strict=True)):
             if basis.full:
                 fresh.append(basis.nothing)
                 continue
-            gain = norms[k, source]
+            gain = np.repeat([norm(k, source) for source in sources], counts)
             coupled = gain.nonzero()[0]
             errors = core.error_in[k] + gain[coupled] * error[coupled]
             fresh.append(basis.extend(moved[part, coupled], errors))
     return [basis.vectors for basis in bases]
-
-
-def _block_norms(core: Core) -> Array:
-    """Frobenius norms (q, q) of the blocks of M11."""
-    starts = np.cumsum((0, *core.sizes))[:-1]
-    some = np.flatnonzero(core.sizes)
-    norms = np.zeros((len(starts), len(starts)))
-    if len(some):
-        rows = np.add.reduceat(core.M11**2, starts[some], axis=0)
-        norms[np.ix_(some, some)] = np.sqrt(np.add.reduceat(rows, starts[some], axis=1))
-    return norms
 
 
 class _Basis:

@@ -213,9 +213,12 @@ def _check_dimension(place: Place, expected: Expected, dimensions: Mapping[str, 
 
 def _check_denominators(scene: Scene, place: Place, expected: Expected) -> None:
     """Show by interval arithmetic that no denominator vanishes in the range, or raise."""
+    found_in = denominators(expression_at(place, expected))
+    if not found_in:
+        return
     plain = {p.name: p for p in scene.parameters if not p.is_angle}
     constants = scene.constant_values()
-    for denominator in denominators(expression_at(place, expected)):
+    for denominator in found_in:
         used = sorted(names(denominator) & set(plain))
         if not used:
             continue
