@@ -162,8 +162,8 @@ def _axes(normal: Array, vectors: Sequence[Array]) -> Array:
 
     Vectors are given as coefficients (3, r) of functions of the parameters; those with one count.
     """
-    flat = [vector[:, 0] for vector in vectors if vector.shape[1] == 1]
-    flat = [vector - normal * (normal @ vector) for vector in flat]
+    units = [vector[:, 0] / np.linalg.norm(vector) for vector in vectors if vector.shape[1] == 1]
+    flat = [unit - normal * (normal @ unit) for unit in units]
     flat = [v / np.linalg.norm(v) for v in flat if np.linalg.norm(v) > _ROUNDING]
     if not flat:
         flat = [np.linalg.svd(normal[None])[2][1]]
