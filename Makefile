@@ -25,6 +25,7 @@ bench: .venv/installed
 	$(BIN)/python -m benchmarks.flexible --write docs/flexible.md
 	$(BIN)/python -m benchmarks.hard_cases --write docs/hard-cases.md
 	$(BIN)/python -m benchmarks.scaling --write docs/scaling.md --figure docs/scaling.png
+	$(BIN)/python -m benchmarks.needs --write docs/needs.md
 	$(BIN)/python -m benchmarks.ur5
 
 .venv/installed: pyproject.toml constraints.txt

@@ -1,7 +1,7 @@
 """From a scene to a certified LFT model: all stages in order, with the seconds of each."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -25,7 +25,9 @@ from mbdlft.lft.threads import one_thread
 from mbdlft.lft.truncate import check_tolerance
 from mbdlft.lft.truncate import truncate as truncated
 from mbdlft.linearize import linearize, trim_relations
-from mbdlft.scene import Scene, assemble, scene_to_toml
+from mbdlft.need import Need, all_states, needed_states
+from mbdlft.scene import NEEDED, Scene, assemble, scene_to_toml
+from mbdlft.signal import Signal
 from mbdlft.trim import trim_efforts
 
 SEED = 0
@@ -111,16 +113,19 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
         trim = _trim(equations)
         assert trim.lft is not None
     with clock.stage("linearize"):
-        relations = linearize(equations, inputs, outputs)
+        need = choose_states(scene, equations, inputs, outputs)
+    states = tuple(equations.x_signals[k] for k in need.states)
     with clock.stage("extract"):
-        raw = extract(relations)
-    close = partial(_state_space, equations, len(outputs))
+        raw = extract(need.relations)
+    close = partial(_state_space, equations, states, len(outputs))
     with clock.stage("reduce"):
         reduced = reduce_order(raw)
         lft = close(reduced)
+        late: LFT | None = None  # the one that is reduced after the solution only
         if any(isinstance(body, ElasticBody) for body in scene.bodies):
             # stiffnesses beside inertias: a reduction keeps more digits of M^-1 K than of M and K
-            lft = min(close(raw), lft, key=lambda candidate: candidate.order)
+            late = close(raw)
+            lft = min(late, lft, key=lambda candidate: candidate.order)
     with clock.stage("bound"):
         # the error of the bound is that of the whole way from the relations on
         degrees = degree_bounds(lft, close(moved(reduced, SEED)), SEED)
@@ -137,17 +142,19 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
             )
             lft = min(lft, close(smaller), key=lambda candidate: candidate.order)
     with clock.stage("check"):
-        measure = partial(measure_error, equations, inputs, outputs, trim=trim.lft, seed=SEED)
+        measure = partial(
+            measure_error, equations, inputs, outputs, trim=trim.lft, seed=SEED, need=need
+        )
         check = measure(lft)
-        if check[0] > _LOSSY and raw.order <= _MOST_RETRIED:
+        if check[0] > _LOSSY and raw.order <= _MOST_RETRIED and lft is not late:
             # masses of very different size: a reduction after the solution keeps more digits
-            other = close(raw)
-            if other.order <= lft.order and (again := measure(other))[0] < check[0]:
-                lft, check = other, again
+            late = late or close(raw)
+            if late.order <= lft.order and (again := measure(late))[0] < check[0]:
+                lft, check = late, again
     return LFTModel(
         name=scene.name,
         lft=lft,
-        states=equations.x_signals,
+        states=states,
         inputs=tuple(equations.u_signals[k] for k in inputs),
         outputs=tuple(equations.y_signals[k] for k in outputs),
         parameters=equations.parameters,
@@ -166,17 +173,17 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
     )
 
 
-def _state_space(equations: Equations, outputs: int, relations: LFT) -> LFT:
+def _state_space(
+    equations: Equations, states: Sequence[Signal], outputs: int, relations: LFT
+) -> LFT:
     """Close the relations for the unknown signals in the algebra: the LFT of [A B ; C D]."""
     # the relations come first; there are as many as unknowns
-    n, nx = relations.shape[0] - outputs, len(equations.states)
+    n, nx = relations.shape[0] - outputs, len(states)
     try:
         solved = eliminate(relations, n)
     except WellPosednessError:
         directions = np.abs(np.linalg.svd(relations.M22[:n, :n])[2][-1])
-        names = [
-            s.name for s, size in zip(equations.x_signals, directions, strict=False) if size > 0.1
-        ]
+        names = [s.name for s, size in zip(states, directions, strict=False) if size > 0.1]
         raise WellPosednessError(
             f"scene {equations.name!r}: the mass matrix is singular, or nearly so, at nominal (condition "
             f"number {condition(relations.M22[:n, :n]):.0e}, whatever the units): nothing with enough "
@@ -215,6 +222,15 @@ def choose_signals(scene: Scene, equations: Equations) -> tuple[list[int], list[
         _chosen(scene, "inputs", scene.inputs, named, e.default_inputs),
         _chosen(scene, "outputs", scene.outputs, measured, e.default_outputs),
     )
+
+
+def choose_states(
+    scene: Scene, equations: Equations, inputs: Sequence[int], outputs: Sequence[int]
+) -> Need:
+    """Linear relations of a scene with the states that it asks for."""
+    relations = linearize(equations, inputs, outputs)
+    choose = needed_states if scene.states == NEEDED else all_states
+    return choose(relations, len(equations.states))
 
 
 def _chosen(

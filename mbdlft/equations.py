@@ -134,6 +134,7 @@ def internal_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
     return ParameterSymbols(p, p, cosine, sine)
 
 
+@lru_cache(maxsize=1)  # the stages of one scene share it
 def equation_function(equations: Equations) -> ca.Function:
     """(xdot, x, z, u, load, p, cosine, sine) -> (residual, output)."""
     e = equations

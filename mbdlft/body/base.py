@@ -12,7 +12,7 @@ from pydantic import model_validator
 from mbdlft.description import AXES, Description, Expected, Text, Values, Vector, vector_quantities
 from mbdlft.errors import SceneError
 from mbdlft.signal import Freedom, Signal
-from mbdlft.spatial import Coordinate
+from mbdlft.spatial import Coordinate, column
 
 GROUND = "ground"
 
@@ -67,7 +67,7 @@ class Body(Description, abc.ABC):
         label = self.port_label(port)
         if label is None:
             return ca.SX(3, 1)
-        return ca.sparsify(ca.SX(ca.vertcat(*(values[f"{label}.{axis}"] for axis in AXES))))
+        return column(values[f"{label}.{axis}"] for axis in AXES)
 
     def freedoms(self) -> tuple[Freedom, ...]:
         """Names of the coordinates of an elastic body; a rigid one has none."""

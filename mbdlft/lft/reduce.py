@@ -12,6 +12,7 @@ direction too many is harmless, one too few would be an error.
 
 from contextlib import nullcontext
 from itertools import accumulate, pairwise
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -125,7 +126,10 @@ def _compress(core: Core) -> Core:
 
     def restricted(matrix: Array) -> Array:
         # T is block diagonal: one product for each block
-        columns = [product(matrix[:, part], T) for part, T in zip(parts, bases, strict=True)]
+        columns = [
+            matrix[:, part] if len(T) == T.shape[1] else product(matrix[:, part], T)
+            for part, T in zip(parts, bases, strict=True)
+        ]
         return np.hstack([*columns, np.zeros((len(matrix), 0))])
 
     return Core(
@@ -164,31 +168,34 @@ def _parts(sizes: tuple[int, ...]) -> list[slice]:
 def _reachable(core: Core) -> list[Array]:
     """Orthonormal bases of the smallest S_k with range(M12_k) in S_k and M11_kj S_j in S_k."""
     parts = _parts(core.sizes)
-    noise, start = core.error_in, core.M12
     bases = [_Basis(part.stop - part.start) for part in parts]
+    norms: dict[tuple[int, int], float] = {}
+
+    def norm(into: int, out_of: int) -> float:
+        """Frobenius norm of a block of M11; many of them are never asked for."""
+        if (into, out_of) not in norms:
+            block = core.M11[parts[into], parts[out_of]]
+            norms[into, out_of] = sqrt((block**2).sum()) if block.any() else 0.0
+        return norms[into, out_of]
+
     # candidates of each delta: columns, and the error of each column
     fresh = [
-        basis.extend(start[part], np.full(start.shape[1], level))
-        for basis, part, level in zip(bases, parts, noise, strict=True)
+        basis.extend(core.M12[part], np.full(core.M12.shape[1], level))
+        for basis, part, level in zip(bases, parts, core.error_in, strict=True)
     ]
-    while any(len(error) for _, error in fresh):
-        sources = [
-            (source, vectors, error)
-            for (vectors, error), source in zip(fresh, parts, strict=True)
-            if len(error)
-        ]
+    while sources := [k for k, (_, error) in enumerate(fresh) if len(error)]:
+        moved = np.hstack([core.M11[:, parts[k]] @ fresh[k][0] for k in sources])
+        error = np.concatenate([fresh[k][1] for k in sources])
+        counts = [len(fresh[k][1]) for k in sources]
         fresh = []
-        for basis, part, level in zip(bases, parts, noise, strict=True):
-            blocks = [core.M11[part, source] for source, _, _ in sources] if not basis.full else []
-            coupled = [k for k, block in enumerate(blocks) if block.any()]
-            if not coupled:
-                fresh.append((basis.vectors[:, :0], basis.errors[:0]))
+        for k, (basis, part) in enumerate(zip(bases, parts, strict=True)):
+            if basis.full:
+                fresh.append(basis.nothing)
                 continue
-            columns = [blocks[k] @ sources[k][1] for k in coupled]
-            errors = [
-                level + float(np.sqrt((blocks[k] ** 2).sum())) * sources[k][2] for k in coupled
-            ]
-            fresh.append(basis.extend(np.hstack(columns), np.hstack(errors)))
+            gain = np.repeat([norm(k, source) for source in sources], counts)
+            coupled = gain.nonzero()[0]
+            errors = core.error_in[k] + gain[coupled] * error[coupled]
+            fresh.append(basis.extend(moved[part, coupled], errors))
     return [basis.vectors for basis in bases]
 
 
@@ -204,10 +211,15 @@ class _Basis:
     def full(self) -> bool:
         return bool(self.vectors.shape[1] == self.size)
 
+    @property
+    def nothing(self) -> tuple[Array, Array]:
+        """No vectors, with no errors."""
+        return self.vectors[:, :0], self.errors[:0]
+
     def extend(self, columns: Array, errors: Array) -> tuple[Array, Array]:
         """Add the directions of `columns` that stand out of their errors; return what was added."""
         if self.full or not columns.shape[1]:
-            return self.vectors[:, :0], self.errors[:0]
+            return self.nothing
         known = self.vectors.shape[1]
         if known:
             for _ in range(2):  # twice is enough
@@ -220,8 +232,8 @@ class _Basis:
         clear = np.abs(np.diagonal(factor))
         count = min(int(np.sum(clear > _THRESHOLD)), self.size - known)
         if count == 0:
-            return self.vectors[:, :0], self.errors[:0]
+            return self.nothing
         added, _, _ = dorgqr(factor[:, :count], reflectors[:count])
         self.vectors = np.hstack([self.vectors, added])
-        self.errors = np.append(self.errors, np.maximum(1.0 / clear[:count], _EPS))
+        self.errors = np.concatenate([self.errors, np.maximum(1.0 / clear[:count], _EPS)])
         return self.vectors[:, known:], self.errors[known:]

@@ -128,6 +128,9 @@ def test_finished_relations_of_a_chain_are_kept() -> None:
     equations = assemble(scene)
     a = reduce_order(extract(linearize(equations, range(3), range(3))))
     search = commute._Search(
-        lower_bound(a), lambda: False, a, lambda found: _state_space(equations, 3, found)
+        lower_bound(a),
+        lambda: False,
+        a,
+        lambda found: _state_space(equations, equations.x_signals, 3, found),
     )
     assert commute._keeps(move_affine(a, ("L0", "L1", "L2"), ("m0", "m1", "m2")), search)
