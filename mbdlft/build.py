@@ -31,7 +31,7 @@ from mbdlft.signal import Signal
 from mbdlft.trim import trim_efforts
 
 SEED = 0
-_LOSSY = 2e-14  # error of a model above which another way of reducing it is tried
+_LOSSY = 5e-15  # error of a model above which another way of reducing it is tried
 _MOST_RETRIED = 400  # channels before reduction; for more it would take too long
 SEARCH = 2.0  # s; some milliseconds are enough where the order meets the bound at once
 
@@ -121,11 +121,11 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
     with clock.stage("reduce"):
         reduced = reduce_order(raw)
         lft = close(reduced)
-        late: LFT | None = None  # the one that is reduced after the solution only
-        if any(isinstance(body, ElasticBody) for body in scene.bodies):
+        is_elastic = any(isinstance(body, ElasticBody) for body in scene.bodies)
+        if is_elastic:
             # stiffnesses beside inertias: a reduction keeps more digits of M^-1 K than of M and K
-            late = close(raw)
-            lft = min(late, lft, key=lambda candidate: candidate.order)
+            lft = min(close(raw), lft, key=lambda candidate: candidate.order)
+    unsearched = lft
     with clock.stage("bound"):
         # the error of the bound is that of the whole way from the relations on
         degrees = degree_bounds(lft, close(moved(reduced, SEED)), SEED)
@@ -146,11 +146,11 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
             measure_error, equations, inputs, outputs, trim=trim.lft, seed=SEED, need=need
         )
         check = measure(lft)
-        if check[0] > _LOSSY and raw.order <= _MOST_RETRIED and lft is not late:
-            # masses of very different size: a reduction after the solution keeps more digits
-            late = late or close(raw)
-            if late.order <= lft.order and (again := measure(late))[0] < check[0]:
-                lft, check = late, again
+        retry = lft is unsearched and raw.order <= _MOST_RETRIED and not is_elastic
+        if retry and check[0] > _LOSSY:
+            other = close(raw, extended=True)
+            if other.order <= lft.order and (again := measure(other))[0] < check[0]:
+                lft, check = other, again
     return LFTModel(
         name=scene.name,
         lft=lft,
@@ -174,7 +174,12 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
 
 
 def _state_space(
-    equations: Equations, states: Sequence[Signal], outputs: int, relations: LFT
+    equations: Equations,
+    states: Sequence[Signal],
+    outputs: int,
+    relations: LFT,
+    *,
+    extended: bool = False,
 ) -> LFT:
     """Close the relations for the unknown signals in the algebra: the LFT of [A B ; C D]."""
     # the relations come first; there are as many as unknowns
@@ -192,7 +197,8 @@ def _state_space(
         ) from None
     rows = [*range(nx), *range(n, solved.shape[0])]
     closed = LFT(solved.M11, solved.M12, solved.M21[rows], solved.M22[rows], solved.blocks)
-    return with_blocks(reduce_order(closed), [p.name for p in equations.parameters])
+    names = [p.name for p in equations.parameters]
+    return with_blocks(reduce_order(closed, extended=extended), names)
 
 
 def _trim(equations: Equations) -> Trim:
