@@ -26,6 +26,7 @@ bench: .venv/compared
 	$(BIN)/python -m benchmarks.hard_cases --write docs/hard-cases.md
 	$(BIN)/python -m benchmarks.scaling --write docs/scaling.md --figure docs/scaling.png
 	$(BIN)/python -m benchmarks.speed_error --write docs/speed-error.md --figure docs/speed-error.png
+	$(BIN)/python -m benchmarks.needs --write docs/needs.md
 	$(BIN)/python -m benchmarks.ur5
 
 .venv/installed: pyproject.toml constraints.txt

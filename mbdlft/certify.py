@@ -24,6 +24,7 @@ from mbdlft.lft.evaluate import chunks, evaluate_at
 from mbdlft.lft.lft import LFT, Array
 from mbdlft.lft.model import Certificate
 from mbdlft.many import evaluate_in_chunks, evaluate_many
+from mbdlft.need import Need
 from mbdlft.parameter import Parameter, to_delta
 from mbdlft.trim import term_sizes, trim_efforts
 
@@ -345,8 +346,11 @@ def measure_error(
     model: LFT,
     trim: LFT,
     seed: int,
+    need: Need | None = None,
 ) -> tuple[float, int]:
     """Largest relative error of the model and its trim, and the number of points it was taken over.
+
+    The model has the states of `need`, or all; that the others do not matter is compared, too.
 
     Raises
     ------
@@ -364,7 +368,9 @@ def measure_error(
         ", or keep masses and inertias away from zero",
     )
     reference, efforts, sizes, floor = reference_matrices(equations, inputs, outputs, points)
-    values, states = evaluate_at(model, deltas), len(equations.states)
+    states = len(equations.states)
+    values = evaluate_at(model, deltas)
+    values = need.whole(values, reference) if need else values
     error = relative_error(values, reference, states, floor)
     if not error <= ACCEPTED:  # unless an entry is nothing but rounding
         terms = entry_sizes(equations, inputs, outputs, points)

@@ -21,7 +21,7 @@ class Equations:
 
     x = 0, xdot = 0, z = 0 is the equilibrium for every p, once u takes its trim value. The equations
     are linear in `load`, the uniform acceleration that makes the equilibrium, whose value is
-    `load_value`, and in u.
+    `load_value`, and in u. In x they hold to the first order.
 
     Attributes
     ----------
@@ -134,6 +134,7 @@ def internal_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
     return ParameterSymbols(p, p, cosine, sine)
 
 
+@lru_cache(maxsize=1)  # the stages of one scene share it
 def equation_function(equations: Equations) -> ca.Function:
     """(xdot, x, z, u, load, p, cosine, sine) -> (residual, output)."""
     e = equations

@@ -8,11 +8,13 @@ A wrench is a 3 x 2 matrix [force, torque] (N, N m) about one point. This file f
 ``R_pc`` turns components in the child's frame into components in the parent's frame.
 """
 
+from collections.abc import Iterable
 from functools import cache
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 
 class Coordinate(NamedTuple):
@@ -27,6 +29,16 @@ class Coordinate(NamedTuple):
         return Coordinate(self.q[entries], self.v[entries], self.a[entries])
 
 
+def column(entries: Iterable[ca.SX | float]) -> ca.SX:
+    """Column of numbers and expressions; zeros are structural."""
+    given = tuple(entries)
+    found = ca.SX(len(given), 1)
+    for k, entry in enumerate(given):
+        if not (entry.is_zero() if isinstance(entry, ca.SX) else entry == 0.0):
+            found[k] = entry
+    return found
+
+
 def skew(a: ca.SX) -> ca.SX:
     """Matrix of the cross product: skew(a) b = a x b; a (3,), result (3, 3)."""
     return ca.skew(a)
@@ -36,9 +48,13 @@ def rotate(axis: ca.SX, cosine: ca.SX | float, sine: ca.SX | float, vectors: ca.
     """R v for each column v: rotation about the unit vector `axis`; vectors (3, n), result (3, n).
 
     R v = v_par + cosine v_perp + sine axis x v. The component along the axis is not touched, so a
-    rotation about a coordinate axis costs the work of the plane.
+    rotation about a coordinate axis costs the work of the plane. So does one about another constant
+    axis: cosine and sine meet the two components of v across the axis, not three that depend on
+    each other.
     """
-    return ca.SX(_rotate(vectors.shape[1])(axis, cosine, sine, vectors))
+    if axis.nnz() == 1:
+        return ca.SX(_rotate(vectors.shape[1])(axis, cosine, sine, vectors))
+    return ca.SX(_rotate_across(vectors.shape[1])(_across(axis), cosine, sine, vectors))
 
 
 @cache
@@ -49,6 +65,27 @@ def _rotate(columns: int) -> ca.Function:
     perpendicular = vectors - parallel
     rotated = parallel + cosine * perpendicular + sine * ca.mtimes(skew(axis), vectors)
     return ca.Function("rotate", [axis, cosine, sine, vectors], [rotated])
+
+
+@cache
+def _rotate_across(columns: int) -> ca.Function:
+    across, vectors = ca.SX.sym("across", 3, 2), ca.SX.sym("vectors", 3, columns)
+    cosine, sine = ca.SX.sym("cosine"), ca.SX.sym("sine")
+    first, second = ca.vertsplit(ca.mtimes(across.T, vectors))
+    more = ca.vertcat(
+        cosine * first - sine * second - first, sine * first + cosine * second - second
+    )
+    return ca.Function(
+        "rotate_across", [across, cosine, sine, vectors], [vectors + ca.mtimes(across, more)]
+    )
+
+
+def _across(axis: ca.SX) -> NDArray[np.float64]:
+    """Unit vectors e1, e2 (3, 2) across a constant unit vector, e1 x e2 = axis; e1 has a zero."""
+    along = np.asarray(ca.DM(axis).full()).ravel()
+    first = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(along, first)], axis=1)
 
 
 def rotate_back(axis: ca.SX, cosine: ca.SX | float, sine: ca.SX | float, vectors: ca.SX) -> ca.SX:

@@ -257,11 +257,8 @@ def _explained(e: Equations, points: Array, efforts: Array, matrix: Array) -> Ar
 
 def _slopes(e: Equations, points: Array, efforts: Array, around: ca.SX) -> Array:
     """Derivatives (N, rows, entries) of the equations at rest by entries of xdot, x and u."""
-    symbols, p, cosine, sine = physical_symbols(e.parameters)
+    symbols, moved = _residual(e, e.xdot, e.x, e.u)
     effort, moving = ca.SX.sym("u", e.u.numel()), ca.vertcat(e.xdot, e.x)
-    moved, _ = equation_function(e)(
-        e.xdot, e.x, ca.SX(e.z.numel(), 1), e.u, load_value(e, p), p, cosine, sine
-    )
     by_around = ca.substitute(
         ca.jacobian(moved, around),
         ca.vertcat(moving, e.u),
@@ -296,11 +293,17 @@ def _uncancelled(e: Equations, points: Array, efforts: Array) -> Array:
 
 def _at_rest(e: Equations) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     """Symbols of physical values, residual at rest, u in it, and the given entries of u."""
-    symbols, p, cosine, sine = physical_symbols(e.parameters)
-    none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z)]
     u = ca.SX.sym("u", e.u.numel())
-    residual, _ = equation_function(e)(*none, u, load_value(e, p), p, cosine, sine)
-    return symbols, residual, u, given_value(e, p)
+    still = ca.SX(e.x.numel(), 1)
+    symbols, residual = _residual(e, still, still, u)
+    return symbols, residual, u, given_value(e, symbols)
+
+
+def _residual(e: Equations, xdot: ca.SX, x: ca.SX, u: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Symbols of physical values, and the residual as their function, with multipliers of the trim."""
+    symbols, p, cosine, sine = physical_symbols(e.parameters)
+    none = ca.SX(e.z.numel(), 1)
+    return symbols, equation_function(e)(xdot, x, none, u, load_value(e, p), p, cosine, sine)[0]
 
 
 def _relations_at(e: Equations, points: Array) -> tuple[Array, Array, Array]:

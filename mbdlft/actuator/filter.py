@@ -3,7 +3,7 @@
 Equation (7.10) of the two-port models in `tests/reference/flexible.py` for the band pass.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from mbdlft.actuator.block import linear_block
@@ -43,14 +43,12 @@ def low_pass(
     """
     quantities = {"bandwidth": Expected(bandwidth, "rad/s")}
     if damping is None:
-        return linear_block(
+        return _filter(
             name,
             quantities,
             parameters,
             lambda v: [[-v["bandwidth"], v["bandwidth"]], [1.0, 0.0]],
-            states=["lag"],
-            inputs=["command"],
-            outputs=["output"],
+            ["lag"],
         )
     quantities["damping"] = Expected(damping, "1")
 
@@ -58,15 +56,7 @@ def low_pass(
         w, xi = v["bandwidth"], v["damping"]
         return [[0.0, w, 0.0], [-w, -2.0 * w * xi, w], [1.0, 0.0, 0.0]]
 
-    return linear_block(
-        name,
-        quantities,
-        parameters,
-        matrix,
-        states=["low", "low_rate"],
-        inputs=["command"],
-        outputs=["output"],
-    )
+    return _filter(name, quantities, parameters, matrix, ["low", "low_rate"])
 
 
 def band_pass(
@@ -112,15 +102,8 @@ def band_pass(
             [0.0, 0.0, 1.0, 0.0, 0.0],
         ]
 
-    return linear_block(
-        name,
-        quantities,
-        parameters,
-        matrix,
-        states=["high", "high_rate", "low", "low_rate"],
-        inputs=["command"],
-        outputs=["output"],
-    )
+    states = ["high", "high_rate", "low", "low_rate"]
+    return _filter(name, quantities, parameters, matrix, states)
 
 
 def delay(
@@ -155,15 +138,20 @@ def delay(
         raise SceneError(
             f"{name}, order: expected a whole number from 1 to {_MOST}, got {order!r}."
         )
-    return linear_block(
-        name,
-        {"time": Expected(time, "s")},
-        parameters,
-        lambda v: _ladder(order, 2.0 / v["time"]),
-        states=order,
-        inputs=["command"],
-        outputs=["output"],
-    )
+    quantities = {"time": Expected(time, "s")}
+    return _filter(name, quantities, parameters, lambda v: _ladder(order, 2.0 / v["time"]), order)
+
+
+def _filter(
+    name: str,
+    quantities: Mapping[str, Expected],
+    parameters: Sequence[Parameter],
+    matrix: Callable[[Mapping[str, Any]], list[list[Any]]],
+    states: Sequence[str] | int,
+) -> LFTModel:
+    """A linear block with one input, the command, and one output."""
+    ends = {"inputs": ["command"], "outputs": ["output"]}
+    return linear_block(name, quantities, parameters, matrix, states=states, **ends)
 
 
 def _ladder(order: int, rate: Any) -> list[list[Any]]:

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.build import choose_signals
+from mbdlft.build import choose_signals, choose_states
 from mbdlft.certify import linearized
 from mbdlft.equations import Equations
 from mbdlft.errors import WellPosednessError
@@ -18,6 +18,7 @@ from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import Array
 from mbdlft.lft.model import LFTModel, deltas_of
 from mbdlft.many import MANY
+from mbdlft.need import Need
 from mbdlft.parameter import Parameter
 from mbdlft.scene import Scene, assemble
 from mbdlft.signal import Signal
@@ -52,6 +53,7 @@ class EquationSource:
     equations: Equations
     inputs: tuple[int, ...]
     outputs: tuple[int, ...]
+    need: Need
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -64,7 +66,7 @@ class EquationSource:
         e = self.equations
         return Layout(
             parameters=tuple(Signal(p.name, p.unit) for p in e.parameters),
-            states=e.x_signals,
+            states=tuple(e.x_signals[k] for k in self.need.states),
             inputs=tuple(e.u_signals[k] for k in self.inputs),
             outputs=tuple(e.y_signals[k] for k in self.outputs),
             trim=tuple(e.u_signals[k] for k in e.unknown),
@@ -99,7 +101,7 @@ class EquationSource:
             if not len(good):
                 return
             efforts, kept = found.efforts[good], some[good]
-            values = linearized(e, self.inputs, self.outputs, at[good], efforts)
+            values = self.need.of(linearized(e, self.inputs, self.outputs, at[good], efforts))
             check_prestress(e, at[good], efforts)
             matrices[_as_slice(kept)] = values
             finite = np.all(np.isfinite(values), axis=(1, 2))
@@ -200,4 +202,5 @@ def source_of(given: Scene | LFTModel) -> EquationSource | ModelSource:
         return ModelSource(given)
     equations = assemble(given)
     inputs, outputs = choose_signals(given, equations)
-    return EquationSource(equations, tuple(inputs), tuple(outputs))
+    need = choose_states(given, equations, inputs, outputs)
+    return EquationSource(equations, tuple(inputs), tuple(outputs), need)

@@ -12,7 +12,7 @@ from pydantic import model_validator
 from mbdlft.description import AXES, Description, Expected, Text, Values, Vector, vector_quantities
 from mbdlft.errors import SceneError
 from mbdlft.signal import Freedom, Signal
-from mbdlft.spatial import Coordinate
+from mbdlft.spatial import Coordinate, column
 
 GROUND = "ground"
 
@@ -67,7 +67,7 @@ class Body(Description, abc.ABC):
         label = self.port_label(port)
         if label is None:
             return ca.SX(3, 1)
-        return ca.sparsify(ca.SX(ca.vertcat(*(values[f"{label}.{axis}"] for axis in AXES))))
+        return column(values[f"{label}.{axis}"] for axis in AXES)
 
     def freedoms(self) -> tuple[Freedom, ...]:
         """Names of the coordinates of an elastic body; a rigid one has none."""
@@ -112,6 +112,23 @@ class Body(Description, abc.ABC):
     def total_mass(self, values: Values) -> ca.SX:
         """Mass of the body (kg)."""
         return ca.SX(values.get("mass", 0.0))
+
+    def mass_and_moment(self, values: Values, inboard: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Mass (kg), and first moment (3,) about the inboard port (kg m), at rest and undeformed.
+
+        They are what accelerations along x and y need.
+        """
+        zero = ca.SX(len(self.freedoms()), 1)
+        x, y = (
+            self.wrench(
+                ca.horzcat(ca.SX(3, 2), ca.SX.eye(3)[:, k]),
+                values,
+                inboard,
+                Coordinate(zero, zero, zero),
+            )
+            for k in range(2)
+        )
+        return x[0, 0], ca.vertcat(y[2, 1], -x[2, 1], x[1, 1])
 
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
         """Which condition of physics fails at one of the sampled values, or None."""

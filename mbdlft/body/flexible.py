@@ -190,4 +190,5 @@ def _mass_matrix(
     function = ca.Function("mass", [ca.vertcat(*symbols.values())], [ca.densify(wrenches)])
     samples = max(np.size(value) for value in values.values())
     table = np.stack([np.broadcast_to(values[name], (samples,)) for name in symbols])
-    return np.stack([function(table[:, k]).full() for k in range(samples)])
+    found: NDArray[np.float64] = function(table).full().reshape(6, samples, 6).transpose(1, 0, 2)
+    return found

@@ -17,9 +17,17 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from mbdlft.body.base import Body
-from mbdlft.description import Description, Expected, Quantity, Values, Vector, vector_quantities
+from mbdlft.description import (
+    AXES,
+    Description,
+    Expected,
+    Quantity,
+    Values,
+    Vector,
+    vector_quantities,
+)
 from mbdlft.errors import SceneError, unknown_name
-from mbdlft.spatial import Coordinate, move_motion, move_wrench
+from mbdlft.spatial import Coordinate, column, move_motion, move_wrench
 
 DIAGONAL = ("xx", "yy", "zz")
 PRODUCTS = ("xy", "xz", "yz")
@@ -104,6 +112,10 @@ class RigidBody(Body):
         needed = newton_euler()(motion, values["mass"], point - inboard, center - point, inertia)
         return ca.SX(needed)
 
+    def mass_and_moment(self, values: Values, inboard: ca.SX) -> tuple[ca.SX, ca.SX]:
+        mass = values["mass"]
+        return mass, (_position(values, "center_of_mass") - inboard) * mass
+
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
         problem = negative_mass(values["mass"])
         return problem if self.inertia.unchecked else problem or _inertia_problem(self, values)
@@ -134,8 +146,7 @@ def inertia_entries(body: str, values: Values) -> ca.SX:
         else ca.SX.sym(unseen_name(body, name))
         for name in (*DIAGONAL, *PRODUCTS)
     }
-    rows = ([entries[name] for name in row] for row in _ENTRY)
-    return ca.SX(ca.vertcat(*(ca.horzcat(*row) for row in rows)))
+    return ca.reshape(column(entries[name] for row in _ENTRY for name in row), 3, 3)
 
 
 def unseen_name(body: str, entry: str) -> str:
@@ -151,7 +162,7 @@ def negative_mass(mass: NDArray[np.float64]) -> str | None:
 
 
 def _position(values: Values, label: str) -> ca.SX:
-    return ca.SX(ca.vertcat(*(values[f"{label}.{axis}"] for axis in "xyz")))
+    return column(values[f"{label}.{axis}"] for axis in AXES)
 
 
 def _inertia_problem(body: RigidBody, values: Mapping[str, NDArray[np.float64]]) -> str | None:

@@ -16,12 +16,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array, csr_array
+from scipy.sparse import csr_array
 from scipy.sparse.linalg import splu
 
 from mbdlft.errors import WellPosednessError
 from mbdlft.lft.lft import LFT, Array, Block
-from mbdlft.lft.rounding import cleaned, solution_size
+from mbdlft.lft.rounding import cleaned, is_rounding, solution_size
 from mbdlft.parameter import BilinearMap
 
 _MOST_CLEANED = 3000  # quotients and channels; the full inverse of more would not fit
@@ -42,6 +42,11 @@ class Scaled(NamedTuple):
 
 
 ZERO = Scaled(0.0, -1)
+
+
+def scaled(factor: float, signal: Scaled) -> Scaled:
+    """A number times a signal."""
+    return Scaled(factor * signal.factor, signal.number) if factor and signal.factor else ZERO
 
 
 class SignalGraph:
@@ -218,26 +223,39 @@ class SignalGraph:
         left_over = Counter(
             term.number for terms in (*(t for _, t in self.equations), *asked) for term in terms
         )
-        position = {signal: k for k, signal in enumerate(sources)}
-        held: dict[int, Array] = {}
+        # values by source, and their sizes if nothing cancelled
+        held: dict[int, tuple[dict[int, float], dict[int, float]]] = {
+            signal: ({k: 1.0}, {k: 1.0}) for k, signal in enumerate(sources)
+        }
+        kept = set(sources)
 
-        def added(terms: Sequence[Scaled]) -> Array:
-            row = np.zeros((2, width))  # values, and their sizes if nothing cancelled
+        def added(terms: Sequence[Scaled]) -> tuple[dict[int, float], dict[int, float]]:
+            values: dict[int, float] = {}
+            sizes: dict[int, float] = {}
             for factor, number in terms:
-                if number in position:
-                    row[:, position[number]] += (factor, abs(factor))
-                elif number >= 0:
-                    row += np.array([[factor], [abs(factor)]]) * held[number]
+                if number < 0:
+                    continue
+                of_term, of_size = held[number]
+                for k, value in of_term.items():
+                    values[k] = values.get(k, 0.0) + factor * value
+                    sizes[k] = sizes.get(k, 0.0) + abs(factor) * of_size[k]
+                if number not in kept:
                     left_over[number] -= 1
                     if not left_over[number]:
                         del held[number]
-            row[0] = cleaned(row[0], row[1])
-            return row
+            for k, value in values.items():
+                if is_rounding(value, sizes[k]):
+                    values[k] = 0.0
+            return values, sizes
 
         for signal, terms in self.equations:
             if left_over[signal]:
                 held[signal] = added(terms)
-        return np.array([added(terms)[0] for terms in asked]).reshape(len(asked), width)
+        rows = np.zeros((len(asked), width))
+        for row, terms in zip(rows, asked, strict=True):
+            values, _ = added(terms)
+            row[list(values)] = list(values.values())
+        return rows
 
     def _depends(self, channels: Sequence[tuple[int, int, Scaled]]) -> NDArray[np.bool_]:
         """Whether each signal can depend on each input and channel: (signals, inputs + channels)."""
@@ -268,8 +286,15 @@ class SignalGraph:
 def _read(rows: Array, solution: Array, inputs: int) -> Array:
     """Values (rows, columns) of rows by [inputs, unknowns], the unknowns being a solution by columns."""
     direct = np.hstack([rows[:, :inputs], np.zeros((len(rows), solution.shape[1] - inputs))])
-    sparse = csr_array(rows[:, inputs:])
+    sparse = _sparse(rows[:, inputs:])
     return cleaned(direct + sparse @ solution, np.abs(direct) + abs(sparse) @ np.abs(solution))
+
+
+def _sparse(matrix: Array) -> csr_array:
+    """The nonzeros of a matrix by rows; scipy's own way takes three times as long for small ones."""
+    at, columns = matrix.nonzero()
+    starts = np.searchsorted(at, np.arange(len(matrix) + 1))
+    return csr_array((matrix[at, columns], columns, starts), shape=matrix.shape)
 
 
 def _solve(matrix: Array, right: Array) -> Array:
@@ -279,7 +304,8 @@ def _solve(matrix: Array, right: Array) -> Array:
     largest = np.max(np.abs(matrix), axis=1)
     scale = 2.0 ** -np.round(np.log2(np.where(largest > 0.0, largest, 1.0)))
     try:
-        scaled = csc_array(scale[:, None] * matrix)  # rows of one size: pivots then make no noise
+        # rows of one size: pivots then make no noise
+        scaled = _sparse((scale[:, None] * matrix).T).T
         factors, terms = splu(scaled), scale[:, None] * right
         solution = np.asarray(factors.solve(terms))
         if len(scale) <= _MOST_CLEANED and np.all(np.isfinite(solution)):

@@ -6,7 +6,7 @@ from typing import Any
 import casadi as ca
 
 from mbdlft.errors import NotRationalError, StructureError
-from mbdlft.extract.graph import ZERO, Scaled, SignalGraph
+from mbdlft.extract.graph import ZERO, Scaled, SignalGraph, scaled
 from mbdlft.lft.lft import LFT
 from mbdlft.linearize import LinearModel
 
@@ -104,7 +104,8 @@ def _multiply(graph: SignalGraph, a: Element, b: Element) -> Element:
         a, b = b, a
     if isinstance(a, Scaled):
         assert not isinstance(b, Scaled)
-        return graph.apply(b, a)
+        constant = graph.constant_value(b)
+        return graph.apply(b, a) if constant is None else scaled(constant, a)
     assert not isinstance(b, Scaled)
     x, y = graph.constant_value(a), graph.constant_value(b)
     if x is not None and y is not None:
@@ -131,7 +132,7 @@ def _divide(graph: SignalGraph, a: Element, b: Element) -> Element:
 
 
 def _negate(graph: SignalGraph, a: Element) -> Element:
-    return _multiply(graph, graph.constant(-1.0), a)
+    return scaled(-1.0, a) if isinstance(a, Scaled) else _multiply(graph, graph.constant(-1.0), a)
 
 
 _RULES: dict[int, Callable[..., Element]] = {

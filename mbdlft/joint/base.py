@@ -6,6 +6,7 @@ A joint places the frame of its child's port on its parent's port; at zero posit
 
 import abc
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, ClassVar, Self, final
 
 import casadi as ca
@@ -189,6 +190,7 @@ def with_length(what: str, axis: Direction) -> Direction:
     return axis
 
 
+@lru_cache(maxsize=64)  # a tree asks for few of them, again and again
 def unit_vector(direction: Direction) -> ca.SX:
     """The direction with unit length (3,); exact zeros stay structural."""
     axis = np.asarray(direction) / np.linalg.norm(direction)

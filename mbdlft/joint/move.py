@@ -123,10 +123,10 @@ class Hinge(Move):
         return rotate_back(self.axis, ca.cos(self.at.q), ca.sin(self.at.q), vectors)
 
     def motion(self, motion: ca.SX) -> ca.SX:
-        return ca.SX(_hinge_motion()(motion, self.axis, *self.at))
+        return ca.SX(_hinge_motion()(self.rotated_back(motion), self.axis, self.at.v, self.at.a))
 
     def wrench(self, wrench: ca.SX) -> ca.SX:
-        return ca.SX(_hinge_wrench()(wrench, self.axis, self.at.q))
+        return self.rotated(wrench)
 
     def carried(self, wrench: ca.SX, motion: ca.SX) -> ca.SX:
         if isinstance(self.inertia, float) and self.inertia == 0.0:
@@ -270,19 +270,13 @@ def shifted(r: ca.SX) -> tuple[Shifted, ...]:
 
 @cache
 def _hinge_motion() -> ca.Function:
+    """What the rates of a hinge add to a motion in the axes of the child."""
     motion, axis = ca.SX.sym("motion", 3, 3), ca.SX.sym("axis", 3)
-    q, v, a = (ca.SX.sym(name) for name in "qva")
-    omega, alpha, acceleration = ca.horzsplit(rotate_back(axis, ca.cos(q), ca.sin(q), motion))
+    v, a = ca.SX.sym("v"), ca.SX.sym("a")
+    omega, alpha, acceleration = ca.horzsplit(motion)
     relative = axis * v
     child = ca.horzcat(omega + relative, alpha + ca.cross(omega, relative) + axis * a, acceleration)
-    return ca.Function("hinge_motion", [motion, axis, q, v, a], [child])
-
-
-@cache
-def _hinge_wrench() -> ca.Function:
-    wrench, axis, q = ca.SX.sym("wrench", 3, 2), ca.SX.sym("axis", 3), ca.SX.sym("q")
-    turned = rotate(axis, ca.cos(q), ca.sin(q), wrench)
-    return ca.Function("hinge_wrench", [wrench, axis, q], [turned])
+    return ca.Function("hinge_motion", [motion, axis, v, a], [child])
 
 
 @cache

@@ -10,14 +10,17 @@ The estimate grows with every step although the vectors are made orthonormal aga
 direction too many is harmless, one too few would be an error.
 """
 
+from collections.abc import Sequence
 from contextlib import nullcontext
 from itertools import accumulate, pairwise
-from typing import NamedTuple
+from math import sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 
+from mbdlft.lft.extended import IS_EXTENDED, orthonormal_columns, over_rows
 from mbdlft.lft.lft import LFT, Array, Block
 from mbdlft.lft.rounding import product
 from mbdlft.lft.threads import one_thread
@@ -37,26 +40,31 @@ class Core(NamedTuple):
     (rows of M11 and M12) and of what leaves them (columns of M11 and M21).
     """
 
-    M11: Array
-    M12: Array
-    M21: Array
+    M11: NDArray[Any]
+    M12: NDArray[Any]
+    M21: NDArray[Any]
     sizes: tuple[int, ...]
     error_in: tuple[float, ...]
     error_out: tuple[float, ...]
 
 
-def reduce_order(a: LFT) -> LFT:
+def reduce_order(a: LFT, *, extended: bool = False) -> LFT:
     """The LFT of equal value whose order is minimal for deltas that do not commute.
 
-    An LFT that is minimal in this sense already comes back as it is.
+    An LFT that is minimal in this sense already comes back as it is. In a chain of small directions
+    rounding grows from step to step; `extended` takes them in extended precision, which is slow.
     """
     core, inputs, outputs = balance(a)
+    if extended and IS_EXTENDED:
+        M11, M12, M21 = (matrix.astype(np.longdouble) for matrix in core[:3])
+        core = core._replace(M11=M11, M12=M12, M21=M21)
     with one_thread() if a.order > _LARGE else nullcontext():
         small = _transpose(_compress(_transpose(_compress(core))))
     if small.sizes == core.sizes:
         return a
+    reduced: list[Array] = [np.asarray(matrix, dtype=float) for matrix in small[:3]]
     blocks = [Block(block.name, size) for block, size in zip(a.blocks, small.sizes, strict=True)]
-    return LFT(small.M11, small.M12 * inputs, outputs[:, None] * small.M21, a.M22, tuple(blocks))
+    return LFT(reduced[0], reduced[1] * inputs, outputs[:, None] * reduced[2], a.M22, tuple(blocks))
 
 
 def _transpose(core: Core) -> Core:
@@ -125,7 +133,10 @@ def _compress(core: Core) -> Core:
 
     def restricted(matrix: Array) -> Array:
         # T is block diagonal: one product for each block
-        columns = [product(matrix[:, part], T) for part, T in zip(parts, bases, strict=True)]
+        columns = [
+            matrix[:, part] if len(T) == T.shape[1] else product(matrix[:, part], T)
+            for part, T in zip(parts, bases, strict=True)
+        ]
         return np.hstack([*columns, np.zeros((len(matrix), 0))])
 
     return Core(
@@ -138,17 +149,20 @@ def _compress(core: Core) -> Core:
     )
 
 
-def _as_graph(basis: Array) -> tuple[NDArray[np.int64], Array]:
+def _as_graph(basis: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[Any]]:
     """Well-conditioned rows of an orthonormal basis, and the basis that is the identity in them."""
     n, size = basis.shape
     if size in (0, n):
         return np.arange(size), np.eye(n)[:, :size]
-    factor, pivots, _, _, _ = dgeqp3(basis.T)
+    factor, pivots, _, _, _ = dgeqp3(np.asarray(basis.T, dtype=float))
     rows = pivots[:size].astype(int) - 1
     others = pivots[size:].astype(int) - 1
-    graph = np.zeros((n, size))
+    if basis.dtype != np.float64:
+        rest = over_rows(basis, rows)[others].T
+    else:
+        rest, _ = dtrtrs(factor[:, :size], factor[:, size:])
+    graph = np.zeros_like(basis)
     graph[rows] = np.eye(size)
-    rest, _ = dtrtrs(factor[:, :size], factor[:, size:])
     rest[np.abs(rest) < _ZERO * np.max(np.abs(rest), initial=1.0)] = 0.0
     graph[others] = rest.T
     order = np.argsort(rows)
@@ -161,67 +175,85 @@ def _parts(sizes: tuple[int, ...]) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(ends)]
 
 
-def _reachable(core: Core) -> list[Array]:
+def _reachable(core: Core) -> list[NDArray[Any]]:
     """Orthonormal bases of the smallest S_k with range(M12_k) in S_k and M11_kj S_j in S_k."""
     parts = _parts(core.sizes)
-    noise, start = core.error_in, core.M12
-    bases = [_Basis(part.stop - part.start) for part in parts]
+    bases = [_Basis(part.stop - part.start, core.M11.dtype) for part in parts]
+    norms: dict[tuple[int, int], float] = {}
+
+    def norm(into: int, out_of: int) -> float:
+        """Frobenius norm of a block of M11; many of them are never asked for."""
+        if (into, out_of) not in norms:
+            block = core.M11[parts[into], parts[out_of]]
+            norms[into, out_of] = sqrt((block**2).sum()) if block.any() else 0.0
+        return norms[into, out_of]
+
     # candidates of each delta: columns, and the error of each column
     fresh = [
-        basis.extend(start[part], np.full(start.shape[1], level))
-        for basis, part, level in zip(bases, parts, noise, strict=True)
+        basis.extend(core.M12[part], np.full(core.M12.shape[1], level))
+        for basis, part, level in zip(bases, parts, core.error_in, strict=True)
     ]
-    while any(len(error) for _, error in fresh):
-        sources = [
-            (source, vectors, error)
-            for (vectors, error), source in zip(fresh, parts, strict=True)
-            if len(error)
-        ]
+    while sources := [k for k, (_, error) in enumerate(fresh) if len(error)]:
+        moved = np.hstack([core.M11[:, parts[k]] @ fresh[k][0] for k in sources])
+        error = np.concatenate([fresh[k][1] for k in sources])
+        counts = [len(fresh[k][1]) for k in sources]
         fresh = []
-        for basis, part, level in zip(bases, parts, noise, strict=True):
-            blocks = [core.M11[part, source] for source, _, _ in sources] if not basis.full else []
-            coupled = [k for k, block in enumerate(blocks) if block.any()]
-            if not coupled:
-                fresh.append((basis.vectors[:, :0], basis.errors[:0]))
+        for k, (basis, part) in enumerate(zip(bases, parts, strict=True)):
+            if basis.full:
+                fresh.append(basis.nothing)
                 continue
-            columns = [blocks[k] @ sources[k][1] for k in coupled]
-            errors = [
-                level + float(np.sqrt((blocks[k] ** 2).sum())) * sources[k][2] for k in coupled
-            ]
-            fresh.append(basis.extend(np.hstack(columns), np.hstack(errors)))
+            gain = np.repeat([norm(k, source) for source in sources], counts)
+            coupled = gain.nonzero()[0]
+            errors = core.error_in[k] + gain[coupled] * error[coupled]
+            fresh.append(basis.extend(moved[part, coupled], errors))
     return [basis.vectors for basis in bases]
 
 
 class _Basis:
     """An orthonormal basis that grows, with the error of each vector."""
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, size: int, precision: np.dtype[Any]) -> None:
         self.size = size
-        self.vectors: Array = np.zeros((size, 0))
+        self.vectors: NDArray[Any] = np.zeros((size, 0), dtype=precision)
         self.errors: Array = np.zeros(0)
 
     @property
     def full(self) -> bool:
         return bool(self.vectors.shape[1] == self.size)
 
+    @property
+    def nothing(self) -> tuple[Array, Array]:
+        """No vectors, with no errors."""
+        return self.vectors[:, :0], self.errors[:0]
+
     def extend(self, columns: Array, errors: Array) -> tuple[Array, Array]:
         """Add the directions of `columns` that stand out of their errors; return what was added."""
         if self.full or not columns.shape[1]:
-            return self.vectors[:, :0], self.errors[:0]
+            return self.nothing
         known = self.vectors.shape[1]
         if known:
             for _ in range(2):  # twice is enough
                 inside = self.vectors.T @ columns
                 columns = columns - self.vectors @ inside
                 errors = errors + np.abs(inside).T @ self.errors
-        errors = np.minimum(errors, _MOST_ERROR)
+        errors = np.minimum(np.asarray(errors, dtype=float), _MOST_ERROR)
         # lengths in units of the error; pivoting takes the clearest direction first
-        factor, _, reflectors, _, _ = dgeqp3(columns / errors)
-        clear = np.abs(np.diagonal(factor))
-        count = min(int(np.sum(clear > _THRESHOLD)), self.size - known)
-        if count == 0:
-            return self.vectors[:, :0], self.errors[:0]
-        added, _, _ = dorgqr(factor[:, :count], reflectors[:count])
+        added, lengths = _directions(columns / errors, self.size - known)
+        if not len(lengths):
+            return self.nothing
         self.vectors = np.hstack([self.vectors, added])
-        self.errors = np.append(self.errors, np.maximum(1.0 / clear[:count], _EPS))
+        self.errors = np.concatenate([self.errors, np.maximum(1.0 / np.array(lengths), _EPS)])
         return self.vectors[:, known:], self.errors[known:]
+
+
+def _directions(columns: NDArray[Any], most: int) -> tuple[NDArray[Any], Sequence[float]]:
+    """Orthonormal vectors of the clear directions of columns, and their lengths, the longest first."""
+    if columns.dtype != np.float64:
+        return orthonormal_columns(columns, _THRESHOLD, most)
+    factor, _, reflectors, _, _ = dgeqp3(columns)
+    clear = np.abs(np.diagonal(factor))
+    count = min(int(np.sum(clear > _THRESHOLD)), most)
+    if count == 0:
+        return columns[:, :0], []
+    added, _, _ = dorgqr(factor[:, :count], reflectors[:count])
+    return added, clear[:count]

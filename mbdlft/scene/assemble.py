@@ -14,16 +14,19 @@ from mbdlft.errors import NotRationalError, SceneError
 from mbdlft.force import BodyWrench, Spring
 from mbdlft.joint import labelled
 from mbdlft.lft.lft import Array
+from mbdlft.scene.aligned import Aligned, align
 from mbdlft.scene.channels import body_channels, body_inputs
 from mbdlft.scene.check import check, check_fit
 from mbdlft.scene.closure import Closure, close_loops, constraint, reactions
-from mbdlft.scene.placed import inertial_wrenches, motions, pass_inward
+from mbdlft.scene.placed import Passed, inertial_wrenches, motions, pass_inward
 from mbdlft.scene.quantities import owner_name
 from mbdlft.scene.scene import Scene
 from mbdlft.scene.symbols import Symbols, coordinate_owners
 from mbdlft.scene.tree import Link, PortJoint, all_bodies, tree
 from mbdlft.scene.view import View
+from mbdlft.scene.weights import pass_weights_inward
 from mbdlft.signal import Freedom, Signal
+from mbdlft.spatial import column
 
 _SEEN = 1e-13  # a sensitivity of the equations of order one below which an entry is not seen
 _APART = 1e-9  # of the reach of its ports: a spring that is shorter has no direction
@@ -56,9 +59,13 @@ def assemble(scene: Scene) -> Equations:
     _check_spin(scene)
     parameters = tuple(sorted(scene.parameters, key=lambda parameter: parameter.name))
     symbols = Symbols(scene, parameters, links)
-    values = symbols.quantities(scene)
+    values: Mapping[str, Values] = symbols.quantities(scene)
+    aligned = align(scene, values, symbols.evaluate)
+    if aligned:
+        scene, values = aligned.scene, aligned.values
+        links = tree(scene)
     own = values[f"scene {scene.name!r}"]
-    gravity = ca.sparsify(ca.SX(ca.vertcat(*(own[f"gravity.{a}"] for a in AXES))))
+    gravity = column(own[f"gravity.{a}"] for a in AXES)
     view = View(links, all_bodies(scene), values, symbols.coordinates(links), gravity)
     closure = close_loops(scene, view, symbols.evaluate)
     _check_springs(scene, view, symbols.evaluate)
@@ -71,22 +78,17 @@ def assemble(scene: Scene) -> Equations:
     listed = list_efforts(scene, links, values, densities, closure.rows)
     u = ca.SX.sym("u", len(listed))
     z = ca.SX.sym("multiplier", len(closure.rows))
-    base = ca.vertcat(*(own[f"acceleration.{a}"] - own[f"gravity.{a}"] for a in AXES))
-    base = ca.sparsify(ca.SX(base))
+    base = column(own[f"acceleration.{a}"] - own[f"gravity.{a}"] for a in AXES)
     load = ca.SX.sym("load", base.sparsity())
     view.motions = motions(view.now, ground_motion(scene, own, load, listed, u))
-    needed = inertial_wrenches(view.now, view.motions)
-    for acted in acting(scene, links, values, view, closure, u, z):
-        if acted.body in needed:
-            needed[acted.body] -= acted.wrench
-    view.passed = pass_inward(view.now, view.motions, needed)
+    view.passed = _passed(scene, view, acting(scene, links, values, view, closure, u, z), load)
     channels = body_channels(links, values, view, u, [effort.signal.name for effort in listed])
     dynamics = _dynamics(links, symbols, values, view, u) - channels.forces
     n = symbols.q.numel()
     carried, carried_by = _carried(links, view)
     held = [constraint(scene.loops, view, order)[list(closure.rows)] for order in range(3)]
     residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
-    measured, y_signals, displacements = _measures(scene, links, symbols, view)
+    measured, y_signals, displacements = _measures(scene, links, symbols, view, aligned)
     displacements += tuple(len(y_signals) + k for k in range(len(channels.signals)))
     measured, y_signals = ca.vertcat(measured, channels.outputs), y_signals + channels.signals
     both = without_unseen(scene, ca.vertcat(residual, measured))
@@ -193,9 +195,7 @@ def _check_springs(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequenc
         if not isinstance(load, Spring):
             continue
         view.owner = owner_name(load)
-        gaps = evaluate(view.between_at_rest(load.parent, load.child))
-        arms = [view.between_at_rest("ground", port) for port in (load.parent, load.child)]
-        reach = max(float(np.max(np.abs(value))) for arm in arms for value in evaluate(arm))
+        gaps, reach = view.gaps(load.parent, load.child, evaluate)
         apart = [float(np.linalg.norm(gap)) for gap in gaps]
         if min(apart) <= _APART * reach:
             raise SceneError(
@@ -257,6 +257,20 @@ def acting(
     for position, row in enumerate(closure.rows):
         multipliers[row] = u[u.numel() - len(closure.rows) + position] + z[position]
     return found + reactions(scene.loops, view, multipliers)
+
+
+def _passed(scene: Scene, view: View, acted: Sequence[BodyWrench], load: ca.SX) -> Passed:
+    """Inward pass of the inertial wrenches and the loads."""
+    needed = inertial_wrenches(view.now, view.motions)
+    loads = {name: ca.SX(3, 2) for name in needed}
+    for on in acted:
+        if on.body in loads:
+            loads[on.body] -= on.wrench
+    if load.nnz() and not (scene.spin or scene.loops):
+        return pass_weights_inward(view.now, view.motions, needed, loads, load)
+    return pass_inward(
+        view.now, view.motions, {name: needed[name] + loads[name] for name in needed}
+    )
 
 
 def _dynamics(
@@ -333,7 +347,7 @@ def without_unseen(scene: Scene, relations: ca.SX) -> ca.SX:
 
 
 def _measures(
-    scene: Scene, links: tuple[Link, ...], symbols: Symbols, view: View
+    scene: Scene, links: tuple[Link, ...], symbols: Symbols, view: View, aligned: Aligned | None
 ) -> tuple[ca.SX, tuple[Signal, ...], tuple[int, ...]]:
     """Outputs: measures of all joints, and the sensors that are asked for.
 
@@ -361,6 +375,7 @@ def _measures(
             continue
         view.owner = f"sensor {sensor.name!r}"
         default += range(len(signals), len(signals) + len(named))
-        entries.append(sensor.measure(view))
+        measured = sensor.measure(view)
+        entries.append(aligned.back(measured) if aligned else measured)
         signals += named
     return ca.vertcat(*entries), tuple(signals), tuple(default)

@@ -72,9 +72,12 @@ def _check_quantities(
 ) -> dict[str, NDArray[np.float64]]:
     """Values (SI) of the checked quantities of one owner at samples of the range; angles left out."""
     samples = _samples(scene, owner, quantities)
-    found = {}
+    found: dict[str, NDArray[np.float64]] = {}
     for label, expected in quantities.items():
         place = Place(owner, label)
+        if isinstance(expected.source, float) and expected.unit != "rad":
+            found[label] = _at_all(samples, expected.source)
+            continue
         if expected.unit == "rad":
             _check_angle(scene, place, expected, dimensions, samples)
             continue
@@ -127,6 +130,11 @@ def _sampled(place: Place, expected: Expected, samples: Mapping[str, Any]) -> ND
     """Values (SI) of a quantity at the samples of the range."""
     with np.errstate(all="ignore"):  # what is not finite has its own message
         value = value_at(place, expected, samples)
+    return _at_all(samples, value)
+
+
+def _at_all(samples: Mapping[str, Any], value: Any) -> NDArray[np.float64]:
+    """A value, or values, at each of the samples."""
     longest = next((e for e in samples.values() if isinstance(e, np.ndarray)), None)  # all are
     return np.broadcast_to(value, (1,) if longest is None else longest.shape)
 
@@ -139,9 +147,8 @@ def _si_bounds(parameter: Parameter) -> tuple[float, float]:
 def _samples(
     scene: Scene, owner: str, quantities: Mapping[str, Expected]
 ) -> Mapping[str, NDArray[np.float64] | float]:
-    """Nominal, corners and random points of the range: an array (SI units) for each plain parameter.
-
-    Corners of the parameters that the quantities use: all of them if there are not too many.
+    """Nominal, corners and random points of the range: an array (SI units) for each plain parameter
+    that the quantities use. All corners, if there are not too many.
     """
     used = {
         name
@@ -150,18 +157,20 @@ def _samples(
     }
     plain = [p for p in scene.parameters if not p.is_angle]
     active = [p for p in plain if p.name in used]
+    values: dict[str, Any] = dict(scene.constant_values())
+    values |= {p.name: p.nominal for p in plain}  # those that are not used: for messages
+    if not active:
+        return values
     generator = np.random.default_rng(0)
     if 2 ** len(active) <= _CORNERS:
         sides = np.array(list(product((0.0, 1.0), repeat=len(active))))
     else:
         sides = generator.integers(0, 2, (_CORNERS, len(active))).astype(float)
-    weights = np.vstack([sides, generator.random((_RANDOM if active else 0, len(active)))])
-    values: dict[str, Any] = dict(scene.constant_values())
-    for p in plain:
-        values[p.name] = np.full(len(weights) + 1, p.nominal * parse_unit(p.unit).factor)
+    weights = np.vstack([sides, generator.random((_RANDOM, len(active)))])
     for k, p in enumerate(active):
         low, high = _si_bounds(p)
-        values[p.name][1:] = low + weights[:, k] * (high - low)
+        nominal = p.nominal * parse_unit(p.unit).factor
+        values[p.name] = np.concatenate([[nominal], low + weights[:, k] * (high - low)])
     return values
 
 
@@ -204,9 +213,12 @@ def _check_dimension(place: Place, expected: Expected, dimensions: Mapping[str, 
 
 def _check_denominators(scene: Scene, place: Place, expected: Expected) -> None:
     """Show by interval arithmetic that no denominator vanishes in the range, or raise."""
+    found_in = denominators(expression_at(place, expected))
+    if not found_in:
+        return
     plain = {p.name: p for p in scene.parameters if not p.is_angle}
     constants = scene.constant_values()
-    for denominator in denominators(expression_at(place, expected)):
+    for denominator in found_in:
         used = sorted(names(denominator) & set(plain))
         if not used:
             continue

@@ -196,9 +196,7 @@ def _check_that_it_closes(
     `explained` (N, rows) are the gaps that fitted positions may leave.
     """
     view.owner = Loop.where({"name": loop.name})
-    gaps = evaluate(view.between_at_rest(loop.parent, loop.child))
-    arms = [view.between_at_rest("ground", port) for port in (loop.parent, loop.child)]
-    reach = max(float(np.max(np.abs(value))) for arm in arms for value in evaluate(arm))
+    gaps, reach = view.gaps(loop.parent, loop.child, evaluate)
     widest = max(float(np.linalg.norm(gap)) for gap in gaps)
     excess = np.max(np.linalg.norm(gaps, axis=(1, 2)) - np.linalg.norm(explained[:, :3], axis=1))
     if not excess <= _GAP * reach:

@@ -55,7 +55,8 @@ def place(
     elastic: dict[str, Coordinate] = {}
     for link in links:
         name, joint = link.child.name, link.joint
-        arms[name] = position(link.parent, link.parent_port, values) - inboard[link.parent.name]
+        arm, origin = position(link.parent, link.parent_port, values), inboard[link.parent.name]
+        arms[name] = arm - origin if origin.nnz() else arm
         inboard[name] = position(link.child, link.child_port, values)
         elastic[name] = coordinates[owner_name(link.child)]
         own = elastic[link.parent.name] if joint.kind == "port" else coordinates[link.owner]

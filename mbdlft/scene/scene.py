@@ -19,6 +19,8 @@ from mbdlft.parameter import Parameter
 from mbdlft.sensor import Sensor
 from mbdlft.unit import parse_unit
 
+ALL, NEEDED = "all", "needed"  # states of the linear model
+
 
 @final
 class Constant(Description):
@@ -97,6 +99,9 @@ class Scene(Description):
     inputs, outputs : sequence of str
         Signals of the linear model, such as ``shoulder.torque``; by default all joint efforts and
         loads, and all joint positions and sensors.
+    states : str
+        ``all``, or ``needed``: only those that the inputs drive and the outputs see, for some values of
+        the parameters. The transfer is the same.
 
     Numbers in expressions are in SI units (rad for angles); names carry their own units.
     """
@@ -116,6 +121,7 @@ class Scene(Description):
     fit: InstanceOf[Fit] | None = None
     inputs: Annotated[tuple[Text, ...] | None, Field(min_length=1)] = None
     outputs: Annotated[tuple[Text, ...] | None, Field(min_length=1)] = None
+    states: str = ALL
 
     @classmethod
     def where(cls, fields: Mapping[str, Any]) -> str:
@@ -126,6 +132,13 @@ class Scene(Description):
     def _constants_are_numbers(cls, constants: Any) -> Any:
         check_constants(constants)
         return constants
+
+    @field_validator("states")
+    @classmethod
+    def _states_are_known(cls, states: str) -> str:
+        if states not in (ALL, NEEDED):
+            raise SceneError(f"states: expected {ALL!r} or {NEEDED!r}, got {states!r}.")
+        return states
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> Self:

@@ -19,7 +19,7 @@ from mbdlft.joint import Rotation
 from mbdlft.loop import KINDS as LOOPS
 from mbdlft.loop import Loop
 from mbdlft.parameter import SUBSTITUTIONS, Angle, Parameter
-from mbdlft.scene.scene import Constant, Fit, Scene, Spin
+from mbdlft.scene.scene import ALL, Constant, Fit, Scene, Spin
 from mbdlft.sensor import KINDS as SENSORS
 from mbdlft.unit import ANGLE_UNITS, parse_unit
 
@@ -43,6 +43,7 @@ _TOP = (
     "fit",
     "linearize",
 )
+_LINEARIZE = ("inputs", "outputs", "states")
 _PARAMETER_KEYS = tuple(name for name in inspect.signature(Parameter).parameters if name != "name")
 
 
@@ -99,7 +100,11 @@ def scene_to_toml(scene: Scene) -> str:
     if scene.fit:
         table["fit"] = scene.fit.model_dump()
     chosen = {"inputs": scene.inputs, "outputs": scene.outputs}
-    linearize = {key: list(names) for key, names in chosen.items() if names is not None}
+    linearize: dict[str, Any] = {
+        key: list(names) for key, names in chosen.items() if names is not None
+    }
+    if scene.states != ALL:
+        linearize["states"] = scene.states
     if linearize:
         table["linearize"] = linearize
     return tomli_w.dumps(table)
@@ -197,8 +202,8 @@ def _scene(table: dict[str, Any]) -> Scene:
     check_keys(table, FORMAT, _TOP)
     linearize = _table("linearize", table.get("linearize", {}))
     for key in linearize:
-        if key not in ("inputs", "outputs"):
-            raise SceneError("linearize: " + unknown_name("key", key, ("inputs", "outputs")))
+        if key not in _LINEARIZE:
+            raise SceneError("linearize: " + unknown_name("key", key, _LINEARIZE))
     plain = ("name", "description", "gravity", "acceleration")
     spin = {"spin": Spin(**_table("spin", table["spin"]))} if "spin" in table else {}
     return Scene(

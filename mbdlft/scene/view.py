@@ -1,13 +1,15 @@
 """What loads and sensors see of a placed tree: positions, small motions, wrenches, momentum."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 
 import casadi as ca
+import numpy as np
 
 from mbdlft.body import GROUND, Body
 from mbdlft.description import Values
 from mbdlft.errors import SceneError, unknown_name
+from mbdlft.lft.lft import Array
 from mbdlft.scene.placed import (
     Motions,
     Passed,
@@ -81,6 +83,17 @@ class View:
 
     def between_at_rest(self, a: str, b: str) -> ca.SX:
         return between(self.rest, self.find(a), self.find(b))
+
+    def gaps(
+        self, a: str, b: str, evaluate: Callable[[ca.SX], Sequence[Array]]
+    ) -> tuple[Sequence[Array], float]:
+        """Vectors (3, 1) from port a to port b at equilibrium, and the largest arm of the two ports (m).
+
+        `evaluate` gives the values of an expression at some points of the range.
+        """
+        arms = (self.between_at_rest("ground", port) for port in (a, b))
+        reach = max(float(np.max(np.abs(value))) for arm in arms for value in evaluate(arm))
+        return evaluate(self.between_at_rest(a, b)), reach
 
     def departure(self, a: str, b: str, order: int) -> ca.SX:
         body, small = self.small(a, order)

@@ -214,11 +214,12 @@ def _check_format(file: Path, archive: Any) -> None:
         )
 
 
-def _names(file: Path, archive: Any) -> tuple[str, ...]:
-    models = archive.get("models", {})
-    if not isinstance(models, dict | h5py.Group):
-        raise ArchiveError(f"{file}: /models is not a group.")
-    return tuple(sorted(models))
+def _names(file: Path, archive: Any, parent: str = "models") -> tuple[str, ...]:
+    """Names of the models, or of what another group holds."""
+    found = archive.get(parent, {})
+    if not isinstance(found, dict | h5py.Group):
+        raise ArchiveError(f"{file}: /{parent} is not a group.")
+    return tuple(sorted(found))
 
 
 def _copy(old: Any, new: Any, replaced: str) -> None:

@@ -9,14 +9,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.errors import ArchiveError, unknown_name
 from mbdlft.lft.lft import Array
 from mbdlft.signal import Signal
-from mbdlft.store.archive import _opened, check_name, rewrite
+from mbdlft.store.archive import _names, _opened, check_name, rewrite
 from mbdlft.store.model import _read_signals, _write_signals
 
 TYPE, VERSION = "sweep", "1.0"
@@ -187,11 +186,9 @@ def sweep_names(path: str | Path) -> tuple[str, ...]:
     ArchiveError
         The file is missing, truncated, foreign or newer.
     """
-    with _opened(Path(path)) as archive:
-        found = archive.get("sweeps", {})
-        if not isinstance(found, dict | h5py.Group):
-            raise ArchiveError(f"{path}: /sweeps is not a group.")
-        return tuple(sorted(found))
+    file = Path(path)
+    with _opened(file) as archive:
+        return _names(file, archive, "sweeps")
 
 
 def load_sweep(

@@ -165,9 +165,9 @@ def no_gyroscopic_term(patch: Patch) -> None:
 
     original = move._hinge_motion()
 
-    def wrong(motion, axis, q, v, a):
+    def wrong(motion, axis, v, a):
         # alpha without omega x axis v
-        right = original(motion, axis, q, v, a)
+        right = original(motion, axis, v, a)
         omega = right[:, 0] - axis * v
         return ca.horzcat(right[:, 0], right[:, 1] - ca.cross(omega, axis * v), right[:, 2])
 

@@ -26,6 +26,7 @@ POINTS = 4
 FREE_MOVES, CARRIED = mbdlft.Free.moves, Hinge.carried
 _LEAST = 1e-3  # masses and lengths are of order one: what is smaller has cancelled
 ASSEMBLE = import_module("mbdlft.scene.assemble")
+WEIGHTS = import_module("mbdlft.scene.weights")
 Point = dict[str, float]
 
 
@@ -176,6 +177,18 @@ def body_of(port: str) -> str:
     return port.partition(".")[0]
 
 
+def pushed(kind: str) -> Callable[[mbdlft.Scene], bool]:
+    """A force on a body that a joint of a kind carries on another one."""
+    return lambda scene: any(
+        joint.kind == kind
+        and body_of(joint.parent) != "ground"
+        and body_of(joint.child) == body_of(load.port)
+        for joint in scene.joints
+        for load in scene.loads
+        if load.kind == "force"
+    )
+
+
 def gravity(scene: mbdlft.Scene) -> bool:
     return any(scene.gravity)
 
@@ -197,9 +210,21 @@ PLANTED = {
         patched(mbdlft.Buoyancy, "wrenches", fluid_with_the_frame),
         both(has("buoyancy", "free"), gravity),
     ),
-    "a slide does not move the line of its wrench": (
+    "a slide does not move the line of a load": (
         patched(Slide, "wrench", lambda move, wrench: wrench),
+        pushed("prismatic"),
+    ),
+    "a slide does not move the line of a weight": (
+        patched(Slide, "offset", lambda move: ca.SX(3, 1)),
         both(carried("prismatic"), gravity),
+    ),
+    "weights do not turn": (
+        patched(WEIGHTS, "_with_weights", lambda wrench, tilts, field: wrench),
+        both(has("revolute"), gravity),
+    ),
+    "weights turn about the axis they had outside of a turn": (
+        patched(WEIGHTS, "_turned_axis", lambda move, axis: axis),
+        both(carried("universal"), gravity),
     ),
     "every actuator about a hinge counts twice": (
         patched(

@@ -46,7 +46,7 @@ def _pairs(text):
         (
             "outputs =",
             "output =",
-            "linearize: unknown key 'output'. Did you mean 'outputs'? Existing: inputs, outputs.",
+            "linearize: unknown key 'output'. Did you mean 'outputs'? Existing: inputs, outputs, states.",
         ),
         (f"[constants]\n{L1}", "constants = 3", "constants: expected a table, got 3."),
         (

@@ -23,10 +23,13 @@ from mbdlft.linearize import linearize
 from mbdlft.scene import assemble
 from tests.close import SCENARIO, roundoff, target
 from tests.laws.chains import chain
+from tests.laws.turned import forces_turned_on_the_way
 
 
 def relations(links: int, *, spatial: bool) -> LFT:
-    equations = assemble(chain(links, spatial=spatial))
+    """Of forces that turn on the way in: there is something left to find."""
+    with forces_turned_on_the_way():
+        equations = assemble(chain(links, spatial=spatial))
     return reduce_order(extract(linearize(equations, range(links), range(links))))
 
 
@@ -125,6 +128,9 @@ def test_finished_relations_of_a_chain_are_kept() -> None:
     equations = assemble(scene)
     a = reduce_order(extract(linearize(equations, range(3), range(3))))
     search = commute._Search(
-        lower_bound(a), lambda: False, a, lambda found: _state_space(equations, 3, found)
+        lower_bound(a),
+        lambda: False,
+        a,
+        lambda found: _state_space(equations, equations.x_signals, 3, found),
     )
     assert commute._keeps(move_affine(a, ("L0", "L1", "L2"), ("m0", "m1", "m2")), search)

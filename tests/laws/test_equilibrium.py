@@ -9,11 +9,12 @@ import pytest
 
 import mbdlft
 from mbdlft import Fixed, Inertia, Loop, Parameter, PointMass, Revolute, RigidBody, Scene, Spring
-from mbdlft.equations import equation_function, load_value, physical_symbols
+from mbdlft.equations import Equations, equation_function, load_value, physical_symbols
 from mbdlft.scene import displaced
 from tests.close import SCENARIO, exact, roundoff, target
 from tests.cross.lagrangian import lagrangian
 from tests.equilibria import Known, known_equilibrium
+from tests.laws.turned import forces_turned_on_the_way
 
 STARTS = 30
 G = 9.81
@@ -340,16 +341,30 @@ def test_conditions_are_those_of_the_model() -> None:
 def check_conditions() -> None:
     for seed in (2, 5, 11):
         scene = known_equilibrium(seed).scene.model_copy(update={"loads": ()})
-        d, e = displaced.displace(scene), mbdlft.assemble(scene)
+        d, first_order = displaced.displace(scene), mbdlft.assemble(scene)
+        with forces_turned_on_the_way():
+            of_any_size = mbdlft.assemble(scene)
         rng = np.random.default_rng(seed)
-        n = e.degrees_of_freedom
-        q, u = rng.normal(0.0, 0.4, n), rng.normal(0.0, 5.0, e.u.numel())
-        rows = ca.Function("rows", [d.q, d.u, d.p], [d.rows])(q, u, 2.3)
-        symbols, p, cosine, sine = physical_symbols(e.parameters)
-        residual, _ = equation_function(e)(e.xdot, e.x, e.z, e.u, load_value(e, p), p, cosine, sine)
-        full = ca.Function("full", [e.xdot, e.x, e.u, symbols], [residual])
-        expected = full(0, np.concatenate([q, np.zeros(n)]), u, 2.3).full()[n : 2 * n]
-        roundoff(rows.full(), expected, kappa=10.0)
+        n = d.q.numel()
+        q, u = rng.normal(0.0, 0.4, n), rng.normal(0.0, 5.0, d.u.numel())
+        rows = ca.Function("rows", [d.q, d.u, d.p], [d.rows, ca.jacobian(d.rows, d.q)])
+        roundoff(rows(q, u, 2.3)[0].full(), needed_at_rest(of_any_size, q, u)[0], kappa=10.0)
+        for actual, expected in zip(
+            rows(0, u, 2.3), needed_at_rest(first_order, 0, u), strict=True
+        ):
+            roundoff(actual.full(), expected, kappa=10.0)
+
+
+def needed_at_rest(e: Equations, q: Any, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Residual of the efforts (n, 1) at displacements, and its derivative (n, n), where p is 2.3."""
+    n = e.degrees_of_freedom
+    symbols, p, cosine, sine = physical_symbols(e.parameters)
+    residual, _ = equation_function(e)(e.xdot, e.x, e.z, e.u, load_value(e, p), p, cosine, sine)
+    efforts = residual[n : 2 * n]
+    slope = ca.jacobian(efforts, e.x)[:, :n]
+    full = ca.Function("full", [e.xdot, e.x, e.u, symbols], [efforts, slope])
+    found = full(0, ca.vertcat(q * np.ones(n), np.zeros(n)), u, 2.3)
+    return found[0].full(), found[1].full()
 
 
 def whirling(rate: float | str, **fields: Any) -> Scene:

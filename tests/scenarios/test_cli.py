@@ -64,7 +64,7 @@ def test_json_has_the_promised_keys(
     code, out, _ = run(monkeypatch, capsys, "linearize", ARM, "--json", "--search", "0")
     found = json.loads(out)
     assert code == 0
-    assert (found["order"], found["lower_bound"]) == (19, 16)
+    assert (found["order"], found["lower_bound"]) == (17, 16)
     assert found["raw_order"] >= found["order"]
     assert found["max_relative_error"] < CLOSED_FORM
     assert found["check_points"] == 229
@@ -82,7 +82,7 @@ def test_json_has_the_promised_keys(
     assert set(found["seconds"]) == stages
     total = sum(found["seconds"].values()) - found["seconds"]["total"]
     roundoff(total, found["seconds"]["total"])
-    assert sum(p["order"] for p in found["parameters"]) == 19
+    assert sum(p["order"] for p in found["parameters"]) == 17
     assert sum(p["gap"] for p in found["parameters"]) == 3
 
 

@@ -114,7 +114,7 @@ def test_orders_benchmark_at_its_smallest() -> None:
     assert [row.searched for row in rows] == [row.bound for row in rows] == [2, 3]
     assert orders_benchmark.table(rows).count("\n") == len(rows) + 3
     chains = [orders_benchmark.measure_chain(2, spatial=False, search=10.0)]
-    assert (chains[0].plain, chains[0].searched, chains[0].bound) == (18, 15, 15)
+    assert (chains[0].plain, chains[0].searched, chains[0].bound) == (16, 15, 15)
     assert orders_benchmark.chain_table(chains).count("\n") == len(chains) + 1
 
 

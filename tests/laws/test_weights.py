@@ -1,0 +1,95 @@
+"""Weights that are felt in the axes of each lever, against forces that are turned on the way in."""
+
+from collections.abc import Callable
+from importlib import import_module
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import mbdlft
+from tests import close
+from tests.laws.chains import chain
+from tests.laws.turned import forces_turned_on_the_way
+from tests.mechanisms import random_mechanism
+from tests.strategies import random_scene
+
+WEIGHTS = import_module("mbdlft.scene.weights")
+CHAINS = (2, 3, 4, 6)
+SEEDS = range(10)
+_LEAST = 1e-3  # of its row: a smaller entry has cancelled
+
+
+def both(scene: mbdlft.Scene) -> list[mbdlft.LFTModel]:
+    """The model of a scene, and that of forces which are turned on the way."""
+    found = [mbdlft.to_lft(scene, search=0.0)]
+    with forces_turned_on_the_way():
+        found.append(mbdlft.to_lft(scene, search=0.0))
+    return found
+
+
+def compare(scene: mbdlft.Scene) -> None:
+    """Equal values at random points and corners."""
+    one, other = both(scene)
+    points = mbdlft.random(one.parameters, 5, seed=1)
+    corner = {p.name: np.append(points[p.name], p.high) for p in one.parameters}
+    for actual, expected in zip(
+        mbdlft.matrices_at(one, corner), mbdlft.matrices_at(other, corner), strict=True
+    ):
+        size = np.abs(expected) if expected.ndim == 2 else np.max(np.abs(expected), axis=0)
+        row = np.max(size, axis=1, keepdims=True, initial=0.0)
+        scale = np.where(row > 0.0, np.maximum(size, _LEAST * row), 1.0)
+        close.target(actual / scale, expected / scale, close.CROSS, scale=1.0)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("draw", [random_scene, random_mechanism])
+def test_both_ways_are_one_model(draw: Callable[[int], mbdlft.Scene], seed: int) -> None:
+    compare(draw(seed))
+
+
+@pytest.mark.parametrize("links", CHAINS)
+def test_planar_chain_is_small_without_search(links: int) -> None:
+    """The McMillan degrees, and one more for each mass but the first; for 3 and 4 the minimum."""
+    certificate = mbdlft.to_lft(chain(links, spatial=False), search=0.0).certificate
+    masses = [name.startswith("m") and name != "m0" for name in names(links)]
+    expected = np.array(certificate.lower_bound) + masses
+    assert list(certificate.order) == list(expected)
+
+
+def names(links: int) -> list[str]:
+    return sorted(p.name for p in chain(links, spatial=False).parameters)
+
+
+@pytest.mark.parametrize("spatial", [False, True])
+def test_fewer_repetitions_than_with_forces_that_turn(spatial: bool) -> None:
+    one, other = both(chain(4, spatial=spatial))
+    assert one.order < other.order
+
+
+# planted bugs --------------------------------------------------------------------------------
+
+
+PLANTED = {
+    "a lever that does not feel turned weights": (
+        "_with_weights",
+        lambda wrench, tilts, field: wrench,
+    ),
+    "the first moment of what is outside is left out": (
+        "_together",
+        lambda first, second, together=WEIGHTS._together: together(
+            first, second._replace(moment=ca.SX(3, 1))
+        ),
+    ),
+    "an axis that does not change": ("_turned_axis", lambda move, axis: axis),
+}
+
+
+@pytest.mark.parametrize("bug", PLANTED)
+def test_planted_bug_is_found(bug: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = chain(3, spatial=True)
+    compare(scene)
+    name, replacement = PLANTED[bug]
+    monkeypatch.setattr(WEIGHTS, name, replacement)
+    with pytest.raises(AssertionError):
+        compare(scene)
