@@ -20,9 +20,10 @@ from mbdlft.equations import (
 )
 from mbdlft.errors import AnalysisError, WellPosednessError
 from mbdlft.lft.bound import Bound
-from mbdlft.lft.evaluate import chunks, evaluate_at
+from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, Array
 from mbdlft.lft.model import Certificate
+from mbdlft.lft.triangle import values_at, vanishes
 from mbdlft.parameter import Parameter, to_delta
 from mbdlft.trim import evaluate_many, term_sizes, trim_efforts
 
@@ -35,10 +36,6 @@ _IDLE = (
     1e-6  # of the stiffest spring: the least that a row of A is compared with if all of it cancels
 )
 _MIXED = 1e-4  # part of the largest entry of a column that one of rounding is compared with
-_LINES = 32  # points to which the line from nominal is searched for singularities
-_FEWEST_LINES = 4
-_CHEAP = 256  # order up to which so many lines cost less than all the rest of the check
-_REAL = 1e-6  # an eigenvalue with a smaller relative imaginary part may be a double real one
 
 
 def certificate(
@@ -153,7 +150,7 @@ def linearized(
     """
     e = equations
     function = _slope_function(e, tuple(inputs), tuple(outputs))
-    (jacobian,) = evaluate_many(function, points, efforts)
+    (jacobian,) = evaluate_many(function, np.hstack([points, efforts]))
     unknown, known = split(e, inputs)
     n, nk = unknown.numel(), known.numel()
     try:
@@ -195,9 +192,9 @@ def _solved(matrix: Array, right: Array) -> Array:
 def _slope_function(
     equations: Equations, inputs: tuple[int, ...], outputs: tuple[int, ...]
 ) -> ca.Function:
-    """(physical values, efforts) -> slopes, as in `_at_trim`."""
+    """[physical values ; efforts] -> slopes, as in `_at_trim`."""
     symbols, effort, slopes, _ = _at_trim(equations, inputs, outputs)
-    return ca.Function("reference", [symbols, effort], [slopes])
+    return ca.Function("reference", [ca.vertcat(symbols, effort)], [slopes])
 
 
 @lru_cache(maxsize=2)
@@ -231,12 +228,9 @@ def entry_sizes(
     """
     e = equations
     efforts, _ = trim_efforts(e, points)
-    symbols, effort, slopes, _ = _at_trim(e, tuple(inputs), tuple(outputs))
-    both = ca.vertcat(symbols, effort)
-    known_points = np.hstack([points, efforts])
-    (jacobian,) = evaluate_many(ca.Function("slopes", [both], [slopes]), known_points)
-    tape = ca.Function("slopes", [both], [ca.vec(slopes.T)])
-    terms = term_sizes(tape, known_points).reshape(jacobian.shape)
+    tape, both = _slope_function(e, tuple(inputs), tuple(outputs)), np.hstack([points, efforts])
+    (jacobian,) = evaluate_many(tape, both)
+    terms = term_sizes(tape, both).reshape(len(both), *jacobian.shape[:0:-1]).transpose(0, 2, 1)
     unknown, known = split(e, inputs)
     n, nk = unknown.numel(), known.numel()
     matrix, right = jacobian[:, :n, :n], terms[:, :n, n : n + nk]
@@ -280,10 +274,10 @@ def relative_error(
     return float(np.max(np.abs(values - reference) / np.where(scale > 0, scale, 1.0), initial=0.0))
 
 
-def check_well_posed(
+def values_at_points(
     lft: LFT, parameters: Sequence[Parameter], points: Array, owner: str, advice: str = ""
 ) -> Array:
-    """Deltas (N, n_p) of the points, once det(I - D_zw Delta) was seen to stay away from zero.
+    """Values (N, ., .) at physical points, once det(I - D_zw Delta) was seen to stay away from zero.
 
     The determinant is 1 at nominal, so a point where it is not positive means that it vanishes
     between them. To some of the points the whole line from nominal is searched.
@@ -293,23 +287,9 @@ def check_well_posed(
     WellPosednessError
         The determinant vanishes at one of the points or on the way there.
     """
-    deltas = np.stack(
-        [to_delta(p, points[:, k]) for k, p in enumerate(parameters)] or [np.zeros(0)], axis=1
-    ).reshape(len(points), len(parameters))
-    spread = np.repeat(deltas, [block.size for block in lft.blocks], axis=1)
-    singular = np.zeros(len(points), dtype=bool)
-    for part in chunks(len(points), lft.order):
-        signs, _ = np.linalg.slogdet(np.eye(lft.order) - lft.M11[None] * spread[part, None, :])
-        singular[part] = signs <= 0
-    # an eigenvalue of D_zw Delta that is real and >= 1: det vanishes on the line from nominal, even
-    # where it does not change its sign
-    affordable = int(_LINES * (_CHEAP / max(lft.order, 1)) ** 3)
-    count = min(_LINES, max(_FEWEST_LINES, affordable))
-    lines = np.unique(np.linspace(0, len(points) - 1, count).astype(int))
-    for part in chunks(len(lines), lft.order):
-        eigenvalues = np.linalg.eigvals(lft.M11[None] * spread[lines[part], None, :])
-        real = np.abs(eigenvalues.imag) <= _REAL * np.abs(eigenvalues)
-        singular[lines[part]] |= np.any(real & (eigenvalues.real >= 1.0), axis=1)
+    deltas = deltas_at(parameters, points)
+    values, signs = values_at(lft, deltas)
+    singular = (signs <= 0.0) | vanishes(lft, deltas)
     if np.any(singular):
         worst = points[int(np.argmax(singular))]
         where = ", ".join(
@@ -319,7 +299,13 @@ def check_well_posed(
             f"{owner}: the model is singular between the nominal values and {where}. Narrow the "
             f"ranges{advice}."
         )
-    return deltas
+    return values
+
+
+def deltas_at(parameters: Sequence[Parameter], points: Array) -> Array:
+    """Deltas (N, n_p) [1] of physical points."""
+    columns = [to_delta(p, points[:, k]) for k, p in enumerate(parameters)]
+    return np.stack(columns or [np.zeros(0)], axis=1).reshape(len(points), len(parameters))
 
 
 def measure_error(
@@ -340,7 +326,7 @@ def measure_error(
         The error is larger than rounding can explain in a problem that is worth solving.
     """
     points = check_points(equations.parameters, seed)
-    deltas = check_well_posed(
+    values = values_at_points(
         model,
         equations.parameters,
         points,
@@ -348,12 +334,15 @@ def measure_error(
         ", or keep masses and inertias away from zero",
     )
     reference, efforts, sizes, floor = reference_matrices(equations, inputs, outputs, points)
-    values, states = evaluate_at(model, deltas), len(equations.states)
+    states = len(equations.states)
     error = relative_error(values, reference, states, floor)
     if not error <= ACCEPTED:  # unless an entry is nothing but rounding
         terms = entry_sizes(equations, inputs, outputs, points)
         error = relative_error(values, reference, states, floor, terms)
-    difference = np.max(np.abs(evaluate_at(trim, deltas)[:, :, 0] - efforts), axis=0)
+    difference = np.max(
+        np.abs(evaluate_at(trim, deltas_at(equations.parameters, points))[:, :, 0] - efforts),
+        axis=0,
+    )
     size = np.max(sizes, axis=0)
     trim_error = float(np.max(difference / np.where(size > 0, size, 1.0), initial=0.0))
     worst = max(error, trim_error)

@@ -11,15 +11,14 @@ from mbdlft.certify import (
     ACCEPTED,
     certificate,
     check_points,
-    check_well_posed,
     relative_error,
+    values_at_points,
 )
 from mbdlft.errors import AnalysisError, SceneError, WellPosednessError
 from mbdlft.exact import exact_lower_bound
 from mbdlft.extract import extract
 from mbdlft.lft.bound import Bound, degree_bounds, moved
 from mbdlft.lft.commute import reduce_commuting
-from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.joint import joint_bound
 from mbdlft.lft.lft import LFT, Array, transpose, with_blocks
 from mbdlft.lft.model import LFTModel, Trim
@@ -186,7 +185,7 @@ def _measure_error(
     """Largest relative error against the matrix itself, and the number of points."""
     owner = f"matrix {problem.name!r}"
     points = check_points(parameters, SEED)
-    deltas = check_well_posed(lft, parameters, points, owner)
+    values = values_at_points(lft, parameters, points, owner)
     reference = matrix_at(problem, resolved, parameters, points)
     p, matrix = internal_matrix(problem, resolved)
     tape = ca.Function("matrix", [p], [ca.densify(ca.vec(matrix.T))])
@@ -194,7 +193,7 @@ def _measure_error(
     internal = np.stack([columns[q.name] for q in problem.parameters] or [np.zeros(0)], axis=1)
     terms = np.max(term_sizes(tape, internal.reshape(len(points), -1)), axis=0)
     error = relative_error(
-        evaluate_at(lft, deltas), reference, len(problem.states), 0.0, terms.reshape(problem.shape)
+        values, reference, len(problem.states), 0.0, terms.reshape(problem.shape)
     )
     if not error <= ACCEPTED:
         raise AnalysisError(

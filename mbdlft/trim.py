@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -338,26 +338,39 @@ def _unbalanced(e: Equations, points: Array, residual: Array, worst: int) -> str
 
 
 def evaluate_many(function: ca.Function, points: Array, *others: Array) -> list[Array]:
-    """Values of a function of column vectors at many points, each (N, rows, columns)."""
-    count = len(points)
-    arguments = [np.ascontiguousarray(part.T) for part in (points, *others)]
-    if points.shape[1] == 0:  # an argument without rows cannot tell how many points there are
-        each = [function.call([column[:, k] for column in arguments]) for k in range(count)]
-        return [np.stack([values[k].full() for values in each]) for k in range(function.n_out())]
-    found = []
-    for k, value in enumerate(function.call(arguments)):
-        rows, columns = function.size_out(k)
-        found.append(value.full().reshape(rows, count, columns).transpose(1, 0, 2))
-    return found
+    """Values of a function of column vectors at many points, each (N, rows, columns); all are dense."""
+    assert all(function.sparsity_out(k).is_dense() for k in range(function.n_out()))
+    shapes = [
+        function.size_out(k)[::-1] for k in range(function.n_out())
+    ]  # CasADi's are by columns
+    found = [np.empty((len(points), *shape)) for shape in shapes]
+    arguments = [np.empty(part.shape[1]) for part in (points, *others)]
+    results = [np.empty(shape) for shape in shapes]
+    # matrices of CasADi become those of numpy entry by entry, which takes longer than the values
+    buffer: Any = function.buffer()
+    memory, run = buffer
+    for k, argument in enumerate(arguments):
+        memory.set_arg(k, argument.data)
+    for k, result in enumerate(results):
+        memory.set_res(k, result.ravel().data)
+    for k in range(len(points)):
+        for argument, part in zip(arguments, (points, *others), strict=True):
+            argument[:] = part[k]
+        run()
+        for values, result in zip(found, results, strict=True):
+            values[k] = result
+    return [values.transpose(0, 2, 1) for values in found]
 
 
 def term_sizes(tape: ca.Function, points: Array) -> Array:
-    """Sizes (N, rows) of the outputs of a function if nothing cancelled: |a| + |b| for a + b.
+    """Sizes (N, rows) of the dense output of a function if nothing cancelled: |a| + |b| for a + b.
+
+    The output is a column, or a matrix whose columns stand one below the other.
 
     The instructions are run once more, on pairs of a value and its size.
     """
     work: list[tuple[Array, Array]] = [(np.zeros(0), np.zeros(0))] * tape.sz_w()
-    found = np.zeros((len(points), tape.size1_out(0)))
+    found = np.zeros((len(points), tape.numel_out(0)))
     for k in range(tape.n_instructions()):
         operation = tape.instruction_id(k)
         sources, targets = tape.instruction_input(k), tape.instruction_output(k)

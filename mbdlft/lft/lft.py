@@ -315,7 +315,7 @@ def _through(
     size = solution_size(np.asarray(np.linalg.inv(matrix), dtype=float), matrix, solved, right)
     kept = cleaned(solved, 0.25 * size)
     if low.any():
-        total = twofold.multiply_add(base, left, kept, np.where(kept == 0.0, 0.0, low))
+        total = twofold.multiply_add(base, left, Twofold(kept, np.where(kept == 0.0, 0.0, low)))
     else:
         total = base + left @ kept
     return cleaned(total, np.abs(base) + np.abs(left) @ size), kept

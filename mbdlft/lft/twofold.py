@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 _DIGITS = 53  # binary, of a double
-_WANTED = 106  # binary digits of a product, relative to the largest entries of a row and a column
+_SLICES = 5  # of a factor
 _SETTLED = 2.0**-90  # of the largest entry of a column: what is smaller is not solved for
 _MOST_STEPS = 12  # each adds the digits that the condition leaves of one solution
 
@@ -31,51 +31,49 @@ def exact_sum(a: Array, b: Array) -> Twofold:
     return Twofold(total, (a - (total - of_b)) + (b - of_b))
 
 
-def plus(a: Twofold, b: Array) -> Twofold:
-    """a + b."""
-    total, error = exact_sum(a.high, b)
-    return Twofold(*exact_sum(total, a.low + error))
+def bits_of(terms: int) -> int:
+    """Bits of slices for which sums of so many products, from every pair of slices, are exact."""
+    return (_DIGITS - (_SLICES * max(terms, 1) - 1).bit_length()) // 2
 
 
-def slices(matrix: Array, axis: int, bits: int) -> list[Array]:
-    """Arrays whose sum is the matrix, with entries of `bits` bits relative to the largest along an axis.
+def slices(matrix: Twofold, axis: int) -> list[Array]:
+    """Arrays whose sum is the matrix, in units that fall by the same factor along an axis.
 
-    What is below 2^-106 of the largest is left out.
+    What is left out is below 2^-95 of the largest entry along the axis, for up to 800 terms.
     """
-    found: list[Array] = []
-    rest = matrix
-    while len(found) * bits < _WANTED:
-        largest = np.max(np.abs(rest), axis=axis, keepdims=True, initial=0.0)
-        if not largest.any():
-            break
-        unit = np.ldexp(1.0, np.frexp(largest)[1] - bits)
-        found.append(np.rint(rest / unit) * unit)
-        rest = rest - found[-1]
+    bits = bits_of(matrix.high.shape[axis])
+    largest = np.max(np.abs(matrix.high), axis=axis, keepdims=True, initial=0.0)
+    unit = np.ldexp(1.0, np.frexp(largest)[1])
+    rest, found = matrix.high, []
+    for k in range(_SLICES):
+        unit = np.ldexp(unit, -bits)
+        part = np.rint(rest / unit) * unit
+        rest = rest - part
+        if k == 1:  # by now there is room for what is below the rounding
+            rest = rest + matrix.low
+        found.append(part)
+    while found and not found[-1].any():
+        found.pop()
     return found
 
 
-def bits_of(terms: int) -> int:
-    """Bits of slices for which sums of so many products of two are exact."""
-    return (_DIGITS - max(terms - 1, 0).bit_length()) // 2
+def add_product(base: Twofold, left: list[Array], right: list[Array]) -> Twofold:
+    """base + left right, the factors in slices along the terms of the sums."""
+    high, low = base
+    for level in range(_SLICES):
+        pairs = [(i, level - i) for i in range(level + 1) if i < len(left)]
+        pairs = [(i, j) for i, j in pairs if j < len(right)]
+        if pairs:
+            first = np.hstack([left[i] for i, _ in pairs])
+            high, error = exact_sum(high, first @ np.vstack([right[j] for _, j in pairs]))
+            low = low + error
+    return exact_sum(high, low)
 
 
-def add_product(base: Twofold, left: list[Array], right: list[Array], bits: int) -> Twofold:
-    """base + left right, the factors in slices by rows and by columns."""
-    most = -(-_WANTED // bits)
-    pairs = [(i, j) for i in range(len(left)) for j in range(len(right)) if i + j < most]
-    for i, j in sorted(pairs, key=sum):
-        base = plus(base, left[i] @ right[j])
-    return base
-
-
-def multiply_add(base: Array, left: Array, *right: Array) -> Array:
-    """base + left (sum of right), rounded once."""
-    bits = bits_of(left.shape[1])
-    parts = slices(left, 1, bits)
-    total = Twofold(base, np.zeros_like(base))
-    for factor in right:
-        total = add_product(total, parts, slices(factor, 0, bits), bits)
-    return total.high
+def multiply_add(base: Array, left: Array, right: Twofold) -> Array:
+    """base + left right, rounded once."""
+    start, factor = Twofold(base, np.zeros_like(base)), Twofold(left, np.zeros_like(left))
+    return add_product(start, slices(factor, 1), slices(right, 0)).high
 
 
 def solve(matrix: Array, right: Array) -> Twofold:
@@ -94,17 +92,18 @@ def solve(matrix: Array, right: Array) -> Twofold:
     scaled = matrix / rows[:, None]
     columns = _power(np.max(np.abs(scaled), axis=0, initial=0.0))
     scaled = scaled / columns
-    bits = bits_of(len(matrix))
-    parts = slices(-scaled, 1, bits)
-    residual = Twofold(right / rows[:, None], np.zeros_like(right))
-    solution = Twofold(np.zeros_like(right), np.zeros_like(right))
+    parts = slices(Twofold(-scaled, np.zeros_like(scaled)), 1)
+    nothing = np.zeros_like(right)
+    residual, solution = Twofold(right / rows[:, None], nothing), Twofold(nothing, nothing)
+    settled: Array | float = 0.0
     for _ in range(_MOST_STEPS):
         step = np.asarray(np.linalg.solve(scaled, residual.high), dtype=float)
-        solution = plus(solution, step)
-        settled = _SETTLED * np.max(np.abs(solution.high), axis=0, initial=0.0)
+        high, error = exact_sum(solution.high, step)
+        solution = exact_sum(high, solution.low + error)
+        settled = _SETTLED * np.max(np.abs(high), axis=0, initial=0.0)
         if np.all(np.abs(step) <= settled):
             break
-        residual = add_product(residual, parts, slices(step, 0, bits), bits)
+        residual = add_product(residual, parts, slices(Twofold(step, nothing), 0))
     # what is smaller than the last step is nothing: an imposed coordinate takes no part in the rest
     kept = np.abs(solution.high) > settled
     high, low = (np.where(kept, part / columns[:, None], 0.0) for part in solution)

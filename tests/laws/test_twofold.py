@@ -60,7 +60,7 @@ def law_product(seed: int) -> None:
     right = random.standard_normal((7, 4)) * np.exp2(random.integers(-30, 30, 4))
     base = -left @ right  # what is left is rounding
     entries(
-        twofold.multiply_add(base, left, right),
+        twofold.multiply_add(base, left, twofold.Twofold(right, 0.0 * right)),
         fractions(base) + fractions(left) @ fractions(right),
     )
 
