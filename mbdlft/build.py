@@ -11,7 +11,7 @@ from importlib.metadata import version
 import numpy as np
 
 from mbdlft.body import ElasticBody
-from mbdlft.certify import certificate, measure_error
+from mbdlft.certify import certificate, checked, measure_error
 from mbdlft.equations import Equations
 from mbdlft.errors import SceneError, WellPosednessError, unknown_name
 from mbdlft.extract import extract
@@ -138,12 +138,14 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
             lft = min(lft, close(smaller), key=lambda candidate: candidate.order)
     with clock.stage("check"):
         measure = partial(measure_error, equations, inputs, outputs, trim=trim.lft, seed=SEED)
-        check = measure(lft)
-        if check[0] > _LOSSY and raw.order <= _MOST_RETRIED:
+        error, reference = measure(lft)
+        if error > _LOSSY and raw.order <= _MOST_RETRIED:
             # masses of very different size: a reduction after the solution keeps more digits
             other = close(raw)
-            if other.order <= lft.order and (again := measure(other))[0] < check[0]:
-                lft, check = other, again
+            if other.order <= lft.order:
+                again, _ = measure(other, known=reference)
+                lft, error = (other, again) if again < error else (lft, error)
+        check = checked(equations, inputs, outputs, error, reference)
     return LFTModel(
         name=scene.name,
         lft=lft,

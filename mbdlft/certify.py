@@ -5,6 +5,7 @@ The truth is the nonlinear equations, trimmed and linearized again with numbers 
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -23,6 +24,7 @@ from mbdlft.lft.bound import Bound
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, Array
 from mbdlft.lft.model import Certificate
+from mbdlft.lft.rounding import conditioning
 from mbdlft.lft.triangle import values_at, vanishes
 from mbdlft.parameter import Parameter, to_delta
 from mbdlft.trim import evaluate_many, term_sizes, trim_efforts
@@ -38,18 +40,61 @@ _IDLE = (
 _MIXED = 1e-4  # part of the largest entry of a column that one of rounding is compared with
 
 
+class Check(NamedTuple):
+    """What a model was measured with: error and conditioning as in `Certificate`."""
+
+    error: float
+    points: int
+    condition: float = 0.0
+    sign_changes: int = 0
+
+
+class Reference(NamedTuple):
+    """The nonlinear equations, trimmed and linearized at N points.
+
+    Attributes
+    ----------
+    points (N, n_p), physical
+    efforts (N, n_u)
+    linear : Linear
+    effort_sizes (N, n_t), of the trim unknowns: what they would be if no terms cancelled
+    floor : a part of the largest load; no stiffness is compared with anything smaller
+    """
+
+    points: Array
+    efforts: Array
+    linear: "Linear"
+    effort_sizes: Array
+    floor: float
+
+
+class Linear(NamedTuple):
+    """Matrices of N points.
+
+    Attributes
+    ----------
+    matrices : [A B ; C D] (N, ., .)
+    jacobian : slopes of [residual ; outputs] by unknown, known and trim unknowns (N, ., .)
+    solved : unknown by known (N, ., .)
+    """
+
+    matrices: Array
+    jacobian: Array
+    solved: Array
+
+
 def certificate(
     lft: LFT,
     raw: LFT,
     bounds: Mapping[str, Bound],
     order_bound: int,
-    check: tuple[float, int],
+    check: Check,
     seed: int,
     *,
     exact_bound: bool = False,
     fit_error_bound: float = 0.0,
 ) -> Certificate:
-    """The certificate of a model; `check` is its error and the number of points.
+    """The certificate of a model.
 
     It is exact unless the equilibrium is a fit.
 
@@ -68,8 +113,10 @@ def certificate(
         order=tuple(order.values()),
         lower_bound=tuple(lower.values()),
         raw_order=tuple(raw_order.get(name, 0) for name in order),
-        max_relative_error=check[0],
-        check_points=check[1],
+        max_relative_error=check.error,
+        check_points=check.points,
+        condition=check.condition,
+        sign_changes=check.sign_changes,
         seed=seed,
         exact=fit_error_bound == 0.0,
         fit_error_bound=fit_error_bound,
@@ -93,17 +140,10 @@ def check_points(parameters: Sequence[Parameter], seed: int) -> Array:
     return np.stack(columns, axis=1)
 
 
-def reference_matrices(
+def reference_at(
     equations: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array
-) -> tuple[Array, Array, Array, float]:
+) -> Reference:
     """The nonlinear equations, trimmed and linearized at points (N, n_p).
-
-    Returns
-    -------
-    [A B ; C D] (N, ., .)
-    trimmed unknowns (N, n_t)
-    sizes of the unknowns (N, n_t): what they would be if no terms cancelled
-    a part of the largest load: no stiffness is compared with anything smaller
 
     Raises
     ------
@@ -112,21 +152,21 @@ def reference_matrices(
     """
     e = equations
     efforts, _ = trim_efforts(e, points)
-    matrices, jacobian = linearized(e, inputs, outputs, points, efforts)
+    linear = linearized(e, inputs, outputs, points, efforts)
     unknown, known = split(e, inputs)
     n, nk = unknown.numel(), known.numel()
     symbols, effort, _, residual = _at_trim(e, tuple(inputs), tuple(outputs))
     given = ca.substitute(residual, effort, given_value(e, symbols))
     no_effort = ca.Function("load", [symbols], [ca.densify(given)])
-    by_effort = np.abs(np.linalg.pinv(jacobian[:, :n, n + nk :]))
+    by_effort = np.abs(np.linalg.pinv(linear.jacobian[:, :n, n + nk :]))
     terms = (by_effort @ term_sizes(no_effort, points)[:, :, None])[:, :, 0]
     # where terms cancel already in the numbers of the scene: what the load does to the inertia
     lifted = ca.densify(load_value(e, symbols))
     (load,) = evaluate_many(ca.Function("load", [symbols], [lifted]), points)
-    inertia = np.max(by_effort @ np.abs(jacobian[:, :n, :n]), axis=2, initial=0.0)
+    inertia = np.max(by_effort @ np.abs(linear.jacobian[:, :n, :n]), axis=2, initial=0.0)
     floor = _FLOOR * np.max(np.abs(load), axis=(1, 2), initial=0.0)
     sizes = np.maximum(terms, floor[:, None] * inertia)
-    return matrices, efforts[:, list(e.unknown)], sizes, float(np.max(floor))
+    return Reference(points, efforts, linear, sizes, float(np.max(floor)))
 
 
 def linearized(
@@ -135,13 +175,8 @@ def linearized(
     outputs: Sequence[int],
     points: Array,
     efforts: Array,
-) -> tuple[Array, Array]:
+) -> Linear:
     """The nonlinear equations, linearized at points (N, n_p) with their efforts (N, n_u).
-
-    Returns
-    -------
-    [A B ; C D] (N, ., .)
-    slopes of [residual ; outputs] by unknown, known and trim unknowns (N, ., .)
 
     Raises
     ------
@@ -161,7 +196,8 @@ def linearized(
             "masses and inertias away from zero."
         ) from None
     read = jacobian[:, n:, n : n + nk] + jacobian[:, n:, :n] @ solved
-    return np.concatenate([solved[:, : len(e.states)], read], axis=1), jacobian
+    matrices = np.concatenate([solved[:, : len(e.states)], read], axis=1)
+    return Linear(matrices, jacobian, solved)
 
 
 def _solved(matrix: Array, right: Array) -> Array:
@@ -218,32 +254,48 @@ def _at_trim(
     return symbols, effort, slopes, residual
 
 
+class _Sizes(NamedTuple):
+    """Sizes (N, ., .) of [A B ; C D], unknowns, slopes, and of the inverse of those by the unknowns."""
+
+    entries: Array
+    solved: Array
+    terms: Array
+    inverse: Array
+
+
+def _sizes_at(
+    equations: Equations, inputs: Sequence[int], outputs: Sequence[int], at: Reference
+) -> _Sizes:
+    """Sizes if nothing cancelled, neither in a slope nor in solving (Skeel 1979), at each point."""
+    e, jacobian = equations, at.linear.jacobian
+    tape = _slope_function(e, tuple(inputs), tuple(outputs))
+    terms = term_sizes(tape, np.hstack([at.points, at.efforts]))
+    terms = terms.reshape(len(jacobian), *jacobian.shape[:0:-1]).transpose(0, 2, 1)
+    unknown, known = split(e, inputs)
+    n, nk = unknown.numel(), known.numel()
+    right = terms[:, :n, n : n + nk]
+    inverse = np.abs(np.linalg.inv(jacobian[:, :n, :n]))
+    # rounding of the matrix itself counts too: a chain of beams adds far masses to small ones
+    solved = inverse @ (right + terms[:, :n, :n] @ np.abs(at.linear.solved))
+    read = terms[:, n:, n : n + nk] + terms[:, n:, :n] @ solved
+    entries = np.concatenate([solved[:, : len(e.states)], read], axis=1)
+    return _Sizes(entries, solved, terms, inverse)
+
+
 def entry_sizes(
-    equations: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array
+    equations: Equations, inputs: Sequence[int], outputs: Sequence[int], at: Reference
 ) -> Array:
-    """Sizes of the entries of [A B ; C D] if nothing cancelled, neither in a slope nor in solving.
+    """Sizes of the entries of [A B ; C D] over all points if nothing cancelled.
 
     A stiffness that vanishes for all parameters, or the acceleration of an imposed joint, has no
     size of its own to compare its rounding with.
     """
-    e = equations
-    efforts, _ = trim_efforts(e, points)
-    tape, both = _slope_function(e, tuple(inputs), tuple(outputs)), np.hstack([points, efforts])
-    (jacobian,) = evaluate_many(tape, both)
-    terms = term_sizes(tape, both).reshape(len(both), *jacobian.shape[:0:-1]).transpose(0, 2, 1)
-    unknown, known = split(e, inputs)
-    n, nk = unknown.numel(), known.numel()
-    matrix, right = jacobian[:, :n, :n], terms[:, :n, n : n + nk]
-    # rounding of the matrix itself counts too: a chain of beams adds far masses to small ones
-    first = np.abs(_solved(matrix, jacobian[:, :n, n : n + nk]))
-    inverse = np.abs(np.linalg.inv(matrix))
-    solved = inverse @ (right + terms[:, :n, :n] @ first)
+    entries, solved, terms, inverse = _sizes_at(equations, inputs, outputs, at)
+    unknown, _ = split(equations, inputs)
+    n, states = unknown.numel(), len(equations.states)
     # pivots mix the rows: one that is exactly zero gets the rounding of the largest in the column
     mixed = _MIXED * np.max(solved, axis=(0, 1), initial=0.0)
-    read = terms[:, n:, n : n + nk] + terms[:, n:, :n] @ solved
-    states = len(e.states)
-    sizes = np.max(np.concatenate([solved[:, :states], read], axis=1), axis=0)
-    found: Array = np.maximum(sizes, mixed)
+    found: Array = np.maximum(np.max(entries, axis=0), mixed)
     # what an effort of one and the stiffest spring do, where a whole row or column cancels
     by_one = np.concatenate([inverse[:, :states], terms[:, n:, :n] @ inverse], axis=1)
     one = np.max(by_one, axis=(0, 2), initial=0.0)[:, None]
@@ -253,10 +305,15 @@ def entry_sizes(
     return found
 
 
-def relative_error(
-    values: Array, reference: Array, states: int, floor: float, terms: Array | float = 0.0
-) -> float:
-    """Largest error of an entry of [A B ; C D], relative to its largest size over the points (N, ., .).
+def relative_error(values: Array, reference: Array, scale: Array) -> float:
+    """Largest error of an entry of [A B ; C D] (N, ., .), relative to its scale."""
+    return float(np.max(np.abs(values - reference) / scale, initial=0.0))
+
+
+def entry_scale(
+    reference: Array, states: int, floor: float = 0.0, terms: Array | float = 0.0
+) -> Array:
+    """What an entry of [A B ; C D] is compared with: its largest size over the points (N, ., .).
 
     A negligible entry of A or C is compared with its row: where the terms of a stiffness cancel only
     rounding is left; `floor` is the least size of such a row. One of B or D is compared with its
@@ -271,7 +328,7 @@ def relative_error(
     whole = np.where(whole > 0, whole, np.max(size, initial=0.0)).reshape(rows, states + columns)
     whole = np.maximum(whole, terms)
     scale = np.where(size > _NEGLIGIBLE * whole, size, whole)
-    return float(np.max(np.abs(values - reference) / np.where(scale > 0, scale, 1.0), initial=0.0))
+    return np.where(scale > 0, scale, 1.0)
 
 
 def values_at_points(
@@ -315,8 +372,11 @@ def measure_error(
     model: LFT,
     trim: LFT,
     seed: int,
-) -> tuple[float, int]:
-    """Largest relative error of the model and its trim, and the number of points it was taken over.
+    known: Reference | None = None,
+) -> tuple[float, Reference]:
+    """Largest relative error of the model and its trim, and what they were compared with.
+
+    `known` is that of another model of the same equations.
 
     Raises
     ------
@@ -333,17 +393,15 @@ def measure_error(
         f"scene {equations.name!r}",
         ", or keep masses and inertias away from zero",
     )
-    reference, efforts, sizes, floor = reference_matrices(equations, inputs, outputs, points)
-    states = len(equations.states)
-    error = relative_error(values, reference, states, floor)
+    at = known or reference_at(equations, inputs, outputs, points)
+    reference, states = at.linear.matrices, len(equations.states)
+    error = relative_error(values, reference, entry_scale(reference, states, at.floor))
     if not error <= ACCEPTED:  # unless an entry is nothing but rounding
-        terms = entry_sizes(equations, inputs, outputs, points)
-        error = relative_error(values, reference, states, floor, terms)
-    difference = np.max(
-        np.abs(evaluate_at(trim, deltas_at(equations.parameters, points))[:, :, 0] - efforts),
-        axis=0,
-    )
-    size = np.max(sizes, axis=0)
+        terms = entry_sizes(equations, inputs, outputs, at)
+        error = relative_error(values, reference, entry_scale(reference, states, at.floor, terms))
+    trimmed = evaluate_at(trim, deltas_at(equations.parameters, points))[:, :, 0]
+    difference = np.max(np.abs(trimmed - at.efforts[:, list(equations.unknown)]), axis=0)
+    size = np.max(at.effort_sizes, axis=0)
     trim_error = float(np.max(difference / np.where(size > 0, size, 1.0), initial=0.0))
     worst = max(error, trim_error)
     if not worst <= ACCEPTED:
@@ -353,4 +411,18 @@ def measure_error(
             "Either the scene is so badly conditioned that double precision does not carry it (masses "
             "or lengths of very different size in one chain), or this is a bug: please report the scene."
         )
-    return worst, len(points)
+    return worst, at
+
+
+def checked(
+    equations: Equations,
+    inputs: Sequence[int],
+    outputs: Sequence[int],
+    error: float,
+    at: Reference,
+) -> Check:
+    """The error with the conditioning of what it was measured against."""
+    reference = at.linear.matrices
+    scale = entry_scale(reference, len(equations.states), at.floor)
+    sizes = _sizes_at(equations, inputs, outputs, at).entries
+    return Check(error, len(at.points), *conditioning(reference, sizes, scale))

@@ -9,8 +9,10 @@ import numpy as np
 from mbdlft.build import SEARCH, SEED, Build, Clock, provenance
 from mbdlft.certify import (
     ACCEPTED,
+    Check,
     certificate,
     check_points,
+    entry_scale,
     relative_error,
     values_at_points,
 )
@@ -23,6 +25,7 @@ from mbdlft.lft.joint import joint_bound
 from mbdlft.lft.lft import LFT, Array, transpose, with_blocks
 from mbdlft.lft.model import LFTModel, Trim
 from mbdlft.lft.reduce import reduce_order
+from mbdlft.lft.rounding import conditioning
 from mbdlft.lft.threads import one_thread
 from mbdlft.linearize import LinearModel
 from mbdlft.matrix import MatrixProblem, matrix_problem, matrix_to_toml
@@ -181,8 +184,8 @@ def _check_bound(problem: MatrixProblem, bound: Mapping[str, int], lft: LFT) -> 
 
 def _measure_error(
     problem: MatrixProblem, resolved: Resolved, lft: LFT, parameters: Sequence[Parameter]
-) -> tuple[float, int]:
-    """Largest relative error against the matrix itself, and the number of points."""
+) -> Check:
+    """Largest relative error against the matrix itself, and its conditioning."""
     owner = f"matrix {problem.name!r}"
     points = check_points(parameters, SEED)
     values = values_at_points(lft, parameters, points, owner)
@@ -191,17 +194,16 @@ def _measure_error(
     tape = ca.Function("matrix", [p], [ca.densify(ca.vec(matrix.T))])
     columns = {q.name: to_internal(q, points[:, k]) for k, q in enumerate(parameters)}
     internal = np.stack([columns[q.name] for q in problem.parameters] or [np.zeros(0)], axis=1)
-    terms = np.max(term_sizes(tape, internal.reshape(len(points), -1)), axis=0)
-    error = relative_error(
-        values, reference, len(problem.states), 0.0, terms.reshape(problem.shape)
-    )
+    terms = term_sizes(tape, internal.reshape(len(points), -1)).reshape(-1, *problem.shape)
+    scale = entry_scale(reference, len(problem.states), 0.0, np.max(terms, axis=0))
+    error = relative_error(values, reference, scale)
     if not error <= ACCEPTED:
         raise AnalysisError(
             f"{owner}: the model differs from the matrix by {error:.1e} of the size of an entry. Either "
             "its numbers are so different in size that double precision does not carry them, or this is "
             "a bug: please report the matrix."
         )
-    return error, len(points)
+    return Check(error, len(points), *conditioning(reference, terms, scale))
 
 
 def matrix_at(

@@ -93,7 +93,7 @@ class EquationSource:
             efforts, kept = found.efforts[good], some[good]
             if not len(kept):
                 return
-            values, _ = linearized(e, self.inputs, self.outputs, at[good], efforts)
+            values = linearized(e, self.inputs, self.outputs, at[good], efforts).matrices
             check_prestress(e, at[good], efforts)
             finite = np.all(np.isfinite(values), axis=(1, 2))
             kept = kept[finite]

@@ -14,11 +14,14 @@ from tests.hard.cases import (
     REFUSED,
     Case,
     absorber,
+    bifurcation,
+    collinear,
     half_angle,
     long_chain,
     mass_ratio,
     oscillator,
     sagging,
+    wide,
 )
 from tests.hard.digits import DIGITS
 from tests.hard.measure import measure
@@ -29,6 +32,9 @@ def test_entries_against_50_digits(case: Case) -> None:
     found = measure(case)
     assert found.lft_factor <= HARD, found
     assert found.numeric_factor <= HARD_NUMERIC, found
+    # nothing is silently wrong: the certificate has the error, or the condition that explains it
+    assert found.unstated <= HARD, found
+    assert found.condition <= HARD * found.stated or found.sign_changes, found
 
 
 @pytest.mark.long
@@ -48,6 +54,25 @@ def test_a_chain_that_is_solved_in_double_precision_is_seen(
     """Planted bug: the mass matrix at nominal is solved with as if its condition did not matter."""
     monkeypatch.setattr("mbdlft.lft.lft._WELL_CONDITIONED", np.inf)
     assert measure(long_chain(20)).lft_factor > HARD_CHAIN
+
+
+@pytest.mark.parametrize("case", [collinear(1e-12), wide(99.99)], ids=lambda case: case.name)
+def test_a_condition_that_is_not_stated_is_seen(
+    case: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Planted bug: the certificate takes every problem for well conditioned."""
+    monkeypatch.setattr("mbdlft.certify.conditioning", lambda *_: (1.0, 0))
+    found = measure(case)
+    assert found.unstated > HARD
+    assert found.condition > HARD * found.stated
+
+
+def test_a_change_of_sign_that_is_not_stated_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Planted bug: entries that change their sign are not counted."""
+    right = mbdlft.certify.conditioning
+    monkeypatch.setattr("mbdlft.certify.conditioning", lambda *p: (right(*p)[0], 0))
+    found = measure(bifurcation(1e-9))
+    assert found.condition > HARD * found.stated
 
 
 def test_a_reduction_that_loses_digits_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
