@@ -83,8 +83,7 @@ def values_at(a: LFT, deltas: Array) -> tuple[Array, Array]:
     parts = [slice(b - len(block), b) for block, b in zip(blocks, _ends(blocks), strict=True)]
     inner, first, last = inner[np.ix_(order, order)], first[order], last[:, order]
     spread = np.repeat(deltas, [block.size for block in a.blocks], axis=1)[:, order]
-    largest = max([first.size, *(len(block) ** 2 for block in blocks)])
-    for chunk in _chunks(len(deltas), largest):
+    for chunk in _chunks(len(deltas), max(first.size, _ALONE**2)):
         d, width = spread[chunk], first.shape[1]
         signals = np.empty((a.order, len(d) * width))  # Delta z, all points side by side
         for part in parts:
@@ -94,7 +93,7 @@ def values_at(a: LFT, deltas: Array) -> tuple[Array, Array]:
             if len(used):
                 read = inner[part, used] @ signals[used]
                 right = right + read.reshape(size, len(d), width).transpose(1, 0, 2)
-            found, sign = _solved(np.eye(size) - inner[part, part] * d[:, None, part], right)
+            found, sign = _solved(inner[part, part], d[:, part], right)
             signs[chunk] *= sign
             closed = d[:, part, None] * found
             signals[part] = closed.transpose(1, 0, 2).reshape(size, -1)
@@ -108,14 +107,17 @@ def _ends(blocks: list[Channels]) -> list[int]:
     return [int(end) for end in np.cumsum([len(block) for block in blocks])]
 
 
-def _solved(loops: Array, right: Array) -> tuple[Array, Array]:
-    """loops^-1 right (N, n, k), anything where they are singular, and signs of determinants (N,)."""
-    if loops.shape[1] < _ALONE:
+def _solved(inner: Array, deltas: Array, right: Array) -> tuple[Array, Array]:
+    """(I - inner Delta)^-1 right (N, n, k), anything where that is singular, and signs of det (N,)."""
+    eye = np.eye(len(inner))
+    if len(inner) < _ALONE:
+        loops = eye - inner * deltas[:, None, :]
         signs, _ = np.linalg.slogdet(loops)
-        loops[signs == 0.0] = np.eye(loops.shape[1])
+        loops[signs == 0.0] = eye
         return np.asarray(np.linalg.solve(loops, right), dtype=float), signs
-    found, signs = np.zeros(right.shape), np.zeros(len(loops))
-    for k, loop in enumerate(loops):
+    found, signs, loop = np.zeros(right.shape), np.zeros(len(deltas)), np.empty(inner.shape)
+    for k, delta in enumerate(deltas):
+        np.subtract(eye, np.multiply(inner, delta, out=loop), out=loop)
         # LAPACK reads by columns what is stored by rows: it factors the transposed matrix
         factors, pivots, _ = dgetrf(loop.T, overwrite_a=True)
         swaps = np.count_nonzero(pivots != np.arange(len(pivots)))
