@@ -321,14 +321,27 @@ def entry_scale(
     is negligible beside its own terms is compared with them.
     """
     size = np.max(np.abs(reference), axis=0)
+    whole = np.maximum(_whole(size, states, floor), terms)
+    scale = np.where(size > _NEGLIGIBLE * whole, size, whole)
+    return np.where(scale > 0, scale, 1.0)
+
+
+def conditioning_of(
+    reference: Array, sizes: Array, states: int, floor: float = 0.0, terms: Array | float = 0.0
+) -> tuple[float, int]:
+    """`conditioning` of [A B ; C D] (N, ., .) with the scales of `entry_scale`."""
+    whole = np.maximum(_whole(np.max(np.abs(reference), axis=0), states, floor), terms)
+    scale = entry_scale(reference, states, floor, terms)
+    return conditioning(reference, sizes, scale, _NEGLIGIBLE * whole)
+
+
+def _whole(size: Array, states: int, floor: float) -> Array:
+    """Sizes of the row of each entry of A or C, and of the column of each of B or D."""
     of_row = np.max(size[:, :states], axis=1, initial=floor, keepdims=True)
     of_column = np.max(size[:, states:], axis=0, initial=0.0, keepdims=True)
     rows, columns = size.shape[0], size.shape[1] - states
     whole = np.hstack([np.tile(of_row, (1, states)), np.tile(of_column, (rows, 1))])
-    whole = np.where(whole > 0, whole, np.max(size, initial=0.0)).reshape(rows, states + columns)
-    whole = np.maximum(whole, terms)
-    scale = np.where(size > _NEGLIGIBLE * whole, size, whole)
-    return np.where(scale > 0, scale, 1.0)
+    return np.where(whole > 0, whole, np.max(size, initial=0.0)).reshape(rows, states + columns)
 
 
 def values_at_points(
@@ -422,7 +435,6 @@ def checked(
     at: Reference,
 ) -> Check:
     """The error with the conditioning of what it was measured against."""
-    reference = at.linear.matrices
-    scale = entry_scale(reference, len(equations.states), at.floor)
     sizes = _sizes_at(equations, inputs, outputs, at).entries
-    return Check(error, len(at.points), *conditioning(reference, sizes, scale))
+    found = conditioning_of(at.linear.matrices, sizes, len(equations.states), at.floor)
+    return Check(error, len(at.points), *found)

@@ -12,6 +12,7 @@ from mbdlft.certify import (
     Check,
     certificate,
     check_points,
+    conditioning_of,
     entry_scale,
     relative_error,
     values_at_points,
@@ -25,7 +26,6 @@ from mbdlft.lft.joint import joint_bound
 from mbdlft.lft.lft import LFT, Array, transpose, with_blocks
 from mbdlft.lft.model import LFTModel, Trim
 from mbdlft.lft.reduce import reduce_order
-from mbdlft.lft.rounding import conditioning
 from mbdlft.lft.threads import one_thread
 from mbdlft.linearize import LinearModel
 from mbdlft.matrix import MatrixProblem, matrix_problem, matrix_to_toml
@@ -195,15 +195,15 @@ def _measure_error(
     columns = {q.name: to_internal(q, points[:, k]) for k, q in enumerate(parameters)}
     internal = np.stack([columns[q.name] for q in problem.parameters] or [np.zeros(0)], axis=1)
     terms = term_sizes(tape, internal.reshape(len(points), -1)).reshape(-1, *problem.shape)
-    scale = entry_scale(reference, len(problem.states), 0.0, np.max(terms, axis=0))
-    error = relative_error(values, reference, scale)
+    scales = len(problem.states), 0.0, np.max(terms, axis=0)
+    error = relative_error(values, reference, entry_scale(reference, *scales))
     if not error <= ACCEPTED:
         raise AnalysisError(
             f"{owner}: the model differs from the matrix by {error:.1e} of the size of an entry. Either "
             "its numbers are so different in size that double precision does not carry them, or this is "
             "a bug: please report the matrix."
         )
-    return Check(error, len(points), *conditioning(reference, terms, scale))
+    return Check(error, len(points), *conditioning_of(reference, terms, *scales))
 
 
 def matrix_at(

@@ -33,7 +33,7 @@ def solution_size(inverse: Array, matrix: Any, solution: Array, right: Array) ->
     return np.asarray(np.abs(inverse) @ terms)
 
 
-def conditioning(values: Array, sizes: Array, scale: Array) -> tuple[float, int]:
+def conditioning(values: Array, sizes: Array, scale: Array, least: Array) -> tuple[float, int]:
     """How much rounding of the data changes entries relative to themselves, and where that means little.
 
     Parameters
@@ -44,6 +44,8 @@ def conditioning(values: Array, sizes: Array, scale: Array) -> tuple[float, int]
         If nothing cancelled.
     scale : array (., .)
         The largest sizes of the entries; where one is larger than that, the entry is negligible.
+    least : array (., .)
+        A smaller value at one of the points is negligible there.
 
     Returns
     -------
@@ -55,13 +57,9 @@ def conditioning(values: Array, sizes: Array, scale: Array) -> tuple[float, int]
     """
     parts = np.abs(values)
     clear = parts > _NOISE * sizes
-    some, least, most = (
-        np.any(clear, axis=0),
-        np.min(values, axis=0, initial=np.inf),
-        np.max(values, axis=0, initial=-np.inf),
-    )
-    negligible = np.max(parts, axis=0, initial=0.0) < scale
-    one_sign = np.all(clear, axis=0) & ((least > 0.0) | (most < 0.0))
-    own = np.where(one_sign & ~negligible, np.where(clear, parts, 1.0), scale)
-    condition = np.max((sizes / own)[:, some], initial=1.0)
-    return float(condition), int(np.sum(some & ~one_sign & ~negligible))
+    some, everywhere = np.any(clear, axis=0), np.all(clear, axis=0)
+    one_sign = everywhere & (np.all(values > 0.0, axis=0) | np.all(values < 0.0, axis=0))
+    counts = np.max(parts, axis=0, initial=0.0) >= scale
+    itself = np.maximum(np.where(clear, parts, 1.0), least)
+    condition = np.max((sizes / np.where(one_sign & counts, itself, scale))[:, some], initial=1.0)
+    return float(condition), int(np.sum(some & ~one_sign & counts))

@@ -24,6 +24,7 @@ def column(*values: float) -> np.ndarray:
         ((1.0, 2.0), (1.0, 2.0), 2.0, (1.0, 0)),
         ((1.0, 2.0), (5.0, 6.0), 2.0, (5.0, 0)),  # relative to itself: 5/1, not 6/2
         ((-1.0, -2.0), (5.0, 6.0), 2.0, (5.0, 0)),
+        ((0.1, 2.0), (5.0, 6.0), 2.0, (10.0, 0)),  # negligible at a point: 5/0.5
         ((-0.5, 2.0), (5.0, 6.0), 2.0, (3.0, 1)),  # changes its sign: 6/2
         ((0.0, 2.0), (5.0, 6.0), 2.0, (3.0, 1)),  # vanishes at a point
         ((EPS, 2.0), (5.0, 6.0), 2.0, (3.0, 1)),  # nothing but rounding at a point
@@ -39,13 +40,15 @@ def test_by_hand(
     scale: float,
     expected: tuple[float, int],
 ) -> None:
-    condition, changes = conditioning(column(*values), column(*sizes), np.array([[scale]]))
+    condition, changes = conditioning(
+        column(*values), column(*sizes), np.array([[scale]]), np.array([[0.5]])
+    )
     conditioned(condition, expected[0], 1.0)
     assert changes == expected[1]
 
 
 def test_no_entries() -> None:
-    assert conditioning(np.zeros((2, 0, 3)), np.zeros((2, 0, 3)), np.ones((0, 3))) == (1.0, 0)
+    assert conditioning(np.zeros((2, 0, 3)), np.zeros((2, 0, 3)), *np.ones((2, 0, 3))) == (1.0, 0)
 
 
 def buckling(near: float, far: float) -> mbdlft.Scene:
