@@ -11,7 +11,7 @@ from importlib.metadata import version
 import numpy as np
 
 from mbdlft.body import ElasticBody
-from mbdlft.certify import certificate, measure_error
+from mbdlft.certify import certificate, checked, measure_error
 from mbdlft.equations import Equations
 from mbdlft.errors import SceneError, WellPosednessError, unknown_name
 from mbdlft.extract import extract
@@ -145,12 +145,14 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
         measure = partial(
             measure_error, equations, inputs, outputs, trim=trim.lft, seed=SEED, need=need
         )
-        check = measure(lft)
+        error, reference = measure(lft)
         retry = lft is unsearched and raw.order <= _MOST_RETRIED and not is_elastic
-        if retry and check[0] > _LOSSY:
+        if retry and error > _LOSSY:
             other = close(raw, extended=True)
-            if other.order <= lft.order and (again := measure(other))[0] < check[0]:
-                lft, check = other, again
+            if other.order <= lft.order:
+                again, _ = measure(other, known=reference)
+                lft, error = (other, again) if again < error else (lft, error)
+        check = checked(equations, inputs, outputs, error, reference, need)
     return LFTModel(
         name=scene.name,
         lft=lft,

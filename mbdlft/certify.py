@@ -5,6 +5,7 @@ The truth is the nonlinear equations, trimmed and linearized again with numbers 
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -20,9 +21,11 @@ from mbdlft.equations import (
 )
 from mbdlft.errors import AnalysisError, WellPosednessError
 from mbdlft.lft.bound import Bound
-from mbdlft.lft.evaluate import chunks, evaluate_at
+from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, Array
 from mbdlft.lft.model import Certificate
+from mbdlft.lft.rounding import conditioning
+from mbdlft.lft.triangle import values_at, vanishes
 from mbdlft.many import evaluate_in_chunks, evaluate_many
 from mbdlft.need import Need
 from mbdlft.parameter import Parameter, to_delta
@@ -37,10 +40,49 @@ _IDLE = (
     1e-6  # of the stiffest spring: the least that a row of A is compared with if all of it cancels
 )
 _MIXED = 1e-4  # part of the largest entry of a column that one of rounding is compared with
-_LINES = 32  # points to which the line from nominal is searched for singularities
-_FEWEST_LINES = 4
-_CHEAP = 256  # order up to which so many lines cost less than all the rest of the check
-_REAL = 1e-6  # an eigenvalue with a smaller relative imaginary part may be a double real one
+
+
+class Check(NamedTuple):
+    """What a model was measured with: error and conditioning as in `Certificate`."""
+
+    error: float
+    points: int
+    condition: float = 0.0
+    sign_changes: int = 0
+
+
+class Reference(NamedTuple):
+    """The nonlinear equations, trimmed and linearized at N points.
+
+    Attributes
+    ----------
+    points (N, n_p), physical
+    efforts (N, n_u)
+    linear : Linear
+    effort_sizes (N, n_t), of the trim unknowns: what they would be if no terms cancelled
+    floor : a part of the largest load; no stiffness is compared with anything smaller
+    """
+
+    points: Array
+    efforts: Array
+    linear: "Linear"
+    effort_sizes: Array
+    floor: float
+
+
+class Linear(NamedTuple):
+    """Matrices of N points.
+
+    Attributes
+    ----------
+    matrices : [A B ; C D] (N, ., .)
+    jacobian : slopes of [residual ; outputs] by unknown, known and trim unknowns (N, ., .)
+    solved : unknown by known (N, ., .)
+    """
+
+    matrices: Array
+    jacobian: Array
+    solved: Array
 
 
 def certificate(
@@ -48,13 +90,13 @@ def certificate(
     raw: LFT,
     bounds: Mapping[str, Bound],
     order_bound: int,
-    check: tuple[float, int],
+    check: Check,
     seed: int,
     *,
     exact_bound: bool = False,
     fit_error_bound: float = 0.0,
 ) -> Certificate:
-    """The certificate of a model; `check` is its error and the number of points.
+    """The certificate of a model.
 
     It is exact unless the equilibrium is a fit.
 
@@ -73,8 +115,10 @@ def certificate(
         order=tuple(order.values()),
         lower_bound=tuple(lower.values()),
         raw_order=tuple(raw_order.get(name, 0) for name in order),
-        max_relative_error=check[0],
-        check_points=check[1],
+        max_relative_error=check.error,
+        check_points=check.points,
+        condition=check.condition,
+        sign_changes=check.sign_changes,
         seed=seed,
         exact=fit_error_bound == 0.0,
         fit_error_bound=fit_error_bound,
@@ -98,17 +142,10 @@ def check_points(parameters: Sequence[Parameter], seed: int) -> Array:
     return np.stack(columns, axis=1)
 
 
-def reference_matrices(
+def reference_at(
     equations: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array
-) -> tuple[Array, Array, Array, float]:
+) -> Reference:
     """The nonlinear equations, trimmed and linearized at points (N, n_p).
-
-    Returns
-    -------
-    [A B ; C D] (N, ., .)
-    trimmed unknowns (N, n_t)
-    sizes of the unknowns (N, n_t): what they would be if no terms cancelled
-    a part of the largest load: no stiffness is compared with anything smaller
 
     Raises
     ------
@@ -119,21 +156,20 @@ def reference_matrices(
     efforts, _ = trim_efforts(e, points)
     (jacobian,) = evaluate_many(_slope_function(e, tuple(inputs), tuple(outputs)), points, efforts)
     unknown, known = split(e, inputs)
+    linear = _linear(e, unknown.numel(), known.numel(), jacobian)
     n, nk = unknown.numel(), known.numel()
-    matrices = np.empty((len(points), len(e.states) + len(outputs), nk))
-    _state_space(e, n, jacobian, matrices)
     symbols, effort, _, residual = _at_trim(e, tuple(inputs), tuple(outputs))
     given = ca.substitute(residual, effort, given_value(e, symbols))
     no_effort = ca.Function("load", [symbols], [ca.densify(given)])
-    by_effort = np.abs(np.linalg.pinv(jacobian[:, :n, n + nk :]))
+    by_effort = np.abs(np.linalg.pinv(linear.jacobian[:, :n, n + nk :]))
     terms = (by_effort @ term_sizes(no_effort, points)[:, :, None])[:, :, 0]
     # where terms cancel already in the numbers of the scene: what the load does to the inertia
     lifted = ca.densify(load_value(e, symbols))
     (load,) = evaluate_many(ca.Function("load", [symbols], [lifted]), points)
-    inertia = np.max(by_effort @ np.abs(jacobian[:, :n, :n]), axis=2, initial=0.0)
+    inertia = np.max(by_effort @ np.abs(linear.jacobian[:, :n, :n]), axis=2, initial=0.0)
     floor = _FLOOR * np.max(np.abs(load), axis=(1, 2), initial=0.0)
     sizes = np.maximum(terms, floor[:, None] * inertia)
-    return matrices, efforts[:, list(e.unknown)], sizes, float(np.max(floor))
+    return Reference(points, efforts, linear, sizes, float(np.max(floor)))
 
 
 def linearized(
@@ -155,29 +191,33 @@ def linearized(
         The accelerations cannot be solved for at one of the points.
     """
     e = equations
+    unknown, known = (part.numel() for part in split(e, inputs))
+    values = np.empty((len(points), len(e.states) + len(outputs), known))
     function = _slope_function(e, tuple(inputs), tuple(outputs))
-    n = split(e, inputs)[0].numel()
-    values = np.empty((len(points), len(e.states) + len(outputs), len(e.states) + len(inputs)))
     for part, (jacobian,) in evaluate_in_chunks(function, points, efforts):
-        _state_space(e, n, jacobian, values[part])
+        values[part] = _linear(e, unknown, known, jacobian).matrices
     return values
 
 
-def _state_space(e: Equations, n: int, jacobian: Array, values: Array) -> None:
-    """Write [A B ; C D] (N, ., .) of slopes (N, ., .) as in `_at_trim`, by n unknown signals first."""
-    states, known = len(e.states), values.shape[2]
+def _linear(e: Equations, unknown: int, known: int, jacobian: Array) -> Linear:
+    """Solve slopes (N, ., .) as in `_at_trim` for the unknown signals, which come first."""
     try:
-        solved = _solved(jacobian[:, :n, :n], -jacobian[:, :n, n : n + known])
+        solved = _solved(
+            jacobian[:, :unknown, :unknown], -jacobian[:, :unknown, unknown : unknown + known]
+        )
     except np.linalg.LinAlgError:
         raise WellPosednessError(
             f"scene {e.name!r}: the mass matrix is singular at a point of the parameter range. Keep "
             "masses and inertias away from zero."
         ) from None
-    values[:, :states] = solved[:, :states]
-    values[:, states:] = jacobian[:, n:, n : n + known]
-    by_unknown = jacobian[:, n:, :n]
+    read, by_unknown = (
+        jacobian[:, unknown:, unknown : unknown + known],
+        jacobian[:, unknown:, :unknown],
+    )
     if np.any(by_unknown):
-        values[:, states:] += by_unknown @ solved
+        read = read + by_unknown @ solved
+    matrices = np.concatenate([solved[:, : len(e.states)], read], axis=1)
+    return Linear(matrices, jacobian, solved)
 
 
 def _solved(matrix: Array, right: Array) -> Array:
@@ -238,35 +278,48 @@ def _at_trim(
     return symbols, effort, slopes, residual
 
 
+class _Sizes(NamedTuple):
+    """Sizes (N, ., .) of [A B ; C D], unknowns, slopes, and of the inverse of those by the unknowns."""
+
+    entries: Array
+    solved: Array
+    terms: Array
+    inverse: Array
+
+
+def _sizes_at(
+    equations: Equations, inputs: Sequence[int], outputs: Sequence[int], at: Reference
+) -> _Sizes:
+    """Sizes if nothing cancelled, neither in a slope nor in solving (Skeel 1979), at each point."""
+    e, jacobian = equations, at.linear.jacobian
+    tape = _slope_function(e, tuple(inputs), tuple(outputs))
+    terms = term_sizes(tape, np.hstack([at.points, at.efforts]))
+    terms = terms.reshape(len(jacobian), *jacobian.shape[:0:-1]).transpose(0, 2, 1)
+    unknown, known = split(e, inputs)
+    n, nk = unknown.numel(), known.numel()
+    right = terms[:, :n, n : n + nk]
+    inverse = np.abs(np.linalg.inv(jacobian[:, :n, :n]))
+    # rounding of the matrix itself counts too: a chain of beams adds far masses to small ones
+    solved = inverse @ (right + terms[:, :n, :n] @ np.abs(at.linear.solved))
+    read = terms[:, n:, n : n + nk] + terms[:, n:, :n] @ solved
+    entries = np.concatenate([solved[:, : len(e.states)], read], axis=1)
+    return _Sizes(entries, solved, terms, inverse)
+
+
 def entry_sizes(
-    equations: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array
+    equations: Equations, inputs: Sequence[int], outputs: Sequence[int], at: Reference
 ) -> Array:
-    """Sizes of the entries of [A B ; C D] if nothing cancelled, neither in a slope nor in solving.
+    """Sizes of the entries of [A B ; C D] over all points if nothing cancelled.
 
     A stiffness that vanishes for all parameters, or the acceleration of an imposed joint, has no
     size of its own to compare its rounding with.
     """
-    e = equations
-    efforts, _ = trim_efforts(e, points)
-    symbols, effort, slopes, _ = _at_trim(e, tuple(inputs), tuple(outputs))
-    both = ca.vertcat(symbols, effort)
-    known_points = np.hstack([points, efforts])
-    (jacobian,) = evaluate_many(ca.Function("slopes", [both], [slopes]), known_points)
-    tape = ca.Function("slopes", [both], [ca.vec(slopes.T)])
-    terms = term_sizes(tape, known_points).reshape(jacobian.shape)
-    unknown, known = split(e, inputs)
-    n, nk = unknown.numel(), known.numel()
-    matrix, right = jacobian[:, :n, :n], terms[:, :n, n : n + nk]
-    # rounding of the matrix itself counts too: a chain of beams adds far masses to small ones
-    first = np.abs(_solved(matrix, jacobian[:, :n, n : n + nk]))
-    inverse = np.abs(np.linalg.inv(matrix))
-    solved = inverse @ (right + terms[:, :n, :n] @ first)
+    entries, solved, terms, inverse = _sizes_at(equations, inputs, outputs, at)
+    unknown, _ = split(equations, inputs)
+    n, states = unknown.numel(), len(equations.states)
     # pivots mix the rows: one that is exactly zero gets the rounding of the largest in the column
     mixed = _MIXED * np.max(solved, axis=(0, 1), initial=0.0)
-    read = terms[:, n:, n : n + nk] + terms[:, n:, :n] @ solved
-    states = len(e.states)
-    sizes = np.max(np.concatenate([solved[:, :states], read], axis=1), axis=0)
-    found: Array = np.maximum(sizes, mixed)
+    found: Array = np.maximum(np.max(entries, axis=0), mixed)
     # what an effort of one and the stiffest spring do, where a whole row or column cancels
     by_one = np.concatenate([inverse[:, :states], terms[:, n:, :n] @ inverse], axis=1)
     one = np.max(by_one, axis=(0, 2), initial=0.0)[:, None]
@@ -276,10 +329,15 @@ def entry_sizes(
     return found
 
 
-def relative_error(
-    values: Array, reference: Array, states: int, floor: float, terms: Array | float = 0.0
-) -> float:
-    """Largest error of an entry of [A B ; C D], relative to its largest size over the points (N, ., .).
+def relative_error(values: Array, reference: Array, scale: Array) -> float:
+    """Largest error of an entry of [A B ; C D] (N, ., .), relative to its scale."""
+    return float(np.max(np.abs(values - reference) / scale, initial=0.0))
+
+
+def entry_scale(
+    reference: Array, states: int, floor: float = 0.0, terms: Array | float = 0.0
+) -> Array:
+    """What an entry of [A B ; C D] is compared with: its largest size over the points (N, ., .).
 
     A negligible entry of A or C is compared with its row: where the terms of a stiffness cancel only
     rounding is left; `floor` is the least size of such a row. One of B or D is compared with its
@@ -287,20 +345,33 @@ def relative_error(
     is negligible beside its own terms is compared with them.
     """
     size = np.max(np.abs(reference), axis=0)
+    whole = np.maximum(_whole(size, states, floor), terms)
+    scale = np.where(size > _NEGLIGIBLE * whole, size, whole)
+    return np.where(scale > 0, scale, 1.0)
+
+
+def conditioning_of(
+    reference: Array, sizes: Array, states: int, floor: float = 0.0, terms: Array | float = 0.0
+) -> tuple[float, int]:
+    """`conditioning` of [A B ; C D] (N, ., .) with the scales of `entry_scale`."""
+    whole = np.maximum(_whole(np.max(np.abs(reference), axis=0), states, floor), terms)
+    scale = entry_scale(reference, states, floor, terms)
+    return conditioning(reference, sizes, scale, _NEGLIGIBLE * whole)
+
+
+def _whole(size: Array, states: int, floor: float) -> Array:
+    """Sizes of the row of each entry of A or C, and of the column of each of B or D."""
     of_row = np.max(size[:, :states], axis=1, initial=floor, keepdims=True)
     of_column = np.max(size[:, states:], axis=0, initial=0.0, keepdims=True)
     rows, columns = size.shape[0], size.shape[1] - states
     whole = np.hstack([np.tile(of_row, (1, states)), np.tile(of_column, (rows, 1))])
-    whole = np.where(whole > 0, whole, np.max(size, initial=0.0)).reshape(rows, states + columns)
-    whole = np.maximum(whole, terms)
-    scale = np.where(size > _NEGLIGIBLE * whole, size, whole)
-    return float(np.max(np.abs(values - reference) / np.where(scale > 0, scale, 1.0), initial=0.0))
+    return np.where(whole > 0, whole, np.max(size, initial=0.0)).reshape(rows, states + columns)
 
 
-def check_well_posed(
+def values_at_points(
     lft: LFT, parameters: Sequence[Parameter], points: Array, owner: str, advice: str = ""
 ) -> Array:
-    """Deltas (N, n_p) of the points, once det(I - D_zw Delta) was seen to stay away from zero.
+    """Values (N, ., .) at physical points, once det(I - D_zw Delta) was seen to stay away from zero.
 
     The determinant is 1 at nominal, so a point where it is not positive means that it vanishes
     between them. To some of the points the whole line from nominal is searched.
@@ -310,23 +381,9 @@ def check_well_posed(
     WellPosednessError
         The determinant vanishes at one of the points or on the way there.
     """
-    deltas = np.stack(
-        [to_delta(p, points[:, k]) for k, p in enumerate(parameters)] or [np.zeros(0)], axis=1
-    ).reshape(len(points), len(parameters))
-    spread = np.repeat(deltas, [block.size for block in lft.blocks], axis=1)
-    singular = np.zeros(len(points), dtype=bool)
-    for part in chunks(len(points), lft.order):
-        signs, _ = np.linalg.slogdet(np.eye(lft.order) - lft.M11[None] * spread[part, None, :])
-        singular[part] = signs <= 0
-    # an eigenvalue of D_zw Delta that is real and >= 1: det vanishes on the line from nominal, even
-    # where it does not change its sign
-    affordable = int(_LINES * (_CHEAP / max(lft.order, 1)) ** 3)
-    count = min(_LINES, max(_FEWEST_LINES, affordable))
-    lines = np.unique(np.linspace(0, len(points) - 1, count).astype(int))
-    for part in chunks(len(lines), lft.order):
-        eigenvalues = np.linalg.eigvals(lft.M11[None] * spread[lines[part], None, :])
-        real = np.abs(eigenvalues.imag) <= _REAL * np.abs(eigenvalues)
-        singular[lines[part]] |= np.any(real & (eigenvalues.real >= 1.0), axis=1)
+    deltas = deltas_at(parameters, points)
+    values, signs = values_at(lft, deltas)
+    singular = (signs <= 0.0) | vanishes(lft, deltas)
     if np.any(singular):
         worst = points[int(np.argmax(singular))]
         where = ", ".join(
@@ -336,7 +393,13 @@ def check_well_posed(
             f"{owner}: the model is singular between the nominal values and {where}. Narrow the "
             f"ranges{advice}."
         )
-    return deltas
+    return values
+
+
+def deltas_at(parameters: Sequence[Parameter], points: Array) -> Array:
+    """Deltas (N, n_p) [1] of physical points."""
+    columns = [to_delta(p, points[:, k]) for k, p in enumerate(parameters)]
+    return np.stack(columns or [np.zeros(0)], axis=1).reshape(len(points), len(parameters))
 
 
 def measure_error(
@@ -346,11 +409,13 @@ def measure_error(
     model: LFT,
     trim: LFT,
     seed: int,
+    known: Reference | None = None,
     need: Need | None = None,
-) -> tuple[float, int]:
-    """Largest relative error of the model and its trim, and the number of points it was taken over.
+) -> tuple[float, Reference]:
+    """Largest relative error of the model and its trim, and what they were compared with.
 
-    The model has the states of `need`, or all; that the others do not matter is compared, too.
+    `known` is that of another model of the same equations. The model has the states of `need`, or all;
+    that the others do not matter is compared, too.
 
     Raises
     ------
@@ -360,23 +425,23 @@ def measure_error(
         The error is larger than rounding can explain in a problem that is worth solving.
     """
     points = check_points(equations.parameters, seed)
-    deltas = check_well_posed(
+    values = values_at_points(
         model,
         equations.parameters,
         points,
         f"scene {equations.name!r}",
         ", or keep masses and inertias away from zero",
     )
-    reference, efforts, sizes, floor = reference_matrices(equations, inputs, outputs, points)
-    states = len(equations.states)
-    values = evaluate_at(model, deltas)
+    at = known or reference_at(equations, inputs, outputs, points)
+    reference, states = at.linear.matrices, len(equations.states)
     values = need.whole(values, reference) if need else values
-    error = relative_error(values, reference, states, floor)
+    error = relative_error(values, reference, entry_scale(reference, states, at.floor))
     if not error <= ACCEPTED:  # unless an entry is nothing but rounding
-        terms = entry_sizes(equations, inputs, outputs, points)
-        error = relative_error(values, reference, states, floor, terms)
-    difference = np.max(np.abs(evaluate_at(trim, deltas)[:, :, 0] - efforts), axis=0)
-    size = np.max(sizes, axis=0)
+        terms = entry_sizes(equations, inputs, outputs, at)
+        error = relative_error(values, reference, entry_scale(reference, states, at.floor, terms))
+    trimmed = evaluate_at(trim, deltas_at(equations.parameters, points))[:, :, 0]
+    difference = np.max(np.abs(trimmed - at.efforts[:, list(equations.unknown)]), axis=0)
+    size = np.max(at.effort_sizes, axis=0)
     trim_error = float(np.max(difference / np.where(size > 0, size, 1.0), initial=0.0))
     worst = max(error, trim_error)
     if not worst <= ACCEPTED:
@@ -386,4 +451,18 @@ def measure_error(
             "Either the scene is so badly conditioned that double precision does not carry it (masses "
             "or lengths of very different size in one chain), or this is a bug: please report the scene."
         )
-    return worst, len(points)
+    return worst, at
+
+
+def checked(
+    equations: Equations,
+    inputs: Sequence[int],
+    outputs: Sequence[int],
+    error: float,
+    at: Reference,
+    need: Need,
+) -> Check:
+    """The error with the conditioning of what it was measured against, of the states of `need`."""
+    sizes = _sizes_at(equations, inputs, outputs, at).entries
+    found = conditioning_of(need.of(at.linear.matrices), need.of(sizes), len(need.states), at.floor)
+    return Check(error, len(at.points), *found)

@@ -17,7 +17,7 @@ from mbdlft.cli_body import body
 from mbdlft.cli_sweep import sweep
 from mbdlft.cli_urdf import import_robot
 from mbdlft.errors import MbdlftError, SceneError
-from mbdlft.lft.model import LFTModel
+from mbdlft.lft.model import Certificate, LFTModel
 from mbdlft.report import console as _console
 from mbdlft.report import table as _table
 
@@ -43,6 +43,7 @@ Search = Annotated[
     ),
 ]
 SceneFile = Annotated[Path, typer.Argument(help="Scene, a TOML file.")]
+_EPS = sys.float_info.epsilon
 SEARCH_SECONDS = 2.0  # as mbdlft.build.SEARCH, which is slow to import
 app.command("import")(import_robot)
 app.command()(body)
@@ -359,12 +360,29 @@ def _print_model(model: LFTModel) -> None:
         + (", before truncation" if certificate.truncation_error > 0.0 else "")
         + (", at the fitted positions" if certificate.fit_error_bound > 0.0 else "")
     )
+    if certificate.condition > 0.0:
+        console.print(_conditioning(certificate))
     if model.trim.signals:
         trimmed = ", ".join(
             f"{signal.name} = {value:.6g} {signal.unit}"
             for signal, value in zip(model.trim.signals, model.trim.nominal, strict=True)
         )
         console.print(f"trim at nominal: {trimmed}", highlight=False)
+
+
+def _conditioning(certificate: Certificate) -> str:
+    """What rounding of the data does, whoever computes with it."""
+    change = certificate.condition * _EPS
+    text = f"condition {certificate.condition:.1e}: rounding of the data alone may change an entry "
+    text += f"by {change:.1e} of itself"
+    if change > _EPS**0.5:
+        text = f"ill-conditioned, {text}"
+    if certificate.sign_changes:
+        text += (
+            f"; {certificate.sign_changes} entries change their sign in the range, and near there have "
+            "digits relative to their largest size only"
+        )
+    return text
 
 
 def _upward(error: float) -> str:
@@ -414,6 +432,8 @@ def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]
         "truncation_error": certificate.truncation_error,
         "fit_error_bound": certificate.fit_error_bound,
         "max_relative_error": certificate.max_relative_error,
+        "condition": certificate.condition or None,
+        "sign_changes": certificate.sign_changes if certificate.condition else None,
         "check_points": certificate.check_points,
         "seconds": dict(seconds),
     }

@@ -7,7 +7,7 @@ results and without the calls of a virtual machine.
 
 from collections.abc import Callable, Iterator
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -53,7 +53,7 @@ class Vectors(NamedTuple):
 
 
 def evaluate_many(function: ca.Function, points: Array, *others: Array) -> list[Array]:
-    """Values of a function of column vectors at many points, each (N, rows, columns)."""
+    """Values of a function of column vectors at many points, each (N, rows, columns); all are dense."""
     count = len(points)
     found = vectors(function) if count >= MANY else None
     if found is not None:
@@ -61,15 +61,30 @@ def evaluate_many(function: ca.Function, points: Array, *others: Array) -> list[
         values[:] = found.constant
         values[:, found.places] = _varying(found, points, *others).T
         return _parts(function, values)
-    arguments = [np.ascontiguousarray(part.T) for part in (points, *others)]
-    if points.shape[1] == 0:  # an argument without rows cannot tell how many points there are
-        each = [function.call([column[:, k] for column in arguments]) for k in range(count)]
-        return [np.stack([values[k].full() for values in each]) for k in range(function.n_out())]
-    results = []
-    for k, value in enumerate(function.call(arguments)):
-        rows, columns = function.size_out(k)
-        results.append(value.full().reshape(rows, count, columns).transpose(1, 0, 2))
-    return results
+    return _called(function, points, *others)
+
+
+def _called(function: ca.Function, *points: Array) -> list[Array]:
+    """Values by calls; matrices of CasADi become those of numpy through buffers, not by entries."""
+    assert all(function.sparsity_out(k).is_dense() for k in range(function.n_out()))
+    # CasADi's matrices are by columns
+    shapes = [function.size_out(k)[::-1] for k in range(function.n_out())]
+    found = [np.empty((len(points[0]), *shape)) for shape in shapes]
+    arguments = [np.empty(part.shape[1]) for part in points]
+    results = [np.empty(shape) for shape in shapes]
+    buffer: Any = function.buffer()
+    memory, call = buffer
+    for k, argument in enumerate(arguments):
+        memory.set_arg(k, argument.data)
+    for k, result in enumerate(results):
+        memory.set_res(k, result.ravel().data)
+    for k in range(len(points[0])):
+        for argument, part in zip(arguments, points, strict=True):
+            argument[:] = part[k]
+        call()
+        for values, result in zip(found, results, strict=True):
+            values[k] = result
+    return [values.transpose(0, 2, 1) for values in found]
 
 
 def evaluate_in_chunks(

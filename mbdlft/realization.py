@@ -9,17 +9,19 @@ import numpy as np
 from mbdlft.build import SEARCH, SEED, Build, Clock, provenance
 from mbdlft.certify import (
     ACCEPTED,
+    Check,
     certificate,
     check_points,
-    check_well_posed,
+    conditioning_of,
+    entry_scale,
     relative_error,
+    values_at_points,
 )
 from mbdlft.errors import AnalysisError, SceneError, WellPosednessError
 from mbdlft.exact import exact_lower_bound
 from mbdlft.extract import extract
 from mbdlft.lft.bound import Bound, degree_bounds, moved
 from mbdlft.lft.commute import reduce_commuting
-from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.joint import joint_bound
 from mbdlft.lft.lft import LFT, Array, transpose, with_blocks
 from mbdlft.lft.model import LFTModel, Trim
@@ -182,27 +184,26 @@ def _check_bound(problem: MatrixProblem, bound: Mapping[str, int], lft: LFT) -> 
 
 def _measure_error(
     problem: MatrixProblem, resolved: Resolved, lft: LFT, parameters: Sequence[Parameter]
-) -> tuple[float, int]:
-    """Largest relative error against the matrix itself, and the number of points."""
+) -> Check:
+    """Largest relative error against the matrix itself, and its conditioning."""
     owner = f"matrix {problem.name!r}"
     points = check_points(parameters, SEED)
-    deltas = check_well_posed(lft, parameters, points, owner)
+    values = values_at_points(lft, parameters, points, owner)
     reference = matrix_at(problem, resolved, parameters, points)
     p, matrix = internal_matrix(problem, resolved)
     tape = ca.Function("matrix", [p], [ca.densify(ca.vec(matrix.T))])
     columns = {q.name: to_internal(q, points[:, k]) for k, q in enumerate(parameters)}
     internal = np.stack([columns[q.name] for q in problem.parameters] or [np.zeros(0)], axis=1)
-    terms = np.max(term_sizes(tape, internal.reshape(len(points), -1)), axis=0)
-    error = relative_error(
-        evaluate_at(lft, deltas), reference, len(problem.states), 0.0, terms.reshape(problem.shape)
-    )
+    terms = term_sizes(tape, internal.reshape(len(points), -1)).reshape(-1, *problem.shape)
+    scales = len(problem.states), 0.0, np.max(terms, axis=0)
+    error = relative_error(values, reference, entry_scale(reference, *scales))
     if not error <= ACCEPTED:
         raise AnalysisError(
             f"{owner}: the model differs from the matrix by {error:.1e} of the size of an entry. Either "
             "its numbers are so different in size that double precision does not carry them, or this is "
             "a bug: please report the matrix."
         )
-    return error, len(points)
+    return Check(error, len(points), *conditioning_of(reference, terms, *scales))
 
 
 def matrix_at(

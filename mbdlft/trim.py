@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -347,27 +347,29 @@ def _unbalanced(e: Equations, points: Array, residual: Array, worst: int) -> str
 
 
 def term_sizes(tape: ca.Function, points: Array) -> Array:
-    """Sizes (N, rows) of the outputs of a function if nothing cancelled: |a| + |b| for a + b.
+    """Sizes (N, rows) of the dense output of a function if nothing cancelled: |a| + |b| for a + b.
+
+    The output is a column, or a matrix whose columns stand one below the other.
 
     The instructions are run once more, on pairs of a value and its size.
     """
-    work: list[tuple[Array, Array]] = [(np.zeros(0), np.zeros(0))] * tape.sz_w()
-    found = np.zeros((len(points), tape.size1_out(0)))
+    work: list[tuple[Any, Any]] = [(0.0, 0.0)] * tape.sz_w()  # numbers (N,), or one for all points
+    found = np.zeros((tape.numel_out(0), len(points)))
+    inputs = np.ascontiguousarray(points.T)
     for k in range(tape.n_instructions()):
         operation = tape.instruction_id(k)
         sources, targets = tape.instruction_input(k), tape.instruction_output(k)
         if operation == ca.OP_OUTPUT:
-            found[:, targets[1]] = work[sources[0]][1]
+            found[targets[1]] = work[sources[0]][1]
         elif operation in (ca.OP_INPUT, ca.OP_CONST):
             constant = operation == ca.OP_CONST
-            value = tape.instruction_constant(k) if constant else points[:, sources[1]]
-            column = np.broadcast_to(np.asarray(value, dtype=float), (len(points),))
-            work[targets[0]] = column, np.abs(column)
+            value = np.float64(tape.instruction_constant(k)) if constant else inputs[sources[1]]
+            work[targets[0]] = value, abs(value)
         elif len(sources) == 2:
             work[targets[0]] = _PAIRS[operation](*work[sources[0]], *work[sources[1]])
         else:
             work[targets[0]] = _SINGLE[operation](*work[sources[0]])
-    return found
+    return found.T
 
 
 _SINGLE: dict[int, Callable[[Array, Array], tuple[Array, Array]]] = {

@@ -107,6 +107,8 @@ def entries(actual: ArrayLike, expected: ArrayLike, terms: ArrayLike) -> None:
 
 # times eps and the condition of an entry or pole, measured with 50 digits, on the hard cases
 HARD = 20.0
+# long chains: solved with at nominal in twice the working precision
+HARD_CHAIN = 1.0
 # a numeric linearization that is as good as the condition permits
 HARD_NUMERIC = 5.0
 

@@ -73,7 +73,12 @@ def invert_channels(model: LFTModel, channels: Sequence[str]) -> LFTModel:
         lft=lft,
         inputs=tuple(inputs),
         outputs=tuple(outputs),
-        certificate=replace(found, max_relative_error=condition * found.max_relative_error + error),
+        certificate=replace(
+            found,
+            max_relative_error=condition * found.max_relative_error + error,
+            condition=0.0,  # that of the exchanged entries is not known
+            sign_changes=0,
+        ),
     )
 
 

@@ -267,4 +267,6 @@ def _certificate(model: LFTModel, block: _Block, lft: LFT, error: float) -> Cert
         exact_bound=False,
         doubtful=tuple(bounds[name].doubtful for name, _ in lft.blocks),
         order_bound=sum(lower),
+        condition=0.0,  # that of the product is not known
+        sign_changes=0,
     )

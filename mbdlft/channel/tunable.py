@@ -175,4 +175,6 @@ def _certificate(model: LFTModel, names: Sequence[str]) -> Certificate:
         raw_order=of(found.raw_order),
         doubtful=of(found.doubtful),
         order_bound=max(sum(of(found.lower_bound)), found.order_bound - opened),
+        condition=0.0,  # that of the entries of the plant is not known
+        sign_changes=0,
     )

@@ -5,7 +5,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from mbdlft.certify import reference_matrices
+from mbdlft.certify import reference_at
 from mbdlft.description import Quantity
 from mbdlft.equations import physical_symbols
 from mbdlft.equilibrium.find import EquilibriumPoint
@@ -84,7 +84,7 @@ def eigenvalues_at(scene: Scene, point: EquilibriumPoint) -> Array:
         As `assemble` and `to_lft`, such as a mechanism in a singular position.
     """
     equations = assemble(at_values(at_equilibrium(scene, point), point))
-    matrices, *_ = reference_matrices(equations, (), (), np.zeros((1, 0)))
+    matrices = reference_at(equations, (), (), np.zeros((1, 0))).linear.matrices
     found = np.linalg.eigvals(matrices[0][: len(equations.states), : len(equations.states)])
     return np.asarray(found[np.argsort(-found.real)])
 

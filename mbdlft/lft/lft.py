@@ -14,9 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mbdlft.errors import StructureError, WellPosednessError, unknown_name
+from mbdlft.lft import twofold
 from mbdlft.lft.rounding import cleaned, solution_size
+from mbdlft.lft.twofold import Twofold
 
 Array = NDArray[np.float64]
+_WELL_CONDITIONED = 2.0**10  # double precision is enough: the square of this leaves ten digits
 
 
 class Block(NamedTuple):
@@ -308,10 +311,14 @@ def _through(
     """base + left matrix^-1 right, and matrix^-1 right, both without the rounding of what cancels."""
     if not matrix.size:
         return base, np.zeros((0, base.shape[1]))
-    solved = solve_nominal(matrix, right, what)
+    solved, low = _solve(matrix, right, what)
     size = solution_size(np.asarray(np.linalg.inv(matrix), dtype=float), matrix, solved, right)
-    solved = cleaned(solved, 0.25 * size)
-    return cleaned(base + left @ solved, np.abs(base) + np.abs(left) @ size), solved
+    kept = cleaned(solved, 0.25 * size)
+    if low.any():
+        total = twofold.multiply_add(base, left, Twofold(kept, np.where(kept == 0.0, 0.0, low)))
+    else:
+        total = base + left @ kept
+    return cleaned(total, np.abs(base) + np.abs(left) @ size), kept
 
 
 def with_blocks(a: LFT, names: Sequence[str]) -> LFT:
@@ -321,25 +328,35 @@ def with_blocks(a: LFT, names: Sequence[str]) -> LFT:
 
 
 def solve_nominal(matrix: Array, right: Array, what: str) -> Array:
-    """matrix^-1 right, or an error if the matrix is singular to working precision.
+    """matrix^-1 right, or an error if the matrix is singular to working precision."""
+    return _solve(matrix, right, what).high
+
+
+def _solve(matrix: Array, right: Array, what: str) -> Twofold:
+    """As `solve_nominal`, with the rounding of the solution where the condition makes it matter.
 
     One step of refinement makes the error small relative to the terms of each entry (Skeel 1980): the
-    entries of M^-1 K of a finite-element model fall by many orders from the diagonal.
+    entries of M^-1 K of a finite-element model fall by many orders from the diagonal. On the way to a
+    value the LFT undoes the nominal solution and takes another one, so errors of the size of the
+    condition are multiplied by it once more: then twice the working precision is used.
     """
     if not matrix.size:
-        return np.zeros((matrix.shape[0], right.shape[1]))
+        return Twofold(*np.zeros((2, matrix.shape[0], right.shape[1])))
     scale = np.max(np.abs(matrix), axis=1, keepdims=True)
     scale[scale == 0.0] = 1.0
     try:
+        number = condition(matrix / scale)
+        singular = number > 1.0 / float(np.finfo(float).eps)
+        if not singular and number > _WELL_CONDITIONED:
+            return twofold.solve(matrix, right)
         matrix, right = matrix / scale, right / scale
         first = np.linalg.solve(matrix, right)
         solution = np.asarray(first + np.linalg.solve(matrix, right - matrix @ first), dtype=float)
-        singular = condition(matrix) > 1.0 / float(np.finfo(float).eps)
     except np.linalg.LinAlgError:
         singular = True
     if singular:
         raise WellPosednessError(f"{what}: the matrix is singular to working precision.")
-    return solution
+    return Twofold(solution, np.zeros_like(solution))
 
 
 def condition(matrix: Array) -> float:

@@ -67,6 +67,14 @@ class Certificate:
     fit_error_bound : float
         Guaranteed bound (rad or m) of the error of equilibrium positions that are rational fits, over the
         whole range; 0.0 if nothing was fitted. The other numbers are then those at the fitted positions.
+    condition : float
+        How much larger the relative rounding of the data is in an entry of A, B, C, D at a check point:
+        2.2e-16 times this is what no computation in double precision sees, and may be more than
+        `max_relative_error`. An entry that changes its sign is relative to its largest size over the
+        points, others to themselves. 0.0: not recorded.
+    sign_changes : int
+        Number of entries that change their sign between the check points, or vanish at some: near there
+        they have digits relative to their largest size only.
     order_bound : int
         Proved minimum of the sum of all repetitions. Pairs of parameters that cannot both have their
         lower bound make it larger than the sum of these, which stands for 0.
@@ -89,6 +97,8 @@ class Certificate:
     truncation_error: float = 0.0
     order_bound: int = 0
     fit_error_bound: float = 0.0
+    condition: float = 0.0
+    sign_changes: int = 0
 
     def __post_init__(self) -> None:
         alone = sum(self.lower_bound)

@@ -61,6 +61,9 @@ def write_model(group: Any, model: LFTModel) -> None:
         certificate.attrs["fit_error_bound"] = np.float64(model.certificate.fit_error_bound)
     if model.certificate.order_bound > sum(model.certificate.lower_bound):
         certificate.attrs["order_bound"] = np.int64(model.certificate.order_bound)
+    if model.certificate.condition > 0.0:
+        certificate.attrs["condition"] = np.float64(model.certificate.condition)
+        certificate.attrs["sign_changes"] = np.int64(model.certificate.sign_changes)
     provenance = group.create_group("provenance")
     for name in Provenance.__dataclass_fields__:
         provenance.attrs[name] = getattr(model.provenance, name)
@@ -210,7 +213,18 @@ def _read_certificate(group: Any, count: int) -> Certificate:
         truncation_error=_truncation_error(group),
         order_bound=int(group.attrs.get("order_bound", 0)),
         fit_error_bound=float(group.attrs.get("fit_error_bound", 0.0)),
+        **_read_conditioning(group),
     )
+
+
+def _read_conditioning(group: Any) -> dict[str, Any]:
+    """Two attributes, or none in files that were written before there were any."""
+    if not {"condition", "sign_changes"} & set(group.attrs):
+        return {}
+    return {
+        "condition": float(group.attrs["condition"]),
+        "sign_changes": int(group.attrs["sign_changes"]),
+    }
 
 
 def _truncation_error(group: Any) -> float:

@@ -102,6 +102,8 @@ def strange(seed: int, sizes: tuple[int, ...] = (2, 0, 3)) -> LFTModel:
             seed=2**40 + 1,
             exact=bool(seed % 2),
             doubtful=tuple(min(1, size) for size in sizes),
+            condition=float(1.0 + random.random()),
+            sign_changes=seed,
         ),
         provenance=Provenance(
             scene='name = "µ"\n# ' + "日本 " * 30000,

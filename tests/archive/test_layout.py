@@ -56,7 +56,15 @@ DATASETS = {
 OPTIONAL = ("certificate/doubtful",)
 ATTRIBUTES = {
     "": ("encoding_type", "encoding_version", "time_domain", "description"),
-    "certificate": ("max_relative_error", "check_points", "seed", "exact", "truncation_error"),
+    "certificate": (
+        "max_relative_error",
+        "check_points",
+        "seed",
+        "exact",
+        "truncation_error",
+        "condition",
+        "sign_changes",
+    ),
     "provenance": ("scene", "mbdlft", "casadi", "numpy", "h5py", "created"),
 }
 MODELS = {"arm": models.arm, "unused": models.unused, "strange": lambda: models.strange(8)}
@@ -141,6 +149,8 @@ def test_attributes(stored):
         "seed": np.dtype("<i8"),
         "exact": np.dtype(bool),
         "truncation_error": np.dtype("<f8"),
+        "condition": np.dtype("<f8"),
+        "sign_changes": np.dtype("<i8"),
     }
 
 
@@ -235,6 +245,19 @@ def test_trim_lft_may_be_missing(tmp_path):
         assert file["models/bare/trim/name"].shape == (0,)
         assert file["models/bare/B_w"].shape == (1, 0)
         assert file["models/bare/parameters/map"].shape == (0, 3)
+
+
+def test_conditioning_may_be_missing(tmp_path):
+    """Files that were written before there was any, and models that are derived from others."""
+    save(tmp_path / "a.h5", models.arm())
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        for name in ("condition", "sign_changes"):
+            del file["models/two_link_arm/certificate"].attrs[name]
+    found = load(tmp_path / "a.h5")
+    assert (found.certificate.condition, found.certificate.sign_changes) == (0.0, 0)
+    save(tmp_path / "b.h5", found)
+    with h5py.File(tmp_path / "b.h5") as file:
+        assert "condition" not in file["models/two_link_arm/certificate"].attrs
 
 
 def test_doubtful_ranks_may_be_missing(tmp_path):

@@ -29,7 +29,7 @@ from mbdlft import (
     trim_at,
 )
 from mbdlft.body import Inertia
-from mbdlft.certify import reference_matrices
+from mbdlft.certify import reference_at
 from mbdlft.linearize import trim_relations
 from mbdlft.plot import save_singular_values
 from tests.errors.scenes import ARM, cart, says
@@ -103,7 +103,7 @@ def test_accelerations_that_cannot_be_solved_for():
         "scene 'cart_on_rail': the mass matrix is singular at a point of the parameter range. Keep "
         "masses and inertias away from zero.",
     ):
-        reference_matrices(equations, [0], [0], np.array([[1.0], [0.0]]))
+        reference_at(equations, [0], [0], np.array([[1.0], [0.0]]))
 
 
 # trim ---------------------------------------------------------------------------------------------

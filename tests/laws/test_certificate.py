@@ -5,12 +5,12 @@ import pytest
 
 import mbdlft
 from mbdlft.build import choose_signals
-from mbdlft.certify import certificate, check_points, measure_error, term_sizes
+from mbdlft.certify import Check, certificate, check_points, measure_error, term_sizes
 from mbdlft.lft.bound import Bound
 from mbdlft.lft.lft import LFT, delta
 from mbdlft.scene import assemble
 from scenarios import two_link_arm
-from tests.close import SCENARIO, roundoff
+from tests.close import SCENARIO, exact, roundoff
 
 
 def pan_tilt(offset: float) -> mbdlft.Scene:
@@ -50,9 +50,10 @@ def test_a_wrong_model_or_trim_is_refused() -> None:
     model = mbdlft.to_lft(two_link_arm.scene(), search=0.0)
     right, trim = model.lft, model.trim.lft
     assert trim is not None
-    error, count = measure_error(equations, inputs, outputs, right, trim, 0)
+    error, at = measure_error(equations, inputs, outputs, right, trim, 0)
     assert error == model.certificate.max_relative_error
-    assert count == model.certificate.check_points == len(check_points(equations.parameters, 0))
+    exact(at.points, check_points(equations.parameters, 0))
+    assert len(at.points) == model.certificate.check_points
     with pytest.raises(mbdlft.AnalysisError, match="of the size of an entry of its matrices"):
         measure_error(equations, inputs, outputs, planted(right), trim, 0)
     with pytest.raises(mbdlft.AnalysisError, match="of the size of an entry of its trim"):
@@ -128,13 +129,15 @@ def test_a_bound_that_the_model_contradicts_is_not_claimed() -> None:
     """A model with fewer repetitions than a bound shows that the bound rests on a wrong rank."""
     lft = delta("a", 1) + delta("b", 1)
     right = {"a": Bound(1, 0), "b": Bound(1, 0)}
-    honest = certificate(lft, lft, right, 2, (0.0, 1), 0)
+    honest = certificate(lft, lft, right, 2, Check(0.0, 1), 0)
     assert honest.minimal
     assert honest.doubtful == (0, 0)
-    wrong = certificate(lft, lft, right | {"b": Bound(2, 0)}, 3, (0.0, 1), 0)
+    wrong = certificate(lft, lft, right | {"b": Bound(2, 0)}, 3, Check(0.0, 1), 0)
     assert (wrong.lower_bound, wrong.doubtful, wrong.order_bound) == ((1, 0), (0, 1), 1)
     assert not wrong.minimal
-    assert not certificate(lft, lft, {"a": Bound(0, 0), "b": Bound(1, 0)}, 3, (0.0, 1), 0).minimal
+    assert not certificate(
+        lft, lft, {"a": Bound(0, 0), "b": Bound(1, 0)}, 3, Check(0.0, 1), 0
+    ).minimal
 
 
 # rows and columns that are nothing but rounding ------------------------------------------------

@@ -6,7 +6,7 @@ import pytest
 import mbdlft
 from mbdlft import Inertia, Parameter, PointMass, Prismatic, Revolute, RigidBody, Scene, Spin
 from mbdlft.build import choose_signals
-from mbdlft.certify import check_points, entry_sizes, measure_error, reference_matrices
+from mbdlft.certify import check_points, entry_sizes, measure_error, reference_at
 from mbdlft.lft.lft import LFT
 from mbdlft.scene import assemble
 from tests.close import SCENARIO
@@ -58,9 +58,9 @@ def test_sizes_of_entries_stay_up_when_these_cancel() -> None:
     scene = balanced_boom()
     equations = assemble(scene)
     signals = choose_signals(scene, equations)
-    points = check_points(equations.parameters, 0)
-    sizes = entry_sizes(equations, *signals, points)
-    reference = np.max(np.abs(reference_matrices(equations, *signals, points)[0]), axis=0)
+    at = reference_at(equations, *signals, check_points(equations.parameters, 0))
+    sizes = entry_sizes(equations, *signals, at)
+    reference = np.max(np.abs(at.linear.matrices), axis=0)
     assert reference[1, 0] < SCENARIO < sizes[1, 0]
     assert np.all(sizes >= (1.0 - SCENARIO) * reference)
 

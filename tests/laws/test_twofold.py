@@ -1,0 +1,123 @@
+"""Products and solutions in twice the working precision against rational arithmetic, entry by entry.
+
+1. base + left right has the error of one rounding, although almost all of it cancels
+2. matrix^-1 right has the error of one rounding in each entry, with condition numbers up to 1e13
+3. an elimination with such a matrix costs the digits of its condition once, not twice
+"""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mbdlft.lft import lft as algebra
+from mbdlft.lft import twofold
+from mbdlft.lft.evaluate import evaluate
+from mbdlft.lft.lft import constant, delta
+from tests.close import conditioned
+
+seeds = st.integers(0, 1000)
+Exact = np.ndarray  # of Fraction
+
+
+def fractions(matrix: np.ndarray) -> Exact:
+    """The numbers themselves."""
+    exact = [Fraction(float(value)) for value in matrix.ravel()]
+    return np.array(exact, dtype=object).reshape(matrix.shape)
+
+
+def solved(matrix: Exact, right: Exact) -> Exact:
+    """matrix^-1 right by Gauss and Jordan, exactly."""
+    a, n = np.hstack([matrix, right]), len(matrix)
+    for k in range(n):
+        pivot = next(row for row in range(k, n) if a[row, k])
+        a[[k, pivot]] = a[[pivot, k]]
+        a[k] = a[k] / a[k, k]
+        for row in range(n):
+            if row != k:
+                a[row] = a[row] - a[row, k] * a[k]
+    return a[:, n:]
+
+
+def entries(found: np.ndarray, expected: Exact) -> None:
+    """Each entry relative to itself."""
+    ratio = np.array([float(a / b) for a, b in zip(fractions(found).flat, expected.flat)])  # noqa: B905
+    conditioned(ratio, np.ones(expected.size), 1.0, 1.0)
+
+
+def hilbert(n: int) -> np.ndarray:
+    """Condition 1e13 at n = 10; units of rows and columns differ by 1e12."""
+    i = np.arange(n)
+    units = np.logspace(-6, 6, n)
+    return units[:, None] / (i[:, None] + i + 1.0) * units[::-1]
+
+
+def law_product(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    left = random.standard_normal((3, 7)) * np.exp2(random.integers(-30, 30, 7))
+    right = random.standard_normal((7, 4)) * np.exp2(random.integers(-30, 30, 4))
+    base = -left @ right  # what is left is rounding
+    entries(
+        twofold.multiply_add(base, left, twofold.Twofold(right, 0.0 * right)),
+        fractions(base) + fractions(left) @ fractions(right),
+    )
+
+
+def law_solution(n: int) -> None:
+    matrix, right = hilbert(n), np.random.default_rng(n).standard_normal((n, 3))
+    entries(twofold.solve(matrix, right).high, solved(fractions(matrix), fractions(right)))
+
+
+@given(seeds)
+def test_products(seed: int) -> None:
+    law_product(seed)
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 8, 10])
+def test_solutions(n: int) -> None:
+    law_solution(n)
+
+
+def law_elimination(n: int) -> None:
+    """[0 ; y] = [H + d E, B ; C, D] [a ; s] at d = 1 is a solution with H + E; E is as H."""
+    random = np.random.default_rng(n)
+    B, C, D = (random.standard_normal(shape) for shape in ((n, 2), (2, n), (2, 2)))
+    H, some = hilbert(n), random.uniform(0.5, 2.0, n)
+    change = some[:, None] * H * some
+    upper = constant(H) + constant(change) @ delta("d", n)
+    relation = algebra.stack_rows(
+        algebra.stack_columns(upper, B), algebra.stack_columns(constant(C), D)
+    )
+    found = evaluate(algebra.eliminate(relation, n), {"d": 1.0})
+    exact = -solved(fractions(H) + fractions(change), fractions(B))
+    both = np.vstack([exact, fractions(C) @ exact + fractions(D)])
+    ratio = np.array([float(a / b) for a, b in zip(fractions(found).flat, both.flat)])  # noqa: B905
+    conditioned(ratio, np.ones(both.size), algebra.condition(H))
+
+
+@pytest.mark.parametrize("n", [5, 8])
+def test_eliminations(n: int) -> None:
+    law_elimination(n)
+
+
+# planted bugs ------------------------------------------------------------------------------------
+
+
+def test_slices_of_too_many_bits_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(twofold, "bits_of", lambda terms: 30)
+    with pytest.raises(AssertionError, match="relative error"):
+        law_product(1)
+
+
+def test_one_step_of_refinement_is_not_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(twofold, "_MOST_STEPS", 1)
+    with pytest.raises(AssertionError, match="relative error"):
+        law_solution(8)
+
+
+def test_an_elimination_in_double_precision_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(algebra, "_WELL_CONDITIONED", np.inf)
+    with pytest.raises(AssertionError, match="relative error"):
+        law_elimination(8)
