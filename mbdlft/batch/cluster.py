@@ -33,7 +33,8 @@ def cluster_shards(
     except ImportError:
         raise AnalysisError("sweep: a cluster needs Dask: pip install 'mbdlft[cluster]'.") from None
     sent = given if isinstance(given, LFTModel) else scene_to_toml(given)
-    (source,) = client.scatter([sent], broadcast=True)
+    # the result of a task: scattered data would be lost with the workers that hold it
+    source = client.submit(_received, sent, pure=False)
     waiting, number = iter(shards), {}
 
     def submit(shard: int) -> Any:
@@ -57,6 +58,10 @@ def cluster_shards(
         for shard in waiting:
             running.add(submit(shard))
             break
+
+
+def _received(given: str | LFTModel) -> str | LFTModel:
+    return given
 
 
 def shard_rows(given: str | LFTModel, points: Array) -> Array:
