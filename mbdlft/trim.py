@@ -346,16 +346,18 @@ def _unbalanced(e: Equations, points: Array, residual: Array, worst: int) -> str
     )
 
 
-def term_sizes(tape: ca.Function, points: Array) -> Array:
+def term_sizes(tape: ca.Function, *points: Array) -> Array:
     """Sizes (N, rows) of the dense output of a function if nothing cancelled: |a| + |b| for a + b.
+
+    The arguments are columns, each (N, rows).
 
     The output is a column, or a matrix whose columns stand one below the other.
 
     The instructions are run once more, on pairs of a value and its size.
     """
     work: list[tuple[Any, Any]] = [(0.0, 0.0)] * tape.sz_w()  # numbers (N,), or one for all points
-    found = np.zeros((tape.numel_out(0), len(points)))
-    inputs = np.ascontiguousarray(points.T)
+    found = np.zeros((tape.numel_out(0), len(points[0])))
+    inputs = [np.ascontiguousarray(part.T) for part in points]
     for k in range(tape.n_instructions()):
         operation = tape.instruction_id(k)
         sources, targets = tape.instruction_input(k), tape.instruction_output(k)
@@ -363,7 +365,11 @@ def term_sizes(tape: ca.Function, points: Array) -> Array:
             found[targets[1]] = work[sources[0]][1]
         elif operation in (ca.OP_INPUT, ca.OP_CONST):
             constant = operation == ca.OP_CONST
-            value = np.float64(tape.instruction_constant(k)) if constant else inputs[sources[1]]
+            value = (
+                np.float64(tape.instruction_constant(k))
+                if constant
+                else inputs[sources[0]][sources[1]]
+            )
             work[targets[0]] = value, abs(value)
         elif len(sources) == 2:
             work[targets[0]] = _PAIRS[operation](*work[sources[0]], *work[sources[1]])

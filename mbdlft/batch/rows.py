@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.build import choose_signals, choose_states
-from mbdlft.certify import linearized
 from mbdlft.equations import Equations
 from mbdlft.errors import WellPosednessError
 from mbdlft.lft.evaluate import evaluate_at
@@ -19,6 +18,7 @@ from mbdlft.lft.lft import Array
 from mbdlft.lft.model import LFTModel, deltas_of
 from mbdlft.many import MANY
 from mbdlft.need import Need
+from mbdlft.numeric import linearized
 from mbdlft.parameter import Parameter
 from mbdlft.scene import Scene, assemble
 from mbdlft.signal import Signal

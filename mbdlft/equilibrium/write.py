@@ -5,7 +5,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from mbdlft.certify import reference_at
 from mbdlft.description import Quantity
 from mbdlft.equations import physical_symbols
 from mbdlft.equilibrium.find import EquilibriumPoint
@@ -13,6 +12,7 @@ from mbdlft.errors import TrimError
 from mbdlft.force import Spring
 from mbdlft.joint import Joint, Rotation, labelled
 from mbdlft.lft.lft import Array
+from mbdlft.numeric import reference_at
 from mbdlft.parameter import Parameter
 from mbdlft.scene import Constant, Scene, assemble
 from mbdlft.scene.displaced import Displaced, JointCoordinate, displace

@@ -29,8 +29,8 @@ from mbdlft import (
     trim_at,
 )
 from mbdlft.body import Inertia
-from mbdlft.certify import reference_at
 from mbdlft.linearize import trim_relations
+from mbdlft.numeric import reference_at
 from mbdlft.plot import save_singular_values
 from tests.errors.scenes import ARM, cart, says
 

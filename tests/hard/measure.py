@@ -6,7 +6,8 @@ import numpy as np
 
 import mbdlft
 from mbdlft.build import choose_signals
-from mbdlft.certify import check_points, entry_scale, reference_at
+from mbdlft.certify import check_points, entry_scale
+from mbdlft.numeric import reference_at
 from mbdlft.scene import assemble
 from tests.close import EPS
 from tests.hard.cases import Case

@@ -5,10 +5,11 @@ import pytest
 
 import mbdlft
 from mbdlft.build import choose_signals
-from mbdlft.certify import Check, certificate, check_points, measure_error, term_sizes
+from mbdlft.certify import Check, certificate, check_points, measure_error
 from mbdlft.lft.bound import Bound
 from mbdlft.lft.lft import LFT, delta
 from mbdlft.scene import assemble
+from mbdlft.trim import term_sizes
 from scenarios import two_link_arm
 from tests.close import SCENARIO, exact, roundoff
 
@@ -101,6 +102,9 @@ def test_sizes_of_terms_do_not_cancel() -> None:
     points = np.array([[2.0, -3.0], [-1.0, 0.5]])
     expected = np.array([[6.0 + 18.0, 2.0 / 3.0 + 4.0], [0.5 + 1.5, 2.0 + 2.0]])
     roundoff(term_sizes(function, points), expected)
+    y = ca.SX.sym("y", 2)
+    of_two = ca.Function("f", [x[0], y], [y[1] - x[0] * y[0]])
+    roundoff(term_sizes(of_two, points[:, :1], points)[:, 0], [3.0 + 4.0, 0.5 + 1.0])
 
 
 def test_a_singularity_that_does_not_change_the_sign_is_found() -> None:

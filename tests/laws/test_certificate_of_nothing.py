@@ -6,8 +6,9 @@ import pytest
 import mbdlft
 from mbdlft import Inertia, Parameter, PointMass, Prismatic, Revolute, RigidBody, Scene, Spin
 from mbdlft.build import choose_signals
-from mbdlft.certify import check_points, entry_sizes, measure_error, reference_at
+from mbdlft.certify import check_points, entry_sizes, measure_error
 from mbdlft.lft.lft import LFT
+from mbdlft.numeric import reference_at
 from mbdlft.scene import assemble
 from tests.close import SCENARIO
 
