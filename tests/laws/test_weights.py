@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from importlib import import_module
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -17,6 +18,7 @@ from tests.strategies import random_scene
 WEIGHTS = import_module("mbdlft.scene.weights")
 CHAINS = (2, 3, 4, 6)
 SEEDS = range(10)
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
 _LEAST = 1e-3  # of its row: a smaller entry has cancelled
 
 
@@ -28,7 +30,7 @@ def both(scene: mbdlft.Scene) -> list[mbdlft.LFTModel]:
     return found
 
 
-def compare(scene: mbdlft.Scene) -> None:
+def compare(scene: mbdlft.Scene, bound: float = close.CROSS) -> None:
     """Equal values at random points and corners."""
     one, other = both(scene)
     points = mbdlft.random(one.parameters, 5, seed=1)
@@ -39,13 +41,18 @@ def compare(scene: mbdlft.Scene) -> None:
         size = np.abs(expected) if expected.ndim == 2 else np.max(np.abs(expected), axis=0)
         row = np.max(size, axis=1, keepdims=True, initial=0.0)
         scale = np.where(row > 0.0, np.maximum(size, _LEAST * row), 1.0)
-        close.target(actual / scale, expected / scale, close.CROSS, scale=1.0)
+        close.target(actual / scale, expected / scale, bound, scale=1.0)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("draw", [random_scene, random_mechanism])
 def test_both_ways_are_one_model(draw: Callable[[int], mbdlft.Scene], seed: int) -> None:
     compare(draw(seed))
+
+
+@pytest.mark.parametrize("name", ["launcher_bending", "launcher_slosh", "balloon_gondola"])
+def test_both_ways_are_one_model_under_thrust_and_with_elastic_bodies(name: str) -> None:
+    compare(mbdlft.load_scene(SCENARIOS / f"{name}.toml"), close.ELASTIC)
 
 
 @pytest.mark.parametrize("links", CHAINS)
