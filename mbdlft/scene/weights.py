@@ -9,7 +9,8 @@ are multiplied, only
 
 go inward, and every lever feels the force f + M q e x g and the torque t + q e x (c x g), with the
 load g in its own axes, and f and t as if the joint were not displaced. The axis is constant up to a
-turn by a parameter about another one; there the force and the torque are added up. To the first order in
+turn by a parameter about another one; there, or where it would get more components, the force and the
+torque are added up. To the first order in
 q that is `pass_inward`, but the products come in an order that needs fewer channels: docs/method.md,
 "Weights".
 """
@@ -153,13 +154,19 @@ def _added(tilts: tuple[Tilt, ...], other: Tilt) -> tuple[Tilt, ...]:
 
 
 def _turned_axis(move: Move, axis: Array) -> Array | None:
-    """An axis (3,) before a constant rotation; None if it is not constant there."""
+    """An axis (3,) before a rotation; None if it depends on parameters, or gets more components.
+
+    In a chain with numbers for angles there would be as many axes as joints.
+    """
     if not isinstance(move, Turned):
         return None
     if _is_parallel(ca.DM(move.axis).full().ravel(), axis):
         return axis
     rotated = move.rotated(ca.SX(axis))
-    return None if ca.symvar(rotated) else ca.DM(rotated).full().ravel()
+    if ca.symvar(rotated):
+        return None
+    before = ca.DM(rotated).full().ravel()
+    return before if np.count_nonzero(before) <= np.count_nonzero(axis) else None
 
 
 def _is_parallel(first: Array, second: Array) -> bool:
