@@ -36,7 +36,9 @@ _NOISE = 1e-10  # of the size of a row: a change below is rounding
 _RANK = 1e-8  # of the largest pivot: a direction below is rounding
 
 
-def move_affine(a: LFT, outside: Iterable[str], moved: Iterable[str]) -> LFT:
+def move_affine(
+    a: LFT, outside: Iterable[str], moved: Iterable[str], most: int | None = None
+) -> LFT | None:
     """The same value, with affine deltas on one side of all but the deltas outside.
 
     Parameters
@@ -44,6 +46,8 @@ def move_affine(a: LFT, outside: Iterable[str], moved: Iterable[str]) -> LFT:
     a : LFT
     outside : names of deltas that stay outside of the moved ones
     moved : names of deltas; those that do not enter affinely stay where they are
+    most : int
+        Channels: None is returned where what is left on the way has more.
 
     Raises
     ------
@@ -59,6 +63,8 @@ def move_affine(a: LFT, outside: Iterable[str], moved: Iterable[str]) -> LFT:
         if found is not None:
             size, a = found
             opened.append(Block(name, size))
+            if most is not None and a.order > most:
+                return None
     for block in reversed(opened):
         a = close_block(a, block)
     return reduce_order(a)

@@ -201,9 +201,11 @@ def _moved(a: LFT) -> Iterator[LFT]:
         others = [name for name, _ in a.blocks if name not in affine and is_polynomial(a, name)]
         for outside in (others, ()):
             try:
-                yield move_affine(a, outside, affine)
+                found = move_affine(a, outside, affine, _GROWTH * a.order + 30)
             except WellPosednessError:
                 continue
+            if found is not None:
+                yield found
 
 
 class _Truth:

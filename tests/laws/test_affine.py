@@ -42,6 +42,7 @@ def example() -> LFT:
 
 def law_value(a: LFT, outside: tuple[str, ...], moved: tuple[str, ...]) -> LFT:
     changed = move_affine(a, outside, moved)
+    assert changed is not None
     points = np.random.default_rng(3).uniform(-0.5, 0.5, (20, len(a.blocks)))
     roundoff(evaluate_at(changed, points), evaluate_at(a, points), 1e3)
     return changed
@@ -77,6 +78,12 @@ def test_masses_inside_of_lengths(links: int) -> None:
     expected = {f"m{k}": k + 1 for k in range(links)} | dict.fromkeys(lengths, 2)
     expected |= {f"t{k}": 4 * (links - k) if k else 2 * links for k in range(links)}
     assert dict(found.blocks) == expected
+
+
+def test_too_many_channels_on_the_way_are_refused() -> None:
+    a, masses = relations(3, spatial=False), ("m0", "m1", "m2")
+    assert move_affine(a, (), masses, most=2 * a.order) is not None
+    assert move_affine(a, (), masses, most=5) is None
 
 
 def law_small_blocks_first(seed: int) -> int:
@@ -133,4 +140,6 @@ def test_finished_relations_of_a_chain_are_kept() -> None:
         a,
         lambda found: _state_space(equations, equations.x_signals, 3, found),
     )
-    assert commute._keeps(move_affine(a, ("L0", "L1", "L2"), ("m0", "m1", "m2")), search)
+    found = move_affine(a, ("L0", "L1", "L2"), ("m0", "m1", "m2"))
+    assert found is not None
+    assert commute._keeps(found, search)
