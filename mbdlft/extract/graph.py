@@ -309,8 +309,10 @@ def _solve(matrix: Array, right: Array) -> Array:
         factors, terms = splu(scaled), scale[:, None] * right
         solution = np.asarray(factors.solve(terms))
         if len(scale) <= _MOST_CLEANED and np.all(np.isfinite(solution)):
-            inverse = factors.solve(np.eye(len(scale)))
-            solution = cleaned(solution, 0.25 * solution_size(inverse, scaled, solution, terms))
+            # one or two of a hundred entries of the inverse are not zero
+            inverse = _sparse(factors.solve(np.eye(len(scale))))
+            size = np.asarray(solution_size(inverse, scaled, solution, terms))
+            solution = cleaned(solution, 0.25 * size)
     except RuntimeError:
         solution = np.full_like(right, np.nan)
     if not np.all(np.isfinite(solution)):
