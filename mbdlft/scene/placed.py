@@ -106,6 +106,18 @@ def inertial_wrenches(placed: Placed, found: Motions) -> dict[str, ca.SX]:
     }
 
 
+def body_efforts(placed: Placed, found: Motions) -> dict[str, ca.SX]:
+    """Generalized forces (n,) that the coordinates of each body need; a rigid one has none."""
+    return {
+        owner_name(link.child): link.child.efforts(
+            found.bodies[link.child.name],
+            placed.values.get(owner_name(link.child), {}),
+            placed.elastic[link.child.name],
+        )
+        for link in placed.links
+    }
+
+
 class Passed(NamedTuple):
     """What wrenches do on their way to the ground: efforts (n,) by joint and elastic body, wrenches of
     the joints on their children (3, 2) by child, and the wrench of the joints on the ground (3, 2)."""
@@ -119,14 +131,7 @@ def pass_inward(placed: Placed, found: Motions, needed: Mapping[str, ca.SX]) -> 
     """Inward pass of the wrenches `needed` by the bodies apart from their joints, by body."""
     total = {**needed, GROUND: ca.SX(3, 2)}
     joints: dict[str, ca.SX] = {}
-    collected = {
-        owner_name(link.child): link.child.efforts(
-            found.bodies[link.child.name],
-            placed.values.get(owner_name(link.child), {}),
-            placed.elastic[link.child.name],
-        )
-        for link in placed.links
-    }
+    collected = body_efforts(placed, found)
     for link in reversed(placed.links):
         name = link.child.name
         joints[name] = wrench = total[name]

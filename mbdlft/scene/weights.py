@@ -25,7 +25,7 @@ import numpy as np
 from mbdlft.body import GROUND
 from mbdlft.joint.move import Ball, Hinge, Move, Shifted, Slide, Turned
 from mbdlft.lft.lft import Array
-from mbdlft.scene.placed import Motions, Passed, Placed
+from mbdlft.scene.placed import Motions, Passed, Placed, body_efforts
 from mbdlft.scene.quantities import owner_name
 from mbdlft.spatial import move_wrench
 
@@ -82,14 +82,7 @@ def pass_weights_inward(
         mass, moment = link.child.mass_and_moment(values, placed.inboard[name])
         carried[name] = Carried(inertial[name], loads[name], mass, moment, ())
     joints: dict[str, ca.SX] = {}
-    efforts = {
-        owner_name(link.child): link.child.efforts(
-            found.bodies[link.child.name],
-            placed.values.get(owner_name(link.child), {}),
-            placed.elastic[link.child.name],
-        )
-        for link in placed.links
-    }
+    efforts = body_efforts(placed, found)
     for link in reversed(placed.links):
         name, parent = link.child.name, link.parent.name
         now, field = carried[name], fields[name]
