@@ -32,7 +32,7 @@ from mbdlft.trim import trim_efforts
 
 SEED = 0
 _LOSSY = 5e-15  # error of a model above which another way of reducing it is tried
-_MOST_RETRIED = 400  # channels before reduction; for more it would take too long
+_MOST_RETRIED = 200  # channels before reduction; for more it would take too long
 SEARCH = 2.0  # s; some milliseconds are enough where the order meets the bound at once
 
 
