@@ -113,10 +113,10 @@ class Body(Description, abc.ABC):
         """Mass of the body (kg)."""
         return ca.SX(values.get("mass", 0.0))
 
-    def mass_and_moment(self, values: Values, inboard: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Mass (kg), and first moment (3,) about the inboard port (kg m), at rest and undeformed.
+    def first_moment(self, values: Values, inboard: ca.SX) -> ca.SX:
+        """First moment (3,) about the inboard port (kg m), undeformed.
 
-        They are what accelerations along x and y need.
+        It is that of the torques which accelerations along x and y need.
         """
         zero = ca.SX(len(self.freedoms()), 1)
         x, y = (
@@ -128,7 +128,7 @@ class Body(Description, abc.ABC):
             )
             for k in range(2)
         )
-        return x[0, 0], ca.vertcat(y[2, 1], -x[2, 1], x[1, 1])
+        return ca.vertcat(y[2, 1], -x[2, 1], x[1, 1])
 
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
         """Which condition of physics fails at one of the sampled values, or None."""

@@ -112,9 +112,8 @@ class RigidBody(Body):
         needed = newton_euler()(motion, values["mass"], point - inboard, center - point, inertia)
         return ca.SX(needed)
 
-    def mass_and_moment(self, values: Values, inboard: ca.SX) -> tuple[ca.SX, ca.SX]:
-        mass = values["mass"]
-        return mass, (_position(values, "center_of_mass") - inboard) * mass
+    def first_moment(self, values: Values, inboard: ca.SX) -> ca.SX:
+        return ca.SX((_position(values, "center_of_mass") - inboard) * values["mass"])
 
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
         problem = negative_mass(values["mass"])

@@ -10,9 +10,8 @@ are multiplied, only
 go inward, and every lever feels the force f + M q e x g and the torque t + q e x (c x g), with the
 load g in its own axes, and f and t as if the joint were not displaced. The axis is constant up to a
 turn by a parameter about another one; there, or where it would get more components, the force and the
-torque are added up. To the first order in
-q that is `pass_inward`, but the products come in an order that needs fewer channels: docs/method.md,
-"Weights".
+torque are added up. To the first order in q that is `pass_inward`, but the products come in an order
+that needs fewer channels: docs/method.md, "Weights".
 """
 
 from collections.abc import Mapping
@@ -79,8 +78,13 @@ def pass_weights_inward(
     for link in placed.links:
         name = link.child.name
         values = placed.values.get(owner_name(link.child), {})
-        mass, moment = link.child.mass_and_moment(values, placed.inboard[name])
-        carried[name] = Carried(inertial[name], loads[name], mass, moment, ())
+        carried[name] = Carried(
+            inertial[name],
+            loads[name],
+            link.child.total_mass(values),
+            link.child.first_moment(values, placed.inboard[name]),
+            (),
+        )
     joints: dict[str, ca.SX] = {}
     efforts = body_efforts(placed, found)
     for link in reversed(placed.links):

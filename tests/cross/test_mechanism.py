@@ -15,11 +15,11 @@ import pytest
 
 import mbdlft
 from mbdlft.force import Spring
-from mbdlft.scene.closure import constraint
 from tests import close
 from tests.cross.mechanism import Linear, linear_at, mechanism
 from tests.cross.mechanisms import closed_loop, open_tree
 from tests.cross.planar_mechanisms import PLANAR
+from tests.wrong_loops import closures_at_rest, closures_on_one_body
 
 assembling = import_module("mbdlft.scene.assemble")
 
@@ -174,28 +174,6 @@ def no_gyroscopic_term(patch: Patch) -> None:
     patch.setattr(move, "_hinge_motion", lambda: wrong)
 
 
-def multipliers_at_rest(patch: Patch) -> None:
-    """The generalized forces of the closures are those at rest: no geometric stiffness."""
-    original, kept = assembling._dynamics, []
-
-    def no_wrenches(loops, view, multipliers):
-        kept[:] = [(loops, multipliers)]
-        return []
-
-    def wrong(links, symbols, values, view, u):
-        loops, multipliers = kept[0]
-        at_rest = ca.jacobian(constraint(loops, view, 0), symbols.q)
-        return original(links, symbols, values, view, u) - at_rest.T @ multipliers
-
-    patch.setattr(assembling, "reactions", no_wrenches)
-    patch.setattr(assembling, "_dynamics", wrong)
-
-
-def loop_torque_on_one_body(patch: Patch) -> None:
-    original = assembling.reactions
-    patch.setattr(assembling, "reactions", lambda *arguments: original(*arguments)[::2])
-
-
 def ground_force_turns(patch: Patch) -> None:
     from mbdlft.scene.view import View
 
@@ -228,10 +206,10 @@ BUGS: dict[str, tuple[Callable[[Patch], None], tuple[str, ...]]] = {
     "sign of Coriolis": (sign_of_coriolis, ("slider in a turning slot",)),
     "no gyroscopic term": (no_gyroscopic_term, ("tree 1", "tree 3")),
     "closures without geometric stiffness": (
-        multipliers_at_rest,
+        closures_at_rest,
         ("loop 0", "Watt", "slider-crank"),
     ),
-    "closures act on one body": (loop_torque_on_one_body, ("loop 1", "two loops")),
+    "closures act on one body": (closures_on_one_body, ("loop 1", "two loops")),
     "wind that turns with the body": (ground_force_turns, ("tree 0", "tree 2")),
     "imposed acceleration halved": (imposed_has_an_effort, ("shaken cart",)),
 }

@@ -1,8 +1,5 @@
 """Springs, axial loads and closed loops against closed forms of textbooks."""
 
-from importlib import import_module
-
-import casadi as ca
 import numpy as np
 import pytest
 
@@ -21,8 +18,8 @@ from mbdlft import (
     Scene,
     Spring,
 )
-from mbdlft.scene.closure import constraint
 from tests.close import CLOSED_FORM, published, target
+from tests.wrong_loops import closures_at_rest, closures_on_one_body
 
 GRAVITY = 9.81
 M = Parameter("m", 2.0, percent=50, unit="kg")
@@ -257,30 +254,6 @@ def test_slider_crank_under_load() -> None:
 
 
 # planted bugs --------------------------------------------------------------------------------
-
-
-def closures_at_rest(patch: pytest.MonkeyPatch) -> None:
-    """The generalized forces of the closures are those at rest."""
-    assembling = import_module("mbdlft.scene.assemble")
-    original, kept = assembling._dynamics, []
-
-    def no_wrenches(loops, view, multipliers):
-        kept[:] = [(loops, multipliers)]
-        return []
-
-    def wrong(links, symbols, values, view, u):
-        loops, multipliers = kept[0]
-        at_rest = ca.jacobian(constraint(loops, view, 0), symbols.q)
-        return original(links, symbols, values, view, u) - at_rest.T @ multipliers
-
-    patch.setattr(assembling, "reactions", no_wrenches)
-    patch.setattr(assembling, "_dynamics", wrong)
-
-
-def closures_on_one_body(patch: pytest.MonkeyPatch) -> None:
-    assembling = import_module("mbdlft.scene.assemble")
-    original = assembling.reactions
-    patch.setattr(assembling, "reactions", lambda *arguments: original(*arguments)[::2])
 
 
 def tension_twice(patch: pytest.MonkeyPatch) -> None:

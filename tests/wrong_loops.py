@@ -1,0 +1,33 @@
+"""Planted bugs of loop closures, for comparisons that have to find them."""
+
+from importlib import import_module
+
+import casadi as ca
+import pytest
+
+from mbdlft.scene.closure import constraint
+
+assembling = import_module("mbdlft.scene.assemble")
+
+
+def closures_at_rest(patch: pytest.MonkeyPatch) -> None:
+    """The generalized forces of the closures are those at rest: no geometric stiffness."""
+    original, kept = assembling._dynamics, []
+
+    def no_wrenches(loops, view, multipliers):
+        kept[:] = [(loops, multipliers)]
+        return []
+
+    def wrong(links, symbols, values, view, u):
+        loops, multipliers = kept[0]
+        at_rest = ca.jacobian(constraint(loops, view, 0), symbols.q)
+        return original(links, symbols, values, view, u) - at_rest.T @ multipliers
+
+    patch.setattr(assembling, "reactions", no_wrenches)
+    patch.setattr(assembling, "_dynamics", wrong)
+
+
+def closures_on_one_body(patch: pytest.MonkeyPatch) -> None:
+    """A closure has no reaction on its other body."""
+    original = assembling.reactions
+    patch.setattr(assembling, "reactions", lambda *arguments: original(*arguments)[::2])
