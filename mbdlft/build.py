@@ -33,7 +33,7 @@ from mbdlft.trim import trim_efforts
 SEED = 0
 _LOSSY = 5e-15  # error of a model above which another way of reducing it is tried
 _MOST_RETRIED = 200  # channels before reduction; for more it would take too long
-SEARCH = 2.0  # s; some milliseconds are enough where the order meets the bound at once
+SEARCH = 4.0  # s; some milliseconds are enough where the order meets the bound at once
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +117,12 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
     states = tuple(equations.x_signals[k] for k in need.states)
     with clock.stage("extract"):
         raw = extract(need.relations)
-    close = partial(_state_space, equations, states, len(outputs))
+    solve = partial(_state_space, equations, states, len(outputs))
+    names = [parameter.name for parameter in equations.parameters]
+
+    def close(relations: LFT, *, extended: bool = False) -> LFT:
+        return with_blocks(reduce_order(solve(relations), extended=extended), names)
+
     with clock.stage("reduce"):
         reduced = reduce_order(raw)
         lft = close(reduced)
@@ -133,14 +138,7 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
     order_bound = sum(bound.values())
     if search > 0.0 and lft.order > order_bound:
         with clock.stage("search"):
-            smaller, order_bound = reduce_commuting(
-                [reduced],
-                bound,
-                search,
-                lambda found, stop: joint_bound(found, bound, stop),
-                close,
-            )
-            lft = min(lft, close(smaller), key=lambda candidate: candidate.order)
+            lft, order_bound = _searched(reduced, lft, close, solve(reduced), bound, search)
     with clock.stage("check"):
         measure = partial(
             measure_error, equations, inputs, outputs, trim=trim.lft, seed=SEED, need=need
@@ -175,15 +173,44 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
     )
 
 
+def _searched(
+    relations: LFT,
+    lft: LFT,
+    close: Callable[[LFT], LFT],
+    truth: LFT,
+    bound: Mapping[str, int],
+    seconds: float,
+) -> tuple[LFT, int]:
+    """The smallest LFT that is found from the relations or from the closed one, and the bound.
+
+    In the relations masses and lengths are polynomial; closing them can hide that parameters cancel.
+    """
+    start = time.thread_time()
+    found = reduce_commuting(
+        [relations],
+        bound,
+        0.5 * seconds,
+        lambda one, stop: joint_bound(one, bound, stop),
+        close,
+        truth,
+    )
+    smallest = min(lft, close(found.lft), key=lambda candidate: candidate.order)
+    left = seconds - (time.thread_time() - start)
+    if smallest.order > found.order_bound and left > 0.0:
+        again = reduce_commuting(
+            [lft], bound, left, lambda one, stop: found.order_bound, truth=truth
+        )
+        smallest = min(smallest, again.lft, key=lambda candidate: candidate.order)
+    return smallest, found.order_bound
+
+
 def _state_space(
     equations: Equations,
     states: Sequence[Signal],
     outputs: int,
     relations: LFT,
-    *,
-    extended: bool = False,
 ) -> LFT:
-    """Close the relations for the unknown signals in the algebra: the LFT of [A B ; C D]."""
+    """Close the relations for the unknown signals in the algebra: the LFT of [A B ; C D], not reduced."""
     # the relations come first; there are as many as unknowns
     n, nx = relations.shape[0] - outputs, len(states)
     try:
@@ -198,9 +225,7 @@ def _state_space(
             "or the joints an actuator_inertia."
         ) from None
     rows = [*range(nx), *range(n, solved.shape[0])]
-    closed = LFT(solved.M11, solved.M12, solved.M21[rows], solved.M22[rows], solved.blocks)
-    names = [p.name for p in equations.parameters]
-    return with_blocks(reduce_order(closed, extended=extended), names)
+    return LFT(solved.M11, solved.M12, solved.M21[rows], solved.M22[rows], solved.blocks)
 
 
 def _trim(equations: Equations) -> Trim:

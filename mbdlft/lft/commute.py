@@ -17,7 +17,6 @@ again from there, until nothing smaller is found with the most effort.
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -37,17 +36,12 @@ from mbdlft.lft.basis import (
     open_block,
     settle,
 )
-from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.equal import Truth, is_same, part_of_largest, part_of_row_and_column
 from mbdlft.lft.exchange import search_exchanges
 from mbdlft.lft.lft import LFT, Array, Block, with_blocks
-from mbdlft.lft.lines import Lines, Values, equilibrate, lines_of, total_degree, values_on
+from mbdlft.lft.lines import Lines, Values, lines_of, total_degree, values_on
 from mbdlft.lft.reduce import reduce_order
 
-_POINTS = 64
-_SAME = 1e-11  # relative difference of values, far above rounding and far below a wrong step
-_CONDITION = 1e7  # of I - M11 Delta on the range
-_NEGLIGIBLE = 1e-6  # of the largest entry: a smaller one is compared with that part of it
-_CANCELED = 1e-2  # of its row and column, after solving for accelerations: there terms cancel
 _SHIFT = (0.1, 0.3)  # of the range: the search runs around a point where nothing vanishes by chance
 _HOPELESS = 8  # a score this much above the smallest LFT is not followed
 _TRIED = 4  # steps that are made for each that is followed
@@ -129,7 +123,8 @@ def reduce_commuting(
     bound: Mapping[str, int],
     seconds: float,
     joint: Callable[[LFT, Callable[[], bool]], int],
-    finish: Callable[[LFT], LFT] = lambda found: found,
+    finish: Callable[[LFT], LFT] | None = None,
+    truth: LFT | None = None,
 ) -> Smallest:
     """The smallest LFT of equal value that is found in a time, at the latest when it meets the bound.
 
@@ -145,8 +140,11 @@ def reduce_commuting(
         A lower bound on the order that may be better than the sum of `bound`; asked for once, when a
         first descent has not reached that sum.
     finish : function of an LFT
-        What becomes of the result. That has to keep its values too: solving for accelerations makes
-        rounding larger.
+        What becomes of the result, if it is not used as it is. That has to keep its values too: solving
+        for accelerations makes rounding larger.
+    truth : LFT
+        What every finished result is compared with; the first form, finished, by default. One that has
+        not been reduced shows which entries are only what is left of terms that cancel.
 
     Returns
     -------
@@ -159,7 +157,7 @@ def reduce_commuting(
     forms.sort(key=lambda form: form.order)
     used = {block.name for block in forms[0].blocks}  # the least that the value depends on
     forms = [form for form in forms if {block.name for block in form.blocks} == used]
-    search = _Search(bound, lambda: time.thread_time() > deadline, forms[0], finish)
+    search = _Search(bound, lambda: time.thread_time() > deadline, forms[0], finish, truth)
     origin = forms[0]
     for form in _moved(origin) if not search.stop() else ():
         if form.order < forms[0].order and _keeps(form, search):
@@ -171,7 +169,7 @@ def reduce_commuting(
 
     # where moving was enough there may be nothing to search for; pairs take long for many deltas
     if best is not origin and best.order <= _LARGE and not is_over():
-        search.target, bounded = joint(finish(best), search.stop), True
+        search.target, bounded = joint(search.finished(best), search.stop), True
     for attempt in range(_ATTEMPTS):
         efforts = EFFORTS[: _LEVELS[attempt]] if attempt < len(_LEVELS) else EFFORTS
         for form in forms if attempt > 1 else [best]:
@@ -182,11 +180,11 @@ def reduce_commuting(
                 found, seed = smaller, seed + 1
                 best = found if found.order < best.order else best
                 if not (bounded or is_over()) and (attempt > 0 or best.order <= _LARGE):
-                    search.target, bounded = joint(finish(best), search.stop), True
+                    search.target, bounded = joint(search.finished(best), search.stop), True
         for k in range(_ORDERS):
             if is_over():
                 break
-            found, seed = _pass(origin, search, ORDERED[k % 2], seed), seed + 1
+            found, seed = _pass(origin, search, ORDERED[min(k, 1)], seed), seed + 1
             best = found if found.order < best.order else best
     if best.order == smallest.order:
         return Smallest(smallest, search.target)
@@ -208,20 +206,6 @@ def _moved(a: LFT) -> Iterator[LFT]:
                 yield found
 
 
-class _Truth:
-    """Values by which every result is checked; not computed before there is one."""
-
-    def __init__(self, form: Callable[[], LFT], floor: Callable[[Array], Array | float]) -> None:
-        self.form, self.floor = form, floor
-
-    @cached_property
-    def values(self) -> tuple[Array, Array]:
-        """Points (N, number of blocks) of the unit box, and values there."""
-        form = self.form()
-        points = _check_points(len(form.blocks))
-        return points, evaluate_at(form, points)
-
-
 class _Search:
     """The bounds, the budget, and what every result is checked against, as it is and finished."""
 
@@ -230,12 +214,18 @@ class _Search:
         bound: Mapping[str, int],
         stop: Callable[[], bool],
         form: LFT,
-        finish: Callable[[LFT], LFT] = lambda found: found,
+        finish: Callable[[LFT], LFT] | None = None,
+        truth: LFT | None = None,
     ) -> None:
         self.bound, self.target, self.stop = bound, sum(bound.values()), stop
         self.finish = finish
-        self.truth = _Truth(lambda: form, _part_of_largest)
-        self.finished = _Truth(lambda: finish(form), _part_of_row_and_column)
+        self.as_it_is = None if finish is None else Truth(lambda: form, part_of_largest)
+        floor = part_of_largest if finish is None else part_of_row_and_column
+        self.as_finished = Truth(lambda: self.finished(form) if truth is None else truth, floor)
+
+    def finished(self, found: LFT) -> LFT:
+        """What becomes of a result."""
+        return found if self.finish is None else self.finish(found)
 
 
 def _pass(a: LFT, search: _Search, effort: Effort, seed: int) -> LFT:
@@ -398,44 +388,8 @@ def _around(a: LFT, shift: Array) -> LFT:
     return LFT(M11, M12, a.M21 + outer @ M11, a.M22 + outer @ M12, a.blocks)
 
 
-def _check_points(count: int) -> Array:
-    """Random points and corners of the unit box (N, count)."""
-    points = np.random.default_rng(1).uniform(-1.0, 1.0, (2 * _POINTS, count))
-    points[_POINTS:] = np.sign(points[_POINTS:])
-    return points
-
-
-def _part_of_largest(values: Array) -> float:
-    return _NEGLIGIBLE * float(np.max(np.abs(values), initial=0.0))
-
-
-def _part_of_row_and_column(values: Array) -> Array:
-    """(rows, columns); an entry is no larger than what its row and its column give it."""
-    rows, columns = equilibrate(values)
-    used = np.max(np.abs(values), initial=0.0) > 0.0
-    return np.asarray(_CANCELED * used / np.outer(rows, columns))
-
-
 def _keeps(candidate: LFT, search: _Search) -> bool:
     """Whether a candidate is right as it is, and when it is finished."""
-    return _same(candidate, search.truth) and _same(search.finish(candidate), search.finished)
-
-
-def _same(candidate: LFT, truth: _Truth) -> bool:
-    """Whether the values are the same, and the loop is far from singular, at all points.
-
-    An entry is compared with its size, and a small one with a part of what its row and column have.
-    """
-    points, values = truth.values
-    if candidate.order:
-        spread = np.repeat(points, [block.size for block in candidate.blocks], axis=1)
-        loop = np.eye(candidate.order) - candidate.M11[None] * spread[:, None, :]
-        signs, _ = np.linalg.slogdet(loop)
-        if np.any(signs <= 0) or np.max(np.linalg.cond(loop)) > _CONDITION:
-            return False
-    found = evaluate_at(candidate, points)
-    size = np.max(np.abs(values), axis=0)
-    size = np.maximum(size, truth.floor(values))
-    return bool(
-        np.max(np.abs(found - values) / np.where(size > 0, size, 1.0), initial=0.0) <= _SAME
-    )
+    if search.as_it_is is not None and not is_same(candidate, search.as_it_is):
+        return False
+    return is_same(search.finished(candidate), search.as_finished)

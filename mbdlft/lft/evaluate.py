@@ -86,6 +86,12 @@ def evaluate_at(a: LFT, points: ArrayLike) -> Array:
     return values
 
 
+def values_and_sizes(a: LFT, points: Array) -> tuple[Array, Array]:
+    """Values at points (N, number of blocks), and the sizes of their sums if nothing cancelled."""
+    values = np.repeat(a.M22[None], len(points), axis=0)
+    return values, _dense(a, points, values, sized=True)
+
+
 @lru_cache(maxsize=16)
 def _plan(a: LFT) -> Plan | None:
     """The program of an LFT, or nothing if dense matrices are faster."""
@@ -98,22 +104,21 @@ def _agrees(a: LFT, points: Array, values: Array, lost: NDArray[np.bool_]) -> bo
     probes = np.unique(np.linspace(0, len(points) - 1, _PROBES).astype(int))
     probes = probes[~lost[probes]]
     expected = np.repeat(a.M22[None], len(probes), axis=0)
-    sizes = _dense(a, points[probes], expected)
+    sizes = _dense(a, points[probes], expected, sized=True)
     return bool(np.all(np.abs(values[probes] - expected) <= _ROUNDING * a.order * sizes))
 
 
-def _dense(a: LFT, points: Array, values: Array) -> Array:
+def _dense(a: LFT, points: Array, values: Array, *, sized: bool = False) -> Array:
     """Add M21 Delta (I - M11 Delta)^-1 M12 to values (N, n_out, n_in).
 
     Returns
     -------
-    array (N, n_out, n_in) for up to `_PROBES` points, else empty
+    array (N, n_out, n_in), empty unless `sized`
         Sizes of the sums if nothing cancelled: |M22| + |M21 Delta| |(I - M11 Delta)^-1 M12|.
     """
     # only the rows and columns that depend on delta are solved for, on the thinner side
     rows, columns = np.flatnonzero(a.M21.any(axis=1)), np.flatnonzero(a.M12.any(axis=0))
-    measured = len(points) <= _PROBES
-    sizes = np.abs(values) if measured else np.zeros(0)
+    sizes = np.abs(values) if sized else np.zeros(0)
     if not (a.order and len(rows) and len(columns)):
         return sizes
     wide = len(rows) < len(columns)
@@ -133,7 +138,7 @@ def _dense(a: LFT, points: Array, values: Array) -> Array:
         change = outer @ solved
         part = values[chunk]
         part[:, rows[:, None], columns] += np.swapaxes(change, 1, 2) if wide else change
-        if measured:
+        if sized:
             terms = np.abs(outer) @ np.abs(solved)
             sizes[chunk][:, rows[:, None], columns] += np.swapaxes(terms, 1, 2) if wide else terms
     return sizes
