@@ -41,7 +41,7 @@ _OUTER, _INNER = 0.9, 0.5  # circles of samples, and of the values alpha, over t
 _TURN = math.pi * (3.0 - math.sqrt(5.0))  # golden angle between values alpha: none comes back
 _LARGEST = 10.0  # radius that the nearest pole may give to a circle
 _EXTRA = 2  # samples more than needed
-_MOST_COEFFICIENTS = 120  # of u; a larger pair is left out
+_MOST_COEFFICIENTS = 300  # of u; a larger pair is left out
 _CANCELED = 2.0**-44  # of the sizes of terms: what is left of them is rounding
 _RANK = (2.0**-38, 2.0**-29)  # of the largest singular value: rounding is below, a rank is above
 _SINE = (2.0**-20, 2.0**-8)  # of an angle to a space: below is inside, above is outside
@@ -317,6 +317,8 @@ def _rank(values: Array) -> int:
 
 def _null_space(matrix: Complex, rank: int) -> Complex:
     """Orthonormal vectors (columns, columns - rank) of the null space of a matrix of known rank."""
+    if len(matrix) > matrix.shape[1]:
+        matrix = np.linalg.qr(matrix, mode="r")
     _, values, right = np.linalg.svd(matrix)
     if _rank(values) != rank:
         raise _DoubtError

@@ -83,12 +83,15 @@ def law_table(degrees: int, expected: int, a: LFT) -> None:
 
 
 def test_planar_and_spatial_chains() -> None:
-    """2 links in space: 21, which n-D reduction reaches; 3 in the plane: 30, which a search reaches."""
+    """2 links in space: 21 and 6 in the plane: 90, which n-D reduction reaches; 3 in the plane: 30."""
     spatial = relations(2, spatial=True)
     law_table(19, 21, spatial)
     assert spatial.order == 21
     law_table(15, 15, relations(2, spatial=False))
     law_table(28, 30, relations(3, spatial=False))
+    planar = relations(6, spatial=False)
+    law_table(85, 90, planar)
+    assert planar.order == 90
 
 
 def test_a_matrix_of_the_literature() -> None:
