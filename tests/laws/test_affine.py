@@ -97,7 +97,7 @@ def law_small_blocks_first(seed: int) -> int:
 
 def test_small_blocks_first() -> None:
     """n-D reduction alone: 58; no LFT has less than 44."""
-    assert min(law_small_blocks_first(seed) for seed in (1, 2)) == 48
+    assert min(law_small_blocks_first(seed) for seed in (1, 2, 3)) == 48
 
 
 def test_planted_pass_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
