@@ -6,6 +6,7 @@ harmless, since `reduce_order` follows.
 """
 
 import heapq
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,7 @@ Row = dict[int, float]  # entries by column
 _NOTHING = 2.0**-44  # part of its terms below which an entry is left out while rows are subtracted
 _CLEAR = 2.0**-8  # part of its terms, or of the largest, that an entry needs to be divided by
 _MOST_FACTOR = 2.0**8  # of a row relative to the row that it is part of
+_NO_ENTRIES = np.zeros(0)
 
 
 class Dependence:
@@ -43,15 +45,32 @@ class Dependence:
         """
         own = self._own(row)
         if own is None:
-            left, sizes, factors = self._subtracted(row)
-            found = self.others.compare(number, left, sizes, factors)
-            if found is not None and self._is_sum(row, found):
-                return found
+            found, rest = self._compared(row)
+            if not rest.left.any():
+                found = self._refined(row, found)
+                if self._is_sum(row, found):
+                    return found
+            self.others.add(number, rest)
         else:
             self.owner[own] = (len(self.owner), number)
         self.rows[number] = row
         self.seen.update(row)
         return None
+
+    def _compared(self, row: Row) -> tuple[Row, "_Rest"]:
+        """Factors of rows, and what is left without them in columns without an owner."""
+        left, sizes, factors = self._subtracted(row)
+        rest = self.others.compared(left, sizes, factors)
+        return self.others.together(rest), rest
+
+    def _refined(self, row: Row, factors: Row) -> Row:
+        """Factors without the rounding of the echelon."""
+        left, _ = self._without(row, factors)
+        if not left:
+            return factors
+        found, _ = self._compared(left)
+        both = {k: factors.get(k, 0.0) + found.get(k, 0.0) for k in factors | found}
+        return {k: factor for k, factor in both.items() if abs(factor) > _NOTHING}
 
     def _own(self, row: Row) -> int | None:
         """A column in which this row is the first, with an entry that can be divided by."""
@@ -92,16 +111,29 @@ class Dependence:
 
     def _is_sum(self, row: Row, factors: Row) -> bool:
         """Whether factors are moderate and rows times factors leave nothing but rounding of a row."""
-        largest = max(map(abs, row.values()), default=0.0)
+        most = _MOST_FACTOR * max(map(abs, row.values()), default=0.0)
+        if any(abs(f) * max(map(abs, self.rows[k].values())) > most for k, f in factors.items()):
+            return False
+        left, sizes = self._without(row, factors)
+        return all(is_rounding(value, sizes[c]) for c, value in left.items())
+
+    def _without(self, row: Row, factors: Row) -> tuple[Row, Row]:
+        """What rows times factors leave of a row, and sizes of the terms."""
         left, sizes = dict(row), {c: abs(value) for c, value in row.items()}
         for k, factor in factors.items():
-            entries = self.rows[k]
-            if abs(factor) * max(map(abs, entries.values())) > _MOST_FACTOR * largest:
-                return False
-            for c, entry in entries.items():
+            for c, entry in self.rows[k].items():
                 left[c] = left.get(c, 0.0) - factor * entry
                 sizes[c] = sizes.get(c, 0.0) + abs(factor * entry)
-        return all(is_rounding(value, sizes[c]) for c, value in left.items())
+        return {c: value for c, value in left.items() if value}, sizes
+
+
+class _Rest(NamedTuple):
+    """What is left of a row, sizes of its terms, factors of the echelon, and of owners of columns."""
+
+    left: Array
+    size: Array
+    used: Array
+    factors: Row
 
 
 class _Reduced:
@@ -122,30 +154,49 @@ class _Reduced:
         self.subtracted: list[Row] = []  # of owners of columns, from each row as it came
         self.entries, self.made = np.zeros((0, 0)), np.zeros((0, 0))
 
-    def compare(self, number: int, left: Row, sizes: Row, factors: Row) -> Row | None:
-        """Factors of all rows that add up to one of which `left` is left after its `factors`.
-
-        If there are none it is added, unless what is left nearly cancels.
-        """
-        if not left:
-            return factors
-        value, size = self._spread(left, left), self._spread(left, sizes)
+    def compared(self, row: Row, sizes: Row, factors: Row) -> _Rest:
+        """What is left of a row in which `factors` of owners of columns are already subtracted."""
+        if not row:
+            return _Rest(_NO_ENTRIES, _NO_ENTRIES, _NO_ENTRIES, factors)
+        value, size = self._spread(row, row), self._spread(row, sizes)
         by_row = value[self.pivots]
-        terms = np.abs(by_row) @ np.abs(self.entries)
         rest = value - by_row @ self.entries
-        size = np.maximum(size, terms)
+        size = np.maximum(size, np.abs(by_row) @ np.abs(self.entries))
         rest[np.abs(rest) <= _NOTHING * size] = 0.0
         rest[self.pivots] = 0.0
-        used = by_row @ self.made
-        if not rest.any():
-            return self._together(used, factors)
-        clear = np.abs(rest) > _CLEAR * size
-        if clear.any():
-            pivot = int(np.argmax(np.where(clear, np.abs(rest), 0.0)))
-            self.numbers.append(number)
-            self.subtracted.append(factors)
-            self._add(rest / rest[pivot], np.append(-used, 1.0) / rest[pivot], pivot)
-        return None
+        return _Rest(rest, size, by_row @ self.made, factors)
+
+    def together(self, rest: _Rest) -> Row:
+        """Factors of all rows that were subtracted."""
+        found = dict(rest.factors)
+        for k in np.flatnonzero(rest.used).tolist():
+            factor = float(rest.used[k])
+            found[self.numbers[k]] = factor
+            for number, part in self.subtracted[k].items():
+                found[number] = found.get(number, 0.0) - factor * part
+        return found
+
+    def add(self, number: int, rest: _Rest) -> None:
+        """One more row, unless what is left of it nearly cancels: no later row is compared with that."""
+        clear = np.abs(rest.left) > _CLEAR * rest.size
+        if not clear.any():
+            return
+        pivot = int(np.argmax(np.where(clear, np.abs(rest.left), 0.0)))
+        row = rest.left / rest.left[pivot]
+        made = np.append(-rest.used, 1.0) / rest.left[pivot]
+        column = self.entries[:, pivot]
+        change = np.flatnonzero(column)
+        before, terms = self.entries[change], column[change, None] * row
+        after = before - terms
+        after[np.abs(after) <= _NOTHING * np.maximum(np.abs(before), np.abs(terms))] = 0.0
+        after[:, pivot] = 0.0
+        self.made = np.hstack([self.made, np.zeros((len(self.made), 1))])
+        self.made[change] -= column[change, None] * made
+        self.entries[change] = after
+        self.entries, self.made = np.vstack([self.entries, row]), np.vstack([self.made, made])
+        self.pivots.append(pivot)
+        self.numbers.append(number)
+        self.subtracted.append(rest.factors)
 
     def _spread(self, row: Row, values: Row) -> Array:
         """Values of a row in the columns that were met so far, and its own."""
@@ -158,31 +209,6 @@ class _Reduced:
         spread = np.zeros(width)
         spread[[self.columns[column] for column in row]] = [values[column] for column in row]
         return spread
-
-    def _together(self, used: Array, factors: Row) -> Row:
-        found = dict(factors)
-        for k in np.flatnonzero(np.abs(used) > _NOTHING).tolist():
-            factor = float(used[k])
-            found[self.numbers[k]] = factor
-            for number, part in self.subtracted[k].items():
-                found[number] = found.get(number, 0.0) - factor * part
-        return {k: factor for k, factor in found.items() if abs(factor) > _NOTHING}
-
-    def _add(self, row: Array, made: Array, pivot: int) -> None:
-        count = len(self.pivots)
-        column = self.entries[:, pivot].copy()
-        change = np.flatnonzero(column)
-        before = self.entries[change]
-        terms = column[change, None] * row
-        after = before - terms
-        after[np.abs(after) <= _NOTHING * np.maximum(np.abs(before), np.abs(terms))] = 0.0
-        after[:, pivot] = 0.0
-        self.entries[change] = after
-        self.entries = np.vstack([self.entries, row])
-        self.made = np.hstack([self.made, np.zeros((count, 1))])
-        self.made[change] -= column[change, None] * made
-        self.made = np.vstack([self.made, made])
-        self.pivots.append(pivot)
 
 
 def _is_clear(value: float, size: float) -> bool:
