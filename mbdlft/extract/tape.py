@@ -14,7 +14,7 @@ from mbdlft.lft.lft import LFT
 from mbdlft.linearize import LinearModel
 
 Element = int | Scaled  # number of a coefficient, or a signal
-_FEW = 400  # channels: up to here, `reduce_order` alone takes less time than reducing words before
+_FEW = 1000  # channels: up to here, `reduce_order` alone takes less time than reducing words before
 
 
 class Extraction(NamedTuple):
