@@ -77,6 +77,7 @@ class _Channels:
         # rows of quotients, then of z of the channels by name; columns are those of w', then inputs
         self.row = [*range(quotients), *(quotients + k for k in place)]
         self.values = np.zeros((quotients + self.count, self.count + self.inputs))
+        self.inverses: dict[bytes, Array] = {}  # many loops are those of one divisor
 
     def solve(self, unknowns: list[int]) -> None:
         """Fill in the rows of unknowns that depend on each other; all others that they need are known."""
@@ -95,7 +96,13 @@ class _Channels:
                     through = 1.0 if at < self.quotients else self.b0[at - self.quotients]
                     matrix[k, position[at]] -= factor * through
             right[k], size[k] = self._added(self._given(u), position)
-        self.values[[self.row[u] for u in unknowns]] = _solved(matrix, right, size)
+        key = matrix.tobytes()
+        if key not in self.inverses:
+            self.inverses[key] = _inverse(matrix)
+        inverse = self.inverses[key]
+        solution = inverse @ right
+        size = solution_size(inverse, matrix, solution, size)
+        self.values[[self.row[u] for u in unknowns]] = cleaned(solution, 0.25 * size)
 
     def lft(self) -> LFT:
         """The LFT, once all unknowns are solved for."""
@@ -116,7 +123,6 @@ class _Channels:
     def _added(self, terms: Sequence[Term], unknowns: Container[int] = ()) -> tuple[Array, Array]:
         """A sum without its terms in b0 z and y of unknowns, and its size if nothing cancelled."""
         total, size = np.zeros((2, self.values.shape[1]))
-        rows = 0
         for factor, _, number in terms:
             at, through = number - self.inputs, factor
             if at < 0:
@@ -129,12 +135,11 @@ class _Channels:
                 total[column] += direct
                 size[column] += abs(direct)
                 through = factor * self.b0[item]
-            if at not in unknowns:
-                rows += 1
+            if at not in unknowns and through:
                 term = through * self.values[self.row[at]]
                 total += term
-                size += np.abs(term)
-        return (cleaned(total, size) if rows > 1 else total), size
+                size += np.abs(term, out=term)
+        return (cleaned(total, size) if len(terms) > 1 else total), size
 
 
 def _letter(item: Item) -> int:
@@ -176,16 +181,15 @@ def _components(words: Words, quotients: int) -> Iterator[list[int]]:
                 yield members[current]
 
 
-def _solved(matrix: Array, right: Array, size: Array) -> Array:
-    """matrix^-1 right, or an error that says the model is not well posed at nominal."""
+def _inverse(matrix: Array) -> Array:
+    """matrix^-1, or an error that says the model is not well posed at nominal."""
     try:
         inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
     except np.linalg.LinAlgError:
         inverse = np.full_like(matrix, np.nan)
-    solution = inverse @ right
-    if not np.all(np.isfinite(solution)):
+    if not np.all(np.isfinite(inverse)):
         raise WellPosednessError(
             "a denominator vanishes at the nominal values of the parameters, so there is no linear "
             "fractional form around them. Move the nominal values."
         )
-    return cleaned(solution, 0.25 * solution_size(inverse, matrix, solution, size))
+    return inverse

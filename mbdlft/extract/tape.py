@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -47,7 +47,7 @@ def extract(model: LinearModel) -> Extraction:
     graph = walk(tape, names)
     counts = Counter(names[parameter] for _, parameter, _ in graph.channels)
     maps = [parameter.map for parameter in model.parameters]
-    whole = partial(close, graph, names, maps, all_kept=True)
+    whole = cache(partial(close, graph, names, maps, all_kept=True))
     lft = whole() if len(graph.channels) <= _FEW else close(graph, names, maps)
     return Extraction(lft, {name: counts[name] for name in sorted(names)}, whole)
 

@@ -151,15 +151,15 @@ def _channels(part: slice) -> NDArray[np.int64]:
     return np.arange(part.start, part.stop)
 
 
-def _expand(one: _Realization, center: Array, channels: NDArray[np.int64]) -> _Realization:
+def _expand(one: _Realization, center: Array, channels: NDArray[np.int64] | slice) -> _Realization:
     """The same in the distances of all deltas from a center (n); columns of A and C of some channels."""
-    n, m = len(center), len(channels)
+    C = one.C[:, channels]
     try:
         solved = solve_loops(one.A, center, channels, one.B)
     except np.linalg.LinAlgError:  # the center is a pole
-        solved = np.full((n, m + one.B.shape[1]), np.nan)
-    A = solved[:, :m]
-    return _Realization(A, solved[:, m:], one.C[:, channels] + (one.C * center) @ A)
+        solved = np.full((len(center), C.shape[1] + one.B.shape[1]), np.nan)
+    A = solved[:, : C.shape[1]]
+    return _Realization(A, solved[:, C.shape[1] :], C + (one.C * center) @ A)
 
 
 def _alone(one: _Realization, part: slice, first: int, center: float) -> _Realization:
@@ -169,8 +169,7 @@ def _alone(one: _Realization, part: slice, first: int, center: float) -> _Realiz
     """
     columns = slice(first, first + part.stop - part.start)
     alone = _Realization(one.A[part, columns], one.B[part], one.C[:, columns])
-    size = len(alone.A)
-    return _expand(alone, np.full(size, -center), np.arange(size))
+    return _expand(alone, np.full(len(alone.A), -center), slice(None))
 
 
 def _triangular(one: _Realization) -> _Realization:

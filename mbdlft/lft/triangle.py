@@ -21,6 +21,7 @@ Channels = NDArray[np.int64]
 _ENTRIES = 2**21  # of matrices or signals of several points that are held at once
 _MERGED = 48  # channels: smaller blocks cost more calls than operations
 _ALONE = 64  # channels from which on points are solved for one by one, with one factorization each
+_WHOLE = 256  # channels up to which one solution costs less than looking for loops
 _LINES, _FEWEST_LINES = 32, 4
 _CHEAP = 256.0**3  # operations up to which so many lines cost less than all the rest of the check
 _SMALL = (
@@ -57,7 +58,7 @@ def diagonal_blocks(matrix: Array) -> list[Channels]:
     return [order[a:b] for a, b in pairwise([*cuts, n])]
 
 
-def solve_loops(inner: Array, deltas: Array, channels: Channels, right: Array) -> Array:
+def solve_loops(inner: Array, deltas: Array, channels: Channels | slice, right: Array) -> Array:
     """(I - inner Delta)^-1 [inner[:, channels] right], block after block.
 
     Parameters
@@ -65,7 +66,7 @@ def solve_loops(inner: Array, deltas: Array, channels: Channels, right: Array) -
     inner : array (n, n)
     deltas : array (n,)
         The diagonal of Delta.
-    channels : array of int (m,)
+    channels : array of int (m,), or slice
     right : array (n, k)
 
     Returns
@@ -78,10 +79,10 @@ def solve_loops(inner: Array, deltas: Array, channels: Channels, right: Array) -
         I - inner Delta is singular.
     """
     n, k = right.shape
-    blocks = diagonal_blocks(inner)
-    if len(blocks) < 2:
+    if n <= _WHOLE:
         loop = np.eye(n) - inner * deltas
         return np.asarray(np.linalg.solve(loop, np.hstack([inner[:, channels], right])))
+    blocks = diagonal_blocks(inner)
     order = np.concatenate(blocks)
     place = np.argsort(order)
     inner, deltas = inner[np.ix_(order, order)], deltas[order]

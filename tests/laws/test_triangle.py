@@ -156,13 +156,19 @@ def law_solve_loops(a: LFT, seed: int) -> None:
     roundoff(found, expected, KAPPA)
 
 
+@pytest.mark.parametrize("whole", [0, 256])
 @pytest.mark.parametrize("loops", LOOPS)
-def test_solutions_by_loops(loops: tuple[int, ...]) -> None:
+def test_solutions_by_loops(
+    loops: tuple[int, ...], whole: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(triangle, "_WHOLE", whole)
     for seed in range(5):
         law_solve_loops(chained(loops, seed), seed)
 
 
 def test_planted_order_of_blocks_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(triangle, "_WHOLE", 0)
+    law_solve_loops(chained(LOOPS[3], 0), 0)
     right = triangle.diagonal_blocks
     monkeypatch.setattr(triangle, "diagonal_blocks", lambda matrix: right(matrix)[::-1])
     with pytest.raises(AssertionError):
