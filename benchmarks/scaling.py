@@ -24,7 +24,7 @@ import mbdlft
 from benchmarks.arm import machine, write_between
 from mbdlft.build import build
 
-SIZES = (5, 10, 15, 20, 35, 50)
+SIZES = (5, 10, 15, 20, 25, 35, 50)
 STAGES = ("assemble", "trim", "linearize", "extract", "reduce", "bound", "check")
 SHAPES = ("planar chain", "spatial chain", "star")
 _ACCEPTED = 1e-6  # of an error of the certificate, relative to the size of an entry
@@ -110,18 +110,22 @@ def measured(sizes: Sequence[int], limit: float) -> list[dict[str, Any]]:
         for few in (True, False):
             family: list[dict[str, Any]] = []
             for count in sizes:
-                # the order grows with n, or with n^2 if all angles are parameters; its cube counts
-                power = 3 if few or shape == "star" else 6
-                if (
-                    family
-                    and family[-1]["seconds"] * (count / family[-1]["bodies"]) ** power > limit
-                ):
+                if expected(family, count) > limit:
                     break
                 with context.Pool(1) as pool:
                     family.append(pool.apply(measure, (shape, count, few)))
                 print(json.dumps(family[-1]), flush=True)
             rows += family
     return rows
+
+
+def expected(family: Sequence[dict[str, Any]], count: int) -> float:
+    """Seconds of the next member, by the power of the last two; 0 where there are not two."""
+    if len(family) < 2:
+        return 0.0
+    before, last = family[-2:]
+    power = np.log(last["seconds"] / before["seconds"]) / np.log(last["bodies"] / before["bodies"])
+    return float(last["seconds"] * (count / last["bodies"]) ** power)
 
 
 def slope(counts: Sequence[float], values: Sequence[float]) -> float:
@@ -198,7 +202,7 @@ def main() -> None:
     """Print rows as JSON, then the tables; write them and the figure if asked."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--most", type=int, default=SIZES[-1], help="largest number of bodies")
-    parser.add_argument("--seconds", type=float, default=60.0, help="expected limit for one case")
+    parser.add_argument("--seconds", type=float, default=120.0, help="expected limit for one case")
     parser.add_argument("--write", type=Path)
     parser.add_argument("--figure", type=Path)
     options = parser.parse_args()

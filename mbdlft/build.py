@@ -124,12 +124,12 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
         return with_blocks(reduce_order(solve(relations), extended=extended), names)
 
     with clock.stage("reduce"):
-        reduced = reduce_order(raw)
+        reduced = reduce_order(raw.lft)
         lft = close(reduced)
         is_elastic = any(isinstance(body, ElasticBody) for body in scene.bodies)
         if is_elastic:
             # stiffnesses beside inertias: a reduction keeps more digits of M^-1 K than of M and K
-            lft = min(close(raw), lft, key=lambda candidate: candidate.order)
+            lft = min(close(raw.whole()), lft, key=lambda candidate: candidate.order)
     unsearched = lft
     with clock.stage("bound"):
         # the error of the bound is that of the whole way from the relations on
@@ -146,7 +146,7 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
         error, reference = measure(lft)
         retry = lft is unsearched and raw.order <= _MOST_RETRIED and not is_elastic
         if retry and error > _LOSSY:
-            other = close(raw, extended=True)
+            other = close(raw.whole(), extended=True)
             if other.order <= lft.order:
                 again, _ = measure(other, known=reference)
                 lft, error = (other, again) if again < error else (lft, error)
@@ -161,7 +161,7 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
         trim=trim,
         certificate=certificate(
             lft,
-            raw,
+            raw.channels,
             degrees,
             order_bound,
             check,
@@ -231,7 +231,7 @@ def _state_space(
 def _trim(equations: Equations) -> Trim:
     """Numbers at nominal from the nonlinear equations, and the static LFT from the relations."""
     relations = trim_relations(equations)
-    lft = reduce_order(eliminate(extract(relations), len(equations.unknown)))
+    lft = reduce_order(eliminate(extract(relations).lft, len(equations.unknown)))
     nominal = np.array([[parameter.nominal for parameter in equations.parameters]])
     efforts, _ = trim_efforts(equations, nominal)
     names = [parameter.name for parameter in equations.parameters]

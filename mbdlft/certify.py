@@ -45,7 +45,7 @@ class Check(NamedTuple):
 
 def certificate(
     lft: LFT,
-    raw: LFT,
+    raw: Mapping[str, int],
     bounds: Mapping[str, Bound],
     order_bound: int,
     check: Check,
@@ -54,14 +54,14 @@ def certificate(
     exact_bound: bool = False,
     fit_error_bound: float = 0.0,
 ) -> Certificate:
-    """The certificate of a model.
+    """The certificate of a model; `raw` are its channels before reduction, by parameter.
 
     It is exact unless the equilibrium is a fit.
 
     A bound that the model contradicts by being smaller rests on a wrong rank: then nothing is claimed
     for that parameter, and nothing for pairs.
     """
-    order, raw_order = dict(lft.blocks), dict(raw.blocks)
+    order = dict(lft.blocks)
     wrong = {name for name, size in order.items() if bounds[name].degree > size}
     lower = {name: 0 if name in wrong else bounds[name].degree for name in order}
     doubtful = {
@@ -72,7 +72,7 @@ def certificate(
     return Certificate(
         order=tuple(order.values()),
         lower_bound=tuple(lower.values()),
-        raw_order=tuple(raw_order.get(name, 0) for name in order),
+        raw_order=tuple(raw.get(name, 0) for name in order),
         max_relative_error=check.error,
         check_points=check.points,
         condition=check.condition,

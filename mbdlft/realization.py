@@ -19,7 +19,7 @@ from mbdlft.certify import (
 )
 from mbdlft.errors import AnalysisError, SceneError, WellPosednessError
 from mbdlft.exact import exact_lower_bound
-from mbdlft.extract import extract
+from mbdlft.extract import Extraction, extract
 from mbdlft.lft.bound import Bound, degree_bounds, moved
 from mbdlft.lft.commute import reduce_commuting
 from mbdlft.lft.joint import joint_bound
@@ -112,8 +112,11 @@ def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> 
     with clock.stage("extract"):
         ways = _extract(problem, resolved)
     with clock.stage("reduce"):
-        forms = [reduce_order(way) for way in ways]
-        raw, reduced = min(zip(ways, forms, strict=True), key=lambda pair: pair[1].order)
+        forms = [reduce_order(way) for way, _, _ in ways]
+        channels, reduced = min(
+            ((way.channels, form) for way, form in zip(ways, forms, strict=True)),
+            key=lambda pair: pair[1].order,
+        )
     with clock.stage("bound"):
         degrees = (
             {name: Bound(degree, 0) for name, degree in exact_lower_bound(problem, SEED).items()}
@@ -140,14 +143,16 @@ def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> 
         outputs=outputs,
         parameters=parameters,
         trim=Trim((), (), None),
-        certificate=certificate(lft, raw, degrees, order_bound, check, SEED, exact_bound=exact),
+        certificate=certificate(
+            lft, channels, degrees, order_bound, check, SEED, exact_bound=exact
+        ),
         provenance=provenance(matrix_to_toml(problem)),
         description=problem.description,
     )
     return Build(model, clock.seconds | {"total": sum(clock.seconds.values())})
 
 
-def _extract(problem: MatrixProblem, resolved: Resolved) -> list[LFT]:
+def _extract(problem: MatrixProblem, resolved: Resolved) -> list[Extraction]:
     """LFTs of the matrix, as it is written and expanded; from its rows and from its columns, where
     products meet in opposite orders."""
     p, matrix = internal_matrix(problem, resolved)
@@ -158,7 +163,7 @@ def _extract(problem: MatrixProblem, resolved: Resolved) -> list[LFT]:
     return found
 
 
-def _both_ways(problem: MatrixProblem, matrix: ca.SX, p: ca.SX) -> list[LFT]:
+def _both_ways(problem: MatrixProblem, matrix: ca.SX, p: ca.SX) -> list[Extraction]:
     found = []
     for M in (matrix, matrix.T):
         known = ca.SX.sym("input", M.shape[1])
@@ -168,7 +173,7 @@ def _both_ways(problem: MatrixProblem, matrix: ca.SX, p: ca.SX) -> list[LFT]:
             found.append(extract(relations))
         except WellPosednessError as error:
             raise WellPosednessError(f"matrix {problem.name!r}: {error}") from None
-    return [found[0], transpose(found[1])]
+    return [found[0], found[1]._replace(lft=transpose(found[1].lft))]
 
 
 def _check_bound(problem: MatrixProblem, bound: Mapping[str, int], lft: LFT) -> None:

@@ -1,19 +1,36 @@
 """The walk of the SX tape: each instruction becomes a constant, a coefficient or a signal."""
 
+from collections import Counter
 from collections.abc import Callable
-from typing import Any
+from functools import cache, partial
+from typing import Any, NamedTuple
 
 import casadi as ca
 
 from mbdlft.errors import NotRationalError, StructureError
+from mbdlft.extract.close import close
 from mbdlft.extract.graph import ZERO, Scaled, SignalGraph, scaled
 from mbdlft.lft.lft import LFT
 from mbdlft.linearize import LinearModel
 
 Element = int | Scaled  # number of a coefficient, or a signal
+_FEW = 1000  # channels: up to here, `reduce_order` alone takes less time than reducing words before
 
 
-def extract(model: LinearModel) -> LFT:
+class Extraction(NamedTuple):
+    """An LFT, the channels by parameter of the graph it was made of, and the LFT with all of them."""
+
+    lft: LFT
+    channels: dict[str, int]
+    whole: Callable[[], LFT]
+
+    @property
+    def order(self) -> int:
+        """Channels before any reduction."""
+        return sum(self.channels.values())
+
+
+def extract(model: LinearModel) -> Extraction:
     """LFT of [unknown ; known] -> [residual ; output] in the normalized deltas of the parameters.
 
     Raises
@@ -28,7 +45,11 @@ def extract(model: LinearModel) -> LFT:
     tape = ca.Function("relations", [signals, model.p], [ca.densify(outputs)])
     names = [parameter.name for parameter in model.parameters]
     graph = walk(tape, names)
-    return graph.to_lft(names, [parameter.map for parameter in model.parameters])
+    counts = Counter(names[parameter] for _, parameter, _ in graph.channels)
+    maps = [parameter.map for parameter in model.parameters]
+    whole = cache(partial(close, graph, names, maps, all_kept=True))
+    lft = whole() if len(graph.channels) <= _FEW else close(graph, names, maps)
+    return Extraction(lft, {name: counts[name] for name in sorted(names)}, whole)
 
 
 def walk(tape: ca.Function, names: list[str]) -> SignalGraph:

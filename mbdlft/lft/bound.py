@@ -33,6 +33,7 @@ from scipy.linalg import schur
 
 from mbdlft.lft.lft import LFT, Array
 from mbdlft.lft.reduce import balance
+from mbdlft.lft.triangle import solve_loops
 
 _POINTS = 3  # generic values of the other deltas; the next are for what is doubtful at the first
 _UNCERTAIN = 2.0**-44  # of the size of an entry of the LFT, what may be wrong with it
@@ -99,11 +100,17 @@ def degree_bounds(a: LFT, twin: LFT | None = None, seed: int = 0) -> dict[str, B
             break
         with np.errstate(all="ignore"):  # what overflows is not finite, and proves nothing
             centers = [_spread(item, values) for item in pair]
-            expanded = [_expand(*item) for item in zip(realizations, centers, strict=True)]
+            parts = [item.slices() for item in pair]
+            channels = [
+                np.concatenate([_channels(part[name]) for name in open_names]) for part in parts
+            ]
+            expanded = [
+                _expand(*item) for item in zip(realizations, centers, channels, strict=True)
+            ]
             for name in open_names:
                 alone = [
-                    _alone(one, item.slices()[name], values[name])
-                    for one, item in zip(expanded, pair, strict=True)
+                    _alone(one, part[name], np.searchsorted(among, part[name].start), values[name])
+                    for one, part, among in zip(expanded, parts, channels, strict=True)
                 ]
                 if all(np.all(np.isfinite(item.A)) for item in alone):
                     first, second = (_triangular(item) for item in alone)
@@ -140,21 +147,29 @@ def _spread(a: LFT, values: Mapping[str, float]) -> Array:
     return np.repeat([values[b.name] for b in a.blocks], [b.size for b in a.blocks])
 
 
-def _expand(one: _Realization, center: Array) -> _Realization:
-    """The same in the distances of all deltas from a center (n)."""
-    n = len(center)
+def _channels(part: slice) -> NDArray[np.int64]:
+    return np.arange(part.start, part.stop)
+
+
+def _expand(one: _Realization, center: Array, channels: NDArray[np.int64] | slice) -> _Realization:
+    """The same in the distances of all deltas from a center (n); columns of A and C of some channels."""
+    C = one.C[:, channels]
     try:
-        solved = np.linalg.solve(np.eye(n) - one.A * center, np.hstack([one.A, one.B]))
+        solved = solve_loops(one.A, center, channels, one.B)
     except np.linalg.LinAlgError:  # the center is a pole
-        solved = np.full((n, n + one.B.shape[1]), np.nan)
-    A = solved[:, :n]
-    return _Realization(A, solved[:, n:], one.C + (one.C * center) @ A)
+        solved = np.full((len(center), C.shape[1] + one.B.shape[1]), np.nan)
+    A = solved[:, : C.shape[1]]
+    return _Realization(A, solved[:, C.shape[1] :], C + (one.C * center) @ A)
 
 
-def _alone(one: _Realization, part: slice, center: float) -> _Realization:
-    """One delta with the others at the center; it is itself counted from 0 again."""
-    alone = _Realization(one.A[part, part], one.B[part], one.C[:, part])
-    return _expand(alone, np.full(len(alone.A), -center))
+def _alone(one: _Realization, part: slice, first: int, center: float) -> _Realization:
+    """One delta with the others at the center; it is itself counted from 0 again.
+
+    `first` is its first column of A and C.
+    """
+    columns = slice(first, first + part.stop - part.start)
+    alone = _Realization(one.A[part, columns], one.B[part], one.C[:, columns])
+    return _expand(alone, np.full(len(alone.A), -center), slice(None))
 
 
 def _triangular(one: _Realization) -> _Realization:

@@ -129,7 +129,7 @@ P, X, Z = ca.SX.sym("p"), ca.SX.sym("x"), ca.SX.sym("z")
 
 def extracted(residual: ca.SX) -> LFT:
     p = Parameter("ratio", 1.0, 0.5, 2.0)
-    return extract(LinearModel(residual, ca.SX(0, 1), X, Z, P, (p,)))
+    return extract(LinearModel(residual, ca.SX(0, 1), X, Z, P, (p,))).lft
 
 
 @pytest.mark.parametrize(

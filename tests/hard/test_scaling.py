@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.scaling import SHAPES, families, figure, measure, slope, table
+from benchmarks.scaling import SHAPES, expected, families, figure, measure, slope, table
 from tests.close import conditioned
 
 
@@ -20,6 +20,12 @@ def test_rows_are_verified(shape: str, few: bool, tmp_path) -> None:  # type: ig
 def test_slope_of_a_power() -> None:
     counts = [10, 20, 40]
     conditioned(slope(counts, [3.0 * n**2.5 for n in counts]), 2.5, 10.0)
+
+
+def test_what_the_next_member_takes() -> None:
+    family = [{"bodies": n, "seconds": 0.01 * n**3} for n in (10, 20)]
+    conditioned(expected(family, 40), 640.0, 10.0)
+    assert expected(family[:1], 40) == 0.0
 
 
 def test_a_wrong_model_is_not_printed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -170,7 +170,7 @@ def chain(links: int) -> LFT:
     scene = mbdlft.Scene(
         name="chain", gravity=(0, 0, -9.81), parameters=parameters, bodies=bodies, joints=joints
     )
-    return extract(linearize(assemble(scene), range(links), range(links)))
+    return extract(linearize(assemble(scene), range(links), range(links))).lft
 
 
 def test_degrees_of_a_chain() -> None:

@@ -133,14 +133,14 @@ def test_a_bound_that_the_model_contradicts_is_not_claimed() -> None:
     """A model with fewer repetitions than a bound shows that the bound rests on a wrong rank."""
     lft = delta("a", 1) + delta("b", 1)
     right = {"a": Bound(1, 0), "b": Bound(1, 0)}
-    honest = certificate(lft, lft, right, 2, Check(0.0, 1), 0)
+    honest = certificate(lft, dict(lft.blocks), right, 2, Check(0.0, 1), 0)
     assert honest.minimal
     assert honest.doubtful == (0, 0)
-    wrong = certificate(lft, lft, right | {"b": Bound(2, 0)}, 3, Check(0.0, 1), 0)
+    wrong = certificate(lft, dict(lft.blocks), right | {"b": Bound(2, 0)}, 3, Check(0.0, 1), 0)
     assert (wrong.lower_bound, wrong.doubtful, wrong.order_bound) == ((1, 0), (0, 1), 1)
     assert not wrong.minimal
     assert not certificate(
-        lft, lft, {"a": Bound(0, 0), "b": Bound(1, 0)}, 3, Check(0.0, 1), 0
+        lft, dict(lft.blocks), {"a": Bound(0, 0), "b": Bound(1, 0)}, 3, Check(0.0, 1), 0
     ).minimal
 
 

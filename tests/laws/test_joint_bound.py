@@ -54,7 +54,7 @@ def bound(a: LFT) -> int:
 def relations(links: int, *, spatial: bool) -> LFT:
     """The LFT of the relations of a chain, all joints driven and measured."""
     equations = assemble(chain(links, spatial=spatial))
-    return reduce_order(extract(linearize(equations, range(links), range(links))))
+    return reduce_order(extract(linearize(equations, range(links), range(links))).lft)
 
 
 def parameter(name: str, nominal: float) -> LFT:

@@ -15,7 +15,7 @@ import pytest
 
 import mbdlft
 from mbdlft import LFTModel, MatrixProblem, realization
-from mbdlft.lft.lft import LFT
+from mbdlft.extract import Extraction
 from tests.close import SCENARIO, target
 from tests.reference.orders import CASES, Case
 from tests.reference.rewrite import exact_value, rewritten
@@ -114,10 +114,11 @@ def test_planted_bug_in_the_walk_is_found(monkeypatch: pytest.MonkeyPatch) -> No
     law_values(mbdlft.realize, case, case.matrix, expected, 5)
     right = realization._extract
 
-    def transposed(*arguments: Any) -> list[LFT]:
-        return right(*arguments)[:1] + [realization.transpose(lft) for lft in right(*arguments)[:1]]
+    def transposed(*arguments: Any) -> list[Extraction]:
+        found = right(*arguments)[0]
+        return [found._replace(lft=realization.transpose(found.lft))]
 
-    monkeypatch.setattr(realization, "_extract", lambda *a: transposed(*a)[1:])
+    monkeypatch.setattr(realization, "_extract", transposed)
     with pytest.raises(mbdlft.AnalysisError, match="differs from the matrix by"):
         mbdlft.realize(case.problem(), search=0.0)
     monkeypatch.setattr(realization, "ACCEPTED", np.inf)

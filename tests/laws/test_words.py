@@ -1,0 +1,278 @@
+"""Laws of the exact reduction of words.
+
+1. what a graph says at values of the parameters, its LFT says, with all channels and with those that stay
+2. what stays has the order that n-D reduction finds; without quotients nothing is left for it to do
+3. a row is a combination of earlier ones where the rank says so, and not where it nearly is one
+4. a graph with many channels becomes an LFT without any matrix between all of them
+"""
+
+import tracemalloc
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from benchmarks.scaling import scene
+from mbdlft.build import choose_signals
+from mbdlft.extract import dependence, extract, words
+from mbdlft.extract.close import close
+from mbdlft.extract.dependence import Dependence, Row
+from mbdlft.extract.graph import Scaled, SignalGraph
+from mbdlft.lft.evaluate import evaluate
+from mbdlft.lft.lft import LFT
+from mbdlft.lft.reduce import reduce_order
+from mbdlft.linearize import linearize
+from mbdlft.parameter import BilinearMap
+from mbdlft.scene import assemble
+from tests.close import roundoff
+
+NAMES = ["q", "a", "m"]  # not sorted: blocks are
+MAPS = [BilinearMap(0.5, 0.25, 0.0), BilinearMap(1.5, 0.5, 0.25), BilinearMap(-0.75, 0.5, 0.0)]
+INPUTS = 2
+KAPPA = 1e3
+seeds = st.integers(0, 2**32 - 1)
+
+
+def random_graph(seed: int, *, divisors: bool) -> SignalGraph:
+    """Sums, products and quotients by chance, of few kinds: many are equal in the end."""
+    random = np.random.default_rng(seed)
+    graph = SignalGraph(INPUTS)
+    p = [graph.node("parameter", float(k)) for k in range(len(NAMES))]
+    square = graph.node("multiply", p[0], p[0])
+    by = [
+        graph.node("add", graph.constant(1.0), square),
+        graph.node("add", graph.constant(4.0), graph.node("multiply", p[1], p[2])),
+    ]
+    signals = [Scaled(1.0, k) for k in range(INPUTS)]
+    for _ in range(24):
+        kind = random.integers(5 if divisors else 4)
+        one = signals[random.integers(max(0, len(signals) - 8), len(signals))]
+        if kind < 2:
+            signals.append(graph.apply(p[random.integers(len(p))], one))
+        elif kind < 4:
+            chosen = random.integers(0, len(signals), 2)
+            factors = random.choice([-2.0, -1.0, 0.1, 1.0, 3.0], 2)
+            parts = [
+                Scaled(factor * signals[k].factor, signals[k].number)
+                for factor, k in zip(factors, chosen, strict=True)
+            ]
+            signals.append(graph.combine(parts))
+        else:
+            signals.append(graph.divide(by[random.integers(len(by))], one))
+    graph.outputs = signals[-3:]
+    return graph
+
+
+def coefficient(graph: SignalGraph, number: int, p: np.ndarray) -> float:
+    operation, arguments = graph.nodes[number]
+    if operation == "constant":
+        return arguments[0]
+    if operation == "parameter":
+        return float(p[int(arguments[0])])
+    a, b = (coefficient(graph, int(argument), p) for argument in arguments)
+    return a + b if operation == "add" else a * b
+
+
+def graph_value(graph: SignalGraph, p: np.ndarray) -> np.ndarray:
+    """The outputs at values of the parameters: each signal is computed from those before it."""
+    values = np.vstack([np.eye(graph.inputs), np.zeros((graph.size - graph.inputs, graph.inputs))])
+    found = {signal: (1.0, terms) for signal, terms in graph.equations}
+    found |= {signal: (p[k], (z,)) for signal, k, z in graph.channels}
+    found |= {signal: (1.0 / coefficient(graph, b, p), (s,)) for signal, b, s in graph.quotients}
+    for signal, (factor, terms) in sorted(found.items()):
+        values[signal] = factor * sum(
+            term.factor * values[term.number] for term in terms if term.number >= 0
+        )
+    return np.array(
+        [
+            out.factor * values[out.number] if out.number >= 0 else 0.0 * values[0]
+            for out in graph.outputs
+        ]
+    )
+
+
+def law_values(graph: SignalGraph, seed: int) -> LFT:
+    deltas = np.random.default_rng(seed).uniform(-0.8, 0.8, (4, len(NAMES)))
+    p = np.array(
+        [
+            [m.b0 + m.gain * d / (1.0 + m.a1 * d) for m, d in zip(MAPS, row, strict=True)]
+            for row in deltas
+        ]
+    )
+    expected = np.array([graph_value(graph, row) for row in p])
+    size = max(1.0, float(np.max(np.abs(expected))))
+    at = dict(zip(NAMES, deltas.T, strict=True))
+    whole, small = close(graph, NAMES, MAPS, all_kept=True), close(graph, NAMES, MAPS)
+    for lft in (whole, small):
+        roundoff(evaluate(lft, at), expected, KAPPA, size)
+    return small
+
+
+def law_orders(graph: SignalGraph, seed: int = 0) -> None:
+    whole, small = close(graph, NAMES, MAPS, all_kept=True), close(graph, NAMES, MAPS)
+    expected = reduce_order(whole).blocks
+    assert reduce_order(small).blocks == expected
+    assert small.order <= whole.order
+    if not graph.quotients:
+        assert small.blocks == expected
+
+
+@given(seeds, st.booleans())
+def test_values_stay(seed: int, divisors: bool) -> None:
+    law_values(random_graph(seed, divisors=divisors), seed)
+
+
+@given(seeds, st.booleans())
+def test_orders_are_those_of_the_dense_reduction(seed: int, divisors: bool) -> None:
+    law_orders(random_graph(seed, divisors=divisors))
+
+
+def test_nothing_is_an_lft_too() -> None:
+    graph = SignalGraph(INPUTS)
+    graph.outputs = [Scaled(3.0, 1), Scaled(0.0, -1)]
+    assert law_values(graph, 0).order == 0
+
+
+def found_by(law: Callable[[SignalGraph, int], object]) -> bool:
+    """Whether a law does not hold for some graph."""
+    for seed in range(40):
+        try:
+            law(random_graph(seed, divisors=bool(seed % 2)), seed)
+        except AssertionError:
+            return True
+    return False
+
+
+def test_planted_factor_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = Dependence.combination
+
+    def wrong(self: Dependence, number: int, row: Row) -> Row | None:
+        found = right(self, number, row)
+        return None if found is None else {k: 1.001 * factor for k, factor in found.items()}
+
+    assert not found_by(law_values)
+    monkeypatch.setattr(Dependence, "combination", wrong)
+    assert found_by(law_values)
+
+
+def test_planted_row_too_few_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = Dependence.combination
+
+    def wrong(self: Dependence, number: int, row: Row) -> Row | None:
+        return dict.fromkeys(self.rows, 1.0) if len(self.rows) == 2 else right(self, number, row)
+
+    monkeypatch.setattr(Dependence, "combination", wrong)
+    assert found_by(law_values)
+
+
+def test_planted_blindness_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is ever seen to be a combination, or nobody looks from the side of the outputs."""
+    assert not found_by(law_orders)
+    with monkeypatch.context() as patch:
+        patch.setattr(Dependence, "_is_sum", lambda *_: False)
+        assert found_by(law_orders)
+    monkeypatch.setattr("mbdlft.extract.close.smallest", words.reached)
+    assert found_by(law_orders)
+
+
+# rows ---------------------------------------------------------------------------------------
+
+
+def random_rows(seed: int, count: int = 14, width: int = 9) -> np.ndarray:
+    """Rows of small whole numbers; some are combinations of two others."""
+    random = np.random.default_rng(seed)
+    rows = random.integers(-2, 3, (count, width)) * (random.random((count, width)) < 0.4)
+    for k in range(3, count):
+        if random.random() < 0.4:
+            i, j = random.integers(0, k, 2)
+            rows[k] = rows[i] * random.integers(-2, 3) + rows[j]
+    return rows.astype(float)
+
+
+def sparse(row: np.ndarray) -> Row:
+    return {int(k): float(row[k]) for k in np.flatnonzero(row)}
+
+
+def law_combinations(seed: int) -> None:
+    rows = random_rows(seed)
+    known, kept = Dependence(), []
+    for k, row in enumerate(rows):
+        found = known.combination(k, sparse(row))
+        rank = np.linalg.matrix_rank(rows[[*kept, k]]) if row.any() else len(kept)
+        assert (found is None) == (rank > len(kept))
+        if found is None:
+            kept.append(k)
+            continue
+        assert set(found) <= set(kept)
+        roundoff(sum((f * rows[j] for j, f in found.items()), np.zeros(len(row))), row, scale=3.0)
+
+
+def all_combinations() -> None:
+    """A few of ten thousand such sets need factors that are not moderate, or end beside rounding."""
+    for seed in range(300):
+        law_combinations(seed)
+
+
+def test_combinations_are_found_where_the_rank_says_so() -> None:
+    all_combinations()
+
+
+def test_planted_echelon_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = dependence._Reduced.compared
+
+    def wrong(self: dependence._Reduced, *given: Any) -> Any:
+        found = right(self, *given)
+        return found._replace(used=1.25 * found.used)
+
+    monkeypatch.setattr(dependence._Reduced, "compared", wrong)
+    with pytest.raises(AssertionError):
+        all_combinations()
+
+
+@pytest.mark.parametrize("distance", [2.0**-44, 2.0**-40, 2.0**-20])
+def test_a_row_that_nearly_is_a_combination_is_kept(distance: float) -> None:
+    rows = [{0: 1.0, 1: 1.0}, {0: 1.0, 2: 3.0}, {0: 2.0, 1: 1.0, 2: 3.0}]
+    known = Dependence()
+    assert [known.combination(k, row) for k, row in enumerate(rows[:2])] == [None, None]
+    assert known.combination(2, rows[2] | {1: 1.0 + distance}) is None
+    assert known.combination(3, rows[2]) == {0: 1.0, 1: 1.0}
+
+
+def test_large_factors_are_not_used() -> None:
+    """Two rows that are nearly one: what lies beside them would be a large difference of the two."""
+    known = Dependence()
+    rows = [{0: 1.0, 1: 1.0}, {0: 1.0, 1: 1.0 + 2.0**-10}, {1: 1.0}]
+    assert [known.combination(k, row) for k, row in enumerate(rows)] == [None, None, None]
+
+
+# size -----------------------------------------------------------------------------------------
+
+
+def law_memory() -> None:
+    """A chain in the plane with 30 parameters: 1277 channels."""
+    equations = assemble(scene("planar chain", 10, few=False))
+    relations = linearize(
+        equations, *choose_signals(scene("planar chain", 10, few=False), equations)
+    )
+    tracemalloc.start()
+    found = extract(relations)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert 3 * found.lft.order < found.order
+    assert peak < 8 * found.order**2, "a matrix between all channels"
+
+
+def test_no_matrix_between_all_channels() -> None:
+    law_memory()
+
+
+def test_planted_matrix_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        "mbdlft.extract.tape.close",
+        lambda *given, all_kept=False: close(*given, all_kept=True),
+    )
+    with pytest.raises(AssertionError):
+        law_memory()
