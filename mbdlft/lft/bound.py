@@ -12,7 +12,7 @@ For points lambda_a, mu_b and directions l_a, r_b the Loewner matrix
 
 has a rank that is not above the McMillan degree, and equal to it for generic points and directions.
 The points stand on a circle, lambda and mu in turn: there L is close to a unitary transformation of the
-Hankel matrix.
+Hankel matrix. Where that leaves a doubt they stand on rings about the poles.
 
 Rounding: if L is known up to an error E, sigma_k(L) > ||E|| proves rank >= k (Weyl). E is measured on a
 twin: the same matrix from data in which every entry is moved by what may be wrong with it, far more than
@@ -24,7 +24,7 @@ the solution of the generalized realization problem, 2007. Weyl: Golub, Van Loan
 section 8.6.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,6 +35,7 @@ from mbdlft.lft.lft import LFT, Array
 from mbdlft.lft.reduce import balance
 from mbdlft.lft.triangle import solve_loops
 
+_EPS = float(np.finfo(float).eps)
 _POINTS = 3  # generic values of the other deltas; the next are for what is doubtful at the first
 _UNCERTAIN = 2.0**-44  # of the size of an entry of the LFT, what may be wrong with it
 _CLEAR = 64.0  # a singular value counts from this many times the error on; the error is one sample
@@ -44,6 +45,11 @@ _ROUNDING = (
 _MORE_POINTS = 2  # on the circle than the degree needs
 _CENTER = 0.6  # of the range of a delta, where generic values are taken
 _INSIDE = 0.9  # radius of the circle over the distance of the nearest pole
+_CLOSE = 0.3  # of the distance of a pole from zero: others that near are in one ring with it
+_SCALINGS = 3  # of rows and columns, until the error is of one size
+_RINGS = (0.5, 0.2)  # radii of rings over the distance to the next
+_AROUND = 1.5  # times the distance of the poles from their center, a ring has at least
+_FAR = 1e-3  # of the largest reciprocal of a pole: smaller ones are poles at infinity
 
 
 class Bound(NamedTuple):
@@ -179,10 +185,10 @@ def _triangular(one: _Realization) -> _Realization:
 
 
 def _bound(one: _Realization, twin: _Realization, random: np.random.Generator) -> Bound:
-    """What the first circle without a doubt proves, or else the best one."""
+    """What the first points without a doubt prove, or else the best ones."""
     found = []
-    for radius in _radii(one.A):
-        found.append(_degree(one, twin, radius, random))
+    for points in _points(one.A, random):
+        found.append(_degree(one, twin, points, random))
         if not found[-1].doubtful:
             break
     return max(found, key=_preference)
@@ -193,33 +199,74 @@ def _preference(bound: Bound) -> tuple[int, int]:
     return bound.degree, -bound.doubtful
 
 
-def _radii(A: NDArray[Any]) -> list[float]:
-    """Circles with all poles outside on which powers of z A do not vanish, and the unit circle."""
+def _points(A: NDArray[Any], random: np.random.Generator) -> Iterator[NDArray[Any]]:
+    """Points lambda, mu in turn: circles with all poles outside, the unit circle, rings about the poles.
+
+    On the second circle powers of z A do not vanish. Rings show poles of high order and poles that are
+    close to each other, which are felt little from afar.
+    """
+    count = len(A) + _MORE_POINTS
     poles, norm = float(np.max(np.abs(np.diagonal(A)))), float(np.linalg.norm(A, 2))
-    return [_INSIDE / size if size > _UNCERTAIN else 1.0 for size in (poles, norm)] + [1.0]
+    for size in (poles, norm):
+        yield _circle(_INSIDE / size if size > _UNCERTAIN else 1.0, count, random)
+    yield _circle(1.0, count, random)
+    for part in _RINGS:
+        rings = _rings(np.diagonal(A), part)
+        circles = [c + _circle(radius, m + _MORE_POINTS, random) for c, radius, m in rings]
+        yield np.concatenate(circles)
+
+
+def _circle(radius: float, count: int, random: np.random.Generator) -> NDArray[Any]:
+    angles = (np.arange(2 * count) + random.uniform()) * np.pi / count
+    return np.asarray(radius * np.exp(1j * angles))
+
+
+def _rings(reciprocals: NDArray[Any], part: float) -> list[tuple[complex, float, int]]:
+    """Center and radius of circles, each about poles that are close to each other, and their number.
+
+    The poles are given by their reciprocals; the radius is a part of the distance to the next ones. Those
+    at infinity are inside of the largest circle, seen from there.
+    """
+    near = np.abs(reciprocals) > _FAR * np.max(np.abs(reciprocals))
+    poles = 1.0 / reciprocals[near]
+    groups: list[NDArray[Any]] = []
+    while len(poles):
+        close = np.abs(poles - poles[0]) <= _CLOSE * np.abs(poles[0])
+        groups.append(poles[close])
+        poles = poles[~close]
+    centers = np.array([np.mean(group) for group in groups])
+    rings = []
+    for k, group in enumerate(groups):
+        away = np.append(np.delete(np.abs(centers - centers[k]), k), np.abs(centers[k]))
+        spread = np.max(np.abs(group - centers[k]))
+        radius = max(part * float(np.min(away)), _AROUND * float(spread))
+        rings.append((complex(centers[k]), radius, len(group)))
+    if not np.all(near):
+        largest = 2.0 * float(np.max(np.abs(centers), initial=0.0)) or 1.0
+        rings.append((0j, largest, int(np.sum(~near))))
+    return rings
 
 
 def _degree(
-    one: _Realization, twin: _Realization, radius: float, random: np.random.Generator
+    one: _Realization, twin: _Realization, points: NDArray[Any], random: np.random.Generator
 ) -> Bound:
-    """What the Loewner matrix on one circle proves."""
-    most = len(one.A)
-    count = most + _MORE_POINTS
-    angles = (np.arange(2 * count) + random.uniform()) * np.pi / count
-    circle = radius * np.exp(1j * angles)
-    rows, columns = _noise_scales(*_sizes(one, twin, circle[:: count // 2]))
+    """What the Loewner matrix at points lambda, mu in turn proves."""
+    most, count = len(one.A), len(points) // 2
+    rows, columns = _noise_scales(*_sizes(one, twin, points[:: max(1, count // 2)]))
     left = rows[:, None] * random.standard_normal((len(rows), count))
     right = columns[:, None] * random.standard_normal((len(columns), count))
     L, other = (
-        _left(item, circle[::2], item.C.T @ left).T @ _right(item, circle[1::2], item.B @ right)
+        _left(item, points[::2], item.C.T @ left).T @ _right(item, points[1::2], item.B @ right)
         for item in (one, twin)
     )
-    rows, columns = _noise_scales(np.abs(L), np.abs(other - L))
-    L, other = (rows[:, None] * item * columns for item in (L, other))
+    for _ in range(_SCALINGS):
+        rows, columns = _noise_scales(np.abs(L), np.abs(other - L))
+        L, other = (rows[:, None] * item * columns for item in (L, other))
     if not (np.all(np.isfinite(L)) and np.all(np.isfinite(other))):
         return Bound(0, most)
     values = np.linalg.svd(L, compute_uv=False)
-    noise = np.linalg.norm(other - L, 2)
+    # the error may happen to vanish, but not the rounding of L itself
+    noise = max(np.linalg.norm(other - L, 2), _EPS * np.max(values, initial=0.0))
     degree = min(most, int(np.sum(values > _CLEAR * noise)))
     possible = min(most, int(np.sum(values > _ROUNDING * noise)))
     return Bound(degree, possible - degree)

@@ -318,7 +318,7 @@ def _rank(values: Array) -> int:
 def _null_space(matrix: Complex, rank: int) -> Complex:
     """Orthonormal vectors (columns, columns - rank) of the null space of a matrix of known rank."""
     if len(matrix) > matrix.shape[1]:
-        matrix = np.linalg.qr(matrix, mode="r")
+        matrix = np.asarray(np.linalg.qr(matrix, mode="r"))
     _, values, right = np.linalg.svd(matrix)
     if _rank(values) != rank:
         raise _DoubtError

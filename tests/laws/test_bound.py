@@ -14,7 +14,7 @@ import mbdlft
 from mbdlft.extract import extract
 from mbdlft.lft import bound
 from mbdlft.lft.bound import Bound, degree_bounds, lower_bound
-from mbdlft.lft.lft import LFT, Block, delta, stack_diagonal
+from mbdlft.lft.lft import LFT, Block, delta, inverse, stack_diagonal
 from mbdlft.lft.reduce import reduce_order
 from mbdlft.linearize import linearize
 from mbdlft.scene import assemble
@@ -109,6 +109,57 @@ def law_degrees(a: LFT) -> None:
 @given(sparse_lfts())
 def test_degrees_of_exact_arithmetic(a: LFT) -> None:
     law_degrees(a)
+
+
+def some_lft(seed: int) -> LFT:
+    """Up to 12 channels, few entries, small fractions: most of them matter to nothing."""
+    random = np.random.default_rng(seed)
+    blocks = tuple(Block(name, int(random.integers(0, 7))) for name in ("a", "b"))
+    n, n_out, n_in = sum(block.size for block in blocks), *random.integers(1, 4, 2)
+    density = random.choice([0.1, 0.15, 0.3, 0.6])
+
+    def some(rows: int, columns: int) -> np.ndarray:
+        entries = random.integers(-3, 4, (rows, columns)) / DENOMINATOR
+        return entries * (random.random((rows, columns)) < density)
+
+    return LFT(some(n, n), some(n, n_in), some(n_out, n), some(n_out, n_in), blocks)
+
+
+def law_error_that_vanishes() -> None:
+    """Moving the entries changes nothing at some points: what is left is the rounding of the matrix."""
+    for seed in (305, 4004, 8177):
+        law_degrees(some_lft(seed))
+
+
+def test_error_that_vanishes() -> None:
+    law_error_that_vanishes()
+
+
+def test_planted_error_of_zero_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bound, "_EPS", 0.0)
+    with pytest.raises(AssertionError):
+        law_error_that_vanishes()
+
+
+def law_poles_of_high_order() -> None:
+    """(1 + x^2)^-10 with x = 0.75 + t/4: two poles of order 10."""
+    x = np.array([[0.75]]) + 0.25 * np.eye(1) @ delta("t")
+    factor = inverse(np.eye(1) + x @ x)
+    a = factor
+    for _ in range(9):
+        a = a @ factor
+    assert degree_bounds(reduce_order(a))["t"] == Bound(20, 0)
+
+
+def test_poles_of_high_order() -> None:
+    law_poles_of_high_order()
+
+
+def test_planted_circles_alone_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without rings about the poles 16 are proved."""
+    monkeypatch.setattr(bound, "_RINGS", ())
+    with pytest.raises(AssertionError):
+        law_poles_of_high_order()
 
 
 @pytest.mark.parametrize(
