@@ -44,7 +44,7 @@ Search = Annotated[
 ]
 SceneFile = Annotated[Path, typer.Argument(help="Scene, a TOML file.")]
 _EPS = sys.float_info.epsilon
-SEARCH_SECONDS = 2.0  # as mbdlft.build.SEARCH, which is slow to import
+SEARCH_SECONDS = 4.0  # as mbdlft.build.SEARCH, which is slow to import
 app.command("import")(import_robot)
 app.command()(body)
 app.command()(sweep)
