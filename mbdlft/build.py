@@ -33,6 +33,7 @@ from mbdlft.trim import trim_efforts
 SEED = 0
 _LOSSY = 5e-15  # error of a model above which another way of reducing it is tried
 _MOST_RETRIED = 200  # channels before reduction; for more it would take too long
+_LARGE = 120  # channels: from there on the bound by pairs comes before the search
 SEARCH = 4.0  # s; some milliseconds are enough where the order meets the bound at once
 
 
@@ -183,25 +184,34 @@ def _searched(
 ) -> tuple[LFT, int]:
     """The smallest LFT that is found from the relations or from the closed one, and the bound.
 
-    In the relations masses and lengths are polynomial; closing them can hide that parameters cancel.
+    In the relations masses and lengths are polynomial; closing them can hide that parameters cancel. A
+    descent of a large LFT takes long and finds little: there the bound by pairs comes first.
     """
     start = time.thread_time()
+
+    def left() -> float:
+        return seconds - (time.thread_time() - start)
+
+    def by_pairs(one: LFT, stop: Callable[[], bool]) -> int:
+        return joint_bound(one, bound, stop)
+
+    order_bound = sum(bound.values())
+    if lft.order > _LARGE:
+        order_bound = by_pairs(lft, lambda: left() < 0.5 * seconds)
     found = reduce_commuting(
         [relations],
         bound,
-        0.5 * seconds,
-        lambda one, stop: joint_bound(one, bound, stop),
+        0.5 * left(),
+        by_pairs if lft.order <= _LARGE else lambda one, stop: order_bound,
         close,
         truth,
     )
+    order_bound = max(order_bound, found.order_bound)
     smallest = min(lft, close(found.lft), key=lambda candidate: candidate.order)
-    left = seconds - (time.thread_time() - start)
-    if smallest.order > found.order_bound and left > 0.0:
-        again = reduce_commuting(
-            [lft], bound, left, lambda one, stop: found.order_bound, truth=truth
-        )
+    if smallest.order > order_bound and left() > 0.0:
+        again = reduce_commuting([lft], bound, left(), lambda one, stop: order_bound, truth=truth)
         smallest = min(smallest, again.lft, key=lambda candidate: candidate.order)
-    return smallest, found.order_bound
+    return smallest, order_bound
 
 
 def _state_space(
