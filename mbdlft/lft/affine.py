@@ -10,7 +10,7 @@ Which other deltas are opened before, and so stay outside of B, decides about th
 stands inside of the lengths needs no copy of them.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from scipy.linalg import qr
@@ -37,7 +37,11 @@ _RANK = 1e-8  # of the largest pivot: a direction below is rounding
 
 
 def move_affine(
-    a: LFT, outside: Iterable[str], moved: Iterable[str], most: int | None = None
+    a: LFT,
+    outside: Iterable[str],
+    moved: Iterable[str],
+    most: int | None = None,
+    stop: Callable[[], bool] = lambda: False,
 ) -> LFT | None:
     """The same value, with affine deltas on one side of all but the deltas outside.
 
@@ -48,6 +52,8 @@ def move_affine(
     moved : names of deltas; those that do not enter affinely stay where they are
     most : int
         Channels: None is returned where what is left on the way has more.
+    stop : function
+        Asked before each delta whether the time is over; then None is returned.
 
     Raises
     ------
@@ -59,6 +65,8 @@ def move_affine(
         opened.append(Block(name, dict(a.blocks)[name]))
         a = open_block(a, name)
     for name in moved:
+        if stop():
+            return None
         found = _moved(a, name)
         if found is not None:
             size, a = found

@@ -159,7 +159,7 @@ def reduce_commuting(
     forms = [form for form in forms if {block.name for block in form.blocks} == used]
     search = _Search(bound, lambda: time.thread_time() > deadline, forms[0], finish, truth)
     origin = forms[0]
-    for form in _moved(origin) if not search.stop() else ():
+    for form in _moved(origin, search.stop):
         if form.order < forms[0].order and _keeps(form, search):
             forms.insert(0, form)
     best, seed, bounded = forms[0], 0, False
@@ -192,14 +192,14 @@ def reduce_commuting(
     return Smallest(with_blocks(best, names), search.target)
 
 
-def _moved(a: LFT) -> Iterator[LFT]:
+def _moved(a: LFT, stop: Callable[[], bool]) -> Iterator[LFT]:
     """Forms of the same value with the affine deltas moved: inside of other polynomial ones, or not."""
-    affine = [name for name, _ in a.blocks if is_affine(a, name)]
+    affine = [name for name, _ in a.blocks if not stop() and is_affine(a, name)]
     if affine:
         others = [name for name, _ in a.blocks if name not in affine and is_polynomial(a, name)]
         for outside in (others, ()):
             try:
-                found = move_affine(a, outside, affine, _GROWTH * a.order + 30)
+                found = move_affine(a, outside, affine, _GROWTH * a.order + 30, stop)
             except WellPosednessError:
                 continue
             if found is not None:

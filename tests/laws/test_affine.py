@@ -7,10 +7,12 @@
 5. a result that is wrong once it is finished is refused
 """
 
+import time
+
 import numpy as np
 import pytest
 
-from mbdlft.build import _state_space
+from mbdlft.build import _state_space, build
 from mbdlft.extract import extract
 from mbdlft.lft import affine, commute
 from mbdlft.lft.affine import is_affine, is_polynomial, move_affine
@@ -144,3 +146,23 @@ def test_finished_relations_of_a_chain_are_kept() -> None:
     found = move_affine(a, ("L0", "L1", "L2"), ("m0", "m1", "m2"))
     assert found is not None
     assert commute._keeps(found, search)
+
+
+def law_budget() -> None:
+    """A search of half a second ends about then, also where one look at all parameters takes longer."""
+    start = time.thread_time()
+    build(chain(10, spatial=False), 0.0)
+    middle = time.thread_time()
+    build(chain(10, spatial=False), 0.5)
+    assert time.thread_time() - middle < 1.5 * (middle - start) + 1.5
+
+
+def test_budget() -> None:
+    law_budget()
+
+
+def test_planted_search_that_never_stops_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = commute._moved
+    monkeypatch.setattr(commute, "_moved", lambda a, stop: right(a, lambda: False))
+    with pytest.raises(AssertionError):
+        law_budget()
