@@ -33,6 +33,7 @@ from mbdlft.trim import trim_efforts
 SEED = 0
 _LOSSY = 5e-15  # error of a model above which another way of reducing it is tried
 _MOST_RETRIED = 200  # channels before reduction; for more it would take too long
+_MOST_SEARCHED = 1000  # channels: one look at more takes minutes
 _LARGE = 120  # channels: from there on the bound by pairs comes before the search
 SEARCH = 4.0  # s; some milliseconds are enough where the order meets the bound at once
 
@@ -68,7 +69,8 @@ def to_lft(scene: Scene, search: float = SEARCH) -> LFTModel:
     scene : Scene
     search : float
         Seconds to look for a smaller model by using that parameters commute, and for a better lower
-        bound by pairs of parameters; it ends at once when the order meets the bound. 0: neither.
+        bound by pairs of parameters; it ends at once when the order meets the bound. 0: neither. Models
+        of more than 1000 repetitions are not searched.
 
     Raises
     ------
@@ -137,7 +139,7 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
         degrees = degree_bounds(lft, close(moved(reduced, SEED)), SEED)
         bound = {name: found.degree for name, found in degrees.items()}
     order_bound = sum(bound.values())
-    if search > 0.0 and lft.order > order_bound:
+    if search > 0.0 and order_bound < lft.order <= _MOST_SEARCHED:
         with clock.stage("search"):
             lft, order_bound = _searched(reduced, lft, close, solve(reduced), bound, search)
     with clock.stage("check"):

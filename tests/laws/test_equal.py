@@ -78,3 +78,10 @@ def test_planted_search_of_relations_alone_is_found(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(build, "reduce_commuting", relations_alone)
     with pytest.raises(AssertionError):
         law_closing_shows_what_cancels()
+
+
+def test_very_large_models_are_not_searched(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = mbdlft.load_scene(SCENARIOS / "two_link_arm.toml")
+    assert mbdlft.to_lft(scene).order == 16
+    monkeypatch.setattr(build, "_MOST_SEARCHED", 16)
+    assert mbdlft.to_lft(scene).order == 17
