@@ -16,7 +16,7 @@ from mbdlft.equations import Equations
 from mbdlft.errors import SceneError, WellPosednessError, unknown_name
 from mbdlft.extract import extract
 from mbdlft.lft.bound import degree_bounds, moved
-from mbdlft.lft.commute import reduce_commuting
+from mbdlft.lft.commute import LARGE, reduce_commuting
 from mbdlft.lft.joint import joint_bound
 from mbdlft.lft.lft import LFT, condition, eliminate, with_blocks
 from mbdlft.lft.model import LFTModel, Provenance, Trim
@@ -34,7 +34,6 @@ SEED = 0
 _LOSSY = 5e-15  # error of a model above which another way of reducing it is tried
 _MOST_RETRIED = 200  # channels before reduction; for more it would take too long
 _MOST_SEARCHED = 1000  # channels: one look at more takes minutes
-_LARGE = 120  # channels: from there on the bound by pairs comes before the search
 SEARCH = 4.0  # s; some milliseconds are enough where the order meets the bound at once
 
 
@@ -123,12 +122,16 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
     solve = partial(_state_space, equations, states, len(outputs))
     names = [parameter.name for parameter in equations.parameters]
 
-    def close(relations: LFT, *, extended: bool = False) -> LFT:
-        return with_blocks(reduce_order(solve(relations), extended=extended), names)
+    def small(closed: LFT, *, extended: bool = False) -> LFT:
+        return with_blocks(reduce_order(closed, extended=extended), names)
+
+    def close(relations: LFT) -> LFT:
+        return small(solve(relations))
 
     with clock.stage("reduce"):
         reduced = reduce_order(raw.lft)
-        lft = close(reduced)
+        closed = solve(reduced)
+        lft = small(closed)
         is_elastic = any(isinstance(body, ElasticBody) for body in scene.bodies)
         if is_elastic:
             # stiffnesses beside inertias: a reduction keeps more digits of M^-1 K than of M and K
@@ -141,7 +144,7 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
     order_bound = sum(bound.values())
     if search > 0.0 and order_bound < lft.order <= _MOST_SEARCHED:
         with clock.stage("search"):
-            lft, order_bound = _searched(reduced, lft, close, solve(reduced), bound, search)
+            lft, order_bound = _searched(reduced, lft, close, closed, bound, search)
     with clock.stage("check"):
         measure = partial(
             measure_error, equations, inputs, outputs, trim=trim.lft, seed=SEED, need=need
@@ -149,7 +152,7 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
         error, reference = measure(lft)
         retry = lft is unsearched and raw.order <= _MOST_RETRIED and not is_elastic
         if retry and error > _LOSSY:
-            other = close(raw.whole(), extended=True)
+            other = small(solve(raw.whole()), extended=True)
             if other.order <= lft.order:
                 again, _ = measure(other, known=reference)
                 lft, error = (other, again) if again < error else (lft, error)
@@ -197,17 +200,11 @@ def _searched(
     def by_pairs(one: LFT, stop: Callable[[], bool]) -> int:
         return joint_bound(one, bound, stop)
 
-    order_bound = sum(bound.values())
-    if lft.order > _LARGE:
+    order_bound, joint = sum(bound.values()), by_pairs
+    if lft.order > LARGE:
         order_bound = by_pairs(lft, lambda: left() < 0.5 * seconds)
-    found = reduce_commuting(
-        [relations],
-        bound,
-        0.5 * left(),
-        by_pairs if lft.order <= _LARGE else lambda one, stop: order_bound,
-        close,
-        truth,
-    )
+        joint = lambda one, stop: order_bound  # noqa: E731
+    found = reduce_commuting([relations], bound, 0.5 * left(), joint, close, truth)
     order_bound = max(order_bound, found.order_bound)
     smallest = min(lft, close(found.lft), key=lambda candidate: candidate.order)
     if smallest.order > order_bound and left() > 0.0:

@@ -112,7 +112,7 @@ def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> 
     with clock.stage("extract"):
         ways = _extract(problem, resolved)
     with clock.stage("reduce"):
-        forms = [reduce_order(way) for way, _, _ in ways]
+        forms = [reduce_order(way.lft) for way in ways]
         channels, reduced = min(
             ((way.channels, form) for way, form in zip(ways, forms, strict=True)),
             key=lambda pair: pair[1].order,

@@ -47,7 +47,7 @@ _HOPELESS = 8  # a score this much above the smallest LFT is not followed
 _TRIED = 4  # steps that are made for each that is followed
 _ORDERS = 8  # that are tried after a descent
 _LEVELS = (1, 3)  # efforts of the first descents
-_LARGE = 120  # channels: from there on the bound by pairs waits for the end of a first descent
+LARGE = 120  # channels: from there on the bound by pairs waits for the end of a first descent
 _ATTEMPTS = 8  # descents from each form, with other random choices
 _FAR = 3  # a form this much larger than the smallest is not started from
 _GROWTH = 2  # of the order, that LFTs on the way may have
@@ -168,7 +168,7 @@ def reduce_commuting(
         return best.order <= search.target or search.stop()
 
     # where moving was enough there may be nothing to search for; pairs take long for many deltas
-    if best is not origin and best.order <= _LARGE and not is_over():
+    if best is not origin and best.order <= LARGE and not is_over():
         search.target, bounded = joint(search.finished(best), search.stop), True
     for attempt in range(_ATTEMPTS):
         efforts = EFFORTS[: _LEVELS[attempt]] if attempt < len(_LEVELS) else EFFORTS
@@ -179,7 +179,7 @@ def reduce_commuting(
                 level = level if smaller.order < found.order else level + 1
                 found, seed = smaller, seed + 1
                 best = found if found.order < best.order else best
-                if not (bounded or is_over()) and (attempt > 0 or best.order <= _LARGE):
+                if not (bounded or is_over()) and (attempt > 0 or best.order <= LARGE):
                     search.target, bounded = joint(search.finished(best), search.stop), True
         for k in range(_ORDERS):
             if is_over():

@@ -103,8 +103,7 @@ def _agrees(a: LFT, points: Array, values: Array, lost: NDArray[np.bool_]) -> bo
     """Whether values are the dense ones at some of the points that are not lost, up to rounding."""
     probes = np.unique(np.linspace(0, len(points) - 1, _PROBES).astype(int))
     probes = probes[~lost[probes]]
-    expected = np.repeat(a.M22[None], len(probes), axis=0)
-    sizes = _dense(a, points[probes], expected, sized=True)
+    expected, sizes = values_and_sizes(a, points[probes])
     return bool(np.all(np.abs(values[probes] - expected) <= _ROUNDING * a.order * sizes))
 
 
