@@ -200,6 +200,9 @@ def _searched(
     def by_pairs(one: LFT, stop: Callable[[], bool]) -> int:
         return joint_bound(one, bound, stop)
 
+    def at_least(one: LFT, stop: Callable[[], bool]) -> int:
+        return max(order_bound, by_pairs(one, stop))
+
     order_bound, joint = sum(bound.values()), by_pairs
     if lft.order > LARGE:
         order_bound = by_pairs(lft, lambda: left() < 0.5 * seconds)
@@ -208,7 +211,8 @@ def _searched(
     order_bound = max(order_bound, found.order_bound)
     smallest = min(lft, close(found.lft), key=lambda candidate: candidate.order)
     if smallest.order > order_bound and left() > 0.0:
-        again = reduce_commuting([lft], bound, left(), lambda one, stop: order_bound, truth=truth)
+        again = reduce_commuting([lft], bound, left(), at_least, truth=truth)
+        order_bound = max(order_bound, again.order_bound)
         smallest = min(smallest, again.lft, key=lambda candidate: candidate.order)
     return smallest, order_bound
 

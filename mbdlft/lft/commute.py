@@ -15,6 +15,7 @@ closed again: that is an LFT of equal value, and if it is smaller, it is the res
 again from there, until nothing smaller is found with the most effort.
 """
 
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Literal, NamedTuple
@@ -36,13 +37,21 @@ from mbdlft.lft.basis import (
     open_block,
     settle,
 )
-from mbdlft.lft.equal import Truth, is_same, part_of_largest, part_of_row_and_column
+from mbdlft.lft.equal import (
+    Truth,
+    is_same,
+    part_of_either,
+    part_of_largest,
+    part_of_row_and_column,
+)
 from mbdlft.lft.exchange import search_exchanges
+from mbdlft.lft.independent import independent
 from mbdlft.lft.lft import LFT, Array, Block, with_blocks
 from mbdlft.lft.lines import Lines, Values, lines_of, total_degree, values_on
 from mbdlft.lft.reduce import reduce_order
 
 _SHIFT = (0.1, 0.3)  # of the range: the search runs around a point where nothing vanishes by chance
+_NEAR = 8  # so many channels more than the smallest LFT may turn out to be dependent
 _HOPELESS = 8  # a score this much above the smallest LFT is not followed
 _TRIED = 4  # steps that are made for each that is followed
 _ORDERS = 8  # that are tried after a descent
@@ -50,6 +59,7 @@ _LEVELS = (1, 3)  # efforts of the first descents
 LARGE = 120  # channels: from there on the bound by pairs waits for the end of a first descent
 _ATTEMPTS = 8  # descents from each form, with other random choices
 _FAR = 3  # a form this much larger than the smallest is not started from
+_QUICK = 0.1  # of the budget: the bound by pairs is asked for again if it took less
 _GROWTH = 2  # of the order, that LFTs on the way may have
 
 
@@ -137,8 +147,8 @@ def reduce_commuting(
         Budget of processor time of this thread (s), so that a busy machine finds the same; what is
         tried, and in which order, does not depend on it.
     joint : function of an LFT and of a function that says when to stop
-        A lower bound on the order that may be better than the sum of `bound`; asked for once, when a
-        first descent has not reached that sum.
+        A lower bound on the order that may be better than the sum of `bound`; asked for when a first
+        descent has not reached that sum, and for smaller LFTs, where ranks are clearer, if it is quick.
     finish : function of an LFT
         What becomes of the result, if it is not used as it is. That has to keep its values too: solving
         for accelerations makes rounding larger.
@@ -158,18 +168,20 @@ def reduce_commuting(
     used = {block.name for block in forms[0].blocks}  # the least that the value depends on
     forms = [form for form in forms if {block.name for block in form.blocks} == used]
     search = _Search(bound, lambda: time.thread_time() > deadline, forms[0], finish, truth)
+    by_pairs = _ByPairs(search, joint, _QUICK * seconds)
     origin = forms[0]
-    for form in _moved(origin, search.stop):
+    apart = [independent(form) for form in forms if not search.stop()]
+    for form in (*apart, *_moved(origin, search.stop)):
         if form.order < forms[0].order and _keeps(form, search):
             forms.insert(0, form)
-    best, seed, bounded = forms[0], 0, False
+    best, seed = forms[0], 0
 
     def is_over() -> bool:
         return best.order <= search.target or search.stop()
 
     # where moving was enough there may be nothing to search for; pairs take long for many deltas
     if best is not origin and best.order <= LARGE and not is_over():
-        search.target, bounded = joint(search.finished(best), search.stop), True
+        by_pairs.raise_target(best)
     for attempt in range(_ATTEMPTS):
         efforts = EFFORTS[: _LEVELS[attempt]] if attempt < len(_LEVELS) else EFFORTS
         for form in forms if attempt > 1 else [best]:
@@ -179,8 +191,8 @@ def reduce_commuting(
                 level = level if smaller.order < found.order else level + 1
                 found, seed = smaller, seed + 1
                 best = found if found.order < best.order else best
-                if not (bounded or is_over()) and (attempt > 0 or best.order <= LARGE):
-                    search.target, bounded = joint(search.finished(best), search.stop), True
+                if not is_over() and (attempt > 0 or best.order <= LARGE):
+                    by_pairs.raise_target(best)
         for k in range(_ORDERS):
             if is_over():
                 break
@@ -221,11 +233,31 @@ class _Search:
         self.finish = finish
         self.as_it_is = None if finish is None else Truth(lambda: form, part_of_largest)
         floor = part_of_largest if finish is None else part_of_row_and_column
+        if finish is None and truth is not None:
+            floor = part_of_either
         self.as_finished = Truth(lambda: self.finished(form) if truth is None else truth, floor)
 
     def finished(self, found: LFT) -> LFT:
         """What becomes of a result."""
         return found if self.finish is None else self.finish(found)
+
+
+class _ByPairs:
+    """The bound by pairs, for ever smaller LFTs as long as it is quick."""
+
+    def __init__(
+        self, search: _Search, joint: Callable[[LFT, Callable[[], bool]], int], quick: float
+    ) -> None:
+        self._search, self._joint, self._left = search, joint, quick
+        self._order = math.inf
+
+    def raise_target(self, best: LFT) -> None:
+        """Ask for the bound if `best` is smaller than the LFT that it was asked for before."""
+        if best.order >= self._order or self._left <= 0.0:
+            return
+        search, start, self._order = self._search, time.thread_time(), best.order
+        search.target = max(search.target, self._joint(search.finished(best), search.stop))
+        self._left -= time.thread_time() - start
 
 
 def _pass(a: LFT, search: _Search, effort: Effort, seed: int) -> LFT:
@@ -241,8 +273,12 @@ def _pass(a: LFT, search: _Search, effort: Effort, seed: int) -> LFT:
             closed = close_block(closed, block)
         try:
             closed = reduce_order(_around(closed, -shift))
-            return closed if closed.order < best.order and _keeps(closed, search) else None
-        except WellPosednessError:
+            near = closed.order < best.order + _NEAR
+            for found in (independent(closed), closed) if near else (closed,):
+                if found.order < best.order and _keeps(found, search):
+                    return found
+            return None
+        except (WellPosednessError, np.linalg.LinAlgError):
             return None
 
     problem = _Problem(

@@ -75,6 +75,11 @@ def part_of_row_and_column(values: Array) -> Array:
     return np.asarray(_CANCELED * used / np.outer(rows, columns))
 
 
+def part_of_either(values: Array) -> Array:
+    """(rows, columns); the larger of the two: for rows that are zero but for rounding, too."""
+    return np.maximum(part_of_largest(values), part_of_row_and_column(values))
+
+
 def _check_points(count: int) -> Array:
     """Random points and corners of the unit box (N, count)."""
     points = np.random.default_rng(1).uniform(-1.0, 1.0, (2 * _POINTS, count))

@@ -22,7 +22,7 @@ otherwise the pair does not count.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from itertools import combinations
+from itertools import combinations, takewhile
 from typing import NamedTuple
 
 import numpy as np
@@ -61,14 +61,20 @@ class Pair(NamedTuple):
 
 
 class _Obstruction(NamedTuple):
-    """h = dim X; the degree kappa of the first delta; the Euler characteristic of G(-1, -1).
+    """h_1 = h, h_2, ... as far as they are not zero; kappa of the first delta; the Euler
+    characteristic of G(-1, -1).
 
     h and the characteristic do not depend on which of the two deltas is the first.
     """
 
-    dimension: int
+    dimensions: tuple[int, ...]
     kappa: int
     characteristic: int
+
+    @property
+    def more(self) -> int:
+        """Repetitions above its degree that the second needs if the first has none."""
+        return max(math.ceil(h / self.kappa) + before for before, h in enumerate(self.dimensions))
 
 
 class _DoubtError(Exception):
@@ -190,13 +196,13 @@ def _pair_at(
         return None
     H = _compressed(a, random)
     forth = _obstruction(H, first, second, degrees, random)
-    if not forth.dimension:
+    if not forth.dimensions:
         return None
     back = _obstruction(H, second, first, degrees, random)
-    h = forth.dimension
-    if (h, forth.characteristic) != (back.dimension, back.characteristic):
+    same = forth.dimensions[:1] == back.dimensions[:1]
+    if not same or forth.characteristic != back.characteristic:
         raise _DoubtError
-    return Pair(first, second, math.ceil(h / back.kappa), math.ceil(h / forth.kappa))
+    return Pair(first, second, back.more, forth.more)
 
 
 def _compressed(a: LFT, random: np.random.Generator) -> LFT:
@@ -237,7 +243,7 @@ def _obstruction(
     """h and kappa of an LFT in two deltas, the first of them called a and the second b above."""
     q, degree = H.shape[1], degrees[second]
     if q <= 1:
-        return _Obstruction(0, 1, degrees[first] * degree)  # G is a line bundle
+        return _Obstruction((), 1, degrees[first] * degree)  # G is a line bundle
     length = degree + 2
     if q * length > _MOST_COEFFICIENTS:
         raise _DoubtError
@@ -276,7 +282,8 @@ def _obstruction(
     basis, b = basis[:, :size], np.tile(circle, len(outer))
     if size - _inside(basis, b, 1) != degrees[first]:
         raise _DoubtError
-    return _Obstruction(_inside(basis, b, length), k, degrees[first] * length - size)
+    dimensions = takewhile(bool, (_inside(basis, b, length + j) for j in range(degree + 1)))
+    return _Obstruction(tuple(dimensions), k, degrees[first] * length - size)
 
 
 def _radius(a: LFT, name: str) -> float:

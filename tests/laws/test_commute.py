@@ -215,7 +215,8 @@ def test_planted_candidates_are_refused(monkeypatch: pytest.MonkeyPatch) -> None
 
     assert smallest(plain, 5.0).order == 3
     monkeypatch.setattr(commute, "choose", wrong)
-    monkeypatch.setattr(commute, "_moved", lambda a, stop: ())  # would be enough here
+    monkeypatch.setattr(commute, "_moved", lambda a, stop: ())  # these would be enough here
+    monkeypatch.setattr(commute, "independent", lambda a: a)
     assert smallest(plain, 1.0) is plain
     monkeypatch.setattr(commute, "_keeps", lambda candidate, search: True)
     small = smallest(plain, 1.0)

@@ -94,6 +94,30 @@ def test_planar_and_spatial_chains() -> None:
     assert planar.order == 90
 
 
+def law_deeper() -> None:
+    """Three links in space: H^1(G(-1, -2)) is not zero, so one line b = const is not enough."""
+    a = relations(3, spatial=True)
+    (pair,) = (p for p in joint.pair_bounds(a, lower_bound(a)) if p[:2] == ("L1", "t2"))
+    assert (pair.first_more, pair.second_more) == (1, 2)
+
+
+def test_deeper_sections_need_more_lines() -> None:
+    law_deeper()
+
+
+def test_planted_depth_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only the sections that vanish once."""
+    right = joint._obstruction
+
+    def planted(*arguments: Any) -> Any:
+        found = right(*arguments)
+        return found._replace(dimensions=found.dimensions[:1])
+
+    monkeypatch.setattr(joint, "_obstruction", planted)
+    with pytest.raises(AssertionError):
+        law_deeper()
+
+
 def test_a_matrix_of_the_literature() -> None:
     law_table(16, 17, o8())
 
