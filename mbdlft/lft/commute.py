@@ -54,7 +54,7 @@ _SHIFT = (0.1, 0.3)  # of the range: the search runs around a point where nothin
 _NEAR = 8  # so many channels more than the smallest LFT may turn out to be dependent
 _HOPELESS = 8  # a score this much above the smallest LFT is not followed
 _TRIED = 4  # steps that are made for each that is followed
-_ORDERS = 8  # that are tried after a descent
+_ORDERS = 8  # that are tried in vain after a descent
 _LEVELS = (1, 3)  # efforts of the first descents
 LARGE = 120  # channels: from there on the bound by pairs waits for the end of a first descent
 _ATTEMPTS = 8  # descents from each form, with other random choices
@@ -193,10 +193,11 @@ def reduce_commuting(
                 best = found if found.order < best.order else best
                 if not is_over() and (attempt > 0 or best.order <= LARGE):
                     by_pairs.raise_target(best)
-        for k in range(_ORDERS):
-            if is_over():
-                break
-            found, seed = _pass(origin, search, ORDERED[min(k, 1)], seed), seed + 1
+        tried = 0  # since the last success; from the first form and from the best in turn
+        while tried < _ORDERS and not is_over():
+            form = origin if tried % 2 == 0 else best
+            found, seed = _pass(form, search, ORDERED[min(tried, 1)], seed), seed + 1
+            tried = 1 if found.order < best.order else tried + 1
             best = found if found.order < best.order else best
     if best.order == smallest.order:
         return Smallest(smallest, search.target)
