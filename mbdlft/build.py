@@ -33,7 +33,7 @@ from mbdlft.trim import trim_efforts
 SEED = 0
 _LOSSY = 5e-15  # error of a model above which another way of reducing it is tried
 _MOST_RETRIED = 200  # channels before reduction; for more it would take too long
-_HALF, _MOST = 0.5, 0.8  # of the search: for the relations
+_HALF, _MOST = 0.5, 0.8  # of the search for the relations; the rest is for the closed model
 _MOST_SEARCHED = 1000  # channels: one look at more takes minutes
 SEARCH = 4.0  # s; some milliseconds are enough where the order meets the bound at once
 
@@ -208,7 +208,7 @@ def _searched(
     if lft.order > LARGE:
         order_bound = by_pairs(lft, lambda: left() < 0.5 * seconds)
         joint = lambda one, stop: order_bound  # noqa: E731
-    share = _HALF if lft.order < relations.order else _MOST  # nothing is hidden
+    share = _HALF if lft.order < relations.order else _MOST
     found = reduce_commuting([relations], bound, share * left(), joint, close, truth)
     order_bound = max(order_bound, found.order_bound)
     smallest = min(lft, close(found.lft), key=lambda candidate: candidate.order)

@@ -106,9 +106,8 @@ def _dependences(functions: Array, outputs: int) -> tuple[NDArray[np.intp], Arra
         return None
     change = null @ np.linalg.inv(part)
     change[np.abs(change) <= _NOISE] = 0.0
-    for column, pivot in zip(
-        change.T, outputs + pivots, strict=True
-    ):  # again, where it is not zero
+    # again, where they are not zero
+    for column, pivot in zip(change.T, outputs + pivots, strict=True):
         others = np.setdiff1d(np.flatnonzero(column), [pivot])
         column[others] = np.linalg.lstsq(triangle[:, others], -triangle[:, pivot])[0]
     return pivots, np.asarray(change / sizes[:, None] * sizes[outputs + pivots])

@@ -282,7 +282,8 @@ def _obstruction(
     basis, b = basis[:, :size], np.tile(circle, len(outer))
     if size - _inside(basis, b, 1) != degrees[first]:
         raise _DoubtError
-    dimensions = takewhile(bool, (_inside(basis, b, length + j) for j in range(degree + 1)))
+    # the points of the circle tell functions of these degrees apart, and no higher ones
+    dimensions = takewhile(bool, (_inside(basis, b, length + j) for j in range(_EXTRA + 1)))
     return _Obstruction(tuple(dimensions), k, degrees[first] * length - size)
 
 
