@@ -198,22 +198,19 @@ def _searched(
     def left() -> float:
         return seconds - (time.thread_time() - start)
 
-    def by_pairs(one: LFT, stop: Callable[[], bool]) -> int:
-        return joint_bound(one, bound, stop)
+    order_bound, is_large = sum(bound.values()), lft.order > LARGE
+    if is_large:
+        order_bound = joint_bound(lft, bound, lambda: left() < 0.5 * seconds)
 
-    def at_least(one: LFT, stop: Callable[[], bool]) -> int:
-        return max(order_bound, by_pairs(one, stop))
+    def joint(one: LFT, stop: Callable[[], bool]) -> int:
+        return order_bound if is_large else max(order_bound, joint_bound(one, bound, stop))
 
-    order_bound, joint = sum(bound.values()), by_pairs
-    if lft.order > LARGE:
-        order_bound = by_pairs(lft, lambda: left() < 0.5 * seconds)
-        joint = lambda one, stop: order_bound  # noqa: E731
     share = _HALF if lft.order < relations.order else _MOST
     found = reduce_commuting([relations], bound, share * left(), joint, close, truth)
     order_bound = max(order_bound, found.order_bound)
     smallest = min(lft, close(found.lft), key=lambda candidate: candidate.order)
     if smallest.order > order_bound and left() > 0.0:
-        again = reduce_commuting([lft, smallest], bound, left(), at_least, truth=truth)
+        again = reduce_commuting([lft, smallest], bound, left(), joint, truth=truth)
         order_bound = max(order_bound, again.order_bound)
         smallest = min(smallest, again.lft, key=lambda candidate: candidate.order)
     return smallest, order_bound

@@ -275,7 +275,8 @@ def _pass(a: LFT, search: _Search, effort: Effort, seed: int) -> LFT:
         try:
             closed = reduce_order(_around(closed, -shift))
             near = closed.order < best.order + _NEAR
-            for found in (independent(closed), closed) if near else (closed,):
+            apart = independent(closed) if near else closed
+            for found in dict.fromkeys((apart, closed)):  # once, if they are the same
                 if found.order < best.order and _keeps(found, search):
                     return found
             return None

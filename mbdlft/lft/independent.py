@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from mbdlft.lft.lft import LFT, Array, Block, transpose
+from mbdlft.lft.lines import channels_at, pole_distance
 from mbdlft.lft.reduce import reduce_order
 
 _SEED = 0
@@ -70,11 +71,12 @@ def _functions(a: LFT) -> Array:
     n, outputs = a.order, a.shape[0]
     random = np.random.default_rng(_SEED)
     points = int(_MORE_SAMPLES * (n + outputs) / outputs) + outputs
-    radii = [_radius(a.M11[part, part]) for part in a.slices().values()]
+    least, largest = _RADIUS
+    loops = [a.M11[part, part] for part in a.slices().values()]
+    radii = [max(least, _INSIDE * pole_distance(loop, largest / _INSIDE)) for loop in loops]
     phases = random.uniform(0.0, 2.0 * np.pi, (points, len(a.blocks)))
     deltas = np.repeat(radii * np.exp(1j * phases), [block.size for block in a.blocks], axis=1)
-    loops = np.eye(n) - a.M11.T * deltas[:, None, :]
-    Y = np.linalg.solve(loops, np.broadcast_to(a.M21.T, (points, n, outputs))).transpose(0, 2, 1)
+    Y = channels_at(a.M11.T, a.M21.T, deltas).transpose(0, 2, 1)
     values = Y * deltas[:, None, :]
     sizes = np.max(np.abs(values), axis=(0, 2))
     units = np.where(sizes > 0.0, sizes, 1.0)
@@ -82,12 +84,6 @@ def _functions(a: LFT) -> Array:
     both = np.concatenate([ones, values], axis=2) / units[:, None]
     rows = both.reshape(points * outputs, outputs + n)
     return np.vstack([rows.real, rows.imag])
-
-
-def _radius(loop: Array) -> float:
-    least, largest = _RADIUS
-    nearest = float(np.max(np.abs(np.linalg.eigvals(loop)), initial=0.0))
-    return float(np.clip(_INSIDE / nearest, least, largest)) if nearest > 0.0 else largest
 
 
 def _dependences(functions: Array, outputs: int) -> tuple[NDArray[np.intp], Array] | None:

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from mbdlft.errors import WellPosednessError
 from mbdlft.lft.lft import LFT, Array, check, fix, transpose
+from mbdlft.lft.lines import channels_at, pole_distance
 from mbdlft.lft.reduce import reduce_order
 
 Complex = NDArray[np.complex128]
@@ -290,8 +291,7 @@ def _obstruction(
 def _radius(a: LFT, name: str) -> float:
     """Of a circle with most poles outside, not far, when the other deltas are small."""
     part = a.slices()[name]
-    poles = np.abs(np.linalg.eigvals(a.M11[part, part]))
-    return float(1.0 / max(1.0 / _LARGEST, np.max(poles, initial=0.0)))
+    return pole_distance(a.M11[part, part], _LARGEST)
 
 
 def _circle(count: int, random: np.random.Generator) -> Complex:
@@ -308,9 +308,7 @@ def _values(a: LFT, points: Mapping[str, Complex]) -> Complex:
 def _factors(a: LFT, points: Mapping[str, Complex]) -> tuple[Complex, Complex]:
     """M21 Delta (N, n_out, n) and (I - M11 Delta)^-1 M12 (N, n, n_in)."""
     spread = np.stack([points[name] for name, size in a.blocks for _ in range(size)], axis=1)
-    loop = np.eye(a.order) - a.M11 * spread[:, None, :]
-    right = np.broadcast_to(a.M12.astype(complex), (len(spread), *a.M12.shape))
-    return a.M21 * spread[:, None, :], np.asarray(np.linalg.solve(loop, right))
+    return a.M21 * spread[:, None, :], channels_at(a.M11, a.M12, spread)
 
 
 def _rank(values: Array) -> int:

@@ -91,6 +91,18 @@ def values_on(a: LFT, lines: Lines, *, diagonal: bool = False) -> Values:
     return _without_noise(Values(circles, _values(A, B, C, D, along), box))
 
 
+def channels_at(M11: Array, M12: Array, deltas: NDArray[Any]) -> NDArray[Any]:
+    """z = (I - M11 Delta)^-1 M12 (points, channels, inputs) at deltas (points, channels)."""
+    loops = np.eye(len(M11)) - M11 * deltas[:, None, :]
+    right = np.broadcast_to(M12, (len(deltas), *M12.shape)).astype(deltas.dtype)
+    return np.asarray(np.linalg.solve(loops, right))
+
+
+def pole_distance(loop: Array, largest: float) -> float:
+    """Of the nearest pole of one delta from zero, when the others are zero; `largest` at most."""
+    return float(1.0 / max(1.0 / largest, np.max(np.abs(np.linalg.eigvals(loop)), initial=0.0)))
+
+
 def degree(values: NDArray[Any], circle: NDArray[Any]) -> int:
     """McMillan degree of values (points, rows, columns) on a circle, as far as its points can tell."""
     count = len(circle) // 2
@@ -153,8 +165,7 @@ def _values(A: Array, B: Array, C: Array, D: Array, deltas: NDArray[Any]) -> NDA
     """D + C Delta (I - A Delta)^-1 B at deltas (points, channels); what cancels is zero."""
     if not len(deltas):
         return np.zeros((0, *D.shape), dtype=deltas.dtype)
-    loop = np.eye(len(A)) - A * deltas[:, None, :]
-    z = np.linalg.solve(loop, np.broadcast_to(B, (len(deltas), *B.shape)).astype(deltas.dtype))
+    z = channels_at(A, B, deltas)
     values = D + C @ (deltas[:, :, None] * z)
     size = np.abs(D) + np.abs(C) @ np.max(np.abs(deltas[:, :, None] * z), axis=0, initial=0.0)
     return np.where(np.max(np.abs(values), axis=0) <= _ZERO * size, 0.0, values)
