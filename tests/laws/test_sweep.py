@@ -226,7 +226,7 @@ def test_workers_that_always_die(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def test_killed_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    count, file = 100_000, tmp_path / "a.h5"
+    count, file = 500_000, tmp_path / "a.h5"  # many times as long as the kill waits
     model = mbdlft.to_lft(cart(), search=0.0)
     mbdlft.save(file, model)
     before, folder = file.read_bytes(), tmp_path / ".a.h5.two_link_arm.sweep"
