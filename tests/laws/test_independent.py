@@ -114,7 +114,7 @@ def test_scene() -> None:
     points = np.random.default_rng(6).uniform(-1.0, 1.0, (50, len(plain.blocks)))
     target(evaluate_at(found, points), evaluate_at(plain, points), SCENARIO)
     assert (plain.order, found.order) == (72, 62)
-    assert sum(mbdlft.to_lft(scene, search=4.0).certificate.order) <= 62
+    assert sum(mbdlft.to_lft(scene, search=1.0).certificate.order) <= 62
 
 
 def test_planted_dependence_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
