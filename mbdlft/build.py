@@ -28,7 +28,7 @@ from mbdlft.lft.truncate import check_tolerance
 from mbdlft.lft.truncate import truncate as truncated
 from mbdlft.linearize import linearize, trim_relations
 from mbdlft.need import Need, all_states, needed_states
-from mbdlft.scene import NEEDED, Scene, assemble, scene_to_toml
+from mbdlft.scene import NEEDED, Scene, assemble, assemble_by_products, scene_to_toml
 from mbdlft.signal import Signal
 from mbdlft.trim import trim_efforts
 
@@ -112,7 +112,7 @@ def build(
 
 def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
     with clock.stage("assemble"):
-        equations = assemble(scene)
+        equations, by_products = assemble(scene), assemble_by_products(scene)
         inputs, outputs = choose_signals(scene, equations)
     with clock.stage("trim"):
         trim = _trim(equations)
@@ -139,15 +139,23 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
         if is_elastic:
             # stiffnesses beside inertias: a reduction keeps more digits of M^-1 K than of M and K
             lft = min(close(raw.whole()), lft, key=lambda candidate: candidate.order)
-    unsearched = lft
     with clock.stage("bound"):
         # the error of the bound is that of the whole way from the relations on
         degrees = degree_bounds(lft, close(moved(reduced, SEED)), SEED)
         bound = {name: found.degree for name, found in degrees.items()}
+    forms = [reduced]
     order_bound = sum(bound.values())
+    if by_products is not None and order_bound < lft.order:
+        with clock.stage("products"):
+            extracted = extract(choose_states(scene, by_products, inputs, outputs).relations)
+            forms.append(reduce_order(extracted.lft))
+            other_order = close(forms[-1])
+            if other_order.order < lft.order:
+                raw, lft = extracted, other_order
+    unsearched = lft
     if search > 0.0 and order_bound < lft.order <= _MOST_SEARCHED:
         with clock.stage("search"):
-            lft, order_bound = _searched(reduced, lft, close, closed, bound, search)
+            lft, order_bound = _searched(forms, lft, close, closed, bound, search)
     with clock.stage("check"):
         measure = partial(
             measure_error, equations, inputs, outputs, trim=trim.lft, seed=SEED, need=need
@@ -183,7 +191,7 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
 
 
 def _searched(
-    relations: LFT,
+    relations: Sequence[LFT],
     lft: LFT,
     close: Callable[[LFT], LFT],
     truth: LFT,
@@ -211,8 +219,8 @@ def _searched(
     def joint(one: LFT, stop: Callable[[], bool]) -> int:
         return order_bound if is_large else max(order_bound, joint_bound(one, bound, stop))
 
-    share = _HALF if lft.order < relations.order else _MOST
-    found = reduce_commuting([relations], bound, share * left(), joint, close, truth)
+    share = _HALF if lft.order < min(form.order for form in relations) else _MOST
+    found = reduce_commuting(relations, bound, share * left(), joint, close, truth)
     order_bound = max(order_bound, found.order_bound)
     smallest = min(lft, close(found.lft), key=lambda candidate: candidate.order)
     if smallest.order > order_bound and left() > 0.0:

@@ -1,6 +1,7 @@
 """The user's description of a system, and its way to equations."""
 
 from mbdlft.scene.assemble import assemble as assemble
+from mbdlft.scene.assemble import assemble_by_products as assemble_by_products
 from mbdlft.scene.scene import NEEDED as NEEDED
 from mbdlft.scene.scene import Constant as Constant
 from mbdlft.scene.scene import Fit as Fit

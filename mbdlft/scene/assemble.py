@@ -19,6 +19,7 @@ from mbdlft.scene.channels import body_channels, body_inputs
 from mbdlft.scene.check import check, check_fit
 from mbdlft.scene.closure import Closure, close_loops, constraint, reactions
 from mbdlft.scene.placed import Passed, inertial_wrenches, motions, pass_inward
+from mbdlft.scene.products import efforts_by_products, gains_by_products
 from mbdlft.scene.quantities import owner_name
 from mbdlft.scene.scene import Scene
 from mbdlft.scene.symbols import Symbols, coordinate_owners
@@ -54,6 +55,18 @@ def assemble(scene: Scene) -> Equations:
     SceneError, NotRationalError, WellPosednessError
         The joints are not a tree, or one of the quantities cannot be used; see `check`.
     """
+    found = _assemble(scene, by_products=False)
+    assert found is not None
+    return found
+
+
+def assemble_by_products(scene: Scene) -> Equations | None:
+    """As `assemble`, with the weights in the order of `products`; None if that gains nothing."""
+    return _assemble(scene, by_products=True)
+
+
+def _assemble(scene: Scene, *, by_products: bool) -> Equations | None:
+    """As `assemble`, or `assemble_by_products`."""
     links = tree(scene)
     check(scene)
     _check_spin(scene)
@@ -67,6 +80,10 @@ def assemble(scene: Scene) -> Equations:
     own = values[f"scene {scene.name!r}"]
     gravity = column(own[f"gravity.{a}"] for a in AXES)
     view = View(links, all_bodies(scene), values, symbols.coordinates(links), gravity)
+    base = column(own[f"acceleration.{a}"] - own[f"gravity.{a}"] for a in AXES)
+    load = ca.SX.sym("load", base.sparsity())
+    if by_products and not (_has_weights(scene, load) and gains_by_products(view.now)):
+        return None
     closure = close_loops(scene, view, symbols.evaluate)
     _check_springs(scene, view, symbols.evaluate)
 
@@ -78,10 +95,9 @@ def assemble(scene: Scene) -> Equations:
     listed = list_efforts(scene, links, values, densities, closure.rows)
     u = ca.SX.sym("u", len(listed))
     z = ca.SX.sym("multiplier", len(closure.rows))
-    base = column(own[f"acceleration.{a}"] - own[f"gravity.{a}"] for a in AXES)
-    load = ca.SX.sym("load", base.sparsity())
     view.motions = motions(view.now, ground_motion(scene, own, load, listed, u))
-    view.passed = _passed(scene, view, acting(scene, links, values, view, closure, u, z), load)
+    acted = acting(scene, links, values, view, closure, u, z)
+    view.passed = _passed(scene, view, acted, load, by_products=by_products)
     channels = body_channels(links, values, view, u, [effort.signal.name for effort in listed])
     dynamics = _dynamics(links, symbols, values, view, u) - channels.forces
     n = symbols.q.numel()
@@ -259,15 +275,26 @@ def acting(
     return found + reactions(scene.loops, view, multipliers)
 
 
-def _passed(scene: Scene, view: View, acted: Sequence[BodyWrench], load: ca.SX) -> Passed:
+def _has_weights(scene: Scene, load: ca.SX) -> bool:
+    """Whether the equilibrium is one under a uniform load, in a tree that does not spin."""
+    return load.nnz() > 0 and not (scene.spin or scene.loops)
+
+
+def _passed(
+    scene: Scene, view: View, acted: Sequence[BodyWrench], load: ca.SX, *, by_products: bool
+) -> Passed:
     """Inward pass of the inertial wrenches and the loads."""
     needed = inertial_wrenches(view.now, view.motions)
     loads = {name: ca.SX(3, 2) for name in needed}
     for on in acted:
         if on.body in loads:
             loads[on.body] -= on.wrench
-    if load.nnz() and not (scene.spin or scene.loops):
-        return pass_weights_inward(view.now, view.motions, needed, loads, load)
+    if _has_weights(scene, load):
+        passed = pass_weights_inward(view.now, view.motions, needed, loads, load)
+        if by_products:
+            efforts = efforts_by_products(view.now, view.motions, needed, loads, load)
+            passed = passed._replace(efforts={**passed.efforts, **efforts})
+        return passed
     return pass_inward(
         view.now, view.motions, {name: needed[name] + loads[name] for name in needed}
     )

@@ -73,7 +73,7 @@ def pass_weights_inward(
     load : SX (3,)
         Uniform acceleration of the ground (m/s^2): all weights come from it.
     """
-    fields = _fields(placed, load)
+    fields = load_fields(placed, load)
     carried = {GROUND: Carried(ca.SX(3, 2), ca.SX(3, 2), ca.SX(0), ca.SX(3, 1), ())}
     for link in placed.links:
         name = link.child.name
@@ -123,7 +123,7 @@ def _before(move: Move, now: Carried, field: ca.SX) -> Carried:
     kept: list[Tilt] = []
     ended: list[Tilt] = []
     for tilt in now.tilts:
-        before = _turned_axis(move, tilt.axis)
+        before = turned_axis(move, tilt.axis)
         if before is None:
             ended.append(tilt)
         else:
@@ -143,21 +143,21 @@ def _tilted(now: Carried, axis: ca.SX, q: ca.SX) -> Carried:
 def _added(tilts: tuple[Tilt, ...], other: Tilt) -> tuple[Tilt, ...]:
     """With one more; those about one axis are one."""
     for k, tilt in enumerate(tilts):
-        if _is_parallel(tilt.axis, other.axis):
+        if is_parallel(tilt.axis, other.axis):
             sign = float(np.sign(tilt.axis @ other.axis))
             both = Tilt(tilt.axis, tilt.mass + sign * other.mass, tilt.moment + sign * other.moment)
             return (*tilts[:k], both, *tilts[k + 1 :])
     return (*tilts, other)
 
 
-def _turned_axis(move: Move, axis: Array) -> Array | None:
+def turned_axis(move: Move, axis: Array) -> Array | None:
     """An axis (3,) before a rotation; None if it depends on parameters, or gets more components.
 
     In a chain with numbers for angles there would be as many axes as joints.
     """
     if not isinstance(move, Turned):
         return None
-    if _is_parallel(ca.DM(move.axis).full().ravel(), axis):
+    if is_parallel(ca.DM(move.axis).full().ravel(), axis):
         return axis
     rotated = move.rotated(ca.SX(axis))
     if ca.symvar(rotated):
@@ -166,7 +166,8 @@ def _turned_axis(move: Move, axis: Array) -> Array | None:
     return before if np.count_nonzero(before) <= np.count_nonzero(axis) else None
 
 
-def _is_parallel(first: Array, second: Array) -> bool:
+def is_parallel(first: Array, second: Array) -> bool:
+    """Whether two unit vectors (3,) are along one line."""
     return bool(np.max(np.abs(np.cross(first, second))) <= _PARALLEL)
 
 
@@ -218,13 +219,13 @@ def _together(first: Carried, second: Carried) -> Carried:
     )
 
 
-def _fields(placed: Placed, load: ca.SX) -> dict[str, list[ca.SX]]:
+def load_fields(placed: Placed, load: ca.SX) -> dict[str, list[ca.SX]]:
     """The load in the axes before the moves of the joint of each body, and after each, at q = 0."""
     found: dict[str, list[ca.SX]] = {GROUND: [load]}
     for link in placed.links:
-        fields = [found[link.parent.name][-1]]
+        own = [found[link.parent.name][-1]]
         for move in placed.moves[link.child.name]:
-            last = fields[-1]
-            fields.append(move.rotated_back(last) if isinstance(move, Turned) else last)
-        found[link.child.name] = fields
+            last = own[-1]
+            own.append(move.rotated_back(last) if isinstance(move, Turned) else last)
+        found[link.child.name] = own
     return found

@@ -13,7 +13,16 @@ from mbdlft.scene.placed import Motions, Passed, Placed, pass_inward
 @contextmanager
 def forces_turned_on_the_way() -> Iterator[None]:
     """Scenes are assembled with it, also where weights could be felt in the axes of each lever."""
-    with patch.object(import_module("mbdlft.scene.assemble"), "pass_weights_inward", _pass):
+    assembled = patch.object(import_module("mbdlft.scene.assemble"), "pass_weights_inward", _pass)
+    with assembled, one_order_only():
+        yield
+
+
+@contextmanager
+def one_order_only() -> Iterator[None]:
+    """Scenes are assembled once, with the weights in one order of products."""
+    none = patch.object(import_module("mbdlft.build"), "assemble_by_products", lambda scene: None)
+    with none:
         yield
 
 

@@ -1,0 +1,279 @@
+"""The inward pass of `weights` in another order of products, for axes that are not parallel.
+
+With the axes e of two hinges, a the inner and b the outer one, the load g (what a mass needs) and the
+first moment c that b carries, the effort at one of them for a displacement of the other is
+
+    K_ab = -(e_a x g) . (e_b x c) = e_a . (c x (g x e_b)) + (e_a . c)(e_b . g) - (e_a . g)(e_b . c).
+
+The first two terms are a product of quaternions, e_a . vec(c g e_b), and pass inward for all hinges
+together: with the height p = sum of (e . g) q of the hinges on the way outward, a mass needs a force,
+with g x e q in it because the axes have turned, and beside it the scalar m p; in a lever r both become
+the torque r x f + r s. A lever inside of b has not turned with it: there the force and the scalar of what
+is outside are taken back, M q e x g and M q e . g, in the axes of the lever as long as e is constant.
+The last term is a function of the angles before a times one of those after b. It is summed up outward
+from a: a vector starts as e_a, takes up the axes e_b times (e_a . g) q_b on its way, and meets levers and
+masses. So each angle and length meets each hinge once; the torque c q x ... of `weights`, three times.
+
+To the first order in the displacements this is `pass_weights_inward`: docs/method.md, "Weights".
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from mbdlft.body import GROUND, PointMass, RigidBody
+from mbdlft.joint.move import Ball, Hinge, Move, Shifted, Slide, Turned
+from mbdlft.lft.lft import Array
+from mbdlft.scene.placed import Motions, Placed
+from mbdlft.scene.quantities import owner_name
+from mbdlft.scene.tree import Link
+from mbdlft.scene.weights import is_parallel, load_fields, turned_axis
+from mbdlft.spatial import move_wrench
+
+_LEAST, _MOST = (
+    3,
+    40,
+)  # axes of displacements on the way to a body: fewer gain nothing, more take long
+
+
+class _Tilt(NamedTuple):
+    """What hinges about one axis (3,) have turned: M q (kg rad)."""
+
+    axis: Array
+    mass: ca.SX
+
+
+class _Carried(NamedTuple):
+    """What a joint carries, at one place on the way in.
+
+    Attributes
+    ----------
+    inertial, loads : SX (3, 2)
+        Wrenches of the motion and of everything else.
+    mass, scalar : SX
+        M (kg), and the sum of m p (N).
+    tilts : one for each axis
+    """
+
+    inertial: ca.SX
+    loads: ca.SX
+    mass: ca.SX
+    scalar: ca.SX
+    tilts: tuple[_Tilt, ...]
+
+    def felt(self, field: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Force (3,) of the motion and scalar, where the load is `field` (3,) and nothing has turned."""
+        force, scalar = self.inertial[:, 0], self.scalar
+        for axis, mass in self.tilts:
+            force = force + mass * ca.cross(ca.SX(axis), field)
+            scalar = scalar - mass * ca.dot(ca.SX(axis), field)
+        return force, scalar
+
+
+def gains_by_products(placed: Placed) -> bool:
+    """Whether this order is possible in a tree, and may make a smaller model than that of `weights`."""
+    rigid = all(
+        isinstance(body, (RigidBody, PointMass))
+        for name, body in placed.bodies.items()
+        if name != GROUND
+    )
+    counts = {GROUND: 0}
+    last: dict[str, Array | None] = {GROUND: None}  # axis on the way, in the axes of the body
+    planar = True
+    for link in placed.links:
+        name, parent = link.child.name, link.parent.name
+        count, axis = counts[parent], last[parent]
+        for move in placed.moves[name]:
+            if isinstance(move, Turned) and axis is not None:
+                axis = _axis_after(move, axis)
+            for own, _ in _turns(move):
+                turned = ca.DM(own).full().ravel()
+                planar = planar and (count == 0 or (axis is not None and is_parallel(axis, turned)))
+                count, axis = count + 1, turned
+        counts[name], last[name] = count, axis
+    return rigid and not planar and _LEAST <= max(counts.values()) <= _MOST
+
+
+def efforts_by_products(
+    placed: Placed,
+    found: Motions,
+    inertial: Mapping[str, ca.SX],
+    loads: Mapping[str, ca.SX],
+    load: ca.SX,
+) -> dict[str, ca.SX]:
+    """Efforts of the joints, as those of `pass_weights_inward`; arguments as there."""
+    tree = _Tree(placed, load)
+    carried = {GROUND: _Carried(ca.SX(3, 2), ca.SX(3, 2), ca.SX(0), ca.SX(0), ())}
+    for name in tree.names:
+        scalar = tree.masses[name] * tree.heights[name][-1]
+        torque = tree.centers[name] * scalar
+        carried[name] = _Carried(
+            inertial[name] + ca.horzcat(ca.SX(3, 1), torque),
+            loads[name],
+            tree.masses[name],
+            scalar,
+            (),
+        )
+    efforts: dict[str, ca.SX] = {}
+    for link in reversed(placed.links):
+        name, parent = link.child.name, link.parent.name
+        now = carried[name]
+        own: list[ca.SX] = []
+        for k in reversed(range(len(placed.moves[name]))):
+            move, motion, field = (
+                placed.moves[name][k],
+                found.moves[name][k],
+                tree.fields[name][k + 1],
+            )
+            now = now._replace(inertial=move.carried(now.inertial, motion))
+            if move.degrees_of_freedom:
+                force, _ = now.felt(field)
+                wrench = ca.horzcat(force, now.inertial[:, 1]) + now.loads
+                products = [tree.product(link, k, axis) for axis, _ in _turns(move)]
+                effort = move.effort(wrench, motion)
+                own.insert(0, effort - ca.vertcat(*products) if products else effort)
+            now = _before(move, now, field)
+        efforts[link.owner] = ca.vertcat(*own)
+        now = _levered(now, placed.arms[name], tree.fields[name][0])
+        carried[parent] = _together(carried[parent], now)
+    return efforts
+
+
+class _Tree:
+    """The tree with what the products need of each body.
+
+    Attributes
+    ----------
+    fields : load (3,) before the moves of the joint of each body, and after each
+    heights : p (m/s^2) before the moves of the joint of each body, and after each
+    masses, centers : mass (kg) and center of mass (3,) from the inboard port (m)
+    """
+
+    def __init__(self, placed: Placed, load: ca.SX) -> None:
+        self.placed = placed
+        self.names = [link.child.name for link in placed.links]
+        self.fields = load_fields(placed, load)
+        self.heights: dict[str, list[ca.SX]] = {GROUND: [ca.SX(0)]}
+        self.masses: dict[str, ca.SX] = {}
+        self.centers: dict[str, ca.SX] = {}
+        self.outward: dict[str, list[Link]] = {}
+        for link in placed.links:
+            name = link.child.name
+            values = placed.values.get(owner_name(link.child), {})
+            self.masses[name] = link.child.total_mass(values)
+            center = "center_of_mass" if isinstance(link.child, RigidBody) else "origin"
+            position = link.child.port_position(center, values)
+            self.centers[name] = ca.SX(position - placed.inboard[name])
+            self.outward.setdefault(link.parent.name, []).append(link)
+            heights = [self.heights[link.parent.name][-1]]
+            for move, field in zip(placed.moves[name], self.fields[name][1:], strict=True):
+                turned = (ca.dot(axis, field) * q for axis, q in _turns(move))
+                heights.append(sum(turned, heights[-1]))
+            self.heights[name] = heights
+
+    def product(self, link: Link, k: int, axis: ca.SX) -> ca.SX:
+        """Sum of (e_a . g)(e_b . c) q_b over the hinges b outside move k of a link, about `axis` e_a.
+
+        And (e_a . c) p of the hinges up to a: the first two terms have it, K_ab has not.
+        """
+        name = link.child.name
+        slope = ca.dot(axis, self.fields[name][k + 1])
+        return self._moment(link, k + 1, axis * self.heights[name][k + 1], slope, ca.SX(0))
+
+    def _moment(self, link: Link, first: int, v: ca.SX, slope: ca.SX, reached: ca.SX) -> ca.SX:
+        """First moment of what is outside of some moves of a link, along a vector v (3,).
+
+        It takes up the hinges on its way; `reached` is the position so far, along it.
+        """
+        name = link.child.name
+        for move in self.placed.moves[name][first:]:
+            reached = reached + _along(move, v)
+            v = move.rotated_back(v) if isinstance(move, Turned) else v
+            for axis, q in _turns(move):
+                v = v + axis * (slope * q)
+        total = self.masses[name] * (reached + ca.dot(self.centers[name], v))
+        for outer in self.outward.get(name, []):
+            arm = self.placed.arms[outer.child.name]
+            total = total + self._moment(outer, 0, v, slope, reached + ca.dot(arm, v))
+        return total
+
+
+def _along(move: Move, v: ca.SX) -> ca.SX:
+    return ca.dot(move.r, v) if isinstance(move, Shifted) else ca.SX(0)
+
+
+def _turns(move: Move) -> Iterator[tuple[ca.SX, ca.SX]]:
+    """Axes (3,) and small angles of the displacements of a move that turn what it carries."""
+    if isinstance(move, Hinge):
+        yield move.axis, move.at.q
+    elif isinstance(move, Ball):
+        yield from zip(ca.horzsplit(ca.SX.eye(3)), ca.vertsplit(move.at.q), strict=True)
+
+
+def _before(move: Move, now: _Carried, field: ca.SX) -> _Carried:
+    """What is carried before a move, from what is carried after it; `field` is the load (3,) after it."""
+    if now.loads.nnz():
+        now = now._replace(loads=move.wrench(now.loads))
+    if isinstance(move, Shifted):
+        return _levered(now, move.r, field, with_loads=False)
+    if isinstance(move, Slide):
+        torque = ca.cross(move.offset(), now.mass * field)
+        return now._replace(inertial=now.inertial + ca.horzcat(ca.SX(3, 1), torque))
+    if isinstance(move, Turned):
+        kept, ended = [], []
+        for tilt in now.tilts:
+            before = turned_axis(move, tilt.axis)
+            if before is None:
+                ended.append(tilt)
+            else:
+                kept.append(_Tilt(before, tilt.mass))
+        force, scalar = now._replace(tilts=tuple(ended)).felt(field)
+        inertial = move.wrench(ca.horzcat(force, now.inertial[:, 1]))
+        return now._replace(inertial=inertial, scalar=scalar, tilts=tuple(kept))
+    tilts = now.tilts
+    for axis, q in _turns(move):
+        tilts = _added(tilts, _Tilt(ca.DM(axis).full().ravel(), now.mass * q))
+    return now._replace(tilts=tilts)
+
+
+def _levered(now: _Carried, arm: ca.SX, field: ca.SX, *, with_loads: bool = True) -> _Carried:
+    """About the point at -arm (3,), in a lever that feels the load `field` (3,)."""
+    if not arm.nnz():
+        return now
+    force, scalar = now.felt(field)
+    torque = ca.cross(arm, force) + arm * scalar
+    loads = move_wrench(now.loads, arm) if with_loads and now.loads.nnz() else now.loads
+    return now._replace(inertial=now.inertial + ca.horzcat(ca.SX(3, 1), torque), loads=loads)
+
+
+def _added(tilts: tuple[_Tilt, ...], other: _Tilt) -> tuple[_Tilt, ...]:
+    """With one more; those about one axis are one."""
+    for k, tilt in enumerate(tilts):
+        if is_parallel(tilt.axis, other.axis):
+            sign = float(np.sign(tilt.axis @ other.axis))
+            return (*tilts[:k], _Tilt(tilt.axis, tilt.mass + sign * other.mass), *tilts[k + 1 :])
+    return (*tilts, other)
+
+
+def _together(first: _Carried, second: _Carried) -> _Carried:
+    """What a body carries on two joints."""
+    tilts = first.tilts
+    for tilt in second.tilts:
+        tilts = _added(tilts, tilt)
+    return _Carried(
+        first.inertial + second.inertial,
+        first.loads + second.loads,
+        first.mass + second.mass,
+        first.scalar + second.scalar,
+        tilts,
+    )
+
+
+def _axis_after(move: Turned, axis: Array) -> Array | None:
+    """An axis (3,) given before a rotation; None if it depends on parameters after it."""
+    if is_parallel(ca.DM(move.axis).full().ravel(), axis):
+        return axis
+    rotated = move.rotated_back(ca.SX(axis))
+    return None if ca.symvar(rotated) else ca.DM(rotated).full().ravel()
