@@ -17,7 +17,7 @@ masses. So each angle and length meets each hinge once; the torque c q x ... of 
 To the first order in the displacements this is `pass_weights_inward`: docs/method.md, "Weights".
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import casadi as ca
@@ -36,6 +36,9 @@ _LEAST, _MOST = (
     3,
     40,
 )  # axes of displacements on the way to a body: fewer gain nothing, more take long
+
+
+_Turn = tuple[ca.SX, ca.SX]  # axis (3,) and small angle of a displacement
 
 
 class _Tilt(NamedTuple):
@@ -134,7 +137,7 @@ def efforts_by_products(
                 products = [tree.product(link, k, axis) for axis, _ in _turns(move)]
                 effort = move.effort(wrench, motion)
                 own.insert(0, effort - ca.vertcat(*products) if products else effort)
-            now = _before(move, now, field)
+            now = _before(move, now, field, tree.turns[name][k])
         efforts[link.owner] = ca.vertcat(*own)
         now = _levered(now, placed.arms[name], tree.fields[name][0])
         carried[parent] = _together(carried[parent], now)
@@ -147,6 +150,7 @@ class _Tree:
     Attributes
     ----------
     fields : load (3,) before the moves of the joint of each body, and after each
+    turns : what the load feels of each move of the joint of each body
     heights : p (m/s^2) before the moves of the joint of each body, and after each
     masses, centers : mass (kg) and center of mass (3,) from the inboard port (m)
     """
@@ -159,6 +163,8 @@ class _Tree:
         self.masses: dict[str, ca.SX] = {}
         self.centers: dict[str, ca.SX] = {}
         self.outward: dict[str, list[Link]] = {}
+        self.turns: dict[str, list[list[_Turn]]] = {}
+        upright = {GROUND: True}
         for link in placed.links:
             name = link.child.name
             values = placed.values.get(owner_name(link.child), {})
@@ -167,11 +173,27 @@ class _Tree:
             position = link.child.port_position(center, values)
             self.centers[name] = ca.SX(position - placed.inboard[name])
             self.outward.setdefault(link.parent.name, []).append(link)
+            self.turns[name], upright[name] = self._felt(link, upright=upright[link.parent.name])
             heights = [self.heights[link.parent.name][-1]]
-            for move, field in zip(placed.moves[name], self.fields[name][1:], strict=True):
-                turned = (ca.dot(axis, field) * q for axis, q in _turns(move))
-                heights.append(sum(turned, heights[-1]))
+            for turns, field in zip(self.turns[name], self.fields[name][1:], strict=True):
+                heights.append(
+                    heights[-1] + sum((ca.dot(e, field) * q for e, q in turns), ca.SX(0))
+                )
             self.heights[name] = heights
+
+    def _felt(self, link: Link, *, upright: bool) -> tuple[list[list[_Turn]], bool]:
+        """Turns of the moves of a link that the load feels, and whether it has felt none up to there.
+
+        Hinges along the load with only such ones inside of them turn nothing that it feels.
+        """
+        name = link.child.name
+        found: list[list[_Turn]] = []
+        for move, field in zip(self.placed.moves[name], self.fields[name][1:], strict=True):
+            turns = list(_turns(move))
+            across = (ca.sparsify(ca.cross(axis, field)) for axis, _ in turns)
+            upright = upright and not any(vector.nnz() for vector in across)
+            found.append([] if upright else turns)
+        return found, upright
 
     def product(self, link: Link, k: int, axis: ca.SX) -> ca.SX:
         """Sum of (e_a . g)(e_b . c) q_b over the hinges b outside move k of a link, about `axis` e_a.
@@ -188,10 +210,11 @@ class _Tree:
         It takes up the hinges on its way; `reached` is the position so far, along it.
         """
         name = link.child.name
-        for move in self.placed.moves[name][first:]:
+        moves, turns = self.placed.moves[name], self.turns[name]
+        for move, turned in zip(moves[first:], turns[first:], strict=True):
             reached = reached + _along(move, v)
             v = move.rotated_back(v) if isinstance(move, Turned) else v
-            for axis, q in _turns(move):
+            for axis, q in turned:
                 v = v + axis * (slope * q)
         total = self.masses[name] * (reached + ca.dot(self.centers[name], v))
         for outer in self.outward.get(name, []):
@@ -204,7 +227,7 @@ def _along(move: Move, v: ca.SX) -> ca.SX:
     return ca.dot(move.r, v) if isinstance(move, Shifted) else ca.SX(0)
 
 
-def _turns(move: Move) -> Iterator[tuple[ca.SX, ca.SX]]:
+def _turns(move: Move) -> Iterator[_Turn]:
     """Axes (3,) and small angles of the displacements of a move that turn what it carries."""
     if isinstance(move, Hinge):
         yield move.axis, move.at.q
@@ -212,8 +235,11 @@ def _turns(move: Move) -> Iterator[tuple[ca.SX, ca.SX]]:
         yield from zip(ca.horzsplit(ca.SX.eye(3)), ca.vertsplit(move.at.q), strict=True)
 
 
-def _before(move: Move, now: _Carried, field: ca.SX) -> _Carried:
-    """What is carried before a move, from what is carried after it; `field` is the load (3,) after it."""
+def _before(move: Move, now: _Carried, field: ca.SX, turns: Sequence[_Turn]) -> _Carried:
+    """What is carried before a move, from what is carried after it.
+
+    `field` is the load (3,) after it, `turns` is what the load feels of it.
+    """
     if now.loads.nnz():
         now = now._replace(loads=move.wrench(now.loads))
     if isinstance(move, Shifted):
@@ -233,7 +259,7 @@ def _before(move: Move, now: _Carried, field: ca.SX) -> _Carried:
         inertial = move.wrench(ca.horzcat(force, now.inertial[:, 1]))
         return now._replace(inertial=inertial, scalar=scalar, tilts=tuple(kept))
     tilts = now.tilts
-    for axis, q in _turns(move):
+    for axis, q in turns:
         tilts = _added(tilts, _Tilt(ca.DM(axis).full().ravel(), now.mass * q))
     return now._replace(tilts=tilts)
 

@@ -93,6 +93,42 @@ def test_not_where_it_gains_nothing(links: int) -> None:
     assert (assemble_by_products(chain(links, spatial=True)) is None) == (links == 2)
 
 
+def turret(height: float) -> mbdlft.Scene:
+    """A chain in space on two turntables about the vertical, one on the other."""
+    scene = chain(3, spatial=True)
+    turned = [
+        mbdlft.Revolute(
+            name=name,
+            parent=parent,
+            child=child,
+            axis=(0, 0, 1),
+            position="t1" if name == "inner" else 0.3,
+        )
+        for name, parent, child in (("inner", "ground", "base"), ("outer", "base.top", "table"))
+    ]
+    bodies = [
+        mbdlft.RigidBody(
+            name=name,
+            mass=3.0,
+            center_of_mass=(0.1, 0.0, 0.0),
+            inertia=mbdlft.Inertia(xx=1.0, yy=1.0, zz=1.0),
+            ports={"top": (0.2, height, 0.5)},
+        )
+        for name in ("base", "table")
+    ]
+    joints = [
+        joint.model_copy(update={"parent": "table.top"}) if joint.name == "joint0" else joint
+        for joint in scene.joints
+    ]
+    return scene.model_copy(
+        update={"joints": (*joints, *turned), "bodies": (*scene.bodies, *bodies)}
+    )
+
+
+def test_turns_about_the_vertical_are_not_felt() -> None:
+    compare(turret(0.3))
+
+
 # planted bugs --------------------------------------------------------------------------------
 
 
@@ -106,6 +142,13 @@ PLANTED = {
     "what a body carries on its joint is forgotten": (
         "_together",
         lambda first, second: first,
+    ),
+    "all hinges are upright": (
+        "_Tree._felt",
+        lambda tree, link, upright: (
+            [[] for _ in tree.placed.moves[link.child.name]],
+            upright,
+        ),
     ),
     "the product of what is before and after is left out": (
         "_Tree.product",
