@@ -25,7 +25,7 @@ from benchmarks.arm import machine, write_between
 from mbdlft.build import build
 
 SIZES = (5, 10, 15, 20, 25, 35, 50)
-STAGES = ("assemble", "trim", "linearize", "extract", "reduce", "bound", "check")
+STAGES = ("assemble", "trim", "linearize", "extract", "reduce", "bound", "products", "check")
 SHAPES = ("planar chain", "spatial chain", "star")
 _ACCEPTED = 1e-6  # of an error of the certificate, relative to the size of an entry
 _PAGE = 1.0  # MB: less is not measured

@@ -32,10 +32,7 @@ from mbdlft.scene.tree import Link
 from mbdlft.scene.weights import is_parallel, load_fields, turned_axis
 from mbdlft.spatial import move_wrench
 
-_LEAST, _MOST = (
-    3,
-    40,
-)  # axes of displacements on the way to a body: fewer gain nothing, more take long
+_LEAST, _MOST = 3, 64  # hinges on the way to a body: fewer gain nothing, more take long
 
 
 _Turn = tuple[ca.SX, ca.SX]  # axis (3,) and small angle of a displacement
