@@ -21,7 +21,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import casadi as ca
-import numpy as np
 
 from mbdlft.body import GROUND, PointMass, RigidBody
 from mbdlft.joint.move import Ball, Hinge, Move, Shifted, Slide, Turned
@@ -29,20 +28,13 @@ from mbdlft.lft.lft import Array
 from mbdlft.scene.placed import Motions, Placed
 from mbdlft.scene.quantities import owner_name
 from mbdlft.scene.tree import Link
-from mbdlft.scene.weights import is_parallel, load_fields, turned_axis
+from mbdlft.scene.weights import Tilt, added, is_parallel, load_fields, turned_axis
 from mbdlft.spatial import move_wrench
 
 _LEAST, _MOST = 3, 64  # hinges on the way to a body: fewer gain nothing, more take long
 
 
 _Turn = tuple[ca.SX, ca.SX]  # axis (3,) and small angle of a displacement
-
-
-class _Tilt(NamedTuple):
-    """What hinges about one axis (3,) have turned: M q (kg rad)."""
-
-    axis: Array
-    mass: ca.SX
 
 
 class _Carried(NamedTuple):
@@ -54,21 +46,22 @@ class _Carried(NamedTuple):
         Wrenches of the motion and of everything else.
     mass, scalar : SX
         M (kg), and the sum of m p (N).
-    tilts : one for each axis
+    tilts : M q by axis; their first moments are not used
     """
 
     inertial: ca.SX
     loads: ca.SX
     mass: ca.SX
     scalar: ca.SX
-    tilts: tuple[_Tilt, ...]
+    tilts: tuple[Tilt, ...]
 
     def felt(self, field: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Force (3,) of the motion and scalar, where the load is `field` (3,) and nothing has turned."""
         force, scalar = self.inertial[:, 0], self.scalar
-        for axis, mass in self.tilts:
-            force = force + mass * ca.cross(ca.SX(axis), field)
-            scalar = scalar - mass * ca.dot(ca.SX(axis), field)
+        for tilt in self.tilts:
+            axis = ca.SX(tilt.axis)
+            force = force + tilt.mass * ca.cross(axis, field)
+            scalar = scalar - tilt.mass * ca.dot(axis, field)
         return force, scalar
 
 
@@ -251,14 +244,13 @@ def _before(move: Move, now: _Carried, field: ca.SX, turns: Sequence[_Turn]) -> 
             if before is None:
                 ended.append(tilt)
             else:
-                kept.append(_Tilt(before, tilt.mass))
+                kept.append(tilt._replace(axis=before))
         force, scalar = now._replace(tilts=tuple(ended)).felt(field)
         inertial = move.wrench(ca.horzcat(force, now.inertial[:, 1]))
         return now._replace(inertial=inertial, scalar=scalar, tilts=tuple(kept))
-    tilts = now.tilts
-    for axis, q in turns:
-        tilts = _added(tilts, _Tilt(ca.DM(axis).full().ravel(), now.mass * q))
-    return now._replace(tilts=tilts)
+    axes = (ca.DM(axis).full().ravel() for axis, _ in turns)
+    more = (Tilt(e, now.mass * q, ca.SX(3, 1)) for e, (_, q) in zip(axes, turns, strict=True))
+    return now._replace(tilts=added(now.tilts, *more))
 
 
 def _levered(now: _Carried, arm: ca.SX, field: ca.SX, *, with_loads: bool = True) -> _Carried:
@@ -271,26 +263,14 @@ def _levered(now: _Carried, arm: ca.SX, field: ca.SX, *, with_loads: bool = True
     return now._replace(inertial=now.inertial + ca.horzcat(ca.SX(3, 1), torque), loads=loads)
 
 
-def _added(tilts: tuple[_Tilt, ...], other: _Tilt) -> tuple[_Tilt, ...]:
-    """With one more; those about one axis are one."""
-    for k, tilt in enumerate(tilts):
-        if is_parallel(tilt.axis, other.axis):
-            sign = float(np.sign(tilt.axis @ other.axis))
-            return (*tilts[:k], _Tilt(tilt.axis, tilt.mass + sign * other.mass), *tilts[k + 1 :])
-    return (*tilts, other)
-
-
 def _together(first: _Carried, second: _Carried) -> _Carried:
     """What a body carries on two joints."""
-    tilts = first.tilts
-    for tilt in second.tilts:
-        tilts = _added(tilts, tilt)
     return _Carried(
         first.inertial + second.inertial,
         first.loads + second.loads,
         first.mass + second.mass,
         first.scalar + second.scalar,
-        tilts,
+        added(first.tilts, *second.tilts),
     )
 
 

@@ -137,17 +137,22 @@ def _before(move: Move, now: Carried, field: ca.SX) -> Carried:
 def _tilted(now: Carried, axis: ca.SX, q: ca.SX) -> Carried:
     """Before a displacement q about an axis (3,)."""
     tilt = Tilt(ca.DM(axis).full().ravel(), now.mass * q, now.moment * q)
-    return now._replace(tilts=_added(now.tilts, tilt))
+    return now._replace(tilts=added(now.tilts, tilt))
 
 
-def _added(tilts: tuple[Tilt, ...], other: Tilt) -> tuple[Tilt, ...]:
-    """With one more; those about one axis are one."""
-    for k, tilt in enumerate(tilts):
-        if is_parallel(tilt.axis, other.axis):
-            sign = float(np.sign(tilt.axis @ other.axis))
-            both = Tilt(tilt.axis, tilt.mass + sign * other.mass, tilt.moment + sign * other.moment)
-            return (*tilts[:k], both, *tilts[k + 1 :])
-    return (*tilts, other)
+def added(tilts: tuple[Tilt, ...], *more: Tilt) -> tuple[Tilt, ...]:
+    """With more of them; those about one axis are one."""
+    found = list(tilts)
+    for other in more:
+        for k, tilt in enumerate(found):
+            if is_parallel(tilt.axis, other.axis):
+                sign = float(np.sign(tilt.axis @ other.axis))
+                mass, moment = tilt.mass + sign * other.mass, tilt.moment + sign * other.moment
+                found[k] = Tilt(tilt.axis, mass, moment)
+                break
+        else:
+            found.append(other)
+    return tuple(found)
 
 
 def turned_axis(move: Move, axis: Array) -> Array | None:
@@ -207,15 +212,12 @@ def _felt(now: Carried, field: ca.SX) -> ca.SX:
 
 def _together(first: Carried, second: Carried) -> Carried:
     """What a body carries on two joints."""
-    tilts = first.tilts
-    for tilt in second.tilts:
-        tilts = _added(tilts, tilt)
     return Carried(
         first.inertial + second.inertial,
         first.loads + second.loads,
         first.mass + second.mass,
         first.moment + second.moment,
-        tilts,
+        added(first.tilts, *second.tilts),
     )
 
 

@@ -6,21 +6,20 @@ from importlib import import_module
 from unittest.mock import patch
 
 import casadi as ca
-import numpy as np
 import pytest
 
 import mbdlft
 from mbdlft.build import build
 from mbdlft.scene import assemble_by_products
 from tests import close
+from tests.laws import turned
 from tests.laws.chains import chain
-from tests.laws.turned import forces_turned_on_the_way, one_order_only
+from tests.laws.turned import one_order_only
 from tests.mechanisms import random_mechanism
 from tests.strategies import random_scene
 
 SCENES = [3, 10, 14, 19, 20, 25]
 MECHANISMS = [2, 3, 7, 8, 10, 11, 13, 15]
-_LEAST = 1e-3  # of its row: a smaller entry has cancelled
 
 
 @contextmanager
@@ -33,21 +32,10 @@ def products_only() -> Iterator[None]:
         yield
 
 
-def compare(scene: mbdlft.Scene, bound: float = close.CROSS) -> None:
-    """Equal values at random points and corners."""
+def compare(scene: mbdlft.Scene) -> None:
     with products_only():
         one = mbdlft.to_lft(scene, search=0.0)
-    with forces_turned_on_the_way():
-        other = mbdlft.to_lft(scene, search=0.0)
-    points = mbdlft.random(one.parameters, 5, seed=1)
-    corner = {p.name: np.append(points[p.name], p.high) for p in one.parameters}
-    for actual, expected in zip(
-        mbdlft.matrices_at(one, corner), mbdlft.matrices_at(other, corner), strict=True
-    ):
-        size = np.abs(expected) if expected.ndim == 2 else np.max(np.abs(expected), axis=0)
-        row = np.max(size, axis=1, keepdims=True, initial=0.0)
-        scale = np.where(row > 0.0, np.maximum(size, _LEAST * row), 1.0)
-        close.target(actual / scale, expected / scale, bound, scale=1.0)
+    turned.compare(scene, one, close.CROSS)
 
 
 @pytest.mark.parametrize(
@@ -134,8 +122,8 @@ def test_turns_about_the_vertical_are_not_felt() -> None:
 
 PLANTED = {
     "a lever does not see what has turned inside of it": (
-        "_added",
-        lambda tilts, other: tilts,
+        "added",
+        lambda tilts, *more: tilts,
     ),
     "an axis that does not change": ("turned_axis", lambda move, axis: axis),
     "hinges outside are not taken up": ("_along", lambda move, v: ca.SX(0)),

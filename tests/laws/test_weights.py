@@ -10,8 +10,9 @@ import pytest
 
 import mbdlft
 from tests import close
+from tests.laws import turned
 from tests.laws.chains import chain
-from tests.laws.turned import forces_turned_on_the_way, one_order_only
+from tests.laws.turned import one_order_only
 from tests.mechanisms import random_mechanism
 from tests.strategies import random_scene
 
@@ -19,30 +20,16 @@ WEIGHTS = import_module("mbdlft.scene.weights")
 CHAINS = (2, 3, 4, 6)
 SEEDS = range(10)
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
-_LEAST = 1e-3  # of its row: a smaller entry has cancelled
 
 
-def both(scene: mbdlft.Scene) -> list[mbdlft.LFTModel]:
-    """The model of a scene, and that of forces which are turned on the way."""
+def made(scene: mbdlft.Scene) -> mbdlft.LFTModel:
+    """The model of a scene with weights that are felt."""
     with one_order_only():
-        found = [mbdlft.to_lft(scene, search=0.0)]
-    with forces_turned_on_the_way():
-        found.append(mbdlft.to_lft(scene, search=0.0))
-    return found
+        return mbdlft.to_lft(scene, search=0.0)
 
 
 def compare(scene: mbdlft.Scene, bound: float = close.CROSS) -> None:
-    """Equal values at random points and corners."""
-    one, other = both(scene)
-    points = mbdlft.random(one.parameters, 5, seed=1)
-    corner = {p.name: np.append(points[p.name], p.high) for p in one.parameters}
-    for actual, expected in zip(
-        mbdlft.matrices_at(one, corner), mbdlft.matrices_at(other, corner), strict=True
-    ):
-        size = np.abs(expected) if expected.ndim == 2 else np.max(np.abs(expected), axis=0)
-        row = np.max(size, axis=1, keepdims=True, initial=0.0)
-        scale = np.where(row > 0.0, np.maximum(size, _LEAST * row), 1.0)
-        close.target(actual / scale, expected / scale, bound, scale=1.0)
+    turned.compare(scene, made(scene), bound)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -71,8 +58,10 @@ def names(links: int) -> list[str]:
 
 @pytest.mark.parametrize("spatial", [False, True])
 def test_fewer_repetitions_than_with_forces_that_turn(spatial: bool) -> None:
-    one, other = both(chain(4, spatial=spatial))
-    assert one.order < other.order
+    scene = chain(4, spatial=spatial)
+    with turned.forces_turned_on_the_way():
+        other = mbdlft.to_lft(scene, search=0.0)
+    assert made(scene).order < other.order
 
 
 # planted bugs --------------------------------------------------------------------------------

@@ -6,8 +6,13 @@ from importlib import import_module
 from unittest.mock import patch
 
 import casadi as ca
+import numpy as np
 
+import mbdlft
 from mbdlft.scene.placed import Motions, Passed, Placed, pass_inward
+from tests import close
+
+_LEAST = 1e-3  # of its row: a smaller entry has cancelled
 
 
 @contextmanager
@@ -34,3 +39,18 @@ def _pass(
     load: ca.SX,
 ) -> Passed:
     return pass_inward(placed, found, {name: inertial[name] + loads[name] for name in inertial})
+
+
+def compare(scene: mbdlft.Scene, one: mbdlft.LFTModel, bound: float) -> None:
+    """A model of a scene has the values of that with forces turned on the way, at points and a corner."""
+    with forces_turned_on_the_way():
+        other = mbdlft.to_lft(scene, search=0.0)
+    points = mbdlft.random(one.parameters, 5, seed=1)
+    corner = {p.name: np.append(points[p.name], p.high) for p in one.parameters}
+    for actual, expected in zip(
+        mbdlft.matrices_at(one, corner), mbdlft.matrices_at(other, corner), strict=True
+    ):
+        size = np.abs(expected) if expected.ndim == 2 else np.max(np.abs(expected), axis=0)
+        row = np.max(size, axis=1, keepdims=True, initial=0.0)
+        scale = np.where(row > 0.0, np.maximum(size, _LEAST * row), 1.0)
+        close.target(actual / scale, expected / scale, bound, scale=1.0)
