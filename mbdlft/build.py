@@ -149,9 +149,9 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
         with clock.stage("products"):
             extracted = extract(choose_states(scene, by_products, inputs, outputs).relations)
             forms.append(reduce_order(extracted.lft))
-            other_order = close(forms[-1])
-            if other_order.order < lft.order:
-                raw, lft = extracted, other_order
+            other = close(forms[-1])
+            if other.order < lft.order:
+                raw, lft = extracted, other
     unsearched = lft
     if search > 0.0 and order_bound < lft.order <= _MOST_SEARCHED:
         with clock.stage("search"):
@@ -215,6 +215,8 @@ def _searched(
     order_bound, is_large = sum(bound.values()), lft.order > LARGE
     if is_large:
         order_bound = joint_bound(lft, bound, lambda: left() < 0.5 * seconds)
+    if lft.order == order_bound:
+        return lft, order_bound
 
     def joint(one: LFT, stop: Callable[[], bool]) -> int:
         return order_bound if is_large else max(order_bound, joint_bound(one, bound, stop))

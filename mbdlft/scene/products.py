@@ -11,8 +11,8 @@ with g x e q in it because the axes have turned, and beside it the scalar m p; i
 the torque r x f + r s. A lever inside of b has not turned with it: there the force and the scalar of what
 is outside are taken back, M q e x g and M q e . g, in the axes of the lever as long as e is constant.
 The last term is a function of the angles before a times one of those after b. It is summed up outward
-from a: a vector starts as e_a, takes up the axes e_b times (e_a . g) q_b on its way, and meets levers and
-masses. So each angle and length meets each hinge once; the torque c q x ... of `weights`, three times.
+from a: a vector takes up the axes e_b times (e_a . g) q_b on its way, and meets levers and masses. So
+each angle and length meets each hinge once; the torque c q x ... of `weights`, three times.
 
 To the first order in the displacements this is `pass_weights_inward`: docs/method.md, "Weights".
 """
@@ -28,7 +28,14 @@ from mbdlft.lft.lft import Array
 from mbdlft.scene.placed import Motions, Placed
 from mbdlft.scene.quantities import owner_name
 from mbdlft.scene.tree import Link
-from mbdlft.scene.weights import Tilt, added, is_parallel, load_fields, turned_axis
+from mbdlft.scene.weights import (
+    Tilt,
+    added,
+    constant_axis,
+    is_parallel,
+    load_fields,
+    turned_tilts,
+)
 from mbdlft.spatial import move_wrench
 
 _LEAST, _MOST = 3, 64  # hinges on the way to a body: fewer gain nothing, more take long
@@ -80,7 +87,7 @@ def gains_by_products(placed: Placed) -> bool:
         count, axis = counts[parent], last[parent]
         for move in placed.moves[name]:
             if isinstance(move, Turned) and axis is not None:
-                axis = _axis_after(move, axis)
+                axis = constant_axis(move, axis, move.rotated_back)
             for own, _ in _turns(move):
                 turned = ca.DM(own).full().ravel()
                 planar = planar and (count == 0 or (axis is not None and is_parallel(axis, turned)))
@@ -99,7 +106,8 @@ def efforts_by_products(
     """Efforts of the joints, as those of `pass_weights_inward`; arguments as there."""
     tree = _Tree(placed, load)
     carried = {GROUND: _Carried(ca.SX(3, 2), ca.SX(3, 2), ca.SX(0), ca.SX(0), ())}
-    for name in tree.names:
+    for link in placed.links:
+        name = link.child.name
         scalar = tree.masses[name] * tree.heights[name][-1]
         torque = tree.centers[name] * scalar
         carried[name] = _Carried(
@@ -147,7 +155,6 @@ class _Tree:
 
     def __init__(self, placed: Placed, load: ca.SX) -> None:
         self.placed = placed
-        self.names = [link.child.name for link in placed.links]
         self.fields = load_fields(placed, load)
         self.heights: dict[str, list[ca.SX]] = {GROUND: [ca.SX(0)]}
         self.masses: dict[str, ca.SX] = {}
@@ -238,16 +245,10 @@ def _before(move: Move, now: _Carried, field: ca.SX, turns: Sequence[_Turn]) -> 
         torque = ca.cross(move.offset(), now.mass * field)
         return now._replace(inertial=now.inertial + ca.horzcat(ca.SX(3, 1), torque))
     if isinstance(move, Turned):
-        kept, ended = [], []
-        for tilt in now.tilts:
-            before = turned_axis(move, tilt.axis)
-            if before is None:
-                ended.append(tilt)
-            else:
-                kept.append(tilt._replace(axis=before))
-        force, scalar = now._replace(tilts=tuple(ended)).felt(field)
+        kept, ended = turned_tilts(move, now.tilts)
+        force, scalar = now._replace(tilts=ended).felt(field)
         inertial = move.wrench(ca.horzcat(force, now.inertial[:, 1]))
-        return now._replace(inertial=inertial, scalar=scalar, tilts=tuple(kept))
+        return now._replace(inertial=inertial, scalar=scalar, tilts=kept)
     axes = (ca.DM(axis).full().ravel() for axis, _ in turns)
     more = (Tilt(e, now.mass * q, ca.SX(3, 1)) for e, (_, q) in zip(axes, turns, strict=True))
     return now._replace(tilts=added(now.tilts, *more))
@@ -272,11 +273,3 @@ def _together(first: _Carried, second: _Carried) -> _Carried:
         first.scalar + second.scalar,
         added(first.tilts, *second.tilts),
     )
-
-
-def _axis_after(move: Turned, axis: Array) -> Array | None:
-    """An axis (3,) given before a rotation; None if it depends on parameters after it."""
-    if is_parallel(ca.DM(move.axis).full().ravel(), axis):
-        return axis
-    rotated = move.rotated_back(ca.SX(axis))
-    return None if ca.symvar(rotated) else ca.DM(rotated).full().ravel()

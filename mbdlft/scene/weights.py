@@ -14,7 +14,7 @@ torque are added up. To the first order in q that is `pass_inward`, but the prod
 that needs fewer channels: docs/method.md, "Weights".
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from typing import NamedTuple
 
@@ -120,18 +120,11 @@ def _before(move: Move, now: Carried, field: ca.SX) -> Carried:
     if isinstance(move, Slide):
         torque = ca.cross(move.offset(), now.mass * field)
         return now._replace(inertial=now.inertial + ca.horzcat(ca.SX(3, 1), torque))
-    kept: list[Tilt] = []
-    ended: list[Tilt] = []
-    for tilt in now.tilts:
-        before = turned_axis(move, tilt.axis)
-        if before is None:
-            ended.append(tilt)
-        else:
-            kept.append(Tilt(before, tilt.mass, move.rotated(tilt.moment)))
-    inertial = move.wrench(_with_weights(now.inertial, tuple(ended), field))
+    kept, ended = turned_tilts(move, now.tilts)
+    inertial = move.wrench(_with_weights(now.inertial, ended, field))
     # a deformation turns nothing at rest
     moment = move.rotated(now.moment) if isinstance(move, Turned) else now.moment
-    return now._replace(inertial=inertial, moment=moment, tilts=tuple(kept))
+    return now._replace(inertial=inertial, moment=moment, tilts=kept)
 
 
 def _tilted(now: Carried, axis: ca.SX, q: ca.SX) -> Carried:
@@ -155,20 +148,38 @@ def added(tilts: tuple[Tilt, ...], *more: Tilt) -> tuple[Tilt, ...]:
     return tuple(found)
 
 
-def turned_axis(move: Move, axis: Array) -> Array | None:
+def turned_tilts(move: Move, tilts: tuple[Tilt, ...]) -> tuple[tuple[Tilt, ...], tuple[Tilt, ...]]:
+    """Those that go on before a move, in the axes there, and those that end at it, as they are."""
+    kept: list[Tilt] = []
+    ended: list[Tilt] = []
+    for tilt in tilts:
+        before = _turned_axis(move, tilt.axis)
+        if before is None:
+            ended.append(tilt)
+        else:
+            kept.append(Tilt(before, tilt.mass, move.rotated(tilt.moment)))
+    return tuple(kept), tuple(ended)
+
+
+def _turned_axis(move: Move, axis: Array) -> Array | None:
     """An axis (3,) before a rotation; None if it depends on parameters, or gets more components.
 
     In a chain with numbers for angles there would be as many axes as joints.
     """
     if not isinstance(move, Turned):
         return None
+    before = constant_axis(move, axis, move.rotated)
+    if before is None or np.count_nonzero(before) > np.count_nonzero(axis):
+        return None
+    return before
+
+
+def constant_axis(move: Turned, axis: Array, rotated: Callable[[ca.SX], ca.SX]) -> Array | None:
+    """An axis (3,) across a rotation, by `rotated`; None if it depends on parameters there."""
     if is_parallel(ca.DM(move.axis).full().ravel(), axis):
         return axis
-    rotated = move.rotated(ca.SX(axis))
-    if ca.symvar(rotated):
-        return None
-    before = ca.DM(rotated).full().ravel()
-    return before if np.count_nonzero(before) <= np.count_nonzero(axis) else None
+    found = rotated(ca.SX(axis))
+    return None if ca.symvar(found) else ca.DM(found).full().ravel()
 
 
 def is_parallel(first: Array, second: Array) -> bool:

@@ -223,7 +223,7 @@ PLANTED = {
         both(has("revolute"), gravity),
     ),
     "weights turn about the axis they had outside of a turn": (
-        patched(WEIGHTS, "turned_axis", lambda move, axis: axis),
+        patched(WEIGHTS, "_turned_axis", lambda move, axis: axis),
         both(carried("universal"), gravity),
     ),
     "every actuator about a hinge counts twice": (

@@ -78,7 +78,7 @@ PLANTED = {
             first, second._replace(moment=ca.SX(3, 1))
         ),
     ),
-    "an axis that does not change": ("turned_axis", lambda move, axis: axis),
+    "an axis that does not change": ("_turned_axis", lambda move, axis: axis),
 }
 
 
