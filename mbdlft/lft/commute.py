@@ -12,7 +12,8 @@ is a matrix like the one at the start, and
 is a lower bound of all that can follow. A block that can be opened without a higher score is opened; else
 the bases are tried that raise it least, a few models at once. At every step the opened blocks can be
 closed again: that is an LFT of equal value, and if it is smaller, it is the result. The search starts
-again from there, until nothing smaller is found with the most effort.
+again from there, until nothing smaller is found with the most effort. In between, repetitions of one
+delta are left out by Newton's method (`mbdlft.lft.refit`).
 """
 
 import math
@@ -49,6 +50,7 @@ from mbdlft.lft.independent import independent
 from mbdlft.lft.lft import LFT, Array, Block, with_blocks
 from mbdlft.lft.lines import Lines, Values, lines_of, total_degree, values_on
 from mbdlft.lft.reduce import reduce_order
+from mbdlft.lft.refit import refit
 
 _SHIFT = (0.1, 0.3)  # of the range: the search runs around a point where nothing vanishes by chance
 _NEAR = 8  # so many channels more than the smallest LFT may turn out to be dependent
@@ -60,6 +62,7 @@ LARGE = 120  # channels: from there on the bound by pairs waits for the end of a
 _ATTEMPTS = 8  # descents from each form, with other random choices
 _FAR = 3  # a form this much larger than the smallest is not started from
 _QUICK = 0.1  # of the budget: the bound by pairs is asked for again if it took less
+_NEWTON = 0.5  # of the budget, for repetitions that are left out by Newton's method
 _GROWTH = 2  # of the order, that LFTs on the way may have
 
 
@@ -169,6 +172,11 @@ def reduce_commuting(
     forms = [form for form in forms if {block.name for block in form.blocks} == used]
     search = _Search(bound, lambda: time.thread_time() > deadline, forms[0], finish, truth)
     by_pairs = _ByPairs(search, joint, _QUICK * seconds)
+    for_newton = _NEWTON * seconds
+
+    def keeps(found: LFT) -> bool:
+        return _keeps(found, search, fitted=True)
+
     origin = forms[0]
     apart = [independent(form) for form in forms if not search.stop()]
     for form in (*apart, *_moved(origin, search.stop)):
@@ -193,6 +201,14 @@ def reduce_commuting(
                 best = found if found.order < best.order else best
                 if not is_over() and (attempt > 0 or best.order <= LARGE):
                     by_pairs.raise_target(best)
+        others = [form for form in forms if form is not best]
+        before = time.thread_time()
+        seconds = min(for_newton, deadline - before)
+        smaller = refit([best, *others], bound, search.target, keeps, attempt, seconds)
+        for_newton -= time.thread_time() - before
+        if smaller.order < best.order:
+            best = smaller
+            by_pairs.raise_target(best)
         tried = 0  # since the last success; from the first form and from the best in turn
         while tried < _ORDERS and not is_over():
             form = origin if tried % 2 == 0 else best
@@ -237,6 +253,10 @@ class _Search:
         if finish is None and truth is not None:
             floor = part_of_either
         self.as_finished = Truth(lambda: self.finished(form) if truth is None else truth, floor)
+        # in one that is fitted, entries that are zero are rounding
+        matrix_as_given = finish is None and truth is None
+        self.as_fitted = Truth(lambda: form, part_of_either)
+        self.as_fitted_and_finished = self.as_fitted if matrix_as_given else self.as_finished
 
     def finished(self, found: LFT) -> LFT:
         """What becomes of a result."""
@@ -426,8 +446,11 @@ def _around(a: LFT, shift: Array) -> LFT:
     return LFT(M11, M12, a.M21 + outer @ M11, a.M22 + outer @ M12, a.blocks)
 
 
-def _keeps(candidate: LFT, search: _Search) -> bool:
+def _keeps(candidate: LFT, search: _Search, *, fitted: bool = False) -> bool:
     """Whether a candidate is right as it is, and when it is finished."""
-    if search.as_it_is is not None and not is_same(candidate, search.as_it_is):
+    as_it_is, as_finished = search.as_it_is, search.as_finished
+    if fitted:
+        as_it_is, as_finished = search.as_fitted, search.as_fitted_and_finished
+    if as_it_is is not None and not is_same(candidate, as_it_is):
         return False
-    return is_same(search.finished(candidate), search.as_finished)
+    return is_same(search.finished(candidate), as_finished)

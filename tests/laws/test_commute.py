@@ -217,6 +217,7 @@ def test_planted_candidates_are_refused(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(commute, "choose", wrong)
     monkeypatch.setattr(commute, "_moved", lambda a, stop: ())  # these would be enough here
     monkeypatch.setattr(commute, "independent", lambda a: a)
+    monkeypatch.setattr(commute, "refit", lambda forms, *_: forms[0])
     assert smallest(plain, 1.0) is plain
     monkeypatch.setattr(commute, "_keeps", lambda candidate, search: True)
     small = smallest(plain, 1.0)

@@ -1,0 +1,338 @@
+"""One repetition less of one delta, by Newton's method on the values.
+
+With M = [A B ; C D], Y = [C Delta (I - A Delta)^-1, I] and W = [Delta (I - A Delta)^-1 B ; I] a change dM
+changes the value to first order by Y dM W. The entries of M in the rows and columns of one delta are
+the unknowns, all others stay: a direction of that delta is left out, and the unknowns are fitted to the
+values until the difference is rounding (Levenberg 1944, Marquardt 1963). The search in bases
+(`mbdlft.lft.commute`) has a finite number of them. LFTs between the degree and what it finds can belong
+to a continuous family: of Theorem 2 (docs/method.md), by the lines where its quotient lives.
+
+The products Y dM W of a row i and a column b have the scalar products
+
+    Re sum over points of (Y^H Y)_ij (conj(W) W^T)_bc,
+
+so the normal equations are sums of Kronecker products, whatever the number of inputs and outputs.
+"""
+
+import itertools
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from mbdlft.lft.lft import LFT, Array, Block
+from mbdlft.lft.lines import channels_at, pole_distance
+
+Complex = NDArray[np.complex128]
+
+_CLOSE = 2  # forms so much larger than the smallest are looked at
+_TURNS = 4  # directions that are left out, for each repetition above the bound
+_MORE_VALUES = 1.25  # as many as there are unknowns
+_LEAST_POINTS = 20
+_LARGEST, _INSIDE = 3.0, 0.8  # radius of a circle; part of the distance of the nearest pole
+_MOST_UNKNOWNS, _MOST_ANEW = 3000, 1000  # more take seconds a step, or have too many false ends
+_SPREAD = 0.5  # of the entries of a start from anywhere, over the root of their number
+_STEPS, _STALLED, _GAIN = 200, 10, 1.2  # at most; so many without this gain are the last
+_NOISE = 0.01  # of the entries: starts where nothing vanishes by chance
+_DAMPING = 1e-2  # at first, over the difference
+_EASED, _RAISED = 0.25, 5.0  # the damping after a step, and after one that gains nothing
+_LEAST_DAMPING, _RIDGE = 1e-9, 1e-15
+_ROUNDING = 1e-15  # of the values: nothing to gain below
+_EXACT = 1e-12  # a difference that is only rounding
+_RAISES = 10
+_BALANCES = 3  # of rows and columns in turn
+
+
+class _Values(NamedTuple):
+    """Values on circles, for rows and columns of size one.
+
+    Attributes
+    ----------
+    points : (count, deltas), of absolute value one
+    radii : of the circle of each delta
+    values : (count, rows, columns), without those for delta = 0
+    rows, columns : which of the LFT are there, and what they are multiplied with
+    """
+
+    points: Complex
+    radii: Array
+    values: Complex
+    rows: tuple[NDArray[np.intp], Array]
+    columns: tuple[NDArray[np.intp], Array]
+
+
+class _Fit(NamedTuple):
+    """A candidate in scaled channels: root mean square of its difference, Y and W."""
+
+    M: Array
+    size: float
+    difference: Complex
+    Y: Complex
+    W: Complex
+
+
+def refit(
+    forms: Sequence[LFT],
+    bound: Mapping[str, int],
+    least: int,
+    keeps: Callable[[LFT], bool],
+    seed: int,
+    seconds: float,
+) -> LFT:
+    """The smallest of some LFTs of one value, and of those that have repetitions less.
+
+    Parameters
+    ----------
+    forms : LFTs of one value
+        Those not much larger than the smallest are taken in turn; each has its part of the time.
+    bound : mapping of names to the lower bounds of the repetitions
+    least : int
+        Order that ends it.
+    keeps : function of an LFT
+        Whether it has the value.
+    seed : int
+    seconds : float
+        Processor time of this thread (s).
+    """
+    best = min(forms, key=lambda form: form.order)
+    close = [form for form in forms if form.order <= best.order + _CLOSE]
+    end = time.thread_time() + seconds
+    for k, form in enumerate(close):
+        now = time.thread_time()
+        until = now + (end - now) / (len(close) - k)
+
+        def stop(until: float = until) -> bool:
+            return time.thread_time() > until
+
+        found: LFT | None = form
+        while found is not None and found.order > least and not stop():
+            best = found if found.order < best.order else best
+            candidates = one_less(found, bound, _TURNS, seed, stop)
+            found = next((one for one in candidates if keeps(one)), None)
+        best = found if found is not None and found.order < best.order else best
+        if best.order <= least:
+            break
+    return best
+
+
+def one_less(
+    a: LFT, bound: Mapping[str, int], tries: int, seed: int, stop: Callable[[], bool]
+) -> Iterator[LFT]:
+    """LFTs of equal value with one repetition less, as far as they are found.
+
+    Parameters
+    ----------
+    a : LFT
+    bound : mapping of names to the lower bounds of the repetitions
+        A delta that meets its bound is left as it is; those far above it come first.
+    tries : int
+        Directions that are left out, by chance, for each repetition above the bound.
+    seed : int
+    stop : function
+        Asked before each step whether the time is over.
+
+    Yields
+    ------
+    LFT
+        Equal to `a` up to rounding on circles around delta = 0; to be compared with it.
+    """
+    random = np.random.default_rng(seed)
+    above = [block for block in a.blocks if block.size > max(1, bound[block.name])]
+    above.sort(key=lambda block: bound[block.name] / block.size)
+    turns = [block for block in above for _ in range(block.size - max(1, bound[block.name]))]
+    for _, (name, _), fit in itertools.product(range(tries), turns, (_near, _anew)):
+        if stop():
+            return
+        try:
+            found = fit(a, name, random, stop)
+        except (LinAlgError, np.linalg.LinAlgError):  # a pole at one of the points
+            continue
+        if found is not None:
+            yield found
+
+
+def _near(a: LFT, name: str, random: np.random.Generator, stop: Callable[[], bool]) -> LFT | None:
+    """From the LFT itself: without a direction of a delta, whose rows and columns are the unknowns."""
+    part = a.slices()[name]
+    last = part.stop - 1
+    unknowns = (last - part.start) * (2 * a.order + sum(a.shape))
+    if unknowns > _MOST_UNKNOWNS:
+        return None
+    truth = _values(a, unknowns, random)
+    M = _scaled(a, truth)
+    turn = np.linalg.qr(random.standard_normal((last + 1 - part.start,) * 2))[0]
+    M[part] = turn.T @ M[part]
+    M[:, part] = M[:, part] @ turn
+    M = np.delete(np.delete(M, last, axis=0), last, axis=1)
+    return _fitted(a, name, truth, M, slice(part.start, last), random, stop)
+
+
+def _anew(a: LFT, name: str, random: np.random.Generator, stop: Callable[[], bool]) -> LFT | None:
+    """From anywhere, with all of M but D as unknowns: for few of them."""
+    n = a.order - 1
+    unknowns = n * (n + sum(a.shape))
+    if unknowns > _MOST_ANEW:
+        return None
+    truth = _values(a, unknowns, random)
+    outputs, inputs = truth.values.shape[1:]
+    M = _SPREAD / math.sqrt(n) * random.standard_normal((n + outputs, n + inputs))
+    M[n:, n:] = 0.0
+    return _fitted(a, name, truth, M, slice(0, n), random, stop)
+
+
+def _fitted(
+    a: LFT,
+    name: str,
+    truth: _Values,
+    M: Array,
+    part: slice,
+    random: np.random.Generator,
+    stop: Callable[[], bool],
+) -> LFT | None:
+    """With one repetition of a delta less, from a start M; None if the values are not met."""
+    kept = tuple(Block(block.name, block.size - (block.name == name)) for block in a.blocks)
+    n = a.order - 1
+    unknown = np.zeros(M.shape, dtype=bool)
+    unknown[part], unknown[:, part] = True, True
+    unknown[n:, n:] = False
+    noise = _NOISE * math.sqrt(np.mean(M**2)) * random.standard_normal(M.shape)
+    fit = _descend(_fit(M + np.where(unknown, noise, 0.0), kept, truth), kept, part, truth, stop)
+    return _unscaled(fit.M, kept, a, truth) if fit.size < _EXACT else None
+
+
+def _values(a: LFT, unknowns: int, random: np.random.Generator) -> _Values:
+    rows = np.flatnonzero(np.any(a.M21, axis=1))
+    columns = np.flatnonzero(np.any(a.M12, axis=0))
+    each = 2 * max(1, len(rows) * len(columns))
+    count = int(_MORE_VALUES * unknowns / each) + _LEAST_POINTS
+    loops = [a.M11[part, part] for part in a.slices().values()]
+    radii = np.array([_INSIDE * pole_distance(loop, _LARGEST / _INSIDE) for loop in loops])
+    points = np.exp(2j * np.pi * random.uniform(size=(count, len(a.blocks))))
+    deltas = np.repeat(points * radii, [block.size for block in a.blocks], axis=1)
+    z = channels_at(a.M11, a.M12[:, columns], deltas)
+    values = (a.M21[rows] * deltas[:, None, :]) @ z
+    if not np.all(np.isfinite(values)):
+        raise LinAlgError
+    high, wide = _factors(values)
+    return _Values(points, radii, values * high[:, None] * wide, (rows, high), (columns, wide))
+
+
+def _factors(values: Complex) -> tuple[Array, Array]:
+    """Of rows and columns, that bring the root mean square of each to one."""
+    squares = np.mean(np.abs(values) ** 2, axis=0)
+    squares[np.sum(squares, axis=1) == 0.0] = 1.0  # rows and columns that cancel
+    squares[:, np.sum(squares, axis=0) == 0.0] = 1.0
+    high, wide = (np.ones(count) for count in squares.shape)
+    for _ in range(_BALANCES):
+        high = 1.0 / np.sqrt(np.mean(squares * wide**2, axis=1))
+        wide = 1.0 / np.sqrt(np.mean(squares * high[:, None] ** 2, axis=0))
+    return high, wide
+
+
+def _scaled(a: LFT, truth: _Values) -> Array:
+    """M (without D) for the values of `truth`, and deltas on the unit circle."""
+    root = np.sqrt(np.repeat(truth.radii, [block.size for block in a.blocks]))
+    (rows, high), (columns, wide) = truth.rows, truth.columns
+    inner = a.M11 * root * root[:, None]
+    right = a.M12[:, columns] * root[:, None] * wide
+    left = a.M21[rows] * root * high[:, None]
+    return np.block([[inner, right], [left, np.zeros((len(rows), len(columns)))]])
+
+
+def _unscaled(M: Array, kept: tuple[Block, ...], a: LFT, truth: _Values) -> LFT:
+    root = np.sqrt(np.repeat(truth.radii, [block.size for block in kept]))
+    n, (rows, high), (columns, wide) = len(root), truth.rows, truth.columns
+    M12, M21 = np.zeros((n, a.shape[1])), np.zeros((a.shape[0], n))
+    M12[:, columns] = M[:n, n:] / root[:, None] / wide
+    M21[rows] = M[n:, :n] / root / high[:, None]
+    return LFT(M[:n, :n] / root / root[:, None], M12, M21, a.M22, kept)
+
+
+def _fit(M: Array, kept: tuple[Block, ...], truth: _Values) -> _Fit:
+    deltas = np.repeat(truth.points, [block.size for block in kept], axis=1)
+    n = deltas.shape[1]
+    W = deltas[:, :, None] * channels_at(M[:n, :n], M[:n, n:], deltas)
+    Y = np.swapaxes(channels_at(M[:n, :n].T, M[n:, :n].T, deltas), 1, 2) * deltas[:, None, :]
+    difference = M[n:, :n] @ W - truth.values
+    size = math.sqrt(np.mean(np.abs(difference) ** 2))
+    if not math.isfinite(size):
+        raise LinAlgError
+    ones = [np.broadcast_to(np.eye(side), (len(Y), side, side)) for side in difference.shape[1:]]
+    return _Fit(
+        M,
+        size,
+        difference,
+        np.concatenate([Y, ones[0]], axis=2),
+        np.concatenate([W, ones[1]], axis=1),
+    )
+
+
+def _descend(
+    fit: _Fit, kept: tuple[Block, ...], part: slice, truth: _Values, stop: Callable[[], bool]
+) -> _Fit:
+    """Newton's method, damped, until nothing is gained."""
+    damping, sizes = _DAMPING, [fit.size]
+    for _ in range(_STEPS):
+        if stop() or fit.size < _ROUNDING:
+            break
+        normal, slope = _normal_equations(fit, part)
+        for _ in range(_RAISES):
+            ridge = damping * fit.size + _RIDGE
+            try:
+                factor = cho_factor(normal + ridge * np.eye(len(normal)), check_finite=False)
+                after = _fit(fit.M - _spread(cho_solve(factor, slope), fit, part), kept, truth)
+            except (LinAlgError, np.linalg.LinAlgError):
+                damping *= _RAISED
+                continue
+            if after.size < fit.size:
+                break
+            damping *= _RAISED
+        else:
+            break
+        fit, damping = after, max(_EASED * damping, _LEAST_DAMPING)
+        sizes.append(fit.size)
+        if len(sizes) > _STALLED and sizes[-_STALLED] < _GAIN * fit.size:
+            break
+    return fit
+
+
+def _normal_equations(fit: _Fit, part: slice) -> tuple[Array, Array]:
+    """J^T J and J^T r for the rows `part` of M, all columns, then its columns, all other rows."""
+    Y, W = fit.Y, fit.W
+    others = np.delete(np.arange(Y.shape[2]), part)
+    rows, columns = (Y[:, :, part], W), (Y[:, :, others], W[:, part])
+    blocks = [[_products(one, two) for two in (rows, columns)] for one in (rows, columns)]
+    slopes = [
+        np.sum(_adjoint(y) @ fit.difference @ _adjoint(w), axis=0).real.ravel()
+        for y, w in (rows, columns)
+    ]
+    scale = 1.0 / fit.difference.size
+    return np.block(blocks) * scale, np.concatenate(slopes) * scale
+
+
+def _products(one: tuple[Complex, Complex], two: tuple[Complex, Complex]) -> Array:
+    """Re sum of (Y1^H Y2)_ij (conj(W1) W2^T)_bc, as a matrix of (i, b) by (j, c)."""
+    left = _adjoint(one[0]) @ two[0]
+    right = np.conj(one[1]) @ np.swapaxes(two[1], 1, 2)
+    (_, i, j), (_, b, c) = left.shape, right.shape
+    first = np.concatenate([left.real, -left.imag]).reshape(-1, i * j)
+    second = np.concatenate([right.real, right.imag]).reshape(-1, b * c)
+    return np.asarray((first.T @ second).reshape(i, j, b, c).swapaxes(1, 2).reshape(i * b, j * c))
+
+
+def _adjoint(values: NDArray[Any]) -> NDArray[Any]:
+    return np.asarray(np.conj(np.swapaxes(values, 1, 2)))
+
+
+def _spread(step: Array, fit: _Fit, part: slice) -> Array:
+    """A step of the unknowns, as a change of M."""
+    change = np.zeros_like(fit.M)
+    count = part.stop - part.start
+    change[part] = step[: count * fit.M.shape[1]].reshape(count, -1)
+    others = np.delete(np.arange(len(fit.M)), part)
+    change[others, part] = step[count * fit.M.shape[1] :].reshape(len(others), count)
+    return change

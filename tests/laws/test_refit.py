@@ -1,0 +1,143 @@
+"""Laws of repetitions left out by Newton's method.
+
+1. the value stays, with one repetition less
+2. chains with few parameters get to the bound by pairs, where words, search and independence do not
+3. nothing is found where there is nothing: at the degree, or in a generic LFT
+4. an LFT is found whatever the units of its rows and columns
+5. a search has it, and refuses what has another value
+"""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mbdlft.build import choose_signals
+from mbdlft.extract import extract
+from mbdlft.lft import refit as module
+from mbdlft.lft.bound import lower_bound
+from mbdlft.lft.commute import reduce_commuting
+from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.independent import independent
+from mbdlft.lft.joint import joint_bound
+from mbdlft.lft.lft import LFT, Block, fix, with_blocks
+from mbdlft.lft.reduce import reduce_order
+from mbdlft.lft.refit import one_less
+from mbdlft.linearize import linearize
+from mbdlft.scene import assemble
+from tests.close import roundoff
+from tests.laws.chains import chain
+
+KAPPA = 1e4
+TRIES, SEEDS = 6, 3
+
+
+def chain_in_space(links: int, *names: str) -> LFT:
+    """Equations of motion with few parameters, after all that does not fit."""
+    scene = chain(links, spatial=True)
+    equations = assemble(scene)
+    whole = extract(linearize(equations, *choose_signals(scene, equations))).lft
+    others = {name: 0.1 for name, _ in whole.blocks if name not in names}
+    return independent(with_blocks(reduce_order(fix(whole, others)), sorted(names)))
+
+
+def never() -> bool:
+    return False
+
+
+def refitted(a: LFT, least: int = 0) -> LFT:
+    """As small as Newton's method makes it, compared with `a` at points of the range."""
+    degrees, found = lower_bound(a), a
+    points = np.random.default_rng(7).uniform(-1.0, 1.0, (50, len(a.blocks)))
+    values = evaluate_at(a, points)
+    seed = 0
+    while seed < SEEDS and found.order > least:
+        smaller = next(one_less(found, degrees, TRIES, seed, never), None)
+        if smaller is None:
+            seed += 1
+            continue
+        assert smaller.order == found.order - 1
+        roundoff(evaluate_at(smaller, points), values, KAPPA)
+        found = smaller
+    return found
+
+
+@pytest.mark.parametrize(
+    ("links", "names", "before", "after"),
+    [
+        (3, ("m2", "t2"), 13, 12),
+        (4, ("m3", "t1"), 16, 15),
+        (4, ("m3", "t2"), 17, 16),
+        (6, ("m5", "t3"), 24, 21),
+    ],
+)
+def test_two_parameters_are_at_the_bound(
+    links: int, names: tuple[str, ...], before: int, after: int
+) -> None:
+    a = chain_in_space(links, *names)
+    found = refitted(a, after)
+    assert (a.order, found.order) == (before, after)
+    assert after == joint_bound(a, lower_bound(a))
+
+
+def test_nothing_below_the_degrees() -> None:
+    a = chain_in_space(2, "m0", "t1")
+    assert not list(one_less(a, {block.name: block.size for block in a.blocks}, TRIES, 0, never))
+    degrees = lower_bound(a)
+    assert a.order == sum(degrees.values())
+    below = {name: degree - 1 for name, degree in degrees.items()}
+    assert not list(one_less(a, below, TRIES, 0, never))
+
+
+def test_nothing_in_a_generic_lft() -> None:
+    random = np.random.default_rng(3)
+    M = 0.3 * random.standard_normal((7, 8))
+    a = LFT(M[:5, :5], M[:5, 5:], M[5:, :5], M[5:, 5:], (Block("a", 3), Block("b", 2)))
+    assert not list(one_less(a, {"a": 1, "b": 1}, TRIES, 0, never))
+
+
+def test_units() -> None:
+    a = chain_in_space(3, "m2", "t2")
+    rows, columns = (10.0 ** np.linspace(-6, 6, side) for side in a.shape)
+    other = LFT(
+        a.M11, a.M12 * columns, rows[:, None] * a.M21, rows[:, None] * a.M22 * columns, a.blocks
+    )
+    assert refitted(other, 12).order == refitted(a, 12).order == 12
+
+
+def searched(a: LFT, seconds: float) -> LFT:
+    degrees = lower_bound(a)
+    least = joint_bound(a, degrees)
+    return reduce_commuting([a], degrees, seconds, lambda *_: least).lft
+
+
+def test_a_search_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    a = chain_in_space(6, "m5", "t3")
+    assert searched(a, 20.0).order == 21
+    monkeypatch.setattr(module, "_unscaled", forgotten_scale)
+    assert searched(a, 3.0).order == 24
+
+
+def test_time_over() -> None:
+    a = chain_in_space(3, "m2", "t2")
+    assert not list(one_less(a, lower_bound(a), TRIES, 0, lambda: True))
+
+
+def without_conjugate(values: Any) -> Any:
+    return np.swapaxes(values, 1, 2)
+
+
+def forgotten_scale(M: Any, kept: Any, a: LFT, truth: Any) -> LFT:
+    return unscaled(M, kept, a, truth._replace(radii=np.ones_like(truth.radii)))
+
+
+unscaled = module._unscaled
+
+
+@pytest.mark.parametrize(
+    ("name", "bug"), [("_adjoint", without_conjugate), ("_unscaled", forgotten_scale)]
+)
+def test_the_laws_can_fail(monkeypatch: pytest.MonkeyPatch, name: str, bug: Any) -> None:
+    monkeypatch.setattr(module, name, bug)
+    with pytest.raises(AssertionError):
+        test_two_parameters_are_at_the_bound(3, ("m2", "t2"), 13, 12)
