@@ -39,6 +39,8 @@ from mbdlft.lft.basis import (
     settle,
 )
 from mbdlft.lft.equal import (
+    FITTED,
+    SAME,
     Truth,
     is_same,
     part_of_either,
@@ -448,9 +450,9 @@ def _around(a: LFT, shift: Array) -> LFT:
 
 def _keeps(candidate: LFT, search: _Search, *, fitted: bool = False) -> bool:
     """Whether a candidate is right as it is, and when it is finished."""
-    as_it_is, as_finished = search.as_it_is, search.as_finished
+    as_it_is, as_finished, largest = search.as_it_is, search.as_finished, SAME
     if fitted:
-        as_it_is, as_finished = search.as_fitted, search.as_fitted_and_finished
+        as_it_is, as_finished, largest = search.as_fitted, search.as_fitted_and_finished, FITTED
     if as_it_is is not None and not is_same(candidate, as_it_is):
         return False
-    return is_same(search.finished(candidate), as_finished)
+    return is_same(search.finished(candidate), as_finished, largest)

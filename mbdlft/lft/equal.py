@@ -10,7 +10,8 @@ from mbdlft.lft.lft import LFT, Array
 from mbdlft.lft.lines import equilibrate
 
 _POINTS = 64
-_SAME = 1e-11  # relative difference of values, far above rounding and far below a wrong step
+SAME = 1e-11  # relative difference of values, far above rounding and far below a wrong step
+FITTED = 1e-12  # of the finished values of LFTs that are fitted, so that they are not much worse
 _CONDITION = 1e7  # of I - M11 Delta on the range
 _NEGLIGIBLE = 1e-6  # of the largest entry: a smaller one is compared with that part of it
 _CANCELED = 1e-2  # of the terms of an entry: a smaller one is compared with that part of them
@@ -44,10 +45,10 @@ class Truth:
         return fields, values, np.maximum(size, least)
 
 
-def is_same(candidate: LFT, truth: Truth) -> bool:
+def is_same(candidate: LFT, truth: Truth, largest: float = SAME) -> bool:
     """Whether the values are the same, and the loop is far from singular, at all points.
 
-    Each entry is compared with its size.
+    Each entry is compared with its size; the difference is `largest` at most.
     """
     fields, values, size = truth.values
     nothing = np.zeros(len(values))
@@ -60,7 +61,7 @@ def is_same(candidate: LFT, truth: Truth) -> bool:
         if np.any(signs <= 0) or np.max(np.linalg.cond(loop)) > _CONDITION:
             return False
     difference = np.abs(evaluate_at(candidate, points) - values)
-    return bool(np.max(difference / np.where(size > 0, size, 1.0), initial=0.0) <= _SAME)
+    return bool(np.max(difference / np.where(size > 0, size, 1.0), initial=0.0) <= largest)
 
 
 def part_of_largest(values: Array) -> float:
