@@ -205,8 +205,8 @@ def reduce_commuting(
                     by_pairs.raise_target(best)
         others = [form for form in forms if form is not best]
         before = time.thread_time()
-        seconds = min(for_newton, deadline - before)
-        smaller = refit([best, *others], bound, search.target, keeps, attempt, seconds)
+        allowed = min(for_newton, deadline - before)
+        smaller = refit([best, *others], bound, search.target, keeps, attempt, allowed)
         for_newton -= time.thread_time() - before
         if smaller.order < best.order:
             best = smaller
@@ -256,9 +256,10 @@ class _Search:
             floor = part_of_either
         self.as_finished = Truth(lambda: self.finished(form) if truth is None else truth, floor)
         # in one that is fitted, entries that are zero are rounding
-        matrix_as_given = finish is None and truth is None
-        self.as_fitted = Truth(lambda: form, part_of_either)
-        self.as_fitted_and_finished = self.as_fitted if matrix_as_given else self.as_finished
+        rounded = Truth(lambda: form, part_of_either)
+        matrix_as_given = finish is None and truth is None  # the second comparison has it
+        self.as_fitted = None if matrix_as_given else rounded
+        self.as_fitted_and_finished = rounded if matrix_as_given else self.as_finished
 
     def finished(self, found: LFT) -> LFT:
         """What becomes of a result."""

@@ -109,11 +109,12 @@ def refit(
             return time.thread_time() > until
 
         found: LFT | None = form
-        while found is not None and found.order > least and not stop():
+        while found is not None:
             best = found if found.order < best.order else best
+            if found.order <= least or stop():
+                break
             candidates = one_less(found, bound, _TURNS, seed, stop)
             found = next((one for one in candidates if keeps(one)), None)
-        best = found if found is not None and found.order < best.order else best
         if best.order <= least:
             break
     return best
