@@ -18,22 +18,21 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from mbdlft.lft.circles import CircleValues, Complex, Fit, circle_values, fit_of, scaled, unscaled
 from mbdlft.lft.lft import LFT, Array, Block
-from mbdlft.lft.lines import channels_at, pole_distance
-
-Complex = NDArray[np.complex128]
+from mbdlft.lft.min_rank import lower_ranks
 
 _CLOSE = 2  # forms so much larger than the smallest are looked at
+_RANKS = 0.5  # of the time, at most, for affine deltas alone
+_ENTRIES = 670  # of a matrix whose null space takes about a fifth of a second
 _TURNS = 4  # directions that are left out, for each repetition above the bound
-_MORE_VALUES = 1.25  # as many as there are unknowns
-_LEAST_POINTS = 20
-_LARGEST, _INSIDE = 3.0, 0.8  # radius of a circle; part of the distance of the nearest pole
 _MOST_UNKNOWNS, _MOST_ANEW = 3000, 1000  # more take seconds a step, or have too many false ends
 _SPREAD = 0.5  # of the entries of a start from anywhere, over the root of their number
 _STEPS, _STALLED, _GAIN = 200, 10, 1.2  # at most; so many without this gain are the last
@@ -44,35 +43,6 @@ _LEAST_DAMPING, _RIDGE = 1e-9, 1e-15
 _ROUNDING = 1e-15  # of the values: nothing to gain below
 _EXACT = 1e-12  # a difference that is only rounding
 _RAISES = 10
-_BALANCES = 3  # of rows and columns in turn
-
-
-class _Values(NamedTuple):
-    """Values on circles, for rows and columns of size one.
-
-    Attributes
-    ----------
-    points : (count, deltas), of absolute value one
-    radii : of the circle of each delta
-    values : (count, rows, columns), without those for delta = 0
-    rows, columns : which of the LFT are there, and what they are multiplied with
-    """
-
-    points: Complex
-    radii: Array
-    values: Complex
-    rows: tuple[NDArray[np.intp], Array]
-    columns: tuple[NDArray[np.intp], Array]
-
-
-class _Fit(NamedTuple):
-    """A candidate in scaled channels: root mean square of its difference, Y and W."""
-
-    M: Array
-    size: float
-    difference: Complex
-    Y: Complex
-    W: Complex
 
 
 def refit(
@@ -98,26 +68,70 @@ def refit(
     seconds : float
         Processor time of this thread (s).
     """
-    best = min(forms, key=lambda form: form.order)
-    close = [form for form in forms if form.order <= best.order + _CLOSE]
-    end = time.thread_time() + seconds
+    forms = sorted(forms, key=lambda form: form.order)
+    close = [form for form in forms if form.order <= forms[0].order + _CLOSE]
+    if seconds <= 0.0:
+        return close[0]
+    start, entries = time.thread_time(), int(_ENTRIES * seconds ** (1.0 / 3.0))
+    for k, form in enumerate(close):
+        until = start + _RANKS * seconds
+        lower = partial(_lower, bound=bound, entries=entries, seed=seed, stop=_after(until))
+        close[k] = _followed(form, lower, least, keeps, _after(until))
+        if close[k].order <= least:
+            return close[k]
     for k, form in enumerate(close):
         now = time.thread_time()
-        until = now + (end - now) / (len(close) - k)
+        stop = _after(now + (start + seconds - now) / (len(close) - k))
+        less = partial(one_less, bound=bound, tries=_TURNS, seed=seed, stop=stop)
+        close[k] = _followed(form, less, least, keeps, stop)
+        if close[k].order <= least:
+            return close[k]
+    return min(close, key=lambda form: form.order)
 
-        def stop(until: float = until) -> bool:
-            return time.thread_time() > until
 
-        found: LFT | None = form
-        while found is not None:
-            best = found if found.order < best.order else best
-            if found.order <= least or stop():
-                break
-            candidates = one_less(found, bound, _TURNS, seed, stop)
-            found = next((one for one in candidates if keeps(one)), None)
-        if best.order <= least:
+def _after(until: float) -> Callable[[], bool]:
+    return lambda: time.thread_time() > until
+
+
+def _followed(
+    a: LFT,
+    candidates: Callable[[LFT], Iterator[LFT]],
+    least: int,
+    keeps: Callable[[LFT], bool],
+    stop: Callable[[], bool],
+) -> LFT:
+    """The last of the LFTs that come one from the other, by the first candidate that keeps the value."""
+    found: LFT | None = a
+    while found is not None:
+        a = found
+        if a.order <= least or stop():
             break
-    return best
+        found = next((one for one in candidates(a) if keeps(one)), None)
+    return a
+
+
+def _lower(
+    a: LFT, bound: Mapping[str, int], entries: int, seed: int, stop: Callable[[], bool]
+) -> Iterator[LFT]:
+    """Of smaller rank, as they are found and then without what their channels feed to themselves."""
+    random = np.random.default_rng(seed)
+    for candidate in lower_ranks(a, bound, entries, seed, stop):
+        yield candidate
+        sizes = dict(a.blocks)
+        (part,) = (
+            candidate.slices()[name] for name, size in candidate.blocks if size < sizes[name]
+        )
+        unknowns = (part.stop - part.start) * (2 * candidate.order + sum(a.shape))
+        if unknowns > _MOST_UNKNOWNS or stop():
+            continue
+        try:
+            truth = circle_values(a, unknowns, random)
+            start = fit_of(scaled(candidate, truth), candidate.blocks, truth)
+            fit = _descend(start, candidate.blocks, part, truth, stop)
+        except (LinAlgError, np.linalg.LinAlgError):  # a pole at one of the points
+            continue
+        if fit.size < _EXACT:
+            yield unscaled(fit.M, candidate.blocks, a, truth)
 
 
 def one_less(
@@ -163,8 +177,8 @@ def _near(a: LFT, name: str, random: np.random.Generator, stop: Callable[[], boo
     unknowns = (last - part.start) * (2 * a.order + sum(a.shape))
     if unknowns > _MOST_UNKNOWNS:
         return None
-    truth = _values(a, unknowns, random)
-    M = _scaled(a, truth)
+    truth = circle_values(a, unknowns, random)
+    M = scaled(a, truth)
     turn = np.linalg.qr(random.standard_normal((last + 1 - part.start,) * 2))[0]
     M[part] = turn.T @ M[part]
     M[:, part] = M[:, part] @ turn
@@ -178,7 +192,7 @@ def _anew(a: LFT, name: str, random: np.random.Generator, stop: Callable[[], boo
     unknowns = n * (n + sum(a.shape))
     if unknowns > _MOST_ANEW:
         return None
-    truth = _values(a, unknowns, random)
+    truth = circle_values(a, unknowns, random)
     outputs, inputs = truth.values.shape[1:]
     M = _SPREAD / math.sqrt(n) * random.standard_normal((n + outputs, n + inputs))
     M[n:, n:] = 0.0
@@ -188,7 +202,7 @@ def _anew(a: LFT, name: str, random: np.random.Generator, stop: Callable[[], boo
 def _fitted(
     a: LFT,
     name: str,
-    truth: _Values,
+    truth: CircleValues,
     M: Array,
     part: slice,
     random: np.random.Generator,
@@ -201,80 +215,13 @@ def _fitted(
     unknown[part], unknown[:, part] = True, True
     unknown[n:, n:] = False
     noise = _NOISE * math.sqrt(np.mean(M**2)) * random.standard_normal(M.shape)
-    fit = _descend(_fit(M + np.where(unknown, noise, 0.0), kept, truth), kept, part, truth, stop)
-    return _unscaled(fit.M, kept, a, truth) if fit.size < _EXACT else None
-
-
-def _values(a: LFT, unknowns: int, random: np.random.Generator) -> _Values:
-    rows = np.flatnonzero(np.any(a.M21, axis=1))
-    columns = np.flatnonzero(np.any(a.M12, axis=0))
-    each = 2 * max(1, len(rows) * len(columns))
-    count = int(_MORE_VALUES * unknowns / each) + _LEAST_POINTS
-    loops = [a.M11[part, part] for part in a.slices().values()]
-    radii = np.array([_INSIDE * pole_distance(loop, _LARGEST / _INSIDE) for loop in loops])
-    points = np.exp(2j * np.pi * random.uniform(size=(count, len(a.blocks))))
-    deltas = np.repeat(points * radii, [block.size for block in a.blocks], axis=1)
-    z = channels_at(a.M11, a.M12[:, columns], deltas)
-    values = (a.M21[rows] * deltas[:, None, :]) @ z
-    if not np.all(np.isfinite(values)):
-        raise LinAlgError
-    high, wide = _factors(values)
-    return _Values(points, radii, values * high[:, None] * wide, (rows, high), (columns, wide))
-
-
-def _factors(values: Complex) -> tuple[Array, Array]:
-    """Of rows and columns, that bring the root mean square of each to one."""
-    squares = np.mean(np.abs(values) ** 2, axis=0)
-    squares[np.sum(squares, axis=1) == 0.0] = 1.0  # rows and columns that cancel
-    squares[:, np.sum(squares, axis=0) == 0.0] = 1.0
-    high, wide = (np.ones(count) for count in squares.shape)
-    for _ in range(_BALANCES):
-        high = 1.0 / np.sqrt(np.mean(squares * wide**2, axis=1))
-        wide = 1.0 / np.sqrt(np.mean(squares * high[:, None] ** 2, axis=0))
-    return high, wide
-
-
-def _scaled(a: LFT, truth: _Values) -> Array:
-    """M (without D) for the values of `truth`, and deltas on the unit circle."""
-    root = np.sqrt(np.repeat(truth.radii, [block.size for block in a.blocks]))
-    (rows, high), (columns, wide) = truth.rows, truth.columns
-    inner = a.M11 * root * root[:, None]
-    right = a.M12[:, columns] * root[:, None] * wide
-    left = a.M21[rows] * root * high[:, None]
-    return np.block([[inner, right], [left, np.zeros((len(rows), len(columns)))]])
-
-
-def _unscaled(M: Array, kept: tuple[Block, ...], a: LFT, truth: _Values) -> LFT:
-    root = np.sqrt(np.repeat(truth.radii, [block.size for block in kept]))
-    n, (rows, high), (columns, wide) = len(root), truth.rows, truth.columns
-    M12, M21 = np.zeros((n, a.shape[1])), np.zeros((a.shape[0], n))
-    M12[:, columns] = M[:n, n:] / root[:, None] / wide
-    M21[rows] = M[n:, :n] / root / high[:, None]
-    return LFT(M[:n, :n] / root / root[:, None], M12, M21, a.M22, kept)
-
-
-def _fit(M: Array, kept: tuple[Block, ...], truth: _Values) -> _Fit:
-    deltas = np.repeat(truth.points, [block.size for block in kept], axis=1)
-    n = deltas.shape[1]
-    W = deltas[:, :, None] * channels_at(M[:n, :n], M[:n, n:], deltas)
-    Y = np.swapaxes(channels_at(M[:n, :n].T, M[n:, :n].T, deltas), 1, 2) * deltas[:, None, :]
-    difference = M[n:, :n] @ W - truth.values
-    size = math.sqrt(np.mean(np.abs(difference) ** 2))
-    if not math.isfinite(size):
-        raise LinAlgError
-    ones = [np.broadcast_to(np.eye(side), (len(Y), side, side)) for side in difference.shape[1:]]
-    return _Fit(
-        M,
-        size,
-        difference,
-        np.concatenate([Y, ones[0]], axis=2),
-        np.concatenate([W, ones[1]], axis=1),
-    )
+    fit = _descend(fit_of(M + np.where(unknown, noise, 0.0), kept, truth), kept, part, truth, stop)
+    return unscaled(fit.M, kept, a, truth) if fit.size < _EXACT else None
 
 
 def _descend(
-    fit: _Fit, kept: tuple[Block, ...], part: slice, truth: _Values, stop: Callable[[], bool]
-) -> _Fit:
+    fit: Fit, kept: tuple[Block, ...], part: slice, truth: CircleValues, stop: Callable[[], bool]
+) -> Fit:
     """Newton's method, damped, until nothing is gained."""
     damping, sizes = _DAMPING, [fit.size]
     for _ in range(_STEPS):
@@ -285,7 +232,7 @@ def _descend(
             ridge = damping * fit.size + _RIDGE
             try:
                 factor = cho_factor(normal + ridge * np.eye(len(normal)), check_finite=False)
-                after = _fit(fit.M - _spread(cho_solve(factor, slope), fit, part), kept, truth)
+                after = fit_of(fit.M - _spread(cho_solve(factor, slope), fit, part), kept, truth)
             except (LinAlgError, np.linalg.LinAlgError):
                 damping *= _RAISED
                 continue
@@ -301,7 +248,7 @@ def _descend(
     return fit
 
 
-def _normal_equations(fit: _Fit, part: slice) -> tuple[Array, Array]:
+def _normal_equations(fit: Fit, part: slice) -> tuple[Array, Array]:
     """J^T J and J^T r for the rows `part` of M, all columns, then its columns, all other rows."""
     Y, W = fit.Y, fit.W
     others = np.delete(np.arange(Y.shape[2]), part)
@@ -329,7 +276,7 @@ def _adjoint(values: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(np.conj(np.swapaxes(values, 1, 2)))
 
 
-def _spread(step: Array, fit: _Fit, part: slice) -> Array:
+def _spread(step: Array, fit: Fit, part: slice) -> Array:
     """A step of the unknowns, as a change of M."""
     change = np.zeros_like(fit.M)
     count = part.stop - part.start

@@ -1,0 +1,146 @@
+"""Laws of the smallest rank of the channels of an affine delta.
+
+1. the value stays, with fewer repetitions, where words, search and independence leave them
+2. every candidate has the slope of the value where its delta is zero
+3. what its channels feed to themselves goes by Newton's method
+4. nothing is found where there is nothing: at the bound, in a delta that is not affine, among too many
+5. an LFT is found whatever the units of its rows and columns
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mbdlft.lft import min_rank as module
+from mbdlft.lft import refit as newton
+from mbdlft.lft.basis import open_block
+from mbdlft.lft.bound import lower_bound
+from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.joint import joint_bound
+from mbdlft.lft.lft import LFT, Block
+from mbdlft.lft.min_rank import lower_ranks
+from mbdlft.lft.refit import refit
+from mbdlft.lft.threads import one_thread
+from tests.close import roundoff
+from tests.laws.test_refit import KAPPA, chain_in_space, never
+
+ENTRIES = 1000
+STARTS = 30
+
+
+@pytest.fixture(autouse=True)
+def few_starts(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setattr(module, "_STARTS", STARTS)
+    with one_thread():  # as models are made
+        yield
+
+
+def candidates(a: LFT, entries: int = ENTRIES) -> Iterator[LFT]:
+    return lower_ranks(a, lower_bound(a), entries, 0, never)
+
+
+def values(a: LFT) -> Any:
+    return evaluate_at(a, np.random.default_rng(7).uniform(-1.0, 1.0, (50, len(a.blocks))))
+
+
+def slope(a: LFT, name: str) -> Any:
+    """Of the value in one delta, where it is zero: (w, u) -> (z, y) is [A B ; C D]."""
+    size, opened = dict(a.blocks)[name], values(open_block(a, name))
+    return opened[:, size:, :size] @ opened[:, :size, size:]
+
+
+def is_right(found: LFT, a: LFT, scale: Any = 1.0) -> bool:
+    try:
+        roundoff(values(found) / scale, values(a) / scale, KAPPA)
+    except AssertionError:
+        return False
+    return True
+
+
+def three_fewer_at_once(a: LFT) -> None:
+    found = [one.order for one in candidates(a) if is_right(one, a)]
+    assert (a.order, min(found, default=a.order)) == (24, 21)
+
+
+def same_slopes(a: LFT, name: str) -> None:
+    found = list(candidates(a))
+    assert found
+    for candidate in found:
+        assert dict(candidate.blocks)[name] < dict(a.blocks)[name]
+        roundoff(slope(candidate, name), slope(a, name), KAPPA)
+
+
+def test_three_fewer_at_once() -> None:
+    a = chain_in_space(6, "m5", "t3")
+    three_fewer_at_once(a)
+    assert joint_bound(a, lower_bound(a)) == 21
+
+
+@pytest.mark.parametrize(("links", "names"), [(4, ("m3", "t1")), (4, ("m3", "t2"))])
+def test_slopes(links: int, names: tuple[str, ...]) -> None:
+    same_slopes(chain_in_space(links, *names), names[0])
+
+
+@pytest.mark.parametrize(
+    ("links", "names", "before", "after"),
+    [(4, ("m3", "t1"), 16, 15), (4, ("m3", "t2"), 17, 16)],
+)
+def test_with_newton(
+    monkeypatch: pytest.MonkeyPatch, links: int, names: tuple[str, ...], before: int, after: int
+) -> None:
+    monkeypatch.setattr(newton, "one_less", lambda *_, **__: iter(()))
+    a = chain_in_space(links, *names)
+    found = refit([a], lower_bound(a), after, lambda one: is_right(one, a), 0, 40.0)
+    assert (a.order, found.order) == (before, after)
+
+
+def test_units() -> None:
+    a = chain_in_space(6, "m5", "t3")
+    rows, columns = (10.0 ** np.linspace(-6, 6, side) for side in a.shape)
+    other = LFT(
+        a.M11, a.M12 * columns, rows[:, None] * a.M21, rows[:, None] * a.M22 * columns, a.blocks
+    )
+    scale = rows[:, None] * columns
+    found = [one for one in candidates(other) if is_right(one, other, scale)]
+    assert min(one.order for one in found) == 21
+
+
+def test_nothing_to_find() -> None:
+    a = chain_in_space(4, "m3", "t2")
+    sizes = {block.name: block.size for block in a.blocks}
+    assert not list(lower_ranks(a, sizes, ENTRIES, 0, never))
+    assert not list(lower_ranks(a, sizes | {"t2": 1}, ENTRIES, 0, never))  # not affine
+    assert not list(candidates(a, entries=20))
+    assert not list(lower_ranks(a, lower_bound(a), ENTRIES, 0, lambda: True))
+
+
+def test_nothing_in_a_generic_lft() -> None:
+    random = np.random.default_rng(3)
+    M = 0.3 * random.standard_normal((8, 9))
+    M[3:5, 3:5], M[:3, 3:5] = 0.0, 0.0  # affine in the second delta, which feeds outputs alone
+    a = LFT(M[:5, :5], M[:5, 5:], M[5:, :5], M[5:, 5:], (Block("a", 3), Block("b", 2)))
+    assert not list(lower_ranks(a, {"a": 1, "b": 1}, ENTRIES, 0, never))
+
+
+family = module._family
+
+
+def forgotten_sizes(*arguments: Any) -> Any:
+    found = family(*arguments)
+    return found._replace(rows=(found.rows[0], np.ones_like(found.rows[1])))
+
+
+def any_direction(*arguments: Any) -> Any:
+    found = family(*arguments)
+    return found._replace(free=np.random.default_rng(0).standard_normal(found.free.shape))
+
+
+@pytest.mark.parametrize("bug", [forgotten_sizes, any_direction])
+def test_the_laws_can_fail(monkeypatch: pytest.MonkeyPatch, bug: Any) -> None:
+    monkeypatch.setattr(module, "_family", bug)
+    with pytest.raises(AssertionError):
+        three_fewer_at_once(chain_in_space(6, "m5", "t3"))
+    with pytest.raises(AssertionError):
+        same_slopes(chain_in_space(4, "m3", "t2"), "m3")
