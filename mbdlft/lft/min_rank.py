@@ -50,7 +50,7 @@ class _Family(NamedTuple):
 def lower_ranks(
     a: LFT, bound: Mapping[str, int], entries: int, seed: int, stop: Callable[[], bool]
 ) -> Iterator[LFT]:
-    """LFTs of equal value with fewer repetitions of an affine delta, as far as they are found.
+    """LFTs with fewer repetitions of an affine delta, as far as they are found.
 
     Parameters
     ----------
@@ -67,7 +67,8 @@ def lower_ranks(
     Yields
     ------
     LFT
-        To be compared with `a`: its slope is right.
+        Of equal slope where that delta is zero, and of equal value if its channels do not feed
+        themselves: to be compared with `a`.
     """
     random = np.random.default_rng(seed)
     above = [block for block in a.blocks if block.size > max(1, bound[block.name])]
