@@ -48,7 +48,12 @@ class _Family(NamedTuple):
 
 
 def lower_ranks(
-    a: LFT, bound: Mapping[str, int], entries: int, seed: int, stop: Callable[[], bool]
+    a: LFT,
+    bound: Mapping[str, int],
+    least: int,
+    entries: int,
+    seed: int,
+    stop: Callable[[], bool],
 ) -> Iterator[LFT]:
     """LFTs with fewer repetitions of an affine delta, as far as they are found.
 
@@ -57,6 +62,8 @@ def lower_ranks(
     a : LFT
     bound : mapping of names to the lower bounds of the repetitions
         A delta that meets its bound is left as it is; those far above it come first.
+    least : int
+        No smaller order is looked for.
     entries : int
         Of E at most. The null space takes a time like their cube, some seconds for 2000; a delta with
         more than these next to it is left as it is.
@@ -76,7 +83,7 @@ def lower_ranks(
         if stop() or not is_affine(a, name):
             continue
         try:
-            fewer = size - max(1, bound[name])
+            fewer = min(size - max(1, bound[name]), a.order - least)
             yield from _smaller(a, name, fewer, entries, random, stop)
         except (LinAlgError, np.linalg.LinAlgError):  # a pole at one of the points
             continue

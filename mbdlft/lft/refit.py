@@ -75,8 +75,9 @@ def refit(
     start, entries = time.thread_time(), int(_ENTRIES * seconds ** (1.0 / 3.0))
     for k, form in enumerate(close):
         until = start + _RANKS * seconds
-        lower = partial(_lower, bound=bound, entries=entries, seed=seed, stop=_after(until))
-        close[k] = _followed(form, lower, least, keeps, _after(until))
+        stop = _after(until)
+        lower = partial(_lower, bound=bound, least=least, entries=entries, seed=seed, stop=stop)
+        close[k] = _followed(form, lower, least, keeps, stop)
         if close[k].order <= least:
             return close[k]
     for k, form in enumerate(close):
@@ -111,11 +112,16 @@ def _followed(
 
 
 def _lower(
-    a: LFT, bound: Mapping[str, int], entries: int, seed: int, stop: Callable[[], bool]
+    a: LFT,
+    bound: Mapping[str, int],
+    least: int,
+    entries: int,
+    seed: int,
+    stop: Callable[[], bool],
 ) -> Iterator[LFT]:
     """Of smaller rank, as they are found and then without what their channels feed to themselves."""
     random = np.random.default_rng(seed)
-    for candidate in lower_ranks(a, bound, entries, seed, stop):
+    for candidate in lower_ranks(a, bound, least, entries, seed, stop):
         yield candidate
         sizes = dict(a.blocks)
         (part,) = (

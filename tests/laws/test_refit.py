@@ -7,6 +7,7 @@
 5. a search has it, and refuses what has another value
 """
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,12 @@ from tests.laws.chains import chain
 
 KAPPA = 1e4
 TRIES, SEEDS = 6, 3
+
+
+@pytest.fixture(autouse=True)
+def as_models_are_made() -> Iterator[None]:
+    with one_thread():
+        yield
 
 
 def chain_in_space(links: int, *names: str) -> LFT:
@@ -109,8 +116,7 @@ def test_units() -> None:
 def searched(a: LFT, seconds: float) -> LFT:
     degrees = lower_bound(a)
     least = joint_bound(a, degrees)
-    with one_thread():  # as models are made
-        return reduce_commuting([a], degrees, seconds, lambda *_: least).lft
+    return reduce_commuting([a], degrees, seconds, lambda *_: least).lft
 
 
 def test_a_search_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
