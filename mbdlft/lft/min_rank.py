@@ -77,16 +77,21 @@ def lower_ranks(
         Of equal slope where that delta is zero, and of equal value if its channels do not feed
         themselves: to be compared with `a`.
     """
-    random = np.random.default_rng(seed)
-    above = [block for block in a.blocks if block.size > max(1, bound[block.name])]
-    for name, size in sorted(above, key=lambda block: bound[block.name] - block.size):
+    random, more = np.random.default_rng(seed), above_bound(a, bound)
+    for name in sorted(more, key=lambda name: -more[name]):
         if stop() or not is_affine(a, name):
             continue
         try:
-            fewer = min(size - max(1, bound[name]), a.order - least)
+            fewer = min(more[name], a.order - least)
             yield from _smaller(a, name, fewer, entries, random, stop)
         except (LinAlgError, np.linalg.LinAlgError):  # a pole at one of the points
             continue
+
+
+def above_bound(a: LFT, bound: Mapping[str, int]) -> dict[str, int]:
+    """How many repetitions of each delta may be left out, if any; one always stays."""
+    more = {name: size - max(1, bound[name]) for name, size in a.blocks}
+    return {name: count for name, count in more.items() if count > 0}
 
 
 def _smaller(
@@ -152,11 +157,19 @@ def _sites(a: LFT, name: str, most_entries: int) -> tuple[Mask, Mask] | None:
     that least goes through all other channels are added, as long as E does not get too large.
     """
     part = a.slices()[name]
-    others = np.delete(np.arange(a.order), part)
+    own = np.zeros(a.order, dtype=bool)
+    own[part] = True
     depends = a.M11 != 0.0
-    own = np.isin(np.arange(a.order), others, invert=True)
     before, after = _reached(depends, own), _reached(depends.T, own)
-    outputs, inputs = np.any(a.M21, axis=1), np.any(a.M12, axis=0)
+    ports = int(np.sum(np.any(a.M21, axis=1))), int(np.sum(np.any(a.M12, axis=0)))
+
+    def sites(ends: Mask, begins: Mask) -> tuple[Mask, Mask]:
+        """Those of the other channels, and all outputs or inputs."""
+        rows, columns = (
+            np.concatenate([side[~own], np.ones(count, dtype=bool)])
+            for side, count in zip((ends, begins), ports, strict=True)
+        )
+        return rows, columns
 
     def others_through(other: slice) -> int:
         """Channels that depend on those of a delta that stand before, or feed those that stand after."""
@@ -167,25 +180,15 @@ def _sites(a: LFT, name: str, most_entries: int) -> tuple[Mask, Mask] | None:
         ways = (_reached(depends.T, first) & ~first, _reached(depends, last) & ~last)
         return max(int(np.sum(side)) for side in ways)
 
-    ends, begins = after.copy(), before.copy()
     near = sorted((own for other, own in a.slices().items() if other != name), key=others_through)
+    ends, begins, found = after.copy(), before.copy(), None
     for added in (part, *near):
-        more_ends, more_begins = ends.copy(), begins.copy()
-        more_ends[added], more_begins[added] = True, True
-        entries = (np.sum(more_ends[others]) + np.sum(outputs)) * (
-            np.sum(more_begins[others]) + np.sum(inputs)
-        )
-        if entries > most_entries:
-            return None if added is part else _with_ports(ends, begins, others, outputs, inputs)
-        ends, begins = more_ends, more_begins
-    return _with_ports(ends, begins, others, outputs, inputs)
-
-
-def _with_ports(
-    ends: Mask, begins: Mask, others: NDArray[np.intp], outputs: Mask, inputs: Mask
-) -> tuple[Mask, Mask]:
-    rows = np.concatenate([ends[others], np.ones(int(np.sum(outputs)), dtype=bool)])
-    return rows, np.concatenate([begins[others], np.ones(int(np.sum(inputs)), dtype=bool)])
+        ends[added], begins[added] = True, True
+        more = sites(ends, begins)
+        if np.sum(more[0]) * np.sum(more[1]) > most_entries:
+            break
+        found = more
+    return found
 
 
 def _reached(depends: Mask, start: Mask) -> Mask:

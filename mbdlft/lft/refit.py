@@ -27,7 +27,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from mbdlft.lft.circles import CircleValues, Complex, Fit, circle_values, fit_of, scaled, unscaled
 from mbdlft.lft.lft import LFT, Array, Block
-from mbdlft.lft.min_rank import lower_ranks
+from mbdlft.lft.min_rank import above_bound, lower_ranks
 
 _CLOSE = 2  # forms so much larger than the smallest are looked at
 _RANKS = 0.5  # of the time, at most, for affine deltas alone
@@ -120,10 +120,9 @@ def _lower(
     stop: Callable[[], bool],
 ) -> Iterator[LFT]:
     """Of smaller rank, as they are found and then without what their channels feed to themselves."""
-    random = np.random.default_rng(seed)
+    random, sizes = np.random.default_rng(seed), dict(a.blocks)
     for candidate in lower_ranks(a, bound, least, entries, seed, stop):
         yield candidate
-        sizes = dict(a.blocks)
         (part,) = (
             candidate.slices()[name] for name, size in candidate.blocks if size < sizes[name]
         )
@@ -161,11 +160,10 @@ def one_less(
     LFT
         Equal to `a` up to rounding on circles around delta = 0; to be compared with it.
     """
-    random = np.random.default_rng(seed)
-    above = [block for block in a.blocks if block.size > max(1, bound[block.name])]
-    above.sort(key=lambda block: bound[block.name] / block.size)
-    turns = [block for block in above for _ in range(block.size - max(1, bound[block.name]))]
-    for _, (name, _), fit in itertools.product(range(tries), turns, (_near, _anew)):
+    random, more, sizes = np.random.default_rng(seed), above_bound(a, bound), dict(a.blocks)
+    names = sorted(more, key=lambda name: bound[name] / sizes[name])
+    turns = [name for name in names for _ in range(more[name])]
+    for _, name, fit in itertools.product(range(tries), turns, (_near, _anew)):
         if stop():
             return
         try:

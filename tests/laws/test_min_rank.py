@@ -24,7 +24,7 @@ from mbdlft.lft.min_rank import lower_ranks
 from mbdlft.lft.refit import refit
 from mbdlft.lft.threads import one_thread
 from tests.close import roundoff
-from tests.laws.test_refit import KAPPA, chain_in_space, never
+from tests.laws.test_refit import KAPPA, chain_in_space, in_other_units, never
 
 ENTRIES = 1000
 STARTS = 30
@@ -97,12 +97,7 @@ def test_with_newton(
 
 
 def test_units() -> None:
-    a = chain_in_space(6, "m5", "t3")
-    rows, columns = (10.0 ** np.linspace(-6, 6, side) for side in a.shape)
-    other = LFT(
-        a.M11, a.M12 * columns, rows[:, None] * a.M21, rows[:, None] * a.M22 * columns, a.blocks
-    )
-    scale = rows[:, None] * columns
+    other, scale = in_other_units(chain_in_space(6, "m5", "t3"))
     found = [one for one in candidates(other, least=21) if is_right(one, other, scale)]
     assert min(one.order for one in found) == 21
 

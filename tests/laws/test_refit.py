@@ -49,6 +49,13 @@ def chain_in_space(links: int, *names: str) -> LFT:
     return independent(with_blocks(reduce_order(fix(whole, others)), sorted(names)))
 
 
+def in_other_units(a: LFT) -> tuple[LFT, Any]:
+    """With rows and columns over 12 orders of magnitude, and the factors of the entries."""
+    rows, columns = (10.0 ** np.linspace(-6, 6, side) for side in a.shape)
+    scale = rows[:, None] * columns
+    return LFT(a.M11, a.M12 * columns, rows[:, None] * a.M21, a.M22 * scale, a.blocks), scale
+
+
 def never() -> bool:
     return False
 
@@ -106,10 +113,7 @@ def test_nothing_in_a_generic_lft() -> None:
 
 def test_units() -> None:
     a = chain_in_space(3, "m2", "t2")
-    rows, columns = (10.0 ** np.linspace(-6, 6, side) for side in a.shape)
-    other = LFT(
-        a.M11, a.M12 * columns, rows[:, None] * a.M21, rows[:, None] * a.M22 * columns, a.blocks
-    )
+    other, _ = in_other_units(a)
     assert refitted(other, 12).order == refitted(a, 12).order == 12
 
 
