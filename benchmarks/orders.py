@@ -103,7 +103,7 @@ def _rewritten(case: Case, search: float, count: int) -> str:
 
 
 class ChainRow(NamedTuple):
-    """One chain: orders, bounds one by one and by pairs, and seconds."""
+    """One chain: orders, bounds one by one and by pairs and triples, and seconds."""
 
     name: str
     parameters: int
@@ -157,8 +157,8 @@ def measure_reduction(links: int = 12) -> str:
 def chain_table(rows: Sequence[ChainRow]) -> str:
     """The rows in Markdown."""
     lines = [
-        "| chain | parameters | reduced | with search | bound one by one | bound by pairs | gap | error "
-        "| seconds |",
+        "| chain | parameters | reduced | with search | bound one by one | bound by pairs and triples "
+        "| gap | error | seconds |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     lines += [

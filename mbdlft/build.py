@@ -71,8 +71,8 @@ def to_lft(scene: Scene, search: float = SEARCH) -> LFTModel:
     scene : Scene
     search : float
         Seconds to look for a smaller model by using that parameters commute, and for a better lower
-        bound by pairs of parameters; it ends at once when the order meets the bound. 0: neither. Models
-        of more than 1000 repetitions are not searched.
+        bound by pairs and triples of parameters; it ends at once when the order meets the bound. 0:
+        neither. Models of more than 1000 repetitions are not searched.
 
     Raises
     ------

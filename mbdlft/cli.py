@@ -326,10 +326,10 @@ def _print_model(model: LFTModel) -> None:
     if certificate.exact:
         proof = "minimal: proved" if certificate.minimal else "not proved minimal"
         alone = sum(certificate.lower_bound)
-        pairs = certificate.order_bound - alone
+        together = certificate.order_bound - alone
         if certificate.exact_bound:
-            proof += f" ({f'the {alone}' if pairs else 'bound'} in exact arithmetic)"
-        parts = f" ({alone} one by one, {pairs} more by pairs)" if pairs else ""
+            proof += f" ({f'the {alone}' if together else 'bound'} in exact arithmetic)"
+        parts = f" ({alone} one by one, {together} more together)" if together else ""
         console.print(f"order {model.order}, lower bound {certificate.order_bound}{parts}: {proof}")
     else:
         console.print(

@@ -57,7 +57,7 @@ def realize(
         and cos only.
     search : float
         Seconds to look for a smaller model by using that parameters commute, and for a better lower
-        bound by pairs of parameters; 0: neither.
+        bound by pairs and triples of parameters; 0: neither.
     exact : bool
         Whether the lower bound is computed in exact arithmetic; needs python-flint.
     fields

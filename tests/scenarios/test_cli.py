@@ -143,7 +143,7 @@ def test_bound_by_pairs_is_printed(
     file.write_text(PAIR, encoding="utf-8")
     arguments = ("realize", str(file), "--search", "0.5", *exact)
     _, out, _ = run(monkeypatch, capsys, *arguments, "-o", archive)
-    words = "order 5, lower bound 5 (4 one by one, 1 more by pairs): minimal: proved"
+    words = "order 5, lower bound 5 (4 one by one, 1 more together): minimal: proved"
     words += " (the 4 in exact arithmetic)" if exact else ""
     assert words in out
     assert words in run(monkeypatch, capsys, "show", archive)[1]
