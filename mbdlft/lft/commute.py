@@ -58,13 +58,13 @@ _SHIFT = (0.1, 0.3)  # of the range: the search runs around a point where nothin
 _NEAR = 8  # so many channels more than the smallest LFT may turn out to be dependent
 _HOPELESS = 8  # a score this much above the smallest LFT is not followed
 _TRIED = 4  # steps that are made for each that is followed
-_ORDERS = 8  # that are tried in vain after a descent
+_ORDERS = 4  # that are tried in vain after a descent
 _LEVELS = (1, 4)  # efforts of the first descents
 LARGE = 120  # channels: from there on the bound by pairs waits for the end of a first descent
 _ATTEMPTS = 8  # descents from each form, with other random choices
 _FAR = 3  # a form this much larger than the smallest is not started from
 _QUICK = 0.1  # of the budget: the bound by pairs is asked for again if it took less
-_NEWTON = 0.5  # of the budget, for repetitions that are left out by Newton's method
+_NEWTON = 0.5  # of the budget, kept for repetitions that are left out by Newton's method
 _GROWTH = 2  # of the order, that LFTs on the way may have
 
 
@@ -166,15 +166,16 @@ def reduce_commuting(
     Smallest
         With the smallest of `starts` itself if nothing smaller was found.
     """
-    deadline = time.thread_time() + seconds
+    deadline, for_newton = time.thread_time() + seconds, _NEWTON * seconds
     smallest = min(starts, key=lambda start: start.order)
     forms = [_without_empty(start) for start in starts if start.order <= _FAR * smallest.order]
     forms.sort(key=lambda form: form.order)
     used = {block.name for block in forms[0].blocks}  # the least that the value depends on
     forms = [form for form in forms if {block.name for block in form.blocks} == used]
-    search = _Search(bound, lambda: time.thread_time() > deadline, forms[0], finish, truth)
+    search = _Search(
+        bound, lambda: time.thread_time() > deadline - for_newton, forms[0], finish, truth
+    )
     by_pairs = _ByPairs(search, joint, _QUICK * seconds)
-    for_newton = _NEWTON * seconds
 
     def keeps(found: LFT) -> bool:
         return _keeps(found, search, fitted=True)
@@ -203,20 +204,20 @@ def reduce_commuting(
                 best = found if found.order < best.order else best
                 if not is_over() and (attempt > 0 or best.order <= LARGE):
                     by_pairs.raise_target(best)
-        others = [form for form in forms if form is not best]
-        before = time.thread_time()
-        allowed = min(for_newton, deadline - before)
-        smaller = refit([best, *others], bound, search.target, keeps, attempt, allowed)
-        for_newton -= time.thread_time() - before
-        if smaller.order < best.order:
-            best = smaller
-            by_pairs.raise_target(best)
         tried = 0  # since the last success; from the first form and from the best in turn
         while tried < _ORDERS and not is_over():
             form = origin if tried % 2 == 0 else best
             found, seed = _pass(form, search, ORDERED[min(tried, 1)], seed), seed + 1
             tried = 1 if found.order < best.order else tried + 1
             best = found if found.order < best.order else best
+        if attempt == 0:
+            continue  # the bases first, while they are quick
+        others, before = [form for form in forms if form is not best], time.thread_time()
+        smaller = refit([best, *others], bound, search.target, keeps, attempt - 1, for_newton)
+        for_newton = max(0.0, for_newton - (time.thread_time() - before))
+        if smaller.order < best.order:
+            best = smaller
+            by_pairs.raise_target(best)
     if best.order == smallest.order:
         return Smallest(smallest, search.target)
     names = [block.name for block in smallest.blocks]

@@ -35,13 +35,15 @@ class Pair(NamedTuple):
     """Two deltas that do not both have their degree.
 
     `second_more` are the repetitions above its degree that the second needs if the first has none, and
-    the other way round. Both are at least 1.
+    the other way round. Both are at least 1. `is_transposed` says whether it is proved for H or for its
+    transpose.
     """
 
     first: str
     second: str
     first_more: int
     second_more: int
+    is_transposed: bool = False
 
 
 class Triple(NamedTuple):
@@ -50,6 +52,7 @@ class Triple(NamedTuple):
     first: str
     second: str
     third: str
+    is_transposed: bool = False
 
 
 def joint_bound(a: LFT, degrees: Degrees, stop: Callable[[], bool] = lambda: False) -> int:
@@ -108,9 +111,9 @@ def pair_bounds(
     more = {block.name: block.size - degrees[block.name] for block in a.blocks}
     names = [name for name in more if degrees[name]]
     found = [
-        _pair(one, first, second, degrees, random)
+        _pair(a, first, second, degrees, random, is_transposed=is_transposed)
         for first, second in combinations(names, 2)
-        for one in (a, transpose(a))
+        for is_transposed in (False, True)
         if not stop()
     ]
     return tuple(pair for pair in found if pair is not None and _allows(pair, more))
@@ -130,10 +133,10 @@ def least_more(
     from scipy.optimize import LinearConstraint, milp  # here because it is slow to import
 
     conditions: list[tuple[dict[str, int], int]] = []
-    for first, second, first_more, second_more in pairs:
+    for first, second, first_more, second_more, _ in pairs:
         conditions.append(({first: second_more, second: 1}, second_more))
         conditions.append(({first: 1, second: first_more}, first_more))
-    conditions += [({first: 1, second: 2, third: 2}, 2) for first, second, third in triples]
+    conditions += [({first: 1, second: 2, third: 2}, 2) for first, second, third, _ in triples]
     rows = np.array([[factors.get(name, 0) for name in names] for factors, _ in conditions])
     least = np.array([least for _, least in conditions])
     ones = np.ones(len(names))
@@ -154,34 +157,34 @@ def _excludes(triple: Triple, more: Mapping[str, int]) -> bool:
 
 def _excluding(more: Mapping[str, int], pairs: Sequence[Pair]) -> Iterator[Triple]:
     """Triples that would exclude these repetitions above the degrees, of deltas that are in pairs."""
-    beside: dict[str, dict[str, None]] = {}  # in the order of the pairs
+    beside: dict[tuple[str, bool], list[str]] = {}
     for pair in pairs:
-        beside.setdefault(pair.first, {})[pair.second] = None
-        beside.setdefault(pair.second, {})[pair.first] = None
-    for first, others in beside.items():
+        beside.setdefault((pair.first, pair.is_transposed), []).append(pair.second)
+        beside.setdefault((pair.second, pair.is_transposed), []).append(pair.first)
+    for (first, is_transposed), others in beside.items():
         for second, third in combinations(others, 2):
-            triple = Triple(first, second, third)
+            triple = Triple(first, second, third, is_transposed)
             if _excludes(triple, more):
                 yield triple
 
 
 def _pair(
-    a: LFT, first: str, second: str, degrees: Degrees, random: np.random.Generator
+    a: LFT,
+    first: str,
+    second: str,
+    degrees: Degrees,
+    random: np.random.Generator,
+    *,
+    is_transposed: bool,
 ) -> Pair | None:
     """What is proved for two deltas at several values of the others; the least of it."""
-
-    def at(H: LFT) -> Pair | None:
-        return _pair_at(H, first, second, degrees, random)
-
-    found = _at_values(a, (first, second), random, at)
+    one = transpose(a) if is_transposed else a
+    at = partial(_more_at, first, second, degrees, random)
+    found = _at_values(one, (first, second), random, at)
     if not found:
         return None
-    return Pair(
-        first,
-        second,
-        min(pair.first_more for pair in found),
-        min(pair.second_more for pair in found),
-    )
+    first_more, second_more = (min(side) for side in zip(*found, strict=True))
+    return Pair(first, second, first_more, second_more, is_transposed)
 
 
 def _at_values(
@@ -210,10 +213,10 @@ def _at_values(
     return []
 
 
-def _pair_at(
-    a: LFT, first: str, second: str, degrees: Degrees, random: np.random.Generator
-) -> Pair | None:
-    """The same for an LFT in these two deltas; None if they can both have their degree."""
+def _more_at(
+    first: str, second: str, degrees: Degrees, random: np.random.Generator, a: LFT
+) -> tuple[int, int] | None:
+    """Repetitions above its degree of one delta if the other has none, for an LFT in these two."""
     if a.order == degrees[first] + degrees[second]:
         return None
     H = compressed(a, random)
@@ -224,23 +227,21 @@ def _pair_at(
     same = forth.dimensions[:1] == back.dimensions[:1]
     if not same or forth.characteristic != back.characteristic:
         raise DoubtError
-    return Pair(first, second, back.more, forth.more)
+    return back.more, forth.more
 
 
 def _is_proved(a: LFT, triple: Triple, degrees: Degrees, random: np.random.Generator) -> bool:
-    """Whether the theorem holds, for the LFT or its transpose and the last two in one of both orders."""
+    """Whether an X of the first and another delta of a triple is constant in the last one."""
+    first, second, third, is_transposed = triple
+    one = transpose(a) if is_transposed else a
     return any(
-        _at_values(one, triple, random, partial(_triple_at, names, degrees, random))
-        for one in (a, transpose(a))
-        for names in (triple, (triple.first, triple.third, triple.second))
+        _at_values(one, names, random, partial(_constant_at, names, degrees, random))
+        for names in ((first, second, third), (first, third, second))
     )
 
 
-def _triple_at(
+def _constant_at(
     names: tuple[str, str, str], degrees: Degrees, random: np.random.Generator, a: LFT
 ) -> bool | None:
-    """For an LFT in these: X of the first two is constant in the third, X of first and third not zero."""
-    first, _, third = names
-    if not is_constant_in(compressed(a, random), *names, degrees, random):
-        return None
-    return _pair(a, first, third, degrees, random) is not None or None
+    """The same for an LFT in these three; None if it is not."""
+    return is_constant_in(compressed(a, random), *names, degrees, random) or None

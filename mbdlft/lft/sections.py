@@ -18,7 +18,7 @@ rank counts only if the singular values fall by a large factor, and it is checke
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import takewhile
 from typing import NamedTuple
 
@@ -172,11 +172,11 @@ def _span(
     grid = np.stack(np.meshgrid(*circles.values(), indexing="ij"), axis=-1).reshape(
         -1, len(circles)
     )
-    modes, is_low = np.ones((1, 1), dtype=complex), np.ones(1, dtype=bool)
-    for name, circle in circles.items():  # unitary
-        own = np.vander(circle, increasing=True) / math.sqrt(len(circle))
-        modes, is_low = np.kron(modes, own), np.kron(is_low, np.arange(len(own)) < lengths[name])
-    low, high = modes[:, is_low], modes[:, ~is_low]
+    modes, low, is_low = [], np.ones((1, 1), dtype=complex), np.ones(1, dtype=bool)
+    for name, circle in circles.items():
+        modes.append(np.vander(circle, increasing=True) / math.sqrt(len(circle)))  # unitary
+        low = np.kron(low, modes[-1][:, : lengths[name]])
+        is_low = np.kron(is_low, np.arange(len(circle)) < lengths[name])
     across, count = _radius(H, first), degrees[first] + _EXTRA
     outer = _OUTER * across * _circle(count * math.prod(lengths[name] for name in others), random)
     on_circle = len(circles[second])
@@ -201,10 +201,10 @@ def _span(
         alpha = _INNER * across * np.exp(1j * (turn + k * _TURN))
         on_grid = dict(zip(lengths, grid.T, strict=True))
         value = values(np.full(len(grid), alpha), on_grid)
-        products = np.einsum("bij,bn->binj", value, low).reshape(len(grid), -1)
+        products = _coefficients(np.einsum("bij,bn->binj", value, low), modes)
         # H u is a polynomial if it has no high modes
-        u = _null_space((high.conj().T @ products).reshape(-1, all_Hu.shape[1]), rank)
-        y = (low.conj().T @ products).reshape(low.shape[1], H.shape[0], -1) @ u
+        u = _null_space(products[~is_low].reshape(-1, all_Hu.shape[1]), rank)
+        y = products[is_low].reshape(low.shape[1], H.shape[0], -1) @ u
         all_y = np.einsum("si,siu->su", left, np.tensordot(powers, y, 1))
         sections = (all_Hu @ u - all_y) / (a - alpha)[:, None]
         basis, sizes, _ = np.linalg.svd(np.hstack([E, sections]), full_matrices=False)
@@ -213,6 +213,14 @@ def _span(
             return _Span(basis[:, :size], points, k)
         E = basis[:, :size] * sizes[:size]
     raise DoubtError
+
+
+def _coefficients(values: Complex, modes: Sequence[Complex]) -> Complex:
+    """Of the modes of all circles in values (grid, ...), as an array (modes, ...)."""
+    found = values.reshape(*(len(own) for own in modes), -1)
+    for own in modes:  # the axis of each comes first in its turn, and last in the end
+        found = np.moveaxis(np.tensordot(own.conj().T, found, 1), 0, len(modes) - 1)
+    return found.reshape(values.shape)
 
 
 def _radius(a: LFT, name: str) -> float:

@@ -472,7 +472,7 @@ def test_planted_sum_is_found() -> None:
     law_least(least_more, found)
     law_least(least_more, found, 1)
     with pytest.raises(AssertionError, match="2 == 1"):
-        law_least(lambda names, found, triples: {p.second: min(p[2:]) for p in found}, found)
+        law_least(lambda names, found, triples: {p.second: min(p[2:4]) for p in found}, found)
     with pytest.raises(AssertionError, match="1 == 2"):
         law_least(lambda names, found, triples: least_more(names, found), found, 1)
 
