@@ -44,8 +44,8 @@ _CHAINS = (
     (True, 4),
     (True, 6),
 )
-_CHAIN_SEARCH = 120.0  # s
-_LONG_CHAIN, _LONG_SEARCH = 6, 200.0  # links and s: pairs of 18 parameters take a minute
+_CHAIN_SEARCH = 60.0  # s
+_LONG_CHAIN, _LONG_SEARCH = 4, 300.0  # links and s: pairs of 18 parameters take a minute
 
 
 class Row(NamedTuple):

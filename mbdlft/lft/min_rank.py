@@ -20,18 +20,18 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError
+from scipy.linalg import LinAlgError, qr, solve_triangular
 
 from mbdlft.lft.affine import is_affine
 from mbdlft.lft.circles import CircleValues, Fit, circle_values, fit_of, scaled, unscaled
 from mbdlft.lft.lft import LFT, Array, Block
 
-_STARTS, _ENOUGH = 60, 3  # of each rank, all from the same E: one by one can end sooner
-_SPREAD = (-0.5, 0.7)  # powers of ten: of a start around E, over its size
-_NULL = 1e-10  # of the largest singular value: zero
+_STARTS, _ENOUGH = 240, 3  # of each rank, all from the same E: one by one can end sooner
+_SPREAD = (-0.4, 0.6)  # powers of ten: of a start around E, over its size
+_NULL = 1e-10  # of the largest pivot: zero
 _ABSENT = 1e-9  # of the largest function: zero
 _EXACT = 1e-13  # singular values that are rounding, over the largest
-_STEPS, _STALLED, _GAIN = 150, 15, 1.5  # at most; so many without this gain are the last
+_STEPS, _STALLED, _GAIN = 150, 10, 1.5  # at most; so many without this gain are the last
 _DAMPING, _EASED, _RAISED, _RAISES = 0.1, 0.3, 5.0, 6
 _LEAST_DAMPING, _RIDGE = 1e-9, 1e-14
 
@@ -207,16 +207,28 @@ def _family(left: Fit, E: Array, sites: tuple[Mask, Mask]) -> _Family:
     columns, column_sizes = _present(np.sqrt(np.mean(np.abs(left.W) ** 2, axis=(0, 2))), sites[1])
     Y, W = left.Y[:, :, rows] / row_sizes, left.W[:, columns] / column_sizes[:, None]
     products = np.einsum("poi,pbu->pouib", Y, W).reshape(-1, len(rows) * len(columns))
-    triangle = np.linalg.qr(np.concatenate([products.real, products.imag]), mode="r")
-    _, sizes, right = np.linalg.svd(triangle)
-    rank = int(np.sum(sizes > _NULL * sizes[0]))
+    null = _null_space(np.concatenate([products.real, products.imag]))
     start = E[np.ix_(rows, columns)] * row_sizes[:, None] * column_sizes
     return _Family(
         start,
-        right[rank:].reshape(-1, len(rows), len(columns)),
+        null.T.reshape(-1, len(rows), len(columns)),
         (rows, row_sizes),
         (columns, column_sizes),
     )
+
+
+def _null_space(matrix: Array) -> Array:
+    """Orthonormal vectors (columns, count) of the null space of a matrix with more rows than columns.
+
+    Pivots are three times faster than singular values, and the gap to zero is wide.
+    """
+    triangle, pivots = qr(np.linalg.qr(matrix, mode="r"), mode="r", pivoting=True)
+    sizes = np.abs(np.diag(triangle))
+    rank = int(np.sum(sizes > _NULL * sizes[0]))
+    null = np.zeros((len(pivots), len(pivots) - rank))
+    null[pivots[:rank]] = -solve_triangular(triangle[:rank, :rank], triangle[:rank, rank:])
+    null[pivots[rank:]] = np.eye(len(pivots) - rank)
+    return np.linalg.qr(null)[0]
 
 
 def _present(sizes: Array, sites: Mask) -> tuple[NDArray[np.intp], Array]:

@@ -32,6 +32,7 @@ from mbdlft.lft.min_rank import above_bound, lower_ranks
 _CLOSE = 2  # forms so much larger than the smallest are looked at
 _RANKS = 0.5  # of the time, at most, for affine deltas alone
 _ENTRIES = 670  # of a matrix whose null space takes about a fifth of a second
+_MOST_ENTRIES = 2400  # of one with more, fewer starts and fewer of them come to an end
 _TURNS = 4  # directions that are left out, for each repetition above the bound
 _MOST_UNKNOWNS, _MOST_ANEW = 3000, 1000  # more take seconds a step, or have too many false ends
 _SPREAD = 0.5  # of the entries of a start from anywhere, over the root of their number
@@ -72,7 +73,8 @@ def refit(
     close = [form for form in forms if form.order <= forms[0].order + _CLOSE]
     if seconds <= 0.0:
         return close[0]
-    start, entries = time.thread_time(), int(_ENTRIES * seconds ** (1.0 / 3.0))
+    start = time.thread_time()
+    entries = int(min(_MOST_ENTRIES, _ENTRIES * seconds ** (1.0 / 3.0)))
     for k, form in enumerate(close):
         until = start + _RANKS * seconds
         stop = _after(until)

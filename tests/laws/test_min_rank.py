@@ -27,7 +27,7 @@ from tests.close import roundoff
 from tests.laws.test_refit import KAPPA, chain_in_space, in_other_units, never
 
 ENTRIES = 1000
-STARTS = 30
+STARTS = 120
 
 
 @pytest.fixture(autouse=True)
