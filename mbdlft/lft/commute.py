@@ -213,7 +213,7 @@ def reduce_commuting(
         if attempt == 0:
             continue  # the bases first, while they are quick
         others, before = [form for form in forms if form is not best], time.thread_time()
-        smaller = refit([best, *others], bound, search.target, keeps, attempt, for_newton)
+        smaller = refit([best, *others], bound, search.target, keeps, attempt - 1, for_newton)
         for_newton = max(0.0, for_newton - (time.thread_time() - before))
         if smaller.order < best.order:
             best = smaller

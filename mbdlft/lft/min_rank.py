@@ -26,7 +26,7 @@ from mbdlft.lft.affine import is_affine
 from mbdlft.lft.circles import CircleValues, Fit, circle_values, fit_of, scaled, unscaled
 from mbdlft.lft.lft import LFT, Array, Block
 
-_STARTS, _ENOUGH = 240, 3  # of each rank, all from the same E: one by one can end sooner
+_STARTS, _PER_ENTRY, _ENOUGH = 60, 0.1, 3  # of each rank, all from the same E; more for a large one
 _SPREAD = (-0.4, 0.6)  # powers of ten: of a start around E, over its size
 _NULL = 1e-10  # of the largest pivot: zero
 _ABSENT = 1e-9  # of the largest function: zero
@@ -115,8 +115,9 @@ def _smaller(
     left = fit_of(M[np.ix_(rows, columns)], others, truth)
     family = _family(left, M[rows, part] @ M[part][:, columns], sites)
     found: list[tuple[int, Array]] = []
+    starts = max(_STARTS, int(_PER_ENTRY * family.start.size))
     for rank in range(count - 1, count - 1 - fewer, -1):
-        members = (_of_rank(family, rank, random) for _ in range(_STARTS) if not stop())
+        members = (_of_rank(family, rank, random) for _ in range(starts) if not stop())
         lower = list(itertools.islice(((rank, E) for E in members if E is not None), _ENOUGH))
         if not lower:
             break

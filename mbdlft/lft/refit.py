@@ -78,7 +78,7 @@ def refit(
     for k, form in enumerate(close):
         until = start + _RANKS * seconds
         stop = _after(until)
-        lower = partial(_lower, bound=bound, least=least, entries=entries, seed=seed, stop=stop)
+        lower = partial(_lower, bound=bound, least=least, entries=entries, seed=seed + 1, stop=stop)
         close[k] = _followed(form, lower, least, keeps, stop)
         if close[k].order <= least:
             return close[k]

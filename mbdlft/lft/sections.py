@@ -35,7 +35,7 @@ _OUTER, _INNER = 0.9, 0.5  # circles of samples, and of the values alpha, over t
 _TURN = math.pi * (3.0 - math.sqrt(5.0))  # golden angle between values alpha: none comes back
 _LARGEST = 10.0  # radius that the nearest pole may give to a circle
 _EXTRA = 2  # samples more than needed
-_MOST_COEFFICIENTS = 300  # of u; what has more is left out
+_MOST_COEFFICIENTS, _MOST_OF_THREE = 300, 200  # of u, with two deltas and three: more take seconds
 _CANCELED = 2.0**-44  # of the sizes of terms: what is left of them is rounding
 _RANK = (2.0**-38, 2.0**-29)  # of the largest singular value: rounding is below, a rank is above
 _SINE = (2.0**-20, 2.0**-8)  # of an angle to a space: below is inside, above is outside
@@ -143,6 +143,8 @@ def is_constant_in(
     DoubtError
     """
     lengths = {second: degrees[second] + 2, third: 2}
+    if H.shape[1] * math.prod(lengths.values()) > _MOST_OF_THREE:
+        raise DoubtError
     E = _span(H, first, lengths, degrees, None, random)
     b, c = (E.points[name] for name in lengths)
     power = lengths[second]
