@@ -78,7 +78,7 @@ def joint_bound(a: LFT, degrees: Degrees, stop: Callable[[], bool] = lambda: Fal
         A delta has no degree.
     """
     pairs, names = pair_bounds(a, degrees, stop=stop), [block.name for block in a.blocks]
-    has = {block.name: block.size - degrees[block.name] for block in a.blocks}
+    has = _above(a, degrees)
     random, proved = np.random.default_rng(0), dict[Triple, bool]()
     while True:
         more = least_more(names, pairs, [triple for triple in proved if proved[triple]])
@@ -107,8 +107,7 @@ def pair_bounds(
     """
     missing = [block.name for block in a.blocks if block.name not in degrees]
     check(not missing, f"the degrees of {missing} are missing, got those of {list(degrees)}")
-    random = np.random.default_rng(seed)
-    more = {block.name: block.size - degrees[block.name] for block in a.blocks}
+    random, more = np.random.default_rng(seed), _above(a, degrees)
     names = [name for name in more if degrees[name]]
     found = [
         _pair(a, first, second, degrees, random, is_transposed=is_transposed)
@@ -142,6 +141,11 @@ def least_more(
     ones = np.ones(len(names))
     program = milp(ones, constraints=LinearConstraint(rows, lb=least), integrality=ones)
     return {name: round(float(e)) for name, e in zip(names, program.x, strict=True)}
+
+
+def _above(a: LFT, degrees: Degrees) -> dict[str, int]:
+    """Repetitions that an LFT has above the degrees."""
+    return {block.name: block.size - degrees[block.name] for block in a.blocks}
 
 
 def _allows(pair: Pair, more: Mapping[str, int]) -> bool:

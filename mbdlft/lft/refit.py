@@ -75,10 +75,9 @@ def refit(
         return close[0]
     start = time.thread_time()
     entries = int(min(_MOST_ENTRIES, _ENTRIES * seconds ** (1.0 / 3.0)))
+    stop = _after(start + _RANKS * seconds)
+    lower = partial(_lower, bound=bound, least=least, entries=entries, seed=seed + 1, stop=stop)
     for k, form in enumerate(close):
-        until = start + _RANKS * seconds
-        stop = _after(until)
-        lower = partial(_lower, bound=bound, least=least, entries=entries, seed=seed + 1, stop=stop)
         close[k] = _followed(form, lower, least, keeps, stop)
         if close[k].order <= least:
             return close[k]

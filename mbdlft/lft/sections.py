@@ -35,7 +35,7 @@ _OUTER, _INNER = 0.9, 0.5  # circles of samples, and of the values alpha, over t
 _TURN = math.pi * (3.0 - math.sqrt(5.0))  # golden angle between values alpha: none comes back
 _LARGEST = 10.0  # radius that the nearest pole may give to a circle
 _EXTRA = 2  # samples more than needed
-_MOST_COEFFICIENTS, _MOST_OF_THREE = 300, 200  # of u, with two deltas and three: more take seconds
+_MOST_COEFFICIENTS = {2: 300, 3: 200}  # of u, with so many deltas: what has more is left out
 _CANCELED = 2.0**-44  # of the sizes of terms: what is left of them is rounding
 _RANK = (2.0**-38, 2.0**-29)  # of the largest singular value: rounding is below, a rank is above
 _SINE = (2.0**-20, 2.0**-8)  # of an angle to a space: below is inside, above is outside
@@ -143,8 +143,6 @@ def is_constant_in(
     DoubtError
     """
     lengths = {second: degrees[second] + 2, third: 2}
-    if H.shape[1] * math.prod(lengths.values()) > _MOST_OF_THREE:
-        raise DoubtError
     E = _span(H, first, lengths, degrees, None, random)
     b, c = (E.points[name] for name in lengths)
     power = lengths[second]
@@ -164,16 +162,15 @@ def _span(
     `rank` is that of the conditions for u, if it is known.
     """
     q, (second, *others) = H.shape[1], lengths
-    if q * math.prod(lengths.values()) > _MOST_COEFFICIENTS:
+    if q * math.prod(lengths.values()) > _MOST_COEFFICIENTS[1 + len(lengths)]:
         raise DoubtError
     radii = {name: _OUTER * _radius(H, name) for name in lengths}
     circles = {
         name: _circle(2 * length + degrees[name] + _EXTRA, random)
         for name, length in lengths.items()
     }
-    grid = np.stack(np.meshgrid(*circles.values(), indexing="ij"), axis=-1).reshape(
-        -1, len(circles)
-    )
+    grid = np.meshgrid(*circles.values(), indexing="ij")
+    on_grid = {name: axis.ravel() for name, axis in zip(circles, grid, strict=True)}
     modes, low, is_low = [], np.ones((1, 1), dtype=complex), np.ones(1, dtype=bool)
     for name, circle in circles.items():
         modes.append(np.vander(circle, increasing=True) / math.sqrt(len(circle)))  # unitary
@@ -201,8 +198,7 @@ def _span(
     E, turn = np.zeros((len(a), 0), dtype=complex), random.uniform(0, 2 * np.pi)
     for k in range(2 * degrees[first] + 2):
         alpha = _INNER * across * np.exp(1j * (turn + k * _TURN))
-        on_grid = dict(zip(lengths, grid.T, strict=True))
-        value = values(np.full(len(grid), alpha), on_grid)
+        value = values(np.full(len(low), alpha), on_grid)
         products = _coefficients(np.einsum("bij,bn->binj", value, low), modes)
         # H u is a polynomial if it has no high modes
         u = _null_space(products[~is_low].reshape(-1, all_Hu.shape[1]), rank)

@@ -174,20 +174,28 @@ def test_not_above_the_order_of_any_lft(seed: int, sparse: bool, affine: bool) -
 Word = tuple[np.ndarray, str, np.ndarray]
 
 
+def word(
+    random: np.random.Generator,
+    left: list[np.ndarray],
+    letters: str,
+    most: int,
+    right: list[np.ndarray],
+) -> Word:
+    """One term, of `most` letters at most."""
+    return (
+        left[random.integers(len(left))][:, None],
+        "".join(random.choice(list(letters), random.integers(1, most + 1))),
+        right[random.integers(len(right))][None, :],
+    )
+
+
 def words(random: np.random.Generator) -> list[Word]:
     """Terms x a b a y of a polynomial in two or three parameters; x and y are from a few vectors."""
     rows, columns = random.integers(1, 4, 2)
     left = [*np.eye(rows), *random.standard_normal((2, rows))]
     right = [*np.eye(columns), *random.standard_normal((2, columns))]
     letters = "abc"[: random.integers(2, 4)]
-    return [
-        (
-            left[random.integers(len(left))][:, None],
-            "".join(random.choice(list(letters), random.integers(1, 5))),
-            right[random.integers(len(right))][None, :],
-        )
-        for _ in range(random.integers(3, 7))
-    ]
+    return [word(random, left, letters, 4, right) for _ in range(random.integers(3, 7))]
 
 
 def written(terms: list[Word], order: Callable[[str], Iterable[str]]) -> LFT:
@@ -201,10 +209,13 @@ def written(terms: list[Word], order: Callable[[str], Iterable[str]]) -> LFT:
     return reduce_order(total)
 
 
-def law_words(seed: int) -> None:
-    terms = words(np.random.default_rng(seed))
+def in_three_ways(terms: list[Word]) -> list[LFT]:
     ways: list[Callable[[str], Iterable[str]]] = [str, sorted, reversed]
-    found = [written(terms, way) for way in ways]
+    return [written(terms, way) for way in ways]
+
+
+def law_words(seed: int) -> None:
+    found = in_three_ways(words(np.random.default_rng(seed)))
     bounds = {bound(a) for a in found}
     assert len(bounds) == 1
     assert max(bounds) <= min(a.order for a in found)
@@ -376,11 +387,7 @@ def words_of_two_letters(random: np.random.Generator) -> list[Word]:
     left = [*np.eye(rows), *random.standard_normal((1, rows))]
     right = [*np.eye(columns), *random.standard_normal((1, columns))]
     return [
-        (
-            left[random.integers(len(left))][:, None],
-            "".join(random.choice(list(letters), random.integers(1, 4))),
-            right[random.integers(len(right))][None, :],
-        )
+        word(random, left, letters, 3, right)
         for letters in random.choice(
             ["ab", "ac", "bc", "abc"], random.integers(4, 9), p=[0.4, 0.4, 0.1, 0.1]
         )
@@ -389,9 +396,7 @@ def words_of_two_letters(random: np.random.Generator) -> list[Word]:
 
 def law_of_two_letters(seed: int) -> None:
     """The bound is the order that n-D reduction reaches from one of three ways to write it."""
-    terms = words_of_two_letters(np.random.default_rng(seed))
-    ways: list[Callable[[str], Iterable[str]]] = [str, sorted, reversed]
-    found = [written(terms, way) for way in ways]
+    found = in_three_ways(words_of_two_letters(np.random.default_rng(seed)))
     assert {bound(a) for a in found} == {min(a.order for a in found)}
 
 
