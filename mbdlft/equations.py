@@ -154,6 +154,11 @@ def given_value(equations: Equations, p: ca.SX) -> ca.SX:
     return ca.Function("given", [e.p], [e.given])(p)
 
 
+def rows_of(column: ca.SX, rows: Sequence[int]) -> ca.SX:
+    """Some rows of a column (n, 1); CasADi makes a row of 1 x 0 of none of a single one."""
+    return column[list(rows)] if rows else ca.SX(0, 1)
+
+
 def split(equations: Equations, inputs: Sequence[int]) -> tuple[ca.SX, ca.SX]:
     """Unknown and known signals of the linear model.
 
@@ -161,5 +166,7 @@ def split(equations: Equations, inputs: Sequence[int]) -> tuple[ca.SX, ca.SX]:
     """
     e = equations
     states, followers = list(e.states), list(e.followers)
-    unknown = ca.vertcat(e.xdot[states], e.xdot[followers], e.x[followers], e.z)
-    return unknown, ca.vertcat(e.x[states], e.u[list(inputs)])
+    unknown = ca.vertcat(
+        rows_of(e.xdot, states), rows_of(e.xdot, followers), rows_of(e.x, followers), e.z
+    )
+    return unknown, ca.vertcat(rows_of(e.x, states), rows_of(e.u, inputs))

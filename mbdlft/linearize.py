@@ -18,6 +18,7 @@ from mbdlft.equations import (
     given_value,
     internal_symbols,
     load_value,
+    rows_of,
     split,
 )
 from mbdlft.parameter import Parameter
@@ -63,7 +64,7 @@ def linearize(equations: Equations, inputs: Sequence[int], outputs: Sequence[int
     alone = ca.SX(ca.sparsify(ca.vertcat(*function(*none, *at))))
     moved = ca.SX(ca.vertcat(*function(e.xdot, none[1], e.z, chosen, none[4], *at)))
     if alone.nnz():
-        signals = ca.vertcat(e.xdot, e.z, e.u[list(inputs)])
+        signals = ca.vertcat(e.xdot, e.z, rows_of(e.u, inputs))
         moved = ca.SX(ca.jtimes(moved, signals, signals))
     # x enters through the derivative at the equilibrium: springs and dampers, and lifted loads
     displaced = ca.vertcat(*function(none[0], e.x, none[2], e.u, load, *at))
@@ -85,7 +86,7 @@ def linearize(equations: Equations, inputs: Sequence[int], outputs: Sequence[int
     unknown, known = split(e, inputs)
     return LinearModel(
         residual=ca.vertcat(linear[:n], *implicit.relations),
-        output=linear[n:][list(outputs)],
+        output=rows_of(linear[n:], outputs),
         unknown=ca.vertcat(unknown, *implicit.unknown),
         known=known,
         p=symbols,
@@ -115,7 +116,7 @@ class _Implicit:
         u[list(e.unknown)] = signals
         self.unknown.append(signals)
         relations = at_rest(e, self.function, u, load, self.at, self.alone, displacement)
-        self.relations.append(relations[list(trim_rows(e))])
+        self.relations.append(rows_of(relations, trim_rows(e)))
         return u
 
 
@@ -161,5 +162,5 @@ def trim_relations(equations: Equations) -> LinearModel:
     none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z, e.u, e.load)]
     alone = ca.sparsify(function(*none, *at)[0])
     residual = at_rest(e, function, u, load_value(e, p) * one, at, alone, one)
-    rows = list(trim_rows(e))
-    return LinearModel(residual[rows], ca.SX(0, 1), unknown, one, symbols, e.parameters)
+    rows = trim_rows(e)
+    return LinearModel(rows_of(residual, rows), ca.SX(0, 1), unknown, one, symbols, e.parameters)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
+from mbdlft.equations import rows_of
 from mbdlft.lft.lft import Array
 from mbdlft.linearize import LinearModel
 
@@ -109,10 +110,10 @@ def needed_states(relations: LinearModel, states: int) -> Need:
     others = [k for k in range(n) if kept[k] and not (k < states and kept[n + k])]
     unknown = first + others
     still = ca.vertcat(
-        m.unknown[np.flatnonzero(~driven[:n]).tolist()],
-        m.known[np.flatnonzero(~driven[of_states]).tolist()],
+        rows_of(m.unknown, np.flatnonzero(~driven[:n]).tolist()),
+        rows_of(m.known, np.flatnonzero(~driven[of_states]).tolist()),
     )
-    both = ca.vertcat(m.residual[[int(matched[k]) for k in unknown]], m.output)
+    both = ca.vertcat(rows_of(m.residual, [int(matched[k]) for k in unknown]), m.output)
     both = ca.substitute(both, still, ca.SX.zeros(still.numel()))
     residual, output = ca.vertsplit(both, [0, len(unknown), both.numel()])
     inputs = list(range(states, known))
@@ -120,8 +121,8 @@ def needed_states(relations: LinearModel, states: int) -> Need:
         LinearModel(
             residual=residual,
             output=output,
-            unknown=m.unknown[unknown],
-            known=m.known[first + inputs],
+            unknown=rows_of(m.unknown, unknown),
+            known=rows_of(m.known, first + inputs),
             p=m.p,
             parameters=m.parameters,
         ),

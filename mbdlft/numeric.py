@@ -13,6 +13,7 @@ from mbdlft.equations import (
     given_value,
     load_value,
     physical_symbols,
+    rows_of,
     split,
 )
 from mbdlft.errors import WellPosednessError
@@ -183,8 +184,8 @@ def _at_trim(
     e = equations
     symbols, p, cosine, sine = physical_symbols(e.parameters)
     values = equation_function(e)(e.xdot, e.x, e.z, e.u, load_value(e, p), p, cosine, sine)
-    stacked = ca.vertcat(values[0], values[1][list(outputs)])
-    by = [ca.jacobian(stacked, part) for part in (*split(e, inputs), e.u[list(e.unknown)])]
+    stacked = ca.vertcat(values[0], rows_of(values[1], outputs))
+    by = [ca.jacobian(stacked, part) for part in (*split(e, inputs), rows_of(e.u, e.unknown))]
     around = ca.vertcat(e.xdot, e.x, e.z)
     found = [ca.densify(ca.horzcat(*by)), ca.densify(values[0])]
     at_rest = ca.Function("at_rest", [around, e.u, symbols], found)

@@ -120,6 +120,20 @@ def test_names_of_needed_states() -> None:
     assert [s.name for s in model.states] == ["flight.position.z", "flight.velocity.z"]
 
 
+def test_one_degree_of_freedom_without_inputs_and_outputs() -> None:
+    """A mode alone: xddot + 2 zeta omega xdot + omega^2 x = 0."""
+    omega, zeta = 3.0, 0.01
+    mode = mbdlft.Mode(frequency=omega, damping=zeta, participation=[0, 0, 0.1, 0, 0, 0])
+    inertia = mbdlft.Inertia(xx=1, yy=1, zz=1)
+    body = mbdlft.FlexibleBody(name="mast", mass=1, inertia=inertia, modes=[mode])
+    held = mbdlft.Fixed(name="clamp", parent="ground", child="mast")
+    model = mbdlft.to_lft(mbdlft.Scene(name="mode", bodies=[body], joints=[held]))
+    assert (model.lft.shape, model.inputs, model.outputs) == ((2, 2), (), ())
+    poles = np.sort_complex(np.linalg.eigvals(model.A))
+    expected = omega * (-zeta + 1j * np.sqrt(1.0 - zeta**2) * np.array([-1.0, 1.0]))
+    roundoff(poles, expected)
+
+
 def test_benchmark_at_its_smallest(capsys: pytest.CaptureFixture[str]) -> None:
     rows = transfers(["launcher_slosh"], repeats=1)
     assert [row.states for row in rows] == [10, 10, 6]
