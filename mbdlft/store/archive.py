@@ -41,6 +41,10 @@ def save(path: str | Path, model: LFTModel, name: str | None = None) -> None:
         old file is then unchanged.
     """
     file = Path(path)
+    if not isinstance(model, LFTModel):
+        raise ArchiveError(
+            f"{file}: expected an LFTModel, got {type(model).__name__}. to_lft(scene) makes one of a scene."
+        )
     key = model.name if name is None else name
     check_name(file, "model", key)
     for text in (model.description, model.provenance.scene):
@@ -244,9 +248,13 @@ def _read(file: Path, archive: Any, name: str) -> LFTModel:
         raise ArchiveError(f"{file}: model {name!r}: {error}") from None
     except KeyError as error:
         raise ArchiveError(f"{file}: model {name!r} is not whole: {error.args[0]}.") from None
+    except OSError as error:
+        raise ArchiveError(
+            f"{file}: model {name!r} is damaged: HDF5 cannot read it, or the checksum of its numbers "
+            f"is not right: {error}. Write it again, or take it from a backup."
+        ) from None
     except (
         MbdlftError,
-        OSError,
         RuntimeError,
         ValueError,
         OverflowError,

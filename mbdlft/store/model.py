@@ -5,6 +5,7 @@ from typing import Any, cast
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from mbdlft.errors import ArchiveError
 from mbdlft.lft.lft import LFT, Array, Block
@@ -43,13 +44,9 @@ def write_model(group: Any, model: LFTModel) -> None:
         _put_indices(lft.create_group("delta"), model.trim.lft)
     certificate = group.create_group("certificate")
     for name in ("order", "lower_bound", "raw_order"):
-        certificate.create_dataset(
-            name, data=np.array(getattr(model.certificate, name), dtype="<i8")
-        )
+        _put_numbers(certificate, name, np.array(getattr(model.certificate, name), dtype="<i8"))
     if model.certificate.doubtful:
-        certificate.create_dataset(
-            "doubtful", data=np.array(model.certificate.doubtful, dtype="<i8")
-        )
+        _put_numbers(certificate, "doubtful", np.array(model.certificate.doubtful, dtype="<i8"))
     certificate.attrs["max_relative_error"] = np.float64(model.certificate.max_relative_error)
     certificate.attrs["check_points"] = np.int64(model.certificate.check_points)
     certificate.attrs["seed"] = np.int64(model.certificate.seed)
@@ -91,7 +88,12 @@ def _write_signals(group: Any, signals: Sequence[Signal]) -> None:
 
 
 def _put(group: Any, name: str, values: Any) -> None:
-    group.create_dataset(name, data=np.asarray(values, dtype="<f8"))
+    _put_numbers(group, name, np.asarray(values, dtype="<f8"))
+
+
+def _put_numbers(group: Any, name: str, values: NDArray[Any]) -> None:
+    """Numbers with a checksum, which only chunks can have; nothing has none."""
+    group.create_dataset(name, data=values, fletcher32=values.size > 0)
 
 
 def _put_text(group: Any, name: str, texts: Sequence[str]) -> None:
@@ -100,7 +102,7 @@ def _put_text(group: Any, name: str, texts: Sequence[str]) -> None:
 
 def _put_indices(group: Any, lft: LFT) -> None:
     rows = np.repeat(np.arange(len(lft.blocks)), [block.size for block in lft.blocks])
-    group.create_dataset("parameter", data=rows.astype("<i8"))
+    _put_numbers(group, "parameter", rows.astype("<i8"))
 
 
 def read_model(group: Any, name: str) -> LFTModel:

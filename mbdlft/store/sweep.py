@@ -160,7 +160,9 @@ def save_sweep(
             size = max(1, int(np.prod(shape))) * np.dtype(kind).itemsize
             rows = max(1, min(count, _CHUNK_ROWS, _CHUNK_BYTES // size))
             chunks = (rows, *shape) if all(shape) else None
-            group.create_dataset(key, (count, *shape), dtype=kind, chunks=chunks)
+            group.create_dataset(
+                key, (count, *shape), dtype=kind, chunks=chunks, fletcher32=chunks is not None
+            )
         group["status"].attrs["meaning"] = MEANINGS
         start = 0
         for part in parts:

@@ -312,7 +312,42 @@ def test_range_that_is_not_one(file):
         load(file)
 
 
+def test_each_bit_of_the_numbers(file):
+    """One bit anywhere in the numbers is found: they have checksums."""
+    whole = file.read_bytes()
+    places = []
+    with h5py.File(file) as archive:
+        archive["models"][NAME].visititems(
+            lambda key, item: places.append((key, item)) if isinstance(item, h5py.Dataset) else None
+        )
+        numbers = [(key, item.id) for key, item in places if item.dtype.kind in "fi" and item.size]
+        assert {"A", "B_w", "D_zw", "parameters/low", "certificate/order", "delta/parameter"} <= {
+            key for key, _ in numbers
+        }
+        chunks = [
+            (key, found.byte_offset, found.size)
+            for key, item in numbers
+            for found in map(item.get_chunk_info, range(item.get_num_chunks()))
+        ]
+    assert len(chunks) >= len(numbers)
+    random = np.random.default_rng(0)
+    for _, start, size in chunks:
+        for bit in random.choice(8 * size, 20, replace=False):
+            damaged = bytearray(whole)
+            damaged[start + bit // 8] ^= 1 << (bit % 8)
+            file.write_bytes(damaged)
+            with says(ArchiveError, f"{file}: model '{NAME}' is damaged: ", "checksum"):
+                load(file)
+
+
 # writing ------------------------------------------------------------------------------------------
+
+
+def test_what_is_not_a_model(tmp_path):
+    file = tmp_path / "arm.h5"
+    with says(ArchiveError, f"{file}: expected an LFTModel, got str. to_lft(scene) makes one"):
+        save(file, "scene")
+    assert not file.exists()
 
 
 def test_folder_that_is_not_there(tmp_path):
