@@ -232,6 +232,8 @@ _ON_FIRST_USE = {
     "solve_trim": "mbdlft.trim",
 }
 
+_MODULES = ("fit", "plot")  # what they have is named with them: mbdlft.plot.save_singular_values
+
 __all__ = sorted(
     {name for name, item in globals().items() if name[0] != "_" and hasattr(item, "__module__")}
     - {"Any"}
@@ -240,10 +242,12 @@ __all__ = sorted(
 
 
 def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return importlib.import_module(f"mbdlft.{name}")
     if name in _ON_FIRST_USE:
         return getattr(importlib.import_module(_ON_FIRST_USE[name]), name)
     raise AttributeError(f"module 'mbdlft' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_ON_FIRST_USE})
+    return sorted({*globals(), *_ON_FIRST_USE, *_MODULES})

@@ -99,8 +99,9 @@ def build(
         raise SceneError(
             f"expected a Scene, got {type(scene).__name__}. load_scene(path) reads one from a file."
         )
+    check_search(search)  # before the work, not after it
     if truncate is not None:
-        check_tolerance(truncate)  # before the work, not after it
+        check_tolerance(truncate)
     with one_thread():
         clock = Clock(progress)
         model = _build(scene, search, clock)
@@ -108,6 +109,18 @@ def build(
             with clock.stage("truncate"):
                 model = truncated(model, truncate)
     return Build(model, clock.seconds | {"total": sum(clock.seconds.values())})
+
+
+def check_search(search: float) -> None:
+    """Whether this is a time.
+
+    Raises
+    ------
+    SceneError
+        It is not.
+    """
+    if not isinstance(search, int | float) or not search >= 0.0:
+        raise SceneError(f"search: expected seconds, 0 for no search, got {search!r}.")
 
 
 def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:

@@ -154,6 +154,7 @@ def linearize(
     from mbdlft.build import build
     from mbdlft.scene import load_scene
 
+    _check_paths(output, plot)
     seconds: dict[str, float] = {}
     start = time.perf_counter()
     scene = load_scene(scene_file)
@@ -195,6 +196,7 @@ def realize(
     from mbdlft.matrix.problem import unused_names
     from mbdlft.realization import build_matrix
 
+    _check_paths(output)
     start = time.perf_counter()
     problem = load_matrix(matrix_file)
     seconds = {"read": time.perf_counter() - start}
@@ -261,6 +263,18 @@ def _assignments(texts: list[str]) -> dict[str, float]:
                 "of the parameter."
             )
     return values
+
+
+def _check_paths(archive: Path | None, figure: Path | None = None) -> None:
+    """Whether both can be written, as far as can be seen before the work."""
+    if archive is not None:
+        from mbdlft.store.archive import check_file
+
+        check_file(archive)
+    if figure is not None:
+        from mbdlft.plot import check_figure
+
+        check_figure(figure)
 
 
 def _write(archive: Path, model: LFTModel) -> float:

@@ -1,9 +1,10 @@
 """The common base of everything a user describes: frozen, and checked when it is made."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic.fields import FieldInfo
 
 from mbdlft.errors import MbdlftError, SceneError, unknown_name
 
@@ -63,7 +64,7 @@ class Description(BaseModel):
             else:
                 place = str(item["loc"][0]) if item["loc"] else ""
                 got = f"got {fields.get(place)!r}."
-                line = f"{cls.where(fields)}: {place}: expected {_expected(place)}, {got}"
+                line = f"{cls.where(fields)}: {place}: expected {_expected(place, cls)}, {got}"
             if line not in lines:
                 lines.append(line)
         return "\n".join(lines)
@@ -73,7 +74,7 @@ _TEXTS = ("parent", "child", "about", "port", "joint", "frame")
 _VECTORS = ("gravity", "acceleration", "center_of_mass")
 
 
-def _expected(field: str) -> str:
+def _expected(field: str, owner: type[BaseModel]) -> str:
     """What a field takes, in words."""
     if field in _VECTORS:
         return "three numbers or expressions"
@@ -97,4 +98,20 @@ def _expected(field: str) -> str:
         return "a text"
     if field == "unchecked":
         return "true or false"
+    return _expected_type(owner.model_fields.get(field))
+
+
+def _expected_type(field: FieldInfo | None) -> str:
+    """The same for fields with numbers of any name, by their type."""
+    if field is None:
+        return "a finite number or an expression"
+    if field.annotation is int:
+        least = [item.ge for item in field.metadata if hasattr(item, "ge")]
+        return "a whole number" + "".join(f" of at least {number}" for number in least)
+    for kind in (field.annotation, *get_args(field.annotation)):
+        entries = get_args(kind) if get_origin(kind) is tuple else ()
+        if len(entries) > 1 and ... not in entries:
+            return f"{len(entries)} " + (
+                "numbers or expressions" if Quantity in entries else "numbers"
+            )
     return "a finite number or an expression"

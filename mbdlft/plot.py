@@ -26,6 +26,25 @@ def frequencies(model: LFTModel) -> Array:
     return np.logspace(start, stop, int((stop - start) * _POINTS_PER_DECADE) + 1)
 
 
+def check_figure(path: str | Path) -> None:
+    """Whether a figure can be written here, as far as can be seen beforehand.
+
+    Raises
+    ------
+    AnalysisError
+        Its folder does not exist, or its ending is not that of a figure.
+    """
+    file, endings = Path(path), Figure().canvas.get_supported_filetypes()
+    problem = ""
+    if not file.parent.is_dir():
+        problem = f"{file.parent} is not a folder."
+    elif file.suffix[1:].lower() not in endings:
+        known = ", ".join(sorted(endings))
+        problem = f"expected the ending {known}, got {file.suffix!r}."
+    if problem:
+        raise AnalysisError(f"{file}: the figure cannot be written: {problem}")
+
+
 def save_singular_values(path: str | Path, model: LFTModel, seed: int = 0) -> None:
     """Draw the singular values of 300 random samples over those of the nominal model.
 
@@ -34,6 +53,7 @@ def save_singular_values(path: str | Path, model: LFTModel, seed: int = 0) -> No
     AnalysisError
         The file cannot be written, or its ending is not that of a figure.
     """
+    check_figure(path)
     omega = frequencies(model)
     values = random(model.parameters, SAMPLES, seed)
     samples = _decibels(singular_values(frequency_response(model, values, omega)))

@@ -6,7 +6,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from mbdlft.build import SEARCH, SEED, Build, Clock, provenance
+from mbdlft.build import SEARCH, SEED, Build, Clock, check_search, provenance
 from mbdlft.certify import (
     ACCEPTED,
     Check,
@@ -99,6 +99,7 @@ def build_matrix(
     progress: Callable[[str], None] = lambda stage: None,
 ) -> Build:
     """As `realize`, with the seconds of each stage; `progress` is told the name of each as it starts."""
+    check_search(search)
     with one_thread():
         return _build(problem, search, exact, Clock(progress))
 

@@ -37,6 +37,8 @@ _BASE = {
     "s": Unit(1.0, (0, 0, 1)),
     "min": Unit(60.0, (0, 0, 1)),
     "h": Unit(3600.0, (0, 0, 1)),
+    "rev": Unit(2.0 * float(np.pi), (0, 0, 0)),
+    "rpm": Unit(2.0 * float(np.pi) / 60.0, (0, 0, -1)),
     "Hz": Unit(2.0 * float(np.pi), (0, 0, -1)),
     "N": Unit(1.0, (1, 1, -2)),
     "Pa": Unit(1.0, (1, -1, -2)),

@@ -30,9 +30,13 @@ def frequency_response(
     Raises
     ------
     AnalysisError
-        j omega is an eigenvalue of A at one of the samples.
+        j omega is an eigenvalue of A at one of the samples, or `omega` has what is not a finite number.
     """
-    frequencies = np.atleast_1d(np.asarray(omega, dtype=float))
+    frequencies = np.atleast_1d(np.asarray(omega))
+    if not np.issubdtype(frequencies.dtype, np.number) or not np.all(np.isfinite(frequencies)):
+        raise AnalysisError(
+            f"model {model.name!r}: omega: expected finite frequencies (rad/s), got {omega!r}."
+        )
     A, B, C, D = (
         matrix if matrix.ndim == 3 else matrix[None] for matrix in matrices_at(model, values)
     )

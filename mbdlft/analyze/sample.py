@@ -26,7 +26,15 @@ def random(parameters: Sequence[Parameter], count: int, seed: int = 0) -> dict[s
     Returns
     -------
     dict of names to arrays (N,), in the units of the parameters
+
+    Raises
+    ------
+    AnalysisError
+        These are no parameters, or no count.
     """
+    _check_parameters("random", parameters)
+    if not isinstance(count, int | np.integer) or count < 0:
+        raise AnalysisError(f"random: expected a number of points such as 1000, got {count!r}.")
     generator = np.random.default_rng(seed)
     return {p.name: generator.uniform(p.low, p.high, count) for p in parameters}
 
@@ -47,6 +55,7 @@ def corners(parameters: Sequence[Parameter]) -> dict[str, Array]:
     AnalysisError
         There are more than 2^22.
     """
+    _check_parameters("corners", parameters)
     return grid(parameters, {p.name: 2 for p in parameters})
 
 
@@ -65,14 +74,18 @@ def grid(parameters: Sequence[Parameter], counts: Mapping[str, int]) -> dict[str
     Raises
     ------
     AnalysisError
-        A name is unknown, a count is less than 1, or there are more than 2^22 points.
+        A name is unknown, a count is not a whole number of at least 1, or there are more than
+        2^22 points.
     """
+    _check_parameters("grid", parameters)
     for name in counts:
         if name not in {p.name for p in parameters}:
             known = [p.name for p in parameters]
             raise AnalysisError("grid: " + unknown_name("parameter", name, known))
-    if any(count < 1 for count in counts.values()):
-        raise AnalysisError(f"grid: counts must be at least 1, got {dict(counts)}.")
+    if any(not isinstance(n, int | np.integer) or n < 1 for n in counts.values()):
+        raise AnalysisError(
+            f"grid: counts must be whole numbers of at least 1, got {dict(counts)}."
+        )
     size = float(np.prod([float(count) for count in counts.values()]))
     if size > _MOST:
         raise AnalysisError(f"grid: {size:.3g} points are more than {_MOST}; use random points.")
@@ -82,3 +95,11 @@ def grid(parameters: Sequence[Parameter], counts: Mapping[str, int]) -> dict[str
     ]
     points = np.array(list(product(*axes))).reshape(-1, len(parameters))
     return {p.name: points[:, k] for k, p in enumerate(parameters)}
+
+
+def _check_parameters(where: str, parameters: Sequence[Parameter]) -> None:
+    if isinstance(parameters, Sequence) and all(isinstance(p, Parameter) for p in parameters):
+        return
+    raise AnalysisError(
+        f"{where}: expected parameters, such as model.parameters, got {type(parameters).__name__}."
+    )

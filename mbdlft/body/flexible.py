@@ -168,8 +168,18 @@ class FlexibleBody(ElasticBody):
             inertia=self.inertia,
             ports=self.ports,
         )
-        problem = rigid.physical_problem(values)
+        problem = rigid.physical_problem(values) or self._frequency_problem(values)
         return problem or elastic_problem(self, values, _mass_matrix(self, values))
+
+    def _frequency_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
+        for k in range(1, len(self.modes) + 1):
+            lowest = float(np.min(values[f"mode{k}.frequency"]))
+            if not lowest > 0.0:
+                return (
+                    f"mode {k}: the frequency is not positive in the range: {lowest:g} rad/s, so the "
+                    "stiffness is not positive definite."
+                )
+        return None
 
 
 def _mass_matrix(

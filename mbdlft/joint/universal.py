@@ -1,10 +1,12 @@
 """A universal joint: a rotation about an axis of the parent, then about one of the cross."""
 
-from typing import ClassVar, final
+from typing import ClassVar, Self, final
 
-from pydantic import field_validator
+import numpy as np
+from pydantic import field_validator, model_validator
 
 from mbdlft.description import Direction, Quantity, Values
+from mbdlft.errors import SceneError
 from mbdlft.joint.base import MovingJoint, turning, unit_vector, with_length
 from mbdlft.joint.move import Hinge, Move, turned
 from mbdlft.signal import Freedom
@@ -32,6 +34,15 @@ class Universal(MovingJoint):
     @classmethod
     def _has_length(cls, axis: Direction) -> Direction:
         return with_length("axis", axis)
+
+    @model_validator(mode="after")
+    def _axes_are_two(self) -> Self:
+        if not np.any(np.cross(self.axis1, self.axis2)):
+            raise SceneError(
+                f"axis1 {list(self.axis1)} and axis2 {list(self.axis2)} are parallel, which is "
+                "one rotation. Give two directions, or use a revolute joint."
+            )
+        return self
 
     def own_moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
         axes = (unit_vector(self.axis1), unit_vector(self.axis2))

@@ -263,6 +263,11 @@ def deltas_of(model: LFTModel, values: Mapping[str, ArrayLike]) -> Array:
         A name is unknown, a value lies outside the range, or the lengths differ.
     """
     names = [parameter.name for parameter in model.parameters]
+    if not isinstance(values, Mapping):
+        raise StructureError(
+            f"model {model.name!r}: expected values by name, such as {{'{(names or ['m'])[0]}': 1.0}}, "
+            f"got {values!r}."
+        )
     for name in values:
         if name not in names:
             raise StructureError(f"model {model.name!r}: " + unknown_name("parameter", name, names))

@@ -15,6 +15,7 @@ from mbdlft import (
     Prismatic,
     RigidBody,
     Scene,
+    SceneError,
     StructureError,
     TrimError,
     WellPosednessError,
@@ -23,6 +24,8 @@ from mbdlft import (
     frequency_response,
     grid,
     matrices_at,
+    random,
+    realize,
     scene_from_toml,
     solve_trim,
     to_lft,
@@ -232,7 +235,26 @@ def test_frequency_that_is_a_pole():
     ("make", "message"),
     [
         (lambda: grid(MASSES, {"mas": 2}), "grid: unknown parameter 'mas'. Did you mean 'mass'?"),
-        (lambda: grid(MASSES, {"mass": 0}), "grid: counts must be at least 1, got {'mass': 0}."),
+        (
+            lambda: grid(MASSES, {"mass": 0}),
+            "grid: counts must be whole numbers of at least 1, got {'mass': 0}.",
+        ),
+        (
+            lambda: grid(MASSES, {"mass": 2.5}),
+            "grid: counts must be whole numbers of at least 1, got {'mass': 2.5}.",
+        ),
+        (
+            lambda: random(MASSES, -3),
+            "random: expected a number of points such as 1000, got -3.",
+        ),
+        (
+            lambda: random(7, 3),
+            "random: expected parameters, such as model.parameters, got int.",
+        ),
+        (
+            lambda: corners("mass"),
+            "corners: expected parameters, such as model.parameters, got str.",
+        ),
         (
             lambda: grid(MASSES, {"mass": 10**4, "load": 10**4}),
             "grid: 1e+08 points are more than 4194304; use random points.",
@@ -248,12 +270,42 @@ def test_samples(make, message):
         make()
 
 
+@pytest.mark.parametrize("omega", [float("nan"), [1.0, float("inf")], ["fast"]])
+def test_frequencies_that_are_none(model, omega):
+    with says(
+        AnalysisError,
+        f"model 'cart_on_rail': omega: expected finite frequencies (rad/s), got {omega!r}.",
+    ):
+        frequency_response(model, {}, omega)
+
+
+def test_values_without_names(model):
+    with says(
+        StructureError,
+        "model 'cart_on_rail': expected values by name, such as {'load': 1.0}, got [1.0].",
+    ):
+        matrices_at(model, [1.0])
+
+
+@pytest.mark.parametrize("search", [-1.0, float("nan"), "long"])
+def test_search_that_is_no_time(search):
+    message = f"search: expected seconds, 0 for no search, got {search!r}."
+    with says(SceneError, message):
+        to_lft(cart("mass + load", MASSES), search=search)
+    with says(SceneError, message):
+        realize([["1"]], [], search=search)
+
+
 def test_figure_that_cannot_be_written(model, tmp_path):
     file = tmp_path / "figure.abc"
     with says(AnalysisError, f"{file}: the figure cannot be written: ", "abc"):
         save_singular_values(file, model)
     file = tmp_path / "none" / "figure.png"
     with says(
-        AnalysisError, f"{file}: the figure cannot be written: ", "No such file or directory"
+        AnalysisError, f"{file}: the figure cannot be written: {file.parent} is not a folder."
     ):
         save_singular_values(file, model)
+    folder = tmp_path / "folder.png"
+    folder.mkdir()
+    with says(AnalysisError, f"{folder}: the figure cannot be written: ", "Is a directory"):
+        save_singular_values(folder, model)

@@ -5,10 +5,13 @@ import pytest
 import mbdlft
 from mbdlft import (
     Angle,
+    Beam,
     Constant,
     Fixed,
+    Free,
     Ground,
     Inertia,
+    Mode,
     Parameter,
     PointMass,
     Prismatic,
@@ -16,6 +19,7 @@ from mbdlft import (
     RigidBody,
     Scene,
     SceneError,
+    Universal,
     assemble,
     scene_to_toml,
     to_lft,
@@ -57,6 +61,24 @@ def rail(name: str, parent: str, child: str) -> Prismatic:
         (
             lambda: RigidBody(name="b", mass=1, ports={"tip": (0, 1)}),
             "ports: expected a table of positions, three numbers or expressions each, got",
+        ),
+        (
+            lambda: Free(name="j", parent="ground", child="b", stiffness=[1, 2, 3]),
+            "stiffness: expected 6 numbers or expressions, got [1, 2, 3].",
+        ),
+        (
+            lambda: Mode(frequency=3.0, damping=0.01, participation=[0, 0, 4, -17, 0]),
+            "participation: expected 6 numbers or expressions, got [0, 0, 4, -17, 0].",
+        ),
+        (
+            lambda: Beam(name="b", length=1, density=1, area=1, elements=0),
+            "elements: expected a whole number of at least 1, got 0.",
+        ),
+        (
+            lambda: Universal(
+                name="j", parent="ground", child="b", axis1=(2, 0, 0), axis2=(-1, 0, 0)
+            ),
+            "axis1 [2.0, 0.0, 0.0] and axis2 [-1.0, 0.0, 0.0] are parallel, which is one rotation. ",
         ),
         (lambda: PointMass(name=3, mass=1.0), "name: expected a text, got 3."),
         (

@@ -83,6 +83,8 @@ def test_substitutions_by_their_definition() -> None:
         ("m s^-2", 1.0, (0, 1, -2)),
         ("1", 1.0, (0, 0, 0)),
         ("%", 0.01, (0, 0, 0)),
+        ("rpm", np.pi / 30.0, (0, 0, -1)),
+        ("rev/min", np.pi / 30.0, (0, 0, -1)),
     ],
 )
 def test_units(text: str, factor: float, dimension: tuple[int, int, int]) -> None:
