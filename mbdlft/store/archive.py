@@ -43,7 +43,8 @@ def save(path: str | Path, model: LFTModel, name: str | None = None) -> None:
     file = Path(path)
     if not isinstance(model, LFTModel):
         raise ArchiveError(
-            f"{file}: expected an LFTModel, got {type(model).__name__}. to_lft(scene) makes one of a scene."
+            f"{file}: expected an LFTModel, got {type(model).__name__}. "
+            "to_lft(scene) makes one of a scene."
         )
     key = model.name if name is None else name
     check_name(file, "model", key)

@@ -87,12 +87,8 @@ def test_participation_is_not_more_than_the_mass() -> None:
 
 def test_frequency_and_damping_have_signs() -> None:
     for frequency in (0.0, -3.0):
-        with says(
-            SceneError,
-            "body 'panel'",
-            f"mode 1: the frequency is not positive in the range: {frequency:g} rad/s",
-            "stiffness is not positive definite",
-        ):
+        message = f"mode 1: the frequency is not positive in the range: {frequency:g} rad/s"
+        with says(SceneError, "body 'panel'", message, "stiffness is not positive definite"):
             build(on_hinge(panel(modes=(mode(frequency=frequency),))))
     with says(SceneError, "body 'panel'", "damping is negative"):
         build(on_hinge(panel(modes=(mode(damping=-0.1),))))
