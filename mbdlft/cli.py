@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
 from rich.console import Console
 from rich.markup import escape
@@ -70,15 +71,17 @@ def _options(
 
 @app.command()
 def check(scene_file: SceneFile) -> None:
-    """Check a scene without linearizing it."""
+    """Check a scene, and trim and linearize it with numbers at nominal."""
     from mbdlft.build import choose_signals
+    from mbdlft.numeric import reference_at
     from mbdlft.scene import assemble, load_scene
     from mbdlft.trim import solve_trim
 
     scene = load_scene(scene_file)
     equations = assemble(scene)
-    choose_signals(scene, equations)
+    inputs, outputs = choose_signals(scene, equations)
     point = solve_trim(equations)
+    reference_at(equations, inputs, outputs, np.array([[p.nominal for p in equations.parameters]]))
     console = _console()
     console.print(
         f"{scene.name}: {len(scene.bodies)} bodies, {len(scene.joints)} joints, "
@@ -177,8 +180,10 @@ def linearize(
             start = time.perf_counter()
             save_singular_values(plot, built.model)
             seconds["plot"] = time.perf_counter() - start
-    paths = {"archive": output, "figure": plot}
-    _report(built.model, seconds, paths, _notes(scene), as_json=as_json)
+    paths, notes = {"archive": output, "figure": plot}, _notes(scene)
+    if truncate is not None and built.model.certificate.truncation_error == 0.0:
+        notes.append(f"note: no channel can be left out within {truncate:g}; nothing is truncated.")
+    _report(built.model, seconds, paths, notes, as_json=as_json)
 
 
 @app.command()

@@ -107,6 +107,18 @@ def test_set_of_right_values(run, arm):
     assert "shoulder.torque" in out
 
 
+def test_mass_matrix_that_is_singular(run, tmp_path):
+    """Nothing has a mass along the rail: linearize would say so, and so does check."""
+    (tmp_path / "rail.toml").write_text(
+        'format = "mbdlft-scene/1"\nname = "rail"\n'
+        '[bodies.cart]\nkind = "point_mass"\nmass = 0\n'
+        '[joints.rail]\nkind = "prismatic"\nparent = "ground"\nchild = "cart"\naxis = [1, 0, 0]\n',
+        encoding="utf-8",
+    )
+    for command in ("check", "linearize"):
+        check_message(run(command, "rail.toml"), "scene 'rail': the mass matrix is singular")
+
+
 def test_archive_that_cannot_be_written(run, arm, tmp_path, monkeypatch):
     monkeypatch.setattr("mbdlft.build.build", None)  # it is said before the work
     check_message(

@@ -181,6 +181,16 @@ def test_truncate_says_that_the_model_is_not_exact(
     assert 0.0 < found["truncation_error"] <= 0.1
 
 
+def test_truncate_says_that_nothing_can_be_left_out(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ("linearize", ARM, "--search", "0", "--truncate")
+    code, out, _ = run(monkeypatch, capsys, *command, "1e-9")
+    assert code == 0
+    assert "note: no channel can be left out within 1e-09; nothing is truncated." in out
+    assert "no channel can be left out" not in run(monkeypatch, capsys, *command, "0.1")[1]
+
+
 def test_trim_prints_the_torques(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
