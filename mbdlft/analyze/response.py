@@ -33,7 +33,7 @@ def frequency_response(
         j omega is an eigenvalue of A at one of the samples, or `omega` has what is not a finite number.
     """
     frequencies = np.atleast_1d(np.asarray(omega))
-    if not np.issubdtype(frequencies.dtype, np.number) or not np.all(np.isfinite(frequencies)):
+    if frequencies.dtype.kind not in "iuf" or not np.all(np.isfinite(frequencies)):
         raise AnalysisError(
             f"model {model.name!r}: omega: expected finite frequencies (rad/s), got {omega!r}."
         )

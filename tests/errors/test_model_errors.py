@@ -270,7 +270,7 @@ def test_samples(make, message):
         make()
 
 
-@pytest.mark.parametrize("omega", [float("nan"), [1.0, float("inf")], ["fast"]])
+@pytest.mark.parametrize("omega", [float("nan"), [1.0, float("inf")], ["fast"], 1j])
 def test_frequencies_that_are_none(model, omega):
     with says(
         AnalysisError,
