@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from mbdlft.analyze import frequency_response, random, singular_values
 from mbdlft.errors import AnalysisError
@@ -14,6 +13,7 @@ from mbdlft.lft.model import LFTModel
 
 SAMPLES = 300
 _POINTS_PER_DECADE, _MARGIN_DECADES = 120, 1.0
+_MOST_INSIDE = 4  # singular values whose legend finds room beside the curves
 _COLORS = ("#4477aa", "#cc6677", "#228833", "#aa7711", "#66ccee", "#aa3377")
 
 
@@ -51,41 +51,38 @@ def save_singular_values(path: str | Path, model: LFTModel, seed: int = 0) -> No
     Raises
     ------
     AnalysisError
-        The file cannot be written, or its ending is not that of a figure.
+        The file cannot be written, its ending is not that of a figure, or there is nothing to draw.
     """
     check_figure(path)
+    if not (model.inputs and model.outputs):
+        raise AnalysisError(
+            f"model {model.name!r}: without inputs or outputs there are no singular values to draw. "
+            "Choose some in [linearize]."
+        )
     omega = frequencies(model)
     values = random(model.parameters, SAMPLES, seed)
     samples = _decibels(singular_values(frequency_response(model, values, omega)))
     nominal = _decibels(singular_values(frequency_response(model, {}, omega)))[0]
-    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
+    count = nominal.shape[1]
+    figure = Figure(figsize=(8.0 if count <= _MOST_INSIDE else 10.0, 5.0), layout="constrained")
     axes = figure.add_subplot()
-    handles = []
-    for k in range(nominal.shape[1]):
-        color = _COLORS[k % len(_COLORS)]
+    for k in range(count):
+        color, label = _COLORS[k % len(_COLORS)], f"singular value {k + 1}, {SAMPLES} samples"
         lines = [np.column_stack([omega, sample]) for sample in samples[:, :, k]]
         axes.add_collection(LineCollection(lines, colors=color, linewidths=0.5, alpha=0.15))
-        label = f"singular value {k + 1}"
-        handles.append(
-            Line2D([], [], color=color, linewidth=2, alpha=0.5, label=f"{label}, {SAMPLES} samples")
-        )
-    for k in range(nominal.shape[1]):
-        style = ("-", "--", ":", "-.")[k % 4]
-        (line,) = axes.plot(
-            omega,
-            nominal[:, k],
-            color="black",
-            linestyle=style,
-            linewidth=1.6,
-            label=f"singular value {k + 1}, nominal",
-        )
-        handles.append(line)
+        axes.plot([], [], color=color, linewidth=2.0, alpha=0.5, label=label)
+    for k in range(count):  # from the top: they never cross
+        label = "" if k else "nominal"
+        axes.plot(omega, nominal[:, k], color="black", linewidth=1.2, label=label)
     axes.set(xscale="log", xlim=(omega[0], omega[-1]))
     axes.set_xlabel("frequency (rad/s)")
     axes.set_ylabel(f"singular values (dB of {_gain_unit(model)})")
     axes.set_title(f"{model.name}: {len(model.parameters)} parameters, order {model.order}")
     axes.grid(visible=True, which="both", linewidth=0.3, alpha=0.5)
-    axes.legend(handles=handles, loc="lower left", fontsize="small")
+    if count <= _MOST_INSIDE:
+        axes.legend(loc="lower left", fontsize="small")
+    else:
+        figure.legend(loc="outside right upper", fontsize="small")
     axes.autoscale_view(scalex=False)
     try:
         figure.savefig(path, dpi=150)

@@ -296,6 +296,15 @@ def test_search_that_is_no_time(search):
         realize([["1"]], [], search=search)
 
 
+def test_figure_of_a_model_without_inputs(tmp_path):
+    alone = to_lft(cart("mass + load", MASSES, inputs=()), search=0.0)
+    with says(
+        AnalysisError, "model 'cart_on_rail': without inputs or outputs there are no singular"
+    ):
+        save_singular_values(tmp_path / "figure.png", alone)
+    assert not (tmp_path / "figure.png").exists()
+
+
 def test_figure_that_cannot_be_written(model, tmp_path):
     file = tmp_path / "figure.abc"
     with says(AnalysisError, f"{file}: the figure cannot be written: ", "abc"):
