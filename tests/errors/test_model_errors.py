@@ -10,6 +10,8 @@ from mbdlft import (
     AnalysisError,
     Angle,
     Fixed,
+    FlexibleBody,
+    Mode,
     Parameter,
     PointMass,
     Prismatic,
@@ -297,9 +299,13 @@ def test_search_that_is_no_time(search):
 
 
 def test_figure_of_a_model_without_inputs(tmp_path):
-    alone = to_lft(cart("mass + load", MASSES, inputs=()), search=0.0)
+    clamp = Fixed(name="clamp", parent="ground", child="mast")
+    mode = Mode(frequency=3.0, damping=0.01, participation=(0, 0, 0.1, 0, 0, 0))
+    inertia = Inertia(xx=1, yy=1, zz=1)
+    mast = FlexibleBody(name="mast", mass=1, inertia=inertia, modes=[mode])
+    alone = to_lft(Scene(name="mode", bodies=[mast], joints=[clamp]), search=0.0)
     with says(
-        AnalysisError, "model 'cart_on_rail': without inputs or outputs there are no singular"
+        AnalysisError, "model 'mode': without inputs or outputs there are no singular values"
     ):
         save_singular_values(tmp_path / "figure.png", alone)
     assert not (tmp_path / "figure.png").exists()
