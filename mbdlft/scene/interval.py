@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 _MOST_BOXES = 4096
-_SMALLEST = 1e-9  # width of a box that is not halved again, relative to the ends of the range
+_SMALLEST = 1e-9  # width of a box that is not halved again, relative to that of the range
+_ROUNDING = 4.0 * float(np.finfo(float).eps)  # the same, relative to the ends: the least
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,10 @@ def find_zero(
     whether that part is as small as rounding allows; if not, there were too many parts to tell
     """
     boxes = [tuple(bounds.values())]
-    sizes = [_SMALLEST * max(abs(low), abs(high)) for low, high in boxes[0]]
+    sizes = [
+        max(_SMALLEST * (high - low), _ROUNDING * max(abs(low), abs(high)))
+        for low, high in boxes[0]
+    ]
     examined = 0
     while boxes:
         box = boxes.pop()

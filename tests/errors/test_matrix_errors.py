@@ -1,5 +1,6 @@
 """Errors of matrix problems: each says where, what was expected, and what to try."""
 
+from contextlib import nullcontext
 from typing import Any
 
 import casadi as ca
@@ -74,6 +75,20 @@ def test_denominator_that_intervals_cannot_decide_is_accepted() -> None:
     text = "1/(a^2 - 2*a*b + b^2 + 0.0001 + (a - b)*(b - a) + 0.5*(a - b)^2)"
     model = realize([[text]], [A, B], search=0.0)
     assert model.certificate.max_relative_error < 1.0
+
+
+@pytest.mark.parametrize(
+    ("text", "vanishes"),
+    [("(a - 1e9)^2 - (a - 1e9) + 1", False), ("a - 1e9 - 0.3", True)],
+)
+def test_denominator_in_a_range_that_is_narrow_beside_its_ends(text: str, vanishes: bool) -> None:
+    a = Parameter("a", 1e9 + 0.5, 1e9, 1e9 + 1)
+    with (
+        pytest.raises(WellPosednessError, match="vanishes in the range, near a = 1e")
+        if vanishes
+        else nullcontext()
+    ):
+        realize([[f"1/({text})"]], [a], search=0.0)
 
 
 @pytest.mark.parametrize(
