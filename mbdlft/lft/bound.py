@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import schur
+from scipy.linalg import rsf2csf, schur
 
 from mbdlft.lft.lft import LFT, Array
 from mbdlft.lft.reduce import balance
@@ -119,8 +119,11 @@ def degree_bounds(a: LFT, twin: LFT | None = None, seed: int = 0) -> dict[str, B
                     for one, part, among in zip(expanded, parts, channels, strict=True)
                 ]
                 if all(np.all(np.isfinite(item.A)) for item in alone):
-                    first, second = (_triangular(item) for item in alone)
-                    found = _bound(first, second, random)
+                    try:
+                        first, second = (_triangular(item) for item in alone)
+                        found = _bound(first, second, random)
+                    except np.linalg.LinAlgError:  # without an end; it proves nothing
+                        continue
                     bounds[name] = max(bounds[name], found, key=_preference)
     return bounds
 
@@ -179,8 +182,14 @@ def _alone(one: _Realization, part: slice, first: int, center: float) -> _Realiz
 
 
 def _triangular(one: _Realization) -> _Realization:
-    """The same in coordinates in which A is upper triangular."""
-    A, Q = schur(one.A, output="complex")
+    """The same in coordinates in which A is upper triangular.
+
+    The iteration of LAPACK for complex matrices may turn in a circle, where that for real ones ends.
+    """
+    try:
+        A, Q = schur(one.A, output="complex")
+    except np.linalg.LinAlgError:
+        A, Q = rsf2csf(*schur(one.A))
     return _Realization(A, Q.conj().T @ one.B, one.C @ Q)
 
 

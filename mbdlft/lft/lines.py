@@ -100,7 +100,11 @@ def channels_at(M11: Array, M12: Array, deltas: NDArray[Any]) -> NDArray[Any]:
 
 def pole_distance(loop: Array, largest: float) -> float:
     """Of the nearest pole of one delta from zero, when the others are zero; `largest` at most."""
-    return float(1.0 / max(1.0 / largest, np.max(np.abs(np.linalg.eigvals(loop)), initial=0.0)))
+    try:
+        size = np.max(np.abs(np.linalg.eigvals(loop)), initial=0.0)
+    except np.linalg.LinAlgError:  # the iteration has no end: no eigenvalue is above the norm
+        size = np.linalg.norm(loop)
+    return float(1.0 / max(1.0 / largest, size))
 
 
 def degree(values: NDArray[Any], circle: NDArray[Any]) -> int:

@@ -8,6 +8,7 @@ links the largest of them has 115 of 915 channels.
 
 from collections.abc import Iterator
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -205,10 +206,18 @@ def _reaches_one(matrices: Array) -> NDArray[np.bool_]:
         powers = powers @ powers
     found = np.zeros(len(matrices), dtype=bool)
     if len(open_):
-        eigenvalues = np.linalg.eigvals(matrices[open_])
+        eigenvalues = np.array([_eigenvalues(matrix) for matrix in matrices[open_]])
         real = np.abs(eigenvalues.imag) <= _REAL * np.abs(eigenvalues)
         found[open_] = np.any(real & (eigenvalues.real >= 1.0), axis=1)
     return found
+
+
+def _eigenvalues(matrix: Array) -> NDArray[Any]:
+    """Eigenvalues of a matrix; not a number if the iteration of LAPACK has no end."""
+    try:
+        return np.asarray(np.linalg.eigvals(matrix))
+    except np.linalg.LinAlgError:
+        return np.full(len(matrix), np.nan)
 
 
 def _chunks(count: int, entries: int) -> Iterator[slice]:

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from mbdlft.lft import triangle
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, Block
+from mbdlft.lft.lines import pole_distance
 from tests.close import exact, roundoff
 from tests.laws.lfts import lfts
 
@@ -173,3 +174,15 @@ def test_planted_order_of_blocks_is_found(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(triangle, "diagonal_blocks", lambda matrix: right(matrix)[::-1])
     with pytest.raises(AssertionError):
         law_solve_loops(chained(LOOPS[3], 0), 0)
+
+
+def test_eigenvalues_that_are_not_found_show_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No line is seen to vanish, and a pole is not nearer than the norm allows."""
+
+    def failing(matrix: np.ndarray) -> np.ndarray:
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr(np.linalg, "eigvals", failing)
+    a = LFT(np.eye(1), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)), (Block("a", 1),))
+    assert not triangle.vanishes(a, np.array([[2.0]])).any()
+    exact(pole_distance(np.array([[0.0, 4.0], [0.0, 0.0]]), 10.0), 0.25)
