@@ -1,16 +1,18 @@
-"""Denominators of a matrix problem over the whole range of its parameters."""
+"""Denominators of a matrix problem over the whole range of its parameters, and sizes of its entries."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
-from mbdlft.errors import WellPosednessError
+from mbdlft.errors import SceneError, WellPosednessError
 from mbdlft.expression import Expression, denominators, evaluate, write
 from mbdlft.matrix.problem import MatrixProblem
-from mbdlft.matrix.resolve import Resolved, cosine_name, entry_place, sine_name
+from mbdlft.matrix.resolve import Resolved, cosine_name, entry_place, matrix_values, sine_name
 from mbdlft.parameter import Parameter
-from mbdlft.scene.interval import Interval, find_zero
+from mbdlft.scene.interval import Interval, find_zero, interval
 from mbdlft.unit import parse_unit
+
+_LEAST, _MOST = 1e-150, 1e150  # their squares are floats
 
 
 def check_denominators(problem: MatrixProblem, resolved: Resolved) -> None:
@@ -20,11 +22,17 @@ def check_denominators(problem: MatrixProblem, resolved: Resolved) -> None:
 
     Raises
     ------
+    SceneError
+        A denominator is so small, or an entry so large, that the square of such a number is none.
     WellPosednessError
         A denominator vanishes in the range, or comes as close to zero as rounding allows to tell.
     """
     parameters = {p.name: p for p in problem.parameters}
-    constants = problem.constant_values()
+    constants: dict[str, Interval | float] = {**problem.constant_values()}
+    corners = [
+        {name: Interval(at, at) for name, at in zip(parameters, point, strict=True)}
+        for point in zip(*((p.nominal, p.low, p.high) for p in problem.parameters), strict=True)
+    ]
     for place, divisor in _divisors(problem, resolved):
         used = sorted(resolved.parameters_of(divisor) & parameters.keys())
         shared = _needed(resolved, divisor)
@@ -34,14 +42,13 @@ def check_denominators(problem: MatrixProblem, resolved: Resolved) -> None:
             shared: Mapping[str, Expression] = shared,
             divisor: Expression = divisor,
         ) -> Interval | float:
-            known: dict[str, Interval | float] = dict(constants)
-            for name, interval in box.items():
-                known |= _interval_values(parameters[name], interval)
+            known = constants | _parts(parameters, box)
             for name, expression in shared.items():
                 known[name] = evaluate(expression, known)
             found: Interval | float = evaluate(divisor, known)
             return found
 
+        _check_size(f"{place}: the denominator {write(divisor)}", map(value, corners), _LEAST)
         found = find_zero(
             value, {name: (parameters[name].low, parameters[name].high) for name in used}
         )
@@ -55,6 +62,27 @@ def check_denominators(problem: MatrixProblem, resolved: Resolved) -> None:
                 f"{f', near {near}' if near else ''}. Narrow the range, or write the entry without "
                 "the division."
             )
+    rows = [
+        matrix_values(problem, resolved, constants | _parts(parameters, box))
+        for box in corners or [{}]
+    ]
+    for i, j in np.ndindex(problem.shape):
+        _check_size(entry_place(problem, i, j), (row[i][j] for row in rows))
+
+
+def _check_size(what: str, values: Iterable[Interval | float], least: float = 0.0) -> None:
+    """Raise a SceneError if the largest of some values is not zero, and below the least or too large.
+
+    What is more than one value at a point has a pole there, which is left to the other checks.
+    """
+    points = [found.low for found in map(interval, values) if not found.low < found.high]
+    size = float(np.max(np.abs(points), initial=0.0))
+    if size and not least <= size <= _MOST:
+        expected = f"least {least:g}" if size < least else f"most {_MOST:g}"
+        raise SceneError(
+            f"{what} has the size {size:.3g}. Expected at {expected}: the square of a number has to be "
+            "one in double precision, too. Choose other units."
+        )
 
 
 def _divisors(problem: MatrixProblem, resolved: Resolved) -> Iterator[tuple[str, Expression]]:
@@ -79,6 +107,17 @@ def _needed(resolved: Resolved, expression: Expression) -> dict[str, Expression]
     """The shared expressions that an expression uses, in order."""
     used = set(resolved.names_of(expression))
     return {name: shared for name, shared in resolved.shared.items() if name in used}
+
+
+def _parts(
+    parameters: Mapping[str, Parameter], box: Mapping[str, Interval]
+) -> dict[str, Interval | float]:
+    """Parameters over intervals; an angle by its cosine and sine."""
+    return {
+        part: value
+        for name, item in box.items()
+        for part, value in _interval_values(parameters[name], item).items()
+    }
 
 
 def _interval_values(parameter: Parameter, value: Interval) -> dict[str, Interval]:

@@ -14,11 +14,11 @@ from mbdlft.errors import MbdlftError
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, matrix_values
 
-_MOST_TERMS = 1000
+_MOST_TERMS, _MOST_DEGREE = 1000, 128
 
 
 class NotPolynomialError(Exception):
-    """A division by more than a number, or too many terms to expand."""
+    """A division by more than a number, or more terms or a higher degree than are expanded."""
 
 
 class Polynomial:
@@ -50,8 +50,11 @@ class Polynomial:
 
     def __mul__(self, other: "Polynomial | float") -> Self:
         total: dict[tuple[int, ...], Fraction] = {}
+        factor = self._like(other)
+        if self._degree() + factor._degree() > _MOST_DEGREE:
+            raise NotPolynomialError
         for first, x in self.terms.items():
-            for second, y in self._like(other).terms.items():
+            for second, y in factor.terms.items():
                 exponents = tuple(a + b for a, b in zip(first, second, strict=True))
                 total[exponents] = total.get(exponents, Fraction(0)) + x * y
         return type(self)(total)
@@ -68,6 +71,9 @@ class Polynomial:
     def __rtruediv__(self, other: float) -> Self:
         return self._like(other) / self
 
+    def _degree(self) -> int:
+        return max(map(sum, self.terms), default=0)
+
     def _like(self, number: "Polynomial | float") -> Self:
         if isinstance(number, Polynomial):
             return type(self)(number.terms)
@@ -76,7 +82,10 @@ class Polynomial:
 
 
 def expanded_matrix(problem: MatrixProblem, resolved: Resolved, p: ca.SX) -> ca.SX | None:
-    """The matrix by Horner's rule in the symbols p (n_p,); None if it is not polynomial in them."""
+    """The matrix by Horner's rule in the symbols p (n_p,); None if it is not polynomial in them.
+
+    Nor is it if the degree is too high, or a coefficient is beyond the largest float.
+    """
     count = len(problem.parameters)
     if any(parameter.is_angle for parameter in problem.parameters):
         return None
@@ -96,13 +105,16 @@ def expanded_matrix(problem: MatrixProblem, resolved: Resolved, p: ca.SX) -> ca.
     except (NotPolynomialError, MbdlftError):  # such as the sine of a constant
         return None
     symbols = [p[k] for k in order]
-    entries = [
-        [
-            _horner((number(item) if isinstance(item, float) else item).terms, symbols)
-            for item in row
+    try:
+        entries = [
+            [
+                _horner((number(item) if isinstance(item, float) else item).terms, symbols)
+                for item in row
+            ]
+            for row in rows
         ]
-        for row in rows
-    ]
+    except OverflowError:
+        return None
     return ca.vertcat(*(ca.horzcat(*row) for row in entries))
 
 

@@ -8,6 +8,8 @@ import pytest
 
 import mbdlft
 from mbdlft import Angle, NotRationalError, Parameter, SceneError, WellPosednessError, realize
+from mbdlft.matrix.polynomial import expanded_matrix
+from mbdlft.matrix.resolve import resolve
 
 A, B = Parameter("a", 0.5, 0.3, 0.8), Parameter("b", 1.5, 1.0, 2.0)
 TH = Angle("th", 30, 0, 60)
@@ -75,6 +77,40 @@ def test_denominator_that_intervals_cannot_decide_is_accepted() -> None:
     text = "1/(a^2 - 2*a*b + b^2 + 0.0001 + (a - b)*(b - a) + 0.5*(a - b)^2)"
     model = realize([[text]], [A, B], search=0.0)
     assert model.certificate.max_relative_error < 1.0
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("1e308*a*1e308", r" has the size inf. Expected at most 1e\+150: the square"),
+        ("(1e10*a)^31", r" has the size .*e\+306"),
+        ("1e200 + a", r" has the size 1e\+200"),
+        ("1e308*a + 1e308*b", " has the size inf"),
+        (
+            "1/(1e-200*a)",
+            r": the denominator \(1e-200 \* a\) has the size 8e-201. Expected at least",
+        ),
+        (
+            "1/(1e200*a)",
+            r": the denominator \(1e\+200 \* a\) has the size 8e\+199. Expected at most",
+        ),
+        ("sin(th)*1e160", r" has the size .*e\+159"),
+    ],
+)
+def test_size(text: str, message: str) -> None:
+    with pytest.raises(SceneError, match=r"matrix 'matrix', entry \(0, 1\)" + message):
+        realize([["a", text]], [A, B, TH], search=0.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "expanded"),
+    [("(a + b)^8*a^8", True), ("(1e10*a)^31", False), ("(a^64)^2", True), ("(a^64)^2*b", False)],
+)
+def test_what_cannot_be_expanded(text: str, expanded: bool) -> None:
+    """A coefficient beyond the floats, or a degree above 128."""
+    problem = mbdlft.MatrixProblem(matrix=[[text]], parameters=[A, B])
+    assert (expanded_matrix(problem, resolve(problem), ca.SX.sym("p", 2)) is not None) == expanded
 
 
 @pytest.mark.parametrize(
