@@ -31,6 +31,7 @@ FUNCTIONS: Mapping[str, Callable[[float], float]] = {
 }
 _MAX_EXPONENT = 64
 _MAX_DEPTH = 100
+_MAX_DEGREE = 256  # of all powers and products together: a model has as many channels
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[^\W\d]\w*)|(?P<operator>\*\*|[-+*/^()]))"
 )
@@ -113,6 +114,39 @@ def denominators(expression: Expression) -> tuple[Expression, ...]:
         if isinstance(node, Power) and node.exponent < 0 and names(node.base):
             found.append(node.base)
     return tuple(found)
+
+
+def degree_of(expression: Expression, known: Mapping[str, int]) -> int:
+    """How many names the longest product of an expression has; what is divided by counts, too.
+
+    `known` are the same numbers of its names; a constant has none.
+    """
+    match expression:
+        case Name(name):
+            return known.get(name, 0)
+        case Negative(operand):
+            return degree_of(operand, known)
+        case Power(base, exponent):
+            return abs(exponent) * degree_of(base, known)
+        case Binary():
+            first, rest = spine(expression)
+            total = degree_of(first, known)
+            for operator, right in rest:
+                degree = degree_of(right, known)
+                total = max(total, degree) if operator in "+-" else total + degree
+            return total
+        case _:
+            return 0
+
+
+def check_degree(expression: Expression, known: Mapping[str, int]) -> None:
+    """Raise a SceneError if the longest product, as in `degree_of`, is too long."""
+    degree = degree_of(expression, known)
+    if degree > _MAX_DEGREE:
+        raise SceneError(
+            f"products and powers make the degree {degree}, and {_MAX_DEGREE} is the most. "
+            "Declare a power, or another part, as a parameter."
+        )
 
 
 def evaluate(

@@ -17,6 +17,8 @@ from mbdlft.expression import (
     Negative,
     Number,
     Power,
+    check_degree,
+    degree_of,
     evaluate,
     names,
     parse,
@@ -122,6 +124,9 @@ class _Resolver:
         self.plain = {p.name for p in problem.parameters} - self.angles
         self.shared: dict[str, Expression] = {}
         self.depends: dict[str, frozenset[str]] = {}  # parameters of each shared expression
+        self.degrees = dict.fromkeys(self.plain, 1)
+        for angle in self.angles:
+            self.degrees |= {cosine_name(angle): 1, sine_name(angle): 1}
         self.irrational: list[str] = []
         self.place = ""
 
@@ -130,6 +135,7 @@ class _Resolver:
             expression = self._read(f"matrix {self.problem.name!r}, expression {name!r}", source)
             self.shared[name] = expression
             self.depends[name] = self._parameters(expression)
+            self.degrees[name] = degree_of(expression, self.degrees)
         rows = tuple(
             tuple(
                 self._read(entry_place(self.problem, i, j), source) for j, source in enumerate(row)
@@ -151,7 +157,9 @@ class _Resolver:
                         f"the expression {name!r} is not known here; an expression uses only those "
                         "before it."
                     )
-            return self._rational(expression)
+            rational = self._rational(expression)
+            check_degree(rational, self.degrees)
+            return rational
         except MbdlftError as error:
             raise type(error)(f"{self.place}: {error}") from None
 
@@ -230,7 +238,9 @@ class _Resolver:
                     Binary("-", Binary("*", parts[0], turn[0]), Binary("*", parts[1], turn[1])),
                     Binary("+", Binary("*", parts[0], turn[1]), Binary("*", parts[1], turn[0])),
                 )
-                self.shared.setdefault(f"cos({label})", rotated[0])
-                self.shared.setdefault(f"sin({label})", rotated[1])
-                parts = (Name(f"cos({label})"), Name(f"sin({label})"))
+                both = (f"cos({label})", f"sin({label})")
+                for part, expression in zip(both, rotated, strict=True):
+                    self.shared.setdefault(part, expression)
+                    self.degrees[part] = degree_of(expression, self.degrees)
+                parts = (Name(both[0]), Name(both[1]))
         return parts

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mbdlft.body import Body
 from mbdlft.description import ANY_UNIT, AXES, Expected
 from mbdlft.errors import NotRationalError, SceneError, WellPosednessError, unknown_name
-from mbdlft.expression import denominators, evaluate, names, write
+from mbdlft.expression import check_degree, denominators, evaluate, names, write
 from mbdlft.joint import Joint
 from mbdlft.parameter import Parameter
 from mbdlft.scene.dimension import Dimension
@@ -82,6 +82,7 @@ def _check_quantities(
             _check_angle(scene, place, expected, dimensions, samples)
             continue
         _check_angle_is_position(scene, place, expected)
+        _check_degree(scene, place, expected)
         values = _sampled(place, expected, samples)
         _check_denominators(scene, place, expected)
         _check_dimension(place, expected, dimensions)
@@ -120,6 +121,7 @@ def _check_angle(
     for tangent in arctangents:
         source = Expected(write(tangent), "1")
         inside = Place(place.owner, f"{place.label}, atan")
+        _check_degree(scene, inside, source)
         _check_denominators(scene, inside, source)
         _check_dimension(inside, source, dimensions)
         if not np.all(np.isfinite(_sampled(inside, source, samples))):
@@ -192,6 +194,13 @@ def _check_angle_is_position(scene: Scene, place: Place, expected: Expected) -> 
                 f"{place} = {expected.source!r}: {parameter.name!r} has unit {parameter.unit!r}, which "
                 "does not fit. An angle parameter can be the position of a joint, or in an orientation."
             )
+
+
+def _check_degree(scene: Scene, place: Place, expected: Expected) -> None:
+    try:
+        check_degree(expression_at(place, expected), {p.name: 1 for p in scene.parameters})
+    except SceneError as error:
+        raise SceneError(f"{place} = {expected.source!r}: {error}") from None
 
 
 def _check_dimension(place: Place, expected: Expected, dimensions: Mapping[str, Any]) -> None:

@@ -83,6 +83,18 @@ def test_quantity_that_is_not_finite(text):
         arm('mass = "m1"', f'mass = "{text}"')
 
 
+@pytest.mark.parametrize(
+    ("text", "degree"),
+    [("(m1^64)^8", 512), ("m1/(m1^64)^4", 257), ("2*m1 + (((m1^64)^64)^64)^-64", 64**4)],
+)
+def test_degree_of_a_quantity(text, degree):
+    with says(
+        SceneError,
+        f"body 'link1', mass = {text!r}: products and powers make the degree {degree}, and 256 is the",
+    ):
+        arm('mass = "m1"', f'mass = "{text}"')
+
+
 @pytest.mark.parametrize("function", ["sin", "cos", "sqrt"])
 def test_function_of_a_constant_that_is_not_finite(function):
     with says(

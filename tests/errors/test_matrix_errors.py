@@ -1,5 +1,6 @@
 """Errors of matrix problems: each says where, what was expected, and what to try."""
 
+import re
 from contextlib import nullcontext
 from typing import Any
 
@@ -101,6 +102,25 @@ def test_denominator_that_intervals_cannot_decide_is_accepted() -> None:
 def test_size(text: str, message: str) -> None:
     with pytest.raises(SceneError, match=r"matrix 'matrix', entry \(0, 1\)" + message):
         realize([["a", text]], [A, B, TH], search=0.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "degree"),
+    [
+        ("(a^64)^8", 512),
+        ("((((a^64)^64)^64)^64)", 64**4),
+        ("1/(shared*b)", 257),
+        ("cos(16*th)^17", 272),
+    ],
+)
+def test_degree(text: str, degree: int) -> None:
+    message = f"entry (0, 0) = {text!r}: products and powers make the degree {degree}, and 256 is"
+    with pytest.raises(SceneError, match=re.escape(message)):
+        realize([[text]], [A, B, TH], expressions={"shared": "(a^64)^4"}, search=0.0)
+
+
+def test_degree_that_is_possible() -> None:
+    assert realize([["(a^8)^8"]], [A], search=0.0).lft.order == 64
 
 
 @pytest.mark.parametrize(
