@@ -1,15 +1,47 @@
 """The common base of everything a user describes: frozen, and checked when it is made."""
 
+import math
+import unicodedata
 from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 
 from mbdlft.errors import MbdlftError, SceneError, unknown_name
 
+
+def without_controls(text: str, but: str = "") -> str:
+    """The text itself, if it can be printed and stored.
+
+    Raises
+    ------
+    SceneError
+        It has a control character that is not one of `but`.
+    """
+    for character in text:
+        if unicodedata.category(character) == "Cc" and character not in but:
+            raise SceneError(
+                f"{text!r} has the character {character!r}, which cannot be printed and stored. "
+                "Leave it out."
+            )
+    return text
+
+
+def is_finite(value: object) -> bool:
+    """Whether this is a number that is finite as a float, too."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer of hundreds of digits
+        return False
+
+
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Text = Annotated[str, Field(strict=True, min_length=1)]
+Name = Annotated[Text, AfterValidator(without_controls)]
+Prose = Annotated[str, AfterValidator(lambda text: without_controls(text, "\n\r\t"))]
 Quantity = Number | Text
 Vector = tuple[Quantity, Quantity, Quantity]
 Direction = tuple[Number, Number, Number]
@@ -94,6 +126,10 @@ def _expected(field: str, owner: type[BaseModel]) -> str:
         return "numbers by name, or tables with value and unit"
     if field in ("inputs", "outputs"):
         return "a list of signal names"
+    if field == "expressions":
+        return "numbers or expressions by name"
+    if field == "states":
+        return "a text" if owner.model_fields[field].annotation is str else "a list of names"
     if field in (*_TEXTS, "name", "kind", "description", "unit"):
         return "a text"
     if field == "unchecked":

@@ -369,7 +369,7 @@ class _Parser:
         sign = -1 if self.token == "-" else 1
         if self.token in ("+", "-"):
             self._advance()
-        if self.kind != "number" or not self.token.isdigit() or int(self.token) > _MAX_EXPONENT:
+        if self.kind != "number" or not self.token.isdigit() or float(self.token) > _MAX_EXPONENT:
             raise self._error(f"an integer power of at most {_MAX_EXPONENT}")
         exponent = sign * int(self.token)
         self._advance()

@@ -12,7 +12,7 @@ from typing import Any, Self, final
 import casadi as ca
 from pydantic import model_validator
 
-from mbdlft.description import AXES, Description, Direction, Text
+from mbdlft.description import AXES, Description, Direction, Name, Text
 from mbdlft.errors import SceneError, unknown_name
 from mbdlft.joint.base import with_length
 from mbdlft.joint.planar import plane
@@ -28,7 +28,7 @@ class Loop(Description):
     At equilibrium the two ports must meet, for all parameters. `axis` is in the axes of the parent.
     """
 
-    name: Text
+    name: Name
     kind: Text
     parent: Text
     child: Text

@@ -15,6 +15,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mbdlft.description import is_finite
 from mbdlft.errors import SceneError
 from mbdlft.unit import ANGLE_UNITS, parse_unit
 
@@ -94,6 +95,14 @@ class Parameter:
         reference: float = 0.0,
     ) -> None:
         where = f"parameter {name!r}"
+        for label, text in (
+            ("name", name),
+            ("unit", unit),
+            ("role", role),
+            ("substitution", substitution),
+        ):
+            if not isinstance(text, str):
+                raise SceneError(f"{where}: {label}: expected a text, got {text!r}.")
         numbers = {
             "nominal": nominal,
             "low": low,
@@ -104,9 +113,8 @@ class Parameter:
             "reference": reference,
         }
         for label, value in numbers.items():
-            missing = value is None and label != "nominal"
-            if not missing and (isinstance(value, bool) or not isinstance(value, int | float)):
-                raise SceneError(f"{where}: {label}: expected a number, got {value!r}.")
+            if value is not None or label == "nominal":
+                _check_number(where, label, value)
         low, high = _range(where, nominal, low, high, percent, plus, minus)
         for field, entry in (
             ("name", name),
@@ -174,14 +182,15 @@ def Angle(
         As `Parameter`; or the range reaches a singular point of the substitution.
     """
     where = f"parameter {name!r}"
-    if unit not in ANGLE_UNITS:
+    if not isinstance(unit, str) or unit not in ANGLE_UNITS:
         raise SceneError(f"{where}: an angle has unit 'deg' or 'rad', got {unit!r}.")
-    if substitution not in _ANGLE_DIVISOR:
+    if not isinstance(substitution, str) or substitution not in _ANGLE_DIVISOR:
         raise SceneError(
             f"{where}: substitution of an angle is 'half-angle' or 'quarter-angle', "
             f"got {substitution!r}."
         )
-    center = nominal if reference is None else reference
+    label, center = ("nominal", nominal) if reference is None else ("reference", reference)
+    _check_number(where, label, center)
     return Parameter(
         name,
         nominal,
@@ -252,6 +261,13 @@ def to_physical(parameter: Parameter, delta: ArrayLike) -> NDArray[np.float64]:
         return internal
     radians = parameter.reference + _ANGLE_DIVISOR[parameter.substitution] * np.arctan(internal)
     return radians / parse_unit(parameter.unit).factor
+
+
+def _check_number(where: str, label: str, value: object) -> None:
+    """Raise a SceneError unless this is a number; what is not finite has its own message."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or (isinstance(value, int) and not is_finite(value)):
+        raise SceneError(f"{where}: {label}: expected a number, got {value!r}.")
 
 
 def _range(

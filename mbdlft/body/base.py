@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from mbdlft.description import AXES, Description, Expected, Text, Values, Vector, vector_quantities
+from mbdlft.description import AXES, Description, Expected, Name, Values, Vector, vector_quantities
 from mbdlft.errors import SceneError
 from mbdlft.signal import Freedom, Signal
 from mbdlft.spatial import Coordinate, column
@@ -21,8 +21,8 @@ class Body(Description, abc.ABC):
     """A body; every concrete kind is final. Positions are in the body frame, from its origin (m)."""
 
     kind: ClassVar[str]
-    name: Text
-    ports: dict[Text, Vector] = {}
+    name: Name
+    ports: dict[Name, Vector] = {}
 
     @classmethod
     def where(cls, fields: Mapping[str, Any]) -> str:

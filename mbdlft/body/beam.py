@@ -26,7 +26,7 @@ from pydantic import Field, model_validator
 
 from mbdlft.body.elastic import Elastic, ElasticBody, Term, elastic_freedom, elastic_problem
 from mbdlft.body.rigid import newton_euler
-from mbdlft.description import Expected, Quantity, Text, Values
+from mbdlft.description import Expected, Name, Quantity, Text, Values
 from mbdlft.errors import SceneError, unknown_name
 from mbdlft.signal import Freedom
 from mbdlft.spatial import Coordinate
@@ -87,7 +87,7 @@ class Beam(ElasticBody):
     elements: Annotated[int, Field(ge=1, le=200, strict=True)] = 4
     shape_functions: Text = "cubic"
     deformations: tuple[Text, ...] = DEFORMATIONS
-    stations: dict[Text, Annotated[int, Field(ge=1, strict=True)]] = {}
+    stations: dict[Name, Annotated[int, Field(ge=1, strict=True)]] = {}
 
     @model_validator(mode="after")
     def _data_are_complete(self) -> Self:

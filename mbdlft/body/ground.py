@@ -5,7 +5,7 @@ from typing import ClassVar, final
 import casadi as ca
 
 from mbdlft.body.base import GROUND, Body
-from mbdlft.description import Text, Values
+from mbdlft.description import Name, Values
 from mbdlft.spatial import Coordinate
 
 
@@ -14,7 +14,7 @@ class Ground(Body):
     """Describe it only to give it ports; positions from the origin of the scene frame (m)."""
 
     kind: ClassVar[str] = GROUND
-    name: Text = GROUND
+    name: Name = GROUND
 
     def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
         """Nothing moves the ground: it needs no wrench."""

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import casadi as ca
 from pydantic import field_validator
 
-from mbdlft.description import Description, Direction, Expected, Text, Values
+from mbdlft.description import Description, Direction, Expected, Name, Text, Values
 from mbdlft.errors import SceneError
 from mbdlft.signal import Signal
 
@@ -52,7 +52,7 @@ class Load(Description, abc.ABC):
     signal: ClassVar[Signal]  # the magnitude
     magnitude_key: ClassVar[str]
 
-    name: Text
+    name: Name
 
     @classmethod
     def where(cls, fields: Mapping[str, Any]) -> str:

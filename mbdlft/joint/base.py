@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import InstanceOf, field_validator, model_validator
 
-from mbdlft.description import Description, Direction, Expected, Quantity, Text, Values
+from mbdlft.description import Description, Direction, Expected, Name, Quantity, Text, Values
 from mbdlft.errors import SceneError
 from mbdlft.joint.move import Move, turned
 from mbdlft.signal import Freedom, Signal
@@ -77,7 +77,7 @@ class Joint(Description, abc.ABC):
     kind: ClassVar[str]
     freedoms: ClassVar[tuple[Freedom, ...]]
 
-    name: Text
+    name: Name
     parent: Text
     child: Text
     orientation: tuple[InstanceOf[Rotation], ...] = ()

@@ -1,12 +1,11 @@
 """The matrix problem: what a user describes who has a matrix instead of a scene."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Self, final
 
-from pydantic import InstanceOf, field_validator, model_validator
+from pydantic import InstanceOf, ValidationInfo, field_validator, model_validator
 
-from mbdlft.description import Description, Number, Quantity, Text
+from mbdlft.description import Description, Name, Number, Prose, Quantity, Text, is_finite
 from mbdlft.errors import SceneError
 from mbdlft.expression import BUILTIN_CONSTANTS, names, parse
 from mbdlft.parameter import Parameter
@@ -37,15 +36,15 @@ class MatrixProblem(Description):
     Nothing is converted: a name is the value in the unit it was declared with.
     """
 
-    name: Text = "matrix"
-    description: str = ""
+    name: Name = "matrix"
+    description: Prose = ""
     constants: dict[Text, Number | InstanceOf[Constant]] = {}
     parameters: tuple[InstanceOf[Parameter], ...] = ()
     expressions: dict[Text, Quantity] = {}
     matrix: tuple[tuple[Quantity, ...], ...]
-    states: tuple[Text, ...] = ()
-    inputs: tuple[Text, ...] | None = None
-    outputs: tuple[Text, ...] | None = None
+    states: tuple[Name, ...] = ()
+    inputs: tuple[Name, ...] | None = None
+    outputs: tuple[Name, ...] | None = None
 
     @classmethod
     def where(cls, fields: Mapping[str, Any]) -> str:
@@ -84,11 +83,15 @@ class MatrixProblem(Description):
 
     @field_validator("states", mode="before")
     @classmethod
-    def _count_of_states_is_names(cls, states: Any) -> Any:
-        if isinstance(states, bool) or not isinstance(states, int):
+    def _count_of_states_is_names(cls, states: Any, info: ValidationInfo) -> Any:
+        if _is_sequence(states):
             return states
-        if states < 0:
-            raise SceneError(f"states: expected a number of at least 0, or names, got {states}.")
+        if isinstance(states, bool) or not isinstance(states, int) or states < 0:
+            raise SceneError(f"states: expected a number of at least 0, or names, got {states!r}.")
+        matrix = info.data.get("matrix")  # without it there is an error already
+        if matrix is None:
+            return ()
+        _check_states(states, matrix)
         return tuple(f"x{k}" for k in range(states))
 
     @model_validator(mode="after")
@@ -96,11 +99,7 @@ class MatrixProblem(Description):
         declared = [p.name for p in self.parameters] + list(self.constants) + list(self.expressions)
         check_value_names("parameter, constant or expression", declared)
         rows, columns = self.shape
-        if len(self.states) > min(rows, columns):
-            raise SceneError(
-                f"{len(self.states)} states do not fit into a matrix of {rows} rows and {columns} "
-                "columns; the leading part of that size is A."
-            )
+        _check_states(len(self.states), self.matrix)
         for what, given, size in (
             ("inputs", self.inputs, columns - len(self.states)),
             ("outputs", self.outputs, rows - len(self.states)),
@@ -146,9 +145,17 @@ def unused_names(problem: MatrixProblem) -> tuple[str, ...]:
 
 def check_quantity(place: str, value: Any) -> None:
     """Raise a SceneError unless a value is a finite number or a text."""
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not ((number and math.isfinite(value)) or (isinstance(value, str) and value)):
+    if not (is_finite(value) or (isinstance(value, str) and value)):
         raise SceneError(f"{place}: expected a finite number or an expression, got {value!r}.")
+
+
+def _check_states(count: int, matrix: Sequence[Sequence[Any]]) -> None:
+    rows, columns = len(matrix), len(matrix[0])
+    if count > min(rows, columns):
+        raise SceneError(
+            f"{count} states do not fit into a matrix of {rows} rows and {columns} columns; the leading "
+            "part of that size is A."
+        )
 
 
 def _is_sequence(value: Any) -> bool:

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import casadi as ca
@@ -48,9 +48,21 @@ def matrix_problem(
         return MatrixProblem(matrix=matrix, parameters=parameters, **fields)
     if "expressions" in fields:
         raise SceneError("expressions belong to rows of texts; an SX matrix has its own.")
-    name = fields.get("name", "matrix")
-    taken = {p.name for p in parameters} | set(fields.get("constants") or {})
-    symbolic = _Texts(str(name), matrix, parameters, symbols or {}, taken)
+    name = str(fields.get("name", "matrix"))
+    parameters = tuple(parameters) if isinstance(parameters, Iterable) else parameters
+    if not isinstance(parameters, tuple) or not all(isinstance(p, Parameter) for p in parameters):
+        raise SceneError(
+            f"matrix {name!r}: parameters: expected a list of parameters, got {parameters!r}."
+        )
+    symbols = {} if symbols is None else symbols
+    if not isinstance(symbols, Mapping) or not all(map(_names_a_symbol, symbols.items())):
+        raise SceneError(
+            f"matrix {name!r}: symbols: expected SX symbols by the names of parameters, such as "
+            f"{{'m': m}}, got {symbols!r}."
+        )
+    constants = fields.get("constants")
+    taken = {p.name for p in parameters} | set(constants if isinstance(constants, Mapping) else ())
+    symbolic = _Texts(name, matrix, parameters, symbols, taken)
     return MatrixProblem(
         matrix=symbolic.rows, expressions=symbolic.shared, parameters=parameters, **fields
     )
@@ -69,6 +81,12 @@ def internal_matrix(problem: MatrixProblem, resolved: Resolved) -> tuple[ca.SX, 
     rows = matrix_values(problem, resolved, values)
     matrix = ca.vertcat(*(ca.horzcat(*(ca.SX(entry) for entry in row)) for row in rows))
     return symbols, matrix
+
+
+def _names_a_symbol(item: tuple[Any, Any]) -> bool:
+    name, symbol = item
+    is_scalar = isinstance(symbol, ca.SX) and symbol.is_scalar()
+    return isinstance(name, str) and is_scalar and bool(symbol.is_symbolic())
 
 
 class _Texts:

@@ -1,6 +1,5 @@
 """The scene: what a user describes, in Python or as a TOML file."""
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Self, final
@@ -8,7 +7,17 @@ from typing import Annotated, Any, Self, final
 from pydantic import Field, InstanceOf, field_validator, model_validator
 
 from mbdlft.body import Body
-from mbdlft.description import Description, Direction, Number, Quantity, Text, Vector
+from mbdlft.description import (
+    Description,
+    Direction,
+    Name,
+    Number,
+    Prose,
+    Quantity,
+    Text,
+    Vector,
+    is_finite,
+)
 from mbdlft.errors import SceneError
 from mbdlft.expression import BUILTIN_CONSTANTS, FUNCTIONS
 from mbdlft.force import Load
@@ -106,8 +115,8 @@ class Scene(Description):
     Numbers in expressions are in SI units (rad for angles); names carry their own units.
     """
 
-    name: Text
-    description: str = ""
+    name: Name
+    description: Prose = ""
     gravity: Vector = (0.0, 0.0, 0.0)
     acceleration: Vector = (0.0, 0.0, 0.0)
     spin: InstanceOf[Spin] | None = None
@@ -119,8 +128,8 @@ class Scene(Description):
     sensors: tuple[InstanceOf[Sensor], ...] = ()
     loops: tuple[InstanceOf[Loop], ...] = ()
     fit: InstanceOf[Fit] | None = None
-    inputs: Annotated[tuple[Text, ...] | None, Field(min_length=1)] = None
-    outputs: Annotated[tuple[Text, ...] | None, Field(min_length=1)] = None
+    inputs: Annotated[tuple[Name, ...] | None, Field(min_length=1)] = None
+    outputs: Annotated[tuple[Name, ...] | None, Field(min_length=1)] = None
     states: str = ALL
 
     @classmethod
@@ -174,8 +183,7 @@ class Scene(Description):
 def check_constants(constants: Any) -> None:
     """Raise a SceneError for the first constant that is not a finite number with a known unit."""
     for name, value in constants.items() if isinstance(constants, Mapping) else ():
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not (isinstance(value, Constant) or (number and math.isfinite(value))):
+        if not (isinstance(value, Constant) or is_finite(value)):
             raise SceneError(
                 f"constant {name!r}: expected a finite number, or a Constant with a unit (in TOML "
                 f"a table with value and unit), got {value!r}."

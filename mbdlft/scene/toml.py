@@ -145,7 +145,7 @@ def read_table(text: str, read: Callable[[dict[str, Any]], T]) -> T:
     """What `read` makes of the table of a TOML text; its errors give the line, where known."""
     try:
         table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # also numbers of thousands of digits
         raise SceneError(f"not valid TOML: {error}") from None
     try:
         return read(table)

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 import casadi as ca
 
-from mbdlft.description import AXES, Description, Text
+from mbdlft.description import AXES, Description, Name, Text
 from mbdlft.signal import Signal
 
 
@@ -45,7 +45,7 @@ class Sensor(Description, abc.ABC):
     kind: ClassVar[str]
     components: ClassVar[tuple[Signal, ...]]
 
-    name: Text
+    name: Name
 
     @classmethod
     def where(cls, fields: Mapping[str, Any]) -> str:

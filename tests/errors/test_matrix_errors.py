@@ -28,6 +28,9 @@ HEAD = 'format = "mbdlft-matrix/1"\nname = "m"\n'
         ([["a", None]], r"entry \(0, 1\): expected a finite number or an expression, got None"),
         ([["a", float("nan")]], r"entry \(0, 1\): expected a finite number"),
         ([["a", True]], r"entry \(0, 1\): expected a finite number"),
+        ([["a", 10**400]], r"entry \(0, 1\): expected a finite number"),
+        ([["1" * 400 + "*a"]], r"column 1: expected a finite number, got '1+'"),
+        ([["a^" + "9" * 5000]], r"column 3: expected an integer power of at most 64, got '9+'"),
         ([["a"], ["aa + 1"]], r"entry \(1, 0\) = 'aa \+ 1': unknown name 'aa'. Did you mean 'a'"),
         ([["a*"]], r"entry \(0, 0\) = 'a\*': expression 'a\*', column 3: expected a number"),
         ([["tan(a)"]], r"entry \(0, 0\) = 'tan\(a\)': expression 'tan\(a\)': unknown function"),
@@ -152,6 +155,15 @@ def test_denominator_in_a_range_that_is_narrow_beside_its_ends(text: str, vanish
     [
         ({"states": 3}, "3 states do not fit into a matrix of 2 rows and 2 columns"),
         ({"states": -1}, "states: expected a number of at least 0, or names, got -1"),
+        ({"states": 1.0}, "states: expected a number of at least 0, or names, got 1.0"),
+        ({"states": "x"}, "states: expected a number of at least 0, or names, got 'x'"),
+        ({"states": True}, "states: expected a number of at least 0, or names, got True"),
+        ({"states": [1]}, r"states: expected a list of names, got \[1\]"),
+        ({"states": 10**400}, "0 states do not fit into a matrix of 2 rows and 2 columns"),
+        ({"states": ["a\0b"]}, r"'a\\x00b' has the character '\\x00', which cannot be printed"),
+        ({"inputs": ["a\nb", "c"]}, r"'a\\nb' has the character '\\n', which cannot be printed"),
+        ({"name": "m\t"}, r"'m\\t' has the character '\\t', which cannot be printed"),
+        ({"description": "a\0"}, r"'a\\x00' has the character '\\x00', which cannot be printed"),
         ({"states": ["x", "x"]}, "state 'x' is given twice"),
         (
             {"inputs": ["f"]},
@@ -161,6 +173,9 @@ def test_denominator_in_a_range_that_is_narrow_beside_its_ends(text: str, vanish
         ({"inputs": ["f", "f"]}, "input 'f' is given twice"),
         ({"constants": {"a": 1.0}}, "parameter, constant or expression 'a' is given twice"),
         ({"constants": {"c": "1"}}, "constant 'c': expected a finite number"),
+        ({"constants": {"c": 10**400}}, "constant 'c': expected a finite number"),
+        ({"expressions": "x"}, "expressions: expected numbers or expressions by name, got 'x'"),
+        ({"expressions": {"e": 10**400}}, "expression 'e': expected a finite number or an expres"),
         ({"expressions": {"e": None}}, "expression 'e': expected a finite number or an expression"),
         ({"expressions": {"e": "f", "f": "a"}}, "'f' is not known here; an expression uses only"),
         ({"expressions": {"pi": "a"}}, "'pi' cannot name a parameter, constant or expression"),
@@ -177,6 +192,10 @@ def test_fields_beside_a_problem() -> None:
     problem = mbdlft.MatrixProblem(matrix=[["a"]], parameters=[A])
     with pytest.raises(SceneError, match="a MatrixProblem has its own parameters and fields"):
         realize(problem, [A], search=0.0)
+
+
+def test_description_of_several_lines() -> None:
+    assert mbdlft.MatrixProblem(matrix=[["1"]], description="one\n\ttwo").description[3] == "\n"
 
 
 def sx(*names: str) -> list[ca.SX]:
@@ -197,6 +216,15 @@ def test_symbolic_matrix() -> None:
         realize(a * c, [A, B], search=0.0)
     with pytest.raises(SceneError, match="unknown parameter 'd'"):
         realize(a * c, [A, B], symbols={"d": c}, search=0.0)
+    expected = "matrix 'matrix': symbols: expected SX symbols by the names of parameters"
+    wrong: list[Any] = [[a], a, {"a": "a"}, {3: a}, {"a": a + 1}, {"a": ca.MX.sym("a")}]
+    for symbols in wrong:
+        with pytest.raises(SceneError, match=expected):
+            realize(a, [A], symbols=symbols, search=0.0)
+    not_a_list: list[Any] = ["a", ["a"], A, None]
+    for parameters in not_a_list:
+        with pytest.raises(SceneError, match="parameters: expected a list of parameters, got"):
+            realize(a, parameters, search=0.0)
     with pytest.raises(SceneError, match="two symbols are named 'a'"):
         realize(a * ca.SX.sym("a"), [A, B], search=0.0)
     with pytest.raises(SceneError, match="the constant inf is not a finite number"):
@@ -220,6 +248,13 @@ def test_symbolic_matrix() -> None:
         ),
         (HEAD + "matrix = [[1]", "not valid TOML"),
         (HEAD + 'matrix = [["a"], [1, 2]]', "row 1 has 2 entries, row 0 has 1"),
+        (HEAD + f"matrix = [[{'9' * 5000}]]", "not valid TOML: Exceeds the limit"),
+        (HEAD + "matrix = " + "[" * 5000, "not valid TOML: maximum recursion depth"),
+        (
+            HEAD + 'matrix = [["1"]]\nstates = 300000000',
+            "300000000 states do not fit into a matrix of 1",
+        ),
+        (HEAD + 'matrix = [["1"]]\ninputs = ["a\\u0000"]', r"the character '\\x00'"),
     ],
 )
 def test_toml(text: str, message: str) -> None:

@@ -60,7 +60,36 @@ def test_percent_of_zero_says_that_the_nominal_is_zero():
         Parameter("m", 0.0, percent=20)
 
 
-@pytest.mark.parametrize("value", ["abc", None, [1.0]])
+@pytest.mark.parametrize("field", ["unit", "role", "substitution"])
+@pytest.mark.parametrize("value", [None, 3, ["kg"]])
+def test_text_that_is_none(field, value):
+    with says(SceneError, f"parameter 'm': {field}: expected a text, got {value!r}."):
+        Parameter("m", 1.0, 0.5, 2.0, **{field: value})
+
+
+@pytest.mark.parametrize("name", [3, None])
+@pytest.mark.parametrize("kind", [Parameter, Angle])
+def test_name_that_is_no_text(kind, name):
+    with says(SceneError, f"parameter {name}: name: expected a text, got {name}."):
+        kind(name, 1.0, 0.5, 2.0)
+
+
+@pytest.mark.parametrize("value", ["abc", [1.0], 10**400])
+@pytest.mark.parametrize("field", ["nominal", "low", "high", "reference"])
+def test_number_of_an_angle_that_is_none(field, value):
+    with says(SceneError, f"parameter 't': {field}: expected a number, got "):
+        Angle("t", **{"nominal": 1.0, "low": 0.5, "high": 2.0, field: value})
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("unit", None), ("unit", []), ("substitution", None), ("substitution", [])]
+)
+def test_text_of_an_angle_that_is_none(field, value):
+    with says(SceneError, f"got {value!r}."):
+        Angle("t", 1.0, 0.5, 2.0, **{field: value})
+
+
+@pytest.mark.parametrize("value", ["abc", None, [1.0], 10**400])
 def test_nominal_that_is_not_a_number(value):
     with says(SceneError, "parameter 'm'"):
         Parameter("m", value, 0.0, 2.0)

@@ -286,6 +286,25 @@ def test_port_with_the_name_of_a_built_in_one(port):
         arm('ports.tip = [0, "L2', f'ports.{port} = [1, 2, 3]\nports.tip = [0, "L2')
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('name = "two_link_arm"', 'name = "a\\u0000"'),
+        ("[bodies.link2]", '[bodies."a\\u0000"]'),
+        ("[joints.shoulder]", '[joints."a\\u0000"]'),
+        ('outputs = ["shoulder.angle"', 'outputs = ["a\\u0000"'),
+        ("ports.tip =", 'ports."a\\u0000" ='),
+        (
+            '"Two-link robotic arm with a load at its tip, scheduled on both joint angles"',
+            '"a\\u0000"',
+        ),
+    ],
+)
+def test_control_character(old, new):
+    with says(SceneError, r"'a\x00' has the character '\x00', which cannot be printed and stored."):
+        arm(old, new)
+
+
 def test_port_with_a_dot():
     with says(SceneError, "body 'b'", "the name of the port 'tip.x' has a dot."):
         PointMass(name="b", mass=1.0, ports={"tip.x": (0, 0, 1)})
