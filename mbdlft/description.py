@@ -1,6 +1,5 @@
 """The common base of everything a user describes: frozen, and checked when it is made."""
 
-import math
 import unicodedata
 from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple, get_args, get_origin
@@ -26,16 +25,6 @@ def without_controls(text: str, but: str = "") -> str:
                 "Leave it out."
             )
     return text
-
-
-def is_finite(value: object) -> bool:
-    """Whether this is a number that is finite as a float, too."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    try:
-        return math.isfinite(value)
-    except OverflowError:  # an integer of hundreds of digits
-        return False
 
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]

@@ -9,13 +9,13 @@ value becomes a normalized delta:
     internal = (b0 + b1 delta) / (1 + a1 delta)    delta = -1, 0, 1 at low, nominal, high
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mbdlft.description import is_finite
 from mbdlft.errors import SceneError
 from mbdlft.unit import ANGLE_UNITS, parse_unit
 
@@ -261,6 +261,16 @@ def to_physical(parameter: Parameter, delta: ArrayLike) -> NDArray[np.float64]:
         return internal
     radians = parameter.reference + _ANGLE_DIVISOR[parameter.substitution] * np.arctan(internal)
     return radians / parse_unit(parameter.unit).factor
+
+
+def is_finite(value: object) -> bool:
+    """Whether this is a number that is finite as a float, too."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer of hundreds of digits
+        return False
 
 
 def _check_number(where: str, label: str, value: object) -> None:

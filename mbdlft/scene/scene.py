@@ -16,7 +16,6 @@ from mbdlft.description import (
     Quantity,
     Text,
     Vector,
-    is_finite,
 )
 from mbdlft.errors import SceneError
 from mbdlft.expression import BUILTIN_CONSTANTS, FUNCTIONS
@@ -24,7 +23,7 @@ from mbdlft.force import Load
 from mbdlft.joint import Joint
 from mbdlft.joint.base import with_length
 from mbdlft.loop import Loop
-from mbdlft.parameter import Parameter
+from mbdlft.parameter import Parameter, is_finite
 from mbdlft.sensor import Sensor
 from mbdlft.unit import parse_unit
 
