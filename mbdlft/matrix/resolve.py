@@ -234,9 +234,10 @@ class _Resolver:
                 if first:
                     parts = turn
                     continue
+                # the new turn first: it acts on what the cosine and sine before it make of one signal
                 rotated = (
-                    Binary("-", Binary("*", parts[0], turn[0]), Binary("*", parts[1], turn[1])),
-                    Binary("+", Binary("*", parts[0], turn[1]), Binary("*", parts[1], turn[0])),
+                    Binary("-", Binary("*", turn[0], parts[0]), Binary("*", turn[1], parts[1])),
+                    Binary("+", Binary("*", turn[1], parts[0]), Binary("*", turn[0], parts[1])),
                 )
                 both = (f"cos({label})", f"sin({label})")
                 for part, expression in zip(both, rotated, strict=True):

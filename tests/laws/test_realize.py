@@ -77,6 +77,13 @@ def test_planted_bugs_of_conversion_are_found(monkeypatch: pytest.MonkeyPatch) -
         realize([["a - a*b"]], [A, B], search=0.0)
 
 
+def test_a_rotation_more_costs_a_few_channels() -> None:
+    """The signals that a rotation turns are shared by the next one: they do not double each time."""
+    th = Angle("th", 10, -60, 60)
+    models = [realize([[f"sin({count}*th)"]], [th], search=0.0) for count in (5, 15, 16)]
+    assert [model.certificate.raw_order for model in models] == [(18,), (58,), (62,)]
+
+
 def doubled(problem: MatrixProblem, resolved: resolving.Resolved) -> tuple[ca.SX, ca.SX]:
     p, matrix = symbolic.internal_matrix(problem, resolved)
     return p, 2 * matrix
