@@ -232,7 +232,9 @@ def _searched(
         return lft, order_bound
 
     def joint(one: LFT, stop: Callable[[], bool]) -> int:
-        return order_bound if is_large else max(order_bound, joint_bound(one, bound, stop))
+        if is_large:
+            return order_bound
+        return max(order_bound, joint_bound(one, bound, stop, lft))
 
     share = _HALF if lft.order < min(form.order for form in relations) else _MOST
     found = reduce_commuting(relations, bound, share * left(), joint, close, truth)

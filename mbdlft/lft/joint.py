@@ -29,6 +29,7 @@ _FIXINGS, _TRIES = 2, 4  # values of the other deltas that have to agree, and th
 _CENTER = 0.6  # of the range of a delta, where these values are taken
 
 Found = TypeVar("Found")
+Both = tuple[LFT, LFT]  # an LFT, and its source
 
 
 class Pair(NamedTuple):
@@ -55,7 +56,12 @@ class Triple(NamedTuple):
     is_transposed: bool = False
 
 
-def joint_bound(a: LFT, degrees: Degrees, stop: Callable[[], bool] = lambda: False) -> int:
+def joint_bound(
+    a: LFT,
+    degrees: Degrees,
+    stop: Callable[[], bool] = lambda: False,
+    source: LFT | None = None,
+) -> int:
     """Proved minimum of the order of any exact LFT of the same matrix.
 
     Parameters
@@ -66,6 +72,8 @@ def joint_bound(a: LFT, degrees: Degrees, stop: Callable[[], bool] = lambda: Fal
     stop : function
         Asked before each pair and triple whether the time is over; those that were not looked at do not
         count.
+    source : LFT, optional
+        What `a` was made of by changes that leave rounding, if it is not `a` itself.
 
     Returns
     -------
@@ -77,7 +85,9 @@ def joint_bound(a: LFT, degrees: Degrees, stop: Callable[[], bool] = lambda: Fal
     StructureError
         A delta has no degree.
     """
-    pairs, names = pair_bounds(a, degrees, stop=stop), [block.name for block in a.blocks]
+    source = a if source is None else source
+    pairs = pair_bounds(a, degrees, stop=stop, source=source)
+    names = [block.name for block in a.blocks]
     has = _above(a, degrees)
     random, proved = np.random.default_rng(0), dict[Triple, bool]()
     while True:
@@ -88,17 +98,23 @@ def joint_bound(a: LFT, degrees: Degrees, stop: Callable[[], bool] = lambda: Fal
             return sum(degrees[name] for name in names) + sum(more.values())
         for triple in new:
             proved[triple] = (
-                not stop() and not _excludes(triple, has) and _is_proved(a, triple, degrees, random)
+                not stop()
+                and not _excludes(triple, has)
+                and _is_proved((a, source), triple, degrees, random)
             )
 
 
 def pair_bounds(
-    a: LFT, degrees: Degrees, seed: int = 0, stop: Callable[[], bool] = lambda: False
+    a: LFT,
+    degrees: Degrees,
+    seed: int = 0,
+    stop: Callable[[], bool] = lambda: False,
+    source: LFT | None = None,
 ) -> tuple[Pair, ...]:
     """The pairs of deltas of an LFT that are proved not to have both their degree.
 
     A pair that `a` itself contradicts has a wrong rank, and is left out. A pair may come twice, once for
-    `a` and once for its transpose.
+    `a` and once for its transpose. `source` is that of `joint_bound`.
 
     Raises
     ------
@@ -110,7 +126,14 @@ def pair_bounds(
     random, more = np.random.default_rng(seed), _above(a, degrees)
     names = [name for name in more if degrees[name]]
     found = [
-        _pair(a, first, second, degrees, random, is_transposed=is_transposed)
+        _pair(
+            (a, a if source is None else source),
+            first,
+            second,
+            degrees,
+            random,
+            is_transposed=is_transposed,
+        )
         for first, second in combinations(names, 2)
         for is_transposed in (False, True)
         if not stop()
@@ -173,7 +196,7 @@ def _excluding(more: Mapping[str, int], pairs: Sequence[Pair]) -> Iterator[Tripl
 
 
 def _pair(
-    a: LFT,
+    both: Both,
     first: str,
     second: str,
     degrees: Degrees,
@@ -182,9 +205,8 @@ def _pair(
     is_transposed: bool,
 ) -> Pair | None:
     """What is proved for two deltas at several values of the others; the least of it."""
-    one = transpose(a) if is_transposed else a
     at = partial(_more_at, first, second, degrees, random)
-    found = _at_values(one, (first, second), random, at)
+    found = _at_values(both, (first, second), random, at, is_transposed=is_transposed)
     if not found:
         return None
     first_more, second_more = (min(side) for side in zip(*found, strict=True))
@@ -192,12 +214,15 @@ def _pair(
 
 
 def _at_values(
-    a: LFT,
+    both: Both,
     names: Sequence[str],
     random: np.random.Generator,
-    at: Callable[[LFT], Found | None],
+    at: Callable[[LFT, LFT], Found | None],
+    *,
+    is_transposed: bool,
 ) -> list[Found]:
     """What is proved for some deltas at values of the others; nothing if it is not at each of them."""
+    a, source = (transpose(item) for item in both) if is_transposed else both
     clear: list[Found] = []
     for _ in range(_TRIES):
         others = {
@@ -206,7 +231,7 @@ def _at_values(
             if block.name not in names
         }
         try:
-            found = at(reduce_order(fix(a, others)))
+            found = at(reduce_order(fix(a, others)), fix(source, others))
         except (DoubtError, WellPosednessError, np.linalg.LinAlgError):
             continue
         if found is None:
@@ -218,12 +243,12 @@ def _at_values(
 
 
 def _more_at(
-    first: str, second: str, degrees: Degrees, random: np.random.Generator, a: LFT
+    first: str, second: str, degrees: Degrees, random: np.random.Generator, a: LFT, source: LFT
 ) -> tuple[int, int] | None:
     """Repetitions above its degree of one delta if the other has none, for an LFT in these two."""
     if a.order == degrees[first] + degrees[second]:
         return None
-    H = compressed(a, random)
+    H = compressed(a, source, random)
     forth = obstruction(H, first, second, degrees, random)
     if not forth.dimensions:
         return None
@@ -234,18 +259,27 @@ def _more_at(
     return back.more, forth.more
 
 
-def _is_proved(a: LFT, triple: Triple, degrees: Degrees, random: np.random.Generator) -> bool:
+def _is_proved(both: Both, triple: Triple, degrees: Degrees, random: np.random.Generator) -> bool:
     """Whether an X of the first and another delta of a triple is constant in the last one."""
     first, second, third, is_transposed = triple
-    one = transpose(a) if is_transposed else a
     return any(
-        _at_values(one, names, random, partial(_constant_at, names, degrees, random))
+        _at_values(
+            both,
+            names,
+            random,
+            partial(_constant_at, names, degrees, random),
+            is_transposed=is_transposed,
+        )
         for names in ((first, second, third), (first, third, second))
     )
 
 
 def _constant_at(
-    names: tuple[str, str, str], degrees: Degrees, random: np.random.Generator, a: LFT
+    names: tuple[str, str, str],
+    degrees: Degrees,
+    random: np.random.Generator,
+    a: LFT,
+    source: LFT,
 ) -> bool | None:
     """The same for an LFT in these three; None if it is not."""
-    return is_constant_in(compressed(a, random), *names, degrees, random) or None
+    return is_constant_in(compressed(a, source, random), *names, degrees, random) or None

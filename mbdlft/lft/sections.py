@@ -74,10 +74,11 @@ class _Span(NamedTuple):
     k: int
 
 
-def compressed(a: LFT, random: np.random.Generator) -> LFT:
+def compressed(a: LFT, source: LFT, random: np.random.Generator) -> LFT:
     """Inputs and outputs that matter, in coordinates in which values on the circles have size one.
 
-    The constant part has no part in it, as in all that follows.
+    The constant part has no part in it, as in all that follows. `source` is what `a` was made of by
+    changes that leave rounding: an entry below that of its terms there is not there.
     """
     count = max(a.shape) + _EXTRA
     points = {
@@ -85,10 +86,8 @@ def compressed(a: LFT, random: np.random.Generator) -> LFT:
         for name, _ in a.blocks
     }
     left, right = _factors(a, points)
-    # an entry of terms that cancel is not there
-    H = np.where(
-        np.abs(left @ right) > _CANCELED * (np.abs(left) @ np.abs(right)), left @ right, 0.0
-    )
+    terms = sum(np.abs(x) @ np.abs(y) for x, y in ((left, right), _factors(source, points)))
+    H = np.where(np.abs(left @ right) > _CANCELED * terms, left @ right, 0.0)
     # as real and imaginary parts, so that the new coordinates are real
     inputs = _coordinates(np.vstack([part.reshape(-1, a.shape[1]) for part in (H.real, H.imag)]))
     H = np.swapaxes(H @ inputs, 1, 2)
