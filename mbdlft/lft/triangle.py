@@ -206,18 +206,20 @@ def _reaches_one(matrices: Array) -> NDArray[np.bool_]:
         powers = powers @ powers
     found = np.zeros(len(matrices), dtype=bool)
     if len(open_):
-        eigenvalues = np.array([_eigenvalues(matrix) for matrix in matrices[open_]])
+        eigenvalues = _eigenvalues(matrices[open_])
         real = np.abs(eigenvalues.imag) <= _REAL * np.abs(eigenvalues)
         found[open_] = np.any(real & (eigenvalues.real >= 1.0), axis=1)
     return found
 
 
-def _eigenvalues(matrix: Array) -> NDArray[Any]:
-    """Eigenvalues of a matrix; not a number if the iteration of LAPACK has no end."""
+def _eigenvalues(matrices: Array) -> NDArray[Any]:
+    """Eigenvalues (N, n); none is a number where the iteration of LAPACK has no end."""
     try:
-        return np.asarray(np.linalg.eigvals(matrix))
+        return np.asarray(np.linalg.eigvals(matrices))
     except np.linalg.LinAlgError:
-        return np.full(len(matrix), np.nan)
+        if len(matrices) == 1:
+            return np.full(matrices.shape[:2], np.nan)
+        return np.concatenate([_eigenvalues(matrix[None]) for matrix in matrices])
 
 
 def _chunks(count: int, entries: int) -> Iterator[slice]:
