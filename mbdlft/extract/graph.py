@@ -12,6 +12,8 @@ equal sub-expressions exist once. Coefficient times signal:
 
 from typing import NamedTuple
 
+from mbdlft.lft.rounding import is_rounding
+
 
 class Coefficient(NamedTuple):
     """A node of a coefficient; the arguments are numbers of nodes, or the value of a constant."""
@@ -84,10 +86,16 @@ class SignalGraph:
     def combine(self, terms: list[Scaled]) -> Scaled:
         """Sum of scaled signals."""
         merged: dict[int, float] = {}
+        sizes: dict[int, float] = {}
         for factor, index in terms:
             if index >= 0:
                 merged[index] = merged.get(index, 0.0) + factor
-        kept = [Scaled(factor, index) for index, factor in sorted(merged.items()) if factor != 0.0]
+                sizes[index] = sizes.get(index, 0.0) + abs(factor)
+        kept = [
+            Scaled(factor, index)
+            for index, factor in sorted(merged.items())
+            if not is_rounding(factor, sizes[index])
+        ]
         if not kept:
             return ZERO
         if len(kept) == 1:
