@@ -26,7 +26,7 @@ from mbdlft.parameter import Parameter, to_delta
 
 _RANDOM_POINTS, _MOST_CORNERS = 100, 128
 ACCEPTED = 1e-5  # of an error; larger ones are refused
-_NEGLIGIBLE = 1e-8  # an entry below this part of its row's size is compared with the row
+NEGLIGIBLE = 1e-8  # an entry below this part of its row's size is compared with the row
 _EFFECT = 1e-4  # of an effort of one: the least that an input is compared with if it does nothing
 _IDLE = (
     1e-6  # of the stiffest spring: the least that a row of A is compared with if all of it cancels
@@ -166,17 +166,17 @@ def entry_scale(
     """
     size = np.max(np.abs(reference), axis=0)
     whole = np.maximum(_whole(size, states, floor), terms)
-    scale = np.where(size > _NEGLIGIBLE * whole, size, whole)
+    scale = np.where(size > NEGLIGIBLE * whole, size, whole)
     return np.where(scale > 0, scale, 1.0)
 
 
 def conditioning_of(
-    reference: Array, sizes: Array, states: int, floor: float = 0.0, terms: Array | float = 0.0
+    reference: Array, sizes: Array, states: int, floor: float = 0.0
 ) -> tuple[float, int]:
     """`conditioning` of [A B ; C D] (N, ., .) with the scales of `entry_scale`."""
-    whole = np.maximum(_whole(np.max(np.abs(reference), axis=0), states, floor), terms)
-    scale = entry_scale(reference, states, floor, terms)
-    return conditioning(reference, sizes, scale, _NEGLIGIBLE * whole)
+    whole = _whole(np.max(np.abs(reference), axis=0), states, floor)
+    scale = entry_scale(reference, states, floor)
+    return conditioning(reference, sizes, scale, NEGLIGIBLE * whole)
 
 
 def _whole(size: Array, states: int, floor: float) -> Array:

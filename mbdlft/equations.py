@@ -123,6 +123,11 @@ def physical_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
 def internal_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
     """The equations as rational functions of internal values: angles by tangents of a part of them."""
     p = ca.SX.sym("internal", len(parameters))
+    return ParameterSymbols(p, p, *cosines_sines(parameters, p))
+
+
+def cosines_sines(parameters: Sequence[Parameter], p: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Cosines and sines (n_p,) of the angles among parameters of internal values p (n_p,)."""
     cosine, sine = ca.SX(len(parameters), 1), ca.SX(len(parameters), 1)
     for k, parameter in enumerate(parameters):
         if not parameter.is_angle:
@@ -131,7 +136,7 @@ def internal_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
         c0, s0 = exact_cosine_sine(parameter.reference)
         cosine[k] = (c0 * c - s0 * s) / denominator
         sine[k] = (s0 * c + c0 * s) / denominator
-    return ParameterSymbols(p, p, cosine, sine)
+    return cosine, sine
 
 
 @lru_cache(maxsize=1)  # the stages of one scene share it

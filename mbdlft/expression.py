@@ -17,6 +17,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from decimal import Decimal
 from functools import cache
 from typing import Any
 
@@ -187,9 +188,11 @@ def evaluate(
                 result = _binary(operator, result, evaluate(right, values, number))
             return result
         case Power(base, exponent):
-            return _power(evaluate(base, values, number), exponent)
+            return _power(evaluate(base, values, number), exponent, number(1.0))
         case Call(function, argument):
             value = evaluate(argument, values, number)
+            if isinstance(value, Decimal):
+                value = float(value)
             if not isinstance(value, float):
                 raise NotRationalError(
                     f"{function}({write(argument)}) is not rational in "
@@ -204,7 +207,7 @@ def evaluate(
                 raise SceneError(f"{function} of {value} is not a number.")
             if function == "sqrt" and value < 0:
                 raise SceneError(f"sqrt of the negative number {value}.")
-            return FUNCTIONS[function](value)
+            return number(FUNCTIONS[function](value))
 
 
 def write(expression: Expression) -> str:
@@ -241,10 +244,10 @@ def _binary(operator: str, left: Any, right: Any) -> Any:
     return left / right
 
 
-def _power(base: Any, exponent: int) -> Any:
+def _power(base: Any, exponent: int, one: Any) -> Any:
     if exponent < 0:
-        return _binary("/", 1.0, _power(base, -exponent))
-    result: Any = 1.0
+        return _binary("/", one, _power(base, -exponent, one))
+    result = one
     for k in range(exponent):
         result = base if k == 0 else result * base
     return result

@@ -1,7 +1,7 @@
 """From a matrix that is rational in parameters to a certified LFT model."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -9,33 +9,43 @@ import numpy as np
 from mbdlft.build import SEARCH, SEED, Build, Clock, check_search, provenance
 from mbdlft.certify import (
     ACCEPTED,
+    NEGLIGIBLE,
     Check,
     certificate,
     check_points,
-    conditioning_of,
-    entry_scale,
+    deltas_at,
     relative_error,
     values_at_points,
 )
-from mbdlft.errors import AnalysisError, SceneError, WellPosednessError
+from mbdlft.errors import AnalysisError, SceneError, StructureError, WellPosednessError
 from mbdlft.exact import exact_lower_bound
 from mbdlft.extract import Extraction, extract
 from mbdlft.lft.bound import Bound, degree_bounds, moved
 from mbdlft.lft.commute import reduce_commuting
+from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.joint import joint_bound
 from mbdlft.lft.lft import LFT, Array, transpose, with_blocks
 from mbdlft.lft.model import LFTModel, Trim
-from mbdlft.lft.reduce import reduce_order
+from mbdlft.lft.reduce import in_scales, reduce_order
+from mbdlft.lft.rounding import NOISE, conditioning
 from mbdlft.lft.threads import one_thread
 from mbdlft.linearize import LinearModel
 from mbdlft.matrix import MatrixProblem, matrix_problem, matrix_to_toml
 from mbdlft.matrix.denominator import check_denominators
+from mbdlft.matrix.local import MatrixForm
 from mbdlft.matrix.polynomial import expanded_matrix
-from mbdlft.matrix.resolve import Resolved, cosine_name, matrix_values, resolve, sine_name
-from mbdlft.matrix.symbolic import internal_matrix
-from mbdlft.parameter import Parameter, to_internal
-from mbdlft.trim import term_sizes
-from mbdlft.unit import parse_unit
+from mbdlft.matrix.reference import MatrixReference, reference_at
+from mbdlft.matrix.resolve import Resolved, resolve
+from mbdlft.matrix.symbolic import written_matrix
+from mbdlft.parameter import Parameter
+
+_LOSSY = 1e-13  # error above which a matrix is written in distances from nominal
+_ENOUGH, _MOST_LOST = (
+    1e-11,
+    1e3,
+)  # error of a way to write a matrix, or times the least: kept up to there
+_SCALINGS = 10  # of rows and columns; each halves the digits in which they differ
+_FEW_POINTS = 8  # of those of the check, for this error
 
 
 def realize(
@@ -110,19 +120,15 @@ def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> 
     with clock.stage("resolve"):
         resolved = resolve(problem)
         check_denominators(problem, resolved)
-    with clock.stage("extract"):
-        ways = _extract(problem, resolved)
+        target = _target(problem, resolved, parameters)
     with clock.stage("reduce"):
-        forms = [reduce_order(way.lft) for way in ways]
-        channels, reduced = min(
-            ((way.channels, form) for way, form in zip(ways, forms, strict=True)),
-            key=lambda pair: pair[1].order,
-        )
+        ways = _ways(problem, resolved, target)
+        way, reduced = ways[0], ways[0].reduced
     with clock.stage("bound"):
         degrees = (
             {name: Bound(degree, 0) for name, degree in exact_lower_bound(problem, SEED).items()}
             if exact
-            else degree_bounds(reduced, moved(reduced, SEED), SEED)
+            else _degree_bounds(ways)
         )
         bound = {name: found.degree for name, found in degrees.items()}
         _check_bound(problem, bound, reduced)
@@ -130,11 +136,14 @@ def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> 
     if search > 0.0 and reduced.order > order_bound:
         with clock.stage("search"):
             reduced, order_bound = reduce_commuting(
-                forms, bound, search, lambda found, stop: joint_bound(found, bound, stop)
+                [way.reduced for way in ways],
+                bound,
+                search,
+                lambda found, stop: joint_bound(found, bound, stop, way.reduced),
             )
-    lft = with_blocks(reduced, names)
+    lft = with_blocks(_in_units(reduced, target.sizes), names)
     with clock.stage("check"):
-        check = _measure_error(problem, resolved, lft, parameters)
+        check = _measure_error(problem, lft, parameters, target)
     states, inputs, outputs = problem.signals()
     model = LFTModel(
         name=problem.name,
@@ -145,7 +154,7 @@ def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> 
         parameters=parameters,
         trim=Trim((), (), None),
         certificate=certificate(
-            lft, channels, degrees, order_bound, check, SEED, exact_bound=exact
+            lft, way.extracted.channels, degrees, order_bound, check, SEED, exact_bound=exact
         ),
         provenance=provenance(matrix_to_toml(problem)),
         description=problem.description,
@@ -153,28 +162,142 @@ def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> 
     return Build(model, clock.seconds | {"total": sum(clock.seconds.values())})
 
 
-def _extract(problem: MatrixProblem, resolved: Resolved) -> list[Extraction]:
-    """LFTs of the matrix, as it is written and expanded; from its rows and from its columns, where
-    products meet in opposite orders."""
-    p, matrix = internal_matrix(problem, resolved)
-    expanded = expanded_matrix(problem, resolved, p)
+class _Sizes(NamedTuple):
+    """Powers of two by which rows and columns are divided."""
+
+    rows: Array
+    columns: Array
+
+
+def _sizes(values: Array) -> _Sizes:
+    """What parameters change in each row and column at most: values (N, rows, columns); Ruiz 2001."""
+    change = np.max(np.abs(values - values[0]), axis=0)
+    rows, columns = np.ones(len(change)), np.ones(change.shape[1])
+    for _ in range(_SCALINGS):
+        left = change / rows[:, None] / columns
+        rows *= np.sqrt(_or_one(np.max(left, axis=1)))
+        columns *= np.sqrt(_or_one(np.max(left, axis=0)))
+    return _Sizes(*(np.ldexp(1.0, np.rint(np.log2(size)).astype(int)) for size in (rows, columns)))
+
+
+def _or_one(sizes: Array) -> Array:
+    return np.where(sizes > 0.0, sizes, 1.0)
+
+
+class _Target(NamedTuple):
+    """Values of the matrix at the points of the check, and what errors of entries are relative to.
+
+    Smaller values than `least` are negligible beside what parameters change in the row and the column.
+    `factors` divide rows and columns by `sizes`; they are zero where an entry is nothing but rounding of
+    the numbers in its text.
+    """
+
+    points: Array
+    deltas: Array
+    reference: MatrixReference
+    scale: Array
+    least: Array
+    sizes: _Sizes
+    factors: Array
+
+
+def _target(problem: MatrixProblem, resolved: Resolved, parameters: Sequence[Parameter]) -> _Target:
+    points = check_points(parameters, SEED)
+    reference = reference_at(problem, resolved, parameters, points)
+    largest, terms = (np.max(np.abs(found), axis=0) for found in reference)
+    clear = largest > NOISE * terms
+    sizes = _sizes(np.where(clear, reference.values, 0.0))
+    units = np.outer(sizes.rows, sizes.columns)
+    least = NEGLIGIBLE * units
+    scale = _or_one(np.where(clear, np.maximum(largest, least), terms))
+    deltas, factors = deltas_at(parameters, points), np.where(clear, 1.0 / units, 0.0)
+    return _Target(points, deltas, reference, scale, least, sizes, factors)
+
+
+class _Way(NamedTuple):
+    """One way to write a matrix: its LFT as extracted, reduced, and the error of that."""
+
+    extracted: Extraction
+    reduced: LFT
+    error: float
+
+
+def _ways(problem: MatrixProblem, resolved: Resolved, target: _Target) -> list[_Way]:
+    """The divided matrix as it is written and expanded, from its rows and from its columns, where
+    products meet in opposite orders.
+
+    The smallest comes first; one that loses digits that others have is left out.
+    """
+    found: list[_Way] = []
+    for write in (written_matrix, expanded_matrix):
+        tried: list[list[_Way]] = []
+        for from_nominal in (False, True):
+            form = write(problem, resolved, target.factors, from_nominal=from_nominal)
+            if form is None:
+                break
+            tried.append(_both_ways(problem, form, target))
+            if all(way.error <= _LOSSY for way in tried[-1]):
+                break
+        found += [min(ways, key=lambda way: way.error) for ways in zip(*tried, strict=True)]
+    most = max(_ENOUGH, _MOST_LOST * min(way.error for way in found))
+    kept = [way for way in found if way.error <= most]
+    return sorted(kept, key=lambda way: (way.reduced.order, way.error))
+
+
+def _both_ways(problem: MatrixProblem, form: MatrixForm, target: _Target) -> list[_Way]:
     found = []
-    for form in (matrix, expanded) if expanded is not None else (matrix,):
-        found += _both_ways(problem, form, p)
+    for matrix, turned in ((form.matrix, False), (form.matrix.T, True)):
+        known = ca.SX.sym("input", matrix.shape[1])
+        nothing = ca.SX(0, 1)
+        relations = LinearModel(nothing, matrix @ known, nothing, known, form.q, problem.parameters)
+        try:
+            extracted = extract(relations, form.maps)
+        except (StructureError, WellPosednessError) as error:
+            raise type(error)(f"matrix {problem.name!r}: {error}") from None
+        lft = in_scales(transpose(extracted.lft) if turned else extracted.lft)
+        reduced = reduce_order(lft)
+        found.append(_Way(extracted._replace(lft=lft), reduced, _error_at(target, reduced)))
     return found
 
 
-def _both_ways(problem: MatrixProblem, matrix: ca.SX, p: ca.SX) -> list[Extraction]:
-    found = []
-    for M in (matrix, matrix.T):
-        known = ca.SX.sym("input", M.shape[1])
-        nothing = ca.SX(0, 1)
-        relations = LinearModel(nothing, M @ known, nothing, known, p, problem.parameters)
-        try:
-            found.append(extract(relations))
-        except WellPosednessError as error:
-            raise WellPosednessError(f"matrix {problem.name!r}: {error}") from None
-    return [found[0], found[1]._replace(lft=transpose(found[1].lft))]
+def _in_units(a: LFT, sizes: _Sizes) -> LFT:
+    """An LFT of the divided matrix as one of the matrix."""
+    rows = sizes.rows[:, None]
+    M12, M22 = a.M12 * sizes.columns, rows * a.M22 * sizes.columns
+    return LFT(a.M11, M12, rows * a.M21, M22, a.blocks)
+
+
+def _error_at(target: _Target, lft: LFT) -> float:
+    """Largest relative error of an LFT at a few of the points."""
+    step = 1 + len(target.points) // _FEW_POINTS
+    try:
+        found = evaluate_at(_in_units(lft, target.sizes), target.deltas[::step])
+    except WellPosednessError:
+        return float("inf")
+    error = relative_error(found, target.reference.values[::step], target.scale)
+    return error if np.isfinite(error) else float("inf")
+
+
+def _degree_bounds(ways: Sequence[_Way]) -> dict[str, Bound]:
+    """The most that one of the ways proves, with each way as its twin: errors of reductions differ.
+
+    More than the size of a delta in one of the ways rests on a wrong rank.
+    """
+    sizes = {
+        name: min(dict(way.reduced.blocks)[name] for way in ways)
+        for name, _ in ways[0].reduced.blocks
+    }
+    twins = [reduce_order(moved(way.extracted.lft, SEED, way.error)) for way in ways]
+    bounds = {name: Bound(0, size) for name, size in sizes.items()}
+    for way in ways:
+        found = [degree_bounds(way.reduced, twin, SEED) for twin in twins]
+        for name, known in bounds.items():
+            least = min((one[name] for one in found), key=lambda bound: bound.degree)
+            clear = least._replace(degree=min(least.degree, sizes[name]))
+            bounds[name] = max(known, clear, key=lambda bound: (bound.degree, -bound.doubtful))
+        if not any(bound.doubtful for bound in bounds.values()):
+            break
+    return bounds
 
 
 def _check_bound(problem: MatrixProblem, bound: Mapping[str, int], lft: LFT) -> None:
@@ -189,54 +312,18 @@ def _check_bound(problem: MatrixProblem, bound: Mapping[str, int], lft: LFT) -> 
 
 
 def _measure_error(
-    problem: MatrixProblem, resolved: Resolved, lft: LFT, parameters: Sequence[Parameter]
+    problem: MatrixProblem, lft: LFT, parameters: Sequence[Parameter], target: _Target
 ) -> Check:
     """Largest relative error against the matrix itself, and its conditioning."""
     owner = f"matrix {problem.name!r}"
-    points = check_points(parameters, SEED)
-    values = values_at_points(lft, parameters, points, owner)
-    reference = matrix_at(problem, resolved, parameters, points)
-    p, matrix = internal_matrix(problem, resolved)
-    tape = ca.Function("matrix", [p], [ca.densify(ca.vec(matrix.T))])
-    columns = {q.name: to_internal(q, points[:, k]) for k, q in enumerate(parameters)}
-    internal = np.stack([columns[q.name] for q in problem.parameters] or [np.zeros(0)], axis=1)
-    terms = term_sizes(tape, internal.reshape(len(points), -1)).reshape(-1, *problem.shape)
-    scales = len(problem.states), 0.0, np.max(terms, axis=0)
-    error = relative_error(values, reference, entry_scale(reference, *scales))
+    values = values_at_points(lft, parameters, target.points, owner)
+    error = relative_error(values, target.reference.values, target.scale)
     if not error <= ACCEPTED:
         raise AnalysisError(
             f"{owner}: the model differs from the matrix by {error:.1e} of the size of an entry. Either "
             "its numbers are so different in size that double precision does not carry them, or this is "
             "a bug: please report the matrix."
         )
-    return Check(error, len(points), *conditioning_of(reference, terms, *scales))
-
-
-def matrix_at(
-    problem: MatrixProblem, resolved: Resolved, parameters: Sequence[Parameter], points: Array
-) -> Array:
-    """Values (N, rows, columns) of the matrix at physical points (N, n_p), without any LFT.
-
-    Raises
-    ------
-    WellPosednessError
-        A value is not finite.
-    """
-    values: dict[str, Any] = dict(problem.constant_values())
-    for k, p in enumerate(parameters):
-        if p.is_angle:
-            angle = points[:, k] * parse_unit(p.unit).factor
-            values[cosine_name(p.name)], values[sine_name(p.name)] = np.cos(angle), np.sin(angle)
-        else:
-            values[p.name] = points[:, k]
-    with np.errstate(all="ignore"):  # what is not finite has its own message
-        rows = matrix_values(problem, resolved, values)
-    entries = [[np.broadcast_to(entry, (len(points),)) for entry in row] for row in rows]
-    found = np.moveaxis(np.array(entries, dtype=float), 2, 0)
-    if not np.all(np.isfinite(found)):
-        k, i, j = np.argwhere(~np.isfinite(found))[0]
-        raise WellPosednessError(
-            f"matrix {problem.name!r}, entry ({i}, {j}): is not finite at "
-            f"{', '.join(f'{p.name} = {x:g}' for p, x in zip(parameters, points[k], strict=True))}."
-        )
-    return found
+    return Check(
+        error, len(target.points), *conditioning(*target.reference, target.scale, target.least)
+    )

@@ -1,7 +1,7 @@
 """The walk of the SX tape: each instruction becomes a constant, a coefficient or a signal."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, partial
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ from mbdlft.extract.close import close
 from mbdlft.extract.graph import ZERO, Scaled, SignalGraph, scaled
 from mbdlft.lft.lft import LFT
 from mbdlft.linearize import LinearModel
+from mbdlft.parameter import BilinearMap
 
 Element = int | Scaled  # number of a coefficient, or a signal
 _FEW = 1000  # channels: up to here, `reduce_order` alone takes less time than reducing words before
@@ -30,13 +31,17 @@ class Extraction(NamedTuple):
         return sum(self.channels.values())
 
 
-def extract(model: LinearModel) -> Extraction:
+def extract(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Extraction:
     """LFT of [unknown ; known] -> [residual ; output] in the normalized deltas of the parameters.
+
+    `maps` are those of the deltas to the symbols p, if these are not the internal values.
 
     Raises
     ------
     NotRationalError
         An operation on a coefficient is not rational, or one on a signal is not linear.
+    StructureError
+        Products are nested too deeply.
     WellPosednessError
         A denominator vanishes at the nominal values.
     """
@@ -44,9 +49,15 @@ def extract(model: LinearModel) -> Extraction:
     outputs = ca.vertcat(model.residual, model.output)
     tape = ca.Function("relations", [signals, model.p], [ca.densify(outputs)])
     names = [parameter.name for parameter in model.parameters]
-    graph = walk(tape, names)
+    try:
+        graph = walk(tape, names)
+    except RecursionError:
+        raise StructureError(
+            "products stand inside of each other more deeply than can be followed. Declare a part as a "
+            "parameter."
+        ) from None
     counts = Counter(names[parameter] for _, parameter, _ in graph.channels)
-    maps = [parameter.map for parameter in model.parameters]
+    maps = maps or [parameter.map for parameter in model.parameters]
     whole = cache(partial(close, graph, names, maps, all_kept=True))
     lft = whole() if len(graph.channels) <= _FEW else close(graph, names, maps)
     return Extraction(lft, {name: counts[name] for name in sorted(names)}, whole)

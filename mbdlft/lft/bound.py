@@ -128,18 +128,20 @@ def degree_bounds(a: LFT, twin: LFT | None = None, seed: int = 0) -> dict[str, B
     return bounds
 
 
-def moved(a: LFT, seed: int = 0) -> LFT:
+def moved(a: LFT, seed: int = 0, error: float = 0.0) -> LFT:
     """An LFT with every entry moved by what may be wrong with it, far more than rounding.
 
-    With channels and signals scaled, an entry is taken for a sum of terms of the size of its row and of
-    its column. One that is zero is zero by structure.
+    `error` is what is known to be wrong with its values [1], if that is more. With channels and signals
+    scaled, an entry is taken for a sum of terms of the size of its row and of its column. One that is
+    zero is zero by structure.
     """
     core, inputs, outputs = balance(a)
     n = a.order
     exact = np.block([[core.M11, core.M12], [core.M21, a.M22 / outputs[:, None] / inputs]])
     rows, columns = (np.sqrt(np.sum(exact**2, axis=axis)) for axis in (1, 0))
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], exact.shape)
-    M = exact + np.where(exact != 0.0, _UNCERTAIN * np.minimum(rows[:, None], columns) * signs, 0.0)
+    part = max(_UNCERTAIN, error)
+    M = exact + np.where(exact != 0.0, part * np.minimum(rows[:, None], columns) * signs, 0.0)
     M[n:] *= outputs[:, None]
     M[:, n:] *= inputs
     return LFT(M[:n, :n], M[:n, n:], M[n:, :n], M[n:, n:], a.blocks)
@@ -291,7 +293,7 @@ def _derivatives(one: _Realization, points: NDArray[Any]) -> NDArray[Any]:
     """C (I - z A)^-2 B at each point z, (number of points, n_out, n_in)."""
     left, right = (
         solve(one, np.repeat(points, columns.shape[1]), np.tile(columns, len(points)))
-        .reshape(len(columns), len(points), -1)
+        .reshape(len(columns), len(points), columns.shape[1])
         .swapaxes(0, 1)
         for solve, columns in ((_left, one.C.T), (_right, one.B))
     )

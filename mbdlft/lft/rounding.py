@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 _ROUNDING = 2.0**-50  # what is dropped is no more than rounding can have made
-_NOISE = 2.0**-44  # part of its terms below which an entry may be nothing but rounding
+NOISE = 2.0**-44  # part of its terms below which an entry may be nothing but rounding
 
 
 def cleaned(values: Array, size: Array) -> Array:
@@ -61,7 +61,7 @@ def conditioning(values: Array, sizes: Array, scale: Array, least: Array) -> tup
         Number of entries that change their sign, or vanish at some of the points.
     """
     parts = np.abs(values)
-    clear = parts > _NOISE * sizes
+    clear = parts > NOISE * sizes
     some, everywhere = np.any(clear, axis=0), np.all(clear, axis=0)
     one_sign = everywhere & (np.all(values > 0.0, axis=0) | np.all(values < 0.0, axis=0))
     counts = np.max(parts, axis=0, initial=0.0) >= scale

@@ -33,6 +33,8 @@ def check_denominators(problem: MatrixProblem, resolved: Resolved) -> None:
         {name: Interval(at, at) for name, at in zip(parameters, point, strict=True)}
         for point in zip(*((p.nominal, p.low, p.high) for p in problem.parameters), strict=True)
     ]
+    for p in problem.parameters:
+        _check_size(f"matrix {problem.name!r}: parameter {p.name!r}", (p.low, p.high), _LEAST)
     for place, divisor in _divisors(problem, resolved):
         used = sorted(resolved.parameters_of(divisor) & parameters.keys())
         shared = _needed(resolved, divisor)

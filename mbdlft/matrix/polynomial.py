@@ -9,8 +9,11 @@ from fractions import Fraction
 from typing import Any, Self
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
 from mbdlft.errors import MbdlftError
+from mbdlft.matrix.local import MatrixForm, local_units
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, matrix_values
 
@@ -81,41 +84,52 @@ class Polynomial:
         return type(self)({(0,) * size: Fraction(repr(number))})
 
 
-def expanded_matrix(problem: MatrixProblem, resolved: Resolved, p: ca.SX) -> ca.SX | None:
-    """The matrix by Horner's rule in the symbols p (n_p,); None if it is not polynomial in them.
+def expanded_matrix(
+    problem: MatrixProblem,
+    resolved: Resolved,
+    factors: NDArray[np.float64],
+    *,
+    from_nominal: bool,
+) -> MatrixForm | None:
+    """The matrix by Horner's rule in its parameters, or in their distances from nominal.
 
-    Nor is it if the degree is too high, or a coefficient is beyond the largest float.
+    Entries are multiplied by `factors` (rows, columns). None if it is not polynomial, if the degree is
+    too high, or if a coefficient is beyond the largest float.
     """
-    count = len(problem.parameters)
     if any(parameter.is_angle for parameter in problem.parameters):
         return None
+    units = local_units(problem.parameters, from_nominal=from_nominal)
+    count = len(units)
+    order = sorted(range(count), key=lambda k: problem.parameters[k].name)
 
     def number(value: float) -> Polynomial:
-        return Polynomial({(0,) * count: Fraction(repr(value))})
+        return Polynomial({(0,) * count: Fraction(repr(float(value)))})
 
     values: dict[str, Any] = {
-        name: number(float(value)) for name, value in problem.constant_values().items()
+        name: number(value) for name, value in problem.constant_values().items()
     }
-    order = sorted(range(count), key=lambda k: problem.parameters[k].name)
     for place, k in enumerate(order):
         exponents = tuple(int(place == other) for other in range(count))
-        values[problem.parameters[k].name] = Polynomial({exponents: Fraction(1)})
+        own = Polynomial({exponents: Fraction(units[k].size)})
+        values[problem.parameters[k].name] = own + units[k].start
     try:
         rows = matrix_values(problem, resolved, values, number)
     except (NotPolynomialError, MbdlftError):  # such as the sine of a constant
         return None
-    symbols = [p[k] for k in order]
+    q = ca.SX.sym("q", count)
+    symbols = [q[k] for k in order]
     try:
         entries = [
             [
-                _horner((number(item) if isinstance(item, float) else item).terms, symbols)
-                for item in row
+                _horner((number(factor) * item).terms, symbols)
+                for item, factor in zip(row, own.tolist(), strict=True)
             ]
-            for row in rows
+            for row, own in zip(rows, factors, strict=True)
         ]
     except OverflowError:
         return None
-    return ca.vertcat(*(ca.horzcat(*row) for row in entries))
+    matrix = ca.vertcat(*(ca.horzcat(*row) for row in entries))
+    return MatrixForm(q, matrix, tuple(unit.map for unit in units))
 
 
 def _horner(terms: dict[tuple[int, ...], Fraction], symbols: list[ca.SX]) -> ca.SX:

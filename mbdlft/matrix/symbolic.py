@@ -6,10 +6,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
-from mbdlft.equations import internal_symbols
+from mbdlft.equations import cosines_sines
 from mbdlft.errors import NotRationalError, SceneError, unknown_name
 from mbdlft.expression import Binary, Call, Expression, Name, Negative, Number, Power, names, write
+from mbdlft.matrix.local import MatrixForm, local_units
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, cosine_name, matrix_values, sine_name
 from mbdlft.parameter import Parameter
@@ -68,19 +71,31 @@ def matrix_problem(
     )
 
 
-def internal_matrix(problem: MatrixProblem, resolved: Resolved) -> tuple[ca.SX, ca.SX]:
-    """Symbols of the internal values of the parameters (n_p,), and the matrix in them."""
-    symbols, p, cosine, sine = internal_symbols(problem.parameters)
+def written_matrix(
+    problem: MatrixProblem,
+    resolved: Resolved,
+    factors: NDArray[np.float64],
+    *,
+    from_nominal: bool,
+) -> MatrixForm:
+    """The matrix as it is written, in its parameters or in their distances from nominal.
+
+    Entries are multiplied by `factors` (rows, columns), powers of two.
+    """
+    units = local_units(problem.parameters, from_nominal=from_nominal)
+    q = ca.SX.sym("q", len(units))
+    internal = [unit.start + unit.size * q[k] for k, unit in enumerate(units)]
+    cosine, sine = cosines_sines(problem.parameters, ca.vertcat(ca.SX(0, 1), *internal))
     values: dict[str, Any] = dict(problem.constant_values())
     for k, parameter in enumerate(problem.parameters):
         if parameter.is_angle:
             values[cosine_name(parameter.name)] = cosine[k]
             values[sine_name(parameter.name)] = sine[k]
         else:
-            values[parameter.name] = p[k]
+            values[parameter.name] = internal[k]
     rows = matrix_values(problem, resolved, values)
     matrix = ca.vertcat(*(ca.horzcat(*(ca.SX(entry) for entry in row)) for row in rows))
-    return symbols, matrix
+    return MatrixForm(q, ca.DM(factors) * matrix, tuple(unit.map for unit in units))
 
 
 def _names_a_symbol(item: tuple[Any, Any]) -> bool:

@@ -15,7 +15,7 @@ from hypothesis import given
 
 import mbdlft
 from mbdlft.body import Body
-from mbdlft.certify import _NEGLIGIBLE
+from mbdlft.certify import NEGLIGIBLE
 from mbdlft.joint import Joint
 from mbdlft.lft.model import deltas_of
 from tests import close
@@ -154,7 +154,7 @@ def test_certificate_is_roundoff(seed: int) -> None:
     expected = state_space(reference, model)
     size = np.max(np.abs(expected), axis=0)
     row = np.max(size, axis=-1, keepdims=True)
-    counted = np.where(size > _NEGLIGIBLE * row, size, row)
+    counted = np.where(size > NEGLIGIBLE * row, size, row)
     small = 1.0 / np.min(counted / np.where(row > 0, row, 1.0), initial=1.0, where=row > 0)
     noise = np.max(rounding(model.lft, deltas_of(model, points)), axis=0)
     small *= max(1.0, np.max(noise / np.where(row > 0, row, 1.0)))

@@ -5,6 +5,7 @@ from contextlib import nullcontext
 from typing import Any
 
 import casadi as ca
+import numpy as np
 import pytest
 
 import mbdlft
@@ -100,11 +101,19 @@ def test_denominator_that_intervals_cannot_decide_is_accepted() -> None:
             r": the denominator \(1e\+200 \* a\) has the size 8e\+199. Expected at most",
         ),
         ("sin(th)*1e160", r" has the size .*e\+159"),
+        ("1e-310*a*b", r" has the size .*e-310, and its terms .*Expected at least 1e-280, or zero"),
+        ("a + (1e160*a - 1e160*a)*1e160", " has the size .*, and its terms inf"),
     ],
 )
 def test_size(text: str, message: str) -> None:
     with pytest.raises(SceneError, match=r"matrix 'matrix', entry \(0, 1\)" + message):
         realize([["a", text]], [A, B, TH], search=0.0)
+
+
+def test_size_of_a_parameter() -> None:
+    x = Parameter("x", 1e160, 0.5e160, 2e160)
+    with pytest.raises(SceneError, match=r"parameter 'x' has the size 2e\+160. Expected at most"):
+        realize([["x*1e-160"]], [x], search=0.0)
 
 
 @pytest.mark.parametrize(
@@ -122,6 +131,14 @@ def test_degree(text: str, degree: int) -> None:
         realize([[text]], [A, B, TH], expressions={"shared": "(a^64)^4"}, search=0.0)
 
 
+def test_products_inside_of_products() -> None:
+    shared = {"e0": "a"} | {f"e{k}": f"e{k - 1}*a + 1" for k in range(1, 241)}
+    with pytest.raises(
+        mbdlft.StructureError, match="matrix 'matrix': products stand inside of each"
+    ):
+        realize([["e240"]], [A], expressions=shared, search=0.0)
+
+
 def test_degree_that_is_possible() -> None:
     assert realize([["(a^8)^8"]], [A], search=0.0).lft.order == 64
 
@@ -133,7 +150,8 @@ def test_degree_that_is_possible() -> None:
 def test_what_cannot_be_expanded(text: str, expanded: bool) -> None:
     """A coefficient beyond the floats, or a degree above 128."""
     problem = mbdlft.MatrixProblem(matrix=[[text]], parameters=[A, B])
-    assert (expanded_matrix(problem, resolve(problem), ca.SX.sym("p", 2)) is not None) == expanded
+    form = expanded_matrix(problem, resolve(problem), np.ones((1, 1)), from_nominal=False)
+    assert (form is not None) == expanded
 
 
 @pytest.mark.parametrize(

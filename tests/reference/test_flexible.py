@@ -9,7 +9,7 @@ import pytest
 
 import mbdlft
 from benchmarks import assumed_modes
-from mbdlft.certify import _NEGLIGIBLE
+from mbdlft.certify import NEGLIGIBLE
 from mbdlft.lft import lft
 from mbdlft.lft.twofold import Twofold
 from tests.close import (
@@ -87,7 +87,7 @@ def test_entries_have_the_digits_of_their_terms() -> None:
     n = len(K)
     found = model(scene).A[n:, :n]
     size = np.abs(expected)
-    clear = size > _NEGLIGIBLE * np.max(size, axis=1, keepdims=True)
+    clear = size > NEGLIGIBLE * np.max(size, axis=1, keepdims=True)
     assert np.min(size[clear]) < STABLE * np.max(size)
     target(found[clear] / expected[clear], np.ones(int(clear.sum())), CLOSED_FORM)
 

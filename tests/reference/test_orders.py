@@ -112,13 +112,13 @@ def test_planted_bug_in_the_walk_is_found(monkeypatch: pytest.MonkeyPatch) -> No
     case = next(case for case in CASES if case.name == "O12")
     expected = exact_values(case.matrix, points(case, 5))
     law_values(mbdlft.realize, case, case.matrix, expected, 5)
-    right = realization._extract
+    right = realization.extract
 
-    def transposed(*arguments: Any) -> list[Extraction]:
-        found = right(*arguments)[0]
-        return [found._replace(lft=realization.transpose(found.lft))]
+    def transposed(*arguments: Any) -> Extraction:
+        found = right(*arguments)
+        return found._replace(lft=realization.transpose(found.lft))
 
-    monkeypatch.setattr(realization, "_extract", transposed)
+    monkeypatch.setattr(realization, "extract", transposed)
     with pytest.raises(mbdlft.AnalysisError, match="differs from the matrix by"):
         mbdlft.realize(case.problem(), search=0.0)
     monkeypatch.setattr(realization, "ACCEPTED", np.inf)

@@ -1,0 +1,284 @@
+"""Laws of realize for matrices in any units, with common factors left in, and with digits that cancel.
+
+1. rows, columns and parameters scaled by any powers of ten: order, bounds and relative errors stay
+2. bounds are not above those of exact arithmetic where common factors are left in, or ranges are small
+3. numbers that cancel as decimals leave nothing
+4. parameters far from zero: models have the digits that differences of them have
+5. the error in the certificate is not below that of the model, and its condition says why it is large
+
+Values are those of `fractions`.
+"""
+
+import itertools
+import random
+import re
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft import Angle, Parameter, realization, realize
+from mbdlft.extract import graph
+from mbdlft.lft.bound import moved
+from mbdlft.matrix import local, polynomial, symbolic
+from tests.close import CLOSED_FORM
+
+A, B = Parameter("a", 0.2, -0.5, 0.6), Parameter("b", 0.15, -0.4, 0.5)
+Rows = list[list[str]]
+MATRICES: list[Rows] = [
+    [["a", "a^2", "a^3"]],
+    [["b", "b"]],
+    [["1 - 4*b - 8*b^2"]],
+    [["a^2", "b^2", "a*b"], ["1", "0", "b"]],
+    [["1 + a", "2*a", "a^2"], ["a", "3*a + 1", "a"]],
+    [["a*b", "1", "a*b"], ["b", "b", "b"]],
+    [["1/(1 + a)", "a/(1 + a)", "b"]],
+    [["a/(4 + a*b)", "b/(4 + a*b)"], ["(a + b)/(4 + a*b)", "1/(4 + a*b)"]],
+    [["(1 + a)/(3 - b - a*b)"], ["a^2/(3 - b - a*b)"], ["a*b^2 + a"]],
+]
+# numerators and denominators that have a factor in common, and terms that cancel in sums
+Unreduced = tuple[Rows, list[Parameter]]
+UNREDUCED: list[Unreduced] = [
+    (
+        [
+            ["0", "0", "0", "(-2-2*b)/(b+1)"],
+            [
+                "(2*b^2*a+4*b^2-2-2*b)/(b+1)",
+                "(-4*b^3-b-1)/(1+b)",
+                "(2*a^2*b^3+2*b^3)/(a^2+1+b*a^2+b)",
+                "0",
+            ],
+        ],
+        [Parameter("a", 0.05, -0.2, 0.3), Parameter("b", 0.06, -0.2, 0.3)],
+    ),
+    (
+        [
+            ["(6*b+2*b^2)/(1-b^2)", "(2*b+7*b^2-1)/(-b^2+1)", "-(-1)", "(-2*b)/(1-b)"],
+            [
+                "(7*b*a-2*b-5*a)/(-1+a-a*b+b)",
+                "(-4*a+6*b*a-3*b+1)/(b-a*b+a-1)",
+                "0",
+                "(-b+2-b*a)/(b-b*a-1+a)",
+            ],
+            [
+                "(2*b^2+6*b)/(1-b^2)",
+                "(2*a*b-2*b-4*b^2-2-2*a+8*b^2*a)/(-1+a+b^2-a*b^2)",
+                "(6*a-1)/(-a+1)",
+                "(4*b-2-2*a)/(-1+a-b*a+b)",
+            ],
+            [
+                "(a+2*b*a-b)/(-b*a+1-a+b)",
+                "(2*a+1+b*a+2*b)/(-a*b+b+1-a)",
+                "(3*a)/(-a+1)",
+                "(2*a)/(-a+1)",
+            ],
+        ],
+        [
+            Parameter("a", 0.006969365683367192, 0.006969365013673535, 0.006969366213673535),
+            Parameter("b", 0.009354908821728103, 0.009354902728179014, 0.009354914728179014),
+        ],
+    ),
+]
+TANGENT: Unreduced = (
+    [["(1 - cos(th))/sin(th)"]],
+    [Angle("th", 1e-4, 1e-5, 1e-3, unit="rad")],
+)
+# numbers of which only rounding is left in double precision, and nothing as decimals
+CANCELED: list[Unreduced] = [
+    ([["(0.7*a+0.1*b-0.3*a-0.4*a)/(1+b)"]], [A, B]),
+    ([["1e-3*(0.7*a+1e-4*b-0.3*a-0.4*a)/(1+b)"]], [A, B]),
+    ([["(0.87*b+0.93*b-1.8*b)/(1+a)", "1/(1+b)"]], [A, B]),
+    ([["a/(1+b)", "(1.1*a+2.2*a-3.3*a)/(1+a)"]], [A, B]),
+    ([["(0.1*a+0.2*a-0.3*a)*1e17/(1+b)"]], [A, B]),
+]
+THOUSAND = Parameter("a", 1000.3, 999.3, 1001.3)
+FAR = [
+    ([["1+(a-1000)^5"]], [THOUSAND]),
+    ([["1/(2+(a-1000)^3*(b-1000)^3)"]], [THOUSAND, Parameter("b", 1000.2, 999.3, 1001.1)]),
+    ([["1/(a*b+1)"]], [Parameter("a", 1e9 + 0.5, 1e9, 1e9 + 1), Parameter("b", 0.2, 0.1, 0.5)]),
+]
+# the second row is in much larger units
+NEARLY_SINGULAR = [["1/(a-0.4999999999)"], ["1e30*a"]], [Parameter("a", 1.0, 0.5, 2.0)]
+
+
+def values_of(rows: Rows, points: dict[str, np.ndarray]) -> np.ndarray:
+    """Values (N, ., .) at the doubles of the points, rounded once."""
+    found = []
+    for point in zip(*points.values(), strict=True):
+        known = dict(zip(points, map(Fraction, point), strict=True))
+        found.append(
+            [[float(eval(_python(text), {"F": Fraction}, known)) for text in r] for r in rows]
+        )
+    return np.array(found)
+
+
+def _python(text: str) -> str:
+    return re.sub(r"(?<![\w.])(\d[\d.]*(?:e[-+]?\d+)?)", r"F('\1')", text.replace("^", "**"))
+
+
+def law_values(
+    rows: Rows, parameters: list[Parameter], bound: float = CLOSED_FORM
+) -> mbdlft.LFTModel:
+    """Every entry has its digits, relative to its own size, and the certificate says so."""
+    model = realize(rows, parameters, search=0.0)
+    corners = np.array(list(itertools.product(*([p.low, p.high] for p in model.parameters))))
+    points = mbdlft.random(model.parameters, 20, seed=3)
+    points = {
+        p.name: np.append(points[p.name], corners[:, k]) for k, p in enumerate(model.parameters)
+    }
+    expected = values_of(rows, points)
+    error = np.abs(mbdlft.matrices_at(model, points).D - expected)
+    size = np.max(np.abs(expected), axis=0)
+    assert np.all(error <= bound * size), f"relative error {np.max(error / size):.1e}"
+    assert model.certificate.max_relative_error <= bound
+    return model
+
+
+def scaled(rows: Rows, seed: int) -> tuple[Rows, list[Parameter]]:
+    """Rows and columns in other units, and parameters in others."""
+    draw = random.Random(seed)
+    units = {name: 10.0 ** draw.randint(-12, 12) for name in "ab"}
+    across = [10.0 ** draw.randint(-9, 9) for _ in rows[0]]
+    found = []
+    for row in rows:
+        own = 10.0 ** draw.randint(-9, 9)
+        texts = [re.sub("[ab]", lambda m: f"({units[m[0]]!r}*{m[0]})", text) for text in row]
+        found.append([f"{own!r}*({text})*{c!r}" for text, c in zip(texts, across, strict=True)])
+    parameters = [
+        Parameter(p.name, p.nominal / u, p.low / u, p.high / u)
+        for p, u in zip((A, B), units.values(), strict=True)
+    ]
+    return found, parameters
+
+
+def law_scaled(rows: Rows, seed: int) -> None:
+    plain = realize(rows, [A, B], search=0.0, exact=True)
+    model = law_values(*scaled(rows, seed))
+    assert model.certificate.order == plain.certificate.order
+    assert model.certificate.lower_bound == plain.certificate.lower_bound
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("rows", MATRICES, ids=str)
+def test_units_change_nothing(rows: Rows, seed: int) -> None:
+    law_scaled(rows, seed)
+
+
+def test_planted_scaling_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows, columns and parameters in the units they came in."""
+
+    def plain(parameters: Sequence[Parameter], *, from_nominal: bool) -> list[local.Local]:
+        return [local.Local(0.0, 1.0, p.map) for p in parameters]
+
+    def ones(values: np.ndarray) -> realization._Sizes:
+        return realization._Sizes(*map(np.ones, values.shape[1:]))
+
+    for module in (symbolic, polynomial):
+        monkeypatch.setattr(module, "local_units", plain)
+    monkeypatch.setattr(realization, "_sizes", ones)
+    with pytest.raises((AssertionError, mbdlft.AnalysisError)):
+        law_all_scaled()
+
+
+def law_all_scaled() -> None:
+    for rows, seed in itertools.product(MATRICES, range(6)):
+        law_scaled(rows, seed)
+
+
+def law_bound(case: Unreduced) -> None:
+    """No more is proved than exact arithmetic proves."""
+    proved, exact = (
+        realize(*case, search=0.0, exact=exact).certificate.lower_bound for exact in (False, True)
+    )
+    assert all(bound <= truth for bound, truth in zip(proved, exact, strict=True)), (proved, exact)
+
+
+@pytest.mark.parametrize("case", UNREDUCED)
+def test_what_cancels_proves_nothing(case: Unreduced) -> None:
+    law_bound(case)
+
+
+def test_planted_twin_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A twin that has the error of the data, but not that of the model: tan(th/2) has one pole."""
+    law_bound(TANGENT)
+    monkeypatch.setattr(realization, "moved", lambda a, seed, error: moved(a, seed))
+    with pytest.raises(AssertionError):
+        law_bound(TANGENT)
+
+
+@pytest.mark.parametrize(("rows", "parameters"), CANCELED, ids=str)
+def test_numbers_that_cancel_are_nothing(rows: Rows, parameters: list[Parameter]) -> None:
+    """0.1 + 0.2 - 0.3 is zero, as a coefficient and as an entry, whatever stands beside it."""
+    plain = realize(rows, parameters, search=0.0, exact=True)
+    model = law_values(rows, parameters)
+    assert model.certificate.order == plain.certificate.order
+    assert model.certificate.lower_bound == plain.certificate.lower_bound
+
+
+def test_planted_coefficient_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What rounding leaves of a coefficient is kept."""
+    monkeypatch.setattr(graph, "is_rounding", lambda value, size: value == 0.0)
+    with pytest.raises(AssertionError):
+        test_numbers_that_cancel_are_nothing(*CANCELED[0])
+
+
+@pytest.mark.parametrize("size", [1e-7, 1e-4, 1e7, 1e14])
+@pytest.mark.parametrize("rows", [[["1/x", "x"]], [["1/x^2"], ["x^2"]], [["1/x^3", "x"]]], ids=str)
+def test_powers_in_any_unit(rows: Rows, size: float) -> None:
+    model = law_values(rows, [Parameter("x", size, 0.5 * size, 2.0 * size)])
+    assert model.certificate.minimal
+
+
+def test_planted_channels_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Channels as they come out of the text."""
+    monkeypatch.setattr(realization, "in_scales", lambda a: a)
+    with pytest.raises((AssertionError, mbdlft.AnalysisError)):
+        test_powers_in_any_unit([["1/x^2"], ["x^2"]], 1e7)
+
+
+@pytest.mark.parametrize(("rows", "parameters"), FAR)
+def test_differences_have_their_digits(rows: Rows, parameters: list[Parameter]) -> None:
+    law_values(rows, parameters)
+
+
+def test_planted_start_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forms in the parameters themselves, far from zero."""
+    right = local.local_units
+
+    def from_zero(parameters: Sequence[Parameter], *, from_nominal: bool) -> list[local.Local]:
+        return right(parameters, from_nominal=False)
+
+    for module in (symbolic, polynomial):
+        monkeypatch.setattr(module, "local_units", from_zero)
+    with pytest.raises(mbdlft.AnalysisError, match="differs from the matrix by"):
+        law_values(*FAR[0])
+
+
+def law_error(rows: Rows, parameters: list[Parameter]) -> float:
+    """The certificate states at least the error that the model has at the corners; its condition."""
+    model = realize(rows, parameters, search=0.0)
+    ends = {p.name: np.array([p.low, p.high]) for p in parameters}
+    expected = values_of(rows, ends)
+    error = np.abs(mbdlft.matrices_at(model, ends).D - expected) / np.max(np.abs(expected), axis=0)
+    assert np.max(error) <= 2.0 * model.certificate.max_relative_error
+    return model.certificate.condition
+
+
+def test_certificate_states_what_is_lost() -> None:
+    assert law_error(*NEARLY_SINGULAR) > 1e9
+
+
+def test_planted_scale_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All entries compared with the largest one."""
+    right = realization._target
+
+    def beside_the_largest(*arguments: Any) -> realization._Target:
+        target = right(*arguments)
+        return target._replace(scale=np.full_like(target.scale, np.max(target.scale)))
+
+    monkeypatch.setattr(realization, "_target", beside_the_largest)
+    with pytest.raises(AssertionError):
+        law_error(*NEARLY_SINGULAR)
