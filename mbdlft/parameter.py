@@ -275,8 +275,7 @@ def is_finite(value: object) -> bool:
 
 def _check_number(where: str, label: str, value: object) -> None:
     """Raise a SceneError unless this is a number; what is not finite has its own message."""
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or (isinstance(value, int) and not is_finite(value)):
+    if not (isinstance(value, float) or is_finite(value)):
         raise SceneError(f"{where}: {label}: expected a number, got {value!r}.")
 
 

@@ -20,11 +20,12 @@ from mbdlft.certify import (
 from mbdlft.errors import AnalysisError, SceneError, StructureError, WellPosednessError
 from mbdlft.exact import exact_lower_bound
 from mbdlft.extract import Extraction, extract
-from mbdlft.lft.bound import Bound, degree_bounds, moved
+from mbdlft.lft.bound import Bound, degree_bounds, moved, preference
 from mbdlft.lft.commute import reduce_commuting
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.joint import joint_bound
 from mbdlft.lft.lft import LFT, Array, transpose, with_blocks
+from mbdlft.lft.lines import or_one
 from mbdlft.lft.model import LFTModel, Trim
 from mbdlft.lft.reduce import in_scales, reduce_order
 from mbdlft.lft.rounding import NOISE, conditioning
@@ -175,13 +176,9 @@ def _sizes(values: Array) -> _Sizes:
     rows, columns = np.ones(len(change)), np.ones(change.shape[1])
     for _ in range(_SCALINGS):
         left = change / rows[:, None] / columns
-        rows *= np.sqrt(_or_one(np.max(left, axis=1)))
-        columns *= np.sqrt(_or_one(np.max(left, axis=0)))
+        rows *= np.sqrt(or_one(np.max(left, axis=1)))
+        columns *= np.sqrt(or_one(np.max(left, axis=0)))
     return _Sizes(*(np.ldexp(1.0, np.rint(np.log2(size)).astype(int)) for size in (rows, columns)))
-
-
-def _or_one(sizes: Array) -> Array:
-    return np.where(sizes > 0.0, sizes, 1.0)
 
 
 class _Target(NamedTuple):
@@ -209,7 +206,7 @@ def _target(problem: MatrixProblem, resolved: Resolved, parameters: Sequence[Par
     sizes = _sizes(np.where(clear, reference.values, 0.0))
     units = np.outer(sizes.rows, sizes.columns)
     least = NEGLIGIBLE * units
-    scale = _or_one(np.where(clear, np.maximum(largest, least), terms))
+    scale = or_one(np.where(clear, np.maximum(largest, least), terms))
     deltas, factors = deltas_at(parameters, points), np.where(clear, 1.0 / units, 0.0)
     return _Target(points, deltas, reference, scale, least, sizes, factors)
 
@@ -294,7 +291,7 @@ def _degree_bounds(ways: Sequence[_Way]) -> dict[str, Bound]:
         for name, known in bounds.items():
             least = min((one[name] for one in found), key=lambda bound: bound.degree)
             clear = least._replace(degree=min(least.degree, sizes[name]))
-            bounds[name] = max(known, clear, key=lambda bound: (bound.degree, -bound.doubtful))
+            bounds[name] = max(known, clear, key=preference)
         if not any(bound.doubtful for bound in bounds.values()):
             break
     return bounds

@@ -124,7 +124,7 @@ def degree_bounds(a: LFT, twin: LFT | None = None, seed: int = 0) -> dict[str, B
                         found = _bound(first, second, random)
                     except np.linalg.LinAlgError:  # without an end; it proves nothing
                         continue
-                    bounds[name] = max(bounds[name], found, key=_preference)
+                    bounds[name] = max(bounds[name], found, key=preference)
     return bounds
 
 
@@ -202,10 +202,10 @@ def _bound(one: _Realization, twin: _Realization, random: np.random.Generator) -
         found.append(_degree(one, twin, points, random))
         if not found[-1].doubtful:
             break
-    return max(found, key=_preference)
+    return max(found, key=preference)
 
 
-def _preference(bound: Bound) -> tuple[int, int]:
+def preference(bound: Bound) -> tuple[int, int]:
     """The largest degree is proved; one point that shows it clearly is enough."""
     return bound.degree, -bound.doubtful
 

@@ -128,8 +128,8 @@ def total_degree(values: Values, lines: Lines) -> int:
 def equilibrate(values: NDArray[Any]) -> tuple[Array, Array]:
     """Factors of rows and columns that bring the largest entries to one."""
     size = np.max(np.abs(values), axis=0, initial=0.0)
-    rows = 1.0 / _or_one(np.max(size, axis=1, initial=0.0))
-    return rows, 1.0 / _or_one(np.max(size * rows[:, None], axis=0, initial=0.0))
+    rows = 1.0 / or_one(np.max(size, axis=1, initial=0.0))
+    return rows, 1.0 / or_one(np.max(size * rows[:, None], axis=0, initial=0.0))
 
 
 def rank(matrix: NDArray[Any]) -> int:
@@ -151,8 +151,8 @@ def _without_noise(values: Values) -> Values:
     """Rows and columns that are nothing but rounding, beside all others, made zero."""
     size = np.max(np.abs(np.concatenate([values.box, *values.circles.values()])), axis=0)
     rows, columns = (
-        _or_one(np.max(size, axis=1, initial=0.0)),
-        _or_one(np.max(size, axis=0, initial=0.0)),
+        or_one(np.max(size, axis=1, initial=0.0)),
+        or_one(np.max(size, axis=0, initial=0.0)),
     )
     kept = np.outer(
         np.max(size / columns, axis=1, initial=0.0) > _NOISE,
@@ -175,5 +175,6 @@ def _values(A: Array, B: Array, C: Array, D: Array, deltas: NDArray[Any]) -> NDA
     return np.where(np.max(np.abs(values), axis=0) <= _ZERO * size, 0.0, values)
 
 
-def _or_one(size: Array) -> Array:
+def or_one(size: Array) -> Array:
+    """Sizes to divide by: 1 for zero."""
     return np.where(size > 0.0, size, 1.0)

@@ -104,7 +104,7 @@ def reference_at(
     if not np.all(np.isfinite(values)):
         k, i, j = np.argwhere(~np.isfinite(values))[0]
         raise WellPosednessError(
-            f"matrix {problem.name!r}, entry ({i}, {j}): is not finite at "
+            f"{entry_place(problem, i, j)}: is not finite at "
             f"{', '.join(f'{p.name} = {x:g}' for p, x in zip(parameters, points[k], strict=True))}."
         )
     found = MatrixReference(values, _stacked(sizes, len(points)))
