@@ -9,9 +9,10 @@ from matplotlib.figure import Figure
 from mbdlft.analyze import frequency_response, random, singular_values
 from mbdlft.errors import AnalysisError
 from mbdlft.lft.lft import Array
-from mbdlft.lft.model import LFTModel
+from mbdlft.lft.model import LFTModel, matrices_at
 
 SAMPLES = 300
+_OFF_POLE = 1e-4  # of the frequency of an undamped pole: nearer to it no response is drawn
 _POINTS_PER_DECADE, _MARGIN_DECADES = 120, 1.0
 _MOST_INSIDE = 4  # singular values whose legend finds room beside the curves
 _COLORS = ("#4477aa", "#cc6677", "#228833", "#aa7711", "#66ccee", "#aa3377")
@@ -24,6 +25,22 @@ def frequencies(model: LFTModel) -> Array:
     low, high = (np.min(poles), np.max(poles)) if len(poles) else (1.0, 1.0)
     start, stop = np.log10(low) - _MARGIN_DECADES, np.log10(high) + _MARGIN_DECADES
     return np.logspace(start, stop, int((stop - start) * _POINTS_PER_DECADE) + 1)
+
+
+def off_poles(omega: Array, poles: Array) -> Array:
+    """Frequencies (rad/s) of which none is that of an undamped pole, where a response is infinite.
+
+    Those nearer to a pole than a ten-thousandth of its frequency move to that distance above it.
+
+    Parameters
+    ----------
+    omega : array (n,), rising
+    poles : complex array (m,), rad/s
+    """
+    undamped = np.unique(np.abs(poles.imag[np.abs(poles.real) <= _OFF_POLE * np.abs(poles.imag)]))
+    for pole in undamped[undamped > 0.0]:
+        omega = np.where(np.abs(omega - pole) < _OFF_POLE * pole, (1.0 + _OFF_POLE) * pole, omega)
+    return np.unique(omega)
 
 
 def check_figure(path: str | Path) -> None:
@@ -59,8 +76,10 @@ def save_singular_values(path: str | Path, model: LFTModel, seed: int = 0) -> No
             f"model {model.name!r}: without inputs or outputs there are no singular values to draw. "
             "Choose some in [linearize]."
         )
-    omega = frequencies(model)
     values = random(model.parameters, SAMPLES, seed)
+    drawn = [matrices_at(model, values).A, model.A]
+    poles = np.concatenate([np.linalg.eigvals(A).ravel() for A in drawn]).astype(complex)
+    omega = off_poles(frequencies(model), poles)
     samples = _decibels(singular_values(frequency_response(model, values, omega)))
     nominal = _decibels(singular_values(frequency_response(model, {}, omega)))[0]
     count = nominal.shape[1]

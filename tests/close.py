@@ -25,6 +25,7 @@ SPACECRAFT_TABLE = 2e-5
 ARM_TABLE = 1e-4
 LENGTH_TABLE = 1e-3
 MAST_TABLE = 3e-3
+ACCELERATION = 1e-7  # of beams on a hub, of the largest of a row, against 50 digits
 SAME_MESH = 1e-8
 CHAIN = 1e-7
 STABLE = 1e-6  # of the largest frequency: real parts of undamped poles that are rounding

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from mbdlft.errors import StructureError, WellPosednessError, unknown_name
 from mbdlft.lft import twofold
-from mbdlft.lft.rounding import cleaned, solution_size
 from mbdlft.lft.twofold import Twofold
 
 Array = NDArray[np.float64]
@@ -256,8 +255,7 @@ def select(a: LFT, rows: ArrayLike, columns: ArrayLike) -> LFT:
 def eliminate(relation: LFT, n: int) -> LFT:
     """Solve [0 ; y] = relation [a ; s] for the first n inputs a: the LFT s -> [a ; y].
 
-    This inverts the first n x n part without adding a channel. Entries that are rounding of
-    what cancels are zero.
+    This inverts the first n x n part without adding a channel.
 
     Raises
     ------
@@ -308,17 +306,17 @@ def fix(a: LFT, values: Mapping[str, float]) -> LFT:
 def _through(
     base: Array, left: Array, matrix: Array, right: Array, what: str
 ) -> tuple[Array, Array]:
-    """base + left matrix^-1 right, and matrix^-1 right, both without the rounding of what cancels."""
+    """base + left matrix^-1 right, and matrix^-1 right.
+
+    Nothing is set to zero: an entry far below its terms may be rounding, and may be what the
+    acceleration of the tip of a beam is made of.
+    """
     if not matrix.size:
         return base, np.zeros((0, base.shape[1]))
     solved, low = _solve(matrix, right, what)
-    size = solution_size(np.asarray(np.linalg.inv(matrix), dtype=float), matrix, solved, right)
-    kept = cleaned(solved, 0.25 * size)
     if low.any():
-        total = twofold.multiply_add(base, left, Twofold(kept, np.where(kept == 0.0, 0.0, low)))
-    else:
-        total = base + left @ kept
-    return cleaned(total, np.abs(base) + np.abs(left) @ size), kept
+        return twofold.multiply_add(base, left, Twofold(solved, low)), solved
+    return base + left @ solved, solved
 
 
 def with_blocks(a: LFT, names: Sequence[str]) -> LFT:

@@ -4,6 +4,7 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import mbdlft
@@ -29,6 +30,41 @@ def run(
         code = int(stop.code or 0)
     captured = capsys.readouterr()
     return code, captured.out, captured.err
+
+
+def test_figure_of_an_undamped_system(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A frequency that the figure chooses by itself is never that of a pole: m = k = 1 has it at 1."""
+    scene, figure = tmp_path / "scene.toml", tmp_path / "figure.png"
+    scene.write_text(
+        """format = "mbdlft-scene/1"
+name = "oscillator"
+[bodies.mass]
+kind = "point_mass"
+mass = 1.0
+[joints.slide]
+kind = "prismatic"
+parent = "ground"
+child = "mass"
+axis = [0, 1, 0]
+stiffness = 1.0
+"""
+    )
+    arguments = ("linearize", str(scene), "-o", str(tmp_path / "o.h5"), "--plot", str(figure))
+    code, _, err = run(monkeypatch, capsys, *arguments)
+    assert (code, err) == (0, "")
+    assert figure.read_bytes().startswith(PNG)
+    model = mbdlft.load(tmp_path / "o.h5")
+    omega = mbdlft.plot.frequencies(model)
+    assert 1.0 in omega
+    kept = mbdlft.plot.off_poles(omega, np.linalg.eigvals(model.A))
+    assert np.min(np.abs(kept - 1.0)) > 0.9e-4
+    assert np.all(np.isfinite(mbdlft.frequency_response(model, {}, kept)))
+    monkeypatch.setattr("mbdlft.plot.off_poles", lambda omega, poles: omega)
+    code, _, err = run(monkeypatch, capsys, *arguments)
+    assert code == 2
+    assert "is a pole" in err
 
 
 def test_linearize_writes_archive_figure_and_table(
