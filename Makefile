@@ -1,25 +1,26 @@
 # make run    linearize the two-link arm into out/ and print its table
 # make test   all checks: style, types, import contracts, tests
 # make bench  measure, and write the tables into the README and docs/; print that of the UR5
-# Each needs Python 3.11 or newer and a package index; everything goes into .venv.
+# Each needs Python 3.11 or newer and a package index; everything goes into .venv, and no more than it needs.
 
 PYTHON ?= python3
 BIN := .venv/bin
+INSTALL := PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .PHONY: run test bench clean
 
-run: .venv/installed
+run: .venv/run
 	mkdir -p out
 	$(BIN)/mbdlft linearize scenarios/two_link_arm.toml -o out/two_link_arm.h5 --plot out/two_link_arm.png
 
-test: .venv/installed
+test: .venv/test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses auto
 
-bench: .venv/compared
+bench: .venv/bench
 	$(BIN)/python -m benchmarks.arm --write README.md
 	$(BIN)/python -m benchmarks.orders --write docs/orders.md
 	$(BIN)/python -m benchmarks.flexible --write docs/flexible.md
@@ -29,14 +30,20 @@ bench: .venv/compared
 	$(BIN)/python -m benchmarks.needs --write docs/needs.md
 	$(BIN)/python -m benchmarks.ur5
 
-.venv/installed: pyproject.toml constraints.txt
+# what the package itself needs
+.venv/run: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test,robots]'
+	$(INSTALL) -e .
+	touch $@
+
+# what it is checked with, robots and other tools among them
+.venv/test: .venv/run
+	$(INSTALL) -e '.[test,robots]'
 	touch $@
 
 # other tools that speed and error are compared with
-.venv/compared: .venv/installed
-	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[benchmarks]'
+.venv/bench: .venv/test
+	$(INSTALL) -e '.[benchmarks]'
 	touch $@
 
 clean:

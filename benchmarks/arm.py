@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 import mbdlft
-from mbdlft.build import build
+from mbdlft.pipeline.build import build
 from tests.close import CLOSED_FORM, FREQUENCY_RESPONSE
 from tests.reference.arm import (
     NAMES,
@@ -31,6 +31,8 @@ from tests.reference.arm import (
     worst_response_error,
 )
 from tests.reference.test_pendulum import GRAVITY, POSITIONS, pendulum
+
+_MAIN = "from mbdlft.cli.commands import main; main()"
 
 CERTIFICATE_STAGES = ("bound", "check")
 BEGIN, END = "<!-- benchmark begin -->", "<!-- benchmark end -->"
@@ -109,7 +111,13 @@ def arm_rows(repeats: int) -> list[Row]:
 
 def process_row(repeats: int) -> Row:
     """The command as a whole process, figure not drawn."""
-    command = [sys.executable, "-c", "from mbdlft.cli import main; main()", "linearize", str(SCENE)]
+    command = [
+        sys.executable,
+        "-c",
+        _MAIN,
+        "linearize",
+        str(SCENE),
+    ]
     seconds = []
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(repeats + 1):

@@ -16,7 +16,7 @@ import numpy as np
 import mbdlft
 from benchmarks.arm import write_between
 from benchmarks.assumed_modes import frequencies as assumed
-from mbdlft.build import SEARCH, build
+from mbdlft.pipeline.build import SEARCH, build
 from tests.reference import beams
 from tests.reference import flexible as data
 from tests.reference.superelement import superelement_matrix

@@ -22,9 +22,9 @@ import numpy as np
 import mbdlft
 from benchmarks.arm import machine, write_between
 from benchmarks.scaling import scene as chain_scene
-from mbdlft.build import build, choose_signals, choose_states
-from mbdlft.certify import ACCEPTED
-from mbdlft.scene import assemble
+from mbdlft.multibody.assembly import assemble
+from mbdlft.pipeline.build import build, choose_signals, choose_states
+from mbdlft.pipeline.certify import ACCEPTED
 from tests.close import BALANCE
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"

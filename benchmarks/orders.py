@@ -19,11 +19,11 @@ import numpy as np
 
 import mbdlft
 from benchmarks.arm import machine, write_between
-from mbdlft.extract import extract
 from mbdlft.lft.evaluate import evaluate_at
-from mbdlft.lft.reduce import reduce_order
-from mbdlft.linearize import linearize
-from mbdlft.scene import assemble
+from mbdlft.multibody.assembly import assemble
+from mbdlft.pipeline.extract import extract
+from mbdlft.problem.linearize import linearize
+from mbdlft.reduce.reduce import reduce_order
 from tests.close import SCENARIO
 from tests.laws.chains import chain
 from tests.reference.orders import CASES, Case

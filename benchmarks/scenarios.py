@@ -13,7 +13,7 @@ from pathlib import Path
 
 import mbdlft
 from benchmarks.arm import write_between
-from mbdlft.build import SEARCH, build
+from mbdlft.pipeline.build import SEARCH, build
 
 ROOT = Path(__file__).parents[1]
 

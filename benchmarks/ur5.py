@@ -14,7 +14,7 @@ import numpy as np
 
 import mbdlft
 from benchmarks.arm import machine
-from mbdlft.build import Build, build
+from mbdlft.pipeline.build import Build, build
 from scenarios.ur5 import urdf
 from tests.close import PINOCCHIO
 from tests.cross.robots import by_pinocchio, edited

@@ -6,10 +6,11 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from mbdlft.analyze import frequency_response, random, singular_values
-from mbdlft.errors import AnalysisError
-from mbdlft.lft.lft import Array
-from mbdlft.lft.model import LFTModel, matrices_at
+from mbdlft.analyze import frequency_response, singular_values
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError
+from mbdlft.base.samples import random
+from mbdlft.system.model import LFTModel, matrices_at
 
 SAMPLES = 300
 _OFF_POLE = 1e-4  # of the frequency of an undamped pole: nearer to it no response is drawn

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import mbdlft
-from mbdlft.description import Quantity
-from mbdlft.joint import KINDS as KINDS_OF_JOINTS
-from mbdlft.joint import Joint, labelled
-from mbdlft.joint.base import AxisJoint
+from mbdlft.base.description import Quantity
+from mbdlft.multibody.joint import KINDS as KINDS_OF_JOINTS
+from mbdlft.multibody.joint import Joint, labelled
+from mbdlft.multibody.joint.base import AxisJoint
 
 KINDS = ("revolute", "revolute", "prismatic", "universal", "cylindrical", "planar", "spherical")
 MOST_BODIES = 5

@@ -9,9 +9,9 @@ unknowns are never redundant.
 import numpy as np
 
 import mbdlft
-from mbdlft.expression import names, parse
-from mbdlft.joint import Joint
-from mbdlft.joint.base import Rotation
+from mbdlft.base.expression import names, parse
+from mbdlft.multibody.joint import Joint
+from mbdlft.multibody.joint.base import Rotation
 from tests.strategies import (
     FORCE,
     INERTIA,

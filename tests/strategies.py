@@ -7,8 +7,8 @@ import numpy as np
 from hypothesis import strategies as st
 
 import mbdlft
-from mbdlft.expression import evaluate, names, parse
-from mbdlft.unit import parse_unit
+from mbdlft.base.expression import evaluate, names, parse
+from mbdlft.base.unit import parse_unit
 
 EDGES = (
     "none",

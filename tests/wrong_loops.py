@@ -5,9 +5,9 @@ from importlib import import_module
 import casadi as ca
 import pytest
 
-from mbdlft.scene.closure import constraint
+from mbdlft.multibody.assembly.closure import constraint
 
-assembling = import_module("mbdlft.scene.assemble")
+assembling = import_module("mbdlft.multibody.assembly.assemble")
 
 
 def closures_at_rest(patch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,5 @@
-"""What a finished model says: samples of its parameters, and responses."""
+"""What a finished model says: its responses at samples of its parameters."""
 
-from mbdlft.analyze.response import frequency_response as frequency_response
-from mbdlft.analyze.response import singular_values as singular_values
-from mbdlft.analyze.sample import corners as corners
-from mbdlft.analyze.sample import grid as grid
-from mbdlft.analyze.sample import random as random
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mbdlft.errors import AnalysisError
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError
 from mbdlft.lft.evaluate import chunks
-from mbdlft.lft.lft import Array
-from mbdlft.lft.model import LFTModel, matrices_at
+from mbdlft.system.model import LFTModel, matrices_at
 
 
 def frequency_response(

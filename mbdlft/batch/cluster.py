@@ -8,12 +8,12 @@ from functools import lru_cache
 from importlib import import_module
 from typing import Any
 
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError
 from mbdlft.batch.rows import EquationSource, ModelSource, source_of
 from mbdlft.batch.staging import Work, points_at, rows_at
-from mbdlft.errors import AnalysisError
-from mbdlft.lft.lft import Array
-from mbdlft.lft.model import LFTModel
-from mbdlft.scene import Scene, scene_from_toml, scene_to_toml
+from mbdlft.multibody.scene import Scene, scene_from_toml, scene_to_toml
+from mbdlft.system.model import LFTModel
 
 _AHEAD = 2  # shards for each thread of the cluster that are on their way
 

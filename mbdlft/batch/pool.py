@@ -11,8 +11,8 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from mbdlft import errors
-from mbdlft.errors import AnalysisError
+from mbdlft.base import errors
+from mbdlft.base.errors import AnalysisError
 
 _DEATHS = 3  # of workers over one shard
 

@@ -10,20 +10,21 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.build import choose_signals, choose_states
-from mbdlft.equations import Equations
-from mbdlft.errors import WellPosednessError
+from mbdlft.base.array import Array
+from mbdlft.base.errors import WellPosednessError
+from mbdlft.base.parameter import Parameter
+from mbdlft.base.signal import Signal
 from mbdlft.lft.evaluate import evaluate_at
-from mbdlft.lft.lft import Array
-from mbdlft.lft.model import LFTModel, deltas_of
-from mbdlft.many import MANY
-from mbdlft.need import Need
-from mbdlft.numeric import linearized
-from mbdlft.parameter import Parameter
-from mbdlft.scene import Scene, assemble
-from mbdlft.signal import Signal
+from mbdlft.multibody.assembly import assemble
+from mbdlft.multibody.scene import Scene
+from mbdlft.pipeline.build import choose_signals, choose_states
+from mbdlft.problem.equations import Equations
+from mbdlft.problem.needed_states import Need
+from mbdlft.problem.relinearize import linearized
+from mbdlft.problem.trim import balance, check_prestress
 from mbdlft.store.sweep import NO_EQUILIBRIUM, SINGULAR, SOLVED, Layout
-from mbdlft.trim import balance, check_prestress
+from mbdlft.sx.evaluate import MANY
+from mbdlft.system.model import LFTModel, deltas_of
 
 Indices = NDArray[np.intp]
 _CHUNK, _CHUNK_ENTRIES = 4096, 2**21  # samples and matrix entries that are held at once

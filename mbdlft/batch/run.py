@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.batch.cluster import cluster_shards
 from mbdlft.batch.pool import finished_shards
 from mbdlft.batch.samples import GridSamples, RandomSamples, samples_of
@@ -23,12 +25,10 @@ from mbdlft.batch.staging import (
     rows_at,
     write_shard,
 )
-from mbdlft.errors import AnalysisError, SceneError
-from mbdlft.lft.lft import Array
-from mbdlft.lft.model import LFTModel
-from mbdlft.scene import Scene, scene_to_toml
+from mbdlft.multibody.scene import Scene, scene_to_toml
 from mbdlft.store.archive import check_file, check_name
 from mbdlft.store.sweep import NO_EQUILIBRIUM, SINGULAR, SOLVED, save_sweep
+from mbdlft.system.model import LFTModel
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mbdlft.errors import AnalysisError, unknown_name
-from mbdlft.lft.lft import Array
-from mbdlft.parameter import Parameter
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError, unknown_name
+from mbdlft.base.parameter import Parameter
 
 _OUTSIDE = 1e-9  # of the width of a range: what rounding may leave a value outside
 

@@ -18,6 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError, ArchiveError
+from mbdlft.base.threads import one_thread
 from mbdlft.batch.rows import EquationSource, ModelSource, source_of
 from mbdlft.batch.samples import (
     GivenSamples,
@@ -27,13 +30,10 @@ from mbdlft.batch.samples import (
     from_description,
     points_of,
 )
-from mbdlft.errors import AnalysisError, ArchiveError
-from mbdlft.lft.lft import Array
-from mbdlft.lft.model import LFTModel
-from mbdlft.lft.threads import one_thread
-from mbdlft.scene import Scene, scene_from_toml, scene_to_toml
+from mbdlft.multibody.scene import Scene, scene_from_toml, scene_to_toml
 from mbdlft.store import load, save
 from mbdlft.store.sweep import pack
+from mbdlft.system.model import LFTModel
 
 _SHARD_ROWS, _SHARD_BYTES = 16384, 2**25
 _PLAN, _SCENE, _MODEL, _SAMPLES = "plan.json", "scene.toml", "model.h5", "samples.npy"

@@ -8,8 +8,8 @@ import json
 import sys
 from pathlib import Path
 
+from mbdlft.base.errors import MbdlftError
 from mbdlft.batch.staging import opened, points_at, rows_at, write_shard
-from mbdlft.errors import MbdlftError
 
 
 def main(folder: Path) -> None:

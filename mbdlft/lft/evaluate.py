@@ -11,8 +11,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mbdlft.errors import StructureError, WellPosednessError
-from mbdlft.lft.lft import LFT, Array, check, check_name
+from mbdlft.base.array import Array
+from mbdlft.base.errors import StructureError, WellPosednessError
+from mbdlft.lft.lft import LFT, check, check_name
 from mbdlft.lft.program import program
 from mbdlft.lft.run import Plan, plan, run
 

@@ -13,11 +13,12 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mbdlft.errors import StructureError, WellPosednessError, unknown_name
-from mbdlft.lft import twofold
-from mbdlft.lft.twofold import Twofold
+from mbdlft.base.array import Array
+from mbdlft.base.errors import StructureError, WellPosednessError, unknown_name
+from mbdlft.number import twofold
+from mbdlft.number.rounding import cleaned, solution_size
+from mbdlft.number.twofold import Twofold
 
-Array = NDArray[np.float64]
 _WELL_CONDITIONED = 2.0**10  # double precision is enough: the square of this leaves ten digits
 
 
@@ -308,15 +309,18 @@ def _through(
 ) -> tuple[Array, Array]:
     """base + left matrix^-1 right, and matrix^-1 right.
 
-    Nothing is set to zero: an entry far below its terms may be rounding, and may be what the
-    acceleration of the tip of a beam is made of.
+    What is solved in twice the working precision stays as it is, however small beside its terms: it is
+    what accelerations of the tips of beams are made of. What is solved in double precision has nothing
+    below the rounding of its terms, and that is set to zero.
     """
     if not matrix.size:
         return base, np.zeros((0, base.shape[1]))
     solved, low = _solve(matrix, right, what)
     if low.any():
         return twofold.multiply_add(base, left, Twofold(solved, low)), solved
-    return base + left @ solved, solved
+    size = solution_size(np.asarray(np.linalg.inv(matrix), dtype=float), matrix, solved, right)
+    solved = cleaned(solved, 0.25 * size)
+    return cleaned(base + left @ solved, np.abs(base) + np.abs(left) @ size), solved
 
 
 def with_blocks(a: LFT, names: Sequence[str]) -> LFT:

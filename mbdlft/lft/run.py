@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.lft.lft import Array
+from mbdlft.base.array import Array
 from mbdlft.lft.program import (
     ADD,
     COSINE,

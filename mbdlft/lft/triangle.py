@@ -16,7 +16,8 @@ from scipy.linalg.lapack import dgetrf, dgetrs
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from mbdlft.lft.lft import LFT, Array
+from mbdlft.base.array import Array
+from mbdlft.lft.lft import LFT
 
 Channels = NDArray[np.int64]
 _ENTRIES = 2**21  # of matrices or signals of several points that are held at once

@@ -4,13 +4,13 @@ from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
-from mbdlft.errors import SceneError, WellPosednessError
-from mbdlft.expression import Expression, denominators, evaluate, write
+from mbdlft.base.errors import SceneError, WellPosednessError
+from mbdlft.base.expression import Expression, denominators, evaluate, write
+from mbdlft.base.parameter import Parameter
+from mbdlft.base.unit import parse_unit
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, cosine_name, entry_place, matrix_values, sine_name
-from mbdlft.parameter import Parameter
-from mbdlft.scene.interval import Interval, find_zero, interval
-from mbdlft.unit import parse_unit
+from mbdlft.number.interval import Interval, find_zero, interval
 
 _LEAST, _MOST = 1e-150, 1e150  # their squares are floats
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from mbdlft.parameter import BilinearMap, Parameter, to_internal
+from mbdlft.base.parameter import BilinearMap, Parameter, to_internal
 
 
 class Local(NamedTuple):

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.errors import MbdlftError
+from mbdlft.base.errors import MbdlftError
 from mbdlft.matrix.local import MatrixForm, local_units
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, matrix_values

@@ -5,13 +5,13 @@ from typing import Any, Self, final
 
 from pydantic import InstanceOf, ValidationInfo, field_validator, model_validator
 
-from mbdlft.description import Description, Name, Number, Prose, Quantity, Text
-from mbdlft.errors import SceneError
-from mbdlft.expression import BUILTIN_CONSTANTS, names, parse
-from mbdlft.parameter import Parameter, is_finite
-from mbdlft.scene import Constant
-from mbdlft.scene.scene import check_constants, check_unique, check_value_names
-from mbdlft.signal import Signal
+from mbdlft.base.description import Description, Name, Number, Prose, Quantity, Text
+from mbdlft.base.errors import SceneError
+from mbdlft.base.expression import BUILTIN_CONSTANTS, names, parse
+from mbdlft.base.parameter import Parameter, is_finite
+from mbdlft.base.signal import Signal
+from mbdlft.multibody.scene import Constant
+from mbdlft.multibody.scene.scene import check_constants, check_unique, check_value_names
 
 
 @final

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from mbdlft.errors import MbdlftError, NotRationalError, SceneError, unknown_name
-from mbdlft.expression import (
+from mbdlft.base.errors import MbdlftError, NotRationalError, SceneError, unknown_name
+from mbdlft.base.expression import (
     Binary,
     Call,
     Expression,
@@ -26,9 +26,9 @@ from mbdlft.expression import (
     walk,
     write,
 )
+from mbdlft.base.parameter import exact_cosine_sine
 from mbdlft.matrix.problem import MatrixProblem
-from mbdlft.scene.quantities import AngleSum
-from mbdlft.spatial import exact_cosine_sine
+from mbdlft.multibody.scene.quantities import AngleSum
 
 _MOST_TURNS = 16
 

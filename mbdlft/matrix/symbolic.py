@@ -9,13 +9,23 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.equations import cosines_sines
-from mbdlft.errors import NotRationalError, SceneError, unknown_name
-from mbdlft.expression import Binary, Call, Expression, Name, Negative, Number, Power, names, write
+from mbdlft.base.errors import NotRationalError, SceneError, unknown_name
+from mbdlft.base.expression import (
+    Binary,
+    Call,
+    Expression,
+    Name,
+    Negative,
+    Number,
+    Power,
+    names,
+    write,
+)
+from mbdlft.base.parameter import Parameter
 from mbdlft.matrix.local import MatrixForm, local_units
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, cosine_name, matrix_values, sine_name
-from mbdlft.parameter import Parameter
+from mbdlft.problem.equations import cosines_sines
 
 _DEEPEST = 12  # nesting beyond which a part of an expression gets a name
 

@@ -6,7 +6,7 @@ from typing import Any
 import tomli_w
 
 from mbdlft.matrix.problem import MatrixProblem
-from mbdlft.scene.toml import (
+from mbdlft.multibody.scene.toml import (
     check_keys,
     read_constants,
     read_file,

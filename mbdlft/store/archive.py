@@ -15,9 +15,9 @@ from typing import Any
 
 import h5py
 
-from mbdlft.errors import ArchiveError, MbdlftError, unknown_name
-from mbdlft.lft.model import LFTModel
+from mbdlft.base.errors import ArchiveError, MbdlftError, unknown_name
 from mbdlft.store.model import read_model, write_model
+from mbdlft.system.model import LFTModel
 
 FORMAT, VERSION = "mbdlft-archive", "1.0"
 _LARGE = 2**26  # bytes from which on an archive is not held in memory

@@ -7,11 +7,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.errors import ArchiveError
-from mbdlft.lft.lft import LFT, Array, Block
-from mbdlft.lft.model import Certificate, LFTModel, Provenance, Trim
-from mbdlft.parameter import BilinearMap, Parameter
-from mbdlft.signal import Signal
+from mbdlft.base.array import Array
+from mbdlft.base.errors import ArchiveError
+from mbdlft.base.parameter import BilinearMap, Parameter
+from mbdlft.base.signal import Signal
+from mbdlft.lft.lft import LFT, Block
+from mbdlft.system.model import Certificate, LFTModel, Provenance, Trim
 
 TYPE, VERSION = "lft-model", "1.0"
 _MATRICES = ("A", "B_w", "B_u", "C_z", "D_zw", "D_zu", "C_y", "D_yw", "D_yu")

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.errors import ArchiveError, unknown_name
-from mbdlft.lft.lft import Array
-from mbdlft.signal import Signal
+from mbdlft.base.array import Array
+from mbdlft.base.errors import ArchiveError, unknown_name
+from mbdlft.base.signal import Signal
 from mbdlft.store.archive import _names, _opened, check_name, rewrite
 from mbdlft.store.model import _read_signals, _write_signals
 

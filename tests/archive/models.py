@@ -20,7 +20,7 @@ from mbdlft import (
     scene_from_toml,
     to_lft,
 )
-from mbdlft.lft.model import Provenance, Trim
+from mbdlft.system.model import Provenance, Trim
 from tests.close import exact
 
 ARM = (Path(__file__).parents[2] / "scenarios" / "two_link_arm.toml").read_text(encoding="utf-8")

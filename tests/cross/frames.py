@@ -12,9 +12,9 @@ import casadi as ca
 import numpy as np
 
 import mbdlft
-from mbdlft.expression import evaluate, parse
-from mbdlft.joint import Joint
-from mbdlft.unit import parse_unit
+from mbdlft.base.expression import evaluate, parse
+from mbdlft.base.unit import parse_unit
+from mbdlft.multibody.joint import Joint
 from tests.cross.lagrangian import rotation, translation
 
 

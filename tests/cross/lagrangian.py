@@ -15,10 +15,10 @@ import casadi as ca
 import numpy as np
 
 import mbdlft
-from mbdlft.body import Body
-from mbdlft.expression import evaluate, parse
-from mbdlft.joint import Joint
-from mbdlft.unit import parse_unit
+from mbdlft.base.expression import evaluate, parse
+from mbdlft.base.unit import parse_unit
+from mbdlft.multibody.body import Body
+from mbdlft.multibody.joint import Joint
 
 NAMES = {"revolute": ("torque", "angle", "rate"), "prismatic": ("force", "position", "velocity")}
 

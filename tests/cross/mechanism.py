@@ -16,8 +16,8 @@ import casadi as ca
 import numpy as np
 
 import mbdlft
-from mbdlft.loop import Loop
-from mbdlft.sensor import Sensor
+from mbdlft.multibody.loop import Loop
+from mbdlft.multibody.sensor import Sensor
 from tests.cross.frames import Frames
 
 AXES = "xyz"

@@ -8,7 +8,7 @@ import numpy as np
 
 import mbdlft
 from mbdlft import Angle, Loop, Parameter, Rotation, Scene
-from mbdlft.joint import Joint
+from mbdlft.multibody.joint import Joint
 from tests.cross.frames import Frames
 
 KINDS = ("revolute", "prismatic", "universal", "cylindrical", "planar", "spherical")
@@ -187,7 +187,7 @@ def _inputs(joints, loads) -> list[str]:
     return names + [f"ground.acceleration.{axis}" for axis in "xyz"]
 
 
-def _sensors(port: str, joint: str) -> list[mbdlft.sensor.Sensor]:
+def _sensors(port: str, joint: str) -> list[mbdlft.multibody.sensor.Sensor]:
     placed = {
         "pos": mbdlft.Position,
         "vel": mbdlft.Velocity,

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 import mbdlft
-from mbdlft.joint import Joint
+from mbdlft.multibody.joint import Joint
 from tests.cross.pinocchio_tree import Tree, plant, unit_vector
 
 _TURN = ("torque", "angle", "rate", "acceleration")

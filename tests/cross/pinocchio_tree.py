@@ -13,9 +13,9 @@ import numpy as np
 import pinocchio as pin
 
 import mbdlft
-from mbdlft.expression import evaluate, parse
-from mbdlft.joint import Joint
-from mbdlft.unit import parse_unit
+from mbdlft.base.expression import evaluate, parse
+from mbdlft.base.unit import parse_unit
+from mbdlft.multibody.joint import Joint
 
 
 class Place(NamedTuple):

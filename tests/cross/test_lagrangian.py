@@ -14,10 +14,10 @@ import pytest
 from hypothesis import given
 
 import mbdlft
-from mbdlft.body import Body
-from mbdlft.certify import NEGLIGIBLE
-from mbdlft.joint import Joint
-from mbdlft.lft.model import deltas_of
+from mbdlft.multibody.body import Body
+from mbdlft.multibody.joint import Joint
+from mbdlft.pipeline.certify import NEGLIGIBLE
+from mbdlft.system.model import deltas_of
 from tests import close
 from tests.cross.lagrangian import Reference, lagrangian, state_space
 from tests.strategies import random_scene, scenes

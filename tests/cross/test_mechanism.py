@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.force import Spring
+from mbdlft.multibody.force import Spring
 from tests import close
 from tests.cross.mechanism import Linear, linear_at, mechanism
 from tests.cross.mechanisms import closed_loop, open_tree
 from tests.cross.planar_mechanisms import PLANAR
 from tests.wrong_loops import closures_at_rest, closures_on_one_body
 
-assembling = import_module("mbdlft.scene.assemble")
+assembling = import_module("mbdlft.multibody.assembly.assemble")
 
 RANDOM: dict[str, Callable[[], mbdlft.Scene]] = {
     **{f"tree {seed}": (lambda seed=seed: open_tree(seed)) for seed in range(5)},
@@ -83,10 +83,10 @@ def test_model_equals_lagrange(name: str) -> None:
 def test_scenes_cover() -> None:
     scenes = [SCENES[name]() for name in SCENES]
     joints = {joint.kind for scene in scenes for joint in scene.joints}
-    assert joints == {*mbdlft.joint.KINDS}
-    assert {load.kind for scene in scenes for load in scene.loads} == {*mbdlft.force.KINDS}
-    assert {sensor.kind for scene in scenes for sensor in scene.sensors} == {*mbdlft.sensor.KINDS}
-    assert {loop.kind for scene in scenes for loop in scene.loops} == {*mbdlft.loop.KINDS}
+    assert joints == {*mbdlft.multibody.joint.KINDS}
+    assert {load.kind for scene in scenes for load in scene.loads} == {*mbdlft.multibody.force.KINDS}
+    assert {sensor.kind for scene in scenes for sensor in scene.sensors} == {*mbdlft.multibody.sensor.KINDS}
+    assert {loop.kind for scene in scenes for loop in scene.loops} == {*mbdlft.multibody.loop.KINDS}
     assert any(len(scene.loops) > 1 for scene in scenes)
     assert any(getattr(joint, "imposed", False) for scene in scenes for joint in scene.joints)
     named = {p.name for scene in scenes for p in scene.parameters}
@@ -105,7 +105,7 @@ def no_geometric_stiffness(patch: Patch) -> None:
         parts = original(self, values, ca.SX(0), space)
         tension = original(self, {"stiffness": 0.0, "damping": 0.0}, magnitude, _AtRest(space))
         return [
-            mbdlft.force.BodyWrench(a.body, a.wrench + b.wrench)
+            mbdlft.multibody.force.BodyWrench(a.body, a.wrench + b.wrench)
             for a, b in zip(parts, tension, strict=True)
         ]
 
@@ -150,7 +150,7 @@ def spin_of(change: Callable[[ca.SX], ca.SX]) -> Callable[[Patch], None]:
 
 
 def sign_of_coriolis(patch: Patch) -> None:
-    from mbdlft.joint import move
+    from mbdlft.multibody.joint import move
 
     original = move._slide_motion()
 
@@ -161,7 +161,7 @@ def sign_of_coriolis(patch: Patch) -> None:
 
 
 def no_gyroscopic_term(patch: Patch) -> None:
-    from mbdlft.joint import move
+    from mbdlft.multibody.joint import move
 
     original = move._hinge_motion()
 
@@ -175,7 +175,7 @@ def no_gyroscopic_term(patch: Patch) -> None:
 
 
 def ground_force_turns(patch: Patch) -> None:
-    from mbdlft.scene.view import View
+    from mbdlft.multibody.assembly.view import View
 
     patch.setattr(View, "outward", lambda self, vector, body: self.across(vector, "ground", body))
 

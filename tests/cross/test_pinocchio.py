@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.force.base import BodyWrench
-from mbdlft.joint.move import Ball, Hinge, Slide, Turned
-from mbdlft.spatial import move_wrench
+from mbdlft.multibody.force.base import BodyWrench
+from mbdlft.multibody.joint.move import Ball, Hinge, Slide, Turned
+from mbdlft.multibody.spatial import move_wrench
 from tests import close
 from tests.cross.pinocchio_model import SIGNALS, Linear, pinocchio_model
 from tests.mechanisms import MOST_BODIES, random_mechanism
@@ -25,8 +25,8 @@ MANY = range(300)
 POINTS = 4
 FREE_MOVES, CARRIED = mbdlft.Free.moves, Hinge.carried
 _LEAST = 1e-3  # masses and lengths are of order one: what is smaller has cancelled
-ASSEMBLE = import_module("mbdlft.scene.assemble")
-WEIGHTS = import_module("mbdlft.scene.weights")
+ASSEMBLE = import_module("mbdlft.multibody.assembly.assemble")
+WEIGHTS = import_module("mbdlft.multibody.assembly.weights")
 Point = dict[str, float]
 
 
@@ -199,11 +199,11 @@ def both(*conditions: Callable[[mbdlft.Scene], bool]) -> Callable[[mbdlft.Scene]
 
 PLANTED = {
     "a force of the scene follows the body": (
-        patched(mbdlft.force.force, "directed", always_follows),
+        patched(mbdlft.multibody.force.force, "directed", always_follows),
         directed("force"),
     ),
     "a torque of the scene follows the body": (
-        patched(mbdlft.force.torque, "directed", always_follows),
+        patched(mbdlft.multibody.force.torque, "directed", always_follows),
         directed("torque"),
     ),
     "buoyancy turns with the body": (
@@ -244,9 +244,9 @@ PLANTED = {
     ),
     "axes of a plane exchanged": (
         patched(
-            mbdlft.joint.planar,
+            mbdlft.multibody.joint.planar,
             "plane",
-            lambda normal, plane=mbdlft.joint.planar.plane: plane(normal)[::-1],
+            lambda normal, plane=mbdlft.multibody.joint.planar.plane: plane(normal)[::-1],
         ),
         has("planar"),
     ),
@@ -315,7 +315,7 @@ def test_mechanisms_repeat_and_cover() -> None:
     unknown = {(load.kind, getattr(load, load.magnitude_key) is None) for load in loads}
     assert len(unknown) == 6
     sensors = {sensor.kind for scene in drawn for sensor in scene.sensors}
-    assert sensors == set(mbdlft.sensor.KINDS)
+    assert sensors == set(mbdlft.multibody.sensor.KINDS)
     assert any(joint.orientation for joint in joints)
     assert any(getattr(joint, "imposed", False) for joint in joints)
     first = {scene.joints[0].kind for scene in drawn}

@@ -16,11 +16,11 @@ import pytest
 
 import mbdlft
 from benchmarks import ur5 as benchmark
-from mbdlft.scene.urdf import make
-from mbdlft.scene.urdf.file import Robot as File
-from mbdlft.scene.urdf.file import RobotJoint, RobotLink, read_robot, read_robot_file
-from mbdlft.scene.urdf.load import RIGHT_ANGLE
-from mbdlft.scene.urdf.values import AXIAL
+from mbdlft.urdf import make
+from mbdlft.urdf.file import Robot as File
+from mbdlft.urdf.file import RobotJoint, RobotLink, read_robot, read_robot_file
+from mbdlft.urdf.load import RIGHT_ANGLE
+from mbdlft.urdf.values import AXIAL
 from scenarios import ur5
 from tests.close import MUJOCO, PINOCCHIO, target
 from tests.cross.robots import Rest, by_mujoco, by_pinocchio, edited, robots
@@ -227,7 +227,7 @@ PLANTED: dict[str, tuple[str, str, Any]] = {
 @pytest.mark.parametrize("bug", PLANTED)
 def test_planted_bug_is_found(bug: str, monkeypatch: pytest.MonkeyPatch) -> None:
     place, name, wrong = PLANTED[bug]
-    monkeypatch.setattr(f"mbdlft.scene.urdf.{place}", wrong)
+    monkeypatch.setattr(f"mbdlft.urdf.{place}", wrong)
     with pytest.raises(AssertionError, match="relative error"):
         compare(case_of(ROBOTS[name]), by_pinocchio, 1, PINOCCHIO)
 

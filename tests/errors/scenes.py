@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from mbdlft import Inertia, Parameter, PointMass, Prismatic, Revolute, RigidBody, Scene, assemble
-from mbdlft.equations import Equations
-from mbdlft.scene import scene_from_toml
+from mbdlft.multibody.scene import scene_from_toml
+from mbdlft.problem.equations import Equations
 
 ARM = (Path(__file__).parents[2] / "scenarios" / "two_link_arm.toml").read_text(encoding="utf-8")
 

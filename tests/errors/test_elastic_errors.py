@@ -6,7 +6,7 @@ import pytest
 
 import mbdlft
 from mbdlft import Beam, Fixed, FlexibleBody, Inertia, Mode, PointMass, Revolute, Scene, SceneError
-from mbdlft.body import Body
+from mbdlft.multibody.body import Body
 from tests.errors.scenes import says
 from tests.laws import elastic as scenes
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbdlft import NotRationalError, SceneError
-from mbdlft.expression import evaluate, parse
+from mbdlft.base.expression import evaluate, parse
 from tests.errors.scenes import arm, says
 
 

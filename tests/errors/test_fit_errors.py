@@ -7,8 +7,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from mbdlft.errors import NotRationalError, StructureError, TrimError
-from mbdlft.fit import fit_equilibrium
+from mbdlft.base.errors import NotRationalError, StructureError, TrimError
+from mbdlft.multibody.equilibrium.fit import fit_equilibrium
 
 
 def residual(f: Callable[[Any, Any], Any], unknowns: int = 1, parameters: int = 1) -> ca.Function:

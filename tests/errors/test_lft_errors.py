@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from mbdlft import LFT, NotRationalError, Parameter, StructureError, WellPosednessError
-from mbdlft.extract import extract
 from mbdlft.lft.evaluate import evaluate, evaluate_at
 from mbdlft.lft.lft import (
     add,
@@ -19,7 +18,8 @@ from mbdlft.lft.lft import (
     stack_rows,
     star,
 )
-from mbdlft.linearize import LinearModel
+from mbdlft.pipeline.extract import extract
+from mbdlft.problem.linearize import LinearModel
 from tests.errors.scenes import says
 
 D, HALF = delta("mass"), np.array([[0.5]])

@@ -452,6 +452,6 @@ def test_choices_of_catalogue_bodies(tmp_path: Path) -> None:
     with says(SceneError, "box.toml: 'modes' cannot be chosen: the body has no matrices."):
         load_body(file, modes=3)
     with says(SceneError, "box.toml: the body has no matrices ('data')."):
-        mbdlft.modal.catalogue.reduced_body(file)
+        mbdlft.elastic.catalogue.reduced_body(file)
     with says(SceneError, "solar_panel.toml: unknown choice 'mode'. Did you mean 'modes'?"):
         load_body(ROOT / "bodies" / "solar_panel.toml", mode=3)

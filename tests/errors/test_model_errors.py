@@ -33,10 +33,10 @@ from mbdlft import (
     to_lft,
     trim_at,
 )
-from mbdlft.body import Inertia
-from mbdlft.linearize import trim_relations
-from mbdlft.numeric import reference_at
+from mbdlft.multibody.body import Inertia
 from mbdlft.plot import save_singular_values
+from mbdlft.problem.linearize import trim_relations
+from mbdlft.problem.relinearize import reference_at
 from tests.errors.scenes import ARM, cart, says
 
 MASSES = [Parameter("mass", 1, 0.5, 2, unit="kg"), Parameter("load", 1, 0.5, 2, unit="kg")]

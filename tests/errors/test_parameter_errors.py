@@ -5,7 +5,7 @@ import math
 import pytest
 
 from mbdlft import Angle, Parameter, SceneError
-from mbdlft.unit import parse_unit
+from mbdlft.base.unit import parse_unit
 from tests.errors.scenes import says
 
 INSIDE = "the nominal must lie strictly inside the range"

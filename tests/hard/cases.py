@@ -7,8 +7,8 @@ from typing import Any
 import mpmath as mp
 
 import mbdlft
-from mbdlft.body.flexible import FlexibleBody, Mode
-from mbdlft.parameter import Substitution
+from mbdlft.base.parameter import Substitution
+from mbdlft.multibody.body.flexible import FlexibleBody, Mode
 from tests.hard.digits import Motion, Truth, scene_truth, truth
 
 GRAVITY = (0.0, 0.0, -9.81)

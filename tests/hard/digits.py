@@ -13,7 +13,7 @@ import mpmath as mp
 import numpy as np
 
 import mbdlft
-from mbdlft.expression import evaluate, parse
+from mbdlft.base.expression import evaluate, parse
 from tests.cross.lagrangian import NAMES, Energy, derivatives
 
 Row = list[Any]

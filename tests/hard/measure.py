@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 import mbdlft
-from mbdlft.build import choose_signals
-from mbdlft.certify import check_points, entry_scale
-from mbdlft.numeric import reference_at
-from mbdlft.scene import assemble
+from mbdlft.multibody.assembly import assemble
+from mbdlft.pipeline.build import choose_signals
+from mbdlft.pipeline.certify import check_points, entry_scale
+from mbdlft.problem.relinearize import reference_at
 from tests.close import EPS
 from tests.hard.cases import Case
 

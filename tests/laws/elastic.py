@@ -22,10 +22,10 @@ from mbdlft import (
     Scene,
     assemble,
 )
-from mbdlft.body import Body
-from mbdlft.equations import equation_function, load_value, physical_symbols
-from mbdlft.joint import Joint
-from mbdlft.trim import trim_efforts
+from mbdlft.multibody.body import Body
+from mbdlft.multibody.joint import Joint
+from mbdlft.problem.equations import equation_function, load_value, physical_symbols
+from mbdlft.problem.trim import trim_efforts
 
 GRAVITY = 9.81
 

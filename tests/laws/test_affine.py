@@ -12,18 +12,19 @@ import time
 import numpy as np
 import pytest
 
-from mbdlft.build import _state_space, build
-from mbdlft.extract import extract
-from mbdlft.lft import affine, commute
-from mbdlft.lft.affine import is_affine, is_polynomial, move_affine
-from mbdlft.lft.bound import lower_bound
-from mbdlft.lft.commute import reduce_commuting
-from mbdlft.lft.equal import is_same
+from mbdlft.bound.degree import lower_bound
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows, transpose
-from mbdlft.lft.reduce import reduce_order
-from mbdlft.linearize import linearize
-from mbdlft.scene import assemble
+from mbdlft.multibody.assembly import assemble
+from mbdlft.pipeline.build import _state_space, build
+from mbdlft.pipeline.extract import extract
+from mbdlft.problem.linearize import linearize
+from mbdlft.reduce import affine
+from mbdlft.reduce import commuting as commute
+from mbdlft.reduce.affine import is_affine, is_polynomial, move_affine
+from mbdlft.reduce.commuting import reduce_commuting
+from mbdlft.reduce.reduce import reduce_order
+from mbdlft.reduce.same_value import is_same
 from tests.close import SCENARIO, roundoff, target
 from tests.laws.chains import chain
 from tests.laws.turned import forces_turned_on_the_way

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbdlft.errors import StructureError, WellPosednessError
+from mbdlft.base.errors import StructureError, WellPosednessError
 from mbdlft.lft import lft as algebra
 from mbdlft.lft.evaluate import evaluate, evaluate_at
 from mbdlft.lft.lft import LFT, Block, constant, delta, fix

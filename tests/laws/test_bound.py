@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from scipy.linalg import schur
 
 import mbdlft
-from mbdlft.extract import extract
-from mbdlft.lft import bound
-from mbdlft.lft.bound import Bound, degree_bounds, lower_bound
+from mbdlft.bound import degree as bound
+from mbdlft.bound.degree import Bound, degree_bounds, lower_bound
 from mbdlft.lft.lft import LFT, Block, delta, inverse, stack_diagonal
-from mbdlft.lft.reduce import reduce_order
-from mbdlft.linearize import linearize
-from mbdlft.scene import assemble
+from mbdlft.multibody.assembly import assemble
+from mbdlft.pipeline.extract import extract
+from mbdlft.problem.linearize import linearize
+from mbdlft.reduce.reduce import reduce_order
 
 PRIME = 2**61 - 1
 DENOMINATOR = 4  # entries are integers over this: exact in floating point and modulo a prime

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.build import choose_signals
-from mbdlft.certify import Check, certificate, check_points, measure_error
-from mbdlft.lft.bound import Bound
+from mbdlft.bound.degree import Bound
 from mbdlft.lft.lft import LFT, delta
-from mbdlft.scene import assemble
-from mbdlft.trim import term_sizes
+from mbdlft.multibody.assembly import assemble
+from mbdlft.pipeline.build import choose_signals
+from mbdlft.pipeline.certify import Check, certificate, check_points, measure_error
+from mbdlft.problem.trim import term_sizes
 from scenarios import two_link_arm
 from tests.close import SCENARIO, exact, roundoff
 

@@ -5,11 +5,11 @@ import pytest
 
 import mbdlft
 from mbdlft import Inertia, Parameter, PointMass, Prismatic, Revolute, RigidBody, Scene, Spin
-from mbdlft.build import choose_signals
-from mbdlft.certify import check_points, entry_sizes, measure_error
 from mbdlft.lft.lft import LFT
-from mbdlft.numeric import reference_at
-from mbdlft.scene import assemble
+from mbdlft.multibody.assembly import assemble
+from mbdlft.pipeline.build import choose_signals
+from mbdlft.pipeline.certify import check_points, entry_sizes, measure_error
+from mbdlft.problem.relinearize import reference_at
 from tests.close import SCENARIO
 
 M = Parameter("m", 2.0, percent=50, unit="kg")

@@ -13,15 +13,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbdlft
-from mbdlft.lft import basis, commute
-from mbdlft.lft.bound import lower_bound
-from mbdlft.lft.commute import reduce_commuting
+from mbdlft.bound.degree import lower_bound
+from mbdlft.bound.pairs import joint_bound
 from mbdlft.lft.evaluate import evaluate_at
-from mbdlft.lft.exchange import search_exchanges
-from mbdlft.lft.joint import joint_bound
 from mbdlft.lft.lft import LFT, Block, constant, delta, inverse, stack_columns, stack_rows
-from mbdlft.lft.lines import Lines, lines_of, total_degree, values_on
-from mbdlft.lft.reduce import reduce_order
+from mbdlft.reduce import basis
+from mbdlft.reduce import commuting as commute
+from mbdlft.reduce.commuting import reduce_commuting
+from mbdlft.reduce.exchange import search_exchanges
+from mbdlft.reduce.lines import Lines, lines_of, total_degree, values_on
+from mbdlft.reduce.reduce import reduce_order
 from scenarios import two_link_arm
 from tests.close import CLOSED_FORM, SCENARIO, roundoff, target
 from tests.laws.chains import chain

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.cli import main
-from mbdlft.lft.rounding import conditioning
+from mbdlft.cli.commands import main
+from mbdlft.number.rounding import conditioning
 from tests.close import EPS, conditioned, exact
 
 G = 9.81

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.body.beam import Beam
-from mbdlft.body.elastic import ElasticBody, times
+from mbdlft.multibody.body.beam import Beam
+from mbdlft.multibody.body.elastic import ElasticBody, times
 from tests.close import CLOSED_FORM, SAME_MESH, SCENARIO, STABLE, target
 from tests.laws import elastic as scenes
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import build
-from mbdlft.lft import equal
-from mbdlft.lft.equal import Truth, is_same, part_of_largest
 from mbdlft.lft.lft import LFT, Block, constant, delta, stack_rows
+from mbdlft.pipeline import build
+from mbdlft.reduce import same_value as equal
+from mbdlft.reduce.same_value import Truth, is_same, part_of_largest
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 

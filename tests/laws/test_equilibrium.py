@@ -9,8 +9,8 @@ import pytest
 
 import mbdlft
 from mbdlft import Fixed, Inertia, Loop, Parameter, PointMass, Revolute, RigidBody, Scene, Spring
-from mbdlft.equations import Equations, equation_function, load_value, physical_symbols
-from mbdlft.scene import displaced
+from mbdlft.multibody.equilibrium import displaced
+from mbdlft.problem.equations import Equations, equation_function, load_value, physical_symbols
 from tests.close import SCENARIO, exact, roundoff, target
 from tests.cross.lagrangian import lagrangian
 from tests.equilibria import Known, known_equilibrium

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbdlft.expression import (
+from mbdlft.base.expression import (
     Binary,
     Expression,
     Name,
@@ -127,13 +127,13 @@ def test_written_text_is_read_back(tree: Expression) -> None:
     ],
 )
 def test_precedence(text: str, value: float) -> None:
-    from mbdlft.expression import BUILTIN_CONSTANTS
+    from mbdlft.base.expression import BUILTIN_CONSTANTS
 
     roundoff(evaluate(parse(text), BUILTIN_CONSTANTS), value)
 
 
 def test_nothing_is_run_as_code() -> None:
-    from mbdlft.errors import SceneError
+    from mbdlft.base.errors import SceneError
 
     for text in ("__import__('os')", "().__class__", "a if b else c", "a[0]", "lambda: 1", "a;b"):
         with pytest.raises(SceneError):

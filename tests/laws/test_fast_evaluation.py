@@ -21,9 +21,9 @@ from mbdlft.lft import program as programs
 from mbdlft.lft import run as runs
 from mbdlft.lft.evaluate import MANY, evaluate_at
 from mbdlft.lft.lft import LFT, Block
-from mbdlft.lft.model import deltas_of
 from mbdlft.lft.program import program
 from mbdlft.lft.run import plan, run
+from mbdlft.system.model import deltas_of
 from tests.close import EVALUATION, error, exact, roundoff
 from tests.laws.lfts import lfts
 from tests.reference.arm import SCENE, full_circle_scene

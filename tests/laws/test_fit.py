@@ -12,10 +12,17 @@ import mpmath
 import numpy as np
 import pytest
 
-from mbdlft.errors import TrimError
-from mbdlft.expression import evaluate, names, parse
-from mbdlft.fit import EquilibriumFit, equilibrium, fit_equilibrium, prove, rational, taylor
-from mbdlft.fit.tape import evaluate_tape
+from mbdlft.base.errors import TrimError
+from mbdlft.base.expression import evaluate, names, parse
+from mbdlft.multibody.equilibrium.fit import (
+    EquilibriumFit,
+    equilibrium,
+    fit_equilibrium,
+    prove,
+    rational,
+)
+from mbdlft.number import taylor
+from mbdlft.sx.fold import evaluate_tape
 from tests.close import FIT_BOUND, exact, roundoff
 
 mpmath.mp.dps = 50

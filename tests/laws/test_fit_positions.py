@@ -10,8 +10,8 @@ import pytest
 
 import mbdlft
 from mbdlft import Fit, Parameter, PointMass, Revolute, Scene, Spring
-from mbdlft.equilibrium import conditions, fitted
-from mbdlft.expression import evaluate, parse
+from mbdlft.base.expression import evaluate, parse
+from mbdlft.multibody.equilibrium import conditions, fitted
 from tests.close import SCENARIO, roundoff, target
 from tests.laws.test_equilibrium import four_bar, whirling
 

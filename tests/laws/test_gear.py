@@ -18,7 +18,7 @@ from mbdlft import (
     matrices_at,
     to_lft,
 )
-from mbdlft.joint.move import Hinge
+from mbdlft.multibody.joint.move import Hinge
 from tests.close import CLOSED_FORM, target
 
 N = Parameter("n", 60.0, low=40.0, high=90.0)

@@ -15,12 +15,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbdlft
-from mbdlft.build import build
-from mbdlft.lft import independent as module
 from mbdlft.lft.evaluate import evaluate_at
-from mbdlft.lft.independent import independent
 from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows, transpose
-from mbdlft.lft.reduce import reduce_order
+from mbdlft.pipeline.build import build
+from mbdlft.reduce import independent as module
+from mbdlft.reduce.independent import independent
+from mbdlft.reduce.reduce import reduce_order
 from tests.close import SCENARIO, roundoff, target
 from tests.strategies import random_scene
 

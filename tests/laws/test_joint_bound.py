@@ -19,11 +19,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbdlft
-from mbdlft.extract import extract
-from mbdlft.lft import joint, sections
-from mbdlft.lft.bound import lower_bound
+from mbdlft.bound import pairs as joint
+from mbdlft.bound import sections
+from mbdlft.bound.degree import lower_bound
+from mbdlft.bound.pairs import Pair, Triple, joint_bound, least_more
 from mbdlft.lft.evaluate import evaluate_at
-from mbdlft.lft.joint import Pair, Triple, joint_bound, least_more
 from mbdlft.lft.lft import (
     LFT,
     Block,
@@ -34,9 +34,10 @@ from mbdlft.lft.lft import (
     stack_rows,
     transpose,
 )
-from mbdlft.lft.reduce import reduce_order
-from mbdlft.linearize import linearize
-from mbdlft.scene import assemble
+from mbdlft.multibody.assembly import assemble
+from mbdlft.pipeline.extract import extract
+from mbdlft.problem.linearize import linearize
+from mbdlft.reduce.reduce import reduce_order
 from tests.close import roundoff
 from tests.laws.chains import chain
 from tests.reference.orders import CASES, Case

@@ -20,10 +20,11 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import Angle, Parameter, realization, realize
-from mbdlft.extract import graph
-from mbdlft.lft.bound import moved
+from mbdlft import Angle, Parameter, realize
+from mbdlft.bound.degree import moved
 from mbdlft.matrix import local, polynomial, symbolic
+from mbdlft.pipeline import realization
+from mbdlft.pipeline.extract import graph
 from tests.close import CLOSED_FORM
 
 A, B = Parameter("a", 0.2, -0.5, 0.6), Parameter("b", 0.15, -0.4, 0.5)

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.equations import equation_function, load_value, physical_symbols
-from mbdlft.joint.move import Slide
-from mbdlft.parameter import Parameter
-from mbdlft.scene.view import View
-from mbdlft.trim import trim_efforts
+from mbdlft.base.parameter import Parameter
+from mbdlft.multibody.assembly.view import View
+from mbdlft.multibody.joint.move import Slide
+from mbdlft.problem.equations import equation_function, load_value, physical_symbols
+from mbdlft.problem.trim import trim_efforts
 from tests import close
 
 MASSES = (

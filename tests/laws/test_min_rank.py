@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbdlft.lft import min_rank as module
-from mbdlft.lft import refit as newton
-from mbdlft.lft.basis import open_block
-from mbdlft.lft.bound import lower_bound
+from mbdlft.base.threads import one_thread
+from mbdlft.bound.degree import lower_bound
+from mbdlft.bound.pairs import joint_bound
 from mbdlft.lft.evaluate import evaluate_at
-from mbdlft.lft.joint import joint_bound
 from mbdlft.lft.lft import LFT, Block
-from mbdlft.lft.min_rank import lower_ranks
-from mbdlft.lft.refit import refit
-from mbdlft.lft.threads import one_thread
+from mbdlft.reduce import min_rank as module
+from mbdlft.reduce import refit as newton
+from mbdlft.reduce.basis import open_block
+from mbdlft.reduce.min_rank import lower_ranks
+from mbdlft.reduce.refit import refit
 from tests.close import roundoff
 from tests.laws.test_refit import KAPPA, chain_in_space, in_other_units, never
 

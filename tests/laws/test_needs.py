@@ -14,9 +14,9 @@ from scipy.sparse import csr_array
 
 import mbdlft
 from benchmarks.needs import Transfer, instructions, requests, transfers
-from mbdlft import need
+from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.batch.rows import source_of
-from mbdlft.errors import AnalysisError, SceneError
+from mbdlft.problem import needed_states as need
 from tests.close import roundoff
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbdlft
-from mbdlft.parameter import to_internal
+from mbdlft.base.parameter import to_internal
 from tests.close import error, exact, roundoff
 
 SIZES = st.floats(1e-9, 1e9)
@@ -88,7 +88,7 @@ def test_substitutions_by_their_definition() -> None:
     ],
 )
 def test_units(text: str, factor: float, dimension: tuple[int, int, int]) -> None:
-    from mbdlft.unit import parse_unit
+    from mbdlft.base.unit import parse_unit
 
     unit = parse_unit(text)
     roundoff(unit.factor, factor)

@@ -21,10 +21,10 @@ from mbdlft import (
     matrices_at,
     two_port,
 )
-from mbdlft.body import elastic
-from mbdlft.channel import invert
-from mbdlft.lft.bound import lower_bound
-from mbdlft.sensor import JointWrench
+from mbdlft.bound.degree import lower_bound
+from mbdlft.multibody.body import elastic
+from mbdlft.multibody.sensor import JointWrench
+from mbdlft.system import invert
 from tests.close import BALANCE, CLOSED_FORM, FINITE_ELEMENTS, roundoff, target
 
 E = Parameter("E", 70e9, percent=20, unit="Pa")

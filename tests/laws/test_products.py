@@ -9,8 +9,8 @@ import casadi as ca
 import pytest
 
 import mbdlft
-from mbdlft.build import build
-from mbdlft.scene import assemble_by_products
+from mbdlft.multibody.assembly import assemble_by_products
+from mbdlft.pipeline.build import build
 from tests import close
 from tests.laws import turned
 from tests.laws.chains import chain
@@ -27,7 +27,7 @@ def products_only() -> Iterator[None]:
     """Scenes are assembled with the products alone."""
     with (
         one_order_only(),
-        patch.object(import_module("mbdlft.build"), "assemble", assemble_by_products),
+        patch.object(import_module("mbdlft.pipeline.build"), "assemble", assemble_by_products),
     ):
         yield
 
@@ -173,6 +173,6 @@ def test_planted_bug_is_found(bug: str, monkeypatch: pytest.MonkeyPatch) -> None
     scene = boom()
     compare(scene)
     name, replacement = PLANTED[bug]
-    monkeypatch.setattr(f"mbdlft.scene.products.{name}", replacement)
+    monkeypatch.setattr(f"mbdlft.multibody.assembly.second_order.{name}", replacement)
     with pytest.raises(AssertionError):
         compare(scene)

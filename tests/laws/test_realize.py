@@ -17,11 +17,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbdlft
-from mbdlft import Angle, Constant, MatrixProblem, Parameter, realization, realize
+from mbdlft import Angle, Constant, MatrixProblem, Parameter, realize
 from mbdlft.matrix import denominator, symbolic
 from mbdlft.matrix import resolve as resolving
 from mbdlft.matrix.local import MatrixForm
-from mbdlft.scene.interval import Interval
+from mbdlft.number.interval import Interval
+from mbdlft.pipeline import realization
 from tests.archive.models import same
 from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.laws.test_exact import entries

@@ -15,11 +15,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbdlft.lft import reduce
-from mbdlft.lft.bound import lower_bound
+from mbdlft.bound.degree import lower_bound
 from mbdlft.lft.evaluate import evaluate
 from mbdlft.lft.lft import LFT, Block, delta
-from mbdlft.lft.reduce import reduce_order
+from mbdlft.reduce import reduce
+from mbdlft.reduce.reduce import reduce_order
 from tests.close import exact, roundoff
 from tests.laws.lfts import lfts, padded, points
 

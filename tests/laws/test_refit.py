@@ -13,21 +13,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbdlft.build import choose_signals
-from mbdlft.extract import extract
-from mbdlft.lft import min_rank
-from mbdlft.lft import refit as module
-from mbdlft.lft.bound import lower_bound
-from mbdlft.lft.commute import reduce_commuting
+from mbdlft.base.threads import one_thread
+from mbdlft.bound.degree import lower_bound
+from mbdlft.bound.pairs import joint_bound
 from mbdlft.lft.evaluate import evaluate_at
-from mbdlft.lft.independent import independent
-from mbdlft.lft.joint import joint_bound
 from mbdlft.lft.lft import LFT, Block, fix, with_blocks
-from mbdlft.lft.reduce import reduce_order
-from mbdlft.lft.refit import one_less
-from mbdlft.lft.threads import one_thread
-from mbdlft.linearize import linearize
-from mbdlft.scene import assemble
+from mbdlft.multibody.assembly import assemble
+from mbdlft.pipeline.build import choose_signals
+from mbdlft.pipeline.extract import extract
+from mbdlft.problem.linearize import linearize
+from mbdlft.reduce import min_rank
+from mbdlft.reduce import refit as module
+from mbdlft.reduce.commuting import reduce_commuting
+from mbdlft.reduce.independent import independent
+from mbdlft.reduce.reduce import reduce_order
+from mbdlft.reduce.refit import one_less
 from tests.close import roundoff
 from tests.laws.chains import chain
 

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.lft import reduce
-from mbdlft.lft.bound import degree_bounds, lower_bound
+from mbdlft.base.array import Array
+from mbdlft.bound.degree import degree_bounds, lower_bound
 from mbdlft.lft.evaluate import evaluate, evaluate_at
-from mbdlft.lft.lft import LFT, Array, Block
-from mbdlft.lft.reduce import reduce_order
+from mbdlft.lft.lft import LFT, Block
+from mbdlft.reduce import reduce
+from mbdlft.reduce.reduce import reduce_order
 from tests.close import roundoff
 from tests.laws.lfts import padded
 from tests.laws.test_reduction import KAPPA, values

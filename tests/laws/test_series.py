@@ -80,7 +80,7 @@ def test_series_is_the_product(side: str) -> None:
 def test_series_catches_a_block_at_the_wrong_place(
     side: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = import_module("mbdlft.channel.series")
+    module = import_module("mbdlft.system.in_series")
     right = module._at_inputs
 
     def wrong(a, n, b, nb, positions, order):

@@ -11,11 +11,11 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from mbdlft.lft.bound import lower_bound
+from mbdlft.base.array import Array
+from mbdlft.bound.degree import lower_bound
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import (
     LFT,
-    Array,
     constant,
     delta,
     inverse,
@@ -24,7 +24,7 @@ from mbdlft.lft.lft import (
     transpose,
     with_blocks,
 )
-from mbdlft.lft.reduce import reduce_order
+from mbdlft.reduce.reduce import reduce_order
 from tests.close import roundoff
 
 LOAD, TIP = np.array([0.0, 0.3, -1.0]), np.array([0.2, 1.0, 0.1])

@@ -18,10 +18,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbdlft
-from mbdlft.build import build
-from mbdlft.lft import truncate as truncation
+from mbdlft.bound.gain import gain_bound, restrict
 from mbdlft.lft.evaluate import evaluate_at
-from mbdlft.lft.gain import gain_bound, restrict
 from mbdlft.lft.lft import (
     LFT,
     Block,
@@ -32,8 +30,10 @@ from mbdlft.lft.lft import (
     stack_diagonal,
     stack_rows,
 )
-from mbdlft.lft.reduce import reduce_order
-from mbdlft.lft.truncate import truncate_lft, typical_sizes
+from mbdlft.pipeline.build import build
+from mbdlft.reduce.reduce import reduce_order
+from mbdlft.system import truncation
+from mbdlft.system.truncation import truncate_lft, typical_sizes
 from tests.archive.models import arm, same
 from tests.close import BOUND, exact, roundoff
 from tests.laws.lfts import lfts

@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mbdlft.lft import lft as algebra
-from mbdlft.lft import twofold
 from mbdlft.lft.evaluate import evaluate
 from mbdlft.lft.lft import constant, delta
+from mbdlft.number import twofold
 from tests.close import conditioned
 
 seeds = st.integers(0, 1000)

@@ -16,7 +16,7 @@ from tests.laws.turned import one_order_only
 from tests.mechanisms import random_mechanism
 from tests.strategies import random_scene
 
-WEIGHTS = import_module("mbdlft.scene.weights")
+WEIGHTS = import_module("mbdlft.multibody.assembly.weights")
 CHAINS = (2, 3, 4, 6)
 SEEDS = range(10)
 SCENARIOS = Path(__file__).parents[2] / "scenarios"

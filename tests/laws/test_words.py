@@ -16,17 +16,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.scaling import scene
-from mbdlft.build import choose_signals
-from mbdlft.extract import dependence, extract, words
-from mbdlft.extract.close import close
-from mbdlft.extract.dependence import Dependence, Row
-from mbdlft.extract.graph import Scaled, SignalGraph
+from mbdlft.base.parameter import BilinearMap
 from mbdlft.lft.evaluate import evaluate
 from mbdlft.lft.lft import LFT
-from mbdlft.lft.reduce import reduce_order
-from mbdlft.linearize import linearize
-from mbdlft.parameter import BilinearMap
-from mbdlft.scene import assemble
+from mbdlft.multibody.assembly import assemble
+from mbdlft.pipeline.build import choose_signals
+from mbdlft.pipeline.extract import dependence, extract
+from mbdlft.pipeline.extract import noncommuting as words
+from mbdlft.pipeline.extract.close import close
+from mbdlft.pipeline.extract.dependence import Dependence, Row
+from mbdlft.pipeline.extract.graph import Scaled, SignalGraph
+from mbdlft.problem.linearize import linearize
+from mbdlft.reduce.reduce import reduce_order
 from tests.close import roundoff
 
 NAMES = ["q", "a", "m"]  # not sorted: blocks are
@@ -174,7 +175,7 @@ def test_planted_blindness_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patch:
         patch.setattr(Dependence, "_is_sum", lambda *_: False)
         assert found_by(law_orders)
-    monkeypatch.setattr("mbdlft.extract.close.smallest", words.reached)
+    monkeypatch.setattr("mbdlft.pipeline.extract.close.smallest", words.reached)
     assert found_by(law_orders)
 
 
@@ -271,7 +272,7 @@ def test_no_matrix_between_all_channels() -> None:
 
 def test_planted_matrix_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        "mbdlft.extract.tape.close",
+        "mbdlft.pipeline.extract.tape.close",
         lambda *given, all_kept=False: close(*given, all_kept=True),
     )
     with pytest.raises(AssertionError):

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 import mbdlft
-from mbdlft.scene.placed import Motions, Passed, Placed, pass_inward
+from mbdlft.multibody.assembly.placed import Motions, Passed, Placed, pass_inward
 from tests import close
 
 _LEAST = 1e-3  # of its row: a smaller entry has cancelled
@@ -18,7 +18,9 @@ _LEAST = 1e-3  # of its row: a smaller entry has cancelled
 @contextmanager
 def forces_turned_on_the_way() -> Iterator[None]:
     """Scenes are assembled with it, also where weights could be felt in the axes of each lever."""
-    assembled = patch.object(import_module("mbdlft.scene.assemble"), "pass_weights_inward", _pass)
+    assembled = patch.object(
+        import_module("mbdlft.multibody.assembly.assemble"), "pass_weights_inward", _pass
+    )
     with assembled, one_order_only():
         yield
 
@@ -26,7 +28,9 @@ def forces_turned_on_the_way() -> Iterator[None]:
 @contextmanager
 def one_order_only() -> Iterator[None]:
     """Scenes are assembled once, with the weights in one order of products."""
-    none = patch.object(import_module("mbdlft.build"), "assemble_by_products", lambda scene: None)
+    none = patch.object(
+        import_module("mbdlft.pipeline.build"), "assemble_by_products", lambda scene: None
+    )
     with none:
         yield
 

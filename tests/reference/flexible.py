@@ -25,8 +25,8 @@ from mbdlft import (
     RigidBody,
     Scene,
 )
-from mbdlft.body import Body
-from mbdlft.joint import Joint
+from mbdlft.multibody.body import Body
+from mbdlft.multibody.joint import Joint
 
 # table 6.4 (rad/s): modes 1, 3, 5 with the hub at rest, 2, 4, 6 with the hub in motion
 SPACECRAFT = {

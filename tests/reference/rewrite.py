@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 
-from mbdlft.expression import Binary, Expression, Name, Negative, Number, Power, parse
+from mbdlft.base.expression import Binary, Expression, Name, Negative, Number, Power, parse
 
 Polynomial = dict[tuple[tuple[str, int], ...], Fraction]  # monomial: coefficient
 WAYS = ("expanded", "nested", "split", "permuted")

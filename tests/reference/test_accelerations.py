@@ -8,7 +8,7 @@ import pytest
 
 import mbdlft
 from mbdlft.lft import lft as module
-from mbdlft.lft.rounding import cleaned
+from mbdlft.number.rounding import cleaned
 from tests.close import ACCELERATION
 from tests.reference.chain_of_beams import accelerations, response_in_many_digits, scene
 

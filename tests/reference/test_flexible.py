@@ -9,9 +9,9 @@ import pytest
 
 import mbdlft
 from benchmarks import assumed_modes
-from mbdlft.certify import NEGLIGIBLE
 from mbdlft.lft import lft
-from mbdlft.lft.twofold import Twofold
+from mbdlft.number.twofold import Twofold
+from mbdlft.pipeline.certify import NEGLIGIBLE
 from tests.close import (
     ARM_TABLE,
     CHAIN,

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import LFTModel, MatrixProblem, realization
-from mbdlft.extract import Extraction
+from mbdlft import LFTModel, MatrixProblem
+from mbdlft.pipeline import realization
+from mbdlft.pipeline.extract import Extraction
 from tests.close import SCENARIO, target
 from tests.reference.orders import CASES, Case
 from tests.reference.rewrite import exact_value, rewritten

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation as Turn
 
 import mbdlft
 from mbdlft import Angle, Parameter, SceneError, load_urdf
-from mbdlft.scene.urdf import values as values_of
-from mbdlft.scene.urdf.file import RobotLink
+from mbdlft.urdf import values as values_of
+from mbdlft.urdf.file import RobotLink
 from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.errors.robots import ROBOT, written
 

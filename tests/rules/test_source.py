@@ -2,6 +2,7 @@
 
 import inspect
 import re
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,8 @@ import mbdlft
 
 ROOT = Path(__file__).parents[2]
 SOURCES = sorted((ROOT / "mbdlft").rglob("*.py"))
-PUBLIC = mbdlft.__all__
+ROOMS = (*mbdlft._NAMESPACES, *mbdlft._ELSEWHERE)
+PUBLIC = sorted(name for room in ROOMS for name in import_module(f"mbdlft.{room}").__all__)
 
 
 def test_public_names_are_there() -> None:
@@ -35,6 +37,30 @@ def test_public_names_are_there() -> None:
         "solve_trim",
     }
     assert expected <= set(PUBLIC)
+
+
+def test_a_name_has_one_room() -> None:
+    assert len(PUBLIC) == len(set(PUBLIC))
+    assert set(mbdlft._FIRST) <= set(PUBLIC)
+    for name, room in mbdlft._FIRST.items():
+        assert name in import_module(f"mbdlft.{room}").__all__
+        assert getattr(mbdlft, name) is getattr(import_module(f"mbdlft.{room}"), name)
+
+
+def test_no_folder_has_the_name_of_a_public_function() -> None:
+    """An import on first use would return now one, now the other."""
+    folders = {path.name for path in (ROOT / "mbdlft").iterdir()}
+    assert not folders & {*PUBLIC, *(f"{name}.py" for name in PUBLIC)}
+
+
+def test_few_names_are_shown_and_unknown_ones_are_errors() -> None:
+    assert set(dir(mbdlft)) == {*mbdlft._FIRST, *mbdlft._NAMESPACES, "plot"}
+    with pytest.raises(AttributeError, match="has no attribute 'to_lfx'"):
+        mbdlft.to_lfx  # noqa: B018
+
+
+def test_few_loose_files() -> None:
+    assert len([path for path in (ROOT / "mbdlft").glob("*.py")]) <= 6
 
 
 def test_python_page_lists_them_all() -> None:

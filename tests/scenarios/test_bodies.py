@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 
 import mbdlft
 from bodies import solar_panel
-from mbdlft.cli import app
-from mbdlft.modal.catalogue import reduced_body
-from mbdlft.scene.toml import body_to_toml
+from mbdlft.cli.commands import app
+from mbdlft.elastic.catalogue import reduced_body
+from mbdlft.multibody.scene.toml import body_to_toml
 from tests.close import SCENARIO, exact, roundoff
 
 ROOT = Path(__file__).parents[2]

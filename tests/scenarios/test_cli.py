@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import build, cli
-from mbdlft.cli import main
+from mbdlft.cli import commands as cli
+from mbdlft.cli.commands import main
+from mbdlft.pipeline import build
 from tests.close import CLOSED_FORM, roundoff
 from tests.errors.robots import written
 

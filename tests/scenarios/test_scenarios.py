@@ -8,9 +8,9 @@ import pytest
 import mbdlft
 from benchmarks import arm as benchmark
 from benchmarks import orders as orders_benchmark
-from mbdlft.body import ElasticBody
-from mbdlft.linearize import linearize
-from mbdlft.scene import assemble
+from mbdlft.multibody.assembly import assemble
+from mbdlft.multibody.body import ElasticBody
+from mbdlft.problem.linearize import linearize
 from scenarios import two_link_arm
 from tests.close import ELASTIC, SCENARIO, exact
 from tests.reference.orders import CASES

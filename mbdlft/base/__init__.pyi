@@ -1,0 +1,16 @@
+from .errors import AnalysisError as AnalysisError
+from .errors import ArchiveError as ArchiveError
+from .errors import MbdlftError as MbdlftError
+from .errors import NotRationalError as NotRationalError
+from .errors import SceneError as SceneError
+from .errors import StructureError as StructureError
+from .errors import TrimError as TrimError
+from .errors import WellPosednessError as WellPosednessError
+from .parameter import Angle as Angle
+from .parameter import Parameter as Parameter
+from .parameter import to_delta as to_delta
+from .parameter import to_physical as to_physical
+from .samples import corners as corners
+from .samples import grid as grid
+from .samples import random as random
+from .signal import Signal as Signal

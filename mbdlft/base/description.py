@@ -1,0 +1,142 @@
+"""The common base of everything a user describes: frozen, and checked when it is made."""
+
+import unicodedata
+from collections.abc import Mapping
+from typing import Annotated, Any, NamedTuple, get_args, get_origin
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic.fields import FieldInfo
+
+from mbdlft.base.errors import MbdlftError, SceneError, unknown_name
+
+
+def without_controls(text: str, but: str = "") -> str:
+    """The text itself, if it can be printed and stored.
+
+    Raises
+    ------
+    SceneError
+        It has a control character that is not one of `but`.
+    """
+    for character in text:
+        if unicodedata.category(character) == "Cc" and character not in but:
+            raise SceneError(
+                f"{text!r} has the character {character!r}, which cannot be printed and stored. "
+                "Leave it out."
+            )
+    return text
+
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Text = Annotated[str, Field(strict=True, min_length=1)]
+Name = Annotated[Text, AfterValidator(without_controls)]
+Prose = Annotated[str, AfterValidator(lambda text: without_controls(text, "\n\r\t"))]
+Quantity = Number | Text
+Vector = tuple[Quantity, Quantity, Quantity]
+Direction = tuple[Number, Number, Number]
+Values = Mapping[str, Any]  # by label: SX or float, an angle a tuple of turns
+
+AXES = ("x", "y", "z")
+ANY_UNIT = "any"  # of a quantity whose unit is not checked
+
+
+class Expected(NamedTuple):
+    """A quantity as given, and the unit its value must fit."""
+
+    source: Quantity
+    unit: str
+
+
+def vector_quantities(label: str, vector: Vector, unit: str) -> dict[str, Expected]:
+    """The three components of a vector as labelled quantities: ``label.x`` and so on."""
+    return {
+        f"{label}.{axis}": Expected(entry, unit) for axis, entry in zip(AXES, vector, strict=True)
+    }
+
+
+class Description(BaseModel):
+    """A frozen record; a wrong or unknown field is a `SceneError`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    def __init__(self, **fields: Any) -> None:
+        try:
+            super().__init__(**fields)
+        except ValidationError as error:
+            raise SceneError(self._message(fields, error)) from None
+
+    @classmethod
+    def where(cls, fields: Mapping[str, Any]) -> str:
+        """How an error message names the thing described by `fields`."""
+        return f"{cls.__name__.lower()} {fields.get('name', '')!r}"
+
+    @classmethod
+    def _message(cls, fields: Mapping[str, Any], error: ValidationError) -> str:
+        lines: list[str] = []
+        for item in error.errors(include_url=False):
+            cause = item.get("ctx", {}).get("error")
+            if isinstance(cause, MbdlftError):
+                line = f"{cls.where(fields)}: {cause}"
+            elif item["type"] == "extra_forbidden" and len(item["loc"]) == 1:
+                known = [name for name in cls.model_fields if name != "name"]
+                line = f"{cls.where(fields)}: {unknown_name('key', str(item['loc'][0]), known)}"
+            elif item["type"] == "missing" and len(item["loc"]) == 1:
+                line = f"{cls.where(fields)}: {item['loc'][0]!r} is missing."
+            else:
+                place = str(item["loc"][0]) if item["loc"] else ""
+                got = f"got {fields.get(place)!r}."
+                line = f"{cls.where(fields)}: {place}: expected {_expected(place, cls)}, {got}"
+            if line not in lines:
+                lines.append(line)
+        return "\n".join(lines)
+
+
+_TEXTS = ("parent", "child", "about", "port", "joint", "frame")
+_VECTORS = ("gravity", "acceleration", "center_of_mass")
+
+
+def _expected(field: str, owner: type[BaseModel]) -> str:
+    """What a field takes, in words."""
+    if field in _VECTORS:
+        return "three numbers or expressions"
+    if field in ("axis", "axis1", "axis2", "direction"):
+        return "three numbers"
+    if field == "ports":
+        return "a table of positions, three numbers or expressions each"
+    if field == "inertia":
+        return "a table of entries such as { xx = 1.0, yy = 2.0, zz = 2.5 }"
+    if field in ("parameters", "bodies", "joints", "loads", "sensors", "loops"):
+        return f"a list of {field}"
+    if field == "orientation":
+        return "a list of rotations, each with axis and angle"
+    if field == "imposed":
+        return "true or false"
+    if field == "constants":
+        return "numbers by name, or tables with value and unit"
+    if field in ("inputs", "outputs"):
+        return "a list of signal names"
+    if field == "expressions":
+        return "numbers or expressions by name"
+    if field == "states":
+        return "a text" if owner.model_fields[field].annotation is str else "a list of names"
+    if field in (*_TEXTS, "name", "kind", "description", "unit"):
+        return "a text"
+    if field == "unchecked":
+        return "true or false"
+    return _expected_type(owner.model_fields.get(field))
+
+
+def _expected_type(field: FieldInfo | None) -> str:
+    """The same for fields with numbers of any name, by their type."""
+    if field is None:
+        return "a finite number or an expression"
+    if field.annotation is int:
+        least = [item.ge for item in field.metadata if hasattr(item, "ge")]
+        return "a whole number" + "".join(f" of at least {number}" for number in least)
+    for kind in (field.annotation, *get_args(field.annotation)):
+        entries = get_args(kind) if get_origin(kind) is tuple else ()
+        if len(entries) > 1 and ... not in entries:
+            return f"{len(entries)} " + (
+                "numbers or expressions" if Quantity in entries else "numbers"
+            )
+    return "a finite number or an expression"

@@ -1,0 +1,412 @@
+"""Expressions of parameters and constants: a small grammar, parsed and never run as code.
+
+    sum     = term (("+" | "-") term)*
+    term    = factor (("*" | "/") factor)*
+    factor  = ("+" | "-") factor | power
+    power   = atom ("^" | "**") integer | atom
+    atom    = number | name | function "(" sum ")" | "(" sum ")"
+    function = "sqrt" | "sin" | "cos" | "atan"    of constants only
+
+In an angle, even multiples of "atan" may be of parameters: see `mbdlft.multibody.scene.quantities`.
+
+One evaluation serves every number system: floats, arrays, CasADi SX, intervals, dimensions.
+Numbers are in SI units; a name carries the unit it was declared with. ``pi`` and ``deg`` are known.
+"""
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from decimal import Decimal
+from functools import cache
+from typing import Any
+
+from mbdlft.base.errors import NotRationalError, SceneError, unknown_name
+
+BUILTIN_CONSTANTS: Mapping[str, float] = {"pi": math.pi, "deg": math.pi / 180.0}
+FUNCTIONS: Mapping[str, Callable[[float], float]] = {
+    "sqrt": math.sqrt,
+    "sin": math.sin,
+    "cos": math.cos,
+    "atan": math.atan,
+}
+_MAX_EXPONENT = 64
+_MAX_DEPTH = 100
+_MAX_DEGREE = 256  # of all powers and products together: a model has as many channels
+_TOKEN = re.compile(
+    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[^\W\d]\w*)|(?P<operator>\*\*|[-+*/^()]))"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A literal number."""
+
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Name:
+    """A parameter or a constant."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Binary:
+    """left (+ - * /) right."""
+
+    operator: str
+    left: "Expression"
+    right: "Expression"
+
+
+@dataclass(frozen=True, slots=True)
+class Negative:
+    """-operand."""
+
+    operand: "Expression"
+
+
+@dataclass(frozen=True, slots=True)
+class Power:
+    """base ^ exponent, with an integer exponent."""
+
+    base: "Expression"
+    exponent: int
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A function of a constant."""
+
+    function: str
+    argument: "Expression"
+
+
+Expression = Number | Name | Binary | Negative | Power | Call
+
+
+@cache
+def parse(source: float | str) -> Expression:
+    """Expression tree of a number or a text.
+
+    Raises
+    ------
+    SceneError
+        The text is not an expression of the grammar; the message gives the column.
+    """
+    if isinstance(source, int | float):
+        return Number(float(source))
+    return _Parser(source).parse()
+
+
+def names(expression: Expression) -> frozenset[str]:
+    """Names of parameters and constants that an expression uses."""
+    return frozenset(node.name for node in walk(expression) if isinstance(node, Name))
+
+
+def denominators(expression: Expression) -> tuple[Expression, ...]:
+    """Divisors of an expression that are not plain numbers, and bases of negative powers."""
+    found: list[Expression] = []
+    for node in walk(expression):
+        if isinstance(node, Binary) and node.operator == "/" and names(node.right):
+            found.append(node.right)
+        if isinstance(node, Power) and node.exponent < 0 and names(node.base):
+            found.append(node.base)
+    return tuple(found)
+
+
+def degree_of(expression: Expression, known: Mapping[str, int]) -> int:
+    """How many names the longest product of an expression has; what is divided by counts, too.
+
+    `known` are the same numbers of its names; a constant has none.
+    """
+    match expression:
+        case Name(name):
+            return known.get(name, 0)
+        case Negative(operand):
+            return degree_of(operand, known)
+        case Power(base, exponent):
+            return abs(exponent) * degree_of(base, known)
+        case Binary():
+            first, rest = spine(expression)
+            total = degree_of(first, known)
+            for operator, right in rest:
+                degree = degree_of(right, known)
+                total = max(total, degree) if operator in "+-" else total + degree
+            return total
+        case _:
+            return 0
+
+
+def check_degree(expression: Expression, known: Mapping[str, int]) -> None:
+    """Raise a SceneError if the longest product, as in `degree_of`, is too long."""
+    degree = degree_of(expression, known)
+    if degree > _MAX_DEGREE:
+        raise SceneError(
+            f"products and powers make the degree {degree}, and {_MAX_DEGREE} is the most. "
+            "Declare a power, or another part, as a parameter."
+        )
+
+
+def evaluate(
+    expression: Expression,
+    values: Mapping[str, Any],
+    number: Callable[[float], Any] = lambda value: value,
+) -> Any:
+    """Value of an expression in the number system of `values`; a constant gives a float.
+
+    Parameters
+    ----------
+    expression : Expression
+    values : mapping
+        For each name a value with ``+ - * /`` (float, array, SX, interval, ...), in SI units.
+    number : function
+        Makes a literal number one of the number system; a float by default.
+
+    Raises
+    ------
+    SceneError
+        A name is unknown, or a constant is divided by zero.
+    NotRationalError
+        sqrt, sin, cos or atan of something that is not a constant.
+    """
+    match expression:
+        case Number(value):
+            return number(value)
+        case Name(name):
+            if name not in values:
+                raise SceneError(unknown_name("name", name, values))
+            return values[name]
+        case Negative(operand):
+            return -evaluate(operand, values, number)
+        case Binary():
+            first, rest = spine(expression)
+            result = evaluate(first, values, number)
+            for operator, right in rest:
+                result = _binary(operator, result, evaluate(right, values, number))
+            return result
+        case Power(base, exponent):
+            return _power(evaluate(base, values, number), exponent, number(1.0))
+        case Call(function, argument):
+            value = evaluate(argument, values, number)
+            if isinstance(value, Decimal):
+                value = float(value)
+            if not isinstance(value, float):
+                raise NotRationalError(
+                    f"{function}({write(argument)}) is not rational in "
+                    f"{', '.join(sorted(names(argument)))}. {function} takes constants only; "
+                    + (
+                        "an angle may have 2*atan of parameters."
+                        if function == "atan"
+                        else "declare the whole root or angle function as a parameter instead."
+                    )
+                )
+            if not math.isfinite(value):
+                raise SceneError(f"{function} of {value} is not a number.")
+            if function == "sqrt" and value < 0:
+                raise SceneError(f"sqrt of the negative number {value}.")
+            return number(FUNCTIONS[function](value))
+
+
+def write(expression: Expression) -> str:
+    """Text of an expression, with all parentheses."""
+    match expression:
+        case Number(value):
+            return repr(value)
+        case Name(name):
+            return name
+        case Negative(operand):
+            return f"-{write(operand)}"
+        case Binary():
+            first, rest = spine(expression)
+            text = write(first)
+            for operator, right in rest:
+                text = f"({text} {operator} {write(right)})"
+            return text
+        case Power(base, exponent):
+            plain = not isinstance(base, Negative | Power)
+            return f"{write(base) if plain else f'({write(base)})'}^{exponent}"
+        case Call(function, argument):
+            return f"{function}({write(argument)})"
+
+
+def _binary(operator: str, left: Any, right: Any) -> Any:
+    if operator == "+":
+        return left + right
+    if operator == "-":
+        return left - right
+    if operator == "*":
+        return left * right
+    if isinstance(right, float) and right == 0.0:
+        raise SceneError("division by zero in a constant.")
+    return left / right
+
+
+def _power(base: Any, exponent: int, one: Any) -> Any:
+    if exponent < 0:
+        return _binary("/", one, _power(base, -exponent, one))
+    result = one
+    for k in range(exponent):
+        result = base if k == 0 else result * base
+    return result
+
+
+def with_calls(expression: Expression, replace: Callable[[Call], Expression | None]) -> Expression:
+    """The expression with calls replaced by what `replace` gives for them, where it gives something."""
+    match expression:
+        case Call():
+            return replace(expression) or expression
+        case Binary():
+            tree, rest = spine(expression)
+            tree = with_calls(tree, replace)
+            for operator, right in rest:
+                tree = Binary(operator, tree, with_calls(right, replace))
+            return tree
+        case Negative(operand):
+            return Negative(with_calls(operand, replace))
+        case Power(base, exponent):
+            return Power(with_calls(base, replace), exponent)
+        case _:
+            return expression
+
+
+def spine(expression: Expression) -> tuple[Expression, list[tuple[str, Expression]]]:
+    """The first operand of a chain of operators and what follows it: long sums nest to the left."""
+    rest: list[tuple[str, Expression]] = []
+    while isinstance(expression, Binary):
+        rest.append((expression.operator, expression.right))
+        expression = expression.left
+    return expression, rest[::-1]
+
+
+def walk(expression: Expression) -> Iterator[Expression]:
+    """All nodes of an expression."""
+    pending = [expression]
+    while pending:
+        node = pending.pop()
+        yield node
+        match node:
+            case Binary(_, left, right):
+                pending += [right, left]
+            case Negative(child) | Power(child, _) | Call(_, child):
+                pending.append(child)
+            case _:
+                pass
+
+
+class _Parser:
+    """Recursive descent over the tokens of one text."""
+
+    def __init__(self, text: str) -> None:
+        self.text, self.position, self.depth = text, 0, 0
+        self.kind, self.token, self.column = "", "", 0
+        self._advance()
+
+    def parse(self) -> Expression:
+        tree = self._sum()
+        if self.kind:
+            raise self._error("an operator")
+        return tree
+
+    def _advance(self) -> None:
+        rest = self.text[self.position :]
+        self.column = self.position + len(rest) - len(rest.lstrip()) + 1
+        if not rest.strip():
+            self.kind, self.token = "", ""
+            return
+        match = _TOKEN.match(self.text, self.position)
+        if match is None or match.lastgroup is None:
+            self.kind, self.token = "character", self.text[self.column - 1]
+            raise self._error("a number, a name, an operator or a parenthesis")
+        self.kind, self.token = match.lastgroup, match[match.lastgroup]
+        self.position = match.end()
+
+    def _error(self, expected: str) -> SceneError:
+        got = repr(self.token) if self.token else "the end"
+        return SceneError(
+            f"expression {self.text!r}, column {self.column}: expected {expected}, got {got}. "
+            "Expressions are made of + - * / ^ with integer powers, parentheses, names, numbers "
+            f"and {', '.join(FUNCTIONS)} of constants."
+        )
+
+    def _sum(self) -> Expression:
+        self.depth += 1
+        if self.depth > _MAX_DEPTH:
+            raise SceneError(
+                f"expression {self.text[:40]!r}...: nested more than {_MAX_DEPTH} deep."
+            )
+        tree = self._term()
+        while self.token in ("+", "-"):
+            operator = self.token
+            self._advance()
+            tree = Binary(operator, tree, self._term())
+        self.depth -= 1
+        return tree
+
+    def _term(self) -> Expression:
+        tree = self._factor()
+        while self.token in ("*", "/"):
+            operator = self.token
+            self._advance()
+            tree = Binary(operator, tree, self._factor())
+        return tree
+
+    def _factor(self) -> Expression:
+        negative = False
+        while self.token in ("+", "-"):
+            negative ^= self.token == "-"
+            self._advance()
+        tree = self._power()
+        return Negative(tree) if negative else tree
+
+    def _power(self) -> Expression:
+        base = self._atom()
+        if self.token not in ("^", "**"):
+            return base
+        self._advance()
+        parenthesis = self.token == "("
+        if parenthesis:
+            self._advance()
+        sign = -1 if self.token == "-" else 1
+        if self.token in ("+", "-"):
+            self._advance()
+        if self.kind != "number" or not self.token.isdigit() or float(self.token) > _MAX_EXPONENT:
+            raise self._error(f"an integer power of at most {_MAX_EXPONENT}")
+        exponent = sign * int(self.token)
+        self._advance()
+        if parenthesis:
+            self._close()
+        return Power(base, exponent)
+
+    def _atom(self) -> Expression:
+        kind, token = self.kind, self.token
+        if kind == "number":
+            if not math.isfinite(float(token)):
+                raise self._error("a finite number")
+            self._advance()
+            return Number(float(token))
+        if kind == "name":
+            self._advance()
+            if self.token != "(":
+                return Name(token)
+            if token not in FUNCTIONS:
+                raise SceneError(
+                    f"expression {self.text!r}: " + unknown_name("function", token, FUNCTIONS)
+                )
+            self._advance()
+            argument = self._sum()
+            self._close()
+            return Call(token, argument)
+        if token == "(":
+            self._advance()
+            tree = self._sum()
+            self._close()
+            return tree
+        raise self._error("a number, a name or '('")
+
+    def _close(self) -> None:
+        if self.token != ")":
+            raise self._error("')'")
+        self._advance()

@@ -1,0 +1,376 @@
+"""Parameters of a model: name, unit, nominal value, range, role, and the map physical <-> delta.
+
+A physical value becomes an *internal* value that the equations are rational in, and the internal
+value becomes a normalized delta:
+
+    internal = physical                            identity
+    internal = tan((physical - reference) / 2)     half-angle
+    internal = tan((physical - reference) / 4)     quarter-angle
+    internal = (b0 + b1 delta) / (1 + a1 delta)    delta = -1, 0, 1 at low, nominal, high
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mbdlft.base.errors import SceneError
+from mbdlft.base.unit import ANGLE_UNITS, parse_unit
+
+Role = Literal["uncertain", "scheduled", "design"]
+Substitution = Literal["identity", "half-angle", "quarter-angle"]
+
+ROLES: tuple[str, ...] = get_args(Role)
+SUBSTITUTIONS: tuple[str, ...] = get_args(Substitution)
+_NEAREST = 1e-8  # of the range: how near an end the nominal may be
+_NEAREST_SINGULAR = 1e-5  # of the reach: nearer to it the tangent takes too many digits
+_ANGLE_DIVISOR = {"half-angle": 2.0, "quarter-angle": 4.0}
+
+
+@dataclass(frozen=True, slots=True)
+class BilinearMap:
+    """internal = b0 + gain delta / (1 + a1 delta) = (b0 + b1 delta) / (1 + a1 delta)."""
+
+    b0: float
+    gain: float
+    a1: float
+
+    @property
+    def b1(self) -> float:
+        """Coefficient of delta in the numerator."""
+        return self.gain + self.a1 * self.b0
+
+
+@dataclass(frozen=True, slots=True, init=False)
+class Parameter:
+    """A named quantity that stays in the model.
+
+    Parameters
+    ----------
+    name : str
+        Letters, digits and underscores; the identity of the parameter.
+    nominal : float
+        Value at delta = 0, in `unit`.
+    low, high : float, optional
+        Values at delta = -1 and +1, in `unit`; strictly on either side of `nominal`.
+    percent : float, optional
+        Half width of the range in percent of the nominal, instead of low and high.
+    plus, minus : float, optional
+        Distances from the nominal to high and low, in `unit`; `minus` is `plus` if not given.
+    unit : str
+        Such as ``"kg m^2"``; ``"1"`` if dimensionless.
+    role : {"uncertain", "scheduled", "design"}
+        Who chooses the value: nature, the operating point, or the engineer.
+
+    Raises
+    ------
+    SceneError
+        The range, the unit or the role is not usable.
+    """
+
+    name: str
+    nominal: float
+    low: float
+    high: float
+    unit: str
+    role: Role
+    substitution: Substitution
+    reference: float
+
+    def __init__(
+        self,
+        name: str,
+        nominal: float,
+        low: float | None = None,
+        high: float | None = None,
+        *,
+        percent: float | None = None,
+        plus: float | None = None,
+        minus: float | None = None,
+        unit: str = "1",
+        role: Role = "uncertain",
+        substitution: Substitution = "identity",
+        reference: float = 0.0,
+    ) -> None:
+        where = f"parameter {name!r}"
+        for label, text in (
+            ("name", name),
+            ("unit", unit),
+            ("role", role),
+            ("substitution", substitution),
+        ):
+            if not isinstance(text, str):
+                raise SceneError(f"{where}: {label}: expected a text, got {text!r}.")
+        numbers = {
+            "nominal": nominal,
+            "low": low,
+            "high": high,
+            "percent": percent,
+            "plus": plus,
+            "minus": minus,
+            "reference": reference,
+        }
+        for label, value in numbers.items():
+            if value is not None or label == "nominal":
+                _check_number(where, label, value)
+        low, high = _range(where, nominal, low, high, percent, plus, minus)
+        for field, entry in (
+            ("name", name),
+            ("nominal", float(nominal)),
+            ("low", low),
+            ("high", high),
+            ("unit", unit),
+            ("role", role),
+            ("substitution", substitution),
+            ("reference", float(reference)),
+        ):
+            object.__setattr__(self, field, entry)
+        problem = _problem(self)
+        if problem:
+            raise SceneError(f"{where}: {problem}")
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether the equations see the angle through the tangent of a part of it."""
+        return self.substitution != "identity"
+
+    @property
+    def map(self) -> BilinearMap:
+        """The bilinear map between delta and the internal value."""
+        low, nominal, high = (
+            float(x) for x in to_internal(self, [self.low, self.nominal, self.high])
+        )
+        excess = 2.0 * nominal - low - high
+        if abs(excess) <= 4.0 * np.finfo(float).eps * max(abs(low), abs(nominal), abs(high)):
+            return BilinearMap(nominal, 0.5 * (high - low), 0.0)  # centered: affine
+        gain = 2.0 * (high - nominal) * (nominal - low) / (high - low)
+        return BilinearMap(nominal, gain, excess / (high - low))
+
+
+def Angle(
+    name: str,
+    nominal: float,
+    low: float | None = None,
+    high: float | None = None,
+    *,
+    plus: float | None = None,
+    minus: float | None = None,
+    unit: str = "deg",
+    role: Role = "scheduled",
+    substitution: Substitution = "half-angle",
+    reference: float | None = None,
+) -> Parameter:
+    """A parameter that is the equilibrium position of a revolute joint.
+
+    Parameters
+    ----------
+    name, nominal, low, high, plus, minus, role
+        As for `Parameter`; angles in `unit`.
+    unit : {"deg", "rad"}
+    substitution : {"half-angle", "quarter-angle"}
+        The half-angle costs 2 repetitions for each rotation of a plane vector and reaches less
+        than 180 deg to either side of the reference; the quarter-angle costs 4 and reaches 360 deg.
+    reference : float, optional
+        Where the internal value is zero, in `unit`; the nominal if not given. Zero gives
+        ``tan(theta/2)``, the choice of the source paper.
+
+    Raises
+    ------
+    SceneError
+        As `Parameter`; or the range reaches a singular point of the substitution.
+    """
+    where = f"parameter {name!r}"
+    if not isinstance(unit, str) or unit not in ANGLE_UNITS:
+        raise SceneError(f"{where}: an angle has unit 'deg' or 'rad', got {unit!r}.")
+    if not isinstance(substitution, str) or substitution not in _ANGLE_DIVISOR:
+        raise SceneError(
+            f"{where}: substitution of an angle is 'half-angle' or 'quarter-angle', "
+            f"got {substitution!r}."
+        )
+    label, center = ("nominal", nominal) if reference is None else ("reference", reference)
+    _check_number(where, label, center)
+    return Parameter(
+        name,
+        nominal,
+        low,
+        high,
+        plus=plus,
+        minus=minus,
+        unit=unit,
+        role=role,
+        substitution=substitution,
+        reference=float(center) * parse_unit(unit).factor,
+    )
+
+
+def to_internal(parameter: Parameter, physical: ArrayLike) -> NDArray[np.float64]:
+    """Internal values of physical values, elementwise; shape kept, unit as `parameter.unit`."""
+    values = np.asarray(physical, dtype=float)
+    if not parameter.is_angle:
+        return values
+    radians = values * parse_unit(parameter.unit).factor
+    return np.tan((radians - parameter.reference) / _ANGLE_DIVISOR[parameter.substitution])
+
+
+def cosine_sine_parts(substitution: Substitution, t: Any) -> tuple[Any, Any, Any]:
+    """Numerators of cosine and sine of the angle from the reference, and their denominator.
+
+    With t the tangent of half of the angle, cos = (1 - t^2)/(1 + t^2), sin = 2 t/(1 + t^2); with that
+    of a quarter the same formulas are applied twice. `t` may be in any number system.
+    """
+    square = t * t
+    if substitution == "half-angle":
+        return 1 - square, 2 * t, 1 + square
+    return 1 - 6 * square + square * square, 4 * t * (1 - square), (1 + square) * (1 + square)
+
+
+def to_delta(parameter: Parameter, physical: ArrayLike) -> NDArray[np.float64]:
+    """Normalized deltas of physical values, elementwise.
+
+    Parameters
+    ----------
+    parameter : Parameter
+    physical : number or array of any shape, in `parameter.unit`
+
+    Returns
+    -------
+    array of the same shape [1]; -1, 0, 1 at low, nominal, high
+    """
+    internal, m = to_internal(parameter, physical), parameter.map
+    distance = internal - m.b0
+    return distance / (m.gain - m.a1 * distance)
+
+
+def to_physical(parameter: Parameter, delta: ArrayLike) -> NDArray[np.float64]:
+    """Physical values of normalized deltas, elementwise; the inverse of `to_delta`.
+
+    Parameters
+    ----------
+    parameter : Parameter
+    delta : number or array of any shape [1]
+
+    Returns
+    -------
+    array of the same shape, in `parameter.unit`
+    """
+    values, m = np.asarray(delta, dtype=float), parameter.map
+    internal = m.b0 + m.gain * values / (1.0 + m.a1 * values)
+    if not parameter.is_angle:
+        return internal
+    radians = parameter.reference + _ANGLE_DIVISOR[parameter.substitution] * np.arctan(internal)
+    return radians / parse_unit(parameter.unit).factor
+
+
+def is_finite(value: object) -> bool:
+    """Whether this is a number that is finite as a float, too."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer of hundreds of digits
+        return False
+
+
+def _check_number(where: str, label: str, value: object) -> None:
+    """Raise a SceneError unless this is a number; what is not finite has its own message."""
+    if not (isinstance(value, float) or is_finite(value)):
+        raise SceneError(f"{where}: {label}: expected a number, got {value!r}.")
+
+
+def _range(
+    where: str,
+    nominal: float,
+    low: float | None,
+    high: float | None,
+    percent: float | None,
+    plus: float | None,
+    minus: float | None,
+) -> tuple[float, float]:
+    """Low and high from the one of the three ways of giving a range that was used."""
+    ways = [
+        (low is not None or high is not None),
+        percent is not None,
+        (plus is not None or minus is not None),
+    ]
+    if sum(ways) != 1:
+        raise SceneError(
+            f"{where}: give the range in exactly one way: low and high, percent, or plus "
+            f"(and minus); got {sum(ways)} of them."
+        )
+    if percent is not None:
+        if nominal == 0 or percent <= 0:
+            raise SceneError(
+                f"{where}: {percent:g} percent of the nominal {nominal:g} is not a range. Give a "
+                "positive percent of a nominal that is not zero, or low and high."
+            )
+        half = abs(nominal) * percent / 100.0
+        return float(nominal - half), float(nominal + half)
+    if plus is not None or minus is not None:
+        if plus is None:
+            raise SceneError(f"{where}: minus is given without plus.")
+        return float(nominal - (plus if minus is None else minus)), float(nominal + plus)
+    if low is None or high is None:
+        raise SceneError(f"{where}: {'low' if low is None else 'high'} is missing.")
+    return float(low), float(high)
+
+
+def _problem(parameter: Parameter) -> str | None:
+    """What is wrong with a parameter, or None."""
+    p = parameter
+    if not p.name.isidentifier():
+        return "a name is made of letters, digits and underscores and does not start with a digit."
+    if p.role not in ROLES:
+        return f"role is one of {', '.join(ROLES)}; got {p.role!r}."
+    if p.substitution not in SUBSTITUTIONS:
+        return f"substitution is one of {', '.join(SUBSTITUTIONS)}; got {p.substitution!r}."
+    try:
+        parse_unit(p.unit)
+    except SceneError as error:
+        return str(error)
+    if not p.is_angle and p.unit in ANGLE_UNITS:
+        return f"a parameter in {p.unit} is an angle; declare it as an Angle."
+    if p.is_angle and p.unit not in ANGLE_UNITS:
+        return f"the {p.substitution} needs unit 'deg' or 'rad', got {p.unit!r}."
+    if not np.all(np.isfinite([p.nominal, p.low, p.high, p.reference])):
+        return f"values must be finite, got nominal {p.nominal}, low {p.low}, high {p.high}."
+    if p.low >= p.high:
+        return f"low must be less than high, got low = {p.low} {p.unit}, high = {p.high} {p.unit}."
+    if not p.low < p.nominal < p.high:
+        return (
+            f"the nominal must lie strictly inside the range, got nominal = {p.nominal}, "
+            f"range [{p.low}, {p.high}] {p.unit}."
+        )
+    if min(p.nominal - p.low, p.high - p.nominal) < _NEAREST * (p.high - p.low):
+        return (
+            f"the nominal {p.nominal:g} is too close to an end of the range [{p.low:g}, {p.high:g}] "
+            f"{p.unit}: the other end would be mapped with a loss of digits. Move the nominal."
+        )
+    if p.is_angle:
+        factor, reach = parse_unit(p.unit).factor, np.pi * _ANGLE_DIVISOR[p.substitution] / 2.0
+        farthest = max(abs(p.low * factor - p.reference), abs(p.high * factor - p.reference))
+        if farthest >= reach * (1.0 - _NEAREST_SINGULAR):
+            center = p.reference / factor
+            advice = (
+                "Use substitution = 'quarter-angle'."
+                if p.substitution == "half-angle" and farthest < 2.0 * np.pi * (1.0 - 1e-12)
+                else "Move the reference or narrow the range."
+            )
+            if p.unit == "rad" and max(abs(p.low), abs(p.high)) > 4.0 * np.pi:
+                advice = "If these are degrees, give unit = 'deg'."
+            return (
+                f"the range [{p.low}, {p.high}] {p.unit} reaches a singular point of the "
+                f"{p.substitution} at {center - reach / factor:g} or {center + reach / factor:g} "
+                f"{p.unit}. {advice}"
+            )
+    return None
+
+
+def exact_cosine_sine(angle: float) -> tuple[float, float]:
+    """Cosine and sine of an angle (rad); exactly 0 and 1 at the multiples of a right angle."""
+    quarter = angle / (np.pi / 2.0)
+    nearest = round(quarter)
+    if abs(quarter - nearest) <= 4.0 * np.finfo(float).eps * max(1.0, abs(quarter)):
+        return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[nearest % 4]
+    return float(np.cos(angle)), float(np.sin(angle))

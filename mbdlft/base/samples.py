@@ -1,0 +1,105 @@
+"""Samples of the parameters: physical values by name, each an array of one length."""
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError, unknown_name
+from mbdlft.base.parameter import Parameter
+
+_MOST = 2**22
+
+
+def random(parameters: Sequence[Parameter], count: int, seed: int = 0) -> dict[str, Array]:
+    """Random points with independent uniform physical values in the ranges.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+    count : int
+        Number of points N.
+    seed : int
+        The same seed gives the same points.
+
+    Returns
+    -------
+    dict of names to arrays (N,), in the units of the parameters
+
+    Raises
+    ------
+    AnalysisError
+        These are no parameters, or no count.
+    """
+    _check_parameters("random", parameters)
+    if not isinstance(count, int | np.integer) or count < 0:
+        raise AnalysisError(f"random: expected a number of points such as 1000, got {count!r}.")
+    generator = np.random.default_rng(seed)
+    return {p.name: generator.uniform(p.low, p.high, count) for p in parameters}
+
+
+def corners(parameters: Sequence[Parameter]) -> dict[str, Array]:
+    """All 2^n combinations of the bounds of n parameters.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+
+    Returns
+    -------
+    dict of names to arrays (2^n,), in the units of the parameters
+
+    Raises
+    ------
+    AnalysisError
+        There are more than 2^22.
+    """
+    _check_parameters("corners", parameters)
+    return grid(parameters, {p.name: 2 for p in parameters})
+
+
+def grid(parameters: Sequence[Parameter], counts: Mapping[str, int]) -> dict[str, Array]:
+    """All combinations of evenly spaced values, bounds included.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+    counts : mapping of names to numbers of values; a parameter that is not named is nominal
+
+    Returns
+    -------
+    dict of names to arrays (N,), in the units of the parameters; N is the product of the counts
+
+    Raises
+    ------
+    AnalysisError
+        A name is unknown, a count is not a whole number of at least 1, or there are more than
+        2^22 points.
+    """
+    _check_parameters("grid", parameters)
+    for name in counts:
+        if name not in {p.name for p in parameters}:
+            known = [p.name for p in parameters]
+            raise AnalysisError("grid: " + unknown_name("parameter", name, known))
+    if any(not isinstance(n, int | np.integer) or n < 1 for n in counts.values()):
+        raise AnalysisError(
+            f"grid: counts must be whole numbers of at least 1, got {dict(counts)}."
+        )
+    size = float(np.prod([float(count) for count in counts.values()]))
+    if size > _MOST:
+        raise AnalysisError(f"grid: {size:.3g} points are more than {_MOST}; use random points.")
+    axes = [
+        np.linspace(p.low, p.high, counts[p.name]) if counts.get(p.name, 1) > 1 else [p.nominal]
+        for p in parameters
+    ]
+    points = np.array(list(product(*axes))).reshape(-1, len(parameters))
+    return {p.name: points[:, k] for k, p in enumerate(parameters)}
+
+
+def _check_parameters(where: str, parameters: Sequence[Parameter]) -> None:
+    if isinstance(parameters, Sequence) and all(isinstance(p, Parameter) for p in parameters):
+        return
+    raise AnalysisError(
+        f"{where}: expected parameters, such as model.parameters, got {type(parameters).__name__}."
+    )

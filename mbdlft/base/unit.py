@@ -1,0 +1,113 @@
+"""Units: a text such as ``"N m/rad"`` gives a factor to SI and a dimension."""
+
+import re
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from mbdlft.base.errors import SceneError, unknown_name
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """Factor to SI and the exponents of kg, m and s; an angle is dimensionless, a cycle is 2 pi rad."""
+
+    factor: float
+    dimension: tuple[int, int, int]
+
+    def __mul__(self, other: "Unit") -> "Unit":
+        kg, m, s = (a + b for a, b in zip(self.dimension, other.dimension, strict=True))
+        return Unit(self.factor * other.factor, (kg, m, s))
+
+    def __pow__(self, exponent: int) -> "Unit":
+        kg, m, s = (a * exponent for a in self.dimension)
+        return Unit(self.factor**exponent, (kg, m, s))
+
+
+_BASE = {
+    "1": Unit(1.0, (0, 0, 0)),
+    "%": Unit(0.01, (0, 0, 0)),
+    "rad": Unit(1.0, (0, 0, 0)),
+    "deg": Unit(float(np.pi) / 180.0, (0, 0, 0)),
+    "g": Unit(1e-3, (1, 0, 0)),
+    "kg": Unit(1.0, (1, 0, 0)),
+    "t": Unit(1e3, (1, 0, 0)),
+    "m": Unit(1.0, (0, 1, 0)),
+    "s": Unit(1.0, (0, 0, 1)),
+    "min": Unit(60.0, (0, 0, 1)),
+    "h": Unit(3600.0, (0, 0, 1)),
+    "rev": Unit(2.0 * float(np.pi), (0, 0, 0)),
+    "rpm": Unit(2.0 * float(np.pi) / 60.0, (0, 0, -1)),
+    "Hz": Unit(2.0 * float(np.pi), (0, 0, -1)),
+    "N": Unit(1.0, (1, 1, -2)),
+    "Pa": Unit(1.0, (1, -1, -2)),
+    "J": Unit(1.0, (1, 2, -2)),
+    "W": Unit(1.0, (1, 2, -3)),
+}
+_PREFIX = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "k": 1e3, "M": 1e6}
+_PREFIXED = ("g", "m", "s", "Hz", "N", "Pa", "J", "W", "rad", "t")
+_SYMBOLS = _BASE | {
+    prefix + name: Unit(_BASE[name].factor * factor, _BASE[name].dimension)
+    for prefix, factor in _PREFIX.items()
+    for name in _PREFIXED
+    if prefix + name not in _BASE
+}
+_TOKEN = re.compile(r"\s*(?:([A-Za-zµ%]+|1)(?:\s*\^\s*(-?\d)(?!\d))?|([*/·]))")
+
+ANGLE_UNITS = ("deg", "rad")
+
+
+@cache
+def parse_unit(text: str) -> Unit:
+    """Unit of a text: symbols with integer powers, joined by blanks, ``*`` or ``/``.
+
+    ``"N m/rad"``, ``"kg m^2"``, ``"mm"``, ``"deg"`` and ``"1"`` are units. A slash divides by the
+    one symbol that follows it.
+
+    Raises
+    ------
+    SceneError
+        A symbol is not known, or the text is not a product of symbols.
+    """
+    if not text.strip():
+        raise SceneError("a unit is empty; write '1' for a dimensionless quantity.")
+    unit, divide, position, after_symbol = _BASE["1"], False, 0, False
+    while position < len(text.rstrip()):
+        match = _TOKEN.match(text, position)
+        symbol, exponent, operator = match.groups() if match else (None, None, None)
+        if match is None or (operator and not after_symbol):
+            raise _unreadable(text, text[position:].strip())
+        position, after_symbol = match.end(), not operator
+        if operator:
+            divide = operator == "/"
+            continue
+        if symbol is None or symbol not in _SYMBOLS:
+            raise SceneError(
+                f"unit {text!r}: "
+                + unknown_name("symbol", str(symbol), _BASE)
+                + f" Most of them take the prefixes {' '.join(_PREFIX)}."
+            )
+        power = int(exponent or 1)
+        unit = unit * _SYMBOLS[symbol] ** (-power if divide else power)
+        divide = False
+    if not after_symbol:
+        raise _unreadable(text, text.rstrip()[-1])
+    return unit
+
+
+def _unreadable(text: str, rest: str) -> SceneError:
+    return SceneError(
+        f"unit {text!r} cannot be read at {rest!r}. Write symbols with integer powers joined by blanks, "
+        "'*' or '/', such as 'N m/rad' or 'kg m^2'."
+    )
+
+
+def dimension_name(dimension: tuple[int, int, int]) -> str:
+    """Dimension as a text in SI base units, such as ``kg m^2 s^-2``; ``1`` if there is none."""
+    parts = [
+        name if exponent == 1 else f"{name}^{exponent}"
+        for name, exponent in zip(("kg", "m", "s"), dimension, strict=True)
+        if exponent
+    ]
+    return " ".join(parts) or "1"

@@ -1,0 +1,285 @@
+"""Lower bound on the order of an LFT: deltas that cannot all have their McMillan degree.
+
+Fix all deltas but a and b. What is left is H(a, b) with n_in columns, of McMillan degrees D_a and D_b.
+The pairs (u, y) of polynomials with y = H u are a vector bundle G on the product of two projective
+lines. From an LFT with D_a and D_b repetitions follows X_ab = H^1(G(-1, -1)) = 0. So if h = dim X > 0
+there is none: if a has D_a repetitions, b has at least D_b + h/kappa, where on every line b = const the
+pairs are generated in degree kappa of a at most.
+
+One repetition of a more than D_a is a line bundle on a plane a = const. If X_ab has an element that is
+constant in c, and X_ac is not zero, it cannot be enough for both b and c to have their degree.
+
+Theorems and proofs: docs/method.md, section "Pairs that cannot both be smallest"; the numbers come from
+`mbdlft.bound.sections`.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import combinations
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from mbdlft.base.errors import WellPosednessError
+from mbdlft.bound.sections import Degrees, DoubtError, compressed, is_constant_in, obstruction
+from mbdlft.lft.lft import LFT, check, fix, transpose
+from mbdlft.reduce.reduce import reduce_order
+
+_FIXINGS, _TRIES = 2, 4  # values of the other deltas that have to agree, and that are tried
+_CENTER = 0.6  # of the range of a delta, where these values are taken
+
+Found = TypeVar("Found")
+Both = tuple[LFT, LFT]  # an LFT, and its source
+
+
+class Pair(NamedTuple):
+    """Two deltas that do not both have their degree.
+
+    `second_more` are the repetitions above its degree that the second needs if the first has none, and
+    the other way round. Both are at least 1. `is_transposed` says whether it is proved for H or for its
+    transpose.
+    """
+
+    first: str
+    second: str
+    first_more: int
+    second_more: int
+    is_transposed: bool = False
+
+
+class Triple(NamedTuple):
+    """If the last two deltas have their degree, the first has at least two repetitions above its own."""
+
+    first: str
+    second: str
+    third: str
+    is_transposed: bool = False
+
+
+def joint_bound(
+    a: LFT,
+    degrees: Degrees,
+    stop: Callable[[], bool] = lambda: False,
+    source: LFT | None = None,
+) -> int:
+    """Proved minimum of the order of any exact LFT of the same matrix.
+
+    Parameters
+    ----------
+    a : LFT
+    degrees : mapping of names to McMillan degrees
+        As from `lower_bound`.
+    stop : function
+        Asked before each pair and triple whether the time is over; those that were not looked at do not
+        count.
+    source : LFT, optional
+        What `a` was made of by changes that leave rounding, if it is not `a` itself.
+
+    Returns
+    -------
+    int
+        At least the sum of the degrees; what is not clear numerically does not count.
+
+    Raises
+    ------
+    StructureError
+        A delta has no degree.
+    """
+    source = a if source is None else source
+    pairs = pair_bounds(a, degrees, stop=stop, source=source)
+    names = [block.name for block in a.blocks]
+    has = _above(a, degrees)
+    random, proved = np.random.default_rng(0), dict[Triple, bool]()
+    while True:
+        more = least_more(names, pairs, [triple for triple in proved if proved[triple]])
+        # only a triple that these repetitions contradict can raise the bound
+        new = [triple for triple in _excluding(more, pairs) if triple not in proved]
+        if not new:
+            return sum(degrees[name] for name in names) + sum(more.values())
+        for triple in new:
+            proved[triple] = (
+                not stop()
+                and not _excludes(triple, has)
+                and _is_proved((a, source), triple, degrees, random)
+            )
+
+
+def pair_bounds(
+    a: LFT,
+    degrees: Degrees,
+    seed: int = 0,
+    stop: Callable[[], bool] = lambda: False,
+    source: LFT | None = None,
+) -> tuple[Pair, ...]:
+    """The pairs of deltas of an LFT that are proved not to have both their degree.
+
+    A pair that `a` itself contradicts has a wrong rank, and is left out. A pair may come twice, once for
+    `a` and once for its transpose. `source` is that of `joint_bound`.
+
+    Raises
+    ------
+    StructureError
+        A delta has no degree.
+    """
+    missing = [block.name for block in a.blocks if block.name not in degrees]
+    check(not missing, f"the degrees of {missing} are missing, got those of {list(degrees)}")
+    random, more = np.random.default_rng(seed), _above(a, degrees)
+    names = [name for name in more if degrees[name]]
+    found = [
+        _pair(
+            (a, a if source is None else source),
+            first,
+            second,
+            degrees,
+            random,
+            is_transposed=is_transposed,
+        )
+        for first, second in combinations(names, 2)
+        for is_transposed in (False, True)
+        if not stop()
+    ]
+    return tuple(pair for pair in found if pair is not None and _allows(pair, more))
+
+
+def least_more(
+    names: Sequence[str], pairs: Sequence[Pair], triples: Sequence[Triple] = ()
+) -> dict[str, int]:
+    """Repetitions above the degrees that all pairs and triples allow, with the least sum.
+
+    With e >= 0 repetitions more, e_first = 0 implies e_second >= second_more if and only if
+    second_more e_first + e_second >= second_more; and a triple says e_first + 2 e_second + 2 e_third >= 2
+    where e_first = 0 is excluded by pairs.
+    """
+    if not pairs:
+        return dict.fromkeys(names, 0)
+    from scipy.optimize import LinearConstraint, milp  # here because it is slow to import
+
+    conditions: list[tuple[dict[str, int], int]] = []
+    for first, second, first_more, second_more, _ in pairs:
+        conditions.append(({first: second_more, second: 1}, second_more))
+        conditions.append(({first: 1, second: first_more}, first_more))
+    conditions += [({first: 1, second: 2, third: 2}, 2) for first, second, third, _ in triples]
+    rows = np.array([[factors.get(name, 0) for name in names] for factors, _ in conditions])
+    least = np.array([least for _, least in conditions])
+    ones = np.ones(len(names))
+    program = milp(ones, constraints=LinearConstraint(rows, lb=least), integrality=ones)
+    return {name: round(float(e)) for name, e in zip(names, program.x, strict=True)}
+
+
+def _above(a: LFT, degrees: Degrees) -> dict[str, int]:
+    """Repetitions that an LFT has above the degrees."""
+    return {block.name: block.size - degrees[block.name] for block in a.blocks}
+
+
+def _allows(pair: Pair, more: Mapping[str, int]) -> bool:
+    """Whether these repetitions above the degrees are possible."""
+    first, second = more[pair.first], more[pair.second]
+    return (first > 0 or second >= pair.second_more) and (second > 0 or first >= pair.first_more)
+
+
+def _excludes(triple: Triple, more: Mapping[str, int]) -> bool:
+    """Whether these repetitions above the degrees are not possible."""
+    return more[triple.first] <= 1 and more[triple.second] == more[triple.third] == 0
+
+
+def _excluding(more: Mapping[str, int], pairs: Sequence[Pair]) -> Iterator[Triple]:
+    """Triples that would exclude these repetitions above the degrees, of deltas that are in pairs."""
+    beside: dict[tuple[str, bool], list[str]] = {}
+    for pair in pairs:
+        beside.setdefault((pair.first, pair.is_transposed), []).append(pair.second)
+        beside.setdefault((pair.second, pair.is_transposed), []).append(pair.first)
+    for (first, is_transposed), others in beside.items():
+        for second, third in combinations(others, 2):
+            triple = Triple(first, second, third, is_transposed)
+            if _excludes(triple, more):
+                yield triple
+
+
+def _pair(
+    both: Both,
+    first: str,
+    second: str,
+    degrees: Degrees,
+    random: np.random.Generator,
+    *,
+    is_transposed: bool,
+) -> Pair | None:
+    """What is proved for two deltas at several values of the others; the least of it."""
+    at = partial(_more_at, first, second, degrees, random)
+    found = _at_values(both, (first, second), random, at, is_transposed=is_transposed)
+    if not found:
+        return None
+    first_more, second_more = (min(side) for side in zip(*found, strict=True))
+    return Pair(first, second, first_more, second_more, is_transposed)
+
+
+def _at_values(
+    both: Both,
+    names: Sequence[str],
+    random: np.random.Generator,
+    at: Callable[[LFT, LFT], Found | None],
+    *,
+    is_transposed: bool,
+) -> list[Found]:
+    """What is proved for some deltas at values of the others; nothing if it is not at each of them."""
+    a, source = (transpose(item) for item in both) if is_transposed else both
+    clear: list[Found] = []
+    for _ in range(_TRIES):
+        others = {
+            block.name: float(random.uniform(-_CENTER, _CENTER))
+            for block in a.blocks
+            if block.name not in names
+        }
+        try:
+            found = at(reduce_order(fix(a, others)), fix(source, others))
+        except (DoubtError, WellPosednessError, np.linalg.LinAlgError):
+            continue
+        if found is None:
+            return []
+        clear.append(found)
+        if len(clear) == _FIXINGS:
+            return clear
+    return []
+
+
+def _more_at(
+    first: str, second: str, degrees: Degrees, random: np.random.Generator, a: LFT, source: LFT
+) -> tuple[int, int] | None:
+    """Repetitions above its degree of one delta if the other has none, for an LFT in these two."""
+    if a.order == degrees[first] + degrees[second]:
+        return None
+    H = compressed(a, source, random)
+    forth = obstruction(H, first, second, degrees, random)
+    if not forth.dimensions:
+        return None
+    back = obstruction(H, second, first, degrees, random)
+    same = forth.dimensions[:1] == back.dimensions[:1]
+    if not same or forth.characteristic != back.characteristic:
+        raise DoubtError
+    return back.more, forth.more
+
+
+def _is_proved(both: Both, triple: Triple, degrees: Degrees, random: np.random.Generator) -> bool:
+    """Whether an X of the first and another delta of a triple is constant in the last one."""
+    first, second, third, is_transposed = triple
+    return any(
+        _at_values(
+            both,
+            names,
+            random,
+            partial(_constant_at, names, degrees, random),
+            is_transposed=is_transposed,
+        )
+        for names in ((first, second, third), (first, third, second))
+    )
+
+
+def _constant_at(
+    names: tuple[str, str, str],
+    degrees: Degrees,
+    random: np.random.Generator,
+    a: LFT,
+    source: LFT,
+) -> bool | None:
+    """The same for an LFT in these three; None if it is not."""
+    return is_constant_in(compressed(a, source, random), *names, degrees, random) or None

@@ -1,0 +1,460 @@
+"""The command line: import, body, check, trim, linearize, sweep, realize, show."""
+
+import json
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from mbdlft import __version__
+from mbdlft.base.errors import MbdlftError, SceneError
+from mbdlft.cli.body import body
+from mbdlft.cli.sweep import sweep
+from mbdlft.cli.tables import console as _console
+from mbdlft.cli.tables import table as _table
+from mbdlft.cli.urdf import import_robot
+from mbdlft.system.model import Certificate, LFTModel
+
+if TYPE_CHECKING:
+    from mbdlft.multibody.scene import Scene
+    from mbdlft.problem.trim import TrimPoint
+
+app = typer.Typer(
+    help="Exact linear models of multibody systems, with their parameters left in.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+Output = Annotated[
+    Path | None, typer.Option("-o", "--output", help="Archive to write the model into.")
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+Search = Annotated[
+    float,
+    typer.Option(
+        min=0.0, help="Seconds to look for a smaller model, as parameters commute; 0: none."
+    ),
+]
+SceneFile = Annotated[Path, typer.Argument(help="Scene, a TOML file.")]
+_EPS = sys.float_info.epsilon
+SEARCH_SECONDS = 4.0  # as mbdlft.build.SEARCH, which is slow to import
+app.command("import")(import_robot)
+app.command()(body)
+app.command()(sweep)
+
+
+def main() -> None:
+    """Run the command line; bad input is one message and exit code 2."""
+    try:
+        app()
+    except MbdlftError as error:
+        sys.stderr.write(f"mbdlft: {error}\n")
+        sys.exit(2)
+
+
+@app.callback(invoke_without_command=True)
+def _options(
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+) -> None:
+    if version:
+        _console().print(f"mbdlft {__version__}")
+        raise typer.Exit
+
+
+@app.command()
+def check(scene_file: SceneFile) -> None:
+    """Check a scene, and trim and linearize it with numbers at nominal."""
+    from mbdlft.multibody.assembly import assemble
+    from mbdlft.multibody.scene import load_scene
+    from mbdlft.pipeline.build import choose_signals
+    from mbdlft.problem.relinearize import reference_at
+    from mbdlft.problem.trim import solve_trim
+
+    scene = load_scene(scene_file)
+    equations = assemble(scene)
+    inputs, outputs = choose_signals(scene, equations)
+    point = solve_trim(equations)
+    reference_at(equations, inputs, outputs, np.array([[p.nominal for p in equations.parameters]]))
+    console = _console()
+    console.print(
+        f"{scene.name}: {len(scene.bodies)} bodies, {len(scene.joints)} joints, "
+        f"{len(equations.x_signals)} states, {len(scene.parameters)} parameters."
+    )
+    if equations.parameters:
+        table = _table("parameters", "name", "unit", "low >", "nominal >", "high >", "role")
+        for p in equations.parameters:
+            table.add_row(p.name, p.unit, f"{p.low:g}", f"{p.nominal:g}", f"{p.high:g}", p.role)
+        console.print(table)
+    console.print(_efforts(point))
+    for note in _notes(scene):
+        console.print(note)
+    console.print("The scene is usable.")
+
+
+@app.command()
+def trim(
+    scene_file: SceneFile,
+    assignments: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="name=value in the unit of the parameter; may be repeated."),
+    ] = None,
+    positions: Annotated[
+        bool, typer.Option("--positions", help="Find the positions of joints that nothing holds.")
+    ] = False,
+    every: Annotated[
+        bool, typer.Option("--all", help="Find all equilibria that random starts lead to.")
+    ] = False,
+    starts: Annotated[int, typer.Option(min=1, help="Starts of the search for positions.")] = 30,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Scene to write, at the equilibrium.")
+    ] = None,
+) -> None:
+    """Print the joint efforts that hold the equilibrium, or find the equilibrium."""
+    from mbdlft.multibody.assembly import assemble
+    from mbdlft.multibody.scene import load_scene
+    from mbdlft.problem.trim import solve_trim
+
+    if positions or every or output:
+        from mbdlft.cli.tables import print_equilibria
+
+        values = _assignments(assignments or [])
+        print_equilibria(load_scene(scene_file), values, starts, output, every=every)
+        return
+    equations = assemble(load_scene(scene_file))
+    point = solve_trim(equations, _assignments(assignments or []))
+    console = _console()
+    if point.parameters:
+        table = _table(f"{equations.name}: parameters", "parameter", "value >", "unit")
+        for parameter in equations.parameters:
+            value = point.parameters[parameter.name]
+            table.add_row(parameter.name, f"{value:g}", parameter.unit)
+        console.print(table)
+    console.print(_efforts(point))
+    console.print(f"relative residual {point.residual:.1e}")
+
+
+@app.command()
+def linearize(
+    scene_file: SceneFile,
+    output: Output = None,
+    as_json: AsJson = False,
+    search: Search = SEARCH_SECONDS,
+    truncate: Annotated[
+        float | None,
+        typer.Option(help="Relative error that a smaller model may have on the whole range."),
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Figure of singular values to draw, such as fig.png.")
+    ] = None,
+) -> None:
+    """Linearize a scene, parameters left in, and certify the result."""
+    from mbdlft.multibody.scene import load_scene
+    from mbdlft.pipeline.build import build
+
+    _check_paths(output, plot)
+    seconds: dict[str, float] = {}
+    start = time.perf_counter()
+    scene = load_scene(scene_file)
+    seconds["read"] = time.perf_counter() - start
+    with Console(stderr=True).status("") as status:
+        built = build(
+            scene,
+            search,
+            progress=lambda stage: status.update(f"{escape(scene.name)}: {stage}"),
+            truncate=truncate,
+        )
+        seconds |= {name: value for name, value in built.seconds.items() if name != "total"}
+        if output is not None:
+            status.update(f"{escape(scene.name)}: write")
+            seconds["write"] = _write(output, built.model)
+        if plot is not None:
+            status.update(f"{escape(scene.name)}: plot")
+            from mbdlft.plot import save_singular_values
+
+            start = time.perf_counter()
+            save_singular_values(plot, built.model)
+            seconds["plot"] = time.perf_counter() - start
+    paths, notes = {"archive": output, "figure": plot}, _notes(scene)
+    if truncate is not None and built.model.certificate.truncation_error == 0.0:
+        notes.append(f"note: no channel can be left out within {truncate:g}; nothing is truncated.")
+    _report(built.model, seconds, paths, notes, as_json=as_json)
+
+
+@app.command()
+def realize(
+    matrix_file: Annotated[Path, typer.Argument(help="Matrix problem, a TOML file.")],
+    output: Output = None,
+    as_json: AsJson = False,
+    search: Search = SEARCH_SECONDS,
+    exact: Annotated[
+        bool, typer.Option("--exact", help="Prove the lower bound in exact arithmetic.")
+    ] = False,
+) -> None:
+    """Make a certified model of a matrix that is rational in parameters."""
+    from mbdlft.matrix import load_matrix
+    from mbdlft.matrix.problem import unused_names
+    from mbdlft.pipeline.realization import build_matrix
+
+    _check_paths(output)
+    start = time.perf_counter()
+    problem = load_matrix(matrix_file)
+    seconds = {"read": time.perf_counter() - start}
+    with Console(stderr=True).status("") as status:
+        built = build_matrix(
+            problem,
+            search,
+            exact=exact,
+            progress=lambda stage: status.update(f"{escape(problem.name)}: {stage}"),
+        )
+        seconds |= {name: value for name, value in built.seconds.items() if name != "total"}
+        if output is not None:
+            status.update(f"{escape(problem.name)}: write")
+            seconds["write"] = _write(output, built.model)
+    notes = [f"note: {name!r} is declared and not used." for name in unused_names(problem)]
+    _report(built.model, seconds, {"archive": output}, notes, as_json=as_json)
+
+
+@app.command()
+def show(
+    archive: Annotated[Path, typer.Argument(help="Archive, an HDF5 file.")],
+    name: Annotated[str | None, typer.Option(help="Only the model of this name.")] = None,
+) -> None:
+    """Print what is in an archive."""
+    from mbdlft.store import load, model_names, sweep_names
+
+    for key in [name] if name else model_names(archive):
+        model = load(archive, key)
+        _print_model(model)
+        made = model.provenance
+        _console().print(f"made {made.created} by mbdlft {made.mbdlft}, CasADi {made.casadi}")
+    if name is None and sweep_names(archive):
+        _console().print(f"sweeps: {', '.join(sweep_names(archive))}", highlight=False)
+
+
+def _efforts(point: "TrimPoint") -> Table:
+    table = _table("efforts that hold the equilibrium", "effort", "value >", "unit")
+    for signal, value in zip(point.signals, point.values, strict=True):
+        table.add_row(signal.name, f"{value:.10g}", signal.unit)
+    return table
+
+
+def _notes(scene: "Scene") -> list[str]:
+    """What a user may have overlooked."""
+    from mbdlft.multibody.scene.quantities import unused_names
+
+    notes = [f"note: {name!r} is declared and not used." for name in unused_names(scene)]
+    if not any(scene.gravity) and not any(scene.acceleration):
+        notes.append("note: there is no gravity and no acceleration; both are zero by default.")
+    return notes
+
+
+def _assignments(texts: list[str]) -> dict[str, float]:
+    values = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        try:
+            values[name.strip()] = float(value)
+        except ValueError:
+            equals = ""
+        if not equals:
+            raise SceneError(
+                f"--set {text}: expected name=value with a number, such as m1=3.2. The unit is that "
+                "of the parameter."
+            )
+    return values
+
+
+def _check_paths(archive: Path | None, figure: Path | None = None) -> None:
+    """Whether both can be written, as far as can be seen before the work."""
+    if archive is not None:
+        from mbdlft.store.archive import check_file
+
+        check_file(archive)
+    if figure is not None:
+        from mbdlft.plot import check_figure
+
+        check_figure(figure)
+
+
+def _write(archive: Path, model: LFTModel) -> float:
+    """Save a model; the seconds it took."""
+    from mbdlft.store import save
+
+    start = time.perf_counter()
+    save(archive, model)
+    return time.perf_counter() - start
+
+
+def _report(
+    model: LFTModel,
+    seconds: Mapping[str, float],
+    paths: Mapping[str, Path | None],
+    notes: list[str],
+    *,
+    as_json: bool,
+) -> None:
+    """Print what was made: one JSON object, or tables and notes."""
+    seconds = {**seconds, "total": sum(seconds.values())}
+    if as_json:
+        sys.stdout.write(json.dumps(_summary(model, seconds), indent=2) + "\n")
+        return
+    _print_model(model)
+    console = _console()
+    for note in notes:
+        console.print(note)
+    console.print("seconds: " + ", ".join(f"{name} {value:.3f}" for name, value in seconds.items()))
+    for what, path in paths.items():
+        if path is not None:
+            console.print(f"{what}: {path}", soft_wrap=True)
+
+
+def _print_model(model: LFTModel) -> None:
+    console = _console()
+    console.print(f"{model.name}  {model.description}", style="bold", highlight=False)
+    for what in ("states", "inputs", "outputs"):
+        signals = getattr(model, what)
+        listed = ", ".join(f"{signal.name} ({signal.unit})" for signal in signals)
+        console.print(f"{what} ({len(signals)}): {listed}".rstrip(": "), highlight=False)
+    certificate = model.certificate
+    table = _table(
+        None, "parameter", "unit", "nominal >", "range >", "role", "repetitions >", "lower bound >",
+        "before reduction >",
+    )  # fmt: skip
+    totals = (sum(certificate.order), sum(certificate.lower_bound), sum(certificate.raw_order))
+    table.show_footer = True
+    for column, footer in enumerate(("total", "", "", "", "", *totals)):
+        table.columns[column].footer = str(footer)
+    for p, order, bound, raw in zip(
+        model.parameters,
+        certificate.order,
+        certificate.lower_bound,
+        certificate.raw_order,
+        strict=True,
+    ):
+        span = f"[{p.low:g}, {p.high:g}]"
+        table.add_row(
+            p.name, p.unit, f"{p.nominal:g}", span, p.role, str(order), str(bound), str(raw)
+        )
+    console.print(table)
+    if certificate.exact:
+        proof = "minimal: proved" if certificate.minimal else "not proved minimal"
+        alone = sum(certificate.lower_bound)
+        together = certificate.order_bound - alone
+        if certificate.exact_bound:
+            proof += f" ({f'the {alone}' if together else 'bound'} in exact arithmetic)"
+        parts = f" ({alone} one by one, {together} more together)" if together else ""
+        console.print(f"order {model.order}, lower bound {certificate.order_bound}{parts}: {proof}")
+    else:
+        console.print(
+            f"order {model.order}; the lower bound {sum(certificate.lower_bound)} is that of exact models"
+        )
+        if certificate.truncation_error > 0.0:
+            console.print(
+                f"not exact: values differ by at most {_upward(certificate.truncation_error)} of their "
+                "typical sizes, on the whole range"
+            )
+        if certificate.fit_error_bound > 0.0:
+            console.print(
+                f"not exact: positions are fits, within {_upward(certificate.fit_error_bound)} rad or m "
+                "of the equilibrium, on the whole range"
+            )
+    if any(certificate.doubtful):
+        unclear = ", ".join(
+            f"{p.name} {count}"
+            for p, count in zip(model.parameters, certificate.doubtful, strict=True)
+            if count
+        )
+        console.print(f"ranks that rounding makes unclear, not counted in the bound: {unclear}")
+    # a scene has joints and so a trim; a matrix has none
+    truth = "re-trimming and re-linearizing" if model.trim.signals else "the matrix itself"
+    console.print(
+        f"maximum relative error {certificate.max_relative_error:.1e} against {truth} at "
+        f"{certificate.check_points} points and corners"
+        + (", before truncation" if certificate.truncation_error > 0.0 else "")
+        + (", at the fitted positions" if certificate.fit_error_bound > 0.0 else "")
+    )
+    if certificate.condition > 0.0:
+        console.print(_conditioning(certificate))
+    if model.trim.signals:
+        trimmed = ", ".join(
+            f"{signal.name} = {value:.6g} {signal.unit}"
+            for signal, value in zip(model.trim.signals, model.trim.nominal, strict=True)
+        )
+        console.print(f"trim at nominal: {trimmed}", highlight=False)
+
+
+def _conditioning(certificate: Certificate) -> str:
+    """What rounding of the data does, whoever computes with it."""
+    change = certificate.condition * _EPS
+    text = f"condition {certificate.condition:.1e}: rounding of the data alone may change an entry "
+    text += f"by {change:.1e} of itself"
+    if change > _EPS**0.5:
+        text = f"ill-conditioned, {text}"
+    if certificate.sign_changes:
+        text += (
+            f"; {certificate.sign_changes} entries change their sign in the range, and near there have "
+            "digits relative to their largest size only"
+        )
+    return text
+
+
+def _upward(error: float) -> str:
+    """Three digits, never rounded down."""
+    text = f"{error:.2e}"
+    return text if float(text) >= error else f"{error + 0.01 * 10.0 ** int(text[-3:]):.2e}"
+
+
+def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]:
+    certificate = model.certificate
+    signals = {
+        what: [{"name": s.name, "unit": s.unit} for s in getattr(model, what)]
+        for what in ("states", "inputs", "outputs")
+    }
+    parameters = [
+        {
+            "name": p.name,
+            "unit": p.unit,
+            "nominal": p.nominal,
+            "low": p.low,
+            "high": p.high,
+            "role": p.role,
+            "order": certificate.order[k],
+            "lower_bound": certificate.lower_bound[k],
+            "gap": certificate.gap[k],
+            "raw_order": certificate.raw_order[k],
+            "doubtful": certificate.doubtful[k] if certificate.doubtful else None,
+        }
+        for k, p in enumerate(model.parameters)
+    ]
+    trim = [
+        {"name": signal.name, "unit": signal.unit, "nominal": value}
+        for signal, value in zip(model.trim.signals, model.trim.nominal, strict=True)
+    ]
+    return {
+        "name": model.name,
+        **signals,
+        "parameters": parameters,
+        "trim": trim,
+        "order": sum(certificate.order),
+        "lower_bound": sum(certificate.lower_bound),
+        "raw_order": sum(certificate.raw_order),
+        "order_bound": certificate.order_bound,
+        "minimal": certificate.minimal,
+        "exact_bound": certificate.exact_bound,
+        "exact": certificate.exact,
+        "truncation_error": certificate.truncation_error,
+        "fit_error_bound": certificate.fit_error_bound,
+        "max_relative_error": certificate.max_relative_error,
+        "condition": certificate.condition or None,
+        "sign_changes": certificate.sign_changes if certificate.condition else None,
+        "check_points": certificate.check_points,
+        "seconds": dict(seconds),
+    }

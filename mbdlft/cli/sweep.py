@@ -1,0 +1,127 @@
+"""The command `sweep`: numeric trims and linearizations at many samples, into an archive."""
+
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from mbdlft.base.errors import AnalysisError
+from mbdlft.cli.tables import console
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from mbdlft.batch import GridSamples, RandomSamples
+    from mbdlft.base.array import Array
+    from mbdlft.multibody.scene import Scene
+    from mbdlft.system.model import LFTModel
+
+
+def sweep(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="Scene, a TOML file: its equations are trimmed and linearized at each sample. Or an "
+            "archive, an HDF5 file: its model is evaluated."
+        ),
+    ],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Archive to write the sweep into.")
+    ],
+    grid: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--grid",
+            help="NAME=COUNT evenly spaced values; the others are nominal; may be repeated.",
+        ),
+    ] = None,
+    random: Annotated[
+        int | None, typer.Option("--random", help="Number of random samples.")
+    ] = None,
+    file: Annotated[
+        Path | None,
+        typer.Option("--file", help="Samples: names in the first line, numbers in the others."),
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Of --random; 0 by default.")] = None,
+    name: Annotated[str | None, typer.Option(help="Of the sweep in the archive.")] = None,
+    model: Annotated[str | None, typer.Option(help="Model of an archive that has several.")] = None,
+    workers: Annotated[
+        int | None, typer.Option("--workers", help="Processes; one for each core by default.")
+    ] = None,
+    restart: Annotated[
+        bool, typer.Option("--restart", help="Throw away what an unfinished sweep has left.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Trim and linearize at many samples; the same command goes on after a kill."""
+    from mbdlft import batch
+
+    samples = _samples(grid, random, file, seed)
+    found = _source(source, model)
+    with Console(stderr=True).status("") as status:
+        report = batch.sweep(
+            found,
+            samples,
+            output,
+            name=name,
+            workers=workers,
+            restart=restart,
+            progress=lambda done, count: status.update(
+                f"{escape(found.name)}: {done} of {count} samples"
+            ),
+        )
+    if as_json:
+        sys.stdout.write(json.dumps(asdict(report), indent=2) + "\n")
+        return
+    out = console()
+    out.print(
+        f"{report.name}: {report.count} samples, {report.solved} solved, {report.not_converged} not "
+        f"converged, {report.no_equilibrium} without equilibrium",
+        highlight=False,
+    )
+    if report.resumed:
+        out.print(f"{report.resumed} samples were there from an earlier run")
+    out.print(f"seconds: {report.seconds:.3f}")
+    out.print(f"archive: {output}", soft_wrap=True)
+
+
+def _source(file: Path, model: str | None) -> "Scene | LFTModel":
+    """A scene, or a model if the file is an archive."""
+    from mbdlft.multibody.scene import load_scene
+    from mbdlft.store import load
+
+    if file.suffix.lower() in (".h5", ".hdf5"):
+        return load(file, model)
+    if model is not None:
+        raise AnalysisError(f"--model {model}: {file} is a scene; only an archive has models.")
+    return load_scene(file)
+
+
+def _samples(
+    grid: list[str] | None, random: int | None, file: Path | None, seed: int | None
+) -> "GridSamples | RandomSamples | Mapping[str, Array]":
+    """The samples of exactly one of the options."""
+    from mbdlft.batch import GridSamples, RandomSamples, read_samples
+
+    if (bool(grid) + (random is not None) + (file is not None)) != 1:
+        raise AnalysisError("sweep: expected exactly one of --grid, --random and --file.")
+    if seed is not None and random is None:
+        raise AnalysisError("--seed: only --random has a seed.")
+    if random is not None:
+        return RandomSamples(random, seed or 0)
+    if file is not None:
+        return read_samples(file)
+    counts = {}
+    for text in grid or []:
+        key, _, number = (part.strip() for part in text.partition("="))
+        if not key or not number.isdecimal():
+            raise AnalysisError(
+                f"--grid {text}: expected NAME=COUNT with a whole number, such as theta1=10."
+            )
+        counts[key] = int(number)
+    return GridSamples(counts)

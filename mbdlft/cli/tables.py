@@ -1,0 +1,77 @@
+"""Tables of the command line, and equilibria that are found."""
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from mbdlft.base.errors import MbdlftError, SceneError
+
+if TYPE_CHECKING:
+    from mbdlft.multibody.equilibrium import EquilibriumPoint
+    from mbdlft.multibody.scene import Scene
+
+_WIDTH = 110  # of tables that go into a file or a pipe
+_GROWS = 1e-6  # of the largest eigenvalue: real parts that are smaller are zero
+
+
+def console() -> Console:
+    """Texts of scenes are printed as they are, not as markup."""
+    return Console(width=None if sys.stdout.isatty() else _WIDTH, markup=False, emoji=False)
+
+
+def table(title: str | None, *headings: str) -> Table:
+    """A table; a heading that ends in ``>`` is that of a column of numbers."""
+    found = Table(title=Text(title) if title else None)
+    for heading in headings:
+        number = heading.endswith(">")
+        found.add_column(heading.rstrip(" >"), justify="right" if number else "left")
+    return found
+
+
+def print_equilibria(
+    scene: "Scene", values: Mapping[str, float], starts: int, output: Path | None, *, every: bool
+) -> None:
+    """Find one equilibrium, or `every` one that `starts` lead to; write the scene at the first one."""
+    from mbdlft.multibody.equilibrium import at_equilibrium, find_equilibrium
+    from mbdlft.multibody.scene import scene_to_toml
+
+    if every:
+        points = find_equilibrium(scene, values, starts=starts, every=True)
+    else:
+        points = (find_equilibrium(scene, values, starts=starts),)
+    out = console()
+    for k, point in enumerate(points, start=1):
+        rows = table(f"{scene.name}: equilibrium {k}", "unknown", "value >", "unit")
+        for name, value in {**point.positions, **point.efforts}.items():
+            rows.add_row(name, f"{value:.10g}", point.units[name])
+        out.print(rows)
+        out.print(f"residual {point.residual:.1e} of the largest terms; {_stability(scene, point)}")
+        if point.undetermined:
+            out.print(f"not determined: {', '.join(point.undetermined)}")
+    if output is not None:
+        text = scene_to_toml(at_equilibrium(scene, points[0]))
+        try:
+            output.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise SceneError(f"{output}: cannot be written: {error.strerror}.") from None
+        out.print(f"scene: {output}", soft_wrap=True)
+
+
+def _stability(scene: "Scene", point: "EquilibriumPoint") -> str:
+    from mbdlft.multibody.equilibrium import eigenvalues_at
+
+    try:
+        eigenvalues = eigenvalues_at(scene, point)
+    except MbdlftError as error:
+        return f"stability not known: {error}"
+    real, largest = float(eigenvalues[0].real), float(max(abs(eigenvalues)))
+    if abs(real) <= _GROWS * largest:
+        return "neither stable nor unstable: something moves without damping"
+    if real > 0.0:
+        return f"unstable: grows with {real:.3g} rad/s"
+    return f"stable: decays with {-real:.3g} rad/s"

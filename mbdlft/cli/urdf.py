@@ -1,0 +1,103 @@
+"""The command `import`: a scene from a URDF file."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mbdlft.base.errors import SceneError
+from mbdlft.base.parameter import Angle, Parameter
+from mbdlft.base.unit import ANGLE_UNITS
+
+Texts = list[str] | None
+
+
+def import_robot(
+    robot_file: Annotated[Path, typer.Argument(help="Robot, a URDF file.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Scene to write, a TOML file.")],
+    assignments: Annotated[
+        Texts,
+        typer.Option(
+            "--set",
+            help="LABEL=VALUE, such as tool0.mass=payload or elbow_joint.position=30*deg; numbers "
+            "are in SI units; may be repeated.",
+        ),
+    ] = None,
+    parameters: Annotated[
+        Texts,
+        typer.Option(
+            "--parameter",
+            help="NAME=LOW,NOMINAL,HIGH,UNIT for --set, such as payload=0,2,5,kg; may be repeated.",
+        ),
+    ] = None,
+    vary: Annotated[
+        Texts,
+        typer.Option(
+            "--vary",
+            help="LABEL=PERCENT: a parameter around the number of the file, such as "
+            "forearm_link.mass=20; may be repeated.",
+        ),
+    ] = None,
+    moving: Annotated[
+        Texts,
+        typer.Option("--moving", help="Joint that moves, the others are locked; may be repeated."),
+    ] = None,
+    free_base: Annotated[
+        bool, typer.Option("--free-base", help="Leave the root free instead of clamping it.")
+    ] = False,
+    keep_unphysical: Annotated[
+        bool, typer.Option("--keep-unphysical", help="Keep inertias that no body can have.")
+    ] = False,
+) -> None:
+    """Make a scene of a robot (URDF), and say what was ignored and what was assumed."""
+    from mbdlft.multibody.scene import scene_to_toml
+    from mbdlft.urdf import load_urdf
+
+    percents = dict(_pair("--vary", text) for text in vary or [])
+    scene, report = load_urdf(
+        robot_file,
+        parameters=[_parameter(text) for text in parameters or []],
+        values=dict(_pair("--set", text) for text in assignments or []),
+        vary={label: _number("--vary", label, value) for label, value in percents.items()},
+        moving=moving,
+        base="free" if free_base else "fixed",
+        keep_unphysical=keep_unphysical,
+    )
+    try:
+        output.write_text(scene_to_toml(scene), encoding="utf-8")
+    except OSError as error:
+        raise SceneError(f"{output}: cannot be written: {error.strerror}.") from None
+    typer.echo(str(report))
+    typer.echo(
+        f"{scene.name}: {len(scene.bodies)} bodies, {len(scene.joints)} joints, "
+        f"{len(scene.parameters)} parameters."
+    )
+    typer.echo(f"scene: {output}")
+
+
+def _pair(option: str, text: str) -> tuple[str, str]:
+    """Both sides of ``name=value``."""
+    name, equals, value = (part.strip() for part in text.partition("="))
+    if not (name and equals and value):
+        raise SceneError(f"{option} {text}: expected a name, = and a value.")
+    return name, value
+
+
+def _number(option: str, name: str, value: str) -> float:
+    try:
+        return float(value)
+    except ValueError:
+        raise SceneError(f"{option} {name}: expected a number, got {value!r}.") from None
+
+
+def _parameter(text: str) -> Parameter:
+    """Parameter of ``name=low,nominal,high,unit``; one in deg or rad is an angle."""
+    name, value = _pair("--parameter", text)
+    parts = [part.strip() for part in value.split(",")]
+    if len(parts) != 4:
+        raise SceneError(
+            f"--parameter {text}: expected NAME=LOW,NOMINAL,HIGH,UNIT, such as theta=-30,0,45,deg."
+        )
+    low, nominal, high = (_number("--parameter", name, part) for part in parts[:3])
+    kind = Angle if parts[3] in ANGLE_UNITS else Parameter
+    return kind(name, nominal, low, high, unit=parts[3])

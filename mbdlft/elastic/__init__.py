@@ -1,0 +1,5 @@
+"""Finite-element data to flexible bodies: component modes, sources of matrices, catalogue bodies."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

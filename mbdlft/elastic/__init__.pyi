@@ -1,0 +1,16 @@
+from .body import flexible_body as flexible_body
+from .body import modal_body as modal_body
+from .catalogue import load_body as load_body
+from .files import load_matrices as load_matrices
+from .files import save_matrices as save_matrices
+from .matrices import FiniteElements as FiniteElements
+from .matrices import to_si as to_si
+from .model import ModalModel as ModalModel
+from .model import modal_model as modal_model
+from .nastran import load_nastran as load_nastran
+from .nodes import Interface as Interface
+from .nodes import Nodes as Nodes
+from .nodes import every_dof as every_dof
+from .report import EffectiveMasses as EffectiveMasses
+from .report import effective_masses as effective_masses
+from .results import model_of_results as model_of_results

@@ -1,0 +1,142 @@
+"""Catalogue bodies: `mbdlft-body/1`, a description beside its data, for use in any scene.
+
+A scene file stays complete in itself: what it needs is not a reference to a catalogue but the table
+of the body, which `mbdlft body` prints.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from mbdlft.base.errors import MbdlftError, SceneError, StructureError, unknown_name
+from mbdlft.elastic.body import modal_body
+from mbdlft.elastic.files import load_matrices
+from mbdlft.elastic.matrices import FiniteElements, to_si
+from mbdlft.elastic.model import ModalModel, modal_model
+from mbdlft.elastic.nastran import load_nastran
+from mbdlft.elastic.nodes import Interface
+from mbdlft.multibody.body import Body
+from mbdlft.multibody.scene.toml import read_body, read_file, read_table
+
+FORMAT = "mbdlft-body/1"
+LIMITS = ("modes", "frequency", "effective_mass")
+_CHOICES = (*LIMITS, "method", "damping", "prestress")
+_NASTRAN = ("bulk", "mass_matrix", "stiffness_matrix")
+_UNITS = ("length_unit", "mass_unit")
+_TEXTS = ("format", "description", "source")
+_DATA = ("data", "parent", "ports", *_CHOICES, *_NASTRAN, *_UNITS)
+
+
+def load_body(path: str | Path, name: str | None = None, **choices: Any) -> Body:
+    """Body of a catalogue file, ready for a scene.
+
+    Parameters
+    ----------
+    path : TOML file with the format `mbdlft-body/1`
+    name : name of the body in the scene; by default that of the file
+    choices : method, modes, frequency, effective_mass, damping, prestress
+        In place of what the file says, for a body that is reduced from matrices.
+
+    Raises
+    ------
+    SceneError
+        The file cannot be read or is not the description of a body.
+    StructureError
+        Its data are not those of a free structure: see `modal_model`.
+    """
+    file = Path(path)
+    table = body_table(file)
+    called = name or file.stem
+    if "body" in table:
+        if choices:
+            key = next(iter(choices))
+            raise SceneError(f"{file}: {key!r} cannot be chosen: the body has no matrices.")
+        try:
+            return read_body(called, table["body"])
+        except MbdlftError as error:
+            raise type(error)(f"{file}: {error}") from None
+    options = _options(file, table, choices)
+    kept = {key: options[key] for key in ("damping", "prestress") if key in options}
+    return modal_body(called, reduced_body(file, **choices), **kept)
+
+
+def reduced_body(path: str | Path, **choices: Any) -> ModalModel:
+    """Modal model of a catalogue file that has matrices.
+
+    Parameters
+    ----------
+    path, choices : as in `load_body`
+    """
+    file = Path(path)
+    table = body_table(file)
+    if "data" not in table:
+        raise SceneError(f"{file}: the body has no matrices ('data').")
+    options = _options(file, table, choices)
+    reduction = {key: options[key] for key in (*LIMITS, "method") if key in options}
+    try:
+        parent = _interface("parent", table["parent"])
+        ports = {port: _interface(f"ports.{port}", at) for port, at in table["ports"].items()}
+        return modal_model(*_matrices(file.parent, table), parent, ports, **reduction)
+    except MbdlftError as error:
+        raise type(error)(f"{file}: {error}") from None
+
+
+def body_table(path: str | Path) -> dict[str, Any]:
+    """The entries of a catalogue file, checked."""
+    return read_file(path, lambda text: read_table(text, _checked))
+
+
+def _checked(table: dict[str, Any]) -> dict[str, Any]:
+    if table.get("format") != FORMAT:
+        raise SceneError(f"format: expected {FORMAT!r}, got {table.get('format')!r}.")
+    own = ("body",) if "body" in table else _DATA
+    for key in table:
+        if key not in (*_TEXTS, *own):
+            raise SceneError(unknown_name("key", key, (*_TEXTS, *own)))
+    needed = (*_TEXTS, "body") if "body" in table else (*_TEXTS, "data", "parent", "ports")
+    for key in needed:
+        if key not in table:
+            raise SceneError(f"{key!r} is missing.")
+    for key in ("body", "ports"):
+        if not isinstance(table.get(key, {}), dict):
+            raise SceneError(f"{key}: expected a table, got {table[key]!r}.")
+    for key in (*_TEXTS, "data", *_NASTRAN, *_UNITS):
+        if key in table and not isinstance(table[key], str):
+            raise SceneError(f"{key}: expected a text, got {table[key]!r}.")
+    return table
+
+
+def _options(file: Path, table: Mapping[str, Any], choices: Mapping[str, Any]) -> dict[str, Any]:
+    """What the file says, or what is chosen in place of it; one limit takes the place of another."""
+    for key in choices:
+        if key not in _CHOICES:
+            raise SceneError(f"{file}: " + unknown_name("choice", key, _CHOICES))
+    found = {key: table[key] for key in _CHOICES if key in table}
+    if any(key in choices for key in LIMITS):
+        found = {key: value for key, value in found.items() if key not in LIMITS}
+    return found | dict(choices)
+
+
+def _matrices(folder: Path, table: Mapping[str, Any]) -> FiniteElements:
+    data = folder / table["data"]
+    if "bulk" in table:
+        names = {
+            "mass": table.get("mass_matrix", "MAA"),
+            "stiffness": table.get("stiffness_matrix", "KAA"),
+        }
+        elements = load_nastran(data, folder / table["bulk"], **names)
+    else:
+        elements = load_matrices(data)
+    if any(unit in table for unit in _UNITS):
+        return to_si(elements, table.get("length_unit", "m"), table.get("mass_unit", "kg"))
+    return elements
+
+
+def _interface(what: str, given: Any) -> Any:
+    """A node, several, or a table with nodes and point."""
+    if not isinstance(given, dict):
+        return given
+    if set(given) - {"nodes", "point"} or "nodes" not in given:
+        raise StructureError(f"{what}: expected nodes and, if need be, a point, got {given!r}.")
+    point = given.get("point")
+    return Interface(given["nodes"], tuple(point) if isinstance(point, list) else point)

@@ -1,0 +1,89 @@
+"""Mass and stiffness matrices as they come from a finite-element program: checks, and units."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from mbdlft.base.errors import StructureError
+from mbdlft.base.unit import parse_unit
+from mbdlft.elastic.nodes import Nodes
+
+_SYMMETRY = 1e-8  # of the largest entry; matrices are written with few digits
+
+
+class FiniteElements(NamedTuple):
+    """Mass and stiffness matrix (N, N), dense or sparse, and the node table of their rows."""
+
+    mass_matrix: Any
+    stiffness_matrix: Any
+    nodes: Nodes
+
+
+def to_si(elements: FiniteElements, length: str = "mm", mass: str = "t") -> FiniteElements:
+    """The same model in m, kg and s, from consistent units of length, mass and second.
+
+    With u = S u_SI, S = 1/L for displacements and 1 for rotations, and energies in units of m L^2/s^2,
+
+        M_SI = m L^2 S M S,   K_SI = m L^2 S K S
+
+    Parameters
+    ----------
+    elements : FiniteElements
+    length, mass : units, such as ``mm`` and ``t`` where forces are in N and moduli in MPa
+    """
+    L, m = _factor("length", length, "m"), _factor("mass", mass, "kg")
+    nodes = elements.nodes
+    component = np.asarray(nodes.dof)[:, 1]
+    # a coordinate of no node may have any scale
+    scale = sp.diags_array(np.where(component <= 3, 1.0 / L, 1.0))
+    matrices = [m * L**2 * (scale @ sp.csr_array(matrix) @ scale) for matrix in elements[:2]]
+    coordinates = L * np.asarray(nodes.coordinates)
+    mass_matrix, stiffness_matrix = matrices
+    table = Nodes(nodes.numbers, coordinates, nodes.dof, nodes.axes)
+    return FiniteElements(mass_matrix, stiffness_matrix, table)
+
+
+def checked(what: str, matrix: Any, rows: int) -> Any:
+    """The matrix as a symmetric csr_array of `rows` rows; rounding of its symmetry is averaged.
+
+    Raises
+    ------
+    StructureError
+        Another shape than the node table asks for, entries that are not finite, or not symmetric.
+    """
+    try:
+        found = sp.csr_array(matrix, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise StructureError(
+            f"{what} matrix: expected a matrix of real numbers: {error}."
+        ) from None
+    if found.ndim != 2 or found.shape != (rows, rows):
+        raise StructureError(
+            f"{what} matrix: expected {rows} x {rows}, one row for each dof of the node table, got "
+            f"{' x '.join(map(str, found.shape))}. Give `dof` in the order of the rows."
+        )
+    if not np.all(np.isfinite(found.data)):
+        raise StructureError(f"{what} matrix: expected finite entries, got nan or inf.")
+    difference = abs(found - found.T)
+    largest = abs(found).max() if found.nnz else 0.0
+    if difference.nnz and difference.max() > _SYMMETRY * largest:
+        entries = difference.tocoo()
+        worst = int(np.argmax(entries.data))
+        i, j = int(entries.row[worst]), int(entries.col[worst])
+        raise StructureError(
+            f"{what} matrix: not symmetric: entry ({i + 1}, {j + 1}) is {found[i, j]:g} and ({j + 1}, "
+            f"{i + 1}) is {found[j, i]:g}. A file may have one triangle only: add the transpose of "
+            "what is "
+            "off the diagonal."
+        )
+    return sp.csr_array(0.5 * (found + found.T))
+
+
+def _factor(what: str, unit: str, si: str) -> float:
+    found = parse_unit(unit)
+    if found.dimension != parse_unit(si).dimension:
+        raise StructureError(
+            f"to_si: {what}: expected a unit of {what} such as {si!r}, got {unit!r}."
+        )
+    return found.factor

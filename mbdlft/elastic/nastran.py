@@ -1,0 +1,117 @@
+"""Matrices of NASTRAN: OP4 files and DMIG cards of punch files, with the GRID cards of a bulk data file.
+
+Read with pyYeti, the extra `mbdlft[nastran]`. (pyNastran 1.4 needs numpy older than 2.)
+"""
+
+import importlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import MbdlftError, StructureError, unknown_name
+from mbdlft.elastic.matrices import FiniteElements
+from mbdlft.elastic.nodes import Indices, Nodes, every_dof
+
+
+def load_nastran(
+    matrices: str | Path, bulk: str | Path, *, mass: str = "MAA", stiffness: str = "KAA"
+) -> FiniteElements:
+    """Matrices and node table, in the units of the files (see `to_si`).
+
+    Parameters
+    ----------
+    matrices : file
+        NAME.op4 in any of its forms, or a punch file with DMIG cards.
+    bulk : file
+        Bulk data with the GRID and CORD2 cards of all nodes of the matrices (not of more, for an OP4
+        file without EXTRN card). The rows of OP4 matrices are those of the EXTRN card, or all six
+        components of every GRID in the order of their numbers, then one of each SPOINT.
+    mass, stiffness : names of the matrices
+
+    Coordinates with neither mass nor stiffness (constrained by AUTOSPC) are left out.
+
+    Raises
+    ------
+    StructureError
+        pyYeti is not there, a file cannot be read, or the matrices and nodes do not fit together.
+    """
+    try:
+        cards = importlib.import_module("pyyeti.nastran.bulk")
+        op4 = importlib.import_module("pyyeti.nastran.op4")
+        grids = importlib.import_module("pyyeti.nastran.n2p")
+    except ImportError as error:
+        raise StructureError(
+            f"NASTRAN files are read with pyYeti, which cannot be imported ({error}). Install it "
+            "with: pip install "
+            "'mbdlft[nastran]'."
+        ) from None
+    source, table = Path(matrices), Path(bulk)
+    numbers, coordinates, axes = _grids(cards, grids, table)
+    try:
+        if source.suffix.lower() == ".op4":
+            found = op4.read(str(source), sparse=(True, sp.coo_array.tocsr))
+            pair = [_named(found, name) for name in (mass, stiffness)]
+            dof = _rows(cards, table, numbers)
+        else:
+            frames = cards.rddmig(str(source))
+            pair, dof = _of_cards([_named(frames, name) for name in (mass, stiffness)])
+    except MbdlftError as error:
+        raise StructureError(f"{source}: {error}") from None
+    except (OSError, ValueError, TypeError, KeyError, IndexError) as error:
+        raise StructureError(f"{source}: cannot be read as NASTRAN matrices: {error}") from None
+    for name, matrix in zip((mass, stiffness), pair, strict=True):
+        if matrix.shape != (len(dof), len(dof)):
+            raise StructureError(
+                f"{source}: {name} is {matrix.shape[0]} x {matrix.shape[1]}, and {table} has "
+                f"{len(dof)} coordinates. "
+                "Give the bulk data of exactly the nodes of the matrices (an .asm or .pch file of "
+                "EXTSEOUT)."
+            )
+    M, K = (sp.csr_array(matrix) for matrix in pair)
+    used = np.flatnonzero((abs(M) + abs(K)).sum(axis=1))
+    nodes = Nodes(numbers, coordinates, dof[used], axes)
+    return FiniteElements(M[used][:, used], K[used][:, used], nodes)
+
+
+def _grids(cards: Any, grids: Any, table: Path) -> tuple[Indices, Array, Array]:
+    """Numbers, positions in the basic system, and axes of displacements of all GRID cards."""
+    try:
+        uset, _ = cards.bulk2uset(str(table))
+        entries = uset.iloc[:, 1:].to_numpy(dtype=float).reshape(-1, 6, 3)
+        motions = np.asarray(grids.rbgeom_uset(uset)).reshape(-1, 6, 6)
+        numbers = np.asarray(uset.index.get_level_values("id"), dtype=np.int64)[::6]
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        raise StructureError(
+            f"{table}: cannot be read as bulk data with GRID cards: {error}"
+        ) from None
+    # displacements in their own axes for unit displacements of the structure: the axes, transposed
+    return numbers, entries[:, 0], np.swapaxes(motions[:, :3, :3], 1, 2)
+
+
+def _rows(cards: Any, table: Path, numbers: Indices) -> Indices:
+    """Nodes and components of the rows of OP4 matrices."""
+    extern = cards.rdcards(str(table), "extrn", no_data_return=None)
+    if extern is not None:
+        pairs = np.asarray(extern, dtype=np.int64).reshape(-1, 2)
+        return np.array([(int(n), int(c)) for n, text in pairs for c in str(text)], dtype=np.int64)
+    points = cards.rdcards(str(table), "spoint", no_data_return=None)
+    scalar = np.asarray([] if points is None else points, dtype=np.int64).ravel()
+    return np.vstack([every_dof(np.sort(numbers)), np.stack([scalar, 0 * scalar], axis=1)])
+
+
+def _of_cards(frames: list[Any]) -> tuple[list[Any], Indices]:
+    """Two DMIG tables on the union of their rows."""
+    index = frames[0].index.union(frames[1].index)
+    dof = np.array([(int(n), int(c)) for n, c in index], dtype=np.int64)
+    full = [frame.reindex(index=index, columns=index, fill_value=0.0) for frame in frames]
+    return [sp.csr_array(frame.to_numpy(dtype=float)) for frame in full], dof
+
+
+def _named(found: dict[str, Any] | None, name: str) -> Any:
+    known = {key.lower(): value for key, value in (found or {}).items()}
+    if name.lower() not in known:
+        raise StructureError(unknown_name("matrix", name, known))
+    return known[name.lower()]

@@ -1,0 +1,203 @@
+"""Node tables: which node, direction and axes each row of a finite-element matrix belongs to.
+
+Components are numbered as usual in the field: 1, 2, 3 are displacements (m) along x, y, z, 4, 5, 6
+rotations (rad) about them, 0 is a coordinate of no node that is zero in every rigid motion, such as
+a modal coordinate of a superelement.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import StructureError
+
+Indices = NDArray[np.int64]
+
+COMPONENTS = (1, 2, 3, 4, 5, 6)
+DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
+_ROUNDING = 1e-9  # of axes that are given with few digits
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Nodes:
+    """The node table of a finite-element model.
+
+    Parameters
+    ----------
+    numbers : int (n,)
+    coordinates : float (n, 3)
+        Positions (m).
+    dof : int (N, 2), optional
+        Number of the node and component of each row of the matrices, in their order; by default all
+        six components of every node.
+    axes : float (n, 3, 3), optional
+        Columns are the axes of the displacements of each node; by default those of the
+        coordinates.
+
+    Raises
+    ------
+    StructureError
+        Wrong shapes, numbers that are not unique or not found, axes that are not orthonormal.
+    """
+
+    numbers: ArrayLike
+    coordinates: ArrayLike
+    dof: ArrayLike | None = None
+    axes: ArrayLike | None = None
+
+    def __post_init__(self) -> None:
+        numbers = _integers("numbers", self.numbers, 1)
+        coordinates = _floats("coordinates", self.coordinates, (len(numbers), 3))
+        if not len(numbers):
+            raise StructureError("node table: expected at least one node, got none.")
+        unique, counts = np.unique(numbers, return_counts=True)
+        if np.any(counts > 1):
+            raise StructureError(f"node table: node {unique[counts > 1][0]} is given twice.")
+        given = every_dof(numbers) if self.dof is None else self.dof
+        dof = _integers("dof", given, 2)
+        axes = np.broadcast_to(np.eye(3), (len(numbers), 3, 3)) if self.axes is None else self.axes
+        axes = _floats("axes", axes, (len(numbers), 3, 3))
+        _check_dof(dof, numbers)
+        turned = np.swapaxes(axes, 1, 2) @ axes
+        wrong = np.max(np.abs(turned - np.eye(3)), axis=(1, 2)) > _ROUNDING
+        wrong |= np.linalg.det(axes) < 0.0
+        if np.any(wrong):
+            raise StructureError(
+                f"node table: the axes of node {numbers[wrong][0]} are not right-handed and "
+                "orthonormal. "
+                "Columns are unit vectors in the axes of the coordinates."
+            )
+        for name, value in (
+            ("numbers", numbers),
+            ("coordinates", coordinates),
+            ("dof", dof),
+            ("axes", axes),
+        ):
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    def __len__(self) -> int:
+        return len(np.asarray(self.numbers))
+
+
+@dataclass(frozen=True, slots=True)
+class Interface:
+    """Several nodes made rigid, and the point (m) that moves with them: the origin or a port of the body.
+
+    By default the point is the mean of the coordinates of the nodes.
+    """
+
+    nodes: Sequence[int]
+    point: tuple[float, float, float] | None = None
+
+
+def every_dof(numbers: ArrayLike, components: Sequence[int] = COMPONENTS) -> Indices:
+    """Rows (N, 2) of a table `dof` with the same components at every node, node by node.
+
+    Parameters
+    ----------
+    numbers : int (n,)
+    components : some of 1 to 6, in their order
+    """
+    table = [[number, c] for number in np.asarray(numbers).tolist() for c in components]
+    return np.array(table, dtype=np.int64).reshape(-1, 2)
+
+
+def rigid_motions(nodes: Nodes, origin: ArrayLike) -> Array:
+    """R (N, 6): all coordinates for unit displacements of a rigid body and unit rotations about `origin`.
+
+    u = t + theta x (r - origin), in the axes of each node; equation (4.26) of the source in
+    `tests/reference/flexible.py`, by geometry.
+    """
+    dof = np.asarray(nodes.dof)
+    place = places(nodes, dof[:, 0], 0)
+    axes = np.asarray(nodes.axes)[place]
+    move = transport(np.asarray(nodes.coordinates)[place] - np.asarray(origin, dtype=float))
+    turned = np.concatenate(
+        [np.swapaxes(axes, 1, 2) @ move[:, :3], np.swapaxes(axes, 1, 2) @ move[:, 3:]], axis=1
+    )
+    found = turned[np.arange(len(dof)), np.maximum(dof[:, 1] - 1, 0)]
+    found[dof[:, 1] == 0] = 0.0
+    return np.asarray(found)
+
+
+def transport(r: ArrayLike) -> Array:
+    """(..., 6, 6): small motion of a point of a rigid body at r (..., 3), from that of its origin."""
+    x, y, z = np.moveaxis(np.asarray(r, dtype=float), -1, 0)
+    found = np.zeros((*x.shape, 6, 6))
+    found[..., range(6), range(6)] = 1.0
+    found[..., 0, 4], found[..., 0, 5] = z, -y
+    found[..., 1, 3], found[..., 1, 5] = -z, x
+    found[..., 2, 3], found[..., 2, 4] = y, -x
+    return found
+
+
+def places(nodes: Nodes, numbers: ArrayLike, missing: int | None = None) -> Indices:
+    """Positions in the table of node numbers; `missing` stands for those that are not there."""
+    known = {int(number): k for k, number in enumerate(np.asarray(nodes.numbers))}
+    try:
+        found = [
+            known[int(n)] if missing is None else known.get(int(n), missing)
+            for n in np.asarray(numbers).ravel()
+        ]
+    except KeyError as error:
+        raise StructureError(node_not_found(int(error.args[0]), known)) from None
+    return np.array(found, dtype=np.int64)
+
+
+def node_not_found(number: int, known: dict[int, int]) -> str:
+    """Sentence for a node that is not in the table, with the range of those that are."""
+    nearest = sorted(known, key=lambda n: (abs(n - number), n))[:5]
+    return (
+        f"node {number} is not in the node table, which has {len(known)} nodes from {min(known)} to "
+        f"{max(known)}. Nearest numbers: {', '.join(map(str, sorted(nearest)))}."
+    )
+
+
+def _check_dof(dof: Indices, numbers: Indices) -> None:
+    if dof.shape[1:] != (2,):
+        raise StructureError(
+            "node table: dof: expected a row of two (node, component) for each row of the "
+            "matrices, got "
+            f"the shape {dof.shape}."
+        )
+    if len(dof) and (np.min(dof[:, 1]) < 0 or np.max(dof[:, 1]) > 6):
+        wrong = dof[(dof[:, 1] < 0) | (dof[:, 1] > 6)][0]
+        raise StructureError(
+            f"node table: dof: component {wrong[1]} of node {wrong[0]}; expected 1, 2, 3 "
+            "(displacements), 4, 5, "
+            "6 (rotations), or 0 for a coordinate of no node."
+        )
+    at_nodes = dof[dof[:, 1] > 0]
+    unknown = np.setdiff1d(at_nodes[:, 0], numbers)
+    if len(unknown):
+        known = {int(n): k for k, n in enumerate(numbers)}
+        raise StructureError("node table: dof: " + node_not_found(int(unknown[0]), known))
+    rows, counts = np.unique(at_nodes, axis=0, return_counts=True)
+    if np.any(counts > 1):
+        node, component = rows[counts > 1][0]
+        raise StructureError(
+            f"node table: dof: component {component} of node {node} is there twice."
+        )
+
+
+def _integers(what: str, given: ArrayLike, dimensions: int) -> Indices:
+    array = np.asarray(given)
+    if array.ndim != dimensions or not (np.issubdtype(array.dtype, np.integer) or not array.size):
+        raise StructureError(
+            f"node table: {what}: expected whole numbers in {dimensions} dimension"
+            f"{'s' if dimensions > 1 else ''}, got {array.dtype} of shape {array.shape}."
+        )
+    return np.array(array, dtype=np.int64)
+
+
+def _floats(what: str, given: ArrayLike, shape: tuple[int, ...]) -> Array:
+    array = np.array(given, dtype=float)
+    if array.shape != shape:
+        raise StructureError(f"node table: {what}: expected the shape {shape}, got {array.shape}.")
+    if not np.all(np.isfinite(array)):
+        raise StructureError(f"node table: {what}: expected finite numbers, got nan or inf.")
+    return array

@@ -1,0 +1,173 @@
+"""The coordinates of a structure at its interfaces: interior, ports, parent.
+
+Each interface moves as a rigid point: q = T [q_n ; u_1 ; ... ; u_k ; u_r] with the interior
+coordinates q_n, the motions u of the ports and u_r of the parent, three displacements and three
+rotations in the axes of the coordinates. A structure without displacements in some direction (a plane
+model) has motions u without it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import StructureError
+from mbdlft.elastic.nodes import (
+    DIRECTIONS,
+    Indices,
+    Interface,
+    Nodes,
+    places,
+    rigid_motions,
+    transport,
+)
+
+_ROUNDING = 1e-9  # of a rotation that nodes on a line do not determine
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Partition:
+    """T, and the places of its parts.
+
+    Attributes
+    ----------
+    expand : sparse (N, n + e + r)
+    interior : number n of interior coordinates
+    ports : places of the motions of each port among the e + n + r coordinates
+    directions : directions 0 to 5 of the motion of the parent, and of each port
+    positions : (3,) of each port from the origin (m)
+    rigid : (n + e + r, r), motions of a rigid body about the origin
+    origin : (3,) in the coordinates of the nodes (m)
+    rows : row of the matrices of each interior coordinate
+    """
+
+    expand: Any
+    interior: int
+    ports: Mapping[str, slice]
+    directions: tuple[int, ...]
+    positions: Mapping[str, Array]
+    rigid: Array
+    origin: Array
+    rows: Indices
+
+    @property
+    def free(self) -> int:
+        """Number of coordinates that move when the parent is held."""
+        return int(self.rigid.shape[0]) - len(self.directions)
+
+
+def partition(nodes: Nodes, parent: Any, ports: Mapping[str, Any]) -> Partition:
+    """Partition of the coordinates; `parent` and `ports` as in `modal_model`."""
+    held = _interface("parent", parent)
+    at = {name: _interface(f"port {name!r}", given) for name, given in ports.items()}
+    dof = np.asarray(nodes.dof)
+    owner: dict[int, str] = {}
+    for what, interface in (("parent", held), *((f"port {name!r}", at[name]) for name in at)):
+        for number in interface.nodes:
+            if number in owner:
+                raise StructureError(f"node {number} belongs to {owner[number]} and to {what}.")
+            owner[number] = what
+    origin, own, directions, motion = _moved("parent", nodes, held)
+    blocks, positions, where = [], {}, {}
+    taken = [own]
+    rows = np.flatnonzero(~np.isin(dof[:, 0], list(owner)) | (dof[:, 1] == 0))
+    k = len(rows)
+    rigid = [rigid_motions(nodes, origin)[rows][:, directions]]
+    for name, interface in at.items():
+        point, its_own, its_directions, its_motion = _moved(f"port {name!r}", nodes, interface)
+        missing = [DIRECTIONS[d] for d in directions if d not in its_directions]
+        if missing:
+            raise StructureError(
+                f"port {name!r}: its nodes have no {' and no '.join(missing)}, so modes have no "
+                "shape there. "
+                "Give several nodes that are not on a line (they are made rigid), or a node with "
+                "rotations."
+            )
+        extra = [DIRECTIONS[d] for d in its_directions if d not in directions]
+        if extra:
+            raise StructureError(
+                f"parent: it does not hold {', '.join(extra)}, in which the port {name!r} can "
+                "move. Give several "
+                "nodes that are not on a line (they are made rigid), or a node with rotations."
+            )
+        positions[name] = point - origin
+        where[name] = slice(k, k := k + len(its_directions))
+        blocks.append(its_motion)
+        taken.append(its_own)
+        rigid.append(transport(point - origin)[np.ix_(its_directions, directions)])
+    rigid.append(np.eye(len(directions)))
+    selection = sp.csr_array((np.ones(len(rows)), (rows, range(len(rows)))), (len(dof), len(rows)))
+    columns = [selection]
+    for its_rows, block in zip([*taken[1:], taken[0]], [*blocks, motion], strict=True):
+        placed = np.zeros((len(dof), block.shape[1]))
+        placed[its_rows] = block
+        columns.append(sp.csr_array(placed))
+    return Partition(
+        expand=sp.csr_array(sp.hstack(columns)),
+        interior=len(rows),
+        ports=where,
+        directions=tuple(directions),
+        positions=positions,
+        rigid=np.vstack(rigid),
+        origin=origin,
+        rows=rows,
+    )
+
+
+def _interface(what: str, given: Any) -> Interface:
+    """An interface of one node, several, or one that is given as such; each node once."""
+    if isinstance(given, Interface):
+        interface = given
+    elif isinstance(given, int | np.integer) and not isinstance(given, bool):
+        interface = Interface((int(given),))
+    else:
+        interface = Interface(given)
+    try:
+        numbers = tuple(int(n) for n in interface.nodes if int(n) == n)
+    except (TypeError, ValueError):
+        numbers = ()
+    if not numbers or len(numbers) < len(tuple(interface.nodes)):
+        raise StructureError(
+            f"{what}: expected the number of a node, several numbers, or an Interface, got {given!r}."
+        )
+    return Interface(tuple(dict.fromkeys(numbers)), interface.point)
+
+
+def _moved(
+    what: str, nodes: Nodes, interface: Interface
+) -> tuple[Array, Indices, list[int], Array]:
+    """Point of an interface, the rows of its nodes, its directions, and the motion of the rows (., d)."""
+    try:
+        at = places(nodes, interface.nodes)
+    except StructureError as error:
+        raise StructureError(f"{what}: {error}") from None
+    coordinates = np.asarray(nodes.coordinates)[at]
+    point = np.mean(coordinates, axis=0) if interface.point is None else np.array(interface.point)
+    if point.shape != (3,) or not np.all(np.isfinite(point)):
+        raise StructureError(
+            f"{what}: point: expected three coordinates (m), got {interface.point!r}."
+        )
+    dof = np.asarray(nodes.dof)
+    rows = np.flatnonzero(np.isin(dof[:, 0], interface.nodes) & (dof[:, 1] > 0))
+    if not len(rows):
+        raise StructureError(
+            f"{what}: node {interface.nodes[0]} has no coordinate in the matrices. It may have "
+            "been constrained or "
+            "condensed away: keep it when the matrices are written."
+        )
+    motion = rigid_motions(nodes, point)[rows]
+    size = max(float(np.max(np.linalg.norm(coordinates - point, axis=1))), 0.0)
+    scale = np.array([1.0] * 3 + [size if size > 0.0 else 1.0] * 3)
+    extent = np.max(np.abs(motion), axis=0) / scale
+    directions = [d for d in range(6) if extent[d] > _ROUNDING]
+    values = np.linalg.svd(motion[:, directions] / scale[directions], compute_uv=False)
+    if len(values) < len(directions) or values[-1] < _ROUNDING * values[0]:
+        raise StructureError(
+            f"{what}: its nodes do not determine all of the motions "
+            f"{', '.join(DIRECTIONS[d] for d in directions)}: "
+            "they are on a line, or at one point. Give more nodes, or a node with rotations."
+        )
+    return point, rows, directions, motion[:, directions]

@@ -1,0 +1,136 @@
+"""Component modes: reduced matrices of a structure held at its parent.
+
+The coordinates are n (interior), e (all ports) and r (parent), and f = n and e together. Kept are
+
+    Hurty                 modes of n with e and r fixed; constraint modes of e; rigid modes of r
+    Craig-Bampton         modes of n with e and r fixed; constraint modes of e and r
+    effective mass        modes of f with r fixed; rigid modes of r (Imbert)
+
+which are (4.21) to (4.31), (4.36) to (4.38) and (4.41) of the source in `tests/reference/flexible.py`.
+The first two span the same motions. Each is reduced to M, K (q, q) of the elastic coordinates, their
+coupling P' (q, r) with the rigid motions, and the motion of the ports (e, q).
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.elastic.eigen import Modes, Solver, lowest_modes
+from mbdlft.elastic.nodes import Nodes
+from mbdlft.elastic.partition import Partition
+
+
+class Reduced(NamedTuple):
+    """Matrices of the elastic coordinates: mass, stiffness (q, q), coupling (q, r), ports (e, q)."""
+
+    mass: Array
+    stiffness: Array
+    coupling: Array
+    ports: Array
+
+
+class Structure(NamedTuple):
+    """Matrices (f + r, f + r) of a partitioned structure."""
+
+    mass: Any
+    stiffness: Any
+    at: Partition
+
+
+class Candidates(NamedTuple):
+    """What to choose from: `modes(count)` has at least that many, `reduce` makes matrices of them.
+
+    In the reduced matrices the modes come first, then the motions of the ports.
+    """
+
+    modes: Callable[[int], Modes]
+    reduce: Callable[[Modes], Reduced]
+
+
+def candidates(structure: Structure, method: str, nodes: Nodes) -> Candidates:
+    """The modes of a method and how they are used."""
+    at, n = structure.at, structure.at.interior
+    if method == "effective-mass":
+        modes, _ = _computed(structure, nodes, at.free)
+        return Candidates(modes, lambda modes: effective_mass(structure, modes))
+    modes, solver = _computed(structure, nodes, n)
+    constraint = -solver(structure.stiffness[:n, n:].toarray())
+    if method == "hurty":
+        ports = constraint[:, : at.free - n]
+        return Candidates(modes, lambda modes: hurty(structure, modes, ports))
+    return Candidates(modes, lambda modes: craig_bampton(structure, modes, constraint))
+
+
+def _computed(
+    structure: Structure, nodes: Nodes, rows: int
+) -> tuple[Callable[[int], Modes], Solver]:
+    """Modes of the first `rows` coordinates with the others fixed; those of the last call are kept."""
+    mass, stiffness = (matrix[:rows, :rows] for matrix in structure[:2])
+    solver = Solver(stiffness, _names(structure, nodes))
+    last: list[Modes] = []
+
+    def modes(count: int) -> Modes:
+        if not last or not (last[-1].complete or len(last[-1]) >= count):
+            last.append(lowest_modes(mass, solver, stiffness, count))
+        return last[-1]
+
+    return modes, solver
+
+
+def hurty(structure: Structure, modes: Modes, constraint: Array) -> Reduced:
+    """Fixed-interface modes and constraint modes (n, e) of the ports, about the rigid motion."""
+    n, free = structure.at.interior, structure.at.free
+    basis = np.zeros((free, len(modes) + free - n))
+    basis[:n, : len(modes)] = modes.shapes
+    basis[:n, len(modes) :] = constraint
+    basis[n:, len(modes) :] = np.eye(free - n)
+    return _projected(structure, basis)
+
+
+def craig_bampton(structure: Structure, modes: Modes, constraint: Array) -> Reduced:
+    """Fixed-interface modes and constraint modes (n, e + r); then the parent is held."""
+    n, free, k = structure.at.interior, structure.at.free, len(modes)
+    size = structure.mass.shape[0]
+    basis = np.zeros((size, k + size - n))
+    basis[:n] = np.hstack([modes.shapes, constraint])
+    basis[n:, k:] = np.eye(size - n)
+    mass, stiffness = (basis.T @ (matrix @ basis) for matrix in structure[:2])
+    # in these coordinates a rigid motion is that of the interfaces, and no mode
+    rigid = np.vstack([np.zeros((k, structure.at.rigid.shape[1])), structure.at.rigid[n:]])
+    elastic = slice(k + free - n)
+    ports = np.hstack([np.zeros((free - n, k)), np.eye(free - n)])
+    return Reduced(
+        mass[elastic, elastic], stiffness[elastic, elastic], (mass @ rigid)[elastic], ports
+    )
+
+
+def effective_mass(structure: Structure, modes: Modes) -> Reduced:
+    """Modes of the structure held at its parent, with its ports free."""
+    return _projected(structure, modes.shapes)
+
+
+def _projected(structure: Structure, basis: Array) -> Reduced:
+    """Matrices of the coordinates of a basis (f, q) of motions with the parent held."""
+    free = structure.at.free
+    inertia = structure.mass @ structure.at.rigid
+    return Reduced(
+        mass=basis.T @ (structure.mass[:free, :free] @ basis),
+        stiffness=basis.T @ (structure.stiffness[:free, :free] @ basis),
+        coupling=basis.T @ inertia[:free],
+        ports=basis[structure.at.interior :],
+    )
+
+
+def _names(structure: Structure, nodes: Nodes) -> Callable[[int], str]:
+    """Words for a coordinate of the partition."""
+    dof, at = np.asarray(nodes.dof), structure.at
+
+    def name(row: int) -> str:
+        if row < at.interior:
+            node, component = dof[at.rows[row]]
+            return f"component {component} of node {node}"
+        return next(f"port {port!r}" for port, place in at.ports.items() if row < place.stop)
+
+    return name

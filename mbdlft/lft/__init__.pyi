@@ -1,0 +1,2 @@
+from .lft import LFT as LFT
+from .lft import Block as Block

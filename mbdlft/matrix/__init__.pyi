@@ -1,0 +1,6 @@
+from .exact_bound import exact_lower_bound as exact_lower_bound
+from .problem import MatrixProblem as MatrixProblem
+from .symbolic import matrix_problem as matrix_problem
+from .toml import load_matrix as load_matrix
+from .toml import matrix_from_toml as matrix_from_toml
+from .toml import matrix_to_toml as matrix_to_toml

@@ -1,0 +1,137 @@
+"""Values of a matrix problem without any LFT: in 50 digits, and what rounding of its numbers changes."""
+
+from collections.abc import Sequence
+from decimal import Context, Decimal, localcontext
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import SceneError, WellPosednessError
+from mbdlft.base.parameter import Parameter
+from mbdlft.base.unit import parse_unit
+from mbdlft.matrix.problem import MatrixProblem
+from mbdlft.matrix.resolve import Resolved, cosine_name, entry_place, matrix_values, sine_name
+
+_LEAST = 1e-280  # of an entry: its rounding is a float, too
+_DIGITS = Context(prec=50, traps=[])  # what is not finite has its own message
+
+
+class MatrixReference(NamedTuple):
+    """Values (N, rows, columns), and their sizes if nothing cancelled in sums (N, rows, columns)."""
+
+    values: Array
+    sizes: Array
+
+
+class Sized:
+    """A value and its size; ``+ - * /`` as for numbers.
+
+    The size of a number is its own. Sizes of terms add up; of two factors the one counts in which
+    more cancelled. Rounding of all numbers changes the value by about 2.2e-16 of the size.
+    """
+
+    __slots__ = ("size", "value")
+    __array_ufunc__ = None
+
+    def __init__(self, value: Any, size: Any) -> None:
+        self.value, self.size = value, size
+
+    def __add__(self, other: "Sized | float") -> "Sized":
+        o = sized(other)
+        return Sized(self.value + o.value, self.size + o.size)
+
+    __radd__ = __add__
+
+    def __neg__(self) -> "Sized":
+        return Sized(-self.value, self.size)
+
+    def __sub__(self, other: "Sized | float") -> "Sized":
+        return self + -sized(other)
+
+    def __rsub__(self, other: float) -> "Sized":
+        return -self + other
+
+    def __mul__(self, other: "Sized | float") -> "Sized":
+        o = sized(other)
+        size = np.maximum(np.abs(self.value) * o.size, self.size * np.abs(o.value))
+        return Sized(self.value * o.value, size)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: "Sized | float") -> "Sized":
+        o = sized(other)
+        inverse = 1.0 / o.value
+        return self * Sized(inverse, o.size * inverse * inverse)
+
+    def __rtruediv__(self, other: float) -> "Sized":
+        return sized(other) / self
+
+
+def sized(value: Any) -> Sized:
+    """A number or array, of its own size."""
+    return value if isinstance(value, Sized) else Sized(value, np.abs(value))
+
+
+def reference_at(
+    problem: MatrixProblem, resolved: Resolved, parameters: Sequence[Parameter], points: Array
+) -> MatrixReference:
+    """The matrix at physical points (N, n_p), the numbers in its texts taken as decimals.
+
+    Functions of constants and of angles have the digits of a double.
+
+    Raises
+    ------
+    SceneError
+        An entry is too small for a float, or its terms are too large.
+    WellPosednessError
+        A value is not finite.
+    """
+    known: dict[str, Any] = dict(problem.constant_values())
+    for k, p in enumerate(parameters):
+        if p.is_angle:
+            angle = points[:, k] * parse_unit(p.unit).factor
+            known[cosine_name(p.name)], known[sine_name(p.name)] = np.cos(angle), np.sin(angle)
+        else:
+            known[p.name] = points[:, k]
+    with localcontext(_DIGITS), np.errstate(all="ignore"):
+        digits = {name: _decimals(value) for name, value in known.items()}
+        values = _stacked(matrix_values(problem, resolved, digits, _decimals), len(points))
+        parts = {name: sized(v) if isinstance(v, np.ndarray) else v for name, v in known.items()}
+        rows = matrix_values(problem, resolved, parts)
+        sizes = [[sized(entry).size for entry in row] for row in rows]
+    if not np.all(np.isfinite(values)):
+        k, i, j = np.argwhere(~np.isfinite(values))[0]
+        raise WellPosednessError(
+            f"{entry_place(problem, i, j)}: is not finite at "
+            f"{', '.join(f'{p.name} = {x:g}' for p, x in zip(parameters, points[k], strict=True))}."
+        )
+    found = MatrixReference(values, _stacked(sizes, len(points)))
+    _check_sizes(problem, *(np.max(np.abs(part), axis=0) for part in found))
+    return found
+
+
+def _check_sizes(problem: MatrixProblem, largest: Array, terms: Array) -> None:
+    """Raise a SceneError if an entry is too small, or its terms too large, for a float."""
+    for i, j in np.ndindex(problem.shape):
+        if not np.isfinite(terms[i, j]) or 0.0 < largest[i, j] < _LEAST:
+            raise SceneError(
+                f"{entry_place(problem, i, j)} has the size {largest[i, j]:.3g}, and its terms "
+                f"{terms[i, j]:.3g}. Expected at least {_LEAST:g}, or zero, and finite terms. Choose "
+                "other units."
+            )
+
+
+def _decimals(value: Any) -> Any:
+    """A number of a text as the decimal it prints as, or an array of floats in all their digits."""
+    if isinstance(value, np.ndarray):
+        return np.array([Decimal(item) for item in value.tolist()], dtype=object)
+    return Decimal(repr(float(value)))
+
+
+def _stacked(rows: Sequence[Sequence[Any]], count: int) -> Array:
+    """Entries, one number or `count` of them each, as floats (count, rows, columns)."""
+    entries = [
+        [np.broadcast_to(np.asarray(entry, dtype=float), count) for entry in r] for r in rows
+    ]
+    return np.moveaxis(np.array(entries), 2, 0)

@@ -1,0 +1,219 @@
+"""Closed kinematic loops: independent rows of the constraints, and the coordinates that follow."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from scipy.linalg import qr
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import SceneError
+from mbdlft.multibody.assembly.view import View
+from mbdlft.multibody.force import BodyWrench
+from mbdlft.multibody.joint import labelled
+from mbdlft.multibody.loop import Loop
+from mbdlft.multibody.scene.scene import Scene
+from mbdlft.multibody.spatial import move_wrench
+from mbdlft.problem.equations import CURVED
+
+_GAP = 1e-9  # of the lengths of the scene: ports farther apart do not meet
+_PASSIVE = 10.0  # weight of a coordinate that nothing holds among those that may follow
+_RANK = 1e-9  # a constraint that is another one up to this part is redundant
+_STEP = 1e-2  # rad or m, to a position nearby that is compared with the equilibrium
+_NEARBY_RANK = (
+    1e-5  # constraints that are redundant at the equilibrium only are of the size of the step there
+)
+_NEWTON = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Closure:
+    """Rows of the constraints that are kept, and positions of the coordinates they determine."""
+
+    rows: tuple[int, ...]
+    dependent: tuple[int, ...]
+
+
+def constraint(loops: tuple[Loop, ...], view: View, order: int) -> ca.SX:
+    """G w for the small motions w of one order: displacement, velocity or acceleration."""
+    rows = []
+    for loop in loops:
+        view.owner = Loop.where({"name": loop.name})
+        body, held = view.small(loop.parent, order)
+        other, moved = view.small(loop.child, order)
+        rows.append(view.across(moved.displacement, other, body) - held.displacement)
+        turned = view.across(moved.rotation, other, body) - held.rotation
+        rows.append(ca.mtimes(loop.turned_rows(), turned))
+    return ca.vertcat(*rows) if rows else ca.SX(0, 1)
+
+
+def reactions(loops: tuple[Loop, ...], view: View, multipliers: ca.SX) -> list[BodyWrench]:
+    """Wrenches of the multipliers, one for each row of `constraint`, on both bodies of each loop."""
+    found, k = [], 0
+    for loop in loops:
+        view.owner = Loop.where({"name": loop.name})
+        directions = loop.turned_rows()
+        force = multipliers[k : k + 3]
+        torque = ca.mtimes(directions.T, multipliers[k + 3 : k + 3 + directions.shape[0]])
+        k += 3 + directions.shape[0]
+        body, at = view.port(loop.parent)
+        other, there = view.port(loop.child)
+        pair = ca.horzcat(force, torque)
+        on_child = ca.horzcat(
+            *(view.across_now(pair[:, column], body, other) for column in range(2))
+        )
+        found.append(BodyWrench(body, move_wrench(-pair, at)))
+        found.append(BodyWrench(other, move_wrench(on_child, there)))
+    return found
+
+
+def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]) -> Closure:
+    """Which constraints are independent, and which coordinates they determine, at nominal.
+
+    `evaluate` gives the values of an expression at nominal and at other points of the range.
+
+    Raises
+    ------
+    SceneError
+        The ports of a loop do not meet, or the constraints lose or gain rank in the range.
+    """
+    if not scene.loops:
+        return Closure((), ())
+    q = ca.vertcat(*(coordinate.q for coordinate in view.coordinates.values()))
+    matrices = evaluate(ca.jacobian(constraint(scene.loops, view, 0), q))
+    explained = _explained(scene, view, matrices)
+    row = 0
+    for loop in scene.loops:
+        own = slice(row, row := row + len(loop.signals()))
+        _check_that_it_closes(loop, view, evaluate, explained[:, own])
+    rank, rows = _independent(matrices[0].T)
+    for matrix in matrices[1:]:
+        if _independent(matrix.T)[0] != rank or _independent(matrix[rows].T)[0] != rank:
+            raise SceneError(
+                f"scene {scene.name!r}: the {rank} independent constraints of the loops "
+                f"{', '.join(loop.name for loop in scene.loops)} are not independent everywhere in the "
+                "range of the parameters: the mechanism passes a singular position, or constraints "
+                "are redundant at nominal only. Move the nominal values or narrow the ranges."
+            )
+    _check_that_it_moves_alike(scene, view, evaluate, q, rank)
+    # the states are those of joints that are held or driven, and near the ground, where that is well
+    # conditioned: columns are compared with a weight, the last one first
+    weights = np.array([_PASSIVE if is_passive else 1.0 for is_passive in _passive(view)])
+    _, last = _independent((matrices[0][rows] * weights)[:, ::-1])
+    return Closure(tuple(rows), tuple(sorted(len(weights) - 1 - k for k in last)))
+
+
+def _check_that_it_moves_alike(
+    scene: Scene,
+    view: View,
+    evaluate: Callable[[ca.SX], Sequence[Array]],
+    q: ca.SX,
+    rank: int,
+) -> None:
+    """As many constraints are independent at a closed position nearby as at the equilibrium, at nominal.
+
+    Where branches of the motion cross, fewer are, and the linearized constraints let more move than does.
+    """
+    gaps = [_open(loop, view) for loop in scene.loops]
+    gap = ca.vertcat(*gaps)
+    both = ca.horzcat(gap, ca.jacobian(gap, q))
+    _, _, rows = np.linalg.svd(evaluate(ca.substitute(both, q, ca.DM.zeros(q.numel())))[0][:, 1:])
+    free = rows[rank:].T
+    if not free.size:
+        return
+    position = _STEP * free @ np.random.default_rng(0).uniform(0.5, 1.0, free.shape[1])
+    for _ in range(_NEWTON):
+        value = evaluate(ca.substitute(both, q, ca.DM(position)))[0]
+        if np.max(np.abs(value[:, 0])) <= _GAP * _STEP:
+            break
+        position = position - np.linalg.lstsq(value[:, 1:], value[:, 0], rcond=_NEARBY_RANK)[0]
+    else:
+        return  # no closed position was found nearby: nothing to compare with
+    sizes = np.linalg.svd(value[:, 1:], compute_uv=False)
+    nearby = int(np.sum(sizes > _NEARBY_RANK * np.max(sizes, initial=0.0)))
+    if nearby > rank and np.max(np.abs(position)) > _GAP:
+        raise SceneError(
+            f"scene {scene.name!r}: the equilibrium is a singular position of the loops "
+            f"{', '.join(loop.name for loop in scene.loops)}: {rank} constraints are independent there "
+            f"and {nearby} nearby, so branches of the motion meet and there is no linear model. Move "
+            "the nominal values or the positions of the joints."
+        )
+
+
+def _open(loop: Loop, view: View) -> ca.SX:
+    """Gap of the ports, and of the directions that are held, at displaced positions."""
+    view.owner = Loop.where({"name": loop.name})
+    body, other = (view.find(port)[0] for port in (loop.parent, loop.child))
+    rows = [view.between(loop.parent, loop.child)]
+    held = _held(loop)
+    rows += [view.across_now(held[:, k], body, other) - held[:, k] for k in range(held.shape[1])]
+    return ca.vertcat(*rows)
+
+
+def _held(loop: Loop) -> ca.SX:
+    """Directions (3, n) that a closure keeps parallel in both bodies."""
+    if loop.axis is not None:
+        return ca.SX(np.asarray(loop.axis) / np.linalg.norm(loop.axis))
+    return ca.SX.eye(3) if loop.kind == "fixed" else ca.SX(3, 0)
+
+
+def _explained(scene: Scene, view: View, matrices: Sequence[Array]) -> Array:
+    """Gaps (N, rows) that the bounds of fitted positions allow at the points of the matrices."""
+    bounds = scene.fit.bounds if scene.fit else {}
+    names: list[str] = []
+    for link in view.now.links:
+        names += [f"{link.joint.name}.{f.measures[0].name}" for f in link.joint.freedoms]
+        names += [f"{link.child.name}.{f.measures[0].name}" for f in link.child.freedoms()]
+    errors = np.array([bounds.get(name, 0.0) for name in names])
+    errors = errors * (1.0 + CURVED * np.max(errors, initial=0.0))
+    return np.asarray(np.abs(np.array(matrices)) @ errors)
+
+
+def _passive(view: View) -> list[bool]:
+    """Whether the effort of each coordinate is given, so that nothing holds it."""
+    found = []
+    for link in view.now.links:
+        values = view.now.values[link.owner]
+        found += [labelled("preload", freedom) in values for freedom in link.joint.freedoms]
+        found += [True for _ in link.child.freedoms()]
+    return found
+
+
+def _independent(columns: Array) -> tuple[int, list[int]]:
+    """Rank of a matrix, and the positions of columns that make it."""
+    _, triangle, order = qr(columns, mode="economic", pivoting=True)
+    sizes = np.abs(np.diag(triangle))
+    rank = int(np.sum(sizes > _RANK * np.max(sizes, initial=0.0)))
+    return rank, sorted(int(k) for k in order[:rank])
+
+
+def _check_that_it_closes(
+    loop: Loop, view: View, evaluate: Callable[[ca.SX], Sequence[Array]], explained: Array
+) -> None:
+    """The ports meet, and for a closure that holds directions these are parallel, at all points.
+
+    `explained` (N, rows) are the gaps that fitted positions may leave.
+    """
+    view.owner = Loop.where({"name": loop.name})
+    gaps, reach = view.gaps(loop.parent, loop.child, evaluate)
+    widest = max(float(np.linalg.norm(gap)) for gap in gaps)
+    excess = np.max(np.linalg.norm(gaps, axis=(1, 2)) - np.linalg.norm(explained[:, :3], axis=1))
+    if not excess <= _GAP * reach:
+        raise SceneError(
+            f"loop {loop.name!r}: the ports {loop.parent!r} and {loop.child!r} do not meet: they are "
+            f"{widest:.3g} m apart at nominal or elsewhere in the range. Correct the positions of the "
+            "joints; where a parameter changes the shape of the loop they must follow it."
+        )
+    body, other = (view.port(port)[0] for port in (loop.parent, loop.child))
+    held = _held(loop)
+    for k in range(held.shape[1]):
+        turned = evaluate(view.across(held[:, k], body, other) - held[:, k])
+        skewed = max(float(np.max(np.abs(value))) for value in turned)
+        allowed = float(np.max(np.linalg.norm(explained[:, 3:], axis=1)))
+        if not skewed <= _GAP + allowed:
+            raise SceneError(
+                f"loop {loop.name!r}: a direction that it holds is not the same in {loop.parent!r} and "
+                f"in {loop.child!r}: they differ by {skewed:.3g} rad at nominal or elsewhere in the "
+                "range. Give the joints an orientation that makes them parallel."
+            )

@@ -1,0 +1,129 @@
+"""The symbols of a scene: coordinates, parameters, and quantities in terms of them."""
+
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.description import Expected, Values
+from mbdlft.base.errors import SceneError
+from mbdlft.base.expression import evaluate
+from mbdlft.base.parameter import Parameter, exact_cosine_sine
+from mbdlft.base.samples import random
+from mbdlft.base.signal import Freedom
+from mbdlft.base.unit import parse_unit
+from mbdlft.multibody.assembly.tree import Link, PortJoint
+from mbdlft.multibody.joint import Turn
+from mbdlft.multibody.scene.quantities import Place, angle_at, owner_name, owners, value_at
+from mbdlft.multibody.scene.scene import Scene
+from mbdlft.multibody.spatial import Coordinate
+
+_POINTS = 16  # random points at which loops are checked, beside nominal
+
+
+class Owned(NamedTuple):
+    """Coordinates of a joint or of an elastic body."""
+
+    owner: str
+    name: str
+    freedoms: tuple[Freedom, ...]
+    kind: str  # "joint", "imposed" or "elastic"
+
+
+def coordinate_owners(links: tuple[Link, ...]) -> list[Owned]:
+    """Joints and bodies from the ground outward; each body after the joint that holds it."""
+    found = []
+    for link in links:
+        joint, body = link.joint, link.child
+        if not isinstance(joint, PortJoint):
+            kind = "imposed" if getattr(joint, "imposed", False) else "joint"
+            found.append(Owned(link.owner, joint.name, joint.freedoms, kind))
+        found.append(Owned(owner_name(body), body.name, body.freedoms(), "elastic"))
+    return found
+
+
+class Symbols:
+    """The symbols of one assembly."""
+
+    def __init__(
+        self, scene: Scene, parameters: tuple[Parameter, ...], links: tuple[Link, ...]
+    ) -> None:
+        n = sum(len(named.freedoms) for named in coordinate_owners(links))
+        if n == 0:
+            raise SceneError(f"scene {scene.name!r}: all joints are fixed, so nothing moves.")
+        self.x = ca.SX.sym("x", 2 * n)
+        self.xdot = ca.SX.sym("xdot", 2 * n)
+        self.q, self.v, self.a = self.x[:n], self.x[n:], self.xdot[n:]
+        self.p = ca.SX.sym("p", len(parameters))
+        self.cosine = ca.SX.sym("cosine", len(parameters))
+        self.sine = ca.SX.sym("sine", len(parameters))
+        self.parameters = parameters
+        self.index = {parameter.name: k for k, parameter in enumerate(parameters)}
+        self.names: dict[str, Any] = dict(scene.constant_values())
+        for name, k in self.index.items():
+            factor = parse_unit(parameters[k].unit).factor
+            self.names[name] = self.p[k] if factor == 1.0 else factor * self.p[k]
+
+    def coordinates(self, links: tuple[Link, ...]) -> dict[str, Coordinate]:
+        """Slices of q, v and a by owner, in the order of `coordinate_owners`."""
+        found, k = {}, 0
+        for named in coordinate_owners(links):
+            part = slice(k, k := k + len(named.freedoms))
+            found[named.owner] = Coordinate(self.q[part], self.v[part], self.a[part])
+        return found
+
+    def quantities(self, scene: Scene) -> dict[str, Values]:
+        """Values of all quantities by owner and label; an angle is a tuple of turns."""
+        return {
+            owner: {
+                label: self._turns(scene, Place(owner, label), expected)
+                if expected.unit == "rad"
+                else value_at(Place(owner, label), expected, self.names)
+                for label, expected in quantities.items()
+            }
+            for owner, quantities in owners(scene)
+        }
+
+    def _turns(self, scene: Scene, place: Place, expected: Expected) -> tuple[Turn, ...]:
+        angle = angle_at(scene, place, expected)
+        found: list[Turn] = [
+            Turn(
+                self.cosine[self.index[name]],
+                (1.0 if count > 0 else -1.0) * self.sine[self.index[name]],
+            )
+            for name, count in angle.multiples.items()
+            for _ in range(abs(count))
+        ]
+        for tangent, count in angle.arctangents.items():
+            r = evaluate(tangent, self.names)
+            square = r * r
+            cosine = (1 - square) / (1 + square)
+            sine = (1.0 if count > 0 else -1.0) * (2 * r / (1 + square))
+            found += [Turn(cosine, sine)] * (abs(count) // 2)
+        if angle.constant != 0.0:
+            found.append(Turn(*exact_cosine_sine(angle.constant)))
+        return tuple(found)
+
+    def angle(self, scene: Scene, place: Place, expected: Expected) -> Any:
+        """The angle itself (rad), a function of p."""
+        angle = angle_at(scene, place, expected)
+        turns = [count * self.names[name] for name, count in angle.multiples.items()]
+        turns += [
+            count * ca.atan(evaluate(tangent, self.names))
+            for tangent, count in angle.arctangents.items()
+        ]
+        return sum(turns, start=ca.SX(angle.constant))
+
+    def evaluate(self, expression: ca.SX) -> list[Array]:
+        """Values of an expression of the parameters, at nominal and at random points."""
+        function = ca.Function("values", [self.p, self.cosine, self.sine], [ca.densify(expression)])
+        points = [np.array([parameter.nominal for parameter in self.parameters])]
+        if self.parameters:
+            inside = random(self.parameters, _POINTS, 0)
+            points += list(np.stack([inside[p.name] for p in self.parameters], axis=1))
+        factors = np.array([parse_unit(parameter.unit).factor for parameter in self.parameters])
+        return [
+            function(point, np.cos(factors * point), np.sin(factors * point)).full()
+            for point in points
+        ]

@@ -1,0 +1,171 @@
+"""Elastic bodies: small deformations about a floating frame at the origin, the port that holds them.
+
+    [force ; torque] = rigid part + P qddot + [0 ; (P_u q) x a]
+    efforts          = M qddot + D qdot + K q + P' [a ; alpha]
+    [u ; phi] of a port = Phi q
+
+P (6, n) are the participation factors, M, D, K (n, n) those of the body clamped at its origin, Phi (6, n)
+the shapes at its ports; equations (5.6), (5.11) to (5.15) of the two-port models in
+`tests/reference/flexible.py`, with the motion of the frame not small. (P_u q) x a is the weight of the
+displaced mass. Terms of the second order in q, and centrifugal ones, are left out.
+"""
+
+import abc
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, Self
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import model_validator
+
+from mbdlft.base.description import Text, Values
+from mbdlft.base.errors import SceneError
+from mbdlft.base.signal import Freedom, Signal
+from mbdlft.multibody.body.base import Body
+from mbdlft.multibody.spatial import Coordinate
+
+NEGLECTED = "neglected"
+
+
+class Term(NamedTuple):
+    """A scalar times a matrix of numbers; a matrix with parameters is a sum of such terms."""
+
+    factor: ca.SX | float
+    matrix: NDArray[np.float64]
+
+
+class Elastic(NamedTuple):
+    """M, D, K (n, n) and P (6, n) as sums of terms."""
+
+    mass: Sequence[Term]
+    damping: Sequence[Term]
+    stiffness: Sequence[Term]
+    participation: Sequence[Term]
+
+
+class ElasticBody(Body, abc.ABC):
+    """An elastic body; every concrete kind is final.
+
+    `prestress` says that the change of its own stiffness by the loads at equilibrium may be
+    left out; it must be written where the body carries any.
+    """
+
+    prestress: Text | None = None
+
+    @model_validator(mode="after")
+    def _prestress_is_known(self) -> Self:
+        if self.prestress not in (None, NEGLECTED):
+            raise SceneError(
+                f"prestress: expected {NEGLECTED!r} or nothing, got {self.prestress!r}."
+            )
+        return self
+
+    def elastic_ports(self) -> tuple[str, ...]:
+        """Ports that move with the deformation."""
+        return tuple(self.ports)
+
+    @abc.abstractmethod
+    def elastic(self, values: Values) -> Elastic:
+        """Matrices of the body clamped at its origin."""
+
+    @abc.abstractmethod
+    def shapes(self, port: str, values: Values) -> Sequence[Term]:
+        """Phi (6, n) of a port."""
+
+    @abc.abstractmethod
+    def rigid_wrench(self, motion: ca.SX, values: Values) -> ca.SX:
+        """Wrench (3, 2) about the origin of the undeformed body."""
+
+    def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
+        """Rigid part, inertia of the deformation, weight of the displaced mass."""
+        participation = self.elastic(values).participation
+        needed = times(participation, at.a)
+        displaced = ca.cross(times(participation, at.q)[:3], motion[:, 2])
+        elastic = ca.horzcat(needed[:3], needed[3:] + displaced)
+        return ca.SX(self.rigid_wrench(motion, values) + elastic)
+
+    def efforts(self, motion: ca.SX, values: Values, at: Coordinate) -> ca.SX:
+        """M qddot + D qdot + K q + P' [a ; alpha]."""
+        e = self.elastic(values)
+        inertial = times_transposed(e.participation, ca.vertcat(motion[:, 2], motion[:, 1]))
+        own = times(e.mass, at.a) + times(e.damping, at.v) + times(e.stiffness, at.q)
+        return ca.SX(own + inertial)
+
+    def shape(self, port: str, values: Values, vector: ca.SX) -> ca.SX:
+        return times(self.shapes(port, values), vector)
+
+    def shape_transposed(self, port: str, values: Values, vector: ca.SX) -> ca.SX:
+        return times_transposed(self.shapes(port, values), vector)
+
+
+def elastic_freedom(label: str, unit: str, effort: str, *, turns: bool = False) -> Freedom:
+    """A coordinate of a deformation in a unit, with its generalized force in another."""
+    measures = (
+        Signal(f"{label}.displacement", unit),
+        Signal(f"{label}.velocity", f"{unit}/s"),
+        Signal(f"{label}.acceleration", f"{unit}/s^2"),
+    )
+    return Freedom(label, Signal(f"{label}.force", effort), measures, turns=turns)
+
+
+def times(terms: Sequence[Term], vector: ca.SX) -> ca.SX:
+    """Sum of factor (matrix vector): each factor meets a combination of numbers."""
+    total = ca.SX(terms[0].matrix.shape[0], 1) if terms else ca.SX(vector.numel(), 1)
+    for factor, matrix in terms:
+        total = total + factor * ca.mtimes(ca.sparsify(ca.SX(matrix)), vector)
+    return total
+
+
+def times_transposed(terms: Sequence[Term], vector: ca.SX) -> ca.SX:
+    """Sum of matrix' (factor vector)."""
+    total = ca.SX(terms[0].matrix.shape[1], 1)
+    for factor, matrix in terms:
+        total = total + ca.mtimes(ca.sparsify(ca.SX(matrix.T)), factor * vector)
+    return total
+
+
+def dense(terms: Sequence[Term], samples: int) -> NDArray[np.float64]:
+    """A sum of terms whose factors are numbers or arrays (samples,), as matrices (samples, ., .)."""
+    total: Any = 0.0
+    for factor, matrix in terms:
+        total = total + np.broadcast_to(factor, (samples,))[:, None, None] * matrix
+    return np.asarray(total, dtype=float)
+
+
+def elastic_problem(
+    body: ElasticBody, values: Mapping[str, NDArray[np.float64]], rigid: NDArray[np.float64]
+) -> str | None:
+    """Which condition fails: M and K positive definite, D semidefinite, participation within the mass.
+
+    `rigid` (samples, 6, 6) is the mass matrix of the undeformed body about its origin.
+    """
+    e, count = body.elastic(values), len(rigid)
+    mass, stiffness = dense(e.mass, count), dense(e.stiffness, count)
+    for name, matrix in (("mass", mass), ("stiffness", stiffness)):
+        smallest = float(np.min(np.linalg.eigvalsh(0.5 * (matrix + np.swapaxes(matrix, 1, 2)))))
+        if not smallest > 0.0:
+            return (
+                f"the {name} matrix of its deformations is not positive definite in the range: smallest "
+                f"eigenvalue {smallest:.3g}. Frequencies must be positive."
+            )
+    if e.damping:
+        damping = dense(e.damping, count)
+        smallest = float(np.min(np.linalg.eigvalsh(0.5 * (damping + np.swapaxes(damping, 1, 2)))))
+        if smallest < -_ROUNDING * float(np.max(np.abs(damping))):
+            return f"the damping is negative in the range: smallest eigenvalue {smallest:.3g}."
+    coupling = dense(e.participation, count)
+    carried = coupling @ np.linalg.solve(mass, np.swapaxes(coupling, 1, 2))
+    residual = rigid - carried
+    smallest = float(np.min(np.linalg.eigvalsh(0.5 * (residual + np.swapaxes(residual, 1, 2)))))
+    if smallest < -_RESIDUAL * float(np.max(np.abs(rigid))):
+        return (
+            "the participation factors exceed the rigid mass: the residual mass matrix (rigid minus "
+            f"effective mass) has the eigenvalue {smallest:.3g} in the range. Check their scaling (modes "
+            "of unit mass), their point (the origin of the body), and the mass, center and inertia."
+        )
+    return None
+
+
+_ROUNDING = 1e-12
+_RESIDUAL = 1e-6  # of the rigid mass; data are often given with few digits

@@ -1,0 +1,210 @@
+"""A flexible body by its modes: frequencies, damping, participation factors and shapes at ports.
+
+    M = 1,  D = diag(2 xi_k w_k),  K = diag(w_k^2),  P = [participation_k],  Phi = [shape_k]
+
+The modes are those of the body clamped at its origin, of unit mass.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Self, final
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import InstanceOf, model_validator
+
+from mbdlft.base.description import (
+    ANY_UNIT,
+    AXES,
+    Description,
+    Expected,
+    Quantity,
+    Text,
+    Values,
+    Vector,
+    vector_quantities,
+)
+from mbdlft.base.errors import SceneError
+from mbdlft.base.signal import Freedom
+from mbdlft.multibody.body.elastic import (
+    Elastic,
+    ElasticBody,
+    Term,
+    elastic_freedom,
+    elastic_problem,
+)
+from mbdlft.multibody.body.rigid import Inertia, RigidBody, inertia_entries, newton_euler
+
+Six = tuple[Quantity, Quantity, Quantity, Quantity, Quantity, Quantity]
+_DIRECTIONS = (*AXES, *(f"r{axis}" for axis in AXES))
+
+
+@final
+class Mode(Description):
+    """One mode of unit mass: `frequency` (rad/s), `damping` ratio, `participation`, shapes at ports.
+
+    `participation` are three factors for translations (kg^1/2) and three for rotations about the
+    origin (kg^1/2 m), in the axes of the body: minus the modal force of a unit acceleration. A shape has
+    three displacements (kg^-1/2) and three rotations (kg^-1/2 m^-1).
+    """
+
+    frequency: Quantity
+    damping: Quantity = 0.0
+    participation: Six
+    shapes: dict[Text, Six] = {}
+
+    @classmethod
+    def where(cls, fields: Mapping[str, Any]) -> str:
+        return "modes"
+
+
+@final
+class FlexibleBody(ElasticBody):
+    """Rigid properties as of a `RigidBody`, and `modes`; held at its origin."""
+
+    kind: ClassVar[str] = "flexible"
+
+    mass: Quantity
+    center_of_mass: Vector = (0.0, 0.0, 0.0)
+    inertia: InstanceOf[Inertia]
+    modes: tuple[InstanceOf[Mode], ...]
+
+    @model_validator(mode="after")
+    def _data_are_complete(self) -> Self:
+        if not self.modes:
+            raise SceneError("modes: at least one is needed; a body without modes is 'rigid'.")
+        if self.inertia.about not in ("center_of_mass", *self.port_names()):
+            raise SceneError(
+                f"inertia.about: expected 'center_of_mass', 'origin' or a port, got "
+                f"{self.inertia.about!r}."
+            )
+        for k, mode in enumerate(self.modes, start=1):
+            for port in self.ports:
+                if port not in mode.shapes:
+                    raise SceneError(
+                        f"mode {k} has no shape at the port {port!r}. Give shapes.{port} = three "
+                        "displacements and three rotations."
+                    )
+            for port in mode.shapes:
+                if port not in self.ports:
+                    raise SceneError(f"mode {k} has a shape at {port!r}, which is not a port.")
+        return self
+
+    def own_quantities(self) -> dict[str, Expected]:
+        found = {
+            "mass": Expected(self.mass, "kg"),
+            **vector_quantities("center_of_mass", self.center_of_mass, "m"),
+            **{
+                f"inertia.{name}": Expected(value, "kg m^2")
+                for name, value in self.inertia.given().items()
+            },
+        }
+        for k, mode in enumerate(self.modes, start=1):
+            found[f"mode{k}.frequency"] = Expected(mode.frequency, "rad/s")
+            found[f"mode{k}.damping"] = Expected(mode.damping, "1")
+            for place, entries in (("participation", mode.participation), *mode.shapes.items()):
+                for direction, entry in zip(_DIRECTIONS, entries, strict=True):
+                    # their units have the root of a mass, which the check of units does not follow
+                    found[f"mode{k}.{place}.{direction}"] = Expected(entry, ANY_UNIT)
+        return found
+
+    def freedoms(self) -> tuple[Freedom, ...]:
+        return tuple(
+            elastic_freedom(f"mode{k}", "kg^1/2 m", "kg^1/2 m/s^2")  # of unit mass
+            for k in range(1, len(self.modes) + 1)
+        )
+
+    def elastic(self, values: Values) -> Elastic:
+        n = len(self.modes)
+        stiffness, damping = [], []
+        for k in range(n):
+            only = np.zeros((n, n))
+            only[k, k] = 1.0
+            frequency, ratio = values[f"mode{k + 1}.frequency"], values[f"mode{k + 1}.damping"]
+            stiffness.append(Term(frequency * frequency, only))
+            damping.append(Term(2.0 * ratio * frequency, only))
+        return Elastic(
+            mass=[Term(1.0, np.eye(n))],
+            damping=damping,
+            stiffness=stiffness,
+            participation=self._columns("participation", values),
+        )
+
+    def shapes(self, port: str, values: Values) -> Sequence[Term]:
+        return self._columns(port, values)
+
+    def _columns(self, place: str, values: Values) -> list[Term]:
+        """A (6, n) matrix with one column for each mode: its numbers, then its other entries."""
+        n = len(self.modes)
+        numbers = np.zeros((6, n))
+        found: list[Term] = []
+        for k in range(n):
+            for row, direction in enumerate(_DIRECTIONS):
+                entry = values[f"mode{k + 1}.{place}.{direction}"]
+                if isinstance(entry, float):
+                    numbers[row, k] = entry
+                    continue
+                only = np.zeros((6, n))
+                only[row, k] = 1.0
+                found.append(Term(entry, only))
+        return [Term(1.0, numbers), *found]
+
+    def rigid_wrench(self, motion: ca.SX, values: Values) -> ca.SX:
+        center, point = (self._position(label, values) for label in ("center_of_mass", None))
+        inertia = inertia_entries(self.name, values)
+        return ca.SX(newton_euler()(motion, values["mass"], point, center - point, inertia))
+
+    def _position(self, label: str | None, values: Values) -> ca.SX:
+        if label is None:
+            label = self._about()
+        if label is None:
+            return ca.SX(3, 1)
+        return ca.SX(ca.vertcat(*(values[f"{label}.{axis}"] for axis in AXES)))
+
+    def _about(self) -> str | None:
+        """Label of the point of the inertia; None for the origin."""
+        about = self.inertia.about
+        return about if about == "center_of_mass" else self.port_label(about)
+
+    def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
+        rigid = RigidBody(
+            name=self.name,
+            mass=self.mass,
+            center_of_mass=self.center_of_mass,
+            inertia=self.inertia,
+            ports=self.ports,
+        )
+        problem = rigid.physical_problem(values) or self._frequency_problem(values)
+        return problem or elastic_problem(self, values, _mass_matrix(self, values))
+
+    def _frequency_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
+        for k in range(1, len(self.modes) + 1):
+            lowest = float(np.min(values[f"mode{k}.frequency"]))
+            if not lowest > 0.0:
+                return (
+                    f"mode {k}: the frequency is not positive in the range: {lowest:g} rad/s, so the "
+                    "stiffness is not positive definite."
+                )
+        return None
+
+
+def _mass_matrix(
+    body: FlexibleBody, values: Mapping[str, NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """Mass matrices (samples, 6, 6) of the undeformed body about its origin, from unit motions."""
+    columns = []
+    for k in range(6):
+        motion = ca.SX(3, 3)
+        motion[k % 3, 2 if k < 3 else 1] = 1.0
+        columns.append(motion)
+    names = sorted(values)
+    symbols = {name: ca.SX.sym(name) for name in names}
+    wrenches = ca.horzcat(*(ca.vec(body.rigid_wrench(motion, symbols)) for motion in columns))
+    unseen = [s for s in ca.symvar(wrenches) if s.name() not in symbols]
+    if unseen:
+        wrenches = ca.substitute(wrenches, ca.vertcat(*unseen), ca.SX.zeros(len(unseen)))
+    function = ca.Function("mass", [ca.vertcat(*symbols.values())], [ca.densify(wrenches)])
+    samples = max(np.size(value) for value in values.values())
+    table = np.stack([np.broadcast_to(values[name], (samples,)) for name in symbols])
+    found: NDArray[np.float64] = function(table).full().reshape(6, samples, 6).transpose(1, 0, 2)
+    return found

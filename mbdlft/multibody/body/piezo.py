@@ -1,0 +1,319 @@
+"""A beam with piezoelectric patches: voltages are inputs, charges are outputs.
+
+    M qddot + D qdot + K q = Phi' F - P' a + K_v v,      charge = K_v' q + C v
+
+For a patch of width w, thickness h and modulus E, with the strain S along x and the field v/h across it,
+
+    stress = E (S - d31 v/h),     displacement field = d31 E S + (eps - d31^2 E) v/h,     S = u' - y v''
+
+so K_v is d31 E w times [the elongation ; minus the distance y of its mid-plane times the change of slope]
+between its ends, and C = (eps - d31^2 E) w length/h. One matrix in both rows, and C > 0: there is a
+stored energy. Equations (5.21) to (5.33) and (6.1) to (6.3) of the source in
+`tests/reference/flexible.py`, with the signs and lever arms of its errata 11 to 14. The actuation is in
+equilibrium with itself: K_v has no rigid row.
+"""
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, final
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, InstanceOf, model_validator
+
+from mbdlft.base.description import ANY_UNIT, Description, Expected, Quantity, Text, Values
+from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.signal import Signal
+from mbdlft.multibody.body.beam import Beam, Field1D, element_shapes, field_numbers
+from mbdlft.multibody.body.elastic import Elastic, Term, elastic_problem, times, times_transposed
+from mbdlft.multibody.body.rigid import newton_euler
+from mbdlft.multibody.spatial import Coordinate
+
+SIDES = ("top", "bottom", "both")
+_UNITS = {
+    "width": "m",
+    "thickness": "m",
+    "density": "kg m^-3",
+    "modulus": "Pa",
+    "d31": ANY_UNIT,  # the units of scenes have no ampere
+    "permittivity": ANY_UNIT,
+}
+
+
+@final
+class PiezoPatch(Description):
+    """A patch between the nodes `start` and `end` of its beam, 0 to `elements`.
+
+    `width`, `thickness` (m), `density` (kg/m^3), `modulus` at constant field (Pa), `d31` (m/V; below zero
+    where a positive voltage shortens the patch), `permittivity` at constant stress (F/m). It lies on the
+    `side` ``top`` (+y) or ``bottom`` (-y) of the beam, or there are two, driven against each other and in
+    parallel, on ``both``: the voltage is that of the upper one.
+    """
+
+    start: Annotated[int, Field(ge=0, strict=True)]
+    end: Annotated[int, Field(ge=1, strict=True)]
+    side: Text = "top"
+    width: Quantity
+    thickness: Quantity
+    density: Quantity
+    modulus: Quantity
+    d31: Quantity
+    permittivity: Quantity
+
+    @classmethod
+    def where(cls, fields: Mapping[str, Any]) -> str:
+        return "patches"
+
+    @model_validator(mode="after")
+    def _place_is_known(self) -> Self:
+        if self.side not in SIDES:
+            raise SceneError(unknown_name("side", self.side, SIDES))
+        if self.end <= self.start:
+            raise SceneError(
+                f"expected a node 'end' after 'start', got start = {self.start} and end = {self.end}."
+            )
+        return self
+
+
+class _Section(NamedTuple):
+    """Of one patch: layers, area, first and second moments of area about the axis of the beam."""
+
+    layers: int
+    area: Any
+    first: Any
+    second_y: Any
+    second_z: Any
+
+
+@final
+class PiezoBeam(Beam):
+    """A `Beam` with `patches` on its faces at y = thickness/2 and -thickness/2.
+
+    Inputs are the voltages of the patches (V), outputs their charges (C): ``NAME.voltage.1``,
+    ``NAME.charge.1`` and so on, or one of each with `common_voltage`. A patch on one side couples bending
+    with elongation, so the beam needs both; its mass counts on the axis of the beam, and it does not
+    stiffen torsion.
+    """
+
+    kind: ClassVar[str] = "piezo_beam"
+
+    thickness: Quantity
+    patches: tuple[InstanceOf[PiezoPatch], ...]
+    common_voltage: bool = False
+
+    @model_validator(mode="after")
+    def _patches_fit(self) -> Self:
+        if not self.patches:
+            raise SceneError("patches: at least one is needed; without any the beam is a 'beam'.")
+        if self.shear_coefficient is not None:
+            raise SceneError("shear_coefficient: a beam with patches has no shear.")
+        for k, patch in enumerate(self.patches, start=1):
+            if patch.end > self.elements:
+                raise SceneError(
+                    f"patch {k}: expected nodes from 0 to {self.elements}, got end = {patch.end}."
+                )
+            needed = ("bending_y",) if patch.side == "both" else ("axial", "bending_y")
+            missing = [name for name in needed if name not in self.deformations]
+            if missing:
+                raise SceneError(
+                    f"patch {k}, side {patch.side!r}: it needs the deformation {missing[0]!r}, which the "
+                    "beam does not have: a patch on one side bends and stretches it, two bend it."
+                )
+        return self
+
+    def own_quantities(self) -> dict[str, Expected]:
+        found = super().own_quantities() | {"thickness": Expected(self.thickness, "m")}
+        for k, patch in enumerate(self.patches, start=1):
+            for key, unit in _UNITS.items():
+                found[f"patch{k}.{key}"] = Expected(getattr(patch, key), unit)
+        return found
+
+    def inputs(self) -> tuple[Signal, ...]:
+        return tuple(Signal(f"voltage.{k}", "V") for k in self._channels())
+
+    def outputs(self) -> tuple[Signal, ...]:
+        return tuple(Signal(f"charge.{k}", "C") for k in self._channels())
+
+    def _channels(self) -> range:
+        return range(1, 2 if self.common_voltage else len(self.patches) + 1)
+
+    def driven(self, values: Values, inputs: ca.SX) -> ca.SX:
+        """K_v v."""
+        return times(self._coupling(values), self._voltages(inputs))
+
+    def measure(self, values: Values, inputs: ca.SX, at: Coordinate) -> ca.SX:
+        """K_v' q + C v."""
+        charges = times_transposed(self._coupling(values), at.q)
+        voltages = self._voltages(inputs)
+        for k in range(len(self.patches)):
+            charges[k] += self._capacitance(k, values) * voltages[k]
+        return ca.sum1(charges) if self.common_voltage else charges
+
+    def _voltages(self, inputs: ca.SX) -> ca.SX:
+        return ca.repmat(inputs, len(self.patches), 1) if self.common_voltage else inputs
+
+    def _of(self, k: int, values: Values) -> dict[str, Any]:
+        """Quantities of patch k, counted from 0."""
+        return {key: values[f"patch{k + 1}.{key}"] for key in _UNITS}
+
+    def _section(self, k: int, values: Values) -> _Section:
+        p, t = self._of(k, values), values["thickness"]
+        w, h = p["width"], p["thickness"]
+        layers = 2 if self.patches[k].side == "both" else 1
+        side = {"top": 1.0, "bottom": -1.0, "both": 0.0}[self.patches[k].side]
+        return _Section(
+            layers,
+            layers * (w * h),
+            side * 0.5 * (w * h) * (t + h),
+            layers * (w * h) * (0.25 * t * t + 0.5 * t * h + h * h / 3.0),
+            layers * (w * h) * (w * w) / 12.0,
+        )
+
+    def _span(self, k: int) -> tuple[int, int]:
+        return self.patches[k].start, self.patches[k].end
+
+    def _capacitance(self, k: int, values: Values) -> Any:
+        p, (start, end) = self._of(k, values), self._span(k)
+        clamped = p["permittivity"] - p["d31"] * p["d31"] * p["modulus"]
+        area = p["width"] * values["length"] * ((end - start) / self.elements)
+        return self._section(k, values).layers * (clamped * area / p["thickness"])
+
+    def _coupling(self, values: Values) -> list[Term]:
+        """K_v (n, number of patches)."""
+        found: list[Term] = []
+        n, parts = len(self.freedoms()), {name: part for name, _, part in self._blocks()}
+        for k, patch in enumerate(self.patches):
+            p = self._of(k, values)
+            piezo = p["d31"] * p["modulus"] * p["width"]
+            stretch, turn = np.zeros((n, len(self.patches))), np.zeros((n, len(self.patches)))
+            for node, sign in ((patch.end, 1.0), (patch.start, -1.0)):
+                if node == 0:
+                    continue  # clamped
+                if patch.side != "both":
+                    stretch[parts["axial"].start + self._position("axial", node), k] = sign
+                slope = parts["bending_y"].start + self._position("bending_y", node) + 1
+                turn[slope, k] = sign * self.elements
+            if patch.side != "both":
+                found.append(Term(piezo, stretch))
+            arm = {"top": 0.5, "bottom": -0.5, "both": 1.0}[patch.side]
+            lever = values["thickness"] + p["thickness"]
+            found.append(Term(piezo * lever / values["length"], -arm * turn))
+        return found
+
+    def elastic(self, values: Values) -> Elastic:
+        """Matrices of the beam with those of its patches."""
+        base = super().elastic(values)
+        mass: list[Term] = []
+        stiffness: list[Term] = []
+        participation: list[Term] = []
+        L = values["length"]
+        for k in range(len(self.patches)):
+            p, section = self._of(k, values), self._section(k, values)
+            line = p["density"] * section.area * L
+            for name, numbers, part in self._patch_blocks(k):
+                mass.append(Term(line, self._placed(part, numbers.mass)))
+                participation += self._participation(name, numbers, part, line, L)
+                if name == "axial":
+                    factor = p["modulus"] * section.area / L
+                else:
+                    second = section.second_y if name == "bending_y" else section.second_z
+                    factor = p["modulus"] * second / (L * L * L)
+                stiffness.append(Term(factor, self._placed(part, numbers.stiffness)))
+            if self.patches[k].side != "both":
+                factor = p["modulus"] * section.first / (L * L)
+                stiffness.append(Term(factor, self._stretch_and_bend(k)))
+        damping = list(base.damping)
+        if damping:
+            damping += [Term(values["mass_damping"] * f, matrix) for f, matrix in mass]
+            damping += [Term(values["stiffness_damping"] * f, matrix) for f, matrix in stiffness]
+        return Elastic(
+            [*base.mass, *mass],
+            damping,
+            [*base.stiffness, *stiffness],
+            [*base.participation, *participation],
+        )
+
+    def _patch_blocks(self, k: int) -> list[tuple[str, Field1D, slice]]:
+        """As `_blocks`, of the elements of a patch."""
+        return [
+            (name, field_numbers(name, self.shape_functions, self.elements, *self._span(k)), part)
+            for name, _, part in self._blocks()
+            if name != "torsion"
+        ]
+
+    def _stretch_and_bend(self, k: int) -> NDArray[np.float64]:
+        """Minus the integrals of N_axial' N_bending'', in both places."""
+        parts = {name: part for name, _, part in self._blocks()}
+        n, numbers = (
+            len(self.freedoms()),
+            _mixed(self.shape_functions, self.elements, *self._span(k)),
+        )
+        found = np.zeros((n, n))
+        found[parts["axial"], parts["bending_y"]] = -numbers
+        return found + found.T
+
+    def total_mass(self, values: Values) -> ca.SX:
+        """Mass of the beam and its patches (kg)."""
+        own = values["density"] * values["area"] * values["length"]
+        return ca.SX(own + sum(mass for mass, _, _ in self._lumps(values)))
+
+    def _lumps(self, values: Values) -> list[tuple[Any, float, float]]:
+        """Mass, first and second moment over mass in lengths of the beam, of each patch."""
+        found = []
+        for k in range(len(self.patches)):
+            a, b = (node / self.elements for node in self._span(k))
+            line = self._of(k, values)["density"] * self._section(k, values).area * values["length"]
+            found.append((line * (b - a), 0.5 * (a + b), (a * a + a * b + b * b) / 3.0))
+        return found
+
+    def rigid_wrench(self, motion: ca.SX, values: Values) -> ca.SX:
+        total, L = super().rigid_wrench(motion, values), values["length"]
+        for mass, first, second in self._lumps(values):
+            across = mass * (second * (L * L))
+            inertia = ca.diag(ca.vertcat(ca.SX(0), across, across))
+            center = ca.vertcat(ca.SX(first * L), ca.SX(2, 1))
+            total = total + newton_euler()(motion, mass, ca.SX(3, 1), center, inertia)
+        return ca.SX(total)
+
+    def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
+        plain = Beam(**{key: getattr(self, key) for key in Beam.model_fields})
+        problem = plain.physical_problem({key: values[key] for key in plain.quantities()})
+        if problem:
+            return problem
+        for key in ["thickness", *(key for key in values if key.startswith("patch"))]:
+            lowest = float(np.min(values[key]))
+            if not lowest > 0.0 and not key.endswith("d31"):
+                return f"{key} is not positive in the range: {lowest:g}."
+        for k in range(len(self.patches)):
+            p = self._of(k, values)
+            lowest = float(np.min(p["permittivity"] - p["d31"] ** 2 * p["modulus"]))
+            if not lowest > 0.0:
+                return (
+                    f"patch{k + 1}: permittivity - d31^2 modulus, that at constant strain, is not "
+                    f"positive in the range: {lowest:.3g} F/m. A patch would give energy without end."
+                )
+        rigid = plain.rigid_mass(values)
+        L = values["length"]
+        for mass, first, second in self._lumps(values):
+            rigid[:, [0, 1, 2], [0, 1, 2]] += np.broadcast_to(mass, L.shape)[:, None]
+            rigid[:, [1, 5], [5, 1]] += (mass * first * L)[:, None]
+            rigid[:, [2, 4], [4, 2]] -= (mass * first * L)[:, None]
+            rigid[:, [4, 5], [4, 5]] += (mass * second * L**2)[:, None]
+        return elastic_problem(self, values, rigid)
+
+
+@cache
+def _mixed(functions: str, elements: int, first: int, last: int) -> NDArray[np.float64]:
+    """Integrals of N' of axial (rows) times N'' of bending (columns) between two nodes."""
+    ds = 1.0 / elements
+    axial, bending = (element_shapes(name, functions, ds) for name in ("axial", "bending_y"))
+    local = np.array(
+        [[float((a.deriv(1) * b.deriv(2)).integ()(ds)) for b in bending] for a in axial]
+    )
+    sizes = [len(shapes) // 2 for shapes in (axial, bending)]
+    total = np.zeros([size * (elements + 1) for size in sizes])
+    for element in range(first, last):
+        rows, columns = (slice(element * size, (element + 2) * size) for size in sizes)
+        total[rows, columns] += local
+    return total[1:, 2:]  # without what the clamp holds

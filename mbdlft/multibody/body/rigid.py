@@ -1,0 +1,219 @@
+"""A rigid body: the Newton-Euler equations about the point where its inertia is given.
+
+    force     = m (a_P + alpha x d + omega x (omega x d)),    d = C - P
+    torque_P  = J_P alpha + omega x J_P omega + m d x a_P
+
+P is the point of the inertia, C the center of mass (P = C, d = 0 by default). Equation (3) of
+Kassarian et al. 2023 with tau_BP written out, so that no product m d d is formed for P = C.
+"""
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any, ClassVar, Self, final
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import model_validator
+
+from mbdlft.base.description import (
+    AXES,
+    Description,
+    Expected,
+    Quantity,
+    Values,
+    Vector,
+    vector_quantities,
+)
+from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.multibody.body.base import Body
+from mbdlft.multibody.spatial import Coordinate, column, move_motion, move_wrench
+
+DIAGONAL = ("xx", "yy", "zz")
+PRODUCTS = ("xy", "xz", "yz")
+_ROUNDING = 1e-12
+_ENTRY = (("xx", "xy", "xz"), ("xy", "yy", "yz"), ("xz", "yz", "zz"))
+
+
+@final
+class Inertia(Description):
+    """Entries of the inertia matrix (kg m^2) about a point, in the body frame.
+
+    The products are the entries of the matrix: ``xy`` is minus the integral of x y dm. They are
+    zero when all of xx, yy and zz are given without them. Entries that no motion of the scene can
+    see may be left out. `about` is ``center_of_mass``, ``origin`` or a port. An `unchecked` inertia
+    may be one that no body has, as some files of robots have them; the equations do not mind.
+    """
+
+    xx: Quantity | None = None
+    yy: Quantity | None = None
+    zz: Quantity | None = None
+    xy: Quantity | None = None
+    xz: Quantity | None = None
+    yz: Quantity | None = None
+    about: str = "center_of_mass"
+    unchecked: bool = False
+
+    @classmethod
+    def where(cls, fields: Mapping[str, Any]) -> str:
+        return "inertia"
+
+    def given(self) -> dict[str, Quantity]:
+        """Entries that have a value."""
+        entries: dict[str, Quantity] = {
+            name: value
+            for name in (*DIAGONAL, *PRODUCTS)
+            if (value := getattr(self, name)) is not None
+        }
+        if all(name in entries for name in DIAGONAL):
+            entries = {**dict.fromkeys(PRODUCTS, 0.0), **entries}
+        return entries
+
+
+@final
+class RigidBody(Body):
+    """Mass (kg), center of mass (m, from the origin of the body frame) and inertia (kg m^2)."""
+
+    kind: ClassVar[str] = "rigid"
+    mass: Quantity
+    center_of_mass: Vector = (0.0, 0.0, 0.0)
+    inertia: Inertia = Inertia()
+
+    @model_validator(mode="after")
+    def _point_of_the_inertia_exists(self) -> Self:
+        if self.inertia.about not in self.port_names():
+            raise SceneError(
+                "inertia.about: " + unknown_name("port", self.inertia.about, self.port_names())
+            )
+        return self
+
+    def own_quantities(self) -> dict[str, Expected]:
+        return {
+            "mass": Expected(self.mass, "kg"),
+            **vector_quantities("center_of_mass", self.center_of_mass, "m"),
+            **{
+                f"inertia.{name}": Expected(value, "kg m^2")
+                for name, value in self.inertia.given().items()
+            },
+        }
+
+    def port_names(self) -> tuple[str, ...]:
+        return ("origin", "center_of_mass", *self.ports)
+
+    def port_label(self, port: str) -> str | None:
+        return port if port == "center_of_mass" else super().port_label(port)
+
+    def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
+        """Newton-Euler about the point of the inertia, moved to the inboard port."""
+        inertia = inertia_entries(self.name, values)
+        center = _position(values, "center_of_mass")
+        label = self.port_label(self.inertia.about)
+        point = _position(values, label) if label else ca.SX(3, 1)
+        needed = newton_euler()(motion, values["mass"], point - inboard, center - point, inertia)
+        return ca.SX(needed)
+
+    def first_moment(self, values: Values, inboard: ca.SX) -> ca.SX:
+        return ca.SX((_position(values, "center_of_mass") - inboard) * values["mass"])
+
+    def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
+        problem = negative_mass(values["mass"])
+        return problem if self.inertia.unchecked else problem or _inertia_problem(self, values)
+
+
+@cache
+def newton_euler() -> ca.Function:
+    """(motion, mass, r, d, J) -> wrench about the inboard port; r = P - inboard port, d = C - P."""
+    motion, mass = ca.SX.sym("motion", 3, 3), ca.SX.sym("mass")
+    r, d, inertia = ca.SX.sym("r", 3), ca.SX.sym("d", 3), ca.SX.sym("J", 3, 3)
+    omega, alpha, acceleration = ca.horzsplit(move_motion(motion, r))
+    force = mass * (acceleration + ca.cross(alpha, d) + ca.cross(omega, ca.cross(omega, d)))
+    torque = (
+        ca.mtimes(inertia, alpha)
+        + ca.cross(omega, ca.mtimes(inertia, omega))
+        + ca.cross(d, mass * acceleration)
+    )
+    return ca.Function(
+        "newton_euler", [motion, mass, r, d, inertia], [move_wrench(ca.horzcat(force, torque), r)]
+    )
+
+
+def inertia_entries(body: str, values: Values) -> ca.SX:
+    """Inertia matrix (3, 3); a symbol stands for an entry that was not given."""
+    entries = {
+        name: values[key]
+        if (key := f"inertia.{name}") in values
+        else ca.SX.sym(unseen_name(body, name))
+        for name in (*DIAGONAL, *PRODUCTS)
+    }
+    return ca.reshape(column(entries[name] for row in _ENTRY for name in row), 3, 3)
+
+
+def unseen_name(body: str, entry: str) -> str:
+    """Name of the placeholder of an inertia entry that was not given."""
+    return f"{body}.inertia.{entry}"
+
+
+def negative_mass(mass: NDArray[np.float64]) -> str | None:
+    """The condition m >= 0."""
+    lowest = float(np.min(mass))
+    rounding = _ROUNDING * float(np.max(np.abs(mass)))
+    return f"the mass is negative in the range: {lowest:g} kg." if lowest < -rounding else None
+
+
+def _position(values: Values, label: str) -> ca.SX:
+    return column(values[f"{label}.{axis}"] for axis in AXES)
+
+
+def _inertia_problem(body: RigidBody, values: Mapping[str, NDArray[np.float64]]) -> str | None:
+    """Conditions on the inertia about the center of mass; all of them when it is fully given."""
+    entries = {name: values.get(f"inertia.{name}") for row in _ENTRY for name in row}
+    about = body.port_label(body.inertia.about)
+    mass = values["mass"]
+    d = np.stack(
+        [
+            np.broadcast_to(
+                values[f"center_of_mass.{axis}"] - (values[f"{about}.{axis}"] if about else 0.0),
+                mass.shape,
+            )
+            for axis in "xyz"
+        ]
+    )
+    steiner = {
+        "xx": d[1] ** 2 + d[2] ** 2,
+        "yy": d[0] ** 2 + d[2] ** 2,
+        "zz": d[0] ** 2 + d[1] ** 2,
+    }
+    for name in DIAGONAL:
+        entry = entries[name]
+        if entry is not None:
+            central = entry - mass * steiner[name]
+            if np.min(central) < -_ROUNDING * np.max(np.abs(entry)):
+                return (
+                    f"inertia.{name} about the center of mass is negative in the range: "
+                    f"{np.min(central):g} kg m^2 (given about {body.inertia.about})."
+                )
+    given = {name: entry for name, entry in entries.items() if entry is not None}
+    if len(given) < len(entries):
+        return None
+    full = np.stack(
+        [np.stack([np.broadcast_to(given[name], mass.shape) for name in row]) for row in _ENTRY]
+    )
+    full = np.moveaxis(full, -1, 0)
+    offset = np.moveaxis(d, -1, 0)
+    square = np.einsum("ni,ni->n", offset, offset)[:, None, None] * np.eye(3)
+    central = full - mass[:, None, None] * (square - offset[:, :, None] * offset[:, None, :])
+    principal = np.linalg.eigvalsh(central)
+    scale = np.max(np.abs(full))
+    if np.min(principal) < -_ROUNDING * scale:
+        return (
+            "the inertia matrix about the center of mass is not positive semidefinite in the range: "
+            f"smallest principal moment {np.min(principal):g} kg m^2."
+        )
+    slack = principal[:, 0] + principal[:, 1] - principal[:, 2]
+    if np.min(slack) < -_ROUNDING * scale:
+        worst = principal[int(np.argmin(slack))]
+        return (
+            "the triangle inequality of the principal moments fails in the range: "
+            f"{worst[0]:g} + {worst[1]:g} < {worst[2]:g} kg m^2."
+        )
+    return None

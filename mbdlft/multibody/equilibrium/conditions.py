@@ -1,0 +1,305 @@
+"""The conditions of equilibrium as f(t, p) = 0 with as many unknowns as equations.
+
+The unknown position of a joint is theta0 + 2 atan(t), or x0 + 2 t, with theta0 and x0 of the nominal
+equilibrium. A stiffness needs the angle a = atan(t) itself, a spring its force density h:
+
+    0 = sin(a) - t cos(a),     0 = h l - (k l - k l0),     l its length, l0 its rest length
+
+With these unknowns f has sines, cosines and square roots only. Unknown efforts, which enter linearly, are
+eliminated, with pivots that are chosen at nominal.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+from scipy.linalg import qr
+
+from mbdlft.base.array import Array
+from mbdlft.base.description import Quantity
+from mbdlft.base.errors import NotRationalError, TrimError
+from mbdlft.base.expression import evaluate, parse
+from mbdlft.base.unit import parse_unit
+from mbdlft.multibody.equilibrium.displaced import Displaced, JointCoordinate
+from mbdlft.multibody.force import Spring
+from mbdlft.multibody.joint import labelled
+from mbdlft.multibody.scene.scene import Scene
+from mbdlft.problem.equations import physical_symbols
+
+_RANK = 1e-9  # of the largest pivot: an unknown effort below does nothing that others do not
+_MET = 1e-7  # of the size of an equation: what the nominal equilibrium may leave
+
+Entries = list[ca.SX]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Conditions:
+    """f(t, p) = 0: tangents by coordinate, then angles of sprung joints, then force densities.
+
+    Attributes
+    ----------
+    residual : casadi.Function
+        (t, p) -> f; p in SI units.
+    names : names of the parameters in p
+    start : Array (n_t,)
+        The root at nominal.
+    tangents, angles : indices of coordinates
+    springs : nominal size of the force density (N/m) by name of the spring; the unknown is relative to it
+    """
+
+    residual: ca.Function
+    names: tuple[str, ...]
+    start: Array
+    tangents: tuple[int, ...]
+    angles: tuple[int, ...]
+    springs: Mapping[str, float]
+
+
+def quantity(coordinate: JointCoordinate, key: str) -> Quantity:
+    """The source of a quantity of one coordinate of a joint."""
+    return coordinate.joint.quantities()[labelled(key, coordinate.freedom)].source
+
+
+def conditions(
+    scene: Scene,
+    before: Displaced,
+    after: Displaced,
+    tangents: Mapping[int, str],
+    nominal: Mapping[int, float],
+) -> Conditions:
+    """The conditions for the coordinates whose positions in `after` have the parameters `tangents`.
+
+    Parameters
+    ----------
+    scene : Scene
+        As it is declared; `before` is that scene displaced.
+    after : Displaced
+        With the new positions declared.
+    tangents : names of the new parameters by index of the coordinate
+    nominal : positions (rad, m) at nominal by index of the coordinate
+
+    Raises
+    ------
+    TrimError
+        No number of equations determines the positions.
+    NotRationalError
+        The position depends on a parameter that is an angle.
+    """
+    s = _Symbols(scene, tangents)
+    rows, given = s.at(after, [after.rows, after.given])
+    u = ca.SX(given)
+    halves = _sprung_joints(s, before, after, nominal, u)
+    ropes = _ropes(s, before, after, u)
+    own = [ca.sin(half) - s.tangents[k] * ca.cos(half) for k, half in halves.items()]
+    own += [rope.law for rope in ropes]
+    t = ca.vertcat(s.all_tangents, *halves.values(), *(rope.density for rope in ropes))
+    start = [0.0] * (len(tangents) + len(halves)) + [rope.nominal for rope in ropes]
+    w = ca.SX.sym("w", len(after.unknown))
+    if after.unknown:
+        u[list(after.unknown)] = w
+    arguments = ca.vertcat(t, *s.parameters.values())
+    numbers = _numbers(arguments, np.array([*start, *s.nominal.values()]))
+    left = _eliminated(ca.vertsplit(ca.substitute(rows, after.u, u)), w, numbers)
+    laws = ca.vertcat(ca.SX(0, 1), *own)
+    f = ca.vertcat(_independent(scene, left, laws, t, len(tangents), numbers), laws)
+    slopes = np.max(np.abs(numbers(ca.jacobian(f, t))), axis=1)
+    f = f / ca.DM(np.where(slopes > 0, slopes, 1.0))
+    met = float(np.max(np.abs(numbers(f))))
+    if not met <= _MET:
+        raise TrimError(
+            f"scene {scene.name!r}: the nominal equilibrium does not meet the equations without the "
+            f"unknown efforts, by {met:.1e}."
+        )
+    residual, names = _of_used_parameters(s, f, t)
+    return Conditions(
+        residual,
+        names,
+        np.array(start),
+        tuple(tangents),
+        tuple(halves),
+        {rope.name: rope.size for rope in ropes},
+    )
+
+
+class _Rope(NamedTuple):
+    """A spring whose force density is size * density, with its law and the nominal of the unknown."""
+
+    name: str
+    size: float
+    density: ca.SX
+    law: ca.SX
+    nominal: float
+
+
+def _sprung_joints(
+    s: "_Symbols", before: Displaced, after: Displaced, nominal: Mapping[int, float], u: ca.SX
+) -> dict[int, ca.SX]:
+    """Put the torques and forces of sprung joints into u; new symbols for half the angles."""
+    index = {signal.name: k for k, signal in enumerate(after.u_signals)}
+    (declared,) = s.at(before, [before.declared])
+    halves: dict[int, ca.SX] = {}
+    for k, tangent in s.tangents.items():
+        c = before.coordinates[k]
+        if not c.is_sprung:
+            continue
+        if ca.symvar(declared[k]):
+            raise TrimError(
+                f"scene {before.name!r}: the spring of {c.joint.name!r} is relaxed at a position that "
+                "depends on parameters. Give it a number, and the rest as preload."
+            )
+        half = tangent
+        if c.freedom.turns:
+            half = halves[k] = ca.SX.sym("half")
+        q = nominal[k] + 2.0 * half - declared[k]
+        effort = index[f"{c.joint.name}.{c.freedom.effort.name}"]
+        u[effort] -= s.value(quantity(c, "stiffness")) * q
+    return halves
+
+
+def _ropes(s: "_Symbols", before: Displaced, after: Displaced, u: ca.SX) -> list[_Rope]:
+    """Put new symbols for the force densities of springs into u, where these depend on positions."""
+    index = {signal.name: k for k, signal in enumerate(after.u_signals)}
+    found: list[_Rope] = []
+    for load in s.scene.loads:
+        if not isinstance(load, Spring):
+            continue
+        row = index[f"{load.name}.{Spring.signal.name}"]
+        (length,) = s.at(after, [after.lengths[load.name]])
+        if row in after.unknown or not ca.depends_on(length, s.all_tangents):
+            continue
+        (declared,) = s.at(before, [before.lengths[load.name]])
+        k, h = s.value(load.stiffness), s.value(load.force_density or 0.0)
+        slack = (k - h) * declared if load.rest_length is None else k * s.value(load.rest_length)
+        size = abs(s.at_nominal(k)) or 1.0
+        density = ca.SX.sym("density")
+        law = density * length - (k * length - slack) / size
+        u[row] = size * density
+        found.append(
+            _Rope(load.name, size, density, law, s.at_nominal((k - slack / length) / size))
+        )
+    return found
+
+
+def _of_used_parameters(s: "_Symbols", f: ca.SX, t: ca.SX) -> tuple[ca.Function, tuple[str, ...]]:
+    """f as a function of t and the parameters that it depends on, and their names."""
+    used = [name for name, p in s.parameters.items() if ca.depends_on(f, p)]
+    turned = [p.name for p in s.scene.parameters if p.is_angle and p.name in used]
+    if turned:
+        raise NotRationalError(
+            f"scene {s.scene.name!r}: the equilibrium depends on the angle {turned[0]!r}; a fit is a "
+            "function of parameters that are not angles. Make its tangent a parameter t, with the "
+            "angle 2*atan(t), or let the trim solve for an effort."
+        )
+    others = [name for name in s.parameters if name not in used]
+    f = ca.substitute(
+        f,
+        ca.vertcat(ca.SX(0, 1), *(s.parameters[name] for name in others)),
+        ca.SX(ca.DM([s.nominal[name] for name in others])),
+    )
+    p = ca.vertcat(ca.SX(0, 1), *(s.parameters[name] for name in used))
+    return ca.Function("equilibrium", [t, p], [ca.densify(f)]), tuple(used)
+
+
+class _Symbols:
+    """Symbols of parameters in SI units and of tangents, and expressions in terms of them."""
+
+    def __init__(self, scene: Scene, tangents: Mapping[int, str]) -> None:
+        self.scene = scene
+        self.tangents = {k: ca.SX.sym(name) for k, name in tangents.items()}
+        self.all_tangents = ca.vertcat(*self.tangents.values())
+        self.parameters = {p.name: ca.SX.sym(p.name) for p in scene.parameters}
+        self.factors = {p.name: parse_unit(p.unit).factor for p in scene.parameters}
+        self.nominal = {p.name: p.nominal * self.factors[p.name] for p in scene.parameters}
+        self.physical = {name: p / self.factors[name] for name, p in self.parameters.items()}
+        self.physical |= {name: self.tangents[k] for k, name in tangents.items()}
+
+    def at(self, d: Displaced, expressions: Sequence[ca.SX]) -> Entries:
+        """Expressions of a displaced scene at its declared positions."""
+        inner, p, cosine, sine = physical_symbols(d.parameters)
+        dense = [ca.densify(expression) for expression in expressions]
+        dense = ca.substitute(dense, [d.p, d.cosine, d.sine], [p, cosine, sine])
+        values = ca.vertcat(ca.SX(0, 1), *(self.physical[p.name] for p in d.parameters))
+        return list(ca.substitute(dense, [inner, d.q], [values, ca.SX.zeros(d.q.numel())]))
+
+    def value(self, source: Quantity) -> ca.SX:
+        """A quantity that is not an angle."""
+        return ca.SX(evaluate(parse(source), {**self.scene.constant_values(), **self.parameters}))
+
+    def at_nominal(self, expression: ca.SX) -> float:
+        """The value at the nominal equilibrium."""
+        arguments = ca.vertcat(self.all_tangents, *self.parameters.values())
+        point = [*[0.0] * len(self.tangents), *self.nominal.values()]
+        return float(ca.Function("nominal", [arguments], [expression])(point))
+
+
+def _numbers(arguments: ca.SX, point: Array) -> Callable[[ca.SX], Array]:
+    def evaluated(expression: ca.SX) -> Array:
+        function = ca.Function("numbers", [arguments], [ca.densify(expression)])
+        return np.asarray(function(point).full())
+
+    return evaluated
+
+
+def _eliminated(rows: Sequence[ca.SX], w: ca.SX, numbers: Callable[[ca.SX], Array]) -> Entries:
+    """The rows that are left without w: Gaussian elimination, first of efforts in one row only."""
+    slopes = ca.sparsify(ca.jacobian(ca.vertcat(*rows), w))
+    zero = ca.SX.zeros(w.numel())
+    b = [ca.substitute(row, w, zero) for row in rows]
+    A: list[list[Any]] = [[slopes[i, j] for j in range(w.numel())] for i in range(len(rows))]
+    values = numbers(slopes)
+    left, columns = list(range(len(rows))), list(range(w.numel()))
+    largest = float(np.max(np.abs(values), initial=0.0))
+    while columns and left:
+        part = np.abs(values[np.ix_(left, columns)])
+        alone = [
+            k
+            for k, j in enumerate(columns)
+            if sum(A[i][j].nnz() > 0 for i in left) == 1 and np.max(part[:, k]) > _RANK * largest
+        ]
+        if alone:
+            part = np.where(np.isin(np.arange(len(columns)), alone), part, 0.0)
+        if np.max(part) <= _RANK * largest:
+            break  # the others do nothing that is not done already: loads of redundant closures
+        i, j = np.unravel_index(int(np.argmax(part)), part.shape)
+        r, c = left.pop(int(i)), columns.pop(int(j))
+        for k in left:
+            if A[k][c].nnz() == 0:
+                continue
+            factor, number = A[k][c] / A[r][c], values[k, c] / values[r, c]
+            b[k] = b[k] - factor * b[r]
+            for m in columns:
+                A[k][m] = ca.sparsify(A[k][m] - factor * A[r][m])
+            values[k] = values[k] - number * values[r]
+    return [b[k] for k in left]
+
+
+def _independent(
+    scene: Scene,
+    rows: Entries,
+    own: ca.SX,
+    t: ca.SX,
+    count: int,
+    numbers: Callable[[ca.SX], Array],
+) -> ca.SX:
+    """The rows that determine the tangents, once `own` has determined the other unknowns."""
+    slopes = numbers(ca.jacobian(ca.vertcat(ca.SX(0, 1), *rows), t))
+    inner = numbers(ca.jacobian(own, t))
+    if inner.size:
+        follow = np.linalg.solve(inner[:, count:], inner[:, :count])
+        slopes = slopes[:, :count] - slopes[:, count:] @ follow
+    size = np.max(np.abs(slopes), axis=1, initial=0.0, keepdims=True)
+    scaled = slopes / np.where(size > _RANK * np.max(size, initial=0.0), size, np.inf)
+    rank = 0
+    if len(rows):
+        _, triangle, order = qr(scaled.T, mode="economic", pivoting=True)
+        steps = np.abs(np.diag(triangle))
+        rank = int(np.sum(steps > _RANK * np.max(steps, initial=0.0))) if steps[0] > 0 else 0
+    if rank < count:
+        raise TrimError(
+            f"scene {scene.name!r}: the nominal equilibrium is a fold or a bifurcation, or {count} "
+            f"unknown positions have {rank} equations that depend on them. Give other joints a preload, "
+            "or loads a magnitude."
+        )
+    return ca.vertcat(*(rows[int(k)] for k in sorted(order[:count])))

@@ -1,0 +1,283 @@
+"""The conditions of equilibrium at displacements of any size, where positions are unknown.
+
+    0 = efforts needed at rest + stiffness q - u,      0 = gap of each loop
+
+At q = 0 they are those of `assemble`. Here springs follow their law, and loops have their true gaps,
+with all rows, also redundant ones; they need not be closed at the declared positions. Elastic bodies keep
+the shape that they have at the declared ones.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from mbdlft.base.description import AXES, Values
+from mbdlft.base.parameter import Parameter
+from mbdlft.base.signal import Freedom, Signal
+from mbdlft.multibody.assembly.assemble import (
+    acting,
+    ground_motion,
+    list_efforts,
+    quantity_of,
+    without_unseen,
+)
+from mbdlft.multibody.assembly.closure import Closure
+from mbdlft.multibody.assembly.placed import inertial_wrenches, motions, pass_inward
+from mbdlft.multibody.assembly.symbols import Symbols, coordinate_owners
+from mbdlft.multibody.assembly.tree import Link, all_bodies, tree
+from mbdlft.multibody.assembly.view import View
+from mbdlft.multibody.force import Spring
+from mbdlft.multibody.joint import Joint, labelled
+from mbdlft.multibody.loop import Loop
+from mbdlft.multibody.scene.check import check
+from mbdlft.multibody.scene.quantities import Place, owner_name
+from mbdlft.multibody.scene.scene import Scene
+from mbdlft.multibody.spatial import Coordinate
+
+
+@dataclass(frozen=True, slots=True)
+class JointCoordinate:
+    """One coordinate of a joint.
+
+    Attributes
+    ----------
+    joint : Joint
+    freedom : names of the coordinate
+    signal : name and unit of its position
+    is_ball : whether it is a component of a rotation vector, counted from the declared orientation
+    is_passive : whether its effort is given and its position is not, so that nothing holds it
+    is_sprung : whether the joint has a stiffness for it
+    """
+
+    joint: Joint
+    freedom: Freedom
+    signal: Signal
+    is_ball: bool
+    is_passive: bool
+    is_sprung: bool
+
+    @property
+    def is_imposed(self) -> bool:
+        """Whether its position is given."""
+        return bool(getattr(self.joint, "imposed", False))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Displaced:
+    """0 = rows(q, u, p, cosine, sine), linear in u.
+
+    Attributes
+    ----------
+    rows : SX (n_r,)
+        Unbalanced efforts of the coordinates that are not imposed, then gaps of the loops.
+    row_signals : Signal (n_r,)
+    alignment : SX (n_a,)
+        Cosines that are 1 where a loop is closed; its gap also vanishes where they are -1.
+    q : SX symbols (n,)
+        Displacements from the declared positions; of a rotation vector 2 tan(angle/2) axis.
+    u : SX symbols (n_u,)
+        Efforts, magnitudes and multipliers.
+    given : SX (n_u,)
+        Values of the given ones, functions of q and p; zero for the others.
+    unknown : positions in u of those that are not given
+    multipliers : positions in u of the loads of loops
+    u_signals : Signal (n_u,)
+    p, cosine, sine : SX symbols, as in `Equations`
+    coordinates : JointCoordinate (n,)
+    declared : SX (n,)
+        Declared positions (rad, m), functions of p; zero for rotation vectors.
+    lengths : SX by name of the springs
+        At the displaced positions (m), functions of q and p.
+    arms : SX (3, n_a)
+        Arms of bodies and joints (m), for the size of the scene.
+    parameters : sorted by name
+    """
+
+    name: str
+    rows: ca.SX
+    row_signals: tuple[Signal, ...]
+    alignment: ca.SX
+    q: ca.SX
+    u: ca.SX
+    given: ca.SX
+    unknown: tuple[int, ...]
+    multipliers: tuple[int, ...]
+    u_signals: tuple[Signal, ...]
+    p: ca.SX
+    cosine: ca.SX
+    sine: ca.SX
+    coordinates: tuple[JointCoordinate, ...]
+    declared: ca.SX
+    lengths: Mapping[str, ca.SX]
+    arms: ca.SX
+    parameters: tuple[Parameter, ...]
+
+
+def displace(scene: Scene) -> Displaced:
+    """The conditions of equilibrium of a scene at displaced positions.
+
+    Raises
+    ------
+    SceneError, NotRationalError, WellPosednessError
+        As `assemble`, but loops need not be closed.
+    """
+    links = tree(scene)
+    check(scene)
+    parameters = tuple(sorted(scene.parameters, key=lambda parameter: parameter.name))
+    symbols = Symbols(scene, parameters, links)
+    values = symbols.quantities(scene)
+    own = values[f"scene {scene.name!r}"]
+    gravity = ca.SX(ca.vertcat(*(own[f"gravity.{a}"] for a in AXES)))
+    owned = coordinate_owners(links)
+    moving = [named.kind != "elastic" for named in owned for _ in named.freedoms]
+    at_rest = {
+        named.owner: Coordinate(
+            ca.SX(at.q.numel(), 1) if named.kind == "elastic" else at.q,
+            ca.SX(at.q.numel(), 1),
+            ca.SX(at.q.numel(), 1),
+        )
+        for named, at in zip(owned, symbols.coordinates(links).values(), strict=True)
+    }
+    view = View(links, all_bodies(scene), values, at_rest, ca.sparsify(gravity))
+    view.elastic = 0.0
+    laws = {
+        load.name: spring_law(load, values[owner_name(load)], view)
+        for load in scene.loads
+        if isinstance(load, Spring)
+    }
+    rows = range(sum(len(loop.signals()) for loop in scene.loops))
+    listed = list_efforts(scene, links, values, laws, rows)
+    u = ca.SX.sym("u", len(listed))
+    base = ca.SX(ca.vertcat(*(own[f"acceleration.{a}"] for a in AXES))) - gravity
+    view.motions = motions(view.now, ground_motion(scene, own, ca.sparsify(base), listed, u))
+    needed = inertial_wrenches(view.now, view.motions)
+    closure = Closure(tuple(rows), ())
+    for acted in acting(scene, links, values, view, closure, u, ca.SX(len(rows), 1)):
+        if acted.body in needed:
+            needed[acted.body] -= acted.wrench
+    passed = pass_inward(view.now, view.motions, needed)
+
+    coordinates = _coordinates(links, values)
+    entries = [k for k, moves in enumerate(moving) if moves]
+    balance: list[ca.SX] = []
+    row_signals: list[Signal] = []
+    efforts = [passed.efforts[named.owner] for named in owned if named.kind != "elastic"]
+    for k, c, effort in zip(entries, coordinates, ca.vertsplit(ca.vertcat(*efforts)), strict=True):
+        if not c.is_imposed:
+            stiffness = quantity_of(values[owner_name(c.joint)], "stiffness", c.freedom)
+            balance.append(effort + stiffness * symbols.q[k] - u[k])
+            name = f"{c.joint.name}.{c.freedom.effort.name}"
+            row_signals.append(Signal(name, c.freedom.effort.unit))
+    declared = [_declared(scene, symbols, values, c) for c in coordinates]
+    gaps, gap_signals, alignment = _gaps(scene.loops, view)
+    count = len(listed) - len(rows)
+    return Displaced(
+        name=scene.name,
+        rows=ca.densify(without_unseen(scene, ca.vertcat(ca.SX(0, 1), *balance, *gaps))),
+        row_signals=(*row_signals, *gap_signals),
+        alignment=ca.densify(ca.vertcat(ca.SX(0, 1), *alignment)),
+        q=symbols.q[entries],
+        u=u,
+        given=ca.SX(ca.vertcat(*(0.0 if e.given is None else e.given for e in listed))),
+        unknown=tuple(
+            k
+            for k, effort in enumerate(listed)
+            if effort.given is None and (k >= len(moving) or moving[k])
+        ),
+        multipliers=tuple(range(count, len(listed))),
+        u_signals=tuple(effort.signal for effort in listed),
+        p=symbols.p,
+        cosine=symbols.cosine,
+        sine=symbols.sine,
+        coordinates=coordinates,
+        declared=ca.SX(ca.vertcat(*declared)),
+        lengths={
+            load.name: _length(load, view) for load in scene.loads if isinstance(load, Spring)
+        },
+        arms=ca.densify(ca.horzcat(*view.now.arms.values(), *view.now.inboard.values())),
+        parameters=parameters,
+    )
+
+
+def _coordinates(
+    links: tuple[Link, ...], values: Mapping[str, Values]
+) -> tuple[JointCoordinate, ...]:
+    """Coordinates of all joints, in the order of the tree."""
+    found = []
+    for link in links:
+        joint, own = link.joint, values.get(link.owner, {})
+        imposed = bool(getattr(joint, "imposed", False))
+        for freedom in joint.freedoms:
+            measure = freedom.measures[0]
+            stiffness = ca.sparsify(ca.SX(quantity_of(own, "stiffness", freedom)))
+            found.append(
+                JointCoordinate(
+                    joint,
+                    freedom,
+                    Signal(f"{joint.name}.{measure.name}", measure.unit),
+                    is_ball=labelled("position", freedom) not in own,
+                    is_passive=not imposed and labelled("preload", freedom) in own,
+                    is_sprung=bool(stiffness.nnz()),
+                )
+            )
+    return tuple(found)
+
+
+def _declared(
+    scene: Scene, symbols: Symbols, values: Mapping[str, Values], c: JointCoordinate
+) -> Any:
+    """Declared position (rad, m) of a coordinate, a function of p."""
+    owner, label = owner_name(c.joint), labelled("position", c.freedom)
+    if c.is_ball:
+        return 0.0
+    if c.freedom.turns:
+        return symbols.angle(scene, Place(owner, label), c.joint.quantities()[label])
+    return values[owner][label]
+
+
+def spring_law(spring: Spring, own: Values, view: View) -> ca.SX | None:
+    """Tension over length (N/m) of a spring at the displaced positions; None if it is unknown.
+
+    k (1 - l0/l) with the rest length l0, or k - (k - h) l_declared/l with the force density h that
+    it has at the declared positions.
+    """
+    view.owner = owner_name(spring)
+    if spring.rest_length is None and spring.force_density is None:
+        return None
+    length = _length(spring, view)
+    if spring.rest_length is not None:
+        return ca.SX(own["stiffness"] * (1.0 - own["rest_length"] / length))
+    declared = ca.norm_2(view.between_at_rest(spring.parent, spring.child))
+    return ca.SX(own["stiffness"] - (own["stiffness"] - own["force_density"]) * declared / length)
+
+
+def _length(spring: Spring, view: View) -> ca.SX:
+    view.owner = owner_name(spring)
+    return ca.norm_2(view.between(spring.parent, spring.child))
+
+
+def _gaps(loops: tuple[Loop, ...], view: View) -> tuple[list[ca.SX], list[Signal], list[ca.SX]]:
+    """Gaps of the loops, one for each multiplier, their names, and the cosines that must be 1."""
+    gaps: list[ca.SX] = []
+    signals: list[Signal] = []
+    alignment: list[ca.SX] = []
+    for loop in loops:
+        view.owner = Loop.where({"name": loop.name})
+        gaps.append(view.between(loop.parent, loop.child))
+        signals += [Signal(f"{loop.name}.gap.{axis}", "m") for axis in AXES]
+        body, other = view.find(loop.parent)[0], view.find(loop.child)[0]
+        if loop.axis is not None:
+            axis = ca.SX(np.asarray(loop.axis) / np.linalg.norm(loop.axis))
+            turned = view.across_now(axis, other, body)
+            gaps.append(ca.mtimes(loop.turned_rows(), turned))
+            alignment.append(ca.dot(axis, turned))
+        elif loop.kind == "fixed":
+            R = ca.horzcat(*(view.across_now(ca.SX.eye(3)[:, k], other, body) for k in range(3)))
+            gaps.append(0.5 * ca.vertcat(R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]))
+            alignment.append(0.5 * (ca.trace(R) - 1.0))
+        turned_rows = loop.turned_rows().shape[0]
+        signals += [Signal(f"{loop.name}.gap.{k + 1}", "rad") for k in range(turned_rows)]
+    return gaps, signals, alignment

@@ -1,0 +1,296 @@
+"""What is unknown at an equilibrium, and its equations as numbers.
+
+    0 = rows(s, w),    s: positions and chosen parameters,    w: efforts, magnitudes, multipliers
+
+The rows are linear in w, so w is eliminated by least squares, and what is left depends on s alone
+(variable projection: Golub, Pereyra 1973; the Jacobian is that of Kaufman 1975).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import TrimError, unknown_name
+from mbdlft.base.signal import Signal
+from mbdlft.multibody.equilibrium.displaced import Displaced
+from mbdlft.problem.equations import physical_symbols
+
+Bounds = Mapping[str, tuple[float, float]]
+
+_SAMPLES = 8  # random positions from which the size of each row is taken
+_SMALL = 1e-3  # of the largest row of one unit: the least size of a row
+_RANK = 1e-9  # singular values below this part of the largest are zero
+_MOST_TURN = np.pi * (1.0 - 1.0 / 16.0)  # rad; of a random rotation: the vector is infinite at pi
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """One entry of s: a coordinate of a joint or a parameter, by its position there.
+
+    `low` and `high` are those of s in the search, `bounded` whether the user gave them; `size` is a
+    typical change; `origin` is what is added to s for the position itself.
+    """
+
+    signal: Signal
+    index: int
+    is_parameter: bool
+    is_ball: bool
+    is_periodic: bool
+    low: float
+    high: float
+    bounded: bool
+    size: float
+    start: float
+    origin: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Balance:
+    """The equations of equilibrium at one value of the parameters.
+
+    Attributes
+    ----------
+    displaced : Displaced
+    unknowns : Unknown (n_s,)
+    parameters : physical values by name
+    offset : casadi.Function, s -> rows at w = 0 (m,), slopes by w (m, n_w)
+    slopes : casadi.Function, (s, w) -> rows (m,), slopes by s (m, n_s)
+    alignment : casadi.Function, s -> cosines that must be 1
+    sizes : Array (m,)
+        Typical size of each row.
+    """
+
+    displaced: Displaced
+    unknowns: tuple[Unknown, ...]
+    parameters: Mapping[str, float]
+    offset: ca.Function
+    slopes: ca.Function
+    alignment: ca.Function
+    sizes: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reduced:
+    """At some s: w, the rows (m,) that w cannot balance, and their slopes by s; all over sizes."""
+
+    w: Array
+    rows: Array
+    slopes: Array
+
+
+def balance(
+    displaced: Displaced,
+    values: Mapping[str, float],
+    positions: Sequence[str] | None,
+    bounds: Bounds,
+    rng: np.random.Generator,
+) -> Balance:
+    """The equations at physical values by name; the other arguments as in `find_equilibrium`.
+
+    Raises
+    ------
+    TrimError
+        A name is unknown, or what it names cannot be an unknown.
+    """
+    d = displaced
+    at = _parameter_values(d, values)
+    symbols, p, cosine, sine = physical_symbols(d.parameters)
+    angles = [d.p, d.cosine, d.sine], [p, cosine, sine]
+    point = np.array(list(at.values()))
+    fixed = ca.Function(
+        "fixed", [symbols], ca.substitute([ca.densify(d.declared), d.arms], *angles)
+    )
+    declared, arms = (part.full() for part in fixed(point))
+    reach = float(np.max(np.linalg.norm(arms.reshape(3, -1), axis=0), initial=0.0)) or 1.0
+    unknowns = _choose(d, at, positions, bounds, declared.reshape(-1), reach)
+
+    s, w = ca.SX.sym("s", len(unknowns)), ca.SX.sym("w", len(d.unknown))
+    q, free = ca.SX(ca.DM.zeros(d.q.numel())), ca.SX(ca.DM(point))
+    for k, unknown in enumerate(unknowns):
+        if unknown.is_parameter:
+            free[unknown.index] = s[k]
+        else:
+            q[unknown.index] = s[k]
+    u = ca.SX(d.given)
+    if d.unknown:
+        u[list(d.unknown)] = w
+    rows, alignment = ca.substitute([ca.substitute(d.rows, d.u, u), d.alignment], *angles)
+    rows, alignment = ca.substitute([rows, alignment], [d.q, symbols], [q, free])
+    by_w = ca.densify(ca.jacobian(rows, w))
+    none = ca.SX(ca.DM.zeros(w.numel()))
+    found = Balance(
+        d,
+        unknowns,
+        at,
+        ca.Function("offset", [s], [ca.densify(ca.substitute(rows, w, none)), by_w]),
+        ca.Function("slopes", [s, w], [ca.densify(rows), ca.densify(ca.jacobian(rows, s))]),
+        ca.Function("alignment", [s], [ca.densify(alignment)]),
+        np.ones(rows.numel()),
+    )
+    sizes = _row_sizes(found, reach, rng)
+    return Balance(d, unknowns, at, found.offset, found.slopes, found.alignment, sizes)
+
+
+def reduce_at(b: Balance, s: Array) -> Reduced:
+    """w of least squares, and what is left of the rows."""
+    offset, by_w = (part.full() for part in b.offset(s))
+    offset, by_w = offset[:, 0] / b.sizes, by_w / b.sizes[:, None]
+    if not (np.isfinite(offset).all() and np.isfinite(by_w).all()):
+        return Reduced(np.full(by_w.shape[1], np.nan), np.full(len(offset), np.nan), by_w[:, :0])
+    column = np.max(np.abs(by_w), axis=0, initial=0.0)
+    column = np.where(column > 0, column, 1.0)
+    left, values, right = np.linalg.svd(by_w / column, full_matrices=False)
+    kept = values > _RANK * np.max(values, initial=0.0)
+    left, values, right = left[:, kept], values[kept], right[kept]
+    w = -(right.T @ ((left.T @ offset) / values)) / column
+    rows, by_s = (part.full() for part in b.slopes(s, w))
+    rows, by_s = rows[:, 0] / b.sizes, by_s / b.sizes[:, None]
+    by_s = by_s * np.array([unknown.size for unknown in b.unknowns])
+    return Reduced(w, rows - left @ (left.T @ rows), by_s - left @ (left.T @ by_s))
+
+
+def whole_slopes(b: Balance, s: Array, w: Array) -> Array:
+    """Slopes (m, n_s + n_w) of the rows over their sizes, each column over its size."""
+    _, by_w = (part.full() for part in b.offset(s))
+    _, by_s = (part.full() for part in b.slopes(s, w))
+    by_w = by_w / b.sizes[:, None]
+    column = np.max(np.abs(by_w), axis=0, initial=0.0)
+    by_s = by_s / b.sizes[:, None] * np.array([unknown.size for unknown in b.unknowns])
+    return np.hstack([by_s, by_w / np.where(column > 0, column, 1.0)])
+
+
+def random_start(b: Balance, rng: np.random.Generator) -> Array:
+    """Unknowns (n_s,) drawn inside their bounds; rotations of balls about random axes."""
+    s = np.array([rng.uniform(unknown.low, unknown.high) for unknown in b.unknowns])
+    balls = [k for k, unknown in enumerate(b.unknowns) if unknown.is_ball]
+    for k in range(0, len(balls), 3):
+        axis = rng.standard_normal(3)
+        angle = rng.uniform(0.0, _MOST_TURN)
+        s[balls[k : k + 3]] = 2.0 * np.tan(angle / 2.0) * axis / np.linalg.norm(axis)
+    return s
+
+
+def _parameter_values(d: Displaced, values: Mapping[str, float]) -> dict[str, float]:
+    """All parameters by name at the given values, else nominal."""
+    known = {parameter.name: parameter for parameter in d.parameters}
+    for name, value in values.items():
+        if name not in known:
+            raise TrimError(f"scene {d.name!r}: " + unknown_name("parameter", name, known))
+        low, high, unit = known[name].low, known[name].high, known[name].unit
+        if not low <= value <= high:
+            raise TrimError(
+                f"scene {d.name!r}: {name} = {value:g} is outside its range [{low:g}, {high:g}] {unit}."
+            )
+    return {name: float(values.get(name, known[name].nominal)) for name in known}
+
+
+def _choose(
+    d: Displaced,
+    at: Mapping[str, float],
+    positions: Sequence[str] | None,
+    bounds: Bounds,
+    declared: Array,
+    reach: float,
+) -> tuple[Unknown, ...]:
+    """The entries of s, those of coordinates first."""
+    coordinates = d.coordinates
+    sprung = {c.joint.name for c in coordinates if c.is_ball and c.is_sprung}
+    chosen = [
+        k
+        for k, c in enumerate(coordinates)
+        if c.is_passive and not (c.is_ball and c.joint.name in sprung)
+    ]
+    parameters: list[int] = []
+    if positions is not None:
+        by_name = {parameter.name: k for k, parameter in enumerate(d.parameters)}
+        joints = {c.joint.name for c in coordinates}
+        signals = {c.signal.name: k for k, c in enumerate(coordinates)}
+        picked: set[int] = set()
+        for name in positions:
+            if name in joints:
+                picked |= {k for k, c in enumerate(coordinates) if c.joint.name == name}
+            elif name in signals:
+                picked.add(signals[name])
+            elif name in by_name:
+                parameters.append(by_name[name])
+            else:
+                raise TrimError(
+                    f"scene {d.name!r}, positions: "
+                    + unknown_name(
+                        "joint, coordinate or parameter", name, {*joints, *signals, *by_name}
+                    )
+                )
+        chosen = sorted(picked)
+    found = [_coordinate(d, k, bounds, float(declared[k]), reach) for k in chosen]
+    for k in parameters:
+        parameter = d.parameters[k]
+        low, high = bounds.get(parameter.name, (parameter.low, parameter.high))
+        found.append(
+            Unknown(
+                Signal(parameter.name, parameter.unit), k, is_parameter=True, is_ball=False,
+                is_periodic=False, low=max(low, parameter.low), high=min(high, parameter.high),
+                bounded=True, size=0.5 * (parameter.high - parameter.low),
+                start=at[parameter.name], origin=0.0,
+            )
+        )  # fmt: skip
+    known = {u.signal.name for u in found} | _alone(d)
+    for name, (low, high) in bounds.items():
+        if name not in known:
+            raise TrimError(f"scene {d.name!r}, bounds: " + unknown_name("unknown", name, known))
+        if not low < high:
+            raise TrimError(
+                f"scene {d.name!r}, bounds of {name}: expected low < high, got {low:g}, {high:g}."
+            )
+    return tuple(found)
+
+
+def _alone(d: Displaced) -> set[str]:
+    """Names of joints with one coordinate: they name it as well."""
+    return {c.joint.name for c in d.coordinates if len(c.joint.freedoms) == 1}
+
+
+def _coordinate(d: Displaced, k: int, bounds: Bounds, declared: float, reach: float) -> Unknown:
+    c = d.coordinates[k]
+    name, where = c.signal.name, f"scene {d.name!r}, positions: joint {c.joint.name!r}"
+    if c.is_imposed:
+        raise TrimError(f"{where} is imposed, so its position is given. Leave it out.")
+    if c.is_ball and c.is_sprung:
+        raise TrimError(
+            f"{where} has a stiffness against rotations about all axes, which is known for small ones "
+            "only. Leave the joint out, or use springs or a chain of revolute joints."
+        )
+    given = bounds.get(name, bounds.get(c.joint.name) if c.joint.name in _alone(d) else None)
+    if given is not None and c.is_ball:
+        raise TrimError(f"scene {d.name!r}, bounds: a rotation vector such as {name} has none.")
+    half = 2.0 if c.is_ball else np.pi if c.freedom.turns else 2.0 * reach
+    low, high = (-half, half) if given is None else (given[0] - declared, given[1] - declared)
+    return Unknown(
+        c.signal, k, is_parameter=False, is_ball=c.is_ball,
+        is_periodic=c.freedom.turns and not c.is_ball and not c.is_sprung,
+        low=low, high=high, bounded=given is not None, size=1.0 if c.freedom.turns else reach,
+        start=min(max(0.0, low), high), origin=declared,
+    )  # fmt: skip
+
+
+def _row_sizes(b: Balance, reach: float, rng: np.random.Generator) -> Array:
+    """Largest terms of each row at some positions; those of gaps are the size of the scene."""
+    count = len(b.sizes)
+    sizes = np.zeros(count)
+    start = np.array([unknown.start for unknown in b.unknowns])
+    for k in range(_SAMPLES + 1):
+        s = start if k == 0 else random_start(b, rng)
+        found = reduce_at(b, s)
+        offset = b.offset(s)[0].full()[:, 0]
+        if np.isfinite(found.rows).all() and np.isfinite(offset).all():
+            slopes = np.abs(b.slopes(s, found.w)[1].full()) * [u.size for u in b.unknowns]
+            sizes = np.maximum(sizes, np.abs(offset))
+            sizes = np.maximum(sizes, np.max(slopes, axis=1, initial=0.0))
+    units = [signal.unit for signal in b.displaced.row_signals]
+    efforts = np.array([unit in ("N", "N m") for unit in units], dtype=bool)
+    arm = np.array([reach if unit == "N m" else 1.0 for unit in units])
+    least = _SMALL * np.max((sizes / arm)[efforts], initial=0.0)
+    sizes = np.where(efforts, np.maximum(sizes, (least or 1.0) * arm), sizes)
+    return np.where(efforts, sizes, [reach if unit == "m" else 1.0 for unit in units])

@@ -1,0 +1,225 @@
+"""A scene at an equilibrium that was found: positions, and the efforts of springs there, written in."""
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.description import Quantity
+from mbdlft.base.errors import TrimError
+from mbdlft.base.parameter import Parameter
+from mbdlft.multibody.assembly import assemble
+from mbdlft.multibody.equilibrium.displaced import Displaced, JointCoordinate, displace
+from mbdlft.multibody.equilibrium.find import EquilibriumPoint
+from mbdlft.multibody.force import Spring
+from mbdlft.multibody.joint import Joint, Rotation, labelled
+from mbdlft.multibody.scene import Constant, Scene
+from mbdlft.problem.equations import physical_symbols
+from mbdlft.problem.relinearize import reference_at
+
+
+def at_equilibrium(scene: Scene, point: EquilibriumPoint) -> Scene:
+    """The scene with the positions of an equilibrium as numbers.
+
+    A joint with a `stiffness` and a `preload` gets the preload (preload) - (stiffness) q: its spring is
+    displaced by q there. A spring with a given force density gets that of its law. The nominal of a
+    parameter that was found becomes its value. Parameters stay parameters; `to_lft` needs an equilibrium
+    for all their values, so the positions must not depend on them.
+
+    Parameters
+    ----------
+    scene : Scene
+        The one that was searched.
+    point : EquilibriumPoint
+
+    Raises
+    ------
+    TrimError
+        The point is one of another scene, or a parameter was found at an end of its range.
+    """
+    d = displace(scene)
+    declared, densities = _declared(d, scene, point)
+    by_name = {c.signal.name: k for k, c in enumerate(d.coordinates)}
+    if point.scene != scene.name or not set(point.positions) <= set(by_name):
+        raise TrimError(
+            f"scene {scene.name!r}: the equilibrium is one of the scene {point.scene!r} with "
+            f"{', '.join(point.positions)}."
+        )
+    joints = []
+    for joint in scene.joints:
+        own = {
+            k: point.positions[c.signal.name]
+            for k, c in enumerate(d.coordinates)
+            if c.joint.name == joint.name and c.signal.name in point.positions
+        }
+        joints.append(_moved(joint, d.coordinates, own, declared) if own else joint)
+    loads = [
+        load.model_copy(update={"force_density": densities[load.name]})
+        if load.name in densities
+        else load
+        for load in scene.loads
+    ]
+    update: dict[str, Any] = {"joints": tuple(joints), "loads": tuple(loads)}
+    update["parameters"] = tuple(
+        _renamed(p, point.parameters[p.name]) if p.name in point.found else p
+        for p in scene.parameters
+    )
+    return scene.model_copy(update=update)
+
+
+def eigenvalues_at(scene: Scene, point: EquilibriumPoint) -> Array:
+    """Eigenvalues (n_x,) of the linear model at an equilibrium (rad/s), the largest real part first.
+
+    Parameters
+    ----------
+    scene : Scene
+        The one that was searched.
+    point : EquilibriumPoint
+
+    Raises
+    ------
+    WellPosednessError
+        The mass matrix is singular.
+    SceneError, TrimError
+        As `assemble` and `to_lft`, such as a mechanism in a singular position.
+    """
+    equations = assemble(at_values(at_equilibrium(scene, point), point))
+    matrices = reference_at(equations, (), (), np.zeros((1, 0))).linear.matrices
+    found = np.linalg.eigvals(matrices[0][: len(equations.states), : len(equations.states)])
+    return np.asarray(found[np.argsort(-found.real)])
+
+
+def at_values(scene: Scene, point: EquilibriumPoint) -> Scene:
+    """The scene with constants in place of parameters, at the values of the point."""
+    constants = dict(scene.constants)
+    for parameter in scene.parameters:
+        constants[parameter.name] = Constant(
+            value=point.parameters[parameter.name], unit=parameter.unit
+        )
+    return scene.model_copy(update={"constants": constants, "parameters": ()})
+
+
+def _declared(
+    d: Displaced, scene: Scene, point: EquilibriumPoint
+) -> tuple[Array, dict[str, Quantity]]:
+    """Declared positions (n,) and new force densities of springs by name."""
+    symbols, p, cosine, sine = physical_symbols(d.parameters)
+    springs = [s for s in scene.loads if isinstance(s, Spring) and s.force_density is not None]
+    lengths = ca.SX(ca.vertcat(*(d.lengths[spring.name] for spring in springs)))
+    expressions = ca.substitute(
+        [ca.densify(d.declared), ca.densify(lengths)],
+        [d.p, d.cosine, d.sine],
+        [p, cosine, sine],
+    )
+    function = ca.Function("declared", [symbols, d.q], expressions)
+    values = [point.parameters[parameter.name] for parameter in d.parameters]
+    declared, before = (part.full().reshape(-1) for part in function(values, 0.0))
+    _, after = (
+        part.full().reshape(-1) for part in function(values, displacements(d, point, declared))
+    )
+    return declared, {
+        spring.name: _density(spring, float(a / b))
+        for spring, a, b in zip(springs, before, after, strict=True)
+    }
+
+
+def declared_positions(d: Displaced) -> Array:
+    """Declared positions (n,) at nominal (rad, m)."""
+    symbols, p, cosine, sine = physical_symbols(d.parameters)
+    declared = ca.substitute([ca.densify(d.declared)], [d.p, d.cosine, d.sine], [p, cosine, sine])
+    function = ca.Function("declared", [symbols], declared)
+    return np.asarray(function([p.nominal for p in d.parameters]).full()[:, 0])
+
+
+def displacements(d: Displaced, point: EquilibriumPoint, declared: Array) -> Array:
+    """q (n,) of a point; of balls 2 tan(angle/2) axis."""
+    q = np.zeros(len(d.coordinates))
+    for k, c in enumerate(d.coordinates):
+        if c.signal.name in point.positions:
+            q[k] = point.positions[c.signal.name] - (0.0 if c.is_ball else declared[k])
+    balls = [k for k, c in enumerate(d.coordinates) if c.is_ball]
+    for k in range(0, len(balls), 3):
+        angle = float(np.linalg.norm(q[balls[k : k + 3]]))
+        if angle > 0.0:
+            q[balls[k : k + 3]] *= 2.0 * np.tan(angle / 2.0) / angle
+    return q
+
+
+def _density(spring: Spring, ratio: float) -> Quantity:
+    """k - (k - h) l_declared/l."""
+    k, h = spring.stiffness, spring.force_density
+    if ratio == 1.0:
+        return h if h is not None else 0.0
+    if isinstance(k, float) and isinstance(h, float):
+        return k - (k - h) * ratio
+    return f"({k}) - (({k}) - ({h}))*{ratio!r}"
+
+
+def _moved(
+    joint: Joint,
+    coordinates: tuple[JointCoordinate, ...],
+    positions: dict[int, float],
+    declared: Array,
+) -> Joint:
+    """A joint with some of its coordinates at new positions, by index."""
+    update: dict[str, Any] = {}
+    entries = [(k, c) for k, c in enumerate(coordinates) if c.joint.name == joint.name]
+    expected = joint.quantities()
+
+    for index, (k, c) in enumerate(entries):
+        if k not in positions or c.is_ball:
+            continue
+        put_entry(
+            joint,
+            update,
+            "position",
+            index,
+            within_a_turn(positions[k]) if c.freedom.turns else positions[k],
+        )
+        if c.is_sprung and c.is_passive:
+            preload = expected[labelled("preload", c.freedom)].source
+            stiffness = expected[labelled("stiffness", c.freedom)].source
+            q = positions[k] - declared[k]
+            put_entry(joint, update, "preload", index, _relaxed(preload, stiffness, float(q)))
+    vector = np.array([positions[k] for k, c in entries if c.is_ball and k in positions])
+    angle = float(np.linalg.norm(vector)) if len(vector) else 0.0
+    if angle > 0.0:
+        x, y, z = (float(entry) for entry in vector / angle)
+        update["orientation"] = (*joint.orientation, Rotation(axis=(x, y, z), angle=angle))
+    return joint.model_copy(update=update)
+
+
+def put_entry(joint: Joint, update: dict[str, Any], key: str, index: int, value: Quantity) -> None:
+    """Note a new value of one entry of a quantity of a joint in `update`."""
+    if len(joint.freedoms) == 1:
+        update[key] = value
+        return
+    entries = list(update.get(key, getattr(joint, key)))
+    entries[index] = value
+    update[key] = tuple(entries)
+
+
+def within_a_turn(angle: float) -> float:
+    """The angle (rad) between minus and plus half a turn."""
+    return float(np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi)
+
+
+def _relaxed(preload: Quantity, stiffness: Quantity, q: float) -> Quantity:
+    if isinstance(preload, float) and isinstance(stiffness, float):
+        return preload - stiffness * q
+    return f"({preload}) - ({stiffness})*({q!r})"
+
+
+def _renamed(parameter: Parameter, value: float) -> Parameter:
+    """The parameter with a new nominal."""
+    p = parameter
+    if not p.low < value < p.high:
+        raise TrimError(
+            f"parameter {p.name!r} was found at {value:g} {p.unit}, an end of its range: that cannot be "
+            "its nominal. Widen the range."
+        )
+    return Parameter(
+        p.name, value, p.low, p.high, unit=p.unit, role=p.role, substitution=p.substitution,
+        reference=p.reference,
+    )  # fmt: skip

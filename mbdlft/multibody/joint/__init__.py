@@ -1,0 +1,21 @@
+"""Kinds of joints, one file each. A new kind is one file and one line in `KINDS`."""
+
+from mbdlft.multibody.joint.base import Joint as Joint
+from mbdlft.multibody.joint.base import MovingJoint as MovingJoint
+from mbdlft.multibody.joint.base import Rotation as Rotation
+from mbdlft.multibody.joint.base import labelled as labelled
+from mbdlft.multibody.joint.cylindrical import Cylindrical as Cylindrical
+from mbdlft.multibody.joint.fixed import Fixed as Fixed
+from mbdlft.multibody.joint.free import Free as Free
+from mbdlft.multibody.joint.move import Move as Move
+from mbdlft.multibody.joint.move import Turn as Turn
+from mbdlft.multibody.joint.planar import Planar as Planar
+from mbdlft.multibody.joint.prismatic import Prismatic as Prismatic
+from mbdlft.multibody.joint.revolute import Revolute as Revolute
+from mbdlft.multibody.joint.spherical import Spherical as Spherical
+from mbdlft.multibody.joint.universal import Universal as Universal
+
+KINDS: dict[str, type[Joint]] = {
+    cls.kind: cls
+    for cls in (Cylindrical, Fixed, Free, Planar, Prismatic, Revolute, Spherical, Universal)
+}

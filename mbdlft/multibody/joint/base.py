@@ -1,0 +1,197 @@
+"""What every kind of joint has: two ports, an orientation, coordinates, and the moves between them.
+
+A joint places the frame of its child's port on its parent's port; at zero position, and without an
+`orientation`, their axes are parallel. Its coordinates are displacements from the equilibrium.
+"""
+
+import abc
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any, ClassVar, Self, final
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import InstanceOf, field_validator, model_validator
+
+from mbdlft.base.description import Description, Direction, Expected, Name, Quantity, Text, Values
+from mbdlft.base.errors import SceneError
+from mbdlft.base.signal import Freedom, Signal
+from mbdlft.multibody.joint.move import Move, turned
+from mbdlft.multibody.spatial import Coordinate
+
+
+def turning(label: str = "", suffix: str = "", *, of: str = "angle") -> Freedom:
+    """A coordinate that is an angle (rad), or a component of a small rotation vector."""
+    second = "acceleration" if not label else "angular_acceleration"
+    return Freedom(
+        label,
+        Signal(f"torque{suffix}", "N m"),
+        (
+            Signal(f"{of}{suffix}", "rad"),
+            Signal(f"rate{suffix}", "rad/s"),
+            Signal(f"{second}{suffix}", "rad/s^2"),
+        ),
+        turns=True,
+    )
+
+
+def sliding(label: str = "", suffix: str = "") -> Freedom:
+    """A coordinate that is a displacement (m)."""
+    return Freedom(
+        label,
+        Signal(f"force{suffix}", "N"),
+        (
+            Signal(f"position{suffix}", "m"),
+            Signal(f"velocity{suffix}", "m/s"),
+            Signal(f"acceleration{suffix}", "m/s^2"),
+        ),
+        turns=False,
+    )
+
+
+@final
+class Rotation(Description):
+    """A rotation by `angle` (rad) about `axis`, a direction in the frame turned so far."""
+
+    axis: Direction
+    angle: Quantity
+
+    @field_validator("axis")
+    @classmethod
+    def _has_length(cls, axis: Direction) -> Direction:
+        return with_length("axis", axis)
+
+    @classmethod
+    def where(cls, fields: Mapping[str, Any]) -> str:
+        return "orientation"
+
+
+class Joint(Description, abc.ABC):
+    """A joint; every concrete kind is final. `parent` and `child` are ``body`` or ``body.port``.
+
+    `orientation` are rotations from the axes of the parent's port to those of the joint. An
+    `imposed` joint has its acceleration as input, in place of its effort.
+    """
+
+    kind: ClassVar[str]
+    freedoms: ClassVar[tuple[Freedom, ...]]
+
+    name: Name
+    parent: Text
+    child: Text
+    orientation: tuple[InstanceOf[Rotation], ...] = ()
+
+    @classmethod
+    def where(cls, fields: Mapping[str, Any]) -> str:
+        return f"joint {fields.get('name', '')!r}"
+
+    def own_quantities(self) -> dict[str, Expected]:
+        """The quantities of this kind by label, apart from the orientation."""
+        return {}
+
+    def quantities(self) -> dict[str, Expected]:
+        """All quantities by label, each as given and with the unit it must fit."""
+        angles = {
+            f"orientation.{k}": Expected(r.angle, "rad") for k, r in enumerate(self.orientation)
+        }
+        return angles | self.own_quantities()
+
+    def moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
+        """Factors of the joint, from the parent's port to the child's."""
+        placed: tuple[Move, ...] = ()
+        for k, rotation in enumerate(self.orientation):
+            placed += turned(unit_vector(rotation.axis), values[f"orientation.{k}"])
+        return placed + self.own_moves(values, at)
+
+    @abc.abstractmethod
+    def own_moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
+        """Factors of the joint after its orientation."""
+
+    def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
+        """Which condition of physics fails at one of the sampled values, or None."""
+        for label, value in values.items():
+            if label.startswith("actuator_inertia") and np.min(value) < 0:
+                return f"the {label} is negative in the range: {float(np.min(value)):g}."
+        return None
+
+
+class MovingJoint(Joint, abc.ABC):
+    """A joint with coordinates.
+
+    A kind declares `position`, `stiffness`, `damping`, `actuator_inertia` and `preload`: a quantity
+    if it has one coordinate, a tuple with one for each if it has several. `preload` is the effort
+    at equilibrium; where it is left out, the trim solves for it.
+    """
+
+    imposed: bool = False
+
+    @model_validator(mode="after")
+    def _imposed_has_no_preload(self) -> Self:
+        given = getattr(self, "preload", None)
+        if self.imposed and given is not None and any(entry != 0 for entry in _entries(given)):
+            raise SceneError(
+                f"an imposed joint takes the effort that its acceleration needs, so it has no preload, "
+                f"got {given!r}. Leave out preload or imposed."
+            )
+        return self
+
+    def own_quantities(self) -> dict[str, Expected]:
+        found: dict[str, Expected] = {}
+        for key, (turn, slide) in _UNITS.items():
+            given = getattr(self, key, None)
+            if given is None or (key == "preload" and self.imposed):
+                continue
+            for freedom, value in zip(self.freedoms, _entries(given), strict=False):
+                unit = turn if freedom.turns else slide
+                found[labelled(key, freedom)] = Expected(value, unit)
+        return found
+
+
+_UNITS = {
+    "position": ("rad", "m"),
+    "stiffness": ("N m/rad", "N/m"),
+    "damping": ("N m s/rad", "N s/m"),
+    "actuator_inertia": ("kg m^2", "kg"),
+    "preload": ("N m", "N"),
+}
+
+
+def _entries(given: Quantity | tuple[Quantity, ...]) -> tuple[Quantity, ...]:
+    return given if isinstance(given, tuple) else (given,)
+
+
+def labelled(key: str, freedom: Freedom) -> str:
+    """Label of a quantity of one coordinate: ``stiffness``, or ``stiffness.x``."""
+    return f"{key}.{freedom.label}" if freedom.label else key
+
+
+class AxisJoint(Joint, abc.ABC):
+    """A joint about or along one axis, a direction in the frame of either port."""
+
+    axis: Direction
+
+    @field_validator("axis")
+    @classmethod
+    def _has_length(cls, axis: Direction) -> Direction:
+        return with_length("axis", axis)
+
+    def direction(self) -> ca.SX:
+        """The axis with unit length (3,); exact zeros stay structural."""
+        return unit_vector(self.axis)
+
+
+def with_length(what: str, axis: Direction) -> Direction:
+    """The direction, or a SceneError if its length is zero."""
+    if not np.any(axis):
+        raise SceneError(
+            f"{what} has zero length, got {list(axis)}. Give a direction; its length is ignored."
+        )
+    return axis
+
+
+@lru_cache(maxsize=64)  # a tree asks for few of them, again and again
+def unit_vector(direction: Direction) -> ca.SX:
+    """The direction with unit length (3,); exact zeros stay structural."""
+    axis = np.asarray(direction) / np.linalg.norm(direction)
+    return ca.sparsify(ca.SX(axis))

@@ -1,0 +1,34 @@
+"""A cylindrical joint: a translation along an axis and a rotation about it."""
+
+from typing import ClassVar, final
+
+from mbdlft.base.description import Quantity, Values
+from mbdlft.base.signal import Freedom
+from mbdlft.multibody.joint.base import AxisJoint, MovingJoint, sliding, turning
+from mbdlft.multibody.joint.move import Hinge, Move, Slide, shifted, turned
+from mbdlft.multibody.spatial import Coordinate
+
+Pair = tuple[Quantity, Quantity]
+
+
+@final
+class Cylindrical(AxisJoint, MovingJoint):
+    """Along `axis` (m), then about it (rad); each quantity is [of the position, of the angle]."""
+
+    kind: ClassVar[str] = "cylindrical"
+    freedoms: ClassVar[tuple[Freedom, ...]] = (sliding("position"), turning("angle"))
+
+    position: Pair = (0.0, 0.0)
+    stiffness: Pair = (0.0, 0.0)
+    damping: Pair = (0.0, 0.0)
+    actuator_inertia: Pair = (0.0, 0.0)
+    preload: Pair | None = None
+
+    def own_moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
+        axis = self.direction()
+        return (
+            *shifted(axis * values["position.position"]),
+            Slide(axis, at.part(0), values["actuator_inertia.position"]),
+            *turned(axis, values["position.angle"]),
+            Hinge(axis, at.part(1), values["actuator_inertia.angle"]),
+        )

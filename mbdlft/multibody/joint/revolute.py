@@ -1,0 +1,60 @@
+"""A revolute joint: one rotation about an axis.
+
+    effort = axis . torque + J axis . alpha + stiffness q + damping qdot
+
+J is the inertia of the actuator, which turns with the child: Kassarian et al. 2023, equation (7). Behind
+a gear it is a rotor that turns `gear_ratio` times as far as the child, relative to the parent: `Hinge`.
+"""
+
+from collections.abc import Mapping
+from typing import ClassVar, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.base.description import Expected, Quantity, Values
+from mbdlft.base.signal import Freedom
+from mbdlft.multibody.joint.base import AxisJoint, MovingJoint, turning
+from mbdlft.multibody.joint.move import Hinge, Move, turned
+from mbdlft.multibody.spatial import Coordinate
+
+
+@final
+class Revolute(AxisJoint, MovingJoint):
+    """A rotation about `axis`; `position` (rad), N m/rad, N m s/rad, kg m^2, `preload` (N m).
+
+    `gear_ratio` is the angle of the actuator over that of the joint; `actuator_inertia` is that of
+    the rotor itself, in front of the gear, and the effort acts behind it.
+    """
+
+    kind: ClassVar[str] = "revolute"
+    freedoms: ClassVar[tuple[Freedom, ...]] = (turning(),)
+
+    position: Quantity = 0.0
+    stiffness: Quantity = 0.0
+    damping: Quantity = 0.0
+    actuator_inertia: Quantity = 0.0
+    gear_ratio: Quantity = 1.0
+    preload: Quantity | None = None
+
+    def own_quantities(self) -> dict[str, Expected]:
+        found = super().own_quantities()
+        if self.gear_ratio != 1.0:  # without a gear nothing is multiplied
+            found["gear_ratio"] = Expected(self.gear_ratio, "1")
+        return found
+
+    def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
+        ratio = values.get("gear_ratio", np.ones(1))
+        if np.min(ratio) <= 0.0 <= np.max(ratio):
+            return (
+                f"the gear_ratio vanishes in the range [{np.min(ratio):g}, {np.max(ratio):g}]: the "
+                "actuator would not turn. A negative one turns it the other way."
+            )
+        return super().physical_problem(values)
+
+    def own_moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
+        axis = self.direction()
+        return (
+            *turned(axis, values["position"]),
+            Hinge(axis, at.part(0), values["actuator_inertia"], values.get("gear_ratio", 1.0)),
+        )

@@ -1,0 +1,66 @@
+"""Closures of kinematic loops: constraints between two ports of the tree, with multipliers.
+
+    0 = G q,  0 = G v,  0 = G vdot,      + G' lambda in the equations of motion
+
+A closure holds the small displacement of the child's port relative to the parent's (three rows of
+G) and, for `revolute`, the rotation across the axis (two) or, for `fixed`, the whole rotation (three).
+"""
+
+from collections.abc import Mapping
+from typing import Any, Self, final
+
+import casadi as ca
+from pydantic import model_validator
+
+from mbdlft.base.description import AXES, Description, Direction, Name, Text
+from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.signal import Signal
+from mbdlft.multibody.joint.base import with_length
+from mbdlft.multibody.joint.planar import plane
+
+KINDS = ("fixed", "revolute", "spherical")
+
+
+@final
+class Loop(Description):
+    """A joint that closes a loop: `kind` is ``spherical``, ``revolute`` (about `axis`) or ``fixed``.
+
+    At equilibrium the two ports must meet, for all parameters. `axis` is in the axes of the parent.
+    """
+
+    name: Name
+    kind: Text
+    parent: Text
+    child: Text
+    axis: Direction | None = None
+
+    @classmethod
+    def where(cls, fields: Mapping[str, Any]) -> str:
+        return f"loop {fields.get('name', '')!r}"
+
+    @model_validator(mode="after")
+    def _kind_and_axis(self) -> Self:
+        if self.kind not in KINDS:
+            raise SceneError(unknown_name("kind", self.kind, KINDS))
+        if (self.axis is not None) != (self.kind == "revolute"):
+            raise SceneError(
+                f"a closure of the kind {self.kind!r} {'needs an' if self.axis is None else 'has no'} "
+                "axis; 'revolute' has one."
+            )
+        if self.axis is not None:
+            with_length("axis", self.axis)
+        return self
+
+    def turned_rows(self) -> ca.SX:
+        """Directions (n, 3), in the axes of the parent, in which the rotation is held."""
+        if self.kind == "spherical":
+            return ca.SX(0, 3)
+        if self.axis is None:
+            return ca.SX.eye(3)
+        return ca.sparsify(ca.vertcat(*(ca.SX(direction).T for direction in plane(self.axis))))
+
+    def signals(self) -> tuple[Signal, ...]:
+        """The multipliers: forces and torques of the parent on the child."""
+        forces = [Signal(f"{self.name}.force.{axis}", "N") for axis in AXES]
+        rows = range(self.turned_rows().shape[0])
+        return (*forces, *(Signal(f"{self.name}.torque.{k + 1}", "N m") for k in rows))

@@ -1,0 +1,247 @@
+"""Checks of a scene that need its values: units, physics, and denominators over the whole range."""
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.base.description import ANY_UNIT, AXES, Expected
+from mbdlft.base.errors import NotRationalError, SceneError, WellPosednessError, unknown_name
+from mbdlft.base.expression import check_degree, denominators, evaluate, names, write
+from mbdlft.base.parameter import Parameter
+from mbdlft.base.signal import Signal
+from mbdlft.base.unit import dimension_name, parse_unit
+from mbdlft.multibody.body import Body
+from mbdlft.multibody.joint import Joint
+from mbdlft.multibody.scene.quantities import (
+    Place,
+    angle_at,
+    expression_at,
+    owner_name,
+    owners,
+    value_at,
+)
+from mbdlft.multibody.scene.scene import Constant, Scene
+from mbdlft.number.dimension import Dimension
+from mbdlft.number.interval import find_zero
+
+_RANDOM, _CORNERS = 64, 4096
+_ROUNDING = 1e-12
+
+
+def check(scene: Scene) -> None:
+    """Raise an error for the first quantity of a scene that cannot be used.
+
+    Raises
+    ------
+    SceneError
+        A name is unknown, a unit does not fit, or a mass or inertia is not physical, or
+        gravity is not steady in the spinning frame.
+    NotRationalError
+        A quantity is not rational in the parameters.
+    WellPosednessError
+        A denominator vanishes inside the range of the parameters.
+    """
+    dimensions = _dimensions(scene)
+    sampled = {
+        owner: _check_quantities(scene, owner, quantities, dimensions)
+        for owner, quantities in owners(scene)
+    }
+    _check_steady(scene, sampled[f"scene {scene.name!r}"])
+    items: list[Body | Joint] = [*scene.bodies, *scene.joints]
+    for item in items:
+        problem = item.physical_problem(sampled[owner_name(item)])
+        if problem:
+            raise SceneError(f"{owner_name(item)}: {problem} Check the values and the ranges.")
+
+
+def check_fit(scene: Scene, signals: Sequence[Signal]) -> None:
+    """Raise a SceneError if the fit of the scene names what it does not have."""
+    for name in scene.fit.bounds if scene.fit else ():
+        known = [signal.name for signal in signals]
+        if name not in known:
+            raise SceneError(
+                f"scene {scene.name!r}, fit: " + unknown_name("coordinate or effort", name, known)
+            )
+
+
+def _check_quantities(
+    scene: Scene, owner: str, quantities: Mapping[str, Expected], dimensions: Mapping[str, Any]
+) -> dict[str, NDArray[np.float64]]:
+    """Values (SI) of the checked quantities of one owner at samples of the range; angles left out."""
+    samples = _samples(scene, owner, quantities)
+    found: dict[str, NDArray[np.float64]] = {}
+    for label, expected in quantities.items():
+        place = Place(owner, label)
+        if isinstance(expected.source, float) and expected.unit != "rad":
+            found[label] = _at_all(samples, expected.source)
+            continue
+        if expected.unit == "rad":
+            _check_angle(scene, place, expected, dimensions, samples)
+            continue
+        _check_angle_is_position(scene, place, expected)
+        _check_degree(scene, place, expected)
+        values = _sampled(place, expected, samples)
+        _check_denominators(scene, place, expected)
+        _check_dimension(place, expected, dimensions)
+        if not np.all(np.isfinite(values)):
+            raise SceneError(f"{place} = {expected.source!r}: is not finite in the range.")
+        found[label] = values
+    return found
+
+
+def _check_steady(scene: Scene, values: Mapping[str, NDArray[np.float64]]) -> None:
+    """Gravity is steady in the frame of the scene: along the axis of its spin, or zero."""
+    if scene.spin is None or not np.any(values["spin.rate"]):
+        return
+    axis = np.asarray(scene.spin.axis) / np.linalg.norm(scene.spin.axis)
+    gravity = np.stack([values[f"gravity.{a}"] for a in AXES], axis=1)
+    across = float(np.max(np.linalg.norm(np.cross(axis, gravity), axis=1)))
+    if across > _ROUNDING * float(np.max(np.abs(gravity))):
+        raise SceneError(
+            f"scene {scene.name!r}: gravity has {across:.4g} m/s^2 across the axis of the spin "
+            f"{list(scene.spin.axis)}. It would turn in the spinning frame of the scene, which has no "
+            "steady equilibrium then. Expected gravity along the axis, or zero."
+        )
+
+
+def _check_angle(
+    scene: Scene,
+    place: Place,
+    expected: Expected,
+    dimensions: Mapping[str, Any],
+    samples: Mapping[str, Any],
+) -> None:
+    """An angle, and the arguments of its arctangents, which are plain numbers."""
+    arctangents = angle_at(scene, place, expected).arctangents
+    if not arctangents:
+        _check_dimension(place, expected, dimensions)
+    for tangent in arctangents:
+        source = Expected(write(tangent), "1")
+        inside = Place(place.owner, f"{place.label}, atan")
+        _check_degree(scene, inside, source)
+        _check_denominators(scene, inside, source)
+        _check_dimension(inside, source, dimensions)
+        if not np.all(np.isfinite(_sampled(inside, source, samples))):
+            raise SceneError(f"{inside} of {source.source!r}: is not finite in the range.")
+
+
+def _sampled(place: Place, expected: Expected, samples: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Values (SI) of a quantity at the samples of the range."""
+    with np.errstate(all="ignore"):  # what is not finite has its own message
+        value = value_at(place, expected, samples)
+    return _at_all(samples, value)
+
+
+def _at_all(samples: Mapping[str, Any], value: Any) -> NDArray[np.float64]:
+    """A value, or values, at each of the samples."""
+    longest = next((e for e in samples.values() if isinstance(e, np.ndarray)), None)  # all are
+    return np.broadcast_to(value, (1,) if longest is None else longest.shape)
+
+
+def _si_bounds(parameter: Parameter) -> tuple[float, float]:
+    factor = parse_unit(parameter.unit).factor
+    return parameter.low * factor, parameter.high * factor
+
+
+def _samples(
+    scene: Scene, owner: str, quantities: Mapping[str, Expected]
+) -> Mapping[str, NDArray[np.float64] | float]:
+    """Nominal, corners and random points of the range: an array (SI units) for each plain parameter
+    that the quantities use. All corners, if there are not too many.
+    """
+    used = {
+        name
+        for label, expected in quantities.items()
+        for name in names(expression_at(Place(owner, label), expected))
+    }
+    plain = [p for p in scene.parameters if not p.is_angle]
+    active = [p for p in plain if p.name in used]
+    values: dict[str, Any] = dict(scene.constant_values())
+    values |= {p.name: p.nominal for p in plain}  # those that are not used: for messages
+    if not active:
+        return values
+    generator = np.random.default_rng(0)
+    if 2 ** len(active) <= _CORNERS:
+        sides = np.array(list(product((0.0, 1.0), repeat=len(active))))
+    else:
+        sides = generator.integers(0, 2, (_CORNERS, len(active))).astype(float)
+    weights = np.vstack([sides, generator.random((_RANDOM, len(active)))])
+    for k, p in enumerate(active):
+        low, high = _si_bounds(p)
+        nominal = p.nominal * parse_unit(p.unit).factor
+        values[p.name] = np.concatenate([[nominal], low + weights[:, k] * (high - low)])
+    return values
+
+
+def _dimensions(scene: Scene) -> Mapping[str, Any]:
+    values: dict[str, Any] = dict(scene.constant_values())
+    for name, constant in scene.constants.items():
+        if isinstance(constant, Constant):
+            values[name] = Dimension(parse_unit(constant.unit).dimension)
+    for parameter in scene.parameters:
+        values[parameter.name] = Dimension(parse_unit(parameter.unit).dimension)
+    return values
+
+
+def _check_angle_is_position(scene: Scene, place: Place, expected: Expected) -> None:
+    used = names(expression_at(place, expected))
+    for parameter in scene.parameters:
+        if parameter.is_angle and parameter.name in used:
+            raise SceneError(
+                f"{place} = {expected.source!r}: {parameter.name!r} has unit {parameter.unit!r}, which "
+                "does not fit. An angle parameter can be the position of a joint, or in an orientation."
+            )
+
+
+def _check_degree(scene: Scene, place: Place, expected: Expected) -> None:
+    try:
+        check_degree(expression_at(place, expected), {p.name: 1 for p in scene.parameters})
+    except SceneError as error:
+        raise SceneError(f"{place} = {expected.source!r}: {error}") from None
+
+
+def _check_dimension(place: Place, expected: Expected, dimensions: Mapping[str, Any]) -> None:
+    if expected.unit == ANY_UNIT:
+        return
+    try:
+        value = evaluate(expression_at(place, expected), dimensions)
+    except NotRationalError:
+        return  # the root of a constant with a unit: its dimension is not followed
+    except SceneError as error:
+        raise SceneError(f"{place} = {expected.source!r}: {error}") from None
+    wanted = parse_unit(expected.unit).dimension
+    if isinstance(value, Dimension) and value.exponents not in (None, wanted):
+        raise SceneError(
+            f"{place} = {expected.source!r}: the unit does not fit: expected {expected.unit}, "
+            f"got {dimension_name(value.exponents)}."
+        )
+
+
+def _check_denominators(scene: Scene, place: Place, expected: Expected) -> None:
+    """Show by interval arithmetic that no denominator vanishes in the range, or raise."""
+    found_in = denominators(expression_at(place, expected))
+    if not found_in:
+        return
+    plain = {p.name: p for p in scene.parameters if not p.is_angle}
+    constants = scene.constant_values()
+    for denominator in found_in:
+        used = sorted(names(denominator) & set(plain))
+        if not used:
+            continue
+        found = find_zero(
+            lambda box, divisor=denominator: evaluate(divisor, {**constants, **box}),  # type: ignore[misc]
+            {name: _si_bounds(plain[name]) for name in used},
+        )
+        if found is not None:
+            ranges = ", ".join(
+                f"{name} = {value / parse_unit(plain[name].unit).factor:g} {plain[name].unit}"
+                for name, value in found[0].items()
+            )
+            raise WellPosednessError(
+                f"{place}: the denominator {write(denominator)} vanishes in the range, near "
+                f"{ranges}, or comes too close to zero to tell. Narrow the range or write the "
+                "quantity without the division."
+            )

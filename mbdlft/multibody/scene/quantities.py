@@ -1,0 +1,204 @@
+"""The quantities of a scene, evaluated in whatever number system is asked for.
+
+An angle is a constant, integer multiples of angle parameters, and even multiples of arctangents of
+rational expressions r of plain parameters, whose cosine and sine are rational:
+
+    cos(2 atan r) = (1 - r^2)/(1 + r^2),   sin(2 atan r) = 2 r/(1 + r^2)
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from mbdlft.base.description import Expected, vector_quantities
+from mbdlft.base.errors import MbdlftError, NotRationalError, SceneError
+from mbdlft.base.expression import Call, Expression, Name, evaluate, names, parse, with_calls, write
+from mbdlft.multibody.body import Body
+from mbdlft.multibody.force import Load
+from mbdlft.multibody.joint import Joint
+from mbdlft.multibody.scene.scene import Scene
+
+T = TypeVar("T")
+
+_MOST_TURNS = 16
+_INTEGER = (
+    "an angle parameter can be multiplied by an integer only. Declare the fraction of the angle as the "
+    "parameter."
+)
+
+
+class Place(NamedTuple):
+    """Where a quantity stands: its owner in words, and its label."""
+
+    owner: str
+    label: str
+
+    def __str__(self) -> str:
+        return f"{self.owner}, {self.label}"
+
+
+@dataclass(frozen=True, slots=True)
+class AngleSum:
+    """constant + integer multiples of angle parameters and of arctangents of expressions (rad)."""
+
+    constant: float = 0.0
+    multiples: Mapping[str, int] = field(default_factory=dict)
+    arctangents: Mapping[Expression, int] = field(default_factory=dict)
+
+    def __add__(self, other: "AngleSum | float") -> "AngleSum":
+        if isinstance(other, float):
+            return AngleSum(self.constant + other, self.multiples, self.arctangents)
+        return AngleSum(
+            self.constant + other.constant,
+            _summed(self.multiples, other.multiples),
+            _summed(self.arctangents, other.arctangents),
+        )
+
+    __radd__ = __add__
+
+    def __mul__(self, other: "AngleSum | float") -> "AngleSum":
+        if not isinstance(other, float) or not other.is_integer():
+            raise NotRationalError(_INTEGER)
+        return AngleSum(
+            self.constant * other,
+            {name: count * int(other) for name, count in self.multiples.items()},
+            {tangent: count * int(other) for tangent, count in self.arctangents.items()},
+        )
+
+    __rmul__ = __mul__
+
+    def __neg__(self) -> "AngleSum":
+        return self * -1.0
+
+    def __sub__(self, other: "AngleSum | float") -> "AngleSum":
+        return self + (-other)
+
+    def __rsub__(self, other: float) -> "AngleSum":
+        return -self + other
+
+    def __truediv__(self, other: object) -> "AngleSum":
+        raise NotRationalError(_INTEGER)
+
+    __rtruediv__ = __truediv__
+
+
+def _summed(first: Mapping[T, int], second: Mapping[T, int]) -> dict[T, int]:
+    merged = dict(first)
+    for key, count in second.items():
+        merged[key] = merged.get(key, 0) + count
+    return merged
+
+
+def owners(scene: Scene) -> Iterator[tuple[str, Mapping[str, Expected]]]:
+    """Everything that has quantities: its name in words, and its quantities by label."""
+    gravity = vector_quantities("gravity", scene.gravity, "m s^-2")
+    acceleration = vector_quantities("acceleration", scene.acceleration, "m s^-2")
+    spin = {"spin.rate": Expected(scene.spin.rate, "rad/s")} if scene.spin else {}
+    yield f"scene {scene.name!r}", gravity | acceleration | spin
+    items: list[Body | Joint | Load] = [*scene.bodies, *scene.joints, *scene.loads]
+    for item in items:
+        yield owner_name(item), item.quantities()
+
+
+def unused_names(scene: Scene) -> tuple[str, ...]:
+    """Parameters and constants that no quantity uses."""
+    used = {
+        name
+        for _, quantities in owners(scene)
+        for expected in quantities.values()
+        for name in names(parse(expected.source))
+    }
+    declared = (*(p.name for p in scene.parameters), *scene.constants)
+    return tuple(name for name in declared if name not in used)
+
+
+def owner_name(item: Body | Joint | Load) -> str:
+    """How messages name a body, a joint or a load."""
+    return type(item).where({"name": item.name})
+
+
+def expression_at(place: Place, expected: Expected) -> Expression:
+    """Expression of one quantity; an error says where it stands."""
+    try:
+        return parse(expected.source)
+    except SceneError as error:
+        raise SceneError(f"{place} = {expected.source!r}: {error}") from None
+
+
+def value_at(place: Place, expected: Expected, values: Mapping[str, Any]) -> Any:
+    """Value of one quantity; an error says where it stands."""
+    expression = expression_at(place, expected)
+    try:
+        return evaluate(expression, values)
+    except MbdlftError as error:
+        raise type(error)(f"{place} = {expected.source!r}: {error}") from None
+
+
+def angle_at(scene: Scene, place: Place, expected: Expected) -> AngleSum:
+    """Value (rad) of a quantity that is an angle."""
+    angles = {p.name for p in scene.parameters if p.is_angle}
+    others = {p.name for p in scene.parameters} - angles
+    expression, arctangents = _without_arctangents(expression_at(place, expected), angles | others)
+    for tangent in arctangents.values():
+        turned = sorted(names(tangent) & angles)
+        if turned:
+            raise NotRationalError(
+                f"{place} = {expected.source!r}: atan of the angle {turned[0]!r}. atan takes an "
+                "expression of parameters that are not angles; angles stand by themselves."
+            )
+    wrong = sorted(names(expression) & others)
+    if wrong:
+        raise SceneError(
+            f"{place} = {expected.source!r}: {wrong[0]!r} is not an angle. Give the parameter the "
+            "unit 'deg' or 'rad' (in Python: declare it as an Angle). A rational expression r of "
+            "other parameters makes the angle 2*atan(r)."
+        )
+    values = scene.constant_values() | {name: AngleSum(0.0, {name: 1}) for name in angles}
+    values |= {name: AngleSum(0.0, {}, {r: 1}) for name, r in arctangents.items()}
+    try:
+        value = evaluate(expression, values)
+    except MbdlftError as error:
+        raise type(error)(f"{place} = {expected.source!r}: {error}") from None
+    angle = value if isinstance(value, AngleSum) else AngleSum(float(value))
+    if abs(angle.constant) > 2.0 * np.pi * (1.0 + 1e-12):
+        raise SceneError(
+            f"{place} = {expected.source!r}: {angle.constant:g} rad is more than a full turn. Numbers "
+            f"are in rad; write degrees as {angle.constant:g}*deg."
+        )
+    for name, count in angle.multiples.items():
+        if abs(count) > _MOST_TURNS:
+            raise SceneError(
+                f"{place} = {expected.source!r}: {count} times {name!r}; each multiple is one more "
+                f"rotation, and {_MOST_TURNS} is the most. Declare the multiple as a parameter."
+            )
+    for tangent, count in angle.arctangents.items():
+        if count % 2:
+            raise NotRationalError(
+                f"{place} = {expected.source!r}: {count} times atan({write(tangent)}); only even "
+                "multiples of atan have a rational cosine and sine. Write 2*atan(r) with r the tangent "
+                "of half the angle."
+            )
+        if abs(count) > 2 * _MOST_TURNS:
+            raise SceneError(
+                f"{place} = {expected.source!r}: {count} times atan({write(tangent)}); each 2*atan is "
+                f"one more rotation, and {_MOST_TURNS} is the most."
+            )
+    return angle
+
+
+def _without_arctangents(
+    expression: Expression, parameters: set[str]
+) -> tuple[Expression, dict[str, Expression]]:
+    """An expression with names in place of arctangents of parameters, and their arguments by name."""
+    found: dict[str, Expression] = {}
+
+    def replaced(call: Call) -> Expression | None:
+        if call.function != "atan" or not names(call.argument) & parameters:
+            return None
+        name = f"atan({write(call.argument)})"
+        found[name] = call.argument
+        return Name(name)
+
+    return with_calls(expression, replaced), found

@@ -1,0 +1,213 @@
+"""The scene: what a user describes, in Python or as a TOML file."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Self, final
+
+from pydantic import Field, InstanceOf, field_validator, model_validator
+
+from mbdlft.base.description import (
+    Description,
+    Direction,
+    Name,
+    Number,
+    Prose,
+    Quantity,
+    Text,
+    Vector,
+)
+from mbdlft.base.errors import SceneError
+from mbdlft.base.expression import BUILTIN_CONSTANTS, FUNCTIONS
+from mbdlft.base.parameter import Parameter, is_finite
+from mbdlft.base.unit import parse_unit
+from mbdlft.multibody.body import Body
+from mbdlft.multibody.force import Load
+from mbdlft.multibody.joint import Joint
+from mbdlft.multibody.joint.base import with_length
+from mbdlft.multibody.loop import Loop
+from mbdlft.multibody.sensor import Sensor
+
+ALL, NEEDED = "all", "needed"  # states of the linear model
+
+
+@final
+class Constant(Description):
+    """A named number with a unit."""
+
+    value: Number
+    unit: Text = "1"
+
+    @classmethod
+    def where(cls, fields: Mapping[str, Any]) -> str:
+        return "constant"
+
+
+@final
+class Spin(Description):
+    """Steady rotation of the frame of the scene about an axis through its origin (rad/s)."""
+
+    axis: Direction
+    rate: Quantity
+
+    @classmethod
+    def where(cls, fields: Mapping[str, Any]) -> str:
+        return "spin"
+
+    @field_validator("axis")
+    @classmethod
+    def _has_length(cls, axis: Direction) -> Direction:
+        return with_length("axis", axis)
+
+
+@final
+class Fit(Description):
+    """Positions that are rational fits of the equilibrium, as `fit_positions` writes them.
+
+    `bounds` are guaranteed for all values of the parameters: of positions (rad, m) by coordinate, such as
+    ``hinge.angle``, and of efforts (N m, N) and force densities (N/m) that go with them, by input.
+    """
+
+    tolerance: Number
+    bounds: dict[Text, Number]
+
+    @classmethod
+    def where(cls, fields: Mapping[str, Any]) -> str:
+        return "fit"
+
+    @model_validator(mode="after")
+    def _are_bounds(self) -> Self:
+        for name, bound in {"tolerance": self.tolerance, **self.bounds}.items():
+            if not bound >= 0.0:
+                raise SceneError(f"{name}: expected a number that is not negative, got {bound:g}.")
+        return self
+
+
+@final
+class Scene(Description):
+    """Bodies connected by joints in a tree on the ground, in an accelerated or spinning frame.
+
+    Parameters
+    ----------
+    name : str
+    description : str, optional
+    gravity : three numbers or expressions (m/s^2)
+        In the frame of the scene, the axes of the ground.
+    acceleration : three numbers or expressions (m/s^2)
+        Uniform acceleration of the frame of the scene; the same as gravity the other way.
+    constants : mapping of names to numbers, or to `Constant` with a unit
+    parameters : sequence of `Parameter` and `Angle`
+    bodies : sequence of bodies
+    joints : sequence of joints
+    loads : sequence of loads
+    sensors : sequence of sensors
+    loops : sequence of `Loop`
+        Closures of kinematic loops.
+    fit : `Fit`, optional
+        That of `fit_positions`: the equilibrium is met within these bounds only.
+    inputs, outputs : sequence of str
+        Signals of the linear model, such as ``shoulder.torque``; by default all joint efforts and
+        loads, and all joint positions and sensors.
+    states : str
+        ``all``, or ``needed``: only those that the inputs drive and the outputs see, for some values of
+        the parameters. The transfer is the same.
+
+    Numbers in expressions are in SI units (rad for angles); names carry their own units.
+    """
+
+    name: Name
+    description: Prose = ""
+    gravity: Vector = (0.0, 0.0, 0.0)
+    acceleration: Vector = (0.0, 0.0, 0.0)
+    spin: InstanceOf[Spin] | None = None
+    constants: dict[Text, Number | InstanceOf[Constant]] = {}
+    parameters: tuple[InstanceOf[Parameter], ...] = ()
+    bodies: tuple[InstanceOf[Body], ...] = ()
+    joints: tuple[InstanceOf[Joint], ...] = ()
+    loads: tuple[InstanceOf[Load], ...] = ()
+    sensors: tuple[InstanceOf[Sensor], ...] = ()
+    loops: tuple[InstanceOf[Loop], ...] = ()
+    fit: InstanceOf[Fit] | None = None
+    inputs: Annotated[tuple[Name, ...] | None, Field(min_length=1)] = None
+    outputs: Annotated[tuple[Name, ...] | None, Field(min_length=1)] = None
+    states: str = ALL
+
+    @classmethod
+    def where(cls, fields: Mapping[str, Any]) -> str:
+        return f"scene {fields.get('name', '')!r}"
+
+    @field_validator("constants", mode="before")
+    @classmethod
+    def _constants_are_numbers(cls, constants: Any) -> Any:
+        check_constants(constants)
+        return constants
+
+    @field_validator("states")
+    @classmethod
+    def _states_are_known(cls, states: str) -> str:
+        if states not in (ALL, NEEDED):
+            raise SceneError(f"states: expected {ALL!r} or {NEEDED!r}, got {states!r}.")
+        return states
+
+    @model_validator(mode="after")
+    def _names_are_unique(self) -> Self:
+        check_value_names(
+            "parameter or constant", [p.name for p in self.parameters] + list(self.constants)
+        )
+        check_unique("body", [body.name for body in self.bodies])
+        with_signals: list[Joint | Load | Sensor | Loop] = [*self.joints, *self.loads]
+        with_signals += [*self.sensors, *self.loops]
+        check_unique("joint", [joint.name for joint in self.joints])
+        check_unique("joint, load, sensor or loop", [item.name for item in with_signals])
+        check_unique("input", self.inputs or ())
+        check_unique("output", self.outputs or ())
+        for name in [*(body.name for body in self.bodies), *(item.name for item in with_signals)]:
+            if "." in name:
+                raise SceneError(
+                    f"the name {name!r} has a dot; dots separate a body "
+                    "from its port and a joint from its signals."
+                )
+        return self
+
+    def constant_values(self) -> dict[str, float]:
+        """Constants in SI units, with the built-in ones."""
+        values = dict(BUILTIN_CONSTANTS)
+        for name, constant in self.constants.items():
+            if isinstance(constant, Constant):
+                values[name] = constant.value * parse_unit(constant.unit).factor
+            else:
+                values[name] = constant
+        return values
+
+
+def check_constants(constants: Any) -> None:
+    """Raise a SceneError for the first constant that is not a finite number with a known unit."""
+    for name, value in constants.items() if isinstance(constants, Mapping) else ():
+        if not (isinstance(value, Constant) or is_finite(value)):
+            raise SceneError(
+                f"constant {name!r}: expected a finite number, or a Constant with a unit (in TOML "
+                f"a table with value and unit), got {value!r}."
+            )
+        if isinstance(value, Constant):
+            try:
+                parse_unit(value.unit)
+            except SceneError as error:
+                raise SceneError(f"constant {name!r}: {error}") from None
+
+
+def check_value_names(what: str, names: Sequence[str]) -> None:
+    """Raise a SceneError for a name that is given twice or cannot stand in an expression."""
+    check_unique(what, names)
+    reserved = {*BUILTIN_CONSTANTS, *FUNCTIONS}
+    for name in names:
+        if name in reserved or not name.isidentifier():
+            raise SceneError(
+                f"{name!r} cannot name a {what}. Use "
+                f"letters, digits and underscores, and none of {', '.join(sorted(reserved))}."
+            )
+
+
+def check_unique(what: str, names: Sequence[str]) -> None:
+    """Raise a SceneError for a name that is given twice."""
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise SceneError(f"{what} {twice[0]!r} is given twice.")

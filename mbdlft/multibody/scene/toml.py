@@ -1,0 +1,352 @@
+"""Scenes as TOML files: `mbdlft-scene/1`. Python to TOML and back gives an equal scene."""
+
+import inspect
+import math
+import re
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import tomli_w
+
+from mbdlft.base.errors import MbdlftError, SceneError, unknown_name
+from mbdlft.base.parameter import SUBSTITUTIONS, Angle, Parameter
+from mbdlft.base.unit import ANGLE_UNITS, parse_unit
+from mbdlft.multibody.body import KINDS as BODIES
+from mbdlft.multibody.body import Body, Inertia, Mode, PiezoPatch
+from mbdlft.multibody.force import KINDS as LOADS
+from mbdlft.multibody.joint import KINDS as JOINTS
+from mbdlft.multibody.joint import Rotation
+from mbdlft.multibody.loop import KINDS as LOOPS
+from mbdlft.multibody.loop import Loop
+from mbdlft.multibody.scene.scene import ALL, Constant, Fit, Scene, Spin
+from mbdlft.multibody.sensor import KINDS as SENSORS
+
+T = TypeVar("T")
+
+FORMAT = "mbdlft-scene/1"
+_TOP = (
+    "format",
+    "name",
+    "description",
+    "gravity",
+    "acceleration",
+    "spin",
+    "constants",
+    "parameters",
+    "bodies",
+    "joints",
+    "loads",
+    "sensors",
+    "loops",
+    "fit",
+    "linearize",
+)
+_LINEARIZE = ("inputs", "outputs", "states")
+_PARAMETER_KEYS = tuple(name for name in inspect.signature(Parameter).parameters if name != "name")
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Scene of a TOML file.
+
+    Parameters
+    ----------
+    path : file
+
+    Raises
+    ------
+    SceneError
+        The file cannot be read or is not a scene; the message names the file and, where known,
+        the line.
+    """
+    return read_file(path, scene_from_toml)
+
+
+def scene_from_toml(text: str) -> Scene:
+    """Scene of a TOML text.
+
+    Raises
+    ------
+    SceneError
+        The text is not TOML (with the line), or not a scene.
+    """
+    return read_table(text, _scene)
+
+
+def scene_to_toml(scene: Scene) -> str:
+    """TOML text of a scene; `scene_from_toml` gives an equal scene back."""
+    table: dict[str, Any] = {"format": FORMAT, "name": scene.name}
+    if scene.description:
+        table["description"] = scene.description
+    table["gravity"] = list(scene.gravity)
+    if any(scene.acceleration):
+        table["acceleration"] = list(scene.acceleration)
+    if scene.spin:
+        table["spin"] = {"axis": list(scene.spin.axis), "rate": scene.spin.rate}
+    table |= values_table(scene.constants, scene.parameters)
+    table["bodies"] = {body.name: _kind_table(body) for body in scene.bodies}
+    table["joints"] = {joint.name: _kind_table(joint) for joint in scene.joints}
+    optional: dict[str, Sequence[Any]] = {
+        "loads": scene.loads,
+        "sensors": scene.sensors,
+        "loops": scene.loops,
+    }
+    table |= {
+        key: {item.name: _kind_table(item) for item in items}
+        for key, items in optional.items()
+        if items
+    }
+    if scene.fit:
+        table["fit"] = scene.fit.model_dump()
+    chosen = {"inputs": scene.inputs, "outputs": scene.outputs}
+    linearize: dict[str, Any] = {
+        key: list(names) for key, names in chosen.items() if names is not None
+    }
+    if scene.states != ALL:
+        linearize["states"] = scene.states
+    if linearize:
+        table["linearize"] = linearize
+    return tomli_w.dumps(table)
+
+
+def body_to_toml(body: Body) -> str:
+    """TOML text of one body, the table `bodies.NAME` to be pasted into a scene file.
+
+    Parameters
+    ----------
+    body : Body
+    """
+    return tomli_w.dumps({"bodies": {body.name: _kind_table(body)}})
+
+
+def read_body(name: str, table: Mapping[str, Any]) -> Body:
+    """Body of the entries of a table `bodies.NAME`."""
+    (body,) = _kinds("body", "bodies", {"bodies": {name: dict(table)}}, BODIES)
+    return cast(Body, body)
+
+
+def read_file(path: str | Path, read: Callable[[str], T]) -> T:
+    """What `read` makes of the text of a file; its errors name the file."""
+    file = Path(path)
+    try:
+        text = file.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise SceneError(f"{file}: cannot be read: it is not UTF-8 text: {error}.") from None
+    except OSError as error:
+        raise SceneError(f"{file}: cannot be read: {error.strerror}.") from None
+    try:
+        return read(text)
+    except MbdlftError as error:
+        raise type(error)(f"{file}: {error}") from None
+
+
+def read_table(text: str, read: Callable[[dict[str, Any]], T]) -> T:
+    """What `read` makes of the table of a TOML text; its errors give the line, where known."""
+    try:
+        table = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # also numbers of thousands of digits
+        raise SceneError(f"not valid TOML: {error}") from None
+    try:
+        return read(table)
+    except SceneError as error:
+        line = _line(text, str(error))
+        raise SceneError(f"line {line}: {error}" if line else str(error)) from None
+
+
+def check_keys(table: Mapping[str, Any], form: str, keys: Sequence[str]) -> None:
+    """Raise a SceneError if a key is not known, or the format is missing or another one."""
+    if "format" not in table:
+        raise SceneError(f"the line format = {form!r} is missing.")
+    if table["format"] != form:
+        raise SceneError(
+            f"format: expected {form!r}, got {table['format']!r}. Scenes are for mbdlft linearize "
+            "(load_scene), matrices for mbdlft realize (load_matrix)."
+        )
+    for key in table:
+        if key not in keys:
+            raise SceneError(unknown_name("key", key, keys))
+
+
+def read_constants(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Numbers and `Constant`s of the table `constants`."""
+    return {
+        name: _constant(name, value) if isinstance(value, dict) else value
+        for name, value in _table("constants", table.get("constants", {})).items()
+    }
+
+
+def read_parameters(table: Mapping[str, Any]) -> list[Parameter]:
+    """Parameters of the table `parameters`."""
+    return [
+        _parameter(name, value)
+        for name, value in _table("parameters", table.get("parameters", {})).items()
+    ]
+
+
+def values_table(
+    constants: Mapping[str, float | Constant], parameters: Sequence[Parameter]
+) -> dict[str, Any]:
+    """The tables `constants` and `parameters`, those that are not empty."""
+    tables = {
+        "constants": {
+            name: value.model_dump() if isinstance(value, Constant) else value
+            for name, value in constants.items()
+        },
+        "parameters": {p.name: _parameter_table(p) for p in parameters},
+    }
+    return {key: table for key, table in tables.items() if table}
+
+
+def _scene(table: dict[str, Any]) -> Scene:
+    check_keys(table, FORMAT, _TOP)
+    linearize = _table("linearize", table.get("linearize", {}))
+    for key in linearize:
+        if key not in _LINEARIZE:
+            raise SceneError("linearize: " + unknown_name("key", key, _LINEARIZE))
+    plain = ("name", "description", "gravity", "acceleration")
+    spin = {"spin": Spin(**_table("spin", table["spin"]))} if "spin" in table else {}
+    return Scene(
+        **{key: table[key] for key in plain if key in table},
+        **spin,
+        **({"fit": Fit(**_table("fit", table["fit"]))} if "fit" in table else {}),
+        constants=read_constants(table),
+        parameters=read_parameters(table),
+        bodies=_kinds("body", "bodies", table, BODIES),
+        joints=_kinds("joint", "joints", table, JOINTS),
+        loads=_kinds("load", "loads", table, LOADS),
+        sensors=_kinds("sensor", "sensors", table, SENSORS),
+        loops=_kinds("loop", "loops", table, dict.fromkeys(LOOPS, Loop)),
+        **linearize,
+    )
+
+
+def _constant(name: str, fields: dict[str, Any]) -> Constant:
+    try:
+        return Constant(**fields)
+    except SceneError as error:
+        raise SceneError(str(error).replace("constant: ", f"constant {name!r}: ")) from None
+
+
+def _table(where: str, value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise SceneError(f"{where}: expected a table, got {value!r}.")
+    return value
+
+
+def _kinds(what: str, key: str, table: dict[str, Any], kinds: Mapping[str, Any]) -> list[Any]:
+    """The described bodies or joints, each by the class of its kind."""
+    found = []
+    for name, value in _table(key, table.get(key, {})).items():
+        fields = dict(_table(f"{what} {name!r}", value))
+        kind = fields.pop("kind", None)
+        if kind is None:
+            raise SceneError(
+                f"{what} {name!r}: 'kind' is missing. Kinds: {', '.join(sorted(kinds))}."
+            )
+        if not isinstance(kind, str) or kind not in kinds:
+            raise SceneError(f"{what} {name!r}: " + unknown_name("kind", str(kind), kinds))
+        if "name" in fields:
+            raise SceneError(
+                f"{what} {name!r}: the key 'name' is not used; the table has the name."
+            )
+        try:
+            if isinstance(fields.get("inertia"), dict):
+                fields["inertia"] = Inertia(**fields["inertia"])
+            if isinstance(fields.get("modes"), list):
+                fields["modes"] = [Mode(**_table("modes", entry)) for entry in fields["modes"]]
+            if isinstance(fields.get("patches"), list):
+                fields["patches"] = [
+                    PiezoPatch(**_table("patches", entry)) for entry in fields["patches"]
+                ]
+            if isinstance(fields.get("orientation"), list):
+                fields["orientation"] = [
+                    Rotation(**_table("orientation", entry)) for entry in fields["orientation"]
+                ]
+        except SceneError as error:
+            raise SceneError(f"{what} {name!r}, {error}") from None
+        if kinds[kind] is Loop:
+            fields["kind"] = kind
+        found.append(kinds[kind](**{"name": name, **fields}))
+    return found
+
+
+def _kind_table(item: Any) -> dict[str, Any]:
+    """Table of a body or joint: what differs from the default."""
+    fields = item.model_dump(exclude={"name", "kind"}, exclude_defaults=True, exclude_none=True)
+    plain: dict[str, Any] = _plain(fields)
+    return {"kind": item.kind} | plain
+
+
+def _plain(value: Any) -> Any:
+    """The same with lists for tuples."""
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items()}
+    return [_plain(entry) for entry in value] if isinstance(value, tuple) else value
+
+
+def _parameter(name: str, value: Any) -> Parameter:
+    """Parameter of a table; a unit of an angle makes it an `Angle`."""
+    where = f"parameter {name!r}"
+    fields = _table(where, value)
+    for key, entry in fields.items():
+        if key not in _PARAMETER_KEYS:
+            raise SceneError(f"{where}: " + unknown_name("key", key, _PARAMETER_KEYS))
+        text = key in ("unit", "role", "substitution")
+        if not isinstance(entry, str if text else int | float) or isinstance(entry, bool):
+            raise SceneError(
+                f"{where}: {key}: expected a {'text' if text else 'number'}, got {entry!r}."
+            )
+    if "nominal" not in fields:
+        raise SceneError(f"{where}: 'nominal' is missing.")
+    if fields.get("unit") not in ANGLE_UNITS:
+        return Parameter(name, **fields)
+    if "percent" in fields:
+        raise SceneError(f"{where}: percent has no meaning for an angle; give low and high.")
+    if fields.get("substitution", "half-angle") not in SUBSTITUTIONS[1:]:
+        raise SceneError(
+            f"{where}: substitution: "
+            + unknown_name("substitution", fields["substitution"], SUBSTITUTIONS[1:])
+        )
+    return Angle(name, **fields)
+
+
+def _parameter_table(parameter: Parameter) -> dict[str, Any]:
+    p = parameter
+    table: dict[str, Any] = {"nominal": p.nominal, "low": p.low, "high": p.high, "unit": p.unit}
+    table["role"] = p.role
+    if p.is_angle:
+        table["substitution"] = p.substitution
+        table["reference"] = _in_unit(p.reference, parse_unit(p.unit).factor)
+    return table
+
+
+def _in_unit(radians: float, factor: float) -> float:
+    """A value in a unit that converts back to exactly `radians`."""
+    value = radians / factor
+    for candidate in (value, math.nextafter(value, math.inf), math.nextafter(value, -math.inf)):
+        if candidate * factor == radians:
+            return candidate
+    raise SceneError(
+        f"a reference angle of {radians!r} rad has no equal in the unit of its parameter; "
+        "give the parameter the unit 'rad'."
+    )
+
+
+def _line(text: str, message: str) -> int | None:
+    """Line of the table that an error message names, if it names one."""
+    match = re.search(r"(parameter|constant|body|joint|load|sensor|loop) '([^']+)'", message)
+    if match is None:
+        return None
+    section = {"parameter": "parameters", "body": "bodies"}.get(match[1], match[1] + "s")
+    name = re.escape(match[2])
+    header = re.compile(rf"^\s*\[{section}\.\"?{name}\"?[.\]]|^\s*{section}\.{name}\b")
+    inside = ""
+    for number, line in enumerate(text.splitlines(), start=1):
+        if header.match(line):
+            return number
+        if line.lstrip().startswith("["):
+            inside = line.strip().strip("[]")
+        if inside == section and re.match(rf"\s*\"?{name}\"?\s*[.=]", line):
+            return number
+    return None

@@ -1,0 +1,1 @@
+"""Number systems for expressions and matrices: intervals, dimensions, Taylor models, twofold."""

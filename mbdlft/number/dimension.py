@@ -1,0 +1,47 @@
+"""Dimensions as a number system: an expression is evaluated to see whether its units fit."""
+
+from dataclasses import dataclass
+
+from mbdlft.base.errors import SceneError
+from mbdlft.base.unit import dimension_name
+
+
+@dataclass(frozen=True, slots=True)
+class Dimension:
+    """Exponents of kg, m, s of a value; None where a plain number may carry any unit."""
+
+    exponents: tuple[int, int, int] | None
+
+    def __add__(self, other: "Dimension | float") -> "Dimension":
+        if isinstance(other, float) or other.exponents is None:
+            return self
+        if self.exponents is None or self.exponents == other.exponents:
+            return other
+        raise SceneError(
+            f"{dimension_name(self.exponents)} and {dimension_name(other.exponents)} are added; "
+            "units do not fit."
+        )
+
+    __radd__ = __add__
+    __sub__ = __add__
+    __rsub__ = __add__
+
+    def __neg__(self) -> "Dimension":
+        return self
+
+    def _times(self, other: "Dimension | float", sign: int) -> "Dimension":
+        if isinstance(other, float) or self.exponents is None or other.exponents is None:
+            return Dimension(None)
+        kg, m, s = (a + sign * b for a, b in zip(self.exponents, other.exponents, strict=True))
+        return Dimension((kg, m, s))
+
+    def __mul__(self, other: "Dimension | float") -> "Dimension":
+        return self._times(other, 1)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: "Dimension | float") -> "Dimension":
+        return self._times(other, -1)
+
+    def __rtruediv__(self, other: float) -> "Dimension":
+        return Dimension(None)

@@ -1,0 +1,2 @@
+from .build import to_lft as to_lft
+from .realization import realize as realize

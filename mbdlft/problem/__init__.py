@@ -1,0 +1,5 @@
+"""What every front end makes: implicit relations of named signals, their trim and linearization."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,1 @@
+from .trim import solve_trim as solve_trim

@@ -1,0 +1,176 @@
+"""The waist above the extraction: implicit equations of motion in CasADi SX, nothing inverted."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import casadi as ca
+
+from mbdlft.base.parameter import Parameter, cosine_sine_parts, exact_cosine_sine
+from mbdlft.base.signal import Signal
+from mbdlft.base.unit import parse_unit
+
+CURVED = 10.0  # of the bound of a fit: what terms of second order may add to what it explains
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Equations:
+    """0 = residual(xdot, x, z, u, p, cosine, sine, load),  y = output(...).
+
+    x = 0, xdot = 0, z = 0 is the equilibrium for every p, once u takes its trim value. The equations
+    are linear in `load`, the uniform acceleration that makes the equilibrium, whose value is
+    `load_value`, and in u. In x they hold to the first order.
+
+    Attributes
+    ----------
+    residual : SX (2 n + 3 m,)
+        n kinematic and n dynamic equations; those of m loop closures for displacements, rates and
+        accelerations.
+    output : SX (n_y,)
+    xdot, x : SX symbols (2 n,)
+        Displacements, then rates, of all joints.
+    z : SX symbols (m,)
+        Multipliers of loop closures, deviations from the trim.
+    u, load : SX symbols
+        u: efforts, magnitudes of loads, accelerations, multipliers; total values.
+    p : SX symbols (n_p,)
+        One for each parameter, in its own unit; that of an angle is not used.
+    cosine, sine : SX symbols (n_p,)
+        Of each angle parameter; those of the others are not used.
+    load_value : SX, function of p
+    given : SX (n_u,), function of p
+        Trim values of the entries of u that are given; zero for the others.
+    unknown : positions in u of those that the trim solves for
+    inputs : positions in u of those that can be inputs
+    states : positions in x of the states; the other entries follow from the loop closures
+    x_signals, u_signals, y_signals : names and units; x_signals are those of the states
+    equilibrium_signals : Signal (n,)
+        Unbalanced effort of each of the n dynamic equations.
+    default_inputs, default_outputs : positions of the signals a scene has if it names none
+    carried : SX (n_c,)
+        Wrenches of the elastic bodies whose `prestress` is not said to be negligible; as `output`.
+    carried_by : name of the body of each entry of `carried`
+    parameters : sorted by name
+    x_bounds : tuple of float (n,)
+        By how much the displacements may miss the equilibrium, where positions are fits; else zero.
+    u_bounds : tuple of float (n_u,)
+        The same of given efforts.
+    """
+
+    name: str
+    residual: ca.SX
+    output: ca.SX
+    xdot: ca.SX
+    x: ca.SX
+    z: ca.SX
+    u: ca.SX
+    load: ca.SX
+    p: ca.SX
+    cosine: ca.SX
+    sine: ca.SX
+    load_value: ca.SX
+    given: ca.SX
+    unknown: tuple[int, ...]
+    inputs: tuple[int, ...]
+    states: tuple[int, ...]
+    x_signals: tuple[Signal, ...]
+    u_signals: tuple[Signal, ...]
+    y_signals: tuple[Signal, ...]
+    equilibrium_signals: tuple[Signal, ...]
+    default_inputs: tuple[int, ...]
+    default_outputs: tuple[int, ...]
+    carried: ca.SX
+    carried_by: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    x_bounds: tuple[float, ...]
+    u_bounds: tuple[float, ...]
+
+    @property
+    def fit_error_bound(self) -> float:
+        """Largest error of a position that is a fit (rad, m); 0.0 if the equilibrium is exact."""
+        return max(self.x_bounds)
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """n, the number of coordinates of all joints."""
+        return int(self.x.numel()) // 2
+
+    @property
+    def followers(self) -> tuple[int, ...]:
+        """Positions in x of the entries that follow from the loop closures."""
+        return tuple(k for k in range(self.x.numel()) if k not in set(self.states))
+
+
+class ParameterSymbols(NamedTuple):
+    """Arguments p, cosine, sine of the equations, and the symbols (n_p,) they are functions of."""
+
+    symbols: ca.SX
+    p: ca.SX
+    cosine: ca.SX
+    sine: ca.SX
+
+
+def physical_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
+    """The equations as functions of physical values: cosines and sines of the angles themselves."""
+    p = ca.SX.sym("p", len(parameters))
+    factors = ca.DM([parse_unit(parameter.unit).factor for parameter in parameters])
+    return ParameterSymbols(p, p, ca.cos(factors * p), ca.sin(factors * p))
+
+
+@lru_cache(maxsize=1)  # the trim and the linearization of one scene share them
+def internal_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
+    """The equations as rational functions of internal values: angles by tangents of a part of them."""
+    p = ca.SX.sym("internal", len(parameters))
+    return ParameterSymbols(p, p, *cosines_sines(parameters, p))
+
+
+def cosines_sines(parameters: Sequence[Parameter], p: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Cosines and sines (n_p,) of the angles among parameters of internal values p (n_p,)."""
+    cosine, sine = ca.SX(len(parameters), 1), ca.SX(len(parameters), 1)
+    for k, parameter in enumerate(parameters):
+        if not parameter.is_angle:
+            continue
+        c, s, denominator = cosine_sine_parts(parameter.substitution, p[k])
+        c0, s0 = exact_cosine_sine(parameter.reference)
+        cosine[k] = (c0 * c - s0 * s) / denominator
+        sine[k] = (s0 * c + c0 * s) / denominator
+    return cosine, sine
+
+
+@lru_cache(maxsize=1)  # the stages of one scene share it
+def equation_function(equations: Equations) -> ca.Function:
+    """(xdot, x, z, u, load, p, cosine, sine) -> (residual, output)."""
+    e = equations
+    arguments = [e.xdot, e.x, e.z, e.u, e.load, e.p, e.cosine, e.sine]
+    return ca.Function("equations", arguments, [e.residual, e.output])
+
+
+def load_value(equations: Equations, p: ca.SX) -> ca.SX:
+    """The load (n_l,) at the parameter symbols p."""
+    e = equations
+    return ca.Function("load", [e.p], [e.load_value])(p)
+
+
+def given_value(equations: Equations, p: ca.SX) -> ca.SX:
+    """Trim values (n_u,) of the given efforts at the parameter symbols p; zero for the others."""
+    e = equations
+    return ca.Function("given", [e.p], [e.given])(p)
+
+
+def rows_of(column: ca.SX, rows: Sequence[int]) -> ca.SX:
+    """Some rows of a column (n, 1); CasADi makes a row of 1 x 0 of none of a single one."""
+    return column[list(rows)] if rows else ca.SX(0, 1)
+
+
+def split(equations: Equations, inputs: Sequence[int]) -> tuple[ca.SX, ca.SX]:
+    """Unknown and known signals of the linear model.
+
+    unknown = [xdot of the states ; xdot and x of the followers ; z], known = [x of the states ; u].
+    """
+    e = equations
+    states, followers = list(e.states), list(e.followers)
+    unknown = ca.vertcat(
+        rows_of(e.xdot, states), rows_of(e.xdot, followers), rows_of(e.x, followers), e.z
+    )
+    return unknown, ca.vertcat(rows_of(e.x, states), rows_of(e.u, inputs))

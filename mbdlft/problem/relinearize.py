@@ -1,0 +1,204 @@
+"""The nonlinear equations of a scene, trimmed and linearized with numbers at every point."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import WellPosednessError
+from mbdlft.problem.equations import (
+    Equations,
+    equation_function,
+    given_value,
+    load_value,
+    physical_symbols,
+    rows_of,
+    split,
+)
+from mbdlft.problem.trim import term_sizes, trim_efforts
+from mbdlft.sx.evaluate import evaluate_in_chunks, evaluate_many
+
+_FLOOR = 1e-2  # of the load (and the inertia it acts on): the size below which terms have cancelled
+
+
+class Reference(NamedTuple):
+    """The nonlinear equations, trimmed and linearized at N points.
+
+    Attributes
+    ----------
+    points (N, n_p), physical
+    efforts (N, n_u)
+    linear : Linear
+    effort_sizes (N, n_t), of the trim unknowns: what they would be if no terms cancelled
+    floor : a part of the largest load; no stiffness is compared with anything smaller
+    """
+
+    points: Array
+    efforts: Array
+    linear: "Linear"
+    effort_sizes: Array
+    floor: float
+
+
+class Linear(NamedTuple):
+    """Matrices of N points.
+
+    Attributes
+    ----------
+    matrices : [A B ; C D] (N, ., .)
+    jacobian : slopes of [residual ; outputs] by unknown, known and trim unknowns (N, ., .)
+    solved : unknown by known (N, ., .)
+    """
+
+    matrices: Array
+    jacobian: Array
+    solved: Array
+
+
+def reference_at(
+    equations: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array
+) -> Reference:
+    """The nonlinear equations, trimmed and linearized at points (N, n_p).
+
+    Raises
+    ------
+    WellPosednessError
+        The accelerations cannot be solved for at one of the points.
+    """
+    e = equations
+    efforts, _ = trim_efforts(e, points)
+    (jacobian,) = evaluate_many(_slope_function(e, tuple(inputs), tuple(outputs)), points, efforts)
+    unknown, known = split(e, inputs)
+    linear = _linear(e, unknown.numel(), known.numel(), jacobian)
+    n, nk = unknown.numel(), known.numel()
+    symbols, effort, _, residual = _at_trim(e, tuple(inputs), tuple(outputs))
+    given = ca.substitute(residual, effort, given_value(e, symbols))
+    no_effort = ca.Function("load", [symbols], [ca.densify(given)])
+    by_effort = np.abs(np.linalg.pinv(linear.jacobian[:, :n, n + nk :]))
+    terms = (by_effort @ term_sizes(no_effort, points)[:, :, None])[:, :, 0]
+    # where terms cancel already in the numbers of the scene: what the load does to the inertia
+    lifted = ca.densify(load_value(e, symbols))
+    (load,) = evaluate_many(ca.Function("load", [symbols], [lifted]), points)
+    inertia = np.max(by_effort @ np.abs(linear.jacobian[:, :n, :n]), axis=2, initial=0.0)
+    floor = _FLOOR * np.max(np.abs(load), axis=(1, 2), initial=0.0)
+    sizes = np.maximum(terms, floor[:, None] * inertia)
+    return Reference(points, efforts, linear, sizes, float(np.max(floor)))
+
+
+def linearized(
+    equations: Equations,
+    inputs: Sequence[int],
+    outputs: Sequence[int],
+    points: Array,
+    efforts: Array,
+) -> Array:
+    """The nonlinear equations, linearized at points (N, n_p) with their efforts (N, n_u).
+
+    Returns
+    -------
+    [A B ; C D] (N, ., .)
+
+    Raises
+    ------
+    WellPosednessError
+        The accelerations cannot be solved for at one of the points.
+    """
+    e = equations
+    unknown, known = (part.numel() for part in split(e, inputs))
+    values = np.empty((len(points), len(e.states) + len(outputs), known))
+    function = _slope_function(e, tuple(inputs), tuple(outputs))
+    for part, (jacobian,) in evaluate_in_chunks(function, points, efforts):
+        values[part] = _linear(e, unknown, known, jacobian).matrices
+    return values
+
+
+def _linear(e: Equations, unknown: int, known: int, jacobian: Array) -> Linear:
+    """Solve slopes (N, ., .) as in `_at_trim` for the unknown signals, which come first."""
+    try:
+        solved = _solved(
+            jacobian[:, :unknown, :unknown], -jacobian[:, :unknown, unknown : unknown + known]
+        )
+    except np.linalg.LinAlgError:
+        raise WellPosednessError(
+            f"scene {e.name!r}: the mass matrix is singular at a point of the parameter range. Keep "
+            "masses and inertias away from zero."
+        ) from None
+    read, by_unknown = (
+        jacobian[:, unknown:, unknown : unknown + known],
+        jacobian[:, unknown:, :unknown],
+    )
+    if np.any(by_unknown):
+        read = read + by_unknown @ solved
+    matrices = np.concatenate([solved[:, : len(e.states)], read], axis=1)
+    return Linear(matrices, jacobian, solved)
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    """matrix^-1 right (N, n, k), refined once; unknowns that one equation gives alone are taken from it.
+
+    The acceleration of an imposed coordinate is exactly its input, whatever stiffness is beside it.
+    """
+    pattern, acted = (np.any(part != 0.0, axis=0) for part in (matrix, right))
+    rows = np.flatnonzero(pattern.sum(axis=1) == 1)
+    alone = pattern[rows].argmax(axis=1)
+    pivots = matrix[:, rows, alone]
+    if len(set(alone)) < len(rows) or not np.all(pivots):
+        raise np.linalg.LinAlgError("singular")
+    others, coupled = (np.delete(np.arange(len(pattern)), taken) for taken in (rows, alone))
+    found = np.zeros_like(right)
+    # columns of zeros, as those of rates without damping, are not solved for
+    used = np.flatnonzero(np.any(acted[rows], axis=0))
+    found[:, alone[:, None], used] = right[:, rows[:, None], used] / pivots[:, :, None]
+    if np.any(pattern[np.ix_(others, alone)]):
+        right = right - matrix[:, :, alone] @ found[:, alone]
+        used = np.arange(right.shape[2])
+    else:
+        used = np.flatnonzero(np.any(acted[others], axis=0))
+    rest, own = right[:, others[:, None], used], matrix[:, others[:, None], coupled]
+    inverse = np.linalg.inv(own)
+    first = inverse @ rest
+    found[:, coupled[:, None], used] = first + inverse @ (rest - own @ first)
+    return found
+
+
+@lru_cache(maxsize=2)  # a sweep asks for it again and again
+def _slope_function(
+    equations: Equations, inputs: tuple[int, ...], outputs: tuple[int, ...]
+) -> ca.Function:
+    """(physical values, efforts) -> slopes, as in `_at_trim`."""
+    symbols, effort, slopes, _ = _at_trim(equations, inputs, outputs)
+    return ca.Function("reference", [symbols, effort], [slopes])
+
+
+@lru_cache(maxsize=2)
+def _at_trim(
+    equations: Equations, inputs: tuple[int, ...], outputs: tuple[int, ...]
+) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Symbols of the parameters and the efforts, and as their functions, at rest: slopes, residual.
+
+    The slopes are those of [residual ; chosen outputs] by unknown, known and trim unknowns.
+    """
+    e = equations
+    symbols, p, cosine, sine = physical_symbols(e.parameters)
+    values = equation_function(e)(e.xdot, e.x, e.z, e.u, load_value(e, p), p, cosine, sine)
+    stacked = ca.vertcat(values[0], rows_of(values[1], outputs))
+    by = [ca.jacobian(stacked, part) for part in (*split(e, inputs), rows_of(e.u, e.unknown))]
+    around = ca.vertcat(e.xdot, e.x, e.z)
+    found = [ca.densify(ca.horzcat(*by)), ca.densify(values[0])]
+    at_rest = ca.Function("at_rest", [around, e.u, symbols], found)
+    effort = ca.SX.sym("effort", e.u.numel())
+    slopes, residual = at_rest(ca.SX(around.numel(), 1), effort, symbols)
+    return symbols, effort, slopes, residual
+
+
+def slope_sizes(
+    equations: Equations, inputs: Sequence[int], outputs: Sequence[int], at: Reference
+) -> Array:
+    """Sizes (N, ., .) of the slopes of `Linear.jacobian` if nothing cancelled."""
+    tape = _slope_function(equations, tuple(inputs), tuple(outputs))
+    terms = term_sizes(tape, at.points, at.efforts)
+    rows, columns = at.linear.jacobian.shape[1:]
+    return terms.reshape(-1, columns, rows).transpose(0, 2, 1)

@@ -1,0 +1,395 @@
+"""Trim: the efforts and loads that hold the equilibrium, 0 = residual(0, 0, 0, u, p), linear in u."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import qr
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import TrimError, unknown_name
+from mbdlft.base.signal import Signal
+from mbdlft.problem.equations import (
+    CURVED,
+    Equations,
+    equation_function,
+    given_value,
+    load_value,
+    physical_symbols,
+)
+from mbdlft.sx.evaluate import evaluate_many
+
+_RESIDUAL = 1e-9
+_RANK = 1e-10  # an unknown whose effect is that of others up to this part is redundant
+_PART = 1e-2  # of the inertia and stiffness that unbalanced efforts are compared with
+_CARRIED = 1e-9  # of the loads of the scene: a smaller wrench through a body is rounding
+_IDLE = 0.1  # share in a combination of unknowns that does nothing
+
+
+@dataclass(frozen=True, slots=True)
+class TrimPoint:
+    """Efforts that hold the equilibrium at one value of the parameters.
+
+    Attributes
+    ----------
+    parameters : physical value by name, in its unit
+    signals : names and units of the efforts and loads that were unknown
+    values : one number for each of them
+    residual : float
+        Largest residual of the equations relative to the largest effort.
+    """
+
+    parameters: Mapping[str, float]
+    signals: tuple[Signal, ...]
+    values: tuple[float, ...]
+    residual: float
+
+
+def solve_trim(equations: Equations, values: Mapping[str, float] | None = None) -> TrimPoint:
+    """Trim at physical values by name, in their units; the others are nominal.
+
+    Raises
+    ------
+    TrimError
+        A name is unknown, a value is outside its range, or no efforts hold the equilibrium.
+    """
+    given = dict(values or {})
+    known = {parameter.name: parameter for parameter in equations.parameters}
+    for name, value in given.items():
+        if name not in known:
+            raise TrimError("trim: " + unknown_name("parameter", name, known))
+        parameter = known[name]
+        if not parameter.low <= value <= parameter.high:
+            raise TrimError(
+                f"trim: {name} = {value:g} is outside its range [{parameter.low:g}, "
+                f"{parameter.high:g}] {parameter.unit}."
+            )
+    point = {name: float(given.get(name, known[name].nominal)) for name in known}
+    efforts, residual = trim_efforts(equations, np.array([list(point.values())]))
+    return TrimPoint(
+        point,
+        tuple(equations.u_signals[k] for k in equations.unknown),
+        tuple(float(efforts[0, k]) for k in equations.unknown),
+        float(residual[0]),
+    )
+
+
+class Balance(NamedTuple):
+    """Efforts at N points, and how well they hold the equilibrium.
+
+    Attributes
+    ----------
+    efforts : array (N, n_u)
+    relative : array (N,)
+        Largest residual relative to the largest effort.
+    unbalanced : bool array (N,)
+        No efforts hold the equilibrium there.
+    residual : array (N, rows)
+    excess : array (N,)
+        By how much the worst row misses the equilibrium, beyond what fits explain.
+    """
+
+    efforts: Array
+    relative: Array
+    unbalanced: NDArray[np.bool_]
+    residual: Array
+    excess: Array
+
+
+def trim_efforts(equations: Equations, points: Array) -> tuple[Array, Array]:
+    """Efforts (N, n_u) and relative residuals (N,) at physical points (N, n_p).
+
+    Raises
+    ------
+    TrimError
+        Unknown efforts are redundant, or at one of the points no efforts hold the equilibrium.
+    """
+    try:
+        found = balance(equations, points)
+    except np.linalg.LinAlgError:
+        raise TrimError(
+            f"scene {equations.name!r}: the equilibrium does not determine the trim unknowns "
+            f"{_names(equations)} at a point of the parameter range: they are redundant there. Narrow "
+            "the ranges."
+        ) from None
+    if np.any(found.unbalanced):
+        raise TrimError(
+            _unbalanced(equations, points, found.residual, int(np.argmax(found.excess)))
+        )
+    check_prestress(equations, points, found.efforts)
+    return found.efforts, found.relative
+
+
+def balance(equations: Equations, points: Array) -> Balance:
+    """Efforts at physical points (N, n_p), and where they do not hold the equilibrium.
+
+    Raises
+    ------
+    TrimError
+        Unknown efforts are redundant at nominal.
+    numpy.linalg.LinAlgError
+        They are at one of the points.
+    """
+    e = equations
+    rows, unknown = list(trim_rows(e)), list(e.unknown)
+    offset, matrix, given = _relations_at(e, points)
+    efforts = given.copy()
+    if unknown:
+        efforts[:, unknown] = -np.linalg.solve(matrix[:, rows], offset[:, rows, None])[:, :, 0]
+    residual = offset + (matrix @ efforts[:, unknown, None])[:, :, 0]
+    scale = np.max(np.abs(offset), axis=1, initial=0.0)
+    relative = excess = _relative(residual, scale)
+    unbalanced = ~(relative <= _RESIDUAL)
+    if np.any(unbalanced):
+        # where nothing is unknown the terms have cancelled already, and what is left is no scale
+        some = np.flatnonzero(unbalanced)
+        scale = _uncancelled(e, points[some], efforts[some])
+        relative[some] = _relative(residual[some], scale)
+        unbalanced = ~(relative <= _RESIDUAL)
+        excess = relative.copy()
+        if np.any(unbalanced) and e.fit_error_bound > 0.0:
+            explained = _explained(e, points[some], efforts[some], matrix[some])
+            beyond = np.maximum(np.abs(residual[some]) - explained, 0.0)
+            excess = np.zeros(len(points))
+            excess[some] = np.max(beyond, axis=1, initial=0.0)
+            unbalanced[some] &= ~(_relative(beyond, scale) <= _RESIDUAL)
+    return Balance(efforts, relative, unbalanced, residual, excess)
+
+
+def check_prestress(equations: Equations, points: Array, efforts: Array) -> None:
+    """No load at equilibrium goes through an elastic body, unless its scene says that this is known.
+
+    Raises
+    ------
+    TrimError
+        It does.
+    """
+    e = equations
+    if not e.carried_by:
+        return
+    carried, loads = evaluate_many(_carried_at_rest(e), points, efforts)
+    largest = np.max(np.abs(carried[:, :, 0]), axis=0)
+    floor = _CARRIED * max(np.max(np.abs(loads), initial=0.0), np.max(np.abs(efforts), initial=0.0))
+    loaded = np.flatnonzero(largest > floor)
+    if len(loaded):
+        body = e.carried_by[int(loaded[0])]
+        raise TrimError(
+            f"scene {e.name!r}: body {body!r} is elastic and carries a load at equilibrium (up to "
+            f"{np.max(largest[loaded]):.3g} N or N m). The model takes the given shape for that under "
+            "this load, and has the effects of the load through the displaced ports and of the weight of "
+            "the displaced mass; it does not have the change of the body's own stiffness by the load "
+            "(buckling, tension). Where that may be left out, write prestress = 'neglected' in the body."
+        )
+
+
+@lru_cache(maxsize=1)  # a sweep asks for it again and again
+def _carried_at_rest(e: Equations) -> ca.Function:
+    """(physical values, efforts) -> wrenches through elastic bodies, loads of the scene."""
+    symbols, p, cosine, sine = physical_symbols(e.parameters)
+    still = [e.xdot, e.x, e.z]
+    rest = ca.substitute([e.carried], still, [ca.SX.zeros(s.numel()) for s in still])
+    function = ca.Function("carried", [e.u, e.load, e.p, e.cosine, e.sine], rest)
+    u, load = ca.SX.sym("u", e.u.numel()), load_value(e, p)
+    values = function(u, load, p, cosine, sine)
+    return ca.Function("carried", [symbols, u], [ca.densify(values), ca.densify(load)])
+
+
+@lru_cache(maxsize=1)  # the stages of one scene ask for the same
+def trim_rows(equations: Equations) -> tuple[int, ...]:
+    """Positions of the equations of equilibrium that determine the unknown efforts, one for each.
+
+    Raises
+    ------
+    TrimError
+        The unknown efforts are redundant: some of them do the same.
+    """
+    e = equations
+    nominal = np.array([[parameter.nominal for parameter in e.parameters]])
+    _, matrix, _ = _relations_at(e, nominal)
+    matrix, count = matrix[0], len(e.unknown)
+    rows = [int(row) for row in np.flatnonzero(matrix.any(axis=1))]
+    if len(rows) == count and np.linalg.matrix_rank(matrix) == count:
+        return tuple(rows)
+    # rows and columns of one size, so that newtons and newton meters can be compared
+    size = np.max(np.abs(matrix), axis=1, initial=0.0, keepdims=True)
+    scaled = matrix / np.where(size > 0, size, 1.0)
+    if not count:
+        return ()
+    _, triangle, order = qr(scaled.T, mode="economic", pivoting=True)
+    steps = np.abs(np.diag(triangle))
+    rank = int(np.sum(steps > _RANK * np.max(steps, initial=0.0)))
+    if rank < count:
+        idle = np.abs(np.linalg.svd(scaled)[2][rank:])
+        doubtful = [
+            k for k, size in zip(e.unknown, np.max(idle, axis=0), strict=True) if size > _IDLE
+        ]
+        raise TrimError(
+            f"scene {e.name!r}: the equilibrium does not determine the trim unknowns "
+            f"{', '.join(e.u_signals[k].name for k in doubtful)}: they are redundant, {count - rank} too "
+            "many. Give a value to that many of them (a joint's preload, a load's magnitude)."
+        )
+    return tuple(sorted(int(row) for row in order[:count]))
+
+
+def _relative(residual: Array, scale: Array) -> Array:
+    return np.asarray(
+        np.max(np.abs(residual), axis=1, initial=0.0) / np.where(scale > 0, scale, 1.0)
+    )
+
+
+def _explained(e: Equations, points: Array, efforts: Array, matrix: Array) -> Array:
+    """Unbalanced efforts (N, rows) that the bounds of fitted positions and efforts allow.
+
+    To first order, once the unknown efforts have followed; `matrix` are the slopes by these. Errors
+    of positions and of efforts are added as if each had its largest value and the worse sign.
+    """
+    slopes = _slopes(e, points, efforts, ca.vertcat(e.x[: e.degrees_of_freedom], e.u))
+    rows = list(trim_rows(e))
+    if rows:
+        slopes = slopes - matrix @ np.linalg.solve(matrix[:, rows], slopes[:, rows])
+    bounds = np.array([*e.x_bounds, *e.u_bounds])
+    return np.asarray((1.0 + CURVED * e.fit_error_bound) * (np.abs(slopes) @ bounds))
+
+
+def _slopes(e: Equations, points: Array, efforts: Array, around: ca.SX) -> Array:
+    """Derivatives (N, rows, entries) of the equations at rest by entries of xdot, x and u."""
+    symbols, moved = _residual(e, e.xdot, e.x, e.u)
+    effort, moving = ca.SX.sym("u", e.u.numel()), ca.vertcat(e.xdot, e.x)
+    by_around = ca.substitute(
+        ca.jacobian(moved, around),
+        ca.vertcat(moving, e.u),
+        ca.vertcat(ca.SX.zeros(moving.numel()), effort),
+    )
+    (found,) = evaluate_many(
+        ca.Function("slopes", [symbols, effort], [ca.densify(by_around)]), points, efforts
+    )
+    return found
+
+
+def _uncancelled(e: Equations, points: Array, efforts: Array) -> Array:
+    """Sizes (N,) of the equations of equilibrium if nothing cancelled in them.
+
+    Terms of the residual; what efforts do; parts of what the load does to the inertia, and of what
+    displacements of 1 rad or 1 m do. In a scene of numbers only the last ones are left.
+    """
+    n = e.degrees_of_freedom
+    symbols, residual, u, given = _at_rest(e)
+    offset = ca.densify(ca.substitute(residual, u, given))
+    terms = term_sizes(ca.Function("offset", [symbols], [offset]), points)
+    by_motion = _slopes(e, points, efforts, ca.vertcat(e.xdot[n:], e.x[:n]))
+    by_motion = np.max(np.abs(by_motion), axis=1)
+    inertia = np.max(by_motion[:, :n], axis=1, initial=0.0)
+    stiffness = np.max(by_motion[:, n:], axis=1, initial=0.0)
+    value = ca.Function("load", [symbols], [ca.densify(load_value(e, symbols))])
+    (load,) = evaluate_many(value, points)
+    pull = np.max(np.abs(load), axis=(1, 2), initial=0.0)
+    largest = np.maximum(np.max(terms, axis=1), np.max(np.abs(efforts), axis=1, initial=0.0))
+    return np.asarray(np.maximum(largest, _PART * np.maximum(pull * inertia, stiffness)))
+
+
+def _at_rest(e: Equations) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Symbols of physical values, residual at rest, u in it, and the given entries of u."""
+    u = ca.SX.sym("u", e.u.numel())
+    still = ca.SX(e.x.numel(), 1)
+    symbols, residual = _residual(e, still, still, u)
+    return symbols, residual, u, given_value(e, symbols)
+
+
+def _residual(e: Equations, xdot: ca.SX, x: ca.SX, u: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Symbols of physical values, and the residual as their function, with multipliers of the trim."""
+    symbols, p, cosine, sine = physical_symbols(e.parameters)
+    none = ca.SX(e.z.numel(), 1)
+    return symbols, equation_function(e)(xdot, x, none, u, load_value(e, p), p, cosine, sine)[0]
+
+
+def _relations_at(e: Equations, points: Array) -> tuple[Array, Array, Array]:
+    """Unbalanced efforts (N, rows) without the unknowns, their slopes (N, rows, unknowns), given u."""
+    offset, matrix, values = evaluate_many(_relations(e), points)
+    return offset[:, :, 0], matrix, values[:, :, 0]
+
+
+@lru_cache(maxsize=1)  # the stages of one scene ask for the same
+def _relations(e: Equations) -> ca.Function:
+    """Physical values -> residual at rest with the given entries of u, its slopes, given entries."""
+    symbols, residual, u, given = _at_rest(e)
+    none = ca.SX.zeros(residual.numel(), 0)
+    slopes = ca.densify(ca.jacobian(residual, u[list(e.unknown)])) if e.unknown else none
+    offset = ca.densify(ca.substitute(residual, u, given))
+    return ca.Function("trim", [symbols], [offset, slopes, ca.densify(given)])
+
+
+def _names(e: Equations) -> str:
+    return ", ".join(e.u_signals[k].name for k in e.unknown)
+
+
+def _unbalanced(e: Equations, points: Array, residual: Array, worst: int) -> str:
+    """Which coordinate is not in equilibrium, by how much, and where."""
+    n = e.degrees_of_freedom
+    row = int(np.argmax(np.abs(residual[worst, n : 2 * n])))
+    signal, size = e.equilibrium_signals[row], residual[worst, n + row]
+    where = ", ".join(
+        f"{p.name} = {value:g} {p.unit}"
+        for p, value in zip(e.parameters, points[worst], strict=True)
+    )
+    return (
+        f"scene {e.name!r}: no equilibrium{' at ' + where if where else ''}: {signal.name} misses "
+        f"{size:.4g} {signal.unit}"
+        f"{' with the trim unknowns ' + _names(e) if e.unknown else ', and nothing is unknown'}. "
+        "Leave out a preload or a load's magnitude that can balance it, or change the position "
+        "(find_equilibrium gives one). Where the position itself depends on parameters: (a) declare "
+        "the angle as a parameter and let the trim solve for a load or preload, which is exact, or (b) "
+        "fit the position by a rational function with a guaranteed bound (fit_positions)."
+    )
+
+
+def term_sizes(tape: ca.Function, *points: Array) -> Array:
+    """Sizes (N, rows) of the dense output of a function if nothing cancelled: |a| + |b| for a + b.
+
+    The arguments are columns, each (N, rows).
+
+    The output is a column, or a matrix whose columns stand one below the other.
+
+    The instructions are run once more, on pairs of a value and its size.
+    """
+    work: list[tuple[Any, Any]] = [(0.0, 0.0)] * tape.sz_w()  # numbers (N,), or one for all points
+    found = np.zeros((tape.numel_out(0), len(points[0])))
+    inputs = [np.ascontiguousarray(part.T) for part in points]
+    for k in range(tape.n_instructions()):
+        operation = tape.instruction_id(k)
+        sources, targets = tape.instruction_input(k), tape.instruction_output(k)
+        if operation == ca.OP_OUTPUT:
+            found[targets[1]] = work[sources[0]][1]
+        elif operation in (ca.OP_INPUT, ca.OP_CONST):
+            constant = operation == ca.OP_CONST
+            value = (
+                np.float64(tape.instruction_constant(k))
+                if constant
+                else inputs[sources[0]][sources[1]]
+            )
+            work[targets[0]] = value, abs(value)
+        elif len(sources) == 2:
+            work[targets[0]] = _PAIRS[operation](*work[sources[0]], *work[sources[1]])
+        else:
+            work[targets[0]] = _SINGLE[operation](*work[sources[0]])
+    return found.T
+
+
+_SINGLE: dict[int, Callable[[Array, Array], tuple[Array, Array]]] = {
+    ca.OP_ASSIGN: lambda a, size: (a, size),
+    ca.OP_NEG: lambda a, size: (-a, size),
+    ca.OP_TWICE: lambda a, size: (2 * a, 2 * size),
+    ca.OP_SQ: lambda a, size: (a * a, size * size),
+    ca.OP_INV: lambda a, size: (1 / a, size / (a * a)),
+    ca.OP_COS: lambda a, size: (np.cos(a), np.abs(np.cos(a))),
+    ca.OP_SIN: lambda a, size: (np.sin(a), np.abs(np.sin(a))),
+}
+_PAIRS: dict[int, Callable[[Array, Array, Array, Array], tuple[Array, Array]]] = {
+    ca.OP_ADD: lambda a, m, b, n: (a + b, m + n),
+    ca.OP_SUB: lambda a, m, b, n: (a - b, m + n),
+    ca.OP_MUL: lambda a, m, b, n: (a * b, m * n),
+    ca.OP_DIV: lambda a, m, b, n: (a / b, m * n / (b * b)),
+}

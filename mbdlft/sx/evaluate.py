@@ -1,0 +1,189 @@
+"""Values of a CasADi function at many points.
+
+For few points the function is called. For many its instructions are run one after the other, each on a
+vector of points, as those of an LFT are (`mbdlft/lft/run.py`): that does without the zeros of dense
+results and without the calls of a virtual machine.
+"""
+
+from collections.abc import Callable, Iterator
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.base.array import Array
+from mbdlft.lft.program import (
+    ADD,
+    COSINE,
+    DIVIDE,
+    MULTIPLY,
+    ROOT,
+    SINE,
+    SIZE,
+    SUBTRACT,
+    Operand,
+    Program,
+    Tape,
+)
+from mbdlft.lft.run import Plan, plan, run
+
+MANY = 256  # points from which on making vectors of them is worth it
+_LONGEST = 50_000  # instructions; reading one takes some microseconds
+_SHORTEST, _NEAR = 64, 2**17  # points of a chunk, and numbers of one
+
+
+class Vectors(NamedTuple):
+    """A function whose arguments are columns, as a program for vectors of points.
+
+    Attributes
+    ----------
+    plan : Plan
+        Its entries are those that depend on arguments.
+    places : int array (number of these,)
+        Where they stand in all results one behind the other, row by row.
+    constant : array (numbers in all results,)
+        The other entries; 0 where one depends on arguments.
+    """
+
+    plan: Plan
+    places: NDArray[np.intp]
+    constant: Array
+
+
+def evaluate_many(function: ca.Function, points: Array, *others: Array) -> list[Array]:
+    """Values of a function of column vectors at many points, each (N, rows, columns); all are dense."""
+    count = len(points)
+    found = vectors(function) if count >= MANY else None
+    if found is not None:
+        values = np.empty((count, len(found.constant)))
+        values[:] = found.constant
+        values[:, found.places] = _varying(found, points, *others).T
+        return _parts(function, values)
+    return _called(function, points, *others)
+
+
+def _called(function: ca.Function, *points: Array) -> list[Array]:
+    """Values by calls; matrices of CasADi become those of numpy through buffers, not by entries."""
+    assert all(function.sparsity_out(k).is_dense() for k in range(function.n_out()))
+    # CasADi's matrices are by columns
+    shapes = [function.size_out(k)[::-1] for k in range(function.n_out())]
+    found = [np.empty((len(points[0]), *shape)) for shape in shapes]
+    arguments = [np.empty(part.shape[1]) for part in points]
+    results = [np.empty(shape) for shape in shapes]
+    buffer: Any = function.buffer()
+    memory, call = buffer
+    for k, argument in enumerate(arguments):
+        memory.set_arg(k, argument.data)
+    for k, result in enumerate(results):
+        memory.set_res(k, result.ravel().data)
+    for k in range(len(points[0])):
+        for argument, part in zip(arguments, points, strict=True):
+            argument[:] = part[k]
+        call()
+        for values, result in zip(found, results, strict=True):
+            values[k] = result
+    return [values.transpose(0, 2, 1) for values in found]
+
+
+def evaluate_in_chunks(
+    function: ca.Function, points: Array, *others: Array
+) -> Iterator[tuple[slice, list[Array]]]:
+    """As `evaluate_many`, for chunks of points whose values stay near a core.
+
+    The values are overwritten by those of the next chunk.
+    """
+    count = len(points)
+    found = vectors(function) if count >= MANY else None
+    if found is None:
+        yield slice(0, count), evaluate_many(function, points, *others)
+        return
+    varying = _varying(found, points, *others)
+    size = max(_SHORTEST, _NEAR // max(1, len(found.constant)))
+    values = np.tile(found.constant, (min(size, count), 1))
+    for start in range(0, count, size):
+        part = slice(start, min(start + size, count))
+        now = values[: part.stop - start]
+        now[:, found.places] = varying[:, part].T
+        yield part, _parts(function, now)
+
+
+def _varying(found: Vectors, points: Array, *others: Array) -> Array:
+    """Entries that depend on arguments, (number of entries, N)."""
+    values = np.empty((len(found.places), len(points)))
+    run(found.plan, np.hstack([points, *others]), values.T[:, None, :])
+    return values
+
+
+def _parts(function: ca.Function, values: Array) -> list[Array]:
+    """The results (N, rows, columns) in values that stand one behind the other (N, all)."""
+    parts, start = [], 0
+    for k in range(function.n_out()):
+        rows, columns = function.size_out(k)
+        part = values[:, start : start + rows * columns]
+        parts.append(part.reshape(len(values), rows, columns))
+        start += rows * columns
+    return parts
+
+
+@lru_cache(maxsize=8)  # a sweep asks for the same ones again and again
+def vectors(function: ca.Function) -> Vectors | None:
+    """The program of a function of SX; nothing if it is long, or has an operation without one here."""
+    count = function.n_instructions() if function.is_a("SXFunction") else _LONGEST + 1
+    if count > _LONGEST:
+        return None
+    inputs = [0, *np.cumsum([function.numel_in(k) for k in range(function.n_in())]).tolist()]
+    starts = [0, *np.cumsum([function.numel_out(k) for k in range(function.n_out())]).tolist()]
+    places = [_row_by_row(function.sparsity_out(k)) for k in range(function.n_out())]
+    dense = [function.sparsity_in(k).is_dense() for k in range(function.n_in())]
+    tape = Tape(inputs[-1], _LONGEST)
+    work: list[Operand] = [0.0] * function.sz_w()
+    constant = np.zeros(starts[-1])
+    entries: dict[int, int] = {}
+    if not all(dense):
+        return None
+    for k in range(count):
+        operation = function.instruction_id(k)
+        sources, targets = function.instruction_input(k), function.instruction_output(k)
+        if operation == ca.OP_INPUT:
+            work[targets[0]] = inputs[sources[0]] + sources[1]
+        elif operation == ca.OP_CONST:
+            work[targets[0]] = float(function.instruction_constant(k))
+        elif operation == ca.OP_OUTPUT:
+            at = starts[targets[0]] + places[targets[0]][targets[1]]
+            value = work[sources[0]]
+            if isinstance(value, float):
+                constant[at] = value
+            else:
+                entries[at] = value
+        elif operation in _OPERATIONS:
+            work[targets[0]] = _OPERATIONS[operation](tape, *(work[s] for s in sources))
+        else:
+            return None
+    columns = tuple(((0, k), register) for k, register in enumerate(entries.values()))
+    found = Program(tape.inputs, tuple(tape.instructions), columns, ())
+    return Vectors(plan(found), np.array(list(entries), dtype=np.intp), constant)
+
+
+def _row_by_row(sparsity: ca.Sparsity) -> list[int]:
+    """Places of the entries of a matrix, which CasADi has column by column, in its rows."""
+    rows, columns = sparsity.get_triplet()
+    return [i * sparsity.size2() + j for i, j in zip(rows, columns, strict=True)]
+
+
+_OPERATIONS: dict[int, Callable[..., Operand]] = {
+    ca.OP_ASSIGN: lambda tape, a: a,
+    ca.OP_ADD: lambda tape, a, b: tape.add(a, b),
+    ca.OP_SUB: lambda tape, a, b: tape.put(SUBTRACT, a, b),
+    ca.OP_MUL: lambda tape, a, b: tape.put(MULTIPLY, a, b),
+    ca.OP_DIV: lambda tape, a, b: tape.put(DIVIDE, a, b),
+    ca.OP_NEG: lambda tape, a: tape.put(SUBTRACT, 0.0, a),
+    ca.OP_TWICE: lambda tape, a: tape.put(ADD, a, a),
+    ca.OP_SQ: lambda tape, a: tape.put(MULTIPLY, a, a),
+    ca.OP_INV: lambda tape, a: tape.put(DIVIDE, 1.0, a),
+    ca.OP_FABS: lambda tape, a: tape.put(SIZE, a),
+    ca.OP_SQRT: lambda tape, a: tape.put(ROOT, a),
+    ca.OP_COS: lambda tape, a: tape.put(COSINE, a),
+    ca.OP_SIN: lambda tape, a: tape.put(SINE, a),
+}

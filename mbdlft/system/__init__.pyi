@@ -1,0 +1,10 @@
+from .gains import TunableGain as TunableGain
+from .gains import TunablePlant as TunablePlant
+from .gains import tunable as tunable
+from .in_series import series as series
+from .invert import invert_channels as invert_channels
+from .model import Certificate as Certificate
+from .model import LFTModel as LFTModel
+from .model import matrices_at as matrices_at
+from .model import trim_at as trim_at
+from .truncation import truncate as truncate

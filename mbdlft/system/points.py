@@ -1,0 +1,70 @@
+"""How far a model that is derived from another is from what it was derived from."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import StructureError, WellPosednessError
+from mbdlft.base.parameter import Parameter, to_delta
+from mbdlft.base.samples import corners, random
+from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.lft import LFT
+from mbdlft.system.model import LFTModel
+
+_RANDOM, _MOST_CORNERS = 50, 64
+_NEGLIGIBLE = 1e-8  # an entry below this part of its row and column is compared with them
+
+
+def check_exact(model: LFTModel, what: str) -> None:
+    """Raise a StructureError for a truncated model: its guaranteed error would not be one any more."""
+    if model.certificate.truncation_error > 0.0:
+        raise StructureError(
+            f"model {model.name!r}, {what}: the model is truncated, and the guaranteed bound of its "
+            "error holds for its own inputs and outputs only. Start from the exact model and truncate "
+            "the result."
+        )
+
+
+def sampled_deltas(parameters: Sequence[Parameter], seed: int) -> Array:
+    """Deltas (N, n_p) [1]: nominal, random points, and all corners, or as many random ones."""
+    if not parameters:
+        return np.zeros((1, 0))
+    inside = random(parameters, _RANDOM, seed)
+    if 2 ** len(parameters) <= _MOST_CORNERS:
+        outer = corners(parameters)
+    else:
+        sides = np.random.default_rng(seed).integers(0, 2, (_MOST_CORNERS, len(parameters)))
+        outer = {p.name: np.where(sides[:, k], p.high, p.low) for k, p in enumerate(parameters)}
+    columns = [
+        to_delta(p, np.concatenate([[p.nominal], inside[p.name], outer[p.name]]))
+        for p in parameters
+    ]
+    return np.stack(columns, axis=1)
+
+
+def check_determinant(a: LFT, deltas: Array, what: str, parameters: Sequence[Parameter]) -> None:
+    """Raise a WellPosednessError unless det(I - M11 Delta) stays positive, as it is at nominal."""
+    spread = np.repeat(deltas, [block.size for block in a.blocks], axis=1)
+    signs = np.array([np.linalg.slogdet(np.eye(a.order) - a.M11 * row)[0] for row in spread])
+    if np.any(signs <= 0):
+        worst = deltas[int(np.argmax(signs <= 0))]
+        where = ", ".join(f"{p.name}: {d:+.3g}" for p, d in zip(parameters, worst, strict=True))
+        raise WellPosednessError(
+            f"{what}: singular between the nominal values and the normalized ones {where}. Narrow the "
+            "ranges."
+        )
+
+
+def value_error(a: LFT, reference: Array, deltas: Array) -> float:
+    """Largest error of an entry relative to its largest size over the points (N, ., .).
+
+    An entry that is negligible in its row and column is compared with the smaller of the two.
+    """
+    size = np.max(np.abs(reference), axis=0)
+    rows = np.max(size, axis=1, initial=0.0, keepdims=True)
+    columns = np.max(size, axis=0, initial=0.0, keepdims=True)
+    whole = np.minimum(rows, columns)
+    scale = np.where(size > _NEGLIGIBLE * whole, size, whole)
+    difference = np.abs(evaluate_at(a, deltas) - reference)
+    return float(np.max(difference / np.where(scale > 0, scale, 1.0), initial=0.0))

@@ -1,0 +1,3 @@
+from .limits import JointLimit as JointLimit
+from .load import ImportReport as ImportReport
+from .load import load_urdf as load_urdf

@@ -1,0 +1,388 @@
+"""The contents of a URDF file, as it stands there: links, joints, and what has no place in a scene.
+
+Read with the expat parser of the standard library: it knows the line of each element, takes the
+prefixes of xacro as they are, and fetches nothing from anywhere.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+from xml.parsers import expat
+
+from mbdlft.base.errors import SceneError, unknown_name
+
+Triple = tuple[float, float, float]
+
+JOINT_TYPES = ("continuous", "fixed", "floating", "planar", "prismatic", "revolute")
+ENTRIES = ("xx", "xy", "xz", "yy", "yz", "zz")
+_LINK_PARTS = ("inertial",)
+_JOINT_PARTS = ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic")
+_XACRO = (
+    "This is a xacro file or a part of one. Expand it first: xacro robot.urdf.xacro > robot.urdf"
+)
+
+
+class RobotLink(NamedTuple):
+    """One link; the center of mass (m) and `rpy` (rad) place the axes of the inertia in the link."""
+
+    name: str
+    line: int
+    inertial: bool
+    mass: float = 0.0
+    center: Triple = (0.0, 0.0, 0.0)
+    rpy: Triple = (0.0, 0.0, 0.0)
+    inertia: Mapping[str, float] = dict.fromkeys(ENTRIES, 0.0)
+
+
+class Mimic(NamedTuple):
+    """position = multiplier * position of the joint `leader` + offset."""
+
+    leader: str
+    multiplier: float
+    offset: float
+
+
+class RobotJoint(NamedTuple):
+    """One joint; limits in rad or m, N m or N, rad/s or m/s, None where the file has none."""
+
+    name: str
+    line: int
+    kind: str
+    parent: str
+    child: str
+    xyz: Triple = (0.0, 0.0, 0.0)
+    rpy: Triple = (0.0, 0.0, 0.0)
+    axis: Triple = (1.0, 0.0, 0.0)
+    lower: float | None = None
+    upper: float | None = None
+    effort: float | None = None
+    velocity: float | None = None
+    damping: float = 0.0
+    friction: float = 0.0
+    mimic: Mimic | None = None
+
+
+class Robot(NamedTuple):
+    """A robot: its root link, its links and joints by name, and how often it has other elements."""
+
+    name: str
+    root: str
+    links: Mapping[str, RobotLink]
+    joints: Mapping[str, RobotJoint]
+    others: Mapping[str, int]
+
+
+def read_robot(content: bytes) -> Robot:
+    """The robot of the bytes of a URDF file, in the encoding that they declare.
+
+    Raises
+    ------
+    SceneError
+        The file is not XML or not URDF, a number or an element is missing or wrong, a name is
+        unknown or given twice, or the joints are not a tree on one root; with the line.
+    """
+    top = _parse(content)
+    _refuse_other_formats(top)
+    links = [_link(element) for element in top.named("link")]
+    joints = [_joint(element) for element in top.named("joint")]
+    if not links:
+        raise SceneError(f"line {top.line}: the robot has no links.")
+    for what, items in (("link", links), ("joint", joints)):
+        seen: dict[str, int] = {}
+        for item in items:
+            if item.name in seen:
+                raise SceneError(
+                    f"line {item.line}: {what} {item.name!r} is given twice; first in line "
+                    f"{seen[item.name]}."
+                )
+            seen[item.name] = item.line
+    by_name = {link.name: link for link in links}
+    name = top.attributes.get("name", "")
+    return Robot(
+        name=name,
+        root=_root(by_name, joints),
+        links=by_name,
+        joints={joint.name: joint for joint in joints},
+        others=_others(top),
+    )
+
+
+def read_robot_file(path: str | Path) -> Robot:
+    """The robot of a URDF file; errors name the file."""
+    file = Path(path)
+    try:
+        content = file.read_bytes()
+    except OSError as error:
+        raise SceneError(f"{file}: cannot be read: {error.strerror}.") from None
+    try:
+        return read_robot(content)
+    except SceneError as error:
+        raise SceneError(f"{file}: {error}") from None
+
+
+# XML -----------------------------------------------------------------------------------------
+
+
+@dataclass(slots=True)
+class _Element:
+    """One XML element with its line."""
+
+    tag: str
+    attributes: Mapping[str, str]
+    line: int
+    children: list["_Element"] = field(default_factory=list)
+
+    def named(self, tag: str) -> list["_Element"]:
+        return [child for child in self.children if child.tag == tag]
+
+    def only(self, tag: str) -> "_Element | None":
+        """The child of this name, if there is one."""
+        found = self.named(tag)
+        if len(found) > 1:
+            raise SceneError(
+                f"line {found[1].line}: <{tag}> of {self.called()} is given twice; first in line "
+                f"{found[0].line}."
+            )
+        return found[0] if found else None
+
+    def called(self) -> str:
+        return f"{self.tag} {self.attributes.get('name', '')!r}".replace(" ''", "")
+
+
+def _parse(content: bytes) -> _Element:
+    parser = expat.ParserCreate()
+    top: list[_Element] = []
+    open_elements: list[_Element] = []
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = _Element(tag, attributes, parser.CurrentLineNumber)
+        (open_elements[-1].children if open_elements else top).append(element)
+        open_elements.append(element)
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda tag: open_elements.pop()
+    try:
+        parser.Parse(content, True)  # noqa: FBT003  # the last piece
+    except expat.ExpatError as error:
+        raise SceneError(
+            f"line {error.lineno}: not valid XML: {expat.ErrorString(error.code)}."
+        ) from None
+    return top[0]
+
+
+def _refuse_other_formats(top: _Element) -> None:
+    if top.tag != "robot":
+        raise SceneError(
+            f"line {top.line}: expected a URDF file, whose first element is <robot>, got <{top.tag}>. "
+            "Convert other formats (SDF, MJCF) to URDF first."
+        )
+    for element in (top, *top.children):
+        if element.tag.startswith("xacro:"):
+            raise SceneError(f"line {element.line}: got <{element.tag}>. {_XACRO}")
+    if not top.children and any(name.startswith("xmlns:xacro") for name in top.attributes):
+        raise SceneError(f"line {top.line}: the robot has no links. {_XACRO}")
+
+
+# elements ------------------------------------------------------------------------------------
+
+
+def _link(element: _Element) -> RobotLink:
+    name = _name(element)
+    inertial = element.only("inertial")
+    if inertial is None:
+        return RobotLink(name, element.line, inertial=False)
+    where = f"inertial of link {name!r}"
+    mass, inertia = inertial.only("mass"), inertial.only("inertia")
+    if mass is None or inertia is None:
+        missing = "mass" if mass is None else "inertia"
+        raise SceneError(f"line {inertial.line}: {where}: <{missing}> is missing.")
+    center, rpy = _origin(inertial, where)
+    return RobotLink(
+        name=name,
+        line=element.line,
+        inertial=True,
+        mass=_number(mass, "value", where),
+        center=center,
+        rpy=rpy,
+        inertia={entry: _number(inertia, f"i{entry}", where) for entry in ENTRIES},
+    )
+
+
+def _joint(element: _Element) -> RobotJoint:
+    name = _name(element)
+    where = f"joint {name!r}"
+    kind = element.attributes.get("type", "")
+    if kind not in JOINT_TYPES:
+        raise SceneError(f"line {element.line}: {where}: {unknown_name('type', kind, JOINT_TYPES)}")
+    ends = {}
+    for side in ("parent", "child"):
+        end = element.only(side)
+        if end is None or "link" not in end.attributes:
+            raise SceneError(f"line {element.line}: {where}: <{side} link=...> is missing.")
+        ends[side] = end.attributes["link"]
+    xyz, rpy = _origin(element, where)
+    axis = element.only("axis")
+    limit, dynamics = element.only("limit"), element.only("dynamics")
+    lower, upper = _range(limit, kind, where)
+    return RobotJoint(
+        name=name,
+        line=element.line,
+        kind=kind,
+        parent=ends["parent"],
+        child=ends["child"],
+        xyz=xyz,
+        rpy=rpy,
+        axis=_axis(axis, kind, where),
+        lower=lower,
+        upper=upper,
+        effort=_optional(limit, "effort", where),
+        velocity=_optional(limit, "velocity", where),
+        damping=_optional(dynamics, "damping", where) or 0.0,
+        friction=_optional(dynamics, "friction", where) or 0.0,
+        mimic=_mimic(element.only("mimic"), where),
+    )
+
+
+def _range(
+    limit: _Element | None, kind: str, where: str
+) -> tuple[float, float] | tuple[None, None]:
+    """Lower and upper limit; one of them alone has the other at zero, by the rules of URDF."""
+    lower, upper = _optional(limit, "lower", where), _optional(limit, "upper", where)
+    if limit is None or kind not in ("revolute", "prismatic") or (lower is None and upper is None):
+        return None, None
+    low, high = lower or 0.0, upper or 0.0
+    if low > high:
+        raise SceneError(
+            f"line {limit.line}: {where}: the lower limit {low:g} is above the upper one {high:g}."
+        )
+    return low, high
+
+
+def _axis(axis: _Element | None, kind: str, where: str) -> Triple:
+    """The direction; a joint that has no axis may say anything, and often says 0 0 0."""
+    if axis is None or kind in ("fixed", "floating"):
+        return (1.0, 0.0, 0.0)
+    direction = _triple(axis, "xyz", where)
+    if not any(direction):
+        raise SceneError(
+            f"line {axis.line}: {where}: the axis has zero length. Give a direction; its length is "
+            "ignored."
+        )
+    return direction
+
+
+def _mimic(mimic: _Element | None, where: str) -> Mimic | None:
+    if mimic is None:
+        return None
+    if "joint" not in mimic.attributes:
+        raise SceneError(f"line {mimic.line}: {where}: <mimic>: the attribute 'joint' is missing.")
+    multiplier = _optional(mimic, "multiplier", where)
+    return Mimic(
+        mimic.attributes["joint"],
+        1.0 if multiplier is None else multiplier,
+        _optional(mimic, "offset", where) or 0.0,
+    )
+
+
+def _origin(element: _Element, where: str) -> tuple[Triple, Triple]:
+    """xyz (m) and rpy (rad)."""
+    origin, zero = element.only("origin"), (0.0, 0.0, 0.0)
+    if origin is None:
+        return zero, zero
+    xyz, rpy = (
+        _triple(origin, key, where) if key in origin.attributes else zero for key in ("xyz", "rpy")
+    )
+    return xyz, rpy
+
+
+def _name(element: _Element) -> str:
+    name = element.attributes.get("name", "")
+    if not name.strip():
+        raise SceneError(f"line {element.line}: a {element.tag} has no name.")
+    return name
+
+
+def _optional(element: _Element | None, key: str, where: str) -> float | None:
+    if element is None or key not in element.attributes:
+        return None
+    return _number(element, key, where)
+
+
+def _number(element: _Element, key: str, where: str) -> float:
+    (value,) = _numbers(element, key, where, 1)
+    return value
+
+
+def _triple(element: _Element, key: str, where: str) -> Triple:
+    x, y, z = _numbers(element, key, where, 3)
+    return x, y, z
+
+
+def _numbers(element: _Element, key: str, where: str, count: int) -> Sequence[float]:
+    text = element.attributes.get(key)
+    place = f"line {element.line}: {where}: <{element.tag}>, {key}"
+    expected = "a finite number" if count == 1 else f"{count} finite numbers"
+    if text is None:
+        raise SceneError(f"{place}: is missing; expected {expected}.")
+    try:
+        values = [float(part) for part in text.split()]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(math.isfinite(value) for value in values):
+        advice = f" {_XACRO}" if "${" in text or "$(" in text else ""
+        raise SceneError(f"{place}: expected {expected}, got {text!r}.{advice}")
+    return values
+
+
+# the tree ------------------------------------------------------------------------------------
+
+
+def _root(links: Mapping[str, RobotLink], joints: Sequence[RobotJoint]) -> str:
+    """The link that everything hangs on."""
+    above: dict[str, RobotJoint] = {}
+    for joint in joints:
+        for side, name in (("parent", joint.parent), ("child", joint.child)):
+            if name not in links:
+                raise SceneError(
+                    f"line {joint.line}: joint {joint.name!r}, {side}: "
+                    + unknown_name("link", name, links)
+                )
+        if joint.child in above:
+            raise SceneError(
+                f"line {joint.line}: link {joint.child!r} has two parents: it is the child of joints "
+                f"{above[joint.child].name!r} and {joint.name!r}, so the joints close a loop. A robot is "
+                "a tree; remove one of the two."
+            )
+        above[joint.child] = joint
+    roots = [name for name in links if name not in above]
+    for name in links:
+        chain = [name]
+        while chain[-1] in above:
+            chain.append(above[chain[-1]].parent)
+            if chain[-1] in chain[:-1]:
+                loop = " -> ".join(reversed(chain[chain.index(chain[-1]) :]))
+                raise SceneError(
+                    f"line {above[chain[-1]].line}: the joints close a loop: {loop}. A robot is a tree; "
+                    "open the loop at one joint."
+                )
+    if len(roots) > 1:
+        raise SceneError(
+            f"there are {len(roots)} links without a parent: {', '.join(roots)}. A robot is a tree with "
+            "one root; connect the others to it, by a fixed joint if they are clamped on it."
+        )
+    return roots[0]
+
+
+def _others(top: _Element) -> Counter[str]:
+    """How often elements occur that say nothing about the dynamics."""
+    found: Counter[str] = Counter()
+    for element in top.children:
+        if element.tag not in ("link", "joint"):
+            found[element.tag] += 1
+            continue
+        used = _LINK_PARTS if element.tag == "link" else _JOINT_PARTS
+        found.update(child.tag for child in element.children if child.tag not in used)
+    return found

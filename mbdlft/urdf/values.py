@@ -1,0 +1,189 @@
+"""The numbers of a robot by label, such as ``forearm_link.mass``, and what replaces them.
+
+inertia of a link = R I R',   R = R_z(yaw) R_y(pitch) R_x(roll)   in the axes of the link
+"""
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from mbdlft.base.description import AXES, Quantity
+from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.parameter import Parameter, exact_cosine_sine
+from mbdlft.urdf.file import ENTRIES, Robot, RobotJoint, RobotLink
+
+Values = dict[str, Quantity]
+
+HINGES = ("revolute", "continuous")
+AXIAL = (*HINGES, "prismatic")  # the types with one coordinate
+SPRINGS = ("stiffness", "damping", "actuator_inertia")
+PLANAR = ("position.x", "position.y", "position.angle")
+TURNS = ("roll", "pitch", "yaw")
+_UNITS = {"mass": "kg", "center_of_mass": "m", "inertia": "kg m^2", "origin": "m"}
+
+
+def numbers(robot: Robot, right_angle: float, assumed: list[str]) -> Values:
+    """What the file says, by label; positions are zero as yet. `assumed` is extended."""
+    found: Values = {}
+    snapped: list[float] = []
+    for link in robot.links.values():
+        found[f"{link.name}.mass"] = link.mass
+        for axis, entry in zip(AXES, link.center, strict=True):
+            found[f"{link.name}.center_of_mass.{axis}"] = entry
+        for name, value in _inertia(link, right_angle, snapped).items():
+            found[f"{link.name}.inertia.{name}"] = value
+    for joint in robot.joints.values():
+        for axis, entry in zip(AXES, joint.xyz, strict=True):
+            found[f"{joint.name}.origin.{axis}"] = entry
+        for turn, angle in zip(TURNS, joint.rpy, strict=True):
+            found[f"{joint.name}.origin.{turn}"] = _angle(angle, right_angle, snapped)
+        if joint.kind in AXIAL:
+            found |= {f"{joint.name}.{key}": 0.0 for key in ("position", *SPRINGS)}
+            found[f"{joint.name}.damping"] = joint.damping
+        if joint.kind == "planar":
+            found |= {f"{joint.name}.{key}": 0.0 for key in PLANAR}
+    _tell(robot, snapped, assumed)
+    return found
+
+
+def _tell(robot: Robot, snapped: list[float], assumed: list[str]) -> None:
+    links = robot.links.values()
+    if snapped:
+        assumed.append(
+            f"{len(snapped)} angles are multiples of 90 deg, from which the file differs by at most "
+            f"{max(snapped):.1e} rad"
+        )
+    massless = [link.name for link in links if not link.inertial]
+    if massless:
+        assumed.append(f"links without <inertial> have no mass: {', '.join(massless)}")
+    unlimited = [
+        joint.name
+        for joint in robot.joints.values()
+        if joint.kind in ("revolute", "prismatic") and joint.lower is None
+    ]
+    if unlimited:
+        assumed.append(f"joints without limits of position have none: {', '.join(unlimited)}")
+    points = [link.name for link in links if link.mass and not any(link.inertia.values())]
+    if points:
+        assumed.append(f"links with a mass and no inertia are point masses: {', '.join(points)}")
+
+
+def _angle(angle: float, right_angle: float, snapped: list[float]) -> Quantity:
+    """The angle, or the multiple of 90 deg that it is meant to be."""
+    quarters = round(angle / (math.pi / 2.0))
+    difference = abs(angle - quarters * math.pi / 2.0)
+    if difference > right_angle:
+        return angle
+    if difference > 0.0:
+        snapped.append(difference)
+    return f"{90 * quarters}*deg" if quarters else 0.0
+
+
+def _inertia(link: RobotLink, right_angle: float, snapped: list[float]) -> Mapping[str, float]:
+    """Entries of the inertia matrix in the axes of the link."""
+    R = np.eye(3)
+    for axis, angle in enumerate(link.rpy):  # x, then y, then z, each about the axes of the link
+        if angle and _angle(angle, right_angle, snapped) != angle:
+            angle = round(angle / (np.pi / 2.0)) * np.pi / 2.0
+        cosine, sine = exact_cosine_sine(angle)
+        j, k = (axis + 1) % 3, (axis + 2) % 3
+        turn = np.eye(3)
+        turn[j, j], turn[j, k], turn[k, j], turn[k, k] = cosine, -sine, sine, cosine
+        R = turn @ R
+    if np.array_equal(R, np.eye(3)):
+        return link.inertia
+    matrix = np.array([[link.inertia["".join(sorted(a + b))] for b in AXES] for a in AXES])
+    turned = R @ matrix @ R.T
+    place = {axis: k for k, axis in enumerate(AXES)}
+    return {name: float(turned[place[name[0]], place[name[1]]]) + 0.0 for name in ENTRIES}
+
+
+# what replaces them --------------------------------------------------------------------------
+
+
+def varied(label: str, percent: float, file: Mapping[str, Quantity]) -> Parameter:
+    """A parameter around the number of the file: named as the label, dots replaced.
+
+    Raises
+    ------
+    SceneError
+        The label is unknown, or not that of a mass, an inertia or a length that is not zero.
+    """
+    check_label("vary", label, file)
+    number, unit = file[label], _unit(label)
+    if unit is None or not isinstance(number, float) or number == 0.0:
+        raise SceneError(
+            f"vary, {label!r}: expected a mass, an inertia or a length of the file that is not zero, got "
+            f"{number!r}. Declare other parameters in `parameters`, and name them in `values`."
+        )
+    name = re.sub(r"\W", "_", label)
+    return Parameter(
+        name if name.isidentifier() else f"_{name}", number, percent=percent, unit=unit
+    )
+
+
+def _unit(label: str) -> str | None:
+    """Unit of a mass, an inertia or a length; None for other labels."""
+    match = re.search(r"\.(mass|center_of_mass|inertia|origin)(\.[xyz]{1,2})?$", label)
+    return _UNITS[match[1]] if match else None
+
+
+def check_label(what: str, label: str, file: Mapping[str, Quantity]) -> None:
+    """Raise a SceneError for a label that the robot does not have."""
+    if label in file or (label.endswith(".preload") and f"{label[:-8]}.stiffness" in file):
+        return
+    owners = {name for known in file for name in _owners(known)}
+    own = [known for known in file if any(known.startswith(f"{name}.") for name in _owners(label))]
+    if own:
+        raise SceneError(f"{what}: {unknown_name('label', label, own)}")
+    owner = label.partition(".")[0]
+    raise SceneError(f"{what}, {label!r}: {unknown_name('link or joint', owner, owners)}")
+
+
+def _owners(label: str) -> Iterable[str]:
+    """Names of the link or joint that a label may begin with; names may have dots themselves."""
+    keys = "mass|center_of_mass|inertia|origin|position|stiffness|damping|actuator_inertia|preload"
+    match = re.fullmatch(rf"(.+)\.(?:{keys})(?:\.\w+)?", label)
+    return (match[1],) if match else (label.rpartition(".")[0], label.partition(".")[0])
+
+
+def set_positions(robot: Robot, values: Values, chosen: set[str], assumed: list[str]) -> None:
+    """Positions that nobody chose: of mimic joints, and of joints whose limits exclude zero."""
+    for joint in robot.joints.values():
+        label = f"{joint.name}.position"
+        if label in chosen or joint.kind not in AXIAL or joint.mimic is not None:
+            continue
+        if joint.lower is None or joint.upper is None or joint.lower <= 0.0 <= joint.upper:
+            continue
+        values[label] = middle = 0.5 * (joint.lower + joint.upper)
+        assumed.append(
+            f"the limits of {joint.name} exclude 0: its position is their middle, {middle:.6g} "
+            f"{'m' if joint.kind == 'prismatic' else 'rad'}"
+        )
+    for joint in robot.joints.values():
+        if joint.kind in AXIAL and joint.mimic and f"{joint.name}.position" not in chosen:
+            values[f"{joint.name}.position"] = _follow(robot, joint, values, chosen, ())
+
+
+def _follow(
+    robot: Robot, joint: RobotJoint, values: Values, chosen: set[str], seen: tuple[str, ...]
+) -> Quantity:
+    """Position of a mimic joint: multiplier * that of its leader + offset."""
+    label = f"{joint.name}.position"
+    if joint.mimic is None or label in chosen:
+        return values[label]
+    name, multiplier, offset = joint.mimic
+    where = f"line {joint.line}: joint {joint.name!r}, <mimic>"
+    leader = robot.joints.get(name)
+    if leader is None or leader.kind not in AXIAL:
+        known = [other.name for other in robot.joints.values() if other.kind in AXIAL]
+        raise SceneError(f"{where}: {unknown_name('joint', name, known)}")
+    if name in (*seen, joint.name):
+        raise SceneError(f"{where}: the joints {', '.join((*seen, joint.name))} mimic each other.")
+    position = _follow(robot, leader, values, chosen, (*seen, joint.name))
+    if isinstance(position, float | int):
+        return multiplier * position + offset
+    scaled = f"({position})" if multiplier == 1.0 else f"{multiplier:g}*({position})"
+    return f"{scaled} + {offset!r}" if offset else scaled
