@@ -16,8 +16,8 @@ from mbdlft.cli.tables import console
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from mbdlft.batch import GridSamples, RandomSamples
     from mbdlft.base.array import Array
+    from mbdlft.batch import GridSamples, RandomSamples
     from mbdlft.multibody.scene import Scene
     from mbdlft.system.model import LFTModel
 

@@ -84,8 +84,12 @@ def test_scenes_cover() -> None:
     scenes = [SCENES[name]() for name in SCENES]
     joints = {joint.kind for scene in scenes for joint in scene.joints}
     assert joints == {*mbdlft.multibody.joint.KINDS}
-    assert {load.kind for scene in scenes for load in scene.loads} == {*mbdlft.multibody.force.KINDS}
-    assert {sensor.kind for scene in scenes for sensor in scene.sensors} == {*mbdlft.multibody.sensor.KINDS}
+    assert {load.kind for scene in scenes for load in scene.loads} == {
+        *mbdlft.multibody.force.KINDS
+    }
+    assert {sensor.kind for scene in scenes for sensor in scene.sensors} == {
+        *mbdlft.multibody.sensor.KINDS
+    }
     assert {loop.kind for scene in scenes for loop in scene.loops} == {*mbdlft.multibody.loop.KINDS}
     assert any(len(scene.loops) > 1 for scene in scenes)
     assert any(getattr(joint, "imposed", False) for scene in scenes for joint in scene.joints)
