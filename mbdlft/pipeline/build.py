@@ -14,21 +14,18 @@ from mbdlft.base.errors import SceneError, WellPosednessError, unknown_name
 from mbdlft.base.signal import Signal
 from mbdlft.base.threads import one_thread
 from mbdlft.bound.degree import degree_bounds, moved
-from mbdlft.bound.pairs import joint_bound
 from mbdlft.lft.lft import LFT, condition, eliminate, with_blocks
 from mbdlft.multibody.assembly import assemble, assemble_by_products
 from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.scene import NEEDED, Scene, scene_to_toml
 from mbdlft.pipeline.certify import certificate, checked, measure_error
 from mbdlft.pipeline.extract import extract
+from mbdlft.pipeline.search import SEARCH, Budget, budget_of, find_smallest
 from mbdlft.problem.equations import Equations
 from mbdlft.problem.linearize import linearize, trim_relations
 from mbdlft.problem.needed_states import Need, all_states, needed_states
 from mbdlft.problem.trim import trim_efforts
-from mbdlft.reduce.commuting import LARGE, reduce_commuting
-from mbdlft.reduce.independent import independent
 from mbdlft.reduce.reduce import reduce_order
-from mbdlft.reduce.same_value import Truth, is_same, part_of_either
 from mbdlft.system.model import LFTModel, Provenance, Trim
 from mbdlft.system.truncation import check_tolerance
 from mbdlft.system.truncation import truncate as truncated
@@ -36,9 +33,7 @@ from mbdlft.system.truncation import truncate as truncated
 SEED = 0
 _LOSSY = 5e-15  # error of a model above which another way of reducing it is tried
 _MOST_RETRIED = 200  # channels before reduction; for more it would take too long
-_HALF, _MOST = 0.5, 0.8  # of the search for the relations; the rest is for the closed model
 _MOST_SEARCHED = 1000  # channels: one look at more takes minutes
-SEARCH = 4.0  # s; some milliseconds are enough where the order meets the bound at once
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,23 +59,26 @@ class Clock:
         self.seconds[name] = time.perf_counter() - start
 
 
-def to_lft(scene: Scene, search: float = SEARCH) -> LFTModel:
+def to_lft(scene: Scene, search: float = SEARCH, *, seconds: float | None = None) -> LFTModel:
     """The exact linear model of a scene around its equilibrium, parameters left in, with certificate.
 
     Parameters
     ----------
     scene : Scene
     search : float
-        Seconds to look for a smaller model by using that parameters commute, and for a better lower
-        bound by pairs and triples of parameters; it ends at once when the order meets the bound. 0:
-        neither. Models of more than 1000 repetitions are not searched.
+        Units of work, each about a second of one core, to look for a smaller model by using that
+        parameters commute, and for a better lower bound by pairs and triples of parameters; it ends at
+        once when the order meets the bound. 0: neither. Models of more than 1000 repetitions are not
+        searched.
+    seconds : float, optional
+        Upper limit of the time of the search (s). Without one the result depends on the scene alone.
 
     Raises
     ------
     SceneError, NotRationalError, WellPosednessError, TrimError
         As the stages: `assemble`, `linearize`, `extract`, `certify`.
     """
-    return build(scene, search).model
+    return build(scene, search, seconds=seconds).model
 
 
 def build(
@@ -88,6 +86,7 @@ def build(
     search: float = SEARCH,
     progress: Callable[[str], None] = lambda stage: None,
     truncate: float | None = None,
+    seconds: float | None = None,
 ) -> Build:
     """As `to_lft`, with the seconds of each stage; `progress` is told the name of each as it starts.
 
@@ -100,31 +99,19 @@ def build(
         raise SceneError(
             f"expected a Scene, got {type(scene).__name__}. load_scene(path) reads one from a file."
         )
-    check_search(search)  # before the work, not after it
+    budget = budget_of(search, seconds)  # before the work, not after it
     if truncate is not None:
         check_tolerance(truncate)
     with one_thread():
         clock = Clock(progress)
-        model = _build(scene, search, clock)
+        model = _build(scene, budget, clock)
         if truncate is not None:
             with clock.stage("truncate"):
                 model = truncated(model, truncate)
     return Build(model, clock.seconds | {"total": sum(clock.seconds.values())})
 
 
-def check_search(search: float) -> None:
-    """Whether this is a time.
-
-    Raises
-    ------
-    SceneError
-        It is not.
-    """
-    if not isinstance(search, int | float) or not search >= 0.0:
-        raise SceneError(f"search: expected seconds, 0 for no search, got {search!r}.")
-
-
-def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
+def _build(scene: Scene, budget: Budget, clock: Clock) -> LFTModel:
     with clock.stage("assemble"):
         equations, by_products = assemble(scene), assemble_by_products(scene)
         inputs, outputs = choose_signals(scene, equations)
@@ -167,9 +154,9 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
             if other.order < lft.order:
                 raw, lft = extracted, other
     unsearched = lft
-    if search > 0.0 and order_bound < lft.order <= _MOST_SEARCHED:
+    if budget.work > 0.0 and order_bound < lft.order <= _MOST_SEARCHED:
         with clock.stage("search"):
-            lft, order_bound = _searched(forms, lft, close, closed, bound, search)
+            lft, order_bound, _ = find_smallest([lft], bound, budget, forms, close, closed)
     with clock.stage("check"):
         measure = partial(
             measure_error, equations, inputs, outputs, trim=trim.lft, seed=SEED, need=need
@@ -202,50 +189,6 @@ def _build(scene: Scene, search: float, clock: Clock) -> LFTModel:
         provenance=provenance(scene_to_toml(scene)),
         description=scene.description,
     )
-
-
-def _searched(
-    relations: Sequence[LFT],
-    lft: LFT,
-    close: Callable[[LFT], LFT],
-    truth: LFT,
-    bound: Mapping[str, int],
-    seconds: float,
-) -> tuple[LFT, int]:
-    """The smallest LFT that is found from the relations or from the closed one, and the bound.
-
-    In the relations masses and lengths are polynomial; closing them can hide that parameters cancel. A
-    descent of a large LFT takes long and finds little: there the bound by pairs comes first. Dependent
-    channels of the closed one are seen in a moment, so they go before anything takes its share of time.
-    """
-    start = time.thread_time()
-    apart = independent(lft)
-    if apart.order < lft.order and is_same(apart, Truth(lambda: truth, part_of_either)):
-        lft = apart
-
-    def left() -> float:
-        return seconds - (time.thread_time() - start)
-
-    order_bound, is_large = sum(bound.values()), lft.order > LARGE
-    if is_large:
-        order_bound = joint_bound(lft, bound, lambda: left() < 0.5 * seconds)
-    if lft.order == order_bound:
-        return lft, order_bound
-
-    def joint(one: LFT, stop: Callable[[], bool]) -> int:
-        if is_large:
-            return order_bound
-        return max(order_bound, joint_bound(one, bound, stop, lft))
-
-    share = _HALF if lft.order < min(form.order for form in relations) else _MOST
-    found = reduce_commuting(relations, bound, share * left(), joint, close, truth)
-    order_bound = max(order_bound, found.order_bound)
-    smallest = min(lft, close(found.lft), key=lambda candidate: candidate.order)
-    if smallest.order > order_bound and left() > 0.0:
-        again = reduce_commuting([lft, smallest], bound, left(), joint, truth=truth)
-        order_bound = max(order_bound, again.order_bound)
-        smallest = min(smallest, again.lft, key=lambda candidate: candidate.order)
-    return smallest, order_bound
 
 
 def _state_space(

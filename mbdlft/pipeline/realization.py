@@ -11,7 +11,6 @@ from mbdlft.base.errors import AnalysisError, SceneError, StructureError, WellPo
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.threads import one_thread
 from mbdlft.bound.degree import Bound, degree_bounds, moved, preference
-from mbdlft.bound.pairs import joint_bound
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, transpose, with_blocks
 from mbdlft.matrix import MatrixProblem, matrix_problem, matrix_to_toml
@@ -23,7 +22,7 @@ from mbdlft.matrix.polynomial import expanded_matrix
 from mbdlft.matrix.resolve import Resolved, resolve
 from mbdlft.matrix.symbolic import written_matrix
 from mbdlft.number.rounding import NOISE, conditioning
-from mbdlft.pipeline.build import SEARCH, SEED, Build, Clock, check_search, provenance
+from mbdlft.pipeline.build import SEED, Build, Clock, provenance
 from mbdlft.pipeline.certify import (
     ACCEPTED,
     NEGLIGIBLE,
@@ -35,8 +34,8 @@ from mbdlft.pipeline.certify import (
     values_at_points,
 )
 from mbdlft.pipeline.extract import Extraction, extract
+from mbdlft.pipeline.search import SEARCH, Budget, budget_of, find_smallest
 from mbdlft.problem.linearize import LinearModel
-from mbdlft.reduce.commuting import reduce_commuting
 from mbdlft.reduce.lines import or_one
 from mbdlft.reduce.reduce import in_scales, reduce_order
 from mbdlft.system.model import LFTModel, Trim
@@ -56,6 +55,7 @@ def realize(
     *,
     search: float = SEARCH,
     exact: bool = False,
+    seconds: float | None = None,
     **fields: Any,
 ) -> LFTModel:
     """The exact LFT of a matrix that is rational in parameters, with certificate.
@@ -68,10 +68,12 @@ def realize(
         A name is the value in the unit of its parameter; nothing is converted. An angle stands in sin
         and cos only.
     search : float
-        Seconds to look for a smaller model by using that parameters commute, and for a better lower
-        bound by pairs and triples of parameters; 0: neither.
+        Units of work, each about a second of one core, to look for a smaller model by using that
+        parameters commute, and for a better lower bound by pairs and triples of parameters; 0: neither.
     exact : bool
         Whether the lower bound is computed in exact arithmetic; needs python-flint.
+    seconds : float, optional
+        Upper limit of the time of the search (s). Without one the result depends on the matrix alone.
     fields
         Other fields of `MatrixProblem`: name, description, constants, expressions, states, inputs,
         outputs; for an SX matrix also `symbols`, a mapping of names of parameters to its symbols.
@@ -100,7 +102,7 @@ def realize(
         problem = matrix
     else:
         problem = matrix_problem(matrix, parameters, **fields)
-    return build_matrix(problem, search, exact=exact).model
+    return build_matrix(problem, search, exact=exact, seconds=seconds).model
 
 
 def build_matrix(
@@ -109,14 +111,15 @@ def build_matrix(
     *,
     exact: bool = False,
     progress: Callable[[str], None] = lambda stage: None,
+    seconds: float | None = None,
 ) -> Build:
     """As `realize`, with the seconds of each stage; `progress` is told the name of each as it starts."""
-    check_search(search)
+    budget = budget_of(search, seconds)
     with one_thread():
-        return _build(problem, search, exact, Clock(progress))
+        return _build(problem, budget, exact, Clock(progress))
 
 
-def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> Build:  # noqa: FBT001
+def _build(problem: MatrixProblem, budget: Budget, exact: bool, clock: Clock) -> Build:  # noqa: FBT001
     parameters = tuple(sorted(problem.parameters, key=lambda p: p.name))
     names = [parameter.name for parameter in parameters]
     with clock.stage("resolve"):
@@ -135,14 +138,10 @@ def _build(problem: MatrixProblem, search: float, exact: bool, clock: Clock) -> 
         bound = {name: found.degree for name, found in degrees.items()}
         _check_bound(problem, bound, reduced)
     order_bound = sum(bound.values())
-    if search > 0.0 and reduced.order > order_bound:
+    if budget.work > 0.0 and reduced.order > order_bound:
         with clock.stage("search"):
-            reduced, order_bound = reduce_commuting(
-                [way.reduced for way in ways],
-                bound,
-                search,
-                lambda found, stop: joint_bound(found, bound, stop, way.reduced),
-            )
+            ways_reduced = [way.reduced for way in ways]
+            reduced, order_bound, _ = find_smallest(ways_reduced, bound, budget)
     lft = with_blocks(_in_units(reduced, target.sizes), names)
     with clock.stage("check"):
         check = _measure_error(problem, lft, parameters, target)

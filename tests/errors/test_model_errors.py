@@ -291,7 +291,7 @@ def test_values_without_names(model):
 
 @pytest.mark.parametrize("search", [-1.0, float("nan"), "long"])
 def test_search_that_is_no_time(search):
-    message = f"search: expected seconds, 0 for no search, got {search!r}."
+    message = f"search: expected units of work, 0 for no search, got {search!r}."
     with says(SceneError, message):
         to_lft(cart("mass + load", MASSES), search=search)
     with says(SceneError, message):
