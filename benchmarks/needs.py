@@ -23,7 +23,8 @@ import mbdlft
 from benchmarks.arm import machine, write_between
 from benchmarks.scaling import scene as chain_scene
 from mbdlft.multibody.assembly import assemble
-from mbdlft.pipeline.build import build, choose_signals, choose_states
+from mbdlft.multibody.to_problem import choose_signals, choose_states
+from mbdlft.pipeline.build import build
 from mbdlft.pipeline.certify import ACCEPTED
 from tests.close import BALANCE
 

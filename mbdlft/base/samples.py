@@ -9,7 +9,9 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.parameter import Parameter
 
+SEED = 0  # of the points that models are checked at
 _MOST = 2**22
+_RANDOM_POINTS, _MOST_CORNERS = 100, 128  # of the points that models are checked at
 
 
 def random(parameters: Sequence[Parameter], count: int, seed: int = 0) -> dict[str, Array]:
@@ -95,6 +97,20 @@ def grid(parameters: Sequence[Parameter], counts: Mapping[str, int]) -> dict[str
     ]
     points = np.array(list(product(*axes))).reshape(-1, len(parameters))
     return {p.name: points[:, k] for k, p in enumerate(parameters)}
+
+
+def check_points(parameters: Sequence[Parameter], seed: int) -> Array:
+    """Physical points (N, n_p): nominal, random, and all corners, or 128 random corners."""
+    if not parameters:
+        return np.zeros((1, 0))
+    inside = random(parameters, _RANDOM_POINTS, seed)
+    if 2 ** len(parameters) <= _MOST_CORNERS:
+        outer = corners(parameters)
+    else:
+        sides = np.random.default_rng(seed).integers(0, 2, (_MOST_CORNERS, len(parameters)))
+        outer = {p.name: np.where(sides[:, k], p.high, p.low) for k, p in enumerate(parameters)}
+    columns = [np.concatenate([[p.nominal], inside[p.name], outer[p.name]]) for p in parameters]
+    return np.stack(columns, axis=1)
 
 
 def _check_parameters(where: str, parameters: Sequence[Parameter]) -> None:

@@ -17,7 +17,7 @@ from mbdlft.base.signal import Signal
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.scene import Scene
-from mbdlft.pipeline.build import choose_signals, choose_states
+from mbdlft.multibody.to_problem import choose_signals, choose_states
 from mbdlft.problem.equations import Equations
 from mbdlft.problem.needed_states import Need
 from mbdlft.problem.relinearize import linearized

@@ -74,15 +74,15 @@ def check(scene_file: SceneFile) -> None:
     """Check a scene, and trim and linearize it with numbers at nominal."""
     from mbdlft.multibody.assembly import assemble
     from mbdlft.multibody.scene import load_scene
-    from mbdlft.pipeline.build import choose_signals
-    from mbdlft.problem.relinearize import reference_at
+    from mbdlft.multibody.to_problem import choose_signals
+    from mbdlft.problem.relinearize import relinearize
     from mbdlft.problem.trim import solve_trim
 
     scene = load_scene(scene_file)
     equations = assemble(scene)
     inputs, outputs = choose_signals(scene, equations)
     point = solve_trim(equations)
-    reference_at(equations, inputs, outputs, np.array([[p.nominal for p in equations.parameters]]))
+    relinearize(equations, inputs, outputs, np.array([[p.nominal for p in equations.parameters]]))
     console = _console()
     console.print(
         f"{scene.name}: {len(scene.bodies)} bodies, {len(scene.joints)} joints, "
@@ -201,7 +201,7 @@ def realize(
     """Make a certified model of a matrix that is rational in parameters."""
     from mbdlft.matrix import load_matrix
     from mbdlft.matrix.problem import unused_names
-    from mbdlft.pipeline.realization import build_matrix
+    from mbdlft.pipeline.build import build_matrix
 
     _check_paths(output)
     start = time.perf_counter()

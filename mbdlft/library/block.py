@@ -13,7 +13,7 @@ from mbdlft.base.parameter import Parameter
 from mbdlft.base.samples import corners
 from mbdlft.base.unit import dimension_name, parse_unit
 from mbdlft.number.dimension import Dimension
-from mbdlft.pipeline.realization import realize
+from mbdlft.pipeline.build import realize
 from mbdlft.system.model import LFTModel
 
 

@@ -17,7 +17,7 @@ _LEAST = 1e-280  # of an entry: its rounding is a float, too
 _DIGITS = Context(prec=50, traps=[])  # what is not finite has its own message
 
 
-class MatrixReference(NamedTuple):
+class MatrixValues(NamedTuple):
     """Values (N, rows, columns), and their sizes if nothing cancelled in sums (N, rows, columns)."""
 
     values: Array
@@ -73,9 +73,9 @@ def sized(value: Any) -> Sized:
     return value if isinstance(value, Sized) else Sized(value, np.abs(value))
 
 
-def reference_at(
+def values_in_digits(
     problem: MatrixProblem, resolved: Resolved, parameters: Sequence[Parameter], points: Array
-) -> MatrixReference:
+) -> MatrixValues:
     """The matrix at physical points (N, n_p), the numbers in its texts taken as decimals.
 
     Functions of constants and of angles have the digits of a double.
@@ -106,7 +106,7 @@ def reference_at(
             f"{entry_place(problem, i, j)}: is not finite at "
             f"{', '.join(f'{p.name} = {x:g}' for p, x in zip(parameters, points[k], strict=True))}."
         )
-    found = MatrixReference(values, _stacked(sizes, len(points)))
+    found = MatrixValues(values, _stacked(sizes, len(points)))
     _check_sizes(problem, *(np.max(np.abs(part), axis=0) for part in found))
     return found
 

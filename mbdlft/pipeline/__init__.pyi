@@ -1,2 +1,2 @@
+from .build import realize as realize
 from .build import to_lft as to_lft
-from .realization import realize as realize

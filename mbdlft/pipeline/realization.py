@@ -1,295 +1,243 @@
-"""From a matrix that is rational in parameters to a certified LFT model."""
+"""The one pipeline: from a problem to a certified model. It knows no scene and no matrix.
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+forms -> extract -> reduce -> close -> reduce -> bound -> search -> check -> certificate
+"""
 
-import casadi as ca
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
 import numpy as np
 
-from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, SceneError, StructureError, WellPosednessError
-from mbdlft.base.parameter import Parameter
-from mbdlft.base.threads import one_thread
+from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
+from mbdlft.base.samples import SEED
 from mbdlft.bound.degree import Bound, degree_bounds, moved, preference
 from mbdlft.lft.evaluate import evaluate_at
-from mbdlft.lft.lft import LFT, transpose, with_blocks
-from mbdlft.matrix import MatrixProblem, matrix_problem, matrix_to_toml
-from mbdlft.matrix.denominator import check_denominators
-from mbdlft.matrix.exact_bound import exact_lower_bound
-from mbdlft.matrix.fifty_digits import MatrixReference, reference_at
-from mbdlft.matrix.local import MatrixForm
-from mbdlft.matrix.polynomial import expanded_matrix
-from mbdlft.matrix.resolve import Resolved, resolve
-from mbdlft.matrix.symbolic import written_matrix
-from mbdlft.number.rounding import NOISE, conditioning
-from mbdlft.pipeline.build import SEED, Build, Clock, provenance
+from mbdlft.lft.lft import LFT, condition, eliminate, transpose, with_blocks
 from mbdlft.pipeline.certify import (
-    ACCEPTED,
-    NEGLIGIBLE,
-    Check,
     certificate,
-    check_points,
     deltas_at,
-    relative_error,
+    error_of_values,
+    measure_error,
     values_at_points,
 )
 from mbdlft.pipeline.extract import Extraction, extract
-from mbdlft.pipeline.search import SEARCH, Budget, budget_of, find_smallest
-from mbdlft.problem.linearize import LinearModel
-from mbdlft.reduce.lines import or_one
+from mbdlft.pipeline.provenance import provenance
+from mbdlft.pipeline.search import Budget, Smallest, find_smallest
+from mbdlft.problem.problem import Form, Problem, Reference, Stage
 from mbdlft.reduce.reduce import in_scales, reduce_order
 from mbdlft.system.model import LFTModel, Trim
 
-_LOSSY = 1e-13  # error above which a matrix is written in distances from nominal
-_ENOUGH, _MOST_LOST = (
-    1e-11,
-    1e3,
-)  # error of a way to write a matrix, or times the least: kept up to there
-_SCALINGS = 10  # of rows and columns; each halves the digits in which they differ
-_FEW_POINTS = 8  # of those of the check, for this error
+_ENOUGH = 1e-11  # error of a form, or times the least: kept up to there
+_MOST_LOST = 1e3
+_FEW_POINTS = 8  # of those of the check, at which forms are compared
+_MOST_SEARCHED = 1000  # channels: one look at more takes minutes
+_TAKES_PART = 0.1  # in a direction that nothing determines
 
 
-def realize(
-    matrix: Any,
-    parameters: Sequence[Parameter] = (),
-    *,
-    search: float = SEARCH,
-    exact: bool = False,
-    seconds: float | None = None,
-    **fields: Any,
-) -> LFTModel:
-    """The exact LFT of a matrix that is rational in parameters, with certificate.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Candidate:
+    """One form, reduced.
 
-    Parameters
+    Attributes
     ----------
-    matrix : rows of numbers or expressions, CasADi SX, or `MatrixProblem`
-        An SX matrix has symbols named like the parameters.
-    parameters : sequence of `Parameter` and `Angle`
-        A name is the value in the unit of its parameter; nothing is converted. An angle stands in sin
-        and cos only.
-    search : float
-        Units of work, each about a second of one core, to look for a smaller model by using that
-        parameters commute, and for a better lower bound by pairs and triples of parameters; 0: neither.
-    exact : bool
-        Whether the lower bound is computed in exact arithmetic; needs python-flint.
-    seconds : float, optional
-        Upper limit of the time of the search (s). Without one the result depends on the matrix alone.
-    fields
-        Other fields of `MatrixProblem`: name, description, constants, expressions, states, inputs,
-        outputs; for an SX matrix also `symbols`, a mapping of names of parameters to its symbols.
+    extracted : Extraction
+    relations : LFT
+        As extracted, reduced.
+    closed : LFT
+        Solved for the unknown signals, not reduced.
+    lft : LFT
+        The same, reduced; rows and columns are still divided by their units.
+    error : float
+        Relative error of its values; 0.0 where no other form is compared with it.
+    """
 
-    Returns
-    -------
-    LFTModel
-        Value of its LFT = matrix. Without states it is static; with n states the leading n x n part is
-        A, and the matrix is [A B ; C D].
+    form: Form
+    extracted: Extraction
+    relations: LFT
+    closed: LFT
+    lft: LFT
+    error: float = 0.0
+
+
+def realization(problem: Problem, budget: Budget, stage: Stage) -> LFTModel:
+    """The smallest certified model of a problem that a budget of search leads to.
 
     Raises
     ------
-    SceneError
-        The matrix is empty or ragged, or a name or an expression is not usable.
-    NotRationalError
-        An entry is not rational in the parameters; the message names it.
-    WellPosednessError
-        A denominator vanishes in the range.
+    NotRationalError, StructureError, WellPosednessError, AnalysisError
+        As `extract`, `measure_error`; or the relations cannot be solved at nominal.
     """
-    if isinstance(matrix, MatrixProblem):
-        if parameters or fields:
-            raise SceneError(
-                f"matrix {matrix.name!r}: a MatrixProblem has its own parameters and fields; give "
-                "search and exact only."
-            )
-        problem = matrix
-    else:
-        problem = matrix_problem(matrix, parameters, **fields)
-    return build_matrix(problem, search, exact=exact, seconds=seconds).model
-
-
-def build_matrix(
-    problem: MatrixProblem,
-    search: float = SEARCH,
-    *,
-    exact: bool = False,
-    progress: Callable[[str], None] = lambda stage: None,
-    seconds: float | None = None,
-) -> Build:
-    """As `realize`, with the seconds of each stage; `progress` is told the name of each as it starts."""
-    budget = budget_of(search, seconds)
-    with one_thread():
-        return _build(problem, budget, exact, Clock(progress))
-
-
-def _build(problem: MatrixProblem, budget: Budget, exact: bool, clock: Clock) -> Build:  # noqa: FBT001
-    parameters = tuple(sorted(problem.parameters, key=lambda p: p.name))
-    names = [parameter.name for parameter in parameters]
-    with clock.stage("resolve"):
-        resolved = resolve(problem)
-        check_denominators(problem, resolved)
-        target = _target(problem, resolved, parameters)
-    with clock.stage("reduce"):
-        ways = _ways(problem, resolved, target)
-        way, reduced = ways[0], ways[0].reduced
-    with clock.stage("bound"):
-        degrees = (
-            {name: Bound(degree, 0) for name, degree in exact_lower_bound(problem, SEED).items()}
-            if exact
-            else _degree_bounds(ways)
+    with stage("trim"):
+        trim = _trim(problem)
+    with stage("extract"):
+        extracted = [_extract(problem, form) for form in problem.forms]
+    check = _Check(problem)
+    with stage("reduce"):
+        candidates = _kept(
+            [
+                _candidate(problem, form, extraction, check)
+                for form, extraction in zip(problem.forms, extracted, strict=True)
+            ]
         )
-        bound = {name: found.degree for name, found in degrees.items()}
-        _check_bound(problem, bound, reduced)
-    order_bound = sum(bound.values())
-    if budget.work > 0.0 and reduced.order > order_bound:
-        with clock.stage("search"):
-            ways_reduced = [way.reduced for way in ways]
-            reduced, order_bound, _ = find_smallest(ways_reduced, bound, budget)
-    lft = with_blocks(_in_units(reduced, target.sizes), names)
-    with clock.stage("check"):
-        check = _measure_error(problem, lft, parameters, target)
-    states, inputs, outputs = problem.signals()
-    model = LFTModel(
-        name=problem.name,
+    with stage("bound"):
+        degrees = _degree_bounds(problem, candidates)
+    bound = {name: one.degree for name, one in degrees.items()}
+    lft, order_bound = candidates[0].lft, sum(bound.values())
+    if order_bound < lft.order:
+        with stage("second order"):
+            more = [
+                _candidate(problem, f, _extract(problem, f), check) for f in problem.more_forms()
+            ]
+        candidates = sorted([*candidates, *more], key=lambda one: (one.lft.order, one.error))
+        lft = candidates[0].lft
+    if budget.work > 0.0 and order_bound < lft.order <= _MOST_SEARCHED:
+        with stage("search"):
+            lft, order_bound, _ = _search(problem, candidates, bound, budget)
+    lft = _in_units(problem, with_blocks(lft, [p.name for p in problem.parameters]))
+    with stage("check"):
+        error, raw = check.model(lft, trim.lft), candidates[0].extracted.channels
+        evidence = certificate(
+            lft, raw, degrees, order_bound, problem, check.reference, error, SEED
+        )
+    return LFTModel(
+        name=problem.nouns.name,
         lft=lft,
-        states=states,
-        inputs=inputs,
-        outputs=outputs,
-        parameters=parameters,
-        trim=Trim((), (), None),
-        certificate=certificate(
-            lft, way.extracted.channels, degrees, order_bound, check, SEED, exact_bound=exact
-        ),
-        provenance=provenance(matrix_to_toml(problem)),
+        states=problem.states,
+        inputs=problem.inputs,
+        outputs=problem.outputs,
+        parameters=problem.parameters,
+        trim=trim,
+        certificate=evidence,
+        provenance=provenance(problem.text),
         description=problem.description,
     )
-    return Build(model, clock.seconds | {"total": sum(clock.seconds.values())})
 
 
-class _Sizes(NamedTuple):
-    """Powers of two by which rows and columns are divided."""
+class _Check:
+    """The points at which models of a problem are checked, and its reference, once it is needed."""
 
-    rows: Array
-    columns: Array
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
 
+    @cached_property
+    def reference(self) -> Reference:
+        return self.problem.reference()
 
-def _sizes(values: Array) -> _Sizes:
-    """What parameters change in each row and column at most: values (N, rows, columns); Ruiz 2001."""
-    change = np.max(np.abs(values - values[0]), axis=0)
-    rows, columns = np.ones(len(change)), np.ones(change.shape[1])
-    for _ in range(_SCALINGS):
-        left = change / rows[:, None] / columns
-        rows *= np.sqrt(or_one(np.max(left, axis=1)))
-        columns *= np.sqrt(or_one(np.max(left, axis=0)))
-    return _Sizes(*(np.ldexp(1.0, np.rint(np.log2(size)).astype(int)) for size in (rows, columns)))
+    def model(self, lft: LFT, trim: LFT | None) -> float:
+        """Largest relative error of a model in its units, and of its trim, at all points."""
+        problem = self.problem
+        values = values_at_points(lft, problem.parameters, self.problem.points, problem.nouns)
+        return measure_error(problem, values, trim, self.reference)
 
-
-class _Target(NamedTuple):
-    """Values of the matrix at the points of the check, and what errors of entries are relative to.
-
-    Smaller values than `least` are negligible beside what parameters change in the row and the column.
-    `factors` divide rows and columns by `sizes`; they are zero where an entry is nothing but rounding of
-    the numbers in its text.
-    """
-
-    points: Array
-    deltas: Array
-    reference: MatrixReference
-    scale: Array
-    least: Array
-    sizes: _Sizes
-    factors: Array
-
-
-def _target(problem: MatrixProblem, resolved: Resolved, parameters: Sequence[Parameter]) -> _Target:
-    points = check_points(parameters, SEED)
-    reference = reference_at(problem, resolved, parameters, points)
-    largest, terms = (np.max(np.abs(found), axis=0) for found in reference)
-    clear = largest > NOISE * terms
-    sizes = _sizes(np.where(clear, reference.values, 0.0))
-    units = np.outer(sizes.rows, sizes.columns)
-    least = NEGLIGIBLE * units
-    scale = or_one(np.where(clear, np.maximum(largest, least), terms))
-    deltas, factors = deltas_at(parameters, points), np.where(clear, 1.0 / units, 0.0)
-    return _Target(points, deltas, reference, scale, least, sizes, factors)
-
-
-class _Way(NamedTuple):
-    """One way to write a matrix: its LFT as extracted, reduced, and the error of that."""
-
-    extracted: Extraction
-    reduced: LFT
-    error: float
-
-
-def _ways(problem: MatrixProblem, resolved: Resolved, target: _Target) -> list[_Way]:
-    """The divided matrix as it is written and expanded, from its rows and from its columns, where
-    products meet in opposite orders.
-
-    The smallest comes first; one that loses digits that others have is left out.
-    """
-    found: list[_Way] = []
-    for write in (written_matrix, expanded_matrix):
-        tried: list[list[_Way]] = []
-        for from_nominal in (False, True):
-            form = write(problem, resolved, target.factors, from_nominal=from_nominal)
-            if form is None:
-                break
-            tried.append(_both_ways(problem, form, target))
-            if all(way.error <= _LOSSY for way in tried[-1]):
-                break
-        found += [min(ways, key=lambda way: way.error) for ways in zip(*tried, strict=True)]
-    most = max(_ENOUGH, _MOST_LOST * min(way.error for way in found))
-    kept = [way for way in found if way.error <= most]
-    return sorted(kept, key=lambda way: (way.reduced.order, way.error))
-
-
-def _both_ways(problem: MatrixProblem, form: MatrixForm, target: _Target) -> list[_Way]:
-    found = []
-    for matrix, turned in ((form.matrix, False), (form.matrix.T, True)):
-        known = ca.SX.sym("input", matrix.shape[1])
-        nothing = ca.SX(0, 1)
-        relations = LinearModel(nothing, matrix @ known, nothing, known, form.q, problem.parameters)
+    def error_of(self, lft: LFT) -> float:
+        """Largest relative error of an LFT in divided units, at a few of the points."""
+        problem, some = self.problem, slice(None, None, 1 + len(self.problem.points) // _FEW_POINTS)
+        lft = _in_units(problem, lft)
         try:
-            extracted = extract(relations, form.maps)
-        except (StructureError, WellPosednessError) as error:
-            raise type(error)(f"matrix {problem.name!r}: {error}") from None
-        lft = in_scales(transpose(extracted.lft) if turned else extracted.lft)
-        reduced = reduce_order(lft)
-        found.append(_Way(extracted._replace(lft=lft), reduced, _error_at(target, reduced)))
-    return found
+            values = evaluate_at(lft, deltas_at(problem.parameters, self.problem.points[some]))
+        except WellPosednessError:
+            return float("inf")
+        try:
+            error = error_of_values(values, self.reference, some)
+        except WellPosednessError:  # the LFT can say where
+            values_at_points(lft, problem.parameters, self.problem.points, problem.nouns)
+            raise
+        return error if np.isfinite(error) else float("inf")
 
 
-def _in_units(a: LFT, sizes: _Sizes) -> LFT:
-    """An LFT of the divided matrix as one of the matrix."""
-    rows = sizes.rows[:, None]
-    M12, M22 = a.M12 * sizes.columns, rows * a.M22 * sizes.columns
-    return LFT(a.M11, M12, rows * a.M21, M22, a.blocks)
-
-
-def _error_at(target: _Target, lft: LFT) -> float:
-    """Largest relative error of an LFT at a few of the points."""
-    step = 1 + len(target.points) // _FEW_POINTS
+def _extract(problem: Problem, form: Form) -> Extraction:
     try:
-        found = evaluate_at(_in_units(lft, target.sizes), target.deltas[::step])
+        extracted = extract(form.relations, form.maps)
+    except (StructureError, WellPosednessError) as error:
+        raise type(error)(f"{problem.nouns.owner}: {error}") from None
+    lft = transpose(extracted.lft) if form.is_transposed else extracted.lft
+    if not form.relations.unknown.numel():  # rows of equations have sizes of their own
+        lft = in_scales(lft)
+    return extracted._replace(lft=lft)
+
+
+def _candidate(problem: Problem, form: Form, extracted: Extraction, check: _Check) -> _Candidate:
+    """A form reduced; or, where it has lost digits that another way to write it keeps, that one."""
+    first = _reduced(problem, form, extracted)
+    again = form.again(extracted.order)
+    if again is None and len(problem.forms) == 1:
+        return first
+    first = _with_error(first, check)
+    if again is None or first.error <= form.most_error:
+        return first
+    source = extracted if again.relations is form.relations else _extract(problem, again)
+    other = _with_error(_reduced(problem, again, source), check)
+    is_better = other.error < first.error
+    is_small = other.lft.order <= first.lft.order or first.error > _ENOUGH
+    return other if is_better and is_small else first
+
+
+def _with_error(candidate: _Candidate, check: _Check) -> _Candidate:
+    return replace(candidate, error=check.error_of(candidate.lft))
+
+
+def _reduced(problem: Problem, form: Form, extracted: Extraction) -> _Candidate:
+    if form.in_extended_precision:
+        closed = _solved(problem, form, extracted.whole())
+        return _Candidate(
+            form, extracted, extracted.lft, closed, reduce_order(closed, extended=True)
+        )
+    relations = reduce_order(extracted.lft)
+    closed = _solved(problem, form, relations)
+    lft = reduce_order(closed)
+    if form.closes_unreduced:
+        other = reduce_order(_solved(problem, form, extracted.whole()))
+        lft = min(other, lft, key=lambda one: one.order)
+    return _Candidate(form, extracted, relations, closed, lft)
+
+
+def _solved(problem: Problem, form: Form, relations: LFT) -> LFT:
+    """The relations solved for their unknown signals: the LFT of [A B ; C D], not reduced."""
+    n, outputs = form.relations.unknown.numel(), form.relations.output.numel()
+    if n == 0:
+        return relations
+    # the equations come first; there are as many as unknowns
+    try:
+        solved = eliminate(relations, n)
     except WellPosednessError:
-        return float("inf")
-    error = relative_error(found, target.reference.values[::step], target.scale)
-    return error if np.isfinite(error) else float("inf")
+        inner = relations.M22[:n, :n]
+        directions = np.abs(np.linalg.svd(inner)[2][-1])
+        names = [
+            signal.name
+            for signal, size in zip(problem.states, directions, strict=False)
+            if size > _TAKES_PART
+        ]
+        raise WellPosednessError(
+            f"{problem.nouns.owner}: {problem.singular(condition(inner), names)}"
+        ) from None
+    rows = [*range(form.relations.derivatives), *range(n, n + outputs)]
+    return LFT(solved.M11, solved.M12, solved.M21[rows], solved.M22[rows], solved.blocks)
 
 
-def _degree_bounds(ways: Sequence[_Way]) -> dict[str, Bound]:
-    """The most that one of the ways proves, with each way as its twin: errors of reductions differ.
+def _kept(candidates: Sequence[_Candidate]) -> list[_Candidate]:
+    """The candidates by order, the smallest first, without those that lose digits that others have."""
+    most = max(_ENOUGH, _MOST_LOST * min(one.error for one in candidates))
+    kept = [one for one in candidates if one.error <= most]
+    return sorted(kept, key=lambda one: (one.lft.order, one.error))
 
-    More than the size of a delta in one of the ways rests on a wrong rank.
+
+def _degree_bounds(problem: Problem, candidates: Sequence[_Candidate]) -> dict[str, Bound]:
+    """The most that one of the candidates proves, with each as its twin: errors of reductions differ.
+
+    More than the size of a delta in one of them rests on a wrong rank.
     """
-    sizes = {
-        name: min(dict(way.reduced.blocks)[name] for way in ways)
-        for name, _ in ways[0].reduced.blocks
-    }
-    twins = [reduce_order(moved(way.extracted.lft, SEED, way.error)) for way in ways]
+    if problem.proved_degrees is not None:
+        _check_proved(problem, candidates[0].lft)
+        return {name: Bound(degree, 0) for name, degree in problem.proved_degrees.items()}
+    names = [block.name for block in candidates[0].lft.blocks]
+    sizes = {name: min(dict(one.lft.blocks)[name] for one in candidates) for name in names}
+    twins = [_twin(problem, one) for one in candidates]
     bounds = {name: Bound(0, size) for name, size in sizes.items()}
-    for way in ways:
-        found = [degree_bounds(way.reduced, twin, SEED) for twin in twins]
+    for one in candidates:
+        by_twin = [degree_bounds(one.lft, twin, SEED) for twin in twins]
         for name, known in bounds.items():
-            least = min((one[name] for one in found), key=lambda bound: bound.degree)
+            least = min((bound[name] for bound in by_twin), key=lambda bound: bound.degree)
             clear = least._replace(degree=min(least.degree, sizes[name]))
             bounds[name] = max(known, clear, key=preference)
         if not any(bound.doubtful for bound in bounds.values()):
@@ -297,30 +245,58 @@ def _degree_bounds(ways: Sequence[_Way]) -> dict[str, Bound]:
     return bounds
 
 
-def _check_bound(problem: MatrixProblem, bound: Mapping[str, int], lft: LFT) -> None:
+def _twin(problem: Problem, candidate: _Candidate) -> LFT:
+    """The candidate from data that are moved by what may be wrong with them.
+
+    Relations are moved once they are reduced: solving them and the next reduction are the steps that
+    make errors large. Where there is nothing to solve they are moved as they were extracted.
+    """
+    is_solved = candidate.form.relations.unknown.numel() > 0
+    data = candidate.relations if is_solved else candidate.extracted.lft
+    data = moved(data, SEED, candidate.error)
+    return reduce_order(_solved(problem, candidate.form, data))
+
+
+def _check_proved(problem: Problem, lft: LFT) -> None:
     """A model with fewer repetitions than are proved to be needed is not exact."""
     for name, size in lft.blocks:
-        if size < bound[name]:
+        degree = (problem.proved_degrees or {}).get(name, 0)
+        if size < degree:
             raise AnalysisError(
-                f"matrix {problem.name!r}: the numbers as written need {bound[name]} repetitions of "
+                f"{problem.nouns.owner}: the numbers as written need {degree} repetitions of "
                 f"{name}, and reduction in double precision kept {size}: two terms differ by no more "
                 "than rounding. Make equal what is meant to be equal."
             )
 
 
-def _measure_error(
-    problem: MatrixProblem, lft: LFT, parameters: Sequence[Parameter], target: _Target
-) -> Check:
-    """Largest relative error against the matrix itself, and its conditioning."""
-    owner = f"matrix {problem.name!r}"
-    values = values_at_points(lft, parameters, target.points, owner)
-    error = relative_error(values, target.reference.values, target.scale)
-    if not error <= ACCEPTED:
-        raise AnalysisError(
-            f"{owner}: the model differs from the matrix by {error:.1e} of the size of an entry. Either "
-            "its numbers are so different in size that double precision does not carry them, or this is "
-            "a bug: please report the matrix."
-        )
-    return Check(
-        error, len(target.points), *conditioning(*target.reference, target.scale, target.least)
-    )
+def _search(
+    problem: Problem, candidates: Sequence[_Candidate], bound: Mapping[str, int], budget: Budget
+) -> Smallest:
+    best = candidates[0]
+    form = best.form
+    if not form.relations.unknown.numel():
+        return find_smallest([one.lft for one in candidates], bound, budget)
+
+    def close(relations: LFT) -> LFT:
+        return reduce_order(_solved(problem, form, relations))
+
+    forms = [one.relations for one in candidates]
+    return find_smallest([best.lft], bound, budget, forms, close, candidates[0].closed)
+
+
+def _in_units(problem: Problem, a: LFT) -> LFT:
+    """An LFT of the divided relations as one of the problem."""
+    if problem.row_units is None or problem.column_units is None:
+        return a
+    rows, columns = problem.row_units[:, None], problem.column_units
+    return LFT(a.M11, a.M12 * columns, rows * a.M21, rows * a.M22 * columns, a.blocks)
+
+
+def _trim(problem: Problem) -> Trim:
+    """Numbers at nominal from the nonlinear equations, and the static LFT from the relations."""
+    if problem.trim is None:
+        return Trim((), (), None)
+    relations, signals, nominal = problem.trim
+    extracted = extract(relations)
+    lft = reduce_order(eliminate(extracted.lft, relations.unknown.numel()))
+    return Trim(signals, nominal, with_blocks(lft, [p.name for p in problem.parameters]))

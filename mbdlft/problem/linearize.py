@@ -36,6 +36,8 @@ class LinearModel:
     unknown : SX symbols (n,)
     known : SX symbols (k,)
     p : SX symbols, the internal values of `parameters`
+    derivatives : int
+        How many of the unknowns, the first ones, are derivatives of the states.
     """
 
     residual: ca.SX
@@ -44,6 +46,7 @@ class LinearModel:
     known: ca.SX
     p: ca.SX
     parameters: tuple[Parameter, ...]
+    derivatives: int = 0
 
 
 def linearize(equations: Equations, inputs: Sequence[int], outputs: Sequence[int]) -> LinearModel:
@@ -91,6 +94,7 @@ def linearize(equations: Equations, inputs: Sequence[int], outputs: Sequence[int
         known=known,
         p=symbols,
         parameters=e.parameters,
+        derivatives=len(e.states),
     )
 
 

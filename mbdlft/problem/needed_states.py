@@ -47,24 +47,20 @@ class Need:
         found: Array = matrices[:, rows[:, None], columns]
         return found
 
-    def whole(self, values: Array, reference: Array) -> Array:
-        """Matrices of all states that must be equal to `reference` (N, ., .).
+    def omitted(self, matrices: Array, scale: Array) -> float:
+        """Largest relative error of leaving out states; zero if they do not matter.
 
-        They have the `values` of the kept states; zero where a state that is not seen would be seen, or
-        one that is not driven be driven; and what is left of the reference, which does not matter.
+        `matrices` (N, ., .) are [A B ; C D] of all states: no state that is not seen may act on one that
+        is, or on an output; none that is not driven may be acted on by one that is, or by an input.
         """
-        if self._keeps_all:
-            return values
-        whole = reference.copy()
         count = len(self.seen)
-        rows, columns = (np.arange(size) for size in reference.shape[1:])
+        size = np.max(np.abs(matrices), axis=0) / scale
+        rows, columns = (np.arange(n) for n in size.shape)
         seen_rows = np.r_[np.flatnonzero(self.seen), rows[count:]]
         driven_columns = np.r_[np.flatnonzero(self.driven), columns[count:]]
-        whole[:, seen_rows[:, None], np.flatnonzero(~self.seen)] = 0.0
-        whole[:, np.flatnonzero(~self.driven)[:, None], driven_columns] = 0.0
-        kept_rows, kept_columns = self._kept(reference.shape)
-        whole[:, kept_rows[:, None], kept_columns] = values
-        return whole
+        unseen = size[np.ix_(seen_rows, np.flatnonzero(~self.seen))]
+        undriven = size[np.ix_(np.flatnonzero(~self.driven), driven_columns)]
+        return float(max(np.max(unseen, initial=0.0), np.max(undriven, initial=0.0)))
 
     @property
     def _keeps_all(self) -> bool:
@@ -125,6 +121,7 @@ def needed_states(relations: LinearModel, states: int) -> Need:
             known=rows_of(m.known, first + inputs),
             p=m.p,
             parameters=m.parameters,
+            derivatives=len(first),
         ),
         tuple(first),
         seen[of_states],

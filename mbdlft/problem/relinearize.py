@@ -24,7 +24,7 @@ from mbdlft.sx.evaluate import evaluate_in_chunks, evaluate_many
 _FLOOR = 1e-2  # of the load (and the inertia it acts on): the size below which terms have cancelled
 
 
-class Reference(NamedTuple):
+class Relinearized(NamedTuple):
     """The nonlinear equations, trimmed and linearized at N points.
 
     Attributes
@@ -58,9 +58,9 @@ class Linear(NamedTuple):
     solved: Array
 
 
-def reference_at(
+def relinearize(
     equations: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array
-) -> Reference:
+) -> Relinearized:
     """The nonlinear equations, trimmed and linearized at points (N, n_p).
 
     Raises
@@ -85,7 +85,7 @@ def reference_at(
     inertia = np.max(by_effort @ np.abs(linear.jacobian[:, :n, :n]), axis=2, initial=0.0)
     floor = _FLOOR * np.max(np.abs(load), axis=(1, 2), initial=0.0)
     sizes = np.maximum(terms, floor[:, None] * inertia)
-    return Reference(points, efforts, linear, sizes, float(np.max(floor)))
+    return Relinearized(points, efforts, linear, sizes, float(np.max(floor)))
 
 
 def linearized(
@@ -195,7 +195,7 @@ def _at_trim(
 
 
 def slope_sizes(
-    equations: Equations, inputs: Sequence[int], outputs: Sequence[int], at: Reference
+    equations: Equations, inputs: Sequence[int], outputs: Sequence[int], at: Relinearized
 ) -> Array:
     """Sizes (N, ., .) of the slopes of `Linear.jacobian` if nothing cancelled."""
     tape = _slope_function(equations, tuple(inputs), tuple(outputs))

@@ -16,7 +16,7 @@ from hypothesis import given
 import mbdlft
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.joint import Joint
-from mbdlft.pipeline.certify import NEGLIGIBLE
+from mbdlft.problem.compare import NEGLIGIBLE
 from mbdlft.system.model import deltas_of
 from tests import close
 from tests.cross.lagrangian import Reference, lagrangian, state_space

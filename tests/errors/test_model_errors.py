@@ -36,7 +36,7 @@ from mbdlft import (
 from mbdlft.multibody.body import Inertia
 from mbdlft.plot import save_singular_values
 from mbdlft.problem.linearize import trim_relations
-from mbdlft.problem.relinearize import reference_at
+from mbdlft.problem.relinearize import relinearize
 from tests.errors.scenes import ARM, cart, says
 
 MASSES = [Parameter("mass", 1, 0.5, 2, unit="kg"), Parameter("load", 1, 0.5, 2, unit="kg")]
@@ -108,7 +108,7 @@ def test_accelerations_that_cannot_be_solved_for():
         "scene 'cart_on_rail': the mass matrix is singular at a point of the parameter range. Keep "
         "masses and inertias away from zero.",
     ):
-        reference_at(equations, [0], [0], np.array([[1.0], [0.0]]))
+        relinearize(equations, [0], [0], np.array([[1.0], [0.0]]))
 
 
 # trim ---------------------------------------------------------------------------------------------

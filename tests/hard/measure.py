@@ -5,10 +5,11 @@ from typing import NamedTuple
 import numpy as np
 
 import mbdlft
+from mbdlft.base.samples import check_points
 from mbdlft.multibody.assembly import assemble
-from mbdlft.pipeline.build import choose_signals
-from mbdlft.pipeline.certify import check_points, entry_scale
-from mbdlft.problem.relinearize import reference_at
+from mbdlft.multibody.to_problem import choose_signals
+from mbdlft.problem.compare import entry_scale
+from mbdlft.problem.relinearize import relinearize
 from tests.close import EPS
 from tests.hard.cases import Case
 
@@ -55,7 +56,7 @@ def measure(case: Case) -> Errors:
     equations = assemble(case.scene)
     inputs, outputs = choose_signals(case.scene, equations)
     point = np.array([[case.values[p.name] for p in equations.parameters]])
-    numeric = reference_at(equations, inputs, outputs, point).linear.matrices[0, : len(lft)]
+    numeric = relinearize(equations, inputs, outputs, point).linear.matrices[0, : len(lft)]
     truth = case.truth().of_inputs(len(model.inputs))
     certificate = model.certificate
     stated = certificate.max_relative_error + EPS * certificate.condition

@@ -61,7 +61,7 @@ def test_a_condition_that_is_not_stated_is_seen(
     case: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Planted bug: the certificate takes every problem for well conditioned."""
-    monkeypatch.setattr("mbdlft.pipeline.certify.conditioning", lambda *_: (1.0, 0))
+    monkeypatch.setattr("mbdlft.problem.compare.conditioning", lambda *_: (1.0, 0))
     found = measure(case)
     assert found.unstated > HARD
     assert found.condition > HARD * found.stated
@@ -69,15 +69,15 @@ def test_a_condition_that_is_not_stated_is_seen(
 
 def test_a_change_of_sign_that_is_not_stated_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: entries that change their sign are not counted."""
-    right = mbdlft.pipeline.certify.conditioning
-    monkeypatch.setattr("mbdlft.pipeline.certify.conditioning", lambda *p: (right(*p)[0], 0))
+    right = mbdlft.problem.compare.conditioning
+    monkeypatch.setattr("mbdlft.problem.compare.conditioning", lambda *p: (right(*p)[0], 0))
     found = measure(bifurcation(1e-9))
     assert found.condition > HARD * found.stated
 
 
 def test_a_reduction_that_loses_digits_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: the reduction of relations of 1 kg and 1e9 kg is taken as it is."""
-    monkeypatch.setattr("mbdlft.pipeline.build._LOSSY", np.inf)
+    monkeypatch.setattr("mbdlft.multibody.to_problem._LOSSY", np.inf)
     assert measure(mass_ratio(1.0, 1e9)).lft_factor > HARD
 
 

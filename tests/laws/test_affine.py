@@ -16,8 +16,10 @@ from mbdlft.bound.degree import lower_bound
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows, transpose
 from mbdlft.multibody.assembly import assemble
-from mbdlft.pipeline.build import _state_space, build
+from mbdlft.multibody.to_problem import problem_of_scene
+from mbdlft.pipeline.build import build
 from mbdlft.pipeline.extract import extract
+from mbdlft.pipeline.realization import _solved
 from mbdlft.problem.linearize import linearize
 from mbdlft.reduce import affine
 from mbdlft.reduce import commuting as commute
@@ -136,13 +138,14 @@ def test_wrong_when_finished_is_refused(monkeypatch: pytest.MonkeyPatch) -> None
 def test_finished_relations_of_a_chain_are_kept() -> None:
     """Solving for accelerations makes no right result wrong."""
     scene = chain(3, spatial=False)
-    equations = assemble(scene)
-    a = reduce_order(extract(linearize(equations, range(3), range(3))).lft)
+    problem = problem_of_scene(scene)
+    form = problem.forms[0]
+    a = reduce_order(extract(form.relations).lft)
     search = commute._Search(
         lower_bound(a),
         lambda: False,
         a,
-        lambda found: _state_space(equations, equations.x_signals, 3, found),
+        lambda found: _solved(problem, form, found),
     )
     found = move_affine(a, ("L0", "L1", "L2"), ("m0", "m1", "m2"))
     assert found is not None

@@ -109,7 +109,7 @@ def test_skew_plane_costs_planar_work(Q: np.ndarray) -> None:
 def test_without_a_common_plane_a_skew_one_costs_more(monkeypatch: pytest.MonkeyPatch) -> None:
     """The measure sees the difference: the planted bug is that no plane is recognized."""
     scene = two_link_arm.scene()
-    monkeypatch.setattr(sys.modules["mbdlft.multibody.assembly.assemble"], "align", lambda *_: None)
+    monkeypatch.setattr(sys.modules["mbdlft.multibody.assembly.resolve"], "align", lambda *_: None)
     assert instructions(turned(scene, SKEW[0])) > 2 * instructions(scene)
 
 
@@ -139,7 +139,7 @@ def test_rotations_about_skew_axes_meet_two_components() -> None:
 
 def without_plane(monkeypatch: pytest.MonkeyPatch, scene: mbdlft.Scene) -> mbdlft.LFTModel:
     with monkeypatch.context() as patch:
-        patch.setattr(sys.modules["mbdlft.multibody.assembly.assemble"], "align", lambda *_: None)
+        patch.setattr(sys.modules["mbdlft.multibody.assembly.resolve"], "align", lambda *_: None)
         return mbdlft.to_lft(scene, search=0.0)
 
 

@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 
 import mbdlft
+from mbdlft.base.samples import check_points
 from mbdlft.bound.degree import Bound
 from mbdlft.lft.lft import LFT, delta
-from mbdlft.multibody.assembly import assemble
-from mbdlft.pipeline.build import choose_signals
-from mbdlft.pipeline.certify import Check, certificate, check_points, measure_error
+from mbdlft.matrix.to_problem import problem_of_matrix
+from mbdlft.multibody.to_problem import problem_of_scene
+from mbdlft.pipeline.certify import certificate
+from mbdlft.pipeline.realization import _Check
+from mbdlft.problem.problem import Problem
 from mbdlft.problem.trim import term_sizes
 from scenarios import two_link_arm
 from tests.close import SCENARIO, exact, roundoff
@@ -38,6 +41,10 @@ def pan_tilt(offset: float) -> mbdlft.Scene:
     )
 
 
+def error_of(problem: Problem, lft: LFT, trim: LFT) -> float:
+    return _Check(problem).model(lft, trim)
+
+
 @pytest.mark.parametrize("offset", [0.0, 0.015, 0.1, 1.0])
 def test_zero_efforts_are_not_compared_with_rounding(offset: float) -> None:
     model = mbdlft.to_lft(pan_tilt(offset), search=0.0)
@@ -46,19 +53,17 @@ def test_zero_efforts_are_not_compared_with_rounding(offset: float) -> None:
 
 def test_a_wrong_model_or_trim_is_refused() -> None:
     """Planted bugs: one entry of the model, or of its trim, off by a thousandth."""
-    equations = assemble(two_link_arm.scene())
-    inputs, outputs = choose_signals(two_link_arm.scene(), equations)
+    problem = problem_of_scene(two_link_arm.scene())
     model = mbdlft.to_lft(two_link_arm.scene(), search=0.0)
     right, trim = model.lft, model.trim.lft
     assert trim is not None
-    error, at = measure_error(equations, inputs, outputs, right, trim, 0)
-    assert error == model.certificate.max_relative_error
-    exact(at.points, check_points(equations.parameters, 0))
-    assert len(at.points) == model.certificate.check_points
+    assert error_of(problem, right, trim) == model.certificate.max_relative_error
+    exact(problem.points, check_points(problem.parameters, 0))
+    assert len(problem.points) == model.certificate.check_points
     with pytest.raises(mbdlft.AnalysisError, match="of the size of an entry of its matrices"):
-        measure_error(equations, inputs, outputs, planted(right), trim, 0)
+        error_of(problem, planted(right), trim)
     with pytest.raises(mbdlft.AnalysisError, match="of the size of an entry of its trim"):
-        measure_error(equations, inputs, outputs, right, planted(trim), 0)
+        error_of(problem, right, planted(trim))
 
 
 @pytest.mark.parametrize("mass", [2.0, 1e6, 1e10])
@@ -75,7 +80,7 @@ def test_a_wrong_input_matrix_is_refused_whatever_its_size(mass: float) -> None:
         ],
         joints=[mbdlft.Revolute(name="pivot", parent="ground", child="bob", axis=(1, 0, 0))],
     )
-    equations = assemble(scene)
+    problem = problem_of_scene(scene)
     model = mbdlft.to_lft(scene, search=0.0)
     right, trim = model.lft, model.trim.lft
     assert trim is not None
@@ -83,7 +88,7 @@ def test_a_wrong_input_matrix_is_refused_whatever_its_size(mass: float) -> None:
     gain = np.array([1.0, 1.0, 3.0])
     wrong = LFT(right.M11, right.M12 * gain, right.M21, right.M22 * gain, right.blocks)
     with pytest.raises(mbdlft.AnalysisError, match="of the size of an entry of its matrices"):
-        measure_error(equations, [0], [0], wrong, trim, 0)
+        error_of(problem, wrong, trim)
 
 
 def planted(a: LFT) -> LFT:
@@ -129,19 +134,26 @@ def test_a_singularity_that_does_not_change_the_sign_is_found() -> None:
         mbdlft.to_lft(scene, search=0.0)
 
 
+AB = [mbdlft.Parameter(name, 0.0, low=-1.0, high=1.0) for name in "ab"]
+
+
 def test_a_bound_that_the_model_contradicts_is_not_claimed() -> None:
     """A model with fewer repetitions than a bound shows that the bound rests on a wrong rank."""
     lft = delta("a", 1) + delta("b", 1)
+    problem = problem_of_matrix(mbdlft.matrix_problem([["a + b"]], AB))
+    at = problem.reference()
+
+    def claimed(bounds: dict[str, Bound], order_bound: int) -> mbdlft.Certificate:
+        return certificate(lft, dict(lft.blocks), bounds, order_bound, problem, at, 0.0, 0)
+
     right = {"a": Bound(1, 0), "b": Bound(1, 0)}
-    honest = certificate(lft, dict(lft.blocks), right, 2, Check(0.0, 1), 0)
+    honest = claimed(right, 2)
     assert honest.minimal
     assert honest.doubtful == (0, 0)
-    wrong = certificate(lft, dict(lft.blocks), right | {"b": Bound(2, 0)}, 3, Check(0.0, 1), 0)
+    wrong = claimed(right | {"b": Bound(2, 0)}, 3)
     assert (wrong.lower_bound, wrong.doubtful, wrong.order_bound) == ((1, 0), (0, 1), 1)
     assert not wrong.minimal
-    assert not certificate(
-        lft, dict(lft.blocks), {"a": Bound(0, 0), "b": Bound(1, 0)}, 3, Check(0.0, 1), 0
-    ).minimal
+    assert not claimed({"a": Bound(0, 0), "b": Bound(1, 0)}, 3).minimal
 
 
 # rows and columns that are nothing but rounding ------------------------------------------------

@@ -5,11 +5,13 @@ import pytest
 
 import mbdlft
 from mbdlft import Inertia, Parameter, PointMass, Prismatic, Revolute, RigidBody, Scene, Spin
+from mbdlft.base.samples import check_points
 from mbdlft.lft.lft import LFT
 from mbdlft.multibody.assembly import assemble
-from mbdlft.pipeline.build import choose_signals
-from mbdlft.pipeline.certify import check_points, entry_sizes, measure_error
-from mbdlft.problem.relinearize import reference_at
+from mbdlft.multibody.to_problem import choose_signals, problem_of_scene
+from mbdlft.pipeline.realization import _Check
+from mbdlft.problem.compare import entry_sizes
+from mbdlft.problem.relinearize import relinearize
 from tests.close import SCENARIO
 
 M = Parameter("m", 2.0, percent=50, unit="kg")
@@ -59,7 +61,7 @@ def test_sizes_of_entries_stay_up_when_these_cancel() -> None:
     scene = balanced_boom()
     equations = assemble(scene)
     signals = choose_signals(scene, equations)
-    at = reference_at(equations, *signals, check_points(equations.parameters, 0))
+    at = relinearize(equations, *signals, check_points(equations.parameters, 0))
     sizes = entry_sizes(equations, *signals, at)
     reference = np.max(np.abs(at.linear.matrices), axis=0)
     assert reference[1, 0] < SCENARIO < sizes[1, 0]
@@ -70,8 +72,7 @@ def test_sizes_of_entries_stay_up_when_these_cancel() -> None:
 def test_a_wrong_model_is_refused_all_the_same(make) -> None:
     """Planted bugs: each column of the model off by a thousandth."""
     scene = make()
-    equations = assemble(scene)
-    signals = choose_signals(scene, equations)
+    problem = problem_of_scene(scene)
     model = mbdlft.to_lft(scene, search=0.0)
     right, trim = model.lft, model.trim.lft
     assert trim is not None
@@ -81,7 +82,7 @@ def test_a_wrong_model_is_refused_all_the_same(make) -> None:
         gain[column] = 1.001
         wrong = LFT(right.M11, right.M12 * gain, right.M21, right.M22 * gain, right.blocks)
         with pytest.raises(mbdlft.AnalysisError, match="of the size of an entry of its matrices"):
-            measure_error(equations, *signals, wrong, trim, 0)
+            _Check(problem).model(wrong, trim)
         refused += 1
     assert refused
 
@@ -89,17 +90,11 @@ def test_a_wrong_model_is_refused_all_the_same(make) -> None:
 def test_a_stiffness_where_there_is_none_is_refused() -> None:
     """Planted bug: the balanced boom with a stiffness of a thousandth of the terms that cancel."""
     scene = balanced_boom()
-    equations = assemble(scene)
+    problem = problem_of_scene(scene)
     model = mbdlft.to_lft(scene, search=0.0)
     right, trim = model.lft, model.trim.lft
     assert trim is not None
     wrong = right.M22.copy()
     wrong[1, 0] += 1e-3
     with pytest.raises(mbdlft.AnalysisError, match="of the size of an entry of its matrices"):
-        measure_error(
-            equations,
-            *choose_signals(scene, equations),
-            LFT(right.M11, right.M12, right.M21, wrong, right.blocks),
-            trim,
-            0,
-        )
+        _Check(problem).model(LFT(right.M11, right.M12, right.M21, wrong, right.blocks), trim)

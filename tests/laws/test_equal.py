@@ -7,7 +7,7 @@ import pytest
 
 import mbdlft
 from mbdlft.lft.lft import LFT, Block, constant, delta, stack_rows
-from mbdlft.pipeline import build
+from mbdlft.pipeline import realization, search
 from mbdlft.reduce import same_value as equal
 from mbdlft.reduce.same_value import Truth, is_same, part_of_largest
 
@@ -68,14 +68,14 @@ def test_closing_shows_what_cancels() -> None:
 
 
 def test_planted_search_of_relations_alone_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = build.reduce_commuting
+    right = search.reduce_commuting
 
     def relations_alone(*arguments: object, **named: object) -> object:
         if "truth" in named:  # the closed model
             arguments = (*arguments[:2], 0.0, *arguments[3:])
         return right(*arguments, **named)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(build, "reduce_commuting", relations_alone)
+    monkeypatch.setattr(search, "reduce_commuting", relations_alone)
     with pytest.raises(AssertionError):
         law_closing_shows_what_cancels()
 
@@ -83,5 +83,5 @@ def test_planted_search_of_relations_alone_is_found(monkeypatch: pytest.MonkeyPa
 def test_very_large_models_are_not_searched(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = mbdlft.load_scene(SCENARIOS / "two_link_arm.toml")
     assert mbdlft.to_lft(scene).order == 16
-    monkeypatch.setattr(build, "_MOST_SEARCHED", 16)
+    monkeypatch.setattr(realization, "_MOST_SEARCHED", 16)
     assert mbdlft.to_lft(scene).order == 17

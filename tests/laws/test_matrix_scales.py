@@ -13,6 +13,7 @@ import itertools
 import random
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -22,7 +23,7 @@ import pytest
 import mbdlft
 from mbdlft import Angle, Parameter, realize
 from mbdlft.bound.degree import moved
-from mbdlft.matrix import local, polynomial, symbolic
+from mbdlft.matrix import local, polynomial, symbolic, to_problem
 from mbdlft.pipeline import realization
 from mbdlft.pipeline.extract import graph
 from tests.close import CLOSED_FORM
@@ -174,12 +175,12 @@ def test_planted_scaling_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     def plain(parameters: Sequence[Parameter], *, from_nominal: bool) -> list[local.Local]:
         return [local.Local(0.0, 1.0, p.map) for p in parameters]
 
-    def ones(values: np.ndarray) -> realization._Sizes:
-        return realization._Sizes(*map(np.ones, values.shape[1:]))
+    def ones(values: np.ndarray) -> tuple[np.ndarray, ...]:
+        return tuple(map(np.ones, values.shape[1:]))
 
     for module in (symbolic, polynomial):
         monkeypatch.setattr(module, "local_units", plain)
-    monkeypatch.setattr(realization, "_sizes", ones)
+    monkeypatch.setattr(to_problem, "_units", ones)
     with pytest.raises((AssertionError, mbdlft.AnalysisError)):
         law_all_scaled()
 
@@ -274,12 +275,13 @@ def test_certificate_states_what_is_lost() -> None:
 
 def test_planted_scale_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """All entries compared with the largest one."""
-    right = realization._target
+    right = to_problem._scaled
 
-    def beside_the_largest(*arguments: Any) -> realization._Target:
-        target = right(*arguments)
-        return target._replace(scale=np.full_like(target.scale, np.max(target.scale)))
+    def beside_the_largest(*arguments: Any) -> to_problem._Scaled:
+        scaled = right(*arguments)
+        scale = np.full_like(scaled.reference.scale, np.max(scaled.reference.scale))
+        return scaled._replace(reference=replace(scaled.reference, scale=scale))
 
-    monkeypatch.setattr(realization, "_target", beside_the_largest)
+    monkeypatch.setattr(to_problem, "_scaled", beside_the_largest)
     with pytest.raises(AssertionError):
         law_error(*NEARLY_SINGULAR)

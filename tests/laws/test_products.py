@@ -9,7 +9,8 @@ import casadi as ca
 import pytest
 
 import mbdlft
-from mbdlft.multibody.assembly import assemble_by_products
+from mbdlft.multibody.assembly import assembly
+from mbdlft.multibody.assembly.assemble import Assembly
 from mbdlft.pipeline.build import build
 from tests import close
 from tests.laws import turned
@@ -25,10 +26,14 @@ MECHANISMS = [2, 3, 7, 8, 10, 11, 13, 15]
 @contextmanager
 def products_only() -> Iterator[None]:
     """Scenes are assembled with the products alone."""
-    with (
-        one_order_only(),
-        patch.object(import_module("mbdlft.pipeline.build"), "assemble", assemble_by_products),
-    ):
+    module = import_module("mbdlft.multibody.to_problem")
+
+    def second_only(scene: mbdlft.Scene) -> Assembly:
+        equations = assembly(scene).second_order()
+        assert equations is not None
+        return Assembly(equations, lambda: None)
+
+    with patch.object(module, "assembly", second_only):
         yield
 
 
@@ -77,8 +82,8 @@ def test_an_angle_meets_each_hinge_once() -> None:
 @pytest.mark.parametrize("links", [2, 3])
 def test_not_where_it_gains_nothing(links: int) -> None:
     """Two joints are too few, and in the plane the last term is zero."""
-    assert assemble_by_products(chain(links, spatial=False)) is None
-    assert (assemble_by_products(chain(links, spatial=True)) is None) == (links == 2)
+    assert assembly(chain(links, spatial=False)).second_order() is None
+    assert (assembly(chain(links, spatial=True)).second_order() is None) == (links == 2)
 
 
 def turret() -> mbdlft.Scene:

@@ -18,11 +18,10 @@ from hypothesis import strategies as st
 
 import mbdlft
 from mbdlft import Angle, Constant, MatrixProblem, Parameter, realize
-from mbdlft.matrix import denominator, symbolic
+from mbdlft.matrix import denominator, symbolic, to_problem
 from mbdlft.matrix import resolve as resolving
 from mbdlft.matrix.local import MatrixForm
 from mbdlft.number.interval import Interval
-from mbdlft.pipeline import realization
 from tests.archive.models import same
 from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.laws.test_exact import entries
@@ -75,7 +74,7 @@ def test_planted_bugs_of_conversion_are_found(monkeypatch: pytest.MonkeyPatch) -
         with pytest.raises(AssertionError, match="relative error"):
             roundoff(value(realize(a - a * b, [A, B], search=0.0), SAMPLES), expected, 1e2)
     for name in ("written_matrix", "expanded_matrix"):
-        monkeypatch.setattr(realization, name, doubled(getattr(realization, name)))
+        monkeypatch.setattr(to_problem, name, doubled(getattr(to_problem, name)))
     with pytest.raises(mbdlft.AnalysisError, match="differs from the matrix by"):
         realize([["a - a*b"]], [A, B], search=0.0)
 

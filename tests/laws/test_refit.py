@@ -19,7 +19,7 @@ from mbdlft.bound.pairs import joint_bound
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, Block, fix, with_blocks
 from mbdlft.multibody.assembly import assemble
-from mbdlft.pipeline.build import choose_signals
+from mbdlft.multibody.to_problem import choose_signals
 from mbdlft.pipeline.extract import extract
 from mbdlft.problem.linearize import linearize
 from mbdlft.reduce import min_rank

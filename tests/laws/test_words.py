@@ -20,7 +20,7 @@ from mbdlft.base.parameter import BilinearMap
 from mbdlft.lft.evaluate import evaluate
 from mbdlft.lft.lft import LFT
 from mbdlft.multibody.assembly import assemble
-from mbdlft.pipeline.build import choose_signals
+from mbdlft.multibody.to_problem import choose_signals
 from mbdlft.pipeline.extract import dependence, extract
 from mbdlft.pipeline.extract import noncommuting as words
 from mbdlft.pipeline.extract.close import close

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib import import_module
 from unittest.mock import patch
 
@@ -28,10 +29,11 @@ def forces_turned_on_the_way() -> Iterator[None]:
 @contextmanager
 def one_order_only() -> Iterator[None]:
     """Scenes are assembled once, with the weights in one order of products."""
-    none = patch.object(
-        import_module("mbdlft.pipeline.build"), "assemble_by_products", lambda scene: None
-    )
-    with none:
+    module = import_module("mbdlft.multibody.to_problem")
+    right = module.assembly
+    with patch.object(
+        module, "assembly", lambda scene: replace(right(scene), second_order=lambda: None)
+    ):
         yield
 
 

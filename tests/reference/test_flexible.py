@@ -11,7 +11,7 @@ import mbdlft
 from benchmarks import assumed_modes
 from mbdlft.lft import lft
 from mbdlft.number.twofold import Twofold
-from mbdlft.pipeline.certify import NEGLIGIBLE
+from mbdlft.problem.compare import NEGLIGIBLE
 from tests.close import (
     ARM_TABLE,
     CHAIN,

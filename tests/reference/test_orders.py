@@ -15,7 +15,7 @@ import pytest
 
 import mbdlft
 from mbdlft import LFTModel, MatrixProblem
-from mbdlft.pipeline import realization
+from mbdlft.pipeline import certify, realization
 from mbdlft.pipeline.extract import Extraction
 from tests.close import SCENARIO, target
 from tests.reference.orders import CASES, Case
@@ -122,7 +122,7 @@ def test_planted_bug_in_the_walk_is_found(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(realization, "extract", transposed)
     with pytest.raises(mbdlft.AnalysisError, match="differs from the matrix by"):
         mbdlft.realize(case.problem(), search=0.0)
-    monkeypatch.setattr(realization, "ACCEPTED", np.inf)
+    monkeypatch.setattr(certify, "ACCEPTED", np.inf)
     with pytest.raises(AssertionError, match="relative error"):
         law_values(mbdlft.realize, case, case.matrix, expected, 5)
 

@@ -17,22 +17,17 @@ import numpy as np
 from mbdlft.base.description import AXES, Values
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.signal import Freedom, Signal
-from mbdlft.multibody.assembly.assemble import (
-    acting,
-    ground_motion,
-    list_efforts,
-    quantity_of,
-    without_unseen,
-)
+from mbdlft.multibody.assembly.assemble import quantity_of, without_unseen
 from mbdlft.multibody.assembly.closure import Closure
+from mbdlft.multibody.assembly.efforts import acting, ground_motion, list_efforts
 from mbdlft.multibody.assembly.placed import inertial_wrenches, motions, pass_inward
+from mbdlft.multibody.assembly.resolve import resolve
 from mbdlft.multibody.assembly.symbols import Symbols, coordinate_owners
-from mbdlft.multibody.assembly.tree import Link, all_bodies, tree
+from mbdlft.multibody.assembly.tree import Link, all_bodies
 from mbdlft.multibody.assembly.view import View
 from mbdlft.multibody.force import Spring
 from mbdlft.multibody.joint import Joint, labelled
 from mbdlft.multibody.loop import Loop
-from mbdlft.multibody.scene.check import check
 from mbdlft.multibody.scene.quantities import Place, owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate
@@ -124,11 +119,8 @@ def displace(scene: Scene) -> Displaced:
     SceneError, NotRationalError, WellPosednessError
         As `assemble`, but loops need not be closed.
     """
-    links = tree(scene)
-    check(scene)
-    parameters = tuple(sorted(scene.parameters, key=lambda parameter: parameter.name))
-    symbols = Symbols(scene, parameters, links)
-    values = symbols.quantities(scene)
+    resolved = resolve(scene)
+    links, symbols, values = resolved.links, resolved.symbols, resolved.values
     own = values[f"scene {scene.name!r}"]
     gravity = ca.SX(ca.vertcat(*(own[f"gravity.{a}"] for a in AXES)))
     owned = coordinate_owners(links)
@@ -198,7 +190,7 @@ def displace(scene: Scene) -> Displaced:
             load.name: _length(load, view) for load in scene.loads if isinstance(load, Spring)
         },
         arms=ca.densify(ca.horzcat(*view.now.arms.values(), *view.now.inboard.values())),
-        parameters=parameters,
+        parameters=resolved.parameters,
     )
 
 

@@ -16,7 +16,7 @@ from mbdlft.multibody.force import Spring
 from mbdlft.multibody.joint import Joint, Rotation, labelled
 from mbdlft.multibody.scene import Constant, Scene
 from mbdlft.problem.equations import physical_symbols
-from mbdlft.problem.relinearize import reference_at
+from mbdlft.problem.relinearize import relinearize
 
 
 def at_equilibrium(scene: Scene, point: EquilibriumPoint) -> Scene:
@@ -85,7 +85,7 @@ def eigenvalues_at(scene: Scene, point: EquilibriumPoint) -> Array:
         As `assemble` and `to_lft`, such as a mechanism in a singular position.
     """
     equations = assemble(at_values(at_equilibrium(scene, point), point))
-    matrices = reference_at(equations, (), (), np.zeros((1, 0))).linear.matrices
+    matrices = relinearize(equations, (), (), np.zeros((1, 0))).linear.matrices
     found = np.linalg.eigvals(matrices[0][: len(equations.states), : len(equations.states)])
     return np.asarray(found[np.argsort(-found.real)])
 

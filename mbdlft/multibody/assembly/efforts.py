@@ -1,0 +1,139 @@
+"""Entries of u: efforts of joints, magnitudes of loads, multipliers of loops; and what they act on."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.description import AXES, Values
+from mbdlft.base.errors import NotRationalError, SceneError
+from mbdlft.base.signal import Signal
+from mbdlft.multibody.assembly.body_signals import body_inputs
+from mbdlft.multibody.assembly.closure import Closure, reactions
+from mbdlft.multibody.assembly.symbols import coordinate_owners
+from mbdlft.multibody.assembly.tree import Link
+from mbdlft.multibody.assembly.view import View
+from mbdlft.multibody.force import BodyWrench, Spring
+from mbdlft.multibody.joint import labelled
+from mbdlft.multibody.scene.quantities import owner_name
+from mbdlft.multibody.scene.scene import Scene
+
+_APART = 1e-9  # of the reach of its ports: a spring that is shorter has no direction
+GROUND_ACCELERATION = tuple(f"ground.acceleration.{axis}" for axis in AXES)
+
+
+class Effort(NamedTuple):
+    """One entry of u: its name, its trim value (None: unknown), whether it can be an input."""
+
+    signal: Signal
+    given: ca.SX | float | None
+    is_input: bool = True
+    is_default: bool = True
+
+
+def list_efforts(
+    scene: Scene,
+    links: tuple[Link, ...],
+    values: Mapping[str, Values],
+    densities: Mapping[str, Any],
+    rows: Sequence[int],
+) -> list[Effort]:
+    """Entries of u: of joints, loads, the ground if it is asked for, and multipliers.
+
+    `densities` are force densities of the springs by name (None: unknown), `rows` the constraints of
+    the loops that are kept.
+    """
+    found: list[Effort] = []
+    for owner, name, freedoms, kind in coordinate_owners(links):
+        for freedom in freedoms:
+            signal = freedom.measures[2] if kind == "imposed" else freedom.effort
+            given = values.get(owner, {}).get(labelled("preload", freedom))
+            given = 0.0 if kind == "imposed" else given
+            is_input = kind != "elastic"  # the force that holds a static deflection is internal
+            named = Signal(f"{name}.{signal.name}", signal.unit)
+            found.append(Effort(named, given, is_input=is_input, is_default=is_input))
+    for load in scene.loads:
+        given = values[owner_name(load)].get(load.magnitude_key)
+        given = densities.get(load.name, given)
+        found.append(Effort(Signal(f"{load.name}.{load.signal.name}", load.signal.unit), given))
+    found += [Effort(signal, 0.0) for link in links for signal in body_inputs(link.child)]
+    asked = set(scene.inputs or ())
+    found += [
+        Effort(Signal(name, "m/s^2"), 0.0, is_default=False)
+        for name in GROUND_ACCELERATION
+        if name in asked
+    ]
+    multipliers = [signal for loop in scene.loops for signal in loop.signals()]
+    return found + [Effort(multipliers[k], None, is_input=False, is_default=False) for k in rows]
+
+
+def check_springs(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]) -> None:
+    """The ports of springs are apart at nominal and at other points of the range."""
+    for load in scene.loads:
+        if not isinstance(load, Spring):
+            continue
+        view.owner = owner_name(load)
+        gaps, reach = view.gaps(load.parent, load.child, evaluate)
+        apart = [float(np.linalg.norm(gap)) for gap in gaps]
+        if min(apart) <= _APART * reach:
+            raise SceneError(
+                f"{view.owner}: its ports are at one point, so it has no direction. Move one of the "
+                f"ports {load.parent!r} and {load.child!r}, or the equilibrium."
+            )
+
+
+def force_density(spring: Spring, own: Values, view: View) -> Any:
+    """Tension over length of a spring at equilibrium; None if it is not given."""
+    if spring.rest_length is None:
+        return own.get(spring.magnitude_key)
+    view.owner = owner_name(spring)
+    r = view.between_at_rest(spring.parent, spring.child)
+    length2 = ca.dot(r, r)
+    if ca.symvar(length2):
+        raise NotRationalError(
+            f"{view.owner}: the distance of its ports depends on parameters, and its tension "
+            "stiffness*(length - rest_length) has the square root of a polynomial. Give the tension over "
+            "the length as force_density (N/m), or leave both out and let the trim solve for it."
+        )
+    length = float(ca.DM(ca.sqrt(length2)))
+    return own["stiffness"] * (1.0 - own["rest_length"] / length)
+
+
+def ground_motion(
+    scene: Scene, own: Values, load: ca.SX, listed: Sequence[Effort], u: ca.SX
+) -> ca.SX:
+    """Motion (3, 3) of the origin of the ground: spin of the frame, and its acceleration."""
+    names = [effort.signal.name for effort in listed]
+    spin = ca.SX(3, 1)
+    if scene.spin:
+        axis = np.asarray(scene.spin.axis) / np.linalg.norm(scene.spin.axis)
+        spin = ca.sparsify(ca.SX(axis)) * own["spin.rate"]
+    asked = {name: u[names.index(name)] for name in GROUND_ACCELERATION if name in names}
+    if asked:
+        load = load + ca.vertcat(*(asked.get(name, 0.0) for name in GROUND_ACCELERATION))
+    return ca.horzcat(spin, ca.SX(3, 1), load)
+
+
+def acting(
+    scene: Scene,
+    links: tuple[Link, ...],
+    values: Mapping[str, Values],
+    view: View,
+    closure: Closure,
+    u: ca.SX,
+    z: ca.SX,
+) -> list[BodyWrench]:
+    """Wrenches on bodies of all loads and loop closures."""
+    k = sum(len(named.freedoms) for named in coordinate_owners(links))
+    found: list[BodyWrench] = []
+    for load in scene.loads:
+        view.owner = owner_name(load)
+        found += load.wrenches(values[view.owner], u[k], view)
+        k += 1
+    count = sum(len(loop.signals()) for loop in scene.loops)
+    multipliers = ca.SX(count, 1)
+    for position, row in enumerate(closure.rows):
+        multipliers[row] = u[u.numel() - len(closure.rows) + position] + z[position]
+    return found + reactions(scene.loops, view, multipliers)

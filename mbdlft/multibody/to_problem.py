@@ -1,0 +1,140 @@
+"""The front end for scenes: from a scene to the problem that the pipeline solves."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from functools import partial
+
+import numpy as np
+
+from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.samples import SEED, check_points
+from mbdlft.multibody.assembly import assembly
+from mbdlft.multibody.body import ElasticBody
+from mbdlft.multibody.scene import NEEDED, Scene, scene_to_toml
+from mbdlft.problem.compare import reference_of
+from mbdlft.problem.equations import Equations
+from mbdlft.problem.linearize import linearize, trim_relations
+from mbdlft.problem.needed_states import Need, all_states, needed_states
+from mbdlft.problem.problem import Form, Nouns, Problem, Stage, TrimRelations
+from mbdlft.problem.trim import trim_efforts
+
+_LOSSY = 5e-15  # error of a model above which extended precision is tried
+_MOST_EXTENDED = 200  # channels before reduction; for more it would take too long
+
+
+def problem_of_scene(scene: Scene, stage: Stage = lambda name: nullcontext()) -> Problem:
+    """The linear relations of a scene around its equilibrium, parameters left in.
+
+    Raises
+    ------
+    SceneError, NotRationalError, WellPosednessError, TrimError
+        As the stages: `assemble`, `trim_efforts`, `linearize`.
+    """
+    with stage("assemble"):
+        both = assembly(scene)
+        equations = both.equations
+        inputs, outputs = choose_signals(scene, equations)
+    with stage("trim"):
+        trim = _trim(equations)
+    with stage("linearize"):
+        need = choose_states(scene, equations, inputs, outputs)
+
+    def in_second_order() -> tuple[Form, ...]:
+        again = both.second_order()
+        if again is None:
+            return ()
+        return (Form(choose_states(scene, again, inputs, outputs).relations),)
+
+    points = check_points(equations.parameters, SEED)
+    return Problem(
+        nouns=Nouns(
+            "scene",
+            scene.name,
+            "the nonlinear equations",
+            "the scene is so badly conditioned that double precision does not carry it (masses or "
+            "lengths of very different size in one chain)",
+            ", or keep masses and inertias away from zero",
+        ),
+        description=scene.description,
+        text=scene_to_toml(scene),
+        states=tuple(equations.x_signals[k] for k in need.states),
+        inputs=tuple(equations.u_signals[k] for k in inputs),
+        outputs=tuple(equations.y_signals[k] for k in outputs),
+        parameters=equations.parameters,
+        forms=(_form(scene, need),),
+        points=points,
+        reference=partial(reference_of, equations, inputs, outputs, need, points),
+        more_forms=in_second_order,
+        singular=_singular_mass_matrix,
+        trim=trim,
+        fit_error_bound=equations.fit_error_bound,
+    )
+
+
+def choose_signals(scene: Scene, equations: Equations) -> tuple[list[int], list[int]]:
+    """Positions of the inputs and outputs of a scene among the efforts and measures of its joints.
+
+    Raises
+    ------
+    SceneError
+        A name is unknown.
+    """
+    e = equations
+    efforts = {e.u_signals[k].name: k for k in e.inputs}
+    measures = {signal.name: k for k, signal in enumerate(e.y_signals)}
+    return (
+        _chosen(scene, "inputs", scene.inputs, efforts, e.default_inputs),
+        _chosen(scene, "outputs", scene.outputs, measures, e.default_outputs),
+    )
+
+
+def choose_states(
+    scene: Scene, equations: Equations, inputs: Sequence[int], outputs: Sequence[int]
+) -> Need:
+    """Linear relations of a scene with the states that it asks for."""
+    relations = linearize(equations, inputs, outputs)
+    choose = needed_states if scene.states == NEEDED else all_states
+    return choose(relations, len(equations.states))
+
+
+def _chosen(
+    scene: Scene,
+    what: str,
+    names: tuple[str, ...] | None,
+    index: Mapping[str, int],
+    default: tuple[int, ...],
+) -> list[int]:
+    """Positions of the chosen signals, or the default."""
+    for name in names or ():
+        if name not in index:
+            raise SceneError(
+                f"scene {scene.name!r}, {what}: " + unknown_name("signal", name, index)
+            )
+    return list(default) if names is None else [index[name] for name in names]
+
+
+def _form(scene: Scene, need: Need) -> Form:
+    if any(isinstance(body, ElasticBody) for body in scene.bodies):
+        return Form(need.relations, closes_unreduced=True)
+    extended = Form(need.relations, in_extended_precision=True)
+    return Form(
+        need.relations,
+        most_error=_LOSSY,
+        again=lambda channels: extended if channels <= _MOST_EXTENDED else None,
+    )
+
+
+def _trim(equations: Equations) -> TrimRelations:
+    relations, e = trim_relations(equations), equations
+    efforts, _ = trim_efforts(e, np.array([[parameter.nominal for parameter in e.parameters]]))
+    signals = tuple(e.u_signals[k] for k in e.unknown)
+    return TrimRelations(relations, signals, tuple(float(efforts[0, k]) for k in e.unknown))
+
+
+def _singular_mass_matrix(number: float, names: Sequence[str]) -> str:
+    return (
+        "the mass matrix is singular, or nearly so, at nominal (condition "
+        f"number {number:.0e}, whatever the units): nothing with enough "
+        f"inertia moves with {', '.join(names)}. Give what these joints carry a mass or an inertia, "
+        "or the joints an actuator_inertia."
+    )
