@@ -1,6 +1,9 @@
 """Mass, center of mass and inertia of a body from its rigid-body mass matrix.
 
 R' M R = [[m 1, -m [c]x], [m [c]x, J]]      about the origin
+
+The columns of R are the rigid motions (`mbdlft.elastic.nodes.rigid_motions`), c is the center of mass,
+[c]x the matrix of the cross product with c, and J the inertia about the origin.
 """
 
 from typing import NamedTuple
@@ -12,9 +15,9 @@ from mbdlft.base.errors import StructureError
 from mbdlft.elastic.nodes import DIRECTIONS, Nodes, transport
 from mbdlft.elastic.partition import Partition
 
-_CONSISTENT = 1e-6  # of the mass matrix; data are written with few digits
-_ROUNDING = 1e-14  # of mass times size: what is left of products that cancel
-# where a coordinate of the center stands in the coupling of displacements and rotations, and its sign
+_CONSISTENT = 1e-6  # error of entries of the mass matrix that is rounding: files have few digits
+_ROUNDING = 1e-14  # rounding of a coordinate of the center, of the size of the structure
+# rows and columns of the mass matrix where m c_x, m c_y and m c_z are, each with its sign
 _CENTER = (((1, 5, 1.0), (2, 4, -1.0)), ((2, 3, 1.0), (0, 5, -1.0)), ((0, 4, 1.0), (1, 3, -1.0)))
 
 
@@ -30,12 +33,12 @@ class Rigid(NamedTuple):
 
 
 def rigid_properties(nodes: Nodes, at: Partition, bodily: Array) -> Rigid:
-    """Rigid properties from R' M R (r, r) of the directions that the structure has.
+    """Rigid properties from `bodily`, R' M R (r, r) for the directions in which the structure can move.
 
     Raises
     ------
     StructureError
-        They are not those of any rigid body, or not determined.
+        No rigid body has this mass matrix, or it does not determine mass and center of mass.
     """
     full = np.full((6, 6), np.nan)
     full[np.ix_(at.directions, at.directions)] = bodily
@@ -85,14 +88,18 @@ def rigid_properties(nodes: Nodes, at: Partition, bodily: Array) -> Rigid:
 
 def mass_matrix(rigid: Rigid) -> Array:
     """R' M R (6, 6) about the origin; nan where the inertia is not determined."""
-    found = rigid.mass * transport(rigid.center)
-    found[3:, :3] = found[:3, 3:].T
-    found[3:, 3:] = rigid.inertia
-    return found
+    matrix = rigid.mass * transport(rigid.center)
+    matrix[3:, :3] = matrix[:3, 3:].T
+    matrix[3:, 3:] = rigid.inertia
+    return matrix
 
 
 def _center(nodes: Nodes, at: Partition, full: Array, axis: int) -> float:
-    """Mass times a coordinate of the center: where the matrix tells, or all nodes have the same."""
+    """Mass times the coordinate `axis` of the center of mass, from the origin (kg m).
+
+    It is an entry of the mass matrix (6, 6) `full`. Where the structure lacks the motions of this entry,
+    the nodes tell it if all of them have the same coordinate.
+    """
     told = [sign * full[i, j] for i, j, sign in _CENTER[axis] if not np.isnan(full[i, j])]
     if told:
         return float(np.mean(told))
