@@ -27,7 +27,10 @@ class View(Protocol):
         """Body of a port, and the port's displacement (order 0), velocity (1) or acceleration (2)."""
 
     def across(self, vector: ca.SX, source: str, target: str) -> ca.SX:
-        """Components (3,) in the axes of body `target`, at equilibrium, of a vector in those of `source`."""
+        """Components (3,) in the axes of body `target` of a vector (3,) in those of body `source`.
+
+        The bodies are where they are at equilibrium.
+        """
 
     def motion(self, port: str) -> ca.SX:
         """Motion (3, 3) of a port, as defined in `mbdlft.multibody.spatial`.
