@@ -108,13 +108,13 @@ def names(expression: Expression) -> frozenset[str]:
 
 def denominators(expression: Expression) -> tuple[Expression, ...]:
     """Divisors of an expression that are not plain numbers, and bases of negative powers."""
-    found: list[Expression] = []
+    divisors: list[Expression] = []
     for node in walk(expression):
         if isinstance(node, Binary) and node.operator == "/" and names(node.right):
-            found.append(node.right)
+            divisors.append(node.right)
         if isinstance(node, Power) and node.exponent < 0 and names(node.base):
-            found.append(node.base)
-    return tuple(found)
+            divisors.append(node.base)
+    return tuple(divisors)
 
 
 def degree_of(expression: Expression, known: Mapping[str, int]) -> int:

@@ -62,17 +62,17 @@ def sweep(
     from mbdlft import batch
 
     samples = _samples(grid, random, file, seed)
-    found = _source(source, model)
+    evaluated = _source(source, model)
     with Console(stderr=True).status("") as status:
         report = batch.sweep(
-            found,
+            evaluated,
             samples,
             output,
             name=name,
             workers=workers,
             restart=restart,
             progress=lambda done, count: status.update(
-                f"{escape(found.name)}: {done} of {count} samples"
+                f"{escape(evaluated.name)}: {done} of {count} samples"
             ),
         )
     if as_json:

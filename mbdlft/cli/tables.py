@@ -26,11 +26,11 @@ def console() -> Console:
 
 def table(title: str | None, *headings: str) -> Table:
     """A table; a heading that ends in ``>`` is that of a column of numbers."""
-    found = Table(title=Text(title) if title else None)
+    rows = Table(title=Text(title) if title else None)
     for heading in headings:
         number = heading.endswith(">")
-        found.add_column(heading.rstrip(" >"), justify="right" if number else "left")
-    return found
+        rows.add_column(heading.rstrip(" >"), justify="right" if number else "left")
+    return rows
 
 
 def print_equilibria(
