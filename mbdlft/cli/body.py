@@ -1,4 +1,4 @@
-"""The command `body`: the table of a catalogue body, for a scene file."""
+"""The command `body`: it prints the table of a catalogue body, for a scene file."""
 
 import sys
 from pathlib import Path
