@@ -7,20 +7,20 @@ import inspect
 import math
 import re
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Annotated, Any, TypeVar, cast, get_args, get_origin
 
 import tomli_w
 
+from mbdlft.base.description import Description
 from mbdlft.base.errors import MbdlftError, SceneError, unknown_name
 from mbdlft.base.parameter import SUBSTITUTIONS, Angle, Parameter
 from mbdlft.base.unit import ANGLE_UNITS, parse_unit
 from mbdlft.multibody.body import KINDS as BODIES
-from mbdlft.multibody.body import Body, Inertia, Mode, PiezoPatch
+from mbdlft.multibody.body import Body
 from mbdlft.multibody.force import KINDS as LOADS
 from mbdlft.multibody.joint import KINDS as JOINTS
-from mbdlft.multibody.joint import Rotation
 from mbdlft.multibody.loop import KINDS as LOOPS
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.scene.scene import ALL, Constant, Fit, Scene, Spin
@@ -266,24 +266,31 @@ def _kinds(what: str, key: str, table: dict[str, Any], kinds: Mapping[str, Any])
                 f"{what} {name!r}: the key 'name' is not used; the table has the name."
             )
         try:
-            if isinstance(fields.get("inertia"), dict):
-                fields["inertia"] = Inertia(**fields["inertia"])
-            if isinstance(fields.get("modes"), list):
-                fields["modes"] = [Mode(**_table("modes", entry)) for entry in fields["modes"]]
-            if isinstance(fields.get("patches"), list):
-                fields["patches"] = [
-                    PiezoPatch(**_table("patches", entry)) for entry in fields["patches"]
-                ]
-            if isinstance(fields.get("orientation"), list):
-                fields["orientation"] = [
-                    Rotation(**_table("orientation", entry)) for entry in fields["orientation"]
-                ]
+            for field, record, several in _records(kinds[kind]):
+                given = fields.get(field)
+                if several and isinstance(given, list):
+                    fields[field] = [record(**_table(field, entry)) for entry in given]
+                elif not several and isinstance(given, dict):
+                    fields[field] = record(**given)
         except SceneError as error:
             raise SceneError(f"{what} {name!r}, {error}") from None
         if kinds[kind] is Loop:
             fields["kind"] = kind
         items.append(kinds[kind](**{"name": name, **fields}))
     return items
+
+
+def _records(kind: type[Description]) -> Iterator[tuple[str, type[Description], bool]]:
+    """Fields of a kind that are records, such as an inertia, or several of them, such as modes.
+
+    Each field comes with the class of the records, and whether it has several.
+    """
+    for name, field in kind.model_fields.items():
+        several = get_origin(field.annotation) is tuple
+        part = get_args(field.annotation)[0] if several else field.annotation
+        record = get_args(part)[0] if get_origin(part) is Annotated else part
+        if isinstance(record, type) and issubclass(record, Description):
+            yield name, record, several
 
 
 def _kind_table(item: Any) -> dict[str, Any]:
