@@ -23,11 +23,10 @@ from mbdlft.base.description import Quantity
 from mbdlft.base.errors import NotRationalError, TrimError
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.unit import parse_unit
-from mbdlft.multibody.equilibrium.displaced import Displaced, JointCoordinate
+from mbdlft.multibody.equilibrium.displaced import Displaced, JointCoordinate, in_physical
 from mbdlft.multibody.force import Spring
 from mbdlft.multibody.joint import labelled
 from mbdlft.multibody.scene.scene import Scene
-from mbdlft.problem.equations import physical_symbols
 
 _RANK = 1e-9  # a pivot below this part of the largest is zero: other efforts do the same
 _MET = 1e-7  # largest value of an equation at the nominal equilibrium, over its size
@@ -224,9 +223,7 @@ class _Symbols:
 
     def at(self, d: Displaced, expressions: Sequence[ca.SX]) -> Entries:
         """Expressions of a displaced scene at its declared positions, in terms of these symbols."""
-        inner, p, cosine, sine = physical_symbols(d.parameters)
-        dense = [ca.densify(expression) for expression in expressions]
-        dense = ca.substitute(dense, [d.p, d.cosine, d.sine], [p, cosine, sine])
+        inner, dense = in_physical(d, expressions)
         values = ca.vertcat(ca.SX(0, 1), *(self.physical[p.name] for p in d.parameters))
         return list(ca.substitute(dense, [inner, d.q], [values, ca.SX.zeros(d.q.numel())]))
 

@@ -38,6 +38,7 @@ from mbdlft.multibody.scene.check import check
 from mbdlft.multibody.scene.quantities import Place, owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate
+from mbdlft.problem.equations import physical_symbols
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,6 +180,13 @@ def displace(scene: Scene) -> Displaced:
         arms=ca.densify(ca.horzcat(*view.now.arms.values(), *view.now.inboard.values())),
         parameters=parameters,
     )
+
+
+def in_physical(d: Displaced, expressions: Sequence[ca.SX]) -> tuple[ca.SX, list[ca.SX]]:
+    """Symbols of the physical values of the parameters, and dense expressions in terms of them."""
+    symbols, p, cosine, sine = physical_symbols(d.parameters)
+    dense = [ca.densify(expression) for expression in expressions]
+    return symbols, list(ca.substitute(dense, [d.p, d.cosine, d.sine], [p, cosine, sine]))
 
 
 def _view_at_rest(

@@ -15,8 +15,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import TrimError, unknown_name
 from mbdlft.base.signal import Signal
-from mbdlft.multibody.equilibrium.displaced import Displaced
-from mbdlft.problem.equations import physical_symbols
+from mbdlft.multibody.equilibrium.displaced import Displaced, in_physical
 
 Bounds = Mapping[str, tuple[float, float]]
 
@@ -117,27 +116,23 @@ def equilibrium_equations(
     """
     d = displaced
     at = _parameter_values(d, values)
-    symbols, p, cosine, sine = physical_symbols(d.parameters)
-    angles = [d.p, d.cosine, d.sine], [p, cosine, sine]
+    w, u = ca.SX.sym("w", len(d.unknown)), ca.SX(d.given)
+    if d.unknown:
+        u[list(d.unknown)] = w
+    rows = ca.substitute(d.rows, d.u, u)
+    symbols, (*fixed, rows, alignment) = in_physical(d, [d.declared, d.arms, rows, d.alignment])
     point = np.array(list(at.values()))
-    fixed = ca.Function(
-        "fixed", [symbols], ca.substitute([ca.densify(d.declared), d.arms], *angles)
-    )
-    declared, arms = (part.full() for part in fixed(point))
+    declared, arms = (part.full() for part in ca.Function("fixed", [symbols], fixed)(point))
     reach = float(np.max(np.linalg.norm(arms.reshape(3, -1), axis=0), initial=0.0)) or 1.0
     unknowns = _choose(d, at, positions, bounds, declared.reshape(-1), reach)
 
-    s, w = ca.SX.sym("s", len(unknowns)), ca.SX.sym("w", len(d.unknown))
+    s = ca.SX.sym("s", len(unknowns))
     q, free = ca.SX(ca.DM.zeros(d.q.numel())), ca.SX(ca.DM(point))
     for k, unknown in enumerate(unknowns):
         if unknown.is_parameter:
             free[unknown.index] = s[k]
         else:
             q[unknown.index] = s[k]
-    u = ca.SX(d.given)
-    if d.unknown:
-        u[list(d.unknown)] = w
-    rows, alignment = ca.substitute([ca.substitute(d.rows, d.u, u), d.alignment], *angles)
     rows, alignment = ca.substitute([rows, alignment], [d.q, symbols], [q, free])
     by_w = ca.densify(ca.jacobian(rows, w))
     none = ca.SX(ca.DM.zeros(w.numel()))

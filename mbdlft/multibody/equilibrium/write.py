@@ -10,12 +10,16 @@ from mbdlft.base.description import Quantity
 from mbdlft.base.errors import TrimError
 from mbdlft.base.parameter import Parameter
 from mbdlft.multibody.assembly import assemble
-from mbdlft.multibody.equilibrium.displaced import Displaced, JointCoordinate, displace
+from mbdlft.multibody.equilibrium.displaced import (
+    Displaced,
+    JointCoordinate,
+    displace,
+    in_physical,
+)
 from mbdlft.multibody.equilibrium.find import EquilibriumPoint
 from mbdlft.multibody.force import Spring
 from mbdlft.multibody.joint import Joint, Rotation, labelled
 from mbdlft.multibody.scene import Constant, Scene
-from mbdlft.problem.equations import physical_symbols
 from mbdlft.problem.relinearize import reference_at
 
 
@@ -107,14 +111,9 @@ def _declared(
     d: Displaced, scene: Scene, point: EquilibriumPoint
 ) -> tuple[Array, dict[str, Quantity]]:
     """Declared positions (n,) (rad, m), and the force densities of springs at the point, by name."""
-    symbols, p, cosine, sine = physical_symbols(d.parameters)
     springs = [s for s in scene.loads if isinstance(s, Spring) and s.force_density is not None]
     lengths = ca.SX(ca.vertcat(*(d.lengths[spring.name] for spring in springs)))
-    expressions = ca.substitute(
-        [ca.densify(d.declared), ca.densify(lengths)],
-        [d.p, d.cosine, d.sine],
-        [p, cosine, sine],
-    )
+    symbols, expressions = in_physical(d, [d.declared, lengths])
     function = ca.Function("declared", [symbols, d.q], expressions)
     values = [point.parameters[parameter.name] for parameter in d.parameters]
     declared, before = (part.full().reshape(-1) for part in function(values, 0.0))
@@ -129,8 +128,7 @@ def _declared(
 
 def declared_positions(d: Displaced) -> Array:
     """Declared positions (n,) at nominal (rad, m)."""
-    symbols, p, cosine, sine = physical_symbols(d.parameters)
-    declared = ca.substitute([ca.densify(d.declared)], [d.p, d.cosine, d.sine], [p, cosine, sine])
+    symbols, declared = in_physical(d, [d.declared])
     function = ca.Function("declared", [symbols], declared)
     return np.asarray(function([p.nominal for p in d.parameters]).full()[:, 0])
 
