@@ -53,7 +53,7 @@ class Expected(NamedTuple):
 
 
 def vector_quantities(label: str, vector: Vector, unit: str) -> dict[str, Expected]:
-    """The three components of a vector as labelled quantities: ``label.x`` and so on."""
+    """The three components of a vector as labeled quantities: ``label.x`` and so on."""
     return {
         f"{label}.{axis}": Expected(entry, unit) for axis, entry in zip(AXES, vector, strict=True)
     }

@@ -103,12 +103,14 @@ class _Parser:
         self._advance()
 
     def parse(self) -> Expression:
+        """The tree of the whole text."""
         tree = self._sum()
         if self.kind:
             raise self._error("an operator")
         return tree
 
     def _advance(self) -> None:
+        """Read the next token; its kind is empty at the end of the text."""
         rest = self.text[self.position :]
         self.column = self.position + len(rest) - len(rest.lstrip()) + 1
         if not rest.strip():
@@ -122,6 +124,7 @@ class _Parser:
         self.position = match.end()
 
     def _error(self, expected: str) -> SceneError:
+        """An error at the token that was read last."""
         got = repr(self.token) if self.token else "the end"
         return SceneError(
             f"expression {self.text!r}, column {self.column}: expected {expected}, got {got}. "
@@ -130,6 +133,7 @@ class _Parser:
         )
 
     def _sum(self) -> Expression:
+        """The tree of a sum of the grammar."""
         self.depth += 1
         if self.depth > _MAX_DEPTH:
             raise SceneError(
@@ -144,6 +148,7 @@ class _Parser:
         return tree
 
     def _term(self) -> Expression:
+        """The tree of a term of the grammar."""
         tree = self._factor()
         while self.token in ("*", "/"):
             operator = self.token
@@ -152,6 +157,7 @@ class _Parser:
         return tree
 
     def _factor(self) -> Expression:
+        """The tree of a factor of the grammar."""
         negative = False
         while self.token in ("+", "-"):
             negative ^= self.token == "-"
@@ -160,6 +166,7 @@ class _Parser:
         return Negative(tree) if negative else tree
 
     def _power(self) -> Expression:
+        """The tree of a power of the grammar."""
         base = self._atom()
         if self.token not in ("^", "**"):
             return base
@@ -179,6 +186,7 @@ class _Parser:
         return Power(base, exponent)
 
     def _atom(self) -> Expression:
+        """The tree of a atom of the grammar."""
         kind, token = self.kind, self.token
         if kind == "number":
             if not math.isfinite(float(token)):
@@ -205,6 +213,7 @@ class _Parser:
         raise self._error("a number, a name or '('")
 
     def _close(self) -> None:
+        """Read a closing parenthesis."""
         if self.token != ")":
             raise self._error("')'")
         self._advance()

@@ -98,6 +98,7 @@ def grid(parameters: Sequence[Parameter], counts: Mapping[str, int]) -> dict[str
 
 
 def _check_parameters(where: str, parameters: Sequence[Parameter]) -> None:
+    """Raise an AnalysisError unless this is a sequence of parameters."""
     if isinstance(parameters, Sequence) and all(isinstance(p, Parameter) for p in parameters):
         return
     raise AnalysisError(

@@ -100,6 +100,7 @@ def parse_unit(text: str) -> Unit:
 
 
 def _unreadable(text: str, rest: str) -> SceneError:
+    """An error for a text that is not a unit from `rest` on."""
     return SceneError(
         f"unit {text!r} cannot be read at {rest!r}. Write symbols with integer powers joined by blanks, "
         "'*' or '/', such as 'N m/rad' or 'kg m^2'."

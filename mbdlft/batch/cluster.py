@@ -72,4 +72,5 @@ def shard_rows(given: str | LFTModel, points: Array) -> Array:
 
 @lru_cache(maxsize=4)
 def _source(given: str | LFTModel) -> EquationSource | ModelSource:
+    """The source of rows; a worker makes it once for all of its shards."""
     return source_of(given if isinstance(given, LFTModel) else scene_from_toml(given))

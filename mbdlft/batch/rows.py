@@ -79,7 +79,7 @@ class EquationSource:
 
     @property
     def chunk(self) -> int:
-        """Samples that are held at once."""
+        """Number of samples that may be evaluated at a time."""
         e = self.equations
         states = len(e.states)
         entries = (states + len(self.outputs)) * (states + len(self.inputs))
@@ -92,7 +92,7 @@ class EquationSource:
         return max(1, min(_CHUNK, _CHUNK_ENTRIES // (rows * columns)))
 
     def rows(self, points: Array) -> tuple[Array, Array, Array, Array]:
-        """As `Source.rows`."""
+        """The rows at points (N, n_p), as `Source.rows` describes them."""
         count, unknown = len(points), list(self.equations.unknown)
         matrices = np.empty((count, *self.layout.matrix_shape))
         trim, residual = np.full((count, len(unknown)), np.nan), np.full(count, np.nan)
@@ -144,11 +144,11 @@ class ModelSource:
 
     @property
     def chunk(self) -> int:
-        """Samples that are held at once."""
+        """Number of samples that may be evaluated at a time."""
         return max(1, min(_CHUNK, _CHUNK_ENTRIES // max(1, int(np.prod(self.model.lft.shape)))))
 
     def rows(self, points: Array) -> tuple[Array, Array, Array, Array]:
-        """As `Source.rows`."""
+        """The rows at points (N, n_p), as `Source.rows` describes them."""
         m, count = self.model, len(points)
         deltas = deltas_of(m, {p.name: points[:, k] for k, p in enumerate(m.parameters)})
         deltas = np.broadcast_to(deltas, (count, deltas.shape[1]))

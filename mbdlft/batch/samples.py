@@ -185,6 +185,7 @@ def read_samples(path: str | Path) -> dict[str, Array]:
 
 
 def _check_names(what: str, parameters: Sequence[Parameter], given: Mapping[str, Any]) -> None:
+    """Raise an AnalysisError for a name that is not that of a parameter."""
     known = [p.name for p in parameters]
     for name in given:
         if name not in known:

@@ -177,6 +177,7 @@ def clear(folder: Path) -> None:
 
 
 def _shard(folder: Path, shard: int) -> Path:
+    """The file of a shard."""
     return folder / f"shard-{shard:07d}.f8"
 
 

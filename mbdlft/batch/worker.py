@@ -28,6 +28,7 @@ def main(folder: Path) -> None:
 
 
 def _answer(answer: dict[str, object]) -> None:
+    """Write an answer as one line of JSON."""
     with contextlib.suppress(BrokenPipeError):  # the sweep was killed, but the shard is in its file
         sys.stdout.write(json.dumps(answer) + "\n")
         sys.stdout.flush()

@@ -81,6 +81,7 @@ def _pair(option: str, text: str) -> tuple[str, str]:
 
 
 def _number(option: str, name: str, value: str) -> float:
+    """The number in the value of an option."""
     try:
         return float(value)
     except ValueError:

@@ -11,7 +11,7 @@ import scipy.sparse.linalg as spl
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
 
-_DENSE = 800  # rows up to which all modes are computed at once
+_DENSE = 800  # rows; all modes of a smaller structure are computed, by a dense eigenvalue problem
 _SINGULAR = 1e-12  # a pivot that is smaller, relative to its diagonal entry, counts as zero
 _INDEFINITE = (
     1e-9  # a negative 1/w^2 above this part of the largest 1/w^2 is not rounding of the data
@@ -63,8 +63,7 @@ class Solver:
             kind = "no stiffness" if diagonal[row] == 0.0 else "a negative stiffness"
             raise StructureError(
                 f"stiffness matrix: {names(row)} has {kind} ({diagonal[row]:g}). Leave out "
-                "coordinates that "
-                "nothing holds, or check the matrix."
+                "coordinates that nothing holds, or check the matrix."
             )
         # K is scaled to a unit diagonal. A pivot is then 1 for a coordinate that is coupled to no other,
         # and 0 for one that moves freely (a mechanism).
@@ -86,8 +85,8 @@ class Solver:
             if pivots[worst] < -_SINGULAR:
                 raise StructureError(
                     "stiffness matrix: indefinite: the structure held at the parent has a negative "
-                    "stiffness, "
-                    f"found at {names(row)}. Check the matrix, its signs and the order of its rows."
+                    f"stiffness, found at {names(row)}. Check the matrix, its signs and the order "
+                    "of its rows."
                 )
             raise StructureError(_mechanism(f"the free motion shows at {names(row)}"))
 
@@ -139,22 +138,21 @@ def lowest_modes(mass: Any, solver: Solver, stiffness: Any, count: int) -> Modes
     if len(mu) and mu[-1] < -_INDEFINITE * abs(mu[0]):
         raise StructureError(
             "mass matrix: indefinite: a motion of the structure has negative kinetic energy. Check "
-            "the matrix, "
-            "its signs and the order of its rows."
+            "the matrix, its signs and the order of its rows."
         )
     w = 1.0 / np.sqrt(mu[kept])
     return Modes(w, shapes[:, kept] * w, complete=complete)
 
 
 def _mechanism(where: str) -> str:
+    """The message for a structure with parts that move freely."""
     return (
         "stiffness matrix: singular although the structure is held at the parent: a part of it can "
-        "move freely "
-        f"({where}). The nodes of the parent have to hold all rigid motions, and all parts have to "
-        "be connected; "
-        "make several nodes rigid if one has displacements only."
+        f"move freely ({where}). The nodes of the parent have to hold all rigid motions, and all "
+        "parts have to be connected; make several nodes rigid if one has displacements only."
     )
 
 
 def _dense(matrix: Any) -> Array:
+    """The matrix as an array."""
     return np.asarray(matrix.toarray() if sp.issparse(matrix) else matrix, dtype=float)

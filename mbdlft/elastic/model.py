@@ -1,4 +1,4 @@
-"""From mass and stiffness matrices to a body in modal form, held at its parent."""
+"""Bodies in modal form, held at their parent, from mass and stiffness matrices."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -159,10 +159,8 @@ def _first_frequency(free_ports: Candidates) -> float:
     if not SLOWEST < first < FASTEST:
         raise StructureError(
             f"the first frequency is {first / (2.0 * np.pi):.3g} Hz; expected one between 0.0001 "
-            "Hz and 1 MHz. The units "
-            "of the matrices do not fit together: give m, kg, s, N, or convert consistent units "
-            "(mm, t, s, N) with "
-            "mbdlft.to_si."
+            "Hz and 1 MHz. The units of the matrices do not fit together: give m, kg, s, N, or "
+            "convert consistent units (mm, t, s, N) with mbdlft.to_si."
         )
     return first
 
@@ -184,12 +182,10 @@ def _grounding(structure: Structure, bodily: Array, first: float) -> float:
     if w[worst] > _GROUNDED * first:
         raise StructureError(
             f"the rigid motion {DIRECTIONS[structure.at.directions[worst]]} deforms the structure: "
-            "on its stiffness "
-            f"it would have the frequency {w[worst] / (2.0 * np.pi):.3g} Hz (first mode "
-            f"{first / (2.0 * np.pi):.3g} Hz). Write "
-            "the matrices of the free structure, without supports; check the coordinates and axes "
-            "of the nodes "
-            "and the order of the rows."
+            f"on its stiffness it would have the frequency {w[worst] / (2.0 * np.pi):.3g} Hz "
+            f"(first mode {first / (2.0 * np.pi):.3g} Hz). Write the matrices of the free "
+            "structure, without supports; check the coordinates and axes of the nodes and the "
+            "order of the rows."
         )
     return float(w[worst])
 
@@ -206,8 +202,8 @@ def _modal(reduced: Reduced) -> tuple[Array, Array, Array]:
     if mu[-1] <= MASSLESS * mu[0]:
         raise StructureError(
             "mass matrix: a coordinate that is kept has no mass (a rotation of a port where the "
-            "masses are "
-            "lumped). Use a consistent mass matrix, more modes, or the method 'effective-mass'."
+            "masses are lumped). Use a consistent mass matrix, more modes, or the method "
+            "'effective-mass'."
         )
     w = 1.0 / np.sqrt(mu)
     basis = scale[:, None] * vectors * w

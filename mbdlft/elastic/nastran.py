@@ -46,8 +46,7 @@ def load_nastran(
     except ImportError as error:
         raise StructureError(
             f"NASTRAN files are read with pyYeti, which cannot be imported ({error}). Install it "
-            "with: pip install "
-            "'mbdlft[nastran]'."
+            "with: pip install 'mbdlft[nastran]'."
         ) from None
     source, table = Path(matrices), Path(bulk)
     numbers, coordinates, axes = _grids(cards, grids, table)
@@ -67,9 +66,8 @@ def load_nastran(
         if matrix.shape != (len(dof), len(dof)):
             raise StructureError(
                 f"{source}: {name} is {matrix.shape[0]} x {matrix.shape[1]}, and {table} has "
-                f"{len(dof)} coordinates. "
-                "Give the bulk data of exactly the nodes of the matrices (an .asm or .pch file of "
-                "EXTSEOUT)."
+                f"{len(dof)} coordinates. Give the bulk data of exactly the nodes of the matrices "
+                "(an .asm or .pch file of EXTSEOUT)."
             )
     M, K = (sp.csr_array(matrix) for matrix in pair)
     used = np.flatnonzero((abs(M) + abs(K)).sum(axis=1))
@@ -113,6 +111,7 @@ def _of_cards(frames: list[Any]) -> tuple[list[Any], Indices]:
 
 
 def _named(matrices: dict[str, Any] | None, name: str) -> Any:
+    """The matrix with this name, in upper or lower case."""
     known = {key.lower(): value for key, value in (matrices or {}).items()}
     if name.lower() not in known:
         raise StructureError(unknown_name("matrix", name, known))

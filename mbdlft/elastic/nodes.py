@@ -67,8 +67,7 @@ class Nodes:
         if np.any(wrong):
             raise StructureError(
                 f"node table: the axes of node {numbers[wrong][0]} are not right-handed and "
-                "orthonormal. "
-                "Columns are unit vectors in the axes of the coordinates."
+                "orthonormal. Columns are unit vectors in the axes of the coordinates."
             )
         for name, value in (
             ("numbers", numbers),
@@ -166,15 +165,13 @@ def _check_dof(dof: Indices, numbers: Indices) -> None:
     if dof.shape[1:] != (2,):
         raise StructureError(
             "node table: dof: expected a row of two (node, component) for each row of the "
-            "matrices, got "
-            f"the shape {dof.shape}."
+            f"matrices, got the shape {dof.shape}."
         )
     if len(dof) and (np.min(dof[:, 1]) < 0 or np.max(dof[:, 1]) > 6):
         wrong = dof[(dof[:, 1] < 0) | (dof[:, 1] > 6)][0]
         raise StructureError(
             f"node table: dof: component {wrong[1]} of node {wrong[0]}; expected 1, 2, 3 "
-            "(displacements), 4, 5, "
-            "6 (rotations), or 0 for a coordinate of no node."
+            "(displacements), 4, 5, 6 (rotations), or 0 for a coordinate of no node."
         )
     at_nodes = dof[dof[:, 1] > 0]
     unknown = np.setdiff1d(at_nodes[:, 0], numbers)

@@ -85,16 +85,15 @@ def partition(nodes: Nodes, parent: Any, ports: Mapping[str, Any]) -> Partition:
         if missing:
             raise StructureError(
                 f"port {name!r}: its nodes have no {' and no '.join(missing)}, so modes have no "
-                "shape there. "
-                "Give several nodes that are not on a line (they are made rigid), or a node with "
-                "rotations."
+                "shape there. Give several nodes that are not on a line (they are made rigid), or "
+                "a node with rotations."
             )
         extra = [DIRECTIONS[d] for d in its_directions if d not in directions]
         if extra:
             raise StructureError(
                 f"parent: it does not hold {', '.join(extra)}, in which the port {name!r} can "
-                "move. Give several "
-                "nodes that are not on a line (they are made rigid), or a node with rotations."
+                "move. Give several nodes that are not on a line (they are made rigid), or a node "
+                "with rotations."
             )
         positions[name] = point - origin
         where[name] = slice(k, k := k + len(its_directions))
@@ -158,8 +157,7 @@ def _moved(
     if not len(rows):
         raise StructureError(
             f"{what}: node {interface.nodes[0]} has no coordinate in the matrices. It may have "
-            "been constrained or "
-            "condensed away: keep it when the matrices are written."
+            "been constrained or condensed away: keep it when the matrices are written."
         )
     motion = rigid_motions(nodes, point)[rows]
     size = max(float(np.max(np.linalg.norm(coordinates - point, axis=1))), 0.0)
@@ -170,7 +168,7 @@ def _moved(
     if len(values) < len(directions) or values[-1] < _ROUNDING * values[0]:
         raise StructureError(
             f"{what}: its nodes do not determine all of the motions "
-            f"{', '.join(DIRECTIONS[d] for d in directions)}: "
-            "they are on a line, or at one point. Give more nodes, or a node with rotations."
+            f"{', '.join(DIRECTIONS[d] for d in directions)}: they are on a line, or at one point. "
+            "Give more nodes, or a node with rotations."
         )
     return point, rows, directions, motion[:, directions]

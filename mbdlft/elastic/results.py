@@ -58,8 +58,7 @@ def model_of_results(
     if not n or np.any(w <= SLOWEST) or np.any(w >= FASTEST):
         raise StructureError(
             "frequencies: expected some between 0.0006 and 6e6 rad/s, in rad/s (not Hz, not "
-            "squares), got "
-            f"{w[(w <= SLOWEST) | (w >= FASTEST)][:1].tolist() or 'none'}."
+            f"squares), got {w[(w <= SLOWEST) | (w >= FASTEST)][:1].tolist() or 'none'}."
         )
     masses = _array("modal_masses", np.ones(n) if modal_masses is None else modal_masses, (n,))
     if np.any(masses <= 0.0):
@@ -103,12 +102,10 @@ def _check_residual(rigid: Rigid, participation: Array) -> None:
         shares = np.sum(participation**2, axis=1) / size**2
         raise StructureError(
             "reactions: the participation factors exceed the rigid mass: the residual mass matrix "
-            "has the eigenvalue "
-            f"{smallest:.3g} of the rigid mass, the largest effective mass is {np.max(shares):.3g} "
-            "of it. Check that the modes "
-            "have unit mass (or give modal_masses), the point of the torques (the origin of the "
-            "body), the "
-            "units, and the mass, center and inertia."
+            f"has the eigenvalue {smallest:.3g} of the rigid mass, the largest effective mass is "
+            f"{np.max(shares):.3g} of it. Check that the modes have unit mass (or give "
+            "modal_masses), the point of the torques (the origin of the body), the units, and the "
+            "mass, center and inertia."
         )
 
 

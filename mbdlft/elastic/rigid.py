@@ -46,8 +46,7 @@ def rigid_properties(nodes: Nodes, at: Partition, bodily: Array) -> Rigid:
     if not moved:
         raise StructureError(
             "the structure has no displacements at its parent, so its mass is not determined. Keep "
-            "them in the "
-            "matrices."
+            "them in the matrices."
         )
     masses = full[moved, moved]
     mass = float(np.mean(masses))
@@ -59,8 +58,7 @@ def rigid_properties(nodes: Nodes, at: Partition, bodily: Array) -> Rigid:
         listed = ", ".join(f"{DIRECTIONS[d]}: {full[d, d]:.9g} kg" for d in moved)
         raise StructureError(
             f"mass matrix: the mass is not the same in all directions ({listed}). Check the order "
-            "of the rows, and "
-            "that no coordinate with mass was left out."
+            "of the rows, and that no coordinate with mass was left out."
         )
     center = np.array([_center(nodes, at, full, k) for k in range(3)]) / mass
     size = float(np.max(np.abs(np.asarray(nodes.coordinates) - at.origin)))
@@ -78,10 +76,8 @@ def rigid_properties(nodes: Nodes, at: Partition, bodily: Array) -> Rigid:
         i, j = np.unravel_index(int(np.nanargmax(np.abs(difference))), (6, 6))
         raise StructureError(
             f"mass matrix: not that of a body: in a rigid motion, the entry ({DIRECTIONS[i]}, "
-            f"{DIRECTIONS[j]}) is "
-            f"{full[i, j]:.6g} and would be {expected[i, j]:.6g}. Check the order of the rows, the "
-            "coordinates and the axes "
-            "of the nodes."
+            f"{DIRECTIONS[j]}) is {full[i, j]:.6g} and would be {expected[i, j]:.6g}. Check the "
+            "order of the rows, the coordinates and the axes of the nodes."
         )
     return rigid
 
@@ -107,8 +103,8 @@ def _center(nodes: Nodes, at: Partition, full: Array, axis: int) -> float:
     if np.ptp(along) > 0.0:
         raise StructureError(
             "the structure has no displacements that tell where its center of mass is along "
-            f"{DIRECTIONS[axis]}, and "
-            "its nodes are at several places. Keep all displacements of the nodes in the matrices."
+            f"{DIRECTIONS[axis]}, and its nodes are at several places. Keep all displacements of "
+            "the nodes in the matrices."
         )
     mass = np.nanmean(np.diag(full)[:3])
     return float(mass * along[0])

@@ -37,8 +37,7 @@ class Limit:
         if len(given) != 1:
             raise StructureError(
                 "expected one of modes (a number), frequency (rad/s) and effective_mass (a "
-                "fraction), got "
-                f"{' and '.join(given) or 'none'}."
+                f"fraction), got {' and '.join(given) or 'none'}."
             )
         (name, value), *_ = given.items()
         whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
@@ -127,9 +126,8 @@ def _by_mass(candidates: Candidates, fraction: float, rigid: Array) -> tuple[int
         reached = np.min(effective(total)[has_mass] / rigid[has_mass])
         raise StructureError(
             f"effective_mass: {fraction:g} is asked for; {len(modes)} modes have {reached:.4g} of "
-            "the rigid mass in the "
-            "direction that has least. What moves with the parent is in no mode; ask for less, or "
-            "refine the mesh."
+            "the rigid mass in the direction that has least. What moves with the parent is in no "
+            "mode; ask for less, or refine the mesh."
         )
     low, high = -1, len(modes)  # bisection: the effective mass never falls with the number of modes
     while high - low > 1:

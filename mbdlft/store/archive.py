@@ -137,7 +137,7 @@ def load(path: str | Path, name: str | None = None) -> LFTModel:
     ----------
     path : file
     name : str, optional
-        May be left out when the archive has one model.
+        May be left out if the archive has one model.
 
     Raises
     ------
@@ -318,16 +318,19 @@ def _replace(file: Path, image: bytes | Callable[[Path], None], beside: Path | N
 
 
 def _size(file: Path) -> int:
+    """Size of a file in bytes; 0 if it does not exist."""
     return file.stat().st_size if file.exists() else 0
 
 
 def _umask() -> int:
+    """Permissions that new files of this process do not get."""
     mask = os.umask(0)
     os.umask(mask)
     return mask
 
 
 def _is_text(text: str) -> bool:
+    """Whether HDF5 can store the text."""
     try:
         text.encode("utf-8")
     except UnicodeEncodeError:

@@ -226,6 +226,7 @@ def load_sweep(
 
 
 def _read(group: Any, name: str, rows: slice) -> Sweep:
+    """Some rows of the sweep in a group of an archive."""
     if group.attrs.get("encoding_type") != TYPE:
         raise ArchiveError(
             f"sweep {name!r}: encoding_type is {group.attrs.get('encoding_type')!r}, expected {TYPE!r}."

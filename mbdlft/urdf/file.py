@@ -201,6 +201,7 @@ def _refuse_other_formats(top: _Element) -> None:
 
 
 def _link(element: _Element) -> RobotLink:
+    """The link of an element <link>."""
     name = _name(element)
     inertial = element.only("inertial")
     if inertial is None:
@@ -223,6 +224,7 @@ def _link(element: _Element) -> RobotLink:
 
 
 def _joint(element: _Element) -> RobotJoint:
+    """The joint of an element <joint>."""
     name = _name(element)
     where = f"joint {name!r}"
     kind = element.attributes.get("type", "")
@@ -286,6 +288,7 @@ def _axis(axis: _Element | None, kind: str, where: str) -> Triple:
 
 
 def _mimic(mimic: _Element | None, where: str) -> Mimic | None:
+    """The contents of an element <mimic>."""
     if mimic is None:
         return None
     if "joint" not in mimic.attributes:
@@ -310,6 +313,7 @@ def _origin(element: _Element, where: str) -> tuple[Triple, Triple]:
 
 
 def _name(element: _Element) -> str:
+    """The name of a link or joint."""
     name = element.attributes.get("name", "")
     if not name.strip():
         raise SceneError(f"line {element.line}: a {element.tag} has no name.")
@@ -317,17 +321,20 @@ def _name(element: _Element) -> str:
 
 
 def _optional(element: _Element | None, key: str, where: str) -> float | None:
+    """The number of an attribute, or None if there is none."""
     if element is None or key not in element.attributes:
         return None
     return _number(element, key, where)
 
 
 def _number(element: _Element, key: str, where: str) -> float:
+    """The number of an attribute."""
     (value,) = _numbers(element, key, where, 1)
     return value
 
 
 def _triple(element: _Element, key: str, where: str) -> Triple:
+    """The three numbers of an attribute."""
     x, y, z = _numbers(element, key, where, 3)
     return x, y, z
 

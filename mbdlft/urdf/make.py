@@ -90,6 +90,7 @@ def bodies(making: Making) -> list[Body]:
 
 
 def _body(making: Making, link: RobotLink, ports: dict[str, Vector]) -> RigidBody:
+    """The body of a link."""
     entries = {entry: making.values[f"{link.name}.inertia.{entry}"] for entry in ENTRIES}
     given = {name: entry for name, entry in entries.items() if name[0] == name[1] or entry != 0.0}
     return RigidBody(

@@ -22,7 +22,7 @@ from mbdlft.multibody.assembly.weights import pass_weights_inward
 from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS, unseen_name
 from mbdlft.multibody.force import BodyWrench, Spring
-from mbdlft.multibody.joint import labelled
+from mbdlft.multibody.joint import coordinate_label
 from mbdlft.multibody.scene.check import check, check_fit
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
@@ -185,7 +185,7 @@ def list_efforts(
     for owner, name, freedoms, kind in coordinate_owners(links):
         for freedom in freedoms:
             signal = freedom.measures[2] if kind == "imposed" else freedom.effort
-            given = values.get(owner, {}).get(labelled("preload", freedom))
+            given = values.get(owner, {}).get(coordinate_label("preload", freedom))
             given = 0.0 if kind == "imposed" else given
             is_input = kind != "elastic"  # the force that holds a static deflection is internal
             named = Signal(f"{name}.{signal.name}", signal.unit)
@@ -338,7 +338,7 @@ def _carried(links: tuple[Link, ...], view: View) -> tuple[ca.SX, tuple[str, ...
 
 def quantity_of(own: Values, key: str, freedom: Freedom) -> Any:
     """Value of a quantity of one coordinate; zero if the joint has none."""
-    return own.get(labelled(key, freedom), 0.0)
+    return own.get(coordinate_label(key, freedom), 0.0)
 
 
 def without_unseen(scene: Scene, relations: ca.SX) -> ca.SX:

@@ -1,4 +1,4 @@
-"""A straight beam along x, by finite elements with its parameters left in.
+"""A straight beam along x, by finite elements whose matrices keep the parameters.
 
 The matrices of a deformation are sums of terms: an expression of the parameters times a matrix of
 numbers. With s = x/L, n elements, ds = 1/n and the nodal coordinates w, ds dw/ds, ds^2 d2w/ds2, bending
@@ -116,6 +116,7 @@ class Beam(ElasticBody):
         return self
 
     def _has_shear(self, deformation: str) -> bool:
+        """Whether a deformation has Timoshenko elements."""
         return deformation.startswith("bending") and self.shear_coefficient is not None
 
     def own_quantities(self) -> dict[str, Expected]:
@@ -137,6 +138,7 @@ class Beam(ElasticBody):
         return ca.sparsify(ca.vertcat(ca.SX(self._at(port) * values["length"]), ca.SX(2, 1)))
 
     def _node(self, port: str) -> int:
+        """Number of the node at a port."""
         return self.elements if port == "tip" else self.stations[port]
 
     def _at(self, port: str) -> float:
@@ -151,6 +153,7 @@ class Beam(ElasticBody):
         ]
 
     def _order(self) -> list[str]:
+        """Names of the deformations in the order of their coordinates."""
         return [name for name in DEFORMATIONS if name in self.deformations]
 
     def freedoms(self) -> tuple[Freedom, ...]:

@@ -185,6 +185,7 @@ class FlexibleBody(ElasticBody):
         return problem or elastic_problem(self, values, _mass_matrix(self, values))
 
     def _frequency_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
+        """A sentence if the frequency of a mode is not positive at one of the samples (samples,)."""
         for k in range(1, len(self.modes) + 1):
             lowest = float(np.min(values[f"mode{k}.frequency"]))
             if not lowest > 0.0:

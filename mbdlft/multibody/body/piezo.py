@@ -144,6 +144,7 @@ class PiezoBeam(Beam):
         return tuple(Signal(f"charge.{k}", "C") for k in self._channels())
 
     def _channels(self) -> range:
+        """Numbers of the voltages, from 1."""
         return range(1, 2 if self.common_voltage else len(self.patches) + 1)
 
     def driven(self, values: Values, inputs: ca.SX) -> ca.SX:
@@ -167,6 +168,7 @@ class PiezoBeam(Beam):
         return {key: values[f"patch{k + 1}.{key}"] for key in _UNITS}
 
     def _section(self, k: int, values: Values) -> _Section:
+        """Section of patch k."""
         p, t = self._of(k, values), values["thickness"]
         w, h = p["width"], p["thickness"]
         layers = 2 if self.patches[k].side == "both" else 1
@@ -180,9 +182,11 @@ class PiezoBeam(Beam):
         )
 
     def _span(self, k: int) -> tuple[int, int]:
+        """First and last node of patch k."""
         return self.patches[k].start, self.patches[k].end
 
     def _capacitance(self, k: int, values: Values) -> Any:
+        """Capacitance C of patch k at constant strain (F)."""
         p, (start, end) = self._of(k, values), self._span(k)
         clamped = p["permittivity"] - p["d31"] * p["d31"] * p["modulus"]
         area = p["width"] * values["length"] * ((end - start) / self.elements)

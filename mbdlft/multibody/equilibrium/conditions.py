@@ -25,7 +25,7 @@ from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.unit import parse_unit
 from mbdlft.multibody.equilibrium.displaced import Displaced, JointCoordinate, in_physical
 from mbdlft.multibody.force import Spring
-from mbdlft.multibody.joint import labelled
+from mbdlft.multibody.joint import coordinate_label
 from mbdlft.multibody.scene.scene import Scene
 
 _RANK = 1e-9  # a pivot below this part of the largest is zero: other efforts do the same
@@ -62,7 +62,7 @@ class Conditions:
 
 def quantity(coordinate: JointCoordinate, key: str) -> Quantity:
     """A quantity of one coordinate of a joint, a number or an expression, as the scene gives it."""
-    return coordinate.joint.quantities()[labelled(key, coordinate.freedom)].source
+    return coordinate.joint.quantities()[coordinate_label(key, coordinate.freedom)].source
 
 
 def conditions(

@@ -32,7 +32,7 @@ from mbdlft.multibody.assembly.symbols import Symbols, coordinate_owners
 from mbdlft.multibody.assembly.tree import Link, all_bodies, tree
 from mbdlft.multibody.assembly.view import View
 from mbdlft.multibody.force import Spring
-from mbdlft.multibody.joint import Joint, labelled
+from mbdlft.multibody.joint import Joint, coordinate_label
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.scene.check import check
 from mbdlft.multibody.scene.quantities import Place, owner_name
@@ -243,8 +243,8 @@ def _coordinates(
                     joint,
                     freedom,
                     Signal(f"{joint.name}.{measure.name}", measure.unit),
-                    is_ball=labelled("position", freedom) not in own,
-                    is_passive=not imposed and labelled("preload", freedom) in own,
+                    is_ball=coordinate_label("position", freedom) not in own,
+                    is_passive=not imposed and coordinate_label("preload", freedom) in own,
                     is_sprung=bool(stiffness.nnz()),
                 )
             )
@@ -255,7 +255,7 @@ def _declared(
     scene: Scene, symbols: Symbols, values: Mapping[str, Values], c: JointCoordinate
 ) -> Any:
     """Declared position (rad, m) of a coordinate, a function of p."""
-    owner, label = owner_name(c.joint), labelled("position", c.freedom)
+    owner, label = owner_name(c.joint), coordinate_label("position", c.freedom)
     if c.is_ball:
         return 0.0
     if c.freedom.turns:

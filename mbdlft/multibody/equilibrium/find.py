@@ -275,6 +275,7 @@ def _no_equilibrium(equations: EquilibriumEquations, attempts: Sequence[Attempt]
 
 
 def _where(equations: EquilibriumEquations, attempt: Attempt) -> str:
+    """The positions of an attempt, in words."""
     positions = {**_positions(equations, attempt.s)}
     positions |= {
         u.signal.name: float(value)

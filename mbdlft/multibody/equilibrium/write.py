@@ -18,7 +18,7 @@ from mbdlft.multibody.equilibrium.displaced import (
 )
 from mbdlft.multibody.equilibrium.find import EquilibriumPoint
 from mbdlft.multibody.force import Spring
-from mbdlft.multibody.joint import Joint, Rotation, labelled
+from mbdlft.multibody.joint import Joint, Rotation, coordinate_label
 from mbdlft.multibody.scene import Constant, Scene
 from mbdlft.problem.relinearize import reference_at
 
@@ -179,8 +179,8 @@ def _moved(
             within_a_turn(positions[k]) if c.freedom.turns else positions[k],
         )
         if c.is_sprung and c.is_passive:
-            preload = expected[labelled("preload", c.freedom)].source
-            stiffness = expected[labelled("stiffness", c.freedom)].source
+            preload = expected[coordinate_label("preload", c.freedom)].source
+            stiffness = expected[coordinate_label("stiffness", c.freedom)].source
             q = positions[k] - declared[k]
             put_entry(joint, update, "preload", index, _relaxed(preload, stiffness, float(q)))
     vector = np.array([positions[k] for k, c in entries if c.is_ball and k in positions])

@@ -148,7 +148,7 @@ class MovingJoint(Joint, abc.ABC):
                 continue
             for freedom, value in zip(self.freedoms, _entries(given), strict=False):
                 unit = turn if freedom.turns else slide
-                quantities[labelled(key, freedom)] = Expected(value, unit)
+                quantities[coordinate_label(key, freedom)] = Expected(value, unit)
         return quantities
 
 
@@ -162,10 +162,11 @@ _UNITS = {
 
 
 def _entries(given: Quantity | tuple[Quantity, ...]) -> tuple[Quantity, ...]:
+    """The quantities of each coordinate."""
     return given if isinstance(given, tuple) else (given,)
 
 
-def labelled(key: str, freedom: Freedom) -> str:
+def coordinate_label(key: str, freedom: Freedom) -> str:
     """Label of a quantity of one coordinate: ``stiffness``, or ``stiffness.x``."""
     return f"{key}.{freedom.label}" if freedom.label else key
 

@@ -204,8 +204,8 @@ def check_value_names(what: str, names: Sequence[str]) -> None:
     for name in names:
         if name in reserved or not name.isidentifier():
             raise SceneError(
-                f"{name!r} cannot name a {what}. Use "
-                f"letters, digits and underscores, and none of {', '.join(sorted(reserved))}."
+                f"{name!r} cannot name a {what}. Use letters, digits and underscores, and none of "
+                f"{', '.join(sorted(reserved))}."
             )
 
 

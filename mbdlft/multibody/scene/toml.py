@@ -233,6 +233,7 @@ def _scene(table: dict[str, Any]) -> Scene:
 
 
 def _constant(name: str, fields: dict[str, Any]) -> Constant:
+    """The `Constant` of a table; errors name it."""
     try:
         return Constant(**fields)
     except SceneError as error:
@@ -334,6 +335,7 @@ def _parameter(name: str, value: Any) -> Parameter:
 
 
 def _parameter_table(parameter: Parameter) -> dict[str, Any]:
+    """The table of a parameter."""
     p = parameter
     table: dict[str, Any] = {"nominal": p.nominal, "low": p.low, "high": p.high, "unit": p.unit}
     table["role"] = p.role
