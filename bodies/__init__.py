@@ -1,1 +1,1 @@
-"""Catalogue of bodies: a description, its data, and the script that made them."""
+"""The catalogue of bodies: for each a description, its data, and the script that made the data."""

@@ -1,9 +1,10 @@
-"""A solar panel on a fork, meshed with scikit-fem (the extra `bodies`): writes solar_panel.h5.
+"""A solar panel on a fork, meshed with scikit-fem (the extra `bodies`); the script writes solar_panel.h5.
 
-    python -m bodies.solar_panel            # the data of the catalogue body
-    python -m bodies.solar_panel --check    # first frequencies on finer meshes
+    python -m bodies.solar_panel            # write the data of the catalogue body
+    python -m bodies.solar_panel --check    # print the first frequencies on finer meshes
 
-Solid elements of second order (27 nodes). Elasticity is isotropic, with the properties of `PARTS`:
+The elements are solids of second order (27 nodes). The material is isotropic, with the properties of
+`PARTS`:
 
     K_ij = int lambda d_i u d_j v + mu d_j u d_i v + delta_ij mu grad u . grad v,   M = int rho u v
 """
@@ -24,7 +25,7 @@ Array = NDArray[np.float64]
 
 
 class Part(NamedTuple):
-    """Modulus (Pa), Poisson's ratio, density (kg/m^3) of an equivalent solid."""
+    """Modulus (Pa), Poisson's ratio and density (kg/m^3) of a solid that is equivalent to a part."""
 
     modulus: float
     poisson: float
@@ -52,18 +53,18 @@ def mesh(cuts: int = 1) -> skfem.MeshHex:
 
 
 def elements(cuts: int = 1) -> FiniteElements:
-    """Matrices and node table: three displacements at each node."""
+    """Matrices and node table, with three displacements at each node."""
     basis = skfem.Basis(mesh(cuts), skfem.ElementHex2())
     mass = skfem.BilinearForm(lambda u, v, w: _field(w, "density") * u * v).assemble(basis)
     blocks = [
         [skfem.BilinearForm(_stiffness(i, j)).assemble(basis) for j in range(3)] for i in range(3)
     ]
     count = mass.shape[0]
-    # node by node, three displacements each
+    # the rows are sorted by node, with three displacements each
     order = np.arange(3 * count).reshape(3, count).T.ravel()
     stiffness = sp.csr_array(sp.block_array(blocks))[order][:, order]
     stiffness = 0.5 * (stiffness + stiffness.T)
-    coordinates = np.round(basis.doflocs.T, 12)  # midpoints are sums of roundings
+    coordinates = np.round(basis.doflocs.T, 12)  # the coordinates of midpoints are rounded sums
     numbers = np.arange(1, count + 1)
     nodes = Nodes(numbers, coordinates, every_dof(numbers, (1, 2, 3)))
     return FiniteElements(sp.csr_array(sp.kron(mass, sp.eye_array(3))), stiffness, nodes)
@@ -78,7 +79,7 @@ def interfaces(data: FiniteElements) -> tuple[list[int], list[int]]:
 
 
 def main() -> None:
-    """Write the data, or print first frequencies on finer meshes."""
+    """Write the data, or print the first frequencies on finer meshes."""
     if "--check" in sys.argv:
         for cuts in (1, 2, 3):
             data = elements(cuts)
@@ -94,24 +95,27 @@ def main() -> None:
 
 
 def _cut(lines: tuple[float, ...], cuts: int) -> Array:
+    """The grid lines (m) with each distance between two of them cut into `cuts` parts."""
     steps = [np.linspace(a, b, cuts + 1)[1:] for a, b in pairwise(lines)]
     return np.concatenate([[lines[0]], *steps])
 
 
 def _field(w, name: str) -> Array:  # type: ignore[no-untyped-def]
-    """A property at the points of integration."""
+    """A property of the material at the points of integration."""
     values = [getattr(PARTS[part], name) for part in ("fork", "panel")]
     return np.where(w.x[0] < EDGE, *values)
 
 
 def _stiffness(i: int, j: int):  # type: ignore[no-untyped-def]
+    """The bilinear form of the block (i, j) of the stiffness matrix."""
+
     def form(u, v, w):  # type: ignore[no-untyped-def]
         modulus, poisson = _field(w, "modulus"), _field(w, "poisson")
         mu = modulus / (2.0 * (1.0 + poisson))
         lame = modulus * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
-        # row i: test function along i, column j: displacement along j
-        found = lame * v.grad[i] * u.grad[j] + mu * v.grad[j] * u.grad[i]
-        return found + (mu * sum(u.grad[k] * v.grad[k] for k in range(3)) if i == j else 0.0)
+        # row i has the test function v along i, column j the displacement u along j
+        density = lame * v.grad[i] * u.grad[j] + mu * v.grad[j] * u.grad[i]
+        return density + (mu * sum(u.grad[k] * v.grad[k] for k in range(3)) if i == j else 0.0)
 
     return form
 

@@ -13,9 +13,9 @@ from mbdlft.base.samples import random
 from mbdlft.system.model import LFTModel, matrices_at
 
 SAMPLES = 300
-_OFF_POLE = 1e-4  # of the frequency of an undamped pole: nearer to it no response is drawn
+_OFF_POLE = 1e-4  # no response is drawn nearer to an undamped pole, relative to its frequency
 _POINTS_PER_DECADE, _MARGIN_DECADES = 120, 1.0
-_MOST_INSIDE = 4  # singular values whose legend finds room beside the curves
+_MOST_INSIDE = 4  # most singular values whose legend has room inside the axes
 _COLORS = ("#4477aa", "#cc6677", "#228833", "#aa7711", "#66ccee", "#aa3377")
 
 
@@ -29,9 +29,10 @@ def frequencies(model: LFTModel) -> Array:
 
 
 def off_poles(omega: Array, poles: Array) -> Array:
-    """Frequencies (rad/s) of which none is that of an undamped pole, where a response is infinite.
+    """Frequencies (rad/s) without those of undamped poles, where a response is infinite.
 
-    Those nearer to a pole than a ten-thousandth of its frequency move to that distance above it.
+    A frequency that is nearer to that of a pole than a ten-thousandth of it is moved to this distance
+    above it.
 
     Parameters
     ----------
@@ -45,7 +46,7 @@ def off_poles(omega: Array, poles: Array) -> Array:
 
 
 def check_figure(path: str | Path) -> None:
-    """Whether a figure can be written here, as far as can be seen beforehand.
+    """Raise an error if it is known before the work that a figure cannot be written here.
 
     Raises
     ------
@@ -64,7 +65,14 @@ def check_figure(path: str | Path) -> None:
 
 
 def save_singular_values(path: str | Path, model: LFTModel, seed: int = 0) -> None:
-    """Draw the singular values of 300 random samples over those of the nominal model.
+    """Draw the singular values of the nominal model over those of 300 random samples.
+
+    Parameters
+    ----------
+    path : file, whose ending is that of a figure, such as .png
+    model : LFTModel
+    seed : int
+        Seed of the samples.
 
     Raises
     ------
@@ -91,7 +99,7 @@ def save_singular_values(path: str | Path, model: LFTModel, seed: int = 0) -> No
         lines = [np.column_stack([omega, sample]) for sample in samples[:, :, k]]
         axes.add_collection(LineCollection(lines, colors=color, linewidths=0.5, alpha=0.15))
         axes.plot([], [], color=color, linewidth=2.0, alpha=0.5, label=label)
-    for k in range(count):  # from the top: they never cross
+    for k in range(count):  # singular values are sorted, so these curves do not cross
         label = "" if k else "nominal"
         axes.plot(omega, nominal[:, k], color="black", linewidth=1.2, label=label)
     axes.set(xscale="log", xlim=(omega[0], omega[-1]))
@@ -111,11 +119,12 @@ def save_singular_values(path: str | Path, model: LFTModel, seed: int = 0) -> No
 
 
 def _decibels(values: Array) -> Array:
+    """20 log10 of values, elementwise."""
     return 20.0 * np.log10(np.maximum(values, np.finfo(float).tiny))
 
 
 def _gain_unit(model: LFTModel) -> str:
-    """Unit of the gain when all outputs, and all inputs, have one unit."""
+    """Unit of the gain, or ``mixed units`` if the outputs or the inputs have several units."""
     pairs = {(y.unit, u.unit) for y in model.outputs for u in model.inputs}
     if len(pairs) > 1:
         return "mixed units"

@@ -1,1 +1,1 @@
-"""Runnable scenes: TOML files, and scripts that use them."""
+"""Scenes that can be run: TOML files, and scripts that use them."""

@@ -1,4 +1,4 @@
-"""A load on an elastic hinge sags to an angle that depends on both, and not rationally.
+"""A load on an elastic hinge sags to an angle that is not a rational function of mass and stiffness.
 
 Run it: python scenarios/sagging_arm.py
 """
@@ -17,7 +17,7 @@ from mbdlft import (
 
 
 def scene() -> Scene:
-    """k (theta - 1) + m g L sin(theta) = 0: the spring alone would hold the hinge at 1 rad."""
+    """The scene; its equilibrium is k (theta - 1) + m g L sin(theta) = 0, without load theta = 1 rad."""
     return Scene(
         name="sagging_arm",
         description="Load on an elastic hinge that sags",
@@ -43,7 +43,7 @@ def scene() -> Scene:
 
 
 def main() -> None:
-    """Print the angle at some loads, then the bound of a fit for all of them, and the model's order."""
+    """Print the angle for some loads, then the bound of a fit for all loads, and the model's order."""
     arm = scene()
     for mass in (1.4, 2.0, 2.6):
         point = find_equilibrium(arm, {"m": mass})

@@ -24,7 +24,7 @@ from mbdlft import (
 
 
 def scene() -> Scene:
-    """The arm of Kassarian et al. 2023, table I; theta1 from the horizontal, theta2 relative."""
+    """The arm of Kassarian et al. 2023, table I; theta1 is from the horizontal, theta2 from link 1."""
     return Scene(
         name="two_link_arm",
         description="Two-link robotic arm with a load at its tip, scheduled on both joint angles",

@@ -1,8 +1,8 @@
-"""The scene of ur5.toml, made from the URDF file of the robot; then what the payload does to it.
+"""The scene of ur5.toml, made from the URDF file of the robot, and the effect of the payload on it.
 
 Run it: python scenarios/ur5.py [ur5_robot.urdf]
 
-Without a file, that of the package example-robot-data is taken (pip install -e '.[robots]').
+Without an argument the file of the package example-robot-data is used (pip install -e '.[robots]').
 """
 
 import sys

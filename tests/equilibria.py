@@ -8,7 +8,7 @@ import numpy as np
 import mbdlft
 from mbdlft.base.description import Quantity
 from mbdlft.multibody.joint import KINDS as KINDS_OF_JOINTS
-from mbdlft.multibody.joint import Joint, labelled
+from mbdlft.multibody.joint import Joint, coordinate_label
 from mbdlft.multibody.joint.base import AxisJoint
 
 KINDS = ("revolute", "revolute", "prismatic", "universal", "cylindrical", "planar", "spherical")
@@ -75,7 +75,7 @@ def _forgotten(rng: np.random.Generator, joint: Joint, efforts: dict[str, float]
     for k, freedom in enumerate(joint.freedoms):
         needed = efforts[f"{joint.name}.{freedom.effort.name}"]
         change = 0.0
-        if labelled("position", freedom) in joint.quantities():
+        if coordinate_label("position", freedom) in joint.quantities():
             change = float(rng.uniform(-2.5, 2.5) if freedom.turns else rng.uniform(-0.8, 0.8))
             moved.append(float(_entries(joint, "position")[k]) + change)
         preload.append(needed - float(stiffness[k]) * change)

@@ -1,4 +1,4 @@
-"""What every stage knows: errors, units, signals, parameters and their samples, expressions."""
+"""The types that every stage uses: errors, units, signals, parameters and their samples, expressions."""
 
 import lazy_loader
 

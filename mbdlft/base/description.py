@@ -1,4 +1,7 @@
-"""The common base of everything a user describes: frozen, and checked when it is made."""
+"""The base class of all records of a scene, and the types of their fields.
+
+A record is frozen, and its fields are checked when it is made.
+"""
 
 import unicodedata
 from collections.abc import Mapping
@@ -16,7 +19,7 @@ def without_controls(text: str, but: str = "") -> str:
     Raises
     ------
     SceneError
-        It has a control character that is not one of `but`.
+        The text has a control character that is not in `but`.
     """
     for character in text:
         if unicodedata.category(character) == "Cc" and character not in but:
@@ -34,21 +37,23 @@ Prose = Annotated[str, AfterValidator(lambda text: without_controls(text, "\n\r\
 Quantity = Number | Text
 Vector = tuple[Quantity, Quantity, Quantity]
 Direction = tuple[Number, Number, Number]
-Values = Mapping[str, Any]  # by label: SX or float, an angle a tuple of turns
+Values = Mapping[
+    str, Any
+]  # values of quantities by label: SX or float, for an angle a tuple of turns
 
 AXES = ("x", "y", "z")
-ANY_UNIT = "any"  # of a quantity whose unit is not checked
+ANY_UNIT = "any"  # the unit of a quantity whose unit is not checked
 
 
 class Expected(NamedTuple):
-    """A quantity as given, and the unit its value must fit."""
+    """A quantity as the user gave it, and a unit of the dimension that its value must have."""
 
     source: Quantity
     unit: str
 
 
 def vector_quantities(label: str, vector: Vector, unit: str) -> dict[str, Expected]:
-    """The three components of a vector as labelled quantities: ``label.x`` and so on."""
+    """The three components of a vector as labeled quantities: ``label.x`` and so on."""
     return {
         f"{label}.{axis}": Expected(entry, unit) for axis, entry in zip(AXES, vector, strict=True)
     }
@@ -67,11 +72,12 @@ class Description(BaseModel):
 
     @classmethod
     def where(cls, fields: Mapping[str, Any]) -> str:
-        """How an error message names the thing described by `fields`."""
+        """The words by which error messages name the record with these fields."""
         return f"{cls.__name__.lower()} {fields.get('name', '')!r}"
 
     @classmethod
     def _message(cls, fields: Mapping[str, Any], error: ValidationError) -> str:
+        """The message for fields that pydantic refuses, one line for each."""
         lines: list[str] = []
         for item in error.errors(include_url=False):
             cause = item.get("ctx", {}).get("error")
@@ -96,7 +102,7 @@ _VECTORS = ("gravity", "acceleration", "center_of_mass")
 
 
 def _expected(field: str, owner: type[BaseModel]) -> str:
-    """What a field takes, in words."""
+    """The values that a field takes, in words."""
     if field in _VECTORS:
         return "three numbers or expressions"
     if field in ("axis", "axis1", "axis2", "direction"):
@@ -127,7 +133,7 @@ def _expected(field: str, owner: type[BaseModel]) -> str:
 
 
 def _expected_type(field: FieldInfo | None) -> str:
-    """The same for fields with numbers of any name, by their type."""
+    """The values that a field of numbers takes, in words, by its type."""
     if field is None:
         return "a finite number or an expression"
     if field.annotation is int:

@@ -1,11 +1,11 @@
-"""The exception classes: a failure has a name, and a message that says where and what to try."""
+"""The exception classes. The message of an error says where it is, what was expected, and what to try."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
 
 
 class MbdlftError(Exception):
-    """Any error raised on purpose by mbdlft."""
+    """The base class of all errors that mbdlft raises on purpose."""
 
 
 class SceneError(MbdlftError, ValueError):
@@ -17,11 +17,11 @@ class StructureError(MbdlftError, ValueError):
 
 
 class NotRationalError(MbdlftError, ValueError):
-    """An operation that has no exact linear fractional form."""
+    """An operation has no exact linear fractional form."""
 
 
 class TrimError(MbdlftError, RuntimeError):
-    """No equilibrium was found; the message gives the closest residual."""
+    """No equilibrium was found; the message gives the smallest residual."""
 
 
 class WellPosednessError(MbdlftError, ValueError):
@@ -37,7 +37,10 @@ class ArchiveError(MbdlftError, OSError):
 
 
 def unknown_name(what: str, name: str, existing: Iterable[str]) -> str:
-    """Sentence for a name that is not found: the nearest existing name first, then all of them."""
+    """A sentence that a name is unknown, with the most similar existing name and all existing names.
+
+    `what` says what the name should name, such as ``parameter``.
+    """
     names = sorted(existing)
     nearest = [known for known in names if known.lower() == name.lower()]
     nearest = nearest or get_close_matches(name, names, n=1, cutoff=0.5)

@@ -1,104 +1,28 @@
-"""Expressions of parameters and constants: a small grammar, parsed and never run as code.
-
-    sum     = term (("+" | "-") term)*
-    term    = factor (("*" | "/") factor)*
-    factor  = ("+" | "-") factor | power
-    power   = atom ("^" | "**") integer | atom
-    atom    = number | name | function "(" sum ")" | "(" sum ")"
-    function = "sqrt" | "sin" | "cos" | "atan"    of constants only
-
-In an angle, even multiples of "atan" may be of parameters: see `mbdlft.multibody.scene.quantities`.
+"""Expressions of parameters and constants: their values, names and degrees, and their texts.
 
 One evaluation serves every number system: floats, arrays, CasADi SX, intervals, dimensions.
-Numbers are in SI units; a name carries the unit it was declared with. ``pi`` and ``deg`` are known.
+Numbers are in SI units; the value of a name has the unit with which the name was declared. ``pi`` and
+``deg`` are known names.
 """
 
 import math
-import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from decimal import Decimal
-from functools import cache
 from typing import Any
 
 from mbdlft.base.errors import NotRationalError, SceneError, unknown_name
+from mbdlft.base.grammar import FUNCTIONS as FUNCTIONS
+from mbdlft.base.grammar import Binary as Binary
+from mbdlft.base.grammar import Call as Call
+from mbdlft.base.grammar import Expression as Expression
+from mbdlft.base.grammar import Name as Name
+from mbdlft.base.grammar import Negative as Negative
+from mbdlft.base.grammar import Number as Number
+from mbdlft.base.grammar import Power as Power
+from mbdlft.base.grammar import parse as parse
 
 BUILTIN_CONSTANTS: Mapping[str, float] = {"pi": math.pi, "deg": math.pi / 180.0}
-FUNCTIONS: Mapping[str, Callable[[float], float]] = {
-    "sqrt": math.sqrt,
-    "sin": math.sin,
-    "cos": math.cos,
-    "atan": math.atan,
-}
-_MAX_EXPONENT = 64
-_MAX_DEPTH = 100
 _MAX_DEGREE = 256  # of all powers and products together: a model has as many channels
-_TOKEN = re.compile(
-    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[^\W\d]\w*)|(?P<operator>\*\*|[-+*/^()]))"
-)
-
-
-@dataclass(frozen=True, slots=True)
-class Number:
-    """A literal number."""
-
-    value: float
-
-
-@dataclass(frozen=True, slots=True)
-class Name:
-    """A parameter or a constant."""
-
-    name: str
-
-
-@dataclass(frozen=True, slots=True)
-class Binary:
-    """left (+ - * /) right."""
-
-    operator: str
-    left: "Expression"
-    right: "Expression"
-
-
-@dataclass(frozen=True, slots=True)
-class Negative:
-    """-operand."""
-
-    operand: "Expression"
-
-
-@dataclass(frozen=True, slots=True)
-class Power:
-    """base ^ exponent, with an integer exponent."""
-
-    base: "Expression"
-    exponent: int
-
-
-@dataclass(frozen=True, slots=True)
-class Call:
-    """A function of a constant."""
-
-    function: str
-    argument: "Expression"
-
-
-Expression = Number | Name | Binary | Negative | Power | Call
-
-
-@cache
-def parse(source: float | str) -> Expression:
-    """Expression tree of a number or a text.
-
-    Raises
-    ------
-    SceneError
-        The text is not an expression of the grammar; the message gives the column.
-    """
-    if isinstance(source, int | float):
-        return Number(float(source))
-    return _Parser(source).parse()
 
 
 def names(expression: Expression) -> frozenset[str]:
@@ -107,20 +31,20 @@ def names(expression: Expression) -> frozenset[str]:
 
 
 def denominators(expression: Expression) -> tuple[Expression, ...]:
-    """Divisors of an expression that are not plain numbers, and bases of negative powers."""
-    found: list[Expression] = []
+    """Divisors in an expression, and bases of negative powers, but those without any name."""
+    divisors: list[Expression] = []
     for node in walk(expression):
         if isinstance(node, Binary) and node.operator == "/" and names(node.right):
-            found.append(node.right)
+            divisors.append(node.right)
         if isinstance(node, Power) and node.exponent < 0 and names(node.base):
-            found.append(node.base)
-    return tuple(found)
+            divisors.append(node.base)
+    return tuple(divisors)
 
 
 def degree_of(expression: Expression, known: Mapping[str, int]) -> int:
-    """How many names the longest product of an expression has; what is divided by counts, too.
+    """The number of factors of the longest product in an expression; a division counts as a factor, too.
 
-    `known` are the same numbers of its names; a constant has none.
+    `known` are the degrees of names; a name that is not in it, such as a constant, has the degree 0.
     """
     match expression:
         case Name(name):
@@ -141,7 +65,7 @@ def degree_of(expression: Expression, known: Mapping[str, int]) -> int:
 
 
 def check_degree(expression: Expression, known: Mapping[str, int]) -> None:
-    """Raise a SceneError if the longest product, as in `degree_of`, is too long."""
+    """Raise a SceneError if the degree of an expression, as in `degree_of`, is too high."""
     degree = degree_of(expression, known)
     if degree > _MAX_DEGREE:
         raise SceneError(
@@ -163,14 +87,14 @@ def evaluate(
     values : mapping
         For each name a value with ``+ - * /`` (float, array, SX, interval, ...), in SI units.
     number : function
-        Makes a literal number one of the number system; a float by default.
+        Turns a literal number into one of the number system; by default it stays a float.
 
     Raises
     ------
     SceneError
         A name is unknown, or a constant is divided by zero.
     NotRationalError
-        sqrt, sin, cos or atan of something that is not a constant.
+        The argument of sqrt, sin, cos or atan is not a constant.
     """
     match expression:
         case Number(value):
@@ -233,6 +157,7 @@ def write(expression: Expression) -> str:
 
 
 def _binary(operator: str, left: Any, right: Any) -> Any:
+    """The value of one binary operation."""
     if operator == "+":
         return left + right
     if operator == "-":
@@ -245,6 +170,7 @@ def _binary(operator: str, left: Any, right: Any) -> Any:
 
 
 def _power(base: Any, exponent: int, one: Any) -> Any:
+    """A power as products; `one` is 1 in the number system."""
     if exponent < 0:
         return _binary("/", one, _power(base, -exponent, one))
     result = one
@@ -254,7 +180,7 @@ def _power(base: Any, exponent: int, one: Any) -> Any:
 
 
 def with_calls(expression: Expression, replace: Callable[[Call], Expression | None]) -> Expression:
-    """The expression with calls replaced by what `replace` gives for them, where it gives something."""
+    """The expression with each call replaced by the result of `replace`, unless that is None."""
     match expression:
         case Call():
             return replace(expression) or expression
@@ -273,7 +199,10 @@ def with_calls(expression: Expression, replace: Callable[[Call], Expression | No
 
 
 def spine(expression: Expression) -> tuple[Expression, list[tuple[str, Expression]]]:
-    """The first operand of a chain of operators and what follows it: long sums nest to the left."""
+    """The first operand of a chain of binary operators, and the operators with their right operands.
+
+    Long sums are trees that nest to the left; a loop over the chain needs no recursion.
+    """
     rest: list[tuple[str, Expression]] = []
     while isinstance(expression, Binary):
         rest.append((expression.operator, expression.right))
@@ -282,7 +211,7 @@ def spine(expression: Expression) -> tuple[Expression, list[tuple[str, Expressio
 
 
 def walk(expression: Expression) -> Iterator[Expression]:
-    """All nodes of an expression."""
+    """Yield all nodes of an expression."""
     pending = [expression]
     while pending:
         node = pending.pop()
@@ -294,119 +223,3 @@ def walk(expression: Expression) -> Iterator[Expression]:
                 pending.append(child)
             case _:
                 pass
-
-
-class _Parser:
-    """Recursive descent over the tokens of one text."""
-
-    def __init__(self, text: str) -> None:
-        self.text, self.position, self.depth = text, 0, 0
-        self.kind, self.token, self.column = "", "", 0
-        self._advance()
-
-    def parse(self) -> Expression:
-        tree = self._sum()
-        if self.kind:
-            raise self._error("an operator")
-        return tree
-
-    def _advance(self) -> None:
-        rest = self.text[self.position :]
-        self.column = self.position + len(rest) - len(rest.lstrip()) + 1
-        if not rest.strip():
-            self.kind, self.token = "", ""
-            return
-        match = _TOKEN.match(self.text, self.position)
-        if match is None or match.lastgroup is None:
-            self.kind, self.token = "character", self.text[self.column - 1]
-            raise self._error("a number, a name, an operator or a parenthesis")
-        self.kind, self.token = match.lastgroup, match[match.lastgroup]
-        self.position = match.end()
-
-    def _error(self, expected: str) -> SceneError:
-        got = repr(self.token) if self.token else "the end"
-        return SceneError(
-            f"expression {self.text!r}, column {self.column}: expected {expected}, got {got}. "
-            "Expressions are made of + - * / ^ with integer powers, parentheses, names, numbers "
-            f"and {', '.join(FUNCTIONS)} of constants."
-        )
-
-    def _sum(self) -> Expression:
-        self.depth += 1
-        if self.depth > _MAX_DEPTH:
-            raise SceneError(
-                f"expression {self.text[:40]!r}...: nested more than {_MAX_DEPTH} deep."
-            )
-        tree = self._term()
-        while self.token in ("+", "-"):
-            operator = self.token
-            self._advance()
-            tree = Binary(operator, tree, self._term())
-        self.depth -= 1
-        return tree
-
-    def _term(self) -> Expression:
-        tree = self._factor()
-        while self.token in ("*", "/"):
-            operator = self.token
-            self._advance()
-            tree = Binary(operator, tree, self._factor())
-        return tree
-
-    def _factor(self) -> Expression:
-        negative = False
-        while self.token in ("+", "-"):
-            negative ^= self.token == "-"
-            self._advance()
-        tree = self._power()
-        return Negative(tree) if negative else tree
-
-    def _power(self) -> Expression:
-        base = self._atom()
-        if self.token not in ("^", "**"):
-            return base
-        self._advance()
-        parenthesis = self.token == "("
-        if parenthesis:
-            self._advance()
-        sign = -1 if self.token == "-" else 1
-        if self.token in ("+", "-"):
-            self._advance()
-        if self.kind != "number" or not self.token.isdigit() or float(self.token) > _MAX_EXPONENT:
-            raise self._error(f"an integer power of at most {_MAX_EXPONENT}")
-        exponent = sign * int(self.token)
-        self._advance()
-        if parenthesis:
-            self._close()
-        return Power(base, exponent)
-
-    def _atom(self) -> Expression:
-        kind, token = self.kind, self.token
-        if kind == "number":
-            if not math.isfinite(float(token)):
-                raise self._error("a finite number")
-            self._advance()
-            return Number(float(token))
-        if kind == "name":
-            self._advance()
-            if self.token != "(":
-                return Name(token)
-            if token not in FUNCTIONS:
-                raise SceneError(
-                    f"expression {self.text!r}: " + unknown_name("function", token, FUNCTIONS)
-                )
-            self._advance()
-            argument = self._sum()
-            self._close()
-            return Call(token, argument)
-        if token == "(":
-            self._advance()
-            tree = self._sum()
-            self._close()
-            return tree
-        raise self._error("a number, a name or '('")
-
-    def _close(self) -> None:
-        if self.token != ")":
-            raise self._error("')'")
-        self._advance()

@@ -1,7 +1,7 @@
 """Parameters of a model: name, unit, nominal value, range, role, and the map physical <-> delta.
 
-A physical value becomes an *internal* value that the equations are rational in, and the internal
-value becomes a normalized delta:
+A physical value is mapped to an *internal* value, in which the equations are rational, and the internal
+value to a normalized delta:
 
     internal = physical                            identity
     internal = tan((physical - reference) / 2)     half-angle
@@ -24,14 +24,16 @@ Substitution = Literal["identity", "half-angle", "quarter-angle"]
 
 ROLES: tuple[str, ...] = get_args(Role)
 SUBSTITUTIONS: tuple[str, ...] = get_args(Substitution)
-_NEAREST = 1e-8  # of the range: how near an end the nominal may be
-_NEAREST_SINGULAR = 1e-5  # of the reach: nearer to it the tangent takes too many digits
+_NEAREST = 1e-8  # least distance of the nominal value from either bound, of the width of the range
+_NEAREST_SINGULAR = (
+    1e-5  # least distance from a singular point, of the reach: nearer, digits are lost
+)
 _ANGLE_DIVISOR = {"half-angle": 2.0, "quarter-angle": 4.0}
 
 
 @dataclass(frozen=True, slots=True)
 class BilinearMap:
-    """internal = b0 + gain delta / (1 + a1 delta) = (b0 + b1 delta) / (1 + a1 delta)."""
+    """The map internal = b0 + gain delta / (1 + a1 delta) = (b0 + b1 delta) / (1 + a1 delta)."""
 
     b0: float
     gain: float
@@ -50,19 +52,23 @@ class Parameter:
     Parameters
     ----------
     name : str
-        Letters, digits and underscores; the identity of the parameter.
+        Letters, digits and underscores. Parameters of the same name are the same parameter.
     nominal : float
         Value at delta = 0, in `unit`.
     low, high : float, optional
-        Values at delta = -1 and +1, in `unit`; strictly on either side of `nominal`.
+        Values at delta = -1 and +1, in `unit`; `nominal` is strictly between them.
     percent : float, optional
-        Half width of the range in percent of the nominal, instead of low and high.
+        Half width of the range in percent of the nominal value, instead of low and high.
     plus, minus : float, optional
-        Distances from the nominal to high and low, in `unit`; `minus` is `plus` if not given.
+        Distances from the nominal value to high and low, in `unit`; `minus` is `plus` if not given.
     unit : str
         Such as ``"kg m^2"``; ``"1"`` if dimensionless.
     role : {"uncertain", "scheduled", "design"}
         Who chooses the value: nature, the operating point, or the engineer.
+    substitution : {"identity", "half-angle", "quarter-angle"}
+        The map to the internal value; `Angle` chooses it for angles.
+    reference : float
+        The angle (rad) at which the internal value of an angle is zero.
 
     Raises
     ------
@@ -133,7 +139,7 @@ class Parameter:
 
     @property
     def is_angle(self) -> bool:
-        """Whether the equations see the angle through the tangent of a part of it."""
+        """Whether this is an angle, whose internal value is the tangent of a part of it."""
         return self.substitution != "identity"
 
     @property
@@ -162,24 +168,25 @@ def Angle(
     substitution: Substitution = "half-angle",
     reference: float | None = None,
 ) -> Parameter:
-    """A parameter that is the equilibrium position of a revolute joint.
+    """Make a parameter that is an angle, such as the equilibrium position of a revolute joint.
 
     Parameters
     ----------
     name, nominal, low, high, plus, minus, role
-        As for `Parameter`; angles in `unit`.
+        As for `Parameter`; angles are in `unit`.
     unit : {"deg", "rad"}
     substitution : {"half-angle", "quarter-angle"}
-        The half-angle costs 2 repetitions for each rotation of a plane vector and reaches less
-        than 180 deg to either side of the reference; the quarter-angle costs 4 and reaches 360 deg.
+        With the half-angle, each rotation of a vector in a plane needs 2 repetitions, and the range ends
+        less than 180 deg to either side of the reference. With the quarter-angle, it needs 4, and the
+        range ends less than 360 deg to either side.
     reference : float, optional
-        Where the internal value is zero, in `unit`; the nominal if not given. Zero gives
-        ``tan(theta/2)``, the choice of the source paper.
+        The angle at which the internal value is zero, in `unit`; by default the nominal value. Zero gives
+        ``tan(theta/2)``, as in Kassarian et al. 2023.
 
     Raises
     ------
     SceneError
-        As `Parameter`; or the range reaches a singular point of the substitution.
+        `Parameter` raises it, or the range reaches a singular point of the substitution.
     """
     where = f"parameter {name!r}"
     if not isinstance(unit, str) or unit not in ANGLE_UNITS:
@@ -206,7 +213,7 @@ def Angle(
 
 
 def to_internal(parameter: Parameter, physical: ArrayLike) -> NDArray[np.float64]:
-    """Internal values of physical values, elementwise; shape kept, unit as `parameter.unit`."""
+    """Internal values of physical values in `parameter.unit`, elementwise; the shape stays."""
     values = np.asarray(physical, dtype=float)
     if not parameter.is_angle:
         return values
@@ -215,10 +222,10 @@ def to_internal(parameter: Parameter, physical: ArrayLike) -> NDArray[np.float64
 
 
 def cosine_sine_parts(substitution: Substitution, t: Any) -> tuple[Any, Any, Any]:
-    """Numerators of cosine and sine of the angle from the reference, and their denominator.
+    """Numerators of the cosine and the sine of the angle from the reference, and their denominator.
 
-    With t the tangent of half of the angle, cos = (1 - t^2)/(1 + t^2), sin = 2 t/(1 + t^2); with that
-    of a quarter the same formulas are applied twice. `t` may be in any number system.
+    With the tangent t of half of the angle, cos = (1 - t^2)/(1 + t^2), sin = 2 t/(1 + t^2). With the
+    tangent of a quarter of the angle, these formulas are applied twice. `t` may be of any number system.
     """
     square = t * t
     if substitution == "half-angle":
@@ -264,7 +271,7 @@ def to_physical(parameter: Parameter, delta: ArrayLike) -> NDArray[np.float64]:
 
 
 def is_finite(value: object) -> bool:
-    """Whether this is a number that is finite as a float, too."""
+    """Whether this is a number that is finite also when it is converted to a float."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
     try:
@@ -274,7 +281,7 @@ def is_finite(value: object) -> bool:
 
 
 def _check_number(where: str, label: str, value: object) -> None:
-    """Raise a SceneError unless this is a number; what is not finite has its own message."""
+    """Raise a SceneError unless this is a number; nan and inf pass, as `_problem` names them."""
     if not (isinstance(value, float) or is_finite(value)):
         raise SceneError(f"{where}: {label}: expected a number, got {value!r}.")
 
@@ -288,7 +295,7 @@ def _range(
     plus: float | None,
     minus: float | None,
 ) -> tuple[float, float]:
-    """Low and high from the one of the three ways of giving a range that was used."""
+    """Low and high of a range that is given in exactly one of three ways."""
     ways = [
         (low is not None or high is not None),
         percent is not None,
@@ -317,7 +324,7 @@ def _range(
 
 
 def _problem(parameter: Parameter) -> str | None:
-    """What is wrong with a parameter, or None."""
+    """A sentence on what is wrong with a parameter, or None."""
     p = parameter
     if not p.name.isidentifier():
         return "a name is made of letters, digits and underscores and does not start with a digit."

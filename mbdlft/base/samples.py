@@ -10,12 +10,12 @@ from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.parameter import Parameter
 
 SEED = 0  # of the points that models are checked at
-_MOST = 2**22
+_MOST = 2**22  # points of a grid
 _RANDOM_POINTS, _MOST_CORNERS = 100, 128  # of the points that models are checked at
 
 
 def random(parameters: Sequence[Parameter], count: int, seed: int = 0) -> dict[str, Array]:
-    """Random points with independent uniform physical values in the ranges.
+    """Make random samples: independent uniform physical values in the ranges.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def random(parameters: Sequence[Parameter], count: int, seed: int = 0) -> dict[s
     Raises
     ------
     AnalysisError
-        These are no parameters, or no count.
+        `parameters` are not parameters, or `count` is not a number of points.
     """
     _check_parameters("random", parameters)
     if not isinstance(count, int | np.integer) or count < 0:
@@ -42,7 +42,7 @@ def random(parameters: Sequence[Parameter], count: int, seed: int = 0) -> dict[s
 
 
 def corners(parameters: Sequence[Parameter]) -> dict[str, Array]:
-    """All 2^n combinations of the bounds of n parameters.
+    """Make the samples at all 2^n combinations of the bounds of n parameters.
 
     Parameters
     ----------
@@ -55,14 +55,14 @@ def corners(parameters: Sequence[Parameter]) -> dict[str, Array]:
     Raises
     ------
     AnalysisError
-        There are more than 2^22.
+        There are more than 2^22 combinations.
     """
     _check_parameters("corners", parameters)
     return grid(parameters, {p.name: 2 for p in parameters})
 
 
 def grid(parameters: Sequence[Parameter], counts: Mapping[str, int]) -> dict[str, Array]:
-    """All combinations of evenly spaced values, bounds included.
+    """Make samples of all combinations of evenly spaced values, bounds included.
 
     Parameters
     ----------
@@ -114,6 +114,7 @@ def check_points(parameters: Sequence[Parameter], seed: int) -> Array:
 
 
 def _check_parameters(where: str, parameters: Sequence[Parameter]) -> None:
+    """Raise an AnalysisError unless this is a sequence of parameters."""
     if isinstance(parameters, Sequence) and all(isinstance(p, Parameter) for p in parameters):
         return
     raise AnalysisError(

@@ -1,4 +1,4 @@
-"""Signals: one named scalar channel of a model."""
+"""Signals: the named scalar inputs, outputs and states of a model."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -6,14 +6,21 @@ from typing import NamedTuple
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """One scalar channel, such as ``shoulder.torque`` in ``N m``."""
+    """A scalar input, output or state, such as ``shoulder.torque`` in ``N m``."""
 
     name: str
     unit: str
 
 
 class Freedom(NamedTuple):
-    """Names of one coordinate: what it adds to the labels of quantities, its effort and its measures."""
+    """Names of one coordinate of a joint or an elastic body.
+
+    Attributes
+    ----------
+    label : the ending of labels of quantities, such as ``x`` of ``stiffness.x``; empty if there is one
+    only effort : its generalized force measures : its displacement, velocity and acceleration turns :
+    whether it is an angle
+    """
 
     label: str
     effort: Signal

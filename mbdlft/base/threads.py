@@ -1,4 +1,4 @@
-"""One thread for linear algebra on matrices of some hundred rows, which threads make slower."""
+"""One thread for linear algebra: on matrices of some hundred rows several threads are slower."""
 
 from contextlib import AbstractContextManager
 from functools import cache
@@ -10,8 +10,8 @@ from threadpoolctl import ThreadpoolController
 def one_thread() -> AbstractContextManager[Any]:
     """In this context linear algebra runs in one thread: `with one_thread(): ...`.
 
-    Results then do not depend on the number of cores, and on a busy machine threads that wait for each
-    other would cost more than all the rest.
+    Results then do not depend on the number of cores. On a busy machine, threads that wait for each other
+    would take more time than the rest of the work.
     """
     limit: AbstractContextManager[Any] = _controller().limit(limits=1)
     return limit

@@ -11,7 +11,10 @@ from mbdlft.base.errors import SceneError, unknown_name
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """Factor to SI and the exponents of kg, m and s; an angle is dimensionless, a cycle is 2 pi rad."""
+    """The factor of a unit to SI and its exponents of kg, m and s.
+
+    An angle is dimensionless; a cycle, as in Hz and rpm, is 2 pi rad.
+    """
 
     factor: float
     dimension: tuple[int, int, int]
@@ -60,7 +63,7 @@ ANGLE_UNITS = ("deg", "rad")
 
 @cache
 def parse_unit(text: str) -> Unit:
-    """Unit of a text: symbols with integer powers, joined by blanks, ``*`` or ``/``.
+    """Parse the text of a unit: symbols with integer powers, joined by blanks, ``*`` or ``/``.
 
     ``"N m/rad"``, ``"kg m^2"``, ``"mm"``, ``"deg"`` and ``"1"`` are units. A slash divides by the
     one symbol that follows it.
@@ -97,6 +100,7 @@ def parse_unit(text: str) -> Unit:
 
 
 def _unreadable(text: str, rest: str) -> SceneError:
+    """An error for a text that is not a unit from `rest` on."""
     return SceneError(
         f"unit {text!r} cannot be read at {rest!r}. Write symbols with integer powers joined by blanks, "
         "'*' or '/', such as 'N m/rad' or 'kg m^2'."
@@ -104,7 +108,7 @@ def _unreadable(text: str, rest: str) -> SceneError:
 
 
 def dimension_name(dimension: tuple[int, int, int]) -> str:
-    """Dimension as a text in SI base units, such as ``kg m^2 s^-2``; ``1`` if there is none."""
+    """A dimension as a text in SI base units, such as ``kg m^2 s^-2``; ``1`` for a dimensionless one."""
     parts = [
         name if exponent == 1 else f"{name}^{exponent}"
         for name, exponent in zip(("kg", "m", "s"), dimension, strict=True)

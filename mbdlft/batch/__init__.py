@@ -1,4 +1,4 @@
-"""Sweeps: trims and linearizations at millions of samples, into an archive."""
+"""Sweeps: trims and linearizations at millions of samples, written into an archive."""
 
 import lazy_loader
 

@@ -1,6 +1,6 @@
-"""Shards on a Dask cluster: workers compute, this process writes, so each shard is there once.
+"""Shards of a sweep on a Dask cluster: its workers compute them, and this process writes them.
 
-A task that is lost with its worker is given to another one by the scheduler.
+So each shard is written once. If a worker is lost, the scheduler gives its tasks to another one.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,30 +15,30 @@ from mbdlft.batch.staging import Work, points_at, rows_at
 from mbdlft.multibody.scene import Scene, scene_from_toml, scene_to_toml
 from mbdlft.system.model import LFTModel
 
-_AHEAD = 2  # shards for each thread of the cluster that are on their way
+_AHEAD = 2  # shards that are submitted at a time, for each thread of the cluster
 
 
 def cluster_shards(
     client: Any, given: Scene | LFTModel, work: Work, shards: Sequence[int]
 ) -> Iterator[tuple[int, Array]]:
-    """Shards and their rows (n, width), as the cluster finishes them.
+    """Yield each shard with its rows (n, width) as soon as the cluster has finished it.
 
     Raises
     ------
     AnalysisError
-        Dask is not there, or workers died again and again over one shard.
+        Dask is not installed, or workers died again and again over one shard.
     """
     try:
         distributed: Any = import_module("distributed")  # an optional extra
     except ImportError:
         raise AnalysisError("sweep: a cluster needs Dask: pip install 'mbdlft[cluster]'.") from None
     sent = given if isinstance(given, LFTModel) else scene_to_toml(given)
-    # the result of a task: scattered data would be lost with the workers that hold it
+    # the source is the result of a task: data that is scattered is lost with the workers that hold it
     source = client.submit(_received, sent, pure=False)
     waiting, number = iter(shards), {}
 
     def submit(shard: int) -> Any:
-        # not pure: a task of an earlier sweep is not taken for this one
+        # not pure, so that the cluster does not take the result of an earlier sweep
         future = client.submit(shard_rows, source, points_at(work, shard), pure=False)
         number[future] = shard
         return future
@@ -61,14 +61,16 @@ def cluster_shards(
 
 
 def _received(given: str | LFTModel) -> str | LFTModel:
+    """The argument itself, as the result of a task."""
     return given
 
 
 def shard_rows(given: str | LFTModel, points: Array) -> Array:
-    """Rows (n, width) at the samples of a shard, of a scene in TOML or a model."""
+    """Rows (n, width) at the samples `points` (n, n_p) of a shard, for a scene in TOML or a model."""
     return rows_at(_source(given), points)
 
 
 @lru_cache(maxsize=4)
 def _source(given: str | LFTModel) -> EquationSource | ModelSource:
+    """The source of rows; a worker makes it once for all of its shards."""
     return source_of(given if isinstance(given, LFTModel) else scene_from_toml(given))

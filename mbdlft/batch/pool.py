@@ -14,18 +14,18 @@ from pathlib import Path
 from mbdlft.base import errors
 from mbdlft.base.errors import AnalysisError
 
-_DEATHS = 3  # of workers over one shard
+_DEATHS = 3  # workers that may die over one shard before the sweep stops
 
 
 def finished_shards(folder: Path, shards: Sequence[int], workers: int) -> Iterator[int]:
-    """Have shards computed by processes; yields each as it is finished.
+    """Have worker processes compute shards; yield each shard as soon as it is finished.
 
     Raises
     ------
     AnalysisError
         Workers died again and again over one shard.
     MbdlftError
-        What a worker has found.
+        A worker raised this error.
     """
     todo, answers = deque(shards), queue.SimpleQueue[int | Exception]()
     running: list[subprocess.Popen[str]] = []
@@ -57,13 +57,16 @@ def _drive(
     running: list[subprocess.Popen[str]],
     stop: threading.Event,
 ) -> None:
-    """Give one worker at a time a shard, until none is left."""
+    """Run one worker process until all shards are computed; start another one whenever it dies.
+
+    `todo` are the shards that nobody has taken; finished shards, or an error, are put into `answers`.
+    """
     deaths: dict[int, int] = {}
     died: int | None = None
     while not stop.is_set():
         if not todo:
             return
-        # a worker that was killed cannot take what was still on the way to it
+        # if the worker was killed, closing the pipe to it raises an error
         with contextlib.suppress(BrokenPipeError), _start(folder) as process:
             running.append(process)
             try:
@@ -91,7 +94,7 @@ def _serve(
     answers: "queue.SimpleQueue[int | Exception]",
     stop: threading.Event,
 ) -> int | None:
-    """Shards for a worker; the one it died over, or nothing."""
+    """Give shards to a worker, one at a time; return the shard over which it died, or None."""
     assert process.stdin is not None
     assert process.stdout is not None
     while not stop.is_set():
@@ -117,7 +120,8 @@ def _serve(
 
 
 def _start(folder: Path) -> subprocess.Popen[str]:
-    # each worker has one core; threads of linear algebra would only wait for each other
+    """Start a worker process for the sweep in this folder."""
+    # each worker has one core; several threads of linear algebra would wait for each other
     single = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
     return subprocess.Popen(
         [sys.executable, "-m", "mbdlft.batch.worker", str(folder)],

@@ -1,6 +1,7 @@
-"""Trims and linearizations at many samples, one row of numbers each; a row that fails is not an error.
+"""Trims and linearizations at many samples, one row of numbers each.
 
-The equations are trimmed and linearized again at each sample; or an LFT model is evaluated there.
+The equations of a scene are trimmed and linearized again at each sample; an LFT model is evaluated there.
+A sample that has no solution is not an error: its row is NaN and has a status.
 """
 
 from collections.abc import Callable
@@ -27,11 +28,14 @@ from mbdlft.sx.evaluate import MANY
 from mbdlft.system.model import LFTModel, deltas_of
 
 Indices = NDArray[np.intp]
-_CHUNK, _CHUNK_ENTRIES = 4096, 2**21  # samples and matrix entries that are held at once
+_CHUNK, _CHUNK_ENTRIES = 4096, 2**21  # most samples and matrix entries that are in memory at a time
 
 
 class Source(Protocol):
-    """What a sweep evaluates: names and shapes, and the rows at physical points (N, n_p)."""
+    """The source of the rows of a sweep: their layout, and the rows at physical points (N, n_p).
+
+    `chunk` is the number of samples that may be evaluated at a time.
+    """
 
     @property
     def layout(self) -> Layout: ...
@@ -43,13 +47,13 @@ class Source(Protocol):
     def chunk(self) -> int: ...
 
     def rows(self, points: Array) -> tuple[Array, Array, Array, Array]:
-        """[A B ; C D] (N, ., .), trim (N, nt), residual (N,), status (N,); NaN in rows that failed."""
+        """[A B ; C D] (N, ., .), trim (N, nt), residual (N,), status (N,); rows that failed are NaN."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquationSource:
-    """The nonlinear equations of a scene."""
+    """The nonlinear equations of a scene, with the inputs, outputs and states that are asked for."""
 
     equations: Equations
     inputs: tuple[int, ...]
@@ -75,20 +79,20 @@ class EquationSource:
 
     @property
     def chunk(self) -> int:
-        """Samples that are held at once."""
+        """Number of samples that may be evaluated at a time."""
         e = self.equations
         states = len(e.states)
         entries = (states + len(self.outputs)) * (states + len(self.inputs))
         size = min(_CHUNK, _CHUNK_ENTRIES // max(1, entries))
         if size >= MANY:
             return size
-        # fewer are not vectors: the slopes of all of them are held at once
+        # so few samples are not evaluated as vectors, and the derivatives of all of them are in memory
         rows = e.residual.numel() + len(self.outputs)
         columns = rows + states + len(self.inputs) + len(e.unknown)
         return max(1, min(_CHUNK, _CHUNK_ENTRIES // (rows * columns)))
 
     def rows(self, points: Array) -> tuple[Array, Array, Array, Array]:
-        """As `Source.rows`."""
+        """The rows at points (N, n_p), as `Source.rows` describes them."""
         count, unknown = len(points), list(self.equations.unknown)
         matrices = np.empty((count, *self.layout.matrix_shape))
         trim, residual = np.full((count, len(unknown)), np.nan), np.full(count, np.nan)
@@ -96,19 +100,19 @@ class EquationSource:
 
         def fill(some: Indices) -> None:
             e, at = self.equations, points[some]
-            found = balance(e, at)
-            status[some] = np.where(found.unbalanced, NO_EQUILIBRIUM, SINGULAR)
-            good = np.flatnonzero(~found.unbalanced & np.all(np.isfinite(found.efforts), axis=1))
+            trims = balance(e, at)
+            status[some] = np.where(trims.unbalanced, NO_EQUILIBRIUM, SINGULAR)
+            good = np.flatnonzero(~trims.unbalanced & np.all(np.isfinite(trims.efforts), axis=1))
             if not len(good):
                 return
-            efforts, kept = found.efforts[good], some[good]
+            efforts, kept = trims.efforts[good], some[good]
             values = self.need.of(linearized(e, self.inputs, self.outputs, at[good], efforts))
             check_prestress(e, at[good], efforts)
             matrices[_as_slice(kept)] = values
             finite = np.all(np.isfinite(values), axis=(1, 2))
             kept = kept[finite]
             trim[kept] = efforts[finite][:, unknown]
-            residual[kept], status[kept] = found.relative[good][finite], SOLVED
+            residual[kept], status[kept] = trims.relative[good][finite], SOLVED
 
         _halves(fill, np.arange(count))
         matrices[status != SOLVED] = np.nan
@@ -117,7 +121,7 @@ class EquationSource:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelSource:
-    """An LFT model; the residual of a row is the error of the certificate."""
+    """An LFT model; the residual of each row is the error in its certificate."""
 
     model: LFTModel
 
@@ -140,11 +144,11 @@ class ModelSource:
 
     @property
     def chunk(self) -> int:
-        """Samples that are held at once."""
+        """Number of samples that may be evaluated at a time."""
         return max(1, min(_CHUNK, _CHUNK_ENTRIES // max(1, int(np.prod(self.model.lft.shape)))))
 
     def rows(self, points: Array) -> tuple[Array, Array, Array, Array]:
-        """As `Source.rows`."""
+        """The rows at points (N, n_p), as `Source.rows` describes them."""
         m, count = self.model, len(points)
         deltas = deltas_of(m, {p.name: points[:, k] for k, p in enumerate(m.parameters)})
         deltas = np.broadcast_to(deltas, (count, deltas.shape[1]))
@@ -170,15 +174,15 @@ class ModelSource:
 
 
 def _as_slice(some: Indices) -> slice | Indices:
-    """Indices, as a slice if they are without gaps: that is copied in one go."""
+    """Indices (n,), as a slice if they are consecutive: a slice is copied faster."""
     whole = some[-1] - some[0] + 1 == len(some)
     return slice(int(some[0]), int(some[-1]) + 1) if whole else some
 
 
 def _halves(fill: Callable[[Indices], None], some: Indices) -> None:
-    """Fill rows together; if that is singular somewhere, each half alone, down to the row that is.
+    """Fill the rows `some` (n,) together; if one of them is singular, fill each half of them by itself.
 
-    A row alone stays as it is: NaN, and not converged.
+    So the rows are halved down to the singular ones, which stay as they are: NaN, and not converged.
     """
     if not len(some):
         return
@@ -192,7 +196,7 @@ def _halves(fill: Callable[[Indices], None], some: Indices) -> None:
 
 
 def source_of(given: Scene | LFTModel) -> EquationSource | ModelSource:
-    """The equations of a scene, or a model.
+    """The source of rows of a scene or of a model.
 
     Raises
     ------

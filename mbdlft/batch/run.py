@@ -1,4 +1,4 @@
-"""The sweep: samples in shards, computed by processes or a cluster, then put into an archive."""
+"""The sweep: processes or a cluster compute shards of samples, which are then put into an archive."""
 
 import os
 import time
@@ -33,16 +33,16 @@ from mbdlft.system.model import LFTModel
 
 @dataclass(frozen=True, slots=True)
 class SweepReport:
-    """What a sweep has done.
+    """The result of a sweep, in numbers of samples.
 
     Attributes
     ----------
     name : str
-        In the archive.
+        Name of the sweep in the archive.
     count, solved : int
-        Samples, and those that were solved.
+        All samples, and those that were solved.
     not_converged, no_equilibrium : int
-        Those that were not, whose rows are NaN.
+        Samples that were not solved; their rows are NaN.
     resumed : int
         Samples that an earlier run had computed.
     seconds : float
@@ -68,28 +68,30 @@ def sweep(
     progress: Callable[[int, int], None] | None = None,
     client: Any = None,
 ) -> SweepReport:
-    """Trim and linearize at many samples: A, B, C, D at each p_k, into /sweeps/<name> of an archive.
+    """Trim and linearize at many samples: write A, B, C, D at each p_k into /sweeps/<name> of an archive.
 
-    A scene: the nonlinear equations are trimmed and linearized again at each sample, in its inputs and
-    outputs. A model: it is evaluated. Samples that fail are rows of NaN with their status, not errors.
-    What is finished is kept in a folder beside the archive until the archive is written: after a kill,
-    the same call goes on from there and gives the same numbers. The archive is complete or unchanged.
+    The nonlinear equations of a scene are trimmed and linearized again at each sample; a model is
+    evaluated there. A sample that fails is no error: its row is NaN and has a status. Finished shards are
+    kept in a folder beside the archive until the archive is written. So after a kill, the same call
+    continues from there, and it gives the same numbers. The archive is complete or unchanged.
 
     Parameters
     ----------
     source : Scene or LFTModel
     samples : GridSamples, RandomSamples, or mapping of names to numbers or arrays (N,)
-        Physical values in the units of the parameters, inside their ranges; the others are nominal.
+        Physical values in the units of the parameters, inside their ranges; a parameter that is not named
+        is nominal.
     path : file, an archive; made if it does not exist
     name : str, optional
-        That of the source by default; a sweep of that name is replaced.
+        Name in the archive, by default that of the source; a sweep of this name is replaced.
     workers : int, optional
-        Processes; by default one for each core. With 1 all is done in this one.
+        Number of processes; by default one for each core. With 1 this process does all of the work.
     restart : bool
-        Throw away what an unfinished sweep of this name has left.
-    progress : function of the samples that are done and their number, optional
+        Whether to throw away the shards of an unfinished sweep of this name.
+    progress : function, optional
+        Called with the number of finished samples and the number of all samples.
     client : distributed.Client, optional
-        A Dask cluster that computes instead of this machine's processes (extra `cluster`).
+        A Dask cluster that computes instead of processes of this machine (extra `cluster`).
 
     Returns
     -------
@@ -113,9 +115,9 @@ def sweep(
     check_name(file, "sweep", key)
     check_file(file)
     parameters = sorted(source.parameters, key=lambda parameter: parameter.name)
-    found = samples_of(parameters, samples)
+    all_samples = samples_of(parameters, samples)
     folder = file.parent / f".{file.name}.{key}.sweep"
-    work = prepare(folder, source, found, restart=restart)
+    work = prepare(folder, source, all_samples, restart=restart)
     todo = missing(folder, work)
     resumed = work.count - sum(map(work.rows_of, todo))
     done = resumed
@@ -163,7 +165,7 @@ def _computed(
     workers: int | None,
     client: Any,
 ) -> Iterator[int]:
-    """Compute shards and put them into the folder; yields each when it is there."""
+    """Compute shards and put them into the folder; yield each when it is there."""
     if client is not None:
         for shard, rows in cluster_shards(client, source, work, todo):
             write_shard(folder, shard, rows)
@@ -175,6 +177,6 @@ def _computed(
     if min(processes, len(todo)) > 1:
         yield from finished_shards(folder, todo, processes)
         return
-    for shard in todo:  # to start a process for one shard would take longer than most shards
+    for shard in todo:  # starting a process would take longer than computing most shards
         write_shard(folder, shard, rows_at(work.source, points_at(work, shard)))
         yield shard

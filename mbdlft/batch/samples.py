@@ -1,4 +1,4 @@
-"""Sets of parameter values that are made where they are needed, so that millions take no memory."""
+"""Samples of a sweep: each part is made when it is needed, so that millions take no memory."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,14 +13,14 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.parameter import Parameter
 
-_OUTSIDE = 1e-9  # of the width of a range: what rounding may leave a value outside
+_OUTSIDE = 1e-9  # how far rounding may put a value outside of its range, of the width of the range
 
 
 @dataclass(frozen=True, slots=True)
 class GridSamples:
     """All combinations of evenly spaced values, bounds included.
 
-    The order is that of `grid` for parameters sorted by name.
+    They are in the order of `grid` for parameters sorted by name.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class GridSamples:
 
 @dataclass(frozen=True, slots=True)
 class RandomSamples:
-    """Independent uniform values in the ranges, those of `random` for parameters sorted by name.
+    """Independent uniform values in the ranges, equal to those of `random` for parameters sorted by name.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class RandomSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GivenSamples:
-    """Values that are given.
+    """Samples that the user gives as values.
 
     Attributes
     ----------
@@ -63,13 +63,13 @@ Samples = GridSamples | RandomSamples | GivenSamples
 def samples_of(
     parameters: Sequence[Parameter], given: GridSamples | RandomSamples | Mapping[str, ArrayLike]
 ) -> Samples:
-    """Checked samples.
+    """Check the samples of a user.
 
     Parameters
     ----------
     parameters : sequence of Parameter
     given : GridSamples, RandomSamples, or a mapping of names to numbers or arrays (N,)
-        In the units of the parameters; those that are not named are nominal.
+        Values in the units of the parameters; a parameter that is not named is nominal.
 
     Raises
     ------
@@ -107,13 +107,16 @@ def count_of(samples: Samples) -> int:
 
 
 def points_of(samples: Samples, parameters: Sequence[Parameter], start: int, stop: int) -> Array:
-    """Physical values (stop - start, n_p) of some of the samples; the same for any way to cut them."""
+    """Physical values (stop - start, n_p) of the samples from `start` to `stop`.
+
+    The values of a sample do not depend on the part in which it is made.
+    """
     if isinstance(samples, GivenSamples):
         return np.array(samples.points[start:stop], dtype=float)
     points = np.empty((stop - start, len(parameters)))
     if isinstance(samples, RandomSamples):
         for k, p in enumerate(parameters):
-            # `random` draws one 64-bit number for each value, parameter by parameter
+            # `random` draws one 64-bit number for each value: first all values of the first parameter
             bits = np.random.PCG64(samples.seed)
             bits.advance(k * samples.count + start)
             points[:, k] = np.random.Generator(bits).uniform(p.low, p.high, stop - start)
@@ -129,7 +132,7 @@ def points_of(samples: Samples, parameters: Sequence[Parameter], start: int, sto
 
 
 def described(samples: Samples) -> dict[str, Any]:
-    """What makes samples, as plain data; those that are given are kept beside it."""
+    """Samples as plain data, from which they can be made again; values are stored beside the data."""
     if isinstance(samples, GridSamples):
         return {"kind": "grid", "counts": {k: int(v) for k, v in samples.counts.items()}}
     if isinstance(samples, RandomSamples):
@@ -138,7 +141,7 @@ def described(samples: Samples) -> dict[str, Any]:
 
 
 def from_description(data: Mapping[str, Any], points: Path) -> Samples:
-    """The samples that `described` describes; given ones stay on the disk, in `points`."""
+    """The samples that `described` has described; given values stay on the disk, in the file `points`."""
     if data["kind"] == "grid":
         return GridSamples(data["counts"])
     if data["kind"] == "random":
@@ -147,7 +150,7 @@ def from_description(data: Mapping[str, Any], points: Path) -> Samples:
 
 
 def read_samples(path: str | Path) -> dict[str, Array]:
-    """Samples of a text file: names in the first line, then one sample a line, all with commas.
+    """Read samples from a text file with commas: names in the first line, one sample in each other line.
 
     Parameters
     ----------
@@ -182,6 +185,7 @@ def read_samples(path: str | Path) -> dict[str, Array]:
 
 
 def _check_names(what: str, parameters: Sequence[Parameter], given: Mapping[str, Any]) -> None:
+    """Raise an AnalysisError for a name that is not that of a parameter."""
     known = [p.name for p in parameters]
     for name in given:
         if name not in known:
@@ -189,6 +193,7 @@ def _check_names(what: str, parameters: Sequence[Parameter], given: Mapping[str,
 
 
 def _points(parameters: Sequence[Parameter], given: Mapping[str, ArrayLike]) -> Array:
+    """Checked values (N, n_p) of all parameters."""
     columns = {
         name: np.atleast_1d(np.asarray(column, dtype=float)) for name, column in given.items()
     }

@@ -1,8 +1,8 @@
-"""The unfinished part of a sweep: a folder beside the archive, with one file for each finished shard.
+"""The folder of an unfinished sweep, beside its archive: one file for each finished shard.
 
-Shards are consecutive samples. A shard's file is there as a whole or not at all, and its numbers depend
-on nothing but the plan: not on who computes it, when, or how often. So a sweep that was killed goes on
-with the shards that are missing.
+A shard is a number of consecutive samples. Its file is complete or does not exist, and its numbers depend
+on the plan of the sweep only: not on the process that computes them, nor on the time. So a sweep that was
+killed continues with the shards that are missing.
 """
 
 import contextlib
@@ -41,7 +41,7 @@ _PLAN, _SCENE, _MODEL, _SAMPLES = "plan.json", "scene.toml", "model.h5", "sample
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Work:
-    """What the shards of a sweep are made from."""
+    """The data from which shards are computed: the source of rows, the samples, and the shards' size."""
 
     source: EquationSource | ModelSource
     samples: Samples
@@ -58,12 +58,12 @@ class Work:
         return -(-self.count // self.shard_rows)
 
     def rows_of(self, shard: int) -> int:
-        """Samples of a shard."""
+        """Number of samples of a shard."""
         return min(self.shard_rows, self.count - shard * self.shard_rows)
 
 
 def work_of(given: Scene | LFTModel, samples: Samples) -> Work:
-    """Shards of whole chunks, small enough for progress and memory."""
+    """The work of a sweep in shards of whole chunks, small enough for memory and for regular progress."""
     source = source_of(given)
     most = min(_SHARD_ROWS, _SHARD_BYTES // (8 * source.layout.width))
     return Work(source, samples, source.chunk * max(1, most // source.chunk))
@@ -76,7 +76,11 @@ def points_at(work: Work, shard: int) -> Array:
 
 
 def rows_at(source: EquationSource | ModelSource, points: Array) -> Array:
-    """Rows (n, width) at the samples of a shard; the chunks are the same whoever computes them."""
+    """Rows (n, width) at the samples `points` (n, n_p) of a shard.
+
+    They are computed in chunks of the size that the source asks for, so that every process gets the same
+    numbers.
+    """
     with one_thread():
         parts = [
             pack(source.layout, part, *source.rows(part))
@@ -89,14 +93,14 @@ def rows_at(source: EquationSource | ModelSource, points: Array) -> Array:
 
 
 def prepare(folder: Path, given: Scene | LFTModel, samples: Samples, *, restart: bool) -> Work:
-    """The folder of a sweep: a new one, or that of the same sweep, which goes on.
+    """Make the folder of a sweep, or continue with that of the same sweep.
 
     Raises
     ------
     AnalysisError
-        It is the folder of another sweep that is not finished.
+        The folder exists and belongs to another sweep that is not finished.
     ArchiveError
-        It cannot be written.
+        The folder cannot be written.
     """
     work = work_of(given, samples)
     plan = {
@@ -129,7 +133,7 @@ def prepare(folder: Path, given: Scene | LFTModel, samples: Samples, *, restart:
 
 
 def opened(folder: Path) -> Work:
-    """The work of a folder, as another process sees it."""
+    """The work of a sweep, as another process reads it from the folder."""
     plan: dict[str, Any] = json.loads((folder / _PLAN).read_text(encoding="utf-8"))
     given: Scene | LFTModel
     if plan["source"] == "model":
@@ -147,37 +151,38 @@ def missing(folder: Path, work: Work) -> list[int]:
 
 
 def write_shard(folder: Path, shard: int, rows: Array) -> None:
-    """Put the rows of a shard into its file, at once.
+    """Put the rows (n, width) of a shard into its file, which is then complete.
 
     Raises
     ------
     ArchiveError
-        It cannot be written.
+        The file cannot be written.
     """
     with _written(folder):
         _put(_shard(folder, shard), rows.astype("<f8").tobytes())
 
 
 def read_shards(folder: Path, work: Work) -> Iterator[Array]:
-    """Rows of all shards in their order, one shard in memory."""
+    """Yield the rows (n, width) of all shards in their order; one shard at a time is in memory."""
     for k in range(work.shards):
         rows = np.fromfile(_shard(folder, k), dtype="<f8")
         yield rows.reshape(work.rows_of(k), work.source.layout.width)
 
 
 def clear(folder: Path) -> None:
-    """Remove the folder; without its plan, what is left of it after a kill counts for nothing."""
+    """Remove the folder, its plan first: a folder without plan, after a kill, is not continued."""
     with contextlib.suppress(FileNotFoundError):
         (folder / _PLAN).unlink()
     shutil.rmtree(folder, ignore_errors=True)
 
 
 def _shard(folder: Path, shard: int) -> Path:
+    """The file of a shard."""
     return folder / f"shard-{shard:07d}.f8"
 
 
 def _put(file: Path, image: bytes) -> None:
-    """Write beside, then rename: a file of this name is whole."""
+    """Write a file beside the final one and rename it, so that the final one is always complete."""
     beside = file.with_name(f"{file.name}.{os.getpid()}")
     with beside.open("wb") as stream:
         stream.write(image)
@@ -188,6 +193,7 @@ def _put(file: Path, image: bytes) -> None:
 
 @contextlib.contextmanager
 def _written(folder: Path) -> Iterator[None]:
+    """A context in which failures of writing into the folder become an `ArchiveError`."""
     try:
         yield
     except OSError as error:
@@ -198,15 +204,16 @@ def _written(folder: Path) -> Iterator[None]:
 
 
 def _fingerprint(given: Scene | LFTModel, samples: Samples) -> str:
-    found = hashlib.sha256()
+    """A text that tells one pair of source and given samples from another."""
+    digest = hashlib.sha256()
     if isinstance(given, LFTModel):
-        found.update(repr((given.parameters, given.states, given.inputs, given.outputs)).encode())
+        digest.update(repr((given.parameters, given.states, given.inputs, given.outputs)).encode())
         for lft in (given.lft, given.trim.lft):
             if lft is not None:
                 for matrix in (lft.M11, lft.M12, lft.M21, lft.M22):
-                    found.update(matrix.tobytes())
+                    digest.update(matrix.tobytes())
     else:
-        found.update(scene_to_toml(given).encode())
+        digest.update(scene_to_toml(given).encode())
     if isinstance(samples, GivenSamples):
-        found.update(np.ascontiguousarray(samples.points).tobytes())
-    return found.hexdigest()
+        digest.update(np.ascontiguousarray(samples.points).tobytes())
+    return digest.hexdigest()

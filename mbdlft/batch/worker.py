@@ -1,6 +1,7 @@
-"""A process that computes shards: their numbers come by its input, one a line; it answers each.
+"""A worker process: it reads numbers of shards from its input, one a line, and computes them.
 
-It ends with its input, so that nothing is left behind when the sweep is killed.
+It answers each line when the shard is in its file. It ends when its input ends, so that no process stays
+when the sweep is killed.
 """
 
 import contextlib
@@ -23,11 +24,12 @@ def main(folder: Path) -> None:
     except MbdlftError as error:
         _answer({"error": type(error).__name__, "message": str(error)})
     except FileNotFoundError:
-        pass  # the sweep was finished or thrown away by someone else
+        pass  # another process has finished the sweep or thrown it away
 
 
 def _answer(answer: dict[str, object]) -> None:
-    with contextlib.suppress(BrokenPipeError):  # the sweep was killed; the shard is there
+    """Write an answer as one line of JSON."""
+    with contextlib.suppress(BrokenPipeError):  # the sweep was killed, but the shard is in its file
         sys.stdout.write(json.dumps(answer) + "\n")
         sys.stdout.flush()
 

@@ -1,1 +1,1 @@
-"""The command line: one file for each group of commands, and the tables that they print."""
+"""The command line: one file for each group of commands, and the tables and reports that they print."""

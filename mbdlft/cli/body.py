@@ -1,4 +1,4 @@
-"""The command `body`: the table of a catalogue body, for a scene file."""
+"""The command `body`: it prints the table of a catalogue body, for a scene file."""
 
 import sys
 from pathlib import Path
@@ -26,9 +26,9 @@ def body(
     choices = {key: value for key, value in given.items() if value is not None}
     table = body_table(body_file)
     notes = [f"{body_file.name}: {table['description']}", f"Source: {table['source']}"]
-    found = load_body(body_file, name, **choices)
+    catalogue_body = load_body(body_file, name, **choices)
     if "data" in table:
         notes.append(effective_masses(reduced_body(body_file, **choices)).table())
     comment = "\n".join(notes)
     sys.stdout.write("".join(f"# {line}\n".replace(" \n", "\n") for line in comment.splitlines()))
-    sys.stdout.write(f"\n{body_to_toml(found)}")
+    sys.stdout.write(f"\n{body_to_toml(catalogue_body)}")

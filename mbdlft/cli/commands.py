@@ -1,9 +1,7 @@
 """The command line: import, body, check, trim, linearize, sweep, realize, show."""
 
-import json
 import sys
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,11 +14,12 @@ from rich.table import Table
 from mbdlft import __version__
 from mbdlft.base.errors import MbdlftError, SceneError
 from mbdlft.cli.body import body
+from mbdlft.cli.report import print_model, report_model
 from mbdlft.cli.sweep import sweep
 from mbdlft.cli.tables import console as _console
 from mbdlft.cli.tables import table as _table
 from mbdlft.cli.urdf import import_robot
-from mbdlft.system.model import Certificate, LFTModel
+from mbdlft.system.model import LFTModel
 
 if TYPE_CHECKING:
     from mbdlft.multibody.scene import Scene
@@ -44,8 +43,7 @@ Search = Annotated[
     ),
 ]
 SceneFile = Annotated[Path, typer.Argument(help="Scene, a TOML file.")]
-_EPS = sys.float_info.epsilon
-SEARCH_SECONDS = 4.0  # as mbdlft.build.SEARCH, which is slow to import
+SEARCH_SECONDS = 4.0  # equal to SEARCH of mbdlft.pipeline.build, which is slow to import
 app.command("import")(import_robot)
 app.command()(body)
 app.command()(sweep)
@@ -185,7 +183,7 @@ def linearize(
     paths, notes = {"archive": output, "figure": plot}, _notes(scene)
     if truncate is not None and built.model.certificate.truncation_error == 0.0:
         notes.append(f"note: no channel can be left out within {truncate:g}; nothing is truncated.")
-    _report(built.model, seconds, paths, notes, as_json=as_json)
+    report_model(built.model, seconds, paths, notes, as_json=as_json)
 
 
 @app.command()
@@ -219,7 +217,7 @@ def realize(
             status.update(f"{escape(problem.name)}: write")
             seconds["write"] = _write(output, built.model)
     notes = [f"note: {name!r} is declared and not used." for name in unused_names(problem)]
-    _report(built.model, seconds, {"archive": output}, notes, as_json=as_json)
+    report_model(built.model, seconds, {"archive": output}, notes, as_json=as_json)
 
 
 @app.command()
@@ -232,7 +230,7 @@ def show(
 
     for key in [name] if name else model_names(archive):
         model = load(archive, key)
-        _print_model(model)
+        print_model(model)
         made = model.provenance
         _console().print(f"made {made.created} by mbdlft {made.mbdlft}, CasADi {made.casadi}")
     if name is None and sweep_names(archive):
@@ -240,6 +238,7 @@ def show(
 
 
 def _efforts(point: "TrimPoint") -> Table:
+    """The table of the efforts at a trim point."""
     table = _table("efforts that hold the equilibrium", "effort", "value >", "unit")
     for signal, value in zip(point.signals, point.values, strict=True):
         table.add_row(signal.name, f"{value:.10g}", signal.unit)
@@ -247,7 +246,7 @@ def _efforts(point: "TrimPoint") -> Table:
 
 
 def _notes(scene: "Scene") -> list[str]:
-    """What a user may have overlooked."""
+    """Notes on facts that a user may have overlooked."""
     from mbdlft.multibody.scene.quantities import unused_names
 
     notes = [f"note: {name!r} is declared and not used." for name in unused_names(scene)]
@@ -257,6 +256,7 @@ def _notes(scene: "Scene") -> list[str]:
 
 
 def _assignments(texts: list[str]) -> dict[str, float]:
+    """Values by name of the options --set name=value."""
     values = {}
     for text in texts:
         name, equals, value = text.partition("=")
@@ -273,7 +273,7 @@ def _assignments(texts: list[str]) -> dict[str, float]:
 
 
 def _check_paths(archive: Path | None, figure: Path | None = None) -> None:
-    """Whether both can be written, as far as can be seen before the work."""
+    """Raise an error if it is known before the work that one of the files cannot be written."""
     if archive is not None:
         from mbdlft.store.archive import check_file
 
@@ -285,176 +285,9 @@ def _check_paths(archive: Path | None, figure: Path | None = None) -> None:
 
 
 def _write(archive: Path, model: LFTModel) -> float:
-    """Save a model; the seconds it took."""
+    """Save a model; return the seconds that this took."""
     from mbdlft.store import save
 
     start = time.perf_counter()
     save(archive, model)
     return time.perf_counter() - start
-
-
-def _report(
-    model: LFTModel,
-    seconds: Mapping[str, float],
-    paths: Mapping[str, Path | None],
-    notes: list[str],
-    *,
-    as_json: bool,
-) -> None:
-    """Print what was made: one JSON object, or tables and notes."""
-    seconds = {**seconds, "total": sum(seconds.values())}
-    if as_json:
-        sys.stdout.write(json.dumps(_summary(model, seconds), indent=2) + "\n")
-        return
-    _print_model(model)
-    console = _console()
-    for note in notes:
-        console.print(note)
-    console.print("seconds: " + ", ".join(f"{name} {value:.3f}" for name, value in seconds.items()))
-    for what, path in paths.items():
-        if path is not None:
-            console.print(f"{what}: {path}", soft_wrap=True)
-
-
-def _print_model(model: LFTModel) -> None:
-    console = _console()
-    console.print(f"{model.name}  {model.description}", style="bold", highlight=False)
-    for what in ("states", "inputs", "outputs"):
-        signals = getattr(model, what)
-        listed = ", ".join(f"{signal.name} ({signal.unit})" for signal in signals)
-        console.print(f"{what} ({len(signals)}): {listed}".rstrip(": "), highlight=False)
-    certificate = model.certificate
-    table = _table(
-        None, "parameter", "unit", "nominal >", "range >", "role", "repetitions >", "lower bound >",
-        "before reduction >",
-    )  # fmt: skip
-    totals = (sum(certificate.order), sum(certificate.lower_bound), sum(certificate.raw_order))
-    table.show_footer = True
-    for column, footer in enumerate(("total", "", "", "", "", *totals)):
-        table.columns[column].footer = str(footer)
-    for p, order, bound, raw in zip(
-        model.parameters,
-        certificate.order,
-        certificate.lower_bound,
-        certificate.raw_order,
-        strict=True,
-    ):
-        span = f"[{p.low:g}, {p.high:g}]"
-        table.add_row(
-            p.name, p.unit, f"{p.nominal:g}", span, p.role, str(order), str(bound), str(raw)
-        )
-    console.print(table)
-    if certificate.exact:
-        proof = "minimal: proved" if certificate.minimal else "not proved minimal"
-        alone = sum(certificate.lower_bound)
-        together = certificate.order_bound - alone
-        if certificate.exact_bound:
-            proof += f" ({f'the {alone}' if together else 'bound'} in exact arithmetic)"
-        parts = f" ({alone} one by one, {together} more together)" if together else ""
-        console.print(f"order {model.order}, lower bound {certificate.order_bound}{parts}: {proof}")
-    else:
-        console.print(
-            f"order {model.order}; the lower bound {sum(certificate.lower_bound)} is that of exact models"
-        )
-        if certificate.truncation_error > 0.0:
-            console.print(
-                f"not exact: values differ by at most {_upward(certificate.truncation_error)} of their "
-                "typical sizes, on the whole range"
-            )
-        if certificate.fit_error_bound > 0.0:
-            console.print(
-                f"not exact: positions are fits, within {_upward(certificate.fit_error_bound)} rad or m "
-                "of the equilibrium, on the whole range"
-            )
-    if any(certificate.doubtful):
-        unclear = ", ".join(
-            f"{p.name} {count}"
-            for p, count in zip(model.parameters, certificate.doubtful, strict=True)
-            if count
-        )
-        console.print(f"ranks that rounding makes unclear, not counted in the bound: {unclear}")
-    # a scene has joints and so a trim; a matrix has none
-    truth = "re-trimming and re-linearizing" if model.trim.signals else "the matrix itself"
-    console.print(
-        f"maximum relative error {certificate.max_relative_error:.1e} against {truth} at "
-        f"{certificate.check_points} points and corners"
-        + (", before truncation" if certificate.truncation_error > 0.0 else "")
-        + (", at the fitted positions" if certificate.fit_error_bound > 0.0 else "")
-    )
-    if certificate.condition > 0.0:
-        console.print(_conditioning(certificate))
-    if model.trim.signals:
-        trimmed = ", ".join(
-            f"{signal.name} = {value:.6g} {signal.unit}"
-            for signal, value in zip(model.trim.signals, model.trim.nominal, strict=True)
-        )
-        console.print(f"trim at nominal: {trimmed}", highlight=False)
-
-
-def _conditioning(certificate: Certificate) -> str:
-    """What rounding of the data does, whoever computes with it."""
-    change = certificate.condition * _EPS
-    text = f"condition {certificate.condition:.1e}: rounding of the data alone may change an entry "
-    text += f"by {change:.1e} of itself"
-    if change > _EPS**0.5:
-        text = f"ill-conditioned, {text}"
-    if certificate.sign_changes:
-        text += (
-            f"; {certificate.sign_changes} entries change their sign in the range, and near there have "
-            "digits relative to their largest size only"
-        )
-    return text
-
-
-def _upward(error: float) -> str:
-    """Three digits, never rounded down."""
-    text = f"{error:.2e}"
-    return text if float(text) >= error else f"{error + 0.01 * 10.0 ** int(text[-3:]):.2e}"
-
-
-def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]:
-    certificate = model.certificate
-    signals = {
-        what: [{"name": s.name, "unit": s.unit} for s in getattr(model, what)]
-        for what in ("states", "inputs", "outputs")
-    }
-    parameters = [
-        {
-            "name": p.name,
-            "unit": p.unit,
-            "nominal": p.nominal,
-            "low": p.low,
-            "high": p.high,
-            "role": p.role,
-            "order": certificate.order[k],
-            "lower_bound": certificate.lower_bound[k],
-            "gap": certificate.gap[k],
-            "raw_order": certificate.raw_order[k],
-            "doubtful": certificate.doubtful[k] if certificate.doubtful else None,
-        }
-        for k, p in enumerate(model.parameters)
-    ]
-    trim = [
-        {"name": signal.name, "unit": signal.unit, "nominal": value}
-        for signal, value in zip(model.trim.signals, model.trim.nominal, strict=True)
-    ]
-    return {
-        "name": model.name,
-        **signals,
-        "parameters": parameters,
-        "trim": trim,
-        "order": sum(certificate.order),
-        "lower_bound": sum(certificate.lower_bound),
-        "raw_order": sum(certificate.raw_order),
-        "order_bound": certificate.order_bound,
-        "minimal": certificate.minimal,
-        "exact_bound": certificate.exact_bound,
-        "exact": certificate.exact,
-        "truncation_error": certificate.truncation_error,
-        "fit_error_bound": certificate.fit_error_bound,
-        "max_relative_error": certificate.max_relative_error,
-        "condition": certificate.condition or None,
-        "sign_changes": certificate.sign_changes if certificate.condition else None,
-        "check_points": certificate.check_points,
-        "seconds": dict(seconds),
-    }

@@ -1,4 +1,4 @@
-"""The command `sweep`: numeric trims and linearizations at many samples, into an archive."""
+"""The command `sweep`: it writes numeric trims and linearizations at many samples into an archive."""
 
 import json
 import sys
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from mbdlft.base.array import Array
-    from mbdlft.batch import GridSamples, RandomSamples
+    from mbdlft.batch import GridSamples, RandomSamples, SweepReport
     from mbdlft.multibody.scene import Scene
     from mbdlft.system.model import LFTModel
 
@@ -62,22 +62,27 @@ def sweep(
     from mbdlft import batch
 
     samples = _samples(grid, random, file, seed)
-    found = _source(source, model)
+    evaluated = _source(source, model)
     with Console(stderr=True).status("") as status:
         report = batch.sweep(
-            found,
+            evaluated,
             samples,
             output,
             name=name,
             workers=workers,
             restart=restart,
             progress=lambda done, count: status.update(
-                f"{escape(found.name)}: {done} of {count} samples"
+                f"{escape(evaluated.name)}: {done} of {count} samples"
             ),
         )
     if as_json:
         sys.stdout.write(json.dumps(asdict(report), indent=2) + "\n")
         return
+    _print_report(report, output)
+
+
+def _print_report(report: "SweepReport", output: Path) -> None:
+    """Print the numbers of samples of a sweep."""
     out = console()
     out.print(
         f"{report.name}: {report.count} samples, {report.solved} solved, {report.not_converged} not "
@@ -91,7 +96,7 @@ def sweep(
 
 
 def _source(file: Path, model: str | None) -> "Scene | LFTModel":
-    """A scene, or a model if the file is an archive."""
+    """The scene of a file, or the model `model` if the file is an archive."""
     from mbdlft.multibody.scene import load_scene
     from mbdlft.store import load
 
@@ -105,7 +110,7 @@ def _source(file: Path, model: str | None) -> "Scene | LFTModel":
 def _samples(
     grid: list[str] | None, random: int | None, file: Path | None, seed: int | None
 ) -> "GridSamples | RandomSamples | Mapping[str, Array]":
-    """The samples of exactly one of the options."""
+    """The samples that exactly one of the options --grid, --random and --file gives."""
     from mbdlft.batch import GridSamples, RandomSamples, read_samples
 
     if (bool(grid) + (random is not None) + (file is not None)) != 1:

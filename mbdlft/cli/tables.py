@@ -1,4 +1,4 @@
-"""Tables of the command line, and equilibria that are found."""
+"""Tables of the command line, scene files that it writes, and the table of an equilibrium."""
 
 import sys
 from collections.abc import Mapping
@@ -15,30 +15,29 @@ if TYPE_CHECKING:
     from mbdlft.multibody.equilibrium import EquilibriumPoint
     from mbdlft.multibody.scene import Scene
 
-_WIDTH = 110  # of tables that go into a file or a pipe
-_GROWS = 1e-6  # of the largest eigenvalue: real parts that are smaller are zero
+_WIDTH = 110  # characters in a line of a table that goes into a file or a pipe
+_GROWS = 1e-6  # a real part below this part of the largest eigenvalue is zero
 
 
 def console() -> Console:
-    """Texts of scenes are printed as they are, not as markup."""
+    """The console for standard output; it prints texts of scenes as they are, not as markup."""
     return Console(width=None if sys.stdout.isatty() else _WIDTH, markup=False, emoji=False)
 
 
 def table(title: str | None, *headings: str) -> Table:
-    """A table; a heading that ends in ``>`` is that of a column of numbers."""
-    found = Table(title=Text(title) if title else None)
+    """An empty table; a heading that ends in ``>`` makes a column of numbers."""
+    rows = Table(title=Text(title) if title else None)
     for heading in headings:
         number = heading.endswith(">")
-        found.add_column(heading.rstrip(" >"), justify="right" if number else "left")
-    return found
+        rows.add_column(heading.rstrip(" >"), justify="right" if number else "left")
+    return rows
 
 
 def print_equilibria(
     scene: "Scene", values: Mapping[str, float], starts: int, output: Path | None, *, every: bool
 ) -> None:
-    """Find one equilibrium, or `every` one that `starts` lead to; write the scene at the first one."""
+    """Find one equilibrium, or `every` one to which `starts` lead; write the scene at the first one."""
     from mbdlft.multibody.equilibrium import at_equilibrium, find_equilibrium
-    from mbdlft.multibody.scene import scene_to_toml
 
     if every:
         points = find_equilibrium(scene, values, starts=starts, every=True)
@@ -54,15 +53,22 @@ def print_equilibria(
         if point.undetermined:
             out.print(f"not determined: {', '.join(point.undetermined)}")
     if output is not None:
-        text = scene_to_toml(at_equilibrium(scene, points[0]))
-        try:
-            output.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise SceneError(f"{output}: cannot be written: {error.strerror}.") from None
+        write_scene(output, at_equilibrium(scene, points[0]))
         out.print(f"scene: {output}", soft_wrap=True)
 
 
+def write_scene(path: Path, scene: "Scene") -> None:
+    """Write a scene as a TOML file."""
+    from mbdlft.multibody.scene import scene_to_toml
+
+    try:
+        path.write_text(scene_to_toml(scene), encoding="utf-8")
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be written: {error.strerror}.") from None
+
+
 def _stability(scene: "Scene", point: "EquilibriumPoint") -> str:
+    """A sentence that says whether an equilibrium is stable."""
     from mbdlft.multibody.equilibrium import eigenvalues_at
 
     try:

@@ -1,4 +1,4 @@
-"""The command `import`: a scene from a URDF file."""
+"""The command `import`: it makes a scene of a URDF file."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,6 +8,7 @@ import typer
 from mbdlft.base.errors import SceneError
 from mbdlft.base.parameter import Angle, Parameter
 from mbdlft.base.unit import ANGLE_UNITS
+from mbdlft.cli.tables import write_scene
 
 Texts = list[str] | None
 
@@ -50,7 +51,6 @@ def import_robot(
     ] = False,
 ) -> None:
     """Make a scene of a robot (URDF), and say what was ignored and what was assumed."""
-    from mbdlft.multibody.scene import scene_to_toml
     from mbdlft.urdf import load_urdf
 
     percents = dict(_pair("--vary", text) for text in vary or [])
@@ -63,10 +63,7 @@ def import_robot(
         base="free" if free_base else "fixed",
         keep_unphysical=keep_unphysical,
     )
-    try:
-        output.write_text(scene_to_toml(scene), encoding="utf-8")
-    except OSError as error:
-        raise SceneError(f"{output}: cannot be written: {error.strerror}.") from None
+    write_scene(output, scene)
     typer.echo(str(report))
     typer.echo(
         f"{scene.name}: {len(scene.bodies)} bodies, {len(scene.joints)} joints, "
@@ -76,7 +73,7 @@ def import_robot(
 
 
 def _pair(option: str, text: str) -> tuple[str, str]:
-    """Both sides of ``name=value``."""
+    """Name and value of the text ``name=value`` of an option."""
     name, equals, value = (part.strip() for part in text.partition("="))
     if not (name and equals and value):
         raise SceneError(f"{option} {text}: expected a name, = and a value.")
@@ -84,6 +81,7 @@ def _pair(option: str, text: str) -> tuple[str, str]:
 
 
 def _number(option: str, name: str, value: str) -> float:
+    """The number in the value of an option."""
     try:
         return float(value)
     except ValueError:
@@ -91,7 +89,7 @@ def _number(option: str, name: str, value: str) -> float:
 
 
 def _parameter(text: str) -> Parameter:
-    """Parameter of ``name=low,nominal,high,unit``; one in deg or rad is an angle."""
+    """Parameter of the text ``name=low,nominal,high,unit``; one in deg or rad is an angle."""
     name, value = _pair("--parameter", text)
     parts = [part.strip() for part in value.split(",")]
     if len(parts) != 4:

@@ -27,20 +27,21 @@ def flexible_body(
     damping: Quantity | Sequence[Quantity] = 0.0,
     prestress: str | None = None,
 ) -> FlexibleBody:
-    """Body of a scene from the matrices of a finite-element model.
+    """Make a flexible body of a scene from the matrices of a finite-element model.
 
     Parameters
     ----------
     name : str
     mass_matrix, stiffness_matrix, nodes, parent, ports, method, modes, frequency, effective_mass
         As in `modal_model`.
-    damping : ratio, number or expression, of all modes, or one for each mode of the result
-    prestress : as of every elastic body
+    damping : damping ratio [1], a number or an expression, of all modes; or a sequence with one for
+        each mode of the body
+    prestress : ``neglected`` or None, as for every elastic body
 
     Raises
     ------
     StructureError
-        As `modal_model`, or another number of damping ratios than modes.
+        `modal_model` raises it, or the number of damping ratios is not that of the modes.
     """
     model = modal_model(
         mass_matrix,
@@ -63,13 +64,18 @@ def modal_body(
     damping: Quantity | Sequence[Quantity] = 0.0,
     prestress: str | None = None,
 ) -> FlexibleBody:
-    """Body of a scene from a modal model.
+    """Make a flexible body of a scene from a modal model.
 
     Parameters
     ----------
     name : str
     model : ModalModel
     damping, prestress : as in `flexible_body`
+
+    Raises
+    ------
+    StructureError
+        The number of damping ratios is not that of the modes.
     """
     count = len(model.frequencies)
     ratios = [damping] * count if isinstance(damping, str | int | float) else list(damping)

@@ -1,7 +1,7 @@
-"""Catalogue bodies: `mbdlft-body/1`, a description beside its data, for use in any scene.
+"""Catalogue bodies: files of the format `mbdlft-body/1`, a description beside the data of one body.
 
-A scene file stays complete in itself: what it needs is not a reference to a catalogue but the table
-of the body, which `mbdlft body` prints.
+A scene file does not refer to the catalogue: it contains the table of the body, which the command
+`mbdlft body` prints. So a scene file can be read without any other file.
 """
 
 from collections.abc import Mapping
@@ -28,21 +28,21 @@ _DATA = ("data", "parent", "ports", *_CHOICES, *_NASTRAN, *_UNITS)
 
 
 def load_body(path: str | Path, name: str | None = None, **choices: Any) -> Body:
-    """Body of a catalogue file, ready for a scene.
+    """Load the body of a catalogue file, ready for a scene.
 
     Parameters
     ----------
     path : TOML file with the format `mbdlft-body/1`
     name : name of the body in the scene; by default that of the file
     choices : method, modes, frequency, effective_mass, damping, prestress
-        In place of what the file says, for a body that is reduced from matrices.
+        These replace the entries of the file, if the file describes a body by matrices.
 
     Raises
     ------
     SceneError
         The file cannot be read or is not the description of a body.
     StructureError
-        Its data are not those of a free structure: see `modal_model`.
+        The matrices are not those of a free structure: see `modal_model`.
     """
     file = Path(path)
     table = body_table(file)
@@ -61,11 +61,16 @@ def load_body(path: str | Path, name: str | None = None, **choices: Any) -> Body
 
 
 def reduced_body(path: str | Path, **choices: Any) -> ModalModel:
-    """Modal model of a catalogue file that has matrices.
+    """Modal model of a catalogue file that describes a body by matrices.
 
     Parameters
     ----------
     path, choices : as in `load_body`
+
+    Raises
+    ------
+    SceneError, StructureError
+        As for `load_body`; or the file has no matrices.
     """
     file = Path(path)
     table = body_table(file)
@@ -82,11 +87,12 @@ def reduced_body(path: str | Path, **choices: Any) -> ModalModel:
 
 
 def body_table(path: str | Path) -> dict[str, Any]:
-    """The entries of a catalogue file, checked."""
+    """Entries of a catalogue file; a `SceneError` if a key is missing, unknown or of a wrong type."""
     return read_file(path, lambda text: read_table(text, _checked))
 
 
 def _checked(table: dict[str, Any]) -> dict[str, Any]:
+    """The table itself, if its keys and their types are those of the format."""
     if table.get("format") != FORMAT:
         raise SceneError(f"format: expected {FORMAT!r}, got {table.get('format')!r}.")
     own = ("body",) if "body" in table else _DATA
@@ -107,17 +113,18 @@ def _checked(table: dict[str, Any]) -> dict[str, Any]:
 
 
 def _options(file: Path, table: Mapping[str, Any], choices: Mapping[str, Any]) -> dict[str, Any]:
-    """What the file says, or what is chosen in place of it; one limit takes the place of another."""
+    """Entries of the file, replaced by `choices`; a chosen limit replaces every limit of the file."""
     for key in choices:
         if key not in _CHOICES:
             raise SceneError(f"{file}: " + unknown_name("choice", key, _CHOICES))
-    found = {key: table[key] for key in _CHOICES if key in table}
+    options = {key: table[key] for key in _CHOICES if key in table}
     if any(key in choices for key in LIMITS):
-        found = {key: value for key, value in found.items() if key not in LIMITS}
-    return found | dict(choices)
+        options = {key: value for key, value in options.items() if key not in LIMITS}
+    return options | dict(choices)
 
 
 def _matrices(folder: Path, table: Mapping[str, Any]) -> FiniteElements:
+    """Matrices of the files that the table names, in SI units."""
     data = folder / table["data"]
     if "bulk" in table:
         names = {
@@ -133,7 +140,7 @@ def _matrices(folder: Path, table: Mapping[str, Any]) -> FiniteElements:
 
 
 def _interface(what: str, given: Any) -> Any:
-    """A node, several, or a table with nodes and point."""
+    """An entry `parent` or `ports.NAME`: a node number, a list of them, or a table of nodes and point."""
     if not isinstance(given, dict):
         return given
     if set(given) - {"nodes", "point"} or "nodes" not in given:

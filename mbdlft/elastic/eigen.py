@@ -11,14 +11,23 @@ import scipy.sparse.linalg as spl
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
 
-_DENSE = 800  # rows up to which all modes are computed at once
-_SINGULAR = 1e-12  # smallest pivot of a stiffness matrix, of its diagonal entry
-_INDEFINITE = 1e-9  # largest negative 1/w^2, of the largest, that may be rounding of the data
-MASSLESS = 1e-13  # smallest 1/w^2 that is told from zero, of the largest
+_DENSE = 800  # rows; all modes of a smaller structure are computed, by a dense eigenvalue problem
+_SINGULAR = 1e-12  # a pivot that is smaller, relative to its diagonal entry, counts as zero
+_INDEFINITE = (
+    1e-9  # a negative 1/w^2 above this part of the largest 1/w^2 is not rounding of the data
+)
+MASSLESS = 1e-13  # a 1/w^2 below this part of the largest counts as zero: no mass moves
 
 
 class Modes:
-    """The lowest modes: w (k,) in rad/s, ascending, shapes (n, k) of unit mass; whether all are here."""
+    """The lowest modes of a structure.
+
+    Attributes
+    ----------
+    frequencies : (k,) rad/s, ascending
+    shapes : (n, k), scaled to unit modal mass
+    complete : whether these are all modes that the structure has
+    """
 
     def __init__(self, frequencies: Array, shapes: Array, *, complete: bool) -> None:
         self.frequencies = frequencies
@@ -32,10 +41,16 @@ class Modes:
 class Solver:
     """Solutions of K x = b for a positive definite K, by one sparse factorization.
 
+    Parameters
+    ----------
+    matrix : sparse (n, n), the stiffness matrix K
+    names : function
+        Gives the words by which an error message names a row of K.
+
     Raises
     ------
     StructureError
-        K is singular or indefinite; `names` gives the words for a row.
+        K is singular or indefinite.
     """
 
     def __init__(self, matrix: Any, names: Callable[[int], str]) -> None:
@@ -48,10 +63,10 @@ class Solver:
             kind = "no stiffness" if diagonal[row] == 0.0 else "a negative stiffness"
             raise StructureError(
                 f"stiffness matrix: {names(row)} has {kind} ({diagonal[row]:g}). Leave out "
-                "coordinates that "
-                "nothing holds, or check the matrix."
+                "coordinates that nothing holds, or check the matrix."
             )
-        # scaled to a unit diagonal, so that a pivot is what is left of a row: 1 alone, 0 for a mechanism
+        # K is scaled to a unit diagonal. A pivot is then 1 for a coordinate that is coupled to no other,
+        # and 0 for one that moves freely (a mechanism).
         self._scale = 1.0 / np.sqrt(diagonal)
         scaled = sp.csc_array(sp.diags_array(self._scale) @ matrix @ sp.diags_array(self._scale))
         try:
@@ -70,12 +85,13 @@ class Solver:
             if pivots[worst] < -_SINGULAR:
                 raise StructureError(
                     "stiffness matrix: indefinite: the structure held at the parent has a negative "
-                    "stiffness, "
-                    f"found at {names(row)}. Check the matrix, its signs and the order of its rows."
+                    f"stiffness, found at {names(row)}. Check the matrix, its signs and the order "
+                    "of its rows."
                 )
             raise StructureError(_mechanism(f"the free motion shows at {names(row)}"))
 
     def __call__(self, right: Array) -> Array:
+        """K^-1 b for the right-hand sides b (n,) or (n, k)."""
         if not self.rows:
             return np.zeros_like(right)
         scale = self._scale if right.ndim == 1 else self._scale[:, None]
@@ -83,10 +99,22 @@ class Solver:
 
 
 def lowest_modes(mass: Any, solver: Solver, stiffness: Any, count: int) -> Modes:
-    """At least `count` of the lowest modes, or all of those that have mass.
+    """At least `count` of the lowest modes, or all modes of finite frequency if there are fewer.
 
-    The eigenvalues sought are 1/w^2 of M phi = (1/w^2) K phi, so that the lowest frequencies are the
-    accurate ones and coordinates without mass do no harm.
+    The eigenvalue problem is solved for 1/w^2, as M phi = (1/w^2) K phi: the lowest frequencies are then
+    the most accurate ones, and a coordinate without mass has the eigenvalue 0 instead of an infinite one.
+
+    Parameters
+    ----------
+    mass, stiffness : (n, n), dense or sparse
+    solver : Solver
+        The factorization of `stiffness`.
+    count : int
+
+    Raises
+    ------
+    StructureError
+        A motion has negative kinetic energy.
     """
     n, count = solver.rows, max(count, 1)
     if n <= _DENSE or 2 * count >= n:
@@ -95,7 +123,8 @@ def lowest_modes(mass: Any, solver: Solver, stiffness: Any, count: int) -> Modes
     else:
         operator = spl.LinearOperator((n, n), matvec=solver, dtype=float)
         start = np.random.default_rng(0).standard_normal(n)  # the same modes every time
-        # eigsh in this mode solves K phi = w^2 M phi about w = 0 with the solutions of K
+        # with sigma = 0, eigsh finds the eigenvalues w^2 of K phi = w^2 M phi nearest to zero; it calls
+        # `operator` for K^-1
         values, shapes = spl.eigsh(
             stiffness, k=count, M=mass, sigma=0.0, OPinv=operator, v0=start, which="LM"
         )
@@ -109,22 +138,21 @@ def lowest_modes(mass: Any, solver: Solver, stiffness: Any, count: int) -> Modes
     if len(mu) and mu[-1] < -_INDEFINITE * abs(mu[0]):
         raise StructureError(
             "mass matrix: indefinite: a motion of the structure has negative kinetic energy. Check "
-            "the matrix, "
-            "its signs and the order of its rows."
+            "the matrix, its signs and the order of its rows."
         )
     w = 1.0 / np.sqrt(mu[kept])
     return Modes(w, shapes[:, kept] * w, complete=complete)
 
 
 def _mechanism(where: str) -> str:
+    """The message for a structure with parts that move freely."""
     return (
         "stiffness matrix: singular although the structure is held at the parent: a part of it can "
-        "move freely "
-        f"({where}). The nodes of the parent have to hold all rigid motions, and all parts have to "
-        "be connected; "
-        "make several nodes rigid if one has displacements only."
+        f"move freely ({where}). The nodes of the parent have to hold all rigid motions, and all "
+        "parts have to be connected; make several nodes rigid if one has displacements only."
     )
 
 
 def _dense(matrix: Any) -> Array:
+    """The matrix as an array."""
     return np.asarray(matrix.toarray() if sp.issparse(matrix) else matrix, dtype=float)

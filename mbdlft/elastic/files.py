@@ -1,11 +1,12 @@
 """Files of matrices with their node table: npz, HDF5, Matrix Market.
 
-An npz or HDF5 file has `numbers` (n,), `coordinates` (n, 3), `dof` (N, 2), if need be `axes` (n, 3, 3),
-and for each of the two matrices `mass` and `stiffness` either a dense array or the lower triangle in
-coordinate form: `mass.row`, `mass.column`, `mass.value`, counted from 0.
+An npz or HDF5 file has `numbers` (n,), `coordinates` (n, 3), `dof` (N, 2), `axes` (n, 3, 3) if they are
+not those of the coordinates, and for each of the two matrices `mass` and `stiffness` either a dense array
+or the lower triangle in coordinate form: `mass.row`, `mass.column`, `mass.value`, counted from 0.
 
-A Matrix Market pair stands beside a table: NAME.mass.mtx, NAME.stiffness.mtx, NAME.nodes.txt with one row
-`number x y z component component ...` for each node, in the order of the rows of the matrices.
+A model in the Matrix Market format is three files: the matrices NAME.mass.mtx and NAME.stiffness.mtx, and
+the node table NAME.nodes.txt. The table has one row `number x y z component component ...` for each node,
+in the order of the rows of the matrices.
 """
 
 from collections.abc import Mapping
@@ -27,7 +28,7 @@ _HDF5 = (".h5", ".hdf5")
 
 
 def load_matrices(path: str | Path) -> FiniteElements:
-    """Matrices and node table of a file.
+    """Load matrices and node table of a file.
 
     Parameters
     ----------
@@ -59,12 +60,17 @@ def load_matrices(path: str | Path) -> FiniteElements:
 
 
 def save_matrices(path: str | Path, elements: FiniteElements) -> None:
-    """Write matrices and node table into NAME.npz or NAME.h5, lower triangles, for `load_matrices`.
+    """Write matrices, as lower triangles, and their node table into a file for `load_matrices`.
 
     Parameters
     ----------
-    path : file
+    path : NAME.npz or NAME.h5
     elements : FiniteElements
+
+    Raises
+    ------
+    StructureError
+        The name of the file has another ending.
     """
     file = Path(path)
     nodes = elements.nodes
@@ -92,6 +98,7 @@ def save_matrices(path: str | Path, elements: FiniteElements) -> None:
 
 
 def _elements(arrays: Mapping[str, Any]) -> FiniteElements:
+    """Matrices and node table of the arrays of an npz or HDF5 file, by name."""
     for name in _TABLE:
         if name not in arrays:
             raise StructureError(
@@ -104,6 +111,7 @@ def _elements(arrays: Mapping[str, Any]) -> FiniteElements:
 
 
 def _matrix(name: str, arrays: Mapping[str, Any], rows: int) -> Any:
+    """The symmetric matrix (rows, rows) `name`, dense or sparse."""
     if name in arrays:
         return np.asarray(arrays[name])
     parts = [f"{name}.{part}" for part in ("row", "column", "value")]
@@ -122,6 +130,7 @@ def _matrix(name: str, arrays: Mapping[str, Any], rows: int) -> Any:
 
 
 def _matrix_market(file: Path) -> FiniteElements:
+    """Matrices and node table of `file`, NAME.mass.mtx, and of the two files beside it."""
     stem = file.name.removesuffix(".mass.mtx")
     stiffness, table = (file.with_name(stem + end) for end in (".stiffness.mtx", ".nodes.txt"))
     numbers, coordinates, dof = [], [], []

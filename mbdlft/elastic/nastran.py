@@ -1,6 +1,6 @@
 """Matrices of NASTRAN: OP4 files and DMIG cards of punch files, with the GRID cards of a bulk data file.
 
-Read with pyYeti, the extra `mbdlft[nastran]`. (pyNastran 1.4 needs numpy older than 2.)
+The files are read with pyYeti, the extra `mbdlft[nastran]`. (pyNastran 1.4 needs numpy older than 2.)
 """
 
 import importlib
@@ -19,16 +19,17 @@ from mbdlft.elastic.nodes import Indices, Nodes, every_dof
 def load_nastran(
     matrices: str | Path, bulk: str | Path, *, mass: str = "MAA", stiffness: str = "KAA"
 ) -> FiniteElements:
-    """Matrices and node table, in the units of the files (see `to_si`).
+    """Load matrices and node table, in the units of the files (see `to_si`).
 
     Parameters
     ----------
     matrices : file
         NAME.op4 in any of its forms, or a punch file with DMIG cards.
     bulk : file
-        Bulk data with the GRID and CORD2 cards of all nodes of the matrices (not of more, for an OP4
-        file without EXTRN card). The rows of OP4 matrices are those of the EXTRN card, or all six
-        components of every GRID in the order of their numbers, then one of each SPOINT.
+        Bulk data with the GRID and CORD2 cards of all nodes of the matrices. With an OP4 file the EXTRN
+        card lists the rows of the matrices. Without this card, they are all six components of every GRID
+        in the order of their numbers, then one for each SPOINT; the bulk data then must have no other
+        nodes.
     mass, stiffness : names of the matrices
 
     Coordinates with neither mass nor stiffness (constrained by AUTOSPC) are left out.
@@ -36,7 +37,7 @@ def load_nastran(
     Raises
     ------
     StructureError
-        pyYeti is not there, a file cannot be read, or the matrices and nodes do not fit together.
+        pyYeti is not installed, a file cannot be read, or the matrices and nodes do not fit together.
     """
     try:
         cards = importlib.import_module("pyyeti.nastran.bulk")
@@ -45,15 +46,14 @@ def load_nastran(
     except ImportError as error:
         raise StructureError(
             f"NASTRAN files are read with pyYeti, which cannot be imported ({error}). Install it "
-            "with: pip install "
-            "'mbdlft[nastran]'."
+            "with: pip install 'mbdlft[nastran]'."
         ) from None
     source, table = Path(matrices), Path(bulk)
     numbers, coordinates, axes = _grids(cards, grids, table)
     try:
         if source.suffix.lower() == ".op4":
-            found = op4.read(str(source), sparse=(True, sp.coo_array.tocsr))
-            pair = [_named(found, name) for name in (mass, stiffness)]
+            matrices_by_name = op4.read(str(source), sparse=(True, sp.coo_array.tocsr))
+            pair = [_named(matrices_by_name, name) for name in (mass, stiffness)]
             dof = _rows(cards, table, numbers)
         else:
             frames = cards.rddmig(str(source))
@@ -66,9 +66,8 @@ def load_nastran(
         if matrix.shape != (len(dof), len(dof)):
             raise StructureError(
                 f"{source}: {name} is {matrix.shape[0]} x {matrix.shape[1]}, and {table} has "
-                f"{len(dof)} coordinates. "
-                "Give the bulk data of exactly the nodes of the matrices (an .asm or .pch file of "
-                "EXTSEOUT)."
+                f"{len(dof)} coordinates. Give the bulk data of exactly the nodes of the matrices "
+                "(an .asm or .pch file of EXTSEOUT)."
             )
     M, K = (sp.csr_array(matrix) for matrix in pair)
     used = np.flatnonzero((abs(M) + abs(K)).sum(axis=1))
@@ -77,7 +76,7 @@ def load_nastran(
 
 
 def _grids(cards: Any, grids: Any, table: Path) -> tuple[Indices, Array, Array]:
-    """Numbers, positions in the basic system, and axes of displacements of all GRID cards."""
+    """Numbers (n,), positions (n, 3) in the basic system and displacement axes (n, 3, 3) of all GRIDs."""
     try:
         uset, _ = cards.bulk2uset(str(table))
         entries = uset.iloc[:, 1:].to_numpy(dtype=float).reshape(-1, 6, 3)
@@ -87,12 +86,13 @@ def _grids(cards: Any, grids: Any, table: Path) -> tuple[Indices, Array, Array]:
         raise StructureError(
             f"{table}: cannot be read as bulk data with GRID cards: {error}"
         ) from None
-    # displacements in their own axes for unit displacements of the structure: the axes, transposed
+    # motions[:, :3, :3] are the displacements of each node, in its own axes, for unit displacements of
+    # the structure in the basic system: the transposed axes
     return numbers, entries[:, 0], np.swapaxes(motions[:, :3, :3], 1, 2)
 
 
 def _rows(cards: Any, table: Path, numbers: Indices) -> Indices:
-    """Nodes and components of the rows of OP4 matrices."""
+    """Node and component (N, 2) of the rows of OP4 matrices."""
     extern = cards.rdcards(str(table), "extrn", no_data_return=None)
     if extern is not None:
         pairs = np.asarray(extern, dtype=np.int64).reshape(-1, 2)
@@ -103,15 +103,16 @@ def _rows(cards: Any, table: Path, numbers: Indices) -> Indices:
 
 
 def _of_cards(frames: list[Any]) -> tuple[list[Any], Indices]:
-    """Two DMIG tables on the union of their rows."""
+    """Matrices (N, N) of two DMIG tables with the union of their rows, and these rows (N, 2)."""
     index = frames[0].index.union(frames[1].index)
     dof = np.array([(int(n), int(c)) for n, c in index], dtype=np.int64)
     full = [frame.reindex(index=index, columns=index, fill_value=0.0) for frame in frames]
     return [sp.csr_array(frame.to_numpy(dtype=float)) for frame in full], dof
 
 
-def _named(found: dict[str, Any] | None, name: str) -> Any:
-    known = {key.lower(): value for key, value in (found or {}).items()}
+def _named(matrices: dict[str, Any] | None, name: str) -> Any:
+    """The matrix with this name, in upper or lower case."""
+    known = {key.lower(): value for key, value in (matrices or {}).items()}
     if name.lower() not in known:
         raise StructureError(unknown_name("matrix", name, known))
     return known[name.lower()]

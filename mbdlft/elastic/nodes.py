@@ -1,8 +1,8 @@
 """Node tables: which node, direction and axes each row of a finite-element matrix belongs to.
 
 Components are numbered as usual in the field: 1, 2, 3 are displacements (m) along x, y, z, 4, 5, 6
-rotations (rad) about them, 0 is a coordinate of no node that is zero in every rigid motion, such as
-a modal coordinate of a superelement.
+rotations (rad) about them. Component 0 is a coordinate that belongs to no node and is zero in every rigid
+motion, such as a modal coordinate of a superelement.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ Indices = NDArray[np.int64]
 
 COMPONENTS = (1, 2, 3, 4, 5, 6)
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
-_ROUNDING = 1e-9  # of axes that are given with few digits
+_ROUNDING = 1e-9  # how far axes may be from orthonormal: they may be given with few digits
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +40,7 @@ class Nodes:
     Raises
     ------
     StructureError
-        Wrong shapes, numbers that are not unique or not found, axes that are not orthonormal.
+        A shape is wrong, a node number is given twice or is unknown, or axes are not orthonormal.
     """
 
     numbers: ArrayLike
@@ -67,8 +67,7 @@ class Nodes:
         if np.any(wrong):
             raise StructureError(
                 f"node table: the axes of node {numbers[wrong][0]} are not right-handed and "
-                "orthonormal. "
-                "Columns are unit vectors in the axes of the coordinates."
+                "orthonormal. Columns are unit vectors in the axes of the coordinates."
             )
         for name, value in (
             ("numbers", numbers),
@@ -100,17 +99,18 @@ def every_dof(numbers: ArrayLike, components: Sequence[int] = COMPONENTS) -> Ind
     Parameters
     ----------
     numbers : int (n,)
-    components : some of 1 to 6, in their order
+    components : components of each node, some of 1 to 6, in the order of the rows
     """
     table = [[number, c] for number in np.asarray(numbers).tolist() for c in components]
     return np.array(table, dtype=np.int64).reshape(-1, 2)
 
 
 def rigid_motions(nodes: Nodes, origin: ArrayLike) -> Array:
-    """R (N, 6): all coordinates for unit displacements of a rigid body and unit rotations about `origin`.
+    """R (N, 6): values of all coordinates in six rigid motions about `origin` (3,).
 
-    u = t + theta x (r - origin), in the axes of each node; equation (4.26) of the source in
-    `tests/reference/flexible.py`, by geometry.
+    The columns are unit displacements t of the body and unit rotations theta about `origin`. A node at r
+    moves by u = t + theta x (r - origin), here in the axes of the node. Equation (4.26) of the source in
+    `tests/reference/flexible.py` has the same matrix.
     """
     dof = np.asarray(nodes.dof)
     place = places(nodes, dof[:, 0], 0)
@@ -119,37 +119,40 @@ def rigid_motions(nodes: Nodes, origin: ArrayLike) -> Array:
     turned = np.concatenate(
         [np.swapaxes(axes, 1, 2) @ move[:, :3], np.swapaxes(axes, 1, 2) @ move[:, 3:]], axis=1
     )
-    found = turned[np.arange(len(dof)), np.maximum(dof[:, 1] - 1, 0)]
-    found[dof[:, 1] == 0] = 0.0
-    return np.asarray(found)
+    motions = turned[np.arange(len(dof)), np.maximum(dof[:, 1] - 1, 0)]
+    motions[dof[:, 1] == 0] = 0.0
+    return np.asarray(motions)
 
 
 def transport(r: ArrayLike) -> Array:
-    """(..., 6, 6): small motion of a point of a rigid body at r (..., 3), from that of its origin."""
+    """(..., 6, 6): maps a small motion of a rigid body's origin to that of its point at r (..., 3)."""
     x, y, z = np.moveaxis(np.asarray(r, dtype=float), -1, 0)
-    found = np.zeros((*x.shape, 6, 6))
-    found[..., range(6), range(6)] = 1.0
-    found[..., 0, 4], found[..., 0, 5] = z, -y
-    found[..., 1, 3], found[..., 1, 5] = -z, x
-    found[..., 2, 3], found[..., 2, 4] = y, -x
-    return found
+    matrix = np.zeros((*x.shape, 6, 6))
+    matrix[..., range(6), range(6)] = 1.0
+    matrix[..., 0, 4], matrix[..., 0, 5] = z, -y
+    matrix[..., 1, 3], matrix[..., 1, 5] = -z, x
+    matrix[..., 2, 3], matrix[..., 2, 4] = y, -x
+    return matrix
 
 
 def places(nodes: Nodes, numbers: ArrayLike, missing: int | None = None) -> Indices:
-    """Positions in the table of node numbers; `missing` stands for those that are not there."""
+    """Position of each number in the node table; `missing`, if given, for a number that is not there.
+
+    Without `missing`, a number that is not there is a `StructureError`.
+    """
     known = {int(number): k for k, number in enumerate(np.asarray(nodes.numbers))}
     try:
-        found = [
+        positions = [
             known[int(n)] if missing is None else known.get(int(n), missing)
             for n in np.asarray(numbers).ravel()
         ]
     except KeyError as error:
         raise StructureError(node_not_found(int(error.args[0]), known)) from None
-    return np.array(found, dtype=np.int64)
+    return np.array(positions, dtype=np.int64)
 
 
 def node_not_found(number: int, known: dict[int, int]) -> str:
-    """Sentence for a node that is not in the table, with the range of those that are."""
+    """Sentence for a node that is not in the table, with the range of the numbers in the table."""
     nearest = sorted(known, key=lambda n: (abs(n - number), n))[:5]
     return (
         f"node {number} is not in the node table, which has {len(known)} nodes from {min(known)} to "
@@ -158,18 +161,17 @@ def node_not_found(number: int, known: dict[int, int]) -> str:
 
 
 def _check_dof(dof: Indices, numbers: Indices) -> None:
+    """Raise a StructureError unless the rows of `dof` (N, 2) are different components of these nodes."""
     if dof.shape[1:] != (2,):
         raise StructureError(
             "node table: dof: expected a row of two (node, component) for each row of the "
-            "matrices, got "
-            f"the shape {dof.shape}."
+            f"matrices, got the shape {dof.shape}."
         )
     if len(dof) and (np.min(dof[:, 1]) < 0 or np.max(dof[:, 1]) > 6):
         wrong = dof[(dof[:, 1] < 0) | (dof[:, 1] > 6)][0]
         raise StructureError(
             f"node table: dof: component {wrong[1]} of node {wrong[0]}; expected 1, 2, 3 "
-            "(displacements), 4, 5, "
-            "6 (rotations), or 0 for a coordinate of no node."
+            "(displacements), 4, 5, 6 (rotations), or 0 for a coordinate of no node."
         )
     at_nodes = dof[dof[:, 1] > 0]
     unknown = np.setdiff1d(at_nodes[:, 0], numbers)
@@ -185,6 +187,7 @@ def _check_dof(dof: Indices, numbers: Indices) -> None:
 
 
 def _integers(what: str, given: ArrayLike, dimensions: int) -> Indices:
+    """A copy of an array of whole numbers with this number of dimensions."""
     array = np.asarray(given)
     if array.ndim != dimensions or not (np.issubdtype(array.dtype, np.integer) or not array.size):
         raise StructureError(
@@ -195,6 +198,7 @@ def _integers(what: str, given: ArrayLike, dimensions: int) -> Indices:
 
 
 def _floats(what: str, given: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """A copy of an array of finite numbers of this shape."""
     array = np.array(given, dtype=float)
     if array.shape != shape:
         raise StructureError(f"node table: {what}: expected the shape {shape}, got {array.shape}.")

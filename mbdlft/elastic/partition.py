@@ -1,9 +1,10 @@
-"""The coordinates of a structure at its interfaces: interior, ports, parent.
+"""The coordinates of a structure, sorted into interior, ports and parent.
 
-Each interface moves as a rigid point: q = T [q_n ; u_1 ; ... ; u_k ; u_r] with the interior
-coordinates q_n, the motions u of the ports and u_r of the parent, three displacements and three
-rotations in the axes of the coordinates. A structure without displacements in some direction (a plane
-model) has motions u without it.
+The nodes of an interface (of a port, or of the parent) move like a rigid body. So the coordinates q (N,)
+of the structure are q = T [q_n ; u_1 ; ... ; u_k ; u_r], with the interior coordinates q_n (n,), the
+motions u_1 ... u_k of the ports, e numbers in all, and the motion u_r (r,) of the parent. A motion has
+three displacements and three rotations in the axes of the coordinates of the nodes; directions in which
+the structure cannot move at all (those out of the plane of a plane model) are left out of it.
 """
 
 from collections.abc import Mapping
@@ -25,23 +26,25 @@ from mbdlft.elastic.nodes import (
     transport,
 )
 
-_ROUNDING = 1e-9  # of a rotation that nodes on a line do not determine
+_ROUNDING = (
+    1e-9  # a smaller singular value is none: nodes on a line do not determine the rotation about it
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Partition:
-    """T, and the places of its parts.
+    """The matrix T, and where its parts are.
 
     Attributes
     ----------
-    expand : sparse (N, n + e + r)
+    expand : T, sparse (N, n + e + r)
     interior : number n of interior coordinates
-    ports : places of the motions of each port among the e + n + r coordinates
-    directions : directions 0 to 5 of the motion of the parent, and of each port
-    positions : (3,) of each port from the origin (m)
-    rigid : (n + e + r, r), motions of a rigid body about the origin
-    origin : (3,) in the coordinates of the nodes (m)
-    rows : row of the matrices of each interior coordinate
+    ports : the slice of the n + e + r coordinates that is the motion of each port
+    directions : which of the directions 0 to 5 the motions of the parent and of each port have, r of them
+    positions : (3,) for each port, its position from the origin (m)
+    rigid : (n + e + r, r), the coordinates in the rigid motions about the origin
+    origin : (3,), the point of the parent in the coordinates of the nodes (m)
+    rows : (n,), the row of the matrices that each interior coordinate has
     """
 
     expand: Any
@@ -82,16 +85,15 @@ def partition(nodes: Nodes, parent: Any, ports: Mapping[str, Any]) -> Partition:
         if missing:
             raise StructureError(
                 f"port {name!r}: its nodes have no {' and no '.join(missing)}, so modes have no "
-                "shape there. "
-                "Give several nodes that are not on a line (they are made rigid), or a node with "
-                "rotations."
+                "shape there. Give several nodes that are not on a line (they are made rigid), or "
+                "a node with rotations."
             )
         extra = [DIRECTIONS[d] for d in its_directions if d not in directions]
         if extra:
             raise StructureError(
                 f"parent: it does not hold {', '.join(extra)}, in which the port {name!r} can "
-                "move. Give several "
-                "nodes that are not on a line (they are made rigid), or a node with rotations."
+                "move. Give several nodes that are not on a line (they are made rigid), or a node "
+                "with rotations."
             )
         positions[name] = point - origin
         where[name] = slice(k, k := k + len(its_directions))
@@ -118,7 +120,7 @@ def partition(nodes: Nodes, parent: Any, ports: Mapping[str, Any]) -> Partition:
 
 
 def _interface(what: str, given: Any) -> Interface:
-    """An interface of one node, several, or one that is given as such; each node once."""
+    """An interface from a node number, several, or an `Interface`; each node is in it once."""
     if isinstance(given, Interface):
         interface = given
     elif isinstance(given, int | np.integer) and not isinstance(given, bool):
@@ -155,8 +157,7 @@ def _moved(
     if not len(rows):
         raise StructureError(
             f"{what}: node {interface.nodes[0]} has no coordinate in the matrices. It may have "
-            "been constrained or "
-            "condensed away: keep it when the matrices are written."
+            "been constrained or condensed away: keep it when the matrices are written."
         )
     motion = rigid_motions(nodes, point)[rows]
     size = max(float(np.max(np.linalg.norm(coordinates - point, axis=1))), 0.0)
@@ -167,7 +168,7 @@ def _moved(
     if len(values) < len(directions) or values[-1] < _ROUNDING * values[0]:
         raise StructureError(
             f"{what}: its nodes do not determine all of the motions "
-            f"{', '.join(DIRECTIONS[d] for d in directions)}: "
-            "they are on a line, or at one point. Give more nodes, or a node with rotations."
+            f"{', '.join(DIRECTIONS[d] for d in directions)}: they are on a line, or at one point. "
+            "Give more nodes, or a node with rotations."
         )
     return point, rows, directions, motion[:, directions]

@@ -1,14 +1,16 @@
 """Component modes: reduced matrices of a structure held at its parent.
 
-The coordinates are n (interior), e (all ports) and r (parent), and f = n and e together. Kept are
+A structure has n interior coordinates, e of all ports and r of the parent; the n and e coordinates
+together are the f free ones. The methods describe the motion by
 
     Hurty                 modes of n with e and r fixed; constraint modes of e; rigid modes of r
     Craig-Bampton         modes of n with e and r fixed; constraint modes of e and r
     effective mass        modes of f with r fixed; rigid modes of r (Imbert)
 
-which are (4.21) to (4.31), (4.36) to (4.38) and (4.41) of the source in `tests/reference/flexible.py`.
-The first two span the same motions. Each is reduced to M, K (q, q) of the elastic coordinates, their
-coupling P' (q, r) with the rigid motions, and the motion of the ports (e, q).
+These are equations (4.21) to (4.31), (4.36) to (4.38) and (4.41) of the source in
+`tests/reference/flexible.py`. The first two methods span the same motions. Each method gives the matrices
+M, K (q, q) of q elastic coordinates, their coupling P' (q, r) with the rigid motions, and the motion
+(e, q) of the ports.
 """
 
 from collections.abc import Callable
@@ -23,7 +25,7 @@ from mbdlft.elastic.partition import Partition
 
 
 class Reduced(NamedTuple):
-    """Matrices of the elastic coordinates: mass, stiffness (q, q), coupling (q, r), ports (e, q)."""
+    """Matrices of the elastic coordinates: mass and stiffness (q, q), coupling (q, r), ports (e, q)."""
 
     mass: Array
     stiffness: Array
@@ -32,7 +34,7 @@ class Reduced(NamedTuple):
 
 
 class Structure(NamedTuple):
-    """Matrices (f + r, f + r) of a partitioned structure."""
+    """Mass and stiffness matrices (f + r, f + r) of a structure, and its partition `at`."""
 
     mass: Any
     stiffness: Any
@@ -40,9 +42,10 @@ class Structure(NamedTuple):
 
 
 class Candidates(NamedTuple):
-    """What to choose from: `modes(count)` has at least that many, `reduce` makes matrices of them.
+    """The modes among which the user chooses, and what is made of them.
 
-    In the reduced matrices the modes come first, then the motions of the ports.
+    `modes(count)` computes at least `count` modes, or all. `reduce` makes the reduced matrices of given
+    modes; in these the modes come first, then the motions of the ports.
     """
 
     modes: Callable[[int], Modes]
@@ -50,7 +53,7 @@ class Candidates(NamedTuple):
 
 
 def candidates(structure: Structure, method: str, nodes: Nodes) -> Candidates:
-    """The modes of a method and how they are used."""
+    """The modes from which a method of `modal_model` starts, and its reduction with them."""
     at, n = structure.at, structure.at.interior
     if method == "effective-mass":
         modes, _ = _computed(structure, nodes, at.free)
@@ -66,7 +69,10 @@ def candidates(structure: Structure, method: str, nodes: Nodes) -> Candidates:
 def _computed(
     structure: Structure, nodes: Nodes, rows: int
 ) -> tuple[Callable[[int], Modes], Solver]:
-    """Modes of the first `rows` coordinates with the others fixed; those of the last call are kept."""
+    """A function that computes modes of the first `rows` coordinates with the others fixed, and K^-1.
+
+    The function remembers the modes of its last call and computes new ones only where these are too few.
+    """
     mass, stiffness = (matrix[:rows, :rows] for matrix in structure[:2])
     solver = Solver(stiffness, _names(structure, nodes))
     last: list[Modes] = []
@@ -80,7 +86,10 @@ def _computed(
 
 
 def hurty(structure: Structure, modes: Modes, constraint: Array) -> Reduced:
-    """Fixed-interface modes and constraint modes (n, e) of the ports, about the rigid motion."""
+    """Reduced matrices with fixed-interface modes and the constraint modes (n, e) of the ports.
+
+    The elastic coordinates are relative to the rigid motion with the parent.
+    """
     n, free = structure.at.interior, structure.at.free
     basis = np.zeros((free, len(modes) + free - n))
     basis[:n, : len(modes)] = modes.shapes
@@ -90,14 +99,17 @@ def hurty(structure: Structure, modes: Modes, constraint: Array) -> Reduced:
 
 
 def craig_bampton(structure: Structure, modes: Modes, constraint: Array) -> Reduced:
-    """Fixed-interface modes and constraint modes (n, e + r); then the parent is held."""
+    """Reduced matrices with fixed-interface modes and the constraint modes (n, e + r) of all interfaces.
+
+    The matrices of the whole structure are reduced first; then its parent is held.
+    """
     n, free, k = structure.at.interior, structure.at.free, len(modes)
     size = structure.mass.shape[0]
     basis = np.zeros((size, k + size - n))
     basis[:n] = np.hstack([modes.shapes, constraint])
     basis[n:, k:] = np.eye(size - n)
     mass, stiffness = (basis.T @ (matrix @ basis) for matrix in structure[:2])
-    # in these coordinates a rigid motion is that of the interfaces, and no mode
+    # in these coordinates a rigid motion moves the interfaces only; the coordinates of the modes are zero
     rigid = np.vstack([np.zeros((k, structure.at.rigid.shape[1])), structure.at.rigid[n:]])
     elastic = slice(k + free - n)
     ports = np.hstack([np.zeros((free - n, k)), np.eye(free - n)])
@@ -107,12 +119,12 @@ def craig_bampton(structure: Structure, modes: Modes, constraint: Array) -> Redu
 
 
 def effective_mass(structure: Structure, modes: Modes) -> Reduced:
-    """Modes of the structure held at its parent, with its ports free."""
+    """Reduced matrices with modes of the structure that is held at its parent, with its ports free."""
     return _projected(structure, modes.shapes)
 
 
 def _projected(structure: Structure, basis: Array) -> Reduced:
-    """Matrices of the coordinates of a basis (f, q) of motions with the parent held."""
+    """Reduced matrices with the columns of `basis` (f, q), motions with the parent held."""
     free = structure.at.free
     inertia = structure.mass @ structure.at.rigid
     return Reduced(
@@ -124,7 +136,7 @@ def _projected(structure: Structure, basis: Array) -> Reduced:
 
 
 def _names(structure: Structure, nodes: Nodes) -> Callable[[int], str]:
-    """Words for a coordinate of the partition."""
+    """A function that names a coordinate of the partition in words, for error messages."""
     dof, at = np.asarray(nodes.dof), structure.at
 
     def name(row: int) -> str:

@@ -1,4 +1,4 @@
-"""How much of the mass of a body its modes have: effective masses, and what is left."""
+"""Effective masses: which part of a body's mass moves in its modes, and the residual mass."""
 
 from dataclasses import dataclass
 
@@ -12,14 +12,14 @@ from mbdlft.elastic.rigid import mass_matrix
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EffectiveMasses:
-    """Effective masses of the modes of a body, about its origin; `table()` is a text.
+    """Effective masses of the modes of a body, about its origin; `table()` writes them as a text.
 
     Attributes
     ----------
     frequencies : (n,) rad/s
     masses : (n, 6) kg for displacements, kg m^2 for rotations: squares of the participation factors
     rigid : (6, 6) mass matrix of the undeformed body about the origin; nan where it is not determined
-    residual : (6, 6) rigid minus effective mass: what moves as if it were rigid
+    residual : (6, 6) rigid mass matrix minus that of all modes: this mass moves as if it were rigid
     """
 
     frequencies: Array
@@ -29,10 +29,11 @@ class EffectiveMasses:
 
     @property
     def kept(self) -> Array:
-        """(6,) effective mass of all modes over the rigid mass of each direction; nan where it is 0."""
+        """(6,) effective mass of all modes over the rigid mass of each direction; nan if that is 0."""
         total = np.diag(self.rigid)
-        felt = total > _NOTHING * np.nanmax(total)
-        return np.where(felt, np.sum(self.masses, axis=0) / np.where(felt, total, 1.0), np.nan)
+        has_mass = total > _NOTHING * np.nanmax(total)
+        share = np.sum(self.masses, axis=0) / np.where(has_mass, total, 1.0)
+        return np.where(has_mass, share, np.nan)
 
     def table(self) -> str:
         """One row for each mode: frequency (Hz), effective mass in percent of the rigid one."""
@@ -49,7 +50,7 @@ class EffectiveMasses:
 
 
 def effective_masses(model: ModalModel) -> EffectiveMasses:
-    """P_ck^2 of each mode k and direction c, and the residual mass R' M R - P P'.
+    """Effective masses P_ck^2 of each mode k and direction c, and the residual mass R' M R - P P'.
 
     Parameters
     ----------
@@ -65,7 +66,8 @@ def effective_masses(model: ModalModel) -> EffectiveMasses:
 
 
 def _row(entries: Array) -> str:
+    """Entries (6,) as columns of the table."""
     return "".join(f"{'-':>8}" if np.isnan(entry) else f"{entry:>8.2f}" for entry in entries)
 
 
-_NOTHING = 1e-9  # of the largest entry: a bar has no inertia about its own axis
+_NOTHING = 1e-9  # a smaller mass, of the largest, is none: a bar has no inertia about its own axis

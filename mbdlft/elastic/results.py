@@ -1,7 +1,8 @@
-"""A modal model of the results of a modal analysis, where the matrices are not to be had.
+"""A modal model from the results of a modal analysis, for those who do not have the matrices.
 
-In a mode phi of unit mass of the structure held at its parent, the structure loads the parent with
-w^2 phi' M R: so the participation factors are P = reaction / w^2.
+A structure that is held at its parent and vibrates in a mode phi of unit mass loads the parent with
+w^2 phi' M R, where the columns of R are its rigid motions. So the participation factors are
+P = reaction / w^2.
 """
 
 from collections.abc import Mapping
@@ -14,7 +15,9 @@ from mbdlft.base.errors import StructureError
 from mbdlft.elastic.model import FASTEST, SLOWEST, ModalModel
 from mbdlft.elastic.rigid import Rigid, mass_matrix
 
-_RESIDUAL = 1e-6  # of the rigid mass; results are printed with few digits
+_RESIDUAL = (
+    1e-6  # negative residual mass that is rounding, of the rigid mass: printed digits are few
+)
 
 
 def model_of_results(
@@ -28,35 +31,34 @@ def model_of_results(
     inertia: ArrayLike,
     modal_masses: ArrayLike | None = None,
 ) -> ModalModel:
-    """Modal model of frequencies, reactions at the parent and shapes at the ports.
+    """Make a modal model of frequencies, reactions at the parent and mode shapes at the ports.
 
     Parameters
     ----------
     frequencies : (n,) rad/s
-        Of the structure held at its parent, ports free.
+        Frequencies of the structure that is held at its parent, with its ports free.
     reactions : (6, n) N, N m
-        Force and torque about the origin that the structure puts on its support in each mode: minus the
-        single-point constraint forces that finite-element programs print.
-    shapes : (6, n) of each port
-        Displacements and rotations, in the same modes.
-    ports : (3,) of each port from the origin (m)
+        Force and torque about the origin that the structure exerts on its support in each mode: minus
+        the single-point constraint forces that finite-element programs print.
+    shapes : (6, n) for each port
+        Displacements and rotations of the port in these modes.
+    ports : (3,) for each port, its position from the origin (m)
     mass, center, inertia : kg; (3,) from the origin, m; (3, 3) about the origin, kg m^2
     modal_masses : (n,), optional
-        Generalized masses of the modes as they are given; 1 by default.
+        Generalized masses of the modes, in the scale of `reactions` and `shapes`; 1 by default.
 
     Raises
     ------
     StructureError
-        Shapes that do not fit, frequencies out of range, a port without mode shape, or participation
-        factors that exceed the rigid mass.
+        Shapes of arrays do not fit, a frequency is out of range, a port has no mode shape, or the
+        participation factors exceed the rigid mass.
     """
     w = _array("frequencies", frequencies, (np.size(frequencies),))
     n = len(w)
     if not n or np.any(w <= SLOWEST) or np.any(w >= FASTEST):
         raise StructureError(
             "frequencies: expected some between 0.0006 and 6e6 rad/s, in rad/s (not Hz, not "
-            "squares), got "
-            f"{w[(w <= SLOWEST) | (w >= FASTEST)][:1].tolist() or 'none'}."
+            f"squares), got {w[(w <= SLOWEST) | (w >= FASTEST)][:1].tolist() or 'none'}."
         )
     masses = _array("modal_masses", np.ones(n) if modal_masses is None else modal_masses, (n,))
     if np.any(masses <= 0.0):
@@ -73,13 +75,15 @@ def model_of_results(
         _array("inertia", inertia, (3, 3)),
     )
     _check_residual(rigid, participation)
-    found = {name: _array(f"shapes of {name!r}", shape, (6, n)) for name, shape in shapes.items()}
+    port_shapes = {
+        name: _array(f"shapes of {name!r}", shape, (6, n)) for name, shape in shapes.items()
+    }
     return ModalModel(
         method="effective-mass",
         kept=n,
         frequencies=w[order],
         participation=participation[:, order],
-        shapes={name: (shape * scale)[:, order] for name, shape in found.items()},
+        shapes={name: (shape * scale)[:, order] for name, shape in port_shapes.items()},
         ports={name: _array(f"ports of {name!r}", place, (3,)) for name, place in ports.items()},
         rigid=rigid,
         grounding=0.0,
@@ -87,6 +91,7 @@ def model_of_results(
 
 
 def _check_residual(rigid: Rigid, participation: Array) -> None:
+    """Raise a StructureError if the modes, P (6, n), have more mass than the body in any direction."""
     total = mass_matrix(rigid)
     if np.max(np.abs(rigid.inertia - rigid.inertia.T)) > _RESIDUAL * np.max(np.abs(rigid.inertia)):
         raise StructureError("inertia: expected a symmetric matrix.")
@@ -97,22 +102,21 @@ def _check_residual(rigid: Rigid, participation: Array) -> None:
         shares = np.sum(participation**2, axis=1) / size**2
         raise StructureError(
             "reactions: the participation factors exceed the rigid mass: the residual mass matrix "
-            "has the eigenvalue "
-            f"{smallest:.3g} of the rigid mass, the largest effective mass is {np.max(shares):.3g} "
-            "of it. Check that the modes "
-            "have unit mass (or give modal_masses), the point of the torques (the origin of the "
-            "body), the "
-            "units, and the mass, center and inertia."
+            f"has the eigenvalue {smallest:.3g} of the rigid mass, the largest effective mass is "
+            f"{np.max(shares):.3g} of it. Check that the modes have unit mass (or give "
+            "modal_masses), the point of the torques (the origin of the body), the units, and the "
+            "mass, center and inertia."
         )
 
 
 def _array(what: str, given: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """A copy of an array of finite numbers of this shape."""
     try:
-        found = np.array(given, dtype=float)
+        array = np.array(given, dtype=float)
     except (TypeError, ValueError):
         raise StructureError(f"{what}: expected numbers of shape {shape}.") from None
-    if found.shape != shape or not np.all(np.isfinite(found)):
+    if array.shape != shape or not np.all(np.isfinite(array)):
         raise StructureError(
-            f"{what}: expected finite numbers of shape {shape}, got the shape {found.shape}."
+            f"{what}: expected finite numbers of shape {shape}, got the shape {array.shape}."
         )
-    return found
+    return array

@@ -1,6 +1,9 @@
 """Mass, center of mass and inertia of a body from its rigid-body mass matrix.
 
 R' M R = [[m 1, -m [c]x], [m [c]x, J]]      about the origin
+
+The columns of R are the rigid motions (`mbdlft.elastic.nodes.rigid_motions`), c is the center of mass,
+[c]x the matrix of the cross product with c, and J the inertia about the origin.
 """
 
 from typing import NamedTuple
@@ -12,9 +15,9 @@ from mbdlft.base.errors import StructureError
 from mbdlft.elastic.nodes import DIRECTIONS, Nodes, transport
 from mbdlft.elastic.partition import Partition
 
-_CONSISTENT = 1e-6  # of the mass matrix; data are written with few digits
-_ROUNDING = 1e-14  # of mass times size: what is left of products that cancel
-# where a coordinate of the center stands in the coupling of displacements and rotations, and its sign
+_CONSISTENT = 1e-6  # error of entries of the mass matrix that is rounding: files have few digits
+_ROUNDING = 1e-14  # rounding of a coordinate of the center, of the size of the structure
+# rows and columns of the mass matrix where m c_x, m c_y and m c_z are, each with its sign
 _CENTER = (((1, 5, 1.0), (2, 4, -1.0)), ((2, 3, 1.0), (0, 5, -1.0)), ((0, 4, 1.0), (1, 3, -1.0)))
 
 
@@ -30,12 +33,12 @@ class Rigid(NamedTuple):
 
 
 def rigid_properties(nodes: Nodes, at: Partition, bodily: Array) -> Rigid:
-    """Rigid properties from R' M R (r, r) of the directions that the structure has.
+    """Rigid properties from `bodily`, R' M R (r, r) for the directions in which the structure can move.
 
     Raises
     ------
     StructureError
-        They are not those of any rigid body, or not determined.
+        No rigid body has this mass matrix, or it does not determine mass and center of mass.
     """
     full = np.full((6, 6), np.nan)
     full[np.ix_(at.directions, at.directions)] = bodily
@@ -43,8 +46,7 @@ def rigid_properties(nodes: Nodes, at: Partition, bodily: Array) -> Rigid:
     if not moved:
         raise StructureError(
             "the structure has no displacements at its parent, so its mass is not determined. Keep "
-            "them in the "
-            "matrices."
+            "them in the matrices."
         )
     masses = full[moved, moved]
     mass = float(np.mean(masses))
@@ -56,8 +58,7 @@ def rigid_properties(nodes: Nodes, at: Partition, bodily: Array) -> Rigid:
         listed = ", ".join(f"{DIRECTIONS[d]}: {full[d, d]:.9g} kg" for d in moved)
         raise StructureError(
             f"mass matrix: the mass is not the same in all directions ({listed}). Check the order "
-            "of the rows, and "
-            "that no coordinate with mass was left out."
+            "of the rows, and that no coordinate with mass was left out."
         )
     center = np.array([_center(nodes, at, full, k) for k in range(3)]) / mass
     size = float(np.max(np.abs(np.asarray(nodes.coordinates) - at.origin)))
@@ -75,24 +76,26 @@ def rigid_properties(nodes: Nodes, at: Partition, bodily: Array) -> Rigid:
         i, j = np.unravel_index(int(np.nanargmax(np.abs(difference))), (6, 6))
         raise StructureError(
             f"mass matrix: not that of a body: in a rigid motion, the entry ({DIRECTIONS[i]}, "
-            f"{DIRECTIONS[j]}) is "
-            f"{full[i, j]:.6g} and would be {expected[i, j]:.6g}. Check the order of the rows, the "
-            "coordinates and the axes "
-            "of the nodes."
+            f"{DIRECTIONS[j]}) is {full[i, j]:.6g} and would be {expected[i, j]:.6g}. Check the "
+            "order of the rows, the coordinates and the axes of the nodes."
         )
     return rigid
 
 
 def mass_matrix(rigid: Rigid) -> Array:
     """R' M R (6, 6) about the origin; nan where the inertia is not determined."""
-    found = rigid.mass * transport(rigid.center)
-    found[3:, :3] = found[:3, 3:].T
-    found[3:, 3:] = rigid.inertia
-    return found
+    matrix = rigid.mass * transport(rigid.center)
+    matrix[3:, :3] = matrix[:3, 3:].T
+    matrix[3:, 3:] = rigid.inertia
+    return matrix
 
 
 def _center(nodes: Nodes, at: Partition, full: Array, axis: int) -> float:
-    """Mass times a coordinate of the center: where the matrix tells, or all nodes have the same."""
+    """Mass times the coordinate `axis` of the center of mass, from the origin (kg m).
+
+    It is an entry of the mass matrix (6, 6) `full`. Where the structure lacks the motions of this entry,
+    the nodes tell it if all of them have the same coordinate.
+    """
     told = [sign * full[i, j] for i, j, sign in _CENTER[axis] if not np.isnan(full[i, j])]
     if told:
         return float(np.mean(told))
@@ -100,8 +103,8 @@ def _center(nodes: Nodes, at: Partition, full: Array, axis: int) -> float:
     if np.ptp(along) > 0.0:
         raise StructureError(
             "the structure has no displacements that tell where its center of mass is along "
-            f"{DIRECTIONS[axis]}, and "
-            "its nodes are at several places. Keep all displacements of the nodes in the matrices."
+            f"{DIRECTIONS[axis]}, and its nodes are at several places. Keep all displacements of "
+            "the nodes in the matrices."
         )
     mass = np.nanmean(np.diag(full)[:3])
     return float(mass * along[0])

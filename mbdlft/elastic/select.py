@@ -1,4 +1,4 @@
-"""How many modes to keep: a count, a frequency, or an effective mass."""
+"""The number of modes that a body keeps, from a count, a highest frequency or a least effective mass."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,13 +10,14 @@ from mbdlft.base.errors import StructureError
 from mbdlft.elastic.eigen import Modes
 from mbdlft.elastic.reduction import Candidates, Reduced
 
-_FIRST = 20  # modes computed at first; then twice as many, until there are enough
+_FIRST = 20  # modes computed at first; the number is doubled until there are enough
 _BELOW = {"frequency": np.inf, "effective_mass": 1.0}
 _EXPECTED = {
     "frequency": "a positive number (rad/s)",
     "effective_mass": "a fraction of the rigid mass between 0 and 1",
 }
-_MOST = 640  # modes of a large structure that are computed for an effective mass
+_MOST = 640  # most modes of a large structure that are computed for an effective mass
+_MASSLESS = 1e-9  # a smaller mass, of the largest, is none: a bar has no inertia about its own axis
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +37,7 @@ class Limit:
         if len(given) != 1:
             raise StructureError(
                 "expected one of modes (a number), frequency (rad/s) and effective_mass (a "
-                "fraction), got "
-                f"{' and '.join(given) or 'none'}."
+                f"fraction), got {' and '.join(given) or 'none'}."
             )
         (name, value), *_ = given.items()
         whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
@@ -47,19 +47,19 @@ class Limit:
             raise StructureError(f"{name}: expected {_EXPECTED[name]}, got {value!r}.")
 
 
-def chosen(found: Candidates, limit: Limit, rigid: Array) -> tuple[int, Reduced]:
-    """Number of modes, and the reduced matrices with them.
+def chosen(candidates: Candidates, limit: Limit, rigid: Array) -> tuple[int, Reduced]:
+    """The number of modes that `limit` asks for, and the reduced matrices with these modes.
 
     Parameters
     ----------
-    found : Candidates
+    candidates : Candidates
     limit : Limit
     rigid : (r,) rigid mass of each direction, about the origin
     """
     if limit.effective_mass is not None:
-        return _by_mass(found, limit.effective_mass, rigid)
+        return _by_mass(candidates, limit.effective_mass, rigid)
     if limit.modes is not None:
-        modes = found.modes(limit.modes)
+        modes = candidates.modes(limit.modes)
         if len(modes) < limit.modes:
             raise StructureError(
                 f"modes: {limit.modes} are asked for and there are {len(modes)}; ask for fewer, or "
@@ -68,9 +68,9 @@ def chosen(found: Candidates, limit: Limit, rigid: Array) -> tuple[int, Reduced]
         count = limit.modes
     else:
         top = float(limit.frequency or 0.0)
-        modes = _until(found, lambda modes: bool(modes.frequencies[-1] > top))
+        modes = _until(candidates, lambda modes: bool(modes.frequencies[-1] > top))
         count = int(np.sum(modes.frequencies <= top))
-    reduced = part(found.reduce(first(modes, count)), count, count)
+    reduced = part(candidates.reduce(first(modes, count)), count, count)
     if not len(reduced.mass):
         lowest = f", the first is at {modes.frequencies[0]:g} rad/s" if len(modes) else ""
         raise StructureError(f"no mode is kept{lowest}: ask for at least one.")
@@ -78,12 +78,12 @@ def chosen(found: Candidates, limit: Limit, rigid: Array) -> tuple[int, Reduced]
 
 
 def first(modes: Modes, count: int) -> Modes:
-    """The first modes."""
+    """The first `count` modes."""
     return Modes(modes.frequencies[:count], modes.shapes[:, :count], complete=False)
 
 
 def part(reduced: Reduced, modes: int, count: int) -> Reduced:
-    """Reduced matrices with the first `count` of their modes, and all motions of the ports."""
+    """Reduced matrices with the first `count` of their `modes` modes, and all motions of the ports."""
     keep = [*range(count), *range(modes, len(reduced.mass))]
     both = np.ix_(keep, keep)
     return Reduced(
@@ -92,41 +92,44 @@ def part(reduced: Reduced, modes: int, count: int) -> Reduced:
 
 
 def effective(reduced: Reduced) -> Array:
-    """Effective mass (r,) of each direction: the diagonal of P M^-1 P'."""
+    """Effective mass (r,) of all modes in each direction: the diagonal of P M^-1 P'."""
     scale = 1.0 / np.sqrt(np.diag(reduced.mass))
     coupling = scale[:, None] * reduced.coupling
     solved = np.linalg.solve(reduced.mass * np.outer(scale, scale), coupling)
     return np.asarray(np.einsum("qr,qr->r", coupling, solved))
 
 
-def _until(found: Candidates, enough: Callable[[Modes], bool]) -> Modes:
+def _until(candidates: Candidates, enough: Callable[[Modes], bool]) -> Modes:
+    """Modes that are `enough`, or all modes; their number is doubled as long as they are not enough."""
     count = _FIRST
     while True:
-        modes = found.modes(count)
+        modes = candidates.modes(count)
         if modes.complete or not len(modes) or enough(modes):
             return modes
         count *= 2
 
 
-def _by_mass(found: Candidates, fraction: float, rigid: Array) -> tuple[int, Reduced]:
-    felt = rigid > 1e-9 * np.max(rigid)
+def _by_mass(candidates: Candidates, fraction: float, rigid: Array) -> tuple[int, Reduced]:
+    """The fewest modes whose effective mass is this fraction of `rigid` (r,), and their matrices."""
+    has_mass = rigid > _MASSLESS * np.max(rigid)
 
     def enough(reduced: Reduced) -> bool:
         if not len(reduced.mass):
             return False
-        return bool(np.all(effective(reduced)[felt] >= fraction * rigid[felt]))
+        return bool(np.all(effective(reduced)[has_mass] >= fraction * rigid[has_mass]))
 
-    modes = _until(found, lambda modes: len(modes) >= _MOST or enough(found.reduce(modes)))
-    total = found.reduce(modes)
+    modes = _until(
+        candidates, lambda modes: len(modes) >= _MOST or enough(candidates.reduce(modes))
+    )
+    total = candidates.reduce(modes)
     if not enough(total):
-        reached = np.min(effective(total)[felt] / rigid[felt])
+        reached = np.min(effective(total)[has_mass] / rigid[has_mass])
         raise StructureError(
             f"effective_mass: {fraction:g} is asked for; {len(modes)} modes have {reached:.4g} of "
-            "the rigid mass in the "
-            "direction that has least. What moves with the parent is in no mode; ask for less, or "
-            "refine the mesh."
+            "the rigid mass in the direction that has least. What moves with the parent is in no "
+            "mode; ask for less, or refine the mesh."
         )
-    low, high = -1, len(modes)  # the effective mass never falls with the number of modes
+    low, high = -1, len(modes)  # bisection: the effective mass never falls with the number of modes
     while high - low > 1:
         middle = (low + high) // 2
         if enough(part(total, len(modes), middle)):

@@ -1,9 +1,10 @@
 """Closures of kinematic loops: constraints between two ports of the tree, with multipliers.
 
-    0 = G q,  0 = G v,  0 = G vdot,      + G' lambda in the equations of motion
+    0 = G q,  0 = G v,  0 = G vdot,      and G' lambda is added to the equations of motion
 
-A closure holds the small displacement of the child's port relative to the parent's (three rows of
-G) and, for `revolute`, the rotation across the axis (two) or, for `fixed`, the whole rotation (three).
+A closure keeps the displacement of the child's port relative to the parent's at zero: these are three
+rows of G. A closure of the kind `revolute` also keeps the rotation across its axis at zero (two more
+rows), one of the kind `fixed` the whole rotation (three more rows).
 """
 
 from collections.abc import Mapping
@@ -25,7 +26,8 @@ KINDS = ("fixed", "revolute", "spherical")
 class Loop(Description):
     """A joint that closes a loop: `kind` is ``spherical``, ``revolute`` (about `axis`) or ``fixed``.
 
-    At equilibrium the two ports must meet, for all parameters. `axis` is in the axes of the parent.
+    At equilibrium the two ports must be at the same place for all parameters. The components of `axis`
+    are in the axes of the body of the parent's port.
     """
 
     name: Name
@@ -52,7 +54,7 @@ class Loop(Description):
         return self
 
     def turned_rows(self) -> ca.SX:
-        """Directions (n, 3), in the axes of the parent, in which the rotation is held."""
+        """Directions (n, 3), in the axes of the parent, about which the closure allows no rotation."""
         if self.kind == "spherical":
             return ca.SX(0, 3)
         if self.axis is None:
@@ -60,7 +62,7 @@ class Loop(Description):
         return ca.sparsify(ca.vertcat(*(ca.SX(direction).T for direction in plane(self.axis))))
 
     def signals(self) -> tuple[Signal, ...]:
-        """The multipliers: forces and torques of the parent on the child."""
+        """The multipliers: force and torques that the parent exerts on the child."""
         forces = [Signal(f"{self.name}.force.{axis}", "N") for axis in AXES]
         rows = range(self.turned_rows().shape[0])
         return (*forces, *(Signal(f"{self.name}.torque.{k + 1}", "N m") for k in rows))

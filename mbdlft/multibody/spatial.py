@@ -1,11 +1,19 @@
-"""Vectors and rotations in CasADi SX.
+"""Frames, vectors and rotations in CasADi SX: the notation of all files of `mbdlft.multibody`.
 
-A motion is a 3 x 3 matrix whose columns are [omega, alpha, acceleration]: angular velocity (rad/s),
-angular acceleration (rad/s^2) and linear acceleration (m/s^2) of one point, relative to the frame
-of the scene plus the uniform acceleration of that frame, all expressed in one body frame.
-A wrench is a 3 x 2 matrix [force, torque] (N, N m) about one point. This file fixes both orders.
+A frame has an origin and three axes. Two letters name what leads from one frame to another:
 
-``R_pc`` turns components in the child's frame into components in the parent's frame.
+    R_pc (3, 3)     rotation: components in frame c become components in frame p, v_p = R_pc v_c
+    R_cp = R_pc'    the inverse rotation
+    r_pc (3,)       position of the origin of frame c from that of frame p, in the axes of p (m)
+
+p is the frame on the parent's side of a joint and c the frame on the child's side. A letter behind a
+vector is the frame in whose axes its components are given.
+
+A motion is a 3 x 3 matrix whose columns are [omega, alpha, acceleration]: angular velocity (rad/s) and
+angular acceleration (rad/s^2) of a body, and the linear acceleration (m/s^2) of one of its points, all in
+the axes of one frame. They are relative to the frame of the scene, but the last column also has the
+uniform acceleration of this frame. A wrench is a 3 x 2 matrix [force, torque] (N, N m) about one point.
+All files use these two orders of columns.
 """
 
 from collections.abc import Iterable
@@ -18,25 +26,25 @@ from numpy.typing import NDArray
 
 
 class Coordinate(NamedTuple):
-    """Displacements, rates and accelerations (n,) of coordinates: of a joint, a move, a body."""
+    """Displacements q, rates v and accelerations a (n,) of the coordinates of a joint, move or body."""
 
     q: ca.SX
     v: ca.SX
     a: ca.SX
 
     def part(self, entries: int | slice) -> "Coordinate":
-        """Those of some of the coordinates."""
+        """Displacements, rates and accelerations of some of the coordinates."""
         return Coordinate(self.q[entries], self.v[entries], self.a[entries])
 
 
 def column(entries: Iterable[ca.SX | float]) -> ca.SX:
-    """Column of numbers and expressions; zeros are structural."""
+    """Column (n,) of n numbers and expressions; a zero becomes a structural zero of the SX."""
     given = tuple(entries)
-    found = ca.SX(len(given), 1)
+    result = ca.SX(len(given), 1)
     for k, entry in enumerate(given):
         if not (entry.is_zero() if isinstance(entry, ca.SX) else entry == 0.0):
-            found[k] = entry
-    return found
+            result[k] = entry
+    return result
 
 
 def skew(a: ca.SX) -> ca.SX:
@@ -45,12 +53,13 @@ def skew(a: ca.SX) -> ca.SX:
 
 
 def rotate(axis: ca.SX, cosine: ca.SX | float, sine: ca.SX | float, vectors: ca.SX) -> ca.SX:
-    """R v for each column v: rotation about the unit vector `axis`; vectors (3, n), result (3, n).
+    """R v for each column v of `vectors` (3, n), with the rotation R about the unit vector `axis` (3,).
 
-    R v = v_par + cosine v_perp + sine axis x v. The component along the axis is not touched, so a
-    rotation about a coordinate axis costs the work of the plane. So does one about another constant
-    axis: cosine and sine meet the two components of v across the axis, not three that depend on
-    each other.
+    R v = v_par + cosine v_perp + sine axis x v, where v_par is the part of v along the axis and v_perp
+    the part across it. R does not change v_par, so a rotation about a coordinate axis multiplies cosine
+    and sine with two components only. For any other constant axis, v_perp is first written by its two
+    components e1' v and e2' v across the axis: its three components depend on each other, and each would
+    be multiplied with cosine and sine.
     """
     if axis.nnz() == 1:
         return ca.SX(_rotate(vectors.shape[1])(axis, cosine, sine, vectors))
@@ -59,6 +68,7 @@ def rotate(axis: ca.SX, cosine: ca.SX | float, sine: ca.SX | float, vectors: ca.
 
 @cache
 def _rotate(columns: int) -> ca.Function:
+    """(axis (3,), cosine, sine, vectors (3, columns)) -> rotated vectors (3, columns)."""
     axis, vectors = ca.SX.sym("axis", 3), ca.SX.sym("vectors", 3, columns)
     cosine, sine = ca.SX.sym("cosine"), ca.SX.sym("sine")
     parallel = ca.mtimes(axis, ca.mtimes(axis.T, vectors))
@@ -69,6 +79,7 @@ def _rotate(columns: int) -> ca.Function:
 
 @cache
 def _rotate_across(columns: int) -> ca.Function:
+    """([e1 e2] (3, 2), cosine, sine, vectors (3, columns)) -> rotated vectors (3, columns)."""
     across, vectors = ca.SX.sym("across", 3, 2), ca.SX.sym("vectors", 3, columns)
     cosine, sine = ca.SX.sym("cosine"), ca.SX.sym("sine")
     first, second = ca.vertsplit(ca.mtimes(across.T, vectors))
@@ -81,7 +92,10 @@ def _rotate_across(columns: int) -> ca.Function:
 
 
 def _across(axis: ca.SX) -> NDArray[np.float64]:
-    """Unit vectors e1, e2 (3, 2) across a constant unit vector, e1 x e2 = axis; e1 has a zero."""
+    """Unit vectors [e1 e2] (3, 2) across the constant unit vector `axis` (3,), e1 x e2 = axis.
+
+    One component of e1 is zero, so that fewer products are formed.
+    """
     along = np.asarray(ca.DM(axis).full()).ravel()
     first = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
     first /= np.linalg.norm(first)
@@ -94,17 +108,18 @@ def rotate_back(axis: ca.SX, cosine: ca.SX | float, sine: ca.SX | float, vectors
 
 
 def move_motion(motion: ca.SX, r: ca.SX) -> ca.SX:
-    """Motion of the point at `r` (m) from the old one, of the same rigid body (3, 3)."""
+    """Motion (3, 3) of another point of the same rigid body, at `r` (3,) from the given point (m)."""
     return motion if r.nnz() == 0 else _move_motion()(motion, r)
 
 
 def move_wrench(wrench: ca.SX, r: ca.SX) -> ca.SX:
-    """Wrench about the old point, given about the point at `r` (m) from it (3, 2)."""
+    """Wrench (3, 2) about a new point; `wrench` is about the point at `r` (3,) from the new one (m)."""
     return wrench if r.nnz() == 0 else _move_wrench()(wrench, r)
 
 
 @cache
 def _move_motion() -> ca.Function:
+    """(motion (3, 3), r (3,)) -> motion (3, 3)."""
     motion, r = ca.SX.sym("motion", 3, 3), ca.SX.sym("r", 3)
     omega, alpha, acceleration = ca.horzsplit(motion)
     moved = acceleration + ca.cross(alpha, r) + ca.cross(omega, ca.cross(omega, r))
@@ -113,6 +128,7 @@ def _move_motion() -> ca.Function:
 
 @cache
 def _move_wrench() -> ca.Function:
+    """(wrench (3, 2), r (3,)) -> wrench (3, 2)."""
     wrench, r = ca.SX.sym("wrench", 3, 2), ca.SX.sym("r", 3)
     force, torque = ca.horzsplit(wrench)
     moved = ca.horzcat(force, torque + ca.cross(r, force))

@@ -1,6 +1,7 @@
-"""Archives as files: which models they hold, and writing that leaves a file complete or unchanged.
+"""Archives as files: reading and listing their models, and writing them safely.
 
-The whole file is made in memory, written beside the old one and put in its place.
+A new archive is made in memory (a large one on the disk), written beside the old one and put in its
+place. So a file is complete or unchanged, whatever fails.
 """
 
 import contextlib
@@ -20,7 +21,7 @@ from mbdlft.store.model import read_model, write_model
 from mbdlft.system.model import LFTModel
 
 FORMAT, VERSION = "mbdlft-archive", "1.0"
-_LARGE = 2**26  # bytes from which on an archive is not held in memory
+_LARGE = 2**26  # bytes; a larger archive is not read into memory
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
@@ -60,12 +61,12 @@ def save(path: str | Path, model: LFTModel, name: str | None = None) -> None:
 
 
 def check_name(file: Path, kind: str, name: str) -> None:
-    """Whether a name can be that of a group.
+    """Raise an error unless the name can be that of a group of an archive.
 
     Raises
     ------
     ArchiveError
-        It cannot.
+        The name is empty, or has a slash or a zero byte.
     """
     if not name or "/" in name or name == "." or not _is_text(name):
         raise ArchiveError(
@@ -74,7 +75,7 @@ def check_name(file: Path, kind: str, name: str) -> None:
 
 
 def check_file(file: Path) -> None:
-    """Whether an archive can be written here, as far as can be seen beforehand.
+    """Raise an error if it is known before the work that an archive cannot be written here.
 
     Raises
     ------
@@ -96,10 +97,11 @@ def rewrite(
     large: bool,
     beside: Path | None = None,
 ) -> None:
-    """Put an archive in place of a file: its contents but the group `replaced`, and what `fill` writes.
+    """Put a new archive in place of a file: the old contents, with the group that `fill` writes.
 
-    A `large` archive is written to the disk as it is made, another one is made in memory first; it is in
-    the folder `beside`, by default that of the file, until it is complete.
+    The group `replaced` of the old contents is left out. A `large` archive is written to the disk piece
+    by piece, in the folder `beside` (by default that of the file) until it is complete; any other
+    archive is made in memory first.
 
     Raises
     ------
@@ -135,25 +137,35 @@ def load(path: str | Path, name: str | None = None) -> LFTModel:
     ----------
     path : file
     name : str, optional
-        May be left out when the archive has one model.
+        May be left out if the archive has one model.
 
     Raises
     ------
     ArchiveError
-        The file is missing, truncated, foreign or newer, or the model is not there or not whole.
+        The file is missing, truncated, foreign or newer, or the model is missing or incomplete.
     """
     file = Path(path)
     with _opened(file) as archive:
-        names = _names(file, archive)
-        if name is None:
-            if len(names) != 1:
-                raise ArchiveError(
-                    f"{file}: give the name of a model. Existing: {', '.join(names) or 'none'}."
-                )
-            name = names[0]
-        if name not in names:
-            raise ArchiveError(f"{file}: " + unknown_name("model", name, names))
-        return _read(file, archive, name)
+        return _read(file, archive, chosen_name(file, "model", _names(file, archive), name))
+
+
+def chosen_name(file: Path, kind: str, names: tuple[str, ...], name: str | None) -> str:
+    """The name itself, or the only one of `names` if it is None.
+
+    Raises
+    ------
+    ArchiveError
+        The name is unknown; or it is None, and there is not exactly one.
+    """
+    if name is None:
+        if len(names) != 1:
+            raise ArchiveError(
+                f"{file}: give the name of a {kind}. Existing: {', '.join(names) or 'none'}."
+            )
+        return names[0]
+    if name not in names:
+        raise ArchiveError(f"{file}: " + unknown_name(kind, name, names))
+    return name
 
 
 def model_names(path: str | Path) -> tuple[str, ...]:
@@ -175,7 +187,10 @@ def model_names(path: str | Path) -> tuple[str, ...]:
 
 @contextmanager
 def _opened(file: Path) -> Iterator[Any]:
-    """An existing archive, in memory if it is not large; damage that HDF5 finds is an `ArchiveError`."""
+    """An existing archive, opened for reading, in memory if it is not large.
+
+    Damage that HDF5 finds in it is an `ArchiveError`.
+    """
     try:
         size = file.stat().st_size
         image = file if size > _LARGE else BytesIO(file.read_bytes())
@@ -202,10 +217,11 @@ def _opened(file: Path) -> Iterator[Any]:
 
 
 def _check_format(file: Path, archive: Any) -> None:
-    found = archive.attrs.get("format")
-    if not isinstance(found, str) or found != FORMAT:
+    """Raise an ArchiveError unless the file is an archive of a version that can be read."""
+    form = archive.attrs.get("format")
+    if not isinstance(form, str) or form != FORMAT:
         raise ArchiveError(
-            f"{file}: is not an mbdlft archive: root attribute 'format' is {found!r}, "
+            f"{file}: is not an mbdlft archive: root attribute 'format' is {form!r}, "
             f"expected {FORMAT!r}."
         )
     text = archive.attrs.get("format_version")
@@ -220,15 +236,18 @@ def _check_format(file: Path, archive: Any) -> None:
 
 
 def _names(file: Path, archive: Any, parent: str = "models") -> tuple[str, ...]:
-    """Names of the models, or of what another group holds."""
-    found = archive.get(parent, {})
-    if not isinstance(found, dict | h5py.Group):
+    """Sorted names of the models, or of the members of another group `parent`."""
+    group = archive.get(parent, {})
+    if not isinstance(group, dict | h5py.Group):
         raise ArchiveError(f"{file}: /{parent} is not a group.")
-    return tuple(sorted(found))
+    return tuple(sorted(group))
 
 
 def _copy(old: Any, new: Any, replaced: str) -> None:
-    """All contents of an archive but one group of a group; copying leaves no holes in the file."""
+    """Copy all contents of an archive but the group `replaced`, such as ``models/NAME``.
+
+    HDF5 does not reuse the space of a group that is deleted, so the new file is made by copying.
+    """
     parent = replaced.partition("/")[0]
     for attribute, value in old.attrs.items():
         new.attrs[attribute] = value
@@ -242,7 +261,7 @@ def _copy(old: Any, new: Any, replaced: str) -> None:
 
 
 def _read(file: Path, archive: Any, name: str) -> LFTModel:
-    """One model; whatever is missing or wrong inside becomes an `ArchiveError`."""
+    """One model; anything that is missing or wrong in it becomes an `ArchiveError`."""
     try:
         return read_model(archive["models"][name], name)
     except ArchiveError as error:
@@ -269,7 +288,7 @@ def _read(file: Path, archive: Any, name: str) -> LFTModel:
 def _replace(file: Path, image: bytes | Callable[[Path], None], beside: Path | None = None) -> None:
     """Put a complete file in place of the old one, or leave the old one as it is.
 
-    `image` is what is in the file, or writes it.
+    `image` is the content of the file, or a function that writes it to a path.
     """
     temporary: Path | None = None
     try:
@@ -299,16 +318,19 @@ def _replace(file: Path, image: bytes | Callable[[Path], None], beside: Path | N
 
 
 def _size(file: Path) -> int:
+    """Size of a file in bytes; 0 if it does not exist."""
     return file.stat().st_size if file.exists() else 0
 
 
 def _umask() -> int:
+    """Permissions that new files of this process do not get."""
     mask = os.umask(0)
     os.umask(mask)
     return mask
 
 
 def _is_text(text: str) -> bool:
+    """Whether HDF5 can store the text."""
     try:
         text.encode("utf-8")
     except UnicodeEncodeError:

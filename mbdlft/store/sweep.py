@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import ArchiveError, unknown_name
+from mbdlft.base.errors import ArchiveError
 from mbdlft.base.signal import Signal
-from mbdlft.store.archive import _names, _opened, check_name, rewrite
+from mbdlft.store.archive import _names, _opened, check_name, chosen_name, rewrite
 from mbdlft.store.model import _read_signals, _write_signals
 
 TYPE, VERSION = "sweep", "1.0"
@@ -30,7 +30,7 @@ _MATRICES = ("A", "B", "C", "D")
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Names and units of what is in each row of a sweep."""
+    """Names and units of the numbers in each row of a sweep."""
 
     parameters: tuple[Signal, ...]
     states: tuple[Signal, ...]
@@ -40,7 +40,7 @@ class Layout:
 
     @property
     def matrix_shape(self) -> tuple[int, int]:
-        """Of [A B ; C D]."""
+        """Shape of [A B ; C D]."""
         return (
             len(self.states) + len(self.outputs),
             len(self.states) + len(self.inputs),
@@ -63,7 +63,7 @@ class Layout:
 
     @property
     def width(self) -> int:
-        """Numbers in a row."""
+        """Number of entries of a row."""
         return sum(int(np.prod(shape)) for shape in self.shapes.values())
 
 
@@ -80,7 +80,7 @@ class Sweep:
     A, B, C, D : arrays (N, nx, nx), (N, nx, nu), (N, ny, nx), (N, ny, nu)
     trim : array (N, nt)
     residual : array (N,)
-        Of the trim, relative to the largest effort; of a model, the error in its certificate.
+        Residual of the trim, relative to the largest effort; for a model, the error in its certificate.
     status : int8 array (N,)
         0 solved, 1 not converged, 2 no equilibrium.
     model : name of the model in the same archive, or "" for a scene
@@ -102,7 +102,7 @@ class Sweep:
 def pack(
     layout: Layout, samples: Array, matrices: Array, trim: Array, residual: Array, status: Array
 ) -> Array:
-    """Rows (N, width) of [A B ; C D] (N, ., .) and the rest."""
+    """Rows (N, width) of samples (N, n_p), [A B ; C D] (N, ., .), trim (N, nt), residual, status (N,)."""
     n, count = len(layout.states), len(samples)
     parts = (
         samples,
@@ -113,7 +113,7 @@ def pack(
 
 
 def unpack(layout: Layout, rows: Array) -> dict[str, Array]:
-    """Each dataset (N, ...) of rows (N, width)."""
+    """The datasets (N, ...) by name that rows (N, width) consist of."""
     shapes = layout.shapes
     ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes.values())])
     return {
@@ -135,13 +135,14 @@ def save_sweep(
 ) -> None:
     """Write a sweep of `count` rows, which come in parts (n, width), into an archive.
 
-    The other contents of the file stay; a sweep of that name is replaced. The file is complete or
-    unchanged, and one part at a time is in memory. Until then it is in the folder `beside`.
+    The other contents of the file stay; a sweep of this name is replaced. One part at a time is in
+    memory. The new file is in the folder `beside` until it is complete, so that the archive is complete
+    or unchanged.
 
     Raises
     ------
     ArchiveError
-        The parts are not `count` rows, or as `save`.
+        The parts do not have `count` rows, or `save` would raise an error.
     """
     check_name(Path(path), "sweep", name)
 
@@ -202,9 +203,9 @@ def load_sweep(
     ----------
     path : file
     name : str, optional
-        May be left out when the archive has one sweep.
-    start, stop : rows, as in a slice
-        All by default.
+        May be left out if the archive has one sweep.
+    start, stop : int
+        The rows to read, as in a slice; by default all.
 
     Returns
     -------
@@ -213,18 +214,10 @@ def load_sweep(
     Raises
     ------
     ArchiveError
-        The file is missing, truncated, foreign or newer, or the sweep is not there or not whole.
+        The file is missing, truncated, foreign or newer, or the sweep is missing or incomplete.
     """
     file = Path(path)
-    names = sweep_names(file)
-    if name is None:
-        if len(names) != 1:
-            raise ArchiveError(
-                f"{file}: give the name of a sweep. Existing: {', '.join(names) or 'none'}."
-            )
-        name = names[0]
-    if name not in names:
-        raise ArchiveError(f"{file}: " + unknown_name("sweep", name, names))
+    name = chosen_name(file, "sweep", sweep_names(file), name)
     with _opened(file) as archive:
         try:
             return _read(archive["sweeps"][name], name, slice(start, stop))
@@ -233,6 +226,7 @@ def load_sweep(
 
 
 def _read(group: Any, name: str, rows: slice) -> Sweep:
+    """Some rows of the sweep in a group of an archive."""
     if group.attrs.get("encoding_type") != TYPE:
         raise ArchiveError(
             f"sweep {name!r}: encoding_type is {group.attrs.get('encoding_type')!r}, expected {TYPE!r}."

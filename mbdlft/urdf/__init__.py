@@ -1,4 +1,4 @@
-"""Robots that are described in URDF files."""
+"""The front end for robots: scenes from URDF files."""
 
 import lazy_loader
 

@@ -1,7 +1,7 @@
-"""The contents of a URDF file, as it stands there: links, joints, and what has no place in a scene.
+"""The contents of a URDF file as they are written: links, joints, and elements without place in a scene.
 
-Read with the expat parser of the standard library: it knows the line of each element, takes the
-prefixes of xacro as they are, and fetches nothing from anywhere.
+The expat parser of the standard library reads the file: it knows the line of each element, accepts tags
+with the prefix of xacro, and loads no other file.
 """
 
 import math
@@ -26,7 +26,10 @@ _XACRO = (
 
 
 class RobotLink(NamedTuple):
-    """One link; the center of mass (m) and `rpy` (rad) place the axes of the inertia in the link."""
+    """One link: `mass` (kg), `center` of mass (m) and `inertia` (kg m^2) about it.
+
+    `rpy` (rad) turns the axes of the inertia against those of the link. `line` is the line in the file.
+    """
 
     name: str
     line: int
@@ -38,7 +41,7 @@ class RobotLink(NamedTuple):
 
 
 class Mimic(NamedTuple):
-    """position = multiplier * position of the joint `leader` + offset."""
+    """The position of a joint follows that of another: multiplier * position of `leader` + offset."""
 
     leader: str
     multiplier: float
@@ -46,7 +49,11 @@ class Mimic(NamedTuple):
 
 
 class RobotJoint(NamedTuple):
-    """One joint; limits in rad or m, N m or N, rad/s or m/s, None where the file has none."""
+    """One joint.
+
+    The limits of position (`lower`, `upper`, rad or m), `effort` (N m or N) and `velocity` (rad/s or m/s)
+    are None if the file has none.
+    """
 
     name: str
     line: int
@@ -66,7 +73,7 @@ class RobotJoint(NamedTuple):
 
 
 class Robot(NamedTuple):
-    """A robot: its root link, its links and joints by name, and how often it has other elements."""
+    """A robot: its root link, its links and joints by name, and counts of its other elements by tag."""
 
     name: str
     root: str
@@ -76,13 +83,13 @@ class Robot(NamedTuple):
 
 
 def read_robot(content: bytes) -> Robot:
-    """The robot of the bytes of a URDF file, in the encoding that they declare.
+    """Read a robot from the bytes of a URDF file, in the encoding that they declare.
 
     Raises
     ------
     SceneError
-        The file is not XML or not URDF, a number or an element is missing or wrong, a name is
-        unknown or given twice, or the joints are not a tree on one root; with the line.
+        The file is not XML or not URDF, a number or an element is missing or wrong, a name is unknown
+        or given twice, or the joints are not a tree with one root. The message names the line.
     """
     top = _parse(content)
     _refuse_other_formats(top)
@@ -111,7 +118,7 @@ def read_robot(content: bytes) -> Robot:
 
 
 def read_robot_file(path: str | Path) -> Robot:
-    """The robot of a URDF file; errors name the file."""
+    """Read a robot from a URDF file; errors name the file."""
     file = Path(path)
     try:
         content = file.read_bytes()
@@ -136,23 +143,26 @@ class _Element:
     children: list["_Element"] = field(default_factory=list)
 
     def named(self, tag: str) -> list["_Element"]:
+        """The children with this tag."""
         return [child for child in self.children if child.tag == tag]
 
     def only(self, tag: str) -> "_Element | None":
-        """The child of this name, if there is one."""
-        found = self.named(tag)
-        if len(found) > 1:
+        """The child with this tag, or None; two of them are a SceneError."""
+        same_tag = self.named(tag)
+        if len(same_tag) > 1:
             raise SceneError(
-                f"line {found[1].line}: <{tag}> of {self.called()} is given twice; first in line "
-                f"{found[0].line}."
+                f"line {same_tag[1].line}: <{tag}> of {self.called()} is given twice; first in line "
+                f"{same_tag[0].line}."
             )
-        return found[0] if found else None
+        return same_tag[0] if same_tag else None
 
     def called(self) -> str:
+        """Tag and name, for error messages."""
         return f"{self.tag} {self.attributes.get('name', '')!r}".replace(" ''", "")
 
 
 def _parse(content: bytes) -> _Element:
+    """The top element of an XML document."""
     parser = expat.ParserCreate()
     top: list[_Element] = []
     open_elements: list[_Element] = []
@@ -174,6 +184,7 @@ def _parse(content: bytes) -> _Element:
 
 
 def _refuse_other_formats(top: _Element) -> None:
+    """Raise a SceneError if the document is xacro or not a robot."""
     if top.tag != "robot":
         raise SceneError(
             f"line {top.line}: expected a URDF file, whose first element is <robot>, got <{top.tag}>. "
@@ -190,6 +201,7 @@ def _refuse_other_formats(top: _Element) -> None:
 
 
 def _link(element: _Element) -> RobotLink:
+    """The link of an element <link>."""
     name = _name(element)
     inertial = element.only("inertial")
     if inertial is None:
@@ -212,6 +224,7 @@ def _link(element: _Element) -> RobotLink:
 
 
 def _joint(element: _Element) -> RobotJoint:
+    """The joint of an element <joint>."""
     name = _name(element)
     where = f"joint {name!r}"
     kind = element.attributes.get("type", "")
@@ -249,7 +262,7 @@ def _joint(element: _Element) -> RobotJoint:
 def _range(
     limit: _Element | None, kind: str, where: str
 ) -> tuple[float, float] | tuple[None, None]:
-    """Lower and upper limit; one of them alone has the other at zero, by the rules of URDF."""
+    """Lower and upper limit; if only one is given, the other is zero, as URDF says."""
     lower, upper = _optional(limit, "lower", where), _optional(limit, "upper", where)
     if limit is None or kind not in ("revolute", "prismatic") or (lower is None and upper is None):
         return None, None
@@ -262,7 +275,7 @@ def _range(
 
 
 def _axis(axis: _Element | None, kind: str, where: str) -> Triple:
-    """The direction; a joint that has no axis may say anything, and often says 0 0 0."""
+    """The direction of the axis; that of a joint without axis is ignored, as files often give 0 0 0."""
     if axis is None or kind in ("fixed", "floating"):
         return (1.0, 0.0, 0.0)
     direction = _triple(axis, "xyz", where)
@@ -275,6 +288,7 @@ def _axis(axis: _Element | None, kind: str, where: str) -> Triple:
 
 
 def _mimic(mimic: _Element | None, where: str) -> Mimic | None:
+    """The contents of an element <mimic>."""
     if mimic is None:
         return None
     if "joint" not in mimic.attributes:
@@ -288,7 +302,7 @@ def _mimic(mimic: _Element | None, where: str) -> Mimic | None:
 
 
 def _origin(element: _Element, where: str) -> tuple[Triple, Triple]:
-    """xyz (m) and rpy (rad)."""
+    """Position xyz (m) and rotation rpy (rad) of the element's origin; zero if the file gives none."""
     origin, zero = element.only("origin"), (0.0, 0.0, 0.0)
     if origin is None:
         return zero, zero
@@ -299,6 +313,7 @@ def _origin(element: _Element, where: str) -> tuple[Triple, Triple]:
 
 
 def _name(element: _Element) -> str:
+    """The name of a link or joint."""
     name = element.attributes.get("name", "")
     if not name.strip():
         raise SceneError(f"line {element.line}: a {element.tag} has no name.")
@@ -306,22 +321,26 @@ def _name(element: _Element) -> str:
 
 
 def _optional(element: _Element | None, key: str, where: str) -> float | None:
+    """The number of an attribute, or None if there is none."""
     if element is None or key not in element.attributes:
         return None
     return _number(element, key, where)
 
 
 def _number(element: _Element, key: str, where: str) -> float:
+    """The number of an attribute."""
     (value,) = _numbers(element, key, where, 1)
     return value
 
 
 def _triple(element: _Element, key: str, where: str) -> Triple:
+    """The three numbers of an attribute."""
     x, y, z = _numbers(element, key, where, 3)
     return x, y, z
 
 
 def _numbers(element: _Element, key: str, where: str, count: int) -> Sequence[float]:
+    """The `count` finite numbers of an attribute."""
     text = element.attributes.get(key)
     place = f"line {element.line}: {where}: <{element.tag}>, {key}"
     expected = "a finite number" if count == 1 else f"{count} finite numbers"
@@ -341,7 +360,7 @@ def _numbers(element: _Element, key: str, where: str, count: int) -> Sequence[fl
 
 
 def _root(links: Mapping[str, RobotLink], joints: Sequence[RobotJoint]) -> str:
-    """The link that everything hangs on."""
+    """The name of the only link without a parent, from which joints lead to all other links."""
     above: dict[str, RobotJoint] = {}
     for joint in joints:
         for side, name in (("parent", joint.parent), ("child", joint.child)):
@@ -377,12 +396,12 @@ def _root(links: Mapping[str, RobotLink], joints: Sequence[RobotJoint]) -> str:
 
 
 def _others(top: _Element) -> Counter[str]:
-    """How often elements occur that say nothing about the dynamics."""
-    found: Counter[str] = Counter()
+    """Counts by tag of the elements that say nothing about the dynamics."""
+    counts: Counter[str] = Counter()
     for element in top.children:
         if element.tag not in ("link", "joint"):
-            found[element.tag] += 1
+            counts[element.tag] += 1
             continue
         used = _LINK_PARTS if element.tag == "link" else _JOINT_PARTS
-        found.update(child.tag for child in element.children if child.tag not in used)
-    return found
+        counts.update(child.tag for child in element.children if child.tag not in used)
+    return counts

@@ -1,4 +1,4 @@
-"""Limits of joints: the equilibrium must be inside them for every value of the parameters."""
+"""Limits of joints: the equilibrium must be inside the limits for every value of the parameters."""
 
 from collections.abc import Mapping
 from itertools import product
@@ -14,11 +14,15 @@ from mbdlft.base.unit import parse_unit
 from mbdlft.multibody.scene.quantities import Place, angle_at, expression_at, value_at
 from mbdlft.multibody.scene.scene import Scene
 
-_ROUNDING = 1e-12  # of a limit
+_ROUNDING = 1e-12  # a position may leave a limit by this part of it
 
 
 class JointLimit(NamedTuple):
-    """Limits of a joint, None for none: position (rad or m), effort (N m or N), rate (rad/s or m/s)."""
+    """Limits of a joint; None where the file has none.
+
+    `lower` and `upper` limit the position in `unit` (rad or m), `effort` the effort (N m or N) and `rate`
+    the velocity (rad/s or m/s).
+    """
 
     joint: str
     unit: str
@@ -29,7 +33,7 @@ class JointLimit(NamedTuple):
 
 
 def check_limits(scene: Scene, positions: Mapping[JointLimit, Quantity]) -> None:
-    """Raise a SceneError for the first joint whose position leaves its limits in the range."""
+    """Raise a SceneError for the first joint whose position leaves its limits for some parameters."""
     for limit, position in positions.items():
         if limit.lower is None or limit.upper is None:
             continue
@@ -45,7 +49,10 @@ def check_limits(scene: Scene, positions: Mapping[JointLimit, Quantity]) -> None
 
 
 def position_range(scene: Scene, joint: str, expected: Expected) -> tuple[float, float]:
-    """Least and largest equilibrium position (rad or m); sums of angles exactly, others at corners."""
+    """Least and largest equilibrium position (rad or m) over the ranges of the parameters.
+
+    The range of a sum of angles is exact; other positions are evaluated at the corners.
+    """
     place = Place(f"joint {joint!r}", "position")
     parameters = {p.name: p for p in scene.parameters}
     if expected.unit == "rad":
@@ -59,7 +66,7 @@ def position_range(scene: Scene, joint: str, expected: Expected) -> tuple[float,
             angle.constant + sum(end[1] for end in ends),
         )
     used = sorted(names(expression_at(place, expected)) & set(parameters))
-    found = [
+    values_at_corners = [
         float(
             value_at(
                 place, expected, scene.constant_values() | dict(zip(used, corner, strict=True))
@@ -67,17 +74,17 @@ def position_range(scene: Scene, joint: str, expected: Expected) -> tuple[float,
         )
         for corner in product(*(_bounds(parameters[name]) for name in used))
     ]
-    return min(found), max(found)
+    return min(values_at_corners), max(values_at_corners)
 
 
 def _bounds(parameter: Parameter) -> tuple[float, float]:
-    """Low and high in SI units."""
+    """Low and high of a parameter in SI units."""
     factor = parse_unit(parameter.unit).factor
     return parameter.low * factor, parameter.high * factor
 
 
 def _both(value: float, unit: str) -> str:
-    """A value for a message; angles in degrees as well."""
+    """A value as a text for a message, with that in degrees if it is an angle."""
     if unit != "rad":
         return f"{value:.6g} {unit}"
     return f"{value:.6g} rad = {np.degrees(value):.6g} deg"

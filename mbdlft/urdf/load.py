@@ -1,4 +1,4 @@
-"""From a URDF file to a scene: links become bodies, joints become joints, and a report the rest."""
+"""Scenes of URDF files: links become bodies and joints become joints; a report lists all the rest."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,19 +18,19 @@ from mbdlft.urdf.make import Making, bodies, holds, joint_of, limits, unchecked,
 from mbdlft.urdf.values import AXIAL, Values, check_label, numbers, set_positions, varied
 
 GRAVITY = (0.0, 0.0, -9.81)
-RIGHT_ANGLE = 1e-8  # rad; files write right angles with ten digits or so
+RIGHT_ANGLE = 1e-8  # rad: files give right angles with about ten digits
 
 
 @dataclass(frozen=True, slots=True)
 class ImportReport:
-    """What became of a URDF file beside the scene.
+    """The differences between a URDF file and the scene that was made of it.
 
     Attributes
     ----------
     ignored : tuple of str
-        What the file says and the scene does not: geometry, friction, transmissions, ...
+        Contents of the file that the scene does not have: geometry, friction, transmissions, ...
     assumed : tuple of str
-        What the scene says and the file does not: gravity, positions, right angles, names, ...
+        Contents of the scene that the file does not have: gravity, positions, right angles, names, ...
     limits : tuple of JointLimit
         Limits of the joints that turn or slide: position (rad or m), effort (N m or N), rate (rad/s
         or m/s).
@@ -60,40 +60,42 @@ def load_urdf(
     right_angle: float = RIGHT_ANGLE,
     keep_unphysical: bool = False,
 ) -> tuple[Scene, ImportReport]:
-    """Scene of a URDF file, and a report of what was ignored and what was assumed.
+    """Make a scene of a URDF file, and a report of what was ignored and what was assumed.
 
     The numbers of the file have labels: ``LINK.mass``, ``LINK.center_of_mass.x``,
     ``LINK.inertia.xx`` (kg m^2, in the axes of the link, about the center of mass),
     ``JOINT.origin.x`` (m), ``JOINT.origin.roll``, ``.pitch`` and ``.yaw`` (rad). A joint that turns
-    or slides has ``JOINT.position``, ``.stiffness``, ``.damping``, ``.actuator_inertia`` and
-    ``.preload`` besides. Its position (rad or m) is 0, or the middle of its limits where these
-    exclude 0; that of a mimic joint follows its leader.
+    or slides also has ``JOINT.position``, ``.stiffness``, ``.damping``, ``.actuator_inertia`` and
+    ``.preload``. Its position (rad or m) is 0, or the middle of its limits if they exclude 0; the
+    position of a mimic joint follows that of its leader.
 
     Parameters
     ----------
     path : file
     parameters : sequence of `Parameter` and `Angle`
-        Names that `values` can use; they stay in the model.
+        Parameters of the model, whose names `values` can use.
     values : mapping of labels to numbers (SI) or expressions
-        Replace what the file says: ``{"tool0.mass": "payload", "elbow_joint.position": "theta3"}``.
+        These replace numbers of the file:
+        ``{"tool0.mass": "payload", "elbow_joint.position": "theta3"}``.
     vary : mapping of labels to percent
-        Makes each a parameter of its own around the number of the file: ``{"forearm_link.mass": 20}``
-        is a parameter ``forearm_link_mass``.
+        Each of these numbers becomes a parameter of its own, in a range around the number of the file:
+        ``{"forearm_link.mass": 20}`` makes the parameter ``forearm_link_mass``.
     constants : mapping of names to numbers, or to `Constant` with a unit
     base : {"fixed", "free"}
         Whether the root link is clamped on the ground or free; the joint is called ``root_joint``.
-        A free robot with gravity is held by six loads on its root, ``hold_force_x`` and so on, which
-        the trim finds; replace them in the scene by what holds it.
+        Six loads on its root, ``hold_force_x`` and so on, hold a free robot against gravity; the trim
+        finds their magnitudes. Replace them in the scene by the loads that really hold it.
     moving : names of joints, optional
-        Those that move; the others are locked at their positions. All by default.
+        The joints that move; the others are locked at their positions. By default all of them move.
     gravity : three numbers or expressions (m/s^2)
     inputs, outputs : sequence of str, optional
         As in `Scene`.
     right_angle : float
-        Angles of the file nearer than this (rad) to a multiple of a right angle are taken as it.
+        An angle of the file that differs by less than this (rad) from a multiple of a right angle is
+        replaced by this multiple.
     keep_unphysical : bool
-        Whether to take inertias that no body can have (a negative moment, or one larger than the sum
-        of the other two) as they are, reported, instead of raising an error.
+        Whether to keep inertias that no body can have (a negative moment, or one larger than the sum
+        of the other two) and report them, instead of raising an error.
 
     Returns
     -------
@@ -103,8 +105,9 @@ def load_urdf(
     Raises
     ------
     SceneError
-        The file cannot be read, is not a robot (with the line), a label is unknown, a position
-        leaves the limits of its joint, a joint moves nothing that has a mass, or as `Scene`.
+        The file cannot be read or is not a robot (the message names the line), a label is unknown, a
+        position leaves the limits of its joint, a joint moves nothing that has a mass, or `Scene` raises
+        an error.
     NotRationalError
         A value is not rational in the parameters.
     """
@@ -112,19 +115,21 @@ def load_urdf(
         raise SceneError(f"base: expected 'fixed' or 'free', got {base!r}.")
     robot = _on_the_ground(read_robot_file(path), base)
     assumed: list[str] = []
-    found = numbers(robot, right_angle, assumed)
-    added = {label: varied(label, percent, found) for label, percent in (vary or {}).items()}
+    numbers_by_label = numbers(robot, right_angle, assumed)
+    added = {
+        label: varied(label, percent, numbers_by_label) for label, percent in (vary or {}).items()
+    }
     for label in values or {}:
-        check_label("values", label, found)
+        check_label("values", label, numbers_by_label)
         if label in added:
             raise SceneError(f"{label!r} is both in vary and in values; give it in one of them.")
     chosen = {label: p.name for label, p in added.items()} | dict(values or {})
-    found |= chosen
-    set_positions(robot, found, set(chosen), assumed)
+    numbers_by_label |= chosen
+    set_positions(robot, numbers_by_label, set(chosen), assumed)
     moves = _moves(robot, moving)
-    _refuse_massless(robot, found, moves)
+    _refuse_massless(robot, numbers_by_label, moves)
     names = _scene_names(robot, assumed)
-    making = Making(robot, found, names, moves)
+    making = Making(robot, numbers_by_label, names, moves)
     fields: dict[str, Any] = {
         "name": robot.name or Path(path).stem,
         "description": f"Imported from {Path(path).name}",
@@ -153,26 +158,26 @@ def load_urdf(
 
 
 def _checked(made: list[Body], scene: Scene, assumed: list[str], *, keep: bool) -> list[Body]:
-    """The bodies, those whose inertia no body can have marked as such if they are to be kept."""
+    """The bodies; an inertia that no body can have is an error, or marked as unchecked if `keep`."""
     nominal = scene.constant_values() | {
         p.name: p.nominal * parse_unit(p.unit).factor for p in scene.parameters
     }
-    found = unphysical(made, nominal)
-    if found and not keep:
-        name, problem = next(iter(found.items()))
-        more = f" The same holds for {', '.join([*found][1:])}." if len(found) > 1 else ""
+    problems = unphysical(made, nominal)
+    if problems and not keep:
+        name, problem = next(iter(problems.items()))
+        more = f" The same holds for {', '.join([*problems][1:])}." if len(problems) > 1 else ""
         raise SceneError(
             f"body {name!r}: {problem} Correct the file or give values to '{name}.inertia.xx', ...; or "
             "take such inertias as they are: keep_unphysical=True, on the command line "
             f"--keep-unphysical.{more}"
         )
-    if found:
-        assumed.append(f"inertias that no body can have are kept: {', '.join(found)}")
-    return [unchecked(body) if body.name in found else body for body in made]
+    if problems:
+        assumed.append(f"inertias that no body can have are kept: {', '.join(problems)}")
+    return [unchecked(body) if body.name in problems else body for body in made]
 
 
 def _check(scene: Scene, making: Making) -> None:
-    """`check`; a position that nobody wrote but a mimic joint has says where it comes from."""
+    """Check the scene; an error on the position of a mimic joint says which joint it follows."""
     try:
         check(scene)
     except NotRationalError as error:
@@ -186,7 +191,7 @@ def _check(scene: Scene, making: Making) -> None:
 
 
 def _on_the_ground(robot: Robot, base: str) -> Robot:
-    """The robot with one more joint, the first: of its root on the ground."""
+    """The robot with one more joint, the first one, from the ground to its root."""
     name = "root_joint"
     while name in robot.joints:
         name += "_"
@@ -218,7 +223,7 @@ def _moves(robot: Robot, moving: Iterable[str] | None) -> frozenset[str]:
 
 
 def _refuse_massless(robot: Robot, values: Values, moves: frozenset[str]) -> None:
-    """Raise a SceneError for a joint that moves, and nothing with a mass with it."""
+    """Raise a SceneError for a moving joint if all links that move with it are without mass."""
     children: dict[str, list[RobotJoint]] = {}
     for joint in robot.joints.values():
         children.setdefault(joint.parent, []).append(joint)
@@ -241,7 +246,11 @@ def _refuse_massless(robot: Robot, values: Values, moves: frozenset[str]) -> Non
 
 
 def _scene_names(robot: Robot, assumed: list[str]) -> Mapping[str, str]:
-    """Names in the scene: there a dot separates a body from its port, and the ground is `ground`."""
+    """Names of links and joints in the scene, by name in the file.
+
+    They differ from those of the file where a scene cannot have the name: a dot separates a body from
+    its port, and ``ground`` is the name of the ground.
+    """
     names = {name: name.replace(".", "_") for name in (*robot.links, *robot.joints)}
     if GROUND in robot.links:
         names[GROUND] = f"{GROUND}_link"
@@ -252,17 +261,20 @@ def _scene_names(robot: Robot, assumed: list[str]) -> Mapping[str, str]:
 
 
 def _ignored(robot: Robot, moves: frozenset[str]) -> tuple[str, ...]:
+    """Sentences on the contents of the file that the scene does not have."""
     joints = [joint for joint in robot.joints.values() if joint.name in moves]
-    found = [f"<{tag}>: {count}" for tag, count in robot.others.items()]
+    ignored = [f"<{tag}>: {count}" for tag, count in robot.others.items()]
     rubbing = [joint.name for joint in joints if joint.friction]
     if rubbing:
-        found.append(f"Coulomb friction of {', '.join(rubbing)}: it is not linear")
+        ignored.append(f"Coulomb friction of {', '.join(rubbing)}: it is not linear")
     bounded = [joint.name for joint in joints if joint.effort or joint.velocity]
     if bounded:
-        found.append(f"limits of effort and velocity of {len(bounded)} joints; the report has them")
+        ignored.append(
+            f"limits of effort and velocity of {len(bounded)} joints; the report has them"
+        )
     coupled = [joint.name for joint in joints if joint.mimic and joint.kind in AXIAL]
     if coupled:
-        found.append(
+        ignored.append(
             f"<mimic> of {', '.join(coupled)}: their positions follow their leaders, their motions are "
             "free; leave them out of `moving` to lock them"
         )
@@ -270,5 +282,5 @@ def _ignored(robot: Robot, moves: frozenset[str]) -> tuple[str, ...]:
         joint.name for joint in joints if joint.kind in ("planar", "floating") and joint.damping
     ]
     if planar:
-        found.append(f"damping of {', '.join(planar)}: give it in the scene")
-    return tuple(found)
+        ignored.append(f"damping of {', '.join(planar)}: give it in the scene")
+    return tuple(ignored)

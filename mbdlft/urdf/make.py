@@ -1,8 +1,10 @@
-"""Bodies and joints of a robot whose numbers are known by label.
+"""Bodies and joints of a scene, made of a robot and of its numbers by label.
 
-position of a link in its parent     origin xyz, a port of the parent
-axes of a joint in its parent        origin rpy: about z by yaw, then y by pitch, then x by roll
-inertia of a link                    about its center of mass, in the axes of the link
+A joint of the file places the frame c of its child link in the frame p of its parent link (the notation
+is that of `mbdlft.multibody.spatial`):
+
+    r_pc = origin xyz, a port of the parent
+    R_pc = R_z(yaw) R_y(pitch) R_x(roll), the orientation of the joint
 """
 
 import math
@@ -29,9 +31,15 @@ _ABOUT = {"yaw": _AXES["z"], "pitch": _AXES["y"], "roll": _AXES["x"]}
 
 @dataclass(frozen=True, slots=True)
 class Making:
-    """A robot, its numbers by label, its names in the scene, and the names of the joints that move.
+    """All data from which the scene is made.
 
-    The first joint is that of the root on the ground.
+    Attributes
+    ----------
+    robot : Robot
+        Its first joint connects the root with the ground.
+    values : numbers and expressions by label
+    names : names in the scene by name in the file
+    moves : names of the joints that move
     """
 
     robot: Robot
@@ -50,7 +58,10 @@ class Making:
         return f"{name}_port" if name in _BUILT_IN_PORTS else name
 
     def shift(self, joint: RobotJoint) -> Vector | None:
-        """Where a locked prismatic joint holds its child: a point against the axis, in the child."""
+        """The port of the child (m) at which a locked prismatic joint holds it; None for other joints.
+
+        It is at minus the position along the axis, so that the origin of the child is at the position.
+        """
         position = self.values.get(f"{joint.name}.position", 0.0)
         if joint.kind != "prismatic" or joint.name in self.moves or position == 0.0:
             return None
@@ -59,12 +70,12 @@ class Making:
         return x, y, z
 
     def on_ground(self, joint: RobotJoint) -> bool:
-        """Whether it is the joint of the root."""
+        """Whether this joint connects the root with the ground."""
         return joint is next(iter(self.robot.joints.values()))
 
 
 def bodies(making: Making) -> list[Body]:
-    """The links; and the ground, if the root is not at its origin."""
+    """Bodies of all links, and the ground if it needs a port for the root."""
     ground: dict[str, Vector] = {}
     ports: dict[str, dict[str, Vector]] = {link: {} for link in making.robot.links}
     for joint in making.robot.joints.values():
@@ -79,6 +90,7 @@ def bodies(making: Making) -> list[Body]:
 
 
 def _body(making: Making, link: RobotLink, ports: dict[str, Vector]) -> RigidBody:
+    """The body of a link."""
     entries = {entry: making.values[f"{link.name}.inertia.{entry}"] for entry in ENTRIES}
     given = {name: entry for name, entry in entries.items() if name[0] == name[1] or entry != 0.0}
     return RigidBody(
@@ -91,7 +103,7 @@ def _body(making: Making, link: RobotLink, ports: dict[str, Vector]) -> RigidBod
 
 
 def joint_of(making: Making, joint: RobotJoint) -> Joint:
-    """A joint of the scene; one that does not move is fixed at its position."""
+    """The joint of the scene for a joint of the robot; a joint that does not move becomes `Fixed`."""
     parent = GROUND if making.on_ground(joint) else making.names[joint.parent]
     child = making.names[joint.child]
     if any(making.vector(f"{joint.name}.origin")):
@@ -125,7 +137,7 @@ def joint_of(making: Making, joint: RobotJoint) -> Joint:
 
 
 def holds(making: Making) -> list[Load]:
-    """Forces and torques on a free root, along its own axes, that the trim finds."""
+    """Forces and torques on a free root, along its own axes, whose magnitudes the trim finds."""
     root = making.names[making.robot.root]
     kinds: tuple[type[Force | Torque], ...] = (Force, Torque)
     return [
@@ -136,7 +148,7 @@ def holds(making: Making) -> list[Load]:
 
 
 def limits(making: Making) -> dict[JointLimit, Quantity]:
-    """Limits and positions of the joints that turn or slide, locked ones too."""
+    """Limits and positions of the joints that turn or slide, also of locked joints."""
     return {
         JointLimit(
             making.names[joint.name],
@@ -152,8 +164,11 @@ def limits(making: Making) -> dict[JointLimit, Quantity]:
 
 
 def unphysical(links: Iterable[Body], nominal: Mapping[str, Any]) -> dict[str, str]:
-    """Bodies whose inertia no body can have, at nominal values of the names (SI), and why."""
-    found = {}
+    """Problems by name of the body, for bodies whose inertia no body can have.
+
+    `nominal` are the nominal values of parameters and constants (SI).
+    """
+    problems = {}
     for body in links:
         values = {
             label: np.array([float(value_at(Place(owner_name(body), label), expected, nominal))])
@@ -161,12 +176,12 @@ def unphysical(links: Iterable[Body], nominal: Mapping[str, Any]) -> dict[str, s
         }
         problem = body.physical_problem(values)
         if problem and problem != negative_mass(values["mass"]):
-            found[body.name] = problem
-    return found
+            problems[body.name] = problem
+    return problems
 
 
 def unchecked(body: Body) -> Body:
-    """The body with an inertia that may be one that no body can have."""
+    """The body with its inertia marked as unchecked."""
     if not isinstance(body, RigidBody):
         return body
     inertia = body.inertia.model_copy(update={"unchecked": True})

@@ -1,6 +1,7 @@
-"""The numbers of a robot by label, such as ``forearm_link.mass``, and what replaces them.
+"""The numbers of a robot by label, such as ``forearm_link.mass``, and the values that replace them.
 
-inertia of a link = R I R',   R = R_z(yaw) R_y(pitch) R_x(roll)   in the axes of the link
+A file gives the inertia J_c of a link l in axes c that are turned against those of the link. In the
+axes of the link it is J_l = R_lc J_c R_lc' with R_lc = R_z(yaw) R_y(pitch) R_x(roll).
 """
 
 import math
@@ -25,30 +26,35 @@ _UNITS = {"mass": "kg", "center_of_mass": "m", "inertia": "kg m^2", "origin": "m
 
 
 def numbers(robot: Robot, right_angle: float, assumed: list[str]) -> Values:
-    """What the file says, by label; positions are zero as yet. `assumed` is extended."""
-    found: Values = {}
+    """The numbers of the file by label, with positions of zero.
+
+    Sentences on what the file does not say are added to `assumed`. An angle that differs by less than
+    `right_angle` (rad) from a multiple of a right angle is replaced by it.
+    """
+    values: Values = {}
     snapped: list[float] = []
     for link in robot.links.values():
-        found[f"{link.name}.mass"] = link.mass
+        values[f"{link.name}.mass"] = link.mass
         for axis, entry in zip(AXES, link.center, strict=True):
-            found[f"{link.name}.center_of_mass.{axis}"] = entry
+            values[f"{link.name}.center_of_mass.{axis}"] = entry
         for name, value in _inertia(link, right_angle, snapped).items():
-            found[f"{link.name}.inertia.{name}"] = value
+            values[f"{link.name}.inertia.{name}"] = value
     for joint in robot.joints.values():
         for axis, entry in zip(AXES, joint.xyz, strict=True):
-            found[f"{joint.name}.origin.{axis}"] = entry
+            values[f"{joint.name}.origin.{axis}"] = entry
         for turn, angle in zip(TURNS, joint.rpy, strict=True):
-            found[f"{joint.name}.origin.{turn}"] = _angle(angle, right_angle, snapped)
+            values[f"{joint.name}.origin.{turn}"] = _angle(angle, right_angle, snapped)
         if joint.kind in AXIAL:
-            found |= {f"{joint.name}.{key}": 0.0 for key in ("position", *SPRINGS)}
-            found[f"{joint.name}.damping"] = joint.damping
+            values |= {f"{joint.name}.{key}": 0.0 for key in ("position", *SPRINGS)}
+            values[f"{joint.name}.damping"] = joint.damping
         if joint.kind == "planar":
-            found |= {f"{joint.name}.{key}": 0.0 for key in PLANAR}
+            values |= {f"{joint.name}.{key}": 0.0 for key in PLANAR}
     _tell(robot, snapped, assumed)
-    return found
+    return values
 
 
 def _tell(robot: Robot, snapped: list[float], assumed: list[str]) -> None:
+    """Add sentences to `assumed`; `snapped` are the changes of angles to right angles (rad)."""
     links = robot.links.values()
     if snapped:
         assumed.append(
@@ -71,7 +77,7 @@ def _tell(robot: Robot, snapped: list[float], assumed: list[str]) -> None:
 
 
 def _angle(angle: float, right_angle: float, snapped: list[float]) -> Quantity:
-    """The angle, or the multiple of 90 deg that it is meant to be."""
+    """The angle (rad), or the multiple of 90 deg nearly equal to it; `snapped` gets the change."""
     quarters = round(angle / (math.pi / 2.0))
     difference = abs(angle - quarters * math.pi / 2.0)
     if difference > right_angle:
@@ -83,7 +89,7 @@ def _angle(angle: float, right_angle: float, snapped: list[float]) -> Quantity:
 
 def _inertia(link: RobotLink, right_angle: float, snapped: list[float]) -> Mapping[str, float]:
     """Entries of the inertia matrix in the axes of the link."""
-    R = np.eye(3)
+    R_lc = np.eye(3)
     for axis, angle in enumerate(link.rpy):  # x, then y, then z, each about the axes of the link
         if angle and _angle(angle, right_angle, snapped) != angle:
             angle = round(angle / (np.pi / 2.0)) * np.pi / 2.0
@@ -91,20 +97,22 @@ def _inertia(link: RobotLink, right_angle: float, snapped: list[float]) -> Mappi
         j, k = (axis + 1) % 3, (axis + 2) % 3
         turn = np.eye(3)
         turn[j, j], turn[j, k], turn[k, j], turn[k, k] = cosine, -sine, sine, cosine
-        R = turn @ R
-    if np.array_equal(R, np.eye(3)):
+        R_lc = turn @ R_lc
+    if np.array_equal(R_lc, np.eye(3)):
         return link.inertia
-    matrix = np.array([[link.inertia["".join(sorted(a + b))] for b in AXES] for a in AXES])
-    turned = R @ matrix @ R.T
+    J_c = np.array([[link.inertia["".join(sorted(a + b))] for b in AXES] for a in AXES])
+    J_l = R_lc @ J_c @ R_lc.T
     place = {axis: k for k, axis in enumerate(AXES)}
-    return {name: float(turned[place[name[0]], place[name[1]]]) + 0.0 for name in ENTRIES}
+    return {name: float(J_l[place[name[0]], place[name[1]]]) + 0.0 for name in ENTRIES}
 
 
-# what replaces them --------------------------------------------------------------------------
+# values that replace the numbers of the file --------------------------------------------------
 
 
 def varied(label: str, percent: float, file: Mapping[str, Quantity]) -> Parameter:
-    """A parameter around the number of the file: named as the label, dots replaced.
+    """A parameter in a range of `percent` around a number of the file.
+
+    Its name is the label with underscores for dots.
 
     Raises
     ------
@@ -143,14 +151,18 @@ def check_label(what: str, label: str, file: Mapping[str, Quantity]) -> None:
 
 
 def _owners(label: str) -> Iterable[str]:
-    """Names of the link or joint that a label may begin with; names may have dots themselves."""
+    """Possible names of the link or joint of a label; names may have dots, so there can be two."""
     keys = "mass|center_of_mass|inertia|origin|position|stiffness|damping|actuator_inertia|preload"
     match = re.fullmatch(rf"(.+)\.(?:{keys})(?:\.\w+)?", label)
     return (match[1],) if match else (label.rpartition(".")[0], label.partition(".")[0])
 
 
 def set_positions(robot: Robot, values: Values, chosen: set[str], assumed: list[str]) -> None:
-    """Positions that nobody chose: of mimic joints, and of joints whose limits exclude zero."""
+    """Set the positions in `values` that the user did not choose and that are not zero.
+
+    These are positions of mimic joints, and of joints whose limits exclude zero. `chosen` are the labels
+    that the user chose; sentences on the positions are added to `assumed`.
+    """
     for joint in robot.joints.values():
         label = f"{joint.name}.position"
         if label in chosen or joint.kind not in AXIAL or joint.mimic is not None:
@@ -170,7 +182,10 @@ def set_positions(robot: Robot, values: Values, chosen: set[str], assumed: list[
 def _follow(
     robot: Robot, joint: RobotJoint, values: Values, chosen: set[str], seen: tuple[str, ...]
 ) -> Quantity:
-    """Position of a mimic joint: multiplier * that of its leader + offset."""
+    """Position of a mimic joint: multiplier * position of its leader + offset.
+
+    `seen` are the mimic joints that led here.
+    """
     label = f"{joint.name}.position"
     if joint.mimic is None or label in chosen:
         return values[label]

@@ -1,5 +1,6 @@
 """Rules of the source that no tool checks: public docstrings, tolerances in one place, small files."""
 
+import ast
 import inspect
 import re
 from importlib import import_module
@@ -63,10 +64,22 @@ def test_few_loose_files() -> None:
     assert len([path for path in (ROOT / "mbdlft").glob("*.py")]) <= 6
 
 
-def test_python_page_lists_them_all() -> None:
+def test_python_page_lists_them_all_each_in_its_namespace() -> None:
     page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
-    missing = [name for name in PUBLIC if not re.search(rf"`{name}\b", page)]
-    assert missing in ([], ["Certificate", "Signal"])
+    tables = {
+        section.partition("\n")[0]: "\n".join(re.findall(r"^\|.*", section, re.MULTILINE))
+        for section in page.split("\n## ")
+    }
+    assert set(tables) - {"# The Python package", "Models and examples"} == {
+        "mbdlft",
+        "Other names",
+        *(f"mbdlft.{room}" for room in mbdlft._NAMESPACES),
+    }
+    for room in ROOMS:
+        where = f"mbdlft.{room}" if room in mbdlft._NAMESPACES else "Other names"
+        for name in import_module(f"mbdlft.{room}").__all__:
+            table = tables["mbdlft" if name in mbdlft._FIRST else where]
+            assert re.search(rf"`(?:mbdlft\.\w+\.)?{name}\b", table), (room, name)
 
 
 @pytest.mark.parametrize("name", PUBLIC)
@@ -92,9 +105,58 @@ def test_tolerances_stand_in_one_file() -> None:
             assert not pattern.search(line), f"{path}:{number}: {line.strip()}"
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_files_stay_small(path: Path) -> None:
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= 460
+# Larger ones that are known; these lists only get shorter.
+LARGE_FILES = {
+    "lft/lft.py",
+    "multibody/assembly/assemble.py",
+    "reduce/commuting.py",
+}
+LONG_FUNCTIONS = {
+    "multibody/assembly/assemble.py:_assemble",
+    "multibody/equilibrium/fit/equilibrium.py:_fit",
+    "pipeline/build.py:_build",
+    "reduce/commuting.py:reduce_commuting",
+}
+
+
+def test_files_have_at_most_400_lines() -> None:
+    large = {
+        path.relative_to(ROOT / "mbdlft").as_posix()
+        for path in SOURCES
+        if len(path.read_text(encoding="utf-8").splitlines()) > 400
+    }
+    assert not large - LARGE_FILES, "too large"
+    assert not LARGE_FILES - large, "mended: take it off the list"
+
+
+def test_functions_have_at_most_60_lines() -> None:
+    long = {
+        f"{path.relative_to(ROOT / 'mbdlft').as_posix()}:{node.name}"
+        for path in SOURCES
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and _lines(node) > 60
+    }
+    assert not long - LONG_FUNCTIONS, "too long"
+    assert not LONG_FUNCTIONS - long, "mended: take it off the list"
+
+
+def test_lines_of_a_function_count_all_but_its_docstring() -> None:
+    text = '@one\n@two\ndef f(\n    a,\n):\n    """Is a\n    docstring."""\n    return a\n'
+    (function,) = ast.parse(text).body
+    assert _lines(function) == 6
+
+
+def _lines(function: ast.AST) -> int:
+    """Lines of a function with its decorators, without its docstring."""
+    assert isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
+    assert function.end_lineno is not None
+    first = min(node.lineno for node in (function, *function.decorator_list))
+    lines = function.end_lineno - first + 1
+    if ast.get_docstring(function) is not None:
+        docstring = function.body[0]
+        assert docstring.end_lineno is not None
+        lines -= docstring.end_lineno - docstring.lineno + 1
+    return lines
 
 
 def test_no_leftovers() -> None:

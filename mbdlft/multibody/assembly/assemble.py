@@ -32,7 +32,7 @@ from mbdlft.multibody.assembly.weights import pass_weights_inward
 from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS, unseen_name
 from mbdlft.multibody.force import Spring
-from mbdlft.multibody.joint import labelled
+from mbdlft.multibody.joint import coordinate_label
 from mbdlft.multibody.scene.check import check_fit
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
@@ -270,7 +270,7 @@ def _carried(links: tuple[Link, ...], view: View) -> tuple[ca.SX, tuple[str, ...
 
 def quantity_of(own: Values, key: str, freedom: Freedom) -> Any:
     """Value of a quantity of one coordinate; zero if the joint has none."""
-    return own.get(labelled(key, freedom), 0.0)
+    return own.get(coordinate_label(key, freedom), 0.0)
 
 
 def without_unseen(scene: Scene, relations: ca.SX) -> ca.SX:

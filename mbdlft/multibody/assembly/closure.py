@@ -11,7 +11,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError
 from mbdlft.multibody.assembly.view import View
 from mbdlft.multibody.force import BodyWrench
-from mbdlft.multibody.joint import labelled
+from mbdlft.multibody.joint import coordinate_label
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import move_wrench
@@ -175,7 +175,7 @@ def _passive(view: View) -> list[bool]:
     found = []
     for link in view.now.links:
         values = view.now.values[link.owner]
-        found += [labelled("preload", freedom) in values for freedom in link.joint.freedoms]
+        found += [coordinate_label("preload", freedom) in values for freedom in link.joint.freedoms]
         found += [True for _ in link.child.freedoms()]
     return found
 

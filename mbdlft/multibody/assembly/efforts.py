@@ -16,7 +16,7 @@ from mbdlft.multibody.assembly.symbols import coordinate_owners
 from mbdlft.multibody.assembly.tree import Link
 from mbdlft.multibody.assembly.view import View
 from mbdlft.multibody.force import BodyWrench, Spring
-from mbdlft.multibody.joint import labelled
+from mbdlft.multibody.joint import coordinate_label
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
 
@@ -49,7 +49,7 @@ def list_efforts(
     for owner, name, freedoms, kind in coordinate_owners(links):
         for freedom in freedoms:
             signal = freedom.measures[2] if kind == "imposed" else freedom.effort
-            given = values.get(owner, {}).get(labelled("preload", freedom))
+            given = values.get(owner, {}).get(coordinate_label("preload", freedom))
             given = 0.0 if kind == "imposed" else given
             is_input = kind != "elastic"  # the force that holds a static deflection is internal
             named = Signal(f"{name}.{signal.name}", signal.unit)

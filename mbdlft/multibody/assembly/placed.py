@@ -165,10 +165,10 @@ def across(placed: Placed, vector: ca.SX, source: str, target: str) -> ca.SX:
     up, down = _path(placed, source, target)
     for name in up:
         for move in reversed(placed.moves[name]):
-            vector = move.rotated(vector)
+            vector = move.in_parent_axes(vector)
     for name in down:
         for move in placed.moves[name]:
-            vector = move.rotated_back(vector)
+            vector = move.in_child_axes(vector)
     return vector
 
 
@@ -178,12 +178,12 @@ def between(placed: Placed, a: tuple[str, str], b: tuple[str, str]) -> ca.SX:
     r = port_arm(placed, *b)
     for name in up:
         for move in reversed(placed.moves[name]):
-            r = move.offset() + move.rotated(r)
+            r = move.offset() + move.in_parent_axes(r)
         r = r + placed.arms[name]
     for name in down:
         r = r - placed.arms[name]
         for move in placed.moves[name]:
-            r = move.rotated_back(r - move.offset())
+            r = move.in_child_axes(r - move.offset())
     return r - port_arm(placed, *a)
 
 

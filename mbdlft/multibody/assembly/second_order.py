@@ -87,7 +87,7 @@ def gains_by_products(placed: Placed) -> bool:
         count, axis = counts[parent], last[parent]
         for move in placed.moves[name]:
             if isinstance(move, Turned) and axis is not None:
-                axis = constant_axis(move, axis, move.rotated_back)
+                axis = constant_axis(move, axis, move.in_child_axes)
             for own, _ in _turns(move):
                 turned = ca.DM(own).full().ravel()
                 planar = planar and (count == 0 or (axis is not None and is_parallel(axis, turned)))
@@ -210,7 +210,7 @@ class _Tree:
         moves, turns = self.placed.moves[name], self.turns[name]
         for move, turned in zip(moves[first:], turns[first:], strict=True):
             reached = reached + _along(move, v)
-            v = move.rotated_back(v) if isinstance(move, Turned) else v
+            v = move.in_child_axes(v) if isinstance(move, Turned) else v
             for axis, q in turned:
                 v = v + axis * (slope * q)
         total = self.masses[name] * (reached + ca.dot(self.centers[name], v))

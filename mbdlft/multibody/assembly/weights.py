@@ -123,7 +123,7 @@ def _before(move: Move, now: Carried, field: ca.SX) -> Carried:
     kept, ended = turned_tilts(move, now.tilts)
     inertial = move.wrench(_with_weights(now.inertial, ended, field))
     # a deformation turns nothing at rest
-    moment = move.rotated(now.moment) if isinstance(move, Turned) else now.moment
+    moment = move.in_parent_axes(now.moment) if isinstance(move, Turned) else now.moment
     return now._replace(inertial=inertial, moment=moment, tilts=kept)
 
 
@@ -157,7 +157,7 @@ def turned_tilts(move: Move, tilts: tuple[Tilt, ...]) -> tuple[tuple[Tilt, ...],
         if before is None:
             ended.append(tilt)
         else:
-            kept.append(Tilt(before, tilt.mass, move.rotated(tilt.moment)))
+            kept.append(Tilt(before, tilt.mass, move.in_parent_axes(tilt.moment)))
     return tuple(kept), tuple(ended)
 
 
@@ -168,7 +168,7 @@ def _turned_axis(move: Move, axis: Array) -> Array | None:
     """
     if not isinstance(move, Turned):
         return None
-    before = constant_axis(move, axis, move.rotated)
+    before = constant_axis(move, axis, move.in_parent_axes)
     if before is None or np.count_nonzero(before) > np.count_nonzero(axis):
         return None
     return before
@@ -239,6 +239,6 @@ def load_fields(placed: Placed, load: ca.SX) -> dict[str, list[ca.SX]]:
         own = [found[link.parent.name][-1]]
         for move in placed.moves[link.child.name]:
             last = own[-1]
-            own.append(move.rotated_back(last) if isinstance(move, Turned) else last)
+            own.append(move.in_child_axes(last) if isinstance(move, Turned) else last)
         found[link.child.name] = own
     return found

@@ -1,4 +1,4 @@
-"""What every kind of body has: a name, ports, quantities, and a wrench for a motion."""
+"""The base class of all kinds of bodies: name, ports, quantities, and the wrench that a motion needs."""
 
 import abc
 from collections.abc import Mapping
@@ -26,7 +26,11 @@ GROUND = "ground"
 
 
 class Body(Description, abc.ABC):
-    """A body; every concrete kind is final. Positions are in the body frame, from its origin (m)."""
+    """A body; every concrete kind is final.
+
+    `ports` are the positions of named points from the origin of the body, in its axes (m). The equations
+    of a body are about one of its ports, the inboard port, where the joint that leads to the body ends.
+    """
 
     kind: ClassVar[str]
     name: Name
@@ -52,18 +56,18 @@ class Body(Description, abc.ABC):
         return self
 
     def own_quantities(self) -> dict[str, Expected]:
-        """The quantities of this kind by label, apart from the ports."""
+        """The quantities of this kind by label, without the positions of the ports."""
         return {}
 
     def quantities(self) -> dict[str, Expected]:
-        """All quantities by label, each as given and with the unit it must fit."""
-        found = self.own_quantities()
+        """All quantities by label, each as it was given and with the unit that its value must have."""
+        quantities = self.own_quantities()
         for port, position in self.ports.items():
-            found |= vector_quantities(f"ports.{port}", position, "m")
-        return found
+            quantities |= vector_quantities(f"ports.{port}", position, "m")
+        return quantities
 
     def port_names(self) -> tuple[str, ...]:
-        """Ports a joint can name: the origin and the declared ones."""
+        """Ports that a joint can name: the origin and the declared ones."""
         return ("origin", *self.ports)
 
     def port_label(self, port: str) -> str | None:
@@ -71,26 +75,27 @@ class Body(Description, abc.ABC):
         return None if port == "origin" else f"ports.{port}"
 
     def port_position(self, port: str, values: Values) -> ca.SX:
-        """Position (3,) of a port from the origin, undeformed (m)."""
+        """Position (3,) of a port from the origin, in the axes of the undeformed body (m)."""
         label = self.port_label(port)
         if label is None:
             return ca.SX(3, 1)
         return column(values[f"{label}.{axis}"] for axis in AXES)
 
     def freedoms(self) -> tuple[Freedom, ...]:
-        """Names of the coordinates of an elastic body; a rigid one has none."""
+        """Names of the coordinates of an elastic body; a rigid body has no coordinates."""
         return ()
 
     @abc.abstractmethod
     def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
-        """Wrench (3, 2) that the motion (3, 3) of the inboard port needs, about that port.
+        """Wrench (3, 2) about the inboard port that the motion (3, 3) of this port needs.
 
-        `values` has one SX or float per label; `inboard` (3,) is the position of the port (m); `at`
-        are the coordinates of an elastic body.
+        `values` has one SX or float per label; `inboard` (3,) is the position of the inboard port from
+        the origin (m); `at` has the coordinates of an elastic body. All vectors are in the axes of the
+        body.
         """
 
     def efforts(self, motion: ca.SX, values: Values, at: Coordinate) -> ca.SX:
-        """Generalized forces (n,) that the coordinates of an elastic body need."""
+        """Generalized forces (n,) that a motion (3, 3) needs on the coordinates of an elastic body."""
         return ca.SX(0, 1)
 
     def inputs(self) -> tuple[Signal, ...]:
@@ -110,11 +115,11 @@ class Body(Description, abc.ABC):
         return ca.SX(0, 1)
 
     def shape(self, port: str, values: Values, vector: ca.SX) -> ca.SX:
-        """Small displacement and rotation (6,) of a port of an elastic body for coordinates (n,)."""
+        """Phi q: small displacement and rotation (6,) of a port for coordinates q (n,), `vector`."""
         raise NotImplementedError(f"{self.kind} is not elastic")
 
     def shape_transposed(self, port: str, values: Values, vector: ca.SX) -> ca.SX:
-        """Generalized forces (n,) of a force and torque (6,) at a port of an elastic body."""
+        """Phi' w: generalized forces (n,) of a force and torque w (6,) at a port, `vector`."""
         raise NotImplementedError(f"{self.kind} is not elastic")
 
     def total_mass(self, values: Values) -> ca.SX:
@@ -122,9 +127,10 @@ class Body(Description, abc.ABC):
         return ca.SX(values.get("mass", 0.0))
 
     def first_moment(self, values: Values, inboard: ca.SX) -> ca.SX:
-        """First moment (3,) about the inboard port (kg m), undeformed.
+        """First moment of mass (3,) of the undeformed body about the inboard port (kg m).
 
-        It is that of the torques which accelerations along x and y need.
+        The first moment m c appears in the torque m c x a that an acceleration a needs; accelerations
+        along x and y give all three components.
         """
         zero = ca.SX(len(self.freedoms()), 1)
         x, y = (
@@ -139,5 +145,5 @@ class Body(Description, abc.ABC):
         return ca.vertcat(y[2, 1], -x[2, 1], x[1, 1])
 
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
-        """Which condition of physics fails at one of the sampled values, or None."""
+        """The condition of physics that fails at one of the sampled values (samples,), or None."""
         return None

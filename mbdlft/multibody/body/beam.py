@@ -1,32 +1,38 @@
-"""A straight beam along x, by finite elements with its parameters left in.
+"""A straight beam along x, by finite elements whose matrices keep the parameters.
 
-In s = x/L and the nodal coordinates w, ds dw/ds, ds^2 d2w/ds2 (ds = 1/n for n elements) the matrices
-of bending are numbers times
+The matrices of a deformation are sums of terms: an expression of the parameters times a matrix of
+numbers. With s = x/L, n elements, ds = 1/n and the nodal coordinates w, ds dw/ds, ds^2 d2w/ds2, bending
+has
 
     M = rho A L M0 (+ rho I/L M1),   K = E I/L^3 K0
     M0 = int N'N ds,   M1 = int dN'dN ds,   K0 = int ddN'ddN ds
 
-with N the cubic (Hermite) or quintic shape functions of the elements; likewise axial (rho A L, E A/L) and
-torsion (rho (Iy + Iz) L, G J/L), linear. Timoshenko elements (cubic, with `shear_coefficient` k) have
+where N are the cubic (Hermite) or quintic shape functions of the elements. With linear shape functions,
+the expressions of an axial deformation are rho A L and E A/L, those of torsion rho (Iy + Iz) L and G J/L.
+Timoshenko elements (cubic, with the `shear_coefficient` k) have
 
     K = E I/(L^3 (1 + phi)) (K0 + phi K1),   phi = 12 E I n^2/(k G A L^2)
 
-They are the matrices of appendix B of the source in `tests/reference/flexible.py`.
+Source: appendix B of the two-port models in `tests/reference/flexible.py`.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import cache
-from typing import Annotated, Any, ClassVar, NamedTuple, Self
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, ClassVar, Self
 
 import casadi as ca
 import numpy as np
-from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from mbdlft.base.description import Expected, Name, Quantity, Text, Values
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.signal import Freedom
+from mbdlft.multibody.body.beam_elements import (
+    DeformationMatrices,
+    deformation_matrices,
+    displacement_index,
+    slope_integrals,
+)
 from mbdlft.multibody.body.elastic import (
     Elastic,
     ElasticBody,
@@ -54,26 +60,14 @@ _UNITS = {
 }
 
 
-class Field1D(NamedTuple):
-    """Numbers of one deformation on s in [0, 1], clamped at s = 0.
-
-    mass, rotary, stiffness, shear (n, n); moment0, moment1 (n,): integrals of N and s N.
-    """
-
-    mass: NDArray[np.float64]
-    rotary: NDArray[np.float64]
-    stiffness: NDArray[np.float64]
-    shear: NDArray[np.float64]
-    moment0: NDArray[np.float64]
-    moment1: NDArray[np.float64]
-
-
 class Beam(ElasticBody):
-    """A uniform beam from the origin along x: SI units, moments of area about y and z.
+    """A uniform beam from the origin along x, in SI units.
 
-    `bending_y` moves along y (I_z), `bending_z` along z (I_y). `deformations` are those that the
-    model has; what they do not use may be left out. `stations` names nodes, 1 to `elements`, as
-    ports; ``tip`` is the last one. Damping is `mass_damping` M + `stiffness_damping` K.
+    `deformations` names the deformations that the model has: ``axial``, ``torsion``, ``bending_y``
+    (displacements along y, with the moment of area `I_z`) and ``bending_z`` (along z, with `I_y`).
+    Quantities that none of them uses may be left out. `stations` gives names to nodes, 1 to `elements`,
+    which are then ports; the last node is the port ``tip`` anyway. The damping matrix is `mass_damping` M
+    + `stiffness_damping` K.
     """
 
     kind: ClassVar[str] = "beam"
@@ -122,6 +116,7 @@ class Beam(ElasticBody):
         return self
 
     def _has_shear(self, deformation: str) -> bool:
+        """Whether a deformation has Timoshenko elements."""
         return deformation.startswith("bending") and self.shear_coefficient is not None
 
     def own_quantities(self) -> dict[str, Expected]:
@@ -143,36 +138,41 @@ class Beam(ElasticBody):
         return ca.sparsify(ca.vertcat(ca.SX(self._at(port) * values["length"]), ca.SX(2, 1)))
 
     def _node(self, port: str) -> int:
+        """Number of the node at a port."""
         return self.elements if port == "tip" else self.stations[port]
 
     def _at(self, port: str) -> float:
+        """Position of a port along the beam, over its length."""
         return self._node(port) / self.elements
 
-    def _fields(self) -> list[tuple[str, Field1D]]:
+    def _fields(self) -> list[tuple[str, DeformationMatrices]]:
+        """The deformations in the order of their coordinates, with their matrices."""
         return [
-            (name, field_numbers(name, self.shape_functions, self.elements))
+            (name, deformation_matrices(name, self.shape_functions, self.elements))
             for name in self._order()
         ]
 
     def _order(self) -> list[str]:
+        """Names of the deformations in the order of their coordinates."""
         return [name for name in DEFORMATIONS if name in self.deformations]
 
     def freedoms(self) -> tuple[Freedom, ...]:
-        found = []
-        for name, numbers in self._fields():
-            # displacements, slopes and curvatures times powers of the element's length
+        freedoms = []
+        for name, matrices in self._fields():
+            # slopes and curvatures are coordinates in meters: they are times powers of an element's
+            # length
             turns = name == "torsion"
             unit, effort = ("rad", "N m") if turns else ("m", "N")
-            for k in range(len(numbers.mass)):
-                found.append(elastic_freedom(f"{name}.{k + 1}", unit, effort, turns=turns))
-        return tuple(found)
+            for k in range(len(matrices.mass)):
+                freedoms.append(elastic_freedom(f"{name}.{k + 1}", unit, effort, turns=turns))
+        return tuple(freedoms)
 
-    def _blocks(self) -> list[tuple[str, Field1D, slice]]:
-        """Deformations with their numbers and their place among the coordinates."""
-        found, k = [], 0
-        for name, numbers in self._fields():
-            found.append((name, numbers, slice(k, k := k + len(numbers.mass))))
-        return found
+    def _blocks(self) -> list[tuple[str, DeformationMatrices, slice]]:
+        """Deformations with their matrices, and their slices of the coordinates of the body."""
+        blocks, k = [], 0
+        for name, matrices in self._fields():
+            blocks.append((name, matrices, slice(k, k := k + len(matrices.mass))))
+        return blocks
 
     def elastic(self, values: Values) -> Elastic:
         n = len(self.freedoms())
@@ -180,15 +180,15 @@ class Beam(ElasticBody):
         stiffness: list[Term] = []
         participation: list[Term] = []
         L, rho, A = (values[key] for key in ("length", "density", "area"))
-        for name, numbers, part in self._blocks():
+        for name, matrices, part in self._blocks():
             line = rho * self._polar(values) * L if name == "torsion" else rho * A * L
-            mass.append(Term(line, _square(n, part, numbers.mass)))
+            mass.append(Term(line, _square(n, part, matrices.mass)))
             if name.startswith("bending") and self.rotary_inertia:
-                mass.append(Term(rho * values[_AREA[name]] / L, _square(n, part, numbers.rotary)))
-            stiffness += self._stiffness(name, numbers, n, part, values)
-            participation += self._participation(name, numbers, part, line, L)
+                mass.append(Term(rho * values[_AREA[name]] / L, _square(n, part, matrices.rotary)))
+            stiffness += self._stiffness(name, matrices, n, part, values)
+            participation += self._participation(name, matrices, part, line, L)
             if name.startswith("bending") and self.rotary_inertia:
-                slope = _ROW[name][1] * _slopes(self.shape_functions, self.elements)
+                slope = _ROW[name][1] * slope_integrals(self.shape_functions, self.elements)
                 factor = rho * values[_AREA[name]]
                 participation.append(Term(factor, _row(n, part, _TURNED[name], slope)))
         damping = [Term(values["mass_damping"] * factor, matrix) for factor, matrix in mass]
@@ -200,50 +200,59 @@ class Beam(ElasticBody):
         return Elastic(mass, damping if damped else [], stiffness, participation)
 
     def efforts(self, motion: ca.SX, values: Values, at: Coordinate) -> ca.SX:
-        """As of any elastic body, with M (qddot + a qdot) + K (q + b qdot): M and K are met once."""
+        """Efforts as of any elastic body, written M (qddot + a qdot) + K (q + b qdot).
+
+        With the damping D = a M + b K so written, each matrix is multiplied once only.
+        """
         q = at.q + values["stiffness_damping"] * at.v
         a = at.a + values["mass_damping"] * at.v
         return ca.SX(super().efforts(motion, values, Coordinate(q, ca.SX(*at.v.shape), a)))
 
     def _participation(
-        self, name: str, numbers: Field1D, part: slice, line: Any, length: Any
+        self, name: str, matrices: DeformationMatrices, part: slice, line: Any, length: Any
     ) -> list[Term]:
-        """Participation factors of one deformation for a mass `line` in all (kg), or kg m^2."""
+        """Participation factors of one deformation.
+
+        `line` is the mass of the whole beam per unit of s: kg, or kg m^2 for torsion.
+        """
         n, (row, sign) = len(self.freedoms()), _ROW[name]
-        found = [Term(line, _row(n, part, row, numbers.moment0))]
+        terms = [Term(line, _row(n, part, row, matrices.moment0))]
         if name.startswith("bending"):
-            found.append(Term(length * line, _row(n, part, _TURNED[name], sign * numbers.moment1)))
-        return found
+            terms.append(Term(length * line, _row(n, part, _TURNED[name], sign * matrices.moment1)))
+        return terms
 
     def _placed(self, part: slice, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A matrix (n, n) of the coordinates of the body, zero but for `matrix` in the slice `part`."""
         return _square(len(self.freedoms()), part, matrix)
 
     def _position(self, deformation: str, node: int) -> int:
-        """Of the displacement of a node among the coordinates of a deformation."""
-        return _first(deformation, self.shape_functions, node)
+        """Index of the displacement of a node among the coordinates of a deformation."""
+        return displacement_index(deformation, self.shape_functions, node)
 
     def _stiffness(
-        self, name: str, numbers: Field1D, n: int, part: slice, values: Values
+        self, name: str, matrices: DeformationMatrices, n: int, part: slice, values: Values
     ) -> list[Term]:
+        """The terms of K (n, n) of one deformation."""
         L = values["length"]
         if name == "axial":
             factor = values["modulus"] * values["area"] / L
-            return [Term(factor, _square(n, part, numbers.stiffness))]
+            return [Term(factor, _square(n, part, matrices.stiffness))]
         if name == "torsion":
             factor = values["shear_modulus"] * values["torsion_constant"] / L
-            return [Term(factor, _square(n, part, numbers.stiffness))]
+            return [Term(factor, _square(n, part, matrices.stiffness))]
         bending = values["modulus"] * values[_AREA[name]]
         factor = bending / (L * L * L)
         if not self._has_shear(name):
-            return [Term(factor, _square(n, part, numbers.stiffness))]
+            return [Term(factor, _square(n, part, matrices.stiffness))]
         shear = values["shear_coefficient"] * values["shear_modulus"] * values["area"]
         phi = 12.0 * self.elements**2 * bending / (shear * L * L)
         return [
-            Term(factor / (1.0 + phi), _square(n, part, numbers.stiffness)),
-            Term(factor * phi / (1.0 + phi), _square(n, part, numbers.shear)),
+            Term(factor / (1.0 + phi), _square(n, part, matrices.stiffness)),
+            Term(factor * phi / (1.0 + phi), _square(n, part, matrices.shear)),
         ]
 
     def _polar(self, values: Values) -> Any:
+        """Polar moment of area (m^4)."""
         return values["I_y"] + values["I_z"]
 
     def shapes(self, port: str, values: Values) -> Sequence[Term]:
@@ -251,14 +260,14 @@ class Beam(ElasticBody):
         plain, turned = np.zeros((6, n)), np.zeros((6, n))
         for name, _, part in self._blocks():
             row, sign = _ROW[name]
-            first = part.start + _first(name, self.shape_functions, node)
+            first = part.start + displacement_index(name, self.shape_functions, node)
             plain[row, first] = 1.0
             if name.startswith("bending"):
                 turned[_TURNED[name], first + 1] = sign * self.elements
-        found = [Term(1.0, plain)]
+        terms = [Term(1.0, plain)]
         if np.any(turned):
-            found.append(Term(1.0 / values["length"], turned))
-        return found
+            terms.append(Term(1.0 / values["length"], turned))
+        return terms
 
     def total_mass(self, values: Values) -> ca.SX:
         return ca.SX(values["density"] * values["area"] * values["length"])
@@ -306,108 +315,21 @@ _NEEDED: dict[str, tuple[str, ...]] = {
     "bending_y": ("modulus", "I_z"),
     "bending_z": ("modulus", "I_y"),
 }
-_AREA = {"bending_y": "I_z", "bending_z": "I_y"}
+_AREA = {"bending_y": "I_z", "bending_z": "I_y"}  # the moment of area of each bending
+# row of the displacement or rotation among the six directions, and the sign of a rotation by the slope
 _ROW = {"axial": (0, 1.0), "torsion": (3, 1.0), "bending_y": (1, 1.0), "bending_z": (2, -1.0)}
-_TURNED = {"bending_y": 5, "bending_z": 4}  # th_z = dv/dx, th_y = -dw/dx
+_TURNED = {"bending_y": 5, "bending_z": 4}  # row of the rotation: th_z = dv/dx, th_y = -dw/dx
 
 
 def _square(n: int, part: slice, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    found = np.zeros((n, n))
-    found[part, part] = matrix
-    return found
+    """A matrix (n, n) of zeros with `matrix` in the rows and columns `part`."""
+    whole = np.zeros((n, n))
+    whole[part, part] = matrix
+    return whole
 
 
 def _row(n: int, part: slice, row: int, entries: NDArray[np.float64]) -> NDArray[np.float64]:
-    found = np.zeros((6, n))
-    found[row, part] = entries
-    return found
-
-
-def _per_node(name: str, functions: str) -> int:
-    """Coordinates of one node."""
-    if not name.startswith("bending"):
-        return 1
-    return 2 if functions == "cubic" else 3
-
-
-def _clamped(name: str, functions: str) -> int:
-    """Coordinates of the first node that the clamp holds: all but its curvature."""
-    return min(_per_node(name, functions), 2)
-
-
-def _first(name: str, functions: str, node: int) -> int:
-    """Position of the displacement of a node among the coordinates of one deformation."""
-    return node * _per_node(name, functions) - _clamped(name, functions)
-
-
-@cache
-def field_numbers(
-    name: str, functions: str, elements: int, first: int = 0, last: int | None = None
-) -> Field1D:
-    """Assembled numbers of one deformation, of the elements between two nodes."""
-    bending = name.startswith("bending")
-    order = 2 if bending else 1
-    ds = 1.0 / elements
-    shapes = element_shapes(name, functions, ds)
-    count = _per_node(name, functions) * (elements + 1)
-    total = {key: np.zeros((count, count)) for key in ("mass", "rotary", "stiffness", "shear")}
-    moments = np.zeros((2, count))
-    local = {
-        "mass": _products(shapes, 0, ds),
-        "rotary": _products(shapes, 1, ds),
-        "stiffness": _products(shapes, order, ds),
-        "shear": _shear(ds) if bending and functions == "cubic" else np.zeros((len(shapes),) * 2),
-    }
-    for element in range(first, elements if last is None else last):
-        at = slice(start := element * len(shapes) // 2, start + len(shapes))
-        for key, matrix in local.items():
-            total[key][at, at] += matrix
-        s = Polynomial([element * ds, 1.0])
-        for k, weight in enumerate((Polynomial([1.0]), s)):
-            moments[k, at] += [_integral(weight * shape, ds) for shape in shapes]
-    free = slice(_clamped(name, functions), None)
-    matrices = {key: matrix[free, free] for key, matrix in total.items()}
-    return Field1D(**matrices, moment0=moments[0, free], moment1=moments[1, free])
-
-
-@cache
-def _slopes(functions: str, elements: int) -> NDArray[np.float64]:
-    """Integrals of dN/ds of bending: only the displacement of the tip has one."""
-    per_node = _per_node("bending_y", functions)
-    found = np.zeros(per_node * (elements + 1) - _clamped("bending_y", functions))
-    found[_first("bending_y", functions, elements)] = 1.0
-    return found
-
-
-def element_shapes(name: str, functions: str, ds: float) -> tuple[Polynomial, ...]:
-    """Shape functions of one deformation on an element of length ds."""
-    return _element(_per_node(name, functions), ds)
-
-
-@cache
-def _element(per_node: int, ds: float) -> tuple[Polynomial, ...]:
-    """Shape functions on [0, ds] for N, ds N' (and ds^2 N'') at both ends."""
-    count = 2 * per_node
-    rows = []
-    for x in (0.0, ds):
-        for derivative in range(per_node):
-            monomials = [Polynomial.basis(k).deriv(derivative) for k in range(count)]
-            rows.append([ds**derivative * monomial(x) for monomial in monomials])
-    return tuple(Polynomial(column) for column in np.linalg.inv(np.array(rows)).T)
-
-
-def _products(shapes: Sequence[Polynomial], order: int, ds: float) -> NDArray[np.float64]:
-    """Integrals of products of derivatives."""
-    derivatives = [shape.deriv(order) if order else shape for shape in shapes]
-    found = np.array([[_integral(a * b, ds) for b in derivatives] for a in derivatives])
-    return np.asarray(0.5 * (found + found.T))
-
-
-def _shear(ds: float) -> NDArray[np.float64]:
-    """K1: what shear adds to the stiffness of slopes."""
-    found = np.zeros((4, 4))
-    found[np.ix_([1, 3], [1, 3])] = [[1.0, -1.0], [-1.0, 1.0]]
-    return found / ds**3
-
-
-_integral: Callable[[Polynomial, float], float] = lambda p, ds: float(p.integ()(ds))  # noqa: E731
+    """A matrix (6, n) of zeros with `entries` in the columns `part` of one row."""
+    whole = np.zeros((6, n))
+    whole[row, part] = entries
+    return whole

@@ -1,13 +1,17 @@
-"""Elastic bodies: small deformations about a floating frame at the origin, the port that holds them.
+"""Elastic bodies: small deformations about a floating frame at the origin of the body.
 
     [force ; torque] = rigid part + P qddot + [0 ; (P_u q) x a]
     efforts          = M qddot + D qdot + K q + P' [a ; alpha]
     [u ; phi] of a port = Phi q
 
-P (6, n) are the participation factors, M, D, K (n, n) those of the body clamped at its origin, Phi (6, n)
-the shapes at its ports; equations (5.6), (5.11) to (5.15) of the two-port models in
-`tests/reference/flexible.py`, with the motion of the frame not small. (P_u q) x a is the weight of the
-displaced mass. Terms of the second order in q, and centrifugal ones, are left out.
+The n coordinates q describe the deformation of the body clamped at its origin, where the joint that
+leads to it ends. P (6, n) are the participation factors, P_u (3, n) those of the translations; M, D, K
+(n, n) the matrices of the clamped body; Phi (6, n) the shapes at a port. (P_u q) x a is the torque of
+the displaced mass in the acceleration a of the frame, which includes gravity. Terms of second order in
+q and centrifugal terms are left out.
+
+Source: equations (5.6), (5.11) to (5.15) of the two-port models in `tests/reference/flexible.py`; here
+the motion of the frame need not be small.
 """
 
 import abc
@@ -29,7 +33,7 @@ NEGLECTED = "neglected"
 
 
 class Term(NamedTuple):
-    """A scalar times a matrix of numbers; a matrix with parameters is a sum of such terms."""
+    """A scalar `factor` times a `matrix` of numbers; a matrix with parameters is a sum of such terms."""
 
     factor: ca.SX | float
     matrix: NDArray[np.float64]
@@ -47,8 +51,8 @@ class Elastic(NamedTuple):
 class ElasticBody(Body, abc.ABC):
     """An elastic body; every concrete kind is final.
 
-    `prestress` says that the change of its own stiffness by the loads at equilibrium may be
-    left out; it must be written where the body carries any.
+    The loads that a body carries at equilibrium change its stiffness, which these equations leave out.
+    A body that carries such loads must therefore say `prestress` = ``neglected``.
     """
 
     prestress: Text | None = None
@@ -67,18 +71,18 @@ class ElasticBody(Body, abc.ABC):
 
     @abc.abstractmethod
     def elastic(self, values: Values) -> Elastic:
-        """Matrices of the body clamped at its origin."""
+        """M, D, K and P of the body clamped at its origin."""
 
     @abc.abstractmethod
     def shapes(self, port: str, values: Values) -> Sequence[Term]:
-        """Phi (6, n) of a port."""
+        """The terms of Phi (6, n) of a port."""
 
     @abc.abstractmethod
     def rigid_wrench(self, motion: ca.SX, values: Values) -> ca.SX:
-        """Wrench (3, 2) about the origin of the undeformed body."""
+        """Wrench (3, 2) about the origin that a motion (3, 3) of the undeformed body needs."""
 
     def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
-        """Rigid part, inertia of the deformation, weight of the displaced mass."""
+        """Wrench (3, 2) about the origin: rigid part + P qddot + [0 ; (P_u q) x a]."""
         participation = self.elastic(values).participation
         needed = times(participation, at.a)
         displaced = ca.cross(times(participation, at.q)[:3], motion[:, 2])
@@ -86,7 +90,7 @@ class ElasticBody(Body, abc.ABC):
         return ca.SX(self.rigid_wrench(motion, values) + elastic)
 
     def efforts(self, motion: ca.SX, values: Values, at: Coordinate) -> ca.SX:
-        """M qddot + D qdot + K q + P' [a ; alpha]."""
+        """Generalized forces (n,): M qddot + D qdot + K q + P' [a ; alpha]."""
         e = self.elastic(values)
         inertial = times_transposed(e.participation, ca.vertcat(motion[:, 2], motion[:, 1]))
         own = times(e.mass, at.a) + times(e.damping, at.v) + times(e.stiffness, at.q)
@@ -100,7 +104,7 @@ class ElasticBody(Body, abc.ABC):
 
 
 def elastic_freedom(label: str, unit: str, effort: str, *, turns: bool = False) -> Freedom:
-    """A coordinate of a deformation in a unit, with its generalized force in another."""
+    """A coordinate of a deformation in the unit `unit`, with its generalized force in `effort`."""
     measures = (
         Signal(f"{label}.displacement", unit),
         Signal(f"{label}.velocity", f"{unit}/s"),
@@ -110,7 +114,10 @@ def elastic_freedom(label: str, unit: str, effort: str, *, turns: bool = False) 
 
 
 def times(terms: Sequence[Term], vector: ca.SX) -> ca.SX:
-    """Sum of factor (matrix vector): each factor meets a combination of numbers."""
+    """A sum of terms (m, n) times a vector (n,).
+
+    Each matrix is multiplied with the vector first, so a factor is multiplied m times only.
+    """
     total = ca.SX(terms[0].matrix.shape[0], 1) if terms else ca.SX(vector.numel(), 1)
     for factor, matrix in terms:
         total = total + factor * ca.mtimes(ca.sparsify(ca.SX(matrix)), vector)
@@ -118,7 +125,7 @@ def times(terms: Sequence[Term], vector: ca.SX) -> ca.SX:
 
 
 def times_transposed(terms: Sequence[Term], vector: ca.SX) -> ca.SX:
-    """Sum of matrix' (factor vector)."""
+    """The transpose of a sum of terms (m, n) times a vector (m,); factors meet the vector first."""
     total = ca.SX(terms[0].matrix.shape[1], 1)
     for factor, matrix in terms:
         total = total + ca.mtimes(ca.sparsify(ca.SX(matrix.T)), factor * vector)
@@ -136,9 +143,10 @@ def dense(terms: Sequence[Term], samples: int) -> NDArray[np.float64]:
 def elastic_problem(
     body: ElasticBody, values: Mapping[str, NDArray[np.float64]], rigid: NDArray[np.float64]
 ) -> str | None:
-    """Which condition fails: M and K positive definite, D semidefinite, participation within the mass.
+    """The condition of physics that fails at one of the samples, or None.
 
-    `rigid` (samples, 6, 6) is the mass matrix of the undeformed body about its origin.
+    M and K must be positive definite, D and the residual mass matrix, rigid minus P M^-1 P', positive
+    semidefinite. `rigid` (samples, 6, 6) is the mass matrix of the undeformed body about its origin.
     """
     e, count = body.elastic(values), len(rigid)
     mass, stiffness = dense(e.mass, count), dense(e.stiffness, count)
@@ -167,5 +175,5 @@ def elastic_problem(
     return None
 
 
-_ROUNDING = 1e-12
-_RESIDUAL = 1e-6  # of the rigid mass; data are often given with few digits
+_ROUNDING = 1e-12  # a negative eigenvalue below this part of the largest entry is rounding
+_RESIDUAL = 1e-6  # the same for the residual mass: data are often given with few digits

@@ -1,8 +1,8 @@
-"""A flexible body by its modes: frequencies, damping, participation factors and shapes at ports.
+"""A flexible body that its modes describe: frequencies, damping, participation factors, shapes at ports.
 
     M = 1,  D = diag(2 xi_k w_k),  K = diag(w_k^2),  P = [participation_k],  Phi = [shape_k]
 
-The modes are those of the body clamped at its origin, of unit mass.
+The modes are those of the body clamped at its origin, and have unit mass.
 """
 
 from collections.abc import Mapping, Sequence
@@ -43,9 +43,9 @@ _DIRECTIONS = (*AXES, *(f"r{axis}" for axis in AXES))
 class Mode(Description):
     """One mode of unit mass: `frequency` (rad/s), `damping` ratio, `participation`, shapes at ports.
 
-    `participation` are three factors for translations (kg^1/2) and three for rotations about the
-    origin (kg^1/2 m), in the axes of the body: minus the modal force of a unit acceleration. A shape has
-    three displacements (kg^-1/2) and three rotations (kg^-1/2 m^-1).
+    `participation` has three factors for translations (kg^1/2) and three for rotations about the origin
+    (kg^1/2 m), in the axes of the body. Each factor is minus the modal force that a unit acceleration of
+    the body causes. A shape has three displacements (kg^-1/2) and three rotations (kg^-1/2 m^-1).
     """
 
     frequency: Quantity
@@ -60,7 +60,10 @@ class Mode(Description):
 
 @final
 class FlexibleBody(ElasticBody):
-    """Rigid properties as of a `RigidBody`, and `modes`; held at its origin."""
+    """A body with the rigid properties of a `RigidBody`, and with `modes`.
+
+    The modes are those of the body held at its origin.
+    """
 
     kind: ClassVar[str] = "flexible"
 
@@ -91,7 +94,7 @@ class FlexibleBody(ElasticBody):
         return self
 
     def own_quantities(self) -> dict[str, Expected]:
-        found = {
+        quantities = {
             "mass": Expected(self.mass, "kg"),
             **vector_quantities("center_of_mass", self.center_of_mass, "m"),
             **{
@@ -100,13 +103,13 @@ class FlexibleBody(ElasticBody):
             },
         }
         for k, mode in enumerate(self.modes, start=1):
-            found[f"mode{k}.frequency"] = Expected(mode.frequency, "rad/s")
-            found[f"mode{k}.damping"] = Expected(mode.damping, "1")
+            quantities[f"mode{k}.frequency"] = Expected(mode.frequency, "rad/s")
+            quantities[f"mode{k}.damping"] = Expected(mode.damping, "1")
             for place, entries in (("participation", mode.participation), *mode.shapes.items()):
                 for direction, entry in zip(_DIRECTIONS, entries, strict=True):
-                    # their units have the root of a mass, which the check of units does not follow
-                    found[f"mode{k}.{place}.{direction}"] = Expected(entry, ANY_UNIT)
-        return found
+                    # their units have the square root of kg, which the check of units cannot express
+                    quantities[f"mode{k}.{place}.{direction}"] = Expected(entry, ANY_UNIT)
+        return quantities
 
     def freedoms(self) -> tuple[Freedom, ...]:
         return tuple(
@@ -134,10 +137,13 @@ class FlexibleBody(ElasticBody):
         return self._columns(port, values)
 
     def _columns(self, place: str, values: Values) -> list[Term]:
-        """A (6, n) matrix with one column for each mode: its numbers, then its other entries."""
+        """A matrix (6, n) with one column for each mode, as terms.
+
+        The first term has all entries that are numbers, each other term has one entry with parameters.
+        """
         n = len(self.modes)
         numbers = np.zeros((6, n))
-        found: list[Term] = []
+        terms: list[Term] = []
         for k in range(n):
             for row, direction in enumerate(_DIRECTIONS):
                 entry = values[f"mode{k + 1}.{place}.{direction}"]
@@ -146,8 +152,8 @@ class FlexibleBody(ElasticBody):
                     continue
                 only = np.zeros((6, n))
                 only[row, k] = 1.0
-                found.append(Term(entry, only))
-        return [Term(1.0, numbers), *found]
+                terms.append(Term(entry, only))
+        return [Term(1.0, numbers), *terms]
 
     def rigid_wrench(self, motion: ca.SX, values: Values) -> ca.SX:
         center, point = (self._position(label, values) for label in ("center_of_mass", None))
@@ -155,6 +161,7 @@ class FlexibleBody(ElasticBody):
         return ca.SX(newton_euler()(motion, values["mass"], point, center - point, inertia))
 
     def _position(self, label: str | None, values: Values) -> ca.SX:
+        """Position (3,) with this label; of the point of the inertia for None."""
         if label is None:
             label = self._about()
         if label is None:
@@ -162,7 +169,7 @@ class FlexibleBody(ElasticBody):
         return ca.SX(ca.vertcat(*(values[f"{label}.{axis}"] for axis in AXES)))
 
     def _about(self) -> str | None:
-        """Label of the point of the inertia; None for the origin."""
+        """Label of the point about which the inertia is given; None for the origin."""
         about = self.inertia.about
         return about if about == "center_of_mass" else self.port_label(about)
 
@@ -178,6 +185,7 @@ class FlexibleBody(ElasticBody):
         return problem or elastic_problem(self, values, _mass_matrix(self, values))
 
     def _frequency_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
+        """A sentence if the frequency of a mode is not positive at one of the samples (samples,)."""
         for k in range(1, len(self.modes) + 1):
             lowest = float(np.min(values[f"mode{k}.frequency"]))
             if not lowest > 0.0:
@@ -191,7 +199,10 @@ class FlexibleBody(ElasticBody):
 def _mass_matrix(
     body: FlexibleBody, values: Mapping[str, NDArray[np.float64]]
 ) -> NDArray[np.float64]:
-    """Mass matrices (samples, 6, 6) of the undeformed body about its origin, from unit motions."""
+    """Mass matrices (samples, 6, 6) of the undeformed body about its origin.
+
+    Their columns are the wrenches that unit accelerations of the body need.
+    """
     columns = []
     for k in range(6):
         motion = ca.SX(3, 3)
@@ -206,5 +217,5 @@ def _mass_matrix(
     function = ca.Function("mass", [ca.vertcat(*symbols.values())], [ca.densify(wrenches)])
     samples = max(np.size(value) for value in values.values())
     table = np.stack([np.broadcast_to(values[name], (samples,)) for name in symbols])
-    found: NDArray[np.float64] = function(table).full().reshape(6, samples, 6).transpose(1, 0, 2)
-    return found
+    masses: NDArray[np.float64] = function(table).full().reshape(6, samples, 6).transpose(1, 0, 2)
+    return masses

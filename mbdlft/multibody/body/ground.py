@@ -11,11 +11,11 @@ from mbdlft.multibody.spatial import Coordinate
 
 @final
 class Ground(Body):
-    """Describe it only to give it ports; positions from the origin of the scene frame (m)."""
+    """The ground; a scene describes it only to give it ports, from the origin of the scene frame (m)."""
 
     kind: ClassVar[str] = GROUND
     name: Name = GROUND
 
     def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
-        """Nothing moves the ground: it needs no wrench."""
+        """Zero: the ground does not move, so it needs no wrench."""
         return ca.SX(3, 2)

@@ -6,11 +6,13 @@ For a patch of width w, thickness h and modulus E, with the strain S along x and
 
     stress = E (S - d31 v/h),     displacement field = d31 E S + (eps - d31^2 E) v/h,     S = u' - y v''
 
-so K_v is d31 E w times [the elongation ; minus the distance y of its mid-plane times the change of slope]
-between its ends, and C = (eps - d31^2 E) w length/h. One matrix in both rows, and C > 0: there is a
-stored energy. Equations (5.21) to (5.33) and (6.1) to (6.3) of the source in
-`tests/reference/flexible.py`, with the signs and lever arms of its errata 11 to 14. The actuation is in
-equilibrium with itself: K_v has no rigid row.
+So K_v v is d31 E w v on the elongation of the patch between its ends, and -y d31 E w v on the change of
+slope between them, where y is the distance of its mid-plane from the axis. The capacitance is
+C = (eps - d31^2 E) w length/h. Because the same K_v is in both equations, and C > 0, there is a stored
+energy. The forces of a patch are in equilibrium, so K_v acts on no rigid motion.
+
+Source: equations (5.21) to (5.33) and (6.1) to (6.3) of the two-port models in
+`tests/reference/flexible.py`, with the signs and lever arms of its errata 11 to 14.
 """
 
 from collections.abc import Mapping
@@ -25,7 +27,12 @@ from pydantic import Field, InstanceOf, model_validator
 from mbdlft.base.description import ANY_UNIT, Description, Expected, Quantity, Text, Values
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.signal import Signal
-from mbdlft.multibody.body.beam import Beam, Field1D, element_shapes, field_numbers
+from mbdlft.multibody.body.beam import Beam
+from mbdlft.multibody.body.beam_elements import (
+    DeformationMatrices,
+    deformation_matrices,
+    element_shapes,
+)
 from mbdlft.multibody.body.elastic import Elastic, Term, elastic_problem, times, times_transposed
 from mbdlft.multibody.body.rigid import newton_euler
 from mbdlft.multibody.spatial import Coordinate
@@ -36,7 +43,7 @@ _UNITS = {
     "thickness": "m",
     "density": "kg m^-3",
     "modulus": "Pa",
-    "d31": ANY_UNIT,  # the units of scenes have no ampere
+    "d31": ANY_UNIT,  # units of scenes are products of kg, m and s; this one also needs the ampere
     "permittivity": ANY_UNIT,
 }
 
@@ -45,10 +52,10 @@ _UNITS = {
 class PiezoPatch(Description):
     """A patch between the nodes `start` and `end` of its beam, 0 to `elements`.
 
-    `width`, `thickness` (m), `density` (kg/m^3), `modulus` at constant field (Pa), `d31` (m/V; below zero
-    where a positive voltage shortens the patch), `permittivity` at constant stress (F/m). It lies on the
-    `side` ``top`` (+y) or ``bottom`` (-y) of the beam, or there are two, driven against each other and in
-    parallel, on ``both``: the voltage is that of the upper one.
+    Its quantities are `width`, `thickness` (m), `density` (kg/m^3), `modulus` at constant field (Pa),
+    `d31` (m/V; negative if a positive voltage shortens the patch) and `permittivity` at constant stress
+    (F/m). A patch lies on the `side` ``top`` (+y) or ``bottom`` (-y) of the beam. With ``both`` there are
+    two patches, connected in parallel with opposite polarity; the voltage is that of the upper one.
     """
 
     start: Annotated[int, Field(ge=0, strict=True)]
@@ -77,7 +84,7 @@ class PiezoPatch(Description):
 
 
 class _Section(NamedTuple):
-    """Of one patch: layers, area, first and second moments of area about the axis of the beam."""
+    """Section of one patch: number of layers, area, first and second moments of area about the axis."""
 
     layers: int
     area: Any
@@ -91,9 +98,10 @@ class PiezoBeam(Beam):
     """A `Beam` with `patches` on its faces at y = thickness/2 and -thickness/2.
 
     Inputs are the voltages of the patches (V), outputs their charges (C): ``NAME.voltage.1``,
-    ``NAME.charge.1`` and so on, or one of each with `common_voltage`. A patch on one side couples bending
-    with elongation, so the beam needs both; its mass counts on the axis of the beam, and it does not
-    stiffen torsion.
+    ``NAME.charge.1`` and so on. With `common_voltage` all patches have one voltage, and the output is
+    the sum of their charges. A patch on one side couples bending with elongation, so the beam needs both
+    deformations. The mass of a patch is taken on the axis of the beam, and a patch adds no torsional
+    stiffness.
     """
 
     kind: ClassVar[str] = "piezo_beam"
@@ -123,11 +131,11 @@ class PiezoBeam(Beam):
         return self
 
     def own_quantities(self) -> dict[str, Expected]:
-        found = super().own_quantities() | {"thickness": Expected(self.thickness, "m")}
+        quantities = super().own_quantities() | {"thickness": Expected(self.thickness, "m")}
         for k, patch in enumerate(self.patches, start=1):
             for key, unit in _UNITS.items():
-                found[f"patch{k}.{key}"] = Expected(getattr(patch, key), unit)
-        return found
+                quantities[f"patch{k}.{key}"] = Expected(getattr(patch, key), unit)
+        return quantities
 
     def inputs(self) -> tuple[Signal, ...]:
         return tuple(Signal(f"voltage.{k}", "V") for k in self._channels())
@@ -136,14 +144,15 @@ class PiezoBeam(Beam):
         return tuple(Signal(f"charge.{k}", "C") for k in self._channels())
 
     def _channels(self) -> range:
+        """Numbers of the voltages, from 1."""
         return range(1, 2 if self.common_voltage else len(self.patches) + 1)
 
     def driven(self, values: Values, inputs: ca.SX) -> ca.SX:
-        """K_v v."""
+        """Generalized forces (n,) K_v v of the voltages."""
         return times(self._coupling(values), self._voltages(inputs))
 
     def measure(self, values: Values, inputs: ca.SX, at: Coordinate) -> ca.SX:
-        """K_v' q + C v."""
+        """Charges K_v' q + C v of the patches, or their sum (1,)."""
         charges = times_transposed(self._coupling(values), at.q)
         voltages = self._voltages(inputs)
         for k in range(len(self.patches)):
@@ -151,6 +160,7 @@ class PiezoBeam(Beam):
         return ca.sum1(charges) if self.common_voltage else charges
 
     def _voltages(self, inputs: ca.SX) -> ca.SX:
+        """Voltage of each patch (number of patches,)."""
         return ca.repmat(inputs, len(self.patches), 1) if self.common_voltage else inputs
 
     def _of(self, k: int, values: Values) -> dict[str, Any]:
@@ -158,6 +168,7 @@ class PiezoBeam(Beam):
         return {key: values[f"patch{k + 1}.{key}"] for key in _UNITS}
 
     def _section(self, k: int, values: Values) -> _Section:
+        """Section of patch k."""
         p, t = self._of(k, values), values["thickness"]
         w, h = p["width"], p["thickness"]
         layers = 2 if self.patches[k].side == "both" else 1
@@ -171,17 +182,19 @@ class PiezoBeam(Beam):
         )
 
     def _span(self, k: int) -> tuple[int, int]:
+        """First and last node of patch k."""
         return self.patches[k].start, self.patches[k].end
 
     def _capacitance(self, k: int, values: Values) -> Any:
+        """Capacitance C of patch k at constant strain (F)."""
         p, (start, end) = self._of(k, values), self._span(k)
         clamped = p["permittivity"] - p["d31"] * p["d31"] * p["modulus"]
         area = p["width"] * values["length"] * ((end - start) / self.elements)
         return self._section(k, values).layers * (clamped * area / p["thickness"])
 
     def _coupling(self, values: Values) -> list[Term]:
-        """K_v (n, number of patches)."""
-        found: list[Term] = []
+        """The terms of K_v (n, number of patches)."""
+        terms: list[Term] = []
         n, parts = len(self.freedoms()), {name: part for name, _, part in self._blocks()}
         for k, patch in enumerate(self.patches):
             p = self._of(k, values)
@@ -189,17 +202,17 @@ class PiezoBeam(Beam):
             stretch, turn = np.zeros((n, len(self.patches))), np.zeros((n, len(self.patches)))
             for node, sign in ((patch.end, 1.0), (patch.start, -1.0)):
                 if node == 0:
-                    continue  # clamped
+                    continue  # the clamp holds this node
                 if patch.side != "both":
                     stretch[parts["axial"].start + self._position("axial", node), k] = sign
                 slope = parts["bending_y"].start + self._position("bending_y", node) + 1
                 turn[slope, k] = sign * self.elements
             if patch.side != "both":
-                found.append(Term(piezo, stretch))
+                terms.append(Term(piezo, stretch))
             arm = {"top": 0.5, "bottom": -0.5, "both": 1.0}[patch.side]
             lever = values["thickness"] + p["thickness"]
-            found.append(Term(piezo * lever / values["length"], -arm * turn))
-        return found
+            terms.append(Term(piezo * lever / values["length"], -arm * turn))
+        return terms
 
     def elastic(self, values: Values) -> Elastic:
         """Matrices of the beam with those of its patches."""
@@ -211,15 +224,15 @@ class PiezoBeam(Beam):
         for k in range(len(self.patches)):
             p, section = self._of(k, values), self._section(k, values)
             line = p["density"] * section.area * L
-            for name, numbers, part in self._patch_blocks(k):
-                mass.append(Term(line, self._placed(part, numbers.mass)))
-                participation += self._participation(name, numbers, part, line, L)
+            for name, matrices, part in self._patch_blocks(k):
+                mass.append(Term(line, self._placed(part, matrices.mass)))
+                participation += self._participation(name, matrices, part, line, L)
                 if name == "axial":
                     factor = p["modulus"] * section.area / L
                 else:
                     second = section.second_y if name == "bending_y" else section.second_z
                     factor = p["modulus"] * second / (L * L * L)
-                stiffness.append(Term(factor, self._placed(part, numbers.stiffness)))
+                stiffness.append(Term(factor, self._placed(part, matrices.stiffness)))
             if self.patches[k].side != "both":
                 factor = p["modulus"] * section.first / (L * L)
                 stiffness.append(Term(factor, self._stretch_and_bend(k)))
@@ -234,24 +247,29 @@ class PiezoBeam(Beam):
             [*base.participation, *participation],
         )
 
-    def _patch_blocks(self, k: int) -> list[tuple[str, Field1D, slice]]:
-        """As `_blocks`, of the elements of a patch."""
+    def _patch_blocks(self, k: int) -> list[tuple[str, DeformationMatrices, slice]]:
+        """The same as `_blocks` without torsion, with matrices of the elements under patch k only."""
         return [
-            (name, field_numbers(name, self.shape_functions, self.elements, *self._span(k)), part)
+            (
+                name,
+                deformation_matrices(name, self.shape_functions, self.elements, *self._span(k)),
+                part,
+            )
             for name, _, part in self._blocks()
             if name != "torsion"
         ]
 
     def _stretch_and_bend(self, k: int) -> NDArray[np.float64]:
-        """Minus the integrals of N_axial' N_bending'', in both places."""
+        """A symmetric matrix (n, n): minus the integrals of N_axial' N_bending'' over patch k.
+
+        They couple the axial coordinates with those of bending along y, and the other way round.
+        """
         parts = {name: part for name, _, part in self._blocks()}
-        n, numbers = (
-            len(self.freedoms()),
-            _mixed(self.shape_functions, self.elements, *self._span(k)),
-        )
-        found = np.zeros((n, n))
-        found[parts["axial"], parts["bending_y"]] = -numbers
-        return found + found.T
+        n = len(self.freedoms())
+        coupling = np.zeros((n, n))
+        integrals = _mixed(self.shape_functions, self.elements, *self._span(k))
+        coupling[parts["axial"], parts["bending_y"]] = -integrals
+        return coupling + coupling.T
 
     def total_mass(self, values: Values) -> ca.SX:
         """Mass of the beam and its patches (kg)."""
@@ -259,13 +277,13 @@ class PiezoBeam(Beam):
         return ca.SX(own + sum(mass for mass, _, _ in self._lumps(values)))
 
     def _lumps(self, values: Values) -> list[tuple[Any, float, float]]:
-        """Mass, first and second moment over mass in lengths of the beam, of each patch."""
-        found = []
+        """For each patch its mass (kg), and the means of s and s^2 over it, s = x/length."""
+        lumps = []
         for k in range(len(self.patches)):
             a, b = (node / self.elements for node in self._span(k))
             line = self._of(k, values)["density"] * self._section(k, values).area * values["length"]
-            found.append((line * (b - a), 0.5 * (a + b), (a * a + a * b + b * b) / 3.0))
-        return found
+            lumps.append((line * (b - a), 0.5 * (a + b), (a * a + a * b + b * b) / 3.0))
+        return lumps
 
     def rigid_wrench(self, motion: ca.SX, values: Values) -> ca.SX:
         total, L = super().rigid_wrench(motion, values), values["length"]
@@ -305,7 +323,7 @@ class PiezoBeam(Beam):
 
 @cache
 def _mixed(functions: str, elements: int, first: int, last: int) -> NDArray[np.float64]:
-    """Integrals of N' of axial (rows) times N'' of bending (columns) between two nodes."""
+    """Integrals (axial, bending coordinates) of N_axial' N_bending'' between two nodes."""
     ds = 1.0 / elements
     axial, bending = (element_shapes(name, functions, ds) for name in ("axial", "bending_y"))
     local = np.array(
@@ -316,4 +334,4 @@ def _mixed(functions: str, elements: int, first: int, last: int) -> NDArray[np.f
     for element in range(first, last):
         rows, columns = (slice(element * size, (element + 2) * size) for size in sizes)
         total[rows, columns] += local
-    return total[1:, 2:]  # without what the clamp holds
+    return total[1:, 2:]  # without the coordinates that the clamp holds

@@ -1,4 +1,4 @@
-"""A point mass: force = m a at its only port, no torque."""
+"""A point mass: it needs the force m a at its origin, and no torque."""
 
 from collections.abc import Mapping
 from typing import ClassVar, final
@@ -24,7 +24,7 @@ class PointMass(Body):
         return {"mass": Expected(self.mass, "kg")}
 
     def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
-        """Newton: force = m a_origin, moved to the inboard port."""
+        """Wrench (3, 2) of Newton's law, force = m a at the origin, moved to the inboard port."""
         acceleration = move_motion(motion, -inboard)[:, 2]
         return move_wrench(ca.horzcat(values["mass"] * acceleration, ca.SX(3, 1)), -inboard)
 

@@ -1,10 +1,11 @@
 """A rigid body: the Newton-Euler equations about the point where its inertia is given.
 
-    force     = m (a_P + alpha x d + omega x (omega x d)),    d = C - P
+    force     = m (a_P + alpha x d + omega x (omega x d)),    d = r_PC
     torque_P  = J_P alpha + omega x J_P omega + m d x a_P
 
-P is the point of the inertia, C the center of mass (P = C, d = 0 by default). Equation (3) of
-Kassarian et al. 2023 with tau_BP written out, so that no product m d d is formed for P = C.
+P is the point about which the inertia is given, C the center of mass (by default P = C and d = 0), and
+r_PC (3,) the vector from P to C. Equation (3) of Kassarian et al. 2023, with its matrix tau_BP written
+out: so no product m d d is formed if P = C.
 """
 
 from collections.abc import Mapping
@@ -39,10 +40,10 @@ _ENTRY = (("xx", "xy", "xz"), ("xy", "yy", "yz"), ("xz", "yz", "zz"))
 class Inertia(Description):
     """Entries of the inertia matrix (kg m^2) about a point, in the body frame.
 
-    The products are the entries of the matrix: ``xy`` is minus the integral of x y dm. They are
-    zero when all of xx, yy and zz are given without them. Entries that no motion of the scene can
-    see may be left out. `about` is ``center_of_mass``, ``origin`` or a port. An `unchecked` inertia
-    may be one that no body has, as some files of robots have them; the equations do not mind.
+    The products are the entries of the matrix: ``xy`` is minus the integral of x y dm. They are zero
+    when all of xx, yy and zz are given without them. An entry on which no motion of the scene depends may
+    be left out. `about` is ``center_of_mass``, ``origin`` or a port. An `unchecked` inertia may be one
+    that no physical body has: some files of robots have such inertias, and the equations accept them.
     """
 
     xx: Quantity | None = None
@@ -59,7 +60,7 @@ class Inertia(Description):
         return "inertia"
 
     def given(self) -> dict[str, Quantity]:
-        """Entries that have a value."""
+        """Entries that have a value, by name."""
         entries: dict[str, Quantity] = {
             name: value
             for name in (*DIAGONAL, *PRODUCTS)
@@ -104,7 +105,7 @@ class RigidBody(Body):
         return port if port == "center_of_mass" else super().port_label(port)
 
     def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
-        """Newton-Euler about the point of the inertia, moved to the inboard port."""
+        """Wrench (3, 2) of the Newton-Euler equations about P, moved to the inboard port."""
         inertia = inertia_entries(self.name, values)
         center = _position(values, "center_of_mass")
         label = self.port_label(self.inertia.about)
@@ -122,7 +123,11 @@ class RigidBody(Body):
 
 @cache
 def newton_euler() -> ca.Function:
-    """(motion, mass, r, d, J) -> wrench about the inboard port; r = P - inboard port, d = C - P."""
+    """(motion (3, 3), mass, r, d (3,), J (3, 3)) -> wrench (3, 2) about the inboard port B.
+
+    The motion is that of B; r = r_BP and d = r_PC are vectors between B, the point P of the inertia J and
+    the center of mass C, all in the axes of the body.
+    """
     motion, mass = ca.SX.sym("motion", 3, 3), ca.SX.sym("mass")
     r, d, inertia = ca.SX.sym("r", 3), ca.SX.sym("d", 3), ca.SX.sym("J", 3, 3)
     omega, alpha, acceleration = ca.horzsplit(move_motion(motion, r))
@@ -138,7 +143,7 @@ def newton_euler() -> ca.Function:
 
 
 def inertia_entries(body: str, values: Values) -> ca.SX:
-    """Inertia matrix (3, 3); a symbol stands for an entry that was not given."""
+    """Inertia matrix (3, 3) of the body of this name; a symbol stands for an entry that is not given."""
     entries = {
         name: values[key]
         if (key := f"inertia.{name}") in values
@@ -149,23 +154,28 @@ def inertia_entries(body: str, values: Values) -> ca.SX:
 
 
 def unseen_name(body: str, entry: str) -> str:
-    """Name of the placeholder of an inertia entry that was not given."""
+    """Name of the symbol of an inertia entry that is not given."""
     return f"{body}.inertia.{entry}"
 
 
 def negative_mass(mass: NDArray[np.float64]) -> str | None:
-    """The condition m >= 0."""
+    """A sentence if the condition m >= 0 fails at one of the samples (samples,), else None."""
     lowest = float(np.min(mass))
     rounding = _ROUNDING * float(np.max(np.abs(mass)))
     return f"the mass is negative in the range: {lowest:g} kg." if lowest < -rounding else None
 
 
 def _position(values: Values, label: str) -> ca.SX:
+    """Position (3,) of the point with this label, from the origin (m)."""
     return column(values[f"{label}.{axis}"] for axis in AXES)
 
 
 def _inertia_problem(body: RigidBody, values: Mapping[str, NDArray[np.float64]]) -> str | None:
-    """Conditions on the inertia about the center of mass; all of them when it is fully given."""
+    """A sentence on the condition of the inertia about the center of mass that fails, or None.
+
+    The diagonal entries must not be negative. If all entries are given, the matrix must be positive
+    semidefinite and its principal moments must satisfy the triangle inequality.
+    """
     entries = {name: values.get(f"inertia.{name}") for row in _ENTRY for name in row}
     about = body.port_label(body.inertia.about)
     mass = values["mass"]

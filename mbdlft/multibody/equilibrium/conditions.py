@@ -1,11 +1,12 @@
 """The conditions of equilibrium as f(t, p) = 0 with as many unknowns as equations.
 
-The unknown position of a joint is theta0 + 2 atan(t), or x0 + 2 t, with theta0 and x0 of the nominal
-equilibrium. A stiffness needs the angle a = atan(t) itself, a spring its force density h:
+The unknown position of a joint is theta0 + 2 atan(t), or x0 + 2 t, where theta0 and x0 are the position
+at the nominal equilibrium. The angle a = atan(t) of a joint with a stiffness, and the force density h
+of a spring of length l and rest length l0, are unknowns too, with the equations
 
-    0 = sin(a) - t cos(a),     0 = h l - (k l - k l0),     l its length, l0 its rest length
+    0 = sin(a) - t cos(a),     0 = h l - (k l - k l0)
 
-With these unknowns f has sines, cosines and square roots only. Unknown efforts, which enter linearly, are
+So f has only sines, cosines and square roots. Unknown efforts, in which the equations are linear, are
 eliminated, with pivots that are chosen at nominal.
 """
 
@@ -22,30 +23,32 @@ from mbdlft.base.description import Quantity
 from mbdlft.base.errors import NotRationalError, TrimError
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.unit import parse_unit
-from mbdlft.multibody.equilibrium.displaced import Displaced, JointCoordinate
+from mbdlft.multibody.equilibrium.displaced import Displaced, JointCoordinate, in_physical
 from mbdlft.multibody.force import Spring
-from mbdlft.multibody.joint import labelled
+from mbdlft.multibody.joint import coordinate_label
 from mbdlft.multibody.scene.scene import Scene
-from mbdlft.problem.equations import physical_symbols
 
-_RANK = 1e-9  # of the largest pivot: an unknown effort below does nothing that others do not
-_MET = 1e-7  # of the size of an equation: what the nominal equilibrium may leave
+_RANK = 1e-9  # a pivot below this part of the largest is zero: other efforts do the same
+_MET = 1e-7  # largest value of an equation at the nominal equilibrium, over its size
 
 Entries = list[ca.SX]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Conditions:
-    """f(t, p) = 0: tangents by coordinate, then angles of sprung joints, then force densities.
+    """The conditions f(t, p) = 0 of equilibrium.
+
+    The unknowns t (n_t,) are tangents of coordinates, then angles of joints with a stiffness, then force
+    densities.
 
     Attributes
     ----------
     residual : casadi.Function
-        (t, p) -> f; p in SI units.
+        (t, p) -> f (n_t,); p in SI units.
     names : names of the parameters in p
     start : Array (n_t,)
         The root at nominal.
-    tangents, angles : indices of coordinates
+    tangents, angles : indices of the coordinates whose tangents or angles are unknowns
     springs : nominal size of the force density (N/m) by name of the spring; the unknown is relative to it
     """
 
@@ -58,8 +61,8 @@ class Conditions:
 
 
 def quantity(coordinate: JointCoordinate, key: str) -> Quantity:
-    """The source of a quantity of one coordinate of a joint."""
-    return coordinate.joint.quantities()[labelled(key, coordinate.freedom)].source
+    """A quantity of one coordinate of a joint, a number or an expression, as the scene gives it."""
+    return coordinate.joint.quantities()[coordinate_label(key, coordinate.freedom)].source
 
 
 def conditions(
@@ -74,16 +77,16 @@ def conditions(
     Parameters
     ----------
     scene : Scene
-        As it is declared; `before` is that scene displaced.
+        The scene as the user declares it; `before` are its conditions.
     after : Displaced
-        With the new positions declared.
+        The conditions of the scene in which the new positions are declared.
     tangents : names of the new parameters by index of the coordinate
     nominal : positions (rad, m) at nominal by index of the coordinate
 
     Raises
     ------
     TrimError
-        No number of equations determines the positions.
+        The equations do not determine the positions.
     NotRationalError
         The position depends on a parameter that is an angle.
     """
@@ -101,9 +104,9 @@ def conditions(
         u[list(after.unknown)] = w
     arguments = ca.vertcat(t, *s.parameters.values())
     numbers = _numbers(arguments, np.array([*start, *s.nominal.values()]))
-    left = _eliminated(ca.vertsplit(ca.substitute(rows, after.u, u)), w, numbers)
+    remaining = _eliminated(ca.vertsplit(ca.substitute(rows, after.u, u)), w, numbers)
     laws = ca.vertcat(ca.SX(0, 1), *own)
-    f = ca.vertcat(_independent(scene, left, laws, t, len(tangents), numbers), laws)
+    f = ca.vertcat(_independent(scene, remaining, laws, t, len(tangents), numbers), laws)
     slopes = np.max(np.abs(numbers(ca.jacobian(f, t))), axis=1)
     f = f / ca.DM(np.where(slopes > 0, slopes, 1.0))
     met = float(np.max(np.abs(numbers(f))))
@@ -136,7 +139,10 @@ class _Rope(NamedTuple):
 def _sprung_joints(
     s: "_Symbols", before: Displaced, after: Displaced, nominal: Mapping[int, float], u: ca.SX
 ) -> dict[int, ca.SX]:
-    """Put the torques and forces of sprung joints into u; new symbols for half the angles."""
+    """Put the efforts of joint stiffnesses into u (n_u,); return new symbols for half of the angles.
+
+    The symbols are by index of the coordinate; a translation needs none.
+    """
     index = {signal.name: k for k, signal in enumerate(after.u_signals)}
     (declared,) = s.at(before, [before.declared])
     halves: dict[int, ca.SX] = {}
@@ -159,9 +165,9 @@ def _sprung_joints(
 
 
 def _ropes(s: "_Symbols", before: Displaced, after: Displaced, u: ca.SX) -> list[_Rope]:
-    """Put new symbols for the force densities of springs into u, where these depend on positions."""
+    """Put new symbols into u (n_u,) for the force densities of springs that depend on the positions."""
     index = {signal.name: k for k, signal in enumerate(after.u_signals)}
-    found: list[_Rope] = []
+    ropes: list[_Rope] = []
     for load in s.scene.loads:
         if not isinstance(load, Spring):
             continue
@@ -176,10 +182,10 @@ def _ropes(s: "_Symbols", before: Displaced, after: Displaced, u: ca.SX) -> list
         density = ca.SX.sym("density")
         law = density * length - (k * length - slack) / size
         u[row] = size * density
-        found.append(
+        ropes.append(
             _Rope(load.name, size, density, law, s.at_nominal((k - slack / length) / size))
         )
-    return found
+    return ropes
 
 
 def _of_used_parameters(s: "_Symbols", f: ca.SX, t: ca.SX) -> tuple[ca.Function, tuple[str, ...]]:
@@ -216,25 +222,25 @@ class _Symbols:
         self.physical |= {name: self.tangents[k] for k, name in tangents.items()}
 
     def at(self, d: Displaced, expressions: Sequence[ca.SX]) -> Entries:
-        """Expressions of a displaced scene at its declared positions."""
-        inner, p, cosine, sine = physical_symbols(d.parameters)
-        dense = [ca.densify(expression) for expression in expressions]
-        dense = ca.substitute(dense, [d.p, d.cosine, d.sine], [p, cosine, sine])
+        """Expressions of a displaced scene at its declared positions, in terms of these symbols."""
+        inner, dense = in_physical(d, expressions)
         values = ca.vertcat(ca.SX(0, 1), *(self.physical[p.name] for p in d.parameters))
         return list(ca.substitute(dense, [inner, d.q], [values, ca.SX.zeros(d.q.numel())]))
 
     def value(self, source: Quantity) -> ca.SX:
-        """A quantity that is not an angle."""
+        """Value of a quantity that is not an angle, in SI units."""
         return ca.SX(evaluate(parse(source), {**self.scene.constant_values(), **self.parameters}))
 
     def at_nominal(self, expression: ca.SX) -> float:
-        """The value at the nominal equilibrium."""
+        """Value of an expression at the nominal equilibrium."""
         arguments = ca.vertcat(self.all_tangents, *self.parameters.values())
         point = [*[0.0] * len(self.tangents), *self.nominal.values()]
         return float(ca.Function("nominal", [arguments], [expression])(point))
 
 
 def _numbers(arguments: ca.SX, point: Array) -> Callable[[ca.SX], Array]:
+    """A function that evaluates expressions of `arguments` (n,) at `point` (n,)."""
+
     def evaluated(expression: ca.SX) -> Array:
         function = ca.Function("numbers", [arguments], [ca.densify(expression)])
         return np.asarray(function(point).full())
@@ -243,28 +249,32 @@ def _numbers(arguments: ca.SX, point: Array) -> Callable[[ca.SX], Array]:
 
 
 def _eliminated(rows: Sequence[ca.SX], w: ca.SX, numbers: Callable[[ca.SX], Array]) -> Entries:
-    """The rows that are left without w: Gaussian elimination, first of efforts in one row only."""
+    """The rows (m,) after Gaussian elimination of w (n_w,), in which they are linear.
+
+    Efforts that are in one row only are eliminated first: they make no other row longer.
+    """
     slopes = ca.sparsify(ca.jacobian(ca.vertcat(*rows), w))
     zero = ca.SX.zeros(w.numel())
     b = [ca.substitute(row, w, zero) for row in rows]
     A: list[list[Any]] = [[slopes[i, j] for j in range(w.numel())] for i in range(len(rows))]
     values = numbers(slopes)
-    left, columns = list(range(len(rows))), list(range(w.numel()))
+    remaining, columns = list(range(len(rows))), list(range(w.numel()))
     largest = float(np.max(np.abs(values), initial=0.0))
-    while columns and left:
-        part = np.abs(values[np.ix_(left, columns)])
+    while columns and remaining:
+        part = np.abs(values[np.ix_(remaining, columns)])
         alone = [
             k
             for k, j in enumerate(columns)
-            if sum(A[i][j].nnz() > 0 for i in left) == 1 and np.max(part[:, k]) > _RANK * largest
+            if sum(A[i][j].nnz() > 0 for i in remaining) == 1
+            and np.max(part[:, k]) > _RANK * largest
         ]
         if alone:
             part = np.where(np.isin(np.arange(len(columns)), alone), part, 0.0)
         if np.max(part) <= _RANK * largest:
-            break  # the others do nothing that is not done already: loads of redundant closures
+            break  # the other efforts are combinations of eliminated ones: loads of redundant closures
         i, j = np.unravel_index(int(np.argmax(part)), part.shape)
-        r, c = left.pop(int(i)), columns.pop(int(j))
-        for k in left:
+        r, c = remaining.pop(int(i)), columns.pop(int(j))
+        for k in remaining:
             if A[k][c].nnz() == 0:
                 continue
             factor, number = A[k][c] / A[r][c], values[k, c] / values[r, c]
@@ -272,7 +282,7 @@ def _eliminated(rows: Sequence[ca.SX], w: ca.SX, numbers: Callable[[ca.SX], Arra
             for m in columns:
                 A[k][m] = ca.sparsify(A[k][m] - factor * A[r][m])
             values[k] = values[k] - number * values[r]
-    return [b[k] for k in left]
+    return [b[k] for k in remaining]
 
 
 def _independent(
@@ -283,7 +293,7 @@ def _independent(
     count: int,
     numbers: Callable[[ca.SX], Array],
 ) -> ca.SX:
-    """The rows that determine the tangents, once `own` has determined the other unknowns."""
+    """The `count` rows that determine the tangents best; `own` (.,) determines the other unknowns."""
     slopes = numbers(ca.jacobian(ca.vertcat(ca.SX(0, 1), *rows), t))
     inner = numbers(ca.jacobian(own, t))
     if inner.size:

@@ -1,13 +1,14 @@
-"""The conditions of equilibrium at displacements of any size, where positions are unknown.
+"""The conditions of equilibrium for displacements q of any size from the positions that a scene declares.
 
     0 = efforts needed at rest + stiffness q - u,      0 = gap of each loop
 
-At q = 0 they are those of `assemble`. Here springs follow their law, and loops have their true gaps,
-with all rows, also redundant ones; they need not be closed at the declared positions. Elastic bodies keep
-the shape that they have at the declared ones.
+At q = 0 these are the conditions of equilibrium of `assemble`. For other q, the force density of a
+spring follows the law of the spring, and a gap is the true distance of the two ports, with all its
+components, also redundant ones. Loops need not be closed at the declared positions. Elastic bodies keep
+the shape that they have at the declared positions.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,18 +20,19 @@ from mbdlft.base.parameter import Parameter
 from mbdlft.base.signal import Freedom, Signal
 from mbdlft.multibody.assembly.assemble import quantity_of, without_unseen
 from mbdlft.multibody.assembly.closure import Closure
-from mbdlft.multibody.assembly.efforts import acting, ground_motion, list_efforts
+from mbdlft.multibody.assembly.efforts import Effort, acting, ground_motion, list_efforts
 from mbdlft.multibody.assembly.placed import inertial_wrenches, motions, pass_inward
 from mbdlft.multibody.assembly.resolve import resolve
 from mbdlft.multibody.assembly.symbols import Symbols, coordinate_owners
 from mbdlft.multibody.assembly.tree import Link, all_bodies
 from mbdlft.multibody.assembly.view import View
 from mbdlft.multibody.force import Spring
-from mbdlft.multibody.joint import Joint, labelled
+from mbdlft.multibody.joint import Joint, coordinate_label
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.scene.quantities import Place, owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate
+from mbdlft.problem.equations import physical_symbols
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,9 +44,9 @@ class JointCoordinate:
     joint : Joint
     freedom : names of the coordinate
     signal : name and unit of its position
-    is_ball : whether it is a component of a rotation vector, counted from the declared orientation
-    is_passive : whether its effort is given and its position is not, so that nothing holds it
-    is_sprung : whether the joint has a stiffness for it
+    is_ball : whether it is a component of a rotation vector, from the declared orientation
+    is_passive : whether its effort is given and its position is not: then nothing holds the coordinate
+    is_sprung : whether the joint has a stiffness for this coordinate
     """
 
     joint: Joint
@@ -56,13 +58,13 @@ class JointCoordinate:
 
     @property
     def is_imposed(self) -> bool:
-        """Whether its position is given."""
+        """Whether the position of this coordinate is given."""
         return bool(getattr(self.joint, "imposed", False))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Displaced:
-    """0 = rows(q, u, p, cosine, sine), linear in u.
+    """The conditions of equilibrium 0 = rows(q, u, p, cosine, sine), linear in u.
 
     Attributes
     ----------
@@ -70,24 +72,25 @@ class Displaced:
         Unbalanced efforts of the coordinates that are not imposed, then gaps of the loops.
     row_signals : Signal (n_r,)
     alignment : SX (n_a,)
-        Cosines that are 1 where a loop is closed; its gap also vanishes where they are -1.
+        Cosines that are 1 where a loop is closed. A gap is also zero where its cosine is -1, that is
+        where the loop is closed with one side turned the wrong way round.
     q : SX symbols (n,)
-        Displacements from the declared positions; of a rotation vector 2 tan(angle/2) axis.
+        Displacements from the declared positions; a rotation vector is 2 tan(angle/2) axis.
     u : SX symbols (n_u,)
-        Efforts, magnitudes and multipliers.
+        Efforts of joints, magnitudes of loads, and multipliers of loops.
     given : SX (n_u,)
-        Values of the given ones, functions of q and p; zero for the others.
-    unknown : positions in u of those that are not given
-    multipliers : positions in u of the loads of loops
+        Values of the entries of u that the scene gives, functions of q and p; zero for the others.
+    unknown : indices of the entries of u that the scene does not give
+    multipliers : indices of the entries of u that are multipliers of loops
     u_signals : Signal (n_u,)
     p, cosine, sine : SX symbols, as in `Equations`
     coordinates : JointCoordinate (n,)
     declared : SX (n,)
         Declared positions (rad, m), functions of p; zero for rotation vectors.
-    lengths : SX by name of the springs
-        At the displaced positions (m), functions of q and p.
-    arms : SX (3, n_a)
-        Arms of bodies and joints (m), for the size of the scene.
+    lengths : SX by name of the spring
+        Length at the displaced positions (m), a function of q and p.
+    arms : SX (3, number of arms)
+        Vectors from port to port in bodies and joints (m); they tell the size of the scene.
     parameters : sorted by name
     """
 
@@ -117,58 +120,36 @@ def displace(scene: Scene) -> Displaced:
     Raises
     ------
     SceneError, NotRationalError, WellPosednessError
-        As `assemble`, but loops need not be closed.
+        As `assemble` raises them, except that loops need not be closed.
     """
     resolved = resolve(scene)
     links, symbols, values = resolved.links, resolved.symbols, resolved.values
-    own = values[f"scene {scene.name!r}"]
-    gravity = ca.SX(ca.vertcat(*(own[f"gravity.{a}"] for a in AXES)))
+    view = _view_at_rest(scene, symbols, links, values)
+    springs = [load for load in scene.loads if isinstance(load, Spring)]
+    laws = {load.name: spring_law(load, values[owner_name(load)], view) for load in springs}
+    multipliers = range(sum(len(loop.signals()) for loop in scene.loops))
+    listed = list_efforts(scene, links, values, laws, multipliers)
+    u = ca.SX.sym("u", len(listed))
+    needed = _needed_efforts(scene, links, values, view, listed, u)
+
     owned = coordinate_owners(links)
     moving = [named.kind != "elastic" for named in owned for _ in named.freedoms]
-    at_rest = {
-        named.owner: Coordinate(
-            ca.SX(at.q.numel(), 1) if named.kind == "elastic" else at.q,
-            ca.SX(at.q.numel(), 1),
-            ca.SX(at.q.numel(), 1),
-        )
-        for named, at in zip(owned, symbols.coordinates(links).values(), strict=True)
-    }
-    view = View(links, all_bodies(scene), values, at_rest, ca.sparsify(gravity))
-    view.elastic = 0.0
-    laws = {
-        load.name: spring_law(load, values[owner_name(load)], view)
-        for load in scene.loads
-        if isinstance(load, Spring)
-    }
-    rows = range(sum(len(loop.signals()) for loop in scene.loops))
-    listed = list_efforts(scene, links, values, laws, rows)
-    u = ca.SX.sym("u", len(listed))
-    base = ca.SX(ca.vertcat(*(own[f"acceleration.{a}"] for a in AXES))) - gravity
-    view.motions = motions(view.now, ground_motion(scene, own, ca.sparsify(base), listed, u))
-    needed = inertial_wrenches(view.now, view.motions)
-    closure = Closure(tuple(rows), ())
-    for acted in acting(scene, links, values, view, closure, u, ca.SX(len(rows), 1)):
-        if acted.body in needed:
-            needed[acted.body] -= acted.wrench
-    passed = pass_inward(view.now, view.motions, needed)
-
-    coordinates = _coordinates(links, values)
     entries = [k for k, moves in enumerate(moving) if moves]
-    balance: list[ca.SX] = []
+    coordinates = _coordinates(links, values)
+    unbalanced: list[ca.SX] = []
     row_signals: list[Signal] = []
-    efforts = [passed.efforts[named.owner] for named in owned if named.kind != "elastic"]
+    efforts = [needed[named.owner] for named in owned if named.kind != "elastic"]
     for k, c, effort in zip(entries, coordinates, ca.vertsplit(ca.vertcat(*efforts)), strict=True):
         if not c.is_imposed:
             stiffness = quantity_of(values[owner_name(c.joint)], "stiffness", c.freedom)
-            balance.append(effort + stiffness * symbols.q[k] - u[k])
+            unbalanced.append(effort + stiffness * symbols.q[k] - u[k])
             name = f"{c.joint.name}.{c.freedom.effort.name}"
             row_signals.append(Signal(name, c.freedom.effort.unit))
     declared = [_declared(scene, symbols, values, c) for c in coordinates]
     gaps, gap_signals, alignment = _gaps(scene.loops, view)
-    count = len(listed) - len(rows)
     return Displaced(
         name=scene.name,
-        rows=ca.densify(without_unseen(scene, ca.vertcat(ca.SX(0, 1), *balance, *gaps))),
+        rows=ca.densify(without_unseen(scene, ca.vertcat(ca.SX(0, 1), *unbalanced, *gaps))),
         row_signals=(*row_signals, *gap_signals),
         alignment=ca.densify(ca.vertcat(ca.SX(0, 1), *alignment)),
         q=symbols.q[entries],
@@ -179,50 +160,93 @@ def displace(scene: Scene) -> Displaced:
             for k, effort in enumerate(listed)
             if effort.given is None and (k >= len(moving) or moving[k])
         ),
-        multipliers=tuple(range(count, len(listed))),
+        multipliers=tuple(range(len(listed) - len(multipliers), len(listed))),
         u_signals=tuple(effort.signal for effort in listed),
         p=symbols.p,
         cosine=symbols.cosine,
         sine=symbols.sine,
         coordinates=coordinates,
         declared=ca.SX(ca.vertcat(*declared)),
-        lengths={
-            load.name: _length(load, view) for load in scene.loads if isinstance(load, Spring)
-        },
+        lengths={load.name: _length(load, view) for load in springs},
         arms=ca.densify(ca.horzcat(*view.now.arms.values(), *view.now.inboard.values())),
         parameters=resolved.parameters,
     )
+
+
+def in_physical(d: Displaced, expressions: Sequence[ca.SX]) -> tuple[ca.SX, list[ca.SX]]:
+    """Symbols of the physical values of the parameters, and dense expressions in terms of them."""
+    symbols, p, cosine, sine = physical_symbols(d.parameters)
+    dense = [ca.densify(expression) for expression in expressions]
+    return symbols, list(ca.substitute(dense, [d.p, d.cosine, d.sine], [p, cosine, sine]))
+
+
+def _view_at_rest(
+    scene: Scene, symbols: Symbols, links: tuple[Link, ...], values: Mapping[str, Values]
+) -> View:
+    """The bodies at displaced positions of the joints, at rest, with elastic bodies not deformed."""
+    own = values[f"scene {scene.name!r}"]
+    gravity = ca.SX(ca.vertcat(*(own[f"gravity.{a}"] for a in AXES)))
+    at_rest = {}
+    for named, at in zip(
+        coordinate_owners(links), symbols.coordinates(links).values(), strict=True
+    ):
+        zero = ca.SX(at.q.numel(), 1)
+        at_rest[named.owner] = Coordinate(zero if named.kind == "elastic" else at.q, zero, zero)
+    view = View(links, all_bodies(scene), values, at_rest, ca.sparsify(gravity))
+    view.elastic = 0.0
+    return view
+
+
+def _needed_efforts(
+    scene: Scene,
+    links: tuple[Link, ...],
+    values: Mapping[str, Values],
+    view: View,
+    listed: Sequence[Effort],
+    u: ca.SX,
+) -> Mapping[str, ca.SX]:
+    """Efforts by owner (a joint or an elastic body) that hold the bodies at rest under u (n_u,)."""
+    own = values[f"scene {scene.name!r}"]
+    base = ca.SX(ca.vertcat(*(own[f"acceleration.{a}"] for a in AXES))) - view.gravity
+    view.motions = motions(view.now, ground_motion(scene, own, ca.sparsify(base), listed, u))
+    wrenches = inertial_wrenches(view.now, view.motions)
+    rows = sum(len(loop.signals()) for loop in scene.loops)
+    closure = Closure(tuple(range(rows)), ())
+    for acted in acting(scene, links, values, view, closure, u, ca.SX(rows, 1)):
+        if acted.body in wrenches:
+            wrenches[acted.body] -= acted.wrench
+    return pass_inward(view.now, view.motions, wrenches).efforts
 
 
 def _coordinates(
     links: tuple[Link, ...], values: Mapping[str, Values]
 ) -> tuple[JointCoordinate, ...]:
     """Coordinates of all joints, in the order of the tree."""
-    found = []
+    coordinates = []
     for link in links:
         joint, own = link.joint, values.get(link.owner, {})
         imposed = bool(getattr(joint, "imposed", False))
         for freedom in joint.freedoms:
             measure = freedom.measures[0]
             stiffness = ca.sparsify(ca.SX(quantity_of(own, "stiffness", freedom)))
-            found.append(
+            coordinates.append(
                 JointCoordinate(
                     joint,
                     freedom,
                     Signal(f"{joint.name}.{measure.name}", measure.unit),
-                    is_ball=labelled("position", freedom) not in own,
-                    is_passive=not imposed and labelled("preload", freedom) in own,
+                    is_ball=coordinate_label("position", freedom) not in own,
+                    is_passive=not imposed and coordinate_label("preload", freedom) in own,
                     is_sprung=bool(stiffness.nnz()),
                 )
             )
-    return tuple(found)
+    return tuple(coordinates)
 
 
 def _declared(
     scene: Scene, symbols: Symbols, values: Mapping[str, Values], c: JointCoordinate
 ) -> Any:
     """Declared position (rad, m) of a coordinate, a function of p."""
-    owner, label = owner_name(c.joint), labelled("position", c.freedom)
+    owner, label = owner_name(c.joint), coordinate_label("position", c.freedom)
     if c.is_ball:
         return 0.0
     if c.freedom.turns:
@@ -231,10 +255,10 @@ def _declared(
 
 
 def spring_law(spring: Spring, own: Values, view: View) -> ca.SX | None:
-    """Tension over length (N/m) of a spring at the displaced positions; None if it is unknown.
+    """Force density, tension over length (N/m), of a spring at the displaced positions.
 
-    k (1 - l0/l) with the rest length l0, or k - (k - h) l_declared/l with the force density h that
-    it has at the declared positions.
+    It is k (1 - l0/l) with the rest length l0, or k - (k - h) l_declared/l with the force density h at
+    the declared positions; None if the scene gives neither of them.
     """
     view.owner = owner_name(spring)
     if spring.rest_length is None and spring.force_density is None:
@@ -247,12 +271,17 @@ def spring_law(spring: Spring, own: Values, view: View) -> ca.SX | None:
 
 
 def _length(spring: Spring, view: View) -> ca.SX:
+    """Distance of the ports of a spring at the displaced positions (m)."""
     view.owner = owner_name(spring)
     return ca.norm_2(view.between(spring.parent, spring.child))
 
 
 def _gaps(loops: tuple[Loop, ...], view: View) -> tuple[list[ca.SX], list[Signal], list[ca.SX]]:
-    """Gaps of the loops, one for each multiplier, their names, and the cosines that must be 1."""
+    """Gaps of the loops, one for each multiplier, their signals, and the cosines that must be 1.
+
+    The gap of a `revolute` loop is the part of the child's axis across that of the parent; that of a
+    `fixed` loop is sin(angle) times the axis of the rotation R_pc from the child to the parent.
+    """
     gaps: list[ca.SX] = []
     signals: list[Signal] = []
     alignment: list[ca.SX] = []
@@ -260,16 +289,18 @@ def _gaps(loops: tuple[Loop, ...], view: View) -> tuple[list[ca.SX], list[Signal
         view.owner = Loop.where({"name": loop.name})
         gaps.append(view.between(loop.parent, loop.child))
         signals += [Signal(f"{loop.name}.gap.{axis}", "m") for axis in AXES]
-        body, other = view.find(loop.parent)[0], view.find(loop.child)[0]
+        parent, child = view.find(loop.parent)[0], view.find(loop.child)[0]
         if loop.axis is not None:
             axis = ca.SX(np.asarray(loop.axis) / np.linalg.norm(loop.axis))
-            turned = view.across_now(axis, other, body)
-            gaps.append(ca.mtimes(loop.turned_rows(), turned))
-            alignment.append(ca.dot(axis, turned))
+            child_axis = view.across_now(axis, child, parent)
+            gaps.append(ca.mtimes(loop.turned_rows(), child_axis))
+            alignment.append(ca.dot(axis, child_axis))
         elif loop.kind == "fixed":
-            R = ca.horzcat(*(view.across_now(ca.SX.eye(3)[:, k], other, body) for k in range(3)))
-            gaps.append(0.5 * ca.vertcat(R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]))
-            alignment.append(0.5 * (ca.trace(R) - 1.0))
+            unit = ca.SX.eye(3)
+            R_pc = ca.horzcat(*(view.across_now(unit[:, k], child, parent) for k in range(3)))
+            twice_sine = [R_pc[i, j] - R_pc[j, i] for i, j in ((2, 1), (0, 2), (1, 0))]
+            gaps.append(0.5 * ca.vertcat(*twice_sine))
+            alignment.append(0.5 * (ca.trace(R_pc) - 1.0))
         turned_rows = loop.turned_rows().shape[0]
         signals += [Signal(f"{loop.name}.gap.{k + 1}", "rad") for k in range(turned_rows)]
     return gaps, signals, alignment

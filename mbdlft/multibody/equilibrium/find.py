@@ -11,20 +11,22 @@ from mbdlft.base.errors import TrimError
 from mbdlft.multibody.equilibrium.displaced import displace
 from mbdlft.multibody.equilibrium.newton import Attempt, solve_from
 from mbdlft.multibody.equilibrium.unknowns import (
-    Balance,
     Bounds,
-    balance,
+    EquilibriumEquations,
+    equilibrium_equations,
+    project_at,
     random_start,
-    reduce_at,
     whole_slopes,
 )
 from mbdlft.multibody.scene.scene import Scene
 
-_SAME = 1e-6  # of the size of an unknown: equilibria that are nearer are one
-_IDLE = 0.1  # share in a combination of unknowns that changes nothing
-_RANK = 1e-9
-_FLAT = 1e-3  # of the rows: a smaller slope of their squares is that of a minimum
-_NAMED = 4  # unbalanced rows that a message names
+_SAME = 1e-6  # two equilibria that are nearer, relative to the size of each unknown, are one
+_IDLE = 0.1  # an unknown with a larger part in a motion that unbalances nothing is not determined
+_RANK = 1e-9  # a singular value below this part of the largest is zero
+_FLAT = (
+    1e-3  # a smaller slope of the sum of squares, relative to the equations, is that of a minimum
+)
+_NAMED = 4  # unbalanced equations that a message names
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,19 +37,19 @@ class EquilibriumPoint:
     ----------
     scene : name of the scene
     parameters : physical value by name, in its unit
-        The parameters that were unknown have the value that was found.
+        A parameter that was unknown has the value that the search found.
     positions : value by coordinate (rad, m), such as ``hinge.angle``
-        Of the joints whose position was unknown. The rotation of a ball, ``NAME.rotation.x`` to z, is a
-        rotation vector from the declared orientation (rad).
+        The positions that were unknown. The rotation of a spherical or free joint, ``NAME.rotation.x`` to
+        z, is a rotation vector from the declared orientation (rad).
     found : names of the parameters that were unknown
     efforts : value by name
-        Efforts of joints and magnitudes of loads that were unknown.
+        The efforts of joints and magnitudes of loads that were unknown.
     units : unit of each position and effort by name
-    unbalanced : what is left of the equations, by effort or gap of a loop (N, N m, m, rad)
+    unbalanced : value of each equation, by effort or gap of a loop (N, N m, m, rad); 0 in equilibrium
     residual : float
-        The largest of these, each relative to the largest terms of its equation.
-    iterations : evaluations of the equations
-    undetermined : names of unknowns that can be changed, alone or together, and nothing gets unbalanced
+        The largest value of an equation, relative to the largest terms of this equation.
+    iterations : number of evaluations of the equations
+    undetermined : names of unknowns that can change, alone or together, without unbalancing anything
     """
 
     scene: str
@@ -92,31 +94,32 @@ def find_equilibrium(
     seed: int = 0,
     every: bool = False,  # noqa: FBT001, FBT002
 ) -> EquilibriumPoint | tuple[EquilibriumPoint, ...]:
-    """Positions that are in equilibrium, 0 = residual(q, u) at rest, with the unknown efforts.
+    """Find positions of joints that are in equilibrium, 0 = residual(q, u) at rest, with their efforts.
 
-    The declared positions of these joints are where their springs are relaxed (`stiffness`), springs
-    have their given force density, and the search starts.
+    The search starts at the declared positions. There the `stiffness` of a joint is relaxed, and a spring
+    has its given force density.
 
     Parameters
     ----------
     scene : Scene
     values : mapping of names to physical values, in the units of the parameters, optional
-        The others are nominal.
+        Parameters that are not in it are nominal.
     positions : sequence of str, optional
-        Names of joints, of coordinates such as ``slide.position.x``, or of parameters that are
-        unknown. By default all joints whose effort is given by a `preload`, but not the rotations of
-        balls that have a stiffness, whose law is one of small rotations.
+        Names of the unknowns: joints, coordinates such as ``slide.position.x``, or parameters. By default
+        the unknowns are the positions of all joints whose effort is given by a `preload`. The rotation
+        of a spherical or free joint with a stiffness cannot be unknown: its law holds for small rotations
+        only.
     bounds : mapping of names to (low, high), optional
-        Of positions, by coordinate (rad, m; also by joint if it has one only), or of parameters, in their
-        units.
+        Bounds of positions, by coordinate (rad, m; also by joint if it has one coordinate), or of
+        parameters, in their units.
     starts : int
-        The first start is at the declared positions, the others are drawn inside the bounds, or half a
-        turn or twice the longest arm of the scene to either side. The search ends with the first
-        equilibrium, unless `every` is true.
+        Number of starts. The first start is at the declared positions. The others are drawn inside the
+        bounds; without bounds, up to half a turn, or twice the longest arm of the scene, to either side.
+        The search ends with the first equilibrium, unless `every` is true.
     seed : int
-        Of the random starts.
+        Seed of the random starts.
     every : bool
-        Return all equilibria that any of the starts found, distinct modulo 2 pi.
+        Return all equilibria to which any of the starts led, distinct modulo 2 pi.
 
     Returns
     -------
@@ -125,34 +128,37 @@ def find_equilibrium(
     Raises
     ------
     TrimError
-        A name is unknown, or no equilibrium was found; the message says what is unbalanced at the
-        nearest position.
+        A name is unknown, or no equilibrium was found; the message says which equations are not met at
+        the nearest position.
     SceneError, NotRationalError, WellPosednessError
-        As `assemble`.
+        As `assemble` raises them.
     """
     if starts < 1:
         raise TrimError(f"scene {scene.name!r}: starts: expected at least 1, got {starts}.")
     rng = np.random.default_rng(seed)
-    b = balance(displace(scene), values or {}, positions, bounds or {}, rng)
+    equations = equilibrium_equations(displace(scene), values or {}, positions, bounds or {}, rng)
     attempts: list[Attempt] = []
     solved: list[Attempt] = []
     for k in range(starts):
-        start = np.array([u.start for u in b.unknowns]) if k == 0 else random_start(b, rng)
-        attempts.append(found := solve_from(b, start))
-        if found.solved and not any(_same(b, found.s, other.s) for other in solved):
-            solved.append(found)
-        if not b.unknowns or (solved and not every):
+        first = np.array([u.start for u in equations.unknowns])
+        attempt = solve_from(equations, random_start(equations, rng) if k else first)
+        attempts.append(attempt)
+        if attempt.solved and not any(_same(equations, attempt.s, other.s) for other in solved):
+            solved.append(attempt)
+        if not equations.unknowns or (solved and not every):
             break
     if not solved:
-        raise TrimError(_no_equilibrium(b, attempts))
+        raise TrimError(_no_equilibrium(equations, attempts))
     total = sum(attempt.iterations for attempt in attempts)
-    points = tuple(_point(b, attempt, attempt.iterations if every else total) for attempt in solved)
+    points = tuple(
+        _point(equations, attempt, attempt.iterations if every else total) for attempt in solved
+    )
     return points if every else points[0]
 
 
-def _same(b: Balance, s: Array, other: Array) -> bool:
-    """Whether two equilibria are one, angles modulo 2 pi."""
-    for unknown, difference in zip(b.unknowns, s - other, strict=True):
+def _same(equations: EquilibriumEquations, s: Array, other: Array) -> bool:
+    """Whether two equilibria s, other (n_s,) are one, with angles modulo 2 pi."""
+    for unknown, difference in zip(equations.unknowns, s - other, strict=True):
         apart = (
             np.remainder(difference + np.pi, 2 * np.pi) - np.pi
             if unknown.is_periodic
@@ -163,25 +169,25 @@ def _same(b: Balance, s: Array, other: Array) -> bool:
     return True
 
 
-def _point(b: Balance, attempt: Attempt, iterations: int) -> EquilibriumPoint:
-    d = b.displaced
-    w = reduce_at(b, attempt.s).w
+def _point(equations: EquilibriumEquations, attempt: Attempt, iterations: int) -> EquilibriumPoint:
+    d = equations.displaced
+    w = project_at(equations, attempt.s).w
     efforts = {
         d.u_signals[k]: float(value)
         for k, value in zip(d.unknown, w, strict=True)
         if k not in d.multipliers
     }
-    positions = _positions(b, attempt.s)
+    positions = _positions(equations, attempt.s)
     changed = {
         unknown.signal.name: float(value)
-        for unknown, value in zip(b.unknowns, attempt.s, strict=True)
+        for unknown, value in zip(equations.unknowns, attempt.s, strict=True)
         if unknown.is_parameter
     }
-    rows = b.slopes(attempt.s, w)[0].full()[:, 0]
-    units = {u.signal.name: u.signal.unit for u in b.unknowns if not u.is_parameter}
+    rows = equations.slopes(attempt.s, w)[0].full()[:, 0]
+    units = {u.signal.name: u.signal.unit for u in equations.unknowns if not u.is_parameter}
     return EquilibriumPoint(
         scene=d.name,
-        parameters={**b.parameters, **changed},
+        parameters={**equations.parameters, **changed},
         positions=positions,
         found=tuple(changed),
         efforts={signal.name: value for signal, value in efforts.items()},
@@ -189,51 +195,57 @@ def _point(b: Balance, attempt: Attempt, iterations: int) -> EquilibriumPoint:
         unbalanced={
             signal.name: float(row) for signal, row in zip(d.row_signals, rows, strict=True)
         },
-        residual=float(np.max(np.abs(rows) / b.sizes, initial=0.0)),
+        residual=float(np.max(np.abs(rows) / equations.sizes, initial=0.0)),
         iterations=iterations,
-        undetermined=_undetermined(b, attempt.s, w),
+        undetermined=_undetermined(equations, attempt.s, w),
     )
 
 
-def _positions(b: Balance, s: Array) -> dict[str, float]:
-    """Positions by coordinate (rad, m); an angle that has no spring within half a turn."""
-    found: dict[str, float] = {}
-    balls = [k for k, unknown in enumerate(b.unknowns) if unknown.is_ball]
+def _positions(equations: EquilibriumEquations, s: Array) -> dict[str, float]:
+    """Positions by coordinate (rad, m) for the unknowns s (n_s,).
+
+    An angle without spring and bounds is given between minus and plus half a turn.
+    """
+    values: dict[str, float] = {}
+    balls = [k for k, unknown in enumerate(equations.unknowns) if unknown.is_ball]
     turned = s.astype(float).copy()
     for k in range(0, len(balls), 3):
         vector = s[balls[k : k + 3]]
         length = float(np.linalg.norm(vector))
         if length > 0.0:
             turned[balls[k : k + 3]] = vector * (2.0 * np.arctan(length / 2.0) / length)
-    for unknown, value in zip(b.unknowns, turned, strict=True):
+    for unknown, value in zip(equations.unknowns, turned, strict=True):
         if unknown.is_parameter:
             continue
         position = float(unknown.origin + value)
         if unknown.is_periodic and not unknown.bounded:
             position = float(np.remainder(position + np.pi, 2.0 * np.pi) - np.pi)
-        found[unknown.signal.name] = position
-    return found
+        values[unknown.signal.name] = position
+    return values
 
 
-def _undetermined(b: Balance, s: Array, w: Array) -> tuple[str, ...]:
-    """Unknowns in combinations that change nothing; loads of loops may well be redundant."""
-    slopes = whole_slopes(b, s, w)
+def _undetermined(equations: EquilibriumEquations, s: Array, w: Array) -> tuple[str, ...]:
+    """Names of unknowns that change in some direction in which no equation changes, to first order.
+
+    Multipliers of loops are left out: those of redundant closures never are determined.
+    """
+    slopes = whole_slopes(equations, s, w)
     if not slopes.shape[1]:
         return ()
     _, values, right = np.linalg.svd(slopes)
     rank = int(np.sum(values > _RANK * np.max(values, initial=0.0)))
     share = np.linalg.norm(right[rank:], axis=0)
-    d = b.displaced
-    names = [unknown.signal.name for unknown in b.unknowns]
+    d = equations.displaced
+    names = [unknown.signal.name for unknown in equations.unknowns]
     names += ["" if k in d.multipliers else d.u_signals[k].name for k in d.unknown]
     return tuple(name for name, part in zip(names, share, strict=True) if name and part > _IDLE)
 
 
-def _no_equilibrium(b: Balance, attempts: Sequence[Attempt]) -> str:
-    """The nearest that any start came to an equilibrium: where, what is unbalanced, and why."""
-    d = b.displaced
+def _no_equilibrium(equations: EquilibriumEquations, attempts: Sequence[Attempt]) -> str:
+    """The message for a search without success: the nearest point, what is unbalanced there, and why."""
+    d = equations.displaced
     sound = [attempt for attempt in attempts if np.isfinite(attempt.rows).all()]
-    where = ", ".join(f"{name} = {value:g}" for name, value in b.parameters.items())
+    where = ", ".join(f"{name} = {value:g}" for name, value in equations.parameters.items())
     what = f"scene {d.name!r}: no equilibrium found{' at ' + where if where else ''}"
     tries = f"{len(attempts)} start{'s' if len(attempts) > 1 else ''}"
     if not sound:
@@ -241,45 +253,46 @@ def _no_equilibrium(b: Balance, attempts: Sequence[Attempt]) -> str:
             f"{what}: the equations are not finite at any of {tries}. A spring whose ports are at one "
             "point has no direction; move the declared positions."
         )
-    names = ", ".join(unknown.signal.name for unknown in b.unknowns) or "nothing"
+    names = ", ".join(unknown.signal.name for unknown in equations.unknowns) or "nothing"
     best = min(sound, key=lambda attempt: float(np.linalg.norm(attempt.rows)))
     if best.residual <= _SAME:
         return (
-            f"{what} from {tries}: the equations are met at {_where(b, best)}, but that is outside the "
-            "bounds, or a loop is closed the wrong way round there. Widen the bounds or use more "
-            "starts."
+            f"{what} from {tries}: the equations are met at {_where(equations, best)}, but that is "
+            "outside the bounds, or a loop is closed the wrong way round there. Widen the bounds or "
+            "use more starts."
         )
     order = np.argsort(-np.abs(best.rows))
     largest = [int(k) for k in order[:_NAMED] if abs(best.rows[k]) > 1e-3 * best.residual]
     misses = ", ".join(
-        f"{d.row_signals[k].name} misses {best.rows[k] * b.sizes[k]:.4g} {d.row_signals[k].unit}"
+        f"{d.row_signals[k].name} misses {best.rows[k] * equations.sizes[k]:.4g} {d.row_signals[k].unit}"
         for k in largest
     )
     return (
-        f"{what} from {tries} with the unknown positions {names}. Nearest, {_where(b, best)}: {misses}; "
-        f"{_why(b, best)} Use more starts, other bounds, more unknown positions, or leave out a preload "
-        "or a load's magnitude that can balance it."
+        f"{what} from {tries} with the unknown positions {names}. Nearest, "
+        f"{_where(equations, best)}: {misses}; {_why(equations, best)} Use more starts, other bounds, "
+        "more unknown positions, or leave out a preload or a load's magnitude that can balance it."
     )
 
 
-def _where(b: Balance, attempt: Attempt) -> str:
-    positions = {**_positions(b, attempt.s)}
+def _where(equations: EquilibriumEquations, attempt: Attempt) -> str:
+    """The positions of an attempt, in words."""
+    positions = {**_positions(equations, attempt.s)}
     positions |= {
         u.signal.name: float(value)
-        for u, value in zip(b.unknowns, attempt.s, strict=True)
+        for u, value in zip(equations.unknowns, attempt.s, strict=True)
         if u.is_parameter
     }
-    units = {unknown.signal.name: unknown.signal.unit for unknown in b.unknowns}
+    units = {unknown.signal.name: unknown.signal.unit for unknown in equations.unknowns}
     listed = ", ".join(f"{name} = {value:.6g} {units[name]}" for name, value in positions.items())
     return f"at {listed}" if listed else "at the declared positions"
 
 
-def _why(b: Balance, attempt: Attempt) -> str:
-    """Why no step makes the rows smaller."""
-    at = reduce_at(b, attempt.s)
+def _why(equations: EquilibriumEquations, attempt: Attempt) -> str:
+    """A sentence that says why no step brings the attempt nearer to an equilibrium."""
+    at = project_at(equations, attempt.s)
     held = [
         unknown.signal.name
-        for unknown, value in zip(b.unknowns, attempt.s, strict=True)
+        for unknown, value in zip(equations.unknowns, attempt.s, strict=True)
         if unknown.bounded
         and min(value - unknown.low, unknown.high - value) <= _SAME * unknown.size
     ]

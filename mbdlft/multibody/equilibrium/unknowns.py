@@ -1,13 +1,13 @@
-"""What is unknown at an equilibrium, and its equations as numbers.
+"""The unknowns of an equilibrium at one value of the parameters, and its equations as numbers.
 
     0 = rows(s, w),    s: positions and chosen parameters,    w: efforts, magnitudes, multipliers
 
-The rows are linear in w, so w is eliminated by least squares, and what is left depends on s alone
-(variable projection: Golub, Pereyra 1973; the Jacobian is that of Kaufman 1975).
+The rows are linear in w. So for each s, w is that of least squares, and the part of the rows that no w
+can balance depends on s alone (variable projection: Golub, Pereyra 1973; its Jacobian: Kaufman 1975).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -15,23 +15,33 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import TrimError, unknown_name
 from mbdlft.base.signal import Signal
-from mbdlft.multibody.equilibrium.displaced import Displaced
-from mbdlft.problem.equations import physical_symbols
+from mbdlft.multibody.equilibrium.displaced import Displaced, in_physical
 
 Bounds = Mapping[str, tuple[float, float]]
 
-_SAMPLES = 8  # random positions from which the size of each row is taken
-_SMALL = 1e-3  # of the largest row of one unit: the least size of a row
+_SAMPLES = 8  # random positions at which the size of each row is measured
+_SMALL = 1e-3  # least size of a row, of the largest row of the same unit
 _RANK = 1e-9  # singular values below this part of the largest are zero
-_MOST_TURN = np.pi * (1.0 - 1.0 / 16.0)  # rad; of a random rotation: the vector is infinite at pi
+_MOST_TURN = np.pi * (
+    1.0 - 1.0 / 16.0
+)  # rad, largest random rotation: its vector is infinite at pi
 
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """One entry of s: a coordinate of a joint or a parameter, by its position there.
+    """One unknown, an entry of s: the displacement of a coordinate of a joint, or a parameter.
 
-    `low` and `high` are those of s in the search, `bounded` whether the user gave them; `size` is a
-    typical change; `origin` is what is added to s for the position itself.
+    Attributes
+    ----------
+    signal : name and unit
+    index : of the coordinate, or of the parameter
+    is_parameter, is_ball : whether it is a parameter, or a component of a rotation vector
+    is_periodic : whether it is an angle of which a whole turn changes nothing
+    low, high : range of the search
+    bounded : whether the user gave this range
+    size : a typical change
+    start : value at the first start
+    origin : position for the value 0
     """
 
     signal: Signal
@@ -48,7 +58,7 @@ class Unknown:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Balance:
+class EquilibriumEquations:
     """The equations of equilibrium at one value of the parameters.
 
     Attributes
@@ -56,8 +66,8 @@ class Balance:
     displaced : Displaced
     unknowns : Unknown (n_s,)
     parameters : physical values by name
-    offset : casadi.Function, s -> rows at w = 0 (m,), slopes by w (m, n_w)
-    slopes : casadi.Function, (s, w) -> rows (m,), slopes by s (m, n_s)
+    offset : casadi.Function, s -> rows at w = 0 (m,), derivatives by w (m, n_w)
+    slopes : casadi.Function, (s, w) -> rows (m,), derivatives by s (m, n_s)
     alignment : casadi.Function, s -> cosines that must be 1
     sizes : Array (m,)
         Typical size of each row.
@@ -73,55 +83,60 @@ class Balance:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reduced:
-    """At some s: w, the rows (m,) that w cannot balance, and their slopes by s; all over sizes."""
+class Projected:
+    """The equations at some s after the elimination of w.
+
+    Attributes
+    ----------
+    w : (n_w,), the efforts of least squares
+    rows : (m,), the part of the rows that no w can balance, over their sizes
+    slopes : (m, n_s), the derivatives of `rows` by s over the sizes of s
+    """
 
     w: Array
     rows: Array
     slopes: Array
 
 
-def balance(
+def equilibrium_equations(
     displaced: Displaced,
     values: Mapping[str, float],
     positions: Sequence[str] | None,
     bounds: Bounds,
     rng: np.random.Generator,
-) -> Balance:
-    """The equations at physical values by name; the other arguments as in `find_equilibrium`.
+) -> EquilibriumEquations:
+    """The equations of equilibrium at physical values by name, with the unknowns that are asked for.
+
+    `positions` and `bounds` are those of `find_equilibrium`.
 
     Raises
     ------
     TrimError
-        A name is unknown, or what it names cannot be an unknown.
+        A name is unknown, or it names something that cannot be an unknown.
     """
     d = displaced
     at = _parameter_values(d, values)
-    symbols, p, cosine, sine = physical_symbols(d.parameters)
-    angles = [d.p, d.cosine, d.sine], [p, cosine, sine]
+    w, u = ca.SX.sym("w", len(d.unknown)), ca.SX(d.given)
+    if d.unknown:
+        u[list(d.unknown)] = w
+    rows = ca.substitute(d.rows, d.u, u)
+    symbols, (*fixed, rows, alignment) = in_physical(d, [d.declared, d.arms, rows, d.alignment])
     point = np.array(list(at.values()))
-    fixed = ca.Function(
-        "fixed", [symbols], ca.substitute([ca.densify(d.declared), d.arms], *angles)
-    )
-    declared, arms = (part.full() for part in fixed(point))
+    declared, arms = (part.full() for part in ca.Function("fixed", [symbols], fixed)(point))
     reach = float(np.max(np.linalg.norm(arms.reshape(3, -1), axis=0), initial=0.0)) or 1.0
     unknowns = _choose(d, at, positions, bounds, declared.reshape(-1), reach)
 
-    s, w = ca.SX.sym("s", len(unknowns)), ca.SX.sym("w", len(d.unknown))
+    s = ca.SX.sym("s", len(unknowns))
     q, free = ca.SX(ca.DM.zeros(d.q.numel())), ca.SX(ca.DM(point))
     for k, unknown in enumerate(unknowns):
         if unknown.is_parameter:
             free[unknown.index] = s[k]
         else:
             q[unknown.index] = s[k]
-    u = ca.SX(d.given)
-    if d.unknown:
-        u[list(d.unknown)] = w
-    rows, alignment = ca.substitute([ca.substitute(d.rows, d.u, u), d.alignment], *angles)
     rows, alignment = ca.substitute([rows, alignment], [d.q, symbols], [q, free])
     by_w = ca.densify(ca.jacobian(rows, w))
     none = ca.SX(ca.DM.zeros(w.numel()))
-    found = Balance(
+    unscaled = EquilibriumEquations(
         d,
         unknowns,
         at,
@@ -130,42 +145,43 @@ def balance(
         ca.Function("alignment", [s], [ca.densify(alignment)]),
         np.ones(rows.numel()),
     )
-    sizes = _row_sizes(found, reach, rng)
-    return Balance(d, unknowns, at, found.offset, found.slopes, found.alignment, sizes)
+    return replace(unscaled, sizes=_row_sizes(unscaled, reach, rng))
 
 
-def reduce_at(b: Balance, s: Array) -> Reduced:
-    """w of least squares, and what is left of the rows."""
-    offset, by_w = (part.full() for part in b.offset(s))
-    offset, by_w = offset[:, 0] / b.sizes, by_w / b.sizes[:, None]
+def project_at(equations: EquilibriumEquations, s: Array) -> Projected:
+    """The equations at s (n_s,) after the elimination of w; nan where they are not finite."""
+    offset, by_w = (part.full() for part in equations.offset(s))
+    offset, by_w = offset[:, 0] / equations.sizes, by_w / equations.sizes[:, None]
     if not (np.isfinite(offset).all() and np.isfinite(by_w).all()):
-        return Reduced(np.full(by_w.shape[1], np.nan), np.full(len(offset), np.nan), by_w[:, :0])
+        return Projected(np.full(by_w.shape[1], np.nan), np.full(len(offset), np.nan), by_w[:, :0])
     column = np.max(np.abs(by_w), axis=0, initial=0.0)
     column = np.where(column > 0, column, 1.0)
-    left, values, right = np.linalg.svd(by_w / column, full_matrices=False)
+    basis, values, right = np.linalg.svd(by_w / column, full_matrices=False)
     kept = values > _RANK * np.max(values, initial=0.0)
-    left, values, right = left[:, kept], values[kept], right[kept]
-    w = -(right.T @ ((left.T @ offset) / values)) / column
-    rows, by_s = (part.full() for part in b.slopes(s, w))
-    rows, by_s = rows[:, 0] / b.sizes, by_s / b.sizes[:, None]
-    by_s = by_s * np.array([unknown.size for unknown in b.unknowns])
-    return Reduced(w, rows - left @ (left.T @ rows), by_s - left @ (left.T @ by_s))
+    basis, values, right = basis[:, kept], values[kept], right[kept]
+    w = -(right.T @ ((basis.T @ offset) / values)) / column
+    rows, by_s = (part.full() for part in equations.slopes(s, w))
+    rows, by_s = rows[:, 0] / equations.sizes, by_s / equations.sizes[:, None]
+    by_s = by_s * np.array([unknown.size for unknown in equations.unknowns])
+    return Projected(w, rows - basis @ (basis.T @ rows), by_s - basis @ (basis.T @ by_s))
 
 
-def whole_slopes(b: Balance, s: Array, w: Array) -> Array:
-    """Slopes (m, n_s + n_w) of the rows over their sizes, each column over its size."""
-    _, by_w = (part.full() for part in b.offset(s))
-    _, by_s = (part.full() for part in b.slopes(s, w))
-    by_w = by_w / b.sizes[:, None]
+def whole_slopes(equations: EquilibriumEquations, s: Array, w: Array) -> Array:
+    """Derivatives (m, n_s + n_w) of the rows by s and w, with rows and columns over their sizes."""
+    _, by_w = (part.full() for part in equations.offset(s))
+    _, by_s = (part.full() for part in equations.slopes(s, w))
+    by_w = by_w / equations.sizes[:, None]
     column = np.max(np.abs(by_w), axis=0, initial=0.0)
-    by_s = by_s / b.sizes[:, None] * np.array([unknown.size for unknown in b.unknowns])
+    by_s = (
+        by_s / equations.sizes[:, None] * np.array([unknown.size for unknown in equations.unknowns])
+    )
     return np.hstack([by_s, by_w / np.where(column > 0, column, 1.0)])
 
 
-def random_start(b: Balance, rng: np.random.Generator) -> Array:
-    """Unknowns (n_s,) drawn inside their bounds; rotations of balls about random axes."""
-    s = np.array([rng.uniform(unknown.low, unknown.high) for unknown in b.unknowns])
-    balls = [k for k, unknown in enumerate(b.unknowns) if unknown.is_ball]
+def random_start(equations: EquilibriumEquations, rng: np.random.Generator) -> Array:
+    """Unknowns (n_s,) drawn inside their bounds; rotation vectors have random axes."""
+    s = np.array([rng.uniform(unknown.low, unknown.high) for unknown in equations.unknowns])
+    balls = [k for k, unknown in enumerate(equations.unknowns) if unknown.is_ball]
     for k in range(0, len(balls), 3):
         axis = rng.standard_normal(3)
         angle = rng.uniform(0.0, _MOST_TURN)
@@ -174,7 +190,7 @@ def random_start(b: Balance, rng: np.random.Generator) -> Array:
 
 
 def _parameter_values(d: Displaced, values: Mapping[str, float]) -> dict[str, float]:
-    """All parameters by name at the given values, else nominal."""
+    """Physical value of every parameter by name: the given value, else the nominal one."""
     known = {parameter.name: parameter for parameter in d.parameters}
     for name, value in values.items():
         if name not in known:
@@ -195,7 +211,11 @@ def _choose(
     declared: Array,
     reach: float,
 ) -> tuple[Unknown, ...]:
-    """The entries of s, those of coordinates first."""
+    """The entries of s, those of coordinates first.
+
+    `at` are the values of the parameters, `declared` (n,) the declared positions, `reach` is the length
+    of the longest arm (m).
+    """
     coordinates = d.coordinates
     sprung = {c.joint.name for c in coordinates if c.is_ball and c.is_sprung}
     chosen = [
@@ -224,11 +244,11 @@ def _choose(
                     )
                 )
         chosen = sorted(picked)
-    found = [_coordinate(d, k, bounds, float(declared[k]), reach) for k in chosen]
+    unknowns = [_coordinate(d, k, bounds, float(declared[k]), reach) for k in chosen]
     for k in parameters:
         parameter = d.parameters[k]
         low, high = bounds.get(parameter.name, (parameter.low, parameter.high))
-        found.append(
+        unknowns.append(
             Unknown(
                 Signal(parameter.name, parameter.unit), k, is_parameter=True, is_ball=False,
                 is_periodic=False, low=max(low, parameter.low), high=min(high, parameter.high),
@@ -236,7 +256,7 @@ def _choose(
                 start=at[parameter.name], origin=0.0,
             )
         )  # fmt: skip
-    known = {u.signal.name for u in found} | _alone(d)
+    known = {u.signal.name for u in unknowns} | _alone(d)
     for name, (low, high) in bounds.items():
         if name not in known:
             raise TrimError(f"scene {d.name!r}, bounds: " + unknown_name("unknown", name, known))
@@ -244,15 +264,16 @@ def _choose(
             raise TrimError(
                 f"scene {d.name!r}, bounds of {name}: expected low < high, got {low:g}, {high:g}."
             )
-    return tuple(found)
+    return tuple(unknowns)
 
 
 def _alone(d: Displaced) -> set[str]:
-    """Names of joints with one coordinate: they name it as well."""
+    """Names of joints with one coordinate: the name of such a joint also names its coordinate."""
     return {c.joint.name for c in d.coordinates if len(c.joint.freedoms) == 1}
 
 
 def _coordinate(d: Displaced, k: int, bounds: Bounds, declared: float, reach: float) -> Unknown:
+    """Coordinate k as an unknown."""
     c = d.coordinates[k]
     name, where = c.signal.name, f"scene {d.name!r}, positions: joint {c.joint.name!r}"
     if c.is_imposed:
@@ -275,20 +296,21 @@ def _coordinate(d: Displaced, k: int, bounds: Bounds, declared: float, reach: fl
     )  # fmt: skip
 
 
-def _row_sizes(b: Balance, reach: float, rng: np.random.Generator) -> Array:
-    """Largest terms of each row at some positions; those of gaps are the size of the scene."""
-    count = len(b.sizes)
+def _row_sizes(equations: EquilibriumEquations, reach: float, rng: np.random.Generator) -> Array:
+    """Size (m,) of each row: the largest terms of an effort at some positions, `reach` for a gap."""
+    count = len(equations.sizes)
     sizes = np.zeros(count)
-    start = np.array([unknown.start for unknown in b.unknowns])
+    start = np.array([unknown.start for unknown in equations.unknowns])
     for k in range(_SAMPLES + 1):
-        s = start if k == 0 else random_start(b, rng)
-        found = reduce_at(b, s)
-        offset = b.offset(s)[0].full()[:, 0]
-        if np.isfinite(found.rows).all() and np.isfinite(offset).all():
-            slopes = np.abs(b.slopes(s, found.w)[1].full()) * [u.size for u in b.unknowns]
+        s = start if k == 0 else random_start(equations, rng)
+        projected = project_at(equations, s)
+        offset = equations.offset(s)[0].full()[:, 0]
+        if np.isfinite(projected.rows).all() and np.isfinite(offset).all():
+            slopes = np.abs(equations.slopes(s, projected.w)[1].full())
+            slopes = slopes * [unknown.size for unknown in equations.unknowns]
             sizes = np.maximum(sizes, np.abs(offset))
             sizes = np.maximum(sizes, np.max(slopes, axis=1, initial=0.0))
-    units = [signal.unit for signal in b.displaced.row_signals]
+    units = [signal.unit for signal in equations.displaced.row_signals]
     efforts = np.array([unit in ("N", "N m") for unit in units], dtype=bool)
     arm = np.array([reach if unit == "N m" else 1.0 for unit in units])
     least = _SMALL * np.max((sizes / arm)[efforts], initial=0.0)

@@ -1,4 +1,4 @@
-"""A scene at an equilibrium that was found: positions, and the efforts of springs there, written in."""
+"""Scenes with the positions of an equilibrium, and the efforts of their springs there, written in."""
 
 from typing import Any
 
@@ -10,33 +10,39 @@ from mbdlft.base.description import Quantity
 from mbdlft.base.errors import TrimError
 from mbdlft.base.parameter import Parameter
 from mbdlft.multibody.assembly import assemble
-from mbdlft.multibody.equilibrium.displaced import Displaced, JointCoordinate, displace
+from mbdlft.multibody.equilibrium.displaced import (
+    Displaced,
+    JointCoordinate,
+    displace,
+    in_physical,
+)
 from mbdlft.multibody.equilibrium.find import EquilibriumPoint
 from mbdlft.multibody.force import Spring
-from mbdlft.multibody.joint import Joint, Rotation, labelled
+from mbdlft.multibody.joint import Joint, Rotation, coordinate_label
 from mbdlft.multibody.scene import Constant, Scene
-from mbdlft.problem.equations import physical_symbols
 from mbdlft.problem.relinearize import relinearize
 
 
 def at_equilibrium(scene: Scene, point: EquilibriumPoint) -> Scene:
-    """The scene with the positions of an equilibrium as numbers.
+    """Write the positions of an equilibrium into its scene, as numbers.
 
-    A joint with a `stiffness` and a `preload` gets the preload (preload) - (stiffness) q: its spring is
-    displaced by q there. A spring with a given force density gets that of its law. The nominal of a
-    parameter that was found becomes its value. Parameters stay parameters; `to_lft` needs an equilibrium
-    for all their values, so the positions must not depend on them.
+    A joint with a `stiffness` and a `preload` gets the preload (preload) - (stiffness) q, as its spring
+    is displaced by q at the equilibrium. A spring with a given force density gets the force density that
+    its law has there. A parameter that was an unknown of the search gets the found value as its nominal.
+    Parameters stay parameters. `to_lft` needs an equilibrium for all values of the parameters, so the
+    positions must not depend on them.
 
     Parameters
     ----------
     scene : Scene
-        The one that was searched.
+        The scene that `find_equilibrium` was given.
     point : EquilibriumPoint
+        The equilibrium that it found.
 
     Raises
     ------
     TrimError
-        The point is one of another scene, or a parameter was found at an end of its range.
+        The point is an equilibrium of another scene, or a parameter was found at an end of its range.
     """
     d = displace(scene)
     declared, densities = _declared(d, scene, point)
@@ -62,7 +68,7 @@ def at_equilibrium(scene: Scene, point: EquilibriumPoint) -> Scene:
     ]
     update: dict[str, Any] = {"joints": tuple(joints), "loads": tuple(loads)}
     update["parameters"] = tuple(
-        _renamed(p, point.parameters[p.name]) if p.name in point.found else p
+        _with_nominal(p, point.parameters[p.name]) if p.name in point.found else p
         for p in scene.parameters
     )
     return scene.model_copy(update=update)
@@ -74,24 +80,25 @@ def eigenvalues_at(scene: Scene, point: EquilibriumPoint) -> Array:
     Parameters
     ----------
     scene : Scene
-        The one that was searched.
+        The scene that `find_equilibrium` was given.
     point : EquilibriumPoint
+        The equilibrium that it found.
 
     Raises
     ------
     WellPosednessError
         The mass matrix is singular.
     SceneError, TrimError
-        As `assemble` and `to_lft`, such as a mechanism in a singular position.
+        As `assemble` and `to_lft` raise them, such as for a mechanism in a singular position.
     """
     equations = assemble(at_values(at_equilibrium(scene, point), point))
     matrices = relinearize(equations, (), (), np.zeros((1, 0))).linear.matrices
-    found = np.linalg.eigvals(matrices[0][: len(equations.states), : len(equations.states)])
-    return np.asarray(found[np.argsort(-found.real)])
+    eigenvalues = np.linalg.eigvals(matrices[0][: len(equations.states), : len(equations.states)])
+    return np.asarray(eigenvalues[np.argsort(-eigenvalues.real)])
 
 
 def at_values(scene: Scene, point: EquilibriumPoint) -> Scene:
-    """The scene with constants in place of parameters, at the values of the point."""
+    """The scene with constants in place of parameters, with their values at the equilibrium."""
     constants = dict(scene.constants)
     for parameter in scene.parameters:
         constants[parameter.name] = Constant(
@@ -103,15 +110,10 @@ def at_values(scene: Scene, point: EquilibriumPoint) -> Scene:
 def _declared(
     d: Displaced, scene: Scene, point: EquilibriumPoint
 ) -> tuple[Array, dict[str, Quantity]]:
-    """Declared positions (n,) and new force densities of springs by name."""
-    symbols, p, cosine, sine = physical_symbols(d.parameters)
+    """Declared positions (n,) (rad, m), and the force densities of springs at the point, by name."""
     springs = [s for s in scene.loads if isinstance(s, Spring) and s.force_density is not None]
     lengths = ca.SX(ca.vertcat(*(d.lengths[spring.name] for spring in springs)))
-    expressions = ca.substitute(
-        [ca.densify(d.declared), ca.densify(lengths)],
-        [d.p, d.cosine, d.sine],
-        [p, cosine, sine],
-    )
+    symbols, expressions = in_physical(d, [d.declared, lengths])
     function = ca.Function("declared", [symbols, d.q], expressions)
     values = [point.parameters[parameter.name] for parameter in d.parameters]
     declared, before = (part.full().reshape(-1) for part in function(values, 0.0))
@@ -126,14 +128,13 @@ def _declared(
 
 def declared_positions(d: Displaced) -> Array:
     """Declared positions (n,) at nominal (rad, m)."""
-    symbols, p, cosine, sine = physical_symbols(d.parameters)
-    declared = ca.substitute([ca.densify(d.declared)], [d.p, d.cosine, d.sine], [p, cosine, sine])
+    symbols, declared = in_physical(d, [d.declared])
     function = ca.Function("declared", [symbols], declared)
     return np.asarray(function([p.nominal for p in d.parameters]).full()[:, 0])
 
 
 def displacements(d: Displaced, point: EquilibriumPoint, declared: Array) -> Array:
-    """q (n,) of a point; of balls 2 tan(angle/2) axis."""
+    """Displacements q (n,) of a point from the declared positions; 2 tan(angle/2) axis for rotations."""
     q = np.zeros(len(d.coordinates))
     for k, c in enumerate(d.coordinates):
         if c.signal.name in point.positions:
@@ -147,7 +148,7 @@ def displacements(d: Displaced, point: EquilibriumPoint, declared: Array) -> Arr
 
 
 def _density(spring: Spring, ratio: float) -> Quantity:
-    """k - (k - h) l_declared/l."""
+    """Force density k - (k - h) l_declared/l of a spring, with `ratio` l_declared/l."""
     k, h = spring.stiffness, spring.force_density
     if ratio == 1.0:
         return h if h is not None else 0.0
@@ -162,7 +163,7 @@ def _moved(
     positions: dict[int, float],
     declared: Array,
 ) -> Joint:
-    """A joint with some of its coordinates at new positions, by index."""
+    """The joint with new positions, by index of the coordinate; `declared` (n,) are the old ones."""
     update: dict[str, Any] = {}
     entries = [(k, c) for k, c in enumerate(coordinates) if c.joint.name == joint.name]
     expected = joint.quantities()
@@ -178,8 +179,8 @@ def _moved(
             within_a_turn(positions[k]) if c.freedom.turns else positions[k],
         )
         if c.is_sprung and c.is_passive:
-            preload = expected[labelled("preload", c.freedom)].source
-            stiffness = expected[labelled("stiffness", c.freedom)].source
+            preload = expected[coordinate_label("preload", c.freedom)].source
+            stiffness = expected[coordinate_label("stiffness", c.freedom)].source
             q = positions[k] - declared[k]
             put_entry(joint, update, "preload", index, _relaxed(preload, stiffness, float(q)))
     vector = np.array([positions[k] for k, c in entries if c.is_ball and k in positions])
@@ -191,7 +192,7 @@ def _moved(
 
 
 def put_entry(joint: Joint, update: dict[str, Any], key: str, index: int, value: Quantity) -> None:
-    """Note a new value of one entry of a quantity of a joint in `update`."""
+    """Put the new value of one entry of a quantity of a joint into `update`, the changed fields."""
     if len(joint.freedoms) == 1:
         update[key] = value
         return
@@ -206,13 +207,14 @@ def within_a_turn(angle: float) -> float:
 
 
 def _relaxed(preload: Quantity, stiffness: Quantity, q: float) -> Quantity:
+    """The quantity preload - stiffness q."""
     if isinstance(preload, float) and isinstance(stiffness, float):
         return preload - stiffness * q
     return f"({preload}) - ({stiffness})*({q!r})"
 
 
-def _renamed(parameter: Parameter, value: float) -> Parameter:
-    """The parameter with a new nominal."""
+def _with_nominal(parameter: Parameter, value: float) -> Parameter:
+    """The parameter with a new nominal value."""
     p = parameter
     if not p.low < value < p.high:
         raise TrimError(

@@ -1,4 +1,4 @@
-"""What every kind of load has: a name, quantities, one magnitude, and wrenches on bodies."""
+"""The base classes of all kinds of loads: a name, quantities, one magnitude, and wrenches on bodies."""
 
 import abc
 from collections.abc import Mapping
@@ -13,7 +13,11 @@ from mbdlft.base.signal import Signal
 
 
 class Space(Protocol):
-    """What a load sees of the bodies, at their displaced positions and at equilibrium."""
+    """The positions of the bodies that a load may ask for, displaced and at equilibrium.
+
+    `gravity` (3,) is that of the scene, in its axes (m/s^2). `elastic` is 1; it is 0 where the part of
+    a spring's force that follows its elongation must be left out.
+    """
 
     gravity: ca.SX
 
@@ -21,18 +25,21 @@ class Space(Protocol):
         """Body of a port, and its position (3,) from the inboard port in the axes of the body (m)."""
 
     def outward(self, vector: ca.SX, body: str) -> ca.SX:
-        """Components (3,) in the axes of a body of a vector fixed in the axes of the scene."""
+        """Components (3,) in the axes of a body of a vector that is constant in the axes of the scene."""
 
     def between(self, a: str, b: str) -> ca.SX:
         """Vector (3,) from port a to port b, in the axes of the body of a (m)."""
 
     def between_at_rest(self, a: str, b: str) -> ca.SX:
-        """The same at equilibrium."""
+        """The same vector (3,) at equilibrium (m)."""
 
     def departure(self, a: str, b: str, order: int) -> ca.SX:
-        """Displacement (order 0) or velocity (1) of b relative to a, first order, axes of a at rest."""
+        """Displacement (order 0) or velocity (1) of b relative to a, (3,), to first order.
 
-    elastic: float  # 1; 0 where the magnitude follows the law of a spring by itself
+        The components are in the axes that the body of a has at equilibrium.
+        """
+
+    elastic: float
 
 
 class BodyWrench(NamedTuple):
@@ -45,11 +52,12 @@ class BodyWrench(NamedTuple):
 class Load(Description, abc.ABC):
     """A load; every concrete kind is final. Its magnitude is an input of the model.
 
-    A magnitude that is left out is an unknown of the trim.
+    `signal` names the magnitude and its unit, `magnitude_key` the field that gives its value at
+    equilibrium. If this value is left out, the trim solves for it.
     """
 
     kind: ClassVar[str]
-    signal: ClassVar[Signal]  # the magnitude
+    signal: ClassVar[Signal]
     magnitude_key: ClassVar[str]
 
     name: Name
@@ -60,19 +68,25 @@ class Load(Description, abc.ABC):
 
     @abc.abstractmethod
     def quantities(self) -> dict[str, Expected]:
-        """All quantities by label, each as given and with the unit it must fit."""
+        """All quantities by label, each as it was given and with the unit that its value must have."""
 
     @abc.abstractmethod
     def ports(self) -> dict[str, str]:
-        """The ports it acts at, by key."""
+        """The ports at which the load acts, by the name of the field."""
 
     @abc.abstractmethod
     def wrenches(self, values: Values, magnitude: ca.SX, space: Space) -> list[BodyWrench]:
-        """Wrenches on the bodies, linear in the magnitude."""
+        """Wrenches on the bodies; they are linear in the magnitude.
+
+        `values` has one SX or float per label.
+        """
 
 
 class DirectedLoad(Load, abc.ABC):
-    """A force or torque along a direction that is fixed in the body or in the scene."""
+    """A force or torque along a direction that is constant in the body or in the scene.
+
+    `frame` is ``body`` if the direction turns with the body of `port`, ``ground`` if it does not.
+    """
 
     port: Text
     direction: Direction

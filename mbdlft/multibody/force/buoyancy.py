@@ -12,7 +12,10 @@ from mbdlft.multibody.spatial import move_wrench
 
 @final
 class Buoyancy(Load):
-    """force = - displaced_mass gravity at `port`; `displaced_mass` (kg) is density times volume."""
+    """A force of minus `displaced_mass` times gravity at `port`, the center of buoyancy.
+
+    `displaced_mass` (kg) is the density of the fluid times the displaced volume.
+    """
 
     kind: ClassVar[str] = "buoyancy"
     signal: ClassVar[Signal] = Signal("displaced_mass", "kg")

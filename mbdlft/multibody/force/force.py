@@ -1,4 +1,4 @@
-"""A force of one magnitude along a direction, at a port: thrust (in the body) or a pull in the scene."""
+"""A force along a direction at a port: a thrust turns with its body, a constant pull does not."""
 
 from typing import ClassVar, final
 
@@ -13,7 +13,10 @@ from mbdlft.multibody.spatial import move_wrench
 
 @final
 class Force(DirectedLoad):
-    """`magnitude` (N) along `direction` at `port`; `frame` is ``body`` (follower) or ``ground``."""
+    """A force of `magnitude` (N) along `direction` at `port`.
+
+    `frame` is ``body`` (the force turns with the body) or ``ground`` (it keeps its direction).
+    """
 
     kind: ClassVar[str] = "force"
     signal: ClassVar[Signal] = Signal("force", "N")
@@ -31,6 +34,6 @@ class Force(DirectedLoad):
 
 
 def directed(direction: Direction, frame: str, body: str, space: Space) -> ca.SX:
-    """Unit vector (3,) of a direction in the axes of a body."""
+    """Unit vector (3,), in the axes of a body, along a direction of the frame ``body`` or ``ground``."""
     unit = ca.sparsify(ca.SX(np.asarray(direction) / np.linalg.norm(direction)))
     return unit if frame == "body" else space.outward(unit, body)

@@ -1,9 +1,11 @@
 """A spring and damper between two ports.
 
-    f_a = h r + ((k - h) r'dr + c r'dr_dot) r / (r'r),      r from a to b, f_a the force on a
+    f_a = h r + ((k - h) r'dr + c r'dr_dot) r / (r'r)
 
-h = tension/length at equilibrium is the force density: with it the geometric stiffness h and the elastic
-stiffness (k - h) r r'/(r'r) are rational in the parameters, and no length, a square root, is needed.
+f_a is the force on the port a, r the vector from a to the other port b, dr its change from the
+equilibrium; k is the stiffness, c the damping. The force density h is the tension over the length at
+equilibrium. With h, the geometric stiffness h and the elastic stiffness (k - h) r r'/(r'r) are rational
+in the parameters: the length, a square root, does not appear.
 """
 
 from typing import ClassVar, Self, final
@@ -20,11 +22,11 @@ from mbdlft.multibody.spatial import move_wrench
 
 @final
 class Spring(Load):
-    """From port `parent` to port `child`: `stiffness` (N/m), `damping` (N s/m).
+    """A spring with `stiffness` (N/m) and a damper with `damping` (N s/m) between two ports.
 
-    Its tension at equilibrium is given by `force_density` (N/m), tension over length, or by
-    `rest_length` (m) where the ports have one distance for all parameters; with neither the
-    trim solves for the force density.
+    `force_density` (N/m), tension over length, gives the tension at equilibrium. `rest_length` (m) may
+    give it instead if the distance of the ports at equilibrium does not depend on parameters. With
+    neither of them the trim solves for the force density.
     """
 
     kind: ClassVar[str] = "spring"
@@ -51,23 +53,23 @@ class Spring(Load):
         return {"parent": self.parent, "child": self.child}
 
     def quantities(self) -> dict[str, Expected]:
-        found = {
+        quantities = {
             "stiffness": Expected(self.stiffness, "N/m"),
             "damping": Expected(self.damping, "N s/m"),
         }
         if self.force_density is not None:
-            found["force_density"] = Expected(self.force_density, "N/m")
+            quantities["force_density"] = Expected(self.force_density, "N/m")
         if self.rest_length is not None:
-            found["rest_length"] = Expected(self.rest_length, "m")
-        return found
+            quantities["rest_length"] = Expected(self.rest_length, "m")
+        return quantities
 
     def wrenches(self, values: Values, magnitude: ca.SX, space: Space) -> list[BodyWrench]:
-        found = []
+        wrenches = []
         for a, b in ((self.parent, self.child), (self.child, self.parent)):
             body, at = space.port(a)
             r = space.between_at_rest(a, b)
             along = (values["stiffness"] - magnitude) * ca.dot(r, space.departure(a, b, 0))
             along = space.elastic * along + values["damping"] * ca.dot(r, space.departure(a, b, 1))
             force = space.between(a, b) * magnitude + r * (along / ca.dot(r, r))
-            found.append(BodyWrench(body, move_wrench(ca.horzcat(force, ca.SX(3, 1)), at)))
-        return found
+            wrenches.append(BodyWrench(body, move_wrench(ca.horzcat(force, ca.SX(3, 1)), at)))
+        return wrenches

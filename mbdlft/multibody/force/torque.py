@@ -1,4 +1,4 @@
-"""A torque of one magnitude about a direction, on the body of a port."""
+"""A torque about a direction, on the body of a port."""
 
 from typing import ClassVar, final
 
@@ -12,7 +12,10 @@ from mbdlft.multibody.force.force import directed
 
 @final
 class Torque(DirectedLoad):
-    """`magnitude` (N m) about `direction`; `frame` is ``body`` (follower) or ``ground``."""
+    """A torque of `magnitude` (N m) about `direction` on the body of `port`.
+
+    `frame` is ``body`` (the torque turns with the body) or ``ground`` (it keeps its direction).
+    """
 
     kind: ClassVar[str] = "torque"
     signal: ClassVar[Signal] = Signal("torque", "N m")

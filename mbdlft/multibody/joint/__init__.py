@@ -3,7 +3,7 @@
 from mbdlft.multibody.joint.base import Joint as Joint
 from mbdlft.multibody.joint.base import MovingJoint as MovingJoint
 from mbdlft.multibody.joint.base import Rotation as Rotation
-from mbdlft.multibody.joint.base import labelled as labelled
+from mbdlft.multibody.joint.base import coordinate_label as coordinate_label
 from mbdlft.multibody.joint.cylindrical import Cylindrical as Cylindrical
 from mbdlft.multibody.joint.fixed import Fixed as Fixed
 from mbdlft.multibody.joint.free import Free as Free

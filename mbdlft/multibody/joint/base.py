@@ -1,7 +1,8 @@
-"""What every kind of joint has: two ports, an orientation, coordinates, and the moves between them.
+"""The base classes of all kinds of joints: two ports, an orientation, coordinates, and moves.
 
-A joint places the frame of its child's port on its parent's port; at zero position, and without an
-`orientation`, their axes are parallel. Its coordinates are displacements from the equilibrium.
+A joint leads from the frame p of its parent's port to the frame c of its child's port, by R_pc and r_pc
+(see `mbdlft.multibody.spatial`). At zero position, and without an `orientation`, R_pc = 1 and r_pc = 0.
+The coordinates of a joint are displacements from the equilibrium.
 """
 
 import abc
@@ -52,7 +53,7 @@ def sliding(label: str = "", suffix: str = "") -> Freedom:
 
 @final
 class Rotation(Description):
-    """A rotation by `angle` (rad) about `axis`, a direction in the frame turned so far."""
+    """A rotation by `angle` (rad) about `axis`, whose components are in the axes before this rotation."""
 
     axis: Direction
     angle: Quantity
@@ -70,8 +71,7 @@ class Rotation(Description):
 class Joint(Description, abc.ABC):
     """A joint; every concrete kind is final. `parent` and `child` are ``body`` or ``body.port``.
 
-    `orientation` are rotations from the axes of the parent's port to those of the joint. An
-    `imposed` joint has its acceleration as input, in place of its effort.
+    `orientation` is a sequence of rotations from the axes of the parent's port to those of the joint.
     """
 
     kind: ClassVar[str]
@@ -87,18 +87,21 @@ class Joint(Description, abc.ABC):
         return f"joint {fields.get('name', '')!r}"
 
     def own_quantities(self) -> dict[str, Expected]:
-        """The quantities of this kind by label, apart from the orientation."""
+        """The quantities of this kind by label, without those of the orientation."""
         return {}
 
     def quantities(self) -> dict[str, Expected]:
-        """All quantities by label, each as given and with the unit it must fit."""
+        """All quantities by label, each as it was given and with the unit that its value must have."""
         angles = {
             f"orientation.{k}": Expected(r.angle, "rad") for k, r in enumerate(self.orientation)
         }
         return angles | self.own_quantities()
 
     def moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
-        """Factors of the joint, from the parent's port to the child's."""
+        """The moves that make the joint, in their order from the parent's port to the child's.
+
+        `values` has one SX or float per label, `at` the coordinates of the joint.
+        """
         placed: tuple[Move, ...] = ()
         for k, rotation in enumerate(self.orientation):
             placed += turned(unit_vector(rotation.axis), values[f"orientation.{k}"])
@@ -106,10 +109,10 @@ class Joint(Description, abc.ABC):
 
     @abc.abstractmethod
     def own_moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
-        """Factors of the joint after its orientation."""
+        """The moves of the joint that follow its orientation."""
 
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
-        """Which condition of physics fails at one of the sampled values, or None."""
+        """The condition of physics that fails at one of the sampled values (samples,), or None."""
         for label, value in values.items():
             if label.startswith("actuator_inertia") and np.min(value) < 0:
                 return f"the {label} is negative in the range: {float(np.min(value)):g}."
@@ -119,9 +122,10 @@ class Joint(Description, abc.ABC):
 class MovingJoint(Joint, abc.ABC):
     """A joint with coordinates.
 
-    A kind declares `position`, `stiffness`, `damping`, `actuator_inertia` and `preload`: a quantity
-    if it has one coordinate, a tuple with one for each if it has several. `preload` is the effort
-    at equilibrium; where it is left out, the trim solves for it.
+    A kind declares `position`, `stiffness`, `damping`, `actuator_inertia` and `preload`: each is a
+    quantity if the kind has one coordinate, and a tuple of quantities, one for each coordinate, if it
+    has several. `preload` is the effort at equilibrium; where it is left out, the trim solves for it.
+    The model has the effort of a joint as input; for an `imposed` joint, its acceleration.
     """
 
     imposed: bool = False
@@ -137,15 +141,15 @@ class MovingJoint(Joint, abc.ABC):
         return self
 
     def own_quantities(self) -> dict[str, Expected]:
-        found: dict[str, Expected] = {}
+        quantities: dict[str, Expected] = {}
         for key, (turn, slide) in _UNITS.items():
             given = getattr(self, key, None)
             if given is None or (key == "preload" and self.imposed):
                 continue
             for freedom, value in zip(self.freedoms, _entries(given), strict=False):
                 unit = turn if freedom.turns else slide
-                found[labelled(key, freedom)] = Expected(value, unit)
-        return found
+                quantities[coordinate_label(key, freedom)] = Expected(value, unit)
+        return quantities
 
 
 _UNITS = {
@@ -158,16 +162,21 @@ _UNITS = {
 
 
 def _entries(given: Quantity | tuple[Quantity, ...]) -> tuple[Quantity, ...]:
+    """The quantities of each coordinate."""
     return given if isinstance(given, tuple) else (given,)
 
 
-def labelled(key: str, freedom: Freedom) -> str:
+def coordinate_label(key: str, freedom: Freedom) -> str:
     """Label of a quantity of one coordinate: ``stiffness``, or ``stiffness.x``."""
     return f"{key}.{freedom.label}" if freedom.label else key
 
 
 class AxisJoint(Joint, abc.ABC):
-    """A joint about or along one axis, a direction in the frame of either port."""
+    """A joint about or along one axis.
+
+    The components of `axis` are the same in the frames of both ports, as the joint turns about it or
+    does not turn; they are taken after the `orientation`.
+    """
 
     axis: Direction
 
@@ -177,7 +186,7 @@ class AxisJoint(Joint, abc.ABC):
         return with_length("axis", axis)
 
     def direction(self) -> ca.SX:
-        """The axis with unit length (3,); exact zeros stay structural."""
+        """The axis with unit length (3,); a zero component is a structural zero of the SX."""
         return unit_vector(self.axis)
 
 
@@ -190,8 +199,8 @@ def with_length(what: str, axis: Direction) -> Direction:
     return axis
 
 
-@lru_cache(maxsize=64)  # a tree asks for few of them, again and again
+@lru_cache(maxsize=64)  # a scene has few directions, and each is used many times
 def unit_vector(direction: Direction) -> ca.SX:
-    """The direction with unit length (3,); exact zeros stay structural."""
+    """The direction with unit length (3,); a zero component is a structural zero of the SX."""
     axis = np.asarray(direction) / np.linalg.norm(direction)
     return ca.sparsify(ca.SX(axis))

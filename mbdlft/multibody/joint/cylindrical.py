@@ -13,7 +13,10 @@ Pair = tuple[Quantity, Quantity]
 
 @final
 class Cylindrical(AxisJoint, MovingJoint):
-    """Along `axis` (m), then about it (rad); each quantity is [of the position, of the angle]."""
+    """The child moves along `axis` (m) and then turns about it (rad).
+
+    Each quantity is a pair: the first entry is for the translation, the second for the rotation.
+    """
 
     kind: ClassVar[str] = "cylindrical"
     freedoms: ClassVar[tuple[Freedom, ...]] = (sliding("position"), turning("angle"))

@@ -1,4 +1,4 @@
-"""A fixed joint: no degree of freedom; it may hold a rotation about an axis."""
+"""A fixed joint: it has no degree of freedom and may turn the child by a constant angle about an axis."""
 
 from typing import ClassVar, final
 
@@ -11,7 +11,7 @@ from mbdlft.multibody.spatial import Coordinate
 
 @final
 class Fixed(AxisJoint):
-    """The child's port is clamped on the parent's, turned by `position` (rad) about `axis`."""
+    """The child's port is clamped on the parent's port, turned by `position` (rad) about `axis`."""
 
     kind: ClassVar[str] = "fixed"
     freedoms: ClassVar[tuple[Freedom, ...]] = ()

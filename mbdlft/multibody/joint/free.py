@@ -1,4 +1,4 @@
-"""A free joint: no constraint; three translations and a small rotation vector, 12 states."""
+"""A free joint: no constraint, but three translations and a small rotation vector, so 12 states."""
 
 from typing import ClassVar, final
 
@@ -16,10 +16,12 @@ _NONE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 @final
 class Free(MovingJoint):
-    """Along the axes of the parent's port (m), then a small rotation vector in the axes of the child.
+    """The child moves freely: three translations, then a rotation by a small rotation vector.
 
-    `position` (m) and `orientation` are the equilibrium. Quantities are [x, y, z of the translation,
-    x, y, z of the rotation]. Nothing holds a free body: its `preload` is zero unless it is given.
+    The translations (m) are along the axes of the parent's port; the components of the rotation vector
+    (rad) are in the axes of the child. `position` (m) and `orientation` are those of the equilibrium.
+    Each other quantity has six entries: x, y, z of the translation, then x, y, z of the rotation. Nothing
+    holds a free body, so its `preload` is zero unless it is given.
     """
 
     kind: ClassVar[str] = "free"
@@ -34,7 +36,7 @@ class Free(MovingJoint):
     preload: Six = _NONE
 
     def moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
-        """Translations in the axes of the parent's port, before the orientation."""
+        """The moves of the joint; the translations, in the axes of the parent's port, come first."""
         place = ca.SX(ca.vertcat(*(values[f"position.{axis}"] for axis in AXES)))
         slides = (Slide(ca.SX.eye(3)[:, k], at.part(k)) for k in range(3))
         turned = Joint.moves(self, values, at)

@@ -1,13 +1,14 @@
-"""The factors of a joint: how vectors, motions and wrenches cross each of them.
+"""Moves, the factors of a joint: each transforms vectors, motions and wrenches between two frames.
 
-A joint is a product of moves from the port of the parent to that of the child: constant ones (`Turned`,
-`Shifted`) that place the equilibrium, and those with coordinates (`Hinge`, `Slide`, `Ball`). For
-every move, with B before it and A after it,
+A joint is a product of moves from the frame of the parent's port to that of the child's port. Constant
+moves (`Turned`, `Shifted`) place the equilibrium; the others (`Hinge`, `Slide`, `Ball`) have coordinates.
+A move leads from the frame p on its parent's side to the frame c on its child's side. With R_pc and r_pc
+as in `mbdlft.multibody.spatial`, a free vector v, a point at x, a force f and its torque tau transform by
 
-    v_A = R' v_B,      r_B = offset + R r_A,      f_B = R f_A,   torque_B = R torque_A + offset x f_B
+    v_c = R_pc' v_p,    x_p = r_pc + R_pc x_c,    f_p = R_pc f_c,    tau_p = R_pc tau_c + r_pc x f_p
 
-Motions are (3, 3), wrenches (3, 2): see `mbdlft.multibody.spatial`. Efforts are those of the recursive
-Newton-Euler algorithm (Featherstone, section 5.3).
+Motions are (3, 3), wrenches (3, 2). Efforts are those of the recursive Newton-Euler algorithm
+(Featherstone, section 5.3).
 """
 
 import abc
@@ -22,7 +23,7 @@ from mbdlft.multibody.spatial import Coordinate, move_motion, move_wrench, rotat
 
 
 class Turn(NamedTuple):
-    """One factor of an equilibrium rotation: cosine and sine of its angle."""
+    """One of the rotations that make an equilibrium rotation: cosine and sine of its angle."""
 
     cosine: ca.SX | float
     sine: ca.SX | float
@@ -33,58 +34,58 @@ class Move(abc.ABC):
 
     degrees_of_freedom: int = 0
 
-    def rotated(self, vectors: ca.SX) -> ca.SX:
-        """R v: components before the move of vectors (3, n) given after it."""
+    def in_parent_axes(self, vectors: ca.SX) -> ca.SX:
+        """R_pc v: components in frame p of vectors (3, n) that are given in frame c."""
         return vectors
 
-    def rotated_back(self, vectors: ca.SX) -> ca.SX:
-        """R' v: components after the move of vectors (3, n) given before it."""
+    def in_child_axes(self, vectors: ca.SX) -> ca.SX:
+        """R_pc' v: components in frame c of vectors (3, n) that are given in frame p."""
         return vectors
 
     def offset(self) -> ca.SX:
-        """Displacement (3,) of the origin, in the axes before the move (m)."""
+        """r_pc (3,): position of the origin of frame c from that of frame p, in the axes of p (m)."""
         return ca.SX(3, 1)
 
     @abc.abstractmethod
     def motion(self, motion: ca.SX) -> ca.SX:
-        """Motion (3, 3) after the move, from that before it."""
+        """Motion (3, 3) of frame c, in its axes, from the motion of frame p in the axes of p."""
 
     @abc.abstractmethod
     def wrench(self, wrench: ca.SX) -> ca.SX:
-        """Wrench (3, 2) before the move, from that after it."""
+        """Wrench (3, 2) about the origin of p, in its axes, from the same wrench in frame c."""
 
     def carried(self, wrench: ca.SX, motion: ca.SX) -> ca.SX:
-        """Wrench (3, 2) after the move with that of the actuator's inertia added."""
+        """Wrench (3, 2) in frame c, with the wrench that the actuator's inertia needs added to it."""
         return wrench
 
     def effort(self, carried: ca.SX, motion: ca.SX) -> ca.SX:
-        """Efforts (degrees_of_freedom,) for a carried wrench and the motion after the move."""
+        """Efforts (degrees_of_freedom,) for the wrench of `carried` and the motion of frame c."""
         return ca.SX(0, 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turned(Move):
-    """A constant rotation about `axis`."""
+    """A constant rotation about the unit vector `axis` (3,)."""
 
     axis: ca.SX
     turn: Turn
 
-    def rotated(self, vectors: ca.SX) -> ca.SX:
+    def in_parent_axes(self, vectors: ca.SX) -> ca.SX:
         return rotate(self.axis, *self.turn, vectors)
 
-    def rotated_back(self, vectors: ca.SX) -> ca.SX:
+    def in_child_axes(self, vectors: ca.SX) -> ca.SX:
         return rotate_back(self.axis, *self.turn, vectors)
 
     def motion(self, motion: ca.SX) -> ca.SX:
-        return self.rotated_back(motion)
+        return self.in_child_axes(motion)
 
     def wrench(self, wrench: ca.SX) -> ca.SX:
-        return self.rotated(wrench)
+        return self.in_parent_axes(wrench)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shifted(Move):
-    """A constant displacement by `r` (m)."""
+    """A constant displacement by `r` (3,) (m), which is r_pc; R_pc = 1."""
 
     r: ca.SX
 
@@ -100,14 +101,16 @@ class Shifted(Move):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hinge(Move):
-    """A rotation by q about `axis`.
+    """A rotation by q (rad) about the unit vector `axis` (3,).
 
-        omega_A = R' omega_B + axis qdot,  alpha_A = R' alpha_B + (R' omega_B) x axis qdot + axis qddot
-        effort  = axis . torque_A + n J (axis . alpha_A + (n - 1) qddot)
+        omega_c = R_pc' omega_p + axis qdot
+        alpha_c = R_pc' alpha_p + (R_pc' omega_p) x axis qdot + axis qddot
+        effort  = axis . tau_c + n J (axis . alpha_c + (n - 1) qddot)
 
-    J is the inertia of the actuator, a massless rotor about the axis. It turns with the child where the
-    gear ratio n is 1: equations (7) to (9) of Kassarian et al. 2023. Else it turns n times as far, seen
-    from the parent, which feels J (axis . alpha_B + n qddot), and the effort is that behind the gear.
+    J is the inertia of the actuator, a massless rotor about the axis. With the gear ratio n = 1 it turns
+    with the child: equations (7) to (9) of Kassarian et al. 2023. With another gear ratio the rotor turns
+    n times as far as the child, seen from the parent. Its inertia then acts on the parent with the torque
+    J (axis . alpha_p + n qddot), and the effort is the torque behind the gear, on the child's side.
     """
 
     axis: ca.SX
@@ -116,17 +119,17 @@ class Hinge(Move):
     ratio: ca.SX | float = 1.0
     degrees_of_freedom = 1
 
-    def rotated(self, vectors: ca.SX) -> ca.SX:
+    def in_parent_axes(self, vectors: ca.SX) -> ca.SX:
         return rotate(self.axis, ca.cos(self.at.q), ca.sin(self.at.q), vectors)
 
-    def rotated_back(self, vectors: ca.SX) -> ca.SX:
+    def in_child_axes(self, vectors: ca.SX) -> ca.SX:
         return rotate_back(self.axis, ca.cos(self.at.q), ca.sin(self.at.q), vectors)
 
     def motion(self, motion: ca.SX) -> ca.SX:
-        return ca.SX(_hinge_motion()(self.rotated_back(motion), self.axis, self.at.v, self.at.a))
+        return ca.SX(_hinge_motion()(self.in_child_axes(motion), self.axis, self.at.v, self.at.a))
 
     def wrench(self, wrench: ca.SX) -> ca.SX:
-        return self.rotated(wrench)
+        return self.in_parent_axes(wrench)
 
     def carried(self, wrench: ca.SX, motion: ca.SX) -> ca.SX:
         if isinstance(self.inertia, float) and self.inertia == 0.0:
@@ -134,7 +137,8 @@ class Hinge(Move):
         carried = ca.SX(_hinge_actuator()(wrench, motion, self.axis, self.inertia))
         if not self._is_geared():
             return carried
-        # what the rotor turns more than the child: its spin, which the parent turns along, and its rate
+        # the rotor turns by (n - 1) qdot faster than the child: this additional spin needs a torque where
+        # it changes, and a gyroscopic torque where the body turns its axis
         more = self.inertia * (self.ratio - 1.0)
         gyroscopic = ca.cross(motion[:, 0], self.axis * (more * self.at.v))
         torque = self.axis * (more * self.at.a) + gyroscopic
@@ -154,10 +158,10 @@ class Hinge(Move):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Slide(Move):
-    """A translation by q along `axis`.
+    """A translation by q (m) along the unit vector `axis` (3,): r_pc = axis q, R_pc = 1.
 
-        a_A    = a_P + 2 omega x axis qdot + axis qddot,   P on the parent's side, where A is
-        effort = axis . force_A + m qddot
+        a_c    = a_p + alpha x r_pc + omega x (omega x r_pc) + 2 omega x axis qdot + axis qddot
+        effort = axis . f_c + m qddot
 
     m is the mass that the actuator moves along the axis relative to the parent (a reflected inertia).
     """
@@ -184,41 +188,45 @@ class Slide(Move):
 class Ball(Move):
     """A rotation by the small rotation vector q = 2 tan(theta/2) axis.
 
-        R = 1 + ([q] + [q]^2/2)/(1 + q.q/4)          the Cayley transform: rational, no singularity at 0
-        omega_A = R' omega_B + v,   alpha_A = R' alpha_B + (R' omega_B) x v + vdot
-        effort  = torque_A + J vdot                   J (3,) in the axes of the child
+        R_pc = 1 + ([q] + [q]^2/2)/(1 + q.q/4)       the Cayley transform: rational, no singularity at 0
+        omega_c = R_pc' omega_p + v,   alpha_c = R_pc' alpha_p + (R_pc' omega_p) x v + vdot
+        effort  = tau_c + J vdot                     J (3,) in the axes of the child
 
-    v is the angular velocity relative to the parent in the axes of the child; qdot = v at q = 0, which is
-    all that a linearization needs.
+    [q] is the matrix of the cross product with q. v is the angular velocity relative to the parent, in
+    the axes of the child; at q = 0, qdot = v, and a linearization about q = 0 needs no more.
     """
 
     at: Coordinate
     inertia: ca.SX
     degrees_of_freedom = 3
 
-    def rotated(self, vectors: ca.SX) -> ca.SX:
+    def in_parent_axes(self, vectors: ca.SX) -> ca.SX:
         return ca.SX(_cayley(vectors.shape[1])(self.at.q, vectors))
 
-    def rotated_back(self, vectors: ca.SX) -> ca.SX:
+    def in_child_axes(self, vectors: ca.SX) -> ca.SX:
         return ca.SX(_cayley(vectors.shape[1])(-self.at.q, vectors))
 
     def motion(self, motion: ca.SX) -> ca.SX:
         return ca.SX(_ball_motion()(motion, *self.at))
 
     def wrench(self, wrench: ca.SX) -> ca.SX:
-        return self.rotated(wrench)
+        return self.in_parent_axes(wrench)
 
     def effort(self, carried: ca.SX, motion: ca.SX) -> ca.SX:
         return carried[:, 1] + self.inertia * self.at.a
 
 
 class Deformed(Move):
-    """From the place of a port in the undeformed body to the port: linear in elastic coordinates.
+    """The move by which a deformation displaces a port, linear in the elastic coordinates q (n,).
 
-        r_A = u,   R = rotation by the small rotation vector phi,   [u ; phi] = Phi q
-        effort = Phi_u' f + Phi_phi' (torque_A + phi x torque_A/2)
+    Frame p is where the port is in the undeformed body, frame c the port itself.
 
-    The last term makes the stiffness by an equilibrium torque symmetric: phi is a rotation vector.
+        r_pc = u,   R_pc = rotation by the small rotation vector phi (`Ball`),   [u ; phi] = Phi q
+        effort = Phi_u' f_p + Phi_phi' (tau_c + phi x tau_c/2)
+
+    Because phi is a rotation vector, the last term is needed: with it, the stiffness that an equilibrium
+    torque causes is symmetric. `shape` computes Phi q (6,) for q (n,), `transposed` Phi' w (n,) for a
+    force and torque w (6,).
     """
 
     def __init__(
@@ -233,11 +241,11 @@ class Deformed(Move):
         self.slide = Coordinate(*(vector[:3] for vector in small))
         self.ball = Ball(Coordinate(*(vector[3:] for vector in small)), ca.SX(3, 1))
 
-    def rotated(self, vectors: ca.SX) -> ca.SX:
-        return self.ball.rotated(vectors)
+    def in_parent_axes(self, vectors: ca.SX) -> ca.SX:
+        return self.ball.in_parent_axes(vectors)
 
-    def rotated_back(self, vectors: ca.SX) -> ca.SX:
-        return self.ball.rotated_back(vectors)
+    def in_child_axes(self, vectors: ca.SX) -> ca.SX:
+        return self.ball.in_child_axes(vectors)
 
     def offset(self) -> ca.SX:
         return self.slide.q
@@ -252,25 +260,25 @@ class Deformed(Move):
         return move_wrench(self.ball.wrench(wrench), self.slide.q)
 
     def effort(self, carried: ca.SX, motion: ca.SX) -> ca.SX:
-        force, torque = self.rotated(carried[:, :1]), carried[:, 1]
+        force, torque = self.in_parent_axes(carried[:, :1]), carried[:, 1]
         torque = torque + 0.5 * ca.cross(self.ball.at.q, torque)
         return self.effort_of(ca.vertcat(force, torque))
 
 
 def turned(axis: ca.SX, turns: tuple[Turn, ...]) -> tuple[Turned, ...]:
-    """A rotation about one axis by the sum of the angles of `turns`."""
+    """Constant rotations about the unit vector `axis` (3,), one for each of `turns`."""
     return tuple(Turned(axis, turn) for turn in turns)
 
 
 def shifted(r: ca.SX) -> tuple[Shifted, ...]:
-    """A displacement, or nothing where it is zero."""
+    """A constant displacement by `r` (3,), or no move at all if it is zero."""
     r = ca.sparsify(ca.SX(r))
     return (Shifted(r),) if r.nnz() else ()
 
 
 @cache
 def _hinge_motion() -> ca.Function:
-    """What the rates of a hinge add to a motion in the axes of the child."""
+    """(motion of p in the axes of c (3, 3), axis (3,), qdot, qddot) -> motion of frame c (3, 3)."""
     motion, axis = ca.SX.sym("motion", 3, 3), ca.SX.sym("axis", 3)
     v, a = ca.SX.sym("v"), ca.SX.sym("a")
     omega, alpha, acceleration = ca.horzsplit(motion)
@@ -281,6 +289,7 @@ def _hinge_motion() -> ca.Function:
 
 @cache
 def _hinge_actuator() -> ca.Function:
+    """(wrench (3, 2) and motion (3, 3) of c, axis (3,), J) -> wrench with the rotor's torque (3, 2)."""
     wrench, motion = ca.SX.sym("wrench", 3, 2), ca.SX.sym("motion", 3, 3)
     axis, inertia = ca.SX.sym("axis", 3), ca.SX.sym("J")
     omega, alpha, _ = ca.horzsplit(motion)
@@ -292,6 +301,7 @@ def _hinge_actuator() -> ca.Function:
 
 @cache
 def _slide_motion() -> ca.Function:
+    """(motion of p (3, 3), axis (3,), q, qdot, qddot) -> motion of frame c (3, 3)."""
     motion, axis = ca.SX.sym("motion", 3, 3), ca.SX.sym("axis", 3)
     q, v, a = (ca.SX.sym(name) for name in "qva")
     omega, alpha, acceleration = ca.horzsplit(move_motion(motion, axis * q))
@@ -301,12 +311,14 @@ def _slide_motion() -> ca.Function:
 
 @cache
 def _slide_wrench() -> ca.Function:
+    """(wrench in c (3, 2), axis (3,), q) -> wrench in p (3, 2)."""
     wrench, axis, q = ca.SX.sym("wrench", 3, 2), ca.SX.sym("axis", 3), ca.SX.sym("q")
     return ca.Function("slide_wrench", [wrench, axis, q], [move_wrench(wrench, axis * q)])
 
 
 @cache
 def _cayley(columns: int) -> ca.Function:
+    """(q (3,), vectors in c (3, columns)) -> R_pc times the vectors (3, columns); see `Ball`."""
     q, vectors = ca.SX.sym("q", 3), ca.SX.sym("vectors", 3, columns)
     across = ca.mtimes(ca.skew(q), vectors)
     twice = ca.mtimes(ca.skew(q), across)
@@ -316,6 +328,7 @@ def _cayley(columns: int) -> ca.Function:
 
 @cache
 def _ball_motion() -> ca.Function:
+    """(motion of p (3, 3), q, v, vdot (3,)) -> motion of frame c (3, 3); see `Ball`."""
     motion = ca.SX.sym("motion", 3, 3)
     q, v, a = (ca.SX.sym(name, 3) for name in "qva")
     omega, alpha, acceleration = ca.horzsplit(_cayley(3)(-q, motion))

@@ -16,10 +16,12 @@ Triple = tuple[Quantity, Quantity, Quantity]
 
 @final
 class Planar(AxisJoint, MovingJoint):
-    """In the plane with the normal `axis`: along x and y of the plane (m), then about the normal (rad).
+    """The child moves in the plane with the normal `axis`.
 
-    x, y and the normal are right-handed. Where the normal is a coordinate axis they are the next
-    two (y and z for x); otherwise x is the direction nearest to a coordinate axis, the first of them.
+    It moves along the directions x and y of the plane (m), then turns about the normal (rad). x, y and
+    the normal are right-handed. If the normal is a coordinate axis, x and y are the two coordinate axes
+    that follow it (y and z for the normal x). Otherwise x is the direction of the plane nearest to a
+    coordinate axis; if two are equally near, it is the one for the first coordinate axis.
     """
 
     kind: ClassVar[str] = "planar"
@@ -37,18 +39,18 @@ class Planar(AxisJoint, MovingJoint):
     preload: Triple | None = None
 
     def own_moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
-        found: tuple[Move, ...] = ()
+        moves: tuple[Move, ...] = ()
         for k, (label, direction) in enumerate(zip("xy", plane(self.axis), strict=True)):
             axis = ca.sparsify(ca.SX(direction))
-            found += shifted(axis * values[f"position.{label}"])
-            found += (Slide(axis, at.part(k), values[f"actuator_inertia.{label}"]),)
+            moves += shifted(axis * values[f"position.{label}"])
+            moves += (Slide(axis, at.part(k), values[f"actuator_inertia.{label}"]),)
         normal = self.direction()
-        found += turned(normal, values["position.angle"])
-        return (*found, Hinge(normal, at.part(2), values["actuator_inertia.angle"]))
+        moves += turned(normal, values["position.angle"])
+        return (*moves, Hinge(normal, at.part(2), values["actuator_inertia.angle"]))
 
 
 def plane(normal: Direction) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors x and y; x, y and the normal are right-handed."""
+    """Two unit vectors x and y (3,) across `normal`; x, y and the normal are right-handed."""
     n = np.asarray(normal) / np.linalg.norm(normal)
     along = np.flatnonzero(n)
     if len(along) == 1:

@@ -1,8 +1,9 @@
 """A prismatic joint: one translation along an axis.
 
-    effort = axis . force + m qddot + stiffness q + damping qdot
+    effort = axis . f_c + m qddot + stiffness q + damping qdot
 
-m is the mass that the actuator moves along the axis relative to the parent (a reflected inertia).
+f_c is the force that the child needs, m the mass that the actuator moves along the axis relative to the
+parent (a reflected inertia).
 """
 
 from typing import ClassVar, final
@@ -16,7 +17,10 @@ from mbdlft.multibody.spatial import Coordinate
 
 @final
 class Prismatic(AxisJoint, MovingJoint):
-    """A translation along `axis`; `position` (m), N/m, N s/m, kg, `preload` (N)."""
+    """The child moves along `axis`.
+
+    Units: `position` m, `stiffness` N/m, `damping` N s/m, `actuator_inertia` kg, `preload` N.
+    """
 
     kind: ClassVar[str] = "prismatic"
     freedoms: ClassVar[tuple[Freedom, ...]] = (sliding(),)

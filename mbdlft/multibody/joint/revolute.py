@@ -1,9 +1,10 @@
 """A revolute joint: one rotation about an axis.
 
-    effort = axis . torque + J axis . alpha + stiffness q + damping qdot
+    effort = axis . tau_c + J axis . alpha_c + stiffness q + damping qdot
 
-J is the inertia of the actuator, which turns with the child: Kassarian et al. 2023, equation (7). Behind
-a gear it is a rotor that turns `gear_ratio` times as far as the child, relative to the parent: `Hinge`.
+tau_c is the torque that the child needs, J the inertia of the actuator, which turns with the child:
+Kassarian et al. 2023, equation (7). An actuator with a gear is a rotor that turns `gear_ratio` times as
+far as the child, relative to the parent: see `Hinge`.
 """
 
 from collections.abc import Mapping
@@ -21,10 +22,11 @@ from mbdlft.multibody.spatial import Coordinate
 
 @final
 class Revolute(AxisJoint, MovingJoint):
-    """A rotation about `axis`; `position` (rad), N m/rad, N m s/rad, kg m^2, `preload` (N m).
+    """The child turns about `axis`.
 
-    `gear_ratio` is the angle of the actuator over that of the joint; `actuator_inertia` is that of
-    the rotor itself, in front of the gear, and the effort acts behind it.
+    Units: `position` rad, `stiffness` N m/rad, `damping` N m s/rad, `actuator_inertia` kg m^2, `preload`
+    N m. `gear_ratio` is the angle of the actuator over that of the joint. `actuator_inertia` is the
+    inertia of the rotor itself, in front of the gear; the effort is the torque behind the gear.
     """
 
     kind: ClassVar[str] = "revolute"
@@ -38,10 +40,10 @@ class Revolute(AxisJoint, MovingJoint):
     preload: Quantity | None = None
 
     def own_quantities(self) -> dict[str, Expected]:
-        found = super().own_quantities()
+        quantities = super().own_quantities()
         if self.gear_ratio != 1.0:  # without a gear nothing is multiplied
-            found["gear_ratio"] = Expected(self.gear_ratio, "1")
-        return found
+            quantities["gear_ratio"] = Expected(self.gear_ratio, "1")
+        return quantities
 
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
         ratio = values.get("gear_ratio", np.ones(1))

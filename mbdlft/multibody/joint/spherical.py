@@ -1,6 +1,9 @@
-"""A spherical joint: a rotation about a point, by a small rotation vector.
+"""A spherical joint: a rotation about a point, by a small rotation vector q (3,).
 
-effort = torque + J vdot + stiffness q + damping v        in the axes of the child
+    effort = tau_c + J vdot + stiffness q + damping v
+
+All vectors are in the axes of the child: its relative angular velocity v, the torque tau_c that it needs,
+and the inertia J of the actuators, one for each axis.
 """
 
 from typing import ClassVar, final
@@ -18,7 +21,10 @@ Triple = tuple[Quantity, Quantity, Quantity]
 
 @final
 class Spherical(MovingJoint):
-    """About the point where the ports meet; `orientation` is the equilibrium. Quantities by axis."""
+    """The child turns about the point where the ports meet; `orientation` is that of the equilibrium.
+
+    Each quantity has three entries, for the axes x, y and z of the child.
+    """
 
     kind: ClassVar[str] = "spherical"
     freedoms: ClassVar[tuple[Freedom, ...]] = tuple(

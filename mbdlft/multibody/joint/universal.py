@@ -1,4 +1,4 @@
-"""A universal joint: a rotation about an axis of the parent, then about one of the cross."""
+"""A universal joint: a rotation about an axis of the parent, then about one that the first turns."""
 
 from typing import ClassVar, Self, final
 
@@ -17,7 +17,10 @@ Pair = tuple[Quantity, Quantity]
 
 @final
 class Universal(MovingJoint):
-    """About `axis1`, then about `axis2` in the frame turned by the first; quantities in that order."""
+    """The child turns about `axis1`, and about `axis2`, which the first rotation turns.
+
+    Each quantity is a pair: the first entry is for `axis1`, the second for `axis2`.
+    """
 
     kind: ClassVar[str] = "universal"
     freedoms: ClassVar[tuple[Freedom, ...]] = (turning("1", ".1"), turning("2", ".2"))
@@ -46,8 +49,8 @@ class Universal(MovingJoint):
 
     def own_moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
         axes = (unit_vector(self.axis1), unit_vector(self.axis2))
-        found: tuple[Move, ...] = ()
+        moves: tuple[Move, ...] = ()
         for k, (label, axis) in enumerate(zip("12", axes, strict=True)):
-            found += turned(axis, values[f"position.{label}"])
-            found += (Hinge(axis, at.part(k), values[f"actuator_inertia.{label}"]),)
-        return found
+            moves += turned(axis, values[f"position.{label}"])
+            moves += (Hinge(axis, at.part(k), values[f"actuator_inertia.{label}"]),)
+        return moves

@@ -1,4 +1,4 @@
-"""The user's description of a system: the scene, its TOML form, and its checks."""
+"""Scenes: the user's description of a system, its TOML form, and its checks."""
 
 from mbdlft.multibody.scene.scene import NEEDED as NEEDED
 from mbdlft.multibody.scene.scene import Constant as Constant

@@ -1,7 +1,8 @@
-"""The quantities of a scene, evaluated in whatever number system is asked for.
+"""The quantities of a scene: their places, expressions and values, in any number system.
 
-An angle is a constant, integer multiples of angle parameters, and even multiples of arctangents of
-rational expressions r of plain parameters, whose cosine and sine are rational:
+A quantity that is an angle is a sum of a constant, integer multiples of parameters that are angles, and
+even multiples of arctangents of rational expressions r of other parameters. The cosine and sine of the
+last are rational:
 
     cos(2 atan r) = (1 - r^2)/(1 + r^2),   sin(2 atan r) = 2 r/(1 + r^2)
 """
@@ -30,7 +31,7 @@ _INTEGER = (
 
 
 class Place(NamedTuple):
-    """Where a quantity stands: its owner in words, and its label."""
+    """The place of a quantity in its scene: its owner in words, and its label."""
 
     owner: str
     label: str
@@ -41,7 +42,10 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class AngleSum:
-    """constant + integer multiples of angle parameters and of arctangents of expressions (rad)."""
+    """An angle (rad): a constant, and integer multiples of parameters and of arctangents.
+
+    `multiples` are by name of the parameter, `arctangents` by the expression r of atan(r).
+    """
 
     constant: float = 0.0
     multiples: Mapping[str, int] = field(default_factory=dict)
@@ -85,6 +89,7 @@ class AngleSum:
 
 
 def _summed(first: Mapping[T, int], second: Mapping[T, int]) -> dict[T, int]:
+    """The sums of the counts of each key."""
     merged = dict(first)
     for key, count in second.items():
         merged[key] = merged.get(key, 0) + count
@@ -92,7 +97,10 @@ def _summed(first: Mapping[T, int], second: Mapping[T, int]) -> dict[T, int]:
 
 
 def owners(scene: Scene) -> Iterator[tuple[str, Mapping[str, Expected]]]:
-    """Everything that has quantities: its name in words, and its quantities by label."""
+    """All owners of quantities: their names in words, and their quantities by label.
+
+    The owners are the scene itself, its bodies, joints and loads.
+    """
     gravity = vector_quantities("gravity", scene.gravity, "m s^-2")
     acceleration = vector_quantities("acceleration", scene.acceleration, "m s^-2")
     spin = {"spin.rate": Expected(scene.spin.rate, "rad/s")} if scene.spin else {}
@@ -115,12 +123,12 @@ def unused_names(scene: Scene) -> tuple[str, ...]:
 
 
 def owner_name(item: Body | Joint | Load) -> str:
-    """How messages name a body, a joint or a load."""
+    """The words by which error messages name a body, a joint or a load."""
     return type(item).where({"name": item.name})
 
 
 def expression_at(place: Place, expected: Expected) -> Expression:
-    """Expression of one quantity; an error says where it stands."""
+    """Expression of one quantity; an error names its place."""
     try:
         return parse(expected.source)
     except SceneError as error:
@@ -128,7 +136,7 @@ def expression_at(place: Place, expected: Expected) -> Expression:
 
 
 def value_at(place: Place, expected: Expected, values: Mapping[str, Any]) -> Any:
-    """Value of one quantity; an error says where it stands."""
+    """Value of one quantity; an error names its place."""
     expression = expression_at(place, expected)
     try:
         return evaluate(expression, values)
@@ -137,7 +145,15 @@ def value_at(place: Place, expected: Expected, values: Mapping[str, Any]) -> Any
 
 
 def angle_at(scene: Scene, place: Place, expected: Expected) -> AngleSum:
-    """Value (rad) of a quantity that is an angle."""
+    """Value of a quantity that is an angle (rad).
+
+    Raises
+    ------
+    SceneError
+        The quantity is not an angle, its constant is more than a full turn, or it has too many turns.
+    NotRationalError
+        Its cosine and sine are not rational in the parameters.
+    """
     angles = {p.name for p in scene.parameters if p.is_angle}
     others = {p.name for p in scene.parameters} - angles
     expression, arctangents = _without_arctangents(expression_at(place, expected), angles | others)
@@ -191,14 +207,14 @@ def angle_at(scene: Scene, place: Place, expected: Expected) -> AngleSum:
 def _without_arctangents(
     expression: Expression, parameters: set[str]
 ) -> tuple[Expression, dict[str, Expression]]:
-    """An expression with names in place of arctangents of parameters, and their arguments by name."""
-    found: dict[str, Expression] = {}
+    """An expression with names in place of arctangents of `parameters`, and their arguments by name."""
+    arguments: dict[str, Expression] = {}
 
     def replaced(call: Call) -> Expression | None:
         if call.function != "atan" or not names(call.argument) & parameters:
             return None
         name = f"atan({write(call.argument)})"
-        found[name] = call.argument
+        arguments[name] = call.argument
         return Name(name)
 
-    return with_calls(expression, replaced), found
+    return with_calls(expression, replaced), arguments

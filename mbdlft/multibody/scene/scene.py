@@ -1,4 +1,4 @@
-"""The scene: what a user describes, in Python or as a TOML file."""
+"""The scene: the description of a system by its user, in Python or as a TOML file."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -27,7 +27,7 @@ from mbdlft.multibody.joint.base import with_length
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.sensor import Sensor
 
-ALL, NEEDED = "all", "needed"  # states of the linear model
+ALL, NEEDED = "all", "needed"  # which states the linear model has
 
 
 @final
@@ -44,7 +44,7 @@ class Constant(Description):
 
 @final
 class Spin(Description):
-    """Steady rotation of the frame of the scene about an axis through its origin (rad/s)."""
+    """A steady rotation of the scene's frame about an `axis` through its origin, at `rate` (rad/s)."""
 
     axis: Direction
     rate: Quantity
@@ -61,10 +61,11 @@ class Spin(Description):
 
 @final
 class Fit(Description):
-    """Positions that are rational fits of the equilibrium, as `fit_positions` writes them.
+    """Guaranteed bounds of the errors of positions that `fit_positions` has fitted to the equilibrium.
 
-    `bounds` are guaranteed for all values of the parameters: of positions (rad, m) by coordinate, such as
-    ``hinge.angle``, and of efforts (N m, N) and force densities (N/m) that go with them, by input.
+    The bounds hold for all values of the parameters: `bounds` has those of positions (rad, m) by
+    coordinate, such as ``hinge.angle``, and those of the efforts (N m, N) and force densities (N/m) at
+    these positions by input. `tolerance` is the one that the user asked for.
     """
 
     tolerance: Number
@@ -91,9 +92,11 @@ class Scene(Description):
     name : str
     description : str, optional
     gravity : three numbers or expressions (m/s^2)
-        In the frame of the scene, the axes of the ground.
+        Components in the axes of the ground, which are those of the scene.
     acceleration : three numbers or expressions (m/s^2)
-        Uniform acceleration of the frame of the scene; the same as gravity the other way.
+        Uniform acceleration of the frame of the scene; it acts as minus gravity.
+    spin : `Spin`, optional
+        Steady rotation of the frame of the scene.
     constants : mapping of names to numbers, or to `Constant` with a unit
     parameters : sequence of `Parameter` and `Angle`
     bodies : sequence of bodies
@@ -103,15 +106,15 @@ class Scene(Description):
     loops : sequence of `Loop`
         Closures of kinematic loops.
     fit : `Fit`, optional
-        That of `fit_positions`: the equilibrium is met within these bounds only.
+        Written by `fit_positions`: the positions are those of the equilibrium within these bounds only.
     inputs, outputs : sequence of str
-        Signals of the linear model, such as ``shoulder.torque``; by default all joint efforts and
-        loads, and all joint positions and sensors.
+        Signals of the linear model, such as ``shoulder.torque``. By default the inputs are all joint
+        efforts and loads, and the outputs all joint positions and sensors.
     states : str
-        ``all``, or ``needed``: only those that the inputs drive and the outputs see, for some values of
-        the parameters. The transfer is the same.
+        ``all``, or ``needed``: only states on which the inputs act and on which the outputs depend, for
+        some values of the parameters. The transfer is the same.
 
-    Numbers in expressions are in SI units (rad for angles); names carry their own units.
+    Numbers in expressions are in SI units (rad for angles); a name stands for a value with its own unit.
     """
 
     name: Name
@@ -169,7 +172,7 @@ class Scene(Description):
         return self
 
     def constant_values(self) -> dict[str, float]:
-        """Constants in SI units, with the built-in ones."""
+        """Constants in SI units by name, with the built-in ones."""
         values = dict(BUILTIN_CONSTANTS)
         for name, constant in self.constants.items():
             if isinstance(constant, Constant):
@@ -201,8 +204,8 @@ def check_value_names(what: str, names: Sequence[str]) -> None:
     for name in names:
         if name in reserved or not name.isidentifier():
             raise SceneError(
-                f"{name!r} cannot name a {what}. Use "
-                f"letters, digits and underscores, and none of {', '.join(sorted(reserved))}."
+                f"{name!r} cannot name a {what}. Use letters, digits and underscores, and none of "
+                f"{', '.join(sorted(reserved))}."
             )
 
 

@@ -1,23 +1,26 @@
-"""Scenes as TOML files: `mbdlft-scene/1`. Python to TOML and back gives an equal scene."""
+"""Scenes as TOML files of the format `mbdlft-scene/1`.
+
+A scene that is written as TOML and read again is equal to the first one.
+"""
 
 import inspect
 import math
 import re
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Annotated, Any, TypeVar, cast, get_args, get_origin
 
 import tomli_w
 
+from mbdlft.base.description import Description
 from mbdlft.base.errors import MbdlftError, SceneError, unknown_name
 from mbdlft.base.parameter import SUBSTITUTIONS, Angle, Parameter
 from mbdlft.base.unit import ANGLE_UNITS, parse_unit
 from mbdlft.multibody.body import KINDS as BODIES
-from mbdlft.multibody.body import Body, Inertia, Mode, PiezoPatch
+from mbdlft.multibody.body import Body
 from mbdlft.multibody.force import KINDS as LOADS
 from mbdlft.multibody.joint import KINDS as JOINTS
-from mbdlft.multibody.joint import Rotation
 from mbdlft.multibody.loop import KINDS as LOOPS
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.scene.scene import ALL, Constant, Fit, Scene, Spin
@@ -48,7 +51,7 @@ _PARAMETER_KEYS = tuple(name for name in inspect.signature(Parameter).parameters
 
 
 def load_scene(path: str | Path) -> Scene:
-    """Scene of a TOML file.
+    """Read the scene of a TOML file.
 
     Parameters
     ----------
@@ -57,25 +60,29 @@ def load_scene(path: str | Path) -> Scene:
     Raises
     ------
     SceneError
-        The file cannot be read or is not a scene; the message names the file and, where known,
-        the line.
+        The file cannot be read or is not a scene; the message names the file and, if it is known, the
+        line.
     """
     return read_file(path, scene_from_toml)
 
 
 def scene_from_toml(text: str) -> Scene:
-    """Scene of a TOML text.
+    """Read the scene of a TOML text.
+
+    Parameters
+    ----------
+    text : str
 
     Raises
     ------
     SceneError
-        The text is not TOML (with the line), or not a scene.
+        The text is not TOML, or not a scene; the message names the line if it is known.
     """
     return read_table(text, _scene)
 
 
 def scene_to_toml(scene: Scene) -> str:
-    """TOML text of a scene; `scene_from_toml` gives an equal scene back."""
+    """Write a scene as TOML; `scene_from_toml` of this text is an equal scene."""
     table: dict[str, Any] = {"format": FORMAT, "name": scene.name}
     if scene.description:
         table["description"] = scene.description
@@ -111,7 +118,7 @@ def scene_to_toml(scene: Scene) -> str:
 
 
 def body_to_toml(body: Body) -> str:
-    """TOML text of one body, the table `bodies.NAME` to be pasted into a scene file.
+    """Write one body as TOML: the table `bodies.NAME`, which can be pasted into a scene file.
 
     Parameters
     ----------
@@ -127,7 +134,7 @@ def read_body(name: str, table: Mapping[str, Any]) -> Body:
 
 
 def read_file(path: str | Path, read: Callable[[str], T]) -> T:
-    """What `read` makes of the text of a file; its errors name the file."""
+    """The result of `read` for the text of a file; errors of `read` are raised with the file's name."""
     file = Path(path)
     try:
         text = file.read_text(encoding="utf-8")
@@ -142,7 +149,10 @@ def read_file(path: str | Path, read: Callable[[str], T]) -> T:
 
 
 def read_table(text: str, read: Callable[[dict[str, Any]], T]) -> T:
-    """What `read` makes of the table of a TOML text; its errors give the line, where known."""
+    """The result of `read` for the table of a TOML text.
+
+    Errors of `read` are raised with the line of the body, joint, ... that they name.
+    """
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also numbers of thousands of digits
@@ -155,7 +165,7 @@ def read_table(text: str, read: Callable[[dict[str, Any]], T]) -> T:
 
 
 def check_keys(table: Mapping[str, Any], form: str, keys: Sequence[str]) -> None:
-    """Raise a SceneError if a key is not known, or the format is missing or another one."""
+    """Raise a SceneError if a key is not one of `keys`, or the format is not `form`."""
     if "format" not in table:
         raise SceneError(f"the line format = {form!r} is missing.")
     if table["format"] != form:
@@ -187,7 +197,7 @@ def read_parameters(table: Mapping[str, Any]) -> list[Parameter]:
 def values_table(
     constants: Mapping[str, float | Constant], parameters: Sequence[Parameter]
 ) -> dict[str, Any]:
-    """The tables `constants` and `parameters`, those that are not empty."""
+    """The tables `constants` and `parameters`; an empty one is left out."""
     tables = {
         "constants": {
             name: value.model_dump() if isinstance(value, Constant) else value
@@ -199,6 +209,7 @@ def values_table(
 
 
 def _scene(table: dict[str, Any]) -> Scene:
+    """The scene of the table of a scene file."""
     check_keys(table, FORMAT, _TOP)
     linearize = _table("linearize", table.get("linearize", {}))
     for key in linearize:
@@ -222,6 +233,7 @@ def _scene(table: dict[str, Any]) -> Scene:
 
 
 def _constant(name: str, fields: dict[str, Any]) -> Constant:
+    """The `Constant` of a table; errors name it."""
     try:
         return Constant(**fields)
     except SceneError as error:
@@ -229,14 +241,18 @@ def _constant(name: str, fields: dict[str, Any]) -> Constant:
 
 
 def _table(where: str, value: Any) -> dict[str, Any]:
+    """The value itself, or a SceneError if it is not a table."""
     if not isinstance(value, dict):
         raise SceneError(f"{where}: expected a table, got {value!r}.")
     return value
 
 
 def _kinds(what: str, key: str, table: dict[str, Any], kinds: Mapping[str, Any]) -> list[Any]:
-    """The described bodies or joints, each by the class of its kind."""
-    found = []
+    """Objects of all entries of the table `key`, such as ``bodies``, each of the class of its kind.
+
+    `what` names an entry in error messages, such as ``body``; `kinds` are the classes by kind.
+    """
+    items = []
     for name, value in _table(key, table.get(key, {})).items():
         fields = dict(_table(f"{what} {name!r}", value))
         kind = fields.pop("kind", None)
@@ -251,42 +267,49 @@ def _kinds(what: str, key: str, table: dict[str, Any], kinds: Mapping[str, Any])
                 f"{what} {name!r}: the key 'name' is not used; the table has the name."
             )
         try:
-            if isinstance(fields.get("inertia"), dict):
-                fields["inertia"] = Inertia(**fields["inertia"])
-            if isinstance(fields.get("modes"), list):
-                fields["modes"] = [Mode(**_table("modes", entry)) for entry in fields["modes"]]
-            if isinstance(fields.get("patches"), list):
-                fields["patches"] = [
-                    PiezoPatch(**_table("patches", entry)) for entry in fields["patches"]
-                ]
-            if isinstance(fields.get("orientation"), list):
-                fields["orientation"] = [
-                    Rotation(**_table("orientation", entry)) for entry in fields["orientation"]
-                ]
+            for field, record, several in _records(kinds[kind]):
+                given = fields.get(field)
+                if several and isinstance(given, list):
+                    fields[field] = [record(**_table(field, entry)) for entry in given]
+                elif not several and isinstance(given, dict):
+                    fields[field] = record(**given)
         except SceneError as error:
             raise SceneError(f"{what} {name!r}, {error}") from None
         if kinds[kind] is Loop:
             fields["kind"] = kind
-        found.append(kinds[kind](**{"name": name, **fields}))
-    return found
+        items.append(kinds[kind](**{"name": name, **fields}))
+    return items
+
+
+def _records(kind: type[Description]) -> Iterator[tuple[str, type[Description], bool]]:
+    """Fields of a kind that are records, such as an inertia, or several of them, such as modes.
+
+    Each field comes with the class of the records, and whether it has several.
+    """
+    for name, field in kind.model_fields.items():
+        several = get_origin(field.annotation) is tuple
+        part = get_args(field.annotation)[0] if several else field.annotation
+        record = get_args(part)[0] if get_origin(part) is Annotated else part
+        if isinstance(record, type) and issubclass(record, Description):
+            yield name, record, several
 
 
 def _kind_table(item: Any) -> dict[str, Any]:
-    """Table of a body or joint: what differs from the default."""
+    """The table of a body, joint, load, sensor or loop: its kind and the fields that are not default."""
     fields = item.model_dump(exclude={"name", "kind"}, exclude_defaults=True, exclude_none=True)
     plain: dict[str, Any] = _plain(fields)
     return {"kind": item.kind} | plain
 
 
 def _plain(value: Any) -> Any:
-    """The same with lists for tuples."""
+    """A value of nested tables and tuples, with lists in place of tuples."""
     if isinstance(value, dict):
         return {key: _plain(entry) for key, entry in value.items()}
     return [_plain(entry) for entry in value] if isinstance(value, tuple) else value
 
 
 def _parameter(name: str, value: Any) -> Parameter:
-    """Parameter of a table; a unit of an angle makes it an `Angle`."""
+    """Parameter of a table; it is an `Angle` if its unit is one of angles."""
     where = f"parameter {name!r}"
     fields = _table(where, value)
     for key, entry in fields.items():
@@ -312,6 +335,7 @@ def _parameter(name: str, value: Any) -> Parameter:
 
 
 def _parameter_table(parameter: Parameter) -> dict[str, Any]:
+    """The table of a parameter."""
     p = parameter
     table: dict[str, Any] = {"nominal": p.nominal, "low": p.low, "high": p.high, "unit": p.unit}
     table["role"] = p.role
@@ -322,7 +346,7 @@ def _parameter_table(parameter: Parameter) -> dict[str, Any]:
 
 
 def _in_unit(radians: float, factor: float) -> float:
-    """A value in a unit that converts back to exactly `radians`."""
+    """An angle in a unit of `factor` rad, such that its conversion gives exactly `radians`."""
     value = radians / factor
     for candidate in (value, math.nextafter(value, math.inf), math.nextafter(value, -math.inf)):
         if candidate * factor == radians:
@@ -334,7 +358,7 @@ def _in_unit(radians: float, factor: float) -> float:
 
 
 def _line(text: str, message: str) -> int | None:
-    """Line of the table that an error message names, if it names one."""
+    """Line of the body, joint, ... that an error message names; None if it names none."""
     match = re.search(r"(parameter|constant|body|joint|load|sensor|loop) '([^']+)'", message)
     if match is None:
         return None

@@ -1,4 +1,4 @@
-"""What every kind of sensor has: a name, and named components of what it measures."""
+"""The base classes of all kinds of sensors: a name, and named components of the measured quantity."""
 
 import abc
 from collections.abc import Mapping
@@ -18,22 +18,35 @@ class Small(NamedTuple):
 
 
 class View(Protocol):
-    """What a sensor sees; components are in the axes of a body, or of the scene for the ground."""
+    """The motions and wrenches that a sensor may ask for.
+
+    Components of vectors are in the axes of a body; those of the ground are the axes of the scene.
+    """
 
     def small(self, port: str, order: int) -> tuple[str, Small]:
-        """Body of a port, and its displacement (order 0), velocity (1) or acceleration (2)."""
+        """Body of a port, and the port's displacement (order 0), velocity (1) or acceleration (2)."""
 
     def across(self, vector: ca.SX, source: str, target: str) -> ca.SX:
-        """A vector (3,) in the axes of `source` in those of `target`, both at equilibrium."""
+        """Components (3,) in the axes of body `target` of a vector (3,) in those of body `source`.
+
+        The bodies are where they are at equilibrium.
+        """
 
     def motion(self, port: str) -> ca.SX:
-        """Motion (3, 3) of a port with gravity taken for an acceleration of the frame: see `spatial`."""
+        """Motion (3, 3) of a port, as defined in `mbdlft.multibody.spatial`.
+
+        Gravity is in it as an acceleration of the scene's frame by minus gravity.
+        """
 
     def joint_wrench(self, joint: str) -> ca.SX:
-        """Wrench (3, 2) of a joint on its child, about the child's port and in its axes."""
+        """Wrench (3, 2) that a joint exerts on its child, about the child's port and in its axes."""
 
     def momentum(self, order: int) -> ca.SX:
-        """Momentum [linear, angular] (3, 2) about the origin of the scene, of `small` (order + 1)."""
+        """Momentum [linear, angular] (3, 2) about the origin of the scene, with small motions for rates.
+
+        With `order` 1 the velocities of `small` make the momentum; with `order` 0 the displacements take
+        their place.
+        """
 
     def mass(self) -> ca.SX:
         """Total mass (kg)."""
@@ -57,16 +70,19 @@ class Sensor(Description, abc.ABC):
 
     @abc.abstractmethod
     def measure(self, view: View) -> ca.SX:
-        """What is measured (n,), one entry for each component."""
+        """The measured quantity (n,), one entry for each component."""
 
 
 class PortSensor(Sensor, abc.ABC):
-    """A vector of one port, in the axes of `frame`: the ground, or a body at equilibrium."""
+    """A sensor of a vector at one port.
+
+    The components are in the axes of `frame`: the ground, or a body as it is placed at equilibrium.
+    """
 
     port: Text
     frame: Text = "ground"
 
 
 def by_axis(unit: str, prefix: str = "") -> tuple[Signal, ...]:
-    """Components x, y, z."""
+    """Signals of the components x, y and z of a vector in one unit."""
     return tuple(Signal(f"{prefix}{axis}", unit) for axis in AXES)

@@ -1,4 +1,4 @@
-"""Strapdown sensors: they feel gravity and the motion of the frame, in the axes of their own body."""
+"""Inertial sensors, fixed to a body: they also measure gravity and the motion of the scene's frame."""
 
 from typing import ClassVar, final
 
@@ -11,7 +11,7 @@ from mbdlft.multibody.sensor.base import Sensor, View, by_axis
 
 @final
 class Accelerometer(Sensor):
-    """Specific force a - g of a port (m/s^2), in the axes of its body."""
+    """A sensor of the specific force a - g at a port (m/s^2), in the axes of the body of the port."""
 
     kind: ClassVar[str] = "accelerometer"
     components: ClassVar[tuple[Signal, ...]] = by_axis("m/s^2")
@@ -24,7 +24,10 @@ class Accelerometer(Sensor):
 
 @final
 class Gyro(Sensor):
-    """Angular velocity of the body of a port (rad/s) in its axes, with the spin of the scene."""
+    """A sensor of the angular velocity of a port's body (rad/s), in its axes.
+
+    The spin of the scene is part of the measured angular velocity.
+    """
 
     kind: ClassVar[str] = "gyro"
     components: ClassVar[tuple[Signal, ...]] = by_axis("rad/s")

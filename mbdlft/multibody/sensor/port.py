@@ -1,6 +1,7 @@
-"""Small motions of a port relative to the frame of the scene: three translations, three rotations.
+"""Sensors of the small motion of a port relative to the frame of the scene.
 
-All are deviations from the equilibrium and vanish there, so moving and fixed axes give the same.
+The measured quantities are deviations from the equilibrium, where they are zero. So to first order it
+makes no difference whether the axes of `frame` move with a body or stay where they are at equilibrium.
 """
 
 from typing import ClassVar, final
@@ -13,7 +14,7 @@ from mbdlft.multibody.sensor.base import PortSensor, View, by_axis
 
 @final
 class Position(PortSensor):
-    """Displacement of a port (m)."""
+    """A sensor of the displacement of a port (m)."""
 
     kind: ClassVar[str] = "position"
     components: ClassVar[tuple[Signal, ...]] = by_axis("m")
@@ -24,7 +25,7 @@ class Position(PortSensor):
 
 @final
 class Velocity(PortSensor):
-    """Velocity of a port (m/s)."""
+    """A sensor of the velocity of a port (m/s)."""
 
     kind: ClassVar[str] = "velocity"
     components: ClassVar[tuple[Signal, ...]] = by_axis("m/s")
@@ -35,7 +36,7 @@ class Velocity(PortSensor):
 
 @final
 class Acceleration(PortSensor):
-    """Acceleration of a port relative to the frame of the scene (m/s^2)."""
+    """A sensor of the acceleration of a port relative to the frame of the scene (m/s^2)."""
 
     kind: ClassVar[str] = "acceleration"
     components: ClassVar[tuple[Signal, ...]] = by_axis("m/s^2")
@@ -46,7 +47,7 @@ class Acceleration(PortSensor):
 
 @final
 class SmallRotation(PortSensor):
-    """Small rotation vector of the body of a port (rad)."""
+    """A sensor of the small rotation vector of the body of a port (rad)."""
 
     kind: ClassVar[str] = "rotation"
     components: ClassVar[tuple[Signal, ...]] = by_axis("rad")
@@ -57,7 +58,7 @@ class SmallRotation(PortSensor):
 
 @final
 class AngularRate(PortSensor):
-    """Angular velocity of the body of a port (rad/s)."""
+    """A sensor of the angular velocity of the body of a port (rad/s)."""
 
     kind: ClassVar[str] = "angular_rate"
     components: ClassVar[tuple[Signal, ...]] = by_axis("rad/s")
@@ -68,7 +69,7 @@ class AngularRate(PortSensor):
 
 @final
 class AngularAcceleration(PortSensor):
-    """Angular acceleration of the body of a port (rad/s^2)."""
+    """A sensor of the angular acceleration of the body of a port (rad/s^2)."""
 
     kind: ClassVar[str] = "angular_acceleration"
     components: ClassVar[tuple[Signal, ...]] = by_axis("rad/s^2")
@@ -78,12 +79,12 @@ class AngularAcceleration(PortSensor):
 
 
 def translation(sensor: PortSensor, view: View, order: int) -> ca.SX:
-    """Displacement (order 0) or its derivatives (3,) in the axes of the sensor's frame."""
+    """Displacement (order 0) or its derivatives (1, 2) by time, (3,), in the sensor's frame."""
     body, small = view.small(sensor.port, order)
     return view.across(small.displacement, body, sensor.frame)
 
 
 def turn(sensor: PortSensor, view: View, order: int) -> ca.SX:
-    """Small rotation (order 0) or its derivatives (3,) in the axes of the sensor's frame."""
+    """Small rotation (order 0) or its derivatives (1, 2) by time, (3,), in the sensor's frame."""
     body, small = view.small(sensor.port, order)
     return view.across(small.rotation, body, sensor.frame)

@@ -1,4 +1,4 @@
-"""Measures of the whole system: momentum and center of mass, in the axes of the scene."""
+"""Sensors of the whole system: momentum and center of mass, in the axes of the scene."""
 
 from typing import ClassVar, final
 
@@ -10,9 +10,10 @@ from mbdlft.multibody.sensor.base import Sensor, View, by_axis
 
 @final
 class Momentum(Sensor):
-    """Linear (N s) and angular momentum (N m s) about the origin of the scene, relative to its frame.
+    """A sensor of the linear (N s) and angular momentum (N m s) of all bodies.
 
-    Actuators that turn with their child are in it; those that move relative to the parent are not.
+    The momentum is about the origin of the scene and relative to its frame. It includes the inertia of
+    actuators that turn with the child of their joint, but not of those that move relative to the parent.
     """
 
     kind: ClassVar[str] = "momentum"
@@ -27,7 +28,7 @@ class Momentum(Sensor):
 
 @final
 class CenterOfMass(Sensor):
-    """Displacement of the center of mass of all bodies (m)."""
+    """A sensor of the displacement of the center of mass of all bodies (m)."""
 
     kind: ClassVar[str] = "center_of_mass"
     components: ClassVar[tuple[Signal, ...]] = by_axis("m")

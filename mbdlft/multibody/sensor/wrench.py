@@ -1,4 +1,4 @@
-"""The wrench through a joint: constraint loads with the effort, spring and damper."""
+"""A sensor of the wrench in a joint: constraint loads, effort, spring and damper together."""
 
 from typing import ClassVar, final
 
@@ -11,7 +11,10 @@ from mbdlft.multibody.sensor.base import Sensor, View, by_axis
 
 @final
 class JointWrench(Sensor):
-    """Force (N) and torque (N m) of a joint on its child, about the child's port and in its axes."""
+    """A sensor of the force (N) and torque (N m) that a joint exerts on its child.
+
+    Both are about the child's port and in its axes.
+    """
 
     kind: ClassVar[str] = "joint_wrench"
     components: ClassVar[tuple[Signal, ...]] = (*by_axis("N", "force."), *by_axis("N m", "torque."))
