@@ -5,7 +5,7 @@ A record is frozen, and its fields are checked when it is made.
 
 import unicodedata
 from collections.abc import Mapping
-from typing import Annotated, Any, NamedTuple, get_args, get_origin
+from typing import Annotated, Any, ClassVar, NamedTuple, get_args, get_origin
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
@@ -62,6 +62,8 @@ def vector_quantities(label: str, vector: Vector, unit: str) -> dict[str, Expect
 class Description(BaseModel):
     """A frozen record; a wrong or unknown field is a `SceneError`."""
 
+    noun: ClassVar[str] = ""  # what messages call it; its name follows, if it has one
+
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     def __init__(self, **fields: Any) -> None:
@@ -73,7 +75,8 @@ class Description(BaseModel):
     @classmethod
     def where(cls, fields: Mapping[str, Any]) -> str:
         """The words by which error messages name the record with these fields."""
-        return f"{cls.__name__.lower()} {fields.get('name', '')!r}"
+        noun = cls.noun or cls.__name__.lower()
+        return f"{noun} {fields.get('name', '')!r}" if "name" in cls.model_fields else noun
 
     @classmethod
     def _message(cls, fields: Mapping[str, Any], error: ValidationError) -> str:

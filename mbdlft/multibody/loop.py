@@ -7,8 +7,7 @@ rows of G. A closure of the kind `revolute` also keeps the rotation across its a
 rows), one of the kind `fixed` the whole rotation (three more rows).
 """
 
-from collections.abc import Mapping
-from typing import Any, Self, final
+from typing import ClassVar, Self, final
 
 import casadi as ca
 from pydantic import model_validator
@@ -30,15 +29,13 @@ class Loop(Description):
     are in the axes of the body of the parent's port.
     """
 
+    noun: ClassVar[str] = "loop"
+
     name: Name
     kind: Text
     parent: Text
     child: Text
     axis: Direction | None = None
-
-    @classmethod
-    def where(cls, fields: Mapping[str, Any]) -> str:
-        return f"loop {fields.get('name', '')!r}"
 
     @model_validator(mode="after")
     def _kind_and_axis(self) -> Self:

@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import ClassVar, final
 
@@ -56,18 +56,21 @@ class PortJoint(Joint):
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """One joint with the body it carries; ports by name."""
+    """One joint with the body it carries; ports by name.
+
+    `owner` says whose quantities the joint has.
+    """
 
     joint: Joint
     parent: Body
     parent_port: str
     child: Body
     child_port: str
+    owner: str = field(init=False)
 
-    @property
-    def owner(self) -> str:
-        """Whose quantities the joint has."""
-        return owner_name(self.parent if isinstance(self.joint, PortJoint) else self.joint)
+    def __post_init__(self) -> None:
+        item = self.parent if isinstance(self.joint, PortJoint) else self.joint
+        object.__setattr__(self, "owner", owner_name(item))
 
 
 def tree(scene: Scene) -> tuple[Link, ...]:

@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Mapping
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import casadi as ca
 import numpy as np
@@ -32,13 +32,11 @@ class Body(Description, abc.ABC):
     of a body are about one of its ports, the inboard port, where the joint that leads to the body ends.
     """
 
+    noun: ClassVar[str] = "body"
+
     kind: ClassVar[str]
     name: Name
     ports: dict[Name, Vector] = {}
-
-    @classmethod
-    def where(cls, fields: Mapping[str, Any]) -> str:
-        return f"body {fields.get('name', '')!r}"
 
     @model_validator(mode="after")
     def _names_are_free(self) -> Self:

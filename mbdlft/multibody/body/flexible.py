@@ -6,7 +6,7 @@ The modes are those of the body clamped at its origin, and have unit mass.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Self, final
+from typing import ClassVar, Self, final
 
 import casadi as ca
 import numpy as np
@@ -48,14 +48,12 @@ class Mode(Description):
     the body causes. A shape has three displacements (kg^-1/2) and three rotations (kg^-1/2 m^-1).
     """
 
+    noun: ClassVar[str] = "modes"
+
     frequency: Quantity
     damping: Quantity = 0.0
     participation: Six
     shapes: dict[Text, Six] = {}
-
-    @classmethod
-    def where(cls, fields: Mapping[str, Any]) -> str:
-        return "modes"
 
 
 @final

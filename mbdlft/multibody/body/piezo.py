@@ -58,6 +58,8 @@ class PiezoPatch(Description):
     two patches, connected in parallel with opposite polarity; the voltage is that of the upper one.
     """
 
+    noun: ClassVar[str] = "patches"
+
     start: Annotated[int, Field(ge=0, strict=True)]
     end: Annotated[int, Field(ge=1, strict=True)]
     side: Text = "top"
@@ -67,10 +69,6 @@ class PiezoPatch(Description):
     modulus: Quantity
     d31: Quantity
     permittivity: Quantity
-
-    @classmethod
-    def where(cls, fields: Mapping[str, Any]) -> str:
-        return "patches"
 
     @model_validator(mode="after")
     def _place_is_known(self) -> Self:

@@ -10,7 +10,7 @@ out: so no product m d d is formed if P = C.
 
 from collections.abc import Mapping
 from functools import cache
-from typing import Any, ClassVar, Self, final
+from typing import ClassVar, Self, final
 
 import casadi as ca
 import numpy as np
@@ -46,6 +46,8 @@ class Inertia(Description):
     that no physical body has: some files of robots have such inertias, and the equations accept them.
     """
 
+    noun: ClassVar[str] = "inertia"
+
     xx: Quantity | None = None
     yy: Quantity | None = None
     zz: Quantity | None = None
@@ -54,10 +56,6 @@ class Inertia(Description):
     yz: Quantity | None = None
     about: str = "center_of_mass"
     unchecked: bool = False
-
-    @classmethod
-    def where(cls, fields: Mapping[str, Any]) -> str:
-        return "inertia"
 
     def given(self) -> dict[str, Quantity]:
         """Entries that have a value, by name."""

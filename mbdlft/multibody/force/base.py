@@ -1,8 +1,7 @@
 """The base classes of all kinds of loads: a name, quantities, one magnitude, and wrenches on bodies."""
 
 import abc
-from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 import casadi as ca
 from pydantic import field_validator
@@ -56,15 +55,13 @@ class Load(Description, abc.ABC):
     equilibrium. If this value is left out, the trim solves for it.
     """
 
+    noun: ClassVar[str] = "load"
+
     kind: ClassVar[str]
     signal: ClassVar[Signal]
     magnitude_key: ClassVar[str]
 
     name: Name
-
-    @classmethod
-    def where(cls, fields: Mapping[str, Any]) -> str:
-        return f"load {fields.get('name', '')!r}"
 
     @abc.abstractmethod
     def quantities(self) -> dict[str, Expected]:

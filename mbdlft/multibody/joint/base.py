@@ -8,7 +8,7 @@ The coordinates of a joint are displacements from the equilibrium.
 import abc
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any, ClassVar, Self, final
+from typing import ClassVar, Self, final
 
 import casadi as ca
 import numpy as np
@@ -55,6 +55,8 @@ def sliding(label: str = "", suffix: str = "") -> Freedom:
 class Rotation(Description):
     """A rotation by `angle` (rad) about `axis`, whose components are in the axes before this rotation."""
 
+    noun: ClassVar[str] = "orientation"
+
     axis: Direction
     angle: Quantity
 
@@ -63,16 +65,14 @@ class Rotation(Description):
     def _has_length(cls, axis: Direction) -> Direction:
         return with_length("axis", axis)
 
-    @classmethod
-    def where(cls, fields: Mapping[str, Any]) -> str:
-        return "orientation"
-
 
 class Joint(Description, abc.ABC):
     """A joint; every concrete kind is final. `parent` and `child` are ``body`` or ``body.port``.
 
     `orientation` is a sequence of rotations from the axes of the parent's port to those of the joint.
     """
+
+    noun: ClassVar[str] = "joint"
 
     kind: ClassVar[str]
     freedoms: ClassVar[tuple[Freedom, ...]]
@@ -81,10 +81,6 @@ class Joint(Description, abc.ABC):
     parent: Text
     child: Text
     orientation: tuple[InstanceOf[Rotation], ...] = ()
-
-    @classmethod
-    def where(cls, fields: Mapping[str, Any]) -> str:
-        return f"joint {fields.get('name', '')!r}"
 
     def own_quantities(self) -> dict[str, Expected]:
         """The quantities of this kind by label, without those of the orientation."""

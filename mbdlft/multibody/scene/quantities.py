@@ -124,7 +124,7 @@ def unused_names(scene: Scene) -> tuple[str, ...]:
 
 def owner_name(item: Body | Joint | Load) -> str:
     """The words by which error messages name a body, a joint or a load."""
-    return type(item).where({"name": item.name})
+    return f"{item.noun} {item.name!r}"
 
 
 def expression_at(place: Place, expected: Expected) -> Expression:
@@ -137,6 +137,8 @@ def expression_at(place: Place, expected: Expected) -> Expression:
 
 def value_at(place: Place, expected: Expected, values: Mapping[str, Any]) -> Any:
     """Value of one quantity; an error names its place."""
+    if isinstance(expected.source, float):
+        return expected.source
     expression = expression_at(place, expected)
     try:
         return evaluate(expression, values)

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Self, final
+from typing import Annotated, Any, ClassVar, Self, final
 
 from pydantic import Field, InstanceOf, field_validator, model_validator
 
@@ -34,24 +34,20 @@ ALL, NEEDED = "all", "needed"  # which states the linear model has
 class Constant(Description):
     """A named number with a unit."""
 
+    noun: ClassVar[str] = "constant"
+
     value: Number
     unit: Text = "1"
-
-    @classmethod
-    def where(cls, fields: Mapping[str, Any]) -> str:
-        return "constant"
 
 
 @final
 class Spin(Description):
     """A steady rotation of the scene's frame about an `axis` through its origin, at `rate` (rad/s)."""
 
+    noun: ClassVar[str] = "spin"
+
     axis: Direction
     rate: Quantity
-
-    @classmethod
-    def where(cls, fields: Mapping[str, Any]) -> str:
-        return "spin"
 
     @field_validator("axis")
     @classmethod
@@ -68,12 +64,10 @@ class Fit(Description):
     these positions by input. `tolerance` is the one that the user asked for.
     """
 
+    noun: ClassVar[str] = "fit"
+
     tolerance: Number
     bounds: dict[Text, Number]
-
-    @classmethod
-    def where(cls, fields: Mapping[str, Any]) -> str:
-        return "fit"
 
     @model_validator(mode="after")
     def _are_bounds(self) -> Self:
@@ -117,6 +111,8 @@ class Scene(Description):
     Numbers in expressions are in SI units (rad for angles); a name stands for a value with its own unit.
     """
 
+    noun: ClassVar[str] = "scene"
+
     name: Name
     description: Prose = ""
     gravity: Vector = (0.0, 0.0, 0.0)
@@ -133,10 +129,6 @@ class Scene(Description):
     inputs: Annotated[tuple[Name, ...] | None, Field(min_length=1)] = None
     outputs: Annotated[tuple[Name, ...] | None, Field(min_length=1)] = None
     states: str = ALL
-
-    @classmethod
-    def where(cls, fields: Mapping[str, Any]) -> str:
-        return f"scene {fields.get('name', '')!r}"
 
     @field_validator("constants", mode="before")
     @classmethod

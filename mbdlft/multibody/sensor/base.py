@@ -1,8 +1,7 @@
 """The base classes of all kinds of sensors: a name, and named components of the measured quantity."""
 
 import abc
-from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 import casadi as ca
 
@@ -55,14 +54,12 @@ class View(Protocol):
 class Sensor(Description, abc.ABC):
     """A sensor; every concrete kind is final. Its components are outputs of the model."""
 
+    noun: ClassVar[str] = "sensor"
+
     kind: ClassVar[str]
     components: ClassVar[tuple[Signal, ...]]
 
     name: Name
-
-    @classmethod
-    def where(cls, fields: Mapping[str, Any]) -> str:
-        return f"sensor {fields.get('name', '')!r}"
 
     def signals(self) -> tuple[Signal, ...]:
         """Outputs, in the order of `measure`."""
