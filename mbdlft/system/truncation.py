@@ -10,7 +10,7 @@ nothing. The error is bounded afterwards: with e = z - T z', what the truncation
     z'     =                            T^+ (M11 T Delta' z' + M12 u)
     y - y' = M21 Delta e
 
-is an LFT with the same deltas, and `mbdlft/lft/gain.py` bounds it on the box.
+is an LFT with the same deltas, and `mbdlft/bound/gain.py` bounds it on the box.
 """
 
 from dataclasses import replace

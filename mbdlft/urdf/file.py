@@ -1,28 +1,26 @@
-"""The contents of a URDF file as they are written: links, joints, and elements without place in a scene.
+"""The contents of a URDF file as they are written: links, joints, and elements without place in a scene."""
 
-The expat parser of the standard library reads the file: it knows the line of each element, accepts tags
-with the prefix of xacro, and loads no other file.
-"""
-
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
-from xml.parsers import expat
 
 from mbdlft.base.errors import SceneError, unknown_name
-
-Triple = tuple[float, float, float]
+from mbdlft.urdf.elements import (
+    XACRO,
+    Element,
+    Triple,
+    name_of,
+    number,
+    optional_number,
+    parse,
+    triple,
+)
 
 JOINT_TYPES = ("continuous", "fixed", "floating", "planar", "prismatic", "revolute")
 ENTRIES = ("xx", "xy", "xz", "yy", "yz", "zz")
 _LINK_PARTS = ("inertial",)
 _JOINT_PARTS = ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic")
-_XACRO = (
-    "This is a xacro file or a part of one. Expand it first: xacro robot.urdf.xacro > robot.urdf"
-)
 
 
 class RobotLink(NamedTuple):
@@ -91,7 +89,7 @@ def read_robot(content: bytes) -> Robot:
         The file is not XML or not URDF, a number or an element is missing or wrong, a name is unknown
         or given twice, or the joints are not a tree with one root. The message names the line.
     """
-    top = _parse(content)
+    top = parse(content)
     _refuse_other_formats(top)
     links = [_link(element) for element in top.named("link")]
     joints = [_joint(element) for element in top.named("joint")]
@@ -130,60 +128,7 @@ def read_robot_file(path: str | Path) -> Robot:
         raise SceneError(f"{file}: {error}") from None
 
 
-# XML -----------------------------------------------------------------------------------------
-
-
-@dataclass(slots=True)
-class _Element:
-    """One XML element with its line."""
-
-    tag: str
-    attributes: Mapping[str, str]
-    line: int
-    children: list["_Element"] = field(default_factory=list)
-
-    def named(self, tag: str) -> list["_Element"]:
-        """The children with this tag."""
-        return [child for child in self.children if child.tag == tag]
-
-    def only(self, tag: str) -> "_Element | None":
-        """The child with this tag, or None; two of them are a SceneError."""
-        same_tag = self.named(tag)
-        if len(same_tag) > 1:
-            raise SceneError(
-                f"line {same_tag[1].line}: <{tag}> of {self.called()} is given twice; first in line "
-                f"{same_tag[0].line}."
-            )
-        return same_tag[0] if same_tag else None
-
-    def called(self) -> str:
-        """Tag and name, for error messages."""
-        return f"{self.tag} {self.attributes.get('name', '')!r}".replace(" ''", "")
-
-
-def _parse(content: bytes) -> _Element:
-    """The top element of an XML document."""
-    parser = expat.ParserCreate()
-    top: list[_Element] = []
-    open_elements: list[_Element] = []
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        element = _Element(tag, attributes, parser.CurrentLineNumber)
-        (open_elements[-1].children if open_elements else top).append(element)
-        open_elements.append(element)
-
-    parser.StartElementHandler = start
-    parser.EndElementHandler = lambda tag: open_elements.pop()
-    try:
-        parser.Parse(content, True)  # noqa: FBT003  # the last piece
-    except expat.ExpatError as error:
-        raise SceneError(
-            f"line {error.lineno}: not valid XML: {expat.ErrorString(error.code)}."
-        ) from None
-    return top[0]
-
-
-def _refuse_other_formats(top: _Element) -> None:
+def _refuse_other_formats(top: Element) -> None:
     """Raise a SceneError if the document is xacro or not a robot."""
     if top.tag != "robot":
         raise SceneError(
@@ -192,17 +137,14 @@ def _refuse_other_formats(top: _Element) -> None:
         )
     for element in (top, *top.children):
         if element.tag.startswith("xacro:"):
-            raise SceneError(f"line {element.line}: got <{element.tag}>. {_XACRO}")
+            raise SceneError(f"line {element.line}: got <{element.tag}>. {XACRO}")
     if not top.children and any(name.startswith("xmlns:xacro") for name in top.attributes):
-        raise SceneError(f"line {top.line}: the robot has no links. {_XACRO}")
+        raise SceneError(f"line {top.line}: the robot has no links. {XACRO}")
 
 
-# elements ------------------------------------------------------------------------------------
-
-
-def _link(element: _Element) -> RobotLink:
+def _link(element: Element) -> RobotLink:
     """The link of an element <link>."""
-    name = _name(element)
+    name = name_of(element)
     inertial = element.only("inertial")
     if inertial is None:
         return RobotLink(name, element.line, inertial=False)
@@ -216,16 +158,16 @@ def _link(element: _Element) -> RobotLink:
         name=name,
         line=element.line,
         inertial=True,
-        mass=_number(mass, "value", where),
+        mass=number(mass, "value", where),
         center=center,
         rpy=rpy,
-        inertia={entry: _number(inertia, f"i{entry}", where) for entry in ENTRIES},
+        inertia={entry: number(inertia, f"i{entry}", where) for entry in ENTRIES},
     )
 
 
-def _joint(element: _Element) -> RobotJoint:
+def _joint(element: Element) -> RobotJoint:
     """The joint of an element <joint>."""
-    name = _name(element)
+    name = name_of(element)
     where = f"joint {name!r}"
     kind = element.attributes.get("type", "")
     if kind not in JOINT_TYPES:
@@ -251,19 +193,17 @@ def _joint(element: _Element) -> RobotJoint:
         axis=_axis(axis, kind, where),
         lower=lower,
         upper=upper,
-        effort=_optional(limit, "effort", where),
-        velocity=_optional(limit, "velocity", where),
-        damping=_optional(dynamics, "damping", where) or 0.0,
-        friction=_optional(dynamics, "friction", where) or 0.0,
+        effort=optional_number(limit, "effort", where),
+        velocity=optional_number(limit, "velocity", where),
+        damping=optional_number(dynamics, "damping", where) or 0.0,
+        friction=optional_number(dynamics, "friction", where) or 0.0,
         mimic=_mimic(element.only("mimic"), where),
     )
 
 
-def _range(
-    limit: _Element | None, kind: str, where: str
-) -> tuple[float, float] | tuple[None, None]:
+def _range(limit: Element | None, kind: str, where: str) -> tuple[float, float] | tuple[None, None]:
     """Lower and upper limit; if only one is given, the other is zero, as URDF says."""
-    lower, upper = _optional(limit, "lower", where), _optional(limit, "upper", where)
+    lower, upper = optional_number(limit, "lower", where), optional_number(limit, "upper", where)
     if limit is None or kind not in ("revolute", "prismatic") or (lower is None and upper is None):
         return None, None
     low, high = lower or 0.0, upper or 0.0
@@ -274,11 +214,11 @@ def _range(
     return low, high
 
 
-def _axis(axis: _Element | None, kind: str, where: str) -> Triple:
+def _axis(axis: Element | None, kind: str, where: str) -> Triple:
     """The direction of the axis; that of a joint without axis is ignored, as files often give 0 0 0."""
     if axis is None or kind in ("fixed", "floating"):
         return (1.0, 0.0, 0.0)
-    direction = _triple(axis, "xyz", where)
+    direction = triple(axis, "xyz", where)
     if not any(direction):
         raise SceneError(
             f"line {axis.line}: {where}: the axis has zero length. Give a direction; its length is "
@@ -287,73 +227,29 @@ def _axis(axis: _Element | None, kind: str, where: str) -> Triple:
     return direction
 
 
-def _mimic(mimic: _Element | None, where: str) -> Mimic | None:
+def _mimic(mimic: Element | None, where: str) -> Mimic | None:
     """The contents of an element <mimic>."""
     if mimic is None:
         return None
     if "joint" not in mimic.attributes:
         raise SceneError(f"line {mimic.line}: {where}: <mimic>: the attribute 'joint' is missing.")
-    multiplier = _optional(mimic, "multiplier", where)
+    multiplier = optional_number(mimic, "multiplier", where)
     return Mimic(
         mimic.attributes["joint"],
         1.0 if multiplier is None else multiplier,
-        _optional(mimic, "offset", where) or 0.0,
+        optional_number(mimic, "offset", where) or 0.0,
     )
 
 
-def _origin(element: _Element, where: str) -> tuple[Triple, Triple]:
+def _origin(element: Element, where: str) -> tuple[Triple, Triple]:
     """Position xyz (m) and rotation rpy (rad) of the element's origin; zero if the file gives none."""
     origin, zero = element.only("origin"), (0.0, 0.0, 0.0)
     if origin is None:
         return zero, zero
     xyz, rpy = (
-        _triple(origin, key, where) if key in origin.attributes else zero for key in ("xyz", "rpy")
+        triple(origin, key, where) if key in origin.attributes else zero for key in ("xyz", "rpy")
     )
     return xyz, rpy
-
-
-def _name(element: _Element) -> str:
-    """The name of a link or joint."""
-    name = element.attributes.get("name", "")
-    if not name.strip():
-        raise SceneError(f"line {element.line}: a {element.tag} has no name.")
-    return name
-
-
-def _optional(element: _Element | None, key: str, where: str) -> float | None:
-    """The number of an attribute, or None if there is none."""
-    if element is None or key not in element.attributes:
-        return None
-    return _number(element, key, where)
-
-
-def _number(element: _Element, key: str, where: str) -> float:
-    """The number of an attribute."""
-    (value,) = _numbers(element, key, where, 1)
-    return value
-
-
-def _triple(element: _Element, key: str, where: str) -> Triple:
-    """The three numbers of an attribute."""
-    x, y, z = _numbers(element, key, where, 3)
-    return x, y, z
-
-
-def _numbers(element: _Element, key: str, where: str, count: int) -> Sequence[float]:
-    """The `count` finite numbers of an attribute."""
-    text = element.attributes.get(key)
-    place = f"line {element.line}: {where}: <{element.tag}>, {key}"
-    expected = "a finite number" if count == 1 else f"{count} finite numbers"
-    if text is None:
-        raise SceneError(f"{place}: is missing; expected {expected}.")
-    try:
-        values = [float(part) for part in text.split()]
-    except ValueError:
-        values = []
-    if len(values) != count or not all(math.isfinite(value) for value in values):
-        advice = f" {_XACRO}" if "${" in text or "$(" in text else ""
-        raise SceneError(f"{place}: expected {expected}, got {text!r}.{advice}")
-    return values
 
 
 # the tree ------------------------------------------------------------------------------------
@@ -395,7 +291,7 @@ def _root(links: Mapping[str, RobotLink], joints: Sequence[RobotJoint]) -> str:
     return roots[0]
 
 
-def _others(top: _Element) -> Counter[str]:
+def _others(top: Element) -> Counter[str]:
     """Counts by tag of the elements that say nothing about the dynamics."""
     counts: Counter[str] = Counter()
     for element in top.children:

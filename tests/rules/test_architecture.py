@@ -66,6 +66,15 @@ def test_files_and_lists_of_the_page_exist() -> None:
         assert name in (ROOT / file).read_text(encoding="utf-8"), (name, file)
 
 
+@pytest.mark.parametrize(
+    "page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: str(page.name)
+)
+def test_files_that_a_page_names_exist(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    for file in re.findall(r"`((?:mbdlft|tests|benchmarks)/[\w/]+\.py)`", text):
+        assert file.endswith("/NAME.py") or (ROOT / file).is_file(), file
+
+
 @final
 class Rail(MovingJoint):
     kind: ClassVar[str] = "rail"

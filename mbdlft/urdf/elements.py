@@ -1,0 +1,111 @@
+"""XML elements with their lines in a file, and the numbers in their attributes.
+
+The expat parser of the standard library reads the file: it knows the line of each element, accepts tags
+with the prefix of xacro, and loads no other file.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from xml.parsers import expat
+
+from mbdlft.base.errors import SceneError
+
+Triple = tuple[float, float, float]
+XACRO = (
+    "This is a xacro file or a part of one. Expand it first: xacro robot.urdf.xacro > robot.urdf"
+)
+
+
+@dataclass(slots=True)
+class Element:
+    """One XML element with its line."""
+
+    tag: str
+    attributes: Mapping[str, str]
+    line: int
+    children: list["Element"] = field(default_factory=list)
+
+    def named(self, tag: str) -> list["Element"]:
+        """The children with this tag."""
+        return [child for child in self.children if child.tag == tag]
+
+    def only(self, tag: str) -> "Element | None":
+        """The child with this tag, or None; two of them are a SceneError."""
+        same_tag = self.named(tag)
+        if len(same_tag) > 1:
+            raise SceneError(
+                f"line {same_tag[1].line}: <{tag}> of {self.called()} is given twice; first in line "
+                f"{same_tag[0].line}."
+            )
+        return same_tag[0] if same_tag else None
+
+    def called(self) -> str:
+        """Tag and name, for error messages."""
+        return f"{self.tag} {self.attributes.get('name', '')!r}".replace(" ''", "")
+
+
+def parse(content: bytes) -> Element:
+    """The top element of an XML document."""
+    parser = expat.ParserCreate()
+    top: list[Element] = []
+    open_elements: list[Element] = []
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = Element(tag, attributes, parser.CurrentLineNumber)
+        (open_elements[-1].children if open_elements else top).append(element)
+        open_elements.append(element)
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda tag: open_elements.pop()
+    try:
+        parser.Parse(content, True)  # noqa: FBT003  # the last piece
+    except expat.ExpatError as error:
+        raise SceneError(
+            f"line {error.lineno}: not valid XML: {expat.ErrorString(error.code)}."
+        ) from None
+    return top[0]
+
+
+def name_of(element: Element) -> str:
+    """The name of a link or joint."""
+    name = element.attributes.get("name", "")
+    if not name.strip():
+        raise SceneError(f"line {element.line}: a {element.tag} has no name.")
+    return name
+
+
+def optional_number(element: Element | None, key: str, where: str) -> float | None:
+    """The number of an attribute, or None if there is none."""
+    if element is None or key not in element.attributes:
+        return None
+    return number(element, key, where)
+
+
+def number(element: Element, key: str, where: str) -> float:
+    """The number of an attribute."""
+    (value,) = _numbers(element, key, where, 1)
+    return value
+
+
+def triple(element: Element, key: str, where: str) -> Triple:
+    """The three numbers of an attribute."""
+    x, y, z = _numbers(element, key, where, 3)
+    return x, y, z
+
+
+def _numbers(element: Element, key: str, where: str, count: int) -> Sequence[float]:
+    """The `count` finite numbers of an attribute."""
+    text = element.attributes.get(key)
+    place = f"line {element.line}: {where}: <{element.tag}>, {key}"
+    expected = "a finite number" if count == 1 else f"{count} finite numbers"
+    if text is None:
+        raise SceneError(f"{place}: is missing; expected {expected}.")
+    try:
+        values = [float(part) for part in text.split()]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(math.isfinite(value) for value in values):
+        advice = f" {XACRO}" if "${" in text or "$(" in text else ""
+        raise SceneError(f"{place}: expected {expected}, got {text!r}.{advice}")
+    return values
