@@ -1,4 +1,4 @@
-"""The contents of a URDF file as they are written: links, joints, and elements without place in a scene."""
+"""The contents of a URDF file as they are written: links, joints, and counts of other elements."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence

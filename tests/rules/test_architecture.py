@@ -38,6 +38,18 @@ def test_rooms_are_those_of_the_page_in_the_order_of_the_contract() -> None:
     assert set(ROOMS) == there
 
 
+def test_main_types_and_functions_are_in_their_rooms() -> None:
+    rows = re.findall(
+        r"^\| `(\w+)` \|.*\| ([^|]*) \|$", PAGE.partition("## Rooms")[2], re.MULTILINE
+    )
+    assert [room for room, _ in rows] == ROOMS
+    for room, names in rows:
+        files = [*(ROOT / "mbdlft" / room).rglob("*.py"), ROOT / "mbdlft" / f"{room}.py"]
+        text = "\n".join(path.read_text(encoding="utf-8") for path in files if path.is_file())
+        for name in re.findall(r"`(?:[\w.]+\.)?(\w+)`", names):
+            assert re.search(rf"^(?:(?:def|class) {name}\b|{name} = )", text, re.MULTILINE), name
+
+
 def test_picture_has_every_room_once_and_few_boxes() -> None:
     picture = PAGE.split("```")[1]
     boxes = re.findall(r"\[(\w+)\]", picture)
