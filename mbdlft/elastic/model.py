@@ -25,9 +25,8 @@ _GROUNDED = 1e-3  # largest frequency of a rigid motion on the given stiffness, 
 # of the rigid mass
 _NOTHING = float(np.sqrt(np.finfo(float).eps))
 _MASSLESS = 1e-10  # a smaller inertia, of the rigid mass, is none: a bar about its own axis
-_CANCELLED = 1e3 * float(
-    np.finfo(float).eps
-)  # rounding of the energy of a rigid motion, of its terms
+# rounding of the energy of a rigid motion, of the terms that cancel in it
+_CANCELLED = 1e3 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,8 +6,9 @@ A frame has an origin and three axes. Two letters name what leads from one frame
     R_cp = R_pc'    the inverse rotation
     r_pc (3,)       position of the origin of frame c from that of frame p, in the axes of p (m)
 
-p is the frame on the parent's side of a joint and c the frame on the child's side. A letter behind a
-vector is the frame in whose axes its components are given.
+p is the frame on the parent's side of a joint and c the frame on the child's side. A small letter
+behind a vector is the frame in whose axes its components are given. Capital letters are points: r_PC
+(3,) is the vector from the point P to the point C of one body, in the axes of this body.
 
 A motion is a 3 x 3 matrix whose columns are [omega, alpha, acceleration]: angular velocity (rad/s) and
 angular acceleration (rad/s^2) of a body, and the linear acceleration (m/s^2) of one of its points, all in

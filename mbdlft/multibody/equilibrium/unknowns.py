@@ -22,9 +22,8 @@ Bounds = Mapping[str, tuple[float, float]]
 _SAMPLES = 8  # random positions at which the size of each row is measured
 _SMALL = 1e-3  # least size of a row, of the largest row of the same unit
 _RANK = 1e-9  # singular values below this part of the largest are zero
-_MOST_TURN = np.pi * (
-    1.0 - 1.0 / 16.0
-)  # rad, largest random rotation: its vector is infinite at pi
+# rad, the largest random rotation; at pi its vector is infinite
+_MOST_TURN = np.pi * (1.0 - 1.0 / 16.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,8 +14,8 @@ from mbdlft.base.signal import Signal
 class Space(Protocol):
     """The positions of the bodies that a load may ask for, displaced and at equilibrium.
 
-    `gravity` (3,) is that of the scene, in its axes (m/s^2). `elastic` is 1; it is 0 where the part of
-    a spring's force that follows its elongation must be left out.
+    `gravity` (3,) is that of the scene, in its axes (m/s^2). `elastic` is 1; it is 0 where the magnitude
+    of a spring already follows the law of the spring, so that its elongation must not be counted again.
     """
 
     gravity: ca.SX
