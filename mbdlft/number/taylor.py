@@ -9,6 +9,7 @@ Source: Makino, Berz, Taylor models and other validated functional inclusion met
 
 import itertools
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -205,6 +206,19 @@ def sine_and_cosine(a: Taylor) -> tuple[Taylor, Taylor]:
     dropped = up(reach ** (order + 1) / math.factorial(order + 1) + 2 * _LIBRARY * np.exp(reach))
     s, c = (Taylor(a.space, f.c, up(f.r + dropped)) for f in found)
     return s, c
+
+
+def _tan(a: Taylor) -> Taylor:
+    sine, cosine = sine_and_cosine(a)
+    return sine / cosine
+
+
+FUNCTIONS: Mapping[str, Callable[[Taylor], Taylor]] = {
+    "sqrt": sqrt,
+    "sin": lambda a: sine_and_cosine(a)[0],
+    "cos": lambda a: sine_and_cosine(a)[1],
+    "tan": _tan,
+}
 
 
 def _polynomial(a: Taylor) -> Taylor:
