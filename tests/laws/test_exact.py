@@ -18,7 +18,7 @@ import mbdlft
 from mbdlft import Angle, MatrixProblem, Parameter, exact_lower_bound
 from mbdlft.lft.lft import LFT
 from mbdlft.matrix import exact_bound as exact
-from mbdlft.matrix.exact_bound import PRIME, Residue, residue
+from mbdlft.number.residue import PRIME, Residue, residue
 
 A, B = Parameter("a", 0.5, 0.3, 0.8), Parameter("b", 1.5, 1.0, 2.0)
 
