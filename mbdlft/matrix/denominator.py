@@ -10,7 +10,7 @@ from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import parse_unit
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, cosine_name, entry_place, matrix_values, sine_name
-from mbdlft.number.interval import FUNCTIONS, Interval, find_zero, interval
+from mbdlft.number.interval import FUNCTIONS, Interval, decimal, find_zero, interval
 
 _LEAST, _MOST = 1e-150, 1e150  # their squares are floats
 
@@ -29,7 +29,7 @@ def check_denominators(problem: MatrixProblem, resolved: Resolved) -> None:
     """
     parameters = {p.name: p for p in problem.parameters}
     numbers = problem.constant_values()
-    constants = {name: interval(value) for name, value in numbers.items()}
+    constants = {name: decimal(value) for name, value in numbers.items()}
     corners = [
         {name: Interval(at, at) for name, at in zip(parameters, point, strict=True)}
         for point in zip(*((p.nominal, p.low, p.high) for p in problem.parameters), strict=True)
@@ -47,8 +47,8 @@ def check_denominators(problem: MatrixProblem, resolved: Resolved) -> None:
         ) -> Interval:
             known = constants | _parts(parameters, box)
             for name, expression in shared.items():
-                known[name] = evaluate(expression, known, interval, FUNCTIONS)
-            found: Interval = evaluate(divisor, known, interval, FUNCTIONS)
+                known[name] = evaluate(expression, known, decimal, FUNCTIONS)
+            found: Interval = evaluate(divisor, known, decimal, FUNCTIONS)
             return found
 
         _check_size(f"{place}: the denominator {write(divisor)}", map(value, corners), _LEAST)

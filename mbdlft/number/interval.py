@@ -78,6 +78,11 @@ def interval(value: Interval | float) -> Interval:
     return value if isinstance(value, Interval) else Interval(value, value)
 
 
+def decimal(value: float) -> Interval:
+    """The interval of a number that was read from a text: it holds the decimals and the double."""
+    return interval(value) if value.is_integer() else outward(value, value)
+
+
 def outward(low: float, high: float) -> Interval:
     """The interval of ends that were rounded to the nearest number."""
     return Interval(math.nextafter(low, -math.inf), math.nextafter(high, math.inf))

@@ -18,7 +18,7 @@ from mbdlft.multibody.equilibrium.write import declared_positions, put_entry, wi
 from mbdlft.multibody.force import Spring
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.scene import Fit, Scene
-from mbdlft.number.interval import FUNCTIONS, Interval, interval
+from mbdlft.number.interval import FUNCTIONS, Interval, decimal, interval
 
 _TANGENT = 1e3  # range of the tangents while they are symbols; nothing depends on it
 
@@ -191,9 +191,9 @@ def _with_positions(
 
 def _largest(scene: Scene, source: Quantity, error: float) -> float:
     """A bound of an error times the size of a quantity over the range of the parameters."""
-    box = {name: interval(value) for name, value in scene.constant_values().items()}
+    box = {name: decimal(value) for name, value in scene.constant_values().items()}
     for p in scene.parameters:
         if not p.is_angle:
             box[p.name] = Interval(p.low, p.high) * parse_unit(p.unit).factor
-    size: Interval = evaluate(parse(source), box, interval, FUNCTIONS)
+    size: Interval = evaluate(parse(source), box, decimal, FUNCTIONS)
     return (size * error).largest

@@ -25,7 +25,7 @@ from mbdlft.multibody.scene.quantities import (
 )
 from mbdlft.multibody.scene.scene import Constant, Scene
 from mbdlft.number.dimension import Dimension
-from mbdlft.number.interval import FUNCTIONS, Interval, find_zero, interval
+from mbdlft.number.interval import FUNCTIONS, Interval, decimal, find_zero
 
 _RANDOM, _CORNERS = 64, 4096
 _ROUNDING = 1e-12
@@ -226,7 +226,7 @@ def _check_denominators(scene: Scene, place: Place, expected: Expected) -> None:
     if not found_in:
         return
     plain = {p.name: p for p in scene.parameters if not p.is_angle}
-    constants = {name: interval(value) for name, value in scene.constant_values().items()}
+    constants = {name: decimal(value) for name, value in scene.constant_values().items()}
     factors = {name: parse_unit(p.unit).factor for name, p in plain.items()}
     for denominator in found_in:
         used = sorted(names(denominator) & set(plain))
@@ -235,7 +235,7 @@ def _check_denominators(scene: Scene, place: Place, expected: Expected) -> None:
 
         def value(box: Mapping[str, Interval], divisor: Expression = denominator) -> Interval:
             si = {name: item * factors[name] for name, item in box.items()}
-            found: Interval = evaluate(divisor, {**constants, **si}, interval, FUNCTIONS)
+            found: Interval = evaluate(divisor, {**constants, **si}, decimal, FUNCTIONS)
             return found
 
         found = find_zero(value, {name: (plain[name].low, plain[name].high) for name in used})
