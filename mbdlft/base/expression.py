@@ -119,9 +119,8 @@ def evaluate(
             return result
         case Power(base, exponent):
             value = evaluate(base, values, number, functions)
-            if "constpow" in functions:
-                return functions["constpow"](value, exponent)
-            return _power(value, exponent, number(1.0))
+            power = functions.get("constpow")
+            return power(value, exponent) if power else _power(value, exponent, number(1.0))
         case Call(function, argument):
             value = evaluate(argument, values, number, functions)
             if function in functions:

@@ -10,7 +10,7 @@ from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import parse_unit
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, cosine_name, entry_place, matrix_values, sine_name
-from mbdlft.number.interval import FUNCTIONS, Interval, decimal, find_zero, interval
+from mbdlft.number.interval import FUNCTIONS, Interval, decimal, find_zero
 
 _LEAST, _MOST = 1e-150, 1e150  # their squares are floats
 
@@ -78,7 +78,7 @@ def _check_size(what: str, values: Iterable[Interval | float], least: float = 0.
 
     What may be zero at a point, or has a pole there, is left to the other checks.
     """
-    found = [interval(value) for value in values]
+    found = [Interval.of(value) for value in values]
     size = max((value.largest for value in found if value.smallest), default=0.0)
     if size and not least <= size <= _MOST:
         expected = f"least {least:g}" if size < least else f"most {_MOST:g}"

@@ -24,7 +24,7 @@ from mbdlft.base.errors import AnalysisError, NotRationalError, WellPosednessErr
 from mbdlft.base.parameter import Parameter, cosine_sine_parts
 from mbdlft.matrix import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, cosine_name, matrix_values, resolve, sine_name
-from mbdlft.number.residue import PRIME, Residue, residue
+from mbdlft.number.residue import PRIME, Residue
 
 _TRIES = 5
 _MOST_POINTS = 512
@@ -117,17 +117,17 @@ def _sample(
         point = generator.randrange(PRIME)
         internal = {**others, name: point}
         values: dict[str, Any] = {
-            key: residue(float(value))
+            key: Residue.of(float(value))
             for key, value in problem.constant_values().items()
             if key not in ("pi", "deg")
         }
         for p in problem.parameters:
             values |= _residues(p, Residue(internal[p.name]))
         try:
-            rows = matrix_values(problem, resolved, values, residue)
+            rows = matrix_values(problem, resolved, values, Residue.of)
         except ValueError:  # no inverse modulo the prime
             continue
-        return point, [[residue(entry).value for entry in row] for row in rows]
+        return point, [[Residue.of(entry).value for entry in row] for row in rows]
     raise WellPosednessError(
         f"matrix {problem.name!r}: a denominator is zero whatever the values of the parameters."
     )

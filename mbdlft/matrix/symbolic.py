@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from itertools import count
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -11,22 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.errors import NotRationalError, SceneError, unknown_name
-from mbdlft.base.expression import (
-    Binary,
-    Call,
-    Expression,
-    Name,
-    Negative,
-    Number,
-    names,
-    write,
-)
+from mbdlft.base.expression import Binary, Call, Expression, Name, Negative, Number, names, write
 from mbdlft.base.parameter import Parameter
 from mbdlft.matrix.local import MatrixForm, local_units
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, cosine_name, matrix_values, sine_name
 from mbdlft.problem.equations import cosines_sines
-from mbdlft.sx.fold import Rule, Rules, fold, rules
+from mbdlft.sx.fold import Rules, fold, rules
 
 _DEEPEST = 12  # nesting beyond which a part of an expression gets a name
 
@@ -145,11 +137,8 @@ class _Texts:
         free, self.free_names = self._free(matrix, symbols)
         self.shape = matrix.shape
         self.tape = ca.Function("matrix", [free], [ca.densify(matrix)])
-        entries = self._run()
-        self.rows = [
-            [entries[i + j * self.shape[0]] for j in range(self.shape[1])]
-            for i in range(self.shape[0])
-        ]
+        by_columns = np.array(self._run(), dtype=object).reshape(self.shape[::-1])
+        self.rows = by_columns.T.tolist()
 
     def _free(self, matrix: ca.SX, symbols: Mapping[str, ca.SX]) -> tuple[ca.SX, list[str]]:
         for name in symbols:
@@ -196,10 +185,7 @@ class _Texts:
 
     def _rules(self) -> Rules:
         """Nodes, by their numbers, as a number system."""
-
-        def node(write_node: Callable[..., Expression]) -> Rule:
-            return partial(self._node, write_node)
-
+        node = partial(partial, self._node)  # the rule that makes a node of a way to write it
         binary = {name: node(partial(Binary, sign)) for name, sign in _BINARY.items()}
         return rules(
             lambda value: self._node(partial(self._constant, value)),
@@ -252,10 +238,8 @@ class _Texts:
         bare = _outside(expression) & self.angles
         if bare or (uses < 2 and depth <= _DEEPEST):
             return expression, depth
-        number = len(self.shared) + 1
-        while f"e{number}" in self.taken:
-            number += 1
-        name = f"e{number}"
+        numbered = (f"e{number}" for number in count(len(self.shared) + 1))
+        name = next(name for name in numbered if name not in self.taken)
         self.taken.add(name)
         self.shared[name] = write(expression)
         self.depends[name] = self._parameters(expression)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbdlft.base.errors import NotRationalError, SceneError
+from mbdlft.number.operators import Operators
 
 _MOST_BOXES = 4096
 _SMALLEST = 1e-9  # width of a box that is not halved again, relative to that of the range
@@ -19,11 +20,16 @@ _LIBRARY = 2.0**-50  # sines, cosines, tangents are right to 4 units in the last
 
 
 @dataclass(frozen=True, slots=True)
-class Interval:
+class Interval(Operators):
     """All values between low and high."""
 
     low: float
     high: float
+
+    @staticmethod
+    def of(number: "Interval | float") -> "Interval":
+        """The interval of one number."""
+        return number if isinstance(number, Interval) else Interval(number, number)
 
     @property
     def largest(self) -> float:
@@ -36,29 +42,19 @@ class Interval:
         return max(self.low, -self.high, 0.0)
 
     def __add__(self, other: "Interval | float") -> "Interval":
-        o = interval(other)
+        o = Interval.of(other)
         return outward(self.low + o.low, self.high + o.high)
-
-    __radd__ = __add__
 
     def __neg__(self) -> "Interval":
         return Interval(-self.high, -self.low)
 
-    def __sub__(self, other: "Interval | float") -> "Interval":
-        return self + (-interval(other))
-
-    def __rsub__(self, other: float) -> "Interval":
-        return -self + other
-
     def __mul__(self, other: "Interval | float") -> "Interval":
-        o = interval(other)  # an infinite end is no value: nothing times it is nothing
+        o = Interval.of(other)  # an infinite end is no value: nothing times it is nothing
         ends = [a * b if a and b else 0.0 for a in (self.low, self.high) for b in (o.low, o.high)]
         return outward(min(ends), max(ends))
 
-    __rmul__ = __mul__
-
     def __truediv__(self, other: "Interval | float") -> "Interval":
-        o = interval(other)
+        o = Interval.of(other)
         if o.low <= 0.0 <= o.high:
             return UNKNOWN
         ends = [
@@ -66,21 +62,13 @@ class Interval:
         ]
         return outward(min(ends), max(ends))
 
-    def __rtruediv__(self, other: float) -> "Interval":
-        return interval(other) / self
-
 
 UNKNOWN = Interval(-math.inf, math.inf)
 
 
-def interval(value: Interval | float) -> Interval:
-    """The interval of one number."""
-    return value if isinstance(value, Interval) else Interval(value, value)
-
-
 def decimal(value: float) -> Interval:
     """The interval of a number that was read from a text: it holds the decimals and the double."""
-    return interval(value) if value.is_integer() else outward(value, value)
+    return Interval.of(value) if value.is_integer() else outward(value, value)
 
 
 def outward(low: float, high: float) -> Interval:
@@ -92,7 +80,7 @@ def _power(a: Interval, exponent: float) -> Interval:
     if exponent != int(exponent):
         raise NotRationalError(f"a power with the exponent {exponent!r}: expected an integer.")
     if exponent <= 0:
-        return 1.0 / _power(a, -exponent) if exponent else interval(1.0)
+        return 1.0 / _power(a, -exponent) if exponent else Interval.of(1.0)
     even = exponent % 2 == 0
     ends = [Interval(x, x) for x in ((a.smallest, a.largest) if even else (a.low, a.high))]
     low, high = (math.prod([x] * (int(exponent) - 1), start=x) for x in ends)
@@ -106,40 +94,8 @@ def _sqrt(a: Interval) -> Interval:
     return Interval(max(found.low, 0.0), found.high)
 
 
-def _sin(a: Interval) -> Interval:
-    return _wave(math.sin, a, 0.5)
-
-
-def _cos(a: Interval) -> Interval:
-    return _wave(math.cos, a, 0.0)
-
-
-def _tan(a: Interval) -> Interval:
-    poles = _turns(a, 0.5)
-    return UNKNOWN if poles is None or len(poles) else _increasing(math.tan, a)
-
-
-def _atan(a: Interval) -> Interval:
-    return _increasing(math.atan, a)
-
-
-FUNCTIONS: Mapping[str, Callable[..., Interval]] = {
-    "constpow": _power,
-    "sq": lambda a: _power(a, 2.0),
-    "sqrt": _sqrt,
-    "sin": _sin,
-    "cos": _cos,
-    "tan": _tan,
-    "atan": _atan,
-}
-
-
 def _of_library(low: float, high: float) -> Interval:
     return outward(low - _LIBRARY * abs(low), high + _LIBRARY * abs(high))
-
-
-def _increasing(function: Callable[[float], float], a: Interval) -> Interval:
-    return _of_library(function(a.low), function(a.high))
 
 
 def _wave(function: Callable[[float], float], a: Interval, phase: float) -> Interval:
@@ -159,6 +115,15 @@ def _turns(a: Interval, phase: float) -> range | None:
         return None
     first, last = (end / math.pi - phase for end in (a.low - near, a.high + near))
     return range(math.ceil(first), math.floor(last) + 1)
+
+
+FUNCTIONS: Mapping[str, Callable[..., Interval]] = {
+    "constpow": _power,
+    "sqrt": _sqrt,
+    "sin": lambda a: _wave(math.sin, a, 0.5),
+    "cos": lambda a: _wave(math.cos, a, 0.0),
+    "atan": lambda a: _of_library(math.atan(a.low), math.atan(a.high)),
+}
 
 
 def find_zero(

@@ -2,10 +2,12 @@
 
 from fractions import Fraction
 
+from mbdlft.number.operators import Operators
+
 PRIME = 2**61 - 1
 
 
-class Residue:
+class Residue(Operators):
     """An integer modulo the prime."""
 
     __slots__ = ("value",)
@@ -13,41 +15,28 @@ class Residue:
     def __init__(self, value: int) -> None:
         self.value = value % PRIME
 
-    def __add__(self, other: "Residue | float") -> "Residue":
-        return Residue(self.value + residue(other).value)
+    @staticmethod
+    def of(number: "Residue | float") -> "Residue":
+        """The residue of a number, a float taken as the decimal it prints as.
 
-    __radd__ = __add__
+        Raises
+        ------
+        ValueError
+            The denominator is a multiple of the prime.
+        """
+        if isinstance(number, Residue):
+            return number
+        fraction = Fraction(repr(number))
+        return Residue(fraction.numerator * pow(fraction.denominator, -1, PRIME))
+
+    def __add__(self, other: "Residue | float") -> "Residue":
+        return Residue(self.value + Residue.of(other).value)
 
     def __neg__(self) -> "Residue":
         return Residue(-self.value)
 
-    def __sub__(self, other: "Residue | float") -> "Residue":
-        return Residue(self.value - residue(other).value)
-
-    def __rsub__(self, other: float) -> "Residue":
-        return residue(other) - self
-
     def __mul__(self, other: "Residue | float") -> "Residue":
-        return Residue(self.value * residue(other).value)
-
-    __rmul__ = __mul__
+        return Residue(self.value * Residue.of(other).value)
 
     def __truediv__(self, other: "Residue | float") -> "Residue":
-        return Residue(self.value * pow(residue(other).value, -1, PRIME))
-
-    def __rtruediv__(self, other: float) -> "Residue":
-        return residue(other) / self
-
-
-def residue(number: "Residue | float") -> Residue:
-    """The residue of a number, a float taken as the decimal it prints as.
-
-    Raises
-    ------
-    ValueError
-        The denominator is a multiple of the prime.
-    """
-    if isinstance(number, Residue):
-        return number
-    fraction = Fraction(repr(number))
-    return Residue(fraction.numerator * pow(fraction.denominator, -1, PRIME))
+        return Residue(self.value * pow(Residue.of(other).value, -1, PRIME))

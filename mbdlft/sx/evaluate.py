@@ -16,17 +16,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError
-from mbdlft.lft.program import (
-    COSINE,
-    DIVIDE,
-    MULTIPLY,
-    ROOT,
-    SINE,
-    SIZE,
-    SUBTRACT,
-    Program,
-    Tape,
-)
+from mbdlft.lft.program import COSINE, DIVIDE, MULTIPLY, ROOT, SINE, SIZE, SUBTRACT, Program, Tape
 from mbdlft.lft.run import Plan, plan, run
 from mbdlft.sx.fold import Rule, Rules, fold, rules
 
@@ -55,14 +45,12 @@ class Vectors(NamedTuple):
 
 def evaluate_many(function: ca.Function, points: Array, *others: Array) -> list[Array]:
     """Values of a function of column vectors at many points, each (N, rows, columns); all are dense."""
-    count = len(points)
-    found = vectors(function) if count >= MANY else None
-    if found is not None:
-        values = np.empty((count, len(found.constant)))
-        values[:] = found.constant
-        values[:, found.places] = _varying(found, points, *others).T
-        return _parts(function, values)
-    return _called(function, points, *others)
+    found = vectors(function) if len(points) >= MANY else None
+    if found is None:
+        return _called(function, points, *others)
+    values = np.tile(found.constant, (len(points), 1))
+    values[:, found.places] = _varying(found, points, *others).T
+    return _parts(function, values)
 
 
 def _called(function: ca.Function, *points: Array) -> list[Array]:
@@ -119,13 +107,9 @@ def _varying(found: Vectors, points: Array, *others: Array) -> Array:
 
 def _parts(function: ca.Function, values: Array) -> list[Array]:
     """The results (N, rows, columns) in values that stand one behind the other (N, all)."""
-    parts, start = [], 0
-    for k in range(function.n_out()):
-        rows, columns = function.size_out(k)
-        part = values[:, start : start + rows * columns]
-        parts.append(part.reshape(len(values), rows, columns))
-        start += rows * columns
-    return parts
+    shapes = [function.size_out(k) for k in range(function.n_out())]
+    parts = np.split(values, np.cumsum([rows * columns for rows, columns in shapes])[:-1], axis=1)
+    return [part.reshape(len(values), *shape) for part, shape in zip(parts, shapes, strict=True)]
 
 
 @lru_cache(maxsize=8)  # a sweep asks for the same ones again and again

@@ -6,7 +6,7 @@ operation makes of elements. Rules are found by the names of CasADi's operations
 """
 
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -17,21 +17,6 @@ from mbdlft.base.errors import NotRationalError
 _NAMES = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
 
 Rule = Callable[..., Any]
-
-
-class Step(NamedTuple):
-    """An instruction: what is done with the values of registers, and where the result goes.
-
-    Attributes
-    ----------
-    operation : name of the operation
-    target : a register; of "output", the number of the result and the place of the entry in it
-    sources : registers; of "input", the number of the argument and the entry; of "const", the value
-    """
-
-    operation: str
-    target: Any
-    sources: tuple[Any, ...]
 
 
 class Rules(NamedTuple):
@@ -64,7 +49,7 @@ def refused(operation: str, where: str, *operands: Any) -> Any:
 def rules(
     constant: Rule, *, add: Rule, mul: Rule, div: Rule, missing: Rule = refused, **others: Rule
 ) -> Rules:
-    """The table of a number system; rules of -a, a - b, 2a, a^2 and 1/a follow if they are not given."""
+    """The table of a number system; rules of -a, a - b, 2a, a^2, 1/a follow where not given."""
     neg: Rule = others.get("neg") or (lambda a: mul(constant(-1.0), a))
     follow: dict[str, Rule] = {
         "assign": lambda a: a,
@@ -85,28 +70,28 @@ def arithmetic(number: Rule, functions: Mapping[str, Rule]) -> Rules:
     """
 
     def counted(rule: Rule) -> Rule:
-        def apply(first: Any, *others: Any) -> Any:
-            alone = isinstance(first, float) and all(isinstance(item, float) for item in others)
-            return rule(number(first) if alone else first, *others)
+        return lambda *x: rule(*(map(number, x) if all(isinstance(a, float) for a in x) else x))
 
-        return apply
-
-    own: dict[str, Rule] = {"neg": operator.neg, **functions}
+    own: dict[str, Rule] = {"neg": operator.neg}
+    own |= {"tan": lambda a: functions["sin"](a) / functions["cos"](a), **functions}
     own |= {"add": operator.add, "sub": operator.sub, "mul": operator.mul, "div": operator.truediv}
     return rules(float, **{name: counted(rule) for name, rule in own.items()})
 
 
 @lru_cache(maxsize=8)  # few are folded more than once, but those again and again
-def steps(function: ca.Function) -> tuple[Step, ...]:
-    """The instructions of a function of SX."""
+def steps(function: ca.Function) -> tuple[tuple[str, Any, Sequence[Any]], ...]:
+    """The instructions of a function of SX: operation, register of the result, registers of operands.
+
+    An "input" has the numbers of an argument and its entry for operands, a "const" its value; the target
+    of an "output" are the numbers of a result and its entry.
+    """
     found = []
     for k in range(function.n_instructions()):
         operation, targets = _NAMES[function.instruction_id(k)], function.instruction_output(k)
-        target = tuple(targets) if operation == "output" else targets[0]
+        sources: Any = function.instruction_input(k)
         if operation == "const":
-            found.append(Step(operation, target, (float(function.instruction_constant(k)),)))
-        else:
-            found.append(Step(operation, target, tuple(function.instruction_input(k))))
+            sources = [float(function.instruction_constant(k))]
+        found.append((operation, targets if operation == "output" else targets[0], sources))
     return tuple(found)
 
 

@@ -13,6 +13,7 @@ from mbdlft.base.expression import evaluate, parse
 from mbdlft.matrix.symbolic import matrix_problem
 from mbdlft.multibody.equilibrium.fit.system import _ARRAYS
 from mbdlft.number import interval, taylor
+from mbdlft.number.interval import Interval
 from mbdlft.pipeline.extract.close import close
 from mbdlft.pipeline.extract.tape import walk
 from mbdlft.sx import sizes
@@ -22,7 +23,7 @@ from tests.close import EPS, exact, roundoff
 
 NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
 RATIONAL = {"OP_ADD", "OP_SUB", "OP_MUL", "OP_DIV", "OP_NEG", "OP_TWICE", "OP_SQ", "OP_INV"}
-TRIGONOMETRIC = {"OP_SQRT", "OP_SIN", "OP_COS"}
+TRIGONOMETRIC = {"OP_SQRT", "OP_SIN", "OP_COS", "OP_TAN"}
 
 
 def elementary() -> dict[str, ca.Function]:
@@ -72,8 +73,8 @@ def of_sizes(function: ca.Function, x: float, y: float) -> None:
 
 
 def of_intervals(function: ca.Function, x: float, y: float) -> None:
-    table = arithmetic(interval.interval, interval.FUNCTIONS)
-    (found,) = fold(function, table, [interval.Interval(x, x)], [interval.Interval(y, y)])[0]
+    table = arithmetic(Interval.of, interval.FUNCTIONS)
+    (found,) = fold(function, table, [Interval(x, x)], [Interval(y, y)])[0]
     value = float(function(x, y))
     assert found.low <= value <= found.high
     roundoff([found.low, found.high], [value, value])
@@ -109,13 +110,15 @@ def of_texts(function: ca.Function, x: float, y: float) -> None:
     roundoff(found, float(function(x, y)))
 
 
-NOT_IN_NUMPY = {"OP_ERF", "OP_ERFINV", "OP_PRINTME", "OP_REMAINDER"}
+LOGICAL = {f"OP_{name}" for name in ("LT", "LE", "EQ", "NE", "NOT", "AND", "OR", "IF_ELSE_ZERO")}
+NOT_IN_NUMPY = {"OP_ERF", "OP_ERFINV", "OP_REMAINDER", "OP_FMOD", "OP_PRINTME"}
+OF_DOUBLES = set(OPERATIONS) - LOGICAL - NOT_IN_NUMPY
 TABLES: dict[str, tuple[Callable[[ca.Function, float, float], None], set[str]]] = {
-    "arrays": (of_arrays, set(OPERATIONS) - NOT_IN_NUMPY),
-    "sizes": (of_sizes, set(OPERATIONS) - NOT_IN_NUMPY),
-    "program": (of_program, RATIONAL | TRIGONOMETRIC | {"OP_FABS"}),
-    "intervals": (of_intervals, RATIONAL | TRIGONOMETRIC | {"OP_TAN", "OP_ATAN"}),
-    "Taylor models": (of_taylor_models, RATIONAL | TRIGONOMETRIC | {"OP_TAN"}),
+    "arrays": (of_arrays, OF_DOUBLES),
+    "sizes": (of_sizes, OF_DOUBLES),
+    "program": (of_program, RATIONAL | TRIGONOMETRIC - {"OP_TAN"} | {"OP_FABS"}),
+    "intervals": (of_intervals, RATIONAL | TRIGONOMETRIC | {"OP_ATAN"}),
+    "Taylor models": (of_taylor_models, RATIONAL | TRIGONOMETRIC),
     "graphs": (of_graphs, RATIONAL),
     "texts": (of_texts, RATIONAL),
 }

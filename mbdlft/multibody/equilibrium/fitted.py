@@ -18,7 +18,7 @@ from mbdlft.multibody.equilibrium.write import declared_positions, put_entry, wi
 from mbdlft.multibody.force import Spring
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.scene import Fit, Scene
-from mbdlft.number.interval import FUNCTIONS, Interval, decimal, interval
+from mbdlft.number.interval import FUNCTIONS, Interval, decimal
 
 _TANGENT = 1e3  # range of the tangents while they are symbols; nothing depends on it
 
@@ -151,7 +151,7 @@ def _fitted(
         density = f"{size!r}*({found.expressions[i]})"
         spring = {"force_density": density, "rest_length": None}
         loads[k] = loads[k].model_copy(update=spring)
-        bounds[f"{name}.{Spring.signal.name}"] = (interval(size) * float(found.bound[i])).largest
+        bounds[f"{name}.{Spring.signal.name}"] = (Interval.of(size) * float(found.bound[i])).largest
     update = {
         "joints": tuple(joints.values()),
         "loads": tuple(loads),

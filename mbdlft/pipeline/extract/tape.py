@@ -113,18 +113,10 @@ def _add(graph: SignalGraph, a: Element, b: Element) -> Element:
     if isinstance(a, Scaled) and isinstance(b, Scaled):
         return graph.combine([a, b])
     if isinstance(a, Scaled) or isinstance(b, Scaled):
-        signal, number = (a, b) if isinstance(a, Scaled) else (b, a)
-        if not isinstance(number, Scaled) and graph.constant_value(number) == 0.0:
-            return signal
         raise NotRationalError(
             "a signal and a coefficient are added, so the relations are not linear in the signals."
         )
-    x, y = graph.constant_value(a), graph.constant_value(b)
-    if x is not None and y is not None:
-        return graph.constant(x + y)
-    if x == 0.0:
-        return b
-    return a if y == 0.0 else graph.node("add", a, b)
+    return graph.node("add", a, b)
 
 
 def _multiply(graph: SignalGraph, a: Element, b: Element) -> Element:
@@ -140,11 +132,7 @@ def _multiply(graph: SignalGraph, a: Element, b: Element) -> Element:
         return graph.apply(b, a) if constant is None else scaled(constant, a)
     assert not isinstance(b, Scaled)
     x, y = graph.constant_value(a), graph.constant_value(b)
-    if x is not None and y is not None:
-        return graph.constant(x * y)
-    if x == 1.0:
-        return b
-    return a if y == 1.0 else graph.node("multiply", a, b)
+    return graph.node("multiply", a, b) if x is None or y is None else graph.constant(x * y)
 
 
 def _divide(graph: SignalGraph, a: Element, b: Element) -> Element:
@@ -157,7 +145,4 @@ def _divide(graph: SignalGraph, a: Element, b: Element) -> Element:
         if value is not None:
             return Scaled(a.factor / value, a.number)
         return graph.apply(graph.node("divide", graph.constant(1.0), b), a)
-    x = graph.constant_value(a)
-    if x is not None and value is not None:
-        return graph.constant(x / value)
     return graph.node("divide", a, b)

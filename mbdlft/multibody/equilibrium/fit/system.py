@@ -60,10 +60,10 @@ def system(residual: ca.Function, names: Sequence[str]) -> System:
 def values(s: System, t: Array, p: Array) -> tuple[Array, Array]:
     """f (N, n) and df/dt (N, n, n) at t (N, n) and p (N, q)."""
     n, count = s.unknowns, len(p)
-    f, j = np.empty((n, count)), np.empty((n * n, count))
-    for values_of, tape in ((f, s.residual), (j, s.jacobian)):
-        for row, entry in zip(values_of, fold(tape, _ARRAYS, t.T, p.T)[0], strict=True):
-            row[:] = entry
+    f, j = (
+        np.array([np.broadcast_to(entry, count) for entry in fold(tape, _ARRAYS, t.T, p.T)[0]])
+        for tape in (s.residual, s.jacobian)
+    )
     return f.T, j.reshape(n, n, count).T
 
 
