@@ -160,6 +160,15 @@ def test_a_wrong_rule_is_found(table: str, rule: str, monkeypatch: pytest.Monkey
     vectors.cache_clear()
 
 
+def test_sizes_go_through_functions() -> None:
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    entries = ca.vertcat(1.0 / (x - y), 2.0 * ca.sqrt(x - y), ca.tan(x), ca.fabs(x - y), 7.0)
+    function = ca.Function("f", [x, y], [entries])
+    found = sizes.term_sizes(function, np.array([[3.0], [5.0]]), np.array([[1.0], [1.0]]))
+    roundoff(found[0], [4.0 / 2.0**2, 2.0 * 2.0, -np.tan(3.0), 4.0, 7.0])
+    roundoff(found[1], [6.0 / 4.0**2, 2.0 * np.sqrt(6.0), -np.tan(5.0), 6.0, 7.0])
+
+
 def test_a_new_number_system_is_a_table() -> None:
     """Degrees of products: constants have none, sums the larger one."""
     table = rules(lambda value: 0, add=max, mul=lambda a, b: a + b, div=lambda a, b: a + b)
