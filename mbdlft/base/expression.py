@@ -8,6 +8,7 @@ Numbers are in SI units; the value of a name has the unit with which the name wa
 import math
 from collections.abc import Callable, Iterator, Mapping
 from decimal import Decimal
+from types import MappingProxyType
 from typing import Any
 
 from mbdlft.base.errors import NotRationalError, SceneError, unknown_name
@@ -78,6 +79,7 @@ def evaluate(
     expression: Expression,
     values: Mapping[str, Any],
     number: Callable[[float], Any] = lambda value: value,
+    functions: Mapping[str, Callable[..., Any]] = MappingProxyType({}),
 ) -> Any:
     """Value of an expression in the number system of `values`; a constant gives a float.
 
@@ -88,6 +90,9 @@ def evaluate(
         For each name a value with ``+ - * /`` (float, array, SX, interval, ...), in SI units.
     number : function
         Turns a literal number into one of the number system; by default it stays a float.
+    functions : mapping
+        Functions of the number system, and its powers as "constpow". Without them the functions are of
+        constants only, and powers are products.
 
     Raises
     ------
@@ -104,17 +109,22 @@ def evaluate(
                 raise SceneError(unknown_name("name", name, values))
             return values[name]
         case Negative(operand):
-            return -evaluate(operand, values, number)
+            return -evaluate(operand, values, number, functions)
         case Binary():
             first, rest = spine(expression)
-            result = evaluate(first, values, number)
+            result = evaluate(first, values, number, functions)
             for operator, right in rest:
-                result = _binary(operator, result, evaluate(right, values, number))
+                operand = evaluate(right, values, number, functions)
+                result = _binary(operator, result, operand)
             return result
         case Power(base, exponent):
-            return _power(evaluate(base, values, number), exponent, number(1.0))
+            value = evaluate(base, values, number, functions)
+            power = functions.get("constpow")
+            return power(value, exponent) if power else _power(value, exponent, number(1.0))
         case Call(function, argument):
-            value = evaluate(argument, values, number)
+            value = evaluate(argument, values, number, functions)
+            if function in functions:
+                return functions[function](value)
             if isinstance(value, Decimal):
                 value = float(value)
             if not isinstance(value, float):

@@ -10,7 +10,7 @@ from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import parse_unit
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, cosine_name, entry_place, matrix_values, sine_name
-from mbdlft.number.interval import Interval, find_zero, interval
+from mbdlft.number.interval import FUNCTIONS, Interval, decimal, find_zero
 
 _LEAST, _MOST = 1e-150, 1e150  # their squares are floats
 
@@ -28,7 +28,8 @@ def check_denominators(problem: MatrixProblem, resolved: Resolved) -> None:
         A denominator vanishes in the range, or comes as close to zero as rounding allows to tell.
     """
     parameters = {p.name: p for p in problem.parameters}
-    constants: dict[str, Interval | float] = {**problem.constant_values()}
+    numbers = problem.constant_values()
+    constants = {name: decimal(value) for name, value in numbers.items()}
     corners = [
         {name: Interval(at, at) for name, at in zip(parameters, point, strict=True)}
         for point in zip(*((p.nominal, p.low, p.high) for p in problem.parameters), strict=True)
@@ -43,11 +44,11 @@ def check_denominators(problem: MatrixProblem, resolved: Resolved) -> None:
             box: Mapping[str, Interval],
             shared: Mapping[str, Expression] = shared,
             divisor: Expression = divisor,
-        ) -> Interval | float:
+        ) -> Interval:
             known = constants | _parts(parameters, box)
             for name, expression in shared.items():
-                known[name] = evaluate(expression, known)
-            found: Interval | float = evaluate(divisor, known)
+                known[name] = evaluate(expression, known, decimal, FUNCTIONS)
+            found: Interval = evaluate(divisor, known, decimal, FUNCTIONS)
             return found
 
         _check_size(f"{place}: the denominator {write(divisor)}", map(value, corners), _LEAST)
@@ -65,7 +66,7 @@ def check_denominators(problem: MatrixProblem, resolved: Resolved) -> None:
                 "the division."
             )
     rows = [
-        matrix_values(problem, resolved, constants | _parts(parameters, box))
+        matrix_values(problem, resolved, {**numbers, **_parts(parameters, box)})
         for box in corners or [{}]
     ]
     for i, j in np.ndindex(problem.shape):
@@ -75,10 +76,10 @@ def check_denominators(problem: MatrixProblem, resolved: Resolved) -> None:
 def _check_size(what: str, values: Iterable[Interval | float], least: float = 0.0) -> None:
     """Raise a SceneError if the largest of some values is not zero, and below the least or too large.
 
-    What is more than one value at a point has a pole there, which is left to the other checks.
+    What may be zero at a point, or has a pole there, is left to the other checks.
     """
-    points = [found.low for found in map(interval, values) if not found.low < found.high]
-    size = float(np.max(np.abs(points), initial=0.0))
+    found = [Interval.of(value) for value in values]
+    size = max((value.largest for value in found if value.smallest), default=0.0)
     if size and not least <= size <= _MOST:
         expected = f"least {least:g}" if size < least else f"most {_MOST:g}"
         raise SceneError(
@@ -111,35 +112,14 @@ def _needed(resolved: Resolved, expression: Expression) -> dict[str, Expression]
     return {name: shared for name, shared in resolved.shared.items() if name in used}
 
 
-def _parts(
-    parameters: Mapping[str, Parameter], box: Mapping[str, Interval]
-) -> dict[str, Interval | float]:
+def _parts(parameters: Mapping[str, Parameter], box: Mapping[str, Interval]) -> dict[str, Interval]:
     """Parameters over intervals; an angle by its cosine and sine."""
-    return {
-        part: value
-        for name, item in box.items()
-        for part, value in _interval_values(parameters[name], item).items()
-    }
-
-
-def _interval_values(parameter: Parameter, value: Interval) -> dict[str, Interval]:
-    """A parameter over an interval; an angle by its cosine and sine."""
-    if not parameter.is_angle:
-        return {parameter.name: value}
-    factor = parse_unit(parameter.unit).factor
-    low, high = value.low * factor, value.high * factor
-    return {
-        cosine_name(parameter.name): _cosine(low, high),
-        sine_name(parameter.name): _cosine(low - np.pi / 2, high - np.pi / 2),
-    }
-
-
-def _cosine(low: float, high: float) -> Interval:
-    """All cosines of the angles between low and high (rad)."""
-    ends = (float(np.cos(low)), float(np.cos(high)))
-    turns = np.floor(high / np.pi)  # the last multiple of pi below high
-    inside = [k for k in (turns, turns - 1) if k * np.pi >= low]
-    tops = [1.0 if k % 2 == 0 else -1.0 for k in inside]
-    return (
-        Interval(min(*ends, *tops), max(*ends, *tops)) if tops else Interval(min(ends), max(ends))
-    )
+    found = {}
+    for name, item in box.items():
+        if parameters[name].is_angle:
+            angle = item * parse_unit(parameters[name].unit).factor
+            found[cosine_name(name)] = FUNCTIONS["cos"](angle)
+            found[sine_name(name)] = FUNCTIONS["sin"](angle)
+        else:
+            found[name] = item
+    return found

@@ -18,67 +18,18 @@ Mayo, Antoulas, A framework for the solution of the generalized realization prob
 
 import random
 from collections.abc import Mapping
-from fractions import Fraction
 from typing import Any
 
 from mbdlft.base.errors import AnalysisError, NotRationalError, WellPosednessError
 from mbdlft.base.parameter import Parameter, cosine_sine_parts
 from mbdlft.matrix import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, cosine_name, matrix_values, resolve, sine_name
+from mbdlft.number.residue import PRIME, Residue
 
-PRIME = 2**61 - 1
 _TRIES = 5
 _MOST_POINTS = 512
 
 Rows = list[list[int]]
-
-
-class Residue:
-    """An integer modulo the prime, as a number system for expressions."""
-
-    __slots__ = ("value",)
-
-    def __init__(self, value: int) -> None:
-        self.value = value % PRIME
-
-    def __add__(self, other: "Residue | float") -> "Residue":
-        return Residue(self.value + residue(other).value)
-
-    __radd__ = __add__
-
-    def __neg__(self) -> "Residue":
-        return Residue(-self.value)
-
-    def __sub__(self, other: "Residue | float") -> "Residue":
-        return Residue(self.value - residue(other).value)
-
-    def __rsub__(self, other: float) -> "Residue":
-        return residue(other) - self
-
-    def __mul__(self, other: "Residue | float") -> "Residue":
-        return Residue(self.value * residue(other).value)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: "Residue | float") -> "Residue":
-        return Residue(self.value * pow(residue(other).value, -1, PRIME))
-
-    def __rtruediv__(self, other: float) -> "Residue":
-        return residue(other) / self
-
-
-def residue(number: "Residue | float") -> Residue:
-    """The residue of a number, a float taken as the decimal it prints as.
-
-    Raises
-    ------
-    ValueError
-        The denominator is a multiple of the prime.
-    """
-    if isinstance(number, Residue):
-        return number
-    fraction = Fraction(repr(number))
-    return Residue(fraction.numerator * pow(fraction.denominator, -1, PRIME))
 
 
 def exact_lower_bound(problem: MatrixProblem, seed: int = 0) -> dict[str, int]:
@@ -166,17 +117,17 @@ def _sample(
         point = generator.randrange(PRIME)
         internal = {**others, name: point}
         values: dict[str, Any] = {
-            key: residue(float(value))
+            key: Residue.of(float(value))
             for key, value in problem.constant_values().items()
             if key not in ("pi", "deg")
         }
         for p in problem.parameters:
             values |= _residues(p, Residue(internal[p.name]))
         try:
-            rows = matrix_values(problem, resolved, values, residue)
+            rows = matrix_values(problem, resolved, values, Residue.of)
         except ValueError:  # no inverse modulo the prime
             continue
-        return point, [[residue(entry).value for entry in row] for row in rows]
+        return point, [[Residue.of(entry).value for entry in row] for row in rows]
     raise WellPosednessError(
         f"matrix {problem.name!r}: a denominator is zero whatever the values of the parameters."
     )

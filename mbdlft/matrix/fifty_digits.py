@@ -12,6 +12,7 @@ from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import parse_unit
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, cosine_name, entry_place, matrix_values, sine_name
+from mbdlft.number.operators import Operators
 
 _LEAST = 1e-280  # of an entry: its rounding is a float, too
 _DIGITS = Context(prec=50, traps=[])  # what is not finite has its own message
@@ -24,7 +25,7 @@ class MatrixValues(NamedTuple):
     sizes: Array
 
 
-class Sized:
+class Sized(Operators):
     """A value and its size; ``+ - * /`` as for numbers.
 
     The size of a number is its own. Sizes of terms add up; of two factors the one counts in which
@@ -37,40 +38,27 @@ class Sized:
     def __init__(self, value: Any, size: Any) -> None:
         self.value, self.size = value, size
 
-    def __add__(self, other: "Sized | float") -> "Sized":
-        o = sized(other)
-        return Sized(self.value + o.value, self.size + o.size)
+    @staticmethod
+    def of(number: Any) -> "Sized":
+        """A number or array, of its own size."""
+        return number if isinstance(number, Sized) else Sized(number, np.abs(number))
 
-    __radd__ = __add__
+    def __add__(self, other: "Sized | float") -> "Sized":
+        o = Sized.of(other)
+        return Sized(self.value + o.value, self.size + o.size)
 
     def __neg__(self) -> "Sized":
         return Sized(-self.value, self.size)
 
-    def __sub__(self, other: "Sized | float") -> "Sized":
-        return self + -sized(other)
-
-    def __rsub__(self, other: float) -> "Sized":
-        return -self + other
-
     def __mul__(self, other: "Sized | float") -> "Sized":
-        o = sized(other)
+        o = Sized.of(other)
         size = np.maximum(np.abs(self.value) * o.size, self.size * np.abs(o.value))
         return Sized(self.value * o.value, size)
 
-    __rmul__ = __mul__
-
     def __truediv__(self, other: "Sized | float") -> "Sized":
-        o = sized(other)
+        o = Sized.of(other)
         inverse = 1.0 / o.value
         return self * Sized(inverse, o.size * inverse * inverse)
-
-    def __rtruediv__(self, other: float) -> "Sized":
-        return sized(other) / self
-
-
-def sized(value: Any) -> Sized:
-    """A number or array, of its own size."""
-    return value if isinstance(value, Sized) else Sized(value, np.abs(value))
 
 
 def values_in_digits(
@@ -97,9 +85,9 @@ def values_in_digits(
     with localcontext(_DIGITS), np.errstate(all="ignore"):
         digits = {name: _decimals(value) for name, value in known.items()}
         values = _stacked(matrix_values(problem, resolved, digits, _decimals), len(points))
-        parts = {name: sized(v) if isinstance(v, np.ndarray) else v for name, v in known.items()}
+        parts = {name: Sized.of(v) if isinstance(v, np.ndarray) else v for name, v in known.items()}
         rows = matrix_values(problem, resolved, parts)
-        sizes = [[sized(entry).size for entry in row] for row in rows]
+        sizes = [[Sized.of(entry).size for entry in row] for row in rows]
     if not np.all(np.isfinite(values)):
         k, i, j = np.argwhere(~np.isfinite(values))[0]
         raise WellPosednessError(

@@ -16,6 +16,7 @@ from mbdlft.base.errors import MbdlftError
 from mbdlft.matrix.local import MatrixForm, local_units
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, matrix_values
+from mbdlft.number.operators import Operators
 
 _MOST_TERMS, _MOST_DEGREE = 1000, 128
 
@@ -24,7 +25,7 @@ class NotPolynomialError(Exception):
     """A division by more than a number, or more terms or a higher degree than are expanded."""
 
 
-class Polynomial:
+class Polynomial(Operators):
     """Coefficients by the exponents of the variables; ``+ - * /`` as for numbers."""
 
     __slots__ = ("terms",)
@@ -36,24 +37,16 @@ class Polynomial:
 
     def __add__(self, other: "Polynomial | float") -> Self:
         total = dict(self.terms)
-        for exponents, value in self._like(other).terms.items():
+        for exponents, value in self.of(other).terms.items():
             total[exponents] = total.get(exponents, Fraction(0)) + value
         return type(self)(total)
-
-    __radd__ = __add__
 
     def __neg__(self) -> Self:
         return type(self)({exponents: -value for exponents, value in self.terms.items()})
 
-    def __sub__(self, other: "Polynomial | float") -> Self:
-        return self + -self._like(other)
-
-    def __rsub__(self, other: float) -> Self:
-        return -self + other
-
     def __mul__(self, other: "Polynomial | float") -> Self:
         total: dict[tuple[int, ...], Fraction] = {}
-        factor = self._like(other)
+        factor = self.of(other)
         if self._degree() + factor._degree() > _MOST_DEGREE:
             raise NotPolynomialError
         for first, x in self.terms.items():
@@ -62,22 +55,17 @@ class Polynomial:
                 total[exponents] = total.get(exponents, Fraction(0)) + x * y
         return type(self)(total)
 
-    __rmul__ = __mul__
-
     def __truediv__(self, other: "Polynomial | float") -> Self:
-        divisor = self._like(other).terms
+        divisor = self.of(other).terms
         if any(any(exponents) for exponents in divisor) or not divisor:
             raise NotPolynomialError
         (value,) = divisor.values()
         return type(self)({exponents: x / value for exponents, x in self.terms.items()})
 
-    def __rtruediv__(self, other: float) -> Self:
-        return self._like(other) / self
-
     def _degree(self) -> int:
         return max(map(sum, self.terms), default=0)
 
-    def _like(self, number: "Polynomial | float") -> Self:
+    def of(self, number: "Polynomial | float") -> Self:
         if isinstance(number, Polynomial):
             return type(self)(number.terms)
         size = len(next(iter(self.terms), ()))

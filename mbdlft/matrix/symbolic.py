@@ -3,29 +3,22 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from functools import partial
+from itertools import count
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.errors import NotRationalError, SceneError, unknown_name
-from mbdlft.base.expression import (
-    Binary,
-    Call,
-    Expression,
-    Name,
-    Negative,
-    Number,
-    Power,
-    names,
-    write,
-)
+from mbdlft.base.expression import Binary, Call, Expression, Name, Negative, Number, names, write
 from mbdlft.base.parameter import Parameter
 from mbdlft.matrix.local import MatrixForm, local_units
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, cosine_name, matrix_values, sine_name
 from mbdlft.problem.equations import cosines_sines
+from mbdlft.sx.fold import Rules, fold, rules
 
 _DEEPEST = 12  # nesting beyond which a part of an expression gets a name
 
@@ -114,6 +107,13 @@ def _names_a_symbol(item: tuple[Any, Any]) -> bool:
     return isinstance(name, str) and is_scalar and bool(symbol.is_symbolic())
 
 
+class _Node(NamedTuple):
+    """An instruction: how its expression is made of those of other nodes, and their numbers."""
+
+    write_node: Callable[..., Expression]
+    sources: tuple[int, ...]
+
+
 class _Texts:
     """The instructions of an SX matrix as expressions; what is used twice gets a name."""
 
@@ -130,17 +130,15 @@ class _Texts:
         self.parameters = {p.name for p in parameters}
         self.shared: dict[str, str] = {}
         self.depends: dict[str, frozenset[str]] = {}
+        self.nodes: list[_Node] = []
         if 0 in matrix.shape:
             self.rows: list[list[float | str]] = []
             return
         free, self.free_names = self._free(matrix, symbols)
         self.shape = matrix.shape
         self.tape = ca.Function("matrix", [free], [ca.densify(matrix)])
-        entries = self._run()
-        self.rows = [
-            [entries[i + j * self.shape[0]] for j in range(self.shape[1])]
-            for i in range(self.shape[0])
-        ]
+        by_columns = np.array(self._run(), dtype=object).reshape(self.shape[::-1])
+        self.rows = by_columns.T.tolist()
 
     def _free(self, matrix: ca.SX, symbols: Mapping[str, ca.SX]) -> tuple[ca.SX, list[str]]:
         for name in symbols:
@@ -166,38 +164,38 @@ class _Texts:
             used.append(name)
         return ca.vertcat(ca.SX(0, 1), *free), used
 
-    def _uses(self) -> Counter[int]:
-        """How often the value of each instruction is read."""
-        reads: Counter[int] = Counter()
-        owner: dict[int, int] = {}
-        for k in range(self.tape.n_instructions()):
-            if self.tape.instruction_id(k) not in (ca.OP_INPUT, ca.OP_CONST):
-                reads.update(owner[source] for source in self.tape.instruction_input(k))
-            if self.tape.instruction_id(k) != ca.OP_OUTPUT:
-                owner[self.tape.instruction_output(k)[0]] = k
-        return reads
+    def _run(self) -> list[float | str]:
+        """Texts of the entries, by columns: first a node for each instruction, then names for nodes."""
+        inputs = [self._node(partial(Name, name)) for name in self.free_names]
+        (self.entries,) = fold(self.tape, self._rules(), inputs)
+        uses = Counter(source for node in self.nodes for source in node.sources)
+        uses.update(self.entries)
+        done: list[tuple[Expression, int]] = []  # and the depth
+        for k, (write_node, sources) in enumerate(self.nodes):
+            self.node = k
+            expression = write_node(*(done[source][0] for source in sources))
+            depth = 1 + max((done[source][1] for source in sources), default=-1)
+            done.append(self._named(expression, depth, uses[k]) if sources else (expression, 0))
+        texts = [done[k][0] for k in self.entries]
+        return [e.value if isinstance(e, Number) else write(e) for e in texts]
 
-    def _run(self) -> dict[int, float | str]:
-        uses = self._uses()
-        work: dict[int, tuple[Expression, int]] = {}  # and the depth
-        entries: dict[int, float | str] = {}
-        for k in range(self.tape.n_instructions()):
-            operation = self.tape.instruction_id(k)
-            sources, targets = self.tape.instruction_input(k), self.tape.instruction_output(k)
-            if operation == ca.OP_OUTPUT:
-                value = work[sources[0]][0]
-                entries[targets[1]] = value.value if isinstance(value, Number) else write(value)
-                continue
-            if operation == ca.OP_CONST:
-                work[targets[0]] = self._constant(self.tape.instruction_constant(k)), 0
-            elif operation == ca.OP_INPUT:
-                work[targets[0]] = Name(self.free_names[sources[1]]), 0
-            else:
-                parts = [work[source][0] for source in sources]
-                depth = 1 + max(work[source][1] for source in sources)
-                expression = self._operation(k, operation, parts)
-                work[targets[0]] = self._named(expression, depth, uses[k])
-        return entries
+    def _node(self, write_node: Callable[..., Expression], *sources: int) -> int:
+        self.nodes.append(_Node(write_node, sources))
+        return len(self.nodes) - 1
+
+    def _rules(self) -> Rules:
+        """Nodes, by their numbers, as a number system."""
+        node = partial(partial, self._node)  # the rule that makes a node of a way to write it
+        binary = {name: node(partial(Binary, sign)) for name, sign in _BINARY.items()}
+        return rules(
+            lambda value: self._node(partial(self._constant, value)),
+            missing=lambda name, _, *sources: self._node(partial(self._refuse, name), *sources),
+            neg=node(Negative),
+            sq=node(lambda a: Binary("*", a, a)),
+            sin=node(partial(self._call, "sin")),
+            cos=node(partial(self._call, "cos")),
+            **binary,
+        )
 
     def _constant(self, value: float) -> Expression:
         if not math.isfinite(value):
@@ -207,49 +205,24 @@ class _Texts:
             )
         return Number(value) if value >= 0 else Negative(Number(-value))  # no negative literals
 
-    def _operation(self, k: int, operation: int, parts: list[Expression]) -> Expression:
-        if operation in _BINARY:
-            return Binary(_BINARY[operation], *parts)
-        if operation in _UNARY:
-            return _UNARY[operation](parts[0])
-        if (
-            operation in _FUNCTIONS
-            and self._parameters(parts[0]) <= _outside(parts[0]) & self.angles
-        ):
-            return Call(_FUNCTIONS[operation], parts[0])
-        if operation in (ca.OP_POW, ca.OP_CONSTPOW) and isinstance(parts[1], Number):
-            exponent = parts[1].value
-            if exponent.is_integer() and exponent <= _MOST_POWER:
-                return Power(parts[0], int(exponent))
+    def _call(self, function: str, argument: Expression) -> Expression:
+        if self._parameters(argument) <= _outside(argument) & self.angles:
+            return Call(function, argument)
+        return self._refuse(function, argument)
+
+    def _refuse(self, operation: str, *parts: Expression) -> Expression:
         used = sorted({name for part in parts for name in self._parameters(part)})
-        reached = self._entries_of(k)
-        i, j = reached % self.shape[0], reached // self.shape[0]
-        name = next(
-            item[3:].lower()
-            for item in dir(ca)
-            if item.startswith("OP_") and getattr(ca, item) == operation
-        )
+        reached = {self.node}
+        for k, node in enumerate(self.nodes):
+            if reached & {*node.sources}:
+                reached.add(k)
+        first = next(entry for entry, k in enumerate(self.entries) if k in reached)
+        j, i = divmod(first, self.shape[0])
         raise NotRationalError(
-            f"matrix {self.name!r}, entry ({i}, {j}): {name} is not a rational operation "
+            f"matrix {self.name!r}, entry ({i}, {j}): {operation} is not a rational operation "
             f"(parameters: {', '.join(used) or 'none'}). Declare the whole function value as a "
             "parameter instead."
         )
-
-    def _entries_of(self, instruction: int) -> int:
-        """The first entry that the value of an instruction reaches."""
-        tainted: set[int] = set()
-        for k in range(instruction, self.tape.n_instructions()):
-            sources, targets = self.tape.instruction_input(k), self.tape.instruction_output(k)
-            operation = self.tape.instruction_id(k)
-            read = operation not in (ca.OP_INPUT, ca.OP_CONST) and bool(tainted & {*sources})
-            if operation == ca.OP_OUTPUT:
-                if read:
-                    return int(targets[1])
-            elif k == instruction or read:
-                tainted.add(targets[0])
-            else:
-                tainted.discard(targets[0])
-        raise AssertionError("every instruction of a function reaches an output")
 
     def _parameters(self, expression: Expression) -> frozenset[str]:
         found: set[str] = set()
@@ -265,10 +238,8 @@ class _Texts:
         bare = _outside(expression) & self.angles
         if bare or (uses < 2 and depth <= _DEEPEST):
             return expression, depth
-        number = len(self.shared) + 1
-        while f"e{number}" in self.taken:
-            number += 1
-        name = f"e{number}"
+        numbered = (f"e{number}" for number in count(len(self.shared) + 1))
+        name = next(name for name in numbered if name not in self.taken)
         self.taken.add(name)
         self.shared[name] = write(expression)
         self.depends[name] = self._parameters(expression)
@@ -288,13 +259,4 @@ def _outside(expression: Expression) -> frozenset[str]:
             return frozenset()
 
 
-_BINARY = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
-_UNARY: dict[int, Callable[[Expression], Expression]] = {
-    ca.OP_ASSIGN: lambda a: a,
-    ca.OP_NEG: Negative,
-    ca.OP_TWICE: lambda a: Binary("*", Number(2.0), a),
-    ca.OP_SQ: lambda a: Binary("*", a, a),
-    ca.OP_INV: lambda a: Binary("/", Number(1.0), a),
-}
-_FUNCTIONS = {ca.OP_SIN: "sin", ca.OP_COS: "cos"}
-_MOST_POWER = 64
+_BINARY = {"add": "+", "sub": "-", "mul": "*", "div": "/"}

@@ -4,13 +4,19 @@ from dataclasses import dataclass
 
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import dimension_name
+from mbdlft.number.operators import Operators
 
 
 @dataclass(frozen=True, slots=True)
-class Dimension:
+class Dimension(Operators):
     """Exponents of kg, m, s of a value; None where a plain number may carry any unit."""
 
     exponents: tuple[int, int, int] | None
+
+    @staticmethod
+    def of(number: "Dimension | float") -> "Dimension":
+        """A plain number may carry any unit."""
+        return number if isinstance(number, Dimension) else Dimension(None)
 
     def __add__(self, other: "Dimension | float") -> "Dimension":
         if isinstance(other, float) or other.exponents is None:
@@ -21,10 +27,6 @@ class Dimension:
             f"{dimension_name(self.exponents)} and {dimension_name(other.exponents)} are added; "
             "units do not fit."
         )
-
-    __radd__ = __add__
-    __sub__ = __add__
-    __rsub__ = __add__
 
     def __neg__(self) -> "Dimension":
         return self
@@ -38,10 +40,5 @@ class Dimension:
     def __mul__(self, other: "Dimension | float") -> "Dimension":
         return self._times(other, 1)
 
-    __rmul__ = __mul__
-
     def __truediv__(self, other: "Dimension | float") -> "Dimension":
         return self._times(other, -1)
-
-    def __rtruediv__(self, other: float) -> "Dimension":
-        return Dimension(None)

@@ -9,6 +9,7 @@ Source: Makino, Berz, Taylor models and other validated functional inclusion met
 
 import itertools
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -16,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mbdlft.base.array import Array
+from mbdlft.number.operators import Operators
 
 _UNIT = 2.0**-53  # rounding of one operation
 _TINY = 1e-290  # above everything that underflow loses
@@ -85,7 +87,7 @@ def _bernstein(degree: int, index: int, power: int) -> float:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Taylor:
+class Taylor(Operators):
     """Enclosures of one function on N boxes.
 
     Attributes
@@ -102,20 +104,12 @@ class Taylor:
     r: Array
 
     def __add__(self, other: "Taylor | float") -> "Taylor":
-        o = self._like(other)
+        o = self.of(other)
         c = self.c + o.c
         return Taylor(self.space, c, up(self.r + o.r + _UNIT * size(c)))
 
-    __radd__ = __add__
-
     def __neg__(self) -> "Taylor":
         return Taylor(self.space, -self.c, self.r)
-
-    def __sub__(self, other: "Taylor | float") -> "Taylor":
-        return self + (-other)
-
-    def __rsub__(self, other: float) -> "Taylor":
-        return -self + other
 
     def __mul__(self, other: "Taylor | float | Array") -> "Taylor":
         if isinstance(other, Taylor):
@@ -123,15 +117,10 @@ class Taylor:
         c = self.c * other
         return Taylor(self.space, c, up(self.r * np.abs(other) + _UNIT * size(c)))
 
-    __rmul__ = __mul__
-
     def __truediv__(self, other: "Taylor | float") -> "Taylor":
-        return _quotient(self, self._like(other))
+        return _quotient(self, self.of(other))
 
-    def __rtruediv__(self, other: float) -> "Taylor":
-        return _quotient(self._like(other), self)
-
-    def _like(self, other: "Taylor | float") -> "Taylor":
+    def of(self, other: "Taylor | float") -> "Taylor":
         return other if isinstance(other, Taylor) else constant(self.space, other, len(self.r))
 
 
@@ -205,6 +194,13 @@ def sine_and_cosine(a: Taylor) -> tuple[Taylor, Taylor]:
     dropped = up(reach ** (order + 1) / math.factorial(order + 1) + 2 * _LIBRARY * np.exp(reach))
     s, c = (Taylor(a.space, f.c, up(f.r + dropped)) for f in found)
     return s, c
+
+
+FUNCTIONS: Mapping[str, Callable[[Taylor], Taylor]] = {
+    "sqrt": sqrt,
+    "sin": lambda a: sine_and_cosine(a)[0],
+    "cos": lambda a: sine_and_cosine(a)[1],
+}
 
 
 def _polynomial(a: Taylor) -> Taylor:

@@ -18,8 +18,9 @@ from mbdlft.problem.equations import (
     rows_of,
     split,
 )
-from mbdlft.problem.trim import term_sizes, trim_efforts
+from mbdlft.problem.trim import trim_efforts
 from mbdlft.sx.evaluate import evaluate_in_chunks, evaluate_many
+from mbdlft.sx.sizes import term_sizes
 
 _FLOOR = 1e-2  # of the load (and the inertia it acts on): the size below which terms have cancelled
 

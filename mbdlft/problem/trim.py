@@ -1,9 +1,9 @@
 """Trim: the efforts and loads that hold the equilibrium, 0 = residual(0, 0, 0, u, p), linear in u."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -22,6 +22,7 @@ from mbdlft.problem.equations import (
     physical_symbols,
 )
 from mbdlft.sx.evaluate import evaluate_many
+from mbdlft.sx.sizes import term_sizes
 
 _RESIDUAL = 1e-9
 _RANK = 1e-10  # an unknown whose effect is that of others up to this part is redundant
@@ -344,52 +345,3 @@ def _unbalanced(e: Equations, points: Array, residual: Array, worst: int) -> str
         "the angle as a parameter and let the trim solve for a load or preload, which is exact, or (b) "
         "fit the position by a rational function with a guaranteed bound (fit_positions)."
     )
-
-
-def term_sizes(tape: ca.Function, *points: Array) -> Array:
-    """Sizes (N, rows) of the dense output of a function if nothing cancelled: |a| + |b| for a + b.
-
-    The arguments are columns, each (N, rows).
-
-    The output is a column, or a matrix whose columns stand one below the other.
-
-    The instructions are run once more, on pairs of a value and its size.
-    """
-    work: list[tuple[Any, Any]] = [(0.0, 0.0)] * tape.sz_w()  # numbers (N,), or one for all points
-    found = np.zeros((tape.numel_out(0), len(points[0])))
-    inputs = [np.ascontiguousarray(part.T) for part in points]
-    for k in range(tape.n_instructions()):
-        operation = tape.instruction_id(k)
-        sources, targets = tape.instruction_input(k), tape.instruction_output(k)
-        if operation == ca.OP_OUTPUT:
-            found[targets[1]] = work[sources[0]][1]
-        elif operation in (ca.OP_INPUT, ca.OP_CONST):
-            constant = operation == ca.OP_CONST
-            value = (
-                np.float64(tape.instruction_constant(k))
-                if constant
-                else inputs[sources[0]][sources[1]]
-            )
-            work[targets[0]] = value, abs(value)
-        elif len(sources) == 2:
-            work[targets[0]] = _PAIRS[operation](*work[sources[0]], *work[sources[1]])
-        else:
-            work[targets[0]] = _SINGLE[operation](*work[sources[0]])
-    return found.T
-
-
-_SINGLE: dict[int, Callable[[Array, Array], tuple[Array, Array]]] = {
-    ca.OP_ASSIGN: lambda a, size: (a, size),
-    ca.OP_NEG: lambda a, size: (-a, size),
-    ca.OP_TWICE: lambda a, size: (2 * a, 2 * size),
-    ca.OP_SQ: lambda a, size: (a * a, size * size),
-    ca.OP_INV: lambda a, size: (1 / a, size / (a * a)),
-    ca.OP_COS: lambda a, size: (np.cos(a), np.abs(np.cos(a))),
-    ca.OP_SIN: lambda a, size: (np.sin(a), np.abs(np.sin(a))),
-}
-_PAIRS: dict[int, Callable[[Array, Array, Array, Array], tuple[Array, Array]]] = {
-    ca.OP_ADD: lambda a, m, b, n: (a + b, m + n),
-    ca.OP_SUB: lambda a, m, b, n: (a - b, m + n),
-    ca.OP_MUL: lambda a, m, b, n: (a * b, m * n),
-    ca.OP_DIV: lambda a, m, b, n: (a / b, m * n / (b * b)),
-}

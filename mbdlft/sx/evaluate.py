@@ -5,8 +5,9 @@ vector of points, as those of an LFT are (`mbdlft/lft/run.py`): that does withou
 results and without the calls of a virtual machine.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import lru_cache
+from itertools import pairwise, starmap
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -14,20 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.lft.program import (
-    ADD,
-    COSINE,
-    DIVIDE,
-    MULTIPLY,
-    ROOT,
-    SINE,
-    SIZE,
-    SUBTRACT,
-    Operand,
-    Program,
-    Tape,
-)
+from mbdlft.base.errors import NotRationalError
+from mbdlft.lft.program import COSINE, DIVIDE, MULTIPLY, ROOT, SINE, SIZE, SUBTRACT, Program, Tape
 from mbdlft.lft.run import Plan, plan, run
+from mbdlft.sx.fold import Rule, Rules, fold, rules
 
 MANY = 256  # points from which on making vectors of them is worth it
 _LONGEST = 50_000  # instructions; reading one takes some microseconds
@@ -54,14 +45,12 @@ class Vectors(NamedTuple):
 
 def evaluate_many(function: ca.Function, points: Array, *others: Array) -> list[Array]:
     """Values of a function of column vectors at many points, each (N, rows, columns); all are dense."""
-    count = len(points)
-    found = vectors(function) if count >= MANY else None
-    if found is not None:
-        values = np.empty((count, len(found.constant)))
-        values[:] = found.constant
-        values[:, found.places] = _varying(found, points, *others).T
-        return _parts(function, values)
-    return _called(function, points, *others)
+    found = vectors(function) if len(points) >= MANY else None
+    if found is None:
+        return _called(function, points, *others)
+    values = np.tile(found.constant, (len(points), 1))
+    values[:, found.places] = _varying(found, points, *others).T
+    return _parts(function, values)
 
 
 def _called(function: ca.Function, *points: Array) -> list[Array]:
@@ -118,72 +107,61 @@ def _varying(found: Vectors, points: Array, *others: Array) -> Array:
 
 def _parts(function: ca.Function, values: Array) -> list[Array]:
     """The results (N, rows, columns) in values that stand one behind the other (N, all)."""
-    parts, start = [], 0
-    for k in range(function.n_out()):
-        rows, columns = function.size_out(k)
-        part = values[:, start : start + rows * columns]
-        parts.append(part.reshape(len(values), rows, columns))
-        start += rows * columns
-    return parts
+    shapes = [function.size_out(k) for k in range(function.n_out())]
+    parts = np.split(values, np.cumsum([rows * columns for rows, columns in shapes])[:-1], axis=1)
+    return [part.reshape(len(values), *shape) for part, shape in zip(parts, shapes, strict=True)]
 
 
 @lru_cache(maxsize=8)  # a sweep asks for the same ones again and again
 def vectors(function: ca.Function) -> Vectors | None:
     """The program of a function of SX; nothing if it is long, or has an operation without one here."""
     count = function.n_instructions() if function.is_a("SXFunction") else _LONGEST + 1
-    if count > _LONGEST:
+    if count > _LONGEST or not all(
+        function.sparsity_in(k).is_dense() for k in range(function.n_in())
+    ):
         return None
-    inputs = [0, *np.cumsum([function.numel_in(k) for k in range(function.n_in())]).tolist()]
-    starts = [0, *np.cumsum([function.numel_out(k) for k in range(function.n_out())]).tolist()]
-    places = [_row_by_row(function.sparsity_out(k)) for k in range(function.n_out())]
-    dense = [function.sparsity_in(k).is_dense() for k in range(function.n_in())]
-    tape = Tape(inputs[-1], _LONGEST)
-    work: list[Operand] = [0.0] * function.sz_w()
-    constant = np.zeros(starts[-1])
+    starts = np.cumsum([0, *(function.numel_in(k) for k in range(function.n_in()))]).tolist()
+    tape = Tape(starts[-1], _LONGEST)
+    try:
+        results = fold(function, _program_rules(tape), *starmap(range, pairwise(starts)))
+    except NotRationalError:
+        return None
+    constant = np.zeros(sum(function.numel_out(k) for k in range(function.n_out())))
     entries: dict[int, int] = {}
-    if not all(dense):
-        return None
-    for k in range(count):
-        operation = function.instruction_id(k)
-        sources, targets = function.instruction_input(k), function.instruction_output(k)
-        if operation == ca.OP_INPUT:
-            work[targets[0]] = inputs[sources[0]] + sources[1]
-        elif operation == ca.OP_CONST:
-            work[targets[0]] = float(function.instruction_constant(k))
-        elif operation == ca.OP_OUTPUT:
-            at = starts[targets[0]] + places[targets[0]][targets[1]]
-            value = work[sources[0]]
+    start = 0
+    for k, result in enumerate(results):
+        for place, value in zip(_row_by_row(function.sparsity_out(k)), result, strict=True):
             if isinstance(value, float):
-                constant[at] = value
+                constant[start + place] = value
             else:
-                entries[at] = value
-        elif operation in _OPERATIONS:
-            work[targets[0]] = _OPERATIONS[operation](tape, *(work[s] for s in sources))
-        else:
-            return None
+                entries[start + place] = value
+        start += function.numel_out(k)
     columns = tuple(((0, k), register) for k, register in enumerate(entries.values()))
     found = Program(tape.inputs, tuple(tape.instructions), columns, ())
     return Vectors(plan(found), np.array(list(entries), dtype=np.intp), constant)
+
+
+def _program_rules(tape: Tape) -> Rules:
+    """Registers of a program, and numbers, as a number system: each operation is written down."""
+
+    def written(operation: str) -> Rule:
+        return lambda a, b=0.0: tape.put(operation, a, b)
+
+    return rules(
+        float,
+        add=tape.add,
+        sub=written(SUBTRACT),
+        mul=written(MULTIPLY),
+        div=written(DIVIDE),
+        neg=lambda a: tape.put(SUBTRACT, 0.0, a),
+        fabs=written(SIZE),
+        sqrt=written(ROOT),
+        cos=written(COSINE),
+        sin=written(SINE),
+    )
 
 
 def _row_by_row(sparsity: ca.Sparsity) -> list[int]:
     """Places of the entries of a matrix, which CasADi has column by column, in its rows."""
     rows, columns = sparsity.get_triplet()
     return [i * sparsity.size2() + j for i, j in zip(rows, columns, strict=True)]
-
-
-_OPERATIONS: dict[int, Callable[..., Operand]] = {
-    ca.OP_ASSIGN: lambda tape, a: a,
-    ca.OP_ADD: lambda tape, a, b: tape.add(a, b),
-    ca.OP_SUB: lambda tape, a, b: tape.put(SUBTRACT, a, b),
-    ca.OP_MUL: lambda tape, a, b: tape.put(MULTIPLY, a, b),
-    ca.OP_DIV: lambda tape, a, b: tape.put(DIVIDE, a, b),
-    ca.OP_NEG: lambda tape, a: tape.put(SUBTRACT, 0.0, a),
-    ca.OP_TWICE: lambda tape, a: tape.put(ADD, a, a),
-    ca.OP_SQ: lambda tape, a: tape.put(MULTIPLY, a, a),
-    ca.OP_INV: lambda tape, a: tape.put(DIVIDE, 1.0, a),
-    ca.OP_FABS: lambda tape, a: tape.put(SIZE, a),
-    ca.OP_SQRT: lambda tape, a: tape.put(ROOT, a),
-    ca.OP_COS: lambda tape, a: tape.put(COSINE, a),
-    ca.OP_SIN: lambda tape, a: tape.put(SINE, a),
-}

@@ -1,102 +1,138 @@
-"""The walk of an SX tape in any number system: arrays of floats, or Taylor models."""
+"""The fold over SX tapes: the instructions of a CasADi function, followed in any number system.
+
+A number system is one table of rules (`Rules`): how it makes an element of a constant, and what each
+operation makes of elements. Rules are found by the names of CasADi's operations, `casadi.OP_ADD` is
+"add". An operation without a rule is refused by name.
+"""
 
 import operator
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import casadi as ca
-import numpy as np
 
 from mbdlft.base.errors import NotRationalError
-from mbdlft.number import taylor
-from mbdlft.number.taylor import Taylor
+
+_NAMES = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
+
+Rule = Callable[..., Any]
 
 
-def evaluate_tape(
-    function: ca.Function, number: Callable[[float], Any], *arguments: Sequence[Any]
-) -> list[list[Any]]:
-    """Entries of each output, by columns; arguments are sequences of entries of one number system.
+class Rules(NamedTuple):
+    """A number system.
 
-    `number` makes a constant one of that number system.
+    Attributes
+    ----------
+    constant : function
+        Makes an element of a float.
+    operations : mapping
+        By the names of operations, functions of elements.
+    missing : function
+        What an operation without a rule gives, or raises: it gets the name of the operation, a text
+        that tells its place, too, and the elements.
+    """
+
+    constant: Rule
+    operations: Mapping[str, Rule]
+    missing: Rule
+
+
+def refused(operation: str, where: str, *operands: Any) -> Any:
+    """Raise a NotRationalError for an operation without a rule; `Rules.missing` by default."""
+    raise NotRationalError(
+        f"{where} has no rule in this number system. Write the function with + - * /, integer powers "
+        "up to 100, sqrt, sin, cos and tan."
+    )
+
+
+def rules(
+    constant: Rule, *, add: Rule, mul: Rule, div: Rule, missing: Rule = refused, **others: Rule
+) -> Rules:
+    """The table of a number system; rules of -a, a - b, 2a, a^2, 1/a follow where not given."""
+    neg: Rule = others.get("neg") or (lambda a: mul(constant(-1.0), a))
+    follow: dict[str, Rule] = {
+        "assign": lambda a: a,
+        "neg": neg,
+        "sub": lambda a, b: add(a, neg(b)),
+        "twice": lambda a: mul(constant(2.0), a),
+        "sq": lambda a: mul(a, a),
+        "inv": lambda a: div(constant(1.0), a),
+    }
+    return Rules(constant, {**follow, "add": add, "mul": mul, "div": div, **others}, missing)
+
+
+def arithmetic(number: Rule, functions: Mapping[str, Rule]) -> Rules:
+    """The table of a number system that has + - * / with floats.
+
+    `number` makes one of a float; `functions` are others, such as "sqrt". Constants stay floats, of
+    which results are made before anything is done with floats alone, so that rounding is counted.
+    """
+
+    def counted(rule: Rule) -> Rule:
+        return lambda *x: rule(*(map(number, x) if all(isinstance(a, float) for a in x) else x))
+
+    own: dict[str, Rule] = {"neg": operator.neg}
+    own |= {"tan": lambda a: functions["sin"](a) / functions["cos"](a), **functions}
+    own |= {"add": operator.add, "sub": operator.sub, "mul": operator.mul, "div": operator.truediv}
+    return rules(float, **{name: counted(rule) for name, rule in own.items()})
+
+
+@lru_cache(maxsize=8)  # few are folded more than once, but those again and again
+def steps(function: ca.Function) -> tuple[tuple[str, Any, Sequence[Any]], ...]:
+    """The instructions of a function of SX: operation, register of the result, registers of operands.
+
+    An "input" has the numbers of an argument and its entry for operands, a "const" its value; the target
+    of an "output" are the numbers of a result and its entry.
+    """
+    found = []
+    for k in range(function.n_instructions()):
+        operation, targets = _NAMES[function.instruction_id(k)], function.instruction_output(k)
+        sources: Any = function.instruction_input(k)
+        if operation == "const":
+            sources = [float(function.instruction_constant(k))]
+        found.append((operation, targets if operation == "output" else targets[0], sources))
+    return tuple(found)
+
+
+def fold(function: ca.Function, table: Rules, *arguments: Any) -> list[list[Any]]:
+    """Results of a function of SX in a number system.
+
+    Parameters
+    ----------
+    function : casadi.Function
+    table : Rules
+    arguments
+        The elements of each argument, by columns: sequences, or arrays whose rows they are.
+
+    Returns
+    -------
+    list of lists
+        The elements of each result, by columns, without its structural zeros.
 
     Raises
     ------
     NotRationalError
-        An operation is not one of + - * /, integer powers, sqrt, sin, cos and tan.
+        An operation has no rule; another error if the table has its own.
     """
-    work: list[Any] = [0.0] * function.sz_w()
-    outputs: list[list[Any]] = [
-        [number(0.0)] * function.numel_out(k) for k in range(function.n_out())
-    ]
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        sources, targets = function.instruction_input(k), function.instruction_output(k)
-        if operation == ca.OP_INPUT:
-            work[targets[0]] = arguments[sources[0]][sources[1]]
-        elif operation == ca.OP_CONST:
-            work[targets[0]] = float(function.instruction_constant(k))
-        elif operation == ca.OP_OUTPUT:
-            value = work[sources[0]]
-            outputs[targets[0]][targets[1]] = number(value) if isinstance(value, float) else value
-        elif operation in _RULES:
-            operands = [work[source] for source in sources]
-            if all(isinstance(operand, float) for operand in operands):
-                operands[0] = number(operands[0])  # so that rounding is counted
-            work[targets[0]] = _RULES[operation](*operands)
+    work: list[Any] = [None] * function.sz_w()
+    results: list[list[Any]] = [[None] * function.nnz_out(k) for k in range(function.n_out())]
+    constant, operations = table.constant, table.operations
+    for k, (operation, target, sources) in enumerate(steps(function)):
+        if operation == "input":
+            argument, entry = sources
+            work[target] = arguments[argument][entry]
+        elif operation == "const":
+            work[target] = constant(sources[0])
+        elif operation == "output":
+            result, entry = target
+            results[result][entry] = work[sources[0]]
         else:
-            raise NotRationalError(
-                f"instruction {k} of {function.name()!r} is operation {operation} of CasADi, which "
-                "has no guaranteed enclosure here. Write the equilibrium with + - * /, integer "
-                "powers, sqrt, sin, cos and tan."
-            )
-    return outputs
-
-
-def _sqrt(a: Any) -> Any:
-    return taylor.sqrt(a) if isinstance(a, Taylor) else np.sqrt(a)
-
-
-def _sin(a: Any) -> Any:
-    return taylor.sine_and_cosine(a)[0] if isinstance(a, Taylor) else np.sin(a)
-
-
-def _cos(a: Any) -> Any:
-    return taylor.sine_and_cosine(a)[1] if isinstance(a, Taylor) else np.cos(a)
-
-
-def _tan(a: Any) -> Any:
-    if not isinstance(a, Taylor):
-        return np.tan(a)
-    sine, cosine = taylor.sine_and_cosine(a)
-    return sine / cosine
-
-
-def _power(a: Any, exponent: Any) -> Any:
-    if not isinstance(exponent, float) or exponent != int(exponent):
-        raise NotRationalError(
-            f"a power with the exponent {exponent!r}: only integer exponents are supported. "
-            "Write sqrt for a square root."
-        )
-    result: Any = 1.0
-    for k in range(abs(int(exponent))):
-        result = a if k == 0 else result * a
-    return 1.0 / result if exponent < 0 else result
-
-
-_RULES: dict[int, Callable[..., Any]] = {
-    ca.OP_ADD: operator.add,
-    ca.OP_SUB: operator.sub,
-    ca.OP_MUL: operator.mul,
-    ca.OP_DIV: operator.truediv,
-    ca.OP_NEG: operator.neg,
-    ca.OP_ASSIGN: lambda a: a,
-    ca.OP_TWICE: lambda a: 2.0 * a,
-    ca.OP_SQ: lambda a: a * a,
-    ca.OP_INV: lambda a: 1.0 / a,
-    ca.OP_SQRT: _sqrt,
-    ca.OP_SIN: _sin,
-    ca.OP_COS: _cos,
-    ca.OP_TAN: _tan,
-    ca.OP_POW: _power,
-    ca.OP_CONSTPOW: _power,
-}
+            operands = [work[source] for source in sources]
+            rule = operations.get(operation)
+            if rule is None:
+                where = f"OP_{operation.upper()} at instruction {k} of {function.name()!r}"
+                work[target] = table.missing(operation, where, *operands)
+            else:
+                work[target] = rule(*operands)
+    return results

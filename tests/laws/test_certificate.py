@@ -12,7 +12,7 @@ from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.pipeline.certify import certificate
 from mbdlft.pipeline.realization import _Check
 from mbdlft.problem.problem import Problem
-from mbdlft.problem.trim import term_sizes
+from mbdlft.sx.sizes import term_sizes
 from scenarios import two_link_arm
 from tests.close import SCENARIO, exact, roundoff
 

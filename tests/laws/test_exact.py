@@ -18,7 +18,7 @@ import mbdlft
 from mbdlft import Angle, MatrixProblem, Parameter, exact_lower_bound
 from mbdlft.lft.lft import LFT
 from mbdlft.matrix import exact_bound as exact
-from mbdlft.matrix.exact_bound import PRIME, Residue, residue
+from mbdlft.number.residue import PRIME, Residue
 
 A, B = Parameter("a", 0.5, 0.3, 0.8), Parameter("b", 1.5, 1.0, 2.0)
 
@@ -108,8 +108,8 @@ def test_residues_are_a_field(x: Fraction, y: Fraction, z: Fraction) -> None:
 
 
 def test_a_float_is_the_decimal_it_prints_as() -> None:
-    assert residue(0.1).value * 10 % PRIME == 1
-    assert residue(1e-3).value * 1000 % PRIME == 1
+    assert Residue.of(0.1).value * 10 % PRIME == 1
+    assert Residue.of(1e-3).value * 1000 % PRIME == 1
 
 
 @pytest.mark.parametrize("text", ["sqrt(2)*a", "pi*a", "a*sin(0.3)", "sin(th + 0.1)", "a + 30*deg"])

@@ -22,7 +22,7 @@ from mbdlft.multibody.equilibrium.fit import (
     rational,
 )
 from mbdlft.number import taylor
-from mbdlft.sx.fold import evaluate_tape
+from mbdlft.sx.fold import arithmetic, fold
 from tests.close import FIT_BOUND, exact, roundoff
 
 mpmath.mp.dps = 50
@@ -271,7 +271,8 @@ def enclosures_hold(name: str, order: int) -> None:
     monomials = taylor.space(2, order)
     variables = [taylor.variable(monomials, k, low[:, k], high[:, k]) for k in range(2)]
     with np.errstate(all="ignore"):
-        f = evaluate_tape(tape, lambda v: taylor.constant(monomials, v, 6), variables)[0][0]
+        table = arithmetic(lambda v: taylor.constant(monomials, v, 6), taylor.FUNCTIONS)
+        f = fold(tape, table, variables)[0][0]
         largest = taylor.largest(f)
     assert np.all(np.isfinite(f.r))
     for k, point in itertools.product(range(6), itertools.product((-1.0, 0.3, 1.0), repeat=2)):

@@ -18,7 +18,7 @@ from mbdlft.multibody.equilibrium.write import declared_positions, put_entry, wi
 from mbdlft.multibody.force import Spring
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.scene import Fit, Scene
-from mbdlft.number.interval import Interval, interval
+from mbdlft.number.interval import FUNCTIONS, Interval, decimal
 
 _TANGENT = 1e3  # range of the tangents while they are symbols; nothing depends on it
 
@@ -144,14 +144,14 @@ def _fitted(
         put_entry(joints[c.joint.name], update, "preload", _entry(c.joint, before, k), text)
         joints[c.joint.name] = joints[c.joint.name].model_copy(update=update)
         signal = f"{c.joint.name}.{c.freedom.effort.name}"
-        bounds[signal] = float(error) * _largest(scene, stiffness)
+        bounds[signal] = _largest(scene, stiffness, float(error))
     loads = list(scene.loads)
     for i, (name, size) in enumerate(system.springs.items(), start=count + turning):
         k = next(k for k, load in enumerate(loads) if load.name == name)
         density = f"{size!r}*({found.expressions[i]})"
         spring = {"force_density": density, "rest_length": None}
         loads[k] = loads[k].model_copy(update=spring)
-        bounds[f"{name}.{Spring.signal.name}"] = float(found.bound[i]) * size
+        bounds[f"{name}.{Spring.signal.name}"] = (Interval.of(size) * float(found.bound[i])).largest
     update = {
         "joints": tuple(joints.values()),
         "loads": tuple(loads),
@@ -189,12 +189,11 @@ def _with_positions(
     return scene.model_copy(update={"joints": tuple(joints.values())})
 
 
-def _largest(scene: Scene, source: Quantity) -> float:
-    """A bound of the size of a quantity over the range of the parameters."""
-    box: dict[str, Interval | float] = dict(scene.constant_values())
+def _largest(scene: Scene, source: Quantity, error: float) -> float:
+    """A bound of an error times the size of a quantity over the range of the parameters."""
+    box = {name: decimal(value) for name, value in scene.constant_values().items()}
     for p in scene.parameters:
         if not p.is_angle:
-            factor = parse_unit(p.unit).factor
-            box[p.name] = Interval(p.low * factor, p.high * factor)
-    value = interval(evaluate(parse(source), box))
-    return max(abs(value.low), abs(value.high))
+            box[p.name] = Interval(p.low, p.high) * parse_unit(p.unit).factor
+    size: Interval = evaluate(parse(source), box, decimal, FUNCTIONS)
+    return (size * error).largest

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.description import ANY_UNIT, AXES, Expected
 from mbdlft.base.errors import NotRationalError, SceneError, WellPosednessError, unknown_name
-from mbdlft.base.expression import check_degree, denominators, evaluate, names, write
+from mbdlft.base.expression import Expression, check_degree, denominators, evaluate, names, write
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.signal import Signal
 from mbdlft.base.unit import dimension_name, parse_unit
@@ -25,7 +25,7 @@ from mbdlft.multibody.scene.quantities import (
 )
 from mbdlft.multibody.scene.scene import Constant, Scene
 from mbdlft.number.dimension import Dimension
-from mbdlft.number.interval import find_zero
+from mbdlft.number.interval import FUNCTIONS, Interval, decimal, find_zero
 
 _RANDOM, _CORNERS = 64, 4096
 _ROUNDING = 1e-12
@@ -226,19 +226,22 @@ def _check_denominators(scene: Scene, place: Place, expected: Expected) -> None:
     if not found_in:
         return
     plain = {p.name: p for p in scene.parameters if not p.is_angle}
-    constants = scene.constant_values()
+    constants = {name: decimal(value) for name, value in scene.constant_values().items()}
+    factors = {name: parse_unit(p.unit).factor for name, p in plain.items()}
     for denominator in found_in:
         used = sorted(names(denominator) & set(plain))
         if not used:
             continue
-        found = find_zero(
-            lambda box, divisor=denominator: evaluate(divisor, {**constants, **box}),  # type: ignore[misc]
-            {name: _si_bounds(plain[name]) for name in used},
-        )
+
+        def value(box: Mapping[str, Interval], divisor: Expression = denominator) -> Interval:
+            si = {name: item * factors[name] for name, item in box.items()}
+            found: Interval = evaluate(divisor, {**constants, **si}, decimal, FUNCTIONS)
+            return found
+
+        found = find_zero(value, {name: (plain[name].low, plain[name].high) for name in used})
         if found is not None:
             ranges = ", ".join(
-                f"{name} = {value / parse_unit(plain[name].unit).factor:g} {plain[name].unit}"
-                for name, value in found[0].items()
+                f"{name} = {at:g} {plain[name].unit}" for name, at in found[0].items()
             )
             raise WellPosednessError(
                 f"{place}: the denominator {write(denominator)} vanishes in the range, near "

@@ -1,9 +1,9 @@
-"""The walk of the SX tape: each instruction becomes a constant, a coefficient or a signal."""
+"""The SX tape as a signal graph: each instruction becomes a constant, a coefficient or a signal."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import cache, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -13,6 +13,7 @@ from mbdlft.lft.lft import LFT
 from mbdlft.pipeline.extract.close import close
 from mbdlft.pipeline.extract.graph import ZERO, Scaled, SignalGraph, scaled
 from mbdlft.problem.linearize import LinearModel
+from mbdlft.sx.fold import Rules, fold, rules
 
 Element = int | Scaled  # number of a coefficient, or a signal
 _FEW = 1000  # channels: up to here, `reduce_order` alone takes less time than reducing words before
@@ -69,33 +70,32 @@ def walk(tape: ca.Function, names: list[str]) -> SignalGraph:
     `names` are those of the parameters p, for messages.
     """
     graph = SignalGraph(tape.size1_in(0))
-    graph.outputs = [ZERO] * tape.size1_out(0)
-    work: list[Element] = [0] * tape.sz_w()
-    for k in range(tape.n_instructions()):
-        operation = tape.instruction_id(k)
-        sources, targets = tape.instruction_input(k), tape.instruction_output(k)
-        if operation == ca.OP_INPUT:
-            argument, entry = sources
-            work[targets[0]] = (
-                Scaled(1.0, entry) if argument == 0 else graph.node("parameter", float(entry))
-            )
-        elif operation == ca.OP_CONST:
-            work[targets[0]] = graph.constant(tape.instruction_constant(k))
-        elif operation == ca.OP_OUTPUT:
-            graph.outputs[targets[1]] = _output(graph, work[sources[0]], targets[1])
-        elif operation in _RULES:
-            work[targets[0]] = _RULES[operation](graph, *(work[source] for source in sources))
-        else:
-            used = sorted(
-                {name for source in sources for name in _used(graph, work[source], names)}
-            )
-            raise NotRationalError(
-                f"{_operation_name(operation)} at instruction {k} of {tape.name()!r} is not a "
-                f"rational operation (parameters: {', '.join(used) or 'none'}; "
-                f"{'acts on a signal' if _any_signal(work, sources) else 'acts on a coefficient'}). "
-                "Declare the whole function value as a parameter, or keep the equations implicit."
-            )
+    signals = [Scaled(1.0, k) for k in range(graph.inputs)]
+    parameters = [graph.node("parameter", float(k)) for k in range(tape.size1_in(1))]
+    (found,) = fold(tape, _graph_rules(graph, names), signals, parameters)
+    graph.outputs = [_output(graph, element, row) for row, element in enumerate(found)]
     return graph
+
+
+def _graph_rules(graph: SignalGraph, names: list[str]) -> Rules:
+    """Coefficients and signals of a graph as a number system."""
+
+    def missing(operation: str, where: str, *operands: Element) -> Element:
+        coefficients = [item for item in operands if not isinstance(item, Scaled)]
+        used = sorted({names[k] for item in coefficients for k in graph.parameters_of(item)})
+        raise NotRationalError(
+            f"{where} is not a rational operation (parameters: {', '.join(used) or 'none'}; acts on a "
+            f"{'signal' if len(coefficients) < len(operands) else 'coefficient'}). "
+            "Declare the whole function value as a parameter, or keep the equations implicit."
+        )
+
+    return rules(
+        graph.constant,
+        add=partial(_add, graph),
+        mul=partial(_multiply, graph),
+        div=partial(_divide, graph),
+        missing=missing,
+    )
 
 
 def _output(graph: SignalGraph, element: Element, row: int) -> Scaled:
@@ -113,18 +113,10 @@ def _add(graph: SignalGraph, a: Element, b: Element) -> Element:
     if isinstance(a, Scaled) and isinstance(b, Scaled):
         return graph.combine([a, b])
     if isinstance(a, Scaled) or isinstance(b, Scaled):
-        signal, number = (a, b) if isinstance(a, Scaled) else (b, a)
-        if not isinstance(number, Scaled) and graph.constant_value(number) == 0.0:
-            return signal
         raise NotRationalError(
             "a signal and a coefficient are added, so the relations are not linear in the signals."
         )
-    x, y = graph.constant_value(a), graph.constant_value(b)
-    if x is not None and y is not None:
-        return graph.constant(x + y)
-    if x == 0.0:
-        return b
-    return a if y == 0.0 else graph.node("add", a, b)
+    return graph.node("add", a, b)
 
 
 def _multiply(graph: SignalGraph, a: Element, b: Element) -> Element:
@@ -140,11 +132,7 @@ def _multiply(graph: SignalGraph, a: Element, b: Element) -> Element:
         return graph.apply(b, a) if constant is None else scaled(constant, a)
     assert not isinstance(b, Scaled)
     x, y = graph.constant_value(a), graph.constant_value(b)
-    if x is not None and y is not None:
-        return graph.constant(x * y)
-    if x == 1.0:
-        return b
-    return a if y == 1.0 else graph.node("multiply", a, b)
+    return graph.node("multiply", a, b) if x is None or y is None else graph.constant(x * y)
 
 
 def _divide(graph: SignalGraph, a: Element, b: Element) -> Element:
@@ -157,41 +145,4 @@ def _divide(graph: SignalGraph, a: Element, b: Element) -> Element:
         if value is not None:
             return Scaled(a.factor / value, a.number)
         return graph.apply(graph.node("divide", graph.constant(1.0), b), a)
-    x = graph.constant_value(a)
-    if x is not None and value is not None:
-        return graph.constant(x / value)
     return graph.node("divide", a, b)
-
-
-def _negate(graph: SignalGraph, a: Element) -> Element:
-    return scaled(-1.0, a) if isinstance(a, Scaled) else _multiply(graph, graph.constant(-1.0), a)
-
-
-_RULES: dict[int, Callable[..., Element]] = {
-    ca.OP_ADD: _add,
-    ca.OP_SUB: lambda graph, a, b: _add(graph, a, _negate(graph, b)),
-    ca.OP_MUL: _multiply,
-    ca.OP_DIV: _divide,
-    ca.OP_NEG: _negate,
-    ca.OP_ASSIGN: lambda graph, a: a,
-    ca.OP_TWICE: lambda graph, a: _multiply(graph, graph.constant(2.0), a),
-    ca.OP_SQ: lambda graph, a: _multiply(graph, a, a),
-    ca.OP_INV: lambda graph, a: _divide(graph, graph.constant(1.0), a),
-}
-
-
-def _any_signal(work: list[Element], sources: list[int]) -> bool:
-    return any(isinstance(work[source], Scaled) for source in sources)
-
-
-def _used(graph: SignalGraph, element: Element, names: list[str]) -> list[str]:
-    if isinstance(element, Scaled):
-        return []
-    return [names[k] for k in graph.parameters_of(element)]
-
-
-def _operation_name(operation: int) -> str:
-    found: list[Any] = [
-        name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == operation
-    ]
-    return str(found[0]) if found else f"operation {operation}"

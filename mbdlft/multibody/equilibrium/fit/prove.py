@@ -23,7 +23,7 @@ from mbdlft.base.expression import Expression, evaluate
 from mbdlft.multibody.equilibrium.fit.system import System, newton
 from mbdlft.number import taylor
 from mbdlft.number.taylor import Space, Taylor
-from mbdlft.sx.fold import evaluate_tape
+from mbdlft.sx.fold import arithmetic, fold
 
 _ORDERS = {1: 12, 2: 8, 3: 7, 4: 5}  # of the residual, by the number of parameters; measured
 _JACOBIAN_ORDER = 2
@@ -180,7 +180,8 @@ def _on_boxes(
         taylor.widened(number(0.0) + evaluate(fit, names), float(r))
         for fit, r in zip(fits, radius, strict=True)
     ]
-    return list(evaluate_tape(tape, number, t, p)[0])
+    (found,) = fold(tape, arithmetic(number, taylor.FUNCTIONS), t, p)
+    return [entry if isinstance(entry, Taylor) else number(entry) for entry in found]
 
 
 def _inverse(matrix: list[list[Taylor]]) -> list[list[Taylor]]:

@@ -8,10 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from mbdlft.base.array import Array
-from mbdlft.sx.fold import evaluate_tape
+from mbdlft.number import double
+from mbdlft.sx.fold import arithmetic, fold
 
 _STEPS = 12  # of Newton's iteration; from a good start six are enough
 _CONVERGED = 1e-9  # last step but one, relative to 1 + |t|; the last one squares it
+_ARRAYS = arithmetic(np.float64, double.FUNCTIONS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,13 +60,11 @@ def system(residual: ca.Function, names: Sequence[str]) -> System:
 def values(s: System, t: Array, p: Array) -> tuple[Array, Array]:
     """f (N, n) and df/dt (N, n, n) at t (N, n) and p (N, q)."""
     n, count = s.unknowns, len(p)
-
-    def number(value: float) -> Array:
-        return np.full(count, value)
-
-    (f,) = evaluate_tape(s.residual, number, list(t.T), list(p.T))
-    (j,) = evaluate_tape(s.jacobian, number, list(t.T), list(p.T))
-    return np.array(f).T, np.array(j).reshape(n, n, count).T
+    f, j = (
+        np.array([np.broadcast_to(entry, count) for entry in fold(tape, _ARRAYS, t.T, p.T)[0]])
+        for tape in (s.residual, s.jacobian)
+    )
+    return f.T, j.reshape(n, n, count).T
 
 
 def newton(s: System, t: Array, p: Array) -> tuple[Array, npt.NDArray[np.bool_], Array]:

@@ -1,0 +1,233 @@
+"""Laws of enclosures: intervals and Taylor models hold what they claim, rounding counted."""
+
+import itertools
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+import mbdlft
+from mbdlft.base.expression import (
+    Binary,
+    Call,
+    Expression,
+    Name,
+    Negative,
+    Number,
+    Power,
+    evaluate,
+    parse,
+)
+from mbdlft.matrix import denominator
+from mbdlft.number import interval, taylor
+from mbdlft.number.interval import FUNCTIONS, Interval
+from tests.close import EPS, roundoff
+
+SIZES = [0.0, 5e-324, 2.5e-308, 1e-200, 1e-16, 0.1, 0.7, 1.0, 3.0, 22.0, 1e16, 1e200, 1.7e308]
+ends = st.one_of(
+    st.sampled_from([sign * size for sign in (1.0, -1.0) for size in SIZES]),
+    st.floats(-10.0, 10.0),
+    st.floats(allow_nan=False, allow_infinity=False),
+)
+boxes = st.fixed_dictionaries({name: st.tuples(ends, ends).map(sorted) for name in "xy"})
+atoms = st.one_of(st.sampled_from("xy").map(Name), st.floats(0.0, 1e3).map(Number))
+trees: st.SearchStrategy[Expression] = st.recursive(
+    atoms,
+    lambda inner: st.one_of(
+        st.builds(Binary, st.sampled_from("+-*/"), inner, inner),
+        st.builds(Negative, inner),
+        st.builds(Power, inner, st.integers(-3, 4)),
+        st.builds(Call, st.sampled_from(["sqrt", "sin", "cos", "atan"]), inner),
+    ),
+    max_leaves=6,
+)
+
+
+def enclosure(tree: Expression, box: dict[str, Any]) -> Interval:
+    found = evaluate(tree, box, Interval.of, FUNCTIONS)
+    assert isinstance(found, Interval)
+    return found
+
+
+def real(value: Any) -> Any:
+    """The number, if the function is defined there."""
+    if not mpmath.isfinite(value) or mpmath.im(value):
+        raise ValueError("not defined")
+    return mpmath.re(value)
+
+
+def digits(function: Callable[..., Any]) -> Callable[..., Any]:
+    return lambda *operands: real(function(*operands))
+
+
+DIGITS: dict[str, Callable[..., Any]] = {
+    "constpow": digits(lambda a, n: a**n),
+    **{name: digits(getattr(mpmath, name)) for name in ("sqrt", "sin", "cos", "atan")},
+}
+
+
+def law_values_are_inside(tree: Expression, box: dict[str, list[float]]) -> None:
+    """At the ends, in the middle and at zero, in 50 digits."""
+    try:
+        found = enclosure(tree, {name: Interval(*ends) for name, ends in box.items()})
+    except mbdlft.SceneError:  # the root of a negative interval
+        return
+    assert found.low <= found.high
+    with mpmath.workdps(50):
+        points = {
+            name: [low, high, *{np.clip(x, low, high) for x in (0.0, 0.3 * low + 0.7 * high)}]
+            for name, (low, high) in box.items()
+        }
+        for point in itertools.product(*points.values()):
+            values = {n: mpmath.mpf(x) for n, x in zip(box, point, strict=True)}
+            try:
+                value = real(evaluate(tree, values, mpmath.mpf, DIGITS))
+            except (ValueError, ZeroDivisionError):
+                continue
+            assert found.low <= value <= found.high, f"{value} is not in {found}"
+
+
+@given(trees, boxes)
+def test_values_are_inside(tree: Expression, box: dict[str, list[float]]) -> None:
+    law_values_are_inside(tree, box)
+
+
+def test_quotients_of_what_overflows() -> None:
+    """Their ends are infinity over infinity."""
+    tree, huge = parse("(0 - 1e200*x)/(0 - 1e200*x)"), {"x": [1e200, 1e200]}
+    law_values_are_inside(tree, huge)
+
+
+@given(trees, ends)
+def test_values_at_a_point_are_inside(tree: Expression, at: float) -> None:
+    law_values_are_inside(tree, {"x": [at, at], "y": [at, at]})
+
+
+CASES = {
+    "sum": ("x + y", (0.1, 0.1), (0.2, 0.2)),
+    "difference": ("x - y", (1.0, 1.0), (1e-30, 1e-30)),
+    "product": ("x*y", (0.1, 0.1), (0.1, 0.1)),
+    "underflow": ("x*y", (1e-200, 1e-200), (1e-200, 1e-200)),
+    "overflow": ("x*y", (1e200, 1e200), (1e200, 1e200)),
+    "quotient": ("x/y", (1.0, 1.0), (3.0, 3.0)),
+    "power": ("x^3 + y", (0.1, 0.1), (0.0, 0.0)),
+    "root": ("sqrt(x)*y", (2.0, 2.0), (1.0, 1.0)),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_rounding_of_intervals_is_counted(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Planted bug: nothing is rounded outward."""
+    text, x, y = CASES[name]
+    law_values_are_inside(parse(text), {"x": list(x), "y": list(y)})
+    monkeypatch.setattr(interval, "outward", Interval)
+    with pytest.raises(AssertionError):
+        law_values_are_inside(parse(text), {"x": list(x), "y": list(y)})
+
+
+def test_a_turn_that_is_missed_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    for text, x in (("sin(x)", [0.1, 3.0]), ("cos(x)", [-0.5, 1.0])):
+        law_values_are_inside(parse(text), {"x": x})
+        with monkeypatch.context() as planted:
+            planted.setattr(interval, "_turns", lambda a, phase: range(0))
+            with pytest.raises(AssertionError):
+                law_values_are_inside(parse(text), {"x": x})
+
+
+def test_a_library_may_be_wrong_in_the_last_digits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sine that is wrong by three units in the last place; the planted bug trusts it."""
+    monkeypatch.setattr(interval.math, "sin", lambda x: float(np.sin(x)) * (1.0 + 3.0 * EPS))
+    case = parse("sin(x)"), {"x": [0.7, 0.7], "y": [0.0, 0.0]}
+    law_values_are_inside(*case)
+    monkeypatch.setattr(interval, "_LIBRARY", 0.0)
+    with pytest.raises(AssertionError):
+        law_values_are_inside(*case)
+
+
+def test_ends_are_near() -> None:
+    """Of single operations the ends are reached, to rounding; also of even powers across zero."""
+    box = {"x": Interval(-1.0, 2.0), "y": Interval(0.5, 4.0)}
+    for text, low, high in (
+        ("x + y", -0.5, 6.0),
+        ("x*y", -4.0, 8.0),
+        ("x/y", -2.0, 4.0),
+        ("x^2", 0.0, 4.0),
+        ("x^3", -1.0, 8.0),
+        ("y^(-2)", 0.0625, 4.0),
+        ("sqrt(y)", np.sqrt(0.5), 2.0),
+        ("atan(x)", -np.pi / 4, np.arctan(2.0)),
+        ("sin(x)", np.sin(-1.0), 1.0),
+        ("0*(1/x)", 0.0, 0.0),
+    ):
+        found = enclosure(parse(text), box)
+        roundoff([found.low, found.high], [low, high], scale=max(1.0, high))
+    assert enclosure(parse("1/x"), box) == interval.UNKNOWN
+
+
+def test_numbers_of_a_text_are_its_decimals(monkeypatch: pytest.MonkeyPatch) -> None:
+    """0.4 - 0.3 - 0.1 is zero, though its doubles leave 3e-17; the planted bug takes the doubles."""
+    text, parameter = "1/(a - 0.3 - 0.1)", mbdlft.Parameter("a", 0.5, 0.4, 1.0)
+
+    def refused() -> None:
+        with pytest.raises(
+            mbdlft.WellPosednessError, match=r"vanishes in the range, near a = 0\.4"
+        ):
+            mbdlft.realize([[text]], [parameter], search=0.0)
+
+    refused()
+    monkeypatch.setattr(denominator, "decimal", Interval.of)
+    with pytest.raises(pytest.fail.Exception):
+        refused()
+
+
+# Taylor models ----------------------------------------------------------------------------------
+
+radii = st.one_of(st.just(0.0), st.floats(1e-300, 1e3))
+numbers = st.one_of(st.sampled_from([0.0, 1e-170, -1e-170, 0.1]), st.floats(-1e3, 1e3))
+
+
+def law_radii_hold(a: float, r: float, b: float, s: float) -> None:
+    """[a - r, a + r] and [b - s, b + s], added, multiplied, widened: exact fractions are inside."""
+    monomials = taylor.space(1, 1)
+    x, y = (
+        taylor.Taylor(monomials, np.array([[c], [0.0]]), np.array([e])) for c, e in ((a, r), (b, s))
+    )
+    exact = [Fraction(value) for value in (a, r, b, s)]
+    for sign, other in itertools.product((1, -1), (1, -1)):
+        u, v = exact[0] + sign * exact[1], exact[2] + other * exact[3]
+        for found, value in (
+            (x + y, u + v),
+            (x - y, u - v),
+            (x * y, u * v),
+            (x * b, u * exact[2]),
+            (taylor.widened(x, s), u + other * exact[3]),
+        ):
+            radius = float(found.r[0])
+            assert abs(value - Fraction(float(found.c[0, 0]))) <= Fraction(radius)
+            assert abs(value) <= Fraction(float(taylor.largest(found)[0]))
+
+
+@given(numbers, radii, numbers, radii)
+def test_radii_hold(a: float, r: float, b: float, s: float) -> None:
+    assume(abs(a) + r < 1e100)
+    law_radii_hold(a, r, b, s)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [(0.1, 1.0, 0.2, 2.0**-60), (1e-170, 0.0, 1e-170, 0.0), (0.0, 1.0, 0.0, 2.0**-54)],
+    ids=["sum", "underflow", "radii"],
+)
+def test_rounding_of_radii_is_counted(
+    case: tuple[float, float, float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Planted bug: sums that make a radius are not rounded up."""
+    law_radii_hold(*case)
+    monkeypatch.setattr(taylor, "up", lambda value: value)
+    with pytest.raises(AssertionError):
+        law_radii_hold(*case)

@@ -1,0 +1,192 @@
+"""One fold, a table for each number system: it knows an operation of CasADi, or refuses it by name."""
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft.base.errors import NotRationalError
+from mbdlft.base.expression import evaluate, parse
+from mbdlft.matrix.symbolic import matrix_problem
+from mbdlft.multibody.equilibrium.fit.system import _ARRAYS
+from mbdlft.number import interval, taylor
+from mbdlft.number.interval import Interval
+from mbdlft.pipeline.extract.close import close
+from mbdlft.pipeline.extract.tape import walk
+from mbdlft.sx import sizes
+from mbdlft.sx.evaluate import MANY, evaluate_many, vectors
+from mbdlft.sx.fold import Rules, arithmetic, fold, rules, steps
+from tests.close import EPS, exact, roundoff
+
+NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
+RATIONAL = {"OP_ADD", "OP_SUB", "OP_MUL", "OP_DIV", "OP_NEG", "OP_TWICE", "OP_SQ", "OP_INV"}
+TRIGONOMETRIC = {"OP_SQRT", "OP_SIN", "OP_COS", "OP_TAN"}
+
+
+def elementary() -> dict[str, ca.Function]:
+    """A function (x, y) of one operation for each that an SX can have."""
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    found = {"OP_CONSTPOW": ca.Function("f", [x, y], [x**2.5])}
+    for code, name in NAMES.items():
+        if name not in ("OP_INPUT", "OP_OUTPUT", "OP_CONST"):
+            function = ca.Function("f", [x, y], [ca.SX.binary(code, x, y)])
+            if code in [function.instruction_id(k) for k in range(function.n_instructions())]:
+                found[name] = function
+    return found
+
+
+OPERATIONS = elementary()
+
+
+def point_of(function: ca.Function) -> tuple[float, float]:
+    """Where the function is defined."""
+    return (0.3, 0.7) if np.isfinite(float(function(0.3, 0.7))) else (1.3, 0.7)
+
+
+def of_arrays(function: ca.Function, x: float, y: float) -> None:
+    (found,) = fold(function, _ARRAYS, [np.full(3, x)], [np.full(3, y)])[0]
+    roundoff(found, np.full(3, float(function(x, y))))
+
+
+def of_program(function: ca.Function, x: float, y: float) -> None:
+    if vectors(function) is None:
+        raise NotRationalError(f"{', '.join(NAMES[step] for step in ids(function))}: no program")
+    (found,) = evaluate_many(function, np.full((MANY, 1), x), np.full((MANY, 1), y))
+    roundoff(found[:, 0, 0], np.full(MANY, float(function(x, y))))
+
+
+def ids(function: ca.Function) -> list[int]:
+    return [function.instruction_id(k) for k in range(function.n_instructions())]
+
+
+def of_sizes(function: ca.Function, x: float, y: float) -> None:
+    """A size is at least that of the value, and that of the value where nothing cancels."""
+    (size,) = sizes.term_sizes(function, np.array([[x]]), np.array([[y]]))[0]
+    value = abs(float(function(x, y)))
+    if ca.OP_SUB in ids(function):
+        roundoff(size, x + y)
+    else:
+        roundoff(size, value)
+
+
+def of_intervals(function: ca.Function, x: float, y: float) -> None:
+    table = arithmetic(Interval.of, interval.FUNCTIONS)
+    (found,) = fold(function, table, [Interval(x, x)], [Interval(y, y)])[0]
+    value = float(function(x, y))
+    assert found.low <= value <= found.high
+    roundoff([found.low, found.high], [value, value])
+
+
+def of_taylor_models(function: ca.Function, x: float, y: float) -> None:
+    monomials = taylor.space(1, 2)
+
+    def number(value: float) -> taylor.Taylor:
+        return taylor.constant(monomials, value, 1)
+
+    table = arithmetic(number, taylor.FUNCTIONS)
+    (found,) = fold(function, table, [number(x)], [number(y)])[0]
+    value = float(function(x, y))
+    assert abs(found.c[0, 0] - value) <= found.r[0] + EPS * abs(value)
+    roundoff(found.c[0, 0], value)
+
+
+def of_graphs(function: ca.Function, x: float, y: float) -> None:
+    """The operation on two parameters is what a signal is multiplied with."""
+    p, s = ca.SX.sym("p", 2), ca.SX.sym("s")
+    (value,) = function.call([p[0], p[1]])
+    graph = walk(ca.Function("f", [s, p], [value * s]), ["x", "y"])
+    maps = [mbdlft.Parameter("p", at, 0.5 * at, 2.0 * at).map for at in (x, y)]
+    roundoff(close(graph, ["x", "y"], maps).M22, [[float(function(x, y))]])
+
+
+def of_texts(function: ca.Function, x: float, y: float) -> None:
+    a, b = ca.SX.sym("a"), ca.SX.sym("b")
+    parameters = [mbdlft.Parameter(name, 1.0, 0.5, 2.0) for name in "ab"]
+    problem = matrix_problem(function(a, b), parameters)
+    found = evaluate(parse(problem.matrix[0][0]), {"a": x, "b": y})
+    roundoff(found, float(function(x, y)))
+
+
+LOGICAL = {f"OP_{name}" for name in ("LT", "LE", "EQ", "NE", "NOT", "AND", "OR", "IF_ELSE_ZERO")}
+NOT_IN_NUMPY = {"OP_ERF", "OP_ERFINV", "OP_REMAINDER", "OP_FMOD", "OP_PRINTME"}
+OF_DOUBLES = set(OPERATIONS) - LOGICAL - NOT_IN_NUMPY
+TABLES: dict[str, tuple[Callable[[ca.Function, float, float], None], set[str]]] = {
+    "arrays": (of_arrays, OF_DOUBLES),
+    "sizes": (of_sizes, OF_DOUBLES),
+    "program": (of_program, RATIONAL | TRIGONOMETRIC - {"OP_TAN"} | {"OP_FABS"}),
+    "intervals": (of_intervals, RATIONAL | TRIGONOMETRIC | {"OP_ATAN"}),
+    "Taylor models": (of_taylor_models, RATIONAL | TRIGONOMETRIC),
+    "graphs": (of_graphs, RATIONAL),
+    "texts": (of_texts, RATIONAL),
+}
+
+
+def law_known_or_refused(table: str, name: str) -> None:
+    check, known = TABLES[table]
+    function = OPERATIONS[name]
+    if name in known:
+        check(function, *point_of(function))
+        return
+    with pytest.raises(NotRationalError, match=f"(?i)({name}|{name[3:]} is not|exponent 2.5)"):
+        check(function, 0.3, 0.7)
+
+
+@pytest.mark.parametrize("name", OPERATIONS)
+@pytest.mark.parametrize("table", TABLES)
+def test_each_operation_is_known_or_refused(table: str, name: str) -> None:
+    law_known_or_refused(table, name)
+
+
+PLANTED = {(table, rule) for table in TABLES for rule in ("add", "div")} - {("sizes", "add")}
+
+
+@pytest.mark.parametrize(("table", "rule"), sorted(PLANTED))
+def test_a_wrong_rule_is_found(table: str, rule: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Planted bug: a table takes a difference for a sum, or a product for a quotient."""
+    right, other = Rules.__new__, {"add": "sub", "div": "mul"}[rule]
+
+    def swapped(cls: type, constant: Any, operations: Any, missing: Any) -> Rules:
+        return right(cls, constant, {**operations, rule: operations[other]}, missing)
+
+    monkeypatch.setattr(Rules, "__new__", swapped)
+    for made in (_ARRAYS, sizes._SIZES):
+        monkeypatch.setitem(made.operations, rule, made.operations[other])  # type: ignore[index]
+    vectors.cache_clear()
+    with pytest.raises(AssertionError):
+        law_known_or_refused(table, f"OP_{rule.upper()}")
+    vectors.cache_clear()
+
+
+def test_sizes_go_through_functions() -> None:
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    entries = ca.vertcat(1.0 / (x - y), 2.0 * ca.sqrt(x - y), ca.tan(x), ca.fabs(x - y), 7.0)
+    function = ca.Function("f", [x, y], [entries])
+    found = sizes.term_sizes(function, np.array([[3.0], [5.0]]), np.array([[1.0], [1.0]]))
+    roundoff(found[0], [4.0 / 2.0**2, 2.0 * 2.0, -np.tan(3.0), 4.0, 7.0])
+    roundoff(found[1], [6.0 / 4.0**2, 2.0 * np.sqrt(6.0), -np.tan(5.0), 6.0, 7.0])
+
+
+def test_a_new_number_system_is_a_table() -> None:
+    """Degrees of products: constants have none, sums the larger one."""
+    table = rules(lambda value: 0, add=max, mul=lambda a, b: a + b, div=lambda a, b: a + b)
+    x = ca.SX.sym("x", 2)
+    entries = ca.vertcat(x[0] ** 3 * x[1] - 2 * x[0], 1 / (x[0] + x[1] ** 2), 7.0, -x[1])
+    assert fold(ca.Function("f", [x], [entries]), table, [1, 1]) == [[4, 2, 0, 1]]
+
+
+def test_structural_zeros_are_left_out() -> None:
+    x = ca.SX.sym("x", 2)
+    sparse = ca.diag(x)
+    exact(fold(ca.Function("f", [x], [sparse, x[1]]), _ARRAYS, [2.0, 3.0])[0], [2.0, 3.0])
+
+
+def test_instructions_are_read_once() -> None:
+    function = OPERATIONS["OP_ADD"]
+    fold(function, _ARRAYS, [1.0], [2.0])
+    before = steps.cache_info()
+    fold(function, _ARRAYS, [1.0], [2.0])
+    after = steps.cache_info()
+    assert (after.misses, after.hits) == (before.misses, before.hits + 1)
