@@ -24,7 +24,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
 from mbdlft.bound.gain import gain_bound
 from mbdlft.lft.evaluate import chunks, evaluate_at
-from mbdlft.lft.lft import LFT, Block
+from mbdlft.lft.lft import LFT, Block, check_plain
 from mbdlft.system.model import LFTModel
 
 _SEED, _POINTS = 2, 128  # random points, and as many corners
@@ -119,6 +119,7 @@ def truncate_lft(a: LFT, tolerance: float) -> tuple[LFT, float]:
         I - M11 Delta cannot be shown to be invertible for all |delta_k| <= 1.
     """
     check_tolerance(tolerance)
+    check_plain(a, "truncation")
     rows, columns = typical_sizes(a)
     scaled = LFT(
         a.M11, a.M12 / columns, a.M21 / rows[:, None], a.M22 / rows[:, None] / columns, a.blocks
