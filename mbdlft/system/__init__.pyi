@@ -5,6 +5,8 @@ from .in_series import series as series
 from .invert import invert_channels as invert_channels
 from .model import Certificate as Certificate
 from .model import LFTModel as LFTModel
-from .model import matrices_at as matrices_at
 from .model import trim_at as trim_at
+from .system import Parameters as Parameters
+from .system import System as System
+from .system import matrices_at as matrices_at
 from .truncation import truncate as truncate

@@ -17,6 +17,7 @@ from mbdlft.base.signal import Signal
 from mbdlft.lft.lft import LFT
 from mbdlft.system.model import Certificate, LFTModel, Trim
 from mbdlft.system.points import check_exact
+from mbdlft.system.system import Parameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +96,7 @@ def tunable(model: LFTModel, names: Sequence[str] | None = None) -> TunablePlant
         lft=_opened(model.lft, chosen),
         inputs=(*model.inputs, *(Signal(name, "1") for gain in gains for name in gain.inputs)),
         outputs=(*model.outputs, *(Signal(name, "1") for gain in gains for name in gain.outputs)),
-        parameters=left,
+        parameters=Parameters(left),
         trim=_trim(model, chosen),
         certificate=_certificate(model, chosen),
     )

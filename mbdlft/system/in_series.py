@@ -21,6 +21,7 @@ from mbdlft.lft.lft import LFT, constant, select, stack_diagonal, transpose, wit
 from mbdlft.reduce.reduce import reduce_order
 from mbdlft.system.model import Certificate, LFTModel, Trim
 from mbdlft.system.points import check_exact, sampled_deltas, value_error
+from mbdlft.system.system import Parameters
 
 if TYPE_CHECKING:
     from control import StateSpace
@@ -119,7 +120,7 @@ def series(
         states=(*model.states, *_states(model, names[0], found)),
         inputs=listed if at_inputs else model.inputs,
         outputs=model.outputs if at_inputs else listed,
-        parameters=parameters,
+        parameters=Parameters(parameters),
         trim=_trim(model, deltas_names),
         certificate=_certificate(model, found, lft, value_error(lft, reference, deltas)),
     )
