@@ -7,9 +7,9 @@ y    = C_y x + D_yw w + D_yu u,      w = Delta z,   Delta = diag(delta_k I_rk, .
 Operations are imported where they are used: they need scipy, and reading an archive does not.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, SupportsIndex, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -174,6 +174,57 @@ class System:
     def _nx(self) -> int:
         return len(self.states)
 
+    def __getitem__(self, key: Any) -> "System":
+        return _algebra().selected(self, key)
+
+    def __neg__(self) -> "System":
+        return _algebra().negative(self)
+
+    def __add__(self, other: Any) -> "System":
+        return _algebra().combine(self, other)
+
+    def __radd__(self, other: Any) -> "System":
+        return _algebra().combine(other, self)
+
+    def __sub__(self, other: Any) -> "System":
+        return _algebra().combine(self, other, -1.0)
+
+    def __rsub__(self, other: Any) -> "System":
+        return _algebra().combine(other, self, -1.0)
+
+    def __mul__(self, other: Any) -> "System":
+        return _algebra().chain([other, self])
+
+    def __rmul__(self, other: Any) -> "System":
+        return _algebra().chain([self, other])
+
+    __matmul__, __rmatmul__ = __mul__, __rmul__
+
+    def with_range(
+        self, ranges: Mapping[str, Sequence[float]] | None = None, /, **named: Sequence[float]
+    ) -> Self:
+        """The model with other ranges of parameters inside the old ones, as many repetitions.
+
+        Parameters
+        ----------
+        ranges : mapping of names to (low, high) or (low, nominal, high), in their units, optional
+        named : ranges by name, besides those of `ranges`
+
+        Returns
+        -------
+        System, or LFTModel if this is one
+            Its value at each physical value is the same. Without a nominal value the old one stays if it
+            lies inside; else the middle is taken.
+
+        Raises
+        ------
+        StructureError
+            A range reaches beyond the old one, where nothing was checked.
+        """
+        from mbdlft.system.ranges import with_ranges  # here because it needs scipy
+
+        return with_ranges(self, {**(ranges or {}), **named})
+
     def at(self, values: Mapping[str, Any] | None = None, /, **named: Any) -> "StateSpace":
         """The model at physical values by name, in their units; the others are nominal.
 
@@ -211,6 +262,23 @@ class System:
             inputs=[signal.name.replace(".", "_") for signal in self.inputs],
             outputs=[signal.name.replace(".", "_") for signal in self.outputs],
         )
+
+
+class _Algebra(Protocol):
+    """What `mbdlft.system.algebra` has for operators."""
+
+    def selected(self, a: System, key: Any) -> System: ...
+    def negative(self, a: System) -> System: ...
+    def combine(self, a: Any, b: Any, sign: float = 1.0) -> System: ...
+    def chain(self, items: Sequence[Any]) -> System: ...
+
+
+def _algebra() -> _Algebra:
+    from mbdlft.system import (
+        algebra,  # here because it needs scipy, and reading an archive does not
+    )
+
+    return algebra
 
 
 def deltas_of(model: System, values: Mapping[str, ArrayLike]) -> Array:
@@ -264,8 +332,8 @@ def matrices_at(model: System, values: Mapping[str, ArrayLike]) -> StateMatrices
     ----------
     model : System or LFTModel
     values : mapping of names to numbers or arrays (N,), in the units of the parameters
-        The others are nominal. Blocks that are not parameters may be named, too: their deltas [1], matrices
-        for full blocks, which are zero otherwise.
+        The others are nominal. Blocks that are not parameters may be named, too: their deltas [1],
+        matrices for full blocks, which are zero otherwise.
 
     Returns
     -------

@@ -25,6 +25,7 @@ from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
 from mbdlft.bound.gain import gain_bound
 from mbdlft.lft.evaluate import chunks, evaluate_at
 from mbdlft.lft.lft import LFT, Block, check_plain
+from mbdlft.system.evidence import truncated_certificate
 from mbdlft.system.model import LFTModel
 
 _SEED, _POINTS = 2, 128  # random points, and as many corners
@@ -90,9 +91,7 @@ def truncate(model: LFTModel, tolerance: float) -> LFTModel:
         raise type(problem)(f"{where}: {problem}") from None
     if lft is model.lft:
         return model
-    order = tuple(block.size for block in lft.blocks)
-    certificate = replace(model.certificate, order=order, exact=False, truncation_error=error)
-    return replace(model, lft=lft, certificate=certificate)
+    return replace(model, lft=lft, certificate=truncated_certificate(model, lft, error))
 
 
 def truncate_lft(a: LFT, tolerance: float) -> tuple[LFT, float]:
