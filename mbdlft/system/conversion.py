@@ -122,7 +122,7 @@ def _converted(item: Any) -> System:
         import control  # here because it is slow to import
 
         try:
-            item = control.ss(item)
+            item = control.ss(item, name=item.name)
         except (ValueError, NotImplementedError) as error:
             raise StructureError(f"system {item.name!r}: no state space of it: {error}") from None
     if all(hasattr(item, label) for label in _STATE_SPACE):

@@ -114,9 +114,9 @@ def _ranged(model: System, name: str, ends: Sequence[float]) -> Parameter:
     slack = _OUTSIDE * (old.high - old.low)
     if low < old.low - slack or high > old.high + slack:
         raise StructureError(
-            f"{where}: {name}: [{low:g}, {high:g}] reaches beyond [{old.low:g}, {old.high:g}] {old.unit}, "
-            "and outside of it nothing was checked. Build the model again with the wider range; the text "
-            "of its scene or matrix is model.provenance.scene."
+            f"{where}: {name}: [{low:g}, {high:g}] reaches beyond [{old.low:g}, {old.high:g}] "
+            f"{old.unit}, and outside of it nothing was checked. Build the model again with the wider "
+            "range; the text of its scene or matrix is model.provenance.scene."
         )
     if len(ends) == 3:
         nominal = float(ends[1])
