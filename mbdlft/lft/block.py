@@ -99,6 +99,11 @@ class FullBlock(_OtherBlock):
         return int(self.__dict__["_outputs"])
 
 
+def is_square(blocks: Sequence[Block]) -> bool:
+    """Whether no block is full: each has as many outputs as inputs."""
+    return not any([type(block) is FullBlock for block in blocks])
+
+
 def spans(names: Sequence[str], sizes: Sequence[int]) -> dict[str, slice]:
     """Consecutive slices of these sizes by name."""
     ends = np.cumsum([0, *sizes]).tolist()
@@ -150,7 +155,9 @@ def check(condition: bool, message: str) -> None:  # noqa: FBT001
 def misfit(M11: Array, M12: Array, M21: Array, M22: Array, blocks: Sequence[Block]) -> str | None:
     """What does not fit among matrices and blocks, or None."""
     names = [block.name for block in blocks]
-    z, w = sum(block.inputs for block in blocks), sum(block.outputs for block in blocks)
+    z = w = sum([size for _, size in blocks])
+    if not is_square(blocks):
+        w = sum(block.outputs for block in blocks)
     square = z == w
     n, m = M11.shape
     if square:
@@ -163,7 +170,7 @@ def misfit(M11: Array, M12: Array, M21: Array, M22: Array, blocks: Sequence[Bloc
     ):
         if matrix.shape != shape:
             return f"{name} needs shape {shape}, got {matrix.shape}."
-    if any(min(block.inputs, block.outputs) < 0 for block in blocks):
+    if any([block.size < 0 or block.outputs < 0 for block in blocks]):
         return f"a block has a negative size: {blocks}."
     if (z, w) != (n, m):
         sizes = f"{z}" if square else f"{z} x {w}"

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError, unknown_name
 from mbdlft.lft.block import Block as Block
-from mbdlft.lft.block import block_value, gathered, matrix_of, misfit, spans
+from mbdlft.lft.block import block_value, gathered, is_square, matrix_of, misfit, spans
 from mbdlft.lft.block import check as check
 from mbdlft.lft.solve import condition as condition
 from mbdlft.lft.solve import solve_nominal as solve_nominal
@@ -96,10 +96,12 @@ class LFT:
 
     def slices(self) -> dict[str, slice]:
         """Inputs z of each block, rows of M11, by name; also its outputs but for full blocks."""
-        return spans([block.name for block in self.blocks], [b.inputs for b in self.blocks])
+        return spans([block.name for block in self.blocks], [b.size for b in self.blocks])
 
     def columns(self) -> dict[str, slice]:
         """Outputs w of each block, columns of M11, by name."""
+        if is_square(self.blocks):
+            return self.slices()
         return spans([block.name for block in self.blocks], [b.outputs for b in self.blocks])
 
     def __add__(self, other: "LFT | ArrayLike") -> "LFT":
@@ -317,11 +319,9 @@ def fix(a: LFT, values: Mapping[str, ArrayLike]) -> LFT:
 
     def closed(left: Array) -> Array:
         """left (., w) times Delta."""
-        parts = [
-            left[:, part]
-            for part in spans([b.name for b in gone], [b.outputs for b in gone]).values()
-        ]
-        products = [p @ s if s.ndim else p * s for p, s in zip(parts, scale, strict=True)]
+        parts = spans([b.name for b in gone], [b.outputs for b in gone]).values()
+        pairs = [(left[:, part], s) for part, s in zip(parts, scale, strict=True)]
+        products = [matrix @ s if s.ndim else matrix * s for matrix, s in pairs]
         return np.hstack([np.zeros((len(left), 0)), *products])
 
     left = closed(np.vstack([a.M11[np.ix_(kept_z, w)], a.M21[:, w]]))
@@ -352,16 +352,25 @@ def _merge(
     known: dict[str, Block] = {block.name: block for block in a.blocks}
     for block in b.blocks:
         known[block.name] = gathered(known[block.name], block) if block.name in known else block
-    z_a, w_a, z_b, w_b = a.slices(), a.columns(), b.slices(), b.columns()
-    none, rows, columns = slice(0), list[int](), list[int]()
-    for name in sorted(known):
-        rows += range(a.order)[z_a.get(name, none)]
-        rows += range(a.order, a.order + b.order)[z_b.get(name, none)]
-        columns += range(a.M11.shape[1])[w_a.get(name, none)]
-        columns += range(a.M11.shape[1], M11.shape[1])[w_b.get(name, none)]
-    blocks = tuple(known[name] for name in sorted(known))
-    i, j = np.array(rows, dtype=int), np.array(columns, dtype=int)
+    names = sorted(known)
+    blocks = tuple(known[name] for name in names)
+    i = j = _side_by_side(names, a.slices(), a.order, b.slices())
+    if not is_square(blocks):
+        j = _side_by_side(names, a.columns(), a.M11.shape[1], b.columns())
     return LFT(M11[np.ix_(i, j)], np.vstack(inputs)[i], np.hstack(outputs)[:, j], direct, blocks)
+
+
+def _side_by_side(
+    names: Sequence[str], first: Mapping[str, slice], size: int, second: Mapping[str, slice]
+) -> NDArray[np.int64]:
+    """Positions of the channels of each name: those of an LFT of a size, then those of one behind it."""
+    found: list[int] = []
+    for name in names:
+        if name in first:
+            found += range(first[name].start, first[name].stop)
+        if name in second:
+            found += range(size + second[name].start, size + second[name].stop)
+    return np.array(found, dtype=int)
 
 
 def _uncoupled(a: LFT, b: LFT) -> Array:

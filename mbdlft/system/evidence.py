@@ -97,7 +97,8 @@ def composed(
     lft = with_blocks(wired if exchange else reduced(wired), parameters.names)
     seed = next((p.certificate.seed for p in parts if isinstance(p, LFTModel)), _SEED)
     deltas = sampled_deltas(parameters, seed)
-    check_determinant(_of_parameters(lft), deltas, what, parameters)
+    if not lft.is_complex:
+        check_determinant(_of_parameters(lft), deltas, what, parameters)
     error = _error(parts, wiring, lft, parameters, deltas, what)
     fields: dict[str, Any] = {
         "name": like.name,

@@ -35,7 +35,8 @@ class Certificate:
         Against trimming and linearizing the nonlinear equations at `check_points` values of the
         parameters, random points and corners drawn with `seed`; for a matrix, against its value. Each
         entry of A, B, C, D is relative to its largest size over the points, each trimmed effort to the
-        largest of its unit. Of a truncated model: of the exact one it comes from.
+        largest of its unit. Of a truncated model: of the exact one it comes from. Of a composed one:
+        against its parts, and what their errors make of it.
     exact : bool
         Whether the model is the exact one (no truncation, no fit).
     exact_bound : bool
@@ -44,7 +45,7 @@ class Certificate:
         Ranks that rounding makes unclear; the lower bound does not count them. Empty: not recorded.
     truncation_error : float
         Guaranteed bound [1] of what truncation changes, over the whole range, as in `truncate`; 0.0 if
-        nothing was truncated.
+        nothing was truncated, inf if a part was and no theorem gives a bound for the whole.
     fit_error_bound : float
         Guaranteed bound (rad or m) of the error of equilibrium positions that are rational fits, over the
         whole range; 0.0 if nothing was fitted. The other numbers are then those at the fitted positions.
