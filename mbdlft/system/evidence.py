@@ -24,7 +24,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
 from mbdlft.base.parameter import Parameter, to_delta, to_physical
 from mbdlft.base.signal import Signal
-from mbdlft.bound.degree import degree_bounds
+from mbdlft.bound.degree import degree_bounds, moved
 from mbdlft.lft.evaluate import evaluate, evaluate_at
 from mbdlft.lft.lft import LFT, fix, stack_rows, with_blocks
 from mbdlft.system.model import Certificate, LFTModel, Provenance, Trim
@@ -112,9 +112,11 @@ def composed(
     certified = [part for part in parts if isinstance(part, LFTModel)]
     if not certified or any(p.parameters and not isinstance(p, LFTModel) for p in parts):
         return System(**fields)
-    certificate = _certificate(certified, lft, error, seed)
     if exchange:
-        certificate = replace(certified[0].certificate, **_changed(certificate))
+        certificate = _in_other_coordinates(certified[0].certificate, error)
+    else:
+        twin = with_blocks(reduced(wire(_moved(parts), wiring, what)), parameters.names)
+        certificate = _certificate(certified, lft, twin, error, seed)
     return LFTModel(
         **fields,
         trim=_trim(certified, parameters.names),
@@ -221,14 +223,28 @@ def _error(
     return own + largest(reference.errors, scale)
 
 
-def _certificate(parts: Sequence[LFTModel], lft: LFT, error: float, seed: int) -> Certificate:
+def _moved(parts: Sequence[System]) -> list[System]:
+    """Parts with every entry moved by what may be wrong with it: the error of the way to the whole."""
+    return [
+        replace(part, lft=moved(part.lft, _SEED, part.certificate.max_relative_error))
+        if isinstance(part, LFTModel) and part.lft.is_plain
+        else part
+        for part in parts
+    ]
+
+
+def _certificate(
+    parts: Sequence[LFTModel], lft: LFT, twin: LFT, error: float, seed: int
+) -> Certificate:
     order = {block.name: block.size for block in lft.blocks if block.kind == "real"}
     raw = dict.fromkeys(order, 0)
     for part in parts:
         for name, size in zip(part.parameters.names, part.certificate.raw_order, strict=True):
             raw[name] += size
     found = [part.certificate for part in parts]
-    bounds = {} if lft.is_complex else degree_bounds(_at_generic(lft), seed=seed)
+    bounds = {}
+    if not (lft.is_complex or twin.is_complex):
+        bounds = degree_bounds(_at_generic(lft), _at_generic(twin), seed)
     lower = {name: min(bounds[name].degree, order[name]) if bounds else 0 for name in order}
     return Certificate(
         order=tuple(order.values()),
@@ -256,14 +272,9 @@ def _at_generic(a: LFT) -> LFT:
     return fix(a, values) if values else a
 
 
-def _changed(certificate: Certificate) -> dict[str, Any]:
+def _in_other_coordinates(found: Certificate, error: float) -> Certificate:
     """What a change of coordinates changes: the error, and the conditioning, which is not known."""
-    return {
-        "max_relative_error": certificate.max_relative_error,
-        "truncation_error": certificate.truncation_error,
-        "condition": 0.0,
-        "sign_changes": 0,
-    }
+    return replace(found, max_relative_error=error, condition=0.0, sign_changes=0)
 
 
 def _trim(parts: Sequence[LFTModel], names: Sequence[str]) -> Trim:
@@ -351,12 +362,8 @@ def renormalized_evidence(model: LFTModel, lft: LFT, parameters: Parameters) -> 
     sizes = np.max(np.abs(values_of(model.lft, model.parameters, everywhere, others)), axis=0)
     scale = entry_scale(reference, np.zeros(sizes.shape))
     own = largest(values_of(lft, parameters, deltas, others) - reference, scale)
-    return replace(
-        found,
-        max_relative_error=own + largest(found.max_relative_error * sizes, scale),
-        condition=0.0,  # that of the entries in the new range is not known
-        sign_changes=0,
-    )
+    error = own + largest(found.max_relative_error * sizes, scale)
+    return _in_other_coordinates(found, error)
 
 
 def truncated_certificate(model: LFTModel, lft: LFT, error: float) -> Certificate:

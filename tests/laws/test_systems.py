@@ -92,6 +92,18 @@ def worst(model: System, build: Callable[..., Any], parts: tuple[System, ...]) -
     return float(np.max(np.abs(found - expected) / np.where(size > 0, size, 1.0)))
 
 
+ARM = mbdlft.to_lft(mbdlft.load_scene("scenarios/two_link_arm.toml"), search=0.0)
+MOTOR = realize(
+    [["-4*m3", "4*m3"], ["1", "0"]],
+    [ARM.parameters["m3"]],
+    name="motor",
+    states=["lag"],
+    inputs=["demand"],
+    outputs=["torque"],
+)
+PD = control.ss(
+    [[-50.0]], [[1.0]], [[-2e4]], [[500.0]], name="pd", inputs=["angle"], outputs=["command"]
+)
 NETWORK = {
     "cart.force": ["-spring.pull", "one.u"],
     "spring.stroke": "cart.position",
@@ -130,6 +142,29 @@ CASES: dict[str, tuple[Callable[[], System], Callable[..., Any], tuple[System, .
         ),
         network_of,
         (CART, SPRING),
+    ),
+    "an arm, a motor that shares a mass, a weight and a controller": (
+        lambda: connect(
+            [ARM, MOTOR, WEIGHT, PD],
+            [
+                ["shoulder.torque", "torque"],
+                ["demand", "e", "-command"],
+                ["angle", "shoulder.angle"],
+            ],
+            inputs=["r", "elbow.torque"],
+            outputs=["shoulder.angle", "elbow.angle", "command"],
+        ),
+        lambda arm, motor: control.interconnect(
+            [arm, motor, WEIGHT, PD],
+            [
+                ["two_link_arm.shoulder_torque", "motor.torque"],
+                ["motor.demand", "weight.e", "-pd.command"],
+                ["pd.angle", "two_link_arm.shoulder_angle"],
+            ],
+            inplist=["weight.r", "two_link_arm.elbow_torque"],
+            outlist=["two_link_arm.shoulder_angle", "two_link_arm.elbow_angle", "pd.command"],
+        ),
+        (ARM, MOTOR),
     ),
     "series": (
         lambda: series(WEIGHT, CART["position", "force"], SPRING, ONE),
