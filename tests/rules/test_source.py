@@ -110,7 +110,6 @@ def test_tolerances_stand_in_one_file() -> None:
 
 # Larger ones that are known; these lists only get shorter.
 LARGE_FILES = {
-    "lft/lft.py",
     "multibody/assembly/assemble.py",
     "reduce/commuting.py",
 }
