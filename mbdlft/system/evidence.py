@@ -244,7 +244,7 @@ def _certificate(
     found = [part.certificate for part in parts]
     bounds = {}
     if not (lft.is_complex or twin.is_complex):
-        bounds = degree_bounds(_at_generic(lft), _at_generic(twin), seed)
+        bounds = degree_bounds(_at_generic(lft), moved(_at_generic(twin), seed), seed)
     lower = {name: min(bounds[name].degree, order[name]) if bounds else 0 for name in order}
     return Certificate(
         order=tuple(order.values()),

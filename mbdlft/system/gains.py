@@ -8,6 +8,7 @@ model again. A synthesis tool for structured controllers then tunes delta_k as o
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
 
 from mbdlft.base.errors import StructureError, unknown_name
 from mbdlft.base.parameter import Parameter, to_physical
@@ -15,7 +16,9 @@ from mbdlft.base.signal import Signal
 from mbdlft.lft.opening import open_blocks
 from mbdlft.system.evidence import check_exact, opened_evidence
 from mbdlft.system.model import LFTModel
-from mbdlft.system.system import Parameters
+from mbdlft.system.system import Parameters, System
+
+S = TypeVar("S", bound=System)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,19 +47,19 @@ class TunableGain:
 
 
 @dataclass(frozen=True, slots=True)
-class TunablePlant:
+class TunablePlant(Generic[S]):
     """A plant and the gains that close it."""
 
-    plant: LFTModel
+    plant: S
     gains: tuple[TunableGain, ...]
 
 
-def tunable(model: LFTModel, names: Sequence[str] | None = None) -> TunablePlant:
+def tunable(model: S, names: Sequence[str] | None = None) -> TunablePlant[S]:
     """The plant with parameters taken out as gains to be tuned: w_k = delta_k z_k.
 
     Parameters
     ----------
-    model : LFTModel
+    model : System or LFTModel
     names : sequence of str
         Parameters; by default those with the role ``design``.
 
@@ -95,12 +98,12 @@ def tunable(model: LFTModel, names: Sequence[str] | None = None) -> TunablePlant
         inputs=(*model.inputs, *(Signal(name, "1") for gain in gains for name in gain.inputs)),
         outputs=(*model.outputs, *(Signal(name, "1") for gain in gains for name in gain.outputs)),
         parameters=Parameters(left),
-        **opened_evidence(model, chosen),
+        **(opened_evidence(model, chosen) if isinstance(model, LFTModel) else {}),
     )
     return TunablePlant(plant, gains)
 
 
-def _chosen(model: LFTModel, names: Sequence[str] | None) -> list[str]:
+def _chosen(model: System, names: Sequence[str] | None) -> list[str]:
     known = [p.name for p in model.parameters]
     if names is None:
         names = [p.name for p in model.parameters if p.role == "design"]
@@ -125,7 +128,7 @@ def _names(name: str, kind: str, part: slice) -> tuple[str, ...]:
     return tuple(f"{name}.{kind}.{k}" for k in range(1, part.stop - part.start + 1))
 
 
-def _check_free(model: LFTModel, gains: Sequence[TunableGain]) -> None:
+def _check_free(model: System, gains: Sequence[TunableGain]) -> None:
     used = {signal.name for signal in (*model.inputs, *model.outputs)}
     taken = [n for gain in gains for n in (*gain.inputs, *gain.outputs) if n in used]
     if taken:

@@ -145,6 +145,8 @@ def trim_at(model: LFTModel, values: Mapping[str, ArrayLike]) -> Array:
     StructureError
         The model has no trim LFT; or as `matrices_at`.
     """
+    if not isinstance(model, LFTModel):
+        raise StructureError(f"model {model.name!r} is a system without evidence, and has no trim.")
     if model.trim.lft is None:
         raise StructureError(f"model {model.name!r} was stored without the LFT of its trim.")
     return value_at(model, model.trim.lft, values)[..., 0]

@@ -34,8 +34,8 @@ def connect(
         signal is called by its name, or, where several systems have it, by ``SYSTEM.NAME``. Not given:
         inputs get the outputs of the same name.
     inputs : sequence of str
-        Inputs of the whole: inputs of systems that are driven (all of that name), or new names that
-        stand in `connections`.
+        Inputs of the whole: inputs of systems (all of that name), to which they are added, or new names
+        that stand in `connections`.
     outputs : sequence of str
         Outputs of the whole: outputs of systems, or inputs of systems, which are what adds up there.
     name : str, optional

@@ -79,6 +79,11 @@ def truncate(model: LFTModel, tolerance: float) -> LFTModel:
         The model is singular at a point of its range.
     """
     where = f"model {model.name!r}"
+    if not isinstance(model, LFTModel):
+        raise StructureError(
+            f"{where}: it is a system without evidence, and a guaranteed error is that of a certified "
+            "model. to_lft or realize make one."
+        )
     fitted = model.certificate.fit_error_bound > 0.0 and model.certificate.truncation_error == 0.0
     if not (model.certificate.exact or fitted):
         raise StructureError(

@@ -23,6 +23,8 @@ from mbdlft import (
     realize,
     series,
     state_space,
+    trim_at,
+    truncate,
 )
 from mbdlft.lft.lft import delta
 from mbdlft.system import lft
@@ -125,6 +127,21 @@ FULL = as_system(delta(FullBlock("D", 1)), name="unknown")
     ],
 )
 def test_structure(make: Callable[[], object], message: str) -> None:
+    with says(StructureError, message):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda: truncate(ONE, 0.1),
+            "model 'one': it is a system without evidence, and a guaranteed",
+        ),
+        (lambda: trim_at(ONE, {}), "model 'one' is a system without evidence, and has no trim."),
+    ],
+)
+def test_without_evidence(make: Callable[[], object], message: str) -> None:
     with says(StructureError, message):
         make()
 

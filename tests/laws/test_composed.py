@@ -22,6 +22,7 @@ from mbdlft import (
     as_system,
     connect,
     feedback,
+    invert_channels,
     low_pass,
     matrices_at,
     series,
@@ -84,6 +85,31 @@ def test_a_system_without_evidence_gives_none() -> None:
     assert type(feedback(CART, CONTROLLER)) is LFTModel
     assert type(as_system(ONE) * 2.0) is System
     assert type(append(bare, SPRING)) is System
+
+
+def test_what_cancels_is_not_taken_for_structure() -> None:
+    """0.1 + 0.2 - 0.3 of one function of k, and a model times its inverse: nothing is left but rounding."""
+    k = CART.parameters["k"]
+    three = [
+        mbdlft.realize([["1/(k+1)"]], [k], name=n, inputs=[f"{n}.u"], outputs=[f"{n}.y"])
+        for n in "abc"
+    ]
+    none = np.array([[0.1, 0.2, -0.3]]) @ append(*three) @ np.ones((3, 1))
+    model = mbdlft.realize([["k", "1"], ["2", "k^2"]], [k], inputs=["a", "b"], outputs=["a", "b"])
+    unit = invert_channels(model, ["a", "b"]) * model
+    for found in (none, unit):
+        assert found.order == 0
+        assert found.certificate.lower_bound == (0,)
+    target(unit.D_yu, np.eye(2), CLOSED_FORM)
+    both = append(CART * uncertain(), SPRING)
+    assert both.certificate.lower_bound == (2, 2, 2)
+
+
+def test_gains_of_a_system_without_evidence() -> None:
+    bare = System(CART.name, CART.lft, CART.states, CART.inputs, CART.outputs, CART.parameters)
+    found = mbdlft.tunable(bare, ["k"])
+    assert type(found.plant) is System
+    exact(found.plant.lft.M22, mbdlft.tunable(CART, ["k"]).plant.lft.M22)
 
 
 def test_a_truncated_part_leaves_no_guarantee() -> None:
