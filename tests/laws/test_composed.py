@@ -88,7 +88,7 @@ def test_a_system_without_evidence_gives_none() -> None:
 
 
 def test_what_cancels_is_not_taken_for_structure() -> None:
-    """0.1 + 0.2 - 0.3 of one function of k, and a model times its inverse: nothing is left but rounding."""
+    """0.1 + 0.2 - 0.3 of one function, and a model times its inverse: what is left is rounding."""
     k = CART.parameters["k"]
     three = [
         mbdlft.realize([["1/(k+1)"]], [k], name=n, inputs=[f"{n}.u"], outputs=[f"{n}.y"])
