@@ -61,7 +61,11 @@ _NAMESPACES = (
     "urdf",
 )
 _ELSEWHERE = ("lft", "pipeline", "problem")  # rooms that have names of the list above, and no more
-_MODULES = {"plot": "mbdlft.plot", "fit": "mbdlft.multibody.equilibrium.fit"}
+_MODULES = {
+    "plot": "mbdlft.plot",
+    "fit": "mbdlft.multibody.equilibrium.fit",
+    "lft": "mbdlft.lft",  # the function of this name is mbdlft.system.lft only
+}
 
 __all__ = sorted([*_FIRST, *_NAMESPACES, "plot"])
 

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from scipy.linalg import rsf2csf, schur
 
 from mbdlft.base.array import Array
-from mbdlft.lft.lft import LFT
+from mbdlft.lft.lft import LFT, check_plain
 from mbdlft.lft.triangle import solve_loops
 from mbdlft.reduce.reduce import balance
 
@@ -96,6 +96,7 @@ def degree_bounds(a: LFT, twin: LFT | None = None, seed: int = 0) -> dict[str, B
     -------
     dict of names to Bound
     """
+    check_plain(a, "the lower bound")
     random = np.random.default_rng(seed)
     bounds = {block.name: Bound(0, block.size) for block in a.blocks}
     pair = (a, moved(a, seed) if twin is None else twin)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from mbdlft.base.array import Array
-from mbdlft.lft.lft import LFT, solve_nominal
+from mbdlft.lft.lft import LFT, check_plain, solve_nominal
 
 _EPS = float(np.finfo(float).eps)
 _GAP = 0.01  # of g: how far from the best multipliers the search may stop
@@ -80,6 +80,7 @@ def gain_bound(a: LFT, limit: float = np.inf, boxes: int = 1) -> float:
     float
         inf if no bound was found; otherwise I - M11 Delta is proved to be invertible on the box.
     """
+    check_plain(a, "the bound of the gain")
     found, waiting = 0.0, [a]
     for _ in range(boxes):
         if not waiting:

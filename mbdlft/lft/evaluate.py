@@ -7,12 +7,14 @@ lost digits are solved for with dense matrices, and all samples are if some of t
 
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError, WellPosednessError
+from mbdlft.lft.block import block_value
 from mbdlft.lft.lft import LFT, check, check_name
 from mbdlft.lft.program import program
 from mbdlft.lft.run import Plan, plan, run
@@ -31,10 +33,12 @@ def evaluate(a: LFT, deltas: Mapping[str, ArrayLike]) -> Array:
     ----------
     a : LFT, shape (n_out, n_in)
     deltas : mapping of names to numbers [1] or arrays (N,)
+        Of a full block: matrices (outputs, inputs) or (N, outputs, inputs).
 
     Returns
     -------
     array (n_out, n_in), or (N, n_out, n_in) if any delta is an array
+        Complex where a block or an entry is.
 
     Raises
     ------
@@ -45,6 +49,10 @@ def evaluate(a: LFT, deltas: Mapping[str, ArrayLike]) -> Array:
     """
     for name in deltas:
         check_name(a, name)
+    known = {block.name: block for block in a.blocks}
+    deltas = {name: block_value(known[name], value) for name, value in deltas.items()}
+    if any(block.kind != "real" for block in a.blocks):
+        return _of_all_kinds(a, deltas)
     try:
         columns = np.broadcast_arrays(
             *(np.asarray(value, dtype=float) for value in deltas.values())
@@ -67,13 +75,19 @@ def evaluate(a: LFT, deltas: Mapping[str, ArrayLike]) -> Array:
 
 def evaluate_at(a: LFT, points: ArrayLike) -> Array:
     """Values at many points: points (N, number of blocks) [1], result (N, n_out, n_in)."""
+    check(
+        all(block.kind == "real" for block in a.blocks),
+        "points have one real number for each block; use evaluate for blocks of other kinds",
+    )
     p = np.asarray(points, dtype=float)
     check(
         p.ndim == 2 and p.shape[1] == len(a.blocks),
         f"points need shape (N, {len(a.blocks)}), got {p.shape}",
     )
     values = np.repeat(a.M22[None], len(p), axis=0)
-    found = _plan(a) if len(p) >= MANY else None
+    if a.is_complex:
+        values = values.astype(complex)
+    found = _plan(a) if len(p) >= MANY and not a.is_complex else None
     if found is None:
         _dense(a, p, values)
         return values
@@ -85,6 +99,29 @@ def evaluate_at(a: LFT, points: ArrayLike) -> Array:
         _dense(a, p[lost], again)
         values[lost] = again
     return values
+
+
+def _of_all_kinds(a: LFT, deltas: Mapping[str, Any]) -> Array:
+    """The definition with matrices Delta, the blocks that are not named at zero."""
+    known = {block.name: block for block in a.blocks}
+    shapes = {n: v.shape[:-2] if known[n].kind == "full" else v.shape for n, v in deltas.items()}
+    lengths = {shape[0] for shape in shapes.values() if shape}
+    check(
+        len(lengths) < 2 and all(len(shape) < 2 for shape in shapes.values()),
+        "evaluate: deltas are numbers, matrices for full blocks, or arrays of one length of them",
+    )
+    z, w = a.slices(), a.columns()
+    Delta = np.zeros((max(lengths, default=1), a.M11.shape[1], a.order), dtype=complex)
+    for name, value in deltas.items():
+        repeated = known[name].kind != "full"
+        part = value[..., None, None] * np.eye(known[name].size) if repeated else value
+        Delta[:, w[name], z[name]] = part
+    try:
+        inner = np.linalg.solve(np.eye(a.order) - a.M11 @ Delta, np.tile(a.M12, (len(Delta), 1, 1)))
+    except np.linalg.LinAlgError:
+        raise WellPosednessError("I - M11 Delta is singular at one of the points.") from None
+    values: Array = a.M22 + a.M21 @ Delta @ inner
+    return values if lengths else values[0]
 
 
 def values_and_sizes(a: LFT, points: Array) -> tuple[Array, Array]:

@@ -2,31 +2,26 @@
 
     value(delta) = M22 + M21 Delta (I - M11 Delta)^-1 M12,   Delta = diag(delta_1 I_r1, ...)
 
+Blocks are those of `mbdlft/lft/block.py`. Entries are real (float64) unless one of a matrix is complex.
 In the literature of the archive: M11 = D_zw, M12 = D_zu, M21 = D_yw, M22 = D_yu for a static map.
 Zhou, Doyle, Glover, Robust and Optimal Control (1996), chapter 10, for all rules below.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import StructureError, WellPosednessError, unknown_name
-from mbdlft.number import twofold
-from mbdlft.number.rounding import cleaned, solution_size
-from mbdlft.number.twofold import Twofold
-
-_WELL_CONDITIONED = 2.0**10  # double precision is enough: the square of this leaves ten digits
-
-
-class Block(NamedTuple):
-    """delta times the identity of a size; the name is the identity of the delta."""
-
-    name: str
-    size: int
+from mbdlft.base.errors import StructureError, unknown_name
+from mbdlft.lft.block import Block as Block
+from mbdlft.lft.block import block_value, gathered, is_square, matrix_of, misfit, spans
+from mbdlft.lft.block import check as check
+from mbdlft.lft.solve import condition as condition
+from mbdlft.lft.solve import solve_nominal as solve_nominal
+from mbdlft.lft.solve import through
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -35,13 +30,14 @@ class LFT:
 
     Parameters
     ----------
-    M11 : array (n, n)
-        n is the sum of the sizes of the blocks.
-    M12 : array (n, n_in)
-    M21 : array (n_out, n)
+    M11 : array (n_z, n_w)
+        n_z and n_w are the sums of the inputs and of the outputs of the blocks: equal but for full blocks
+        that are not square.
+    M12 : array (n_z, n_in)
+    M21 : array (n_out, n_w)
     M22 : array (n_out, n_in)
     blocks : tuple of Block
-        One for each delta, sorted by name; a size may be 0.
+        One for each delta, sorted by name; a size may be 0. `ComplexBlock` and `FullBlock` are kinds.
 
     Raises
     ------
@@ -57,7 +53,7 @@ class LFT:
 
     def __post_init__(self) -> None:
         for name in ("M11", "M12", "M21", "M22"):
-            matrix = np.array(getattr(self, name), dtype=float, ndmin=2)
+            matrix = matrix_of(getattr(self, name))
             if matrix.ndim != 2:
                 raise StructureError(f"LFT: {name} needs two axes, got shape {matrix.shape}.")
             matrix += 0.0  # no negative zeros
@@ -65,8 +61,10 @@ class LFT:
                 raise StructureError(f"LFT: {name} has an entry that is not finite.")
             matrix.flags.writeable = False
             object.__setattr__(self, name, matrix)
-        object.__setattr__(self, "blocks", tuple(Block(*block) for block in self.blocks))
-        problem = _problem(self)
+        object.__setattr__(
+            self, "blocks", tuple(b if isinstance(b, Block) else Block(*b) for b in self.blocks)
+        )
+        problem = misfit(self.M11, self.M12, self.M21, self.M22, self.blocks)
         if problem:
             raise StructureError(f"LFT: {problem}")
 
@@ -83,16 +81,28 @@ class LFT:
 
     @property
     def order(self) -> int:
-        """Size of Delta."""
+        """Size of Delta: its number of inputs."""
         return len(self.M11)
 
+    @property
+    def is_complex(self) -> bool:
+        """Whether an entry is not real."""
+        return any(m.dtype.kind == "c" for m in (self.M11, self.M12, self.M21, self.M22))
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether all entries are real and all blocks are repeated real parameters."""
+        return all(type(block) is Block for block in self.blocks) and not self.is_complex
+
     def slices(self) -> dict[str, slice]:
-        """Rows of each delta in Delta, by name."""
-        ends = np.cumsum([0, *(block.size for block in self.blocks)])
-        return {
-            block.name: slice(int(a), int(b))
-            for block, a, b in zip(self.blocks, ends[:-1], ends[1:], strict=True)
-        }
+        """Inputs z of each block, rows of M11, by name; also its outputs but for full blocks."""
+        return spans([block.name for block in self.blocks], [b.size for b in self.blocks])
+
+    def columns(self) -> dict[str, slice]:
+        """Outputs w of each block, columns of M11, by name."""
+        if is_square(self.blocks):
+            return self.slices()
+        return spans([block.name for block in self.blocks], [b.outputs for b in self.blocks])
 
     def __add__(self, other: "LFT | ArrayLike") -> "LFT":
         return add(self, as_lft(other))
@@ -121,16 +131,17 @@ class LFT:
 
 def constant(matrix: ArrayLike) -> LFT:
     """LFT without deltas: value = matrix."""
-    value = np.array(matrix, dtype=float, ndmin=2)
+    value = matrix_of(matrix)
     return LFT(
         np.zeros((0, 0)), np.zeros((0, value.shape[1])), np.zeros((value.shape[0], 0)), value
     )
 
 
-def delta(name: str, size: int = 1) -> LFT:
-    """LFT of a delta: value = delta I_size."""
-    eye, zero = np.eye(size), np.zeros((size, size))
-    return LFT(zero, eye, eye, zero, (Block(name, size),))
+def delta(name: str | Block, size: int = 1) -> LFT:
+    """LFT of a delta: value = delta I_size; or that of a block of any kind."""
+    block = name if isinstance(name, Block) else Block(name, size)
+    z, w = block.inputs, block.outputs
+    return LFT(np.zeros((z, w)), np.eye(z), np.eye(w), np.zeros((w, z)), (block,))
 
 
 def as_lft(item: LFT | ArrayLike) -> LFT:
@@ -141,7 +152,7 @@ def as_lft(item: LFT | ArrayLike) -> LFT:
 def add(a: LFT, b: LFT) -> LFT:
     """Sum: value(a + b) = value(a) + value(b)."""
     check(a.shape == b.shape, f"cannot add shapes {a.shape} and {b.shape}")
-    return _merge(a, b, np.zeros((a.order, b.order)), (a.M12, b.M12), (a.M21, b.M21), a.M22 + b.M22)
+    return _merge(a, b, _uncoupled(a, b), (a.M12, b.M12), (a.M21, b.M21), a.M22 + b.M22)
 
 
 def multiply(a: LFT, b: LFT) -> LFT:
@@ -164,7 +175,8 @@ def inverse(a: LFT) -> LFT:
     """
     check(a.shape[0] == a.shape[1], f"cannot invert shape {a.shape}")
     inner = solve_nominal(a.M22, np.hstack([a.M21, np.eye(a.shape[0])]), "the inverse of an LFT")
-    left, right = inner[:, : a.order], inner[:, a.order :]
+    n_w = a.M11.shape[1]
+    left, right = inner[:, :n_w], inner[:, n_w:]
     return LFT(a.M11 - a.M12 @ left, a.M12 @ right, -left, right, a.blocks)
 
 
@@ -175,17 +187,26 @@ def stack_rows(*parts: LFT | ArrayLike) -> LFT:
     for b in items[1:]:
         a = result
         check(a.shape[1] == b.shape[1], f"cannot stack shapes {a.shape} and {b.shape} as rows")
-        zero_a, zero_b = np.zeros((a.shape[0], b.order)), np.zeros((b.shape[0], a.order))
+        n_a, n_b = a.M11.shape[1], b.M11.shape[1]
+        zero_a, zero_b = np.zeros((a.shape[0], n_b)), np.zeros((b.shape[0], n_a))
         outputs = (np.vstack([a.M21, zero_b]), np.vstack([zero_a, b.M21]))
-        result = _merge(
-            a, b, np.zeros((a.order, b.order)), (a.M12, b.M12), outputs, np.vstack([a.M22, b.M22])
-        )
+        direct = np.vstack([a.M22, b.M22])
+        result = _merge(a, b, _uncoupled(a, b), (a.M12, b.M12), outputs, direct)
     return result
 
 
 def stack_columns(*parts: LFT | ArrayLike) -> LFT:
     """[a , b , ...]: the same outputs, inputs one after the other."""
-    return transpose(stack_rows(*(transpose(as_lft(part)) for part in parts)))
+    items = [as_lft(part) for part in parts]
+    result = items[0]
+    for b in items[1:]:
+        a = result
+        check(a.shape[0] == b.shape[0], f"cannot stack shapes {a.shape} and {b.shape} as columns")
+        zero_a, zero_b = np.zeros((a.order, b.shape[1])), np.zeros((b.order, a.shape[1]))
+        inputs = (np.hstack([a.M12, zero_a]), np.hstack([zero_b, b.M12]))
+        direct = np.hstack([a.M22, b.M22])
+        result = _merge(a, b, _uncoupled(a, b), inputs, (a.M21, b.M21), direct)
+    return result
 
 
 def stack_diagonal(*parts: LFT | ArrayLike) -> LFT:
@@ -202,7 +223,9 @@ def stack_diagonal(*parts: LFT | ArrayLike) -> LFT:
 
 
 def transpose(a: LFT) -> LFT:
-    """value(transpose(a)) = value(a)'."""
+    """value(transpose(a)) = value(a)'; blocks are repeated scalars."""
+    full = [block.name for block in a.blocks if block.kind == "full"]
+    check(not full, f"the transpose of a full block is another block: {', '.join(full)}")
     return LFT(a.M11.T, a.M21.T, a.M12.T, a.M22.T, a.blocks)
 
 
@@ -263,22 +286,22 @@ def eliminate(relation: LFT, n: int) -> LFT:
     WellPosednessError
         That part is singular at delta = 0.
     """
-    w, m22 = relation.order, relation.M22
+    (z, w), m22 = relation.M11.shape, relation.M22
     base = np.block([[relation.M11, relation.M12[:, n:]], [relation.M21[n:], m22[n:, n:]]])
     left = np.vstack([relation.M12[:, :n], m22[n:, :n]])
     right = -np.hstack([relation.M21[:n], m22[:n, n:]])
-    total, solved = _through(base, left, m22[:n, :n], right, "the relations to be solved")
+    total, solved = through(base, left, m22[:n, :n], right, "the relations to be solved")
     return LFT(
-        total[:w, :w],
-        total[:w, w:],
-        np.vstack([solved[:, :w], total[w:, :w]]),
-        np.vstack([solved[:, w:], total[w:, w:]]),
+        total[:z, :w],
+        total[:z, w:],
+        np.vstack([solved[:, :w], total[z:, :w]]),
+        np.vstack([solved[:, w:], total[z:, w:]]),
         relation.blocks,
     )
 
 
-def fix(a: LFT, values: Mapping[str, float]) -> LFT:
-    """The LFT in the remaining deltas, with the named ones fixed to values [1].
+def fix(a: LFT, values: Mapping[str, ArrayLike]) -> LFT:
+    """The LFT in the remaining deltas, with the named ones fixed to values [1], full ones to matrices.
 
     Raises
     ------
@@ -287,87 +310,33 @@ def fix(a: LFT, values: Mapping[str, float]) -> LFT:
     """
     for name in values:
         check_name(a, name)
-    parts = a.slices()
-    names = [block.name for block in a.blocks if block.name not in values]
-    keep = _indices(parts, names)
-    drop = _indices(parts, [block.name for block in a.blocks if block.name in values])
-    scale = np.concatenate(
-        [np.full(b.size, values[b.name]) for b in a.blocks if b.name in values] or [np.zeros(0)]
-    )
-    left = np.vstack([a.M11[np.ix_(keep, drop)], a.M21[:, drop]]) * scale
-    loop = np.eye(len(drop)) - a.M11[np.ix_(drop, drop)] * scale
-    right = np.hstack([a.M11[np.ix_(drop, keep)], a.M12[drop]])
-    base = np.block([[a.M11[np.ix_(keep, keep)], a.M12[keep]], [a.M21[:, keep], a.M22]])
-    total, _ = _through(base, left, loop, right, "an LFT with fixed deltas")
-    n = len(keep)
-    blocks = tuple(block for block in a.blocks if block.name not in values)
-    return LFT(total[:n, :n], total[:n, n:], total[n:, :n], total[n:, n:], blocks)
+    rows, columns = a.slices(), a.columns()
+    stay = tuple(block for block in a.blocks if block.name not in values)
+    gone = [block for block in a.blocks if block.name in values]
+    kept_z, kept_w = (_indices(parts, [b.name for b in stay]) for parts in (rows, columns))
+    z, w = (_indices(parts, [b.name for b in gone]) for parts in (rows, columns))
+    scale = [block_value(block, values[block.name]) for block in gone]
 
+    def closed(left: Array) -> Array:
+        """left (., w) times Delta."""
+        parts = spans([b.name for b in gone], [b.outputs for b in gone]).values()
+        pairs = [(left[:, part], s) for part, s in zip(parts, scale, strict=True)]
+        products = [matrix @ s if s.ndim else matrix * s for matrix, s in pairs]
+        return np.hstack([np.zeros((len(left), 0)), *products])
 
-def _through(
-    base: Array, left: Array, matrix: Array, right: Array, what: str
-) -> tuple[Array, Array]:
-    """base + left matrix^-1 right, and matrix^-1 right.
-
-    What is solved in twice the working precision stays as it is, however small beside its terms: it is
-    what accelerations of the tips of beams are made of. What is solved in double precision has nothing
-    below the rounding of its terms, and that is set to zero.
-    """
-    if not matrix.size:
-        return base, np.zeros((0, base.shape[1]))
-    solved, low = _solve(matrix, right, what)
-    if low.any():
-        return twofold.multiply_add(base, left, Twofold(solved, low)), solved
-    size = solution_size(np.asarray(np.linalg.inv(matrix), dtype=float), matrix, solved, right)
-    solved = cleaned(solved, 0.25 * size)
-    return cleaned(base + left @ solved, np.abs(base) + np.abs(left) @ size), solved
+    left = closed(np.vstack([a.M11[np.ix_(kept_z, w)], a.M21[:, w]]))
+    loop = np.eye(len(z)) - closed(a.M11[np.ix_(z, w)])
+    right = np.hstack([a.M11[np.ix_(z, kept_w)], a.M12[z]])
+    base = np.block([[a.M11[np.ix_(kept_z, kept_w)], a.M12[kept_z]], [a.M21[:, kept_w], a.M22]])
+    total, _ = through(base, left, loop, right, "an LFT with fixed deltas")
+    n, m = len(kept_z), len(kept_w)
+    return LFT(total[:n, :m], total[:n, m:], total[n:, :m], total[n:, m:], stay)
 
 
 def with_blocks(a: LFT, names: Sequence[str]) -> LFT:
     """The same LFT with a block for each of `names`, of size 0 where it has none."""
     missing = [Block(name, 0) for name in names if name not in a.slices()]
     return LFT(a.M11, a.M12, a.M21, a.M22, tuple(sorted((*a.blocks, *missing))))
-
-
-def solve_nominal(matrix: Array, right: Array, what: str) -> Array:
-    """matrix^-1 right, or an error if the matrix is singular to working precision."""
-    return _solve(matrix, right, what).high
-
-
-def _solve(matrix: Array, right: Array, what: str) -> Twofold:
-    """As `solve_nominal`, with the rounding of the solution where the condition makes it matter.
-
-    One step of refinement makes the error small relative to the terms of each entry (Skeel 1980): the
-    entries of M^-1 K of a finite-element model fall by many orders from the diagonal. On the way to a
-    value the LFT undoes the nominal solution and takes another one, so errors of the size of the
-    condition are multiplied by it once more: then twice the working precision is used.
-    """
-    if not matrix.size:
-        return Twofold(*np.zeros((2, matrix.shape[0], right.shape[1])))
-    scale = np.max(np.abs(matrix), axis=1, keepdims=True)
-    scale[scale == 0.0] = 1.0
-    try:
-        number = condition(matrix / scale)
-        singular = number > 1.0 / float(np.finfo(float).eps)
-        if not singular and number > _WELL_CONDITIONED:
-            return twofold.solve(matrix, right)
-        matrix, right = matrix / scale, right / scale
-        first = np.linalg.solve(matrix, right)
-        solution = np.asarray(first + np.linalg.solve(matrix, right - matrix @ first), dtype=float)
-    except np.linalg.LinAlgError:
-        singular = True
-    if singular:
-        raise WellPosednessError(f"{what}: the matrix is singular to working precision.")
-    return Twofold(solution, np.zeros_like(solution))
-
-
-def condition(matrix: Array) -> float:
-    """Condition number in the 1-norm, with rows and columns of one size: units do not count."""
-    scaled = matrix
-    for axis in (1, 0):
-        size = np.max(np.abs(scaled), axis=axis, keepdims=True, initial=0.0)
-        scaled = scaled / np.where(size > 0.0, size, 1.0)
-    return float(np.linalg.cond(scaled, 1))
 
 
 def _merge(
@@ -379,19 +348,34 @@ def _merge(
     direct: Array,
 ) -> LFT:
     """[a, coupling; 0, b] with the blocks of equal names gathered."""
-    M11 = np.block([[a.M11, coupling], [np.zeros((b.order, a.order)), b.M11]])
-    parts_a, parts_b = a.slices(), b.slices()
-    names = sorted(parts_a.keys() | parts_b.keys())
-    blocks, order = [], []
+    M11 = np.block([[a.M11, coupling], [_uncoupled(b, a), b.M11]])
+    known: dict[str, Block] = {block.name: block for block in a.blocks}
+    for block in b.blocks:
+        known[block.name] = gathered(known[block.name], block) if block.name in known else block
+    names = sorted(known)
+    blocks = tuple(known[name] for name in names)
+    i = j = _side_by_side(names, a.slices(), a.order, b.slices())
+    if not is_square(blocks):
+        j = _side_by_side(names, a.columns(), a.M11.shape[1], b.columns())
+    return LFT(M11[np.ix_(i, j)], np.vstack(inputs)[i], np.hstack(outputs)[:, j], direct, blocks)
+
+
+def _side_by_side(
+    names: Sequence[str], first: Mapping[str, slice], size: int, second: Mapping[str, slice]
+) -> NDArray[np.int64]:
+    """Positions of the channels of each name: those of an LFT of a size, then those of one behind it."""
+    found: list[int] = []
     for name in names:
-        rows = [*np.arange(a.order)[parts_a.get(name, slice(0))]]
-        rows += [*(a.order + np.arange(b.order)[parts_b.get(name, slice(0))])]
-        blocks.append(Block(name, len(rows)))
-        order += rows
-    i = np.array(order, dtype=int)
-    return LFT(
-        M11[np.ix_(i, i)], np.vstack(inputs)[i], np.hstack(outputs)[:, i], direct, tuple(blocks)
-    )
+        if name in first:
+            found += range(first[name].start, first[name].stop)
+        if name in second:
+            found += range(size + second[name].start, size + second[name].stop)
+    return np.array(found, dtype=int)
+
+
+def _uncoupled(a: LFT, b: LFT) -> Array:
+    """Zeros for what the outputs of the blocks of b do to the inputs of those of a."""
+    return np.zeros((a.M11.shape[0], b.M11.shape[1]))
 
 
 def _indices(parts: Mapping[str, slice], names: Sequence[str]) -> NDArray[np.int64]:
@@ -399,10 +383,14 @@ def _indices(parts: Mapping[str, slice], names: Sequence[str]) -> NDArray[np.int
     return np.concatenate([*ranges, np.zeros(0, dtype=int)]).astype(int)
 
 
-def check(condition: bool, message: str) -> None:  # noqa: FBT001
-    """Raise a StructureError with the message unless the condition holds."""
-    if not condition:
-        raise StructureError(f"LFT: {message}.")
+def check_plain(a: LFT, what: str) -> None:
+    """Raise a StructureError unless all entries are real and all blocks repeated real parameters."""
+    others = ", ".join(f"{b.name} is a {b.kind} block" for b in a.blocks if b.kind != "real")
+    check(
+        a.is_plain,
+        f"{what} holds for real entries and repeated real parameters only; "
+        + (others or "an entry is complex"),
+    )
 
 
 def check_name(a: LFT, name: str) -> None:
@@ -410,25 +398,3 @@ def check_name(a: LFT, name: str) -> None:
     names = [block.name for block in a.blocks]
     if name not in names:
         raise StructureError("LFT: " + unknown_name("delta", name, names))
-
-
-def _problem(a: LFT) -> str | None:
-    """What does not fit, or None."""
-    n, names = a.M11.shape[0], [block.name for block in a.blocks]
-    n_out, n_in = a.M22.shape
-    for name, matrix, shape in (
-        ("M11", a.M11, (n, n)),
-        ("M12", a.M12, (n, n_in)),
-        ("M21", a.M21, (n_out, n)),
-    ):
-        if matrix.shape != shape:
-            return f"{name} needs shape {shape}, got {matrix.shape}."
-    if any(block.size < 0 for block in a.blocks):
-        return f"a block has a negative size: {a.blocks}."
-    if sum(block.size for block in a.blocks) != n:
-        return (
-            f"the sizes of the blocks add up to {sum(b.size for b in a.blocks)}, M11 is {n} x {n}."
-        )
-    if names != sorted(set(names)):
-        return f"blocks must be sorted by name, each name once; got {', '.join(names)}."
-    return None

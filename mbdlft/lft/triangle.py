@@ -17,7 +17,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from mbdlft.base.array import Array
-from mbdlft.lft.lft import LFT
+from mbdlft.lft.lft import LFT, check_plain
 
 Channels = NDArray[np.int64]
 _ENTRIES = 2**21  # of matrices or signals of several points that are held at once
@@ -120,6 +120,7 @@ def values_at(a: LFT, deltas: Array) -> tuple[Array, Array]:
     array (N,)
         1, 0 or -1: signs of det(I - M11 Delta).
     """
+    check_plain(a, "the determinant at many points")
     values, signs = np.repeat(a.M22[None], len(deltas), axis=0), np.ones(len(deltas))
     # only what depends on delta, from the thinner side: the right one, or the left one transposed
     rows, columns = np.flatnonzero(a.M21.any(axis=1)), np.flatnonzero(a.M12.any(axis=0))

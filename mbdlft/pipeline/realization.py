@@ -27,6 +27,7 @@ from mbdlft.pipeline.search import Budget, Smallest, find_smallest
 from mbdlft.problem.problem import Form, Problem, Reference, Stage
 from mbdlft.reduce.reduce import in_scales, reduce_order
 from mbdlft.system.model import LFTModel, Trim
+from mbdlft.system.system import Parameters
 
 _ENOUGH = 1e-11  # error of a form, or times the least: kept up to there
 _MOST_LOST = 1e3
@@ -106,7 +107,7 @@ def realization(problem: Problem, budget: Budget, stage: Stage) -> LFTModel:
         states=problem.states,
         inputs=problem.inputs,
         outputs=problem.outputs,
-        parameters=problem.parameters,
+        parameters=Parameters(problem.parameters),
         trim=trim,
         certificate=evidence,
         provenance=provenance(problem.text),

@@ -22,7 +22,7 @@ from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 
 from mbdlft.base.array import Array
 from mbdlft.base.threads import one_thread
-from mbdlft.lft.lft import LFT, Block
+from mbdlft.lft.lft import LFT, Block, check_plain
 from mbdlft.number.extended import IS_EXTENDED, orthonormal_columns, over_rows
 from mbdlft.number.rounding import product
 
@@ -55,6 +55,7 @@ def reduce_order(a: LFT, *, extended: bool = False) -> LFT:
     An LFT that is minimal in this sense already comes back as it is. In a chain of small directions
     rounding grows from step to step; `extended` takes them in extended precision, which is slow.
     """
+    check_plain(a, "the reduction")
     core, inputs, outputs = balance(a)
     if extended and IS_EXTENDED:
         M11, M12, M21 = (matrix.astype(np.longdouble) for matrix in core[:3])

@@ -19,6 +19,7 @@ import h5py
 from mbdlft.base.errors import ArchiveError, MbdlftError, unknown_name
 from mbdlft.store.model import read_model, write_model
 from mbdlft.system.model import LFTModel
+from mbdlft.system.system import System
 
 FORMAT, VERSION = "mbdlft-archive", "1.0"
 _LARGE = 2**26  # bytes; a larger archive is not read into memory
@@ -43,9 +44,16 @@ def save(path: str | Path, model: LFTModel, name: str | None = None) -> None:
     """
     file = Path(path)
     if not isinstance(model, LFTModel):
+        why = "A system without evidence has no place in archives of version 1.0; "
         raise ArchiveError(
             f"{file}: expected an LFTModel, got {type(model).__name__}. "
-            "to_lft(scene) makes one of a scene."
+            f"{why if isinstance(model, System) else ''}to_lft(scene) makes one of a scene."
+        )
+    if not model.lft.is_plain:
+        kinds = [f"{b.name} is a {b.kind} block" for b in model.lft.blocks if b.kind != "real"]
+        raise ArchiveError(
+            f"{file}: {', '.join(kinds) or 'an entry is complex'}, and archives of version 1.0 hold real "
+            "parameters and real entries only."
         )
     key = model.name if name is None else name
     check_name(file, "model", key)

@@ -13,6 +13,7 @@ from mbdlft.base.parameter import BilinearMap, Parameter
 from mbdlft.base.signal import Signal
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.system.model import Certificate, LFTModel, Provenance, Trim
+from mbdlft.system.system import Parameters
 
 TYPE, VERSION = "lft-model", "1.0"
 _MATRICES = ("A", "B_w", "B_u", "C_z", "D_zw", "D_zu", "C_y", "D_yw", "D_yu")
@@ -137,7 +138,7 @@ def read_model(group: Any, name: str) -> LFTModel:
         states=states,
         inputs=inputs,
         outputs=outputs,
-        parameters=parameters,
+        parameters=Parameters(parameters),
         trim=_read_trim(group["trim"], parameters),
         certificate=_read_certificate(group["certificate"], len(parameters)),
         provenance=Provenance(

@@ -1,3 +1,8 @@
+from .algebra import append as append
+from .algebra import feedback as feedback
+from .algebra import lft as lft
+from .conversion import as_system as as_system
+from .conversion import state_space as state_space
 from .gains import TunableGain as TunableGain
 from .gains import TunablePlant as TunablePlant
 from .gains import tunable as tunable
@@ -5,6 +10,9 @@ from .in_series import series as series
 from .invert import invert_channels as invert_channels
 from .model import Certificate as Certificate
 from .model import LFTModel as LFTModel
-from .model import matrices_at as matrices_at
 from .model import trim_at as trim_at
+from .network import connect as connect
+from .system import Parameters as Parameters
+from .system import System as System
+from .system import matrices_at as matrices_at
 from .truncation import truncate as truncate

@@ -8,15 +8,17 @@ model again. A synthesis tool for structured controllers then tunes delta_k as o
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-
-import numpy as np
+from typing import Generic, TypeVar
 
 from mbdlft.base.errors import StructureError, unknown_name
 from mbdlft.base.parameter import Parameter, to_physical
 from mbdlft.base.signal import Signal
-from mbdlft.lft.lft import LFT
-from mbdlft.system.model import Certificate, LFTModel, Trim
-from mbdlft.system.points import check_exact
+from mbdlft.lft.opening import open_blocks
+from mbdlft.system.evidence import check_exact, opened_evidence
+from mbdlft.system.model import LFTModel
+from mbdlft.system.system import Parameters, System
+
+S = TypeVar("S", bound=System)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,19 +47,19 @@ class TunableGain:
 
 
 @dataclass(frozen=True, slots=True)
-class TunablePlant:
+class TunablePlant(Generic[S]):
     """A plant and the gains that close it."""
 
-    plant: LFTModel
+    plant: S
     gains: tuple[TunableGain, ...]
 
 
-def tunable(model: LFTModel, names: Sequence[str] | None = None) -> TunablePlant:
+def tunable(model: S, names: Sequence[str] | None = None) -> TunablePlant[S]:
     """The plant with parameters taken out as gains to be tuned: w_k = delta_k z_k.
 
     Parameters
     ----------
-    model : LFTModel
+    model : System or LFTModel
     names : sequence of str
         Parameters; by default those with the role ``design``.
 
@@ -92,17 +94,16 @@ def tunable(model: LFTModel, names: Sequence[str] | None = None) -> TunablePlant
     left = tuple(p for p in model.parameters if p.name not in chosen)
     plant = replace(
         model,
-        lft=_opened(model.lft, chosen),
+        lft=open_blocks(model.lft, chosen),
         inputs=(*model.inputs, *(Signal(name, "1") for gain in gains for name in gain.inputs)),
         outputs=(*model.outputs, *(Signal(name, "1") for gain in gains for name in gain.outputs)),
-        parameters=left,
-        trim=_trim(model, chosen),
-        certificate=_certificate(model, chosen),
+        parameters=Parameters(left),
+        **(opened_evidence(model, chosen) if isinstance(model, LFTModel) else {}),
     )
     return TunablePlant(plant, gains)
 
 
-def _chosen(model: LFTModel, names: Sequence[str] | None) -> list[str]:
+def _chosen(model: System, names: Sequence[str] | None) -> list[str]:
     known = [p.name for p in model.parameters]
     if names is None:
         names = [p.name for p in model.parameters if p.role == "design"]
@@ -127,54 +128,10 @@ def _names(name: str, kind: str, part: slice) -> tuple[str, ...]:
     return tuple(f"{name}.{kind}.{k}" for k in range(1, part.stop - part.start + 1))
 
 
-def _check_free(model: LFTModel, gains: Sequence[TunableGain]) -> None:
+def _check_free(model: System, gains: Sequence[TunableGain]) -> None:
     used = {signal.name for signal in (*model.inputs, *model.outputs)}
     taken = [n for gain in gains for n in (*gain.inputs, *gain.outputs) if n in used]
     if taken:
         raise StructureError(
             f"model {model.name!r}: it has a signal {taken[0]!r} already. Rename the parameter."
         )
-
-
-def _opened(a: LFT, names: Sequence[str]) -> LFT:
-    """The LFT whose last inputs and outputs are w and z of the named blocks."""
-    parts = a.slices()
-    opened = [k for name in names for k in range(parts[name].start, parts[name].stop)]
-    kept = [k for k in range(a.order) if k not in opened]
-    return LFT(
-        a.M11[np.ix_(kept, kept)],
-        np.hstack([a.M12[kept], a.M11[np.ix_(kept, opened)]]),
-        np.vstack([a.M21[:, kept], a.M11[np.ix_(opened, kept)]]),
-        np.block([[a.M22, a.M21[:, opened]], [a.M12[opened], a.M11[np.ix_(opened, opened)]]]),
-        tuple(block for block in a.blocks if block.name not in names),
-    )
-
-
-def _trim(model: LFTModel, names: Sequence[str]) -> Trim:
-    """The trim, without its LFT if that depends on a parameter that leaves."""
-    lft = model.trim.lft
-    if lft is None or any(block.size for block in lft.blocks if block.name in names):
-        return replace(model.trim, lft=None)
-    blocks = tuple(block for block in lft.blocks if block.name not in names)
-    return replace(model.trim, lft=LFT(lft.M11, lft.M12, lft.M21, lft.M22, blocks))
-
-
-def _certificate(model: LFTModel, names: Sequence[str]) -> Certificate:
-    """What stays proved: a smaller LFT of the plant would give a smaller one of the model."""
-    found = model.certificate
-    left = [k for k, p in enumerate(model.parameters) if p.name not in names]
-
-    def of(entries: tuple[int, ...]) -> tuple[int, ...]:
-        return tuple(entries[k] for k in left) if entries else ()
-
-    opened = sum(found.order) - sum(of(found.order))
-    return replace(
-        found,
-        order=of(found.order),
-        lower_bound=of(found.lower_bound),
-        raw_order=of(found.raw_order),
-        doubtful=of(found.doubtful),
-        order_bound=max(sum(of(found.lower_bound)), found.order_bound - opened),
-        condition=0.0,  # that of the entries of the plant is not known
-        sign_changes=0,
-    )

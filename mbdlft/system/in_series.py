@@ -1,131 +1,133 @@
-"""A block in series with channels of a model: an actuator at inputs, a sensor or filter at outputs.
+"""Systems in series: one after the other, or a block at channels of a model (an actuator, a sensor).
 
-    at inputs:   u_i = K(s, delta) u'           at outputs:   y' = K(s, delta) y_i
-
-in the LFT of [A B ; C D]: the deltas of the model and of the block are gathered by name. The states of
-the block come after those of the model.
+at inputs:   u_i = K(s, delta) u'           at outputs:   y' = K(s, delta) y_i
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from mbdlft.base.errors import StructureError, unknown_name
-from mbdlft.base.parameter import Parameter
 from mbdlft.base.signal import Signal
-from mbdlft.bound.degree import degree_bounds
-from mbdlft.lft.evaluate import evaluate_at
-from mbdlft.lft.lft import LFT, constant, select, stack_diagonal, transpose, with_blocks
-from mbdlft.reduce.reduce import reduce_order
-from mbdlft.system.model import Certificate, LFTModel, Trim
-from mbdlft.system.points import check_exact, sampled_deltas, value_error
-
-if TYPE_CHECKING:
-    from control import StateSpace
-
-_ATTRIBUTES = ("A", "B", "C", "D", "nstates", "dt")
+from mbdlft.system.algebra import chain
+from mbdlft.system.conversion import as_system
+from mbdlft.system.evidence import Operation, check_exact, composed
+from mbdlft.system.system import System
+from mbdlft.system.wiring import Wiring, plain_wiring
 
 
-class _Block(NamedTuple):
-    """What a block is, whatever it was given as."""
+def series(model: Any, channels: Any, *blocks: Any, side: str | None = None) -> Any:
+    """Systems one after the other, y = ... K2 K1 u; or the model with a block at some of its channels.
 
-    lft: LFT
-    states: tuple[Signal, ...]
-    inputs: tuple[Signal, ...]
-    outputs: tuple[Signal, ...]
-    parameters: tuple[Parameter, ...]
-    error: float
-    raw: dict[str, int]
-
-
-def series(
-    model: LFTModel,
-    channels: str | Sequence[str],
-    block: "LFTModel | StateSpace",
-    *,
-    side: str | None = None,
-) -> LFTModel:
-    """The model with u = K u' at inputs, or y' = K y at outputs, K the block.
+    ``series(a, b, ...)`` connects all outputs of each system with all inputs of the next, in their order,
+    as in python-control: it is ``... * b * a``. ``series(model, "name", block)``, with one or more names,
+    gives the model with u = K u' at these inputs, or y' = K y at these outputs, K the block.
 
     Parameters
     ----------
-    model : LFTModel
-    channels : str or sequence of str
+    model : System, python-control system, number or matrix
+    channels : str or sequence of str, or the second system
         Inputs, or outputs, of the model: those that the outputs, or inputs, of the block are connected
         to, in their order.
-    block : LFTModel, as of `low_pass`, or a continuous `control.StateSpace`
-        Parameters of equal names must be equal, and are the same.
+    blocks : the block, or systems behind the second
+        Such as of `low_pass`, or of python-control. Parameters of equal names must be equal, and are the
+        same.
     side : str
         ``"inputs"`` or ``"outputs"``; needed where names are those of both.
 
     Returns
     -------
-    LFTModel
+    System, or LFTModel where all with parameters are
         A block with as many outputs as inputs leaves the names of the signals as they are; the signals of
-        another take the place of the first of the channels. States are named ``CHANNEL.STATE`` with the
-        first channel. The repetitions are reduced and the lower bounds computed again; the trim is that
-        of the model.
+        another take the place of the first of the channels. States of a block are named ``CHANNEL.STATE``
+        with the first channel. The repetitions are reduced and the lower bounds computed again; the trim
+        is that of the model.
 
     Raises
     ------
     StructureError
         The model or the block is truncated; a channel is unknown, named twice or on both sides; the
-        block has another size, is not continuous or not a block; a parameter of it has the name of
+        block has another size, is not continuous or not a system; a parameter of it has the name of
         another one of the model.
     """
+    is_names = isinstance(channels, str) or (
+        isinstance(channels, list | tuple) and all(isinstance(name, str) for name in channels)
+    )
+    if not is_names:
+        return chain([model, channels, *blocks])
+    if len(blocks) != 1:
+        raise StructureError(
+            f"series: expected one block for the channels {channels!r}, got {len(blocks)}."
+        )
+    return _at_channels(
+        as_system(model), (channels,) if isinstance(channels, str) else channels, blocks[0], side
+    )
+
+
+def _at_channels(model: System, names: Sequence[str], item: Any, side: str | None) -> System:
     check_exact(model, "series")
-    names = (channels,) if isinstance(channels, str) else tuple(channels)
     at_inputs = _side(model, names, side)
-    found = _as_block(model, block)
-    _check_sizes(model, names, found, at_inputs=at_inputs)
-    signals = model.inputs if at_inputs else model.outputs
+    try:
+        block = as_system(item)
+    except StructureError as error:
+        raise StructureError(f"model {model.name!r}, series, block: {error}") from None
+    check_exact(block, "series")
+    what, connected = ("outputs", block.outputs) if at_inputs else ("inputs", block.inputs)
+    if len(connected) != len(names):
+        raise StructureError(
+            f"model {model.name!r}, series: the block has {len(connected)} {what} for the "
+            f"{len(names)} channels {', '.join(names)}."
+        )
+    signals, own = (model.inputs, block.inputs) if at_inputs else (model.outputs, block.outputs)
     positions = [[s.name for s in signals].index(name) for name in names]
-    own = found.inputs if at_inputs else found.outputs
+    order = _order(len(signals), positions, len(own))
     square = len(own) == len(names)
-    order: list[int] = []  # of the new signals: old ones by position, those of the block after them
-    for k in range(len(signals)):
-        if k not in positions:
-            order.append(k)
-        elif square:
-            order.append(len(signals) + positions.index(k))
-        elif k == positions[0]:
-            order += [len(signals) + j for j in range(len(own))]
     entries = (*signals, *((signals[k] for k in positions) if square else own))
     listed = tuple(entries[k] for k in order)
-    parameters = _merged(model, found)
-    deltas_names = [p.name for p in parameters]
-
-    def connect(a: LFT, b: LFT) -> LFT:
-        if not at_inputs:
-            a, b = transpose(a), transpose(b)
-        joined = _at_inputs(a, len(model.states), b, len(found.states), positions, order)
-        return joined if at_inputs else transpose(joined)
-
-    lft = with_blocks(reduce_order(connect(model.lft, found.lft)), deltas_names)
-    deltas = sampled_deltas(parameters, model.certificate.seed)
-    columns = {name: k for k, name in enumerate(deltas_names)}
-    values = [
-        evaluate_at(a, deltas[:, [columns[name] for name, _ in a.blocks]])
-        for a in (model.lft, found.lft)
-    ]
-    reference = np.stack(
-        [connect(constant(a), constant(b)).M22 for a, b in zip(*values, strict=True)]
-    )
-    return replace(
-        model,
-        lft=lft,
-        states=(*model.states, *_states(model, names[0], found)),
-        inputs=listed if at_inputs else model.inputs,
-        outputs=model.outputs if at_inputs else listed,
-        parameters=parameters,
-        trim=_trim(model, deltas_names),
-        certificate=_certificate(model, found, lft, value_error(lft, reference, deltas)),
+    return composed(
+        (model, block),
+        _wiring(model, block, positions, order, at_inputs=at_inputs),
+        listed if at_inputs else model.inputs,
+        model.outputs if at_inputs else listed,
+        Operation(
+            "series", {"channels": list(names), "side": "inputs" if at_inputs else "outputs"}
+        ),
+        states=(*model.states, *_states(model, names[0], block)),
     )
 
 
-def _side(model: LFTModel, names: Sequence[str], side: str | None) -> bool:
+def _order(count: int, positions: Sequence[int], own: int) -> list[int]:
+    """The new signals: old ones by position, those of the block from `count` on."""
+    order: list[int] = []
+    for k in range(count):
+        if k not in positions:
+            order.append(k)
+        elif own == len(positions):
+            order.append(count + positions.index(k))
+        elif k == positions[0]:
+            order += range(count, count + own)
+    return order
+
+
+def _wiring(
+    model: System, block: System, positions: Sequence[int], order: Sequence[int], *, at_inputs: bool
+) -> Wiring:
+    nu, ny, n = len(model.inputs), len(model.outputs), len(positions)
+    if at_inputs:
+        wiring = plain_wiring((model, block), len(order), ny)
+        wiring.E[order, range(len(order))] = 1.0
+        wiring.Ky[positions, range(ny, ny + n)] = 1.0
+        wiring.F[:, :ny] = np.eye(ny)
+    else:
+        wiring = plain_wiring((model, block), nu, len(order))
+        wiring.E[:nu] = np.eye(nu)
+        wiring.Ky[range(nu, nu + n), positions] = 1.0
+        wiring.F[range(len(order)), order] = 1.0
+    return wiring
+
+
+def _side(model: System, names: Sequence[str], side: str | None) -> bool:
     """Whether the channels are inputs."""
     what = f"model {model.name!r}, series"
     if side not in (None, "inputs", "outputs"):
@@ -155,63 +157,7 @@ def _side(model: LFTModel, names: Sequence[str], side: str | None) -> bool:
     return fits[0] == "inputs"
 
 
-def _as_block(model: LFTModel, block: "LFTModel | StateSpace") -> _Block:
-    if isinstance(block, LFTModel):
-        check_exact(block, "series")
-        raw = zip(block.parameters, block.certificate.raw_order, strict=True)
-        return _Block(
-            block.lft,
-            block.states,
-            block.inputs,
-            block.outputs,
-            block.parameters,
-            block.certificate.max_relative_error,
-            {p.name: size for p, size in raw},
-        )
-    what = f"model {model.name!r}, series"
-    if not all(hasattr(block, name) for name in _ATTRIBUTES):
-        raise StructureError(
-            f"{what}: block: expected an LFTModel or a control.StateSpace, got "
-            f"{type(block).__name__}. control.ss(...) makes one of a transfer function."
-        )
-    if block.dt not in (None, 0):
-        raise StructureError(
-            f"{what}: block: expected continuous time (dt = 0), got dt = {block.dt!r}."
-        )
-    matrices = np.block([[block.A, block.B], [block.C, block.D]])
-    return _Block(
-        constant(matrices.reshape(block.nstates + block.noutputs, -1)),
-        tuple(Signal(f"x{k}", "1") for k in range(block.nstates)),
-        tuple(Signal(str(name), "1") for name in block.input_labels),
-        tuple(Signal(str(name), "1") for name in block.output_labels),
-        (),
-        0.0,
-        {},
-    )
-
-
-def _check_sizes(model: LFTModel, names: Sequence[str], block: _Block, *, at_inputs: bool) -> None:
-    what, connected = ("outputs", block.outputs) if at_inputs else ("inputs", block.inputs)
-    if len(connected) != len(names):
-        raise StructureError(
-            f"model {model.name!r}, series: the block has {len(connected)} {what} for the "
-            f"{len(names)} channels {', '.join(names)}."
-        )
-
-
-def _merged(model: LFTModel, block: _Block) -> tuple[Parameter, ...]:
-    """Parameters of both, sorted by name."""
-    found = {p.name: p for p in model.parameters}
-    for p in block.parameters:
-        if found.setdefault(p.name, p) != p:
-            raise StructureError(
-                f"model {model.name!r}, series: the parameter {p.name!r} of the block is not that of the "
-                f"model: {p} is not {found[p.name]}. Rename one, or declare it once."
-            )
-    return tuple(sorted(found.values(), key=lambda p: p.name))
-
-
-def _states(model: LFTModel, channel: str, block: _Block) -> tuple[Signal, ...]:
+def _states(model: System, channel: str, block: System) -> tuple[Signal, ...]:
     """States of the block, numbered on where another block stands in the same channel."""
     used = {signal.name for signal in model.states}
     prefix, k = channel, 1
@@ -219,54 +165,3 @@ def _states(model: LFTModel, channel: str, block: _Block) -> tuple[Signal, ...]:
         k += 1
         prefix = f"{channel}.{k}"
     return tuple(Signal(f"{prefix}.{state.name}", state.unit) for state in block.states)
-
-
-def _at_inputs(
-    a: LFT, n: int, b: LFT, nb: int, positions: Sequence[int], order: Sequence[int]
-) -> LFT:
-    """[xdot ; xbdot ; y] from [x ; xb ; u'], where the inputs at `positions` are the outputs of b."""
-    nu, outputs = a.shape[1] - n, a.shape[0] - n
-    mb = b.shape[1] - nb
-    # columns of what is given: x, xb, then old inputs and inputs of the block in the new order
-    old = np.zeros((n + nu, n + nb + len(order)))
-    old[:n, :n] = np.eye(n)
-    into = np.zeros((nb + mb, n + nb + len(order)))
-    into[:nb, n : n + nb] = np.eye(nb)
-    for column, entry in enumerate(order):
-        if entry < nu:
-            old[n + entry, n + nb + column] = 1.0
-        else:
-            into[nb + entry - nu, n + nb + column] = 1.0
-    placed = np.zeros((n + nu, b.shape[0]))
-    for k, position in enumerate(positions):
-        placed[n + position, nb + k] = 1.0
-    block = b @ into  # [xbdot ; outputs of b]
-    spread = np.vstack([placed, np.hstack([np.eye(nb), np.zeros((nb, len(positions)))])])
-    given = constant(np.vstack([old, np.zeros((nb, old.shape[1]))])) + spread @ block
-    result = stack_diagonal(a, np.eye(nb)) @ given if nb else a @ given
-    rows = [*range(n), *range(n + outputs, n + outputs + nb), *range(n, n + outputs)]
-    return select(result, rows, range(result.shape[1]))
-
-
-def _trim(model: LFTModel, names: Sequence[str]) -> Trim:
-    lft = model.trim.lft
-    return model.trim if lft is None else replace(model.trim, lft=with_blocks(lft, names))
-
-
-def _certificate(model: LFTModel, block: _Block, lft: LFT, error: float) -> Certificate:
-    found = model.certificate
-    raw = {p.name: size for p, size in zip(model.parameters, found.raw_order, strict=True)}
-    bounds = degree_bounds(lft, seed=found.seed)
-    lower = tuple(min(bounds[name].degree, size) for name, size in lft.blocks)
-    return replace(
-        found,
-        order=tuple(size for _, size in lft.blocks),
-        lower_bound=lower,
-        raw_order=tuple(raw.get(name, 0) + block.raw.get(name, 0) for name, _ in lft.blocks),
-        max_relative_error=max(found.max_relative_error, block.error) + error,
-        exact_bound=False,
-        doubtful=tuple(bounds[name].doubtful for name, _ in lft.blocks),
-        order_bound=sum(lower),
-        condition=0.0,  # that of the product is not known
-        sign_changes=0,
-    )

@@ -10,28 +10,23 @@ bounds stay.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from typing import TypeVar, cast
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError, WellPosednessError, unknown_name
 from mbdlft.base.signal import Signal
-from mbdlft.lft.evaluate import evaluate_at
-from mbdlft.lft.lft import LFT, eliminate, select, stack_columns
-from mbdlft.system.model import LFTModel
-from mbdlft.system.points import check_determinant, check_exact, sampled_deltas, value_error
+from mbdlft.system.evidence import Operation, check_exact, composed
+from mbdlft.system.system import System
+from mbdlft.system.wiring import Wiring, plain_wiring
 
-Positions = NDArray[np.int64]
+S = TypeVar("S", bound=System)
 
 
-def invert_channels(model: LFTModel, channels: Sequence[str]) -> LFTModel:
+def invert_channels(model: S, channels: Sequence[str]) -> S:
     """The model with the inputs and outputs of some channels exchanged: u_i = G_ii^-1 (y_i - G_io u_o).
 
     Parameters
     ----------
-    model : LFTModel
+    model : System or LFTModel
     channels : sequence of str
         Each is the part of signal names before the first dot, such as the port ``tip`` of a `two_port`;
         or it is an input such as ``tip.torque.z``. The k-th input of a channel is exchanged with
@@ -39,10 +34,10 @@ def invert_channels(model: LFTModel, channels: Sequence[str]) -> LFTModel:
 
     Returns
     -------
-    LFTModel
+    System, or LFTModel if the model is one
         With as many repetitions as `model`, the same lower bounds, and the same states. Inverted twice it
-        is the model again. Its `max_relative_error` is that of the model times the condition of what was
-        inverted, and the error of the inversion itself.
+        is the model again. Its `max_relative_error` is what that of the model makes of the inverse, and
+        the error of the inversion itself.
 
     Raises
     ------
@@ -55,35 +50,39 @@ def invert_channels(model: LFTModel, channels: Sequence[str]) -> LFTModel:
     """
     check_exact(model, "inversion")
     pairs = _pairs(model, channels)
-    n = len(model.states)
-    rows = np.array([n + output for _, output in pairs])
-    columns = np.array([n + given for given, _ in pairs])
-    what = f"model {model.name!r}, inversion of {', '.join(channels)}"
-    lft = _exchanged(model.lft, rows, columns, what)
-    deltas = sampled_deltas(model.parameters, model.certificate.seed)
-    check_determinant(lft, deltas, what, model.parameters)
-    values = evaluate_at(model.lft, deltas)
-    condition = _condition(values[:, rows[:, None], columns])
-    error = value_error(lft, _exchanged_values(values, rows, columns), deltas)
-    found = model.certificate
     inputs, outputs = list(model.inputs), list(model.outputs)
     for given, output in pairs:
         inputs[given], outputs[output] = outputs[output], inputs[given]
-    return replace(
-        model,
-        lft=lft,
-        inputs=tuple(inputs),
-        outputs=tuple(outputs),
-        certificate=replace(
-            found,
-            max_relative_error=condition * found.max_relative_error + error,
-            condition=0.0,  # that of the exchanged entries is not known
-            sign_changes=0,
-        ),
-    )
+    operation = Operation(f"inversion of {', '.join(channels)}")
+    try:
+        made = composed(
+            [model], _exchanged(model, pairs), inputs, outputs, operation, exchange=True
+        )
+    except WellPosednessError as error:
+        if "at nominal" not in str(error):
+            raise
+        raise WellPosednessError(
+            f"model {model.name!r}, {operation.name}: the feed-through from its inputs to its outputs is "
+            "singular at nominal. A load is exchanged with the acceleration where it acts, and only "
+            "where something with mass moves."
+        ) from None
+    return cast(S, made)
 
 
-def _pairs(model: LFTModel, channels: Sequence[str]) -> list[tuple[int, int]]:
+def _exchanged(model: System, pairs: Sequence[tuple[int, int]]) -> Wiring:
+    """Wiring of one part in which y_i is given and u_i is read."""
+    wiring = plain_wiring([model], len(model.inputs), len(model.outputs))
+    for k in range(len(model.inputs)):
+        wiring.E[k, k] = 1.0
+    for k in range(len(model.outputs)):
+        wiring.F[k, k] = 1.0
+    for given, output in pairs:
+        wiring.Ku[given, given], wiring.Ky[given, output], wiring.E[given, given] = 0.0, 1.0, -1.0
+        wiring.F[output, output], wiring.G[output, given] = 0.0, 1.0
+    return wiring
+
+
+def _pairs(model: System, channels: Sequence[str]) -> list[tuple[int, int]]:
     """Positions of the inputs and outputs to be exchanged."""
     if isinstance(channels, str):
         raise StructureError(
@@ -120,51 +119,3 @@ def _pairs(model: LFTModel, channels: Sequence[str]) -> list[tuple[int, int]]:
 
 def _channel(signal: Signal) -> str:
     return signal.name.partition(".")[0]
-
-
-def _exchanged(a: LFT, rows: Positions, columns: Positions, what: str) -> LFT:
-    """The LFT with the outputs `rows` as inputs at `columns`, and these inputs in their place."""
-    k = len(rows)
-    kept, others = _others(a.shape[0], rows), _others(a.shape[1], columns)
-    ordered = select(a, np.concatenate([rows, kept]), np.concatenate([columns, others]))
-    # 0 = G_ii u_i + G_io u_o - y_i is solved for u_i, and y_o is read
-    given = np.zeros((a.shape[0], k))
-    given[:k] = -np.eye(k)
-    try:
-        solved = eliminate(stack_columns(ordered, given), k)
-    except WellPosednessError:
-        raise WellPosednessError(
-            f"{what}: the feed-through from its inputs to its outputs is singular at nominal. A load is "
-            "exchanged with the acceleration where it acts, and only where something with mass moves."
-        ) from None
-    return select(
-        solved,
-        np.argsort(np.concatenate([rows, kept])),
-        np.argsort(np.concatenate([others, columns])),
-    )
-
-
-def _exchanged_values(values: Array, rows: Positions, columns: Positions) -> Array:
-    """The same of matrices (N, ., .), in numbers."""
-    kept, others = _others(values.shape[1], rows), _others(values.shape[2], columns)
-    inner = np.linalg.inv(values[:, rows[:, None], columns])
-    found = np.empty_like(values)
-    to_others = inner @ values[:, rows[:, None], others]
-    from_kept = values[:, kept[:, None], columns]
-    found[:, rows[:, None], columns] = inner
-    found[:, rows[:, None], others] = -to_others
-    found[:, kept[:, None], columns] = from_kept @ inner
-    found[:, kept[:, None], others] = values[:, kept[:, None], others] - from_kept @ to_others
-    return found
-
-
-def _condition(values: Array) -> float:
-    """Largest condition number of matrices (N, k, k), once rows and columns have one size."""
-    size = np.max(np.abs(values), axis=0)
-    row = np.sqrt(np.max(size, axis=1, keepdims=True))
-    scaled = values / np.where(row > 0, row, 1.0) / np.where(row > 0, row, 1.0).T
-    return float(np.max(np.linalg.cond(scaled)))
-
-
-def _others(count: int, positions: Positions) -> Positions:
-    return np.setdiff1d(np.arange(count), positions)

@@ -5,25 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import StructureError, WellPosednessError
+from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import Parameter, to_delta
 from mbdlft.base.samples import corners, random
-from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT
-from mbdlft.system.model import LFTModel
+from mbdlft.lft.triangle import values_at, vanishes
 
 _RANDOM, _MOST_CORNERS = 50, 64
 _NEGLIGIBLE = 1e-8  # an entry below this part of its row and column is compared with them
-
-
-def check_exact(model: LFTModel, what: str) -> None:
-    """Raise a StructureError for a truncated model: its guaranteed error would not be one any more."""
-    if model.certificate.truncation_error > 0.0:
-        raise StructureError(
-            f"model {model.name!r}, {what}: the model is truncated, and the guaranteed bound of its "
-            "error holds for its own inputs and outputs only. Start from the exact model and truncate "
-            "the result."
-        )
 
 
 def sampled_deltas(parameters: Sequence[Parameter], seed: int) -> Array:
@@ -44,11 +33,11 @@ def sampled_deltas(parameters: Sequence[Parameter], seed: int) -> Array:
 
 
 def check_determinant(a: LFT, deltas: Array, what: str, parameters: Sequence[Parameter]) -> None:
-    """Raise a WellPosednessError unless det(I - M11 Delta) stays positive, as it is at nominal."""
-    spread = np.repeat(deltas, [block.size for block in a.blocks], axis=1)
-    signs = np.array([np.linalg.slogdet(np.eye(a.order) - a.M11 * row)[0] for row in spread])
-    if np.any(signs <= 0):
-        worst = deltas[int(np.argmax(signs <= 0))]
+    """Raise a WellPosednessError where I - M11 Delta is seen to be singular on the way to a point."""
+    _, signs = values_at(a, deltas)
+    singular = (signs <= 0.0) | vanishes(a, deltas)
+    if np.any(singular):
+        worst = deltas[int(np.argmax(singular))]
         where = ", ".join(f"{p.name}: {d:+.3g}" for p, d in zip(parameters, worst, strict=True))
         raise WellPosednessError(
             f"{what}: singular between the nominal values and the normalized ones {where}. Narrow the "
@@ -56,15 +45,20 @@ def check_determinant(a: LFT, deltas: Array, what: str, parameters: Sequence[Par
         )
 
 
-def value_error(a: LFT, reference: Array, deltas: Array) -> float:
-    """Largest error of an entry relative to its largest size over the points (N, ., .).
+def entry_scale(reference: Array, terms: Array) -> Array:
+    """What an entry of matrices (N, ., .) is compared with: its largest size over the points.
 
-    An entry that is negligible in its row and column is compared with the smaller of the two.
+    An entry that is negligible in its row and column is compared with the smaller of the two, one that is
+    negligible beside its own `terms` (., .) with them.
     """
     size = np.max(np.abs(reference), axis=0)
     rows = np.max(size, axis=1, initial=0.0, keepdims=True)
     columns = np.max(size, axis=0, initial=0.0, keepdims=True)
-    whole = np.minimum(rows, columns)
+    whole = np.maximum(np.minimum(rows, columns), terms)
     scale = np.where(size > _NEGLIGIBLE * whole, size, whole)
-    difference = np.abs(evaluate_at(a, deltas) - reference)
-    return float(np.max(difference / np.where(scale > 0, scale, 1.0), initial=0.0))
+    return np.where(scale > 0, scale, 1.0)
+
+
+def largest(differences: Array, scale: Array) -> float:
+    """Largest size of differences (N, ., .), each entry relative to its scale (., .)."""
+    return float(np.max(np.abs(differences) / scale, initial=0.0))

@@ -24,7 +24,8 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
 from mbdlft.bound.gain import gain_bound
 from mbdlft.lft.evaluate import chunks, evaluate_at
-from mbdlft.lft.lft import LFT, Block
+from mbdlft.lft.lft import LFT, Block, check_plain
+from mbdlft.system.evidence import truncated_certificate
 from mbdlft.system.model import LFTModel
 
 _SEED, _POINTS = 2, 128  # random points, and as many corners
@@ -78,6 +79,11 @@ def truncate(model: LFTModel, tolerance: float) -> LFTModel:
         The model is singular at a point of its range.
     """
     where = f"model {model.name!r}"
+    if not isinstance(model, LFTModel):
+        raise StructureError(
+            f"{where}: it is a system without evidence, and a guaranteed error is that of a certified "
+            "model. to_lft or realize make one."
+        )
     fitted = model.certificate.fit_error_bound > 0.0 and model.certificate.truncation_error == 0.0
     if not (model.certificate.exact or fitted):
         raise StructureError(
@@ -90,9 +96,7 @@ def truncate(model: LFTModel, tolerance: float) -> LFTModel:
         raise type(problem)(f"{where}: {problem}") from None
     if lft is model.lft:
         return model
-    order = tuple(block.size for block in lft.blocks)
-    certificate = replace(model.certificate, order=order, exact=False, truncation_error=error)
-    return replace(model, lft=lft, certificate=certificate)
+    return replace(model, lft=lft, certificate=truncated_certificate(model, lft, error))
 
 
 def truncate_lft(a: LFT, tolerance: float) -> tuple[LFT, float]:
@@ -119,6 +123,7 @@ def truncate_lft(a: LFT, tolerance: float) -> tuple[LFT, float]:
         I - M11 Delta cannot be shown to be invertible for all |delta_k| <= 1.
     """
     check_tolerance(tolerance)
+    check_plain(a, "truncation")
     rows, columns = typical_sizes(a)
     scaled = LFT(
         a.M11, a.M12 / columns, a.M21 / rows[:, None], a.M22 / rows[:, None] / columns, a.blocks

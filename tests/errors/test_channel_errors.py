@@ -162,16 +162,17 @@ STATIC = realize([[2.0, 0.0], [0.0, 3.0]], inputs=["a", "b"], outputs=["a", "c"]
             "series: the block has 2 inputs for the 1 channels y0.",
         ),
         (
-            lambda: series(CART, "u0", control.tf([1], [1, 1])),
-            "block: expected an LFTModel or a control.StateSpace, got TransferFunction. control.ss(",
+            lambda: series(CART, "u0", {"gain": 1.0}),
+            "block: expected a System, an LFTModel, a continuous python-control system, a number or a "
+            "matrix, got dict.",
         ),
         (
             lambda: series(CART, "u0", control.ss([[0.5]], [[1]], [[1]], [[0]], 0.1)),
-            "block: expected continuous time (dt = 0), got dt = 0.1.",
+            "expected continuous time (dt = 0), got dt = 0.1.",
         ),
         (
             lambda: series(CART, "u0", low_pass(1.0, "k", [Parameter("k", 3.0, percent=5)])),
-            "the parameter 'k' of the block is not that of the model:",
+            "the parameter 'k' of low_pass is not that of matrix:",
         ),
     ],
 )

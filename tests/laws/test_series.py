@@ -81,12 +81,13 @@ def test_series_catches_a_block_at_the_wrong_place(
     side: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     module = import_module("mbdlft.system.in_series")
-    right = module._at_inputs
+    right = module._wiring
 
-    def wrong(a, n, b, nb, positions, order):
-        return right(a, n, b, nb, [1 - k for k in positions], [order[1], order[0], *order[2:]])
+    def wrong(model, block, positions, order, *, at_inputs):
+        turned = [order[1], order[0], *order[2:]]
+        return right(model, block, [1 - k for k in positions], turned, at_inputs=at_inputs)
 
-    monkeypatch.setattr(module, "_at_inputs", wrong)
+    monkeypatch.setattr(module, "_wiring", wrong)
     with pytest.raises(AssertionError):
         check_series(side)
 

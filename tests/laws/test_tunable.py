@@ -47,13 +47,13 @@ def test_closed_with_its_gains_the_plant_is_the_model(names: list[str], seed: in
 
 def test_closing_catches_exchanged_channels(monkeypatch: pytest.MonkeyPatch) -> None:
     module = import_module("mbdlft.system.gains")  # the function has the same name
-    right = module._opened
+    right = module.open_blocks
 
     def wrong(a: mbdlft.LFT, names: list[str]) -> mbdlft.LFT:
         found = right(a, names)
         return mbdlft.LFT(found.M11, found.M12, found.M21, found.M22[:, ::-1], found.blocks)
 
-    monkeypatch.setattr(module, "_opened", wrong)
+    monkeypatch.setattr(module, "open_blocks", wrong)
     with pytest.raises(AssertionError):
         check_closed(["m1", "theta2"], 3)
 

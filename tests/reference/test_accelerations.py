@@ -31,7 +31,7 @@ def test_accelerations_of_chained_beams(beams: int, elements: int) -> None:
 
 def test_zeros_by_a_threshold_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Entries far below their terms were set to zero: 3 beams of 8 elements were wrong by 70 %."""
-    right: Callable[..., Any] = module._through
+    right: Callable[..., Any] = module.through
 
     def wrong(base: Any, left: Any, matrix: Any, given: Any, what: str) -> Any:
         total, solved = right(base, left, matrix, given, what)
@@ -40,5 +40,5 @@ def test_zeros_by_a_threshold_are_found(monkeypatch: pytest.MonkeyPatch) -> None
         kept = cleaned(solved, 0.25 * size)
         return cleaned(total, np.abs(base) + np.abs(left) @ size), kept
 
-    monkeypatch.setattr(module, "_through", wrong)
+    monkeypatch.setattr(module, "through", wrong)
     assert largest_error(3, 6) > ACCELERATION

@@ -9,7 +9,7 @@ import pytest
 
 import mbdlft
 from benchmarks import assumed_modes
-from mbdlft.lft import lft
+from mbdlft.lft import solve
 from mbdlft.number.twofold import Twofold
 from mbdlft.problem.compare import NEGLIGIBLE
 from tests.close import (
@@ -94,7 +94,7 @@ def test_entries_have_the_digits_of_their_terms() -> None:
 
 def test_digits_need_the_refinement(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        lft,
+        solve,
         "_solve",
         lambda matrix, right, what: Twofold(np.linalg.solve(matrix, right), np.zeros_like(right)),
     )

@@ -1,0 +1,180 @@
+"""Blocks of Delta: repeated real parameters, repeated complex scalars, and full complex matrices.
+
+    w = Delta z,    Delta = diag(delta_1 I, ..., delta_c I, ..., Delta_1, ...)
+
+A block has as many inputs as it reads of z, and as many outputs as it writes of w.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import StructureError
+
+
+class Block(NamedTuple):
+    """A real delta times the identity of a size; the name is the identity of the delta."""
+
+    name: str
+    size: int
+
+    @property
+    def kind(self) -> str:
+        """``"real"``, ``"complex"`` or ``"full"``."""
+        return "real"
+
+    @property
+    def inputs(self) -> int:
+        """Number of entries of z that the block reads: rows of M11."""
+        return self.size
+
+    @property
+    def outputs(self) -> int:
+        """Number of entries of w that the block writes: columns of M11."""
+        return self.size
+
+    def of_size(self, size: int) -> "Block":
+        """A block of the same name and kind with another number of repetitions."""
+        return type(self)(self.name, size)
+
+
+class _OtherBlock(Block):
+    """A block that is not equal to the real one of its name and size."""
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and tuple.__eq__(self, other)
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+    def __hash__(self) -> int:
+        return hash((type(self).__name__, self.name, self.inputs, self.outputs))
+
+
+class ComplexBlock(_OtherBlock):
+    """A complex delta times the identity of a size: dynamics that are unknown, |delta| <= 1."""
+
+    @property
+    def kind(self) -> str:
+        return "complex"
+
+
+class FullBlock(_OtherBlock):
+    """A complex matrix Delta (outputs, inputs) of which only the norm is known, ||Delta|| <= 1.
+
+    Parameters
+    ----------
+    name : str
+    inputs : int
+        Entries of z that it reads; `size` is the same number.
+    outputs : int, optional
+        Entries of w that it writes; as many as inputs if not given.
+    """
+
+    def __new__(cls, name: str, inputs: int, outputs: int | None = None) -> "FullBlock":
+        made = super().__new__(cls, name, inputs)
+        made.__dict__["_outputs"] = inputs if outputs is None else outputs
+        return made
+
+    def __getnewargs__(self) -> tuple[Any, ...]:
+        return (self.name, self.size, self.outputs)
+
+    def __eq__(self, other: object) -> bool:
+        return super().__eq__(other) and self.outputs == other.outputs  # type: ignore[attr-defined]
+
+    __hash__ = _OtherBlock.__hash__
+
+    def __repr__(self) -> str:
+        return f"FullBlock(name={self.name!r}, inputs={self.inputs}, outputs={self.outputs})"
+
+    @property
+    def kind(self) -> str:
+        return "full"
+
+    @property
+    def outputs(self) -> int:
+        return int(self.__dict__["_outputs"])
+
+
+def is_square(blocks: Sequence[Block]) -> bool:
+    """Whether no block is full: each has as many outputs as inputs."""
+    return not any([type(block) is FullBlock for block in blocks])
+
+
+def spans(names: Sequence[str], sizes: Sequence[int]) -> dict[str, slice]:
+    """Consecutive slices of these sizes by name."""
+    ends = np.cumsum([0, *sizes]).tolist()
+    return {name: slice(a, b) for name, a, b in zip(names, ends[:-1], ends[1:], strict=True)}
+
+
+def matrix_of(entries: ArrayLike) -> Array:
+    """A copy with two axes; complex only if an entry is."""
+    given: Any = np.asarray(entries)
+    if given.dtype.kind == "c" and given.imag.any():
+        return np.array(given, ndmin=2)
+    return np.array(given.real if given.dtype.kind == "c" else given, dtype=float, ndmin=2)
+
+
+def block_value(block: Block, value: ArrayLike) -> Any:
+    """A number for a repeated block, a matrix (..., outputs, inputs) for a full one, checked.
+
+    Raises
+    ------
+    StructureError
+        The value of a real delta is complex, or that of a full block has another shape.
+    """
+    found = np.asarray(value)
+    check(found.dtype.kind in "biufc", f"{block.name}: expected a number, got {value!r}")
+    if block.kind == "real":
+        check(found.dtype.kind != "c", f"{block.name} is a real delta, got {value!r}")
+        return np.asarray(found, dtype=float)
+    shape = (block.outputs, block.inputs)
+    check(
+        block.kind != "full" or found.shape[-2:] == shape,
+        f"{block.name} is a full block and needs shape {shape}, got {found.shape}",
+    )
+    return found
+
+
+def gathered(a: Block, b: Block) -> Block:
+    """The block of two of one name."""
+    check(a.kind == b.kind, f"{a.name} is a {a.kind} block here and a {b.kind} one there")
+    check(a.kind != "full", f"the full block {a.name} stands twice, and it cannot be repeated")
+    return a.of_size(a.size + b.size)
+
+
+def check(condition: bool, message: str) -> None:  # noqa: FBT001
+    """Raise a StructureError with the message unless the condition holds."""
+    if not condition:
+        raise StructureError(f"LFT: {message}.")
+
+
+def misfit(M11: Array, M12: Array, M21: Array, M22: Array, blocks: Sequence[Block]) -> str | None:
+    """What does not fit among matrices and blocks, or None."""
+    names = [block.name for block in blocks]
+    z = w = sum([size for _, size in blocks])
+    if not is_square(blocks):
+        w = sum(block.outputs for block in blocks)
+    square = z == w
+    n, m = M11.shape
+    if square:
+        m = n
+    n_out, n_in = M22.shape
+    for name, matrix, shape in (
+        ("M11", M11, (n, m)),
+        ("M12", M12, (n, n_in)),
+        ("M21", M21, (n_out, m)),
+    ):
+        if matrix.shape != shape:
+            return f"{name} needs shape {shape}, got {matrix.shape}."
+    if any([block.size < 0 or block.outputs < 0 for block in blocks]):
+        return f"a block has a negative size: {blocks}."
+    if (z, w) != (n, m):
+        sizes = f"{z}" if square else f"{z} x {w}"
+        return f"the sizes of the blocks add up to {sizes}, M11 is {n} x {m}."
+    if names != sorted(set(names)):
+        return f"blocks must be sorted by name, each name once; got {', '.join(names)}."
+    return None

@@ -1,0 +1,178 @@
+"""Systems made of what they are mixed with: python-control systems, numbers, matrices, LFTs."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mbdlft.base.errors import StructureError
+from mbdlft.base.signal import Signal
+from mbdlft.lft.block import matrix_of
+from mbdlft.lft.lft import LFT, constant
+from mbdlft.system.names import check_once, positions_of
+from mbdlft.system.system import Parameters, System
+
+Names = Sequence[str | Signal] | Mapping[str, str] | None
+
+_STATE_SPACE = ("A", "B", "C", "D", "nstates", "dt")
+_TRANSFER = ("num", "den", "dt")
+
+
+def as_system(
+    item: Any,
+    *,
+    name: str | None = None,
+    inputs: Names = None,
+    outputs: Names = None,
+    states: Names = None,
+) -> System:
+    """A system of anything that acts like one, or a system with other names.
+
+    Parameters
+    ----------
+    item : System, LFTModel, control.StateSpace, control.TransferFunction, LFT, number or matrix
+        An LFT or a matrix is static. Blocks of an LFT must not be real: parameters have ranges.
+    name : str, optional
+        By default the name of the item, or ``gain``.
+    inputs, outputs, states : sequence of str or Signal, or mapping of old to new names
+        By default those of the item, or ``u0``, ``u1``, ... and ``y0``, ...; a name without a unit keeps
+        the unit that the signal has.
+
+    Returns
+    -------
+    System, or LFTModel if the item is one
+
+    Raises
+    ------
+    StructureError
+        The item is something else or not continuous, or the names do not fit.
+    """
+    made = _converted(item)
+    return replace(
+        made,
+        name=made.name if name is None else name,
+        inputs=_named(made, "inputs", made.inputs, inputs),
+        outputs=_named(made, "outputs", made.outputs, outputs),
+        states=_named(made, "states", made.states, states),
+    )
+
+
+def state_space(
+    A: ArrayLike,
+    B: ArrayLike,
+    C: ArrayLike,
+    D: ArrayLike,
+    *,
+    name: str = "system",
+    inputs: Names = None,
+    outputs: Names = None,
+    states: Names = None,
+) -> System:
+    """The system xdot = A x + B u, y = C x + D u in numbers.
+
+    Parameters
+    ----------
+    A : array (nx, nx)
+    B : array (nx, nu)
+    C : array (ny, nx)
+    D : array (ny, nu), or a number that all its entries have
+    name : str
+    inputs, outputs, states : as in `as_system`
+
+    Returns
+    -------
+    System
+
+    Raises
+    ------
+    StructureError
+        The shapes or the names do not fit.
+    """
+    a, b, c, d = (np.atleast_2d(np.asarray(matrix)) for matrix in (A, B, C, D))
+    if np.ndim(D) == 0:
+        d = np.full((c.shape[0], b.shape[1]), np.asarray(D))
+    n = a.shape[0] if a.size else 0
+    shapes = {"A": (n, n), "B": (n, d.shape[1]), "C": (d.shape[0], n)}
+    found = dict(zip(shapes, (a, b, c), strict=True))
+    for label, shape in shapes.items():
+        if found[label].shape != shape and (found[label].size or 0 not in shape):
+            raise StructureError(
+                f"system {name!r}: {label} needs shape {shape}, got {found[label].shape}."
+            )
+    blocks = (found[label].reshape(shape) for label, shape in shapes.items())
+    a, b, c = blocks
+    made = _static(np.block([[a, b], [c, d]]), n, name)
+    return as_system(made, inputs=inputs, outputs=outputs, states=states)
+
+
+def _converted(item: Any) -> System:
+    if isinstance(item, System):
+        return item
+    if isinstance(item, LFT):
+        real = [block.name for block in item.blocks if block.kind == "real" and block.size]
+        if real:
+            raise StructureError(
+                f"an LFT with the real deltas {', '.join(real)} has no ranges: give them as System(...) "
+                "with its parameters."
+            )
+        return _static(item, 0, "gain")
+    if all(hasattr(item, label) for label in _TRANSFER):
+        import control  # here because it is slow to import
+
+        try:
+            item = control.ss(item, name=item.name)
+        except (ValueError, NotImplementedError) as error:
+            raise StructureError(f"system {item.name!r}: no state space of it: {error}") from None
+    if all(hasattr(item, label) for label in _STATE_SPACE):
+        return _of_control(item)
+    try:
+        return _static(matrix_of(item), 0, "gain")
+    except (TypeError, ValueError):
+        raise StructureError(
+            "expected a System, an LFTModel, a continuous python-control system, a number or a matrix, "
+            f"got {type(item).__name__}."
+        ) from None
+
+
+def _of_control(item: Any) -> System:
+    if item.dt not in (None, 0):
+        raise StructureError(
+            f"system {item.name!r}: expected continuous time (dt = 0), got dt = {item.dt!r}."
+        )
+    matrices = np.block([[item.A, item.B], [item.C, item.D]])
+    made = _static(matrices.reshape(item.nstates + item.noutputs, -1), item.nstates, item.name)
+    labels = {"inputs": item.input_labels, "outputs": item.output_labels}
+    return as_system(made, **labels, states=item.state_labels)
+
+
+def _static(matrix: Any, states: int, name: str) -> System:
+    """Value [A B ; C D] with default names."""
+    lft = matrix if isinstance(matrix, LFT) else constant(matrix)
+    sizes = {"x": states, "u": lft.shape[1] - states, "y": lft.shape[0] - states}
+    x, u, y = (tuple(Signal(f"{c}{k}", "1") for k in range(n)) for c, n in sizes.items())
+    parameters = [block for block in lft.blocks if block.kind != "real"]
+    lft = replace(lft, blocks=tuple(parameters))
+    return System(name, lft, x, u, y, Parameters())
+
+
+def _named(made: System, what: str, signals: Sequence[Signal], names: Names) -> tuple[Signal, ...]:
+    """Signals with other names."""
+    if names is None:
+        return tuple(signals)
+    where = f"model {made.name!r}, {what}"
+    known = [signal.name for signal in signals]
+    if isinstance(names, str):
+        names = [names]
+    if isinstance(names, Mapping):
+        positions_of(names, known, where)
+        names = [names.get(name, name) for name in known]
+    if len(names) != len(signals):
+        raise StructureError(f"{where}: expected {len(signals)} names, got {len(names)}.")
+    found = tuple(
+        given if isinstance(given, Signal) else Signal(str(given), signal.unit)
+        for signal, given in zip(signals, names, strict=True)
+    )
+    check_once([signal.name for signal in found], where)
+    return found

@@ -1,0 +1,372 @@
+"""What is known of a system that is made of others: one rule per operation.
+
+Of parts that are wired (`composed`): the whole is exact if all parts are. Errors of equilibrium
+positions that are fits stay what they are: everything else holds at the fitted positions. A truncation
+has a guaranteed bound for its own inputs and outputs only, and no theorem carries it through a wiring:
+the bound of the whole is infinite. Lower bounds are computed anew, on the whole. The error is measured:
+the whole against state-space formulas of the sampled parts, at random points and corners, and to this is
+added what the errors of the parts, as their certificates say, make of the whole there (to first order).
+
+An exchange of inputs and outputs, or another range of a parameter, is a change of coordinates of one
+part: it changes no McMillan degree, so bounds stay. Opened blocks and truncations have their own rules.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
+from mbdlft.base.parameter import Parameter, to_delta, to_physical
+from mbdlft.base.signal import Signal
+from mbdlft.bound.degree import degree_bounds, moved
+from mbdlft.lft.evaluate import evaluate, evaluate_at
+from mbdlft.lft.lft import LFT, fix, stack_rows, with_blocks
+from mbdlft.system.model import Certificate, LFTModel, Provenance, Trim
+from mbdlft.system.points import check_determinant, entry_scale, largest, sampled_deltas
+from mbdlft.system.system import Parameters, System
+from mbdlft.system.wiring import Wiring, reduced, wire, wired_values
+
+_ACCEPTED = 1e-5  # of an error; larger ones are refused
+_SEED = 0
+_RADIUS = 0.5  # of complex and full deltas at the points of a check
+
+
+class Operation(NamedTuple):
+    """What is done with parts: its name, and what it was asked for, as texts."""
+
+    name: str
+    asked: Mapping[str, Any] = {}
+
+
+def check_exact(model: System, what: str) -> None:
+    """Raise a StructureError for a truncated model: its guaranteed error would not be one any more."""
+    if isinstance(model, LFTModel) and model.certificate.truncation_error > 0.0:
+        raise StructureError(
+            f"model {model.name!r}, {what}: the model is truncated, and the guaranteed bound of its "
+            "error holds for its own inputs and outputs only. Start from the exact model and truncate "
+            "the result."
+        )
+
+
+def composed(
+    parts: Sequence[System],
+    wiring: Wiring,
+    inputs: Sequence[Signal],
+    outputs: Sequence[Signal],
+    operation: Operation,
+    *,
+    like: System | None = None,
+    states: Sequence[Signal] | None = None,
+    exchange: bool = False,
+) -> System:
+    """The whole of wired parts, reduced; an `LFTModel` if every part with parameters is one.
+
+    Parameters
+    ----------
+    parts : sequence of System
+    wiring : Wiring
+        Of the inputs and outputs of the parts, in their order.
+    inputs, outputs : signals of the whole
+    operation : Operation
+    like : System, optional
+        What the whole takes its name and description from, by default the first part.
+    states : sequence of Signal, optional
+        Names of the states, by default those of the parts (`state_names`).
+    exchange : bool
+        Whether inputs and outputs of one part are exchanged, and nothing else: its bounds stay.
+
+    Raises
+    ------
+    StructureError
+        Parts have different parameters of one name.
+    WellPosednessError
+        A loop is singular at nominal, or between it and one of the checked points.
+    AnalysisError
+        The LFT is far from the state-space formulas.
+    """
+    like = parts[0] if like is None else like
+    what = f"model {like.name!r}, {operation.name}"
+    parameters = merged_parameters(parts, what)
+    wired = wire(parts, wiring, what)
+    lft = with_blocks(wired if exchange else reduced(wired), parameters.names)
+    seed = next((p.certificate.seed for p in parts if isinstance(p, LFTModel)), _SEED)
+    deltas = sampled_deltas(parameters, seed)
+    if not lft.is_complex:
+        check_determinant(_of_parameters(lft), deltas, what, parameters)
+    error = _error(parts, wiring, lft, parameters, deltas, what)
+    fields: dict[str, Any] = {
+        "name": like.name,
+        "lft": lft,
+        "states": tuple(state_names(parts) if states is None else states),
+        "inputs": tuple(inputs),
+        "outputs": tuple(outputs),
+        "parameters": parameters,
+        "description": like.description,
+    }
+    certified = [part for part in parts if isinstance(part, LFTModel)]
+    if not certified or any(p.parameters and not isinstance(p, LFTModel) for p in parts):
+        return System(**fields)
+    if exchange:
+        certificate = _in_other_coordinates(certified[0].certificate, error)
+    else:
+        twin = with_blocks(reduced(wire(_moved(parts), wiring, what)), parameters.names)
+        certificate = _certificate(certified, lft, twin, error, seed)
+    return LFTModel(
+        **fields,
+        trim=_trim(certified, parameters.names),
+        certificate=certificate,
+        provenance=_provenance(parts, certified[0].provenance, operation),
+    )
+
+
+def merged_parameters(parts: Sequence[System], what: str) -> Parameters:
+    """Parameters of all parts, sorted by name; those of equal names must be equal.
+
+    Raises
+    ------
+    StructureError
+        They are not, or a block of another kind has the name of a parameter.
+    """
+    found: dict[str, tuple[Parameter, System]] = {}
+    for part in parts:
+        for p in part.parameters:
+            known, owner = found.setdefault(p.name, (p, part))
+            if known != p:
+                raise StructureError(
+                    f"{what}: the parameter {p.name!r} of {part.name} is not that of "
+                    f"{owner.name}: {p} is not {known}. Rename one, or declare it once."
+                )
+    return Parameters(found[name][0] for name in sorted(found))
+
+
+def state_names(parts: Sequence[System]) -> tuple[Signal, ...]:
+    """States of all parts; those whose names stand twice are ``PART.STATE``, numbered if need be."""
+    names = [state.name for part in parts for state in part.states]
+    signals: list[Signal] = []
+    used = {name for name in names if names.count(name) == 1}
+    for part in parts:
+        for state in part.states:
+            name, k = state.name, 1
+            if names.count(name) > 1:
+                name = f"{part.name}.{state.name}"
+                while name in used:
+                    k += 1
+                    name = f"{part.name}.{k}.{state.name}"
+                used.add(name)
+            signals.append(Signal(name, state.unit))
+    return tuple(signals)
+
+
+def _of_parameters(a: LFT) -> LFT:
+    """The LFT with the blocks that are not parameters at zero."""
+    zero = {b.name: np.zeros((b.outputs, b.inputs)) for b in a.blocks if b.kind == "full"}
+    return fix(a, zero | {b.name: 0.0 for b in a.blocks if b.kind == "complex"})
+
+
+def _other_deltas(parts: Sequence[System], count: int) -> dict[str, Any]:
+    """Random values (N) of the blocks that are not parameters, zero at the first point."""
+    random = np.random.default_rng(_SEED)
+    found: dict[str, Any] = {}
+    for block in sorted({b for part in parts for b in part.lft.blocks if b.kind != "real"}):
+        full = block.kind == "full"
+        shape = (count, block.outputs, block.inputs) if full else (count, 1, 1)
+        value = random.standard_normal(shape) + 1j * random.standard_normal(shape)
+        value *= _RADIUS / np.linalg.norm(value, 2, axis=(1, 2))[:, None, None]
+        value[0] = 0.0
+        found[block.name] = value if full else value[:, 0, 0]
+    return found
+
+
+def values_of(lft: LFT, parameters: Parameters, deltas: Array, others: Mapping[str, Any]) -> Array:
+    """Values (N, ., .) of an LFT at deltas (N, n_p) of parameters and at those of other blocks."""
+    columns = {name: k for k, name in enumerate(parameters.names)}
+    if all(block.kind == "real" for block in lft.blocks):
+        return evaluate_at(lft, deltas[:, [columns[block.name] for block in lft.blocks]])
+    return evaluate(
+        lft,
+        {
+            b.name: deltas[:, columns[b.name]] if b.kind == "real" else others[b.name]
+            for b in lft.blocks
+        },
+    )
+
+
+def _error(
+    parts: Sequence[System],
+    wiring: Wiring,
+    lft: LFT,
+    parameters: Parameters,
+    deltas: Array,
+    what: str,
+) -> float:
+    """Largest relative error of the whole: that of its LFT, and what those of the parts make of it."""
+    others = _other_deltas(parts, len(deltas))
+    values = [values_of(part.lft, parameters, deltas, others) for part in parts]
+    errors = [p.certificate.max_relative_error if isinstance(p, LFTModel) else 0.0 for p in parts]
+    try:
+        reference = wired_values(parts, values, errors, wiring)
+    except np.linalg.LinAlgError:
+        raise WellPosednessError(f"{what}: the loop is singular at a checked point.") from None
+    scale = entry_scale(reference.whole, reference.terms)
+    own = largest(values_of(lft, parameters, deltas, others) - reference.whole, scale)
+    if not own <= _ACCEPTED:
+        raise AnalysisError(
+            f"{what}: the result differs from that of state-space formulas by {own:.1e} of the "
+            "size of an entry. Either a loop is nearly singular, or this is a bug: please report it."
+        )
+    return own + largest(reference.errors, scale)
+
+
+def _moved(parts: Sequence[System]) -> list[System]:
+    """Parts with every entry moved by what may be wrong with it: the error of the way to the whole."""
+    return [
+        replace(part, lft=moved(part.lft, _SEED, part.certificate.max_relative_error))
+        if isinstance(part, LFTModel) and part.lft.is_plain
+        else part
+        for part in parts
+    ]
+
+
+def _certificate(
+    parts: Sequence[LFTModel], lft: LFT, twin: LFT, error: float, seed: int
+) -> Certificate:
+    order = {block.name: block.size for block in lft.blocks if block.kind == "real"}
+    raw = dict.fromkeys(order, 0)
+    for part in parts:
+        for name, size in zip(part.parameters.names, part.certificate.raw_order, strict=True):
+            raw[name] += size
+    found = [part.certificate for part in parts]
+    bounds = {}
+    if not (lft.is_complex or twin.is_complex):
+        bounds = degree_bounds(_at_generic(lft), moved(_at_generic(twin), seed), seed)
+    lower = {name: min(bounds[name].degree, order[name]) if bounds else 0 for name in order}
+    return Certificate(
+        order=tuple(order.values()),
+        lower_bound=tuple(lower.values()),
+        raw_order=tuple(raw.values()),
+        max_relative_error=error,
+        check_points=min((c.check_points for c in found if c.order), default=found[0].check_points),
+        seed=seed,
+        exact=all(one.exact for one in found),
+        doubtful=tuple(bounds[name].doubtful if bounds else order[name] for name in order),
+        truncation_error=np.inf if any(one.truncation_error > 0.0 for one in found) else 0.0,
+        fit_error_bound=max(one.fit_error_bound for one in found),
+    )
+
+
+def _at_generic(a: LFT) -> LFT:
+    """The LFT in the parameters with the other blocks at one real value: it needs no more repetitions."""
+    random, values = np.random.default_rng(_SEED), {}
+    for block in a.blocks:
+        if block.kind != "real":
+            full = block.kind == "full"
+            value = random.standard_normal((block.outputs, block.inputs) if full else (1, 1))
+            value *= _RADIUS / np.linalg.norm(value, 2)
+            values[block.name] = value if full else value[0, 0]
+    return fix(a, values) if values else a
+
+
+def _in_other_coordinates(found: Certificate, error: float) -> Certificate:
+    """What a change of coordinates changes: the error, and the conditioning, which is not known."""
+    return replace(found, max_relative_error=error, condition=0.0, sign_changes=0)
+
+
+def _trim(parts: Sequence[LFTModel], names: Sequence[str]) -> Trim:
+    """The trims of all parts one after the other; without an LFT if that of one is not known."""
+    held = [part for part in parts if part.trim.signals or part.trim.lft is not None]
+    signals = [signal.name for part in held for signal in part.trim.signals]
+    listed = tuple(
+        replace(s, name=f"{part.name}.{s.name}") if signals.count(s.name) > 1 else s
+        for part in held
+        for s in part.trim.signals
+    )
+    nominal = tuple(value for part in held for value in part.trim.nominal)
+    lfts = [part.trim.lft for part in held if part.trim.lft is not None]
+    if not held or len(lfts) < len(held):
+        return Trim(listed, nominal, None)
+    return Trim(listed, nominal, with_blocks(stack_rows(*lfts), names))
+
+
+def _provenance(parts: Sequence[System], first: Provenance, operation: Operation) -> Provenance:
+    """The operation and the texts of its parts, as TOML; versions of what composed them."""
+    lines = [f"operation = {_text(operation.name)}"]
+    lines += [f"{key} = {_text(value)}" for key, value in operation.asked.items()]
+    for part in parts:
+        text = part.provenance.scene if isinstance(part, LFTModel) else repr(part)
+        lines += ["", "[[parts]]", f"name = {_text(part.name)}", f"text = {_text(text)}"]
+    return replace(
+        first,
+        scene="\n".join(lines) + "\n",
+        mbdlft=version("mbdlft"),
+        numpy=np.__version__,
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+    )
+
+
+def _text(value: Any) -> str:
+    """A TOML string, list of strings or number."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def opened_evidence(model: LFTModel, names: Sequence[str]) -> dict[str, Any]:
+    """Trim and certificate of a model whose blocks of these names are signals of it.
+
+    What is proved of the others stays: a smaller LFT of the opened model would give a smaller one of the
+    model. The trim has no LFT if it depends on a parameter that left.
+    """
+    found = model.certificate
+    left = [k for k, p in enumerate(model.parameters) if p.name not in names]
+
+    def of(entries: tuple[int, ...]) -> tuple[int, ...]:
+        return tuple(entries[k] for k in left) if entries else ()
+
+    opened = sum(found.order) - sum(of(found.order))
+    certificate = replace(
+        found,
+        order=of(found.order),
+        lower_bound=of(found.lower_bound),
+        raw_order=of(found.raw_order),
+        doubtful=of(found.doubtful),
+        order_bound=max(sum(of(found.lower_bound)), found.order_bound - opened),
+        condition=0.0,  # that of the entries of the opened model is not known
+        sign_changes=0,
+    )
+    lft = model.trim.lft
+    if lft is None or any(block.size for block in lft.blocks if block.name in names):
+        return {"certificate": certificate, "trim": replace(model.trim, lft=None)}
+    kept = replace(lft, blocks=tuple(block for block in lft.blocks if block.name not in names))
+    return {"certificate": certificate, "trim": replace(model.trim, lft=kept)}
+
+
+def renormalized_evidence(model: LFTModel, lft: LFT, parameters: Parameters) -> Certificate:
+    """That of a model with other ranges of its parameters: degrees are those of the old deltas.
+
+    The error is that of the new LFT against the old one at points of the new range, and what is known
+    of the old one, whose error is relative to the sizes of its entries in the old range.
+    """
+    found = model.certificate
+    everywhere = sampled_deltas(model.parameters, found.seed)
+    deltas = sampled_deltas(parameters, found.seed)
+    columns = zip(model.parameters, parameters, deltas.T, strict=True)
+    old = [to_delta(a, to_physical(b, column)) for a, b, column in columns]
+    others = _other_deltas([model], len(deltas))
+    reference = values_of(
+        model.lft, model.parameters, np.stack(old or [np.zeros(1)], axis=1), others
+    )
+    sizes = np.max(np.abs(values_of(model.lft, model.parameters, everywhere, others)), axis=0)
+    scale = entry_scale(reference, np.zeros(sizes.shape))
+    own = largest(values_of(lft, parameters, deltas, others) - reference, scale)
+    error = own + largest(found.max_relative_error * sizes, scale)
+    return _in_other_coordinates(found, error)
+
+
+def truncated_certificate(model: LFTModel, lft: LFT, error: float) -> Certificate:
+    """That of a truncated model: not exact, with the guaranteed bound of its error [1]."""
+    order = tuple(block.size for block in lft.blocks)
+    return replace(model.certificate, order=order, exact=False, truncation_error=error)

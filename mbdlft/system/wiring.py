@@ -1,0 +1,185 @@
+"""Parts wired to a whole: in the LFT, and in numbers at points.
+
+With u and y all inputs and outputs of the parts, w and z those of the whole,
+
+    0 = K_y y + K_u u + E w,        z = F y + G u
+
+Feedback, series, sums, products, selections and inversions of channels are choices of these matrices.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import WellPosednessError
+from mbdlft.lft.lft import LFT, constant, eliminate, select, stack_diagonal
+from mbdlft.lft.opening import as_plain, of_kinds
+from mbdlft.reduce.reduce import reduce_order
+from mbdlft.system.system import System
+
+_SHARE = 0.1  # of a direction that a loop does not determine: signals above it are named
+
+
+class Wiring(NamedTuple):
+    """The matrices above: K_y (nu, ny), K_u (nu, nu), E (nu, nw), F (nz, ny), G (nz, nu)."""
+
+    Ky: Array
+    Ku: Array
+    E: Array
+    F: Array
+    G: Array
+
+
+class Values(NamedTuple):
+    """[A B ; C D] of the whole at points (N, ., .), what errors of the parts make of it, and its terms.
+
+    Terms (., .) are the largest sizes that entries would have at the points if nothing cancelled.
+    """
+
+    whole: Array
+    errors: Array
+    terms: Array
+
+
+def plain_wiring(parts: Sequence[System], inputs: int, outputs: int) -> Wiring:
+    """Nothing wired: 0 = -u, z = 0; arrays to be filled."""
+    nu, ny = (sum(len(s) for s in signals) for signals in zip(*map(_signals, parts), strict=True))
+    return Wiring(
+        np.zeros((nu, ny)),
+        -np.eye(nu),
+        np.zeros((nu, inputs)),
+        np.zeros((outputs, ny)),
+        np.zeros((outputs, nu)),
+    )
+
+
+def _signals(part: System) -> tuple[Sequence[object], Sequence[object]]:
+    return part.inputs, part.outputs
+
+
+def wire(parts: Sequence[System], wiring: Wiring, what: str) -> LFT:
+    """The LFT of [A B ; C D] of the whole, not reduced; states are those of the parts in their order.
+
+    Raises
+    ------
+    WellPosednessError
+        The wiring does not determine the inputs of the parts at nominal.
+    """
+    rows, columns = _states_first(parts)
+    both = select(stack_diagonal(*(part.lft for part in parts)), rows, columns)
+    nx = sum(len(part.states) for part in parts)
+    (nu, ny), nw, nz = wiring.Ky.shape, wiring.E.shape[1], len(wiring.F)
+    left = np.zeros((nu + nx + nz, nx + ny))
+    left[:nu, nx:], left[nu : nu + nx, :nx], left[nu + nx :, nx:] = wiring.Ky, np.eye(nx), wiring.F
+    right = np.zeros((nx + nu, nu + nx + nw))
+    right[:nx, nu : nu + nx], right[nx:, :nu] = np.eye(nx), np.eye(nu)
+    direct = np.zeros((nu + nx + nz, nu + nx + nw))
+    direct[:nu, :nu], direct[:nu, nu + nx :], direct[nu + nx :, :nu] = wiring.Ku, wiring.E, wiring.G
+    relations = constant(left) @ both @ right + direct
+    try:
+        solved = eliminate(relations, nu)
+    except WellPosednessError:
+        raise WellPosednessError(
+            f"{what}: the loop is singular at nominal: it does not determine "
+            f"{', '.join(_undetermined(parts, relations.M22[:nu, :nu]))}. Somewhere in it a direct "
+            "feed-through must change, for example by a state in the controller."
+        ) from None
+    return select(solved, np.arange(nu, nu + nx + nz), np.arange(nx + nw))
+
+
+def _undetermined(parts: Sequence[System], loop: Array) -> list[str]:
+    """Inputs of parts in the direction in which a loop is singular."""
+    names = [f"{signal.name} of {part.name}" for part in parts for signal in part.inputs]
+    direction = np.abs(np.linalg.svd(loop)[2][-1])
+    return [name for name, size in zip(names, direction, strict=True) if size > _SHARE]
+
+
+def reduced(a: LFT) -> LFT:
+    """The LFT of equal value that `reduce_order` gives, beside blocks of any kind.
+
+    One with complex entries comes back as it is.
+    """
+    if a.is_plain:
+        return reduce_order(a)
+    if a.is_complex:
+        return a
+    plain, full = as_plain(a)
+    return of_kinds(reduce_order(plain), full, a)
+
+
+def _states_first(parts: Sequence[System]) -> tuple[list[int], list[int]]:
+    """Rows and columns of diag([A B ; C D], ...) in the order [all x ; all y] and [all x ; all u]."""
+    orders: tuple[list[int], list[int]] = ([], [])
+    for side, order in enumerate(orders):
+        states, signals, start = list[int](), list[int](), 0
+        for part in parts:
+            nx, n = len(part.states), part.lft.shape[side]
+            states += range(start, start + nx)
+            signals += range(start + nx, start + n)
+            start += n
+        order += [*states, *signals]
+    return orders
+
+
+def wired_values(
+    parts: Sequence[System], values: Sequence[Array], errors: Sequence[float], wiring: Wiring
+) -> Values:
+    """The whole by state-space formulas from the values of its parts, without the LFT.
+
+    Parameters
+    ----------
+    parts : sequence of System
+    values : for each part, an array (N, nx + ny, nx + nu)
+    errors : for each part, the error of an entry relative to its largest size over the points
+    wiring : Wiring
+
+    Returns
+    -------
+    Values
+        Errors are those of first order: d whole = L dS R, with dS those of the parts.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        The loop is singular at one of the points.
+    """
+    S, dS = _side_by_side(parts, values, errors)
+    nx = sum(len(part.states) for part in parts)
+    (nu, ny), nw = wiring.Ky.shape, wiring.E.shape[1]
+    C, D = S[:, nx:, :nx], S[:, nx:, nx:]
+    solved = np.linalg.inv(wiring.Ku + wiring.Ky @ D)
+    E = np.broadcast_to(wiring.E, (len(S), nu, nw))
+    u = -solved @ np.concatenate([wiring.Ky @ C, E], axis=2)  # from [x ; w]
+    x = np.broadcast_to(np.eye(nx, nx + nw), (len(S), nx, nx + nw))
+    R = np.concatenate([x, u], axis=1)  # [x ; u]
+    found = S @ R  # [xdot ; y]
+    whole = np.concatenate([found[:, :nx], wiring.F @ found[:, nx:] + wiring.G @ u], axis=1)
+    back = -solved @ wiring.Ky  # u of an addition to y
+    to_x = np.concatenate([np.broadcast_to(np.eye(nx), (len(S), nx, nx)), S[:, :nx, nx:] @ back], 2)
+    through = wiring.F @ (np.eye(ny) + D @ back) + wiring.G @ back
+    to_z = np.concatenate([np.zeros((len(S), len(wiring.F), nx)), through], axis=2)
+    L = np.concatenate([to_x, to_z], axis=1)
+    # sizes if nothing cancelled
+    R_terms = np.abs(solved) @ np.concatenate([np.abs(wiring.Ky) @ np.abs(C), np.abs(E)], axis=2)
+    sizes = np.abs(S) @ np.concatenate([np.abs(x), R_terms], axis=1)
+    read = np.abs(wiring.F) @ sizes[:, nx:] + np.abs(wiring.G) @ R_terms
+    terms = np.max(np.concatenate([sizes[:, :nx], read], axis=1), axis=0)
+    return Values(whole, np.abs(L) @ dS @ np.abs(R), terms)
+
+
+def _side_by_side(
+    parts: Sequence[System], values: Sequence[Array], errors: Sequence[float]
+) -> tuple[Array, Array]:
+    """Values (N, ., .) of all parts as one [A B ; C D], and the errors of its entries (., .)."""
+    rows, columns = _states_first(parts)
+    n_out, n_in = len(rows), len(columns)
+    S = np.zeros((len(values[0]), n_out, n_in), dtype=np.result_type(*values))
+    dS, i, j = np.zeros((n_out, n_in)), 0, 0
+    for value, error in zip(values, errors, strict=True):
+        place = slice(i, i + value.shape[1]), slice(j, j + value.shape[2])
+        S[:, *place] = value
+        dS[place] = error * np.max(np.abs(value), axis=0, initial=0.0)
+        i, j = i + value.shape[1], j + value.shape[2]
+    return S[:, rows][:, :, columns], dS[np.ix_(rows, columns)]
