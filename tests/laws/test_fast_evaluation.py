@@ -16,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbdlft
+from benchmarks.cases.arm import SCENE, full_circle_scene
 from mbdlft.lft import evaluate as module
 from mbdlft.lft import program as programs
 from mbdlft.lft import run as runs
@@ -26,7 +27,6 @@ from mbdlft.lft.run import plan, run
 from mbdlft.system.model import deltas_of
 from tests.close import EVALUATION, error, exact, roundoff
 from tests.laws.lfts import lfts
-from tests.reference.arm import SCENE, full_circle_scene
 
 MEMORY = 2**25  # bytes
 

@@ -19,6 +19,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbdlft
+from benchmarks.cases.chains import chain
+from benchmarks.cases.orders import CASES, Case
 from mbdlft.bound import pairs as joint
 from mbdlft.bound import sections
 from mbdlft.bound.degree import lower_bound
@@ -39,8 +41,6 @@ from mbdlft.pipeline.extract import extract
 from mbdlft.problem.linearize import linearize
 from mbdlft.reduce.reduce import reduce_order
 from tests.close import roundoff
-from tests.laws.chains import chain
-from tests.reference.orders import CASES, Case
 
 KAPPA = 1e3
 RESIDUE = 1e-17  # what cancelling leaves of terms of size one
