@@ -1,4 +1,4 @@
-"""What `gain.proved` says of multipliers is true in exact arithmetic, however near the border they are."""
+"""What `gain.proved` says of multipliers is true in exact arithmetic, near the border too."""
 
 from collections.abc import Callable
 from fractions import Fraction
