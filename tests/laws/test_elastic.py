@@ -38,6 +38,14 @@ def test_stiffness_under_gravity_is_symmetric(angle: float) -> None:
     assert (by_gravity > 1.0) == (angle != 0.0)  # a level beam is only pushed aside
 
 
+def test_stiffness_under_a_torque_in_space_is_symmetric() -> None:
+    """A weight beside the tip turns it about three axes, whose order does not matter."""
+    found = scenes.motion(scenes.beside_the_tip())
+    target(found.K, found.K.T, CLOSED_FORM)
+    weightless = scenes.beside_the_tip().model_copy(update={"gravity": (0, 0, 0)})
+    assert np.max(np.abs(found.K - scenes.motion(weightless).K)) > 1.0
+
+
 @pytest.mark.parametrize("angle", ANGLES)
 def test_energy_is_kept(angle: float) -> None:
     """d/dt (qdot' M qdot + q' K q)/2 = - qdot' D qdot, for every motion of the model."""

@@ -70,6 +70,18 @@ def test_program_is_the_definition(a: LFT, seed: int) -> None:
     roundoff(values, dense(a, points), kappa=10.0)
 
 
+@given(st.integers(0, 2**32 - 1))
+def test_program_of_signs_is_the_definition(seed: int) -> None:
+    """Entries of one size, which need no products; the loops come to an end."""
+    random = np.random.default_rng(seed)
+    M = random.integers(-1, 2, (8, 8)).astype(float)
+    a = LFT(np.triu(M[:6, :6], 1), M[:6, 6:], M[6:, :6], M[6:, 6:], (Block("a", 2), Block("b", 4)))
+    points = random.uniform(-1, 1, (7, 2))
+    values, lost = by_program(a, points)
+    assert not np.any(lost)
+    roundoff(values, dense(a, points), kappa=10.0)
+
+
 def test_vectors_of_any_length(monkeypatch: pytest.MonkeyPatch) -> None:
     a = arm().lft
     points = deltas_of(arm(), mbdlft.random(arm().parameters, 3000))
