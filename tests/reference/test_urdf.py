@@ -186,19 +186,13 @@ def test_locked_joints_hold_their_positions(tmp_path: Path) -> None:
 
 
 def test_locked_finger_is_where_it_is_held(tmp_path: Path) -> None:
-    """The arm swings a mass at the length of the finger, which is the file with its origin there."""
+    """The arm swings a mass at the end of the finger: the file with its origin there."""
     finger = Parameter("f", 0.05, 0.01, 0.09, unit="m")
-    text = ROBOT.replace('name="finger" type="prismatic"', 'name="finger" type="fixed"')
-    text = text.replace(
-        '<parent link="arm"/>\n    <child link="tip.left"/>\n    <origin xyz="0 0 -1"/>',
-        '<parent link="arm"/>\n    <child link="tip.left"/>\n    <origin xyz="0 0 -1" rpy="0 1.5707963267948966 0"/>',
-    )
+    origin = '<origin xyz="0 0 -1"/>'
+    down = '<origin xyz="0 0 -1" rpy="0 1.5707963267948966 0"/>'
+    along = ROBOT.replace(origin, down, 1)
+    text = along.replace('name="finger" type="prismatic"', 'name="finger" type="fixed"')
     positions = {"other.position": 0.03, "swing.position": 0.9}
-    along = ROBOT.replace(
-        '<origin xyz="0 0 -1"/>\n    <limit',
-        '<origin xyz="0 0 -1" rpy="0 1.5707963267948966 0"/>\n    <limit',
-        1,
-    )
     locked, _ = load_urdf(
         written(tmp_path, text=along),
         parameters=[finger],
