@@ -27,3 +27,8 @@ def test_a_bound_holds_the_distance() -> None:
 def test_a_root_outside_of_the_radius_is_not_enclosed() -> None:
     """The step of Newton from 1.3 leads to 1.06: 0.24 is less than the distance of the root."""
     assert distance("1.3", 0.001) == np.inf
+
+
+def test_a_slope_that_changes_too_much_encloses_nothing() -> None:
+    """Within 0.5 of 1.3 the slope is a third and twice what it is there."""
+    assert distance("1.3", 0.5) == np.inf

@@ -1,7 +1,4 @@
-"""Laws of the numbers that matrices are written in: polynomials and residues against fractions.
-
-A polynomial is taken at a point of fractions, and a residue is that of the result of integers.
-"""
+"""Laws of the polynomials that matrices are written in: at a point, they are fractions."""
 
 import operator
 from collections.abc import Callable
@@ -13,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbdlft.matrix.exact_bound import PRIME, Residue, residue
 from mbdlft.matrix.polynomial import NotPolynomialError, Polynomial
 
 seeds = st.integers(0, 1000)
@@ -53,19 +49,3 @@ def test_polynomials_are_not_divided_by_polynomials() -> None:
     for divisor in (x, Polynomial({})):
         with pytest.raises(NotPolynomialError):
             x / divisor
-
-
-@by_operation
-@given(st.integers(-(10**20), 10**20), st.integers(-(10**20), 10**20))
-def test_residues(operation: Operation, a: int, b: int) -> None:
-    expected = operation(a, b) % PRIME
-    assert operation(Residue(a), Residue(b)).value == expected
-    assert (-Residue(a)).value == -a % PRIME
-    if b % PRIME:
-        assert ((Residue(a) / Residue(b)) * Residue(b)).value == a % PRIME
-
-
-def test_a_float_is_the_decimal_that_it_prints_as() -> None:
-    assert (residue(0.3) * 10.0).value == 3
-    assert (1.0 - residue(0.25)).value == residue(0.75).value
-    assert (3.0 / residue(0.75)).value == 4
