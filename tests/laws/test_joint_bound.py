@@ -374,6 +374,13 @@ def test_least_sum(found: list[Pair], number: int) -> None:
     law_least(least_more, found, number)
 
 
+def test_a_triple_needs_a_second_repetition() -> None:
+    """One more of a is enough for each pair, and not for the three together."""
+    found = [Pair("a", "b", 1, 1), Pair("a", "c", 1, 1)]
+    assert sum(least_more("abc", found).values()) == 1
+    assert sum(least_more("abc", found, [Triple("a", "b", "c")]).values()) == 2
+
+
 def side_by_side(seed: int) -> LFT:
     """Two matrices that share L, one with m and one with k."""
     one, other = known(1.0, seed), known(-0.7, seed + 1)
