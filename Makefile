@@ -2,7 +2,7 @@
 # make test       all checks: style, types, import contracts, tests
 # make test-long  tests that run for minutes, all tests as other processors would run them, planted bugs
 # make mutants    planted bugs: each must fail a test
-# make bench      measure, and write the tables into the README and docs/; print that of the UR5
+# make bench      measure, and write the tables into the README and docs/; print those of the UR5 and of moves between files
 # Each needs Python 3.11 or newer and a package index; everything goes into .venv, and no more than it needs.
 
 PYTHON ?= python3
@@ -43,6 +43,7 @@ bench: .venv/bench
 	$(BIN)/python -m benchmarks.speed_error --write docs/speed-error.md --figure docs/speed-error.png
 	$(BIN)/python -m benchmarks.needs --write docs/needs.md
 	$(BIN)/python -m benchmarks.ur5
+	$(BIN)/python -m benchmarks.moves
 
 # what the package itself needs
 .venv/run: pyproject.toml constraints.txt
