@@ -7,7 +7,8 @@
 
 PYTHON ?= python3
 BIN := .venv/bin
-INSTALL := PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check
+# what is never imported need not be compiled: a third of the time
+INSTALL := PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check
 
 PYTEST := $(BIN)/python -m pytest --numprocesses auto
 # kernels of linear algebra, those that this processor has: results must not depend on them
