@@ -1,13 +1,21 @@
-# make run    linearize the two-link arm into out/ and print its table
-# make test   all checks: style, types, import contracts, tests
-# make bench  measure, and write the tables into the README and docs/; print that of the UR5
+# make run        linearize the two-link arm into out/ and print its table
+# make test       all checks: style, types, import contracts, tests
+# make test-long  tests that run for minutes, all tests as other processors would run them, planted bugs
+# make mutants    planted bugs: each must fail a test
+# make bench      measure, and write the tables into the README and docs/; print those of the UR5 and of moves between files
 # Each needs Python 3.11 or newer and a package index; everything goes into .venv, and no more than it needs.
 
 PYTHON ?= python3
 BIN := .venv/bin
-INSTALL := PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check
+# what is never imported need not be compiled: a third of the time
+INSTALL := PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check
 
-.PHONY: run test bench clean
+PYTEST := $(BIN)/python -m pytest --numprocesses auto
+# kernels of linear algebra, those that this processor has: results must not depend on them
+has = $(shell grep -m 1 -o $(1) /proc/cpuinfo 2>/dev/null)
+KERNELS := Prescott $(if $(call has,avx2),Haswell) $(if $(call has,avx512f),SkylakeX)
+
+.PHONY: run test test-long mutants bench clean
 
 run: .venv/run
 	mkdir -p out
@@ -18,7 +26,14 @@ test: .venv/test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
-	$(BIN)/python -m pytest --numprocesses auto
+	$(PYTEST)
+
+test-long: .venv/test mutants
+	$(PYTEST) -m long
+	for kernel in $(KERNELS); do OPENBLAS_CORETYPE=$$kernel $(PYTEST) || exit 1; done
+
+mutants: .venv/test
+	$(BIN)/python -m tests.mutants
 
 bench: .venv/bench
 	$(BIN)/python -m benchmarks.arm --write README.md
@@ -29,6 +44,7 @@ bench: .venv/bench
 	$(BIN)/python -m benchmarks.speed_error --write docs/speed-error.md --figure docs/speed-error.png
 	$(BIN)/python -m benchmarks.needs --write docs/needs.md
 	$(BIN)/python -m benchmarks.ur5
+	$(BIN)/python -m benchmarks.moves
 
 # what the package itself needs
 .venv/run: pyproject.toml constraints.txt

@@ -20,9 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 import mbdlft
-from mbdlft.pipeline.build import build
-from tests.close import CLOSED_FORM, FREQUENCY_RESPONSE
-from tests.reference.arm import (
+from benchmarks.cases.arm import (
     NAMES,
     SCENE,
     closed_form,
@@ -30,7 +28,9 @@ from tests.reference.arm import (
     state_and_input,
     worst_response_error,
 )
-from tests.reference.test_pendulum import GRAVITY, POSITIONS, pendulum
+from benchmarks.cases.pendulum import GRAVITY, POSITIONS, pendulum
+from benchmarks.targets import CLOSED_FORM, FREQUENCY_RESPONSE
+from mbdlft.pipeline.build import build
 
 _MAIN = "from mbdlft.cli.commands import main; main()"
 

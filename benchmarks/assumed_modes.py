@@ -15,7 +15,7 @@ import mpmath
 import numpy as np
 from mpmath.calculus.quadrature import GaussLegendre
 
-from tests.reference import flexible as data
+from benchmarks.cases import flexible as data
 
 _DIGITS, _DEGREE = 50, 6  # 96 points of Gauss: all integrals are accurate to rounding
 Function = Callable[[Any], Any]

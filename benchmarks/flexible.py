@@ -16,10 +16,10 @@ import numpy as np
 import mbdlft
 from benchmarks.arm import write_between
 from benchmarks.assumed_modes import frequencies as assumed
+from benchmarks.cases import beams
+from benchmarks.cases import flexible as data
+from benchmarks.cases.superelement import superelement_matrix
 from mbdlft.pipeline.build import SEARCH, build
-from tests.reference import beams
-from tests.reference import flexible as data
-from tests.reference.superelement import superelement_matrix
 
 _SAMPLES = 100
 _WHOLE = 20  # elements of an appendage; with more, one of the four by symmetry

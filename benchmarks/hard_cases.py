@@ -13,9 +13,9 @@ from pathlib import Path
 
 import mbdlft
 from benchmarks.arm import machine, write_between
-from tests.close import HARD, HARD_NUMERIC
-from tests.hard.cases import CASES, LARGE, REFUSED, Case
-from tests.hard.measure import Errors, measure
+from benchmarks.cases.hard import CASES, LARGE, REFUSED, Case
+from benchmarks.cases.measure import Errors, measure
+from benchmarks.targets import HARD, HARD_NUMERIC
 
 
 def verified(case: Case) -> Errors:

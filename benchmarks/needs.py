@@ -22,11 +22,11 @@ import numpy as np
 import mbdlft
 from benchmarks.arm import machine, write_between
 from benchmarks.scaling import scene as chain_scene
+from benchmarks.targets import BALANCE
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals, choose_states
 from mbdlft.pipeline.build import build
 from mbdlft.pipeline.certify import ACCEPTED
-from tests.close import BALANCE
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 LINKS = 10

@@ -19,16 +19,15 @@ import numpy as np
 
 import mbdlft
 from benchmarks.arm import machine, write_between
+from benchmarks.cases.chains import chain
+from benchmarks.cases.orders import CASES, Case, points
+from benchmarks.cases.rewrite import exact_values, rewritten
+from benchmarks.targets import SCENARIO
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.multibody.assembly import assemble
 from mbdlft.pipeline.extract import extract
 from mbdlft.problem.linearize import linearize
 from mbdlft.reduce.reduce import reduce_order
-from tests.close import SCENARIO
-from tests.laws.chains import chain
-from tests.reference.orders import CASES, Case
-from tests.reference.rewrite import rewritten
-from tests.reference.test_orders import exact_values, points
 
 _SEARCH = 20.0  # s; it ends at the bound, or when nothing new is found
 _CHECKED = 200

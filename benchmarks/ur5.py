@@ -14,10 +14,10 @@ import numpy as np
 
 import mbdlft
 from benchmarks.arm import machine
+from benchmarks.cases.robots import by_pinocchio, edited
+from benchmarks.targets import PINOCCHIO
 from mbdlft.pipeline.build import Build, build
 from scenarios.ur5 import urdf
-from tests.close import PINOCCHIO
-from tests.cross.robots import by_pinocchio, edited
 
 POSE = {
     "shoulder_pan_joint": 0.0,

@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.speed.motion import Circle, Matrix, state_space
 from benchmarks.speed.systems import System
-from tests.close import EPS
+from benchmarks.targets import EPS
 
 DIGITS = 50
 LONG = np.longdouble

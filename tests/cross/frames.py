@@ -12,10 +12,10 @@ import casadi as ca
 import numpy as np
 
 import mbdlft
+from benchmarks.cases.lagrangian import rotation, translation
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.unit import parse_unit
 from mbdlft.multibody.joint import Joint
-from tests.cross.lagrangian import rotation, translation
 
 
 class Ball(NamedTuple):

@@ -14,12 +14,12 @@ import pytest
 from hypothesis import given
 
 import mbdlft
+from benchmarks.cases.lagrangian import Reference, lagrangian, state_space
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.joint import Joint
 from mbdlft.problem.compare import NEGLIGIBLE
 from mbdlft.system.model import deltas_of
 from tests import close
-from tests.cross.lagrangian import Reference, lagrangian, state_space
 from tests.strategies import random_scene, scenes
 
 SEEDS = range(60)

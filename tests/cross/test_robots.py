@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +17,7 @@ import pytest
 
 import mbdlft
 from benchmarks import ur5 as benchmark
+from benchmarks.cases.robots import Rest, by_mujoco, by_pinocchio, edited, robots
 from mbdlft.urdf import make
 from mbdlft.urdf.file import Robot as File
 from mbdlft.urdf.file import RobotJoint, RobotLink, read_robot, read_robot_file
@@ -23,7 +25,12 @@ from mbdlft.urdf.load import RIGHT_ANGLE
 from mbdlft.urdf.values import AXIAL
 from scenarios import ur5
 from tests.close import MUJOCO, PINOCCHIO, target
-from tests.cross.robots import Rest, by_mujoco, by_pinocchio, edited, robots
+
+try:
+    for package in ("example-robot-data", "mujoco", "pin"):
+        distribution(package)
+except PackageNotFoundError:
+    pytest.skip("no robots are installed: pip install -e '.[robots]'", allow_module_level=True)
 
 COUNT = 20
 
@@ -183,7 +190,6 @@ def test_file_as_it_stands_equals_pinocchio(name: str) -> None:
 def test_scenario_is_that_of_its_script(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    robots()  # or skip
     written = ur5.TOML.read_text(encoding="utf-8")
     monkeypatch.setattr(ur5, "TOML", tmp_path / "ur5.toml")
     monkeypatch.setattr("sys.argv", ["ur5.py"])

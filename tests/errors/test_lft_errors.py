@@ -92,6 +92,10 @@ def test_number_of_dimensions(make):
     [
         (lambda: inverse(D), "the inverse of an LFT: the matrix is singular to working precision."),
         (
+            lambda: inverse(constant([[1.0, 1.0], [1.0, 1.0 + 2.0**-52]])),
+            "the inverse of an LFT: the matrix is singular to working precision.",
+        ),
+        (
             lambda: inverse(D @ D),
             "the inverse of an LFT: the matrix is singular to working precision.",
         ),

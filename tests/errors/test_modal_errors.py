@@ -294,6 +294,10 @@ def test_coordinates_without_mass() -> None:
             "the axes of node 1 are not right-handed and orthonormal.",
         ),
         (
+            lambda: Nodes([1], [[0, 0, 0]], axes=[np.diag([1, 1, -1])]),
+            "the axes of node 1 are not right-handed and orthonormal.",
+        ),
+        (
             lambda: to_si(straight(2), length="kg"),
             "to_si: length: expected a unit of length such as 'm', got 'kg'.",
         ),

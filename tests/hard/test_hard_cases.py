@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import mbdlft
-from tests.close import EPS, HARD, HARD_CHAIN, HARD_NUMERIC, conditioned
-from tests.hard.cases import (
+from benchmarks.cases.digits import DIGITS
+from benchmarks.cases.hard import (
     CASES,
     GRAVITY,
     LARGE,
@@ -23,8 +23,8 @@ from tests.hard.cases import (
     sagging,
     wide,
 )
-from tests.hard.digits import DIGITS
-from tests.hard.measure import measure
+from benchmarks.cases.measure import measure
+from tests.close import EPS, HARD, HARD_CHAIN, HARD_NUMERIC, conditioned
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)

@@ -81,6 +81,31 @@ def lever(angle: float, prestress: str | None = "neglected", **given: object) ->
     )
 
 
+def beside_the_tip() -> Scene:
+    """A clamped beam that bends and twists, and carries a body whose center is beside its tip."""
+    every = beam(
+        deformations=("torsion", "bending_y", "bending_z"),
+        shear_modulus=1e3,
+        torsion_constant=1.0,
+        prestress="neglected",
+    )
+    weight = RigidBody(
+        name="weight",
+        mass=2.0,
+        center_of_mass=(0.3, 0.5, 0.4),
+        inertia=Inertia(xx=0.2, yy=0.3, zz=0.25, about="center_of_mass"),
+    )
+    return Scene(
+        name="beside the tip",
+        gravity=(0.0, 2.0, -GRAVITY),
+        bodies=[every, weight],
+        joints=[
+            Fixed(name="root", parent="ground", child="beam"),
+            Fixed(name="end", parent="beam.tip", child="weight"),
+        ],
+    )
+
+
 def segments(count: int, angle: float = 0.0, bending: float = 1e3) -> Scene:
     """The lever as rigid rods on springs of EI/h, held by their preloads.
 

@@ -12,6 +12,7 @@ import time
 import numpy as np
 import pytest
 
+from benchmarks.cases.chains import chain
 from mbdlft.bound.degree import lower_bound
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows, transpose
@@ -28,7 +29,6 @@ from mbdlft.reduce.commuting import reduce_commuting
 from mbdlft.reduce.reduce import reduce_order
 from mbdlft.reduce.same_value import is_same
 from tests.close import SCENARIO, roundoff, target
-from tests.laws.chains import chain
 from tests.laws.turned import forces_turned_on_the_way
 
 

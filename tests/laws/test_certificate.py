@@ -153,7 +153,8 @@ def test_a_bound_that_the_model_contradicts_is_not_claimed() -> None:
     wrong = claimed(right | {"b": Bound(2, 0)}, 3)
     assert (wrong.lower_bound, wrong.doubtful, wrong.order_bound) == ((1, 0), (0, 1), 1)
     assert not wrong.minimal
-    assert not claimed({"a": Bound(0, 0), "b": Bound(1, 0)}, 3).minimal
+    together = claimed({"a": Bound(0, 0), "b": Bound(1, 0)}, 3)
+    assert (together.order_bound, together.minimal) == (1, False)
 
 
 # rows and columns that are nothing but rounding ------------------------------------------------

@@ -13,6 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbdlft
+from benchmarks.cases.arm import NAMES, closed_form, state_and_input
+from benchmarks.cases.chains import chain
 from mbdlft.bound.degree import lower_bound
 from mbdlft.bound.pairs import joint_bound
 from mbdlft.lft.evaluate import evaluate_at
@@ -25,9 +27,7 @@ from mbdlft.reduce.lines import Lines, lines_of, total_degree, values_on
 from mbdlft.reduce.reduce import reduce_order
 from scenarios import two_link_arm
 from tests.close import CLOSED_FORM, SCENARIO, roundoff, target
-from tests.laws.chains import chain
 from tests.laws.lfts import lfts
-from tests.reference.arm import NAMES, closed_form, state_and_input
 
 SECONDS = 20.0  # far more than needed: all cases end at their bound
 

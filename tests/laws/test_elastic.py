@@ -38,6 +38,14 @@ def test_stiffness_under_gravity_is_symmetric(angle: float) -> None:
     assert (by_gravity > 1.0) == (angle != 0.0)  # a level beam is only pushed aside
 
 
+def test_stiffness_under_a_torque_in_space_is_symmetric() -> None:
+    """A weight beside the tip turns it about three axes, whose order does not matter."""
+    found = scenes.motion(scenes.beside_the_tip())
+    target(found.K, found.K.T, CLOSED_FORM)
+    weightless = scenes.beside_the_tip().model_copy(update={"gravity": (0, 0, 0)})
+    assert np.max(np.abs(found.K - scenes.motion(weightless).K)) > 1.0
+
+
 @pytest.mark.parametrize("angle", ANGLES)
 def test_energy_is_kept(angle: float) -> None:
     """d/dt (qdot' M qdot + q' K q)/2 = - qdot' D qdot, for every motion of the model."""
@@ -97,12 +105,12 @@ def test_six_rigid_modes() -> None:
 # statics
 
 
-def cantilever(direction: str) -> mbdlft.Scene:
+def cantilever(**given: object) -> mbdlft.Scene:
     return mbdlft.Scene(
         name="cantilever",
         bodies=[
             mbdlft.RigidBody(name="root", mass=1.0, inertia=mbdlft.Inertia(yy=1.0)),
-            scenes.beam(elements=4),
+            scenes.beam(elements=4, **given),
         ],
         joints=[
             mbdlft.Revolute(
@@ -117,13 +125,50 @@ def cantilever(direction: str) -> mbdlft.Scene:
     )
 
 
-def test_static_deflections() -> None:
-    """L^3/3EI by a force at the tip, rho A g L^4/8EI by weight: exact with cubic elements."""
-    model = mbdlft.to_lft(cantilever("z"), search=0.0)
+def deflections(scene: mbdlft.Scene) -> np.ndarray:
+    """Of the tip, by a unit force there and by a unit acceleration of the ground."""
+    model = mbdlft.to_lft(scene, search=0.0)
     own = [k for k, signal in enumerate(model.states) if signal.name.startswith("beam")]
     A, B = model.A[np.ix_(own, own)], model.B_u[own]
-    found = -model.C_y[:, own] @ np.linalg.solve(A, B)
-    target(found[0], [1.0 / 3e3, -1.0 / 8e3], SCENARIO)
+    return np.asarray(-model.C_y[:, own] @ np.linalg.solve(A, B))[0]
+
+
+def test_static_deflections() -> None:
+    """L^3/3EI by a force at the tip, rho A g L^4/8EI by weight: exact with cubic elements."""
+    target(deflections(cantilever()), [1.0 / 3e3, -1.0 / 8e3], SCENARIO)
+
+
+def test_static_deflections_with_shear() -> None:
+    """L/kGA more by a force at the tip, rho A g L^2/2kGA by weight."""
+    found = deflections(cantilever(shear_coefficient=0.8, shear_modulus=500.0))
+    target(found, [1.0 / 3e3 + 1.0 / 400.0, -1.0 / 8e3 - 1.0 / 800.0], SCENARIO)
+
+
+def test_damping_of_a_beam_is_a_sum() -> None:
+    """D = a M + b K of the deformations."""
+    M, none, K = scenes.motion(cantilever())
+    found = scenes.motion(cantilever(mass_damping=0.3, stiffness_damping=2e-3))
+    own = slice(len(M) - 8, None)
+    target(found.D[own, own], 0.3 * M[own, own] + 2e-3 * K[own, own], CLOSED_FORM)
+    assert not none.any()
+
+
+@pytest.mark.parametrize(
+    ("axis", "inertia"), [((1, 0, 0), 0.07), ((0, 1, 0), 1 / 3 + 0.02), ((0, 0, 1), 1 / 3 + 0.05)]
+)
+def test_inertia_of_a_beam_that_is_not_deformed(axis: tuple[int, ...], inertia: float) -> None:
+    """rho (I_y + I_z) L about its axis, rho A L^3/3 + rho I L across it."""
+    body = scenes.beam(
+        deformations=("torsion", "bending_y", "bending_z"),
+        I_y=0.02,
+        I_z=0.05,
+        shear_modulus=1e3,
+        torsion_constant=1.0,
+        rotary_inertia=True,
+    )
+    hinge = mbdlft.Revolute(name="hinge", parent="ground", child="beam", axis=axis)
+    scene = mbdlft.Scene(name="beam", bodies=[body], joints=[hinge])
+    target(scenes.motion(scene).M[0, 0], inertia, CLOSED_FORM)
 
 
 def test_beam_under_gravity_is_the_limit_of_rigid_rods() -> None:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import mbdlft
+from benchmarks.cases.lagrangian import lagrangian
 from mbdlft import Fixed, Inertia, Loop, Parameter, PointMass, Revolute, RigidBody, Scene, Spring
 from mbdlft.multibody.equilibrium import displaced
 from mbdlft.problem.equations import Equations, equation_function, load_value, physical_symbols
 from tests.close import SCENARIO, exact, roundoff, target
-from tests.cross.lagrangian import lagrangian
 from tests.equilibria import Known, known_equilibrium
 from tests.laws.turned import forces_turned_on_the_way
 

@@ -16,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbdlft
+from benchmarks.cases.arm import SCENE, full_circle_scene
 from mbdlft.lft import evaluate as module
 from mbdlft.lft import program as programs
 from mbdlft.lft import run as runs
@@ -26,7 +27,6 @@ from mbdlft.lft.run import plan, run
 from mbdlft.system.model import deltas_of
 from tests.close import EVALUATION, error, exact, roundoff
 from tests.laws.lfts import lfts
-from tests.reference.arm import SCENE, full_circle_scene
 
 MEMORY = 2**25  # bytes
 
@@ -65,6 +65,18 @@ def in_fifty_digits(a: LFT, point: np.ndarray) -> np.ndarray:
 @given(lfts(scales=(1.0,)), st.integers(0, 2**32 - 1))
 def test_program_is_the_definition(a: LFT, seed: int) -> None:
     points = np.random.default_rng(seed).uniform(-1, 1, (7, len(a.blocks)))
+    values, lost = by_program(a, points)
+    assert not np.any(lost)
+    roundoff(values, dense(a, points), kappa=10.0)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_program_of_signs_is_the_definition(seed: int) -> None:
+    """Entries of one size, which need no products; the loops come to an end."""
+    random = np.random.default_rng(seed)
+    M = random.integers(-1, 2, (8, 8)).astype(float)
+    a = LFT(np.triu(M[:6, :6], 1), M[:6, 6:], M[6:, :6], M[6:, 6:], (Block("a", 2), Block("b", 4)))
+    points = random.uniform(-1, 1, (7, 2))
     values, lost = by_program(a, points)
     assert not np.any(lost)
     roundoff(values, dense(a, points), kappa=10.0)

@@ -1,5 +1,6 @@
 """Laws of fitted positions: inside the bound everywhere, accepted up to it, never beyond."""
 
+import math
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -135,7 +136,13 @@ def test_residual_is_accepted_up_to_the_bound_only() -> None:
             mbdlft.to_lft(scene, search=0.0)
 
 
-def test_cable_with_a_rest_length() -> None:
+DECLARED = math.hypot(0.9 - 0.8 * math.sin(0.9), 0.8 * math.cos(0.9))  # where the scene has it
+
+
+@pytest.mark.parametrize(
+    "tension", [{"rest_length": 0.4}, {"force_density": f"k*(1 - {0.4 / DECLARED!r})"}]
+)
+def test_cable(tension: dict[str, Any]) -> None:
     """The tension of the cable is fitted with the angle; lengths to 50 digits."""
     k = Parameter("k", 300.0, percent=20, unit="N/m")
     scene = sag(stiffness=0.0, position=0.9).model_copy(
@@ -147,7 +154,7 @@ def test_cable_with_a_rest_length() -> None:
                     parent="ground.hook",
                     child="bob",
                     stiffness="k",
-                    rest_length=0.4,
+                    **tension,
                 ),
             ),
         }

@@ -19,6 +19,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbdlft
+from benchmarks.cases.chains import chain
+from benchmarks.cases.orders import CASES, Case
 from mbdlft.bound import pairs as joint
 from mbdlft.bound import sections
 from mbdlft.bound.degree import lower_bound
@@ -39,8 +41,6 @@ from mbdlft.pipeline.extract import extract
 from mbdlft.problem.linearize import linearize
 from mbdlft.reduce.reduce import reduce_order
 from tests.close import roundoff
-from tests.laws.chains import chain
-from tests.reference.orders import CASES, Case
 
 KAPPA = 1e3
 RESIDUE = 1e-17  # what cancelling leaves of terms of size one
@@ -372,6 +372,13 @@ def law_least(
 @given(pairs, st.integers(0, 3))
 def test_least_sum(found: list[Pair], number: int) -> None:
     law_least(least_more, found, number)
+
+
+def test_a_triple_needs_a_second_repetition() -> None:
+    """One more of a is enough for each pair, and not for the three together."""
+    found = [Pair("a", "b", 1, 1), Pair("a", "c", 1, 1)]
+    assert sum(least_more("abc", found).values()) == 1
+    assert sum(least_more("abc", found, [Triple("a", "b", "c")]).values()) == 2
 
 
 def side_by_side(seed: int) -> LFT:

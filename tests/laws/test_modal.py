@@ -196,6 +196,24 @@ def test_three_methods_have_the_transfer_of_the_matrices(monkeypatch: pytest.Mon
     breaks(three_methods_have_the_transfer_of_the_matrices)
 
 
+def test_structure_that_is_turned_and_moved() -> None:
+    """The same matrices with the nodes elsewhere: all is turned, and nothing else is changed."""
+    fe, Q = tee(COUNT), np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
+    place = np.asarray(fe.nodes.coordinates) @ Q.T + [0.5, -2.0, 1.5]
+    numbers = np.asarray(fe.nodes.numbers)
+    nodes = Nodes(numbers, place, fe.nodes.dof, np.broadcast_to(Q, (len(place), 3, 3)))
+    here = modal_model(*fe, PARENT, PORTS, modes=4)
+    there = modal_model(*fe[:2], nodes, PARENT, PORTS, modes=4)
+    roundoff(there.frequencies / here.frequencies, np.ones(len(here.frequencies)), conditioned(fe))
+    for name in PORTS:
+        roundoff(there.ports[name], Q @ here.ports[name])
+    roundoff(there.rigid.center, Q @ here.rigid.center, kappa=10.0)
+    roundoff(there.rigid.inertia, Q @ here.rigid.inertia @ Q.T, kappa=10.0)
+    turned = np.kron(np.eye(2 * len(PORTS) + 2), Q)
+    s = (0.1 + 1.7j) * float(here.frequencies[0])
+    roundoff(transfer(there, s), turned @ transfer(here, s) @ turned.T, conditioned(fe))
+
+
 def hurty_and_craig_bampton_span_the_same() -> None:
     """With the same few modes kept, not only with all of them."""
     fe = tee(COUNT)

@@ -9,12 +9,12 @@ import casadi as ca
 import pytest
 
 import mbdlft
+from benchmarks.cases.chains import chain
 from mbdlft.multibody.assembly import assembly
 from mbdlft.multibody.assembly.assemble import Assembly
 from mbdlft.pipeline.build import build
 from tests import close
 from tests.laws import turned
-from tests.laws.chains import chain
 from tests.laws.turned import one_order_only
 from tests.mechanisms import random_mechanism
 from tests.strategies import random_scene

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.cases.chains import chain
 from mbdlft.base.threads import one_thread
 from mbdlft.bound.degree import lower_bound
 from mbdlft.bound.pairs import joint_bound
@@ -29,7 +30,6 @@ from mbdlft.reduce.independent import independent
 from mbdlft.reduce.reduce import reduce_order
 from mbdlft.reduce.refit import one_less
 from tests.close import roundoff
-from tests.laws.chains import chain
 
 KAPPA = 1e4
 TRIES, SEEDS = 6, 3

@@ -20,12 +20,12 @@ import numpy as np
 import pytest
 
 import mbdlft
+from benchmarks.cases.arm import SCENE, closed_form
 from mbdlft import Angle, GridSamples, Parameter, RandomSamples
 from mbdlft.batch import cluster, pool, rows, samples, staging
 from mbdlft.batch.samples import points_of, samples_of
 from tests.close import CLOSED_FORM, error, exact, roundoff, target
 from tests.errors.scenes import cart, says
-from tests.reference.arm import SCENE, closed_form
 
 ROOT = Path(__file__).parents[2]
 PARAMETERS = (

@@ -87,6 +87,16 @@ def test_chained_loops(loops: tuple[int, ...], shape: tuple[int, int]) -> None:
     law_vanishing(a, 3.0 * deltas(a, 7))
 
 
+def test_signs_far_from_nominal() -> None:
+    """Where rows are exchanged in the factorization, and each exchange changes the sign."""
+    a = chained((70,), 2)
+    at = 20.0 * deltas(a, 12)
+    spread = np.repeat(at, [block.size for block in a.blocks], axis=1)
+    expected = [np.linalg.slogdet(np.eye(a.order) - a.M11 * row)[0] for row in spread]
+    assert set(expected) == {-1.0, 1.0}
+    exact(triangle.values_at(a, at)[1], expected)
+
+
 @given(lfts(2, 3), seeds)
 def test_small_lfts(a: LFT, seed: int) -> None:
     law_values(a, deltas(a, 3, seed))

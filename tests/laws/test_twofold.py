@@ -3,6 +3,7 @@
 1. base + left right has the error of one rounding, although almost all of it cancels
 2. matrix^-1 right has the error of one rounding in each entry, with condition numbers up to 1e13
 3. an elimination with such a matrix costs the digits of its condition once, not twice
+4. the low parts are what rounding took from the high ones
 """
 
 from fractions import Fraction
@@ -16,7 +17,7 @@ from mbdlft.lft import lft as algebra
 from mbdlft.lft.evaluate import evaluate
 from mbdlft.lft.lft import constant, delta
 from mbdlft.number import twofold
-from tests.close import conditioned
+from tests.close import EPS, conditioned
 
 seeds = st.integers(0, 1000)
 Exact = np.ndarray  # of Fraction
@@ -65,9 +66,36 @@ def law_product(seed: int) -> None:
     )
 
 
+def law_low_factor(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    left, right = random.uniform(1.0, 2.0, (3, 7)), random.uniform(1.0, 2.0, (7, 4))
+    low = random.uniform(-EPS, EPS, right.shape) / 4.0
+    found = twofold.multiply_add(-left @ right, left, twofold.Twofold(right, low))
+    expected = fractions(-left @ right) + fractions(left) @ (fractions(right) + fractions(low))
+    ratio = np.array([float(a / b) for a, b in zip(fractions(found).flat, expected.flat)])  # noqa: B905
+    # of 95 binary digits 53 cancel
+    conditioned(ratio, np.ones(expected.size), 2.0 ** (2 * 53 - 95))
+
+
 def law_solution(n: int) -> None:
     matrix, right = hilbert(n), np.random.default_rng(n).standard_normal((n, 3))
-    entries(twofold.solve(matrix, right).high, solved(fractions(matrix), fractions(right)))
+    found, expected = twofold.solve(matrix, right), solved(fractions(matrix), fractions(right))
+    entries(found.high, expected)
+    rest = (expected - fractions(found.high)).astype(float)
+    conditioned(found.low, rest, algebra.condition(matrix))
+
+
+@given(seeds)
+def test_the_error_of_a_sum_is_exact(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    a, b = random.standard_normal((2, 50)) * np.exp2(random.integers(-60, 60, (2, 50)))
+    total, rest = (fractions(part) for part in twofold.exact_sum(a, b))
+    assert np.all(total + rest == fractions(a) + fractions(b))
+
+
+@given(seeds)
+def test_products_with_what_is_below_the_rounding(seed: int) -> None:
+    law_low_factor(seed)
 
 
 @given(seeds)

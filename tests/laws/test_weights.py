@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import mbdlft
+from benchmarks.cases.chains import chain
 from tests import close
 from tests.laws import turned
-from tests.laws.chains import chain
 from tests.laws.turned import one_order_only
 from tests.mechanisms import random_mechanism
 from tests.strategies import random_scene

@@ -5,9 +5,7 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.lft.lft import LFT
-from tests.close import CLOSED_FORM, FREQUENCY_RESPONSE, error, target
-from tests.reference.arm import (
+from benchmarks.cases.arm import (
     NAMES,
     SCENE,
     arm,
@@ -16,6 +14,8 @@ from tests.reference.arm import (
     state_and_input,
     worst_response_error,
 )
+from mbdlft.lft.lft import LFT
+from tests.close import CLOSED_FORM, FREQUENCY_RESPONSE, error, target
 
 
 @pytest.fixture(scope="module")

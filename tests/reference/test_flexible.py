@@ -9,6 +9,9 @@ import pytest
 
 import mbdlft
 from benchmarks import assumed_modes
+from benchmarks.cases import beams
+from benchmarks.cases import flexible as data
+from benchmarks.cases.superelement import superelement_matrix
 from mbdlft.lft import solve
 from mbdlft.number.twofold import Twofold
 from mbdlft.problem.compare import NEGLIGIBLE
@@ -26,9 +29,6 @@ from tests.close import (
     target,
 )
 from tests.laws import elastic as scenes
-from tests.reference import beams
-from tests.reference import flexible as data
-from tests.reference.superelement import superelement_matrix
 
 PER_LENGTH = data.STRIP["density"] * data.STRIP["thickness"] * data.STRIP["width"]
 BENDING = data.STRIP["modulus"] * data.STRIP["width"] * data.STRIP["thickness"] ** 3 / 12.0

@@ -14,44 +14,19 @@ import numpy as np
 import pytest
 
 import mbdlft
+from benchmarks.cases.orders import CASES, Case, points
+from benchmarks.cases.rewrite import exact_value, exact_values, rewritten
 from mbdlft import LFTModel, MatrixProblem
 from mbdlft.pipeline import certify, realization
 from mbdlft.pipeline.extract import Extraction
 from tests.close import SCENARIO, target
-from tests.reference.orders import CASES, Case
-from tests.reference.rewrite import exact_value, rewritten
 
 SECONDS = 60.0  # more than needed: the search ends at the bound, or when nothing new is found
 REWRITTEN_SECONDS = 30.0
 WAYS_OF_WRITING = 3  # the benchmark takes 100
-MOST_CORNERS = 128
 
 Realize = Callable[..., LFTModel]
 each_case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-
-
-def points(case: Case, inside: int) -> list[dict[str, float]]:
-    """Random points and corners of the range."""
-    generator = np.random.default_rng(3)
-    low = np.array([p.low for p in case.parameters])
-    high = np.array([p.high for p in case.parameters])
-    corners = (
-        np.array(np.meshgrid(*[(0.0, 1.0)] * min(len(low), 7))).reshape(min(len(low), 7), -1).T
-    )
-    if len(low) > 7:
-        corners = generator.integers(0, 2, (MOST_CORNERS, len(low))).astype(float)
-    weights = np.vstack([generator.random((inside, len(low))), corners])
-    rows = low + weights * (high - low)
-    return [dict(zip([p.name for p in case.parameters], row, strict=True)) for row in rows.tolist()]
-
-
-def exact_values(rows: list[list[str]], samples: list[dict[str, float]]) -> np.ndarray:
-    """Values (N, rows, columns) by arithmetic on fractions, rounded once."""
-    found = []
-    for sample in samples:
-        at = {name: Fraction(value) for name, value in sample.items()}
-        found.append([[float(exact_value(text, at)) for text in row] for row in rows])
-    return np.array(found)
 
 
 def law_values(

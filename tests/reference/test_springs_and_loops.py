@@ -1,5 +1,7 @@
 """Springs, axial loads and closed loops against closed forms of textbooks."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
@@ -42,14 +44,15 @@ def pin(name: str, parent: str, child: str, position: float | str = 0.0, **field
 # springs and loads ---------------------------------------------------------------------------
 
 
-def string_errors() -> None:
-    """A mass in the middle of a tight string: 2 T/a across it, 2 k along it."""
-    string = {"parent": "bead", "stiffness": "k", "damping": 3.0, "force_density": "T/L"}
-    scene = Scene(
+def string(length: float | str, parameters: Sequence[Parameter], **fields: object) -> Scene:
+    """A mass in the middle of a string of two springs, free along it and across it."""
+    side = {"parent": "bead", "stiffness": "k", "damping": 3.0, **fields}
+    opposite = f"-{length}" if isinstance(length, str) else -length
+    return Scene(
         name="string",
-        parameters=[M, K, LENGTH, Parameter("T", 20.0, percent=40, unit="N")],
+        parameters=[M, K, *parameters],
         bodies=[
-            Ground(ports={"left": ("-L", 0, 0), "right": ("L", 0, 0)}),
+            Ground(ports={"left": (opposite, 0, 0), "right": (length, 0, 0)}),
             RigidBody(name="frame", mass=0),
             PointMass(name="bead", mass="m"),
         ],
@@ -58,10 +61,16 @@ def string_errors() -> None:
             Prismatic(name="y", parent="frame", child="bead", axis=(0, 1, 0), preload=0),
         ],
         loads=[
-            Spring(name="a", child="ground.left", **string),
-            Spring(name="b", child="ground.right", **string),
+            Spring(name="a", child="ground.left", **side),
+            Spring(name="b", child="ground.right", **side),
         ],
     )
+
+
+def string_errors() -> None:
+    """A mass in the middle of a tight string: 2 T/a across it, 2 k along it."""
+    tension = Parameter("T", 20.0, percent=40, unit="N")
+    scene = string("L", [LENGTH, tension], force_density="T/L")
     model = mbdlft.to_lft(scene, search=0.0)
     v = values_of(model)
     A = mbdlft.matrices_at(model, v).A
@@ -75,6 +84,14 @@ def string_errors() -> None:
 
 def test_mass_on_a_tight_string() -> None:
     string_errors()
+
+
+def test_mass_between_stretched_springs() -> None:
+    """The tension of a spring that is 0.8 m long and 0.5 m at rest is k (0.8 - 0.5)."""
+    model = mbdlft.to_lft(string(0.8, [], rest_length=0.5), search=0.0)
+    v = values_of(model)
+    across = mbdlft.matrices_at(model, v).A[:, 3, 1]
+    target(across, -2.0 * v["k"] * (0.8 - 0.5) / 0.8 / v["m"], CLOSED_FORM)
 
 
 @pytest.mark.parametrize(("frame", "sinking"), [("ground", 1.0), ("body", 0.0)])

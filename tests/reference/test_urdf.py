@@ -146,6 +146,18 @@ def test_missing_limits_are_told(tmp_path: Path) -> None:
     assert report.limits[1] == mbdlft.JointLimit("swing", "rad", None, None, 20.0, 1.0)
 
 
+@pytest.mark.parametrize(
+    ("given", "lower", "upper"), [('lower="-0.5"', -0.5, 0.0), ('upper="0.5"', 0.0, 0.5)]
+)
+def test_a_limit_alone_has_the_other_at_zero(
+    tmp_path: Path, given: str, lower: float, upper: float
+) -> None:
+    limit = '<limit lower="0.5" upper="1.5" effort="20" velocity="1"/>'
+    file = written(tmp_path, limit, f'<limit {given} effort="20" velocity="1"/>')
+    _, report = load_urdf(file)
+    assert report.limits[1] == mbdlft.JointLimit("swing", "rad", lower, upper, 20.0, 1.0)
+
+
 # choices -------------------------------------------------------------------------------------
 
 
@@ -171,6 +183,33 @@ def test_locked_joints_hold_their_positions(tmp_path: Path) -> None:
     for a, b in zip(*found, strict=True):
         target(a, b, CLOSED_FORM)
     target(*(mbdlft.trim_at(model, points) for model in models), CLOSED_FORM)
+
+
+def test_locked_finger_is_where_it_is_held(tmp_path: Path) -> None:
+    """The arm swings a mass at the end of the finger: the file with its origin there."""
+    finger = Parameter("f", 0.05, 0.01, 0.09, unit="m")
+    origin = '<origin xyz="0 0 -1"/>'
+    down = '<origin xyz="0 0 -1" rpy="0 1.5707963267948966 0"/>'
+    along = ROBOT.replace(origin, down, 1)
+    text = along.replace('name="finger" type="prismatic"', 'name="finger" type="fixed"')
+    positions = {"other.position": 0.03, "swing.position": 0.9}
+    locked, _ = load_urdf(
+        written(tmp_path, text=along),
+        parameters=[finger],
+        values=positions | {"finger.position": "f"},
+        moving=["swing"],
+    )
+    moved, _ = load_urdf(
+        written(tmp_path, text=text),
+        parameters=[finger],
+        values=positions | {"finger.origin.z": "-1 - f"},  # x of the joint is -z of the arm
+        moving=["swing"],
+    )
+    models = [mbdlft.to_lft(each, search=0.0) for each in (locked, moved)]
+    points = mbdlft.random(models[0].parameters, 20, seed=0)
+    found = [mbdlft.matrices_at(model, points) for model in models]
+    for a, b in zip(*found, strict=True):
+        target(a, b, CLOSED_FORM)
 
 
 def test_mimic_joint_follows_a_parameter(tmp_path: Path) -> None:

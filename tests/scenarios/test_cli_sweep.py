@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import mbdlft
+from benchmarks.cases.arm import closed_form
 from tests.close import CLOSED_FORM, exact, target
-from tests.reference.arm import closed_form
 from tests.scenarios.test_cli import ARM, run
 
 

@@ -9,9 +9,9 @@ from scipy.linalg import eigh
 
 import mbdlft
 from benchmarks import flexible as benchmark
+from benchmarks.cases import beams
+from benchmarks.cases import flexible as data
 from tests.close import ARM_TABLE, CLOSED_FORM, MAST_TABLE, SAME_MESH, STABLE, target
-from tests.reference import beams
-from tests.reference import flexible as data
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 NAMES = (

@@ -8,12 +8,12 @@ import pytest
 import mbdlft
 from benchmarks import arm as benchmark
 from benchmarks import orders as orders_benchmark
+from benchmarks.cases.orders import CASES
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.body import ElasticBody
 from mbdlft.problem.linearize import linearize
 from scenarios import two_link_arm
 from tests.close import ELASTIC, SCENARIO, exact
-from tests.reference.orders import CASES
 
 ROOT = Path(__file__).parents[2]
 FILES = sorted((ROOT / "scenarios").glob("*.toml"))

@@ -5,13 +5,13 @@ from typing import NamedTuple
 import numpy as np
 
 import mbdlft
+from benchmarks.cases.hard import Case
+from benchmarks.targets import EPS
 from mbdlft.base.samples import check_points
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals
 from mbdlft.problem.compare import entry_scale
 from mbdlft.problem.relinearize import relinearize
-from tests.close import EPS
-from tests.hard.cases import Case
 
 
 class Errors(NamedTuple):

@@ -4,8 +4,8 @@ import flint
 import numpy as np
 
 import mbdlft
-from tests.reference.beams import superelement
-from tests.reference.flexible import VARIED
+from benchmarks.cases.beams import superelement
+from benchmarks.cases.flexible import VARIED
 
 
 def superelement_matrix(*, lift: bool) -> mbdlft.MatrixProblem:

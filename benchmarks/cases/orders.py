@@ -11,9 +11,12 @@ with 14 coefficients.
 
 from typing import NamedTuple
 
+import numpy as np
+
 from mbdlft import MatrixProblem, Parameter
 
 Rows = list[list[str]]
+_MOST_CORNERS = 128
 
 
 class Case(NamedTuple):
@@ -217,3 +220,18 @@ CASES = (
         4,
     ),
 )
+
+
+def points(case: Case, inside: int) -> list[dict[str, float]]:
+    """Random points and corners of the range."""
+    generator = np.random.default_rng(3)
+    low = np.array([p.low for p in case.parameters])
+    high = np.array([p.high for p in case.parameters])
+    corners = (
+        np.array(np.meshgrid(*[(0.0, 1.0)] * min(len(low), 7))).reshape(min(len(low), 7), -1).T
+    )
+    if len(low) > 7:
+        corners = generator.integers(0, 2, (_MOST_CORNERS, len(low))).astype(float)
+    weights = np.vstack([generator.random((inside, len(low))), corners])
+    rows = low + weights * (high - low)
+    return [dict(zip([p.name for p in case.parameters], row, strict=True)) for row in rows.tolist()]

@@ -232,6 +232,7 @@ def derivatives(energy: ca.SX, variables: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def translation(r: ca.SX) -> ca.SX:
+    """Transform (4, 4) by a vector."""
     frame = ca.SX.eye(4)
     frame[:3, 3] = r
     return frame

@@ -79,6 +79,7 @@ def closed_form(values: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def state_and_input(model: mbdlft.LFTModel, values: dict[str, np.ndarray]) -> np.ndarray:
+    """[A B] (N, 4, 6) of a model."""
     matrices = mbdlft.matrices_at(model, values)
     return np.concatenate([matrices.A, matrices.B], axis=-1)
 

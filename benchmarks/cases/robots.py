@@ -10,24 +10,19 @@ At rest      M qddot + D qdot + K q = effort,      K = d rnea(q, 0, 0) / dq
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, distribution
+from importlib.metadata import distribution
 from pathlib import Path
 
 import numpy as np
-import pytest
 
-HINT = "pip install -e '.[robots]'"
 BASE = tuple(f"root_joint.{effort}.{axis}" for effort in ("force", "torque") for axis in "xyz")
 _RIGHT = 1e-8
 _STEP = 1e-5
 
 
 def robots() -> Path:
-    """The folder of the robots; the test is skipped if it is not installed."""
-    try:
-        package = distribution("example-robot-data")
-    except PackageNotFoundError:
-        pytest.skip(f"the package example-robot-data is not installed: {HINT}")
+    """The folder of the robots of the package example-robot-data; raises if it is not installed."""
+    package = distribution("example-robot-data")
     return Path(str(package.locate_file("cmeel.prefix/share/example-robot-data/robots")))
 
 
@@ -87,7 +82,8 @@ def by_pinocchio(text: str, positions: Mapping[str, float], *, free: bool) -> Re
 
     The motion and the wrench of a free root are in its own axes.
     """
-    pin = pytest.importorskip("pinocchio", reason=f"pinocchio is not installed: {HINT}")
+    import pinocchio as pin
+
     root = (pin.JointModelFreeFlyer(),) if free else ()
     model = pin.buildModelFromXML(text, *root)
     data = model.createData()
@@ -108,7 +104,8 @@ def by_pinocchio(text: str, positions: Mapping[str, float], *, free: bool) -> Re
 def by_mujoco(text: str, positions: Mapping[str, float], *, free: bool) -> Rest:
     """From central differences of inverse dynamics; joints not named are at zero."""
     assert not free, "not needed so far"
-    mujoco = pytest.importorskip("mujoco", reason=f"mujoco is not installed: {HINT}")
+    import mujoco
+
     options = '<mujoco><compiler fusestatic="false" discardvisual="true"/></mujoco></robot>'
     model = mujoco.MjModel.from_xml_string(text.replace("</robot>", options))
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT

@@ -9,6 +9,8 @@ import re
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 
+import numpy as np
+
 from mbdlft.base.expression import Binary, Expression, Name, Negative, Number, Power, parse
 
 Polynomial = dict[tuple[tuple[str, int], ...], Fraction]  # monomial: coefficient
@@ -184,3 +186,12 @@ _WRITERS: dict[str, Callable[[Polynomial, random.Random], str]] = {
     "nested": _nested,
     "split": _split,
 }
+
+
+def exact_values(rows: list[list[str]], samples: list[dict[str, float]]) -> np.ndarray:
+    """Values (N, rows, columns) by arithmetic on fractions, rounded once."""
+    found = []
+    for sample in samples:
+        at = {name: Fraction(value) for name, value in sample.items()}
+        found.append([[float(exact_value(text, at)) for text in row] for row in rows])
+    return np.array(found)

@@ -1,6 +1,6 @@
 """The linear model of a scene with 50 digits, and how much rounding of its data alone changes it.
 
-The equations are those of `tests/cross/lagrangian.py`; every instruction of their CasADi function is
+The equations are those of `benchmarks/cases/lagrangian.py`; every instruction of their CasADi function is
 run with mpmath. All numbers of the scene are arguments, so their condition can be measured.
 """
 
@@ -13,8 +13,8 @@ import mpmath as mp
 import numpy as np
 
 import mbdlft
+from benchmarks.cases.lagrangian import NAMES, Energy, derivatives
 from mbdlft.base.expression import evaluate, parse
-from tests.cross.lagrangian import NAMES, Energy, derivatives
 
 Row = list[Any]
 Matrix = list[Row]

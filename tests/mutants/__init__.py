@@ -1,0 +1,1 @@
+"""Bugs that are planted one after the other; each must fail a test."""
