@@ -10,18 +10,18 @@ import numpy as np
 
 from mbdlft.base.array import Array
 
-_ROUNDING = 2.0**-50  # what is dropped is no more than rounding can have made
+ROUNDING = 2.0**-50  # what is dropped is no more than rounding can have made
 NOISE = 2.0**-44  # part of its terms below which an entry may be nothing but rounding
 
 
 def cleaned(values: Array, size: Array) -> Array:
     """Values with the entries that are rounding of terms of a size set to zero; same shapes."""
-    return np.where(np.abs(values) <= _ROUNDING * size, 0.0, values)
+    return np.where(np.abs(values) <= ROUNDING * size, 0.0, values)
 
 
 def is_rounding(value: float, size: float) -> bool:
     """Whether one value is rounding of terms of a size."""
-    return abs(value) <= _ROUNDING * size
+    return abs(value) <= ROUNDING * size
 
 
 def product(left: Array, right: Array) -> Array:

@@ -127,12 +127,11 @@ def fold(function: ca.Function, table: Rules, *arguments: Any) -> list[list[Any]
         elif operation == "output":
             result, entry = target
             results[result][entry] = work[sources[0]]
+        elif (rule := operations.get(operation)) is None:
+            where = f"OP_{operation.upper()} at instruction {k} of {function.name()!r}"
+            work[target] = table.missing(operation, where, *(work[source] for source in sources))
+        elif len(sources) == 1:
+            work[target] = rule(work[sources[0]])
         else:
-            operands = [work[source] for source in sources]
-            rule = operations.get(operation)
-            if rule is None:
-                where = f"OP_{operation.upper()} at instruction {k} of {function.name()!r}"
-                work[target] = table.missing(operation, where, *operands)
-            else:
-                work[target] = rule(*operands)
+            work[target] = rule(work[sources[0]], work[sources[1]])
     return results

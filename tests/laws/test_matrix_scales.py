@@ -222,7 +222,7 @@ def test_numbers_that_cancel_are_nothing(rows: Rows, parameters: list[Parameter]
 
 def test_planted_coefficient_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """What rounding leaves of a coefficient is kept."""
-    monkeypatch.setattr(graph, "is_rounding", lambda value, size: value == 0.0)
+    monkeypatch.setattr(graph, "ROUNDING", 0.0)
     with pytest.raises(AssertionError):
         test_numbers_that_cancel_are_nothing(*CANCELED[0])
 

@@ -81,11 +81,12 @@ def _check_quantities(
         if expected.unit == "rad":
             _check_angle(scene, place, expected, dimensions, samples)
             continue
-        _check_angle_is_position(scene, place, expected)
-        _check_degree(scene, place, expected)
+        expression = expression_at(place, expected)
+        _check_angle_is_position(scene, place, expected, expression)
+        _check_degree(scene, place, expected, expression)
         values = _sampled(place, expected, samples)
-        _check_denominators(scene, place, expected)
-        _check_dimension(place, expected, dimensions)
+        _check_denominators(scene, place, expression)
+        _check_dimension(place, expected, expression, dimensions)
         if not np.all(np.isfinite(values)):
             raise SceneError(f"{place} = {expected.source!r}: is not finite in the range.")
         found[label] = values
@@ -116,14 +117,14 @@ def _check_angle(
 ) -> None:
     """An angle, and the arguments of its arctangents, which are plain numbers."""
     arctangents = angle_at(scene, place, expected).arctangents
-    if not arctangents:
-        _check_dimension(place, expected, dimensions)
+    if not arctangents and not isinstance(expected.source, float):
+        _check_dimension(place, expected, expression_at(place, expected), dimensions)
     for tangent in arctangents:
         source = Expected(write(tangent), "1")
         inside = Place(place.owner, f"{place.label}, atan")
-        _check_degree(scene, inside, source)
-        _check_denominators(scene, inside, source)
-        _check_dimension(inside, source, dimensions)
+        _check_degree(scene, inside, source, tangent)
+        _check_denominators(scene, inside, tangent)
+        _check_dimension(inside, source, tangent, dimensions)
         if not np.all(np.isfinite(_sampled(inside, source, samples))):
             raise SceneError(f"{inside} of {source.source!r}: is not finite in the range.")
 
@@ -155,6 +156,7 @@ def _samples(
     used = {
         name
         for label, expected in quantities.items()
+        if not isinstance(expected.source, float)
         for name in names(expression_at(Place(owner, label), expected))
     }
     plain = [p for p in scene.parameters if not p.is_angle]
@@ -186,8 +188,10 @@ def _dimensions(scene: Scene) -> Mapping[str, Any]:
     return values
 
 
-def _check_angle_is_position(scene: Scene, place: Place, expected: Expected) -> None:
-    used = names(expression_at(place, expected))
+def _check_angle_is_position(
+    scene: Scene, place: Place, expected: Expected, expression: Expression
+) -> None:
+    used = names(expression)
     for parameter in scene.parameters:
         if parameter.is_angle and parameter.name in used:
             raise SceneError(
@@ -196,18 +200,20 @@ def _check_angle_is_position(scene: Scene, place: Place, expected: Expected) -> 
             )
 
 
-def _check_degree(scene: Scene, place: Place, expected: Expected) -> None:
+def _check_degree(scene: Scene, place: Place, expected: Expected, expression: Expression) -> None:
     try:
-        check_degree(expression_at(place, expected), {p.name: 1 for p in scene.parameters})
+        check_degree(expression, {p.name: 1 for p in scene.parameters})
     except SceneError as error:
         raise SceneError(f"{place} = {expected.source!r}: {error}") from None
 
 
-def _check_dimension(place: Place, expected: Expected, dimensions: Mapping[str, Any]) -> None:
+def _check_dimension(
+    place: Place, expected: Expected, expression: Expression, dimensions: Mapping[str, Any]
+) -> None:
     if expected.unit == ANY_UNIT:
         return
     try:
-        value = evaluate(expression_at(place, expected), dimensions)
+        value = evaluate(expression, dimensions)
     except NotRationalError:
         return  # the root of a constant with a unit: its dimension is not followed
     except SceneError as error:
@@ -220,9 +226,9 @@ def _check_dimension(place: Place, expected: Expected, dimensions: Mapping[str, 
         )
 
 
-def _check_denominators(scene: Scene, place: Place, expected: Expected) -> None:
+def _check_denominators(scene: Scene, place: Place, expression: Expression) -> None:
     """Show by interval arithmetic that no denominator vanishes in the range, or raise."""
-    found_in = denominators(expression_at(place, expected))
+    found_in = denominators(expression)
     if not found_in:
         return
     plain = {p.name: p for p in scene.parameters if not p.is_angle}

@@ -17,7 +17,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import BilinearMap
 from mbdlft.lft.lft import LFT, Block
-from mbdlft.number.rounding import cleaned, solution_size
+from mbdlft.number.rounding import ROUNDING, cleaned, solution_size
 from mbdlft.pipeline.extract.graph import SignalGraph
 from mbdlft.pipeline.extract.noncommuting import (
     Item,
@@ -148,7 +148,9 @@ class _Channels:
                 term = through * self.values[self.row[at]]
                 total += term
                 size += np.abs(term, out=term)
-        return (cleaned(total, size) if len(terms) > 1 else total), size
+        if len(terms) > 1:  # what is left of terms that cancel
+            total[np.abs(total) <= ROUNDING * size] = 0.0
+        return total, size
 
 
 def _letter(item: Item) -> int:

@@ -12,7 +12,8 @@ equal sub-expressions exist once. Coefficient times signal:
 
 from typing import NamedTuple
 
-from mbdlft.number.rounding import is_rounding
+from mbdlft.base.errors import NotRationalError
+from mbdlft.number.rounding import ROUNDING
 
 
 class Coefficient(NamedTuple):
@@ -29,6 +30,7 @@ class Scaled(NamedTuple):
     number: int
 
 
+Element = int | Scaled  # number of a coefficient, or a signal
 ZERO = Scaled(0.0, -1)
 
 
@@ -94,7 +96,7 @@ class SignalGraph:
         kept = [
             Scaled(factor, index)
             for index, factor in sorted(merged.items())
-            if not is_rounding(factor, sizes[index])
+            if abs(factor) > ROUNDING * sizes[index]
         ]
         if not kept:
             return ZERO
@@ -162,6 +164,47 @@ class SignalGraph:
             self.products.append(ZERO)  # keeps its place: the divisor may divide again
             self.products[position] = self.apply(number, quotient)
         return Scaled(factor, self._applied[key].number)
+
+    # either --------------------------------------------------------------------------------
+
+    def add(self, a: Element, b: Element) -> Element:
+        """Sum of two signals, or of two coefficients."""
+        if isinstance(a, Scaled) and isinstance(b, Scaled):
+            return self.combine([a, b])
+        if isinstance(a, Scaled) or isinstance(b, Scaled):
+            raise NotRationalError(
+                "a signal and a coefficient are added, so the relations are not linear in the signals."
+            )
+        return self.node("add", a, b)
+
+    def multiply(self, a: Element, b: Element) -> Element:
+        """Product of a coefficient with a signal or another coefficient."""
+        if isinstance(a, Scaled) and isinstance(b, Scaled):
+            raise NotRationalError(
+                "two signals are multiplied, so the relations are not linear in them."
+            )
+        if isinstance(b, Scaled):
+            a, b = b, a
+        if isinstance(a, Scaled):
+            assert not isinstance(b, Scaled)
+            constant = self.constant_value(b)
+            return self.apply(b, a) if constant is None else scaled(constant, a)
+        assert not isinstance(b, Scaled)
+        x, y = self.constant_value(a), self.constant_value(b)
+        return self.node("multiply", a, b) if x is None or y is None else self.constant(x * y)
+
+    def quotient(self, a: Element, b: Element) -> Element:
+        """A signal or a coefficient over a coefficient."""
+        if isinstance(b, Scaled):
+            raise NotRationalError(
+                "a signal is a divisor, so the relations are not linear in the signals."
+            )
+        value = self.constant_value(b)
+        if isinstance(a, Scaled):
+            if value is not None:
+                return Scaled(a.factor / value, a.number)
+            return self.apply(self.node("divide", self.constant(1.0), b), a)
+        return self.node("divide", a, b)
 
     def _new(self) -> int:
         self.size += 1

@@ -11,11 +11,10 @@ from mbdlft.base.errors import NotRationalError, StructureError
 from mbdlft.base.parameter import BilinearMap
 from mbdlft.lft.lft import LFT
 from mbdlft.pipeline.extract.close import close
-from mbdlft.pipeline.extract.graph import ZERO, Scaled, SignalGraph, scaled
+from mbdlft.pipeline.extract.graph import ZERO, Element, Scaled, SignalGraph
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.sx.fold import Rules, fold, rules
 
-Element = int | Scaled  # number of a coefficient, or a signal
 _FEW = 1000  # channels: up to here, `reduce_order` alone takes less time than reducing words before
 
 
@@ -91,9 +90,9 @@ def _graph_rules(graph: SignalGraph, names: list[str]) -> Rules:
 
     return rules(
         graph.constant,
-        add=partial(_add, graph),
-        mul=partial(_multiply, graph),
-        div=partial(_divide, graph),
+        add=graph.add,
+        mul=graph.multiply,
+        div=graph.quotient,
         missing=missing,
     )
 
@@ -107,42 +106,3 @@ def _output(graph: SignalGraph, element: Element, row: int) -> Scaled:
         f"row {row} of the relations does not vanish with the signals: it is not linear in them. "
         "Linearize around an equilibrium first."
     )
-
-
-def _add(graph: SignalGraph, a: Element, b: Element) -> Element:
-    if isinstance(a, Scaled) and isinstance(b, Scaled):
-        return graph.combine([a, b])
-    if isinstance(a, Scaled) or isinstance(b, Scaled):
-        raise NotRationalError(
-            "a signal and a coefficient are added, so the relations are not linear in the signals."
-        )
-    return graph.node("add", a, b)
-
-
-def _multiply(graph: SignalGraph, a: Element, b: Element) -> Element:
-    if isinstance(a, Scaled) and isinstance(b, Scaled):
-        raise NotRationalError(
-            "two signals are multiplied, so the relations are not linear in them."
-        )
-    if isinstance(b, Scaled):
-        a, b = b, a
-    if isinstance(a, Scaled):
-        assert not isinstance(b, Scaled)
-        constant = graph.constant_value(b)
-        return graph.apply(b, a) if constant is None else scaled(constant, a)
-    assert not isinstance(b, Scaled)
-    x, y = graph.constant_value(a), graph.constant_value(b)
-    return graph.node("multiply", a, b) if x is None or y is None else graph.constant(x * y)
-
-
-def _divide(graph: SignalGraph, a: Element, b: Element) -> Element:
-    if isinstance(b, Scaled):
-        raise NotRationalError(
-            "a signal is a divisor, so the relations are not linear in the signals."
-        )
-    value = graph.constant_value(b)
-    if isinstance(a, Scaled):
-        if value is not None:
-            return Scaled(a.factor / value, a.number)
-        return graph.apply(graph.node("divide", graph.constant(1.0), b), a)
-    return graph.node("divide", a, b)
