@@ -37,9 +37,8 @@ Prose = Annotated[str, AfterValidator(lambda text: without_controls(text, "\n\r\
 Quantity = Number | Text
 Vector = tuple[Quantity, Quantity, Quantity]
 Direction = tuple[Number, Number, Number]
-Values = Mapping[
-    str, Any
-]  # values of quantities by label: SX or float, for an angle a tuple of turns
+# values of quantities by label: SX or float, for an angle a tuple of turns
+Values = Mapping[str, Any]
 
 AXES = ("x", "y", "z")
 ANY_UNIT = "any"  # the unit of a quantity whose unit is not checked

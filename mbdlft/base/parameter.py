@@ -25,9 +25,8 @@ Substitution = Literal["identity", "half-angle", "quarter-angle"]
 ROLES: tuple[str, ...] = get_args(Role)
 SUBSTITUTIONS: tuple[str, ...] = get_args(Substitution)
 _NEAREST = 1e-8  # least distance of the nominal value from either bound, of the width of the range
-_NEAREST_SINGULAR = (
-    1e-5  # least distance from a singular point, of the reach: nearer, digits are lost
-)
+# least distance from a singular point, of the reach: nearer, digits are lost
+_NEAREST_SINGULAR = 1e-5
 _ANGLE_DIVISOR = {"half-angle": 2.0, "quarter-angle": 4.0}
 
 

@@ -9,9 +9,9 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.parameter import Parameter
 
-SEED = 0  # of the points that models are checked at
+SEED = 0  # of the points at which models are checked
 _MOST = 2**22  # points of a grid
-_RANDOM_POINTS, _MOST_CORNERS = 100, 128  # of the points that models are checked at
+_RANDOM_POINTS, _MOST_CORNERS = 100, 128  # numbers of points at which models are checked
 
 
 def random(parameters: Sequence[Parameter], count: int, seed: int = 0) -> dict[str, Array]:

@@ -13,9 +13,8 @@ from mbdlft.base.errors import StructureError
 
 _DENSE = 800  # rows; all modes of a smaller structure are computed, by a dense eigenvalue problem
 _SINGULAR = 1e-12  # a pivot that is smaller, relative to its diagonal entry, counts as zero
-_INDEFINITE = (
-    1e-9  # a negative 1/w^2 above this part of the largest 1/w^2 is not rounding of the data
-)
+# a negative 1/w^2 above this part of the largest 1/w^2 is not rounding of the data
+_INDEFINITE = 1e-9
 MASSLESS = 1e-13  # a 1/w^2 below this part of the largest counts as zero: no mass moves
 
 

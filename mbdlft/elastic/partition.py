@@ -26,9 +26,8 @@ from mbdlft.elastic.nodes import (
     transport,
 )
 
-_ROUNDING = (
-    1e-9  # a smaller singular value is none: nodes on a line do not determine the rotation about it
-)
+# a smaller singular value is none: nodes on a line do not determine the rotation about it
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,9 +15,8 @@ from mbdlft.base.errors import StructureError
 from mbdlft.elastic.model import FASTEST, SLOWEST, ModalModel
 from mbdlft.elastic.rigid import Rigid, mass_matrix
 
-_RESIDUAL = (
-    1e-6  # negative residual mass that is rounding, of the rigid mass: printed digits are few
-)
+# negative residual mass that is rounding, of the rigid mass: printed digits are few
+_RESIDUAL = 1e-6
 
 
 def model_of_results(

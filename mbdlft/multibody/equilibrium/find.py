@@ -23,9 +23,8 @@ from mbdlft.multibody.scene.scene import Scene
 _SAME = 1e-6  # two equilibria that are nearer, relative to the size of each unknown, are one
 _IDLE = 0.1  # an unknown with a larger part in a motion that unbalances nothing is not determined
 _RANK = 1e-9  # a singular value below this part of the largest is zero
-_FLAT = (
-    1e-3  # a smaller slope of the sum of squares, relative to the equations, is that of a minimum
-)
+# a smaller slope of the sum of squares, relative to the equations, is that of a minimum
+_FLAT = 1e-3
 _NAMED = 4  # unbalanced equations that a message names
 
 
