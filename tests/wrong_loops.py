@@ -8,6 +8,7 @@ import pytest
 from mbdlft.multibody.assembly.closure import constraint
 
 assembling = import_module("mbdlft.multibody.assembly.assemble")
+efforts = import_module("mbdlft.multibody.assembly.efforts")
 
 
 def closures_at_rest(patch: pytest.MonkeyPatch) -> None:
@@ -23,11 +24,11 @@ def closures_at_rest(patch: pytest.MonkeyPatch) -> None:
         at_rest = ca.jacobian(constraint(loops, view, 0), symbols.q)
         return original(links, symbols, values, view, u) - at_rest.T @ multipliers
 
-    patch.setattr(assembling, "reactions", no_wrenches)
+    patch.setattr(efforts, "reactions", no_wrenches)
     patch.setattr(assembling, "_dynamics", wrong)
 
 
 def closures_on_one_body(patch: pytest.MonkeyPatch) -> None:
     """A closure has no reaction on its other body."""
-    original = assembling.reactions
-    patch.setattr(assembling, "reactions", lambda *arguments: original(*arguments)[::2])
+    original = efforts.reactions
+    patch.setattr(efforts, "reactions", lambda *arguments: original(*arguments)[::2])

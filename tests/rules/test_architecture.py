@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from fractions import Fraction
 from pathlib import Path
 from typing import ClassVar, final
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from mbdlft.base.description import Expected, Quantity, Values
+from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.signal import Freedom, Signal
 from mbdlft.multibody import body, force, joint, scene_from_toml, scene_to_toml, sensor
 from mbdlft.multibody.body import Body
@@ -20,7 +22,9 @@ from mbdlft.multibody.joint.move import Move, Slide, shifted
 from mbdlft.multibody.sensor import Sensor
 from mbdlft.multibody.sensor.base import View
 from mbdlft.multibody.spatial import Coordinate, move_motion, move_wrench
+from mbdlft.number.operators import Operators
 from mbdlft.pipeline import to_lft
+from mbdlft.sx.fold import arithmetic, fold
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
@@ -85,6 +89,38 @@ def test_files_that_a_page_names_exist(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     for file in re.findall(r"`((?:mbdlft|tests|benchmarks)/[\w/]+\.py)`", text):
         assert file.endswith("/NAME.py") or (ROOT / file).is_file(), file
+
+
+class Exact(Operators):
+    """A rational number."""
+
+    def __init__(self, value: Fraction) -> None:
+        self.value = value
+
+    @staticmethod
+    def of(number: "Exact | float") -> "Exact":
+        return number if isinstance(number, Exact) else Exact(Fraction(number))
+
+    def __add__(self, other: "Exact | float") -> "Exact":
+        return Exact(self.value + Exact.of(other).value)
+
+    def __neg__(self) -> "Exact":
+        return Exact(-self.value)
+
+    def __mul__(self, other: "Exact | float") -> "Exact":
+        return Exact(self.value * Exact.of(other).value)
+
+    def __truediv__(self, other: "Exact | float") -> "Exact":
+        return Exact(self.value / Exact.of(other).value)
+
+
+def test_a_number_system_needs_no_list() -> None:
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    tape = ca.Function("tape", [x, y], [x * y - 2 / x])
+    values = {"x": Exact(Fraction(1, 3)), "y": Exact(Fraction(1, 7))}
+    ((folded,),) = fold(tape, arithmetic(Exact.of, {}), [values["x"]], [values["y"]])
+    written = evaluate(parse("x*y - 2/x"), values, Exact.of)
+    assert folded.value == written.value == Fraction(1, 21) - 6
 
 
 @final
