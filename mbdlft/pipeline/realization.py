@@ -24,7 +24,7 @@ from mbdlft.pipeline.certify import (
 from mbdlft.pipeline.extract import Extraction, extract
 from mbdlft.pipeline.provenance import provenance
 from mbdlft.pipeline.search import Budget, Smallest, find_smallest
-from mbdlft.problem.problem import Form, Problem, Reference, Stage
+from mbdlft.problem.problem import Form, Problem, Reference, Stage, TrimRelations
 from mbdlft.reduce.reduce import in_scales, reduce_order
 from mbdlft.system.model import LFTModel, Trim
 from mbdlft.system.system import Parameters
@@ -69,8 +69,10 @@ def realization(problem: Problem, budget: Budget, stage: Stage) -> LFTModel:
     NotRationalError, StructureError, WellPosednessError, AnalysisError
         As `extract`, `measure_error`; or the relations cannot be solved at nominal.
     """
-    with stage("trim"):
-        trim = _trim(problem)
+    trim = Trim((), (), None)
+    if problem.trim is not None:
+        with stage("trim"):
+            trim = _trim(problem, problem.trim)
     with stage("extract"):
         extracted = [_extract(problem, form) for form in problem.forms]
     check = _Check(problem)
@@ -293,11 +295,9 @@ def _in_units(problem: Problem, a: LFT) -> LFT:
     return LFT(a.M11, a.M12 * columns, rows * a.M21, rows * a.M22 * columns, a.blocks)
 
 
-def _trim(problem: Problem) -> Trim:
+def _trim(problem: Problem, trim: TrimRelations) -> Trim:
     """Numbers at nominal from the nonlinear equations, and the static LFT from the relations."""
-    if problem.trim is None:
-        return Trim((), (), None)
-    relations, signals, nominal = problem.trim
+    relations, signals, nominal = trim
     extracted = extract(relations)
     lft = reduce_order(eliminate(extracted.lft, relations.unknown.numel()))
     return Trim(signals, nominal, with_blocks(lft, [p.name for p in problem.parameters]))

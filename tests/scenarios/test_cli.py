@@ -151,7 +151,7 @@ def test_realize_writes_archive_and_table(
     found = json.loads(out)
     assert (code, found["name"], found["lower_bound"]) == (0, "missile", 10)
     assert found["exact_bound"] is False
-    stages = {"read", "resolve", "reduce", "bound", "check", "total"}
+    stages = {"read", "resolve", "extract", "reduce", "bound", "check", "total"}
     assert set(found["seconds"]) == stages
 
 
