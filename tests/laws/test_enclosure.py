@@ -231,3 +231,19 @@ def test_rounding_of_radii_is_counted(
     monkeypatch.setattr(taylor, "up", lambda value: value)
     with pytest.raises(AssertionError):
         law_radii_hold(*case)
+
+
+def test_what_many_products_lose_by_underflow_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """(s + s x + ... + s x^4)^2 at x = 1 with products below the least number; planted: they are none."""
+    monomials, least = taylor.space(1, 4), 1.5e-162
+    a = taylor.Taylor(monomials, np.full((5, 1), least), np.zeros(1))
+
+    def inside() -> None:
+        found = a * a
+        polynomial = sum(map(Fraction, found.c[:, 0].tolist()))
+        assert abs((5 * Fraction(least)) ** 2 - polynomial) <= Fraction(float(found.r[0]))
+
+    inside()
+    monkeypatch.setattr(taylor, "_TINY", 0.0)
+    with pytest.raises(AssertionError):
+        inside()
