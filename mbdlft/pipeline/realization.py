@@ -87,11 +87,9 @@ def realization(problem: Problem, budget: Budget, stage: Stage) -> LFTModel:
         degrees = _degree_bounds(problem, candidates)
     bound = {name: one.degree for name, one in degrees.items()}
     lft, order_bound = candidates[0].lft, sum(bound.values())
-    if order_bound < lft.order:
-        with stage("second order"):
-            more = [
-                _candidate(problem, f, _extract(problem, f), check) for f in problem.more_forms()
-            ]
+    if order_bound < lft.order and (forms := problem.more_forms()):
+        with stage("more forms"):
+            more = [_candidate(problem, form, _extract(problem, form), check) for form in forms]
         candidates = sorted([*candidates, *more], key=lambda one: (one.lft.order, one.error))
         lft = candidates[0].lft
     if budget.work > 0.0 and order_bound < lft.order <= _MOST_SEARCHED:
