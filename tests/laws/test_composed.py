@@ -143,6 +143,8 @@ def test_trims_of_two_models_stand_side_by_side() -> None:
     assert both.trim.signals[0].name == f"{ARM.name}.{ARM.trim.signals[0].name}"
     alone = mbdlft.trim_at(ARM, {"theta2": 100.0})
     target(mbdlft.trim_at(both, {"theta2": 100.0}), np.concatenate([alone, alone]), CLOSED_FORM)
+    exact(both.trim.nominal, [*ARM.trim.nominal, *ARM.trim.nominal])
+    assert both.certificate.raw_order == tuple(2 * n for n in ARM.certificate.raw_order)
     assert both.states[0].name == f"{ARM.name}.{ARM.states[0].name}"
     assert len({s.name for s in both.states}) == 2 * len(ARM.states)
 
@@ -271,6 +273,16 @@ def check_ranges(low: float, width: float, seed: int) -> None:
 @given(st.floats(0.0, 0.9), st.floats(0.1, 1.0), st.integers(0, 1000))
 def test_another_range_is_the_same_model(low: float, width: float, seed: int) -> None:
     check_ranges(low, width, seed)
+
+
+def test_an_error_counts_more_in_a_range_of_smaller_entries() -> None:
+    """k/m is half as large where k is; without the old nominal, the middle is taken."""
+    error = 1e-6
+    doubtful = replace(CART, certificate=replace(CART.certificate, max_relative_error=error))
+    narrow = doubtful.with_range(k=(30.0, 30.5))
+    assert 1.5 * error < narrow.certificate.max_relative_error < 3.0 * error
+    exact(narrow.parameters["k"].nominal, 30.25)
+    exact(CART.with_range(k=(30.0, 50.0)).parameters["k"].nominal, 40.0)
 
 
 def test_ranges_catch_a_wrong_curvature(monkeypatch: pytest.MonkeyPatch) -> None:
