@@ -243,7 +243,7 @@ def test_a_pole_between_the_samples_is_refused(monkeypatch: pytest.MonkeyPatch) 
         seen.append(guards)
         return (planted, 0.0) if len(seen) == 1 else right(x, t, guards, *others)
 
-    monkeypatch.setattr(rational, "smallest_fit", fit)
+    monkeypatch.setattr(equilibrium, "smallest_fit", fit)
     bound_holds(case, found := case.fit(), [(-1.0,), (pole,), (1.0,)])
     exact(found.functions[0].denominator, [1.0])
     added = seen[1][len(seen[0]) :]

@@ -113,7 +113,6 @@ LARGE_FILES = {
     "reduce/commuting.py",
 }
 LONG_FUNCTIONS = {
-    "multibody/equilibrium/fit/equilibrium.py:_fit",
     "reduce/commuting.py:reduce_commuting",
 }
 

@@ -10,10 +10,9 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError, TrimError
 from mbdlft.base.expression import parse
-from mbdlft.multibody.equilibrium.fit import rational
 from mbdlft.multibody.equilibrium.fit.branch import follow, start_branch
 from mbdlft.multibody.equilibrium.fit.prove import Proof, prove
-from mbdlft.multibody.equilibrium.fit.rational import Rational
+from mbdlft.multibody.equilibrium.fit.rational import Rational, physical, smallest_fit, text
 from mbdlft.multibody.equilibrium.fit.system import System, system
 
 _MARGIN = 0.9  # of the tolerance, for the samples: the error between them may be larger
@@ -135,21 +134,18 @@ def _fit(
             count = _samples(len(low), degree)
             points = np.vstack([nominal, nodes(center, half, count), extra])
             roots = follow(s, nominal, root, points)
-            for i in range(s.unknowns):
-                if functions[i] is None:
-                    x = (points - center) / half
-                    fit, error = rational.smallest_fit(
-                        x, roots[:, i], guards, degree, _MARGIN * tolerance
-                    )
-                    best[i] = min(best[i], error)
-                    if error <= _MARGIN * tolerance:
-                        functions[i] = rational.physical(fit, center, half)
+            x = (points - center) / half
+            for i in [i for i, function in enumerate(functions) if function is None]:
+                fit, error = smallest_fit(x, roots[:, i], guards, degree, _MARGIN * tolerance)
+                best[i] = min(best[i], error)
+                if error <= _MARGIN * tolerance:
+                    functions[i] = physical(fit, center, half)
             ready = [function for function in functions if function is not None]
             if len(ready) < s.unknowns:
                 break
-            texts = tuple(rational.text(function, s.names) for function in ready)
+            texts = tuple(text(function, s.names) for function in ready)
             found = np.max(np.abs([f(points) for f in ready] - roots.T), axis=1)
-            goal, trees = np.full(s.unknowns, tolerance), [parse(text) for text in texts]
+            goal, trees = np.full(s.unknowns, tolerance), [parse(one) for one in texts]
             probes = nodes(center, half, 2 * count if len(low) < 3 else count + 1)
             proof = prove(s, trees, low, high, goal, found, probes, most_pieces)
             if proof.complete:
@@ -166,9 +162,8 @@ def _fit(
             exact = follow(s, nominal, root, proof.exceptions)
             errors = np.max(np.abs([f(proof.exceptions) for f in ready] - exact.T), axis=1)
             extra = np.vstack([extra, proof.exceptions])
-            functions = [
-                f if e <= _MARGIN * tolerance else None for f, e in zip(ready, errors, strict=True)
-            ]
+            near = errors <= _MARGIN * tolerance
+            functions = [f if is_near else None for f, is_near in zip(ready, near, strict=True)]
             if None not in functions:
                 stuck = proof.exceptions[0]
                 raise _not_proved(s, proof, stuck, nominal, root, tolerance, most_pieces)
