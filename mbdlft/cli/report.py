@@ -1,6 +1,7 @@
 """The printed form of a model: one JSON object, or tables and sentences on what is proved."""
 
 import json
+import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -95,7 +96,9 @@ def _order_sentences(model: LFTModel) -> Iterator[str]:
         yield f"order {model.order}, lower bound {certificate.order_bound}{parts}: {proof}"
     else:
         yield f"order {model.order}; the lower bound {alone} is that of exact models"
-        if certificate.truncation_error > 0.0:
+        if certificate.truncation_error == math.inf:
+            yield "not exact: a part of it is truncated, and no bound of the error holds for the whole"
+        elif certificate.truncation_error > 0.0:
             yield (
                 f"not exact: values differ by at most {_upward(certificate.truncation_error)} of their "
                 "typical sizes, on the whole range"

@@ -29,6 +29,7 @@ from mbdlft import (
     state_space,
 )
 from mbdlft.bound.degree import lower_bound
+from mbdlft.cli.commands import main
 from mbdlft.lft.lft import delta
 from mbdlft.system import lft, ranges
 from tests.archive.models import same
@@ -378,6 +379,18 @@ def test_results_are_saved_and_loaded(tmp_path: Path) -> None:
         model = replace(model, name=name)
         mbdlft.save(file, model)
         same(mbdlft.load(file, name), model)
+
+
+def test_the_command_line_says_that_no_bound_holds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    certificate = replace(CART.certificate, exact=False, truncation_error=0.01)
+    mbdlft.save(tmp_path / "a.h5", feedback(replace(CART, certificate=certificate), CONTROLLER))
+    monkeypatch.setattr("sys.argv", ["mbdlft", "show", str(tmp_path / "a.h5")])
+    with pytest.raises(SystemExit):
+        main()
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "not exact: a part of it is truncated, and no bound of the error holds" in shown
 
 
 def test_what_an_archive_does_not_hold(tmp_path: Path) -> None:
