@@ -24,11 +24,12 @@ from mbdlft.base.errors import WellPosednessError
 from mbdlft.bound.sections import Degrees, DoubtError, compressed, is_constant_in, obstruction
 from mbdlft.lft.lft import LFT, check, fix, transpose
 from mbdlft.reduce.reduce import reduce_order
+from mbdlft.reduce.work import Work, reduction
 
 _FIXINGS, _TRIES = 2, 4  # values of the other deltas that have to agree, and that are tried
 _CENTER = 0.6  # of the range of a delta, where these values are taken
 
-Found = TypeVar("Found")
+Proved = TypeVar("Proved")
 Both = tuple[LFT, LFT]  # an LFT, and its source
 
 
@@ -59,7 +60,7 @@ class Triple(NamedTuple):
 def joint_bound(
     a: LFT,
     degrees: Degrees,
-    stop: Callable[[], bool] = lambda: False,
+    work: Work | None = None,
     source: LFT | None = None,
 ) -> int:
     """Proved minimum of the order of any exact LFT of the same matrix.
@@ -69,9 +70,9 @@ def joint_bound(
     a : LFT
     degrees : mapping of names to McMillan degrees
         As from `lower_bound`.
-    stop : function
-        Asked before each pair and triple whether the time is over; those that were not looked at do not
-        count.
+    work : Work, optional
+        Asked before each pair and triple whether it is over; those that were not looked at do not count.
+        By default it never is.
     source : LFT, optional
         What `a` was made of by changes that leave rounding, if it is not `a` itself.
 
@@ -85,8 +86,8 @@ def joint_bound(
     StructureError
         A delta has no degree.
     """
-    source = a if source is None else source
-    pairs = pair_bounds(a, degrees, stop=stop, source=source)
+    source, work = a if source is None else source, Work() if work is None else work
+    pairs = pair_bounds(a, degrees, work=work, source=source)
     names = [block.name for block in a.blocks]
     has = _above(a, degrees)
     random, proved = np.random.default_rng(0), dict[Triple, bool]()
@@ -98,9 +99,9 @@ def joint_bound(
             return sum(degrees[name] for name in names) + sum(more.values())
         for triple in new:
             proved[triple] = (
-                not stop()
+                not work.is_over
                 and not _excludes(triple, has)
-                and _is_proved((a, source), triple, degrees, random)
+                and _is_proved((a, source), triple, degrees, random, work)
             )
 
 
@@ -108,7 +109,7 @@ def pair_bounds(
     a: LFT,
     degrees: Degrees,
     seed: int = 0,
-    stop: Callable[[], bool] = lambda: False,
+    work: Work | None = None,
     source: LFT | None = None,
 ) -> tuple[Pair, ...]:
     """The pairs of deltas of an LFT that are proved not to have both their degree.
@@ -124,21 +125,23 @@ def pair_bounds(
     missing = [block.name for block in a.blocks if block.name not in degrees]
     check(not missing, f"the degrees of {missing} are missing, got those of {list(degrees)}")
     random, more = np.random.default_rng(seed), _above(a, degrees)
+    work = Work() if work is None else work
     names = [name for name in more if degrees[name]]
-    found = [
+    proved = [
         _pair(
             (a, a if source is None else source),
             first,
             second,
             degrees,
             random,
+            work,
             is_transposed=is_transposed,
         )
         for first, second in combinations(names, 2)
         for is_transposed in (False, True)
-        if not stop()
+        if not work.is_over
     ]
-    return tuple(pair for pair in found if pair is not None and _allows(pair, more))
+    return tuple(pair for pair in proved if pair is not None and _allows(pair, more))
 
 
 def least_more(
@@ -201,15 +204,16 @@ def _pair(
     second: str,
     degrees: Degrees,
     random: np.random.Generator,
+    work: Work,
     *,
     is_transposed: bool,
 ) -> Pair | None:
     """What is proved for two deltas at several values of the others; the least of it."""
-    at = partial(_more_at, first, second, degrees, random)
-    found = _at_values(both, (first, second), random, at, is_transposed=is_transposed)
-    if not found:
+    at = partial(_more_at, first, second, degrees, random, work)
+    more = _at_values(both, (first, second), random, at, work, is_transposed=is_transposed)
+    if not more:
         return None
-    first_more, second_more = (min(side) for side in zip(*found, strict=True))
+    first_more, second_more = (min(side) for side in zip(*more, strict=True))
     return Pair(first, second, first_more, second_more, is_transposed)
 
 
@@ -217,13 +221,14 @@ def _at_values(
     both: Both,
     names: Sequence[str],
     random: np.random.Generator,
-    at: Callable[[LFT, LFT], Found | None],
+    at: Callable[[LFT, LFT], Proved | None],
+    work: Work,
     *,
     is_transposed: bool,
-) -> list[Found]:
+) -> list[Proved]:
     """What is proved for some deltas at values of the others; nothing if it is not at each of them."""
     a, source = (transpose(item) for item in both) if is_transposed else both
-    clear: list[Found] = []
+    clear: list[Proved] = []
     for _ in range(_TRIES):
         others = {
             block.name: float(random.uniform(-_CENTER, _CENTER))
@@ -231,35 +236,44 @@ def _at_values(
             if block.name not in names
         }
         try:
-            found = at(reduce_order(fix(a, others)), fix(source, others))
+            work.add(3.0 * reduction(a.order) + reduction(source.order))
+            proved = at(reduce_order(fix(a, others)), fix(source, others))
         except (DoubtError, WellPosednessError, np.linalg.LinAlgError):
             continue
-        if found is None:
+        if proved is None:
             return []
-        clear.append(found)
+        clear.append(proved)
         if len(clear) == _FIXINGS:
             return clear
     return []
 
 
 def _more_at(
-    first: str, second: str, degrees: Degrees, random: np.random.Generator, a: LFT, source: LFT
+    first: str,
+    second: str,
+    degrees: Degrees,
+    random: np.random.Generator,
+    work: Work,
+    a: LFT,
+    source: LFT,
 ) -> tuple[int, int] | None:
     """Repetitions above its degree of one delta if the other has none, for an LFT in these two."""
     if a.order == degrees[first] + degrees[second]:
         return None
-    H = compressed(a, source, random)
-    forth = obstruction(H, first, second, degrees, random)
+    H = compressed(a, source, random, work)
+    forth = obstruction(H, first, second, degrees, random, work)
     if not forth.dimensions:
         return None
-    back = obstruction(H, second, first, degrees, random)
+    back = obstruction(H, second, first, degrees, random, work)
     same = forth.dimensions[:1] == back.dimensions[:1]
     if not same or forth.characteristic != back.characteristic:
         raise DoubtError
     return back.more, forth.more
 
 
-def _is_proved(both: Both, triple: Triple, degrees: Degrees, random: np.random.Generator) -> bool:
+def _is_proved(
+    both: Both, triple: Triple, degrees: Degrees, random: np.random.Generator, work: Work
+) -> bool:
     """Whether an X of the first and another delta of a triple is constant in the last one."""
     first, second, third, is_transposed = triple
     return any(
@@ -267,7 +281,8 @@ def _is_proved(both: Both, triple: Triple, degrees: Degrees, random: np.random.G
             both,
             names,
             random,
-            partial(_constant_at, names, degrees, random),
+            partial(_constant_at, names, degrees, random, work),
+            work,
             is_transposed=is_transposed,
         )
         for names in ((first, second, third), (first, third, second))
@@ -278,8 +293,10 @@ def _constant_at(
     names: tuple[str, str, str],
     degrees: Degrees,
     random: np.random.Generator,
+    work: Work,
     a: LFT,
     source: LFT,
 ) -> bool | None:
     """The same for an LFT in these three; None if it is not."""
-    return is_constant_in(compressed(a, source, random), *names, degrees, random) or None
+    H = compressed(a, source, random, work)
+    return is_constant_in(H, *names, degrees, random, work) or None

@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT
-from mbdlft.reduce.lines import channels_at, pole_distance
+from mbdlft.reduce.circles import channels_at, pole_distance
+from mbdlft.reduce.work import Work, product, singular_values, solutions
 
 Complex = NDArray[np.complex128]
 Degrees = Mapping[str, int]
@@ -75,7 +76,7 @@ class _Span(NamedTuple):
     k: int
 
 
-def compressed(a: LFT, source: LFT, random: np.random.Generator) -> LFT:
+def compressed(a: LFT, source: LFT, random: np.random.Generator, work: Work) -> LFT:
     """Inputs and outputs that matter, in coordinates in which values on the circles have size one.
 
     The constant part has no part in it, as in all that follows. `source` is what `a` was made of by
@@ -86,6 +87,10 @@ def compressed(a: LFT, source: LFT, random: np.random.Generator) -> LFT:
         name: _OUTER * _radius(a, name) * np.exp(2j * np.pi * random.uniform(size=count))
         for name, _ in a.blocks
     }
+    for item in (a, source):
+        work.add(solutions(count, item.order, item.shape[1]))
+    high, wide = a.shape
+    work.add(singular_values(2 * count * high, wide) + singular_values(2 * count * wide, high))
     left, right = _factors(a, points)
     terms = sum(np.abs(x) @ np.abs(y) for x, y in ((left, right), _factors(source, points)))
     H = np.where(np.abs(left @ right) > _CANCELED * terms, left @ right, 0.0)
@@ -107,7 +112,7 @@ def _coordinates(rows: Array) -> Array:
 
 
 def obstruction(
-    H: LFT, first: str, second: str, degrees: Degrees, random: np.random.Generator
+    H: LFT, first: str, second: str, degrees: Degrees, random: np.random.Generator, work: Work
 ) -> Obstruction:
     """h and kappa of an LFT in two deltas, the first of them called a and the second b above.
 
@@ -121,7 +126,7 @@ def obstruction(
     if H.shape[1] <= 1:
         return Obstruction((), 1, degrees[first] * degree)  # G is a line bundle
     length = degree + 2
-    E = _span(H, first, {second: length}, degrees, degree, random)
+    E = _span(H, first, {second: length}, degrees, degree, random, work)
     size, b = E.basis.shape[1], E.points[second]
     if size - _inside(E.basis, (b, 1)) != degrees[first]:
         raise DoubtError
@@ -131,7 +136,13 @@ def obstruction(
 
 
 def is_constant_in(
-    H: LFT, first: str, second: str, third: str, degrees: Degrees, random: np.random.Generator
+    H: LFT,
+    first: str,
+    second: str,
+    third: str,
+    degrees: Degrees,
+    random: np.random.Generator,
+    work: Work,
 ) -> bool:
     """Whether an LFT in three deltas has a section of F(-1, -1, 0).
 
@@ -143,10 +154,50 @@ def is_constant_in(
     DoubtError
     """
     lengths = {second: degrees[second] + 2, third: 2}
-    E = _span(H, first, lengths, degrees, None, random)
+    E = _span(H, first, lengths, degrees, None, random, work)
     b, c = (E.points[name] for name in lengths)
     power = lengths[second]
     return _inside(E.basis, (b, power), (c, 1), (b**power * c, 1)) > 0
+
+
+class _Samples(NamedTuple):
+    """Where functions are known: a (N) on circles of the first delta, the others on unit circles.
+
+    `left` (N, outputs) are the directions in which they are seen there, `powers` (N, coefficients) the
+    monomials of u.
+    """
+
+    a: Complex
+    points: Mapping[str, Complex]
+    left: Array
+    powers: Complex
+
+
+def _samples(
+    H: LFT,
+    first: str,
+    lengths: Mapping[str, int],
+    circles: Mapping[str, Complex],
+    degrees: Degrees,
+    random: np.random.Generator,
+) -> _Samples:
+    """Samples that tell apart all functions (H u - y) / (a - alpha) of u with so many powers."""
+    second, *others = lengths
+    count = degrees[first] + _EXTRA
+    circle = _circle(count * math.prod(lengths[name] for name in others), random)
+    outer = _OUTER * _radius(H, first) * circle
+    on_circle = len(circles[second])
+    points = {second: np.tile(circles[second], len(outer))}
+    for name in others:
+        point = np.exp(2j * np.pi * random.uniform(size=len(outer)))
+        points[name] = np.repeat(point, on_circle)
+    left = np.repeat(random.standard_normal((len(outer), H.shape[0])), on_circle, axis=0)
+    a = np.repeat(outer, on_circle)
+    powers = np.ones((len(a), 1), dtype=complex)
+    for name, length in lengths.items():
+        own = np.vander(points[name], length, increasing=True) / math.sqrt(len(circles[name]))
+        powers = (powers[:, :, None] * own[:, None, :]).reshape(len(a), -1)
+    return _Samples(a, points, left, powers)
 
 
 def _span(
@@ -156,12 +207,13 @@ def _span(
     degrees: Degrees,
     rank: int | None,
     random: np.random.Generator,
+    work: Work,
 ) -> _Span:
     """E of the polynomials u with so many powers of each delta but the first.
 
     `rank` is that of the conditions for u, if it is known.
     """
-    q, (second, *others) = H.shape[1], lengths
+    p, q = H.shape
     if q * math.prod(lengths.values()) > _MOST_COEFFICIENTS[1 + len(lengths)]:
         raise DoubtError
     radii = {name: _OUTER * _radius(H, name) for name in lengths}
@@ -176,35 +228,26 @@ def _span(
         modes.append(np.vander(circle, increasing=True) / math.sqrt(len(circle)))  # unitary
         low = np.kron(low, modes[-1][:, : lengths[name]])
         is_low = np.kron(is_low, np.arange(len(circle)) < lengths[name])
-    across, count = _radius(H, first), degrees[first] + _EXTRA
-    outer = _OUTER * across * _circle(count * math.prod(lengths[name] for name in others), random)
-    on_circle = len(circles[second])
-    points = {second: np.tile(circles[second], len(outer))}
-    for name in others:
-        point = np.exp(2j * np.pi * random.uniform(size=len(outer)))
-        points[name] = np.repeat(point, on_circle)
-    left = np.repeat(random.standard_normal((len(outer), H.shape[0])), on_circle, axis=0)
-    a = np.repeat(outer, on_circle)
-    powers = np.ones((len(a), 1), dtype=complex)
-    for name, length in lengths.items():
-        own = np.vander(points[name], length, increasing=True) / math.sqrt(len(circles[name]))
-        powers = (powers[:, :, None] * own[:, None, :]).reshape(len(a), -1)
+    a, points, left, powers = _samples(H, first, lengths, circles, degrees, random)
 
     def values(a: Complex, others: Mapping[str, Complex]) -> Complex:
+        work.add(solutions(len(a), H.order, q) + product(len(a) * p, H.order, q))
         return _values(H, {first: a, **{name: radii[name] * others[name] for name in lengths}})
 
     seen = np.einsum("si,sij->sj", left, values(a, points))
     all_Hu = np.einsum("sj,sn->snj", seen, powers).reshape(len(a), -1)
     E, turn = np.zeros((len(a), 0), dtype=complex), random.uniform(0, 2 * np.pi)
     for k in range(2 * degrees[first] + 2):
-        alpha = _INNER * across * np.exp(1j * (turn + k * _TURN))
+        alpha = _INNER * _radius(H, first) * np.exp(1j * (turn + k * _TURN))
         value = values(np.full(len(low), alpha), on_grid)
         products = _coefficients(np.einsum("bij,bn->binj", value, low), modes)
         # H u is a polynomial if it has no high modes
-        u = _null_space(products[~is_low].reshape(-1, all_Hu.shape[1]), rank)
-        y = products[is_low].reshape(low.shape[1], H.shape[0], -1) @ u
+        u = _null_space(products[~is_low].reshape(-1, all_Hu.shape[1]), rank, work)
+        y = products[is_low].reshape(low.shape[1], p, -1) @ u
         all_y = np.einsum("si,siu->su", left, np.tensordot(powers, y, 1))
+        work.add(product(p * len(a), powers.shape[1], 4 * u.shape[1]))
         sections = (all_Hu @ u - all_y) / (a - alpha)[:, None]
+        work.add(2.0 * singular_values(len(a), E.shape[1] + u.shape[1]))
         basis, sizes, _ = np.linalg.svd(np.hstack([E, sections]), full_matrices=False)
         size = _rank(sizes)
         if size == E.shape[1]:
@@ -215,10 +258,11 @@ def _span(
 
 def _coefficients(values: Complex, modes: Sequence[Complex]) -> Complex:
     """Of the modes of all circles in values (grid, ...), as an array (modes, ...)."""
-    found = values.reshape(*(len(own) for own in modes), -1)
+    coefficients = values.reshape(*(len(own) for own in modes), -1)
     for own in modes:  # the axis of each comes first in its turn, and last in the end
-        found = np.moveaxis(np.tensordot(own.conj().T, found, 1), 0, len(modes) - 1)
-    return found.reshape(values.shape)
+        turned = np.tensordot(own.conj().T, coefficients, 1)
+        coefficients = np.moveaxis(turned, 0, len(modes) - 1)
+    return coefficients.reshape(values.shape)
 
 
 def _radius(a: LFT, name: str) -> float:
@@ -254,15 +298,17 @@ def _rank(values: Array) -> int:
     return int(np.sum(values > clear))
 
 
-def _null_space(matrix: Complex, rank: int | None) -> Complex:
+def _null_space(matrix: Complex, rank: int | None, work: Work) -> Complex:
     """Orthonormal vectors (columns, columns - rank) of the null space of a matrix."""
     if len(matrix) > matrix.shape[1]:
+        work.add(product(len(matrix), matrix.shape[1], 4 * matrix.shape[1]))
         matrix = np.asarray(np.linalg.qr(matrix, mode="r"))
+    work.add(2.0 * singular_values(*matrix.shape))
     _, values, right = np.linalg.svd(matrix)
-    found = _rank(values)
-    if rank is not None and found != rank:
+    clear = _rank(values)
+    if rank is not None and clear != rank:
         raise DoubtError
-    return np.asarray(right[found:].conj().T)
+    return np.asarray(right[clear:].conj().T)
 
 
 def _inside(basis: Complex, *moves: tuple[Complex, int]) -> int:

@@ -39,11 +39,17 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 Search = Annotated[
     float,
     typer.Option(
-        min=0.0, help="Seconds to look for a smaller model, as parameters commute; 0: none."
+        min=0.0,
+        help="Work to look for a smaller model, as parameters commute, about seconds of one core; "
+        "0: none.",
     ),
 ]
+Seconds = Annotated[
+    float | None,
+    typer.Option("--seconds", min=0.0, help="Upper limit of the time of the search (s)."),
+]
 SceneFile = Annotated[Path, typer.Argument(help="Scene, a TOML file.")]
-SEARCH_SECONDS = 4.0  # equal to SEARCH of mbdlft.pipeline.build, which is slow to import
+SEARCH = 4.0  # equal to SEARCH of mbdlft.pipeline.search, which is slow to import
 app.command("import")(import_robot)
 app.command()(body)
 app.command()(sweep)
@@ -144,7 +150,8 @@ def linearize(
     scene_file: SceneFile,
     output: Output = None,
     as_json: AsJson = False,
-    search: Search = SEARCH_SECONDS,
+    search: Search = SEARCH,
+    most_seconds: Seconds = None,
     truncate: Annotated[
         float | None,
         typer.Option(help="Relative error that a smaller model may have on the whole range."),
@@ -166,6 +173,7 @@ def linearize(
         built = build(
             scene,
             search,
+            seconds=most_seconds,
             progress=lambda stage: status.update(f"{escape(scene.name)}: {stage}"),
             truncate=truncate,
         )
@@ -191,7 +199,8 @@ def realize(
     matrix_file: Annotated[Path, typer.Argument(help="Matrix problem, a TOML file.")],
     output: Output = None,
     as_json: AsJson = False,
-    search: Search = SEARCH_SECONDS,
+    search: Search = SEARCH,
+    most_seconds: Seconds = None,
     exact: Annotated[
         bool, typer.Option("--exact", help="Prove the lower bound in exact arithmetic.")
     ] = False,
@@ -209,6 +218,7 @@ def realize(
         built = build_matrix(
             problem,
             search,
+            seconds=most_seconds,
             exact=exact,
             progress=lambda stage: status.update(f"{escape(problem.name)}: {stage}"),
         )

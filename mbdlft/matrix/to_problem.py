@@ -25,7 +25,7 @@ from mbdlft.number.rounding import NOISE, conditioning
 from mbdlft.problem.compare import NEGLIGIBLE
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage
-from mbdlft.reduce.lines import or_one
+from mbdlft.reduce.reduce import or_one
 
 _LOSSY = 1e-13  # error above which a matrix is written in distances from nominal
 _SCALINGS = 10  # of rows and columns; each halves the digits in which they differ

@@ -23,7 +23,7 @@ from mbdlft.pipeline.certify import (
 )
 from mbdlft.pipeline.extract import Extraction, extract
 from mbdlft.pipeline.provenance import provenance
-from mbdlft.pipeline.search import Budget, Smallest, find_smallest
+from mbdlft.pipeline.search import CUT_OFF, Budget, Smallest, find_smallest
 from mbdlft.problem.problem import Form, Problem, Reference, Stage, TrimRelations
 from mbdlft.reduce.reduce import in_scales, reduce_order
 from mbdlft.system.model import LFTModel, Trim
@@ -94,7 +94,10 @@ def realization(problem: Problem, budget: Budget, stage: Stage) -> LFTModel:
         lft = candidates[0].lft
     if budget.work > 0.0 and order_bound < lft.order <= _MOST_SEARCHED:
         with stage("search"):
-            lft, order_bound, _ = _search(problem, candidates, bound, budget)
+            lft, order_bound, is_cut_off = _search(problem, candidates, bound, budget)
+        if is_cut_off:
+            with stage(CUT_OFF):  # with more time the model may be smaller
+                pass
     lft = _in_units(problem, with_blocks(lft, [p.name for p in problem.parameters]))
     with stage("check"):
         error, raw = check.model(lft, trim.lft), candidates[0].extracted.channels

@@ -1,17 +1,48 @@
-"""The search for a smaller LFT of the same value, and for a better lower bound on its order."""
+"""The search for a smaller LFT of the same value, and for a better lower bound on its order.
 
-from collections.abc import Callable, Mapping, Sequence
+n-D reduction takes a product of deltas as a word. Deltas commute, and four steps use it: affine deltas
+are moved to one side of the others (`affine`), channels with dependent functions are left out
+(`independent`), and repetitions of one delta are left out by the smallest rank of a matrix
+(`min_rank`) and by Newton's method on the values (`refit`). In between, pairs and triples of deltas
+(`mbdlft.bound.pairs`) show how small the order can be, so that the search knows when it is over.
+"""
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
-from mbdlft.base.errors import SceneError
+import numpy as np
+
+from mbdlft.base.errors import SceneError, WellPosednessError
 from mbdlft.bound.pairs import joint_bound
-from mbdlft.lft.lft import LFT
-from mbdlft.reduce.commuting import LARGE, reduce_commuting
+from mbdlft.lft.lft import LFT, with_blocks
+from mbdlft.reduce.affine import is_affine, is_polynomial, move_affine
+from mbdlft.reduce.bases import rewritten
 from mbdlft.reduce.independent import independent
-from mbdlft.reduce.same_value import Truth, is_same, part_of_either
+from mbdlft.reduce.refit import refit
+from mbdlft.reduce.same_value import (
+    FITTED,
+    SAME,
+    Truth,
+    is_same,
+    part_of_either,
+    part_of_largest,
+    part_of_row_and_column,
+)
+from mbdlft.reduce.work import Work, reduction
 
 SEARCH = 4.0  # units of work; a small part of it is enough where the order meets the bound at once
-_HALF, _MOST = 0.5, 0.8  # of the budget for the relations; the rest is for the closed LFT
+_FEW, _MOST = 0.3, 0.8  # of the work for the relations; the rest is for the closed LFT
+_LARGE = 120  # channels: refits take long and find little, so the bound by pairs comes first
+_FAR = 3  # a form this much larger than the smallest is not started from
+_OF_PROOFS = 0.5  # of the work that is left, for one look at all pairs and triples
+_QUICK = 0.1  # of the work: the bound by pairs is asked for again if it took less
+_GROWTH = 2  # of the order, that LFTs on the way may have
+_REFITS, _WALKS = 0.4, 0.4  # of what is left of the work, in turn
+_VAIN = 100  # other ways to write a value that are tried in vain, in a row
+_CLOSE, _POOL = 3, 8  # forms that are kept: less than so much larger, and so many
+_ATTEMPTS = 12  # walks and refits of each level, with other random choices
 
 
 class Budget(NamedTuple):
@@ -28,6 +59,9 @@ class Budget(NamedTuple):
 
     work: float
     seconds: float | None = None
+
+
+CUT_OFF = "search was cut off"  # a stage that tells so
 
 
 class Smallest(NamedTuple):
@@ -85,32 +119,202 @@ def find_smallest(
     Returns
     -------
     Smallest
-        `lft` has the names of the blocks of `closed`, in their order.
+        `lft` has the names of the blocks of the smallest of `closed`, in their order.
     """
-    lft, order_bound = min(closed, key=lambda one: one.order), sum(bound.values())
-    if lft.order <= order_bound or budget.work <= 0.0:
-        return Smallest(lft, order_bound)
-    source, left = lft, budget.work
-    apart = independent(lft)
-    if apart.order < lft.order and is_same(
-        apart, Truth(lambda: lft if truth is None else truth, part_of_either)
-    ):
-        lft = apart
-    if is_large := lft.order > LARGE:
-        order_bound = joint_bound(lft, bound, source=source)
-
-    def joint(one: LFT, stop: Callable[[], bool]) -> int:
-        return order_bound if is_large else max(order_bound, joint_bound(one, bound, stop, source))
-
-    if relations and lft.order > order_bound:
-        share = _HALF if lft.order < min(form.order for form in relations) else _MOST
-        found = reduce_commuting(relations, bound, share * left, joint, close, truth)
-        order_bound, left = max(order_bound, found.order_bound), (1.0 - share) * left
+    smallest = min(closed, key=_order)
+    work = Work(budget.work, _is_late(budget.seconds))
+    proof = _Proof(bound, smallest, work)
+    if smallest.order <= proof.order_bound or work.is_over:
+        return Smallest(smallest, proof.order_bound, work.is_cut_off)
+    level = _level_of_closed(smallest, truth)
+    # dependent channels are seen in a moment, so they go before anything takes its share of the work
+    best = _smaller(smallest, [independent(smallest, work)], level, work)
+    if best.order > _LARGE:
+        proof.improve(best)
+    if relations and best.order > proof.order_bound:
         assert close is not None
-        closed = [lft, min(lft, close(found.lft), key=lambda one: one.order)]
-        lft = closed[-1]
-    if lft.order > order_bound:
-        again = reduce_commuting([lft, *closed], bound, left, joint, truth=truth)
-        order_bound = max(order_bound, again.order_bound)
-        lft = min(lft, again.lft, key=lambda one: one.order)
-    return Smallest(lft, order_bound)
+        share = _FEW if best.order < min(form.order for form in relations) else _MOST
+        opened = _level_of_relations(_comparable(relations)[0], close, truth)
+        best = min(best, close(_search(relations, opened, proof, work.part(share))), key=_order)
+    if best.order > proof.order_bound and not work.is_over:
+        forms = [best, *(form for form in closed if form is not best)]
+        best = min(best, _search(forms, level, proof, work), key=_order)
+    if best.order < smallest.order:
+        smallest = with_blocks(best, [block.name for block in smallest.blocks])
+    return Smallest(smallest, proof.order_bound, work.is_cut_off)
+
+
+def _is_late(seconds: float | None) -> Callable[[], bool]:
+    """Whether so many seconds have passed since this call."""
+    if seconds is None:
+        return lambda: False
+    until = time.monotonic() + seconds
+    return lambda: time.monotonic() > until
+
+
+class _Proof:
+    """The best lower bound on the order: by pairs, for ever smaller LFTs as long as it is quick."""
+
+    def __init__(self, bound: Mapping[str, int], source: LFT, work: Work) -> None:
+        self.bound, self.order_bound = bound, sum(bound.values())
+        self._source, self._work, self._left = source, work, _QUICK * work.most
+        self._order = source.order + 1
+
+    def improve(self, closed: LFT) -> None:
+        """Look for a better bound if `closed` is smaller than the LFT that it was looked for before."""
+        if closed.order >= self._order or self._left <= 0.0 or self._work.is_over:
+            return
+        before, self._order = self._work.spent, closed.order
+        proved = joint_bound(closed, self.bound, self._work.part(_OF_PROOFS), self._source)
+        self.order_bound = max(self.order_bound, proved)
+        self._left -= self._work.spent - before
+
+
+class _Check(NamedTuple):
+    """What a candidate is compared with, as it is or closed, and the largest relative difference."""
+
+    truth: Truth
+    largest: float
+    is_closed: bool = True
+
+
+class _Level(NamedTuple):
+    """The relations, or the closed LFTs: what the candidates of a search are compared with.
+
+    `exact` is for what algebra makes; `fitted` for what Newton's method makes, where entries that are
+    zero are rounding.
+    """
+
+    exact: tuple[_Check, ...]
+    fitted: tuple[_Check, ...]
+    close: Callable[[LFT], LFT]
+
+    def keeps(self, work: Work, checks: Sequence[_Check], candidate: LFT) -> bool:
+        """Whether a candidate has the value."""
+        for truth, largest, is_closed in checks:
+            one = candidate
+            if is_closed:
+                work.add(reduction(candidate.order))
+                one = self.close(candidate)
+            if not is_same(one, truth, work, largest):
+                return False
+        return True
+
+
+def _level_of_closed(form: LFT, truth: LFT | None) -> _Level:
+    """Of the smallest closed LFT, and of the one before reduction."""
+    rounded = Truth(lambda: form, part_of_either)
+    if truth is None:
+        exact = _Check(Truth(lambda: form, part_of_largest), SAME)
+        return _Level((exact,), (_Check(rounded, FITTED),), _itself)
+    given = Truth(lambda: truth, part_of_either)
+    fitted = (_Check(rounded, SAME), _Check(given, FITTED))
+    return _Level((_Check(given, SAME),), fitted, _itself)
+
+
+def _level_of_relations(form: LFT, close: Callable[[LFT], LFT], truth: LFT | None) -> _Level:
+    """Of the smallest LFT of the relations; closing makes rounding larger, so results are closed too."""
+    plain = Truth(lambda: form, part_of_largest)
+    rounded = Truth(lambda: form, part_of_either)
+    given = Truth(lambda: close(form) if truth is None else truth, part_of_row_and_column)
+    return _Level(
+        (_Check(plain, SAME, is_closed=False), _Check(given, SAME)),
+        (_Check(rounded, SAME, is_closed=False), _Check(given, FITTED)),
+        close,
+    )
+
+
+def _itself(one: LFT) -> LFT:
+    return one
+
+
+def _order(one: LFT) -> int:
+    return one.order
+
+
+def _smaller(best: LFT, candidates: Iterable[LFT], level: _Level, work: Work) -> LFT:
+    """The smallest of some LFTs that are made by algebra and have the value."""
+    for candidate in candidates:
+        if candidate.order < best.order and level.keeps(work, level.exact, candidate):
+            best = candidate
+    return best
+
+
+def _comparable(forms: Sequence[LFT]) -> list[LFT]:
+    """Forms without empty blocks, the smallest first, in its deltas; none is far larger."""
+    forms = sorted((_without_empty(form) for form in forms), key=_order)
+    names = [block.name for block in forms[0].blocks]  # the least that the value depends on
+    near = [form for form in forms if form.order <= _FAR * forms[0].order]
+    return [form for form in near if [block.name for block in form.blocks] == names]
+
+
+def _without_empty(a: LFT) -> LFT:
+    return LFT(a.M11, a.M12, a.M21, a.M22, tuple(block for block in a.blocks if block.size))
+
+
+def _search(forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work) -> LFT:
+    """The smallest LFT of equal value that is found from some, at the latest when it meets the bound."""
+    forms = _comparable(forms)
+    for form in _other_forms(forms, work):
+        if form.order < forms[0].order and level.keeps(work, level.exact, form):
+            forms.insert(0, form)
+    best = forms[0]
+    for attempt in range(_ATTEMPTS):
+        if best.order > proof.order_bound:
+            proof.improve(level.close(best))
+        if best.order <= proof.order_bound or work.is_over:
+            break
+        of_refits = work.part(_REFITS)
+        keeps = partial(level.keeps, of_refits, level.fitted)
+        best = refit(forms, proof.bound, proof.order_bound, keeps, attempt, of_refits)
+        forms = _wandered([best, *forms], level, proof, work.part(_WALKS), attempt)
+        best = forms[0]
+    return best
+
+
+def _wandered(
+    forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work, seed: int
+) -> list[LFT]:
+    """Some forms and other ways to write the value, the smallest first, one for each sizes of the blocks.
+
+    Each is made from one that is there. Those with other sizes lead to other results, so what is not
+    much larger than the smallest stays.
+    """
+    random, tried = np.random.default_rng(seed), 0
+    pool = {form.blocks: form for form in forms[::-1]}
+    best = min(pool.values(), key=_order)
+    while tried < _VAIN and best.order > proof.order_bound and not work.is_over:
+        start = list(pool.values())[int(random.integers(len(pool)))] if tried % 2 else best
+        tried += 1
+        for form in rewritten(start, best.order, random, work):
+            near = form.order < best.order + _CLOSE and form.blocks not in pool
+            if near and level.keeps(work, level.exact, form):
+                pool[form.blocks] = form
+        kept = sorted(pool.values(), key=_order)[:_POOL]
+        tried = 0 if kept[0].order < best.order else tried
+        best, pool = kept[0], {form.blocks: form for form in kept}
+    return sorted(pool.values(), key=_order)
+
+
+def _other_forms(forms: Sequence[LFT], work: Work) -> Iterator[LFT]:
+    """Forms without dependent channels, and the first with its affine deltas moved."""
+    for form in forms:
+        if not work.is_over:
+            yield independent(form, work)
+    yield from _moved(forms[0], work)
+
+
+def _moved(a: LFT, work: Work) -> Iterator[LFT]:
+    """Forms of the same value with the affine deltas moved: inside of other polynomial ones, or not."""
+    names = [block.name for block in a.blocks]
+    affine = [name for name in names if not work.is_over and is_affine(a, name, work)]
+    if not affine:
+        return
+    others = [name for name in names if name not in affine and is_polynomial(a, name)]
+    for outside in (others, ()):
+        try:
+            moved = move_affine(a, outside, affine, work, _GROWTH * a.order + 30)
+        except WellPosednessError:
+            continue
+        if moved is not None:
+            yield moved

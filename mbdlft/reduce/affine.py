@@ -10,7 +10,7 @@ Which other deltas are opened before, and so stay outside of B, decides about th
 stands inside of the lengths needs no copy of them.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 from scipy.linalg import qr
@@ -18,9 +18,8 @@ from scipy.linalg import qr
 from mbdlft.base.array import Array
 from mbdlft.lft.evaluate import evaluate
 from mbdlft.lft.lft import LFT, Block, constant, fix, select, stack_columns, stack_rows, transpose
-from mbdlft.reduce.basis import close_block, open_block
-from mbdlft.reduce.lines import equilibrate
-from mbdlft.reduce.reduce import reduce_order
+from mbdlft.reduce.reduce import equilibrate, reduce_order
+from mbdlft.reduce.work import Work, product, reduction, solutions
 
 _POINTS = 24
 _NOISE = 1e-10  # of the size of a row: a change below is rounding
@@ -31,8 +30,8 @@ def move_affine(
     a: LFT,
     outside: Iterable[str],
     moved: Iterable[str],
+    work: Work,
     most: int | None = None,
-    stop: Callable[[], bool] = lambda: False,
 ) -> LFT | None:
     """The same value, with affine deltas on one side of all but the deltas outside.
 
@@ -41,10 +40,10 @@ def move_affine(
     a : LFT
     outside : names of deltas that stay outside of the moved ones
     moved : names of deltas; those that do not enter affinely stay where they are
+    work : Work
+        Asked before each delta whether it is over; then None is returned.
     most : int
         Channels: None is returned where what is left on the way has more.
-    stop : function
-        Asked before each delta whether the time is over; then None is returned.
 
     Raises
     ------
@@ -56,17 +55,44 @@ def move_affine(
         opened.append(Block(name, dict(a.blocks)[name]))
         a = open_block(a, name)
     for name in moved:
-        if stop():
+        if work.is_over:
             return None
-        found = _moved(a, name)
-        if found is not None:
-            size, a = found
+        taken = at_one_side(a, name, work)
+        if taken is not None:
+            size, a = taken
             opened.append(Block(name, size))
             if most is not None and a.order > most:
                 return None
     for block in reversed(opened):
         a = close_block(a, block)
+    work.add(reduction(a.order))
     return reduce_order(a)
+
+
+def open_block(a: LFT, name: str) -> LFT:
+    """The LFT in the other deltas, (w, u) -> (z, y)."""
+    part = a.slices()[name]
+    k = np.arange(part.start, part.stop)
+    rest = np.setdiff1d(np.arange(a.order), k)
+    return LFT(
+        a.M11[np.ix_(rest, rest)],
+        np.hstack([a.M11[np.ix_(rest, k)], a.M12[rest]]),
+        np.vstack([a.M11[np.ix_(k, rest)], a.M21[:, rest]]),
+        np.block([[a.M11[np.ix_(k, k)], a.M12[k]], [a.M21[:, k], a.M22]]),
+        tuple(block for block in a.blocks if block.name != name),
+    )
+
+
+def close_block(opened: LFT, block: Block) -> LFT:
+    """The inverse of `open_block`: the first inputs and outputs become the block."""
+    before = sum(other.size for other in opened.blocks if other.name < block.name)
+    n, r = opened.order, block.size
+    order = np.r_[np.arange(before), n + np.arange(r), np.arange(before, n)].astype(int)
+    M11 = np.block([[opened.M11, opened.M12[:, :r]], [opened.M21[:r], opened.M22[:r, :r]]])
+    M12 = np.vstack([opened.M12[:, r:], opened.M22[:r, r:]])
+    M21 = np.hstack([opened.M21[r:], opened.M22[r:, :r]])
+    blocks = tuple(sorted((*opened.blocks, block)))
+    return LFT(M11[np.ix_(order, order)], M12[order], M21[:, order], opened.M22[r:, r:], blocks)
 
 
 def is_polynomial(a: LFT, name: str) -> bool:
@@ -78,30 +104,37 @@ def is_polynomial(a: LFT, name: str) -> bool:
     return not paths.any()
 
 
-def is_affine(a: LFT, name: str) -> bool:
+def is_affine(a: LFT, name: str, work: Work) -> bool:
     """Whether the value is affine in a delta, at generic values of the others."""
-    return bool(_slope(a, name) is not None)
+    return bool(_slope(a, name, work) is not None)
 
 
-def _moved(a: LFT, name: str) -> tuple[int, LFT] | None:
-    """The size of the block, and the LFT opened in it; None if the delta does not enter affinely."""
-    found = _slope(a, name)
-    if found is None:
+def at_one_side(a: LFT, name: str, work: Work) -> tuple[int, LFT] | None:
+    """The size of the block, and the LFT opened in it; None if the delta does not enter affinely.
+
+    The factors of the delta are constants on that side on which fewer channels are enough.
+    """
+    change = _slope(a, name, work)
+    if change is None:
         return None
-    slope, rows, columns = found
+    slope, rows, columns = change
+    points, high, wide = slope.shape
+    work.add(product(points * wide, high, high) + product(points * high, wide, wide))
+    work.add(2.0 * reduction(a.order))
     outer, inner = _span(slope, rows), _span(slope.swapaxes(1, 2), columns)
     if inner.shape[1] < outer.shape[1]:
         return inner.shape[1], transpose(_at_outputs(transpose(a), name, inner))
     return outer.shape[1], _at_outputs(a, name, outer)
 
 
-def _slope(a: LFT, name: str) -> tuple[Array, Array, Array] | None:
+def _slope(a: LFT, name: str, work: Work) -> tuple[Array, Array, Array] | None:
     """Changes of the values with a delta (points, rows, columns) over scales of rows and columns.
 
     None if it is not the same on both sides of zero.
     """
     random = np.random.default_rng(0)
     points = {b.name: random.uniform(-0.9, 0.9, _POINTS) for b in a.blocks if b.name != name}
+    work.add(solutions(3 * _POINTS, a.order, a.shape[1], is_complex=False))
     low, middle, high = (
         evaluate(a, {**points, name: np.full(_POINTS, value)}) for value in (-1.0, 0.0, 1.0)
     )

@@ -6,7 +6,7 @@ deltas to the unit circle, where monomials are orthogonal.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from scipy.linalg import LinAlgError
 
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT, Block
-from mbdlft.reduce.lines import channels_at, pole_distance
+from mbdlft.reduce.work import Work, product, solutions
 
 Complex = NDArray[np.complex128]
 
@@ -52,7 +52,23 @@ class Fit(NamedTuple):
     W: Complex
 
 
-def circle_values(a: LFT, unknowns: int, random: np.random.Generator) -> CircleValues:
+def channels_at(M11: Array, M12: Array, deltas: NDArray[Any]) -> NDArray[Any]:
+    """z = (I - M11 Delta)^-1 M12 (points, channels, inputs) at deltas (points, channels)."""
+    loops = np.eye(len(M11)) - M11 * deltas[:, None, :]
+    right = np.broadcast_to(M12, (len(deltas), *M12.shape)).astype(deltas.dtype)
+    return np.asarray(np.linalg.solve(loops, right))
+
+
+def pole_distance(loop: Array, largest: float) -> float:
+    """Of the nearest pole of one delta from zero, when the others are zero; `largest` at most."""
+    try:
+        size = np.max(np.abs(np.linalg.eigvals(loop)), initial=0.0)
+    except np.linalg.LinAlgError:  # the iteration has no end: no eigenvalue is above the norm
+        size = np.linalg.norm(loop)
+    return float(1.0 / max(1.0 / largest, size))
+
+
+def circle_values(a: LFT, unknowns: int, random: np.random.Generator, work: Work) -> CircleValues:
     """Values at random points of the circles, enough for so many real unknowns.
 
     Raises
@@ -69,6 +85,7 @@ def circle_values(a: LFT, unknowns: int, random: np.random.Generator) -> CircleV
     points = np.exp(2j * np.pi * random.uniform(size=(count, len(a.blocks))))
     deltas = np.repeat(points * radii, [block.size for block in a.blocks], axis=1)
     z = channels_at(a.M11, a.M12[:, columns], deltas)
+    work.add(solutions(count, a.order, len(columns)))
     values = (a.M21[rows] * deltas[:, None, :]) @ z
     if not np.all(np.isfinite(values)):
         raise LinAlgError
@@ -108,7 +125,7 @@ def unscaled(M: Array, kept: tuple[Block, ...], a: LFT, truth: CircleValues) -> 
     return LFT(M[:n, :n] / root / root[:, None], M12, M21, a.M22, kept)
 
 
-def fit_of(M: Array, kept: tuple[Block, ...], truth: CircleValues) -> Fit:
+def fit_of(M: Array, kept: tuple[Block, ...], truth: CircleValues, work: Work) -> Fit:
     """An M with the blocks `kept`, its Y and its W.
 
     Raises
@@ -118,6 +135,8 @@ def fit_of(M: Array, kept: tuple[Block, ...], truth: CircleValues) -> Fit:
     """
     deltas = np.repeat(truth.points, [block.size for block in kept], axis=1)
     n = deltas.shape[1]
+    count, outputs, inputs = truth.values.shape
+    work.add(solutions(2 * count, n, (outputs + inputs) // 2) + product(count * outputs, n, inputs))
     W = deltas[:, :, None] * channels_at(M[:n, :n], M[:n, n:], deltas)
     Y = np.swapaxes(channels_at(M[:n, :n].T, M[n:, :n].T, deltas), 1, 2) * deltas[:, None, :]
     difference = M[n:, :n] @ W - truth.values

@@ -17,8 +17,9 @@ from scipy.linalg import qr
 
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT, Block, transpose
-from mbdlft.reduce.lines import channels_at, pole_distance
+from mbdlft.reduce.circles import channels_at, pole_distance
 from mbdlft.reduce.reduce import reduce_order
+from mbdlft.reduce.work import Work, product, reduction, singular_values, solutions
 
 _SEED = 0
 _MORE_SAMPLES = 1.5  # times as many as there are functions
@@ -29,42 +30,43 @@ _NOISE = 2.0**-40  # of a dependence: a smaller part is rounding
 _WORST = 1e6  # condition of the part of the dependences that is divided by
 
 
-def independent(a: LFT) -> LFT:
+def independent(a: LFT, work: Work) -> LFT:
     """The same value in channels with independent functions; `a` itself if they are.
 
     Numbers decide what is dependent, so the value is to be compared with that of `a`.
     """
     while True:
-        smaller = _independent_columns(a)
-        smaller = transpose(_independent_columns(transpose(smaller)))
+        smaller = _independent_columns(a, work)
+        smaller = transpose(_independent_columns(transpose(smaller), work))
         if smaller.order == a.order:
             return a
         a = smaller
 
 
-def _independent_columns(a: LFT) -> LFT:
+def _independent_columns(a: LFT, work: Work) -> LFT:
     """The same for the functions Y Delta alone."""
     n, outputs = a.order, a.shape[0]
     if not n or not outputs:
         return a
     try:
-        found = _dependences(_functions(a), outputs)
+        dependences = _dependences(_functions(a, work), outputs, work)
     except np.linalg.LinAlgError:  # a pole at one of the samples
         return a
-    if found is None:
+    if dependences is None:
         return a
-    pivots, change = found
+    pivots, change = dependences
     change = np.vstack([change[outputs:], change[:outputs]])  # first the rows of z, then those of y
     M = np.block([[a.M11, a.M12], [a.M21, a.M22]])
     M -= change @ M[pivots]
     kept = np.setdiff1d(np.arange(n), pivots)
     sizes = [int(np.sum((kept >= part.start) & (kept < part.stop))) for part in a.slices().values()]
     blocks = [Block(block.name, size) for block, size in zip(a.blocks, sizes, strict=True)]
+    work.add(reduction(n))
     M11, M12 = M[np.ix_(kept, kept)], M[kept, n:]
     return reduce_order(LFT(M11, M12, M[n:, kept], M[n:, n:], tuple(blocks)))
 
 
-def _functions(a: LFT) -> Array:
+def _functions(a: LFT, work: Work) -> Array:
     """Values (samples, outputs + channels) of the functions 1 and Y Delta, in real and imaginary parts.
 
     The deltas run over circles, where their powers are orthogonal.
@@ -77,6 +79,7 @@ def _functions(a: LFT) -> Array:
     radii = [max(least, _INSIDE * pole_distance(loop, largest / _INSIDE)) for loop in loops]
     phases = random.uniform(0.0, 2.0 * np.pi, (points, len(a.blocks)))
     deltas = np.repeat(radii * np.exp(1j * phases), [block.size for block in a.blocks], axis=1)
+    work.add(solutions(points, n, outputs))
     Y = channels_at(a.M11.T, a.M21.T, deltas).transpose(0, 2, 1)
     values = Y * deltas[:, None, :]
     sizes = np.max(np.abs(values), axis=(0, 2))
@@ -87,8 +90,12 @@ def _functions(a: LFT) -> Array:
     return np.vstack([rows.real, rows.imag])
 
 
-def _dependences(functions: Array, outputs: int) -> tuple[NDArray[np.intp], Array] | None:
+def _dependences(
+    functions: Array, outputs: int, work: Work
+) -> tuple[NDArray[np.intp], Array] | None:
     """Channels that depend on the others, and (functions, dependences) that vanish, one in these."""
+    rows, columns = functions.shape
+    work.add(product(rows, columns, columns) + singular_values(columns, columns))
     sizes = np.linalg.norm(functions, axis=0)
     sizes = np.where(sizes > 0.0, sizes, 1.0)
     triangle = np.asarray(np.linalg.qr(functions / sizes, mode="r"))

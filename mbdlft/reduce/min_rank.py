@@ -15,7 +15,7 @@ C must not see what B feeds. This comes out by itself, or not; the caller compar
 """
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +26,7 @@ from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.reduce.affine import is_affine
 from mbdlft.reduce.circles import CircleValues, Fit, circle_values, fit_of, scaled, unscaled
+from mbdlft.reduce.work import Work, product, singular_values
 
 _STARTS, _PER_ENTRY, _ENOUGH = 60, 0.1, 3  # of each rank, all from the same E; more for a large one
 _SPREAD = (-0.4, 0.6)  # powers of ten: of a start around E, over its size
@@ -54,7 +55,7 @@ def lower_ranks(
     least: int,
     entries: int,
     seed: int,
-    stop: Callable[[], bool],
+    work: Work,
 ) -> Iterator[LFT]:
     """LFTs with fewer repetitions of an affine delta, as far as they are found.
 
@@ -69,8 +70,8 @@ def lower_ranks(
         Of E at most. The null space takes a time like their cube, some seconds for 2000; a delta with
         more than these next to it is left as it is.
     seed : int
-    stop : function
-        Asked before each start whether the time is over.
+    work : Work
+        Asked before each start whether it is over.
 
     Yields
     ------
@@ -80,11 +81,11 @@ def lower_ranks(
     """
     random, more = np.random.default_rng(seed), above_bound(a, bound)
     for name in sorted(more, key=lambda name: -more[name]):
-        if stop() or not is_affine(a, name):
+        if work.is_over or not is_affine(a, name, work):
             continue
         try:
             fewer = min(more[name], a.order - least)
-            yield from _smaller(a, name, fewer, entries, random, stop)
+            yield from _smaller(a, name, fewer, entries, random, work)
         except (LinAlgError, np.linalg.LinAlgError):  # a pole at one of the points
             continue
 
@@ -101,7 +102,7 @@ def _smaller(
     fewer: int,
     most_entries: int,
     random: np.random.Generator,
-    stop: Callable[[], bool],
+    work: Work,
 ) -> Iterator[LFT]:
     """With fewer channels of one delta, the smallest first; `fewer` at most."""
     sites = _sites(a, name, most_entries)
@@ -109,21 +110,21 @@ def _smaller(
         return
     part = a.slices()[name]
     count = part.stop - part.start
-    truth = circle_values(a, int(np.prod([np.sum(side) for side in sites])), random)
+    truth = circle_values(a, int(np.prod([np.sum(side) for side in sites])), random, work)
     M = scaled(a, truth)
     rows, columns = (np.delete(np.arange(side), part) for side in M.shape)
     others = tuple(Block(b.name, 0 if b.name == name else b.size) for b in a.blocks)
-    left = fit_of(M[np.ix_(rows, columns)], others, truth)
-    family = _family(left, M[rows, part] @ M[part][:, columns], sites)
-    found: list[tuple[int, Array]] = []
+    left = fit_of(M[np.ix_(rows, columns)], others, truth, work)
+    family = _family(left, M[rows, part] @ M[part][:, columns], sites, work)
+    members: list[tuple[int, Array]] = []
     starts = max(_STARTS, int(_PER_ENTRY * family.start.size))
     for rank in range(count - 1, count - 1 - fewer, -1):
-        members = (_of_rank(family, rank, random) for _ in range(starts) if not stop())
-        lower = list(itertools.islice(((rank, E) for E in members if E is not None), _ENOUGH))
+        tried = (_of_rank(family, rank, random, work) for _ in range(starts) if not work.is_over)
+        lower = list(itertools.islice(((rank, E) for E in tried if E is not None), _ENOUGH))
         if not lower:
             break
-        found = [*lower, *found]
-    for rank, E in found:
+        members = [*lower, *members]
+    for rank, E in members:
         yield _with_channels(a, name, M, family, (rows, columns), rank, E, truth)
 
 
@@ -183,32 +184,34 @@ def _sites(a: LFT, name: str, most_entries: int) -> tuple[Mask, Mask] | None:
         return max(int(np.sum(side)) for side in ways)
 
     near = sorted((own for other, own in a.slices().items() if other != name), key=others_through)
-    ends, begins, found = after.copy(), before.copy(), None
+    ends, begins, chosen = after.copy(), before.copy(), None
     for added in (part, *near):
         ends[added], begins[added] = True, True
         more = sites(ends, begins)
         if np.sum(more[0]) * np.sum(more[1]) > most_entries:
             break
-        found = more
-    return found
+        chosen = more
+    return chosen
 
 
 def _reached(depends: Mask, start: Mask) -> Mask:
     """Channels that those of `start` depend on, in any number of steps, and they themselves."""
-    found = start
+    reached = start
     while True:
-        more = found | np.any(depends[found], axis=0)
-        if np.array_equal(more, found):
-            return found
-        found = more
+        more = reached | np.any(depends[reached], axis=0)
+        if np.array_equal(more, reached):
+            return reached
+        reached = more
 
 
-def _family(left: Fit, E: Array, sites: tuple[Mask, Mask]) -> _Family:
+def _family(left: Fit, E: Array, sites: tuple[Mask, Mask], work: Work) -> _Family:
     """All E of one slope, with entries only at the sites, for functions of size one."""
     rows, row_sizes = _present(np.sqrt(np.mean(np.abs(left.Y) ** 2, axis=(0, 1))), sites[0])
     columns, column_sizes = _present(np.sqrt(np.mean(np.abs(left.W) ** 2, axis=(0, 2))), sites[1])
     Y, W = left.Y[:, :, rows] / row_sizes, left.W[:, columns] / column_sizes[:, None]
     products = np.einsum("poi,pbu->pouib", Y, W).reshape(-1, len(rows) * len(columns))
+    count, entries = products.shape
+    work.add(product(2 * count, entries, entries) + 2.0 * product(entries, entries, entries))
     null = _null_space(np.concatenate([products.real, products.imag]))
     start = E[np.ix_(rows, columns)] * row_sizes[:, None] * column_sizes
     return _Family(
@@ -234,11 +237,11 @@ def _null_space(matrix: Array) -> Array:
 
 
 def _present(sizes: Array, sites: Mask) -> tuple[NDArray[np.intp], Array]:
-    found = np.flatnonzero(sites & (sizes > _ABSENT * np.max(sizes)))
-    return found, sizes[found]
+    present = np.flatnonzero(sites & (sizes > _ABSENT * np.max(sizes)))
+    return present, sizes[present]
 
 
-def _of_rank(family: _Family, rank: int, random: np.random.Generator) -> Array | None:
+def _of_rank(family: _Family, rank: int, random: np.random.Generator, work: Work) -> Array | None:
     """A member of a rank, from a start near the one that is there; None if there is none near."""
     count = len(family.free)
     if not count:
@@ -248,13 +251,18 @@ def _of_rank(family: _Family, rank: int, random: np.random.Generator) -> Array |
     U, sizes, Vt = np.linalg.svd(E)
     rest, damping = float(np.linalg.norm(sizes[rank:])), _DAMPING
     rests = [rest]
+    high, wide = E.shape
+    of_try = product(count, count, count) + product(count, high, wide) + singular_values(high, wide)
+    of_slopes = count * ((high - rank) * (high + count * (wide - rank)) * wide)
     for _ in range(_STEPS):
+        work.add(of_slopes)
         slopes = ((U[:, rank:].T @ family.free) @ Vt[rank:].T).reshape(count, -1)
         normal, slope = slopes @ slopes.T, slopes @ (U[:, rank:].T @ E @ Vt[rank:].T).ravel()
         for _ in range(_RAISES):
             ridge = (damping * rest + _RIDGE) * np.eye(count)
             after = E - np.tensordot(np.linalg.solve(normal + ridge, slope), family.free, 1)
             U_after, sizes_after, Vt_after = np.linalg.svd(after)
+            work.add(of_try)
             rest_after = float(np.linalg.norm(sizes_after[rank:]))
             if rest_after < rest:
                 break

@@ -110,6 +110,18 @@ def in_scales(a: LFT) -> LFT:
     )
 
 
+def equilibrate(values: NDArray[Any]) -> tuple[Array, Array]:
+    """Factors of rows and columns that bring the largest entries to one."""
+    size = np.max(np.abs(values), axis=0, initial=0.0)
+    rows = 1.0 / or_one(np.max(size, axis=1, initial=0.0))
+    return rows, 1.0 / or_one(np.max(size * rows[:, None], axis=0, initial=0.0))
+
+
+def or_one(size: Array) -> Array:
+    """Sizes to divide by: 1 for zero."""
+    return np.where(size > 0.0, size, 1.0)
+
+
 def _channel_scales(M11: Array, M12: Array, M21: Array, sweeps: int) -> tuple[Array, Array, Array]:
     """Powers of two for the channels, and the squares of what then enters and leaves each."""
     inner, first, last = M11**2, np.sum(M12**2, axis=1), np.sum(M21**2, axis=0)

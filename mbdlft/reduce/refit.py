@@ -3,9 +3,9 @@
 With M = [A B ; C D], Y = [C Delta (I - A Delta)^-1, I] and W = [Delta (I - A Delta)^-1 B ; I] a change dM
 changes the value to first order by Y dM W. The entries of M in the rows and columns of one delta are
 the unknowns, all others stay: a direction of that delta is left out, and the unknowns are fitted to the
-values until the difference is rounding (Levenberg 1944, Marquardt 1963). The search in bases
-(`mbdlft.reduce.commuting`) has a finite number of them. LFTs between the degree and what it finds can
-belong to a continuous family: of Theorem 2 (docs/method.md), by the lines where its quotient lives.
+values until the difference is rounding (Levenberg 1944, Marquardt 1963). LFTs between the degree
+and what n-D reduction finds can belong to a continuous family: of Theorem 2 (docs/method.md), by the
+lines where its quotient lives.
 
 The products Y dM W of a row i and a column b have the scalar products
 
@@ -16,7 +16,6 @@ so the normal equations are sums of Kronecker products, whatever the number of i
 
 import itertools
 import math
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -37,9 +36,10 @@ from mbdlft.reduce.circles import (
     unscaled,
 )
 from mbdlft.reduce.min_rank import above_bound, lower_ranks
+from mbdlft.reduce.work import Work, product
 
 _CLOSE = 2  # forms so much larger than the smallest are looked at
-_RANKS = 0.5  # of the time, at most, for affine deltas alone
+_RANKS = 0.5  # of the work, at most, for affine deltas alone
 _ENTRIES = 670  # of a matrix whose null space takes about a fifth of a second
 _MOST_ENTRIES = 2400  # of one with more, fewer starts and fewer of them come to an end
 _TURNS = 4  # directions that are left out, for each repetition above the bound
@@ -53,6 +53,7 @@ _LEAST_DAMPING, _RIDGE = 1e-9, 1e-15
 _ROUNDING = 1e-15  # of the values: nothing to gain below
 _EXACT = 1e-12  # a difference that is only rounding
 _RAISES = 10
+_PASSES = 20  # over the normal equations, beside their sums
 
 
 def refit(
@@ -61,47 +62,40 @@ def refit(
     least: int,
     keeps: Callable[[LFT], bool],
     seed: int,
-    seconds: float,
+    work: Work,
 ) -> LFT:
     """The smallest of some LFTs of one value, and of those that have repetitions less.
 
     Parameters
     ----------
     forms : LFTs of one value
-        Those not much larger than the smallest are taken in turn; each has its part of the time.
+        Those not much larger than the smallest are taken in turn; each has its part of the work.
     bound : mapping of names to the lower bounds of the repetitions
     least : int
         Order that ends it.
     keeps : function of an LFT
         Whether it has the value.
     seed : int
-    seconds : float
-        Processor time of this thread (s).
+    work : Work
     """
     forms = sorted(forms, key=lambda form: form.order)
     close = [form for form in forms if form.order <= forms[0].order + _CLOSE]
-    if seconds <= 0.0:
+    if work.is_over:
         return close[0]
-    start = time.thread_time()
-    entries = int(min(_MOST_ENTRIES, _ENTRIES * seconds ** (1.0 / 3.0)))
-    stop = _after(start + _RANKS * seconds)
-    lower = partial(_lower, bound=bound, least=least, entries=entries, seed=seed + 1, stop=stop)
+    entries = int(min(_MOST_ENTRIES, _ENTRIES * work.left ** (1.0 / 3.0)))
+    of_ranks = work.part(_RANKS)
+    lower = partial(_lower, bound=bound, least=least, entries=entries, seed=seed + 1, work=of_ranks)
     for k, form in enumerate(close):
-        close[k] = _followed(form, lower, least, keeps, stop)
+        close[k] = _followed(form, lower, least, keeps, of_ranks)
         if close[k].order <= least:
             return close[k]
     for k, form in enumerate(close):
-        now = time.thread_time()
-        stop = _after(now + (start + seconds - now) / (len(close) - k))
-        less = partial(one_less, bound=bound, tries=_TURNS, seed=seed, stop=stop)
-        close[k] = _followed(form, less, least, keeps, stop)
+        own = work.part(1.0 / (len(close) - k))
+        less = partial(one_less, bound=bound, tries=_TURNS, seed=seed, work=own)
+        close[k] = _followed(form, less, least, keeps, own)
         if close[k].order <= least:
             return close[k]
     return min(close, key=lambda form: form.order)
-
-
-def _after(until: float) -> Callable[[], bool]:
-    return lambda: time.thread_time() > until
 
 
 def _followed(
@@ -109,15 +103,15 @@ def _followed(
     candidates: Callable[[LFT], Iterator[LFT]],
     least: int,
     keeps: Callable[[LFT], bool],
-    stop: Callable[[], bool],
+    work: Work,
 ) -> LFT:
     """The last of the LFTs that come one from the other, by the first candidate that keeps the value."""
-    found: LFT | None = a
-    while found is not None:
-        a = found
-        if a.order <= least or stop():
+    smaller: LFT | None = a
+    while smaller is not None:
+        a = smaller
+        if a.order <= least or work.is_over:
             break
-        found = next((one for one in candidates(a) if keeps(one)), None)
+        smaller = next((one for one in candidates(a) if keeps(one)), None)
     return a
 
 
@@ -127,31 +121,29 @@ def _lower(
     least: int,
     entries: int,
     seed: int,
-    stop: Callable[[], bool],
+    work: Work,
 ) -> Iterator[LFT]:
     """Of smaller rank, as they are found and then without what their channels feed to themselves."""
     random, sizes = np.random.default_rng(seed), dict(a.blocks)
-    for candidate in lower_ranks(a, bound, least, entries, seed, stop):
+    for candidate in lower_ranks(a, bound, least, entries, seed, work):
         yield candidate
         (part,) = (
             candidate.slices()[name] for name, size in candidate.blocks if size < sizes[name]
         )
         unknowns = (part.stop - part.start) * (2 * candidate.order + sum(a.shape))
-        if unknowns > _MOST_UNKNOWNS or stop():
+        if unknowns > _MOST_UNKNOWNS or work.is_over:
             continue
         try:
-            truth = circle_values(a, unknowns, random)
-            start = fit_of(scaled(candidate, truth), candidate.blocks, truth)
-            fit = _descend(start, candidate.blocks, part, truth, stop)
+            truth = circle_values(a, unknowns, random, work)
+            start = fit_of(scaled(candidate, truth), candidate.blocks, truth, work)
+            fit = _descend(start, candidate.blocks, part, truth, work)
         except (LinAlgError, np.linalg.LinAlgError):  # a pole at one of the points
             continue
         if fit.size < _EXACT:
             yield unscaled(fit.M, candidate.blocks, a, truth)
 
 
-def one_less(
-    a: LFT, bound: Mapping[str, int], tries: int, seed: int, stop: Callable[[], bool]
-) -> Iterator[LFT]:
+def one_less(a: LFT, bound: Mapping[str, int], tries: int, seed: int, work: Work) -> Iterator[LFT]:
     """LFTs of equal value with one repetition less, as far as they are found.
 
     Parameters
@@ -162,8 +154,8 @@ def one_less(
     tries : int
         Directions that are left out, by chance, for each repetition above the bound.
     seed : int
-    stop : function
-        Asked before each step whether the time is over.
+    work : Work
+        Asked before each step whether it is over.
 
     Yields
     ------
@@ -174,43 +166,43 @@ def one_less(
     names = sorted(more, key=lambda name: bound[name] / sizes[name])
     turns = [name for name in names for _ in range(more[name])]
     for _, name, fit in itertools.product(range(tries), turns, (_near, _anew)):
-        if stop():
+        if work.is_over:
             return
         try:
-            found = fit(a, name, random, stop)
+            fitted = fit(a, name, random, work)
         except (LinAlgError, np.linalg.LinAlgError):  # a pole at one of the points
             continue
-        if found is not None:
-            yield found
+        if fitted is not None:
+            yield fitted
 
 
-def _near(a: LFT, name: str, random: np.random.Generator, stop: Callable[[], bool]) -> LFT | None:
+def _near(a: LFT, name: str, random: np.random.Generator, work: Work) -> LFT | None:
     """From the LFT itself: without a direction of a delta, whose rows and columns are the unknowns."""
     part = a.slices()[name]
     last = part.stop - 1
     unknowns = (last - part.start) * (2 * a.order + sum(a.shape))
     if unknowns > _MOST_UNKNOWNS:
         return None
-    truth = circle_values(a, unknowns, random)
+    truth = circle_values(a, unknowns, random, work)
     M = scaled(a, truth)
     turn = np.linalg.qr(random.standard_normal((last + 1 - part.start,) * 2))[0]
     M[part] = turn.T @ M[part]
     M[:, part] = M[:, part] @ turn
     M = np.delete(np.delete(M, last, axis=0), last, axis=1)
-    return _fitted(a, name, truth, M, slice(part.start, last), random, stop)
+    return _fitted(a, name, truth, M, slice(part.start, last), random, work)
 
 
-def _anew(a: LFT, name: str, random: np.random.Generator, stop: Callable[[], bool]) -> LFT | None:
+def _anew(a: LFT, name: str, random: np.random.Generator, work: Work) -> LFT | None:
     """From anywhere, with all of M but D as unknowns: for few of them."""
     n = a.order - 1
     unknowns = n * (n + sum(a.shape))
     if unknowns > _MOST_ANEW:
         return None
-    truth = circle_values(a, unknowns, random)
+    truth = circle_values(a, unknowns, random, work)
     outputs, inputs = truth.values.shape[1:]
     M = _SPREAD / math.sqrt(n) * random.standard_normal((n + outputs, n + inputs))
     M[n:, n:] = 0.0
-    return _fitted(a, name, truth, M, slice(0, n), random, stop)
+    return _fitted(a, name, truth, M, slice(0, n), random, work)
 
 
 def _fitted(
@@ -220,7 +212,7 @@ def _fitted(
     M: Array,
     part: slice,
     random: np.random.Generator,
-    stop: Callable[[], bool],
+    work: Work,
 ) -> LFT | None:
     """With one repetition of a delta less, from a start M; None if the values are not met."""
     kept = tuple(Block(block.name, block.size - (block.name == name)) for block in a.blocks)
@@ -229,24 +221,28 @@ def _fitted(
     unknown[part], unknown[:, part] = True, True
     unknown[n:, n:] = False
     noise = _NOISE * math.sqrt(np.mean(M**2)) * random.standard_normal(M.shape)
-    fit = _descend(fit_of(M + np.where(unknown, noise, 0.0), kept, truth), kept, part, truth, stop)
+    start = fit_of(M + np.where(unknown, noise, 0.0), kept, truth, work)
+    fit = _descend(start, kept, part, truth, work)
     return unscaled(fit.M, kept, a, truth) if fit.size < _EXACT else None
 
 
 def _descend(
-    fit: Fit, kept: tuple[Block, ...], part: slice, truth: CircleValues, stop: Callable[[], bool]
+    fit: Fit, kept: tuple[Block, ...], part: slice, truth: CircleValues, work: Work
 ) -> Fit:
     """Newton's method, damped, until nothing is gained."""
     damping, sizes = _DAMPING, [fit.size]
     for _ in range(_STEPS):
-        if stop() or fit.size < _ROUNDING:
+        if work.is_over or fit.size < _ROUNDING:
             break
-        normal, slope = _normal_equations(fit, part)
+        normal, slope = _normal_equations(fit, part, work)
         for _ in range(_RAISES):
             ridge = damping * fit.size + _RIDGE
             try:
+                work.add(product(len(normal), len(normal), len(normal)) / 3.0)
                 factor = cho_factor(normal + ridge * np.eye(len(normal)), check_finite=False)
-                after = fit_of(fit.M - _spread(cho_solve(factor, slope), fit, part), kept, truth)
+                after = fit_of(
+                    fit.M - _spread(cho_solve(factor, slope), fit, part), kept, truth, work
+                )
             except (LinAlgError, np.linalg.LinAlgError):
                 damping *= _RAISED
                 continue
@@ -262,7 +258,7 @@ def _descend(
     return fit
 
 
-def _normal_equations(fit: Fit, part: slice) -> tuple[Array, Array]:
+def _normal_equations(fit: Fit, part: slice, work: Work) -> tuple[Array, Array]:
     """J^T J and J^T r for the rows `part` of M, all columns, then its columns, all other rows."""
     Y, W = fit.Y, fit.W
     others = np.delete(np.arange(Y.shape[2]), part)
@@ -272,6 +268,8 @@ def _normal_equations(fit: Fit, part: slice) -> tuple[Array, Array]:
         np.sum(_adjoint(y) @ fit.difference @ _adjoint(w), axis=0).real.ravel()
         for y, w in (rows, columns)
     ]
+    points, unknowns = len(Y), sum(y.shape[2] * w.shape[1] for y, w in (rows, columns))
+    work.add(product(2 * points + _PASSES, unknowns, unknowns))
     scale = 1.0 / fit.difference.size
     return np.block(blocks) * scale, np.concatenate(slopes) * scale
 

@@ -8,7 +8,8 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.lft.evaluate import evaluate_at, values_and_sizes
 from mbdlft.lft.lft import LFT
-from mbdlft.reduce.lines import equilibrate
+from mbdlft.reduce.reduce import equilibrate, or_one
+from mbdlft.reduce.work import Work, singular_values, solutions
 
 _POINTS = 64
 SAME = 1e-11  # relative difference of values, far above rounding and far below a wrong step
@@ -46,23 +47,29 @@ class Truth:
         return fields, values, np.maximum(size, least)
 
 
-def is_same(candidate: LFT, truth: Truth, largest: float = SAME) -> bool:
+def is_same(candidate: LFT, truth: Truth, work: Work, largest: float = SAME) -> bool:
     """Whether the values are the same, and the loop is far from singular, at all points.
 
     Each entry is compared with its size; the difference is `largest` at most.
     """
     fields, values, size = truth.values
+    n, count, inputs = candidate.order, len(values), candidate.shape[1]
+    work.add(2 * solutions(count, n, inputs, is_complex=False))
     nothing = np.zeros(len(values))
     points = np.array([fields.get(name, nothing) for name, _ in candidate.blocks]).T
     points = points.reshape(len(values), len(candidate.blocks))
-    if candidate.order:
+    loop = np.zeros((0, n, n))
+    if n:
         spread = np.repeat(points, [block.size for block in candidate.blocks], axis=1)
-        loop = np.eye(candidate.order) - candidate.M11[None] * spread[:, None, :]
+        loop = np.eye(n) - candidate.M11[None] * spread[:, None, :]
         signs, _ = np.linalg.slogdet(loop)
-        if np.any(signs <= 0) or np.max(np.linalg.cond(loop)) > _CONDITION:
+        if np.any(signs <= 0):
             return False
     difference = np.abs(evaluate_at(candidate, points) - values)
-    return bool(np.max(difference / np.where(size > 0, size, 1.0), initial=0.0) <= largest)
+    if not np.max(difference / or_one(size), initial=0.0) <= largest:
+        return False
+    work.add(singular_values(n, n, count) / 3.0)
+    return bool(np.max(np.linalg.cond(loop), initial=0.0) <= _CONDITION)
 
 
 def part_of_largest(values: Array) -> float:

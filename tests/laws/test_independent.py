@@ -21,6 +21,7 @@ from mbdlft.pipeline.build import build
 from mbdlft.reduce import independent as module
 from mbdlft.reduce.independent import independent
 from mbdlft.reduce.reduce import reduce_order
+from mbdlft.reduce.work import Work
 from tests.close import SCENARIO, roundoff, target
 from tests.strategies import random_scene
 
@@ -62,7 +63,7 @@ def rank_of_functions(a: LFT) -> int:
 
 
 def law(a: LFT) -> LFT:
-    found = independent(a)
+    found = independent(a, Work())
     points = np.random.default_rng(4).uniform(-0.9, 0.9, (20, len(a.blocks)))
     roundoff(evaluate_at(found, points), evaluate_at(a, points), KAPPA)
     for side in (found, transpose(found)):
@@ -93,7 +94,7 @@ def test_it_is_needed() -> None:
 
 @pytest.mark.parametrize("a", [constant([[1.0, 2.0]]), delta("a"), word(("a", "b"))])
 def test_independent_comes_back(a: LFT) -> None:
-    assert independent(a) is a
+    assert independent(a, Work()) is a
 
 
 def test_units_do_not_matter() -> None:
@@ -122,7 +123,7 @@ def test_large_scene() -> None:
 
 
 def same_values(plain: LFT) -> LFT:
-    found = independent(plain)
+    found = independent(plain, Work())
     points = np.random.default_rng(6).uniform(-1.0, 1.0, (50, len(plain.blocks)))
     target(evaluate_at(found, points), evaluate_at(plain, points), SCENARIO)
     return found

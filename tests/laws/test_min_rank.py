@@ -20,11 +20,12 @@ from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.reduce import min_rank as module
 from mbdlft.reduce import refit as newton
-from mbdlft.reduce.basis import open_block
+from mbdlft.reduce.affine import open_block
 from mbdlft.reduce.min_rank import lower_ranks
 from mbdlft.reduce.refit import refit
+from mbdlft.reduce.work import Work
 from tests.close import roundoff
-from tests.laws.test_refit import KAPPA, chain_in_space, in_other_units, never
+from tests.laws.test_refit import KAPPA, chain_in_space, in_other_units
 
 ENTRIES = 1000
 STARTS = 120
@@ -38,7 +39,7 @@ def few_starts(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def candidates(a: LFT, entries: int = ENTRIES, least: int = 0) -> Iterator[LFT]:
-    return lower_ranks(a, lower_bound(a), least, entries, 0, never)
+    return lower_ranks(a, lower_bound(a), least, entries, 0, Work())
 
 
 def values(a: LFT) -> Any:
@@ -92,7 +93,7 @@ def test_with_newton(
 ) -> None:
     monkeypatch.setattr(newton, "one_less", lambda *_, **__: iter(()))
     a = chain_in_space(links, *names)
-    found = refit([a], lower_bound(a), after, lambda one: is_right(one, a), 0, 40.0)
+    found = refit([a], lower_bound(a), after, lambda one: is_right(one, a), 0, Work(40.0))
     assert (a.order, found.order) == (before, after)
 
 
@@ -105,11 +106,11 @@ def test_units() -> None:
 def test_nothing_to_find() -> None:
     a = chain_in_space(4, "m3", "t2")
     sizes = {block.name: block.size for block in a.blocks}
-    assert not list(lower_ranks(a, sizes, 0, ENTRIES, 0, never))
-    assert not list(lower_ranks(a, sizes | {"t2": 1}, 0, ENTRIES, 0, never))  # not affine
+    assert not list(lower_ranks(a, sizes, 0, ENTRIES, 0, Work()))
+    assert not list(lower_ranks(a, sizes | {"t2": 1}, 0, ENTRIES, 0, Work()))  # not affine
     assert not list(candidates(a, entries=20))
     assert not list(candidates(a, least=a.order))
-    assert not list(lower_ranks(a, lower_bound(a), 0, ENTRIES, 0, lambda: True))
+    assert not list(lower_ranks(a, lower_bound(a), 0, ENTRIES, 0, Work(0.0)))
 
 
 def test_nothing_in_a_generic_lft() -> None:
@@ -117,7 +118,7 @@ def test_nothing_in_a_generic_lft() -> None:
     M = 0.3 * random.standard_normal((8, 9))
     M[3:5, 3:5], M[:3, 3:5] = 0.0, 0.0  # affine in the second delta, which feeds outputs alone
     a = LFT(M[:5, :5], M[:5, 5:], M[5:, :5], M[5:, 5:], (Block("a", 3), Block("b", 2)))
-    assert not list(lower_ranks(a, {"a": 1, "b": 1}, 0, ENTRIES, 0, never))
+    assert not list(lower_ranks(a, {"a": 1, "b": 1}, 0, ENTRIES, 0, Work()))
 
 
 family = module._family

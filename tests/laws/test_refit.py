@@ -21,14 +21,16 @@ from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, Block, fix, with_blocks
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals
+from mbdlft.pipeline import search
 from mbdlft.pipeline.extract import extract
+from mbdlft.pipeline.search import Budget, find_smallest
 from mbdlft.problem.linearize import linearize
 from mbdlft.reduce import min_rank
 from mbdlft.reduce import refit as module
-from mbdlft.reduce.commuting import reduce_commuting
 from mbdlft.reduce.independent import independent
 from mbdlft.reduce.reduce import reduce_order
 from mbdlft.reduce.refit import one_less
+from mbdlft.reduce.work import Work
 from tests.close import roundoff
 
 KAPPA = 1e4
@@ -47,7 +49,7 @@ def chain_in_space(links: int, *names: str) -> LFT:
     equations = assemble(scene)
     whole = extract(linearize(equations, *choose_signals(scene, equations))).lft
     others = {name: 0.1 for name, _ in whole.blocks if name not in names}
-    return independent(with_blocks(reduce_order(fix(whole, others)), sorted(names)))
+    return independent(with_blocks(reduce_order(fix(whole, others)), sorted(names)), Work())
 
 
 def in_other_units(a: LFT) -> tuple[LFT, Any]:
@@ -57,10 +59,6 @@ def in_other_units(a: LFT) -> tuple[LFT, Any]:
     return LFT(a.M11, a.M12 * columns, rows[:, None] * a.M21, a.M22 * scale, a.blocks), scale
 
 
-def never() -> bool:
-    return False
-
-
 def refitted(a: LFT, least: int = 0) -> LFT:
     """As small as Newton's method makes it, compared with `a` at points of the range."""
     degrees, found = lower_bound(a), a
@@ -68,7 +66,7 @@ def refitted(a: LFT, least: int = 0) -> LFT:
     values = evaluate_at(a, points)
     seed = 0
     while seed < SEEDS and found.order > least:
-        smaller = next(one_less(found, degrees, TRIES, seed, never), None)
+        smaller = next(one_less(found, degrees, TRIES, seed, Work()), None)
         if smaller is None:
             seed += 1
             continue
@@ -98,18 +96,18 @@ def test_two_parameters_are_at_the_bound(
 
 def test_nothing_below_the_degrees() -> None:
     a = chain_in_space(2, "m0", "t1")
-    assert not list(one_less(a, {block.name: block.size for block in a.blocks}, TRIES, 0, never))
+    assert not list(one_less(a, {block.name: block.size for block in a.blocks}, TRIES, 0, Work()))
     degrees = lower_bound(a)
     assert a.order == sum(degrees.values())
     below = {name: degree - 1 for name, degree in degrees.items()}
-    assert not list(one_less(a, below, TRIES, 0, never))
+    assert not list(one_less(a, below, TRIES, 0, Work()))
 
 
 def test_nothing_in_a_generic_lft() -> None:
     random = np.random.default_rng(3)
     M = 0.3 * random.standard_normal((7, 8))
     a = LFT(M[:5, :5], M[:5, 5:], M[5:, :5], M[5:, 5:], (Block("a", 3), Block("b", 2)))
-    assert not list(one_less(a, {"a": 1, "b": 1}, TRIES, 0, never))
+    assert not list(one_less(a, {"a": 1, "b": 1}, TRIES, 0, Work()))
 
 
 def test_units() -> None:
@@ -118,23 +116,22 @@ def test_units() -> None:
     assert refitted(other, 12).order == refitted(a, 12).order == 12
 
 
-def searched(a: LFT, seconds: float) -> LFT:
-    degrees = lower_bound(a)
-    least = joint_bound(a, degrees)
-    return reduce_commuting([a], degrees, seconds, lambda *_: least).lft
+def searched(a: LFT, work: float) -> LFT:
+    return find_smallest([a], lower_bound(a), Budget(work)).lft
 
 
 def test_a_search_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
     a = chain_in_space(6, "m5", "t3")
+    monkeypatch.setattr(search, "rewritten", lambda *_: iter(()))  # it is not what is tested here
     assert searched(a, 20.0).order == 21
     for way in (module, min_rank):  # both ways get there
         monkeypatch.setattr(way, "unscaled", forgotten_scale)
     assert searched(a, 3.0).order == 24
 
 
-def test_time_over() -> None:
+def test_work_is_over() -> None:
     a = chain_in_space(3, "m2", "t2")
-    assert not list(one_less(a, lower_bound(a), TRIES, 0, lambda: True))
+    assert not list(one_less(a, lower_bound(a), TRIES, 0, Work(0.0)))
 
 
 def without_conjugate(values: Any) -> Any:

@@ -1,0 +1,86 @@
+"""What a search has done, counted in operations: the same on every machine and under every load.
+
+Linear algebra counts itself where it is done, by the sizes of its matrices. Weights of the three kinds
+and of the loops around them make the sums follow the time of one current core to about a factor of two.
+"""
+
+import math
+from collections.abc import Callable
+
+UNIT = 1.5e10  # operations in one unit of work, about a second of one core
+_CALL = 4e5  # what a call costs beside its operations
+_EACH = 1.5e3  # of each row of a small matrix, beside its operations
+_SINGULAR_VALUES = 12.0  # per entry and row: they take several sweeps
+
+
+class Work:
+    """A count of operations with an end.
+
+    Parameters
+    ----------
+    most : float
+        Units after which the work is over.
+    is_late : function
+        Another reason to stop, asked for whenever `is_over` is; the result then depends on it.
+    """
+
+    def __init__(self, most: float = math.inf, is_late: Callable[[], bool] = lambda: False) -> None:
+        self.most, self.spent, self.is_cut_off = most, 0.0, False
+        self._is_late = is_late
+        self._whole: Work | None = None
+
+    def part(self, share: float) -> "Work":
+        """A share of what is left, or all of it; what it spends is spent here too."""
+        part = Work(share * self.left)
+        part._whole = self
+        return part
+
+    @property
+    def left(self) -> float:
+        """Units that are left, here and of what this is a part of."""
+        own = max(0.0, self.most - self.spent)
+        return own if self._whole is None else min(own, self._whole.left)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing is left, or it is late."""
+        if self.left <= 0.0:
+            return True
+        if self._whole is not None:
+            return self._whole.is_over
+        self.is_cut_off = self.is_cut_off or self._is_late()
+        return self.is_cut_off
+
+    def add(self, operations: float) -> None:
+        """Count operations, and the call."""
+        units = (operations + _CALL) / UNIT
+        self.spent += units
+        if self._whole is not None:
+            self._whole._add_units(units)
+
+    def _add_units(self, units: float) -> None:
+        self.spent += units
+        if self._whole is not None:
+            self._whole._add_units(units)
+
+
+def solutions(count: int, n: int, columns: int, *, is_complex: bool = True) -> float:
+    """Operations of `count` systems of n equations with some right sides (columns)."""
+    each = n * (2.0 / 3.0 * n * n + 2.0 * n * columns + _EACH)
+    return count * each * (2.0 if is_complex else 1.0)
+
+
+def singular_values(rows: int, columns: int, count: int = 1) -> float:
+    """Operations of the singular values and vectors of matrices."""
+    least = min(rows, columns)
+    return count * least * (_SINGULAR_VALUES * rows * columns + 10.0 * _EACH)
+
+
+def product(rows: int, inner: int, columns: int) -> float:
+    """Operations of a product, or of an orthogonal or triangular factor: these are the fastest."""
+    return float(rows) * inner * columns
+
+
+def reduction(order: int) -> float:
+    """Operations of a reduction of an LFT, or of another step of its algebra."""
+    return 5e6 + 20.0 * float(order) ** 3

@@ -1,0 +1,308 @@
+"""Laws of the search that uses commutation.
+
+1. values stay and the order does not grow
+2. known minimal orders of the literature are reached, whatever the way of writing, and minimal
+   orders of scenes are recognized
+3. another basis of a block leaves the value
+4. a result with another value, or one that is singular on the range, is refused
+5. the result is the same under every clock, and the work ends where it should
+"""
+
+import itertools
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import mbdlft
+from benchmarks.cases.arm import NAMES, closed_form, state_and_input
+from benchmarks.cases.chains import chain
+from benchmarks.cases.orders import CASES
+from mbdlft.base.threads import one_thread
+from mbdlft.bound.degree import lower_bound
+from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows
+from mbdlft.pipeline import search
+from mbdlft.pipeline.search import Budget, find_smallest
+from mbdlft.reduce import bases
+from mbdlft.reduce.bases import rewritten
+from mbdlft.reduce.independent import independent
+from mbdlft.reduce.reduce import reduce_order
+from mbdlft.reduce.same_value import Truth, is_same, part_of_largest
+from mbdlft.reduce.work import Work
+from mbdlft.system.model import LFTModel
+from scenarios import two_link_arm
+from tests.close import CLOSED_FORM, SCENARIO, roundoff, target
+from tests.laws.lfts import lfts
+from tests.laws.test_affine import relations
+
+
+@pytest.fixture(autouse=True)
+def as_models_are_made() -> Iterator[None]:
+    with one_thread():
+        yield
+
+
+WORK = 20.0  # far more than needed: all cases end at their bound
+
+
+def smallest(plain: LFT, work: float = WORK) -> LFT:
+    return find_smallest([plain], lower_bound(plain), Budget(work)).lft
+
+
+def parameter(name: str, nominal: float) -> LFT:
+    return constant([[nominal]]) + delta(name)
+
+
+def power(a: LFT, exponent: int) -> LFT:
+    return a if exponent == 1 else power(a, exponent - 1) @ a
+
+
+def numbers(value: float) -> LFT:
+    return constant([[value]])
+
+
+def case(name: str) -> LFT:
+    d1, d2, d3, d4, d5 = (parameter(f"d{k}", 0.3 + 0.1 * k) for k in range(1, 6))
+    a, b, c = parameter("a", 0.4), parameter("b", 0.5), parameter("c", 0.6)
+    if name == "O1":
+        first = stack_columns(numbers(4.0) @ power(d1, 2) @ d3, numbers(3.0) @ d1, numbers(0.0))
+        second = stack_columns(d3 @ d5, numbers(5.0) @ power(d2, 2) @ d4, d2 @ power(d4, 2))
+        return stack_rows(first, second)
+    if name == "O2":
+        return power(1.0 + power(a, 2) + b @ a, 5) - power(1.0 + a + b, 3)
+    if name == "O3":
+        return stack_rows(d1 @ d2 @ d3, d2 @ d3 @ d1, d3 @ d1 @ d2)
+    if name == "O5":
+        quotient = inverse(1.0 + d1 + d2)
+        return stack_rows(quotient, quotient)
+    assert name == "O13"
+    rows = (
+        (5.0 * np.eye(1) @ a - 1.0, -10.0 * np.eye(1) @ (1.0 + b), 1.0 + b),
+        (10.0 * np.eye(1) @ (1.0 + power(c, 2)), -1.0 - a @ b @ c, c),
+        (numbers(1.0), numbers(1.0), numbers(0.0)),
+    )
+    return stack_rows(*(stack_columns(*row) for row in rows))
+
+
+@pytest.mark.parametrize(
+    ("name", "order"), [("O1", 8), ("O2", 15), ("O3", 3), ("O5", 2), ("O13", 6)]
+)
+def test_orders_of_the_literature(name: str, order: int) -> None:
+    """Matrices of two and more parameters whose smallest order is known."""
+    plain = reduce_order(case(name))
+    bound = lower_bound(plain)
+    small = smallest(plain)
+    assert small.order == order == sum(bound.values())
+    points = np.random.default_rng(2).uniform(-0.9, 0.9, (50, len(plain.blocks)))
+    roundoff(evaluate_at(small, points), evaluate_at(plain, points), 1e4)
+
+
+def test_arm_reaches_its_bound_and_stays_exact() -> None:
+    """16 repetitions, proved minimal, against the closed form at 1 000 points and all corners."""
+    model = mbdlft.to_lft(two_link_arm.scene(), search=WORK)
+    assert model.order == 16
+    assert model.certificate.minimal
+    inside, outer = mbdlft.random(model.parameters, 1000, seed=8), mbdlft.corners(model.parameters)
+    values = {name: np.concatenate([inside[name], outer[name]]) for name in NAMES}
+    expected, _ = closed_form(values)
+    actual = state_and_input(model, values)
+    for k in range(len(expected)):
+        target(actual[k], expected[k], CLOSED_FORM)
+
+
+@given(lfts(2, 2, most=2, scales=(1.0,)), st.integers(0, 100))
+def test_values_stay_and_the_order_does_not_grow(a: LFT, seed: int) -> None:
+    plain = reduce_order(a)
+    small = smallest(plain, 0.05)
+    assert small.order <= plain.order
+    points = np.random.default_rng(seed).uniform(-1, 1, (5, len(plain.blocks)))
+    roundoff(evaluate_at(small, points), evaluate_at(plain, points), 1e6)
+
+
+def test_no_work_changes_nothing() -> None:
+    plain = reduce_order(case("O3"))
+    assert smallest(plain, 0.0) is plain
+
+
+@pytest.mark.parametrize(
+    ("spatial", "links", "order"), [(False, 2, 15), (True, 2, 21), (False, 3, 30)]
+)
+def test_minimal_orders_of_chains(spatial: bool, links: int, order: int) -> None:
+    """Reached, and recognized as the smallest: the search then ends."""
+    model = mbdlft.to_lft(chain(links, spatial=spatial), search=WORK)
+    assert model.order == order == model.certificate.order_bound
+    assert model.certificate.minimal
+    assert model.certificate.max_relative_error <= CLOSED_FORM
+    plain = mbdlft.to_lft(chain(links, spatial=spatial), search=0.0)
+    inside = mbdlft.random(model.parameters, 1000, seed=9)
+    outer = mbdlft.random(model.parameters, 300, seed=10)
+    outer = {p.name: np.where(outer[p.name] > p.nominal, p.high, p.low) for p in model.parameters}
+    values = {name: np.concatenate([inside[name], outer[name]]) for name in inside}
+    for found, expected in zip(
+        mbdlft.matrices_at(model, values), mbdlft.matrices_at(plain, values), strict=True
+    ):
+        target(found, expected, SCENARIO)
+
+
+def test_forms_that_use_other_parameters() -> None:
+    """Where terms cancel by commutation only, one form has a parameter that another has not."""
+    text = "(a + b)*(c - b) - a*c + b*a - c*b + b*b + c*c*a"
+    parameters = [mbdlft.Parameter(name, 0.5, 0.2, 0.9) for name in "abc"]
+    model = mbdlft.realize([[text]], parameters)
+    assert model.certificate.order == (1, 0, 2)
+    assert model.certificate.minimal
+
+
+def law_rewritten(a: LFT, walks: int = 12) -> None:
+    """Ways to write an LFT have its value, but for those with a wrong rank or a pole."""
+    truth, work = Truth(lambda: a, part_of_largest), Work()
+    forms = [
+        form
+        for seed in range(walks)
+        for form in rewritten(a, a.order, np.random.default_rng(seed), work)
+    ]
+    assert len(forms) > walks
+    right = sum(is_same(form, truth, work) for form in forms)
+    assert right >= 0.7 * len(forms), f"{right} of {len(forms)} have the value"
+
+
+@pytest.mark.parametrize("name", ["O1", "O3", "O13"])
+def test_other_ways_to_write_it_leave_the_value(name: str) -> None:
+    law_rewritten(reduce_order(case(name)))
+
+
+def one_sided(a: LFT, S: LFT, T: LFT, most: int) -> LFT:
+    return changed(a, S, 1.01 * np.eye(T.shape[0]) @ T, most)
+
+
+def scaled(a: LFT, random: np.random.Generator) -> LFT:
+    return 1.01 * np.eye(a.shape[0]) @ settled(a, random)
+
+
+changed, settled = bases._changed, bases._settled
+
+
+@pytest.mark.parametrize(("name", "bug"), [("_changed", one_sided), ("_settled", scaled)])
+def test_planted_bases_are_found(monkeypatch: pytest.MonkeyPatch, name: str, bug: object) -> None:
+    """A basis on one side only, and rows that are too large."""
+    plain = reduce_order(case("O13"))
+    law_rewritten(plain)
+    monkeypatch.setattr(bases, name, bug)
+    with pytest.raises(AssertionError, match="have the value"):
+        law_rewritten(plain)
+
+
+def test_planted_candidates_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A wrong entry is found by the comparison of values, and by nothing else."""
+    plain = reduce_order(case("O3"))
+    assert smallest(plain).order == 3
+
+    def wrong(a: LFT, work: Work) -> LFT:
+        right = independent(a, work)
+        return LFT(right.M11, right.M12, 1.001 * right.M21, right.M22, right.blocks)
+
+    monkeypatch.setattr(search, "independent", wrong)
+    monkeypatch.setattr(search, "_moved", lambda *_: ())  # these would be enough here
+    monkeypatch.setattr(search, "rewritten", lambda *_: ())
+    monkeypatch.setattr(search, "refit", lambda forms, *_: forms[0])
+    assert smallest(plain, 0.2) is plain
+    monkeypatch.setattr(search, "is_same", lambda *_: True)
+    small = smallest(plain, 0.2)
+    points = np.random.default_rng(2).uniform(-0.9, 0.9, (50, len(plain.blocks)))
+    with pytest.raises(AssertionError, match="relative error"):
+        roundoff(evaluate_at(small, points), evaluate_at(plain, points), 1e4)
+
+
+def test_singular_results_are_refused() -> None:
+    """(p / p) H has the value of H where p is not zero, and p vanishes on the range."""
+    plain = reduce_order(case("O3"))
+    p = constant([[0.5]]) + delta("d1")
+    singular = plain @ (inverse(p) @ p)
+    level = search._level_of_closed(plain, None)
+    assert level.keeps(Work(), level.exact, plain)
+    assert not level.keeps(Work(), level.exact, singular)
+
+
+def searched(work: float = 1.0) -> LFTModel:
+    """The first matrix of the literature; 8 of its 10 repetitions are left after the search."""
+    return mbdlft.realize(CASES[0].problem(), search=work)
+
+
+def law_no_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same bits under a clock that runs as it likes."""
+    quick = searched()
+    assert quick.order == 8
+    ticks = itertools.count()
+    for clock in ("time", "monotonic", "perf_counter", "process_time", "thread_time"):
+        monkeypatch.setattr(time, clock, lambda: 10.0 * next(ticks))
+    slow = searched()
+    assert quick.certificate.order_bound == slow.certificate.order_bound
+    assert quick.lft.blocks == slow.lft.blocks
+    for part in ("M11", "M12", "M21", "M22"):
+        assert np.array_equal(getattr(quick.lft, part), getattr(slow.lft, part))
+
+
+def test_no_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    law_no_clock(monkeypatch)
+
+
+def test_planted_clock_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A count that is the time since the work began."""
+
+    class Timed(Work):
+        def __init__(self, *arguments: Any) -> None:
+            super().__init__(*arguments)
+            self._start = time.thread_time()
+
+        @property
+        def is_over(self) -> bool:
+            return time.thread_time() - self._start > self.most
+
+    monkeypatch.setattr(search, "Work", Timed)
+    with pytest.raises(AssertionError):
+        law_no_clock(monkeypatch)
+
+
+def law_budget() -> None:
+    """A search does little more than its work, also where one look at all parameters is more."""
+    for a in (relations(6, spatial=False), reduce_order(case("O2"))):
+        for most in (0.02, 0.1):
+            counted: list[Work] = []
+
+            def count(*arguments: Any, counted: list[Work] = counted) -> Work:
+                counted.append(Work(*arguments))
+                return counted[-1]
+
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(search, "Work", count)
+                find_smallest([a], dict.fromkeys((name for name, _ in a.blocks), 0), Budget(most))
+            assert 0.0 < counted[0].spent < 1.5 * most + 0.3
+
+
+def test_budget() -> None:
+    law_budget()
+
+
+def test_planted_search_that_never_stops_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = search._moved
+    monkeypatch.setattr(search, "_moved", lambda a, work: right(a, work) if work else ())
+    monkeypatch.setattr(
+        search.Work, "is_over", property(lambda work: work.spent > 30.0 * work.most)
+    )
+    with pytest.raises(AssertionError):
+        law_budget()
+
+
+def test_a_limit_in_seconds_cuts_off() -> None:
+    """It says so, and the result is one of the ways to write the model."""
+    plain = reduce_order(case("O2"))
+    bound = dict.fromkeys((name for name, _ in plain.blocks), 0)
+    cut = find_smallest([plain], bound, Budget(5.0, 0.0))
+    assert cut.is_cut_off
+    assert cut.lft is plain
+    assert not find_smallest([plain], bound, Budget(0.05)).is_cut_off
