@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mbdlft.lft import lft as algebra
+from mbdlft.lft import solve
 from mbdlft.lft.evaluate import evaluate
 from mbdlft.lft.lft import constant, delta
 from mbdlft.number import twofold
@@ -146,6 +147,6 @@ def test_one_step_of_refinement_is_not_enough(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_an_elimination_in_double_precision_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(algebra, "_WELL_CONDITIONED", np.inf)
+    monkeypatch.setattr(solve, "_WELL_CONDITIONED", np.inf)
     with pytest.raises(AssertionError, match="relative error"):
         law_elimination(8)
