@@ -10,7 +10,8 @@ BIN := .venv/bin
 # what is never imported need not be compiled: a third of the time
 INSTALL := PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check
 
-PYTEST := $(BIN)/python -m pytest --numprocesses auto
+# the processes of pytest share the cores; threads of linear algebra would wait for each other
+PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto
 # kernels of linear algebra, those that this processor has: results must not depend on them
 has = $(shell grep -m 1 -o $(1) /proc/cpuinfo 2>/dev/null)
 KERNELS := Prescott $(if $(call has,avx2),Haswell) $(if $(call has,avx512f),SkylakeX)
