@@ -239,7 +239,7 @@ PLANTED = {
         heavy_ball,
     ),
     "a ball turns the other way": (
-        patched(Ball, "rotated", lambda move, v: Ball(move.at, 0).rotated_back(v)),
+        patched(Ball, "in_parent_axes", lambda move, v: Ball(move.at, 0).in_child_axes(v)),
         both(carried("spherical"), gravity),
     ),
     "axes of a plane exchanged": (
