@@ -127,9 +127,11 @@ def block_value(block: Block, value: ArrayLike) -> Any:
         The value of a real delta is complex, or that of a full block has another shape.
     """
     found = np.asarray(value)
-    check(found.dtype.kind in "biufc", f"{block.name}: expected a number, got {value!r}")
+    if found.dtype.kind not in "biufc":  # the text of an array takes longer than its value
+        raise StructureError(f"LFT: {block.name}: expected a number, got {value!r}.")
     if block.kind == "real":
-        check(found.dtype.kind != "c", f"{block.name} is a real delta, got {value!r}")
+        if found.dtype.kind == "c":
+            raise StructureError(f"LFT: {block.name} is a real delta, got {value!r}.")
         return np.asarray(found, dtype=float)
     shape = (block.outputs, block.inputs)
     check(
