@@ -39,6 +39,7 @@ from mbdlft.reduce.reduce import balance
 _EPS = float(np.finfo(float).eps)
 _POINTS = 3  # generic values of the other deltas; the next are for what is doubtful at the first
 _UNCERTAIN = 2.0**-44  # of the size of an entry of the LFT, what may be wrong with it
+_UNLUCKY = 2.0**-46  # of the terms of an entry of L: its error is no less, whatever cancels in the twin
 _CLEAR = 64.0  # a singular value counts from this many times the error on; the error is one sample
 _ROUNDING = (
     1.0 / 16.0
@@ -268,18 +269,20 @@ def _degree(
     rows, columns = _noise_scales(*_sizes(one, twin, points[:: max(1, count // 2)]))
     left = rows[:, None] * random.standard_normal((len(rows), count))
     right = columns[:, None] * random.standard_normal((len(columns), count))
-    L, other = (
-        _left(item, points[::2], item.C.T @ left).T @ _right(item, points[1::2], item.B @ right)
+    factors = [
+        (_left(item, points[::2], item.C.T @ left).T, _right(item, points[1::2], item.B @ right))
         for item in (one, twin)
-    )
+    ]
+    L, other = (X @ Y for X, Y in factors)
+    # where terms cancel, so may their errors in one twin
+    rounding = _UNLUCKY * (np.abs(factors[0][0]) @ np.abs(factors[0][1]))
     for _ in range(_SCALINGS):
-        rows, columns = _noise_scales(np.abs(L), np.abs(other - L))
-        L, other = (rows[:, None] * item * columns for item in (L, other))
+        rows, columns = _noise_scales(np.abs(L), np.maximum(np.abs(other - L), rounding))
+        L, other, rounding = (rows[:, None] * item * columns for item in (L, other, rounding))
     if not (np.all(np.isfinite(L)) and np.all(np.isfinite(other))):
         return Bound(0, most)
     values = np.linalg.svd(L, compute_uv=False)
-    # the error may happen to vanish, but not the rounding of L itself
-    noise = max(np.linalg.norm(other - L, 2), _EPS * np.max(values, initial=0.0))
+    noise = max(np.linalg.norm(other - L, 2), np.linalg.norm(rounding, 2))
     degree = min(most, int(np.sum(values > _CLEAR * noise)))
     possible = min(most, int(np.sum(values > _ROUNDING * noise)))
     return Bound(degree, possible - degree)
