@@ -36,10 +36,11 @@ from mbdlft.lft.lft import LFT, check_plain
 from mbdlft.lft.triangle import solve_loops
 from mbdlft.reduce.reduce import balance
 
-_EPS = float(np.finfo(float).eps)
 _POINTS = 3  # generic values of the other deltas; the next are for what is doubtful at the first
 _UNCERTAIN = 2.0**-44  # of the size of an entry of the LFT, what may be wrong with it
-_UNLUCKY = 2.0**-46  # of the terms of an entry of L: its error is no less, whatever cancels in the twin
+_UNLUCKY = (
+    2.0**-46
+)  # of the terms of an entry of L: its error is no less, whatever cancels in the twin
 _CLEAR = 64.0  # a singular value counts from this many times the error on; the error is one sample
 _ROUNDING = (
     1.0 / 16.0

@@ -34,7 +34,7 @@ from mbdlft.reduce.work import Work
 from tests.close import roundoff
 
 KAPPA = 1e4
-TRIES, SEEDS = 6, 3
+TRIES, SEEDS = 6, 8
 
 
 @pytest.fixture(autouse=True)
