@@ -11,7 +11,6 @@ from mbdlft.base.parameter import Parameter
 
 SEED = 0  # of the points at which models are checked
 _MOST = 2**22  # points of a grid
-_RANDOM_POINTS, _MOST_CORNERS = 100, 128  # numbers of points at which models are checked
 
 
 def random(parameters: Sequence[Parameter], count: int, seed: int = 0) -> dict[str, Array]:
@@ -99,17 +98,19 @@ def grid(parameters: Sequence[Parameter], counts: Mapping[str, int]) -> dict[str
     return {p.name: points[:, k] for k, p in enumerate(parameters)}
 
 
-def check_points(parameters: Sequence[Parameter], seed: int) -> Array:
-    """Physical points (N, n_p): nominal, random, and all corners, or 128 random corners."""
+def check_points(
+    parameters: Sequence[Parameter], seed: int, inside: int = 100, most_corners: int = 128
+) -> Array:
+    """Physical points (N, n_p): nominal, some inside, and all corners, or as many random ones."""
     if not parameters:
         return np.zeros((1, 0))
-    inside = random(parameters, _RANDOM_POINTS, seed)
-    if 2 ** len(parameters) <= _MOST_CORNERS:
+    drawn = random(parameters, inside, seed)
+    if 2 ** len(parameters) <= most_corners:
         outer = corners(parameters)
     else:
-        sides = np.random.default_rng(seed).integers(0, 2, (_MOST_CORNERS, len(parameters)))
+        sides = np.random.default_rng(seed).integers(0, 2, (most_corners, len(parameters)))
         outer = {p.name: np.where(sides[:, k], p.high, p.low) for k, p in enumerate(parameters)}
-    columns = [np.concatenate([[p.nominal], inside[p.name], outer[p.name]]) for p in parameters]
+    columns = [np.concatenate([[p.nominal], drawn[p.name], outer[p.name]]) for p in parameters]
     return np.stack(columns, axis=1)
 
 

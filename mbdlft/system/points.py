@@ -7,7 +7,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import Parameter, to_delta
-from mbdlft.base.samples import corners, random
+from mbdlft.base.samples import check_points
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.triangle import values_at, vanishes
 
@@ -17,19 +17,9 @@ _NEGLIGIBLE = 1e-8  # an entry below this part of its row and column is compared
 
 def sampled_deltas(parameters: Sequence[Parameter], seed: int) -> Array:
     """Deltas (N, n_p) [1]: nominal, random points, and all corners, or as many random ones."""
-    if not parameters:
-        return np.zeros((1, 0))
-    inside = random(parameters, _RANDOM, seed)
-    if 2 ** len(parameters) <= _MOST_CORNERS:
-        outer = corners(parameters)
-    else:
-        sides = np.random.default_rng(seed).integers(0, 2, (_MOST_CORNERS, len(parameters)))
-        outer = {p.name: np.where(sides[:, k], p.high, p.low) for k, p in enumerate(parameters)}
-    columns = [
-        to_delta(p, np.concatenate([[p.nominal], inside[p.name], outer[p.name]]))
-        for p in parameters
-    ]
-    return np.stack(columns, axis=1)
+    points = check_points(parameters, seed, _RANDOM, _MOST_CORNERS)
+    columns = [to_delta(p, points[:, k]) for k, p in enumerate(parameters)]
+    return np.stack(columns, axis=1) if columns else points
 
 
 def check_determinant(a: LFT, deltas: Array, what: str, parameters: Sequence[Parameter]) -> None:
