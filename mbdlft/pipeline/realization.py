@@ -31,6 +31,7 @@ from mbdlft.system.system import Parameters
 
 _ENOUGH = 1e-11  # error of a form, or times the least: kept up to there
 _MOST_LOST = 1e3
+_MOST_BY_SEARCH = 10.0  # times the error before a search
 _FEW_POINTS = 8  # of those of the check, at which forms are compared
 _MOST_SEARCHED = 1000  # channels: one look at more takes minutes
 _TAKES_PART = 0.1  # in a direction that nothing determines
@@ -94,7 +95,9 @@ def realization(problem: Problem, budget: Budget, stage: Stage) -> LFTModel:
         lft = candidates[0].lft
     if budget.work > 0.0 and order_bound < lft.order <= _MOST_SEARCHED:
         with stage("search"):
-            lft, order_bound, is_cut_off = _search(problem, candidates, bound, budget)
+            smaller, order_bound, is_cut_off = _search(problem, candidates, bound, budget)
+            if not _loses_digits(smaller, lft, check):
+                lft = smaller
         if is_cut_off:
             with stage(CUT_OFF):  # with more time the model may be smaller
                 pass
@@ -286,6 +289,14 @@ def _search(
 
     forms = [one.relations for one in candidates]
     return find_smallest([best.lft], bound, budget, forms, close, candidates[0].closed)
+
+
+def _loses_digits(smaller: LFT, lft: LFT, check: _Check) -> bool:
+    """Whether the result of a search has a larger error than rounding of the LFT that it began with."""
+    if smaller.order >= lft.order:
+        return smaller.order > lft.order
+    most = max(_ENOUGH, _MOST_BY_SEARCH * check.error_of(lft))
+    return check.error_of(smaller) > most
 
 
 def _in_units(problem: Problem, a: LFT) -> LFT:

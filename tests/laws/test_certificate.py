@@ -1,5 +1,7 @@
 """The certificate is small for exact models, refuses wrong ones, and never compares rounding."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from mbdlft.bound.degree import Bound
 from mbdlft.lft.lft import LFT, delta
 from mbdlft.matrix.to_problem import problem_of_matrix
 from mbdlft.multibody.to_problem import problem_of_scene
+from mbdlft.pipeline import realization
 from mbdlft.pipeline.certify import certificate
 from mbdlft.pipeline.realization import _Check
 from mbdlft.problem.problem import Problem
@@ -64,6 +67,25 @@ def test_a_wrong_model_or_trim_is_refused() -> None:
         error_of(problem, planted(right), trim)
     with pytest.raises(mbdlft.AnalysisError, match="of the size of an entry of its trim"):
         error_of(problem, right, planted(trim))
+
+
+def test_what_a_search_makes_with_lost_digits_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A planted search: one repetition less, and a billionth off."""
+    right = realization._search
+
+    def lossy(*arguments: Any) -> Any:
+        found = right(*arguments)
+        a = found.lft
+        return found._replace(lft=LFT(a.M11, a.M12, (1.0 + 1e-9) * a.M21, a.M22, a.blocks))
+
+    monkeypatch.setattr(realization, "_search", lossy)
+    model = mbdlft.to_lft(two_link_arm.scene())
+    assert (model.order, model.certificate.order_bound) == (17, 16)
+    assert model.certificate.max_relative_error <= SCENARIO
+    monkeypatch.setattr(realization, "_loses_digits", lambda *_: False)
+    model = mbdlft.to_lft(two_link_arm.scene())
+    assert model.order == 16
+    assert model.certificate.max_relative_error > SCENARIO
 
 
 @pytest.mark.parametrize("mass", [2.0, 1e6, 1e10])
