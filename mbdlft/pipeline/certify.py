@@ -6,13 +6,14 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
-from mbdlft.base.parameter import Parameter, to_delta
+from mbdlft.base.parameter import Parameter
 from mbdlft.bound.degree import Bound
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.triangle import values_at, vanishes
 from mbdlft.problem.problem import Nouns, Problem, Reference
 from mbdlft.system.model import Certificate
+from mbdlft.system.points import deltas_at, largest
 
 ACCEPTED = 1e-5  # of an error; larger ones are refused
 
@@ -29,7 +30,7 @@ def measure_error(problem: Problem, values: Array, trim: LFT | None, at: Referen
     trim_error = 0.0
     if trim is not None:
         trimmed = evaluate_at(trim, deltas_at(problem.parameters, problem.points))[:, :, 0]
-        trim_error = relative_error(trimmed, at.trimmed, at.trim_scale)
+        trim_error = largest(trimmed - at.trimmed, at.trim_scale)
     worst = max(error, trim_error)
     if not worst <= ACCEPTED:
         nouns, where = problem.nouns, "matrices" if error >= trim_error else "trim"
@@ -43,16 +44,12 @@ def measure_error(problem: Problem, values: Array, trim: LFT | None, at: Referen
 
 def error_of_values(values: Array, at: Reference, some: slice = slice(None)) -> float:
     """Largest relative error of values of [A B ; C D] at all or some of the points of a reference."""
-    error = max(at.omitted, relative_error(values, at.values[some], at.scale))
+    differences = values - at.values[some]
+    error = max(at.omitted, largest(differences, at.scale))
     if not error <= ACCEPTED:  # unless an entry is nothing but rounding
         scale, omitted = at.if_cancelled()
-        error = max(omitted, relative_error(values, at.values[some], scale))
+        error = max(omitted, largest(differences, scale))
     return error
-
-
-def relative_error(values: Array, reference: Array, scale: Array) -> float:
-    """Largest error of an entry of values (N, ...), relative to its scale (...)."""
-    return float(np.max(np.abs(values - reference) / scale, initial=0.0))
 
 
 def values_at_points(
@@ -81,12 +78,6 @@ def values_at_points(
             f"ranges{nouns.narrow}."
         )
     return values
-
-
-def deltas_at(parameters: Sequence[Parameter], points: Array) -> Array:
-    """Deltas (N, n_p) [1] of physical points."""
-    columns = [to_delta(p, points[:, k]) for k, p in enumerate(parameters)]
-    return np.stack(columns or [np.zeros(0)], axis=1).reshape(len(points), len(parameters))
 
 
 def certificate(

@@ -16,7 +16,6 @@ from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, condition, eliminate, transpose, with_blocks
 from mbdlft.pipeline.certify import (
     certificate,
-    deltas_at,
     error_of_values,
     measure_error,
     values_at_points,
@@ -27,6 +26,7 @@ from mbdlft.pipeline.search import CUT_OFF, Budget, Smallest, find_smallest
 from mbdlft.problem.problem import Form, Problem, Reference, Stage, TrimRelations
 from mbdlft.reduce.reduce import in_scales, reduce_order
 from mbdlft.system.model import LFTModel, Trim
+from mbdlft.system.points import deltas_at
 from mbdlft.system.system import Parameters
 
 _ENOUGH = 1e-11  # error of a form, or times the least: kept up to there
@@ -96,7 +96,7 @@ def realization(problem: Problem, budget: Budget, stage: Stage) -> LFTModel:
     if budget.work > 0.0 and order_bound < lft.order <= _MOST_SEARCHED:
         with stage("search"):
             smaller, order_bound, is_cut_off = _search(problem, candidates, bound, budget)
-            if not _loses_digits(smaller, lft, check):
+            if smaller.order < lft.order and not _loses_digits(smaller, lft, check):
                 lft = smaller
         if is_cut_off:
             with stage(CUT_OFF):  # with more time the model may be smaller
@@ -134,21 +134,22 @@ class _Check:
     def model(self, lft: LFT, trim: LFT | None) -> float:
         """Largest relative error of a model in its units, and of its trim, at all points."""
         problem = self.problem
-        values = values_at_points(lft, problem.parameters, self.problem.points, problem.nouns)
+        values = values_at_points(lft, problem.parameters, problem.points, problem.nouns)
         return measure_error(problem, values, trim, self.reference)
 
     def error_of(self, lft: LFT) -> float:
         """Largest relative error of an LFT in divided units, at a few of the points."""
-        problem, some = self.problem, slice(None, None, 1 + len(self.problem.points) // _FEW_POINTS)
+        problem, points = self.problem, self.problem.points
+        some = slice(None, None, 1 + len(points) // _FEW_POINTS)
         lft = _in_units(problem, lft)
         try:
-            values = evaluate_at(lft, deltas_at(problem.parameters, self.problem.points[some]))
+            values = evaluate_at(lft, deltas_at(problem.parameters, points[some]))
         except WellPosednessError:
             return float("inf")
         try:
             error = error_of_values(values, self.reference, some)
         except WellPosednessError:  # the LFT can say where
-            values_at_points(lft, problem.parameters, self.problem.points, problem.nouns)
+            values_at_points(lft, problem.parameters, points, problem.nouns)
             raise
         return error if np.isfinite(error) else float("inf")
 
@@ -192,7 +193,7 @@ def _reduced(problem: Problem, form: Form, extracted: Extraction) -> _Candidate:
         )
     relations = reduce_order(extracted.lft)
     closed = _solved(problem, form, relations)
-    lft = reduce_order(closed)
+    lft = closed if closed is relations else reduce_order(closed)
     if form.closes_unreduced:
         other = reduce_order(_solved(problem, form, extracted.whole()))
         lft = min(other, lft, key=lambda one: one.order)
@@ -293,10 +294,7 @@ def _search(
 
 def _loses_digits(smaller: LFT, lft: LFT, check: _Check) -> bool:
     """Whether the result of a search has a larger error than rounding of the LFT that it began with."""
-    if smaller.order >= lft.order:
-        return smaller.order > lft.order
-    most = max(_ENOUGH, _MOST_BY_SEARCH * check.error_of(lft))
-    return check.error_of(smaller) > most
+    return check.error_of(smaller) > max(_ENOUGH, _MOST_BY_SEARCH * check.error_of(lft))
 
 
 def _in_units(problem: Problem, a: LFT) -> LFT:

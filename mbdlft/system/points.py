@@ -17,7 +17,11 @@ _NEGLIGIBLE = 1e-8  # an entry below this part of its row and column is compared
 
 def sampled_deltas(parameters: Sequence[Parameter], seed: int) -> Array:
     """Deltas (N, n_p) [1]: nominal, random points, and all corners, or as many random ones."""
-    points = check_points(parameters, seed, _RANDOM, _MOST_CORNERS)
+    return deltas_at(parameters, check_points(parameters, seed, _RANDOM, _MOST_CORNERS))
+
+
+def deltas_at(parameters: Sequence[Parameter], points: Array) -> Array:
+    """Deltas (N, n_p) [1] of physical points (N, n_p)."""
     columns = [to_delta(p, points[:, k]) for k, p in enumerate(parameters)]
     return np.stack(columns, axis=1) if columns else points
 
@@ -50,5 +54,5 @@ def entry_scale(reference: Array, terms: Array) -> Array:
 
 
 def largest(differences: Array, scale: Array) -> float:
-    """Largest size of differences (N, ., .), each entry relative to its scale (., .)."""
+    """Largest size of differences (N, ...), each entry relative to its scale (...)."""
     return float(np.max(np.abs(differences) / scale, initial=0.0))
