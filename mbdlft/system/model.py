@@ -60,6 +60,11 @@ class Certificate:
     order_bound : int
         Proved minimum of the sum of all repetitions. Pairs of parameters that cannot both have their
         lower bound make it larger than the sum of these, which stands for 0.
+    well_posed : str
+        "proved": the model is regular at every value in the ranges. "sampled": it was at the check points.
+    open_boxes : tuple of boxes
+        Where that proof is open: for each box the lowest and the highest physical value of every
+        parameter, in their order. Empty if it is proved, or if no proof was tried.
 
     Raises
     ------
@@ -81,6 +86,8 @@ class Certificate:
     fit_error_bound: float = 0.0
     condition: float = 0.0
     sign_changes: int = 0
+    well_posed: str = "sampled"
+    open_boxes: tuple[tuple[tuple[float, float], ...], ...] = ()
 
     def __post_init__(self) -> None:
         alone = sum(self.lower_bound)
