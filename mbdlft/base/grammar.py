@@ -31,6 +31,23 @@ _TOKEN = re.compile(
 )
 
 
+class Literal(float):
+    """A double that knows how it was written: its `repr` is the text."""
+
+    __slots__ = ("text",)
+
+    def __new__(cls, text: str) -> "Literal":
+        made = super().__new__(cls, text)
+        made.text = text
+        return made
+
+    def __repr__(self) -> str:
+        return self.text
+
+    def __reduce__(self) -> tuple[type["Literal"], tuple[str]]:
+        return Literal, (self.text,)
+
+
 @dataclass(frozen=True, slots=True)
 class Number:
     """A literal number."""
@@ -192,7 +209,7 @@ class _Parser:
             if not math.isfinite(float(token)):
                 raise self._error("a finite number")
             self._advance()
-            return Number(float(token))
+            return Number(Literal(token))
         if kind == "name":
             self._advance()
             if self.token != "(":

@@ -56,7 +56,7 @@ class Loop(Description):
             return ca.SX(0, 3)
         if self.axis is None:
             return ca.SX.eye(3)
-        return ca.sparsify(ca.vertcat(*(ca.SX(direction).T for direction in plane(self.axis))))
+        return ca.sparsify(ca.vertcat(*(direction.T for direction in plane(self.axis))))
 
     def signals(self) -> tuple[Signal, ...]:
         """The multipliers: force and torques that the parent exerts on the child."""

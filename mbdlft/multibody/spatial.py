@@ -23,7 +23,8 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+
+from mbdlft.sx.constants import numbers_of
 
 
 class Coordinate(NamedTuple):
@@ -64,7 +65,7 @@ def rotate(axis: ca.SX, cosine: ca.SX | float, sine: ca.SX | float, vectors: ca.
     """
     if axis.nnz() == 1:
         return ca.SX(_rotate(vectors.shape[1])(axis, cosine, sine, vectors))
-    return ca.SX(_rotate_across(vectors.shape[1])(_across(axis), cosine, sine, vectors))
+    return ca.SX(_rotate_across(vectors.shape[1])(*_across(axis), cosine, sine, vectors))
 
 
 @cache
@@ -80,27 +81,30 @@ def _rotate(columns: int) -> ca.Function:
 
 @cache
 def _rotate_across(columns: int) -> ca.Function:
-    """([e1 e2] (3, 2), cosine, sine, vectors (3, columns)) -> rotated vectors (3, columns)."""
+    """([e1 e2], [e1 e2]/|e1|^2 (3, 2), cosine, sine, vectors (3, columns)) -> rotated (3, columns)."""
     across, vectors = ca.SX.sym("across", 3, 2), ca.SX.sym("vectors", 3, columns)
+    back = ca.SX.sym("back", 3, 2)
     cosine, sine = ca.SX.sym("cosine"), ca.SX.sym("sine")
     first, second = ca.vertsplit(ca.mtimes(across.T, vectors))
     more = ca.vertcat(
         cosine * first - sine * second - first, sine * first + cosine * second - second
     )
     return ca.Function(
-        "rotate_across", [across, cosine, sine, vectors], [vectors + ca.mtimes(across, more)]
+        "rotate_across", [across, back, cosine, sine, vectors], [vectors + ca.mtimes(back, more)]
     )
 
 
-def _across(axis: ca.SX) -> NDArray[np.float64]:
-    """Unit vectors [e1 e2] (3, 2) across the constant unit vector `axis` (3,), e1 x e2 = axis.
+def _across(axis: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Vectors [e1 e2] (3, 2) across the constant unit vector `axis` (3,), e1 x e2 = |e1|^2 axis, and the
+    same over |e1|^2.
 
-    One component of e1 is zero, so that fewer products are formed.
+    e1 and e2 are of one length. One component of e1 is zero, so that fewer products are formed.
     """
-    along = np.asarray(ca.DM(axis).full()).ravel()
-    first = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(along, first)], axis=1)
+    along = numbers_of(axis)[:, 0]
+    unit = ca.SX.eye(3)[:, int(np.argmin(np.abs(along)))]
+    first = ca.sparsify(ca.cross(axis, unit))
+    across = ca.horzcat(first, ca.cross(axis, first))
+    return across, across / ca.dot(first, first)
 
 
 def rotate_back(axis: ca.SX, cosine: ca.SX | float, sine: ca.SX | float, vectors: ca.SX) -> ca.SX:

@@ -9,7 +9,6 @@ import numpy as np
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.multibody.assembly import assembly
-from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.scene import NEEDED, Scene, scene_to_toml
 from mbdlft.problem.compare import reference_of
 from mbdlft.problem.equations import Equations
@@ -17,9 +16,6 @@ from mbdlft.problem.linearize import linearize, trim_relations
 from mbdlft.problem.needed_states import Need, all_states, needed_states
 from mbdlft.problem.problem import Form, Nouns, Problem, Stage, TrimRelations
 from mbdlft.problem.trim import trim_efforts
-
-_LOSSY = 5e-15  # error of a model above which extended precision is tried
-_MOST_EXTENDED = 200  # channels before reduction; for more it would take too long
 
 
 def problem_of_scene(scene: Scene, stage: Stage = lambda name: nullcontext()) -> Problem:
@@ -32,12 +28,12 @@ def problem_of_scene(scene: Scene, stage: Stage = lambda name: nullcontext()) ->
     """
     with stage("assemble"):
         both = assembly(scene)
-        equations = both.equations
+        equations, exact = both.equations, both.exact
         inputs, outputs = choose_signals(scene, equations)
     with stage("trim"):
-        trim = _trim(equations)
+        trim = _trim(equations, exact)
     with stage("linearize"):
-        need = choose_states(scene, equations, inputs, outputs)
+        need = choose_states(scene, exact, inputs, outputs)
 
     def in_second_order() -> tuple[Form, ...]:
         again = both.second_order()
@@ -61,7 +57,7 @@ def problem_of_scene(scene: Scene, stage: Stage = lambda name: nullcontext()) ->
         inputs=tuple(equations.u_signals[k] for k in inputs),
         outputs=tuple(equations.y_signals[k] for k in outputs),
         parameters=equations.parameters,
-        forms=(_form(scene, need),),
+        forms=(Form(need.relations),),
         points=points,
         reference=partial(reference_of, equations, inputs, outputs, need, points),
         more_forms=in_second_order,
@@ -113,19 +109,8 @@ def _chosen(
     return list(default) if names is None else [index[name] for name in names]
 
 
-def _form(scene: Scene, need: Need) -> Form:
-    if any(isinstance(body, ElasticBody) for body in scene.bodies):
-        return Form(need.relations, closes_unreduced=True)
-    extended = Form(need.relations, in_extended_precision=True)
-    return Form(
-        need.relations,
-        most_error=_LOSSY,
-        again=lambda channels: extended if channels <= _MOST_EXTENDED else None,
-    )
-
-
-def _trim(equations: Equations) -> TrimRelations:
-    relations, e = trim_relations(equations), equations
+def _trim(equations: Equations, exact: Equations) -> TrimRelations:
+    relations, e = trim_relations(exact), equations
     efforts, _ = trim_efforts(e, np.array([[parameter.nominal for parameter in e.parameters]]))
     signals = tuple(e.u_signals[k] for k in e.unknown)
     return TrimRelations(relations, signals, tuple(float(efforts[0, k]) for k in e.unknown))

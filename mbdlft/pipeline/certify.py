@@ -7,7 +7,6 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.parameter import Parameter
-from mbdlft.bound.degree import Bound
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.triangle import values_at, vanishes
@@ -83,7 +82,7 @@ def values_at_points(
 def certificate(
     lft: LFT,
     raw: Mapping[str, int],
-    bounds: Mapping[str, Bound],
+    degrees: Mapping[str, int],
     order_bound: int,
     problem: Problem,
     at: Reference,
@@ -92,20 +91,13 @@ def certificate(
 ) -> Certificate:
     """The certificate of a model; `raw` are its channels before reduction, by parameter.
 
-    It is exact unless the equilibrium is a fit.
-
-    A bound that the model contradicts by being smaller rests on a wrong rank: then nothing is claimed
-    for that parameter, and nothing for pairs.
+    It is exact unless the equilibrium is a fit. A bound for pairs that the model contradicts by being
+    smaller rests on a wrong rank, and is not claimed.
     """
     order = dict(lft.blocks)
-    wrong = {name for name, size in order.items() if bounds[name].degree > size}
-    lower = {name: 0 if name in wrong else bounds[name].degree for name in order}
-    doubtful = {
-        name: size if name in wrong else max(0, min(bounds[name].doubtful, size - lower[name]))
-        for name, size in order.items()
-    }
+    lower = {name: degrees[name] for name in order}
     condition, sign_changes = at.conditioning()
-    contradicted = wrong or order_bound > lft.order
+    contradicted = order_bound > lft.order
     return Certificate(
         order=tuple(order.values()),
         lower_bound=tuple(lower.values()),
@@ -117,7 +109,7 @@ def certificate(
         seed=seed,
         exact=problem.fit_error_bound == 0.0,
         fit_error_bound=problem.fit_error_bound,
-        exact_bound=problem.proved_degrees is not None,
-        doubtful=tuple(doubtful.values()),
+        exact_bound=True,
+        doubtful=(0,) * len(order),
         order_bound=sum(lower.values()) if contradicted else order_bound,
     )

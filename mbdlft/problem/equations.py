@@ -1,16 +1,18 @@
 """The waist above the extraction: implicit equations of motion in CasADi SX, nothing inverted."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
 import casadi as ca
 
-from mbdlft.base.parameter import Parameter, cosine_sine_parts, exact_cosine_sine
+from mbdlft.base.parameter import Parameter, cosine_sine_parts
 from mbdlft.base.signal import Signal
 from mbdlft.base.unit import parse_unit
+from mbdlft.sx.constants import cosine_sine, in_doubles
 
+WITH_CONSTANTS = {"allow_free": True}  # functions of expressions with constants of `sx.constants`
 CURVED = 10.0  # of the bound of a fit: what terms of second order may add to what it explains
 
 
@@ -102,6 +104,19 @@ class Equations:
         return tuple(k for k in range(self.x.numel()) if k not in set(self.states))
 
 
+@lru_cache(maxsize=2)
+def rounded(equations: Equations) -> Equations:
+    """The equations with doubles in place of their constants."""
+    e = equations
+    names = ("residual", "output", "load_value", "given", "carried")
+    parts = [getattr(e, name) for name in names]
+    ends = [0]
+    for part in parts:
+        ends.append(ends[-1] + part.numel())
+    both = ca.vertsplit(in_doubles(ca.vertcat(*parts)), ends)
+    return replace(e, **dict(zip(names, both, strict=True)))
+
+
 class ParameterSymbols(NamedTuple):
     """Arguments p, cosine, sine of the equations, and the symbols (n_p,) they are functions of."""
 
@@ -118,44 +133,54 @@ def physical_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
     return ParameterSymbols(p, p, ca.cos(factors * p), ca.sin(factors * p))
 
 
-@lru_cache(maxsize=1)  # the trim and the linearization of one scene share them
+@lru_cache(maxsize=1)
 def internal_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
     """The equations as rational functions of internal values: angles by tangents of a part of them."""
+    p, cosine, sine = exact_symbols(parameters)[1:]
+    return ParameterSymbols(p, p, in_doubles(cosine), in_doubles(sine))
+
+
+@lru_cache(maxsize=1)  # the trim and the linearization of one scene share them
+def exact_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
+    """As `internal_symbols`, with constants that are not rounded."""
     p = ca.SX.sym("internal", len(parameters))
     return ParameterSymbols(p, p, *cosines_sines(parameters, p))
 
 
 def cosines_sines(parameters: Sequence[Parameter], p: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Cosines and sines (n_p,) of the angles among parameters of internal values p (n_p,)."""
+    """Cosines and sines (n_p,) of the angles among parameters of internal values p (n_p,).
+
+    Those of the references are constants of `sx.constants`.
+    """
     cosine, sine = ca.SX(len(parameters), 1), ca.SX(len(parameters), 1)
     for k, parameter in enumerate(parameters):
         if not parameter.is_angle:
             continue
         c, s, denominator = cosine_sine_parts(parameter.substitution, p[k])
-        c0, s0 = exact_cosine_sine(parameter.reference)
+        c0, s0 = cosine_sine(parameter.reference)
         cosine[k] = (c0 * c - s0 * s) / denominator
         sine[k] = (s0 * c + c0 * s) / denominator
     return cosine, sine
 
 
-@lru_cache(maxsize=1)  # the stages of one scene share it
+@lru_cache(maxsize=2)  # the stages of one scene share it, and there are two of each scene
 def equation_function(equations: Equations) -> ca.Function:
     """(xdot, x, z, u, load, p, cosine, sine) -> (residual, output)."""
     e = equations
     arguments = [e.xdot, e.x, e.z, e.u, e.load, e.p, e.cosine, e.sine]
-    return ca.Function("equations", arguments, [e.residual, e.output])
+    return ca.Function("equations", arguments, [e.residual, e.output], WITH_CONSTANTS)
 
 
 def load_value(equations: Equations, p: ca.SX) -> ca.SX:
     """The load (n_l,) at the parameter symbols p."""
     e = equations
-    return ca.Function("load", [e.p], [e.load_value])(p)
+    return ca.Function("load", [e.p], [e.load_value], WITH_CONSTANTS)(p)
 
 
 def given_value(equations: Equations, p: ca.SX) -> ca.SX:
     """Trim values (n_u,) of the given efforts at the parameter symbols p; zero for the others."""
     e = equations
-    return ca.Function("given", [e.p], [e.given])(p)
+    return ca.Function("given", [e.p], [e.given], WITH_CONSTANTS)(p)
 
 
 def rows_of(column: ca.SX, rows: Sequence[int]) -> ca.SX:

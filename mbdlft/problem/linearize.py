@@ -14,11 +14,13 @@ import casadi as ca
 
 from mbdlft.base.parameter import Parameter
 from mbdlft.problem.equations import (
+    WITH_CONSTANTS,
     Equations,
     equation_function,
+    exact_symbols,
     given_value,
-    internal_symbols,
     load_value,
+    rounded,
     rows_of,
     split,
 )
@@ -56,7 +58,7 @@ def linearize(equations: Equations, inputs: Sequence[int], outputs: Sequence[int
     known = [x of the states ; u[inputs]], output = y[outputs].
     """
     e, function = equations, equation_function(equations)
-    symbols, p, cosine, sine = internal_symbols(e.parameters)
+    symbols, p, cosine, sine = exact_symbols(e.parameters)
     at = (p, cosine, sine)
     chosen = ca.SX(e.u.numel(), 1)
     for k in inputs:
@@ -72,7 +74,7 @@ def linearize(equations: Equations, inputs: Sequence[int], outputs: Sequence[int
     # x enters through the derivative at the equilibrium: springs and dampers, and lifted loads
     displaced = ca.vertcat(*function(none[0], e.x, none[2], e.u, load, *at))
     columns = ca.jtimes(displaced, e.x, ca.DM.eye(e.x.numel()))
-    slopes = ca.Function("slopes", [e.x, e.u, load, symbols], [columns])
+    slopes = ca.Function("slopes", [e.x, e.u, load, symbols], [columns], WITH_CONSTANTS)
     linear = moved + ca.mtimes(ca.sparsify(slopes(none[1], none[3], none[4], symbols)), e.x)
     lifted, value = slopes(none[1], e.u, load, symbols), load_value(e, p)
     total, given = ca.vertcat(load, e.u), given_value(e, p)
@@ -120,7 +122,7 @@ class _Implicit:
         u[list(e.unknown)] = signals
         self.unknown.append(signals)
         relations = at_rest(e, self.function, u, load, self.at, self.alone, displacement)
-        self.relations.append(rows_of(relations, trim_rows(e)))
+        self.relations.append(rows_of(relations, trim_rows(rounded(e))))
         return u
 
 
@@ -158,7 +160,7 @@ def trim_relations(equations: Equations) -> LinearModel:
         The unknown efforts are redundant.
     """
     e, function = equations, equation_function(equations)
-    symbols, p, cosine, sine = internal_symbols(e.parameters)
+    symbols, p, cosine, sine = exact_symbols(e.parameters)
     unknown, one = ca.SX.sym("u", len(e.unknown)), ca.SX.sym("one")
     u = ca.SX(given_value(e, p) * one)
     u[list(e.unknown)] = unknown
@@ -166,5 +168,5 @@ def trim_relations(equations: Equations) -> LinearModel:
     none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z, e.u, e.load)]
     alone = ca.sparsify(function(*none, *at)[0])
     residual = at_rest(e, function, u, load_value(e, p) * one, at, alone, one)
-    rows = trim_rows(e)
+    rows = trim_rows(rounded(e))
     return LinearModel(rows_of(residual, rows), ca.SX(0, 1), unknown, one, symbols, e.parameters)

@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 from mbdlft.base.array import Array
 from mbdlft.problem.equations import rows_of
 from mbdlft.problem.linearize import LinearModel
+from mbdlft.sx.constants import in_doubles
 
 Mask = NDArray[np.bool_]
 
@@ -131,7 +132,8 @@ def needed_states(relations: LinearModel, states: int) -> Need:
 
 def _pattern(m: LinearModel) -> csr_array:
     """Which of the rows [residual ; output] have which of the signals [unknown ; known]."""
-    found = ca.jacobian_sparsity(ca.vertcat(m.residual, m.output), ca.vertcat(m.unknown, m.known))
+    both = in_doubles(ca.vertcat(m.residual, m.output))
+    found = ca.jacobian_sparsity(both, ca.vertcat(m.unknown, m.known))
     rows, columns = found.get_triplet()
     return csr_array((np.ones(len(rows)), (rows, columns)), shape=found.shape)
 

@@ -4,7 +4,7 @@ A front end makes one `Problem`. Everything after it (extraction, reduction, bou
 certificate) knows nothing else, and exists once.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -52,24 +52,11 @@ class Form:
         From deltas to the symbols of the relations, if these are not the internal values.
     is_transposed : bool
         The relations are those of the transpose; they have no unknown signals then.
-    closes_unreduced : bool
-        The relations are solved before they are reduced, too: a reduction keeps more digits of M^-1 K
-        than of M and K where stiffnesses stand beside inertias.
-    in_extended_precision : bool
-        The relations are solved unreduced, and reduced in extended precision.
-    most_error : float
-        Relative error of the values above which `again` is tried.
-    again : function of the number of channels of this form
-        Another way to write the same, slower or larger, that keeps more digits; or None.
     """
 
     relations: LinearModel
     maps: tuple[BilinearMap, ...] | None = None
     is_transposed: bool = False
-    closes_unreduced: bool = False
-    in_extended_precision: bool = False
-    most_error: float = float("inf")
-    again: Callable[[int], "Form | None"] = lambda channels: None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,8 +120,6 @@ class Problem:
     trim : TrimRelations, or None for nothing to trim
     row_units, column_units : arrays (rows,) and (columns,) of powers of two, or None
         The relations are those of the matrix with rows and columns divided by these.
-    proved_degrees : mapping of names to degrees, or None
-        Lower bounds of repetitions that were proved in exact arithmetic.
     fit_error_bound : float
         Guaranteed bound of the error of equilibrium positions that are fits; 0.0 if there are none.
     """
@@ -154,5 +139,4 @@ class Problem:
     trim: TrimRelations | None = None
     row_units: Array | None = None
     column_units: Array | None = None
-    proved_degrees: Mapping[str, int] | None = None
     fit_error_bound: float = 0.0

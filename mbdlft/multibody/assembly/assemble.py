@@ -37,7 +37,7 @@ from mbdlft.multibody.scene.check import check_fit
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import column
-from mbdlft.problem.equations import Equations
+from mbdlft.problem.equations import Equations, rounded
 
 _SEEN = 1e-13  # a sensitivity of the equations of order one below which an entry is not seen
 
@@ -49,11 +49,15 @@ class Assembly:
     Attributes
     ----------
     equations : Equations
+        In doubles.
+    exact : Equations
+        With constants that are not rounded, as in `sx.constants`.
     second_order : function without arguments
-        The equations in the order of `second_order.py`; None if that gains nothing.
+        The exact equations in the order of `second_order.py`; None if that gains nothing.
     """
 
     equations: Equations
+    exact: Equations
     second_order: Callable[[], Equations | None]
 
 
@@ -76,8 +80,9 @@ def assembly(scene: Scene) -> Assembly:
     """As `assemble`, with both orders of products; the second reuses all but the inward pass."""
     resolved = resolve(scene)
     _check_spin(scene)
-    mechanics = _mechanics(in_plane(resolved))
-    return Assembly(_equations(mechanics, mechanics.passed()), partial(_second_order, mechanics))
+    mechanics = _mechanics(resolved)
+    exact = _equations(mechanics, mechanics.passed())
+    return Assembly(rounded(exact), exact, partial(_second_order, mechanics))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,6 +16,7 @@ from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import move_wrench
 from mbdlft.problem.equations import CURVED
+from mbdlft.sx.constants import unit_vector
 
 _GAP = 1e-9  # of the lengths of the scene: ports farther apart do not meet
 _PASSIVE = 10.0  # weight of a coordinate that nothing holds among those that may follow
@@ -154,7 +155,7 @@ def _open(loop: Loop, view: View) -> ca.SX:
 def _held(loop: Loop) -> ca.SX:
     """Directions (3, n) that a closure keeps parallel in both bodies."""
     if loop.axis is not None:
-        return ca.SX(np.asarray(loop.axis) / np.linalg.norm(loop.axis))
+        return unit_vector(loop.axis)
     return ca.SX.eye(3) if loop.kind == "fixed" else ca.SX(3, 0)
 
 

@@ -19,6 +19,7 @@ from mbdlft.multibody.force import BodyWrench, Spring
 from mbdlft.multibody.joint import coordinate_label
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
+from mbdlft.sx.constants import is_constant, literal, numbers_of, unit_vector
 
 _APART = 1e-9  # of the reach of its ports: a spring that is shorter has no direction
 GROUND_ACCELERATION = tuple(f"ground.acceleration.{axis}" for axis in AXES)
@@ -91,13 +92,13 @@ def force_density(spring: Spring, own: Values, view: View) -> Any:
     view.owner = owner_name(spring)
     r = view.between_at_rest(spring.parent, spring.child)
     length2 = ca.dot(r, r)
-    if ca.symvar(length2):
+    if not is_constant(length2):
         raise NotRationalError(
             f"{view.owner}: the distance of its ports depends on parameters, and its tension "
             "stiffness*(length - rest_length) has the square root of a polynomial. Give the tension over "
             "the length as force_density (N/m), or leave both out and let the trim solve for it."
         )
-    length = float(ca.DM(ca.sqrt(length2)))
+    length = literal(float(np.sqrt(numbers_of(length2)[0, 0])))
     return own["stiffness"] * (1.0 - own["rest_length"] / length)
 
 
@@ -108,8 +109,7 @@ def ground_motion(
     names = [effort.signal.name for effort in listed]
     spin = ca.SX(3, 1)
     if scene.spin:
-        axis = np.asarray(scene.spin.axis) / np.linalg.norm(scene.spin.axis)
-        spin = ca.sparsify(ca.SX(axis)) * own["spin.rate"]
+        spin = unit_vector(scene.spin.axis) * own["spin.rate"]
     asked = {name: u[names.index(name)] for name in GROUND_ACCELERATION if name in names}
     if asked:
         load = load + ca.vertcat(*(asked.get(name, 0.0) for name in GROUND_ACCELERATION))

@@ -22,7 +22,6 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from mbdlft.base.array import Array
 from mbdlft.multibody.assembly.placed import Motions, Placed
 from mbdlft.multibody.assembly.tree import Link
 from mbdlft.multibody.assembly.weights import (
@@ -66,7 +65,7 @@ class _Carried(NamedTuple):
         """Force (3,) of the motion and scalar, where the load is `field` (3,) and nothing has turned."""
         force, scalar = self.inertial[:, 0], self.scalar
         for tilt in self.tilts:
-            axis = ca.SX(tilt.axis)
+            axis = tilt.axis
             force = force + tilt.mass * ca.cross(axis, field)
             scalar = scalar - tilt.mass * ca.dot(axis, field)
         return force, scalar
@@ -80,7 +79,7 @@ def gains_by_products(placed: Placed) -> bool:
         if name != GROUND
     )
     counts = {GROUND: 0}
-    last: dict[str, Array | None] = {GROUND: None}  # axis on the way, in the axes of the body
+    last: dict[str, ca.SX | None] = {GROUND: None}  # axis on the way, in the axes of the body
     planar = True
     for link in placed.links:
         name, parent = link.child.name, link.parent.name
@@ -89,9 +88,8 @@ def gains_by_products(placed: Placed) -> bool:
             if isinstance(move, Turned) and axis is not None:
                 axis = constant_axis(move, axis, move.in_child_axes)
             for own, _ in _turns(move):
-                turned = ca.DM(own).full().ravel()
-                planar = planar and (count == 0 or (axis is not None and is_parallel(axis, turned)))
-                count, axis = count + 1, turned
+                planar = planar and (count == 0 or (axis is not None and is_parallel(axis, own)))
+                count, axis = count + 1, own
         counts[name], last[name] = count, axis
     return rigid and not planar and _LEAST <= max(counts.values()) <= _MOST
 
@@ -249,8 +247,7 @@ def _before(move: Move, now: _Carried, field: ca.SX, turns: Sequence[_Turn]) -> 
         force, scalar = now._replace(tilts=ended).felt(field)
         inertial = move.wrench(ca.horzcat(force, now.inertial[:, 1]))
         return now._replace(inertial=inertial, scalar=scalar, tilts=kept)
-    axes = (ca.DM(axis).full().ravel() for axis, _ in turns)
-    more = (Tilt(e, now.mass * q, ca.SX(3, 1)) for e, (_, q) in zip(axes, turns, strict=True))
+    more = (Tilt(axis, now.mass * q, ca.SX(3, 1)) for axis, q in turns)
     return now._replace(tilts=added(now.tilts, *more))
 
 

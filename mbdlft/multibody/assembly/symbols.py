@@ -1,5 +1,6 @@
 """The symbols of a scene: coordinates, parameters, and quantities in terms of them."""
 
+from fractions import Fraction
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -9,7 +10,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.description import Expected, Values
 from mbdlft.base.errors import SceneError
 from mbdlft.base.expression import evaluate
-from mbdlft.base.parameter import Parameter, exact_cosine_sine
+from mbdlft.base.parameter import Parameter
 from mbdlft.base.samples import random
 from mbdlft.base.signal import Freedom
 from mbdlft.base.unit import parse_unit
@@ -18,6 +19,7 @@ from mbdlft.multibody.joint import Turn
 from mbdlft.multibody.scene.quantities import Place, angle_at, owner_name, owners, value_at
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate
+from mbdlft.sx.constants import FUNCTIONS, cosine_sine, in_doubles, literal, pi_times
 
 _POINTS = 16  # random points at which loops are checked, beside nominal
 
@@ -60,10 +62,13 @@ class Symbols:
         self.sine = ca.SX.sym("sine", len(parameters))
         self.parameters = parameters
         self.index = {parameter.name: k for k, parameter in enumerate(parameters)}
-        self.names: dict[str, Any] = dict(scene.constant_values())
+        self.names: dict[str, Any] = {
+            name: literal(value) for name, value in scene.constant_values().items()
+        }
+        self.names |= {"pi": pi_times(1), "deg": pi_times(Fraction(1, 180))}
         for name, k in self.index.items():
             factor = parse_unit(parameters[k].unit).factor
-            self.names[name] = self.p[k] if factor == 1.0 else factor * self.p[k]
+            self.names[name] = self.p[k] if factor == 1.0 else literal(factor) * self.p[k]
 
     def coordinates(self, links: tuple[Link, ...]) -> dict[str, Coordinate]:
         """Slices of q, v and a by owner, in the order of `coordinate_owners`."""
@@ -79,7 +84,7 @@ class Symbols:
             owner: {
                 label: self._turns(scene, Place(owner, label), expected)
                 if expected.unit == "rad"
-                else value_at(Place(owner, label), expected, self.names)
+                else value_at(Place(owner, label), expected, self.names, literal, FUNCTIONS)
                 for label, expected in quantities.items()
             }
             for owner, quantities in owners(scene)
@@ -96,13 +101,13 @@ class Symbols:
             for _ in range(abs(count))
         ]
         for tangent, count in angle.arctangents.items():
-            r = evaluate(tangent, self.names)
+            r = evaluate(tangent, self.names, literal, FUNCTIONS)
             square = r * r
             cosine = (1 - square) / (1 + square)
             sine = (1.0 if count > 0 else -1.0) * (2 * r / (1 + square))
             found += [Turn(cosine, sine)] * (abs(count) // 2)
         if angle.constant != 0.0:
-            found.append(Turn(*exact_cosine_sine(angle.constant)))
+            found.append(Turn(*cosine_sine(angle.constant)))
         return tuple(found)
 
     def angle(self, scene: Scene, place: Place, expected: Expected) -> Any:
@@ -110,14 +115,15 @@ class Symbols:
         angle = angle_at(scene, place, expected)
         turns = [count * self.names[name] for name, count in angle.multiples.items()]
         turns += [
-            count * ca.atan(evaluate(tangent, self.names))
+            count * ca.atan(evaluate(tangent, self.names, literal, FUNCTIONS))
             for tangent, count in angle.arctangents.items()
         ]
         return sum(turns, start=ca.SX(angle.constant))
 
     def evaluate(self, expression: ca.SX) -> list[Array]:
         """Values of an expression of the parameters, at nominal and at random points."""
-        function = ca.Function("values", [self.p, self.cosine, self.sine], [ca.densify(expression)])
+        rounded = ca.densify(in_doubles(expression))
+        function = ca.Function("values", [self.p, self.cosine, self.sine], [rounded])
         points = [np.array([parameter.nominal for parameter in self.parameters])]
         if self.parameters:
             inside = random(self.parameters, _POINTS, 0)

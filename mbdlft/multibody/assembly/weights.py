@@ -21,20 +21,18 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from mbdlft.base.array import Array
 from mbdlft.multibody.assembly.placed import Motions, Passed, Placed, body_efforts
 from mbdlft.multibody.body import GROUND
 from mbdlft.multibody.joint.move import Ball, Hinge, Move, Shifted, Slide, Turned
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.spatial import move_wrench
-
-_PARALLEL = 4.0 * np.finfo(float).eps  # largest sine of the angle between two axes that are one
+from mbdlft.sx.constants import is_constant, is_zero, numbers_of, without_zeros
 
 
 class Tilt(NamedTuple):
     """What joints about one axis (3,) have turned: M q (kg rad), and c q (3,) (kg m rad)."""
 
-    axis: Array
+    axis: ca.SX
     mass: ca.SX
     moment: ca.SX
 
@@ -129,7 +127,7 @@ def _before(move: Move, now: Carried, field: ca.SX) -> Carried:
 
 def _tilted(now: Carried, axis: ca.SX, q: ca.SX) -> Carried:
     """Before a displacement q about an axis (3,)."""
-    tilt = Tilt(ca.DM(axis).full().ravel(), now.mass * q, now.moment * q)
+    tilt = Tilt(axis, now.mass * q, now.moment * q)
     return now._replace(tilts=added(now.tilts, tilt))
 
 
@@ -139,7 +137,7 @@ def added(tilts: tuple[Tilt, ...], *more: Tilt) -> tuple[Tilt, ...]:
     for other in more:
         for k, tilt in enumerate(found):
             if is_parallel(tilt.axis, other.axis):
-                sign = float(np.sign(tilt.axis @ other.axis))
+                sign = float(np.sign(numbers_of(ca.dot(tilt.axis, other.axis))[0, 0]))
                 mass, moment = tilt.mass + sign * other.mass, tilt.moment + sign * other.moment
                 found[k] = Tilt(tilt.axis, mass, moment)
                 break
@@ -161,7 +159,7 @@ def turned_tilts(move: Move, tilts: tuple[Tilt, ...]) -> tuple[tuple[Tilt, ...],
     return tuple(kept), tuple(ended)
 
 
-def _turned_axis(move: Move, axis: Array) -> Array | None:
+def _turned_axis(move: Move, axis: ca.SX) -> ca.SX | None:
     """An axis (3,) before a rotation; None if it depends on parameters, or gets more components.
 
     In a chain with numbers for angles there would be as many axes as joints.
@@ -169,22 +167,22 @@ def _turned_axis(move: Move, axis: Array) -> Array | None:
     if not isinstance(move, Turned):
         return None
     before = constant_axis(move, axis, move.in_parent_axes)
-    if before is None or np.count_nonzero(before) > np.count_nonzero(axis):
+    if before is None or before.nnz() > axis.nnz():
         return None
     return before
 
 
-def constant_axis(move: Turned, axis: Array, rotated: Callable[[ca.SX], ca.SX]) -> Array | None:
+def constant_axis(move: Turned, axis: ca.SX, rotated: Callable[[ca.SX], ca.SX]) -> ca.SX | None:
     """An axis (3,) across a rotation, by `rotated`; None if it depends on parameters there."""
-    if is_parallel(ca.DM(move.axis).full().ravel(), axis):
+    if is_parallel(move.axis, axis):
         return axis
-    found = rotated(ca.SX(axis))
-    return None if ca.symvar(found) else ca.DM(found).full().ravel()
+    found = rotated(axis)
+    return without_zeros(found) if is_constant(found) else None
 
 
-def is_parallel(first: Array, second: Array) -> bool:
-    """Whether two unit vectors (3,) are along one line."""
-    return bool(np.max(np.abs(np.cross(first, second))) <= _PARALLEL)
+def is_parallel(first: ca.SX, second: ca.SX) -> bool:
+    """Whether two constant vectors (3,) are along one line."""
+    return is_zero(ca.cross(first, second))
 
 
 def _shifted(now: Carried, arm: ca.SX, field: ca.SX) -> Carried:

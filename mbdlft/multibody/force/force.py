@@ -3,12 +3,12 @@
 from typing import ClassVar, final
 
 import casadi as ca
-import numpy as np
 
 from mbdlft.base.description import Direction, Expected, Quantity, Values
 from mbdlft.base.signal import Signal
 from mbdlft.multibody.force.base import BodyWrench, DirectedLoad, Space
 from mbdlft.multibody.spatial import move_wrench
+from mbdlft.sx.constants import unit_vector
 
 
 @final
@@ -35,5 +35,5 @@ class Force(DirectedLoad):
 
 def directed(direction: Direction, frame: str, body: str, space: Space) -> ca.SX:
     """Unit vector (3,), in the axes of a body, along a direction of the frame ``body`` or ``ground``."""
-    unit = ca.sparsify(ca.SX(np.asarray(direction) / np.linalg.norm(direction)))
+    unit = unit_vector(direction)
     return unit if frame == "body" else space.outward(unit, body)

@@ -20,6 +20,7 @@ from mbdlft.base.errors import SceneError
 from mbdlft.base.signal import Freedom, Signal
 from mbdlft.multibody.joint.move import Move, turned
 from mbdlft.multibody.spatial import Coordinate
+from mbdlft.sx import constants
 
 
 def turning(label: str = "", suffix: str = "", *, of: str = "angle") -> Freedom:
@@ -195,8 +196,7 @@ def with_length(what: str, axis: Direction) -> Direction:
     return axis
 
 
-@lru_cache(maxsize=64)  # a scene has few directions, and each is used many times
+@lru_cache(maxsize=256)  # a scene has few directions, and each is used many times
 def unit_vector(direction: Direction) -> ca.SX:
     """The direction with unit length (3,); a zero component is a structural zero of the SX."""
-    axis = np.asarray(direction) / np.linalg.norm(direction)
-    return ca.sparsify(ca.SX(axis))
+    return constants.unit_vector(direction)

@@ -1,15 +1,17 @@
 """A planar joint: two translations in a plane and a rotation about its normal."""
 
+from fractions import Fraction
 from typing import ClassVar, final
 
 import casadi as ca
-import numpy as np
 
 from mbdlft.base.description import Direction, Quantity, Values
 from mbdlft.base.signal import Freedom
 from mbdlft.multibody.joint.base import AxisJoint, MovingJoint, sliding, turning
 from mbdlft.multibody.joint.move import Hinge, Move, Slide, shifted, turned
 from mbdlft.multibody.spatial import Coordinate
+from mbdlft.number.exact import decimal
+from mbdlft.sx.constants import unit_vector
 
 Triple = tuple[Quantity, Quantity, Quantity]
 
@@ -41,7 +43,7 @@ class Planar(AxisJoint, MovingJoint):
     def own_moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
         moves: tuple[Move, ...] = ()
         for k, (label, direction) in enumerate(zip("xy", plane(self.axis), strict=True)):
-            axis = ca.sparsify(ca.SX(direction))
+            axis = ca.sparsify(direction)
             moves += shifted(axis * values[f"position.{label}"])
             moves += (Slide(axis, at.part(k), values[f"actuator_inertia.{label}"]),)
         normal = self.direction()
@@ -49,14 +51,14 @@ class Planar(AxisJoint, MovingJoint):
         return (*moves, Hinge(normal, at.part(2), values["actuator_inertia.angle"]))
 
 
-def plane(normal: Direction) -> tuple[np.ndarray, np.ndarray]:
+def plane(normal: Direction) -> tuple[ca.SX, ca.SX]:
     """Two unit vectors x and y (3,) across `normal`; x, y and the normal are right-handed."""
-    n = np.asarray(normal) / np.linalg.norm(normal)
-    along = np.flatnonzero(n)
+    n = [decimal(entry) for entry in normal]
+    along = [k for k in range(3) if n[k]]
     if len(along) == 1:
-        x = np.eye(3)[(along[0] + 1) % 3]
+        x = ca.SX.eye(3)[:, (along[0] + 1) % 3]
     else:
-        k = int(np.argmin(np.abs(n)))
-        x = np.eye(3)[k] - n[k] * n
-        x = x / np.linalg.norm(x)
-    return x, np.cross(n, x)
+        k = min(range(3), key=lambda k: abs(n[k]))
+        square = sum((entry * entry for entry in n), Fraction(0))
+        x = unit_vector([(square if j == k else 0) - n[k] * n[j] for j in range(3)])
+    return x, ca.sparsify(ca.cross(unit_vector(normal), x))

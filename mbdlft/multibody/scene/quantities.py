@@ -7,8 +7,9 @@ last are rational:
     cos(2 atan r) = (1 - r^2)/(1 + r^2),   sin(2 atan r) = 2 r/(1 + r^2)
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -135,13 +136,19 @@ def expression_at(place: Place, expected: Expected) -> Expression:
         raise SceneError(f"{place} = {expected.source!r}: {error}") from None
 
 
-def value_at(place: Place, expected: Expected, values: Mapping[str, Any]) -> Any:
-    """Value of one quantity; an error names its place."""
+def value_at(
+    place: Place,
+    expected: Expected,
+    values: Mapping[str, Any],
+    number: Callable[[float], Any] = lambda value: value,
+    functions: Mapping[str, Callable[..., Any]] = MappingProxyType({}),
+) -> Any:
+    """Value of one quantity, as by `evaluate`; an error names its place."""
     if isinstance(expected.source, float):
-        return expected.source
+        return number(expected.source)
     expression = expression_at(place, expected)
     try:
-        return evaluate(expression, values)
+        return evaluate(expression, values, number, functions)
     except MbdlftError as error:
         raise type(error)(f"{place} = {expected.source!r}: {error}") from None
 

@@ -3,7 +3,7 @@
 A channel w = p z of a parameter with p = b0 + gain delta/(1 + a1 delta) is w = b0 z + gain w',
 w' = delta (z - a1 w'). Each z, and each quotient, is solved for in inputs and w'. They follow from
 each other but for the loops of the quotients, so one row after the other is enough, and what is zero by
-structure is zero exactly.
+structure is zero exactly. Numbers are exact.
 """
 
 from collections.abc import Container, Iterator, Sequence
@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import BilinearMap
-from mbdlft.lft.lft import LFT, Block
-from mbdlft.number.rounding import ROUNDING, cleaned, solution_size
+from mbdlft.lft.block import Block
+from mbdlft.lft.exact import ExactLFT
+from mbdlft.number.exact import Exact, Field, decimal
+from mbdlft.number.exact_matrix import ExactMatrix, Residues, from_rows, identity
+from mbdlft.pipeline.extract.dependence import Row, subtract
 from mbdlft.pipeline.extract.graph import SignalGraph
 from mbdlft.pipeline.extract.noncommuting import (
     Item,
@@ -36,7 +38,7 @@ def close(
     maps: Sequence[BilinearMap],
     *,
     all_kept: bool = False,
-) -> LFT:
+) -> ExactLFT:
     """Inputs to outputs as an LFT in the normalized deltas of the parameters `names`.
 
     With `all_kept`, every channel of the graph that something depends on is one of the LFT.
@@ -68,60 +70,57 @@ class _Channels:
         names: Sequence[str],
         maps: Sequence[BilinearMap],
     ) -> None:
-        self.words, self.quotients = words, quotients
+        self.words, self.quotients, self.field = words, quotients, words.field
         self.inputs = words.inputs - quotients
         letters = [_letter(item) for item in words.items]
-        order = sorted(range(len(letters)), key=lambda k: names[letters[k]])
-        place = [0] * len(order)
-        for k, item in enumerate(order):
-            place[item] = k
-        owners = [maps[letter] for letter in letters]
-        self.b0, self.gain = [owner.b0 for owner in owners], [owner.gain for owner in owners]
-        self.a1 = [owner.a1 for owner in owners]
+        self.order = sorted(range(len(letters)), key=lambda k: names[letters[k]])
+        self.column = [0] * len(letters)  # of w' of each item
+        for k, item in enumerate(self.order):
+            self.column[item] = k
+        exact = [tuple(_number(self.field, x) for x in (m.b0, m.gain, m.a1)) for m in maps]
+        self.b0, self.gain, self.a1 = ([exact[k][j] for k in letters] for j in range(3))
         counts = {name: 0 for name in names}
         for letter in letters:
             counts[names[letter]] += 1
         self.blocks = tuple(sorted(Block(name, count) for name, count in counts.items()))
-        self.count = len(order)
-        # rows of quotients, then of z of the channels by name; columns are those of w', then inputs
-        self.row = [*range(quotients), *(quotients + k for k in place)]
-        self.values = np.zeros((quotients + self.count, self.count + self.inputs))
-        self.inverses: dict[bytes, Array] = {}  # many loops are those of one divisor
+        self.count = len(letters)
+        self.rows: list[Row] = [{} for _ in range(quotients + self.count)]
+        self.inverses: dict[bytes, ExactMatrix] = {}  # many loops are those of one divisor
 
     def solve(self, unknowns: list[int]) -> None:
         """Fill in the rows of unknowns that depend on each other; all others that they need are known."""
         if len(unknowns) == 1 and unknowns[0] >= self.quotients:
-            self.values[self.row[unknowns[0]]] = self._added(self._given(unknowns[0]))[0]
+            self.rows[unknowns[0]] = self._added(self._given(unknowns[0]))
             return
         position = {u: k for k, u in enumerate(unknowns)}
-        matrix = np.zeros((len(unknowns), len(unknowns)))
-        right, size = np.zeros((2, len(unknowns), self.values.shape[1]))
+        size, one, prime = len(unknowns), self.field.one, self.field.prime
+        matrix: list[Row] = [{} for _ in unknowns]
         for k, u in enumerate(unknowns):
             if u >= self.quotients:
-                matrix[k, k] += 1.0
-            for factor, _, number in self._given(u):
+                matrix[k][k] = one
+            for factor, number in self._given(u):
                 at = number - self.inputs
                 if at in position:
-                    through = 1.0 if at < self.quotients else self.b0[at - self.quotients]
-                    matrix[k, position[at]] -= factor * through
-            right[k], size[k] = self._added(self._given(u), position)
-        key = matrix.tobytes()
-        if key not in self.inverses:
-            self.inverses[key] = _inverse(matrix)
-        inverse = self.inverses[key]
-        solution = inverse @ right
-        size = solution_size(inverse, matrix, solution, size)
-        self.values[[self.row[u] for u in unknowns]] = cleaned(solution, 0.25 * size)
+                    through = one if at < self.quotients else self.b0[at - self.quotients]
+                    subtract(matrix[k], {position[at]: one}, factor * through)
+        right = [self._added(self._given(u), position) for u in unknowns]
+        columns = sorted({column for row in right for column in row})
+        place = {column: k for k, column in enumerate(columns)}
+        dense = [{place[c]: value for c, value in row.items()} for row in right]
+        inverse = self._inverse(from_rows(matrix, size, prime))
+        found = inverse @ from_rows(dense, len(columns), prime)
+        for u, row in zip(unknowns, _sparse(found, self.field), strict=True):
+            self.rows[u] = {columns[k]: value for k, value in row.items()}
 
-    def lft(self) -> LFT:
+    def lft(self) -> ExactLFT:
         """The LFT, once all unknowns are solved for."""
-        outputs = [self._added(terms)[0] for terms in self.words.outputs[self.quotients :]]
-        read = np.array(outputs).reshape(len(outputs), self.values.shape[1])
-        n = self.count
-        inner = self.values[self.quotients :]
-        at = [row - self.quotients for row in self.row[self.quotients :]]
-        inner[at, at] -= self.a1
-        return LFT(inner[:, :n], inner[:, n:], read[:, :n], read[:, n:], self.blocks)
+        outputs = [self._added(terms) for terms in self.words.outputs[self.quotients :]]
+        inner = [self.rows[self.quotients + item] for item in self.order]
+        for k, item in enumerate(self.order):
+            if self.a1[item]:
+                subtract(inner[k], {k: self.field.one}, self.a1[item])
+        width = self.count + self.inputs
+        return ExactLFT(from_rows([*inner, *outputs], width, self.field.prime), self.blocks)
 
     def _given(self, unknown: int) -> Sequence[Term]:
         """The row that an unknown follows from: the loop of a quotient, or z."""
@@ -129,28 +128,47 @@ class _Channels:
             return self.words.outputs[unknown]
         return self.words.items[unknown - self.quotients].terms
 
-    def _added(self, terms: Sequence[Term], unknowns: Container[int] = ()) -> tuple[Array, Array]:
-        """A sum without its terms in b0 z and y of unknowns, and its size if nothing cancelled."""
-        total, size = np.zeros((2, self.values.shape[1]))
-        for factor, _, number in terms:
-            at, through = number - self.inputs, factor
+    def _added(self, terms: Sequence[Term], unknowns: Container[int] = ()) -> Row:
+        """A sum without its terms in b0 z and y of unknowns, by columns of [w', inputs]."""
+        total: Row = {}
+        for factor, number in terms:
+            at, through = number - self.inputs, -factor
             if at < 0:
-                total[self.count + number] += factor
-                size[self.count + number] += abs(factor)
+                subtract(total, {self.count + number: self.field.one}, through)
                 continue
             if at >= self.quotients:
                 item = at - self.quotients
-                direct, column = factor * self.gain[item], self.row[at] - self.quotients
-                total[column] += direct
-                size[column] += abs(direct)
-                through = factor * self.b0[item]
+                subtract(total, {self.column[item]: self.gain[item]}, through)
+                through = through * self.b0[item]
             if at not in unknowns and through:
-                term = through * self.values[self.row[at]]
-                total += term
-                size += np.abs(term, out=term)
-        if len(terms) > 1:  # what is left of terms that cancel
-            total[np.abs(total) <= ROUNDING * size] = 0.0
-        return total, size
+                subtract(total, self.rows[at], through)
+        return total
+
+    def _inverse(self, matrix: ExactMatrix) -> ExactMatrix:
+        """matrix^-1, or an error that says the model is not well posed at nominal."""
+        key = matrix.residues.tobytes()
+        if key not in self.inverses:
+            try:
+                self.inverses[key] = matrix.solve(identity(len(matrix.residues), matrix.prime))
+            except ZeroDivisionError:
+                raise WellPosednessError(
+                    "a denominator vanishes at the nominal values of the parameters, so there is no "
+                    "linear fractional form around them. Move the nominal values."
+                ) from None
+        return self.inverses[key]
+
+
+def _number(field: Field, value: float) -> Exact:
+    return field.rational(decimal(value))
+
+
+def _sparse(matrix: ExactMatrix, field: Field) -> list[Row]:
+    found: list[Row] = [{} for _ in range(len(matrix.residues))]
+    residues: Residues = matrix.residues
+    for k, column in zip(*np.nonzero(residues), strict=True):
+        residue = field.residue(int(residues[k, column]))
+        found[k][int(column)] = Exact(matrix.balls[k, column], residue)
+    return found
 
 
 def _letter(item: Item) -> int:
@@ -162,7 +180,7 @@ def _components(words: Words, quotients: int) -> Iterator[list[int]]:
     """Unknowns that depend on each other, after all that they need; numbered as in `_Channels`."""
     inputs = words.inputs - quotients
     needs = [
-        [number - inputs for _, _, number in terms if number >= inputs]
+        [number - inputs for _, number in terms if number >= inputs]
         for terms in (*words.outputs[:quotients], *(item.terms for item in words.items))
     ]
     if not quotients:
@@ -190,17 +208,3 @@ def _components(words: Words, quotients: int) -> Iterator[list[int]]:
             if not done[current]:
                 done[current] = True
                 yield members[current]
-
-
-def _inverse(matrix: Array) -> Array:
-    """matrix^-1, or an error that says the model is not well posed at nominal."""
-    try:
-        inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
-    except np.linalg.LinAlgError:
-        inverse = np.full_like(matrix, np.nan)
-    if not np.all(np.isfinite(inverse)):
-        raise WellPosednessError(
-            "a denominator vanishes at the nominal values of the parameters, so there is no linear "
-            "fractional form around them. Move the nominal values."
-        )
-    return inverse

@@ -8,42 +8,39 @@ equal sub-expressions exist once. Coefficient times signal:
     a + b               apply(a, s) + apply(b, s)
     a b                 apply(a, apply(b, s))
     a / b               y with apply(b, y) = s, then apply(a, y); needs no inverse
+
+Numbers are exact, so terms that cancel leave nothing, and sums that are multiples of each other are one.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from mbdlft.base.errors import NotRationalError
-from mbdlft.number.rounding import ROUNDING
+from mbdlft.base.errors import NotRationalError, WellPosednessError
+from mbdlft.number.exact import Exact, Field
 
 
 class Coefficient(NamedTuple):
     """A node of a coefficient; the arguments are numbers of nodes, or the value of a constant."""
 
     operation: str
-    arguments: tuple[float, ...]
+    arguments: tuple[Any, ...]
 
 
 class Scaled(NamedTuple):
     """factor times a signal, by number; number -1 is the zero signal."""
 
-    factor: float
+    factor: Exact
     number: int
 
 
 Element = int | Scaled  # number of a coefficient, or a signal
-ZERO = Scaled(0.0, -1)
-
-
-def scaled(factor: float, signal: Scaled) -> Scaled:
-    """A number times a signal."""
-    return Scaled(factor * signal.factor, signal.number) if factor and signal.factor else ZERO
 
 
 class SignalGraph:
     """Collects signals, channels and outputs; `close` solves the system once."""
 
-    def __init__(self, inputs: int) -> None:
-        self.inputs = inputs
+    def __init__(self, inputs: int, field: Field) -> None:
+        self.inputs, self.field = inputs, field
+        self.zero = Scaled(field.zero, -1)
         self.size = inputs  # signals 0 .. inputs-1 are the inputs
         self.equations: list[tuple[int, tuple[Scaled, ...]]] = []  # signal = sum
         self.quotients: list[tuple[int, int, Scaled]] = []  # (signal y, divisor b, s): b y = s
@@ -57,7 +54,7 @@ class SignalGraph:
 
     # coefficients ---------------------------------------------------------------------------
 
-    def node(self, operation: str, *arguments: float) -> int:
+    def node(self, operation: str, *arguments: Any) -> int:
         """Number of a coefficient node; equal nodes have one number."""
         key = Coefficient(operation, arguments)
         if key not in self._numbers:
@@ -65,11 +62,11 @@ class SignalGraph:
             self.nodes.append(key)
         return self._numbers[key]
 
-    def constant(self, value: float) -> int:
+    def constant(self, value: Exact) -> int:
         """Number of a constant."""
         return self.node("constant", value)
 
-    def constant_value(self, number: int) -> float | None:
+    def constant_value(self, number: int) -> Exact | None:
         """Value of a coefficient that is a constant, else None."""
         operation, arguments = self.nodes[number]
         return arguments[0] if operation == "constant" else None
@@ -87,47 +84,45 @@ class SignalGraph:
 
     def combine(self, terms: list[Scaled]) -> Scaled:
         """Sum of scaled signals."""
-        merged: dict[int, float] = {}
-        sizes: dict[int, float] = {}
+        merged: dict[int, Exact] = {}
         for factor, index in terms:
             if index >= 0:
-                merged[index] = merged.get(index, 0.0) + factor
-                sizes[index] = sizes.get(index, 0.0) + abs(factor)
-        kept = [
-            Scaled(factor, index)
-            for index, factor in sorted(merged.items())
-            if abs(factor) > ROUNDING * sizes[index]
-        ]
+                merged[index] = merged[index] + factor if index in merged else factor
+        kept = [Scaled(factor, index) for index, factor in sorted(merged.items()) if factor]
         if not kept:
-            return ZERO
+            return self.zero
         if len(kept) == 1:
             return kept[0]
-        sign = 1.0 if kept[0].factor > 0 else -1.0
-        key = tuple(Scaled(sign * factor, index) for factor, index in kept)
+        first = kept[0].factor
+        key = tuple(Scaled(factor / first, index) for factor, index in kept)
         if key not in self._sums:
             self._sums[key] = self._new()
             self.equations.append((self._sums[key], key))
-        return Scaled(sign, self._sums[key])
+        return Scaled(first, self._sums[key])
 
     def apply(self, number: int, signal: Scaled) -> Scaled:
         """Coefficient times signal."""
         factor, index = signal
         if index < 0:
-            return ZERO
+            return self.zero
         key = (number, index)
         if key not in self._applied:
-            self._applied[key] = self._apply(number, Scaled(1.0, index))
-        applied = self._applied[key]
-        return Scaled(factor * applied.factor, applied.number) if factor else ZERO
+            self._applied[key] = self._apply(number, Scaled(self.field.one, index))
+        return self.scaled(factor, self._applied[key])
+
+    def scaled(self, factor: Exact, signal: Scaled) -> Scaled:
+        """A number times a signal."""
+        is_zero = not factor or signal.number < 0
+        return self.zero if is_zero else Scaled(factor * signal.factor, signal.number)
 
     def _apply(self, number: int, signal: Scaled) -> Scaled:
         operation, arguments = self.nodes[number]
         if operation == "constant":
-            return Scaled(arguments[0], signal.number) if arguments[0] else ZERO
+            return self.scaled(arguments[0], signal)
         if operation == "parameter":
             channel = self._new()
             self.channels.append((channel, int(arguments[0]), signal))
-            return Scaled(1.0, channel)
+            return Scaled(self.field.one, channel)
         first, second = (int(child) for child in arguments)
         if operation == "add":
             return self.combine([self.apply(term, signal) for term in self._terms(number)])
@@ -135,8 +130,7 @@ class SignalGraph:
             return self.apply(first, self.apply(second, signal))
         divisor = self.constant_value(second)
         if divisor is not None:
-            applied = self.apply(first, signal)
-            return Scaled(applied.factor / divisor, applied.number)
+            return self._over(self.apply(first, signal), divisor)
         return self.apply(first, self.divide(second, signal))
 
     def _terms(self, number: int) -> list[int]:
@@ -153,15 +147,15 @@ class SignalGraph:
     def divide(self, number: int, signal: Scaled) -> Scaled:
         """y with apply(number, y) = signal."""
         factor, index = signal
-        if index < 0 or not factor:
-            return ZERO
+        if index < 0:
+            return self.zero
         key = (-1 - number, index)
         if key not in self._applied:
-            quotient = Scaled(1.0, self._new())
+            quotient = Scaled(self.field.one, self._new())
             self._applied[key] = quotient
-            self.quotients.append((quotient.number, number, Scaled(1.0, index)))
+            self.quotients.append((quotient.number, number, Scaled(self.field.one, index)))
             position = len(self.products)
-            self.products.append(ZERO)  # keeps its place: the divisor may divide again
+            self.products.append(self.zero)  # keeps its place: the divisor may divide again
             self.products[position] = self.apply(number, quotient)
         return Scaled(factor, self._applied[key].number)
 
@@ -175,7 +169,12 @@ class SignalGraph:
             raise NotRationalError(
                 "a signal and a coefficient are added, so the relations are not linear in the signals."
             )
-        return self.node("add", a, b)
+        x, y = self.constant_value(a), self.constant_value(b)
+        if x is not None and y is not None:
+            return self.constant(x + y)
+        if x is not None and not x:
+            return b
+        return a if y is not None and not y else self.node("add", a, b)
 
     def multiply(self, a: Element, b: Element) -> Element:
         """Product of a coefficient with a signal or another coefficient."""
@@ -188,10 +187,15 @@ class SignalGraph:
         if isinstance(a, Scaled):
             assert not isinstance(b, Scaled)
             constant = self.constant_value(b)
-            return self.apply(b, a) if constant is None else scaled(constant, a)
+            return self.apply(b, a) if constant is None else self.scaled(constant, a)
         assert not isinstance(b, Scaled)
         x, y = self.constant_value(a), self.constant_value(b)
-        return self.node("multiply", a, b) if x is None or y is None else self.constant(x * y)
+        if x is not None and y is not None:
+            return self.constant(x * y)
+        for value, other in ((x, b), (y, a)):
+            if value is not None and (not value or value == self.field.one):
+                return other if value else self.constant(value)
+        return self.node("multiply", a, b)
 
     def quotient(self, a: Element, b: Element) -> Element:
         """A signal or a coefficient over a coefficient."""
@@ -199,12 +203,20 @@ class SignalGraph:
             raise NotRationalError(
                 "a signal is a divisor, so the relations are not linear in the signals."
             )
-        value = self.constant_value(b)
+        divisor = self.constant_value(b)
         if isinstance(a, Scaled):
-            if value is not None:
-                return Scaled(a.factor / value, a.number)
-            return self.apply(self.node("divide", self.constant(1.0), b), a)
+            if divisor is not None:
+                return self._over(a, divisor)
+            return self.apply(self.node("divide", self.constant(self.field.one), b), a)
+        if divisor is not None:
+            one = self._over(Scaled(self.field.one, 0), divisor)
+            return self.multiply(a, self.constant(one.factor))
         return self.node("divide", a, b)
+
+    def _over(self, signal: Scaled, divisor: Exact) -> Scaled:
+        if not divisor:
+            raise WellPosednessError("a divisor is zero, whatever the parameters are.")
+        return self.scaled(self.field.one / divisor, signal)
 
     def _new(self) -> int:
         self.size += 1
@@ -212,6 +224,6 @@ class SignalGraph:
 
     def without_signals(self) -> "SignalGraph":
         """A graph of the same inputs and coefficients."""
-        graph = SignalGraph(self.inputs)
+        graph = SignalGraph(self.inputs, self.field)
         graph.nodes, graph._numbers = list(self.nodes), dict(self._numbers)
         return graph

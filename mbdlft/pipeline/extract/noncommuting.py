@@ -20,12 +20,12 @@ by one divisor are found. In the second round, y is an input and b y - s an outp
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from mbdlft.number.rounding import is_rounding
-from mbdlft.pipeline.extract.dependence import Dependence, Row
-from mbdlft.pipeline.extract.graph import ZERO, Scaled, SignalGraph
+from mbdlft.number.exact import Exact, Field
+from mbdlft.pipeline.extract.dependence import Dependence, Row, subtract
+from mbdlft.pipeline.extract.graph import Scaled, SignalGraph
 
-# factor, its size if nothing had cancelled in it, and the number of a signal
-Term = tuple[float, float, int]
+# factor, and the number of a signal
+Term = tuple[Exact, int]
 
 
 class Item(NamedTuple):
@@ -41,6 +41,7 @@ class Words(NamedTuple):
     inputs: int
     items: Sequence[Item]
     outputs: Sequence[Sequence[Term]]
+    field: Field
 
 
 def smallest(words: Words) -> Words:
@@ -56,64 +57,54 @@ def reached(words: Words, *, all_kept: bool = False) -> Words:
     """
     used = [0] * (words.inputs + len(words.items))
     for terms in (*(item.terms for item in words.items), *words.outputs):
-        for _, _, number in terms:
+        for _, number in terms:
             used[number] += 1
-    # each signal in inputs and kept items, and sizes if nothing had cancelled
-    held: list[tuple[Row, Row] | None] = [({k: 1.0}, {k: 1.0}) for k in range(words.inputs)]
+    # each signal in inputs and kept items
+    one = words.field.one
+    held: list[Row | None] = [{k: one} for k in range(words.inputs)]
     kept: list[Item] = []
     letters: dict[int, Dependence] = {}
 
-    def added(terms: Sequence[Term]) -> tuple[Row, Row]:
+    def added(terms: Sequence[Term]) -> Row:
         values: Row = {}
-        sizes: Row = {}
-        for factor, size, number in terms:
+        for factor, number in terms:
             found = held[number]
             assert found is not None
             used[number] -= 1
             if not used[number]:
                 held[number] = None
-            if not values and not sizes:
-                if factor == size == 1.0 and len(terms) == 1:
+            if not values:
+                if len(terms) == 1 and factor == one:
                     return found
-                values = {k: factor * value for k, value in found[0].items()}
-                sizes = {k: size * found[1][k] for k in values}
+                values = {k: factor * value for k, value in found.items()}
                 continue
-            for k, value in found[0].items():
-                before = sizes.get(k)
-                if before is None:
-                    values[k], sizes[k] = factor * value, size * found[1][k]
-                    continue
-                total = values.get(k, 0.0) + factor * value
-                sizes[k] = before + size * found[1][k]
-                if is_rounding(total, sizes[k]):
-                    values.pop(k, None)
-                else:
-                    values[k] = total
-        return values, sizes
+            subtract(values, found, -factor)
+        return values
 
     for number, (letter, terms) in enumerate(words.items, start=words.inputs):
         if not used[number]:
-            for _, _, unused in terms:
+            for _, unused in terms:
                 used[unused] -= 1
             held.append(None)
             continue
-        values, sizes = added(terms)
+        values = added(terms)
         if letter is None:
-            held.append((values, sizes))
+            held.append(values)
             continue
         own = words.inputs + len(kept)
         found = None
         if not all_kept:
             found = letters.setdefault(letter, Dependence()).combination(own, values)
         if found is None:
-            kept.append(Item(letter, _terms(values, sizes)))
-            found = {own: 1.0}
-        held.append((found, {k: abs(factor) for k, factor in found.items()}))
-    return Words(words.inputs, kept, [_terms(*added(terms)) for terms in words.outputs])
+            kept.append(Item(letter, _terms(values)))
+            found = {own: one}
+        held.append(found)
+    outputs = [_terms(added(terms)) for terms in words.outputs]
+    return Words(words.inputs, kept, outputs, words.field)
 
 
-def _terms(values: Row, sizes: Row) -> list[Term]:
-    return [(value, sizes[k], k) for k, value in values.items()]
+def _terms(values: Row) -> list[Term]:
+    return [(value, k) for k, value in values.items()]
 
 
 def transposed(words: Words) -> Words:
@@ -121,16 +112,16 @@ def transposed(words: Words) -> Words:
     inputs, count = len(words.outputs), len(words.items)
     readers: list[list[Term]] = [[] for _ in range(words.inputs + count)]
     for k, terms in enumerate(words.outputs):
-        for factor, size, number in terms:
-            readers[number].append((factor, size, k))
+        for factor, number in terms:
+            readers[number].append((factor, k))
     items: list[Item] = []
     for k in reversed(range(count)):
         letter, terms = words.items[k]
         own = inputs + len(items)
         items.append(Item(letter, readers[words.inputs + k]))
-        for factor, size, number in terms:
-            readers[number].append((factor, size, own))
-    return Words(inputs, items, readers[: words.inputs])
+        for factor, number in terms:
+            readers[number].append((factor, own))
+    return Words(inputs, items, readers[: words.inputs], words.field)
 
 
 def condensed(graph: SignalGraph) -> SignalGraph:
@@ -148,9 +139,10 @@ def condensed(graph: SignalGraph) -> SignalGraph:
         items[signal - graph.inputs] = Item(letter, _given(z))
     for signal, divisor, z in graph.quotients:
         items[signal - graph.inputs] = Item(-1 - divisor, _given(z))
-    words = smallest(Words(graph.inputs, items, [_given(output) for output in graph.outputs]))
+    outputs = [_given(output) for output in graph.outputs]
+    words = smallest(Words(graph.inputs, items, outputs, graph.field))
     found = graph.without_signals()
-    signals = [Scaled(1.0, k) for k in range(words.inputs)]
+    signals = [Scaled(graph.field.one, k) for k in range(words.inputs)]
     for item in words.items:
         assert item.letter is not None
         z, number = _combined(found, signals, item.terms), item.letter
@@ -160,15 +152,11 @@ def condensed(graph: SignalGraph) -> SignalGraph:
 
 
 def _given(*terms: Scaled) -> list[Term]:
-    return [(factor, abs(factor), number) for factor, number in terms if number >= 0]
+    return [(factor, number) for factor, number in terms if number >= 0]
 
 
 def _combined(graph: SignalGraph, signals: Sequence[Scaled], terms: Sequence[Term]) -> Scaled:
-    parts = (
-        Scaled(factor * signals[number].factor, signals[number].number)
-        for factor, _, number in terms
-    )
-    return graph.combine([part for part in parts if part != ZERO])
+    return graph.combine([graph.scaled(factor, signals[number]) for factor, number in terms])
 
 
 def opened(graph: SignalGraph) -> Words:
@@ -181,7 +169,7 @@ def opened(graph: SignalGraph) -> Words:
     first = graph.inputs + len(quotients)
 
     def terms(*given: Scaled) -> list[Term]:
-        return [(f, s, renumbered[number]) for f, s, number in _given(*given)]
+        return [(factor, renumbered[number]) for factor, number in _given(*given)]
 
     items: list[Item] = [Item(None, ())] * len(others)
     for signal, summed in graph.equations:
@@ -192,4 +180,5 @@ def opened(graph: SignalGraph) -> Words:
         terms(left, Scaled(-right.factor, right.number))
         for left, (_, _, right) in zip(graph.products, graph.quotients, strict=True)
     ]
-    return Words(first, items, [*loops, *(terms(output) for output in graph.outputs)])
+    outputs = [*loops, *(terms(output) for output in graph.outputs)]
+    return Words(first, items, outputs, graph.field)

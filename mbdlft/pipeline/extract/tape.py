@@ -1,34 +1,27 @@
 """The SX tape as a signal graph: each instruction becomes a constant, a coefficient or a signal."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
-from functools import cache, partial
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import casadi as ca
 
 from mbdlft.base.errors import NotRationalError, StructureError
 from mbdlft.base.parameter import BilinearMap
-from mbdlft.lft.lft import LFT
+from mbdlft.lft.exact import ExactLFT
+from mbdlft.number.exact import Constant, Field, constant_of
 from mbdlft.pipeline.extract.close import close
-from mbdlft.pipeline.extract.graph import ZERO, Element, Scaled, SignalGraph
+from mbdlft.pipeline.extract.graph import Element, Scaled, SignalGraph
 from mbdlft.problem.linearize import LinearModel
+from mbdlft.sx.constants import constants_in
 from mbdlft.sx.fold import Rules, fold, rules
-
-_FEW = 1000  # channels: up to here, `reduce_order` alone takes less time than reducing words before
 
 
 class Extraction(NamedTuple):
-    """An LFT, the channels by parameter of the graph it was made of, and the LFT with all of them."""
+    """An LFT, and the channels by parameter of the graph it was made of."""
 
-    lft: LFT
+    lft: ExactLFT
     channels: dict[str, int]
-    whole: Callable[[], LFT]
-
-    @property
-    def order(self) -> int:
-        """Channels before any reduction."""
-        return sum(self.channels.values())
 
 
 def extract(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Extraction:
@@ -47,31 +40,32 @@ def extract(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Ex
     """
     signals = ca.vertcat(model.unknown, model.known)
     outputs = ca.vertcat(model.residual, model.output)
-    tape = ca.Function("relations", [signals, model.p], [ca.densify(outputs)])
+    constants, numbers = constants_in(outputs)
+    tape = ca.Function("relations", [signals, model.p, constants], [ca.densify(outputs)])
     names = [parameter.name for parameter in model.parameters]
     try:
-        graph = walk(tape, names)
+        graph = walk(tape, names, numbers)
     except RecursionError:
         raise StructureError(
             "products stand inside of each other more deeply than can be followed. Declare a part as a "
             "parameter."
         ) from None
     counts = Counter(names[parameter] for _, parameter, _ in graph.channels)
-    maps = maps or [parameter.map for parameter in model.parameters]
-    whole = cache(partial(close, graph, names, maps, all_kept=True))
-    lft = whole() if len(graph.channels) <= _FEW else close(graph, names, maps)
-    return Extraction(lft, {name: counts[name] for name in sorted(names)}, whole)
+    lft = close(graph, names, maps or [parameter.map for parameter in model.parameters])
+    return Extraction(lft, {name: counts[name] for name in sorted(names)})
 
 
-def walk(tape: ca.Function, names: list[str]) -> SignalGraph:
-    """Signal graph of a function (signals, p) -> outputs, linear in the signals.
+def walk(tape: ca.Function, names: list[str], numbers: Sequence[Constant] = ()) -> SignalGraph:
+    """Signal graph of a function (signals, p, constants) -> outputs, linear in the signals.
 
-    `names` are those of the parameters p, for messages.
+    `names` are those of the parameters p, for messages, and `numbers` what the constants are.
     """
-    graph = SignalGraph(tape.size1_in(0))
-    signals = [Scaled(1.0, k) for k in range(graph.inputs)]
+    field = Field(numbers)
+    graph = SignalGraph(tape.size1_in(0), field)
+    signals = [Scaled(field.one, k) for k in range(graph.inputs)]
     parameters = [graph.node("parameter", float(k)) for k in range(tape.size1_in(1))]
-    (found,) = fold(tape, _graph_rules(graph, names), signals, parameters)
+    constants = [graph.constant(field.of(number)) for number in numbers]
+    (found,) = fold(tape, _graph_rules(graph, names), signals, parameters, constants)
     graph.outputs = [_output(graph, element, row) for row, element in enumerate(found)]
     return graph
 
@@ -89,7 +83,7 @@ def _graph_rules(graph: SignalGraph, names: list[str]) -> Rules:
         )
 
     return rules(
-        graph.constant,
+        lambda value: graph.constant(graph.field.rational(constant_of(value))),
         add=graph.add,
         mul=graph.multiply,
         div=graph.quotient,
@@ -100,8 +94,9 @@ def _graph_rules(graph: SignalGraph, names: list[str]) -> Rules:
 def _output(graph: SignalGraph, element: Element, row: int) -> Scaled:
     if isinstance(element, Scaled):
         return element
-    if graph.constant_value(element) == 0.0:
-        return ZERO
+    value = graph.constant_value(element)
+    if value is not None and not value:
+        return graph.zero
     raise StructureError(
         f"row {row} of the relations does not vanish with the signals: it is not linear in them. "
         "Linearize around an equilibrium first."

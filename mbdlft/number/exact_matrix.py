@@ -1,0 +1,192 @@
+"""Matrices of exact numbers: residues decide ranks and zeros, balls carry values; FLINT computes both."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import flint
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError
+from mbdlft.number.exact import Exact
+
+Residues = NDArray[np.int64]
+Balls = NDArray[np.object_]
+
+_ENOUGH_BITS = 58  # of an entry, for a double that is its nearest or next to it
+_NOTHING = flint.arb(0)
+
+
+class TooFewBitsError(AnalysisError):
+    """Balls have become too wide for doubles; they need more bits."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExactMatrix:
+    """A matrix (n, m) as residues modulo `prime` and as balls.
+
+    Attributes
+    ----------
+    residues : int64 array (n, m), 0 <= entry < prime
+    balls : object array (n, m) of arb; exactly zero where the residue is
+    prime : int
+    """
+
+    residues: Residues
+    balls: Balls
+    prime: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        n, m = self.residues.shape
+        return n, m
+
+    @property
+    def T(self) -> "ExactMatrix":
+        """The transpose."""
+        return ExactMatrix(self.residues.T, self.balls.T, self.prime)
+
+    def __getitem__(self, index: Any) -> "ExactMatrix":
+        """Some of the rows and columns, as of an array."""
+        return ExactMatrix(self.residues[index], self.balls[index], self.prime)
+
+    def __matmul__(self, other: "ExactMatrix") -> "ExactMatrix":
+        (n, k), m = self.shape, other.shape[1]
+        if 0 in (n, k, m):
+            return zeros(n, m, self.prime)
+        residues = multiplied(self.residues, other.residues, self.prime)
+        return _paired(residues, _ball_matrix(self.balls) * _ball_matrix(other.balls), self.prime)
+
+    def __add__(self, other: "ExactMatrix") -> "ExactMatrix":
+        residues = (self.residues + other.residues) % self.prime
+        balls = self.balls + other.balls if residues.size else self.balls
+        return ExactMatrix(residues, _cleared(residues, balls), self.prime)
+
+    def __neg__(self) -> "ExactMatrix":
+        balls = -self.balls if self.balls.size else self.balls
+        return ExactMatrix(-self.residues % self.prime, balls, self.prime)
+
+    def solve(self, right: "ExactMatrix") -> "ExactMatrix":
+        """self^-1 right.
+
+        Raises
+        ------
+        ZeroDivisionError
+            The matrix is singular.
+        TooFewBitsError
+            It is not, but too near to it for the bits of the balls.
+        """
+        n, m = right.shape
+        if n == 0 or m == 0:
+            return zeros(n, m, self.prime)
+        matrix = _residue_matrix(self.residues, self.prime)
+        residues = _residues(matrix.solve(_residue_matrix(right.residues, self.prime)))
+        try:
+            balls = _ball_matrix(self.balls).solve(_ball_matrix(right.balls))
+        except ZeroDivisionError:
+            raise TooFewBitsError("the balls of a matrix contain a singular one.") from None
+        return _paired(residues, balls, self.prime)
+
+    def values(self) -> Array:
+        """The nearest doubles (n, m), or those next to them; 0.0 exactly where the residue is.
+
+        Raises
+        ------
+        TooFewBitsError
+            A ball is too wide.
+        """
+        found = np.zeros(self.shape)
+        for place in zip(*np.nonzero(self.residues), strict=True):
+            ball = self.balls[place]
+            if ball.rel_accuracy_bits() < _ENOUGH_BITS:
+                raise TooFewBitsError(f"a ball of radius {float(ball.rad()):.1e} is too wide.")
+            found[place] = float(ball.mid())
+        return found
+
+
+def zeros(n: int, m: int, prime: int) -> ExactMatrix:
+    """A matrix of zeros."""
+    balls = np.full((n, m), _NOTHING, dtype=object)
+    return ExactMatrix(np.zeros((n, m), dtype=np.int64), balls, prime)
+
+
+def identity(n: int, prime: int) -> ExactMatrix:
+    """The identity."""
+    found = zeros(n, n, prime)
+    diagonal = np.arange(n)
+    found.residues[diagonal, diagonal] = 1
+    found.balls[diagonal, diagonal] = flint.arb(1)
+    return found
+
+
+def from_rows(rows: Sequence[Mapping[int, Exact]], width: int, prime: int) -> ExactMatrix:
+    """A matrix of sparse rows: numbers by column."""
+    found = zeros(len(rows), width, prime)
+    for k, row in enumerate(rows):
+        for column, value in row.items():
+            if value:
+                found.residues[k, column] = int(value.residue)
+                found.balls[k, column] = value.ball
+    return found
+
+
+def stacked(parts: Sequence[Sequence[ExactMatrix]]) -> ExactMatrix:
+    """A matrix of blocks, as `numpy.block` of at least one."""
+    residues = np.vstack([np.hstack([part.residues for part in row]) for row in parts])
+    balls = np.vstack([np.hstack([part.balls for part in row]) for row in parts])
+    return ExactMatrix(residues, balls, parts[0][0].prime)
+
+
+def multiplied(a: Residues, b: Residues, prime: int) -> Residues:
+    """a b modulo a prime."""
+    if 0 in (*a.shape, b.shape[1]):
+        return np.zeros((len(a), b.shape[1]), dtype=np.int64)
+    return _residues(_residue_matrix(a, prime) * _residue_matrix(b, prime))
+
+
+def solved(a: Residues, b: Residues, prime: int) -> Residues:
+    """a^-1 b modulo a prime; a ZeroDivisionError if a is singular."""
+    if 0 in b.shape:
+        return np.zeros(b.shape, dtype=np.int64)
+    return _residues(_residue_matrix(a, prime).solve(_residue_matrix(b, prime)))
+
+
+def rank(a: Residues, prime: int) -> int:
+    """The rank modulo a prime."""
+    return int(_residue_matrix(a, prime).rank()) if a.size else 0
+
+
+def row_echelon(a: Residues, prime: int) -> tuple[Residues, list[int]]:
+    """The reduced echelon form of the rows, without rows of zeros, and the columns of its pivots."""
+    if not a.size:
+        return a[:0], []
+    matrix, count = _residue_matrix(a, prime).rref()
+    rows = _residues(matrix)[:count]
+    return rows, [int(k) for k in np.argmax(rows != 0, axis=1)] if count else []
+
+
+def _residue_matrix(a: Residues, prime: int) -> Any:
+    return flint.nmod_mat(*a.shape, a.ravel().tolist(), prime)
+
+
+def _residues(matrix: Any) -> Residues:
+    entries = np.array(list(map(int, matrix.entries())), dtype=np.int64)
+    return entries.reshape(matrix.nrows(), matrix.ncols())
+
+
+def _ball_matrix(a: Balls) -> Any:
+    return flint.arb_mat(*a.shape, a.ravel().tolist())
+
+
+def _paired(residues: Residues, matrix: Any, prime: int) -> ExactMatrix:
+    balls = np.empty(residues.size, dtype=object)
+    balls[:] = matrix.entries()
+    return ExactMatrix(residues, _cleared(residues, balls.reshape(residues.shape)), prime)
+
+
+def _cleared(residues: Residues, balls: Balls) -> Balls:
+    balls[residues == 0] = _NOTHING
+    return balls

@@ -1,0 +1,129 @@
+"""The ways to write a problem, each extracted, solved and reduced in exact numbers, and rounded once."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
+from mbdlft.lft.exact import ExactLFT, eliminated, transposed
+from mbdlft.lft.lft import LFT, condition
+from mbdlft.number.exact import BITS, MOST_BITS, precision
+from mbdlft.number.exact_matrix import TooFewBitsError
+from mbdlft.pipeline.extract import extract
+from mbdlft.problem.linearize import LinearModel
+from mbdlft.problem.problem import Form, Problem
+from mbdlft.reduce.exact import reduce_exactly
+from mbdlft.reduce.reduce import in_scales
+
+_TAKES_PART = 0.1  # in a direction that nothing determines
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """One form, reduced; rows and columns are still divided by their units.
+
+    Attributes
+    ----------
+    channels : of the signal graph before any reduction, by parameter
+    relations : LFT
+        As extracted, reduced.
+    closed : LFT
+        Solved for the unknown signals, not reduced.
+    exact : ExactLFT
+        The same, reduced.
+    lft : LFT
+        The last in doubles.
+    """
+
+    form: Form
+    channels: Mapping[str, int]
+    relations: LFT
+    closed: LFT
+    exact: ExactLFT
+    lft: LFT
+
+
+def candidates(problem: Problem, forms: Sequence[Form]) -> list[Candidate]:
+    """A candidate of each form, the smallest first.
+
+    Raises
+    ------
+    NotRationalError, StructureError, WellPosednessError
+        As `extract`; or the relations cannot be solved at nominal.
+    """
+    found = [_in_enough_bits(problem, form) for form in forms]
+    return sorted(found, key=lambda one: one.lft.order)
+
+
+def reduced_relations(relations: LinearModel) -> LFT:
+    """Relations solved for all of their unknown signals, reduced and rounded."""
+    n, bits = relations.unknown.numel(), BITS
+    while True:
+        try:
+            with precision(bits):
+                opened = reduce_exactly(extract(relations).lft)
+                return in_scales(reduce_exactly(eliminated(opened, n, [*range(n)])).rounded())
+        except TooFewBitsError:
+            bits = _more(bits, "trim")
+
+
+def _in_enough_bits(problem: Problem, form: Form) -> Candidate:
+    bits = BITS
+    while True:
+        try:
+            with precision(bits):
+                return _candidate(problem, form)
+        except TooFewBitsError:
+            bits = _more(bits, problem.nouns.owner)
+
+
+def _more(bits: int, owner: str) -> int:
+    if bits >= MOST_BITS:
+        raise AnalysisError(
+            f"{owner}: numbers that are not zero cannot be told from zero in {bits} bits. Terms cancel "
+            "nearly, such as an axis that is nearly parallel to another one: make equal what is meant to "
+            "be equal."
+        )
+    return 2 * bits
+
+
+def _candidate(problem: Problem, form: Form) -> Candidate:
+    try:
+        extracted = extract(form.relations, form.maps)
+    except (StructureError, WellPosednessError) as error:
+        raise type(error)(f"{problem.nouns.owner}: {error}") from None
+    opened = transposed(extracted.lft) if form.is_transposed else extracted.lft
+    relations = reduce_exactly(opened)
+    n = form.relations.unknown.numel()
+    if not n:
+        lft = in_scales(relations.rounded())
+        return Candidate(form, extracted.channels, lft, lft, relations, lft)
+    # the equations come first; there are as many as unknowns
+    outputs = range(n, n + form.relations.output.numel())
+    try:
+        closed = eliminated(relations, n, [*range(form.relations.derivatives), *outputs])
+    except ZeroDivisionError:
+        raise _singular(problem, relations, n) from None
+    exact = reduce_exactly(closed)
+    return Candidate(
+        form,
+        extracted.channels,
+        in_scales(relations.rounded()),
+        in_scales(closed.rounded()),
+        exact,
+        in_scales(exact.rounded()),
+    )
+
+
+def _singular(problem: Problem, relations: ExactLFT, n: int) -> WellPosednessError:
+    inner = relations.rounded().M22[:n, :n]
+    directions = np.abs(np.linalg.svd(inner)[2][-1])
+    names = [
+        signal.name
+        for signal, size in zip(problem.states, directions, strict=False)
+        if size > _TAKES_PART
+    ]
+    return WellPosednessError(
+        f"{problem.nouns.owner}: {problem.singular(condition(inner), names)}"
+    )

@@ -1,0 +1,182 @@
+"""n-D reduction of an LFT of exact numbers: as `reduce_order`, but every rank is decided exactly.
+
+The subspaces S_k, the smallest with range(M12_k) in S_k and M11_kj S_j in S_k, are found on residues.
+The candidates that are kept there are kept in balls, too; in these, a basis of S_k is the identity in
+some channels, w = T w[chosen]. No vector is made orthonormal: balls have the bits.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.base.array import Array
+from mbdlft.lft.block import Block
+from mbdlft.lft.exact import ExactLFT, transposed
+from mbdlft.number.exact_matrix import (
+    ExactMatrix,
+    Residues,
+    identity,
+    multiplied,
+    row_echelon,
+    stacked,
+    zeros,
+)
+
+_MOST_FACTOR, _MOST_EXCHANGES = 2.0, 4
+
+
+def reduce_exactly(a: ExactLFT) -> ExactLFT:
+    """The LFT of equal value whose order is minimal for deltas that do not commute."""
+    return transposed(_compressed(transposed(_compressed(a))))
+
+
+class Space:
+    """A subspace that grows: its reduced echelon form, and which candidates were taken at each step.
+
+    Attributes
+    ----------
+    basis : residues (dimension, n)
+        The identity in the columns `pivots`.
+    taken : list of lists
+        For each step, numbers of the candidates that were independent of all before.
+    """
+
+    def __init__(self, size: int, prime: int) -> None:
+        self.size, self.prime = size, prime
+        self.basis: Residues = np.zeros((0, size), dtype=np.int64)
+        self.pivots: list[int] = []
+        self.taken: list[list[int]] = []
+
+    def extend(self, candidates: Residues) -> Residues:
+        """Add candidates (count, n); those that were independent."""
+        used = np.flatnonzero(np.any(candidates != 0, axis=1))
+        if len(self.pivots) == self.size or not len(used):
+            self.taken.append([])
+            return candidates[:0]
+        rest = candidates[used]
+        if self.pivots:
+            inside = multiplied(rest[:, self.pivots], self.basis, self.prime)
+            rest = (rest - inside) % self.prime
+            some = np.any(rest != 0, axis=1)
+            used, rest = used[some], rest[some]
+        _, which = row_echelon(np.ascontiguousarray(rest.T), self.prime)
+        taken = used[which]
+        self.taken.append(taken.tolist())
+        if len(which):
+            fresh, pivots = row_echelon(rest[which], self.prime)
+            if self.pivots:
+                inside = multiplied(self.basis[:, pivots], fresh, self.prime)
+                self.basis = (self.basis - inside) % self.prime
+            self.basis = np.vstack([self.basis, fresh])
+            self.pivots += pivots
+        return candidates[taken]
+
+
+def reachable_bases(M11: Residues, M12: Residues, sizes: list[int], prime: int) -> list[Space]:
+    """The smallest subspaces S_k with range(M12_k) in S_k and M11_kj S_j in S_k."""
+    parts = _parts(sizes)
+    spaces = [Space(size, prime) for size in sizes]
+    fresh = [
+        space.extend(np.ascontiguousarray(M12[part].T))
+        for space, part in zip(spaces, parts, strict=True)
+    ]
+    while sources := [k for k, one in enumerate(fresh) if len(one)]:
+        moved = [multiplied(fresh[k], M11[:, parts[k]].T, prime) for k in sources]
+        candidates = np.vstack(moved)
+        fresh = [
+            space.extend(candidates[:, part]) for space, part in zip(spaces, parts, strict=True)
+        ]
+    return spaces
+
+
+def _krylov(a: ExactLFT, spaces: list[Space]) -> list[ExactMatrix]:
+    """The candidates that were taken, (n_k, dimension) for each block."""
+    n, parts, prime = a.order, a.parts, a.M.prime
+    candidates = a.M[:n, n:]
+    bases = [zeros(part.stop - part.start, 0, prime) for part in parts]
+    for step in range(max((len(space.taken) for space in spaces), default=0)):
+        fresh = [
+            candidates[part][:, space.taken[step]]
+            for part, space in zip(parts, spaces, strict=True)
+        ]
+        bases = [stacked([[old, new]]) for old, new in zip(bases, fresh, strict=True)]
+        sources = [k for k, one in enumerate(fresh) if one.shape[1]]
+        if not sources:
+            break
+        candidates = stacked([[a.M[:n, parts[k]] @ fresh[k] for k in sources]])
+    return bases
+
+
+class _Graph(NamedTuple):
+    """A basis (n_k, d) that is the identity in the rows `chosen`, sorted."""
+
+    chosen: NDArray[np.int64]
+    basis: ExactMatrix
+
+
+def _compressed(a: ExactLFT) -> ExactLFT:
+    """Restrict each delta to its reachable subspace."""
+    n, parts, prime = a.order, a.parts, a.M.prime
+    residues = a.M.residues
+    sizes = [block.size for block in a.blocks]
+    spaces = reachable_bases(residues[:n, :n], residues[:n, n:], sizes, prime)
+    if [len(space.pivots) for space in spaces] == sizes:
+        return a
+    graphs = [
+        _graph(space, krylov) for space, krylov in zip(spaces, _krylov(a, spaces), strict=True)
+    ]
+    kept = [part.start + row for part, g in zip(parts, graphs, strict=True) for row in g.chosen]
+    M = a.M[[*kept, *range(n, a.M.shape[0])]]
+    columns = [
+        M[:, part] @ g.basis if len(g.chosen) < part.stop - part.start else M[:, part]
+        for part, g in zip(parts, graphs, strict=True)
+    ]
+    blocks = [
+        Block(block.name, len(g.chosen)) for block, g in zip(a.blocks, graphs, strict=True)
+    ]
+    return ExactLFT(stacked([[*columns, M[:, n:]]]), tuple(blocks))
+
+
+def _graph(space: Space, krylov: ExactMatrix) -> _Graph:
+    """A basis of a subspace in coordinates that are channels, with factors of moderate size."""
+    n, d = krylov.shape
+    if d in (0, n):
+        return _Graph(np.arange(d), identity(n, space.prime)[:, :d])
+    first = np.array(space.pivots)
+    basis = _over_rows(krylov, first)
+    rows = _best_rows(basis.values(), first)
+    try:
+        other = basis if np.array_equal(rows, first) else _over_rows(basis, rows)
+    except ZeroDivisionError:  # doubles chose rows that depend on each other
+        rows, other = first, basis
+    order = np.argsort(rows)
+    return _Graph(rows[order], other[:, order])
+
+
+def _over_rows(basis: ExactMatrix, rows: NDArray[np.int64]) -> ExactMatrix:
+    """The basis of the same space that is the identity in some rows."""
+    return basis[rows].T.solve(basis.T).T
+
+
+def _best_rows(basis: Array, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Rows in which a basis has no factors above `_MOST_FACTOR`, from those in which it is the identity.
+
+    Each exchange of a row multiplies the determinant of the chosen rows by such a factor.
+    """
+    rows, basis = rows.copy(), basis.copy()
+    for _ in range(_MOST_EXCHANGES * len(rows)):
+        row, column = np.unravel_index(np.argmax(np.abs(basis)), basis.shape)
+        if abs(basis[row, column]) <= _MOST_FACTOR:
+            break
+        rows[column] = row
+        basis[:, column] /= basis[row, column]
+        rest = basis[row].copy()
+        rest[column] = 0.0
+        basis -= np.outer(basis[:, column], rest)
+    return rows
+
+
+def _parts(sizes: list[int]) -> list[slice]:
+    ends = np.cumsum([0, *sizes]).tolist()
+    return [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
