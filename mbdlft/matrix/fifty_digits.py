@@ -1,9 +1,12 @@
 """Values of a matrix problem without any LFT: in 50 digits, and what rounding of its numbers changes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from decimal import Context, Decimal, localcontext
+from fractions import Fraction
+from functools import partial
 from typing import Any, NamedTuple
 
+import flint
 import numpy as np
 
 from mbdlft.base.array import Array
@@ -12,8 +15,10 @@ from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import parse_unit
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, cosine_name, entry_place, matrix_values, sine_name
+from mbdlft.number.exact import precision
 from mbdlft.number.operators import Operators
 
+_BITS = 240
 _LEAST = 1e-280  # of an entry: its rounding is a float, too
 _DIGITS = Context(prec=50, traps=[])  # what is not finite has its own message
 
@@ -66,7 +71,7 @@ def values_in_digits(
 ) -> MatrixValues:
     """The matrix at physical points (N, n_p), the numbers in its texts taken as decimals.
 
-    Functions of constants and of angles have the digits of a double.
+    Functions of constants and of angles have all digits, too.
 
     Raises
     ------
@@ -83,8 +88,14 @@ def values_in_digits(
         else:
             known[p.name] = points[:, k]
     with localcontext(_DIGITS), np.errstate(all="ignore"):
-        digits = {name: _decimals(value) for name, value in known.items()}
-        values = _stacked(matrix_values(problem, resolved, digits, _decimals), len(points))
+        digits = {name: _decimals(value) for name, value in known.items()} | _PI
+        for k, p in enumerate(parameters):
+            if p.is_angle:
+                turns = _decimals(points[:, k]) * (_PI["deg"] if p.unit == "deg" else Decimal(1))
+                digits[cosine_name(p.name)] = np.array([_cosine(x) for x in turns], dtype=object)
+                digits[sine_name(p.name)] = np.array([_sine(x) for x in turns], dtype=object)
+        entries = matrix_values(problem, resolved, digits, _decimals, _FUNCTIONS)
+        values = _stacked(entries, len(points))
         parts = {name: Sized.of(v) if isinstance(v, np.ndarray) else v for name, v in known.items()}
         rows = matrix_values(problem, resolved, parts)
         sizes = [[Sized.of(entry).size for entry in row] for row in rows]
@@ -97,6 +108,26 @@ def values_in_digits(
     found = MatrixValues(values, _stacked(sizes, len(points)))
     _check_sizes(problem, *(np.max(np.abs(part), axis=0) for part in found))
     return found
+
+
+def _by_arb(function: Callable[[Any], Any], value: Decimal) -> Decimal:
+    """A function in 60 digits, by FLINT."""
+    fraction = Fraction(value)
+    with precision(_BITS):
+        ball = function(flint.arb(flint.fmpq(fraction.numerator, fraction.denominator)))
+        return Decimal(ball.mid().str(60, radius=False))
+
+
+_cosine = partial(_by_arb, lambda x: x.cos())
+_sine = partial(_by_arb, lambda x: x.sin())
+_FUNCTIONS: dict[str, Callable[[Decimal], Decimal]] = {
+    "cos": _cosine,
+    "sin": _sine,
+    "atan": partial(_by_arb, lambda x: x.atan()),
+    "sqrt": partial(_by_arb, lambda x: x.sqrt()),
+}
+_PI = {"pi": _by_arb(lambda x: 4 * x.atan(), Decimal(1))}
+_PI["deg"] = _by_arb(lambda x: x.atan() / 45, Decimal(1))
 
 
 def _check_sizes(problem: MatrixProblem, largest: Array, terms: Array) -> None:
@@ -114,7 +145,7 @@ def _decimals(value: Any) -> Any:
     """A number of a text as the decimal it prints as, or an array of floats in all their digits."""
     if isinstance(value, np.ndarray):
         return np.array([Decimal(item) for item in value.tolist()], dtype=object)
-    return Decimal(repr(float(value)))
+    return Decimal(repr(value))
 
 
 def _stacked(rows: Sequence[Sequence[Any]], count: int) -> Array:

@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.errors import MbdlftError
-from mbdlft.matrix.local import MatrixForm, local_units
 from mbdlft.matrix.problem import MatrixProblem
-from mbdlft.matrix.resolve import Resolved, matrix_values
+from mbdlft.matrix.resolve import MatrixForm, Resolved, matrix_values
+from mbdlft.number.exact import decimal
 from mbdlft.number.operators import Operators
+from mbdlft.sx.constants import literal
 
 _MOST_TERMS, _MOST_DEGREE = 1000, 128
 
@@ -73,58 +74,41 @@ class Polynomial(Operators):
 
 
 def expanded_matrix(
-    problem: MatrixProblem,
-    resolved: Resolved,
-    factors: NDArray[np.float64],
-    *,
-    from_nominal: bool,
+    problem: MatrixProblem, resolved: Resolved, factors: NDArray[np.float64]
 ) -> MatrixForm | None:
-    """The matrix by Horner's rule in its parameters, or in their distances from nominal.
+    """The matrix by Horner's rule in its parameters, with entries times `factors` (rows, columns).
 
-    Entries are multiplied by `factors` (rows, columns). None if it is not polynomial, if the degree is
-    too high, or if a coefficient is beyond the largest float.
+    None if it is not polynomial, or if its degree is too high.
     """
     if any(parameter.is_angle for parameter in problem.parameters):
         return None
-    units = local_units(problem.parameters, from_nominal=from_nominal)
-    count = len(units)
+    count = len(problem.parameters)
     order = sorted(range(count), key=lambda k: problem.parameters[k].name)
 
     def number(value: float) -> Polynomial:
-        return Polynomial({(0,) * count: Fraction(repr(float(value)))})
+        return Polynomial({(0,) * count: decimal(value)})
 
     values: dict[str, Any] = {
         name: number(value) for name, value in problem.constant_values().items()
     }
     for place, k in enumerate(order):
         exponents = tuple(int(place == other) for other in range(count))
-        own = Polynomial({exponents: Fraction(units[k].size)})
-        values[problem.parameters[k].name] = own + units[k].start
+        values[problem.parameters[k].name] = Polynomial({exponents: Fraction(1)})
     try:
         rows = matrix_values(problem, resolved, values, number)
     except (NotPolynomialError, MbdlftError):  # such as the sine of a constant
         return None
     q = ca.SX.sym("q", count)
     symbols = [q[k] for k in order]
-    try:
-        entries = [
-            [
-                _horner((number(factor) * item).terms, symbols)
-                for item, factor in zip(row, own.tolist(), strict=True)
-            ]
-            for row, own in zip(rows, factors, strict=True)
-        ]
-    except OverflowError:
-        return None
-    matrix = ca.vertcat(*(ca.horzcat(*row) for row in entries))
-    return MatrixForm(q, matrix, tuple(unit.map for unit in units))
+    matrix = ca.vertcat(*(ca.horzcat(*(_horner(item.terms, symbols) for item in row)) for row in rows))
+    return MatrixForm(q, ca.DM(factors) * matrix)
 
 
 def _horner(terms: dict[tuple[int, ...], Fraction], symbols: list[ca.SX]) -> ca.SX:
     if not terms:
         return ca.SX(0)
     if not symbols:
-        return ca.SX(float(terms[()]))
+        return ca.SX(literal(terms[()]))
     powers: dict[int, dict[tuple[int, ...], Fraction]] = {}
     for exponents, value in terms.items():
         powers.setdefault(exponents[0], {})[exponents[1:]] = value

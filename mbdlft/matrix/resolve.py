@@ -6,7 +6,10 @@ names that no text can contain, so that each number system gives its own cosine 
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import casadi as ca
 
 from mbdlft.base.errors import MbdlftError, NotRationalError, SceneError, unknown_name
 from mbdlft.base.expression import (
@@ -33,6 +36,13 @@ from mbdlft.multibody.scene.quantities import AngleSum
 _MOST_TURNS = 16
 
 
+class MatrixForm(NamedTuple):
+    """A matrix of expressions in the symbols q (n_p,) of the internal values of the parameters."""
+
+    q: ca.SX
+    matrix: ca.SX
+
+
 @dataclass(frozen=True, slots=True)
 class Resolved:
     """The expressions of a matrix problem, angles replaced by their parts.
@@ -41,12 +51,10 @@ class Resolved:
     ----------
     shared : expressions by name, each uses names before it only
     entries : rows of expressions
-    irrational : what is not a rational number, with its place
     """
 
     shared: dict[str, Expression]
     entries: tuple[tuple[Expression, ...], ...]
-    irrational: tuple[str, ...]
 
     def names_of(self, expression: Expression) -> frozenset[str]:
         """Names that an expression uses, itself or through shared expressions."""
@@ -95,6 +103,7 @@ def matrix_values(
     resolved: Resolved,
     values: Mapping[str, Any],
     number: Callable[[float], Any] = lambda value: value,
+    functions: Mapping[str, Callable[..., Any]] = MappingProxyType({}),
 ) -> list[list[Any]]:
     """Rows of values in the number system of `values`, which has all parameters and constants."""
     known = dict(values)
@@ -103,12 +112,12 @@ def matrix_values(
     try:
         for name, expression in resolved.shared.items():
             place = f"matrix {problem.name!r}, expression {name!r}"
-            known[name] = evaluate(expression, known, number)
+            known[name] = evaluate(expression, known, number, functions)
         for i, row in enumerate(resolved.entries):
             rows.append([])
             for j, entry in enumerate(row):
                 place = entry_place(problem, i, j)
-                rows[i].append(evaluate(entry, known, number))
+                rows[i].append(evaluate(entry, known, number, functions))
     except MbdlftError as error:
         raise type(error)(f"{place}: {error}") from None
     return rows
@@ -127,7 +136,6 @@ class _Resolver:
         self.degrees = dict.fromkeys(self.plain, 1)
         for angle in self.angles:
             self.degrees |= {cosine_name(angle): 1, sine_name(angle): 1}
-        self.irrational: list[str] = []
         self.place = ""
 
     def run(self) -> Resolved:
@@ -142,7 +150,7 @@ class _Resolver:
             )
             for i, row in enumerate(self.problem.matrix)
         )
-        return Resolved(self.shared, rows, tuple(self.irrational))
+        return Resolved(self.shared, rows)
 
     def _read(self, place: str, source: float | str) -> Expression:
         self.place = f"{place} = {source!r}"
@@ -181,8 +189,6 @@ class _Resolver:
                         f"the angle {name!r} stands outside of sin and cos. A matrix is rational in "
                         "the sine and cosine of an angle, not in the angle."
                     )
-                if name in ("pi", "deg"):
-                    self.irrational.append(f"{self.place}: {name}")
                 return expression
             case Negative(operand):
                 return Negative(self._rational(operand))
@@ -201,7 +207,6 @@ class _Resolver:
         used = self._parameters(argument)
         direct = {node.name for node in walk(argument) if isinstance(node, Name)}
         if not used:
-            self.irrational.append(f"{self.place}: {write(Call(function, argument))}")
             return Call(function, argument)
         if function == "sqrt" or not used <= self.angles or not used <= direct:
             raise NotRationalError(
@@ -221,11 +226,12 @@ class _Resolver:
     def _parts(self, angle: AngleSum) -> tuple[Expression, Expression]:
         """Cosine and sine of a sum of angles, one rotation after the other."""
         cosine, sine = exact_cosine_sine(angle.constant)
-        if not {cosine, sine} <= {-1.0, 0.0, 1.0}:
-            self.irrational.append(f"{self.place}: sin and cos of {angle.constant!r} rad")
         # labels have blanks or parentheses, so no name of a text is like them
         label = repr(angle.constant) if angle.constant else ""
         parts: tuple[Expression, Expression] = (Number(cosine), Number(sine))
+        if not {cosine, sine} <= {-1.0, 0.0, 1.0}:
+            constant = Number(angle.constant)
+            parts = (Call("cos", constant), Call("sin", constant))
         for name, count in sorted(angle.multiples.items()):
             c, s = Name(cosine_name(name)), Name(sine_name(name))
             turn: tuple[Expression, Expression] = (c, s if count > 0 else Negative(s))

@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from fractions import Fraction
 from functools import partial
 from itertools import count
 from typing import Any, NamedTuple
@@ -14,10 +15,16 @@ from numpy.typing import NDArray
 from mbdlft.base.errors import NotRationalError, SceneError, unknown_name
 from mbdlft.base.expression import Binary, Call, Expression, Name, Negative, Number, names, write
 from mbdlft.base.parameter import Parameter
-from mbdlft.matrix.local import MatrixForm, local_units
 from mbdlft.matrix.problem import MatrixProblem
-from mbdlft.matrix.resolve import Resolved, cosine_name, matrix_values, sine_name
+from mbdlft.matrix.resolve import (
+    MatrixForm,
+    Resolved,
+    cosine_name,
+    matrix_values,
+    sine_name,
+)
 from mbdlft.problem.equations import cosines_sines
+from mbdlft.sx.constants import FUNCTIONS, literal, pi_times
 from mbdlft.sx.fold import Rules, fold, rules
 
 _DEEPEST = 12  # nesting beyond which a part of an expression gets a name
@@ -78,27 +85,23 @@ def written_matrix(
     problem: MatrixProblem,
     resolved: Resolved,
     factors: NDArray[np.float64],
-    *,
-    from_nominal: bool,
 ) -> MatrixForm:
-    """The matrix as it is written, in its parameters or in their distances from nominal.
-
-    Entries are multiplied by `factors` (rows, columns), powers of two.
-    """
-    units = local_units(problem.parameters, from_nominal=from_nominal)
-    q = ca.SX.sym("q", len(units))
-    internal = [unit.start + unit.size * q[k] for k, unit in enumerate(units)]
-    cosine, sine = cosines_sines(problem.parameters, ca.vertcat(ca.SX(0, 1), *internal))
-    values: dict[str, Any] = dict(problem.constant_values())
+    """The matrix as it is written, with entries times `factors` (rows, columns), powers of two."""
+    q = ca.SX.sym("q", len(problem.parameters))
+    cosine, sine = cosines_sines(problem.parameters, q)
+    values: dict[str, Any] = {
+        name: literal(value) for name, value in problem.constant_values().items()
+    }
+    values |= {"pi": pi_times(1), "deg": pi_times(Fraction(1, 180))}
     for k, parameter in enumerate(problem.parameters):
         if parameter.is_angle:
             values[cosine_name(parameter.name)] = cosine[k]
             values[sine_name(parameter.name)] = sine[k]
         else:
-            values[parameter.name] = internal[k]
-    rows = matrix_values(problem, resolved, values)
+            values[parameter.name] = q[k]
+    rows = matrix_values(problem, resolved, values, literal, FUNCTIONS)
     matrix = ca.vertcat(*(ca.horzcat(*(ca.SX(entry) for entry in row)) for row in rows))
-    return MatrixForm(q, ca.DM(factors) * matrix, tuple(unit.map for unit in units))
+    return MatrixForm(q, ca.DM(factors) * matrix)
 
 
 def _names_a_symbol(item: tuple[Any, Any]) -> bool:

@@ -1,9 +1,7 @@
 """The front end for matrices: from a matrix of expressions to the problem that the pipeline solves."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
-from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import casadi as ca
@@ -13,33 +11,28 @@ from mbdlft.base.array import Array
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.matrix.denominator import check_denominators
-from mbdlft.matrix.exact_bound import exact_lower_bound
 from mbdlft.matrix.fifty_digits import values_in_digits
-from mbdlft.matrix.local import MatrixForm
 from mbdlft.matrix.polynomial import expanded_matrix
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, resolve
 from mbdlft.matrix.symbolic import written_matrix
 from mbdlft.matrix.toml import matrix_to_toml
-from mbdlft.number.rounding import NOISE, conditioning
+from mbdlft.number.rounding import conditioning
 from mbdlft.problem.compare import NEGLIGIBLE
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage
 from mbdlft.reduce.reduce import or_one
 
-_LOSSY = 1e-13  # error above which a matrix is written in distances from nominal
+_NOISE = 1e-40  # of its terms, of a value in 50 digits that may be zero
 _SCALINGS = 10  # of rows and columns; each halves the digits in which they differ
 
 
 def problem_of_matrix(
     matrix: MatrixProblem,
     *,
-    exact: bool = False,
     stage: Stage = lambda name: nullcontext(),
 ) -> Problem:
     """The entries of a matrix as relations, written in several ways, and its values in 50 digits.
-
-    With `exact` the lower bounds are computed in exact arithmetic.
 
     Raises
     ------
@@ -71,7 +64,6 @@ def problem_of_matrix(
         reference=lambda: scaled.reference,
         row_units=scaled.rows,
         column_units=scaled.columns,
-        proved_degrees=exact_lower_bound(matrix, SEED) if exact else None,
     )
 
 
@@ -85,8 +77,7 @@ class _Scaled(NamedTuple):
         Values at the points.
     rows, columns : powers of two by which rows and columns are divided
     factors : array (rows, columns)
-        What does that to the entries; zero where an entry is nothing but rounding of the numbers in
-        its text.
+        What does that to the entries.
     """
 
     points: Array
@@ -100,7 +91,7 @@ def _scaled(matrix: MatrixProblem, resolved: Resolved, parameters: Sequence[Para
     points = check_points(parameters, SEED)
     values, terms = values_in_digits(matrix, resolved, parameters, points)
     largest, most = (np.max(np.abs(part), axis=0) for part in (values, terms))
-    clear = largest > NOISE * most
+    clear = largest > _NOISE * most
     rows, columns = _units(np.where(clear, values, 0.0))
     # smaller values are negligible beside what parameters change in the row and the column
     least = NEGLIGIBLE * np.outer(rows, columns)
@@ -114,7 +105,7 @@ def _scaled(matrix: MatrixProblem, resolved: Resolved, parameters: Sequence[Para
         trimmed=np.zeros((len(points), 0)),
         trim_scale=np.zeros(0),
     )
-    factors = np.where(clear, 1.0 / np.outer(rows, columns), 0.0)
+    factors = 1.0 / np.outer(rows, columns)
     return _Scaled(points, reference, rows, columns, factors)
 
 
@@ -132,31 +123,16 @@ def _units(values: Array) -> tuple[Array, Array]:
 
 def _forms(matrix: MatrixProblem, resolved: Resolved, factors: Array) -> Iterator[Form]:
     """The divided matrix as it is written and expanded, from its rows and from its columns, where
-    products meet in opposite orders; each in distances from nominal where it loses digits.
+    products meet in opposite orders.
     """
     for write in (written_matrix, expanded_matrix):
-        written = partial(write, matrix, resolved, factors)
-        form = written(from_nominal=False)
+        form = write(matrix, resolved, factors)
         if form is None:
             continue
         for turned in (False, True):
-            again = partial(_from_nominal, matrix, written, turned)
-            plain = _form(matrix, form, turned)
-            yield replace(plain, most_error=_LOSSY, again=again)
-
-
-def _from_nominal(
-    matrix: MatrixProblem,
-    written: Callable[..., MatrixForm | None],
-    turned: bool,  # noqa: FBT001
-    channels: int,
-) -> Form | None:
-    form = written(from_nominal=True)
-    return None if form is None else _form(matrix, form, turned)
-
-
-def _form(matrix: MatrixProblem, written: MatrixForm, turned: bool) -> Form:  # noqa: FBT001
-    entries = written.matrix.T if turned else written.matrix
-    known, nothing = ca.SX.sym("input", entries.shape[1]), ca.SX(0, 1)
-    relations = LinearModel(nothing, entries @ known, nothing, known, written.q, matrix.parameters)
-    return Form(relations, written.maps, turned)
+            entries = form.matrix.T if turned else form.matrix
+            known, nothing = ca.SX.sym("input", entries.shape[1]), ca.SX(0, 1)
+            relations = LinearModel(
+                nothing, entries @ known, nothing, known, form.q, matrix.parameters
+            )
+            yield Form(relations, is_transposed=turned)

@@ -32,6 +32,7 @@ _TURN = 360 * 10**9  # parts of a turn that have residues of their own
 _DECIMALS = 10**400  # no double has more decimals
 _FIRST = 2**60 // _TURN  # P is above 2^60
 _MOST_PRIMES = 200_000  # that are tried: for as many square roots as a problem can have
+_FEW_BITS = 2**20  # odd factor of the numerator of a binary fraction
 _SIMPLE = 10**6  # most of a denominator
 _SEED = 12345678910111213141
 _NEAR = 4.0 * 2.0**-52  # an angle in radians this near to one of nine decimals of a degree is that one
@@ -97,8 +98,13 @@ def decimal(value: float | str) -> Fraction:
 
 @lru_cache(maxsize=4096)
 def constant_of(value: float) -> Fraction:
-    """The fraction that a double in code stands for: a simple one that rounds to it, or its decimal."""
-    simple = Fraction(value).limit_denominator(_SIMPLE)
+    """The fraction that a double in code stands for: a binary one of few bits, a simple one that rounds
+    to it, or its decimal."""
+    binary = Fraction(value)
+    numerator = abs(binary.numerator)
+    if numerator // (numerator & -numerator or 1) < _FEW_BITS:
+        return binary
+    simple = binary.limit_denominator(_SIMPLE)
     return simple if float(simple) == value else decimal(value)
 
 

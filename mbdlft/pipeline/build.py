@@ -117,7 +117,7 @@ def realize(
         Units of work, each about a second of one core, to look for a smaller model by using that
         parameters commute, and for a better lower bound by pairs and triples of parameters; 0: neither.
     exact : bool
-        Whether the lower bound is computed in exact arithmetic; needs python-flint.
+        Has no effect any more: decisions are always made in exact arithmetic.
     seconds : float, optional
         Upper limit of the time of the search (s). Without one the result depends on the matrix alone.
     fields
@@ -163,6 +163,6 @@ def build_matrix(
     budget = budget_of(search, seconds)
     with one_thread():
         clock = Clock(progress)
-        posed = problem_of_matrix(problem, exact=exact, stage=clock.stage)
+        posed = problem_of_matrix(problem, stage=clock.stage)
         model = realization(posed, budget, clock.stage)
     return Build(model, clock.seconds | {"total": sum(clock.seconds.values())})
