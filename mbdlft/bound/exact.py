@@ -21,18 +21,16 @@ def exact_degrees(a: ExactLFT, seed: int = 0) -> dict[str, int]:
     values = np.repeat(at, [block.size for block in a.blocks])
     found = {}
     for block, part in zip(a.blocks, a.parts, strict=True):
-        own = np.arange(part.start, part.stop)
-        others = np.setdiff1d(np.arange(a.order), own)
-        found[block.name] = _degree(_fixed(a.M.residues, own, others, values, a.order, prime), block.size, prime)
+        M = fixed(a, np.arange(part.start, part.stop), values)
+        found[block.name] = sum(minimal(M, [block.size], prime)[1])
     return found
 
 
-def _fixed(
-    M: Residues, own: Residues, others: Residues, values: Residues, order: int, prime: int
-) -> Residues:
-    """[A B ; C D] in the channels `own`, with the deltas of the others at their values."""
-    rows = np.r_[own, order : M.shape[0]]
-    columns = np.r_[own, order : M.shape[1]]
+def fixed(a: ExactLFT, own: Residues, values: Residues) -> Residues:
+    """[A B ; C D] in the channels `own`, with the deltas of all others at their values (n,)."""
+    M, n, prime = a.M.residues, a.order, a.M.prime
+    others = np.setdiff1d(np.arange(n), own)
+    rows, columns = np.r_[own, n : M.shape[0]], np.r_[own, n : M.shape[1]]
     if not len(others):
         return M[np.ix_(rows, columns)]
     diagonal = np.diag(values[others])
@@ -43,11 +41,17 @@ def _fixed(
     return np.asarray((M[np.ix_(rows, columns)] + through) % prime)
 
 
-def _degree(M: Residues, n: int, prime: int) -> int:
-    """Number of states that are reachable and observable, of [A B ; C D] with n states."""
+def minimal(M: Residues, sizes: list[int], prime: int) -> tuple[Residues, list[int]]:
+    """[A B ; C D] in the channels of each block that are reachable and observable, and their numbers."""
     for _ in range(2):
-        (space,) = reachable_bases(M[:n, :n], M[:n, n:], [n], prime)
-        kept = np.r_[np.array(space.pivots, dtype=np.int64), n : M.shape[0]]
-        inner = multiplied(M[kept, :n], space.basis.T, prime)
-        M, n = np.hstack([inner, M[kept, n:]]).T, len(space.pivots)
-    return n
+        n = sum(sizes)
+        spaces = reachable_bases(M[:n, :n], M[:n, n:], sizes, prime)
+        starts = np.cumsum([0, *sizes]).tolist()
+        kept = [s + k for s, space in zip(starts[:-1], spaces, strict=True) for k in space.pivots]
+        M = M[[*kept, *range(n, len(M))]]
+        inner = [
+            multiplied(M[:, s:e], space.basis.T, prime)
+            for s, e, space in zip(starts[:-1], starts[1:], spaces, strict=True)
+        ]
+        M, sizes = np.hstack([*inner, M[:, n:]]).T, [len(space.pivots) for space in spaces]
+    return M, sizes

@@ -14,14 +14,16 @@ Theorems and proofs: docs/method.md, section "Pairs that cannot both be smallest
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from itertools import combinations
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from mbdlft.base.errors import WellPosednessError
+from mbdlft.bound.exact_pairs import is_constant, more_needed
 from mbdlft.bound.sections import Degrees, DoubtError, compressed, is_constant_in, obstruction
+from mbdlft.lft.exact import ExactLFT
 from mbdlft.lft.lft import LFT, check, fix, transpose
 from mbdlft.reduce.reduce import reduce_order
 from mbdlft.reduce.work import Work, reduction
@@ -62,6 +64,7 @@ def joint_bound(
     degrees: Degrees,
     work: Work | None = None,
     source: LFT | None = None,
+    confirmed: Callable[[Pair | Triple], Pair | bool | None] = lambda claim: claim,
 ) -> int:
     """Proved minimum of the order of any exact LFT of the same matrix.
 
@@ -75,6 +78,8 @@ def joint_bound(
         By default it never is.
     source : LFT, optional
         What `a` was made of by changes that leave rounding, if it is not `a` itself.
+    confirmed : function, optional
+        What an exact computation makes of a pair or triple that doubles show, as of `confirmation`.
 
     Returns
     -------
@@ -88,6 +93,8 @@ def joint_bound(
     """
     source, work = a if source is None else source, Work() if work is None else work
     pairs = pair_bounds(a, degrees, work=work, source=source)
+    found = [confirmed(pair) for pair in pairs]
+    pairs = tuple(pair for pair in found if isinstance(pair, Pair))
     names = [block.name for block in a.blocks]
     has = _above(a, degrees)
     random, proved = np.random.default_rng(0), dict[Triple, bool]()
@@ -102,7 +109,35 @@ def joint_bound(
                 not work.is_over
                 and not _excludes(triple, has)
                 and _is_proved((a, source), triple, degrees, random, work)
+                and bool(confirmed(triple))
             )
+
+
+def confirmation(
+    a: ExactLFT, degrees: Degrees, work: Work
+) -> Callable[[Pair | Triple], Pair | bool | None]:
+    """A function that proves pairs and triples on residues, each once.
+
+    A pair comes back with the numbers that are proved, or as None; a triple as whether it is.
+    """
+
+    @cache
+    def confirmed(claim: Pair | Triple) -> Pair | bool | None:
+        if isinstance(claim, Triple):
+            first, second, third, is_transposed = claim
+            return any(
+                is_constant(a, names, degrees, work, is_transposed=is_transposed)
+                for names in ((first, second, third), (first, third, second))
+            )
+        names, is_transposed = (claim.first, claim.second), claim.is_transposed
+        first_more, second_more = more_needed(
+            a, *names, degrees, work, is_transposed=is_transposed
+        )
+        if not (first_more and second_more):
+            return None
+        return claim._replace(first_more=first_more, second_more=second_more)
+
+    return confirmed
 
 
 def pair_bounds(

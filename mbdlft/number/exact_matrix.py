@@ -159,6 +159,16 @@ def rank(a: Residues, prime: int) -> int:
     return int(_residue_matrix(a, prime).rank()) if a.size else 0
 
 
+def null_space(a: Residues, prime: int) -> Residues:
+    """Independent columns (columns of a, nullity) that span the null space modulo a prime."""
+    rows, pivots = row_echelon(a, prime)
+    free = [k for k in range(a.shape[1]) if k not in set(pivots)]
+    found = np.zeros((a.shape[1], len(free)), dtype=np.int64)
+    found[free, np.arange(len(free))] = 1
+    found[pivots] = -rows[:, free] % prime
+    return found
+
+
 def row_echelon(a: Residues, prime: int) -> tuple[Residues, list[int]]:
     """The reduced echelon form of the rows, without rows of zeros, and the columns of its pivots."""
     if not a.size:

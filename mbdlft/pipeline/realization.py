@@ -124,7 +124,7 @@ def _search(
     relations = best.form.relations
     n, outputs = relations.unknown.numel(), relations.output.numel()
     if not n:
-        return find_smallest([one.lft for one in found], bound, budget)
+        return find_smallest([one.lft for one in found], bound, budget, exact=best.exact)
 
     def close(opened: LFT) -> LFT:
         solved = eliminate(opened, n)
@@ -134,7 +134,7 @@ def _search(
         )
 
     forms = [one.relations for one in found]
-    return find_smallest([best.lft], bound, budget, forms, close, best.closed)
+    return find_smallest([best.lft], bound, budget, forms, close, best.closed, best.exact)
 
 
 def _loses_digits(smaller: LFT, lft: LFT, check: _Check) -> bool:

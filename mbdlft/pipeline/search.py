@@ -10,12 +10,13 @@ are moved to one side of the others (`affine`), channels with dependent function
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from mbdlft.base.errors import SceneError, WellPosednessError
-from mbdlft.bound.pairs import joint_bound
+from mbdlft.bound.pairs import confirmation, joint_bound
+from mbdlft.lft.exact import ExactLFT
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.reduce.affine import is_affine, is_polynomial, move_affine
 from mbdlft.reduce.bases import rewritten
@@ -32,6 +33,7 @@ from mbdlft.reduce.same_value import (
 )
 from mbdlft.reduce.work import Work, reduction
 
+T = TypeVar("T")
 SEARCH = 4.0  # units of work; a small part of it is enough where the order meets the bound at once
 _FEW, _MOST = 0.3, 0.8  # of the work for the relations; the rest is for the closed LFT
 _LARGE = 120  # channels: refits take long and find little, so the bound by pairs comes first
@@ -97,6 +99,7 @@ def find_smallest(
     relations: Sequence[LFT] = (),
     close: Callable[[LFT], LFT] | None = None,
     truth: LFT | None = None,
+    exact: ExactLFT | None = None,
 ) -> Smallest:
     """The smallest LFT of equal value that is found within a budget, and the best bound on its order.
 
@@ -115,6 +118,8 @@ def find_smallest(
     truth : LFT
         The closed model before it was reduced; it shows which entries are only what is left of terms
         that cancel. By default the smallest of `closed`.
+    exact : ExactLFT, optional
+        The model in exact numbers: bounds by pairs count only if residues prove them.
 
     Returns
     -------
@@ -123,7 +128,7 @@ def find_smallest(
     """
     smallest = min(closed, key=_order)
     work = Work(budget.work, _is_late(budget.seconds))
-    proof = _Proof(bound, smallest, work)
+    proof = _Proof(bound, smallest, work, exact)
     if smallest.order <= proof.order_bound or work.is_over:
         return Smallest(smallest, proof.order_bound, work.is_cut_off)
     level = _level_of_closed(smallest, truth)
@@ -155,17 +160,21 @@ def _is_late(seconds: float | None) -> Callable[[], bool]:
 class _Proof:
     """The best lower bound on the order: by pairs, for ever smaller LFTs as long as it is quick."""
 
-    def __init__(self, bound: Mapping[str, int], source: LFT, work: Work) -> None:
+    def __init__(
+        self, bound: Mapping[str, int], source: LFT, work: Work, exact: ExactLFT | None
+    ) -> None:
         self.bound, self.order_bound = bound, sum(bound.values())
         self._source, self._work, self._left = source, work, _QUICK * work.most
         self._order = source.order + 1
+        self._confirmed = confirmation(exact, bound, work) if exact else _itself
 
     def improve(self, closed: LFT) -> None:
         """Look for a better bound if `closed` is smaller than the LFT that it was looked for before."""
         if closed.order >= self._order or self._left <= 0.0 or self._work.is_over:
             return
         before, self._order = self._work.spent, closed.order
-        proved = joint_bound(closed, self.bound, self._work.part(_OF_PROOFS), self._source)
+        part = self._work.part(_OF_PROOFS)
+        proved = joint_bound(closed, self.bound, part, self._source, self._confirmed)
         self.order_bound = max(self.order_bound, proved)
         self._left -= self._work.spent - before
 
@@ -224,7 +233,7 @@ def _level_of_relations(form: LFT, close: Callable[[LFT], LFT], truth: LFT | Non
     )
 
 
-def _itself(one: LFT) -> LFT:
+def _itself(one: T) -> T:
     return one
 
 
