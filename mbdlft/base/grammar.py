@@ -35,6 +35,7 @@ class Literal(float):
     """A double that knows how it was written: its `repr` is the text."""
 
     __slots__ = ("text",)
+    text: str
 
     def __new__(cls, text: str) -> "Literal":
         made = super().__new__(cls, text)

@@ -1,8 +1,8 @@
 """Lower bounds of the repetitions of each delta: McMillan degrees, as ranks modulo a prime.
 
 Fix all deltas but one at random residues. What is left is H(0) + z C (I - z A)^-1 B, and every exact LFT
-of the same matrix repeats that delta at least as often as the McMillan degree of H, which is the number
-of states that are reachable and observable. A rank modulo a prime, at special values of the others, is not
+of the same matrix repeats that delta at least as often as the McMillan degree of H, the number of states
+that are reachable and observable. A rank modulo a prime, at special values of the others, is not
 above the true one. So the bound is proved; a chance of about 1e-15 is that it could be larger.
 """
 
@@ -32,7 +32,7 @@ def fixed(a: ExactLFT, own: Residues, values: Residues) -> Residues:
     others = np.setdiff1d(np.arange(n), own)
     rows, columns = np.r_[own, n : M.shape[0]], np.r_[own, n : M.shape[1]]
     if not len(others):
-        return M[np.ix_(rows, columns)]
+        return np.asarray(M[np.ix_(rows, columns)])
     diagonal = np.diag(values[others])
     inner = multiplied(M[np.ix_(others, others)], diagonal, prime)
     loop = (np.eye(len(others), dtype=np.int64) - inner) % prime

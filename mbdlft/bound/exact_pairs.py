@@ -1,9 +1,9 @@
 """Pairs and triples of deltas that cannot all have their degree, proved on residues modulo a prime.
 
-The numbers are those of `mbdlft.bound.sections`, where they are read from singular values. Here all other
-deltas have random residues, functions are known by their values at random residues, polynomials are
-found by interpolation, and ranks are exact. Theorems and proofs: docs/method.md, section "Pairs that cannot
-both be smallest".
+The numbers are those of `mbdlft.bound.sections`, where they are read from singular values. Here all
+other deltas have random residues, functions are known by their values at random residues, polynomials
+are found by interpolation, and ranks are exact. Theorems and proofs: docs/method.md, section "Pairs that
+cannot both be smallest".
 """
 
 from collections.abc import Mapping, Sequence
@@ -112,13 +112,15 @@ def is_constant(
     return _inside(E, H.prime, {second: power}, {third: 1}, {second: power, third: 1}) > 0
 
 
-def _function(
-    a: ExactLFT, names: Sequence[str], work: Work, *, is_transposed: bool
-) -> _Function:
+def _function(a: ExactLFT, names: Sequence[str], work: Work, *, is_transposed: bool) -> _Function:
     a = transposed(a) if is_transposed else a
     sizes = {block.name: block.size for block in a.blocks}
     own = np.concatenate(
-        [np.arange(p.start, p.stop) for b, p in zip(a.blocks, a.parts, strict=True) if b.name in names]
+        [
+            np.arange(p.start, p.stop)
+            for b, p in zip(a.blocks, a.parts, strict=True)
+            if b.name in names
+        ]
     )
     order = [block.name for block in a.blocks if block.name in names]
     prime = a.M.prime
@@ -165,9 +167,9 @@ def _span(
     high = _high_modes(axes, lengths, prime)
     # one random direction and value of the first delta each time: enough of them tell functions apart
     points, left = [], []
-    for value in draw(degrees[first] + _EXTRA):
+    for own in draw(degrees[first] + _EXTRA):
         direction = draw(p)
-        points += [{first: value, **at} for at in grid]
+        points += [{first: own, **at} for at in grid]
         left += [direction] * len(grid)
     seen = _seen(H.at(points), np.array(left), prime)
     powers = np.tile(monomials, (degrees[first] + _EXTRA, 1))
@@ -178,12 +180,11 @@ def _span(
     for k, alpha in enumerate(draw(2 * degrees[first] + 2)):
         value = H.at([{first: alpha, **at} for at in grid])
         # H u at the grid by entries of y: (grid, p, coefficients of u)
-        Hu = np.stack([_times(value[:, i], monomials, prime) for i in range(p)], axis=1)
-        conditions = multiplied(high, Hu.reshape(len(grid), -1), prime)
-        u = null_space(conditions.reshape(-1, Hu.shape[2]), prime)
-        y = multiplied(low, Hu.reshape(len(grid), -1), prime).reshape(-1, Hu.shape[2])
-        y = multiplied(y, u, prime).reshape(low.shape[0], p, -1)
-        y = np.swapaxes(y, 0, 1).reshape(p * low.shape[0], -1)
+        Hu = np.hstack([_times(value[:, i], monomials, prime) for i in range(p)])
+        count = all_Hu.shape[1]
+        u = null_space(multiplied(high, Hu, prime).reshape(-1, count), prime)
+        y = multiplied(multiplied(low, Hu, prime).reshape(-1, count), u, prime)
+        y = y.reshape(len(low), p, -1).swapaxes(0, 1).reshape(p * len(low), -1)
         sections = (multiplied(all_Hu, u, prime) - multiplied(all_y, y, prime)) % prime
         over = [pow(point[first] - alpha, -1, prime) for point in points]
         sections = _scaled(over, sections, prime)
@@ -201,12 +202,12 @@ def _inside(E: _Span, prime: int, *moves: Mapping[str, int]) -> int:
     rows = []
     for k, move in enumerate(moves):
         factors = [
-            prod(pow(point[name], power, prime) for name, power in move.items()) % prime
+            int(prod(pow(point[name], power, prime) for name, power in move.items())) % prime
             for point in E.points
         ]
         moved = [E.columns if j == k else zero for j in range(len(moves))]
         rows.append(np.hstack([_scaled(factors, E.columns, prime), *moved]))
-    return size * (1 + len(moves)) - rank(np.vstack(rows), prime)
+    return int(size * (1 + len(moves)) - rank(np.vstack(rows), prime))
 
 
 def _monomials(
@@ -240,7 +241,8 @@ def _interpolation(axes: Mapping[str, list[int]], prime: int) -> Residues:
 
 def _kronecker(a: Residues, b: Residues, prime: int) -> Residues:
     outer = multiplied(a.reshape(-1, 1), b.reshape(1, -1), prime)
-    return outer.reshape(*a.shape, *b.shape).swapaxes(1, 2).reshape(len(a) * len(b), -1)
+    blocks = outer.reshape(*a.shape, *b.shape).swapaxes(1, 2)
+    return np.asarray(blocks.reshape(len(a) * len(b), -1))
 
 
 def _is_low(axes: Mapping[str, list[int]], lengths: Mapping[str, int]) -> list[bool]:
@@ -248,15 +250,13 @@ def _is_low(axes: Mapping[str, list[int]], lengths: Mapping[str, int]) -> list[b
     return [all(k < n for k, n in zip(one, lengths.values(), strict=True)) for one in places]
 
 
-def _high_modes(
-    axes: Mapping[str, list[int]], lengths: Mapping[str, int], prime: int
-) -> Residues:
+def _high_modes(axes: Mapping[str, list[int]], lengths: Mapping[str, int], prime: int) -> Residues:
     """Values on the grid to coefficients that are zero for polynomials of the degrees of u."""
-    return _interpolation(axes, prime)[~np.array(_is_low(axes, lengths))]
+    return np.asarray(_interpolation(axes, prime)[~np.array(_is_low(axes, lengths))])
 
 
 def _low_modes(axes: Mapping[str, list[int]], lengths: Mapping[str, int], prime: int) -> Residues:
-    return _interpolation(axes, prime)[np.array(_is_low(axes, lengths))]
+    return np.asarray(_interpolation(axes, prime)[np.array(_is_low(axes, lengths))])
 
 
 def _seen(values: Residues, left: Residues, prime: int) -> Residues:

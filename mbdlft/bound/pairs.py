@@ -59,12 +59,15 @@ class Triple(NamedTuple):
     is_transposed: bool = False
 
 
+Confirmation = Callable[[Pair | Triple], Pair | bool | None]
+
+
 def joint_bound(
     a: LFT,
     degrees: Degrees,
     work: Work | None = None,
     source: LFT | None = None,
-    confirmed: Callable[[Pair | Triple], Pair | bool | None] = lambda claim: claim,
+    confirmed: "Confirmation | None" = None,
 ) -> int:
     """Proved minimum of the order of any exact LFT of the same matrix.
 
@@ -93,8 +96,9 @@ def joint_bound(
     """
     source, work = a if source is None else source, Work() if work is None else work
     pairs = pair_bounds(a, degrees, work=work, source=source)
-    found = [confirmed(pair) for pair in pairs]
-    pairs = tuple(pair for pair in found if isinstance(pair, Pair))
+    if confirmed is not None:
+        found = [confirmed(pair) for pair in pairs]
+        pairs = tuple(pair for pair in found if isinstance(pair, Pair))
     names = [block.name for block in a.blocks]
     has = _above(a, degrees)
     random, proved = np.random.default_rng(0), dict[Triple, bool]()
@@ -109,13 +113,11 @@ def joint_bound(
                 not work.is_over
                 and not _excludes(triple, has)
                 and _is_proved((a, source), triple, degrees, random, work)
-                and bool(confirmed(triple))
+                and (confirmed is None or bool(confirmed(triple)))
             )
 
 
-def confirmation(
-    a: ExactLFT, degrees: Degrees, work: Work
-) -> Callable[[Pair | Triple], Pair | bool | None]:
+def confirmation(a: ExactLFT, degrees: Degrees, work: Work) -> "Confirmation":
     """A function that proves pairs and triples on residues, each once.
 
     A pair comes back with the numbers that are proved, or as None; a triple as whether it is.
@@ -130,9 +132,7 @@ def confirmation(
                 for names in ((first, second, third), (first, third, second))
             )
         names, is_transposed = (claim.first, claim.second), claim.is_transposed
-        first_more, second_more = more_needed(
-            a, *names, degrees, work, is_transposed=is_transposed
-        )
+        first_more, second_more = more_needed(a, *names, degrees, work, is_transposed=is_transposed)
         if not (first_more and second_more):
             return None
         return claim._replace(first_more=first_more, second_more=second_more)

@@ -1,6 +1,7 @@
 """LFTs of exact numbers: [M11 M12 ; M21 M22] as one matrix, with real repeated blocks."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -32,7 +33,7 @@ class ExactLFT:
     def parts(self) -> list[slice]:
         """Rows of each block."""
         ends = np.cumsum([0, *(block.size for block in self.blocks)]).tolist()
-        return [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        return [slice(a, b) for a, b in pairwise(ends)]
 
     def rounded(self) -> LFT:
         """The LFT in doubles; see `ExactMatrix.values`."""
@@ -67,4 +68,3 @@ def eliminated(a: ExactLFT, count: int, rows: list[int]) -> ExactLFT:
     rest = M[outside][:, others] + M[outside][:, inner] @ solution
     both = stacked([[rest[:n]], [solution], [rest[n:]]])
     return ExactLFT(both[[*range(n), *(n + k for k in rows)]], a.blocks)
-

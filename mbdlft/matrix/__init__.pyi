@@ -1,4 +1,3 @@
-from .exact_bound import exact_lower_bound as exact_lower_bound
 from .problem import MatrixProblem as MatrixProblem
 from .symbolic import matrix_problem as matrix_problem
 from .toml import load_matrix as load_matrix

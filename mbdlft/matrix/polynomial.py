@@ -100,7 +100,9 @@ def expanded_matrix(
         return None
     q = ca.SX.sym("q", count)
     symbols = [q[k] for k in order]
-    matrix = ca.vertcat(*(ca.horzcat(*(_horner(item.terms, symbols) for item in row)) for row in rows))
+    matrix = ca.vertcat(
+        *(ca.horzcat(*(_horner(item.terms, symbols) for item in row)) for row in rows)
+    )
     return MatrixForm(q, ca.DM(factors) * matrix)
 
 

@@ -9,7 +9,9 @@ The homomorphism is that of the numbers as they are written. Decimals are fracti
 decimals of a degree are made of its powers, and all their relations hold, cos 60 deg = 1/2 among them.
 The exponential of i times a decimal is transcendental (Lindemann): cosines and sines of other angles are
 made of powers of any one element. Square roots: those of 2, 3 and 5 are sums of cosines; P is chosen
-such that the others of a problem exist, and any of their signs is a homomorphism.
+such that the others of a problem exist, and any of their signs is a homomorphism. Where these would be
+too many, the directions with the longest decimals are taken as the rational unit vectors that agree with
+them in 70 digits.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -31,11 +33,14 @@ MOST_BITS = 5120
 _TURN = 360 * 10**9  # parts of a turn that have residues of their own
 _DECIMALS = 10**400  # no double has more decimals
 _FIRST = 2**60 // _TURN  # P is above 2^60
-_MOST_PRIMES = 200_000  # that are tried: for as many square roots as a problem can have
+_MOST_ROOTS = 12  # each doubles the number of primes that are tried
+_MOST_PRIMES = 2_000_000  # that are tried: for as many square roots as a problem can have
 _FEW_BITS = 2**20  # odd factor of the numerator of a binary fraction
 _SIMPLE = 10**6  # most of a denominator
 _SEED = 12345678910111213141
-_NEAR = 4.0 * 2.0**-52  # an angle in radians this near to one of nine decimals of a degree is that one
+_NEAR = (
+    4.0 * 2.0**-52
+)  # an angle in radians this near to one of nine decimals of a degree is that one
 
 
 class Exact(Operators):
@@ -81,12 +86,21 @@ _NOTHING = flint.arb(0)
 class Constant(NamedTuple):
     """How a number is made: `kind` of "rational", "root", "cosine", "sine" or "pi" times an argument.
 
-    The argument of a cosine or sine is an angle in degrees, unless `in_radians`.
+    The argument of a cosine or sine is an angle in degrees, unless `in_radians`. The number "unit" is a
+    component of `direction` (3,) with unit length, by its position.
     """
 
     kind: str
     argument: Fraction
     in_radians: bool = False
+    direction: tuple[Fraction, ...] = ()
+
+    @property
+    def radicand(self) -> Fraction | None:
+        """What it has the square root of, if it has one."""
+        if self.kind == "unit":
+            return sum((x * x for x in self.direction), Fraction(0))
+        return self.argument if self.kind == "root" else None
 
 
 def decimal(value: float | str) -> Fraction:
@@ -139,8 +153,16 @@ class Field:
     """The numbers of one problem: a prime, and residues and balls of its constants."""
 
     def __init__(self, constants: Iterable[Constant] = ()) -> None:
-        roots = {c.argument for c in constants if c.kind == "root"}
-        self.base = _coprime_base(roots)
+        kinds = {(c.kind, r) for c in constants if (r := c.radicand) is not None}
+        base = _coprime_base({r for _, r in kinds})
+        # square roots of numbers have to exist, those of directions need not
+        needed = {
+            factor
+            for factor in base
+            for kind, r in kinds
+            if kind == "root" and r.numerator * r.denominator % factor == 0
+        }
+        self.base = sorted(needed | set(base[: max(0, _MOST_ROOTS - len(needed))]))
         self.prime = _prime(tuple(self.base))
 
     def residue(self, value: Fraction | int) -> Any:
@@ -161,6 +183,8 @@ class Field:
             return self.rational(constant.argument)
         if constant.kind == "root":
             return self._root(constant.argument)
+        if constant.kind == "unit":
+            return self._unit(constant)
         if constant.kind == "pi":  # transcendental, too
             residue = self.residue(constant.argument) * self.residue(_SEED + 1)
             return Exact(self.rational(constant.argument).ball * flint.arb.pi(), residue)
@@ -207,7 +231,18 @@ class Field:
             residue = self._cosine(constant.argument, of_sine=of_sine)
         value = flint.nmod(residue, self.prime)
         ball = angle.sin() if of_sine else angle.cos()
-        return Exact(ball if value != 0 else _NOTHING, value)
+        return Exact(ball if residue else _NOTHING, value)
+
+    def _unit(self, constant: Constant) -> Exact:
+        radicand, k = constant.radicand, int(constant.argument)
+        assert radicand is not None
+        rest = radicand.numerator * radicand.denominator
+        for factor in self.base:
+            while rest % factor == 0:
+                rest //= factor
+        if isqrt(rest) ** 2 == rest:
+            return self.rational(constant.direction[k]) / self._root(radicand)
+        return self.rational(_rational_unit(constant.direction)[k])
 
     def _root(self, radicand: Fraction) -> Exact:
         ball = flint.arb(flint.fmpq(radicand.numerator, radicand.denominator)).sqrt()
@@ -234,7 +269,7 @@ class Field:
 
 
 def _coprime_base(radicands: Iterable[Fraction]) -> list[int]:
-    """Coprime whole numbers without squares among them, of whose powers, and squares, radicands are made."""
+    """Coprime whole numbers, no squares, of whose powers and of squares the radicands are made."""
     base: list[int] = []
     waiting = [r.numerator * r.denominator for r in radicands if r > 0]
     waiting = [2, 3, 5, *waiting] if waiting else []
@@ -249,11 +284,30 @@ def _coprime_base(radicands: Iterable[Fraction]) -> list[int]:
             common = gcd(number, other)
             if common > 1:
                 del base[k]
-                waiting += [part for part in (common, number // common, other // common) if part > 1]
+                waiting += [
+                    part for part in (common, number // common, other // common) if part > 1
+                ]
                 break
         else:
             base.append(number)
     return sorted(set(base))
+
+
+@lru_cache(maxsize=256)
+def _rational_unit(direction: tuple[Fraction, ...]) -> tuple[Fraction, ...]:
+    """A rational vector of length one along a direction but for 2^-240: a stereographic projection."""
+    with precision(2 * BITS):
+        parts = [flint.arb(flint.fmpq(x.numerator, x.denominator)) for x in direction]
+        length = sum((x * x for x in parts), flint.arb(0)).sqrt()
+        pole = length if direction[2] <= 0 else -length  # the farther one
+        s, t = (
+            Fraction(int((x / (pole - parts[2]) * 2**240).mid().floor().fmpz()), 2**240)
+            for x in parts[:2]
+        )
+    square = s * s + t * t
+    z = (square - 1) / (square + 1) * (1 if direction[2] <= 0 else -1)
+    sign = 1 if direction[2] <= 0 else -1
+    return (sign * 2 * s / (square + 1), sign * 2 * t / (square + 1), z)
 
 
 @lru_cache(maxsize=64)
@@ -261,7 +315,10 @@ def _prime(base: Sequence[int]) -> int:
     """A prime above 2^60, 1 modulo 360 10^9, modulo which all of the numbers are squares."""
     for k in range(_FIRST + 1, _FIRST + _MOST_PRIMES):
         p = k * _TURN + 1
-        if all(pow(number % p, (p - 1) // 2, p) == 1 for number in base) and flint.fmpz(p).is_prime():
+        if (
+            all(pow(number % p, (p - 1) // 2, p) == 1 for number in base)
+            and flint.fmpz(p).is_prime()
+        ):
             return p
     raise AnalysisError(
         f"exact numbers: no prime was found modulo which {len(base)} square roots exist. Write some "

@@ -179,7 +179,8 @@ def row_echelon(a: Residues, prime: int) -> tuple[Residues, list[int]]:
 
 
 def _residue_matrix(a: Residues, prime: int) -> Any:
-    return flint.nmod_mat(*a.shape, a.ravel().tolist(), prime)
+    n, m = a.shape
+    return flint.nmod_mat(n, m, a.ravel().tolist(), prime)
 
 
 def _residues(matrix: Any) -> Residues:
@@ -188,7 +189,8 @@ def _residues(matrix: Any) -> Residues:
 
 
 def _ball_matrix(a: Balls) -> Any:
-    return flint.arb_mat(*a.shape, a.ravel().tolist())
+    n, m = a.shape
+    return flint.arb_mat(n, m, a.ravel().tolist())
 
 
 def _paired(residues: Residues, matrix: Any, prime: int) -> ExactMatrix:

@@ -9,10 +9,12 @@ from typing import Any
 from mbdlft.base.errors import SceneError
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.threads import one_thread
+from mbdlft.bound.exact import exact_degrees
 from mbdlft.matrix import MatrixProblem, matrix_problem
 from mbdlft.matrix.to_problem import problem_of_matrix
 from mbdlft.multibody.scene import Scene
 from mbdlft.multibody.to_problem import problem_of_scene
+from mbdlft.pipeline.candidates import candidates
 from mbdlft.pipeline.realization import realization
 from mbdlft.pipeline.search import SEARCH, budget_of
 from mbdlft.system.model import LFTModel
@@ -166,3 +168,27 @@ def build_matrix(
         posed = problem_of_matrix(problem, stage=clock.stage)
         model = realization(posed, budget, clock.stage)
     return Build(model, clock.seconds | {"total": sum(clock.seconds.values())})
+
+
+def exact_lower_bound(problem: MatrixProblem, seed: int = 0) -> dict[str, int]:
+    """Proved minimum of the repetitions of each parameter in any exact LFT of a matrix.
+
+    Parameters
+    ----------
+    problem : MatrixProblem
+    seed : int
+        Of the residues that are drawn.
+
+    Returns
+    -------
+    mapping of names to McMillan degrees, in exact arithmetic
+
+    Raises
+    ------
+    SceneError, NotRationalError, WellPosednessError
+        As `realize`.
+    """
+    with one_thread():
+        posed = problem_of_matrix(problem)
+        (candidate,) = candidates(posed, posed.forms[:1])
+        return exact_degrees(candidate.exact, seed)

@@ -124,6 +124,4 @@ def _singular(problem: Problem, relations: ExactLFT, n: int) -> WellPosednessErr
         for signal, size in zip(problem.states, directions, strict=False)
         if size > _TAKES_PART
     ]
-    return WellPosednessError(
-        f"{problem.nouns.owner}: {problem.singular(condition(inner), names)}"
-    )
+    return WellPosednessError(f"{problem.nouns.owner}: {problem.singular(condition(inner), names)}")

@@ -10,7 +10,7 @@ are moved to one side of the others (`affine`), channels with dependent function
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,7 +33,6 @@ from mbdlft.reduce.same_value import (
 )
 from mbdlft.reduce.work import Work, reduction
 
-T = TypeVar("T")
 SEARCH = 4.0  # units of work; a small part of it is enough where the order meets the bound at once
 _FEW, _MOST = 0.3, 0.8  # of the work for the relations; the rest is for the closed LFT
 _LARGE = 120  # channels: refits take long and find little, so the bound by pairs comes first
@@ -166,7 +165,7 @@ class _Proof:
         self.bound, self.order_bound = bound, sum(bound.values())
         self._source, self._work, self._left = source, work, _QUICK * work.most
         self._order = source.order + 1
-        self._confirmed = confirmation(exact, bound, work) if exact else _itself
+        self._confirmed = confirmation(exact, bound, work) if exact else None
 
     def improve(self, closed: LFT) -> None:
         """Look for a better bound if `closed` is smaller than the LFT that it was looked for before."""
@@ -233,7 +232,7 @@ def _level_of_relations(form: LFT, close: Callable[[LFT], LFT], truth: LFT | Non
     )
 
 
-def _itself(one: T) -> T:
+def _itself(one: LFT) -> LFT:
     return one
 
 

@@ -108,13 +108,14 @@ class Equations:
 def rounded(equations: Equations) -> Equations:
     """The equations with doubles in place of their constants."""
     e = equations
-    names = ("residual", "output", "load_value", "given", "carried")
-    parts = [getattr(e, name) for name in names]
+    parts = [e.residual, e.output, e.load_value, e.given, e.carried]
     ends = [0]
     for part in parts:
         ends.append(ends[-1] + part.numel())
-    both = ca.vertsplit(in_doubles(ca.vertcat(*parts)), ends)
-    return replace(e, **dict(zip(names, both, strict=True)))
+    residual, output, load, given, carried = ca.vertsplit(in_doubles(ca.vertcat(*parts)), ends)
+    return replace(
+        e, residual=residual, output=output, load_value=load, given=given, carried=carried
+    )
 
 
 class ParameterSymbols(NamedTuple):

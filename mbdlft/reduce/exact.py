@@ -5,6 +5,7 @@ The candidates that are kept there are kept in balls, too; in these, a basis of 
 some channels, w = T w[chosen]. No vector is made orthonormal: balls have the bits.
 """
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -132,9 +133,7 @@ def _compressed(a: ExactLFT) -> ExactLFT:
         M[:, part] @ g.basis if len(g.chosen) < part.stop - part.start else M[:, part]
         for part, g in zip(parts, graphs, strict=True)
     ]
-    blocks = [
-        Block(block.name, len(g.chosen)) for block, g in zip(a.blocks, graphs, strict=True)
-    ]
+    blocks = [Block(block.name, len(g.chosen)) for block, g in zip(a.blocks, graphs, strict=True)]
     return ExactLFT(stacked([[*columns, M[:, n:]]]), tuple(blocks))
 
 
@@ -179,4 +178,4 @@ def _best_rows(basis: Array, rows: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def _parts(sizes: list[int]) -> list[slice]:
     ends = np.cumsum([0, *sizes]).tolist()
-    return [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    return [slice(a, b) for a, b in pairwise(ends)]

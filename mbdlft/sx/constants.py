@@ -6,9 +6,11 @@ a symbol, one for each number, unless it is a short binary fraction, with which 
 """
 
 import math
-from collections.abc import Sequence
+import operator
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import cache, partial
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -17,14 +19,13 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.number.exact import (
     Constant,
-    Exact,
     Field,
     constant_of,
     cosine_of,
     decimal,
     sine_of,
 )
-from mbdlft.sx.fold import arithmetic, fold
+from mbdlft.sx.fold import Rules, fold, rules
 
 _PREFIX = "constant "
 _PLAIN, _MOST_PLAIN = 64, 2**20  # denominator and size of numbers that stay doubles
@@ -60,13 +61,17 @@ def root(value: float | Fraction) -> float | ca.SX:
 def unit_vector(direction: Sequence[float | Fraction]) -> ca.SX:
     """A direction (3,) with unit length; a zero component is a structural zero."""
     exact = [x if isinstance(x, Fraction) else decimal(x) for x in direction]
-    length = root(sum((x * x for x in exact), Fraction(0)))
-    found = ca.SX(3, 1)
-    for k, x in enumerate(exact):
-        if x and isinstance(length, ca.SX):
-            found[k] = literal(x) / length
-        elif x:
-            found[k] = literal(x / decimal(length))
+    largest = max(exact, key=abs)
+    # parallel directions have the same numbers
+    along = tuple(x / largest for x in exact)
+    length = root(sum((x * x for x in along), Fraction(0)))
+    sign, found = 1.0 if largest > 0 else -1.0, ca.SX(3, 1)
+    exact_length = _rational(length)
+    for k, x in enumerate(along):
+        if x and exact_length is None:
+            found[k] = sign * constant(Constant("unit", Fraction(k), direction=along))
+        elif x and exact_length is not None:
+            found[k] = sign * literal(x / exact_length)
     return found
 
 
@@ -113,6 +118,9 @@ def double(value: Constant) -> float:
         return math.sqrt(argument)
     if value.kind == "pi":
         return math.pi * argument
+    if value.kind == "unit":
+        direction = [float(x) for x in value.direction]
+        return direction[int(argument)] / math.sqrt(sum(x * x for x in direction))
     angle = argument if value.in_radians else math.radians(argument)
     return math.cos(angle) if value.kind == "cosine" else math.sin(angle)
 
@@ -122,7 +130,7 @@ def without_zeros(column: ca.SX) -> ca.SX:
     values = numbers_of(column)[:, 0]
     found = ca.SX(*column.shape)
     for k, value in enumerate(values):
-        if abs(value) > _CERTAIN or (value and not _vanishes(ca.SX(column[k]))):
+        if abs(value) > _CERTAIN or not _vanishes(ca.SX(column[k])):
             found[k] = column[k]
     return found
 
@@ -132,13 +140,17 @@ def is_zero(column: ca.SX) -> bool:
     return without_zeros(column).nnz() == 0
 
 
+def _table(number: Callable[[float], Any]) -> Rules:
+    return rules(number, add=operator.add, mul=operator.mul, div=operator.truediv)
+
+
 def _vanishes(expression: ca.SX) -> bool:
     symbols, numbers = constants_in(expression)
     function = ca.Function("constant", [symbols], [ca.densify(expression)])
     field = Field(numbers)
-    table = arithmetic(lambda value: field.rational(constant_of(value)), {})
+    table = _table(lambda value: field.rational(constant_of(value)))
     ((value,),) = fold(function, table, [field.of(number) for number in numbers])
-    return not (value if isinstance(value, Exact) else field.rational(constant_of(value)))
+    return not value
 
 
 def _rational(expression: float | ca.SX) -> Fraction | None:
@@ -147,9 +159,8 @@ def _rational(expression: float | ca.SX) -> Fraction | None:
     if any(number.kind != "rational" for number in numbers) or not is_constant(ca.SX(expression)):
         return None
     function = ca.Function("constant", [symbols], [ca.densify(ca.SX(expression))])
-    table = arithmetic(constant_of, {})
-    ((value,),) = fold(function, table, [number.argument for number in numbers])
-    return value if isinstance(value, Fraction) else constant_of(value)
+    ((value,),) = fold(function, _table(constant_of), [number.argument for number in numbers])
+    return Fraction(value)
 
 
 def _applied(function: str, value: float | ca.SX) -> float | ca.SX:

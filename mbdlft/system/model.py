@@ -61,7 +61,7 @@ class Certificate:
         Proved minimum of the sum of all repetitions. Pairs of parameters that cannot both have their
         lower bound make it larger than the sum of these, which stands for 0.
     well_posed : str
-        "proved": the model is regular at every value in the ranges. "sampled": it was at the check points.
+        "proved": the model is regular at every value in the ranges; "sampled": at the check points.
     open_boxes : tuple of boxes
         Where that proof is open: for each box the lowest and the highest physical value of every
         parameter, in their order. Empty if it is proved, or if no proof was tried.

@@ -80,7 +80,7 @@ def assembly(scene: Scene) -> Assembly:
     """As `assemble`, with both orders of products; the second reuses all but the inward pass."""
     resolved = resolve(scene)
     _check_spin(scene)
-    mechanics = _mechanics(resolved)
+    mechanics = _mechanics(in_plane(resolved))
     exact = _equations(mechanics, mechanics.passed())
     return Assembly(rounded(exact), exact, partial(_second_order, mechanics))
 

@@ -33,6 +33,7 @@ from mbdlft.multibody.scene.quantities import Place, owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate
 from mbdlft.problem.equations import physical_symbols
+from mbdlft.sx.constants import in_doubles
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,12 +150,14 @@ def displace(scene: Scene) -> Displaced:
     gaps, gap_signals, alignment = _gaps(scene.loops, view)
     return Displaced(
         name=scene.name,
-        rows=ca.densify(without_unseen(scene, ca.vertcat(ca.SX(0, 1), *unbalanced, *gaps))),
+        rows=ca.densify(
+            in_doubles(without_unseen(scene, ca.vertcat(ca.SX(0, 1), *unbalanced, *gaps)))
+        ),
         row_signals=(*row_signals, *gap_signals),
-        alignment=ca.densify(ca.vertcat(ca.SX(0, 1), *alignment)),
+        alignment=ca.densify(in_doubles(ca.vertcat(ca.SX(0, 1), *alignment))),
         q=symbols.q[entries],
         u=u,
-        given=ca.SX(ca.vertcat(*(0.0 if e.given is None else e.given for e in listed))),
+        given=in_doubles(ca.SX(ca.vertcat(*(0.0 if e.given is None else e.given for e in listed)))),
         unknown=tuple(
             k
             for k, effort in enumerate(listed)
@@ -166,9 +169,11 @@ def displace(scene: Scene) -> Displaced:
         cosine=symbols.cosine,
         sine=symbols.sine,
         coordinates=coordinates,
-        declared=ca.SX(ca.vertcat(*declared)),
-        lengths={load.name: _length(load, view) for load in springs},
-        arms=ca.densify(ca.horzcat(*view.now.arms.values(), *view.now.inboard.values())),
+        declared=in_doubles(ca.SX(ca.vertcat(*declared))),
+        lengths={load.name: in_doubles(_length(load, view)) for load in springs},
+        arms=ca.densify(
+            in_doubles(ca.horzcat(*view.now.arms.values(), *view.now.inboard.values()))
+        ),
         parameters=resolved.parameters,
     )
 
