@@ -107,6 +107,14 @@ class ExactMatrix:
         return found
 
 
+def rough_values(a: ExactMatrix) -> Array:
+    """Doubles (n, m) of any accuracy, for the choice of scales and pivots."""
+    found = np.zeros(a.shape)
+    some = a.residues != 0
+    found[some] = [float(ball) for ball in a.balls[some]]
+    return found
+
+
 def zeros(n: int, m: int, prime: int) -> ExactMatrix:
     """A matrix of zeros."""
     balls = np.full((n, m), _NOTHING, dtype=object)

@@ -19,10 +19,12 @@ from mbdlft.number.exact_matrix import (
     Residues,
     identity,
     multiplied,
+    rough_values,
     row_echelon,
     stacked,
     zeros,
 )
+from mbdlft.reduce.reduce import channel_scales
 
 _MOST_FACTOR, _MOST_EXCHANGES = 2.0, 4
 
@@ -124,27 +126,33 @@ def _compressed(a: ExactLFT) -> ExactLFT:
     spaces = reachable_bases(residues[:n, :n], residues[:n, n:], sizes, prime)
     if [len(space.pivots) for space in spaces] == sizes:
         return a
+    M = rough_values(a.M)
+    scale = channel_scales(M[:n, :n], M[:n, n:], M[n:, :n])
     graphs = [
-        _graph(space, krylov) for space, krylov in zip(spaces, _krylov(a, spaces), strict=True)
+        _graph(space, krylov, scale[part])
+        for space, krylov, part in zip(spaces, _krylov(a, spaces), parts, strict=True)
     ]
     kept = [part.start + row for part, g in zip(parts, graphs, strict=True) for row in g.chosen]
-    M = a.M[[*kept, *range(n, a.M.shape[0])]]
+    rest = a.M[[*kept, *range(n, a.M.shape[0])]]
     columns = [
-        M[:, part] @ g.basis if len(g.chosen) < part.stop - part.start else M[:, part]
+        rest[:, part] @ g.basis if len(g.chosen) < part.stop - part.start else rest[:, part]
         for part, g in zip(parts, graphs, strict=True)
     ]
     blocks = [Block(block.name, len(g.chosen)) for block, g in zip(a.blocks, graphs, strict=True)]
-    return ExactLFT(stacked([[*columns, M[:, n:]]]), tuple(blocks))
+    return ExactLFT(stacked([[*columns, rest[:, n:]]]), tuple(blocks))
 
 
-def _graph(space: Space, krylov: ExactMatrix) -> _Graph:
-    """A basis of a subspace in coordinates that are channels, with factors of moderate size."""
+def _graph(space: Space, krylov: ExactMatrix, scale: Array) -> _Graph:
+    """A basis of a subspace in coordinates that are channels, with factors of moderate size.
+
+    `scale` (n,) is that of the channels, in which they have one size.
+    """
     n, d = krylov.shape
     if d in (0, n):
         return _Graph(np.arange(d), identity(n, space.prime)[:, :d])
     first = np.array(space.pivots)
     basis = _over_rows(krylov, first)
-    rows = _best_rows(basis.values(), first)
+    rows = _best_rows(scale[:, None] * rough_values(basis) / scale[first], first)
     try:
         other = basis if np.array_equal(rows, first) else _over_rows(basis, rows)
     except ZeroDivisionError:  # doubles chose rows that depend on each other

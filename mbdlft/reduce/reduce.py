@@ -103,11 +103,16 @@ def balance(a: LFT) -> tuple[Core, Array, Array]:
 
 def in_scales(a: LFT) -> LFT:
     """The same LFT with what enters and what leaves each channel of one size; signals keep units."""
-    coupled = a.M11 - np.diag(np.diagonal(a.M11))  # no scale changes the diagonal
-    scale, _, _ = _channel_scales(coupled, a.M12, a.M21, _MOST_SWEEPS)
+    scale = channel_scales(a.M11, a.M12, a.M21)
     return LFT(
         scale[:, None] * a.M11 / scale, scale[:, None] * a.M12, a.M21 / scale, a.M22, a.blocks
     )
+
+
+def channel_scales(M11: Array, M12: Array, M21: Array) -> Array:
+    """Powers of two (n,) with which what enters and what leaves each channel has one size."""
+    coupled = M11 - np.diag(np.diagonal(M11))  # no scale changes the diagonal
+    return _channel_scales(coupled, M12, M21, _MOST_SWEEPS)[0]
 
 
 def equilibrate(values: NDArray[Any]) -> tuple[Array, Array]:
