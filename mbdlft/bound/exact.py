@@ -15,30 +15,32 @@ from mbdlft.reduce.exact import reachable_bases
 
 def exact_degrees(a: ExactLFT, seed: int = 0) -> dict[str, int]:
     """Proved minimum of the repetitions of each delta, in any exact LFT of the same matrix."""
-    random = np.random.default_rng(seed)
-    prime = a.M.prime
-    at = random.integers(1, prime, len(a.blocks), dtype=np.int64)
-    values = np.repeat(at, [block.size for block in a.blocks])
+    M, n = at_random(a, seed), a.order
     found = {}
     for block, part in zip(a.blocks, a.parts, strict=True):
-        M = fixed(a, np.arange(part.start, part.stop), values)
-        found[block.name] = sum(minimal(M, [block.size], prime)[1])
+        own = np.arange(part.start, part.stop)
+        found[block.name] = sum(minimal(some(M, own, n), [block.size], a.M.prime)[1])
     return found
 
 
-def fixed(a: ExactLFT, own: Residues, values: Residues) -> Residues:
-    """[A B ; C D] in the channels `own`, with the deltas of all others at their values (n,)."""
-    M, n, prime = a.M.residues, a.order, a.M.prime
-    others = np.setdiff1d(np.arange(n), own)
-    rows, columns = np.r_[own, n : M.shape[0]], np.r_[own, n : M.shape[1]]
-    if not len(others):
-        return np.asarray(M[np.ix_(rows, columns)])
-    diagonal = np.diag(values[others])
-    inner = multiplied(M[np.ix_(others, others)], diagonal, prime)
-    loop = (np.eye(len(others), dtype=np.int64) - inner) % prime
-    solution = solved(loop, M[np.ix_(others, columns)], prime)
-    through = multiplied(multiplied(M[np.ix_(rows, others)], diagonal, prime), solution, prime)
-    return np.asarray((M[np.ix_(rows, columns)] + through) % prime)
+def at_random(a: ExactLFT, seed: int = 0) -> Residues:
+    """[M11 M12 ; M21 M22] in the distances of the deltas from random residues.
+
+    With w' = (Delta - D) z, z = M11 (w' + D z) + M12 u. What belongs to some of the deltas is the LFT in
+    these, the others at their values.
+    """
+    random, M, n, prime = np.random.default_rng(seed), a.M.residues, a.order, a.M.prime
+    at = random.integers(1, prime, len(a.blocks), dtype=np.int64)
+    values = np.repeat(at, [block.size for block in a.blocks]).astype(object)
+    loop = np.asarray((np.eye(n, dtype=object) - M[:n, :n] * values) % prime, dtype=np.int64)
+    z = solved(loop, M[:n], prime)
+    outside = np.asarray(M[n:, :n] * values % prime, dtype=np.int64)
+    return np.vstack([z, (M[n:] + multiplied(outside, z, prime)) % prime])
+
+
+def some(M: Residues, own: Residues, n: int) -> Residues:
+    """The rows and columns of some of n channels, and of the signals."""
+    return np.asarray(M[np.ix_(np.r_[own, n : M.shape[0]], np.r_[own, n : M.shape[1]])])
 
 
 def minimal(M: Residues, sizes: list[int], prime: int) -> tuple[Residues, list[int]]:

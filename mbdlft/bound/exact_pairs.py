@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mbdlft.bound.exact import fixed, minimal
+from mbdlft.bound.exact import at_random, minimal, some
 from mbdlft.lft.exact import ExactLFT, transposed
 from mbdlft.number.exact_matrix import (
     Residues,
@@ -124,9 +124,7 @@ def _function(a: ExactLFT, names: Sequence[str], work: Work, *, is_transposed: b
     )
     order = [block.name for block in a.blocks if block.name in names]
     prime = a.M.prime
-    values = np.random.default_rng(0).integers(1, prime, a.order, dtype=np.int64)
-    values = np.repeat(values[: len(sizes)], list(sizes.values()))
-    M, counts = minimal(fixed(a, own, values), [sizes[name] for name in order], prime)
+    M, counts = minimal(some(at_random(a), own, a.order), [sizes[name] for name in order], prime)
     n = sum(counts)
     # inputs and outputs that are combinations of others do not matter
     _, columns = row_echelon(M[:n, n:], prime)
