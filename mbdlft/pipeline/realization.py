@@ -15,6 +15,7 @@ from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, eliminate, with_blocks
 from mbdlft.pipeline.candidates import Candidate, candidates, reduced_relations
 from mbdlft.pipeline.certify import (
+    Checked,
     certificate,
     error_of_values,
     measure_error,
@@ -66,9 +67,9 @@ def realization(problem: Problem, budget: Budget, stage: Stage) -> LFTModel:
                 pass
     lft = _in_units(problem, with_blocks(lft, [p.name for p in problem.parameters]))
     with stage("check"):
-        error, raw = check.model(lft, trim.lft), found[0].channels
+        checked, raw = check.model(lft, trim.lft), found[0].channels
         evidence = certificate(
-            lft, raw, degrees, order_bound, problem, check.reference, error, SEED
+            lft, raw, degrees, order_bound, problem, check.reference, checked, SEED
         )
     return LFTModel(
         name=problem.nouns.name,
@@ -94,7 +95,7 @@ class _Check:
     def reference(self) -> Reference:
         return self.problem.reference()
 
-    def model(self, lft: LFT, trim: LFT | None) -> float:
+    def model(self, lft: LFT, trim: LFT | None) -> Checked:
         """Largest relative error of a model in its units, and of its trim, at all points."""
         problem = self.problem
         values = values_at_points(lft, problem.parameters, problem.points, problem.nouns)

@@ -8,6 +8,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.number.rounding import conditioning
 from mbdlft.problem.equations import Equations, split
+from mbdlft.problem.in_digits import matrices_in_digits
 from mbdlft.problem.needed_states import Need
 from mbdlft.problem.problem import Reference
 from mbdlft.problem.relinearize import Relinearized, relinearize, slope_sizes
@@ -21,9 +22,16 @@ _MIXED = 1e-4  # part of the largest entry of a column that one of rounding is c
 
 
 def reference_of(
-    equations: Equations, inputs: Sequence[int], outputs: Sequence[int], need: Need, points: Array
+    equations: Equations,
+    exact: Equations,
+    inputs: Sequence[int],
+    outputs: Sequence[int],
+    need: Need,
+    points: Array,
 ) -> Reference:
     """The nonlinear equations, trimmed and linearized again with numbers at points (N, n_p).
+
+    `exact` are the same equations with constants that are not rounded.
 
     Raises
     ------
@@ -53,6 +61,7 @@ def reference_of(
         conditioning=condition,
         trimmed=at.efforts[:, list(e.unknown)],
         trim_scale=np.where(trim_scale > 0, trim_scale, 1.0),
+        in_digits=lambda some: need.of(matrices_in_digits(exact, inputs, outputs, some)),
     )
 
 

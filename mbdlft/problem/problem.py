@@ -77,6 +77,8 @@ class Reference:
     trimmed : array (N, n_t)
         Trimmed quantities.
     trim_scale : array (n_t,)
+    in_digits : function of some of the points (N, n_p), or None
+        Values there in 50 digits, rounded at the end; None where `values` are that already.
     """
 
     values: Array
@@ -86,6 +88,7 @@ class Reference:
     conditioning: Callable[[], tuple[float, int]]
     trimmed: Array
     trim_scale: Array
+    in_digits: Callable[[Array], Array] | None = None
 
 
 class TrimRelations(NamedTuple):

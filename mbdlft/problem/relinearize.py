@@ -10,6 +10,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.problem.equations import (
+    WITH_CONSTANTS,
     Equations,
     equation_function,
     given_value,
@@ -182,14 +183,36 @@ def _at_trim(
 
     The slopes are those of [residual ; chosen outputs] by unknown, known and trim unknowns.
     """
-    e = equations
-    symbols, p, cosine, sine = physical_symbols(e.parameters)
+    return _at_rest(equations, physical_symbols(equations.parameters), inputs, outputs)
+
+
+def slopes_at_trim(
+    equations: Equations,
+    symbols: tuple[ca.SX, ca.SX, ca.SX, ca.SX],
+    inputs: tuple[int, ...],
+    outputs: tuple[int, ...],
+) -> tuple[ca.SX, ca.SX]:
+    """Symbols [parameters ; efforts], and the slopes of `_at_trim` as their function.
+
+    `symbols` are those of the parameters, then p, cosine and sine in terms of them.
+    """
+    own, effort, slopes, _ = _at_rest(equations, symbols, inputs, outputs)
+    return ca.vertcat(own, effort), slopes
+
+
+def _at_rest(
+    e: Equations,
+    given: tuple[ca.SX, ca.SX, ca.SX, ca.SX],
+    inputs: tuple[int, ...],
+    outputs: tuple[int, ...],
+) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    symbols, p, cosine, sine = given
     values = equation_function(e)(e.xdot, e.x, e.z, e.u, load_value(e, p), p, cosine, sine)
     stacked = ca.vertcat(values[0], rows_of(values[1], outputs))
     by = [ca.jacobian(stacked, part) for part in (*split(e, inputs), rows_of(e.u, e.unknown))]
     around = ca.vertcat(e.xdot, e.x, e.z)
     found = [ca.densify(ca.horzcat(*by)), ca.densify(values[0])]
-    at_rest = ca.Function("at_rest", [around, e.u, symbols], found)
+    at_rest = ca.Function("at_rest", [around, e.u, symbols], found, WITH_CONSTANTS)
     effort = ca.SX.sym("effort", e.u.numel())
     slopes, residual = at_rest(ca.SX(around.numel(), 1), effort, symbols)
     return symbols, effort, slopes, residual

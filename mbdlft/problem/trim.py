@@ -316,11 +316,25 @@ def _relations_at(e: Equations, points: Array) -> tuple[Array, Array, Array]:
 @lru_cache(maxsize=1)  # the stages of one scene ask for the same
 def _relations(e: Equations) -> ca.Function:
     """Physical values -> residual at rest with the given entries of u, its slopes, given entries."""
-    symbols, residual, u, given = _at_rest(e)
-    none = ca.SX.zeros(residual.numel(), 0)
-    slopes = ca.densify(ca.jacobian(residual, u[list(e.unknown)])) if e.unknown else none
-    offset = ca.densify(ca.substitute(residual, u, given))
-    return ca.Function("trim", [symbols], [offset, slopes, ca.densify(given)])
+    symbols = physical_symbols(e.parameters)
+    return ca.Function("trim", [symbols[0]], list(relations_at_rest(e, symbols)))
+
+
+def relations_at_rest(
+    e: Equations, symbols: tuple[ca.SX, ca.SX, ca.SX, ca.SX]
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Residual at rest with the given entries of u, its slopes by the unknown ones, given entries.
+
+    `symbols` are those of the parameters, then p, cosine and sine in terms of them.
+    """
+    own, p, cosine, sine = symbols
+    u = ca.SX.sym("u", e.u.numel())
+    still, none = ca.SX(e.x.numel(), 1), ca.SX(e.z.numel(), 1)
+    at = (load_value(e, p), p, cosine, sine)
+    residual, given = equation_function(e)(still, still, none, u, *at)[0], given_value(e, own)
+    slopes = ca.jacobian(residual, u[list(e.unknown)]) if e.unknown else ca.SX(residual.numel(), 0)
+    offset = ca.substitute(residual, u, given)
+    return ca.densify(offset), ca.densify(slopes), ca.densify(given)
 
 
 def _names(e: Equations) -> str:

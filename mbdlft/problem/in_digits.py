@@ -1,0 +1,166 @@
+"""The nonlinear equations trimmed and linearized in 50 digits, at a few points.
+
+The instructions of the same functions as in `relinearize` are followed in balls of FLINT, with the
+numbers of the scene as they are written, and the equations are solved in balls, too.
+"""
+
+import operator
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import casadi as ca
+import flint
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import WellPosednessError
+from mbdlft.base.unit import parse_unit
+from mbdlft.number.exact import Field, constant_of, precision
+from mbdlft.problem.equations import Equations, rounded, split
+from mbdlft.problem.relinearize import slopes_at_trim
+from mbdlft.problem.trim import relations_at_rest, trim_rows
+from mbdlft.sx.constants import constants_in, literal, pi_times
+from mbdlft.sx.fold import fold, rules
+
+_BITS = 200  # 50 digits and what solving takes
+
+Balls = NDArray[np.object_]
+
+
+def matrices_in_digits(
+    exact: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array
+) -> Array:
+    """[A B ; C D] (N, ., .) of the exact equations at physical points (N, n_p), rounded at the end.
+
+    Raises
+    ------
+    WellPosednessError
+        The equations cannot be solved at one of the points.
+    """
+    with precision(_BITS):
+        tapes = _tapes(exact, tuple(inputs), tuple(outputs))
+        try:
+            found = [_matrices(exact, tapes, [flint.arb(float(x)) for x in at]) for at in points]
+        except ZeroDivisionError:
+            raise WellPosednessError(
+                f"scene {exact.name!r}: the equations are singular at one of the points that are checked "
+                "in 50 digits."
+            ) from None
+    return np.array(found).reshape(len(points), -1, tapes.known)
+
+
+class _Tape(NamedTuple):
+    """Functions of one argument and of constants, and the balls of these."""
+
+    function: ca.Function
+    constants: list[Any]
+
+    def at(self, argument: list[Any]) -> list[Balls]:
+        """Values, dense arrays."""
+        found = []
+        for k, values in enumerate(fold(self.function, _RULES, argument, self.constants)):
+            array = np.full(self.function.size_out(k), flint.arb(0), dtype=object)
+            rows, columns = self.function.sparsity_out(k).get_triplet()
+            for row, column, value in zip(rows, columns, values, strict=True):
+                array[row, column] = value
+            found.append(array)
+        return found
+
+
+class _Tapes(NamedTuple):
+    """Parameters to the relations of the trim, and parameters and efforts to slopes at rest."""
+
+    trim: _Tape
+    slopes: _Tape
+    unknown: int
+    known: int
+
+
+def _tapes(exact: Equations, inputs: tuple[int, ...], outputs: tuple[int, ...]) -> _Tapes:
+    symbols = physical_in_digits(exact)
+    trim = _tape(symbols[0], relations_at_rest(exact, symbols))
+    slopes = _tape(*slopes_at_trim(exact, symbols, inputs, outputs))
+    unknown, known = (part.numel() for part in split(exact, inputs))
+    return _Tapes(trim, slopes, unknown, known)
+
+
+def _tape(argument: ca.SX, expressions: ca.SX | Sequence[ca.SX]) -> _Tape:
+    parts = [expressions] if isinstance(expressions, ca.SX) else expressions
+    sparse = [ca.sparsify(e) for e in parts]
+    constants, numbers = constants_in(ca.vertcat(*(ca.SX(e.nz[:]) for e in sparse)))
+    field = Field(numbers)
+    function = ca.Function("digits", [argument, constants], sparse)
+    return _Tape(function, [field.of(number).ball for number in numbers])
+
+
+def physical_in_digits(exact: Equations) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Symbols of physical values, and arguments p, cosine, sine: the factors of units not rounded."""
+    p = ca.SX.sym("p", len(exact.parameters))
+    angles = ca.SX(p.numel(), 1)
+    for k, parameter in enumerate(exact.parameters):
+        if parameter.is_angle:
+            unit = parse_unit(parameter.unit).factor
+            is_deg = parameter.unit == "deg"
+            angles[k] = p[k] * (pi_times(Fraction(1, 180)) if is_deg else literal(unit))
+    return p, p, ca.cos(angles), ca.sin(angles)
+
+
+def _matrices(exact: Equations, tapes: _Tapes, physical: list[Any]) -> Array:
+    """[A B ; C D] at one point (n_p,)."""
+    unknown, known = tapes.unknown, tapes.known
+    (J,) = tapes.slopes.at(physical + _efforts(exact, tapes.trim, physical))
+    solved = -_solved(J[:unknown, :unknown], J[:unknown, unknown : unknown + known])
+    read = J[unknown:, unknown : unknown + known] + _times(J[unknown:, :unknown], solved)
+    matrices = np.concatenate([solved[: len(exact.states)], read])
+    return np.array([float(x) for x in matrices.ravel()])
+
+
+def _efforts(exact: Equations, trim: _Tape, physical: list[Any]) -> list[Any]:
+    """Trim values of u."""
+    offset, matrix, given = trim.at(physical)
+    rows, unknown = list(trim_rows(rounded(exact))), list(exact.unknown)
+    found = [x for (x,) in given]
+    if unknown:
+        solution = -_solved(matrix[rows], offset[rows])
+        for k, (value,) in zip(unknown, solution, strict=True):
+            found[k] = value
+    return found
+
+
+def _ball(value: float) -> Any:
+    fraction = constant_of(value)
+    return flint.arb(flint.fmpq(fraction.numerator, fraction.denominator))
+
+
+_RULES = rules(
+    _ball,
+    add=operator.add,
+    mul=operator.mul,
+    div=operator.truediv,
+    sin=lambda x: x.sin(),
+    cos=lambda x: x.cos(),
+    sqrt=lambda x: x.sqrt(),
+)
+
+
+def _solved(matrix: Balls, right: Balls) -> Balls:
+    return _array(_matrix(matrix).solve(_matrix(right)))
+
+
+def _times(left: Balls, right: Balls) -> Balls:
+    if 0 in left.shape:
+        return np.full((len(left), right.shape[1]), flint.arb(0), dtype=object)
+    return _array(_matrix(left) * _matrix(right))
+
+
+def _matrix(a: Balls) -> Any:
+    n, m = a.shape
+    return flint.arb_mat(n, m, a.ravel().tolist())
+
+
+def _array(matrix: Any) -> Balls:
+    found = np.empty(matrix.nrows() * matrix.ncols(), dtype=object)
+    found[:] = matrix.entries()
+    return found.reshape(matrix.nrows(), matrix.ncols())
