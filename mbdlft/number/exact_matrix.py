@@ -155,6 +155,16 @@ def multiplied(a: Residues, b: Residues, prime: int) -> Residues:
     return _residues(_residue_matrix(a, prime) * _residue_matrix(b, prime))
 
 
+def flint_matrix(a: Residues, prime: int) -> Any:
+    """The matrix of FLINT, for several products with it."""
+    return _residue_matrix(a, prime)
+
+
+def times(a: Residues, b: Any, prime: int) -> Residues:
+    """a b modulo a prime, for a matrix b of FLINT."""
+    return _residues(_residue_matrix(a, prime) * b)
+
+
 def solved(a: Residues, b: Residues, prime: int) -> Residues:
     """a^-1 b modulo a prime; a ZeroDivisionError if a is singular."""
     if 0 in b.shape:

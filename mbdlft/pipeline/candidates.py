@@ -7,15 +7,16 @@ import numpy as np
 
 from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
 from mbdlft.lft.exact import ExactLFT, eliminated, transposed
-from mbdlft.lft.lft import LFT, condition
+from mbdlft.lft.lft import LFT, condition, eliminate
 from mbdlft.number.exact import BITS, MOST_BITS, precision
 from mbdlft.number.exact_matrix import TooFewBitsError
 from mbdlft.pipeline.extract import extract
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.problem.problem import Form, Problem
 from mbdlft.reduce.exact import reduce_exactly
-from mbdlft.reduce.reduce import in_scales
+from mbdlft.reduce.reduce import in_scales, reduce_order
 
+_MOST_EXACT = 1500  # channels after the reduction of words: exact numbers take gigabytes for more
 _TAKES_PART = 0.1  # in a direction that nothing determines
 
 
@@ -30,8 +31,8 @@ class Candidate:
         As extracted, reduced.
     closed : LFT
         Solved for the unknown signals, not reduced.
-    exact : ExactLFT
-        The same, reduced.
+    exact : ExactLFT, or None
+        The same, reduced. None for what is too large for exact numbers: it is reduced in doubles.
     lft : LFT
         The last in doubles.
     """
@@ -40,7 +41,7 @@ class Candidate:
     channels: Mapping[str, int]
     relations: LFT
     closed: LFT
-    exact: ExactLFT
+    exact: ExactLFT | None
     lft: LFT
 
 
@@ -94,6 +95,8 @@ def _candidate(problem: Problem, form: Form) -> Candidate:
     except (StructureError, WellPosednessError) as error:
         raise type(error)(f"{problem.nouns.owner}: {error}") from None
     opened = transposed(extracted.lft) if form.is_transposed else extracted.lft
+    if opened.order > _MOST_EXACT:
+        return _in_doubles(problem, form, extracted.channels, in_scales(opened.rounded()))
     relations = reduce_exactly(opened)
     n = form.relations.unknown.numel()
     if not n:
@@ -104,7 +107,7 @@ def _candidate(problem: Problem, form: Form) -> Candidate:
     try:
         closed = eliminated(relations, n, [*range(form.relations.derivatives), *outputs])
     except ZeroDivisionError:
-        raise _singular(problem, relations, n) from None
+        raise _singular(problem, relations.rounded(), n) from None
     exact = reduce_exactly(closed)
     return Candidate(
         form,
@@ -116,8 +119,31 @@ def _candidate(problem: Problem, form: Form) -> Candidate:
     )
 
 
-def _singular(problem: Problem, relations: ExactLFT, n: int) -> WellPosednessError:
-    inner = relations.rounded().M22[:n, :n]
+def _in_doubles(
+    problem: Problem, form: Form, channels: Mapping[str, int], opened: LFT
+) -> Candidate:
+    """The same, reduced with ranks that are decided by the rounding error of doubles."""
+    relations = reduce_order(opened)
+    n = form.relations.unknown.numel()
+    if not n:
+        return Candidate(form, channels, relations, relations, None, relations)
+    try:
+        closed = closed_relations(form.relations, relations)
+    except WellPosednessError:
+        raise _singular(problem, relations, n) from None
+    return Candidate(form, channels, relations, closed, None, reduce_order(closed))
+
+
+def closed_relations(relations: LinearModel, opened: LFT) -> LFT:
+    """The LFT of relations solved for their unknown signals, in doubles, not reduced."""
+    n, outputs = relations.unknown.numel(), relations.output.numel()
+    solved = eliminate(opened, n)
+    rows = [*range(relations.derivatives), *range(n, n + outputs)]
+    return LFT(solved.M11, solved.M12, solved.M21[rows], solved.M22[rows], solved.blocks)
+
+
+def _singular(problem: Problem, relations: LFT, n: int) -> WellPosednessError:
+    inner = relations.M22[:n, :n]
     directions = np.abs(np.linalg.svd(inner)[2][-1])
     names = [
         signal.name

@@ -8,6 +8,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.parameter import Parameter
+from mbdlft.bound.degree import Bound
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.triangle import values_at, vanishes
@@ -98,22 +99,31 @@ def values_at_points(
 def certificate(
     lft: LFT,
     raw: Mapping[str, int],
-    degrees: Mapping[str, int],
+    bounds: Mapping[str, Bound],
     order_bound: int,
     problem: Problem,
     at: Reference,
     checked: Checked,
     seed: int,
+    *,
+    is_exact: bool,
 ) -> Certificate:
     """The certificate of a model; `raw` are its channels before reduction, by parameter.
 
-    It is exact unless the equilibrium is a fit. A bound for pairs that the model contradicts by being
-    smaller rests on a wrong rank, and is not claimed.
+    `is_exact` says whether bounds come from exact numbers.
+
+    It is exact unless the equilibrium is a fit. A bound that the model contradicts by being smaller rests
+    on a wrong rank in doubles: then nothing is claimed for that parameter, and nothing for pairs.
     """
     order = dict(lft.blocks)
-    lower = {name: degrees[name] for name in order}
+    wrong = {name for name, size in order.items() if bounds[name].degree > size}
+    lower = {name: 0 if name in wrong else bounds[name].degree for name in order}
+    doubtful = tuple(
+        size if name in wrong else max(0, min(bounds[name].doubtful, size - lower[name]))
+        for name, size in order.items()
+    )
     condition, sign_changes = at.conditioning()
-    contradicted = order_bound > lft.order
+    contradicted = wrong or order_bound > lft.order
     return Certificate(
         order=tuple(order.values()),
         lower_bound=tuple(lower.values()),
@@ -125,7 +135,7 @@ def certificate(
         seed=seed,
         exact=problem.fit_error_bound == 0.0,
         fit_error_bound=problem.fit_error_bound,
-        exact_bound=True,
-        doubtful=(0,) * len(order),
+        exact_bound=is_exact,
+        doubtful=doubtful,
         order_bound=sum(lower.values()) if contradicted else order_bound,
     )

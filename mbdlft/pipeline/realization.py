@@ -10,10 +10,16 @@ import numpy as np
 
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.samples import SEED
+from mbdlft.bound.degree import Bound, degree_bounds
 from mbdlft.bound.exact import exact_degrees
 from mbdlft.lft.evaluate import evaluate_at
-from mbdlft.lft.lft import LFT, eliminate, with_blocks
-from mbdlft.pipeline.candidates import Candidate, candidates, reduced_relations
+from mbdlft.lft.lft import LFT, with_blocks
+from mbdlft.pipeline.candidates import (
+    Candidate,
+    candidates,
+    closed_relations,
+    reduced_relations,
+)
 from mbdlft.pipeline.certify import (
     Checked,
     certificate,
@@ -51,7 +57,8 @@ def realization(problem: Problem, budget: Budget, stage: Stage) -> LFTModel:
     with stage("reduce"):
         found = candidates(problem, problem.forms)
     with stage("bound"):
-        degrees = exact_degrees(found[0].exact, SEED)
+        bounds = _degree_bounds(found[0])
+    degrees = {name: bound.degree for name, bound in bounds.items()}
     order_bound = sum(degrees.values())
     if order_bound < found[0].lft.order and (forms := problem.more_forms()):
         with stage("more forms"):
@@ -69,7 +76,15 @@ def realization(problem: Problem, budget: Budget, stage: Stage) -> LFTModel:
     with stage("check"):
         checked, raw = check.model(lft, trim.lft), found[0].channels
         evidence = certificate(
-            lft, raw, degrees, order_bound, problem, check.reference, checked, SEED
+            lft,
+            raw,
+            bounds,
+            order_bound,
+            problem,
+            check.reference,
+            checked,
+            SEED,
+            is_exact=found[0].exact is not None,
         )
     return LFTModel(
         name=problem.nouns.name,
@@ -118,21 +133,23 @@ class _Check:
         return error if np.isfinite(error) else float("inf")
 
 
+def _degree_bounds(candidate: Candidate) -> dict[str, Bound]:
+    """Lower bounds of the repetitions: exact, or in doubles for what is too large."""
+    if candidate.exact is None:
+        return degree_bounds(candidate.lft, seed=SEED)
+    return {name: Bound(n, 0) for name, n in exact_degrees(candidate.exact, SEED).items()}
+
+
 def _search(
     problem: Problem, found: Sequence[Candidate], bound: Mapping[str, int], budget: Budget
 ) -> Smallest:
     best = found[0]
     relations = best.form.relations
-    n, outputs = relations.unknown.numel(), relations.output.numel()
-    if not n:
+    if not relations.unknown.numel():
         return find_smallest([one.lft for one in found], bound, budget, exact=best.exact)
 
     def close(opened: LFT) -> LFT:
-        solved = eliminate(opened, n)
-        rows = [*range(relations.derivatives), *range(n, n + outputs)]
-        return reduce_order(
-            LFT(solved.M11, solved.M12, solved.M21[rows], solved.M22[rows], solved.blocks)
-        )
+        return reduce_order(closed_relations(relations, opened))
 
     forms = [one.relations for one in found]
     return find_smallest([best.lft], bound, budget, forms, close, best.closed, best.exact)

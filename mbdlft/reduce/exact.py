@@ -6,7 +6,7 @@ some channels, w = T w[chosen]. No vector is made orthonormal: balls have the bi
 """
 
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +17,13 @@ from mbdlft.lft.exact import ExactLFT, transposed
 from mbdlft.number.exact_matrix import (
     ExactMatrix,
     Residues,
+    flint_matrix,
     identity,
     multiplied,
     rough_values,
     row_echelon,
     stacked,
+    times,
     zeros,
 )
 from mbdlft.reduce.reduce import channel_scales
@@ -84,9 +86,12 @@ def reachable_bases(M11: Residues, M12: Residues, sizes: list[int], prime: int) 
         space.extend(np.ascontiguousarray(M12[part].T))
         for space, part in zip(spaces, parts, strict=True)
     ]
+    rows: dict[int, Any] = {}  # of M11', by block: they are used in many steps
     while sources := [k for k, one in enumerate(fresh) if len(one)]:
-        moved = [multiplied(fresh[k], M11[:, parts[k]].T, prime) for k in sources]
-        candidates = np.vstack(moved)
+        for k in sources:
+            if k not in rows:
+                rows[k] = flint_matrix(M11[:, parts[k]].T, prime)
+        candidates = np.vstack([times(fresh[k], rows[k], prime) for k in sources])
         fresh = [
             space.extend(candidates[:, part]) for space, part in zip(spaces, parts, strict=True)
         ]
