@@ -215,9 +215,11 @@ def trim_rows(equations: Equations) -> tuple[int, ...]:
     rows = [int(row) for row in np.flatnonzero(matrix.any(axis=1))]
     if len(rows) == count and np.linalg.matrix_rank(matrix) == count:
         return tuple(rows)
-    # rows and columns of one size, so that newtons and newton meters can be compared
-    size = np.max(np.abs(matrix), axis=1, initial=0.0, keepdims=True)
-    scaled = matrix / np.where(size > 0, size, 1.0)
+    # rows and columns of one size, so that newtons, newton meters and meters can be compared
+    scaled = matrix
+    for axis in (1, 0):
+        size = np.max(np.abs(scaled), axis=axis, initial=0.0, keepdims=True)
+        scaled = scaled / np.where(size > 0, size, 1.0)
     if not count:
         return ()
     _, triangle, order = qr(scaled.T, mode="economic", pivoting=True)

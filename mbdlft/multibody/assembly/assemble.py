@@ -21,6 +21,7 @@ from mbdlft.multibody.assembly.efforts import (
     force_density,
     ground_motion,
     list_efforts,
+    static_deflections,
 )
 from mbdlft.multibody.assembly.placed import Passed, inertial_wrenches, motions, pass_inward
 from mbdlft.multibody.assembly.resolve import Resolved, in_plane, resolve
@@ -142,7 +143,7 @@ def _mechanics(r: Resolved) -> _Mechanics:
         for load in scene.loads
         if isinstance(load, Spring)
     }
-    efforts = list_efforts(scene, links, values, densities, closure.rows)
+    efforts = list_efforts(scene, links, values, densities, closure)
     u = ca.SX.sym("u", len(efforts))
     z = ca.SX.sym("multiplier", len(closure.rows))
     view.motions = motions(view.now, ground_motion(scene, own, load, efforts, u))
@@ -169,9 +170,12 @@ def _equations(m: _Mechanics, passed: Passed) -> Equations:
     scene, links = r.scene, r.links
     view.passed = passed
     channels = body_channels(links, r.values, view, m.u, [e.signal.name for e in m.efforts])
-    dynamics = _dynamics(links, symbols, r.values, view, m.u) - channels.forces
+    efforts, deflections = static_deflections(links, r.values, m.closure, m.u)
+    dynamics = _dynamics(links, symbols, r.values, view, efforts) - channels.forces
     n = symbols.q.numel()
     held = [constraint(scene.loops, view, order)[list(m.closure.rows)] for order in range(3)]
+    if m.closure.yielding:
+        held[0] = ca.substitute(held[0], symbols.q, symbols.q + deflections)
     residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
     measured, y_signals, displacements = _measures(scene, links, symbols, view, r.aligned)
     displacements += tuple(len(y_signals) + k for k in range(len(channels.signals)))
@@ -242,22 +246,22 @@ def _dynamics(
     symbols: Symbols,
     values: Mapping[str, Values],
     view: View,
-    u: ca.SX,
+    given: ca.SX,
 ) -> ca.SX:
-    """Efforts needed minus efforts given (n,); for an imposed joint its acceleration minus the input."""
+    """Efforts needed minus those `given` (n,); for an imposed joint its acceleration minus the input."""
     rows: list[ca.SX] = []
     for owner, _, freedoms, kind in coordinate_owners(links):
         own, needed = values.get(owner, {}), view.passed.efforts[owner]
         for k, freedom in enumerate(freedoms):
             row = len(rows)
             if kind == "imposed":
-                rows.append(symbols.a[row] - u[row])
+                rows.append(symbols.a[row] - given[row])
                 continue
             effort = needed[k]
             if kind == "joint":
                 effort += quantity_of(own, "stiffness", freedom) * symbols.q[row]
                 effort += quantity_of(own, "damping", freedom) * symbols.v[row]
-            rows.append(effort - u[row])
+            rows.append(effort - given[row])
     return ca.vertcat(*rows)
 
 

@@ -96,6 +96,10 @@ class ElasticBody(Body, abc.ABC):
         own = times(e.mass, at.a) + times(e.damping, at.v) + times(e.stiffness, at.q)
         return ca.SX(own + inertial)
 
+    def restoring(self, values: Values, q: ca.SX) -> ca.SX:
+        """Generalized forces K q (n,) that hold a static deflection q (n,)."""
+        return times(self.elastic(values).stiffness, q)
+
     def shape(self, port: str, values: Values, vector: ca.SX) -> ca.SX:
         return times(self.shapes(port, values), vector)
 
