@@ -38,7 +38,7 @@ from mbdlft.multibody.scene.check import check_fit
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import column
-from mbdlft.problem.equations import Equations, rounded
+from mbdlft.problem.equations import Equations, rounded, rows_of
 
 _SEEN = 1e-13  # a sensitivity of the equations of order one below which an entry is not seen
 
@@ -233,11 +233,13 @@ def _bounds(scene: Scene, signals: Sequence[Signal]) -> tuple[float, ...]:
 
 
 def _check_spin(scene: Scene) -> None:
-    elastic = [body.name for body in scene.bodies if isinstance(body, ElasticBody)]
+    bodies = (body for body in scene.bodies if isinstance(body, ElasticBody))
+    elastic = [body.name for body in bodies if not body.can_spin]
     if scene.spin and elastic:
         raise SceneError(
             f"scene {scene.name!r}: the frame spins and body {elastic[0]!r} is elastic. Centrifugal "
-            "loads change its stiffness, which modal data do not say. Use rigid bodies and springs."
+            "loads change its stiffness, which is known for a 'beam' without torsion, shear and rotary "
+            "inertia only: modal data do not say it. Use such beams, or rigid bodies and springs."
         )
 
 
@@ -266,14 +268,15 @@ def _dynamics(
 
 
 def _carried(links: tuple[Link, ...], view: View) -> tuple[ca.SX, tuple[str, ...]]:
-    """Wrenches through the ports of elastic bodies whose prestress is not said to be negligible."""
+    """Loads through the ports of elastic bodies whose effect on these is neither known nor neglected."""
     wrenches: list[ca.SX] = []
     names: list[str] = []
     for link in links:
         body = link.parent if isinstance(link.joint, PortJoint) else link.child
         if isinstance(body, ElasticBody) and body.prestress is None:
-            wrenches.append(ca.vec(view.passed.joints[link.child.name]))
-            names += [body.name] * 6
+            rows = list(body.unknown_loads())
+            wrenches.append(rows_of(ca.vec(view.passed.joints[link.child.name]), rows))
+            names += [body.name] * len(rows)
     return ca.vertcat(ca.SX(0, 1), *wrenches), tuple(names)
 
 

@@ -29,6 +29,7 @@ from pydantic import Field, model_validator
 from mbdlft.base.description import Expected, Name, Quantity, Text, Values
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.signal import Freedom
+from mbdlft.multibody.body import beam_loads
 from mbdlft.multibody.body.beam_elements import (
     LINEAR,
     ONE,
@@ -40,6 +41,7 @@ from mbdlft.multibody.body.beam_elements import (
     values_at,
 )
 from mbdlft.multibody.body.elastic import (
+    NEGLECTED,
     Elastic,
     ElasticBody,
     Term,
@@ -222,14 +224,53 @@ class Beam(ElasticBody):
         damped = any(value != 0.0 for value in given.values())
         return Elastic(mass, damping if damped else [], stiffness, participation)
 
+    @property
+    def has_geometric_stiffness(self) -> bool:
+        return True
+
+    @property
+    def can_spin(self) -> bool:
+        return "torsion" not in self.deformations and not self.has_rotary_inertia
+
+    def unknown_loads(self) -> tuple[int, ...]:
+        return beam_loads.unknown_loads(self.deformations)
+
+    @property
+    def _is_stiffened(self) -> bool:
+        """Whether axial forces at equilibrium change the stiffness."""
+        return self.has_geometric_stiffness and self.prestress != NEGLECTED
+
+    def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
+        wrench = super().wrench(motion, values, inboard, at)
+        if self.can_spin and motion[:, 0].nnz():
+            wrench += beam_loads.spinning(self.blocks(), motion, values, at)[0]
+        return wrench
+
     def efforts(self, motion: ca.SX, values: Values, at: Coordinate) -> ca.SX:
         """Efforts as of any elastic body, written M (qddot + a qdot) + K (q + b qdot).
 
-        With the damping D = a M + b K so written, each matrix is multiplied once only.
+        With the damping D = a M + b K so written, each matrix is multiplied once only. With the loads at
+        equilibrium, and what a spinning frame needs.
         """
         q = at.q + values["stiffness_damping"] * at.v
         a = at.a + values["mass_damping"] * at.v
-        return ca.SX(super().efforts(motion, values, Coordinate(q, ca.SX(*at.v.shape), a)))
+        needed = super().efforts(motion, values, Coordinate(q, ca.SX(*at.v.shape), a))
+        if self._is_stiffened:
+            radius = self._radius(values)
+            needed += beam_loads.stiffened_by_motion(self.blocks(), motion, values, radius, at.q)
+        if self.can_spin and motion[:, 0].nnz():
+            needed += beam_loads.spinning(self.blocks(), motion, values, at)[1]
+        return ca.SX(needed)
+
+    def pulled(self, port: str, values: Values, force: ca.SX, at: Coordinate) -> ca.SX:
+        if not self._is_stiffened:
+            return super().pulled(port, values, force, at)
+        node, radius = self._node(port), self._radius(values)
+        return beam_loads.pulled(self.blocks(), node, -force[0], values, radius, at.q)
+
+    def _radius(self, values: Values) -> Any:
+        """Square of the polar radius of gyration of the section (m^2), if there is torsion."""
+        return self._polar(values) / values["area"] if "torsion" in self.deformations else 0.0
 
     def _participation(
         self,
