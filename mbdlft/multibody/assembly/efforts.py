@@ -87,7 +87,7 @@ def static_deflections(
     """Efforts (n,) of all coordinates by u, and their static deflections (n,).
 
     Only a statically indeterminate scene has deflections; the effort of an elastic coordinate is then
-    that of its deflection, K q, else it is the entry of u itself.
+    that of its deflection, -K q, else it is the entry of u itself.
     """
     efforts: list[ca.SX] = []
     k, moved = 0, ca.SX(sum(len(owned.freedoms) for owned in coordinate_owners(links)), 1)
@@ -101,7 +101,7 @@ def static_deflections(
         if owned.kind == "elastic" and closure.yielding and isinstance(body, ElasticBody):
             moved[part] = own
             joints = [j for j in joints if not part.start <= j < part.stop]
-            own = body.restoring(values.get(owned.owner, {}), own)
+            own = -body.restoring(values.get(owned.owner, {}), own)
         efforts.append(own)
     for position, j in enumerate(joints):
         moved[j] = u[last - len(joints) + position]
