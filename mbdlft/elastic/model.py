@@ -75,7 +75,8 @@ class ModalModel:
         return (
             f"port {worst!r}: with a mass like that of the body there, frequencies are "
             f"up to {100.0 * self.port_errors[worst]:.2g} % too high: the modes lack a part of how the "
-            "port gives way to a load. Take the method 'static-correction', which keeps the same modes, or 'hurty'."
+            "port gives way to a load. Take the method 'static-correction', which keeps the same "
+            "modes, or 'hurty'."
         )
 
 

@@ -9,10 +9,9 @@ together are the f free ones. The methods describe the motion by
     static correction     the same, and what they lack of the deflections K^-1 by unit loads on e
 
 These are equations (4.21) to (4.31), (4.36) to (4.38) and (4.41) of the source in
-`tests/reference/flexible.py`. The first two methods span the same motions. The last is the residual flexibility of MacNeal (1971) as
-motions of their own. Each method gives the matrices
-M, K (q, q) of q elastic coordinates, their coupling P' (q, r) with the rigid motions, and the motion
-(e, q) of the ports.
+`tests/reference/flexible.py`. The first two methods span the same motions. The last is the residual
+flexibility of R. H. MacNeal (1971) as motions of their own. Each method gives the matrices M, K (q, q) of
+q elastic coordinates, their coupling P' (q, r) with the rigid motions, and the motion (e, q) of ports.
 """
 
 from collections.abc import Callable
@@ -48,13 +47,15 @@ class Candidates(NamedTuple):
     """The modes among which the user chooses, and what is made of them.
 
     `modes(count)` computes at least `count` modes, or all. `reduce` makes the reduced matrices of given
-    modes; in these the modes come first, then the motions of the ports.
+    modes; in these the modes come first, then the motions of the ports. `deflections()` are the columns
+    (f, e) of K^-1 by unit loads on the ports, with the parent fixed and the ports free. `corrects` says
+    that the motions of the ports depend on which modes there are.
     """
 
     modes: Callable[[int], Modes]
     reduce: Callable[[Modes], Reduced]
-    corrects: bool
     deflections: Callable[[], Array]
+    corrects: bool = False
 
 
 def candidates(structure: Structure, method: str, nodes: Nodes) -> Candidates:
@@ -64,23 +65,21 @@ def candidates(structure: Structure, method: str, nodes: Nodes) -> Candidates:
         modes, solver = _computed(structure, nodes, at.free)
         deflections = cache(lambda: solver(np.eye(at.free)[:, n:]))
         if method == "effective-mass":
-            return Candidates(
-                modes, lambda modes: effective_mass(structure, modes), False, deflections
-            )
+            return Candidates(modes, lambda modes: effective_mass(structure, modes), deflections)
         return Candidates(
             modes,
             lambda modes: static_correction(structure, modes, deflections()),
-            True,
             deflections,
+            corrects=True,
         )
     modes, solver = _computed(structure, nodes, n)
     none = lambda: np.zeros((at.free, 0))  # noqa: E731
     constraint = -solver(structure.stiffness[:n, n:].toarray())
     if method == "hurty":
         ports = constraint[:, : at.free - n]
-        return Candidates(modes, lambda modes: hurty(structure, modes, ports), False, none)
+        return Candidates(modes, lambda modes: hurty(structure, modes, ports), none)
     reduce = lambda modes: craig_bampton(structure, modes, constraint)  # noqa: E731
-    return Candidates(modes, reduce, False, none)
+    return Candidates(modes, reduce, none)
 
 
 def _computed(

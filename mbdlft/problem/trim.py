@@ -184,7 +184,9 @@ def check_prestress(equations: Equations, points: Array, efforts: Array) -> None
             f"{np.max(largest[loaded]):.3g} N or N m). The model takes the given shape for that under "
             "this load, and has the effects of the load through the displaced ports and of the weight of "
             "the displaced mass; it does not have the change of the body's own stiffness by the load "
-            "(buckling, tension). Where that may be left out, write prestress = 'neglected' in the body."
+            "(buckling, tension), which is known for axial forces in beams only. Where the change may "
+            "be left out, write prestress = 'neglected' in the body; where only that of the other "
+            "loads of a beam may be, prestress = 'axial'."
         )
 
 

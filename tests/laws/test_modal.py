@@ -197,7 +197,7 @@ def test_three_methods_have_the_transfer_of_the_matrices(monkeypatch: pytest.Mon
 
 
 def correction_is_exact_for_static_loads() -> None:
-    """With static correction K^-1 of the ports is that of the matrices, and the modes stay as they are."""
+    """With static correction K^-1 of the ports is that of the matrices; the modes stay as they are."""
     fe = tee(COUNT)
     K, nodes = fe.stiffness_matrix, fe.nodes
     free = np.setdiff1d(np.arange(len(K)), rows(nodes, PARENT))

@@ -9,6 +9,8 @@ Timoshenko's beam under an axial tension N, with the energy int N w'^2/2, has wi
 where H is the force across the undeformed axis. Euler's beam has no rho I and infinite kGA.
 """
 
+from itertools import pairwise
+
 import mpmath as mp
 import numpy as np
 
@@ -54,7 +56,7 @@ def frequencies(
     found: list[float] = []
     grid = np.linspace(0.0, highest, 80 * count)[1:]
     before = determinant(grid[0])
-    for a, b in zip(grid, grid[1:], strict=False):
+    for a, b in pairwise(grid):
         after = determinant(b)
         if before * after < 0:
             found.append(float(mp.findroot(determinant, (a, b), solver="anderson", tol=1e-30)))

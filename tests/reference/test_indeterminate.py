@@ -246,9 +246,7 @@ def test_nafems_fv5_deep_simply_supported_beam() -> None:
     pin = Universal(
         name="pin", parent="ground", child="beam", axis1=(0, 1, 0), axis2=(0, 0, 1), preload=(0, 0)
     )
-    slide = Prismatic(
-        name="slide", parent="ground.far", child="shoe", axis=(1, 0, 0), preload=0.0
-    )
+    slide = Prismatic(name="slide", parent="ground.far", child="shoe", axis=(1, 0, 0), preload=0.0)
     scene = Scene(
         name="FV5",
         bodies=[beam, shoe, Ground(ports={"far": (10, 0, 0)})],
@@ -272,7 +270,9 @@ def test_planted_bugs_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
         patch.setattr(
             ElasticBody,
             "restoring",
-            lambda self, values, q: restoring(self, values, q) * (1.0 + 0.1 * (self.name == "middle")),
+            lambda self, values, q: (
+                restoring(self, values, q) * (1.0 + 0.1 * (self.name == "middle"))
+            ),
         )
         with pytest.raises(AssertionError):
             test_a_truss_of_bars_on_pins()

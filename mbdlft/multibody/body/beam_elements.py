@@ -17,8 +17,9 @@ and every integral is exact until it is rounded once. ds = 1/n for n elements. C
 from collections.abc import Sequence
 from fractions import Fraction
 from functools import cache
+from itertools import pairwise
 from math import comb
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +92,7 @@ def cross_products(
     first: int = 0,
     last: int | None = None,
 ) -> NDArray[np.float64]:
-    """Integrals (n, m) of weight(s) f_i g_j ds between two nodes, of two deformations with equal nodes."""
+    """Integrals (n, m) of weight(s) f_i g_j ds between two nodes, of deformations with equal nodes."""
     raw = _raw(d, what, other, what_other, weight, first, last)
     clamped = raw[_clamped(d) :, _clamped(other) :]
     if d.modes is None:
@@ -144,9 +145,7 @@ def size(d: Deformation) -> int:
 @cache
 def _modal(d: Deformation) -> tuple[Fixed, NDArray[np.float64]]:
     """The combinations (n, n) of the polynomials that are modes, and int ddN ddN ds of each (n,)."""
-    mass, stiffness = (
-        _raw(d, what, d, what, ONE, 0, None) for what in ("displacement", strain(d))
-    )
+    mass, stiffness = (_raw(d, what, d, what, ONE, 0, None) for what in ("displacement", strain(d)))
     return exact_modes(mass, stiffness)
 
 
@@ -161,14 +160,14 @@ def _raw(
     weight: Polynomial,
     first: int,
     last: int | None,
-) -> NDArray[np.object_] | NDArray[np.float64]:
+) -> NDArray[Any]:
     """As `cross_products`, with the coordinates that are clamped; exact for modes."""
     begin, end = _between(d, first, last)
     dtype = float if d.modes is None else object
     total = np.zeros((_count(d), _count(other)), dtype=dtype)
     if dtype is object:
         total = total + Fraction(0)
-    known: dict[tuple[int, int, int], NDArray[np.object_] | NDArray[np.float64]] = {}
+    known: dict[tuple[int, int, int], NDArray[Any]] = {}
     for left, right in zip(_pieces(d), _pieces(other), strict=True):
         if not begin <= left.start < end:
             continue
@@ -275,13 +274,14 @@ def _pieces(d: Deformation) -> tuple[_Piece, ...]:
     else:
         turn = tuple(_slope(f, ds) for f in w)
     one = _piece(Fraction(0), ds, w, turn)
-    return tuple(
-        one._replace(start=k * ds, first=k * _per_element(d)) for k in range(d.elements)
-    )
+    return tuple(one._replace(start=k * ds, first=k * _per_element(d)) for k in range(d.elements))
 
 
 def _piece(
-    start: Fraction, length: Fraction, w: tuple[Polynomial, ...], turn: tuple[Polynomial, ...] | None
+    start: Fraction,
+    length: Fraction,
+    w: tuple[Polynomial, ...],
+    turn: tuple[Polynomial, ...] | None,
 ) -> _Piece:
     slope = tuple(_slope(f, length) for f in w)
     turn = slope if turn is None else turn
@@ -296,7 +296,7 @@ def _modal_pieces(d: Deformation) -> tuple[_Piece, ...]:
     lowest = 2 if _bends(d) else 1
     ends = [Fraction(k, d.elements) for k in (0, *d.breaks, d.elements)]
     found = []
-    for start, end in zip(ends, ends[1:], strict=False):
+    for start, end in pairwise(ends):
         length = end - start
         powers = [(Fraction(0), k) for k in range(lowest, lowest + d.modes)]
         powers += [(a, k) for a in ends[1:-1] for k in range(lowest, 2 * lowest)]

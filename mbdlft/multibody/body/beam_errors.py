@@ -88,6 +88,9 @@ def _exact(d: Deformation, tip: str, number: int) -> float:
     first = number - 1 if free else number
     sign = 1.0 if free else -1.0
     root = brentq(
-        lambda z: np.cos(z) + sign / np.cosh(z), first * np.pi + 1e-9, (first + 1) * np.pi, xtol=1e-14
+        lambda z: np.cos(z) + sign / np.cosh(z),
+        first * np.pi + 1e-9,
+        (first + 1) * np.pi,
+        xtol=1e-14,
     )
     return float(root) ** 2

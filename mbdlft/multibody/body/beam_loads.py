@@ -60,9 +60,7 @@ def unknown_loads(deformations: Sequence[str]) -> tuple[int, ...]:
     return tuple(sorted(rows))
 
 
-def pulled(
-    blocks: Blocks, node: int, force: ca.SX, values: Values, radius: Any, q: ca.SX
-) -> ca.SX:
+def pulled(blocks: Blocks, node: int, force: ca.SX, values: Values, radius: Any, q: ca.SX) -> ca.SX:
     """K_G q (n,) by a pull `force` (N) at a node; `radius` is (I_y + I_z)/A, for torsion."""
     return _stiffened(blocks, force / values["length"], ONE, node, radius, q)
 
@@ -92,9 +90,7 @@ def _stiffened(
     return total
 
 
-def spinning(
-    blocks: Blocks, motion: ca.SX, values: Values, at: Coordinate
-) -> tuple[ca.SX, ca.SX]:
+def spinning(blocks: Blocks, motion: ca.SX, values: Values, at: Coordinate) -> tuple[ca.SX, ca.SX]:
     """Wrench (3, 2) about the origin, and generalized forces (n,), that only a spinning frame needs.
 
     Without those of the undeformed body in the wrench. Axial deformation and bending only.
@@ -129,4 +125,3 @@ def _mean(blocks: Blocks, weight: Polynomial, q: ca.SX) -> ca.SX:
         row = ca.DM(moments(d, "displacement", weight)).T
         total[DIRECTION[name]] = ca.mtimes(ca.SX(row), q[part])
     return total
-

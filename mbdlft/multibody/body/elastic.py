@@ -8,7 +8,7 @@ The n coordinates q describe the deformation of the body clamped at its origin, 
 leads to it ends. P (6, n) are the participation factors, P_u (3, n) those of the translations; M, D, K
 (n, n) the matrices of the clamped body; Phi (6, n) the shapes at a port. (P_u q) x a is the torque of
 the displaced mass in the acceleration a of the frame, which includes gravity. Terms of second order in
-q are left out, and for most bodies those of a spinning frame and of loads at equilibrium; beams have them.
+q are left out, and so are a spinning frame and what loads at equilibrium do to K, but for beams.
 
 Source: equations (5.6), (5.11) to (5.15) of the two-port models in `tests/reference/flexible.py`; here
 the motion of the frame need not be small.

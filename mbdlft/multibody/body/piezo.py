@@ -330,4 +330,3 @@ class PiezoBeam(Beam):
             rigid[:, [2, 4], [4, 2]] -= (mass * first * L)[:, None]
             rigid[:, [4, 5], [4, 5]] += (mass * second * L**2)[:, None]
         return elastic_problem(self, values, rigid)
-
