@@ -54,7 +54,7 @@ def frequencies(
         return mp.det(part)
 
     found: list[float] = []
-    grid = np.linspace(0.0, highest, 80 * count)[1:]
+    grid = np.linspace(0.0, highest, 40 * count)[1:]
     before = determinant(grid[0])
     for a, b in pairwise(grid):
         after = determinant(b)
