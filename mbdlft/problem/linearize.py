@@ -132,7 +132,7 @@ class _Implicit:
 def is_loaded(equations: Equations) -> bool:
     """Whether anything acts on the equilibrium: else the unknown efforts are zero for all parameters."""
     e, function = equations, equation_function(equations)
-    _, p, cosine, sine = internal_symbols(e.parameters)
+    _, p, cosine, sine = exact_symbols(e.parameters)
     none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z)]
     offset = function(*none, given_value(e, p), load_value(e, p), p, cosine, sine)[0]
     return bool(ca.sparsify(offset).nnz())
