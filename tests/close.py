@@ -39,6 +39,13 @@ FINITE_ELEMENTS = 1e-5
 # stiff elastic models with all their sizes as parameters
 LAMINATE = 1e-5
 
+# modes in place of elements: transfers around the first frequencies
+TRUNCATED = 1e-9
+# beams against exact frequencies: four of a thick one, three of one that carries a load
+THICK_BEAM = 2e-3
+LOADED_BEAM = 5e-3
+BENCHMARK = 5e-3  # frequencies that NAFEMS publishes
+
 # how much a guaranteed bound may be above a largest value that is known
 BOUND = 0.02
 FIT_BOUND = 0.2

@@ -1,6 +1,7 @@
 from .errors import AnalysisError as AnalysisError
 from .errors import ArchiveError as ArchiveError
 from .errors import MbdlftError as MbdlftError
+from .errors import MbdlftWarning as MbdlftWarning
 from .errors import NotRationalError as NotRationalError
 from .errors import SceneError as SceneError
 from .errors import StructureError as StructureError

@@ -36,6 +36,10 @@ class ArchiveError(MbdlftError, OSError):
     """A file, a version or an element of an archive is not as specified."""
 
 
+class MbdlftWarning(UserWarning):
+    """A result that is right for what it is, and easily used for what it is not."""
+
+
 def unknown_name(what: str, name: str, existing: Iterable[str]) -> str:
     """A sentence that a name is unknown, with the most similar existing name and all existing names.
 

@@ -257,9 +257,12 @@ def _efforts(point: "TrimPoint") -> Table:
 
 def _notes(scene: "Scene") -> list[str]:
     """Notes on facts that a user may have overlooked."""
+    from mbdlft.multibody.body import Beam
+    from mbdlft.multibody.body.beam_errors import error_sentence
     from mbdlft.multibody.scene.quantities import unused_names
 
-    notes = [f"note: {name!r} is declared and not used." for name in unused_names(scene)]
+    notes = [f"{error_sentence(body)}." for body in scene.bodies if isinstance(body, Beam)]
+    notes += [f"note: {name!r} is declared and not used." for name in unused_names(scene)]
     if not any(scene.gravity) and not any(scene.acceleration):
         notes.append("note: there is no gravity and no acceleration; both are zero by default.")
     return notes

@@ -1,12 +1,13 @@
 """A `FlexibleBody` of a modal model."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from mbdlft.base.description import Quantity
-from mbdlft.base.errors import StructureError
+from mbdlft.base.errors import MbdlftWarning, StructureError
 from mbdlft.elastic.model import ModalModel, modal_model
 from mbdlft.elastic.nodes import Nodes
 from mbdlft.multibody.body import FlexibleBody, Inertia, Mode
@@ -76,7 +77,15 @@ def modal_body(
     ------
     StructureError
         The number of damping ratios is not that of the modes.
+
+    Warns
+    -----
+    MbdlftWarning
+        A port that carries a mass would make frequencies wrong by more than a percent: `lacking` of the
+        model says which.
     """
+    if lacking := model.lacking():
+        warnings.warn(f"body {name!r}, {lacking}", MbdlftWarning, stacklevel=2)
     count = len(model.frequencies)
     ratios = [damping] * count if isinstance(damping, str | int | float) else list(damping)
     if len(ratios) != count:

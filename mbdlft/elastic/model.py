@@ -14,17 +14,24 @@ from mbdlft.elastic.eigen import MASSLESS
 from mbdlft.elastic.matrices import checked
 from mbdlft.elastic.nodes import DIRECTIONS, Nodes
 from mbdlft.elastic.partition import partition
-from mbdlft.elastic.reduction import Candidates, Reduced, Structure, candidates
+from mbdlft.elastic.reduction import (
+    Candidates,
+    Reduced,
+    Structure,
+    candidates,
+    static_correction,
+)
 from mbdlft.elastic.rigid import Rigid, rigid_properties
-from mbdlft.elastic.select import Limit, chosen
+from mbdlft.elastic.select import Limit, chosen, first
 
-METHODS = ("hurty", "craig-bampton", "effective-mass")
+METHODS = ("hurty", "craig-bampton", "effective-mass", "static-correction")
 SLOWEST, FASTEST = 6e-4, 6e6  # rad/s: 0.0001 Hz and 1 MHz; no structure is beyond
 _GROUNDED = 1e-3  # largest frequency of a rigid motion on the given stiffness, of the first mode
 # a smaller participation factor, of the largest possible one, adds an effective mass below the rounding
 # of the rigid mass
 _NOTHING = float(np.sqrt(np.finfo(float).eps))
 _MASSLESS = 1e-10  # a smaller inertia, of the rigid mass, is none: a bar about its own axis
+_RIGHT = 0.01  # a smaller error of a frequency is that of any truncation
 # rounding of the energy of a rigid motion, of the terms that cancel in it
 _CANCELLED = 1e3 * float(np.finfo(float).eps)
 
@@ -35,13 +42,17 @@ class ModalModel:
 
     Attributes
     ----------
-    method : one of ``hurty``, ``craig-bampton``, ``effective-mass``
-    kept : number of modes that were chosen; the first two methods add one for each motion of the ports
+    method : one of ``hurty``, ``craig-bampton``, ``effective-mass``, ``static-correction``
+    kept : number of modes that were chosen; all methods but ``effective-mass`` add one for each motion of
+        the ports
     frequencies : (n,) rad/s, ascending
     participation : (6, n), participation factors about the origin (kg^1/2, kg^1/2 m)
     shapes : (6, n) for each port, its displacement and rotation (kg^-1/2, kg^-1/2 m^-1)
     ports : (3,) for each port, its position from the origin (m)
     rigid : mass, center of mass and inertia about the origin
+    port_errors : for each port, by how much the frequencies are too high at most, relative to those with
+        static correction, if the port carries a mass as large as that of the body
+        Empty for the methods that need no correction, and where the matrices are not known.
     grounding : largest frequency (rad/s) that a rigid motion has on the given stiffness matrix; 0 if the
         matrix has no trace of supports
     """
@@ -54,6 +65,19 @@ class ModalModel:
     ports: Mapping[str, Array]
     rigid: Rigid
     grounding: float
+    port_errors: Mapping[str, float]
+
+    def lacking(self) -> str | None:
+        """A sentence on the port that must not carry a mass, or None if there is none."""
+        worst = max(self.port_errors, key=lambda port: self.port_errors[port], default=None)
+        if worst is None or self.port_errors[worst] <= _RIGHT:
+            return None
+        return (
+            f"port {worst!r}: with a mass like that of the body there, frequencies are "
+            f"up to {100.0 * self.port_errors[worst]:.2g} % too high: the modes lack a part of how the "
+            "port gives way to a load. Take the method 'static-correction', which keeps the same "
+            "modes, or 'hurty'."
+        )
 
 
 def modal_model(
@@ -78,9 +102,11 @@ def modal_model(
     parent : node number, several, or an `Interface`
         Where the body is held: the origin of the body. Several nodes are made rigid.
     ports : mapping of names to nodes, given as for `parent`
-    method : ``hurty``, ``craig-bampton`` or ``effective-mass``
+    method : ``hurty``, ``craig-bampton``, ``effective-mass`` or ``static-correction``
         The first two keep modes with all interfaces fixed, and the constraint modes of the ports, which
-        make the response to static loads at the ports exact. The third keeps the modes with free ports.
+        make the response to static loads at the ports exact. The third keeps the modes with free ports;
+        it is for bodies whose ports carry nothing. The last adds to these what makes the response to
+        static loads at the ports exact.
     modes, frequency, effective_mass : exactly one of them
         The number of modes; the highest frequency of a mode (rad/s); or the least fraction, between
         0 and 1, of the rigid mass that the effective mass of the modes reaches in each direction.
@@ -99,10 +125,10 @@ def modal_model(
     structure = _structure(mass_matrix, stiffness_matrix, nodes, parent, ports)
     at = structure.at
     free_ports = candidates(structure, "effective-mass", nodes)
-    first = _first_frequency(free_ports)
+    lowest = _first_frequency(free_ports)
     bodily = at.rigid.T @ (structure.mass @ at.rigid)
     rigid = rigid_properties(nodes, at, bodily)
-    grounding = _grounding(structure, bodily, first)
+    grounding = _grounding(structure, bodily, lowest)
     candidate_modes = (
         free_ports if method == "effective-mass" else candidates(structure, method, nodes)
     )
@@ -131,6 +157,9 @@ def modal_model(
         ports=at.positions,
         rigid=rigid,
         grounding=grounding,
+        port_errors=_port_errors(structure, free_ports, kept, rigid.mass)
+        if method == "effective-mass"
+        else {},
     )
 
 
@@ -162,6 +191,31 @@ def _first_frequency(free_ports: Candidates) -> float:
             "convert consistent units (mm, t, s, N) with mbdlft.to_si."
         )
     return first
+
+
+def _port_errors(
+    structure: Structure, free_ports: Candidates, kept: int, mass: float
+) -> dict[str, float]:
+    """`ModalModel.port_errors` of the lowest modes with free ports; `mass` is that of the body (kg)."""
+    at, modes = structure.at, first(free_ports.modes(kept), kept)
+    both = (
+        free_ports.reduce(modes),
+        static_correction(structure, modes, free_ports.deflections()),
+    )
+    errors = {}
+    for name, place in at.ports.items():
+        moving = sum(direction < 3 for direction in at.directions)
+        rows = slice(place.start - at.interior, place.start - at.interior + moving)
+        lowest = []
+        for reduced in both:
+            moved = reduced.ports[rows]
+            loaded = reduced.mass + mass * (moved.T @ moved)
+            scale = 1.0 / np.sqrt(np.diag(reduced.stiffness))
+            scaled = [part * np.outer(scale, scale) for part in (loaded, reduced.stiffness)]
+            inverse = scipy.linalg.eigh(*scaled, eigvals_only=True)
+            lowest.append(1.0 / np.sqrt(inverse[-kept:]))
+        errors[name] = float(np.max(lowest[0] / lowest[1] - 1.0))
+    return errors
 
 
 def _grounding(structure: Structure, bodily: Array, first: float) -> float:

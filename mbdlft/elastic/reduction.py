@@ -6,14 +6,16 @@ together are the f free ones. The methods describe the motion by
     Hurty                 modes of n with e and r fixed; constraint modes of e; rigid modes of r
     Craig-Bampton         modes of n with e and r fixed; constraint modes of e and r
     effective mass        modes of f with r fixed; rigid modes of r (Imbert)
+    static correction     the same, and what they lack of the deflections K^-1 by unit loads on e
 
 These are equations (4.21) to (4.31), (4.36) to (4.38) and (4.41) of the source in
-`tests/reference/flexible.py`. The first two methods span the same motions. Each method gives the matrices
-M, K (q, q) of q elastic coordinates, their coupling P' (q, r) with the rigid motions, and the motion
-(e, q) of the ports.
+`tests/reference/flexible.py`. The first two methods span the same motions. The last is the residual
+flexibility of R. H. MacNeal (1971) as motions of their own. Each method gives the matrices M, K (q, q) of
+q elastic coordinates, their coupling P' (q, r) with the rigid motions, and the motion (e, q) of ports.
 """
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,25 +47,39 @@ class Candidates(NamedTuple):
     """The modes among which the user chooses, and what is made of them.
 
     `modes(count)` computes at least `count` modes, or all. `reduce` makes the reduced matrices of given
-    modes; in these the modes come first, then the motions of the ports.
+    modes; in these the modes come first, then the motions of the ports. `deflections()` are the columns
+    (f, e) of K^-1 by unit loads on the ports, with the parent fixed and the ports free. `corrects` says
+    that the motions of the ports depend on which modes there are.
     """
 
     modes: Callable[[int], Modes]
     reduce: Callable[[Modes], Reduced]
+    deflections: Callable[[], Array]
+    corrects: bool = False
 
 
 def candidates(structure: Structure, method: str, nodes: Nodes) -> Candidates:
     """The modes from which a method of `modal_model` starts, and its reduction with them."""
     at, n = structure.at, structure.at.interior
-    if method == "effective-mass":
-        modes, _ = _computed(structure, nodes, at.free)
-        return Candidates(modes, lambda modes: effective_mass(structure, modes))
+    if method in ("effective-mass", "static-correction"):
+        modes, solver = _computed(structure, nodes, at.free)
+        deflections = cache(lambda: solver(np.eye(at.free)[:, n:]))
+        if method == "effective-mass":
+            return Candidates(modes, lambda modes: effective_mass(structure, modes), deflections)
+        return Candidates(
+            modes,
+            lambda modes: static_correction(structure, modes, deflections()),
+            deflections,
+            corrects=True,
+        )
     modes, solver = _computed(structure, nodes, n)
+    none = lambda: np.zeros((at.free, 0))  # noqa: E731
     constraint = -solver(structure.stiffness[:n, n:].toarray())
     if method == "hurty":
         ports = constraint[:, : at.free - n]
-        return Candidates(modes, lambda modes: hurty(structure, modes, ports))
-    return Candidates(modes, lambda modes: craig_bampton(structure, modes, constraint))
+        return Candidates(modes, lambda modes: hurty(structure, modes, ports), none)
+    reduce = lambda modes: craig_bampton(structure, modes, constraint)  # noqa: E731
+    return Candidates(modes, reduce, none)
 
 
 def _computed(
@@ -121,6 +137,25 @@ def craig_bampton(structure: Structure, modes: Modes, constraint: Array) -> Redu
 def effective_mass(structure: Structure, modes: Modes) -> Reduced:
     """Reduced matrices with modes of the structure that is held at its parent, with its ports free."""
     return _projected(structure, modes.shapes)
+
+
+def static_correction(structure: Structure, modes: Modes, deflections: Array) -> Reduced:
+    """Reduced matrices as `effective_mass`, with what the modes lack of the deflections (f, e).
+
+    The rest K^-1 - phi phi'/w^2 of the flexibility is orthogonal to the modes, which stay as they are.
+    Where it is the rounding of the flexibility, nothing is lacking.
+    """
+    moved = modes.shapes[structure.at.interior :]
+    rest = deflections - modes.shapes @ (moved / modes.frequencies**2).T
+    scale = 1.0 / np.sqrt(np.diag(deflections[structure.at.interior :]))
+    flexibility = rest[structure.at.interior :] * np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
+    lacking = values > _COMPLETE
+    own = (rest * scale) @ (vectors[:, lacking] / np.sqrt(values[lacking]))
+    return _projected(structure, np.hstack([modes.shapes, own]))
+
+
+_COMPLETE = 1e-9  # a smaller part of a flexibility is rounding of the matrices
 
 
 def _projected(structure: Structure, basis: Array) -> Reduced:

@@ -86,6 +86,7 @@ def model_of_results(
         ports={name: _array(f"ports of {name!r}", place, (3,)) for name, place in ports.items()},
         rigid=rigid,
         grounding=0.0,
+        port_errors={},
     )
 
 

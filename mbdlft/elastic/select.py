@@ -122,6 +122,12 @@ def _by_mass(candidates: Candidates, fraction: float, rigid: Array) -> tuple[int
         candidates, lambda modes: len(modes) >= _MOST or enough(candidates.reduce(modes))
     )
     total = candidates.reduce(modes)
+
+    def with_first(count: int) -> Reduced:
+        if candidates.corrects:
+            return candidates.reduce(first(modes, count))
+        return part(total, len(modes), count)
+
     if not enough(total):
         reached = np.min(effective(total)[has_mass] / rigid[has_mass])
         raise StructureError(
@@ -132,8 +138,8 @@ def _by_mass(candidates: Candidates, fraction: float, rigid: Array) -> tuple[int
     low, high = -1, len(modes)  # bisection: the effective mass never falls with the number of modes
     while high - low > 1:
         middle = (low + high) // 2
-        if enough(part(total, len(modes), middle)):
+        if enough(with_first(middle)):
             high = middle
         else:
             low = middle
-    return high, part(total, len(modes), high)
+    return high, with_first(high)

@@ -111,12 +111,15 @@ class _Implicit:
         alone: ca.SX,
     ) -> None:
         self.equations, self.function, self.at, self.alone = equations, function, at, alone
+        self.loaded = is_loaded(equations)
         self.unknown: list[ca.SX] = []
         self.relations: list[ca.SX] = []
 
     def times(self, load: ca.SX, given: ca.SX, displacement: ca.SX) -> ca.SX:
         """u (n_u,) times a displacement; `load` and `given` are what they stand for times it."""
         e = self.equations
+        if not self.loaded:
+            return given
         signals = ca.SX.sym("lifted", len(e.unknown))
         u = ca.SX(given)
         u[list(e.unknown)] = signals
@@ -124,6 +127,15 @@ class _Implicit:
         relations = at_rest(e, self.function, u, load, self.at, self.alone, displacement)
         self.relations.append(rows_of(relations, trim_rows(rounded(e))))
         return u
+
+
+def is_loaded(equations: Equations) -> bool:
+    """Whether anything acts on the equilibrium: else the unknown efforts are zero for all parameters."""
+    e, function = equations, equation_function(equations)
+    _, p, cosine, sine = exact_symbols(e.parameters)
+    none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z)]
+    offset = function(*none, given_value(e, p), load_value(e, p), p, cosine, sine)[0]
+    return bool(ca.sparsify(offset).nnz())
 
 
 def at_rest(

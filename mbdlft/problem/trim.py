@@ -25,7 +25,8 @@ from mbdlft.sx.evaluate import evaluate_many
 from mbdlft.sx.sizes import term_sizes
 
 _RESIDUAL = 1e-9
-_RANK = 1e-10  # an unknown whose effect is that of others up to this part is redundant
+_RANK = 1e-13  # an unknown whose effect is that of others up to this part is redundant
+_ROUNDS = 20  # each takes the square root of what sizes differ by
 _PART = 1e-2  # of the inertia and stiffness that unbalanced efforts are compared with
 _CARRIED = 1e-9  # of the loads of the scene: a smaller wrench through a body is rounding
 _IDLE = 0.1  # share in a combination of unknowns that does nothing
@@ -183,7 +184,9 @@ def check_prestress(equations: Equations, points: Array, efforts: Array) -> None
             f"{np.max(largest[loaded]):.3g} N or N m). The model takes the given shape for that under "
             "this load, and has the effects of the load through the displaced ports and of the weight of "
             "the displaced mass; it does not have the change of the body's own stiffness by the load "
-            "(buckling, tension). Where that may be left out, write prestress = 'neglected' in the body."
+            "(buckling, tension), which is known for axial forces in beams only. Where the change may "
+            "be left out, write prestress = 'neglected' in the body; where only that of the other "
+            "loads of a beam may be, prestress = 'axial'."
         )
 
 
@@ -215,9 +218,7 @@ def trim_rows(equations: Equations) -> tuple[int, ...]:
     rows = [int(row) for row in np.flatnonzero(matrix.any(axis=1))]
     if len(rows) == count and np.linalg.matrix_rank(matrix) == count:
         return tuple(rows)
-    # rows and columns of one size, so that newtons and newton meters can be compared
-    size = np.max(np.abs(matrix), axis=1, initial=0.0, keepdims=True)
-    scaled = matrix / np.where(size > 0, size, 1.0)
+    scaled = _equilibrated(matrix)
     if not count:
         return ()
     _, triangle, order = qr(scaled.T, mode="economic", pivoting=True)
@@ -234,6 +235,19 @@ def trim_rows(equations: Equations) -> tuple[int, ...]:
             "many. Give a value to that many of them (a joint's preload, a load's magnitude)."
         )
     return tuple(sorted(int(row) for row in order[:count]))
+
+
+def _equilibrated(matrix: Array) -> Array:
+    """A matrix with rows and columns of one size: newtons, newton meters and meters can be compared.
+
+    Source: D. Ruiz, A scaling algorithm to equilibrate both rows and columns norms in matrices (2001).
+    """
+    scaled = matrix
+    for _ in range(_ROUNDS):
+        for axis in (1, 0):
+            size = np.sqrt(np.max(np.abs(scaled), axis=axis, initial=0.0, keepdims=True))
+            scaled = scaled / np.where(size > 0, size, 1.0)
+    return scaled
 
 
 def _relative(residual: Array, scale: Array) -> Array:

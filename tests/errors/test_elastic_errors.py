@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 import mbdlft
@@ -37,25 +38,89 @@ def build(scene: Scene) -> mbdlft.LFTModel:
     return mbdlft.to_lft(scene, search=0.0)
 
 
-def test_load_at_equilibrium_must_be_said_to_be_known() -> None:
+def twisted(**given: Any) -> Scene:
+    """A beam under its weight that bends in two planes and twists."""
+    three = ("torsion", "bending_y", "bending_z")
+    body = scenes.beam(deformations=three, shear_modulus=1e3, torsion_constant=1.0, **given)
+    return on_hinge(body, gravity=(-1.0, 0.0, -9.81))
+
+
+def test_load_across_a_beam_that_twists_must_be_said_to_be_known() -> None:
     with says(
-        mbdlft.TrimError, "body 'beam' is elastic and carries a load", "prestress = 'neglected'"
+        mbdlft.TrimError,
+        "body 'beam' is elastic and carries a load",
+        "prestress = 'neglected'",
+        "prestress = 'axial'",
     ):
-        build(scenes.lever(20.0, prestress=None))
-    assert build(scenes.lever(20.0)).certificate.exact
-    weightless = scenes.lever(20.0, prestress=None).model_copy(update={"gravity": (0, 0, 0)})
+        build(twisted())
+    stiffness = {word: scenes.motion(twisted(prestress=word)).K for word in ("neglected", "axial")}
+    assert np.max(np.abs(stiffness["axial"] - stiffness["neglected"])) > 0.1
+    weightless = twisted().model_copy(update={"gravity": (0, 0, 0)})
     assert build(weightless).certificate.exact
 
 
+def test_load_on_modes_must_be_said_to_be_known() -> None:
+    heavy = on_hinge(panel(), gravity=(0, 0, -9.81))
+    with says(mbdlft.TrimError, "body 'panel' is elastic and carries a load"):
+        build(heavy)
+    assert build(on_hinge(panel(prestress="neglected"), gravity=(0, 0, -9.81))).certificate.exact
+
+
+def test_load_on_a_beam_in_one_plane_is_known() -> None:
+    assert build(scenes.lever(20.0, prestress=None)).certificate.exact
+
+
 def test_prestress_is_a_known_word() -> None:
-    with says(SceneError, "prestress: expected 'neglected' or nothing, got 'included'"):
+    with says(SceneError, "prestress: expected 'neglected', 'axial' or nothing, got 'included'"):
         scenes.beam(prestress="included")
+    with says(SceneError, "prestress: expected 'neglected' or nothing, got 'axial'"):
+        panel(prestress="axial")
 
 
-def test_spinning_frame_has_no_elastic_bodies() -> None:
+@pytest.mark.parametrize(
+    "body",
+    [
+        panel(),
+        scenes.beam(rotary_inertia=True),
+        scenes.beam(
+            deformations=("torsion",), shear_modulus=1.0, torsion_constant=1.0, I_y=1.0, I_z=1.0
+        ),
+    ],
+)
+def test_spinning_frame_has_thin_beams_only(body: Body) -> None:
     spin = mbdlft.Spin(axis=(0, 0, 1), rate=1.0)
-    with says(SceneError, "elastic"):
-        build(on_hinge(scenes.beam(), spin=spin))
+    with says(SceneError, f"the frame spins and body {body.name!r} is elastic", "without torsion"):
+        build(on_hinge(body, spin=spin))
+    assert build(on_hinge(scenes.beam(), spin=spin)).certificate.exact
+
+
+def test_modes_and_shear_do_not_go_together() -> None:
+    with says(SceneError, "modes: the modes of a beam with a shear_coefficient", "`elements`"):
+        scenes.beam(shear_coefficient=0.8, shear_modulus=1.0, modes=4)
+    with says(SceneError, "modes", "41"):
+        scenes.beam(modes=41)
+
+
+def test_rigid_redundancy_is_not_healed_by_elasticity() -> None:
+    """Two rigid hinges in line hold the same; a beam somewhere else does not say how they share it."""
+    scene = mbdlft.Scene(
+        name="door",
+        bodies=[
+            mbdlft.RigidBody(
+                name="door", mass=1.0, inertia=Inertia(xx=1.0, yy=1.0, zz=1.0),
+                ports={"far": (0, 0, 1)},
+            ),
+            scenes.beam(),
+            mbdlft.Ground(ports={"far": (0, 0, 1)}),
+        ],
+        joints=[
+            Revolute(name="near", parent="ground", child="door", axis=(0, 0, 1), preload=0.0),
+            Fixed(name="root", parent="door", child="beam"),
+        ],
+        loops=[mbdlft.Loop(name="second", kind="spherical", parent="ground.far", child="door.far")],
+    )  # fmt: skip
+    model = build(scene)  # the second hinge holds nothing that the first one does not
+    assert not any(signal.name.startswith("second") for signal in model.trim.signals)
 
 
 @pytest.mark.parametrize(("child", "body"), [("beam.tip", scenes.beam()), ("panel.tip", panel())])

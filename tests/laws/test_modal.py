@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 COUNT = 3  # elements of each bar of the T
 PARENT, RIGHT, LEFT = 10, 10 * (2 * COUNT + 1), 10 * (3 * COUNT + 1)
 PORTS = {"right": RIGHT, "left": LEFT}
-METHODS = ("hurty", "craig-bampton", "effective-mass")
+METHODS = ("hurty", "craig-bampton", "effective-mass", "static-correction")
 
 
 def rows(nodes: Nodes, number: int) -> Array:
@@ -148,7 +148,7 @@ def all_effective_masses_are_the_rigid_mass() -> None:
         M[np.ix_(free, free)], M[np.ix_(free, held)]
     )
     for method in METHODS:
-        count = len(free) - (0 if method == "effective-mass" else 12)
+        count = len(free) - (12 if method in METHODS[:2] else 0)
         m = modal_model(*fe, PARENT, PORTS, method=method, modes=count)
         report = mbdlft.effective_masses(m)
         roundoff(report.residual, interface, conditioned(fe), float(np.max(report.rigid)))
@@ -180,7 +180,7 @@ def three_methods_have_the_transfer_of_the_matrices() -> None:
         rescale = np.sqrt(np.abs(np.diag(expected)))
         scale = np.outer(rescale, rescale)
         for method in METHODS:
-            count = free - (0 if method == "effective-mass" else 12)
+            count = free - (12 if method in METHODS[:2] else 0)
             found = transfer(modal_model(*fe, PARENT, PORTS, method=method, modes=count), s)
             roundoff(found / scale, expected / scale, conditioned(fe))
 
@@ -194,6 +194,60 @@ def test_three_methods_have_the_transfer_of_the_matrices(monkeypatch: pytest.Mon
         lambda *a: projected(*a)._replace(coupling=-projected(*a).coupling),
     )
     breaks(three_methods_have_the_transfer_of_the_matrices)
+
+
+def correction_is_exact_for_static_loads() -> None:
+    """With static correction K^-1 of the ports is that of the matrices; the modes stay as they are."""
+    fe = tee(COUNT)
+    K, nodes = fe.stiffness_matrix, fe.nodes
+    free = np.setdiff1d(np.arange(len(K)), rows(nodes, PARENT))
+    ports = np.searchsorted(free, np.concatenate([rows(nodes, n) for n in PORTS.values()]))
+    expected = np.linalg.inv(K[np.ix_(free, free)])[np.ix_(ports, ports)]
+    size = np.sqrt(np.diag(expected))
+    plain = modal_model(*fe, PARENT, PORTS, method="effective-mass", modes=3)
+    found = modal_model(*fe, PARENT, PORTS, method="static-correction", modes=3)
+    shapes = np.vstack([found.shapes[port] for port in PORTS])
+    flexibility = (shapes / found.frequencies**2) @ shapes.T
+    roundoff(flexibility / np.outer(size, size), expected / np.outer(size, size), conditioned(fe))
+    roundoff(found.frequencies[:3], plain.frequencies, conditioned(fe))
+
+
+def test_correction_is_exact_for_static_loads(monkeypatch: pytest.MonkeyPatch) -> None:
+    correction_is_exact_for_static_loads()
+    plain = reduction.effective_mass
+    monkeypatch.setattr(reduction, "static_correction", lambda s, modes, _: plain(s, modes))
+    with pytest.raises((AssertionError, ValueError)):
+        correction_is_exact_for_static_loads()
+
+
+@pytest.mark.parametrize("times", [1.0, 10.0])
+def test_loaded_port_needs_static_correction(times: float) -> None:
+    """With a mass at a port effective-mass modes are percents off, and say so; the correction is not."""
+    fe = tee(COUNT)
+    free = np.setdiff1d(np.arange(len(fe.mass_matrix)), rows(fe.nodes, PARENT))
+    weight = times * modal_model(*fe, PARENT, PORTS, modes=1).rigid.mass
+    M, K = (np.array(matrix)[np.ix_(free, free)] for matrix in fe[:2])
+    right = np.searchsorted(free, rows(fe.nodes, RIGHT))[:3]
+    M[right, right] += weight
+    exact = 1.0 / np.sqrt(scipy.linalg.eigh(M, K, eigvals_only=True)[:-7:-1])
+
+    def lowest(m: ModalModel) -> Array:
+        moved = m.shapes["right"][:3]
+        loaded = np.eye(len(m.frequencies)) + weight * moved.T @ moved
+        inverse = scipy.linalg.eigvalsh(loaded / np.outer(m.frequencies, m.frequencies))
+        return np.asarray(1.0 / np.sqrt(inverse[:-7:-1]))
+
+    plain = modal_model(*fe, PARENT, PORTS, method="effective-mass", modes=6)
+    corrected = modal_model(*fe, PARENT, PORTS, method="static-correction", modes=6)
+    assert np.max(np.abs(lowest(corrected) / exact - 1.0)) < 0.005
+    assert np.max(lowest(plain) / exact - 1.0) > 0.015
+    assert corrected.lacking() is None
+    if times == 1.0:
+        off = np.max(lowest(plain) / lowest(corrected) - 1.0)
+        assert abs(plain.port_errors["right"] - off) < 1e-6
+    with pytest.warns(mbdlft.MbdlftWarning, match="body 'arm', port '.*static-correction"):
+        mbdlft.modal_body("arm", plain)
+    mbdlft.modal_body("arm", corrected)
 
 
 def test_structure_that_is_turned_and_moved() -> None:

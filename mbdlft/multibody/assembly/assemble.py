@@ -21,6 +21,7 @@ from mbdlft.multibody.assembly.efforts import (
     force_density,
     ground_motion,
     list_efforts,
+    static_deflections,
 )
 from mbdlft.multibody.assembly.placed import Passed, inertial_wrenches, motions, pass_inward
 from mbdlft.multibody.assembly.resolve import Resolved, in_plane, resolve
@@ -37,7 +38,7 @@ from mbdlft.multibody.scene.check import check_fit
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import column
-from mbdlft.problem.equations import Equations, rounded
+from mbdlft.problem.equations import Equations, rounded, rows_of
 
 _SEEN = 1e-13  # a sensitivity of the equations of order one below which an entry is not seen
 
@@ -142,7 +143,7 @@ def _mechanics(r: Resolved) -> _Mechanics:
         for load in scene.loads
         if isinstance(load, Spring)
     }
-    efforts = list_efforts(scene, links, values, densities, closure.rows)
+    efforts = list_efforts(scene, links, values, densities, closure)
     u = ca.SX.sym("u", len(efforts))
     z = ca.SX.sym("multiplier", len(closure.rows))
     view.motions = motions(view.now, ground_motion(scene, own, load, efforts, u))
@@ -169,9 +170,12 @@ def _equations(m: _Mechanics, passed: Passed) -> Equations:
     scene, links = r.scene, r.links
     view.passed = passed
     channels = body_channels(links, r.values, view, m.u, [e.signal.name for e in m.efforts])
-    dynamics = _dynamics(links, symbols, r.values, view, m.u) - channels.forces
+    efforts, deflections = static_deflections(links, r.values, m.closure, m.u)
+    dynamics = _dynamics(links, symbols, r.values, view, efforts) - channels.forces
     n = symbols.q.numel()
     held = [constraint(scene.loops, view, order)[list(m.closure.rows)] for order in range(3)]
+    if m.closure.yielding:
+        held[0] = ca.substitute(held[0], symbols.q, symbols.q + deflections)
     residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
     measured, y_signals, displacements = _measures(scene, links, symbols, view, r.aligned)
     displacements += tuple(len(y_signals) + k for k in range(len(channels.signals)))
@@ -229,11 +233,13 @@ def _bounds(scene: Scene, signals: Sequence[Signal]) -> tuple[float, ...]:
 
 
 def _check_spin(scene: Scene) -> None:
-    elastic = [body.name for body in scene.bodies if isinstance(body, ElasticBody)]
+    bodies = (body for body in scene.bodies if isinstance(body, ElasticBody))
+    elastic = [body.name for body in bodies if not body.can_spin]
     if scene.spin and elastic:
         raise SceneError(
             f"scene {scene.name!r}: the frame spins and body {elastic[0]!r} is elastic. Centrifugal "
-            "loads change its stiffness, which modal data do not say. Use rigid bodies and springs."
+            "loads change its stiffness, which is known for a 'beam' without torsion, shear and rotary "
+            "inertia only: modal data do not say it. Use such beams, or rigid bodies and springs."
         )
 
 
@@ -242,34 +248,35 @@ def _dynamics(
     symbols: Symbols,
     values: Mapping[str, Values],
     view: View,
-    u: ca.SX,
+    given: ca.SX,
 ) -> ca.SX:
-    """Efforts needed minus efforts given (n,); for an imposed joint its acceleration minus the input."""
+    """Efforts needed minus those `given` (n,); for an imposed joint its acceleration minus the input."""
     rows: list[ca.SX] = []
     for owner, _, freedoms, kind in coordinate_owners(links):
         own, needed = values.get(owner, {}), view.passed.efforts[owner]
         for k, freedom in enumerate(freedoms):
             row = len(rows)
             if kind == "imposed":
-                rows.append(symbols.a[row] - u[row])
+                rows.append(symbols.a[row] - given[row])
                 continue
             effort = needed[k]
             if kind == "joint":
                 effort += quantity_of(own, "stiffness", freedom) * symbols.q[row]
                 effort += quantity_of(own, "damping", freedom) * symbols.v[row]
-            rows.append(effort - u[row])
+            rows.append(effort - given[row])
     return ca.vertcat(*rows)
 
 
 def _carried(links: tuple[Link, ...], view: View) -> tuple[ca.SX, tuple[str, ...]]:
-    """Wrenches through the ports of elastic bodies whose prestress is not said to be negligible."""
+    """Loads through the ports of elastic bodies whose effect on these is neither known nor neglected."""
     wrenches: list[ca.SX] = []
     names: list[str] = []
     for link in links:
         body = link.parent if isinstance(link.joint, PortJoint) else link.child
         if isinstance(body, ElasticBody) and body.prestress is None:
-            wrenches.append(ca.vec(view.passed.joints[link.child.name]))
-            names += [body.name] * 6
+            rows = list(body.unknown_loads())
+            wrenches.append(rows_of(ca.vec(view.passed.joints[link.child.name]), rows))
+            names += [body.name] * len(rows)
     return ca.vertcat(ca.SX(0, 1), *wrenches), tuple(names)
 
 

@@ -9,6 +9,7 @@ from scipy.linalg import qr
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError
+from mbdlft.multibody.assembly.symbols import coordinate_owners
 from mbdlft.multibody.assembly.view import View
 from mbdlft.multibody.force import BodyWrench
 from mbdlft.multibody.joint import coordinate_label
@@ -30,10 +31,20 @@ _NEWTON = 12
 
 @dataclass(frozen=True, slots=True)
 class Closure:
-    """Rows of the constraints that are kept, and positions of the coordinates they determine."""
+    """Which constraints are kept, and what they determine.
+
+    Attributes
+    ----------
+    rows : of the constraints that are kept
+    dependent : positions of the coordinates that they determine
+    yielding : positions of coordinates, empty for a statically determinate scene
+        The efforts of passive joints cannot balance the multipliers; deformations determine these. The
+        coordinates are those of elastic bodies, and as many of passive joints as the constraints feel.
+    """
 
     rows: tuple[int, ...]
     dependent: tuple[int, ...]
+    yielding: tuple[int, ...] = ()
 
 
 def constraint(loops: tuple[Loop, ...], view: View, order: int) -> ca.SX:
@@ -102,7 +113,25 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
     # conditioned: columns are compared with a weight, the last one first
     weights = np.array([_PASSIVE if is_passive else 1.0 for is_passive in _passive(view)])
     _, last = _independent((matrices[0][rows] * weights)[:, ::-1])
-    return Closure(tuple(rows), tuple(sorted(len(weights) - 1 - k for k in last)))
+    dependent = tuple(sorted(len(weights) - 1 - k for k in last))
+    return Closure(tuple(rows), dependent, _yielding(view, matrices[0][rows]))
+
+
+def _yielding(view: View, held: Array) -> tuple[int, ...]:
+    """The coordinates that `Closure` calls so, from independent constraints (m, n) at nominal."""
+    elastic, passive, k = [], [], 0
+    for owned in coordinate_owners(view.now.links):
+        own = view.now.values.get(owned.owner, {})
+        for freedom in owned.freedoms:
+            if owned.kind == "elastic":
+                elastic.append(k)
+            elif coordinate_label("preload", freedom) in own:
+                passive.append(k)
+            k += 1
+    rank, chosen = _independent(held[:, passive]) if passive else (0, [])
+    if rank == len(held) or not elastic:
+        return ()
+    return tuple(sorted([*elastic, *(passive[k] for k in chosen)]))
 
 
 def _check_that_it_moves_alike(

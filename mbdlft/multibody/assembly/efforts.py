@@ -15,6 +15,7 @@ from mbdlft.multibody.assembly.closure import Closure, reactions
 from mbdlft.multibody.assembly.symbols import coordinate_owners
 from mbdlft.multibody.assembly.tree import Link
 from mbdlft.multibody.assembly.view import View
+from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.force import BodyWrench, Spring
 from mbdlft.multibody.joint import coordinate_label
 from mbdlft.multibody.scene.quantities import owner_name
@@ -39,14 +40,16 @@ def list_efforts(
     links: tuple[Link, ...],
     values: Mapping[str, Values],
     densities: Mapping[str, Any],
-    rows: Sequence[int],
+    closure: Closure,
 ) -> list[Effort]:
-    """Entries of u: of joints, loads, the ground if it is asked for, and multipliers.
+    """Entries of u: of joints, loads, the ground if it is asked for, static deflections, multipliers.
 
-    `densities` are force densities of the springs by name (None: unknown), `rows` the constraints of
-    the loops that are kept.
+    `densities` are force densities of the springs by name (None: unknown). Where deformations determine
+    the multipliers, static deflections are unknown: those of elastic bodies in place of the forces that
+    hold them, those of passive joints beside their efforts.
     """
     found: list[Effort] = []
+    deflections: list[Effort] = []
     for owner, name, freedoms, kind in coordinate_owners(links):
         for freedom in freedoms:
             signal = freedom.measures[2] if kind == "imposed" else freedom.effort
@@ -54,6 +57,13 @@ def list_efforts(
             given = 0.0 if kind == "imposed" else given
             is_input = kind != "elastic"  # the force that holds a static deflection is internal
             named = Signal(f"{name}.{signal.name}", signal.unit)
+            if len(found) in closure.yielding:
+                measure = freedom.measures[0]
+                moved = Signal(f"{name}.{measure.name}.static", measure.unit)
+                if is_input:
+                    deflections.append(Effort(moved, None, is_input=False, is_default=False))
+                else:
+                    named = moved
             found.append(Effort(named, given, is_input=is_input, is_default=is_input))
     for load in scene.loads:
         given = values[owner_name(load)].get(load.magnitude_key)
@@ -67,7 +77,35 @@ def list_efforts(
         if name in asked
     ]
     multipliers = [signal for loop in scene.loops for signal in loop.signals()]
-    return found + [Effort(multipliers[k], None, is_input=False, is_default=False) for k in rows]
+    forces = [Effort(multipliers[k], None, is_input=False, is_default=False) for k in closure.rows]
+    return found + deflections + forces
+
+
+def static_deflections(
+    links: tuple[Link, ...], values: Mapping[str, Values], closure: Closure, u: ca.SX
+) -> tuple[ca.SX, ca.SX]:
+    """Efforts (n,) of all coordinates by u, and their static deflections (n,).
+
+    Only a statically indeterminate scene has deflections; the effort of an elastic coordinate is then
+    that of its deflection, -K q, else it is the entry of u itself.
+    """
+    efforts: list[ca.SX] = []
+    k, moved = 0, ca.SX(sum(len(owned.freedoms) for owned in coordinate_owners(links)), 1)
+    last = u.numel() - len(closure.rows)
+    joints = [k for k in closure.yielding]
+    bodies = {link.child.name: link.child for link in links}
+    for owned in coordinate_owners(links):
+        part = slice(k, k := k + len(owned.freedoms))
+        own = u[part]
+        body = bodies.get(owned.name)
+        if owned.kind == "elastic" and closure.yielding and isinstance(body, ElasticBody):
+            moved[part] = own
+            joints = [j for j in joints if not part.start <= j < part.stop]
+            own = -body.restoring(values.get(owned.owner, {}), own)
+        efforts.append(own)
+    for position, j in enumerate(joints):
+        moved[j] = u[last - len(joints) + position]
+    return ca.vertcat(*efforts), moved
 
 
 def check_springs(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]) -> None:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from mbdlft.base.description import Values
-from mbdlft.multibody.assembly.tree import Link
+from mbdlft.multibody.assembly.tree import Link, PortJoint
 from mbdlft.multibody.body import GROUND, Body
 from mbdlft.multibody.joint import Move
 from mbdlft.multibody.scene.quantities import owner_name
@@ -143,11 +143,18 @@ def pass_inward(placed: Placed, found: Motions, needed: Mapping[str, ca.SX]) -> 
             own.insert(0, move.effort(wrench, motion))
             wrench = move.wrench(wrench)
         efforts = ca.vertcat(*own)
-        collected[link.owner] = (
-            collected[link.owner] + efforts if link.joint.kind == "port" else efforts
-        )
+        if isinstance(link.joint, PortJoint):
+            efforts = collected[link.owner] + efforts + pulled(placed, link, joints[name])
+        collected[link.owner] = efforts
         total[link.parent.name] += move_wrench(wrench, placed.arms[name])
     return Passed(collected, joints, total[GROUND])
+
+
+def pulled(placed: Placed, link: Link, wrench: ca.SX) -> ca.SX:
+    """Generalized forces (n,) by which the wrench (3, 2) through a port stiffens its body."""
+    values, name = placed.values.get(link.owner, {}), link.parent.name
+    port = link.joint.port if isinstance(link.joint, PortJoint) else ""
+    return link.parent.pulled(port, values, wrench[:, 0], placed.elastic[name])
 
 
 def chain(placed: Placed, body: str) -> list[str]:

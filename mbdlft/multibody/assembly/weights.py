@@ -21,7 +21,8 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from mbdlft.multibody.assembly.placed import Motions, Passed, Placed, body_efforts
+from mbdlft.multibody.assembly.placed import Motions, Passed, Placed, body_efforts, pulled
+from mbdlft.multibody.assembly.tree import PortJoint
 from mbdlft.multibody.body import GROUND
 from mbdlft.multibody.joint.move import Ball, Hinge, Move, Shifted, Slide, Turned
 from mbdlft.multibody.scene.quantities import owner_name
@@ -97,7 +98,9 @@ def pass_weights_inward(
                 own.insert(0, move.effort(_felt(now, field[k + 1]), motion))
             now = _before(move, now, field[k + 1])
         needed = ca.vertcat(*own)
-        efforts[link.owner] = efforts[link.owner] + needed if link.joint.kind == "port" else needed
+        if isinstance(link.joint, PortJoint):
+            needed = efforts[link.owner] + needed + pulled(placed, link, joints[name])
+        efforts[link.owner] = needed
         shifted = _shifted(now, placed.arms[name], field[0])
         carried[parent] = _together(carried[parent], shifted)
     return Passed(efforts, joints, _felt(carried[GROUND], load))

@@ -1,19 +1,21 @@
 """A straight beam along x, by finite elements whose matrices keep the parameters.
 
 The matrices of a deformation are sums of terms: an expression of the parameters times a matrix of
-numbers. With s = x/L, n elements, ds = 1/n and the nodal coordinates w, ds dw/ds, ds^2 d2w/ds2, bending
-has
+numbers. With s = x/L, the displacement w(s) = N(s) q and the turn t(s) = T(s) q, which is L times the
+rotation of the section, bending has
 
-    M = rho A L M0 (+ rho I/L M1),   K = E I/L^3 K0
-    M0 = int N'N ds,   M1 = int dN'dN ds,   K0 = int ddN'ddN ds
+    M = rho A L int N'N ds (+ rho I/L int T'T ds)
+    K = E I/L^3 int dT'dT ds (+ k G A/L int (dN - T)'(dN - T) ds)
 
-where N are the cubic (Hermite) or quintic shape functions of the elements. With linear shape functions,
-the expressions of an axial deformation are rho A L and E A/L, those of torsion rho (Iy + Iz) L and G J/L.
-Timoshenko elements (cubic, with the `shear_coefficient` k) have
+Without the `shear_coefficient` k, T = dN/ds. With it (Timoshenko's beam), w has degree 4 and t degree 3
+on each element, so dw/ds - t can be that of any linear moment and nothing locks; the matrices stay
+polynomials in E, G, rho, I and 1/L. Elements with two coordinates at each node (Friedman, Kosmatka 1993)
+have powers of 1/(1 + 12 E I n^2/(k G A L^2)) instead, and need four times as many coordinates.
 
-    K = E I/(L^3 (1 + phi)) (K0 + phi K1),   phi = 12 E I n^2/(k G A L^2)
+The expressions of an axial deformation are rho A L and E A/L, those of torsion rho (Iy + Iz) L and G J/L.
+The shape functions are those of `beam_elements`, their loads are in `beam_loads`.
 
-Source: appendix B of the two-port models in `tests/reference/flexible.py`.
+Source: appendix B of the two-port models in `tests/reference/flexible.py` for beams without shear.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,13 +29,19 @@ from pydantic import Field, model_validator
 from mbdlft.base.description import Expected, Name, Quantity, Text, Values
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.signal import Freedom
+from mbdlft.multibody.body import beam_loads
 from mbdlft.multibody.body.beam_elements import (
-    DeformationMatrices,
-    deformation_matrices,
-    displacement_index,
-    slope_integrals,
+    LINEAR,
+    ONE,
+    Deformation,
+    moments,
+    products,
+    size,
+    strain,
+    values_at,
 )
 from mbdlft.multibody.body.elastic import (
+    NEGLECTED,
     Elastic,
     ElasticBody,
     Term,
@@ -68,6 +76,10 @@ class Beam(ElasticBody):
     Quantities that none of them uses may be left out. `stations` gives names to nodes, 1 to `elements`,
     which are then ports; the last node is the port ``tip`` anyway. The damping matrix is `mass_damping` M
     + `stiffness_damping` K.
+
+    With `modes` each deformation has that many polynomials over the whole beam in place of elements, and
+    `elements` only numbers the nodes of stations. They do not depend on parameters. A beam with a
+    `shear_coefficient` has rotary inertia too.
     """
 
     kind: ClassVar[str] = "beam"
@@ -85,6 +97,7 @@ class Beam(ElasticBody):
     stiffness_damping: Quantity = 0.0
     rotary_inertia: bool = False
     elements: Annotated[int, Field(ge=1, le=200, strict=True)] = 4
+    modes: Annotated[int, Field(ge=1, le=40, strict=True)] | None = None
     shape_functions: Text = "cubic"
     deformations: tuple[Text, ...] = DEFORMATIONS
     stations: dict[Name, Annotated[int, Field(ge=1, strict=True)]] = {}
@@ -105,6 +118,11 @@ class Beam(ElasticBody):
                     raise SceneError(f"{key!r} is missing; the deformation {name!r} needs it.")
         if self.shear_coefficient is not None and self.shape_functions != "cubic":
             raise SceneError("shear_coefficient: shear is for cubic shape functions only.")
+        if self.shear_coefficient is not None and self.modes is not None:
+            raise SceneError(
+                "modes: the modes of a beam with a shear_coefficient change with its parameters. Give "
+                "`elements` in place of modes; 4 have four frequencies to 0.1 % or better."
+            )
         if self.ports:
             raise SceneError("a beam has 'tip' and `stations` (names of nodes) in place of ports.")
         for name, node in self.stations.items():
@@ -116,8 +134,13 @@ class Beam(ElasticBody):
         return self
 
     def _has_shear(self, deformation: str) -> bool:
-        """Whether a deformation has Timoshenko elements."""
+        """Whether a deformation is that of a Timoshenko beam."""
         return deformation.startswith("bending") and self.shear_coefficient is not None
+
+    @property
+    def has_rotary_inertia(self) -> bool:
+        """Whether the rotation of sections by bending has inertia."""
+        return self.rotary_inertia or self.shear_coefficient is not None
 
     def own_quantities(self) -> dict[str, Expected]:
         return {
@@ -145,34 +168,37 @@ class Beam(ElasticBody):
         """Position of a port along the beam, over its length."""
         return self._node(port) / self.elements
 
-    def _fields(self) -> list[tuple[str, DeformationMatrices]]:
-        """The deformations in the order of their coordinates, with their matrices."""
-        return [
-            (name, deformation_matrices(name, self.shape_functions, self.elements))
-            for name in self._order()
-        ]
-
     def _order(self) -> list[str]:
         """Names of the deformations in the order of their coordinates."""
         return [name for name in DEFORMATIONS if name in self.deformations]
 
+    def _breaks(self) -> tuple[int, ...]:
+        """Nodes inside at which the shapes of modes have jumps of some derivative, ascending."""
+        return tuple(sorted({node for node in self.stations.values() if node < self.elements}))
+
+    def deformation(self, name: str) -> Deformation:
+        """What one deformation is made of."""
+        functions = "shear" if self._has_shear(name) else self.shape_functions
+        breaks = () if self.modes is None else self._breaks()
+        return Deformation(name, functions, self.elements, self.modes, breaks)
+
+    def blocks(self) -> list[tuple[str, Deformation, slice]]:
+        """Deformations, and their slices of the coordinates of the body."""
+        blocks, k = [], 0
+        for name in self._order():
+            d = self.deformation(name)
+            blocks.append((name, d, slice(k, k := k + size(d))))
+        return blocks
+
     def freedoms(self) -> tuple[Freedom, ...]:
         freedoms = []
-        for name, matrices in self._fields():
-            # slopes and curvatures are coordinates in meters: they are times powers of an element's
-            # length
+        for name, _, part in self.blocks():
+            # turns and curvatures are coordinates in meters: they are times powers of an element's length
             turns = name == "torsion"
             unit, effort = ("rad", "N m") if turns else ("m", "N")
-            for k in range(len(matrices.mass)):
+            for k in range(part.stop - part.start):
                 freedoms.append(elastic_freedom(f"{name}.{k + 1}", unit, effort, turns=turns))
         return tuple(freedoms)
-
-    def _blocks(self) -> list[tuple[str, DeformationMatrices, slice]]:
-        """Deformations with their matrices, and their slices of the coordinates of the body."""
-        blocks, k = [], 0
-        for name, matrices in self._fields():
-            blocks.append((name, matrices, slice(k, k := k + len(matrices.mass))))
-        return blocks
 
     def elastic(self, values: Values) -> Elastic:
         n = len(self.freedoms())
@@ -180,17 +206,16 @@ class Beam(ElasticBody):
         stiffness: list[Term] = []
         participation: list[Term] = []
         L, rho, A = (values[key] for key in ("length", "density", "area"))
-        for name, matrices, part in self._blocks():
+        for name, d, part in self.blocks():
             line = rho * self._polar(values) * L if name == "torsion" else rho * A * L
-            mass.append(Term(line, _square(n, part, matrices.mass)))
-            if name.startswith("bending") and self.rotary_inertia:
-                mass.append(Term(rho * values[_AREA[name]] / L, _square(n, part, matrices.rotary)))
-            stiffness += self._stiffness(name, matrices, n, part, values)
-            participation += self._participation(name, matrices, part, line, L)
-            if name.startswith("bending") and self.rotary_inertia:
-                slope = _ROW[name][1] * slope_integrals(self.shape_functions, self.elements)
-                factor = rho * values[_AREA[name]]
-                participation.append(Term(factor, _row(n, part, _TURNED[name], slope)))
+            mass.append(Term(line, square(n, part, products(d, "displacement"))))
+            stiffness += self._stiffness(name, d, n, part, values)
+            participation += self._participation(name, d, part, line, L)
+            if name.startswith("bending") and self.has_rotary_inertia:
+                inertia = rho * values[_AREA[name]]
+                mass.append(Term(inertia / L, square(n, part, products(d, "turn"))))
+                turn = _ROW[name][1] * moments(d, "turn")
+                participation.append(Term(inertia, _row(n, part, _TURNED[name], turn)))
         damping = [Term(values["mass_damping"] * factor, matrix) for factor, matrix in mass]
         damping += [
             Term(values["stiffness_damping"] * factor, matrix) for factor, matrix in stiffness
@@ -199,57 +224,93 @@ class Beam(ElasticBody):
         damped = any(value != 0.0 for value in given.values())
         return Elastic(mass, damping if damped else [], stiffness, participation)
 
+    @property
+    def has_geometric_stiffness(self) -> bool:
+        return True
+
+    @property
+    def can_spin(self) -> bool:
+        return "torsion" not in self.deformations and not self.has_rotary_inertia
+
+    def unknown_loads(self) -> tuple[int, ...]:
+        return beam_loads.unknown_loads(self.deformations)
+
+    @property
+    def _is_stiffened(self) -> bool:
+        """Whether axial forces at equilibrium change the stiffness."""
+        return self.has_geometric_stiffness and self.prestress != NEGLECTED
+
+    def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
+        wrench = super().wrench(motion, values, inboard, at)
+        if self.can_spin and motion[:, 0].nnz():
+            wrench += beam_loads.spinning(self.blocks(), motion, values, at)[0]
+        return wrench
+
     def efforts(self, motion: ca.SX, values: Values, at: Coordinate) -> ca.SX:
         """Efforts as of any elastic body, written M (qddot + a qdot) + K (q + b qdot).
 
-        With the damping D = a M + b K so written, each matrix is multiplied once only.
+        With the damping D = a M + b K so written, each matrix is multiplied once only. With the loads at
+        equilibrium, and what a spinning frame needs.
         """
         q = at.q + values["stiffness_damping"] * at.v
         a = at.a + values["mass_damping"] * at.v
-        return ca.SX(super().efforts(motion, values, Coordinate(q, ca.SX(*at.v.shape), a)))
+        needed = super().efforts(motion, values, Coordinate(q, ca.SX(*at.v.shape), a))
+        if self._is_stiffened:
+            radius = self._radius(values)
+            needed += beam_loads.stiffened_by_motion(self.blocks(), motion, values, radius, at.q)
+        if self.can_spin and motion[:, 0].nnz():
+            needed += beam_loads.spinning(self.blocks(), motion, values, at)[1]
+        return ca.SX(needed)
+
+    def pulled(self, port: str, values: Values, force: ca.SX, at: Coordinate) -> ca.SX:
+        if not self._is_stiffened:
+            return super().pulled(port, values, force, at)
+        node, radius = self._node(port), self._radius(values)
+        return beam_loads.pulled(self.blocks(), node, -force[0], values, radius, at.q)
+
+    def _radius(self, values: Values) -> Any:
+        """Square of the polar radius of gyration of the section (m^2), if there is torsion."""
+        return self._polar(values) / values["area"] if "torsion" in self.deformations else 0.0
 
     def _participation(
-        self, name: str, matrices: DeformationMatrices, part: slice, line: Any, length: Any
+        self,
+        name: str,
+        d: Deformation,
+        part: slice,
+        line: Any,
+        length: Any,
+        span: tuple[int, int | None] = (0, None),
     ) -> list[Term]:
-        """Participation factors of one deformation.
+        """Participation factors of one deformation by the mass between the nodes `span`.
 
         `line` is the mass of the whole beam per unit of s: kg, or kg m^2 for torsion.
         """
         n, (row, sign) = len(self.freedoms()), _ROW[name]
-        terms = [Term(line, _row(n, part, row, matrices.moment0))]
+        terms = [Term(line, _row(n, part, row, moments(d, "displacement", ONE, *span)))]
         if name.startswith("bending"):
-            terms.append(Term(length * line, _row(n, part, _TURNED[name], sign * matrices.moment1)))
+            first = sign * moments(d, "displacement", LINEAR, *span)
+            terms.append(Term(length * line, _row(n, part, _TURNED[name], first)))
         return terms
 
     def _placed(self, part: slice, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
         """A matrix (n, n) of the coordinates of the body, zero but for `matrix` in the slice `part`."""
-        return _square(len(self.freedoms()), part, matrix)
-
-    def _position(self, deformation: str, node: int) -> int:
-        """Index of the displacement of a node among the coordinates of a deformation."""
-        return displacement_index(deformation, self.shape_functions, node)
+        return square(len(self.freedoms()), part, matrix)
 
     def _stiffness(
-        self, name: str, matrices: DeformationMatrices, n: int, part: slice, values: Values
+        self, name: str, d: Deformation, n: int, part: slice, values: Values
     ) -> list[Term]:
         """The terms of K (n, n) of one deformation."""
         L = values["length"]
+        strained = square(n, part, products(d, strain(d)))
         if name == "axial":
-            factor = values["modulus"] * values["area"] / L
-            return [Term(factor, _square(n, part, matrices.stiffness))]
+            return [Term(values["modulus"] * values["area"] / L, strained)]
         if name == "torsion":
-            factor = values["shear_modulus"] * values["torsion_constant"] / L
-            return [Term(factor, _square(n, part, matrices.stiffness))]
-        bending = values["modulus"] * values[_AREA[name]]
-        factor = bending / (L * L * L)
-        if not self._has_shear(name):
-            return [Term(factor, _square(n, part, matrices.stiffness))]
-        shear = values["shear_coefficient"] * values["shear_modulus"] * values["area"]
-        phi = 12.0 * self.elements**2 * bending / (shear * L * L)
-        return [
-            Term(factor / (1.0 + phi), _square(n, part, matrices.stiffness)),
-            Term(factor * phi / (1.0 + phi), _square(n, part, matrices.shear)),
-        ]
+            return [Term(values["shear_modulus"] * values["torsion_constant"] / L, strained)]
+        terms = [Term(values["modulus"] * values[_AREA[name]] / (L * L * L), strained)]
+        if self._has_shear(name):
+            rigidity = values["shear_coefficient"] * values["shear_modulus"] * values["area"]
+            terms.append(Term(rigidity / L, square(n, part, products(d, "shear"))))
+        return terms
 
     def _polar(self, values: Values) -> Any:
         """Polar moment of area (m^4)."""
@@ -258,12 +319,11 @@ class Beam(ElasticBody):
     def shapes(self, port: str, values: Values) -> Sequence[Term]:
         n, node = len(self.freedoms()), self._node(port)
         plain, turned = np.zeros((6, n)), np.zeros((6, n))
-        for name, _, part in self._blocks():
+        for name, d, part in self.blocks():
             row, sign = _ROW[name]
-            first = part.start + displacement_index(name, self.shape_functions, node)
-            plain[row, first] = 1.0
+            plain[row, part] = values_at(d, "displacement", node)
             if name.startswith("bending"):
-                turned[_TURNED[name], first + 1] = sign * self.elements
+                turned[_TURNED[name], part] = sign * values_at(d, "turn", node)
         terms = [Term(1.0, plain)]
         if np.any(turned):
             terms.append(Term(1.0 / values["length"], turned))
@@ -278,7 +338,7 @@ class Beam(ElasticBody):
         across = mass * (L * L) / 3.0
         polar = rho * self._polar(values) * L if "torsion" in self.deformations else 0.0
         y, z = across, across
-        if self.rotary_inertia:
+        if self.has_rotary_inertia:
             y = y + rho * values["I_y"] * L if "bending_z" in self.deformations else y
             z = z + rho * values["I_z"] * L if "bending_y" in self.deformations else z
         inertia = ca.diag(ca.vertcat(ca.SX(polar), y, z))
@@ -300,7 +360,7 @@ class Beam(ElasticBody):
         rigid[:, 1, 5] = rigid[:, 5, 1] = 0.5 * mass * L
         rigid[:, 2, 4] = rigid[:, 4, 2] = -0.5 * mass * L
         rigid[:, 4, 4] = rigid[:, 5, 5] = mass * L**2 / 3.0
-        if self.rotary_inertia:
+        if self.has_rotary_inertia:
             for key, k, name in (("I_y", 4, "bending_z"), ("I_z", 5, "bending_y")):
                 if name in self.deformations:
                     rigid[:, k, k] += values["density"] * values[key] * L
@@ -321,7 +381,7 @@ _ROW = {"axial": (0, 1.0), "torsion": (3, 1.0), "bending_y": (1, 1.0), "bending_
 _TURNED = {"bending_y": 5, "bending_z": 4}  # row of the rotation: th_z = dv/dx, th_y = -dw/dx
 
 
-def _square(n: int, part: slice, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def square(n: int, part: slice, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """A matrix (n, n) of zeros with `matrix` in the rows and columns `part`."""
     whole = np.zeros((n, n))
     whole[part, part] = matrix

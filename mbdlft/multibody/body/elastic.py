@@ -8,7 +8,7 @@ The n coordinates q describe the deformation of the body clamped at its origin, 
 leads to it ends. P (6, n) are the participation factors, P_u (3, n) those of the translations; M, D, K
 (n, n) the matrices of the clamped body; Phi (6, n) the shapes at a port. (P_u q) x a is the torque of
 the displaced mass in the acceleration a of the frame, which includes gravity. Terms of second order in
-q and centrifugal terms are left out.
+q are left out, and so are a spinning frame and what loads at equilibrium do to K, but for beams.
 
 Source: equations (5.6), (5.11) to (5.15) of the two-port models in `tests/reference/flexible.py`; here
 the motion of the frame need not be small.
@@ -29,7 +29,7 @@ from mbdlft.base.signal import Freedom, Signal
 from mbdlft.multibody.body.base import Body
 from mbdlft.multibody.spatial import Coordinate
 
-NEGLECTED = "neglected"
+NEGLECTED, AXIAL = "neglected", "axial"
 
 
 class Term(NamedTuple):
@@ -51,19 +51,34 @@ class Elastic(NamedTuple):
 class ElasticBody(Body, abc.ABC):
     """An elastic body; every concrete kind is final.
 
-    The loads that a body carries at equilibrium change its stiffness, which these equations leave out.
-    A body that carries such loads must therefore say `prestress` = ``neglected``.
+    The loads that a body carries at equilibrium change its stiffness. What they change is known for axial
+    forces in beams only; a body that carries others must say `prestress` = ``neglected``, which leaves
+    the change out, or ``axial``, which leaves out that of the others.
     """
 
     prestress: Text | None = None
 
     @model_validator(mode="after")
     def _prestress_is_known(self) -> Self:
-        if self.prestress not in (None, NEGLECTED):
-            raise SceneError(
-                f"prestress: expected {NEGLECTED!r} or nothing, got {self.prestress!r}."
-            )
+        words = (NEGLECTED, AXIAL) if self.has_geometric_stiffness else (NEGLECTED,)
+        if self.prestress is not None and self.prestress not in words:
+            listed = ", ".join(map(repr, words))
+            raise SceneError(f"prestress: expected {listed} or nothing, got {self.prestress!r}.")
         return self
+
+    @property
+    def has_geometric_stiffness(self) -> bool:
+        """Whether the stiffness by axial forces at equilibrium is known."""
+        return False
+
+    @property
+    def can_spin(self) -> bool:
+        """Whether the equations hold in a frame that spins."""
+        return False
+
+    def unknown_loads(self) -> tuple[int, ...]:
+        """Forces and torques, 0 to 5, whose effect on the stiffness these equations do not have."""
+        return tuple(range(6))
 
     def elastic_ports(self) -> tuple[str, ...]:
         """Ports that move with the deformation."""
@@ -95,6 +110,10 @@ class ElasticBody(Body, abc.ABC):
         inertial = times_transposed(e.participation, ca.vertcat(motion[:, 2], motion[:, 1]))
         own = times(e.mass, at.a) + times(e.damping, at.v) + times(e.stiffness, at.q)
         return ca.SX(own + inertial)
+
+    def restoring(self, values: Values, q: ca.SX) -> ca.SX:
+        """Generalized forces K q (n,) that hold a static deflection q (n,)."""
+        return times(self.elastic(values).stiffness, q)
 
     def shape(self, port: str, values: Values, vector: ca.SX) -> ca.SX:
         return times(self.shapes(port, values), vector)

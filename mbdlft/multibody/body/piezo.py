@@ -16,7 +16,6 @@ Source: equations (5.21) to (5.33) and (6.1) to (6.3) of the two-port models in
 """
 
 from collections.abc import Mapping
-from functools import cache
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, final
 
 import casadi as ca
@@ -29,9 +28,12 @@ from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.signal import Signal
 from mbdlft.multibody.body.beam import Beam
 from mbdlft.multibody.body.beam_elements import (
-    DeformationMatrices,
-    deformation_matrices,
-    element_shapes,
+    ONE,
+    Deformation,
+    cross_products,
+    products,
+    strain,
+    values_at,
 )
 from mbdlft.multibody.body.elastic import Elastic, Term, elastic_problem, times, times_transposed
 from mbdlft.multibody.body.rigid import newton_euler
@@ -135,6 +137,17 @@ class PiezoBeam(Beam):
                 quantities[f"patch{k}.{key}"] = Expected(getattr(patch, key), unit)
         return quantities
 
+    @property
+    def has_geometric_stiffness(self) -> bool:
+        return False
+
+    @property
+    def can_spin(self) -> bool:
+        return False
+
+    def unknown_loads(self) -> tuple[int, ...]:
+        return tuple(range(6))
+
     def inputs(self) -> tuple[Signal, ...]:
         return tuple(Signal(f"voltage.{k}", "V") for k in self._channels())
 
@@ -193,7 +206,7 @@ class PiezoBeam(Beam):
     def _coupling(self, values: Values) -> list[Term]:
         """The terms of K_v (n, number of patches)."""
         terms: list[Term] = []
-        n, parts = len(self.freedoms()), {name: part for name, _, part in self._blocks()}
+        n, parts = len(self.freedoms()), {name: (d, part) for name, d, part in self.blocks()}
         for k, patch in enumerate(self.patches):
             p = self._of(k, values)
             piezo = p["d31"] * p["modulus"] * p["width"]
@@ -202,9 +215,10 @@ class PiezoBeam(Beam):
                 if node == 0:
                     continue  # the clamp holds this node
                 if patch.side != "both":
-                    stretch[parts["axial"].start + self._position("axial", node), k] = sign
-                slope = parts["bending_y"].start + self._position("bending_y", node) + 1
-                turn[slope, k] = sign * self.elements
+                    d, part = parts["axial"]
+                    stretch[part, k] += sign * values_at(d, "displacement", node)
+                d, part = parts["bending_y"]
+                turn[part, k] += sign * values_at(d, "turn", node)
             if patch.side != "both":
                 terms.append(Term(piezo, stretch))
             arm = {"top": 0.5, "bottom": -0.5, "both": 1.0}[patch.side]
@@ -222,15 +236,17 @@ class PiezoBeam(Beam):
         for k in range(len(self.patches)):
             p, section = self._of(k, values), self._section(k, values)
             line = p["density"] * section.area * L
-            for name, matrices, part in self._patch_blocks(k):
-                mass.append(Term(line, self._placed(part, matrices.mass)))
-                participation += self._participation(name, matrices, part, line, L)
+            span = self._span(k)
+            for name, d, part in self._patch_blocks():
+                mass.append(Term(line, self._placed(part, products(d, "displacement", ONE, *span))))
+                participation += self._participation(name, d, part, line, L, span)
                 if name == "axial":
                     factor = p["modulus"] * section.area / L
                 else:
                     second = section.second_y if name == "bending_y" else section.second_z
                     factor = p["modulus"] * second / (L * L * L)
-                stiffness.append(Term(factor, self._placed(part, matrices.stiffness)))
+                strained = self._placed(part, products(d, strain(d), ONE, *span))
+                stiffness.append(Term(factor, strained))
             if self.patches[k].side != "both":
                 factor = p["modulus"] * section.first / (L * L)
                 stiffness.append(Term(factor, self._stretch_and_bend(k)))
@@ -245,28 +261,25 @@ class PiezoBeam(Beam):
             [*base.participation, *participation],
         )
 
-    def _patch_blocks(self, k: int) -> list[tuple[str, DeformationMatrices, slice]]:
-        """The same as `_blocks` without torsion, with matrices of the elements under patch k only."""
-        return [
-            (
-                name,
-                deformation_matrices(name, self.shape_functions, self.elements, *self._span(k)),
-                part,
-            )
-            for name, _, part in self._blocks()
-            if name != "torsion"
-        ]
+    def _breaks(self) -> tuple[int, ...]:
+        ends = {node for k in range(len(self.patches)) for node in self._span(k)}
+        return tuple(sorted({*super()._breaks(), *(ends - {0, self.elements})}))
+
+    def _patch_blocks(self) -> list[tuple[str, Deformation, slice]]:
+        """The same as `blocks` without torsion."""
+        return [block for block in self.blocks() if block[0] != "torsion"]
 
     def _stretch_and_bend(self, k: int) -> NDArray[np.float64]:
         """A symmetric matrix (n, n): minus the integrals of N_axial' N_bending'' over patch k.
 
         They couple the axial coordinates with those of bending along y, and the other way round.
         """
-        parts = {name: part for name, _, part in self._blocks()}
+        parts = {name: (d, part) for name, d, part in self.blocks()}
         n = len(self.freedoms())
         coupling = np.zeros((n, n))
-        integrals = _mixed(self.shape_functions, self.elements, *self._span(k))
-        coupling[parts["axial"], parts["bending_y"]] = -integrals
+        (axial, rows), (bending, columns) = parts["axial"], parts["bending_y"]
+        integrals = cross_products(axial, "slope", bending, "bend", ONE, *self._span(k))
+        coupling[rows, columns] = -integrals
         return coupling + coupling.T
 
     def total_mass(self, values: Values) -> ca.SX:
@@ -317,19 +330,3 @@ class PiezoBeam(Beam):
             rigid[:, [2, 4], [4, 2]] -= (mass * first * L)[:, None]
             rigid[:, [4, 5], [4, 5]] += (mass * second * L**2)[:, None]
         return elastic_problem(self, values, rigid)
-
-
-@cache
-def _mixed(functions: str, elements: int, first: int, last: int) -> NDArray[np.float64]:
-    """Integrals (axial, bending coordinates) of N_axial' N_bending'' between two nodes."""
-    ds = 1.0 / elements
-    axial, bending = (element_shapes(name, functions, ds) for name in ("axial", "bending_y"))
-    local = np.array(
-        [[float((a.deriv(1) * b.deriv(2)).integ()(ds)) for b in bending] for a in axial]
-    )
-    sizes = [len(shapes) // 2 for shapes in (axial, bending)]
-    total = np.zeros([size * (elements + 1) for size in sizes])
-    for element in range(first, last):
-        rows, columns = (slice(element * size, (element + 2) * size) for size in sizes)
-        total[rows, columns] += local
-    return total[1:, 2:]  # without the coordinates that the clamp holds

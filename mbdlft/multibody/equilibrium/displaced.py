@@ -128,8 +128,8 @@ def displace(scene: Scene) -> Displaced:
     view = _view_at_rest(scene, symbols, links, values)
     springs = [load for load in scene.loads if isinstance(load, Spring)]
     laws = {load.name: spring_law(load, values[owner_name(load)], view) for load in springs}
-    multipliers = range(sum(len(loop.signals()) for loop in scene.loops))
-    listed = list_efforts(scene, links, values, laws, multipliers)
+    every = Closure(tuple(range(sum(len(loop.signals()) for loop in scene.loops))), ())
+    listed = list_efforts(scene, links, values, laws, every)
     u = ca.SX.sym("u", len(listed))
     needed = _needed_efforts(scene, links, values, view, listed, u)
 
@@ -163,7 +163,7 @@ def displace(scene: Scene) -> Displaced:
             for k, effort in enumerate(listed)
             if effort.given is None and (k >= len(moving) or moving[k])
         ),
-        multipliers=tuple(range(len(listed) - len(multipliers), len(listed))),
+        multipliers=tuple(range(len(listed) - len(every.rows), len(listed))),
         u_signals=tuple(effort.signal for effort in listed),
         p=symbols.p,
         cosine=symbols.cosine,
