@@ -36,7 +36,7 @@ _FIRST = 2**60 // _TURN  # P is above 2^60
 _MOST_ROOTS = 12  # each doubles the number of primes that are tried
 _MOST_PRIMES = 2_000_000  # that are tried: for as many square roots as a problem can have
 _FEW_BITS = 2**20  # odd factor of the numerator of a binary fraction
-_SIMPLE = 10**6  # most of a denominator
+_SIMPLE, _ROUNDINGS = 10**5, Fraction(2, 2**52)  # most of a denominator, and distance to it
 _SEED = 12345678910111213141
 _NEAR = (
     4.0 * 2.0**-52
@@ -112,14 +112,17 @@ def decimal(value: float | str) -> Fraction:
 
 @lru_cache(maxsize=4096)
 def constant_of(value: float) -> Fraction:
-    """The fraction that a double in code stands for: a binary one of few bits, a simple one that rounds
-    to it, or its decimal."""
+    """The fraction that a double in code stands for: numbers of users do not come here but as text.
+
+    A binary fraction of few bits is itself. One within two roundings of a simple fraction is that, such
+    as an entry of the mass matrix of a beam. Others are the decimals that they print as.
+    """
     binary = Fraction(value)
     numerator = abs(binary.numerator)
     if numerator // (numerator & -numerator or 1) < _FEW_BITS:
         return binary
     simple = binary.limit_denominator(_SIMPLE)
-    return simple if float(simple) == value else decimal(value)
+    return simple if abs(simple - binary) <= _ROUNDINGS * abs(binary) else decimal(value)
 
 
 def cosine_of(angle: float) -> Constant:

@@ -16,6 +16,7 @@ Source: equations (5.21) to (5.33) and (6.1) to (6.3) of the two-port models in
 """
 
 from collections.abc import Mapping
+from fractions import Fraction
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, final
 
 import casadi as ca
@@ -291,9 +292,11 @@ class PiezoBeam(Beam):
         """For each patch its mass (kg), and the means of s and s^2 over it, s = x/length."""
         lumps = []
         for k in range(len(self.patches)):
-            a, b = (node / self.elements for node in self._span(k))
+            # fractions: rounded once, constants are recognized (`sx.constants`)
+            a, b = (Fraction(node, self.elements) for node in self._span(k))
             line = self._of(k, values)["density"] * self._section(k, values).area * values["length"]
-            lumps.append((line * (b - a), 0.5 * (a + b), (a * a + a * b + b * b) / 3.0))
+            first, second = (a + b) / 2, (a * a + a * b + b * b) / 3
+            lumps.append((line * float(b - a), float(first), float(second)))
         return lumps
 
     def rigid_wrench(self, motion: ca.SX, values: Values) -> ca.SX:
