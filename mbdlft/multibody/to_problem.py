@@ -63,6 +63,7 @@ def problem_of_scene(scene: Scene, stage: Stage = lambda name: nullcontext()) ->
         more_forms=in_second_order,
         singular=_singular_mass_matrix,
         trim=trim,
+        is_regular=both.is_regular,
         fit_error_bound=equations.fit_error_bound,
     )
 

@@ -9,7 +9,6 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.parameter import Parameter
 from mbdlft.bound.degree import Bound
-from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.triangle import values_at, vanishes
 from mbdlft.problem.problem import Nouns, Problem, Reference
@@ -45,7 +44,8 @@ def measure_error(problem: Problem, values: Array, trim: LFT | None, at: Referen
         error, count = max(at.omitted, largest(values[some] - truth, at.scale)), len(some)
     trim_error = 0.0
     if trim is not None:
-        trimmed = evaluate_at(trim, deltas_at(problem.parameters, problem.points))[:, :, 0]
+        at_points = (problem.parameters, problem.points, problem.nouns)
+        trimmed = values_at_points(trim, *at_points, what="trim")[:, :, 0]
         trim_error = largest(trimmed - at.trimmed, at.trim_scale)
     worst = max(error, trim_error)
     if not worst <= ACCEPTED:
@@ -69,7 +69,7 @@ def error_of_values(values: Array, at: Reference, some: slice = slice(None)) -> 
 
 
 def values_at_points(
-    lft: LFT, parameters: Sequence[Parameter], points: Array, nouns: Nouns
+    lft: LFT, parameters: Sequence[Parameter], points: Array, nouns: Nouns, what: str = "model"
 ) -> Array:
     """Values (N, ., .) at physical points, once det(I - D_zw Delta) was seen to stay away from zero.
 
@@ -90,7 +90,7 @@ def values_at_points(
             f"{p.name} = {value:g} {p.unit}" for p, value in zip(parameters, worst, strict=True)
         )
         raise WellPosednessError(
-            f"{nouns.owner}: the model is singular between the nominal values and {where}. Narrow the "
+            f"{nouns.owner}: the {what} is singular between the nominal values and {where}. Narrow the "
             f"ranges{nouns.narrow}."
         )
     return values
@@ -107,10 +107,12 @@ def certificate(
     seed: int,
     *,
     is_exact: bool,
+    is_proved: bool,
 ) -> Certificate:
     """The certificate of a model; `raw` are its channels before reduction, by parameter.
 
-    `is_exact` says whether bounds come from exact numbers.
+    `is_exact` says whether bounds come from exact numbers, `is_proved` whether the model is proved to be
+    regular in the whole range.
 
     It is exact unless the equilibrium is a fit. A bound that the model contradicts by being smaller rests
     on a wrong rank in doubles: then nothing is claimed for that parameter, and nothing for pairs.
@@ -138,4 +140,5 @@ def certificate(
         exact_bound=is_exact,
         doubtful=doubtful,
         order_bound=sum(lower.values()) if contradicted else order_bound,
+        well_posed="proved" if is_proved else "sampled",
     )

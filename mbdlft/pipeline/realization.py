@@ -12,6 +12,7 @@ from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.samples import SEED
 from mbdlft.bound.degree import Bound, degree_bounds
 from mbdlft.bound.exact import exact_degrees
+from mbdlft.bound.well_posed import is_well_posed
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.pipeline.candidates import (
@@ -72,7 +73,10 @@ def realization(problem: Problem, budget: Budget, stage: Stage) -> LFTModel:
         if is_cut_off:
             with stage(CUT_OFF):  # with more time the model may be smaller
                 pass
+    is_searched = lft is not found[0].lft
     lft = _in_units(problem, with_blocks(lft, [p.name for p in problem.parameters]))
+    with stage("prove"):
+        is_proved = _is_well_posed(problem, lft, trim.lft, is_searched=is_searched)
     with stage("check"):
         checked, raw = check.model(lft, trim.lft), found[0].channels
         evidence = certificate(
@@ -85,6 +89,7 @@ def realization(problem: Problem, budget: Budget, stage: Stage) -> LFTModel:
             checked,
             SEED,
             is_exact=found[0].exact is not None,
+            is_proved=is_proved,
         )
     return LFTModel(
         name=problem.nouns.name,
@@ -131,6 +136,17 @@ class _Check:
             values_at_points(lft, problem.parameters, points, problem.nouns)
             raise
         return error if np.isfinite(error) else float("inf")
+
+
+def _is_well_posed(problem: Problem, lft: LFT, trim: LFT | None, *, is_searched: bool) -> bool:
+    """Whether the model, and its trim, are proved to be regular at every value of the parameters.
+
+    The determinant of a reduced LFT divides that of the relations that it comes from. A search may have
+    made another one.
+    """
+    if trim is not None and not is_well_posed(trim):
+        return False
+    return (not is_searched and problem.is_regular()) or is_well_posed(lft)
 
 
 def _degree_bounds(candidate: Candidate) -> dict[str, Bound]:

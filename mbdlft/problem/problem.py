@@ -123,6 +123,9 @@ class Problem:
     trim : TrimRelations, or None for nothing to trim
     row_units, column_units : arrays (rows,) and (columns,) of powers of two, or None
         The relations are those of the matrix with rows and columns divided by these.
+    is_regular : function without arguments
+        Whether the relations are proved to determine the unknown signals at every value of the
+        parameters; False says that it was not proved.
     fit_error_bound : float
         Guaranteed bound of the error of equilibrium positions that are fits; 0.0 if there are none.
     """
@@ -142,4 +145,5 @@ class Problem:
     trim: TrimRelations | None = None
     row_units: Array | None = None
     column_units: Array | None = None
+    is_regular: Callable[[], bool] = lambda: False
     fit_error_bound: float = 0.0

@@ -23,7 +23,8 @@ from mbdlft.multibody.assembly.efforts import (
     list_efforts,
     static_deflections,
 )
-from mbdlft.multibody.assembly.placed import Passed, inertial_wrenches, motions, pass_inward
+from mbdlft.multibody.assembly.placed import Passed, inertial_wrenches, motions, pass_inward, place
+from mbdlft.multibody.assembly.regular import is_regular
 from mbdlft.multibody.assembly.resolve import Resolved, in_plane, resolve
 from mbdlft.multibody.assembly.second_order import efforts_by_products, gains_by_products
 from mbdlft.multibody.assembly.symbols import Symbols, coordinate_owners
@@ -37,7 +38,7 @@ from mbdlft.multibody.joint import coordinate_label
 from mbdlft.multibody.scene.check import check_fit
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
-from mbdlft.multibody.spatial import column
+from mbdlft.multibody.spatial import Coordinate, column
 from mbdlft.problem.equations import Equations, rounded, rows_of
 
 _SEEN = 1e-13  # a sensitivity of the equations of order one below which an entry is not seen
@@ -55,11 +56,15 @@ class Assembly:
         With constants that are not rounded, as in `sx.constants`.
     second_order : function without arguments
         The exact equations in the order of `second_order.py`; None if that gains nothing.
+    is_regular : function without arguments
+        Whether the accelerations are proved to be determined at every value of the parameters; False
+        says that it was not proved.
     """
 
     equations: Equations
     exact: Equations
     second_order: Callable[[], Equations | None]
+    is_regular: Callable[[], bool] = lambda: False
 
 
 def assemble(scene: Scene) -> Equations:
@@ -83,7 +88,12 @@ def assembly(scene: Scene) -> Assembly:
     _check_spin(scene)
     mechanics = _mechanics(in_plane(resolved))
     exact = _equations(mechanics, mechanics.passed())
-    return Assembly(rounded(exact), exact, partial(_second_order, mechanics))
+    return Assembly(
+        rounded(exact),
+        exact,
+        partial(_second_order, mechanics),
+        partial(_is_regular, mechanics),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,6 +163,22 @@ def _mechanics(r: Resolved) -> _Mechanics:
         if on.body in loads:
             loads[on.body] -= on.wrench
     return _Mechanics(r, view, closure, tuple(efforts), u, z, base, load, inertial, loads)
+
+
+def _is_regular(m: _Mechanics) -> bool:
+    """By the theorem of `regular.py`, for a tree."""
+    r = m.resolved
+    if r.scene.loops:
+        return False
+    coordinates = {
+        owner: Coordinate(zero := ca.SX(at.q.numel(), 1), zero, at.a)
+        for owner, at in m.view.coordinates.items()
+    }
+    now = m.view.now
+    at_rest = place(now.links, now.bodies, now.values, coordinates)
+    accelerations = {owner: at.a for owner, at in m.view.coordinates.items()}
+    symbols = (r.symbols.p, r.symbols.cosine, r.symbols.sine)
+    return is_regular(at_rest, accelerations, r.parameters, symbols)
 
 
 def _second_order(m: _Mechanics) -> Equations | None:

@@ -6,6 +6,7 @@ joint holds it. Motions go outward, wrenches inward: the recursive Newton-Euler 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 import casadi as ca
@@ -81,9 +82,14 @@ class Motions(NamedTuple):
     moves: Mapping[str, Sequence[ca.SX]]
 
 
-def motions(placed: Placed, ground: ca.SX) -> Motions:
-    """Motions of all bodies for a motion (3, 3) of the origin of the ground."""
-    found = {GROUND: ground}
+def motions(
+    placed: Placed, ground: ca.SX, others: Mapping[str, ca.SX] = MappingProxyType({})
+) -> Motions:
+    """Motions of all bodies for a motion (3, 3) of the origin of the ground.
+
+    `others` are motions of bodies from which links start that do not lead to the ground.
+    """
+    found = {GROUND: ground, **others}
     after: dict[str, list[ca.SX]] = {}
     for link in placed.links:
         name = link.child.name

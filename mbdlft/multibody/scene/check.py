@@ -15,6 +15,7 @@ from mbdlft.base.signal import Signal
 from mbdlft.base.unit import dimension_name, parse_unit
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.joint import Joint
+from mbdlft.multibody.scene.positive import LABELS, check_positive
 from mbdlft.multibody.scene.quantities import (
     Place,
     angle_at,
@@ -89,6 +90,10 @@ def _check_quantities(
         _check_dimension(place, expected, expression, dimensions)
         if not np.all(np.isfinite(values)):
             raise SceneError(f"{place} = {expected.source!r}: is not finite in the range.")
+        if label.startswith(LABELS) and np.all(values >= 0.0):  # what is not has its own message
+            plain = {p.name: p for p in scene.parameters if not p.is_angle}
+            what = f"{place} = {expected.source!r}"
+            check_positive(what, expression, plain, scene.constant_values())
         found[label] = values
     return found
 
