@@ -56,6 +56,11 @@ def print_model(model: LFTModel) -> None:
         + (", before truncation" if certificate.truncation_error > 0.0 else "")
         + (", at the fitted positions" if certificate.fit_error_bound > 0.0 else "")
     )
+    out.print(
+        "well-posed: proved in the whole range"
+        if certificate.well_posed == "proved"
+        else f"well-posed: at {certificate.check_points} points and on the lines to them, not proved"
+    )
     if certificate.condition > 0.0:
         out.print(_conditioning(certificate))
     if model.trim.signals:
@@ -183,5 +188,6 @@ def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]
         "condition": certificate.condition or None,
         "sign_changes": certificate.sign_changes if certificate.condition else None,
         "check_points": certificate.check_points,
+        "well_posed": certificate.well_posed,
         "seconds": dict(seconds),
     }
