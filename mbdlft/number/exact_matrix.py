@@ -58,7 +58,7 @@ class ExactMatrix:
         if 0 in (n, k, m):
             return zeros(n, m, self.prime)
         residues = multiplied(self.residues, other.residues, self.prime)
-        return _paired(residues, _ball_matrix(self.balls) * _ball_matrix(other.balls), self.prime)
+        return _paired(residues, ball_matrix(self.balls) * ball_matrix(other.balls), self.prime)
 
     def __add__(self, other: "ExactMatrix") -> "ExactMatrix":
         residues = (self.residues + other.residues) % self.prime
@@ -85,7 +85,7 @@ class ExactMatrix:
         matrix = _residue_matrix(self.residues, self.prime)
         residues = _residues(matrix.solve(_residue_matrix(right.residues, self.prime)))
         try:
-            balls = _ball_matrix(self.balls).solve(_ball_matrix(right.balls))
+            balls = ball_matrix(self.balls).solve(ball_matrix(right.balls))
         except ZeroDivisionError:
             raise TooFewBitsError("the balls of a matrix contain a singular one.") from None
         return _paired(residues, balls, self.prime)
@@ -206,7 +206,15 @@ def _residues(matrix: Any) -> Residues:
     return entries.reshape(matrix.nrows(), matrix.ncols())
 
 
-def _ball_matrix(a: Balls) -> Any:
+def balls_of(a: Array) -> Balls:
+    """Doubles (n, m) as balls."""
+    found = np.empty(a.size, dtype=object)
+    found[:] = [flint.arb(x) for x in a.ravel().tolist()]
+    return found.reshape(a.shape)
+
+
+def ball_matrix(a: Balls) -> Any:
+    """The matrix of FLINT."""
     n, m = a.shape
     return flint.arb_mat(n, m, a.ravel().tolist())
 

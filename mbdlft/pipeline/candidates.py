@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
 from mbdlft.lft.exact import ExactLFT, eliminated, transposed
 from mbdlft.lft.lft import LFT, condition, eliminate
@@ -13,10 +14,13 @@ from mbdlft.number.exact_matrix import TooFewBitsError
 from mbdlft.pipeline.extract import extract
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.problem.problem import Form, Problem
+from mbdlft.reduce.balanced import in_good_coordinates
 from mbdlft.reduce.exact import reduce_exactly
 from mbdlft.reduce.reduce import in_scales, reduce_order
+from mbdlft.system.points import deltas_at
 
 _MOST_EXACT = 1500  # channels after the reduction of words: exact numbers take gigabytes for more
+_MOST_CONDITION = 1e3  # of I - M11 Delta, up to which three digits are lost and zeros are kept
 _TAKES_PART = 0.1  # in a direction that nothing determines
 
 
@@ -115,8 +119,16 @@ def _candidate(problem: Problem, form: Form) -> Candidate:
         in_scales(relations.rounded()),
         in_scales(closed.rounded()),
         exact,
-        in_scales(exact.rounded()),
+        in_good_coordinates(exact, _some_deltas(problem, exact), _MOST_CONDITION),
     )
+
+
+def _some_deltas(problem: Problem, a: ExactLFT) -> Array:
+    """Deltas (N, number of blocks) of a few of the points of the check."""
+    names = [parameter.name for parameter in problem.parameters]
+    points = problem.points[sorted({0, len(problem.points) // 2, len(problem.points) - 1})]
+    deltas = deltas_at(problem.parameters, points)
+    return np.asarray(deltas[:, [names.index(block.name) for block in a.blocks]])
 
 
 def _in_doubles(

@@ -1,0 +1,102 @@
+"""Coordinates of the channels in which an LFT keeps its digits when it is evaluated in doubles.
+
+w = T w', one T for each delta, leaves the value as it is. What enters and what leaves the channels of a
+delta,
+
+    P = [M11 M12] [M11 M12]',    Q = [M11 ; M21]' [M11 ; M21]    (rows and columns of the delta),
+
+become equal and diagonal, as Gramians do in a balanced realization (Moore 1981). Channels of beams with
+their lengths as parameters lose eight digits otherwise: I - M11 Delta then has a condition of 1e7, and of
+2 after this. T is a matrix of doubles; what it makes of the LFT is computed in balls and rounded once.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.lft.exact import ExactLFT
+from mbdlft.lft.lft import LFT
+from mbdlft.number.exact_matrix import TooFewBitsError, ball_matrix, balls_of
+from mbdlft.reduce.reduce import channel_scales, in_scales, or_one
+
+_SWEEPS = 3
+_LEAST = 1e-13  # of the trace: a direction that is smaller is taken for that large
+
+
+def in_good_coordinates(a: ExactLFT, deltas: Array, most: float) -> LFT:
+    """The LFT in doubles; in balanced coordinates if the condition of I - M11 Delta is larger otherwise.
+
+    Parameters
+    ----------
+    a : ExactLFT
+    deltas : array (N, number of blocks)
+        Where conditions are looked at.
+    most : float
+        Condition up to which the channels stay as they are, with their zeros.
+    """
+    plain = in_scales(a.rounded())
+    before = _condition(plain, deltas)
+    if before <= most:
+        return plain
+    balanced = _balanced(a, plain)
+    return balanced if _condition(balanced, deltas) < before else plain
+
+
+def _condition(a: LFT, deltas: Array) -> float:
+    """Largest condition of I - M11 Delta at some deltas."""
+    if not a.order:
+        return 1.0
+    spread = np.repeat(deltas, [block.size for block in a.blocks], axis=1)
+    return float(np.max(np.linalg.cond(np.eye(a.order) - a.M11 * spread[:, None, :])))
+
+
+def _balanced(a: ExactLFT, plain: LFT) -> LFT:
+    n = a.order
+    rough = a.rounded()
+    scale = channel_scales(rough.M11, rough.M12, rough.M21)
+    T = ball_matrix(balls_of(_transformation(plain) / scale[:, None]))
+    try:
+        inverse = T.inv()
+    except ZeroDivisionError:
+        raise TooFewBitsError(
+            "the balls of a change of coordinates contain a singular one."
+        ) from None
+    M11, M12, M21 = (
+        ball_matrix(part) for part in (a.M.balls[:n, :n], a.M.balls[:n, n:], a.M.balls[n:, :n])
+    )
+    inner = _doubles(inverse * M11 * T, n)
+    into = _doubles(inverse * M12, rough.M12.shape[1])
+    return LFT(inner, into, _doubles(M21 * T, n), rough.M22, a.blocks)
+
+
+def _transformation(a: LFT) -> Array:
+    """T (n, n), block diagonal, for an LFT whose channels are scaled."""
+    M11: Array = a.M11
+    M12, M21 = a.M12, a.M21
+    total: Array = np.eye(a.order)
+    for _ in range(_SWEEPS):
+        inputs = or_one(np.linalg.norm(M12, axis=0))
+        outputs = or_one(np.linalg.norm(M21, axis=1))[:, None]
+        T = np.eye(a.order)
+        for part in a.slices().values():
+            into = np.hstack([M11[part], M12[part] / inputs])
+            out = np.vstack([M11[:, part], M21[:, part] / outputs])
+            T[part, part] = _of_block(into @ into.T, out.T @ out)
+        M11, M12, M21 = np.linalg.solve(T, M11 @ T), np.linalg.solve(T, M12), M21 @ T
+        total = total @ T
+    return total
+
+
+def _of_block(P: Array, Q: Array) -> Array:
+    """T with T^-1 P T^-1' = T' Q T, diagonal."""
+    size = len(P)
+    P = P + _LEAST * (np.trace(P) or 1.0) * np.eye(size)
+    Q = Q + _LEAST * (np.trace(Q) or 1.0) * np.eye(size)
+    L, R = np.linalg.cholesky(P), np.linalg.cholesky(Q)
+    _, values, right = np.linalg.svd(R.T @ L)
+    return np.asarray(L @ right.T / np.sqrt(values))
+
+
+def _doubles(matrix: Any, columns: int) -> Array:
+    return np.array([float(x) for x in matrix.entries()]).reshape(-1, columns)
