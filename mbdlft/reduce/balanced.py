@@ -78,13 +78,15 @@ def _transformation(a: LFT) -> Array:
     for _ in range(_SWEEPS):
         inputs = or_one(np.linalg.norm(M12, axis=0))
         outputs = or_one(np.linalg.norm(M21, axis=1))[:, None]
-        T = np.eye(a.order)
+        T: Array = np.eye(a.order)
         for part in a.slices().values():
             into = np.hstack([M11[part], M12[part] / inputs])
             out = np.vstack([M11[:, part], M21[:, part] / outputs])
             T[part, part] = _of_block(into @ into.T, out.T @ out)
-        M11, M12, M21 = np.linalg.solve(T, M11 @ T), np.linalg.solve(T, M12), M21 @ T
-        total = total @ T
+        M11 = np.asarray(np.linalg.solve(T, M11 @ T), dtype=float)
+        M12 = np.asarray(np.linalg.solve(T, M12), dtype=float)
+        M21 = np.asarray(M21 @ T, dtype=float)
+        total = np.asarray(total @ T, dtype=float)
     return total
 
 
