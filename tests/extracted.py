@@ -37,6 +37,18 @@ def exact_matrix(values: Sequence[Sequence[float | Fraction]] | np.ndarray) -> E
         return from_rows(rows, array.shape[1], FIELD.prime)
 
 
+def eliminated_in_doubles(a: ExactLFT, count: int, rows: list[int]) -> ExactLFT:
+    """As `lft.exact.eliminated`, with the rounding of doubles: a bug that tests plant."""
+    b, n = a.rounded(), a.order
+    M = np.block([[b.M11, b.M12], [b.M21, b.M22]])
+    inner, others = slice(n, n + count), [*range(n), *range(n + count, M.shape[1])]
+    outside = [*range(n), *range(n + count, M.shape[0])]
+    solution = -np.linalg.solve(M[inner, inner], M[inner, others])
+    rest = M[outside][:, others] + M[outside][:, inner] @ solution
+    both = np.vstack([rest[:n], solution, rest[n:]])
+    return ExactLFT(exact_matrix(both[[*range(n), *(n + k for k in rows)]]), a.blocks)
+
+
 def exactly(a: LFT) -> ExactLFT:
     """An LFT of doubles in exact numbers."""
     return ExactLFT(exact_matrix(np.block([[a.M11, a.M12], [a.M21, a.M22]])), a.blocks)
