@@ -13,6 +13,7 @@ from mbdlft.number.exact_matrix import ExactMatrix, from_rows
 from mbdlft.pipeline.extract import extract
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.reduce.exact import reduce_exactly
+from mbdlft.reduce.reduce import in_scales
 
 FIELD = Field()
 
@@ -24,9 +25,9 @@ def extracted(relations: LinearModel, maps: Sequence[BilinearMap] | None = None)
 
 
 def reduced(relations: LinearModel) -> LFT:
-    """Relations as an LFT in doubles, reduced in exact numbers."""
+    """Relations as an LFT in doubles, reduced in exact numbers, in the scales of a model."""
     with precision(BITS):
-        return reduce_exactly(extract(relations).lft).rounded()
+        return in_scales(reduce_exactly(extract(relations).lft).rounded())
 
 
 def exact_matrix(values: Sequence[Sequence[float | Fraction]] | np.ndarray) -> ExactMatrix:

@@ -64,6 +64,7 @@ ATTRIBUTES = {
         "truncation_error",
         "condition",
         "sign_changes",
+        "exact_bound",
     ),
     "provenance": ("scene", "mbdlft", "casadi", "numpy", "h5py", "created"),
 }
@@ -133,6 +134,8 @@ def test_attributes(stored):
     wanted = {name: set(names) for name, names in ATTRIBUTES.items()}
     if not model.description:
         wanted[""] -= {"description"}
+    if not model.certificate.exact_bound:
+        wanted["certificate"] -= {"exact_bound"}
     assert {name: names for name, names in found.items() if names} == wanted
     assert group.attrs["encoding_type"] == "lft-model"
     assert group.attrs["encoding_version"] == "1.0"
