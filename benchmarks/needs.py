@@ -27,6 +27,7 @@ from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals, choose_states
 from mbdlft.pipeline.build import build
 from mbdlft.pipeline.certify import ACCEPTED
+from mbdlft.sx.constants import in_doubles
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 LINKS = 10
@@ -125,7 +126,8 @@ def instructions(scene: mbdlft.Scene) -> int:
     """Length of the tape of the linear relations."""
     equations = assemble(scene)
     m = choose_states(scene, equations, *choose_signals(scene, equations)).relations
-    tape = ca.Function("tape", [ca.vertcat(m.unknown, m.known), m.p], [m.residual, m.output])
+    found = in_doubles(ca.vertcat(m.residual, m.output))
+    tape = ca.Function("tape", [ca.vertcat(m.unknown, m.known), m.p], [found])
     return int(tape.n_instructions())
 
 

@@ -444,6 +444,7 @@ CASES = (
     mass_ratio(1e9, 1.0),
     mass_ratio(1.0, 1e9),
     sizes(),
+    sizes(1e-6, 1.0),
     light_tip(),
     one_size(1e-6),
     one_size(1e3),
@@ -459,5 +460,4 @@ CASES = (
     long_chain(20),
     long_chain(20, inverted=True),
 )
-REFUSED = sizes(1e-6, 1.0)
 LARGE = (many_channels(), long_chain(), long_chain(inverted=True))

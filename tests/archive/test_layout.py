@@ -64,6 +64,7 @@ ATTRIBUTES = {
         "truncation_error",
         "condition",
         "sign_changes",
+        "exact_bound",
     ),
     "provenance": ("scene", "mbdlft", "casadi", "numpy", "h5py", "created"),
 }
@@ -133,6 +134,8 @@ def test_attributes(stored):
     wanted = {name: set(names) for name, names in ATTRIBUTES.items()}
     if not model.description:
         wanted[""] -= {"description"}
+    if not model.certificate.exact_bound:
+        wanted["certificate"] -= {"exact_bound"}
     assert {name: names for name, names in found.items() if names} == wanted
     assert group.attrs["encoding_type"] == "lft-model"
     assert group.attrs["encoding_version"] == "1.0"
@@ -150,6 +153,7 @@ def test_attributes(stored):
         "exact": np.dtype(bool),
         "truncation_error": np.dtype("<f8"),
         "condition": np.dtype("<f8"),
+        **({"exact_bound": np.dtype(bool)} if model.certificate.exact_bound else {}),
         "sign_changes": np.dtype("<i8"),
     }
 

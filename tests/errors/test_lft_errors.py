@@ -18,9 +18,9 @@ from mbdlft.lft.lft import (
     stack_rows,
     star,
 )
-from mbdlft.pipeline.extract import extract
 from mbdlft.problem.linearize import LinearModel
 from tests.errors.scenes import says
+from tests.extracted import extracted as in_doubles
 
 D, HALF = delta("mass"), np.array([[0.5]])
 
@@ -133,7 +133,7 @@ P, X, Z = ca.SX.sym("p"), ca.SX.sym("x"), ca.SX.sym("z")
 
 def extracted(residual: ca.SX) -> LFT:
     p = Parameter("ratio", 1.0, 0.5, 2.0)
-    return extract(LinearModel(residual, ca.SX(0, 1), X, Z, P, (p,))).lft
+    return in_doubles(LinearModel(residual, ca.SX(0, 1), X, Z, P, (p,)))
 
 
 @pytest.mark.parametrize(

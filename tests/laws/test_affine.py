@@ -13,18 +13,18 @@ import pytest
 
 from benchmarks.cases.chains import chain
 from mbdlft.lft.evaluate import evaluate_at
-from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows, transpose
+from mbdlft.lft.lft import LFT, constant, delta, eliminate, inverse, stack_columns, stack_rows, transpose
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.pipeline import search
-from mbdlft.pipeline.extract import extract
-from mbdlft.pipeline.realization import _solved
+from mbdlft.pipeline.candidates import candidates
 from mbdlft.problem.linearize import linearize
 from mbdlft.reduce import affine
 from mbdlft.reduce.affine import is_affine, is_polynomial, move_affine
 from mbdlft.reduce.reduce import reduce_order
 from mbdlft.reduce.work import Work
 from tests.close import roundoff
+from tests.extracted import extracted
 from tests.laws.turned import forces_turned_on_the_way
 
 
@@ -32,7 +32,7 @@ def relations(links: int, *, spatial: bool) -> LFT:
     """Of forces that turn on the way in: there is something left to find."""
     with forces_turned_on_the_way():
         equations = assemble(chain(links, spatial=spatial))
-    return reduce_order(extract(linearize(equations, range(links), range(links))).lft)
+    return reduce_order(extracted(linearize(equations, range(links), range(links))))
 
 
 def example() -> LFT:
@@ -111,9 +111,18 @@ def test_closed_relations_of_a_chain_are_kept() -> None:
     """Solving for accelerations makes no right result wrong."""
     scene = chain(3, spatial=False)
     problem = problem_of_scene(scene)
-    form = problem.forms[0]
-    a = reduce_order(extract(form.relations).lft)
-    level = finishing(a, lambda one: _solved(problem, form, one))
+    (found,) = candidates(problem, problem.forms)
+    a, relations = found.relations, found.form.relations
+    n = relations.unknown.numel()
+    rows = [*range(relations.derivatives), *range(n, n + relations.output.numel())]
+
+    def close(one: LFT) -> LFT:
+        solved = eliminate(one, n)
+        return reduce_order(
+            LFT(solved.M11, solved.M12, solved.M21[rows], solved.M22[rows], solved.blocks)
+        )
+
+    level = finishing(a, close)
     moved = move_affine(a, ("L0", "L1", "L2"), ("m0", "m1", "m2"), Work())
     assert moved is not None
     assert level.keeps(Work(), level.exact, moved)

@@ -16,9 +16,9 @@ from mbdlft.bound import degree as bound
 from mbdlft.bound.degree import Bound, degree_bounds, lower_bound
 from mbdlft.lft.lft import LFT, Block, constant, delta, inverse, stack_diagonal, with_blocks
 from mbdlft.multibody.assembly import assemble
-from mbdlft.pipeline.extract import extract
 from mbdlft.problem.linearize import linearize
 from mbdlft.reduce.reduce import reduce_order
+from tests.extracted import extracted
 from tests.laws.lfts import padded
 
 PRIME = 2**61 - 1
@@ -266,7 +266,7 @@ def chain(links: int) -> LFT:
     scene = mbdlft.Scene(
         name="chain", gravity=(0, 0, -9.81), parameters=parameters, bodies=bodies, joints=joints
     )
-    return extract(linearize(assemble(scene), range(links), range(links))).lft
+    return extracted(linearize(assemble(scene), range(links), range(links)))
 
 
 def test_degrees_of_a_chain() -> None:

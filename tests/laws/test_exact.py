@@ -2,13 +2,9 @@
 
 1. a polynomial in one parameter needs its degree, a product of coprime fractions the sum of theirs
 2. what is equal as a rational function has one bound, however it is written
-3. the bound in double precision never exceeds it, and no reduced model is smaller
-4. residues are a field: they agree with fractions
+3. it is the rank of a Loewner matrix modulo another prime, and no reduced model is smaller
+4. constants that are not rational have their relations
 """
-
-import builtins
-from fractions import Fraction
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -16,9 +12,13 @@ from hypothesis import strategies as st
 
 import mbdlft
 from mbdlft import Angle, MatrixProblem, Parameter, exact_lower_bound
-from mbdlft.lft.lft import LFT
-from mbdlft.matrix import exact_bound as exact
-from mbdlft.number.residue import PRIME, Residue
+from mbdlft.bound import exact
+from mbdlft.lft.lft import constant, delta, inverse
+from mbdlft.number.exact_matrix import Residues
+from mbdlft.reduce import exact as exact_spaces
+from tests.extracted import exactly
+from tests.laws.lfts import lfts
+from tests.laws.loewner import degrees as degrees_by_ranks
 
 A, B = Parameter("a", 0.5, 0.3, 0.8), Parameter("b", 1.5, 1.0, 2.0)
 
@@ -62,14 +62,15 @@ entries = st.recursive(
 
 
 @given(st.lists(st.lists(entries, min_size=2, max_size=2), min_size=2, max_size=2))
-def test_no_model_is_smaller_and_double_precision_is_not_above(matrix: list[list[str]]) -> None:
+def test_no_model_is_smaller_and_another_prime_says_the_same(matrix: list[list[str]]) -> None:
     proved = bound(*matrix)
     problem = MatrixProblem(matrix=matrix, parameters=(A, B))
     model = mbdlft.realize(problem, search=0.0)
-    for name, order, numerical in zip(
+    assert proved == degrees_by_ranks(matrix, "ab")
+    for name, order, claimed in zip(
         "ab", model.certificate.order, model.certificate.lower_bound, strict=True
     ):
-        assert numerical <= proved[name] <= order
+        assert claimed == proved[name] <= order
     doubled = [[f"({text} + b*a - a*b)" for text in row] for row in matrix]
     assert bound(*doubled) == proved
 
@@ -91,83 +92,59 @@ def test_angles(text: str, degree: int) -> None:
         assert bound([text], parameters=(angle,)) == {"th": degree * factor}
 
 
-rationals = st.fractions(min_value=-100, max_value=100, max_denominator=99)
-
-
-@given(rationals, rationals, rationals)
-def test_residues_are_a_field(x: Fraction, y: Fraction, z: Fraction) -> None:
-    def image(value: Fraction) -> int:
-        return value.numerator * pow(value.denominator, -1, PRIME) % PRIME
-
-    a, b, c = (Residue(image(value)) for value in (x, y, z))
-    assert (a * b + c - 2.5).value == image(x * y + z - Fraction(5, 2))
-    assert (-(3.0 - a * 0.1)).value == image(x / 10 - 3)
-    if y:
-        assert (a / b).value == image(x / y)
-        assert (1.0 / b).value == image(1 / y)
-
-
-def test_a_float_is_the_decimal_it_prints_as() -> None:
-    assert Residue.of(0.1).value * 10 % PRIME == 1
-    assert Residue.of(1e-3).value * 1000 % PRIME == 1
-
-
-@pytest.mark.parametrize("text", ["sqrt(2)*a", "pi*a", "a*sin(0.3)", "sin(th + 0.1)", "a + 30*deg"])
-def test_numbers_that_are_not_rational_are_refused(text: str) -> None:
-    with pytest.raises(mbdlft.NotRationalError, match=r"entry \(0, 0\).*is not a rational number"):
-        bound([text], parameters=(A, Angle("th", 0, -20, 20)))
+@pytest.mark.parametrize(
+    ("text", "degrees"),
+    [
+        ("sqrt(2)*a", (1, 0)),
+        ("sqrt(2)*a*sqrt(3) - a*sqrt(6)", (0, 0)),
+        ("pi*a - 180*deg*a", (0, 0)),
+        ("a*sin(0.3)^2 + a*cos(0.3)^2 - a + b", (0, 1)),
+        ("a + (cos(60*deg) - 0.5)*b", (1, 0)),
+        ("a + (cos(60*deg) - 0.500000000001)*b", (1, 1)),
+    ],
+)
+def test_constants_have_their_relations(text: str, degrees: tuple[int, int]) -> None:
+    law_closed_form([[text]], degrees)
 
 
 def test_denominator_that_is_zero_everywhere_is_refused() -> None:
-    with pytest.raises(mbdlft.WellPosednessError, match="zero whatever the values"):
+    with pytest.raises(mbdlft.WellPosednessError, match="vanishes in the range"):
         bound(["1/(a*b - b*a)"])
 
 
-def test_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    original = builtins.__import__
+@given(lfts(2, 2))
+def test_degrees_are_not_above_the_order(a: mbdlft.LFT) -> None:
+    found = exact.exact_degrees(exactly(a))
+    assert all(degree <= dict(a.blocks)[name] for name, degree in found.items())
 
-    def without(name: str, *arguments: Any, **named: Any) -> Any:
-        if name == "flint":
-            raise ImportError(name)
-        return original(name, *arguments, **named)
 
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(mbdlft.AnalysisError, match=r"pip install 'mbdlft\[exact\]'"):
-        bound(["a"])
+def test_degrees_of_an_lft_that_is_not_minimal() -> None:
+    """(p q - q p) t is zero, though every channel is seen and reached."""
+    p, q, t = (constant([[0.25]]) + delta(name) for name in "pqt")
+    cases = [
+        (t + (p @ q - q @ p) @ t, {"p": 0, "q": 0, "t": 1}),
+        (p @ q @ p + t @ t, {"p": 2, "q": 1, "t": 2}),
+        (inverse(1.0 + p @ q) @ t, {"p": 1, "q": 1, "t": 1}),
+    ]
+    for a, degrees in cases:
+        assert exact.exact_degrees(exactly(a)) == degrees
 
 
 def test_planted_bugs_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Values taken for differences count too much; one sample on each side counts too little."""
-    right = exact._loewner
+    """Degrees at zero instead of random values; what is not observable counts; one step too few."""
+    with monkeypatch.context() as patch:
+        patch.setattr(exact, "at_random", lambda a, seed: a.M.residues)
+        with pytest.raises(AssertionError):
+            law_closed_form([["a*b + a*b^2", "b^3"]], (1, 3))
+            law_closed_form([["(a - 0.5)*(b - 1.5)"]], (1, 1))
 
-    def values_only(flint: Any, left: Any, above: Any) -> Any:
-        zero = [(m, [[0] * len(row) for row in rows]) for m, rows in above]
-        return right(flint, left, zero)
+    def reachable_only(M: Residues, sizes: list[int], prime: int) -> tuple[Residues, list[int]]:
+        return M, [len(space.pivots) for space in right(M, sizes, prime)]
 
-    monkeypatch.setattr(exact, "_loewner", values_only)
+    def right(M: Residues, sizes: list[int], prime: int) -> list[exact_spaces.Space]:
+        n = sum(sizes)
+        return exact_spaces.reachable_bases(M[:n, :n], M[:n, n:], sizes, prime)
+
+    monkeypatch.setattr(exact, "minimal", reachable_only)
     with pytest.raises(AssertionError):
-        law_closed_form([["1/(1 + a)^3"]], (3, 0))
-    monkeypatch.setattr(
-        exact, "_loewner", lambda flint, left, above: right(flint, left[:1], above[:1])
-    )
-    with pytest.raises(AssertionError):
-        law_closed_form([["a^7 + 2*a - 1"]], (7, 0))
-
-
-def test_a_model_below_the_proved_bound_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Terms that differ by rounding only are merged in double precision; the numbers differ."""
-    from mbdlft.pipeline import realization
-
-    def merged(lft: LFT) -> LFT:
-        return mbdlft.LFT(lft.M11[:0, :0], lft.M12[:0], lft.M21[:, :0], lft.M22)
-
-    problem = MatrixProblem(matrix=[["a"]], parameters=(A,))
-    monkeypatch.setattr(
-        realization,
-        "reduce_order",
-        lambda lft: realization.with_blocks(merged(lft), ["a"]),
-    )
-    with pytest.raises(
-        mbdlft.AnalysisError, match="need 1 repetitions of a, and reduction in double"
-    ):
-        mbdlft.realize(problem, exact=True, search=0.0)
+        test_degrees_of_an_lft_that_is_not_minimal()

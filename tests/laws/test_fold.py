@@ -13,6 +13,7 @@ from mbdlft.base.expression import evaluate, parse
 from mbdlft.matrix.symbolic import matrix_problem
 from mbdlft.multibody.equilibrium.fit.system import _ARRAYS
 from mbdlft.number import interval, taylor
+from mbdlft.number.exact import BITS, precision
 from mbdlft.number.interval import Interval
 from mbdlft.pipeline.extract.close import close
 from mbdlft.pipeline.extract.tape import walk
@@ -99,7 +100,9 @@ def of_graphs(function: ca.Function, x: float, y: float) -> None:
     (value,) = function.call([p[0], p[1]])
     graph = walk(ca.Function("f", [s, p], [value * s]), ["x", "y"])
     maps = [mbdlft.Parameter("p", at, 0.5 * at, 2.0 * at).map for at in (x, y)]
-    roundoff(close(graph, ["x", "y"], maps).M22, [[float(function(x, y))]])
+    with precision(BITS):
+        found = close(graph, ["x", "y"], maps).rounded()
+    roundoff(found.M22, [[float(function(x, y))]])
 
 
 def of_texts(function: ca.Function, x: float, y: float) -> None:

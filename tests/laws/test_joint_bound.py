@@ -37,10 +37,10 @@ from mbdlft.lft.lft import (
     transpose,
 )
 from mbdlft.multibody.assembly import assemble
-from mbdlft.pipeline.extract import extract
 from mbdlft.problem.linearize import linearize
 from mbdlft.reduce.reduce import reduce_order
 from tests.close import roundoff
+from tests.extracted import extracted
 
 KAPPA = 1e3
 RESIDUE = 1e-17  # what cancelling leaves of terms of size one
@@ -56,7 +56,7 @@ def bound(a: LFT) -> int:
 def relations(links: int, *, spatial: bool) -> LFT:
     """The LFT of the relations of a chain, all joints driven and measured."""
     equations = assemble(chain(links, spatial=spatial))
-    return reduce_order(extract(linearize(equations, range(links), range(links))).lft)
+    return reduce_order(extracted(linearize(equations, range(links), range(links))))
 
 
 def parameter(name: str, nominal: float) -> LFT:

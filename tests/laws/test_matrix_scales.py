@@ -1,7 +1,7 @@
 """Laws of realize for matrices in any units, with common factors left in, and with digits that cancel.
 
 1. rows, columns and parameters scaled by any powers of ten: order, bounds and relative errors stay
-2. bounds are not above those of exact arithmetic where common factors are left in, or ranges are small
+2. bounds are the degrees where common factors are left in, or ranges are small, as ranks modulo a prime
 3. numbers that cancel as decimals leave nothing
 4. parameters far from zero: models have the digits that differences of them have
 5. the error in the certificate is not below that of the model, and its condition says why it is large
@@ -17,16 +17,24 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
+import flint
 import numpy as np
 import pytest
 
 import mbdlft
 from mbdlft import Angle, Parameter, realize
-from mbdlft.bound.degree import moved
-from mbdlft.matrix import local, polynomial, symbolic, to_problem
-from mbdlft.pipeline import realization
-from mbdlft.pipeline.extract import graph
-from tests.close import CLOSED_FORM
+from mbdlft.matrix import polynomial, symbolic, to_problem
+from mbdlft.lft.exact import ExactLFT
+from mbdlft.matrix.to_problem import problem_of_matrix
+from mbdlft.number.exact_matrix import ExactMatrix, rough_values
+from mbdlft.pipeline import candidates, realization
+from mbdlft.pipeline.extract import close as closing
+from mbdlft.pipeline.extract import tape
+from mbdlft.pipeline.extract.dependence import Row
+from mbdlft.reduce.reduce import channel_scales
+from tests.close import CLOSED_FORM, exact, target
+from tests.extracted import exactly
+from tests.laws.loewner import degrees
 
 A, B = Parameter("a", 0.2, -0.5, 0.6), Parameter("b", 0.15, -0.4, 0.5)
 Rows = list[list[str]]
@@ -89,12 +97,18 @@ TANGENT: Unreduced = (
     [Angle("th", 1e-4, 1e-5, 1e-3, unit="rad")],
 )
 # numbers of which only rounding is left in double precision, and nothing as decimals
-CANCELED: list[Unreduced] = [
-    ([["(0.7*a+0.1*b-0.3*a-0.4*a)/(1+b)"]], [A, B]),
-    ([["1e-3*(0.7*a+1e-4*b-0.3*a-0.4*a)/(1+b)"]], [A, B]),
-    ([["(0.87*b+0.93*b-1.8*b)/(1+a)", "1/(1+b)"]], [A, B]),
-    ([["a/(1+b)", "(1.1*a+2.2*a-3.3*a)/(1+a)"]], [A, B]),
-    ([["(0.1*a+0.2*a-0.3*a)*1e17/(1+b)"]], [A, B]),
+CANCELED: list[tuple[Rows, Rows]] = [  # and what is left of them
+    ([["(0.7*a+0.1*b-0.3*a-0.4*a)/(1+b)"]], [["0.1*b/(1+b)"]]),
+    ([["1e-3*(0.7*a+1e-4*b-0.3*a-0.4*a)/(1+b)"]], [["1e-7*b/(1+b)"]]),
+    ([["(0.87*b+0.93*b-1.8*b)/(1+a)", "1/(1+b)"]], [["0", "1/(1+b)"]]),
+    ([["a/(1+b)", "(1.1*a+2.2*a-3.3*a)/(1+a)"]], [["a/(1+b)", "0"]]),
+    ([["(0.1*a+0.2*a-0.3*a)*1e17/(1+b)"]], [["0"]]),
+    ([["a + 1e13*b - 1e13*b"]], [["a"]]),
+    ([["a + 1e130*b - 1e130*b"]], [["a"]]),
+    ([["a + 0.123456789012345678*b - 0.123456789012345677*b - 1e-18*b"]], [["a"]]),
+    ([["a + sqrt(2)*sqrt(3)*b - sqrt(6)*b"]], [["a"]]),
+    ([["a + (cos(36*deg) - cos(72*deg) - 0.5)*b"]], [["a"]]),
+    ([["a + (sin(0.3)^2 + cos(0.3)^2 - 1)*b"]], [["a"]]),
 ]
 THOUSAND = Parameter("a", 1000.3, 999.3, 1001.3)
 FAR = [
@@ -157,7 +171,7 @@ def scaled(rows: Rows, seed: int) -> tuple[Rows, list[Parameter]]:
 
 
 def law_scaled(rows: Rows, seed: int) -> None:
-    plain = realize(rows, [A, B], search=0.0, exact=True)
+    plain = realize(rows, [A, B], search=0.0)
     model = law_values(*scaled(rows, seed))
     assert model.certificate.order == plain.certificate.order
     assert model.certificate.lower_bound == plain.certificate.lower_bound
@@ -170,19 +184,41 @@ def test_units_change_nothing(rows: Rows, seed: int) -> None:
 
 
 def test_planted_scaling_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rows, columns and parameters in the units they came in."""
+    """Entries that are small beside others are taken for zero."""
+    right = closing.from_rows
 
-    def plain(parameters: Sequence[Parameter], *, from_nominal: bool) -> list[local.Local]:
-        return [local.Local(0.0, 1.0, p.map) for p in parameters]
+    def dropped(rows: Sequence[Row], width: int, prime: int) -> ExactMatrix:
+        found = right(rows, width, prime)
+        size = np.abs(rough_values(found))
+        small = size < 1e-12 * np.max(size, initial=0.0)
+        found.residues[small], found.balls[small] = 0, flint.arb(0)
+        return found
 
-    def ones(values: np.ndarray) -> tuple[np.ndarray, ...]:
-        return tuple(map(np.ones, values.shape[1:]))
-
-    for module in (symbolic, polynomial):
-        monkeypatch.setattr(module, "local_units", plain)
-    monkeypatch.setattr(to_problem, "_units", ones)
+    monkeypatch.setattr(closing, "from_rows", dropped)
     with pytest.raises((AssertionError, mbdlft.AnalysisError)):
         law_all_scaled()
+
+
+def law_small_entry() -> None:
+    """A thousandth of an entry is an error whatever the unit of the entry is."""
+    problem = problem_of_matrix(mbdlft.matrix_problem([["1e-20*a", "1e20*b"]], [A, B]))
+    a = realize([["1e-20*a", "1e20*b"]], [A, B], search=0.0).lft
+    wrong = np.array([1.001, 1.0])
+    with pytest.raises(mbdlft.AnalysisError, match=r"differs from the matrix by 1\.0e-03"):
+        realization._Check(problem).model(
+            mbdlft.LFT(a.M11, a.M12 * wrong, a.M21, a.M22 * wrong, a.blocks), None
+        )
+
+
+def test_small_entries_are_compared() -> None:
+    law_small_entry()
+
+
+def test_planted_units_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows and columns in the units they came in."""
+    monkeypatch.setattr(to_problem, "_units", lambda v: tuple(map(np.ones, v.shape[1:])))
+    with pytest.raises(pytest.fail.Exception):
+        law_small_entry()
 
 
 def law_all_scaled() -> None:
@@ -191,40 +227,59 @@ def law_all_scaled() -> None:
 
 
 def law_bound(case: Unreduced) -> None:
-    """No more is proved than exact arithmetic proves."""
-    proved, exact = (
-        realize(*case, search=0.0, exact=exact).certificate.lower_bound for exact in (False, True)
-    )
-    assert all(bound <= truth for bound, truth in zip(proved, exact, strict=True)), (proved, exact)
+    """What is proved are the degrees."""
+    rows, parameters = case
+    proved = realize(*case, search=0.0).certificate.lower_bound
+    assert proved == tuple(degrees(rows, sorted(p.name for p in parameters)).values())
 
 
-@pytest.mark.parametrize("case", UNREDUCED)
+@pytest.mark.parametrize("case", [*UNREDUCED, TANGENT], ids=["2 x 4", "5 x 4", "tangent"])
 def test_what_cancels_proves_nothing(case: Unreduced) -> None:
     law_bound(case)
 
 
-def test_planted_twin_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A twin that has the error of the data, but not that of the model: tan(th/2) has one pole."""
-    law_bound(TANGENT)
-    monkeypatch.setattr(realization, "moved", lambda a, seed, error: moved(a, seed))
-    with pytest.raises(AssertionError):
-        law_bound(TANGENT)
+def test_planted_doubles_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Degrees of the model in doubles: only by commutation factors are seen to be common."""
+    right = realization.exact_degrees
+    monkeypatch.setattr(realization, "exact_degrees", lambda a, seed: right(in_doubles(a), seed))
+    for case in UNREDUCED:
+        with pytest.raises(AssertionError):
+            law_bound(case)
 
 
-@pytest.mark.parametrize(("rows", "parameters"), CANCELED, ids=str)
-def test_numbers_that_cancel_are_nothing(rows: Rows, parameters: list[Parameter]) -> None:
-    """0.1 + 0.2 - 0.3 is zero, as a coefficient and as an entry, whatever stands beside it."""
-    plain = realize(rows, parameters, search=0.0, exact=True)
-    model = law_values(rows, parameters)
+def in_doubles(a: ExactLFT) -> ExactLFT:
+    """Entries with the rounding of doubles."""
+    return exactly(a.rounded())
+
+
+def law_canceled(rows: Rows, left: Rows) -> None:
+    plain, model = (realize(text, [A, B], search=0.0) for text in (left, rows))
     assert model.certificate.order == plain.certificate.order
     assert model.certificate.lower_bound == plain.certificate.lower_bound
+    assert model.certificate.minimal
+    points = mbdlft.random(model.parameters, 20, seed=3)
+    found, expected = (mbdlft.matrices_at(each, points).D for each in (model, plain))
+    target(found, expected, CLOSED_FORM)
+
+
+@pytest.mark.parametrize(("rows", "left"), CANCELED, ids=str)
+def test_numbers_that_cancel_are_nothing(rows: Rows, left: Rows) -> None:
+    """0.1 + 0.2 - 0.3 is zero, as a coefficient and as an entry, whatever stands beside it."""
+    law_canceled(rows, left)
 
 
 def test_planted_coefficient_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What rounding leaves of a coefficient is kept."""
-    monkeypatch.setattr(graph, "ROUNDING", 0.0)
-    with pytest.raises(AssertionError):
-        test_numbers_that_cancel_are_nothing(*CANCELED[0])
+    """Numbers are the doubles next to them."""
+
+    def binary(value: float) -> Fraction:
+        return Fraction(float(value))
+
+    monkeypatch.setattr(tape, "constant_of", binary)
+    monkeypatch.setattr(polynomial, "decimal", binary)
+    monkeypatch.setattr(symbolic, "literal", float)
+    for case in (*CANCELED[:2], *CANCELED[3:5]):
+        with pytest.raises((AssertionError, mbdlft.AnalysisError)):
+            law_canceled(*case)
 
 
 @pytest.mark.parametrize("size", [1e-7, 1e-4, 1e7, 1e14])
@@ -234,11 +289,25 @@ def test_powers_in_any_unit(rows: Rows, size: float) -> None:
     assert model.certificate.minimal
 
 
+def law_channels(size: float) -> None:
+    """What enters and what leaves a channel has one size."""
+    x = Parameter("x", size, 0.5 * size, 2.0 * size)
+    problem = problem_of_matrix(mbdlft.matrix_problem([["1/x^2"], ["x^2"]], [x]))
+    for found in candidates.candidates(problem, problem.forms):
+        for a in (found.lft, found.closed, found.relations):
+            exact(channel_scales(a.M11, a.M12, a.M21), np.ones(a.order))
+
+
+@pytest.mark.parametrize("size", [1e-7, 1.0, 1e7])
+def test_channels_have_one_size(size: float) -> None:
+    law_channels(size)
+
+
 def test_planted_channels_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Channels as they come out of the text."""
-    monkeypatch.setattr(realization, "in_scales", lambda a: a)
-    with pytest.raises((AssertionError, mbdlft.AnalysisError)):
-        test_powers_in_any_unit([["1/x^2"], ["x^2"]], 1e7)
+    monkeypatch.setattr(candidates, "in_scales", lambda a: a)
+    with pytest.raises(AssertionError):
+        law_channels(1e7)
 
 
 @pytest.mark.parametrize(("rows", "parameters"), FAR)
@@ -247,14 +316,9 @@ def test_differences_have_their_digits(rows: Rows, parameters: list[Parameter]) 
 
 
 def test_planted_start_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Forms in the parameters themselves, far from zero."""
-    right = local.local_units
-
-    def from_zero(parameters: Sequence[Parameter], *, from_nominal: bool) -> list[local.Local]:
-        return right(parameters, from_nominal=False)
-
-    for module in (symbolic, polynomial):
-        monkeypatch.setattr(module, "local_units", from_zero)
+    """Balls have the bits of doubles, and are taken as they are."""
+    monkeypatch.setattr(candidates, "BITS", 53)
+    monkeypatch.setattr(ExactMatrix, "values", rough_values)
     with pytest.raises(mbdlft.AnalysisError, match="differs from the matrix by"):
         law_values(*FAR[0])
 

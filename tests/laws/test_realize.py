@@ -19,8 +19,7 @@ from hypothesis import strategies as st
 import mbdlft
 from mbdlft import Angle, Constant, MatrixProblem, Parameter, realize
 from mbdlft.matrix import denominator, symbolic, to_problem
-from mbdlft.matrix import resolve as resolving
-from mbdlft.matrix.local import MatrixForm
+from mbdlft.matrix.resolve import MatrixForm
 from mbdlft.number.interval import FUNCTIONS, Interval
 from tests.archive.models import same
 from tests.close import CLOSED_FORM, exact, roundoff, target
@@ -222,8 +221,9 @@ def test_angles_are_angles(unit: str, substitution: str) -> None:
 
 def test_planted_rotation_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cosine and sine of the constant part exchanged."""
-    right = resolving.exact_cosine_sine
-    monkeypatch.setattr(resolving, "exact_cosine_sine", lambda angle: right(angle)[::-1])
+    right = dict(symbolic.FUNCTIONS)
+    monkeypatch.setitem(symbolic.FUNCTIONS, "cos", right["sin"])
+    monkeypatch.setitem(symbolic.FUNCTIONS, "sin", right["cos"])
     with pytest.raises((AssertionError, mbdlft.MbdlftError)):
         law_angles("deg", "half-angle")
 

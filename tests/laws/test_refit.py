@@ -22,7 +22,6 @@ from mbdlft.lft.lft import LFT, Block, fix, with_blocks
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals
 from mbdlft.pipeline import search
-from mbdlft.pipeline.extract import extract
 from mbdlft.pipeline.search import Budget, find_smallest
 from mbdlft.problem.linearize import linearize
 from mbdlft.reduce import min_rank
@@ -32,6 +31,7 @@ from mbdlft.reduce.reduce import reduce_order
 from mbdlft.reduce.refit import one_less
 from mbdlft.reduce.work import Work
 from tests.close import roundoff
+from tests.extracted import reduced
 
 KAPPA = 1e4
 TRIES, SEEDS = 6, 8
@@ -47,7 +47,7 @@ def chain_in_space(links: int, *names: str) -> LFT:
     """Equations of motion with few parameters, after all that does not fit."""
     scene = chain(links, spatial=True)
     equations = assemble(scene)
-    whole = extract(linearize(equations, *choose_signals(scene, equations))).lft
+    whole = reduced(linearize(equations, *choose_signals(scene, equations)))
     others = {name: 0.1 for name, _ in whole.blocks if name not in names}
     return independent(with_blocks(reduce_order(fix(whole, others)), sorted(names)), Work())
 

@@ -7,9 +7,9 @@ import pytest
 from mbdlft import Parameter
 from mbdlft.base.parameter import to_delta
 from mbdlft.lft.evaluate import evaluate
-from mbdlft.pipeline.extract import extract
 from mbdlft.problem.linearize import LinearModel
 from tests.close import roundoff
+from tests.extracted import extracted
 
 X, Z, P = ca.SX.sym("x"), ca.SX.sym("z"), ca.SX.sym("p")
 SUM = P * P + 3.0
@@ -34,7 +34,7 @@ def test_operation(name: str) -> None:
     parameter = Parameter("p", 1.0, 0.5, 2.0)
     residual = EXPRESSIONS[name]
     function = ca.Function("relation", [X, Z, P], [residual])
-    lft = extract(LinearModel(residual, ca.SX(0, 1), X, Z, P, (parameter,))).lft
+    lft = extracted(LinearModel(residual, ca.SX(0, 1), X, Z, P, (parameter,)))
     points = np.linspace(0.5, 2.0, 7)
     found = evaluate(lft, {"p": to_delta(parameter, points)})
     expected = [[[float(function(*unit, p)) for unit in ((1, 0), (0, 1))]] for p in points]

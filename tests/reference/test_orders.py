@@ -17,7 +17,7 @@ import mbdlft
 from benchmarks.cases.orders import CASES, Case, points
 from benchmarks.cases.rewrite import exact_value, exact_values, rewritten
 from mbdlft import LFTModel, MatrixProblem
-from mbdlft.pipeline import certify, realization
+from mbdlft.pipeline import candidates, certify
 from mbdlft.pipeline.extract import Extraction
 from tests.close import SCENARIO, target
 
@@ -88,13 +88,13 @@ def test_planted_bug_in_the_walk_is_found(monkeypatch: pytest.MonkeyPatch) -> No
     case = next(case for case in CASES if case.name == "O12")
     expected = exact_values(case.matrix, points(case, 5))
     law_values(mbdlft.realize, case, case.matrix, expected, 5)
-    right = realization.extract
+    right = candidates.extract
 
     def transposed(*arguments: Any) -> Extraction:
         found = right(*arguments)
-        return found._replace(lft=realization.transpose(found.lft))
+        return found._replace(lft=candidates.transposed(found.lft))
 
-    monkeypatch.setattr(realization, "extract", transposed)
+    monkeypatch.setattr(candidates, "extract", transposed)
     with pytest.raises(mbdlft.AnalysisError, match="differs from the matrix by"):
         mbdlft.realize(case.problem(), search=0.0)
     monkeypatch.setattr(certify, "ACCEPTED", np.inf)

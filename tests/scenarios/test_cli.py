@@ -113,7 +113,6 @@ def test_json_has_the_promised_keys(
         "assemble",
         "trim",
         "linearize",
-        "extract",
         "reduce",
         "bound",
         "check",
@@ -150,8 +149,8 @@ def test_realize_writes_archive_and_table(
     code, out, _ = run(monkeypatch, capsys, "realize", MISSILE, "--json", "--search", "0")
     found = json.loads(out)
     assert (code, found["name"], found["lower_bound"]) == (0, "missile", 10)
-    assert found["exact_bound"] is False
-    stages = {"read", "resolve", "extract", "reduce", "bound", "check", "total"}
+    assert found["exact_bound"] is True
+    stages = {"read", "resolve", "reduce", "bound", "check", "total"}
     assert set(found["seconds"]) == stages
 
 

@@ -1,0 +1,241 @@
+"""Laws of constants in CasADi SX, and of literals.
+
+1. with doubles in their places, expressions are what folding in doubles gives
+2. directions have unit length, parallel ones are one, and zeros are zeros
+3. functions of constants that are rational are, and have their relations otherwise
+4. a literal is all of its digits
+"""
+
+import math
+import pickle
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from functools import cache
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import mbdlft
+from mbdlft import Parameter, realize
+from mbdlft.base import grammar
+from mbdlft.base.errors import NotRationalError, SceneError
+from mbdlft.base.expression import Number, evaluate, parse
+from mbdlft.number.exact import BITS, Constant, precision
+from mbdlft.sx import constants as module
+from mbdlft.sx.constants import (
+    FUNCTIONS,
+    cosine_sine,
+    in_doubles,
+    is_constant,
+    is_zero,
+    literal,
+    numbers_of,
+    root,
+    unit_vector,
+    without_zeros,
+)
+from tests.close import exact, roundoff
+
+A, B = Parameter("a", 0.5, 0.3, 0.8), Parameter("b", 1.5, 1.0, 2.0)
+decimals = st.integers(-(10**6), 10**6).map(lambda k: k / 1000.0)
+
+
+@pytest.fixture(autouse=True)
+def with_bits() -> object:
+    with precision(BITS):
+        yield
+
+
+def value(expression: object) -> float:
+    return float(numbers_of(ca.SX(expression))[0, 0])
+
+
+# 1. doubles ----------------------------------------------------------------------------------------
+
+
+def law_doubles(x: float, y: float, angle: float) -> None:
+    p = ca.SX.sym("p")
+    c, s = cosine_sine(angle)
+    found = ca.SX(p + literal(x) * p + literal(y) * c - s * root(abs(y)))
+    assert not is_constant(found)
+    rounded = in_doubles(found)
+    assert [symbol.name() for symbol in ca.symvar(rounded)] == ["p"]
+    expected = 0.7 + x * 0.7 + y * math.cos(angle) - math.sin(angle) * math.sqrt(abs(y))
+    size = abs(x) + abs(y) + math.sqrt(abs(y)) + 1.0
+    roundoff(float(ca.Function("f", [p], [rounded])(0.7)), expected, 10.0, size)
+
+
+@given(decimals, decimals, decimals)
+def test_doubles_are_what_folding_gives(x: float, y: float, angle: float) -> None:
+    law_doubles(x, y, angle)
+
+
+@given(decimals)
+def test_a_literal_is_next_to_its_double(x: float) -> None:
+    assert value(literal(x)) == x
+    assert value(literal(Fraction(str(x)))) == x
+
+
+@pytest.mark.parametrize("x", [0.0, 1.0, -0.5, 3.25, 1.0 / 64.0, 1e6, 2.0**19])
+def test_short_binary_fractions_stay_doubles(x: float) -> None:
+    assert literal(x) == x
+    assert isinstance(literal(x), float)
+
+
+def test_one_symbol_for_each_number() -> None:
+    assert ca.is_equal(ca.SX(literal(0.1)), ca.SX(literal(Fraction(1, 10))))
+    assert not ca.is_equal(ca.SX(literal(0.1)), ca.SX(literal(0.2)))
+    assert is_zero(literal(0.1) + literal(0.2) - literal(0.3))
+
+
+@pytest.mark.parametrize("quarter", range(-5, 6))
+def test_quarter_turns_are_numbers(quarter: int) -> None:
+    angle = quarter * math.pi / 2.0
+    assert cosine_sine(angle) == (float(round(math.cos(angle))), float(round(math.sin(angle))))
+
+
+# 2. directions and zeros ----------------------------------------------------------------------------
+
+
+def law_unit(direction: Sequence[float]) -> None:
+    found = unit_vector(direction)
+    roundoff(numbers_of(found)[:, 0], np.array(direction) / np.linalg.norm(direction))
+    assert is_zero(ca.dot(found, found) - 1.0)
+    assert found.nnz() == np.count_nonzero(direction)
+    doubled = unit_vector([Fraction(str(x)) * Fraction(-7, 3) for x in direction])
+    assert is_zero(ca.cross(found, doubled))
+    assert is_zero(found + doubled)
+    off = [Fraction(str(x)) for x in direction]
+    off[0] += Fraction(1, 10**30)
+    assert not is_zero(ca.cross(found, unit_vector(off)))
+
+
+@pytest.mark.parametrize(
+    "direction", [(1.0, 2.0, 3.0), (0.1, 0.2, -0.2), (0.3, -0.4, 1e-9), (-0.6, 0.1, 0.7)]
+)
+def test_directions(direction: tuple[float, float, float]) -> None:
+    law_unit(direction)
+
+
+def test_directions_of_rational_length_are_rational() -> None:
+    found = unit_vector((3.0, 0.0, 4.0))
+    exact(numbers_of(found)[:, 0], [0.6, 0.0, 0.8])
+    assert is_zero(found[0] - literal(0.6))
+    exact(numbers_of(unit_vector((0.0, -2.0, 0.0)))[:, 0], [0.0, -1.0, 0.0])
+    assert unit_vector((0.0, -2.0, 0.0)).nnz() == 1
+
+
+def law_zeros() -> None:
+    c, s = cosine_sine(0.3)
+    third = literal(0.1)
+    column = ca.vertcat(
+        c * c + s * s - 1.0, third * third - literal(0.01), third, ca.SX(literal(1e-30)), 0.0
+    )
+    found = without_zeros(column)
+    assert found.sparsity().get_triplet()[0] == [2, 3]
+    assert not is_zero(column)
+    assert is_zero(column[:2])
+    assert not is_zero(c * c + s * s - 1.0 + literal(Fraction(1, 10**60)))
+
+
+def test_zeros_are_exact() -> None:
+    law_zeros()
+
+
+# 3. functions ---------------------------------------------------------------------------------------
+
+
+def test_functions_of_constants() -> None:
+    sqrt, sin, cos, atan = (FUNCTIONS[name] for name in ("sqrt", "sin", "cos", "atan"))
+    assert sqrt(6.25) == 2.5
+    assert is_zero(sqrt(literal(0.1) + literal(0.2)) - sqrt(0.3))
+    assert is_zero(sin(0.3) * sin(0.3) + cos(0.3) * cos(0.3) - 1.0)
+    assert is_zero(cos(module.pi_times(Fraction(1, 3))) - 0.5)
+    roundoff(value(atan(0.4)), math.atan(0.4))
+    roundoff(value(module.pi_times(2)), 2.0 * math.pi)
+    with pytest.raises(SceneError, match=r"sqrt of the negative number -2\."):
+        sqrt(-2.0)
+    with pytest.raises(NotRationalError, match=r"sin takes constants only\."):
+        sin(ca.SX.sym("p"))
+
+
+# 4. literals ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("text", ["0.1", "123456789012345678", "1e-30", "0.30000000000000000001"])
+def test_a_literal_keeps_its_text(text: str) -> None:
+    node = parse(text)
+    assert isinstance(node, Number)
+    assert repr(node.value) == text
+    assert node.value == float(text)
+    assert repr(pickle.loads(pickle.dumps(node.value))) == text
+    assert evaluate(node, {}) == float(text)
+
+
+def law_long_literals() -> None:
+    """Digits beyond those of a double tell numbers apart, and cancel where they are equal."""
+    for text, order in (
+        ("100000000000000001*a - 100000000000000000*a", 1),
+        ("100000000000000001*a - 100000000000000001*a", 0),
+        ("a + 1e13*b - 1e13*b", 1),
+        ("a + 0.123456789012345678*b - 0.123456789012345678*b", 1),
+        ("0.1*a + 0.2*a - 0.30000000000000000001*a", 1),
+    ):
+        model = realize([[text]], [A, B], search=0.0)
+        assert model.order == order, text
+        assert model.certificate.minimal
+    assert mbdlft.matrices_at(
+        realize([["100000000000000001*a - 100000000000000000*a"]], [A], search=0.0), {"a": 0.7}
+    ).D.item() == pytest.approx(0.7, rel=1e-14)
+
+
+def test_long_literals() -> None:
+    law_long_literals()
+
+
+# planted bugs ---------------------------------------------------------------------------------------
+
+
+def halved(value: Constant) -> float:
+    return 0.999999 * right_double(value)
+
+
+right_double = module.double
+PLANTED: dict[str, tuple[object, str, object, Callable[[], None]]] = {
+    "a double that is not the nearest": (module, "double", halved, lambda: law_doubles(0.1, 0.3, 0.7)),
+    "small is zero": (
+        module,
+        "_vanishes",
+        lambda expression: abs(value(expression)) < 1e-12,
+        law_zeros,
+    ),
+    "only structure is zero": (module, "_vanishes", lambda expression: False, law_zeros),
+    "a direction is normed in doubles": (
+        module,
+        "constant",
+        lambda constant: literal(right_double(constant)) if constant.kind == "unit" else right(constant),
+        lambda: law_unit((1.0, 2.0, 3.0)),
+    ),
+    "a literal is a double": (grammar, "Literal", float, law_long_literals),
+}
+right = module.constant
+
+
+@cache
+def holds(law: Callable[[], None]) -> bool:
+    law()
+    return True
+
+
+@pytest.mark.parametrize("bug", PLANTED)
+def test_planted_bug_is_found(bug: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    owner, name, replacement, law = PLANTED[bug]
+    assert holds(law)
+    monkeypatch.setattr(owner, name, replacement)
+    grammar.parse.cache_clear()
+    with pytest.raises((AssertionError, mbdlft.AnalysisError)):
+        law()
+    grammar.parse.cache_clear()

@@ -1,0 +1,252 @@
+"""Laws of the reduction in exact numbers.
+
+1. values stay, and a reduced LFT is reduced
+2. the order is that of the reduction in doubles where this is well conditioned, and right where it is not
+3. rows that are kept carry the others with factors of moderate size
+"""
+
+from collections.abc import Callable
+from fractions import Fraction
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mbdlft.lft.evaluate import evaluate
+from mbdlft.lft.exact import ExactLFT
+from mbdlft.lft.lft import LFT, Block
+from mbdlft.number.exact import BITS, precision
+from mbdlft.number.exact_matrix import Residues, rank
+from mbdlft.reduce import exact as module
+from mbdlft.reduce.exact import Space, reachable_bases, reduce_exactly
+from mbdlft.reduce.reduce import reduce_order
+from tests.close import roundoff
+from tests.extracted import FIELD, exact_matrix, exactly
+from tests.laws.lfts import lfts, points
+from tests.laws.test_bound import sparse_lfts
+
+PRIME = FIELD.prime
+GROWTH = 64.0  # of exchanges that end with factors of 2
+
+
+@pytest.fixture(autouse=True)
+def with_bits() -> object:
+    with precision(BITS):
+        yield
+
+
+def at_points(a: LFT) -> np.ndarray:
+    return evaluate(a, {k: 0.3 * v for k, v in points(0).items() if k in dict(a.blocks)})
+
+
+def law_reduced(a: LFT) -> ExactLFT:
+    whole = exactly(a)
+    small = reduce_exactly(whole)
+    expected = at_points(a)
+    size = max(1.0, float(np.max(np.abs(expected))))
+    roundoff(at_points(small.rounded()), expected, 1e4, size)
+    assert reduce_exactly(small).blocks == small.blocks
+    assert [b.name for b in small.blocks] == [b.name for b in a.blocks]
+    assert all(x.size <= y.size for x, y in zip(small.blocks, a.blocks, strict=True))
+    return small
+
+
+@given(lfts(most=3, scales=(1.0,)))
+def test_values_stay(a: LFT) -> None:
+    assert law_reduced(a).blocks == reduce_order(a).blocks
+
+
+@given(sparse_lfts())
+def test_orders_of_sparse_lfts(a: LFT) -> None:
+    """Entries are small fractions, so the reduction in doubles sees the same."""
+    assert reduce_exactly(exactly(a)).blocks == reduce_order(a).blocks
+
+
+def turned(a: LFT, seed: int) -> LFT:
+    """The same value with channels that nothing reaches or nobody sees, in other coordinates.
+
+    The coordinates are whole numbers with a determinant of one, so that entries stay exact.
+    """
+    random, padded = np.random.default_rng(seed), []
+    parts = list(a.slices().values())
+    n = sum(part.stop - part.start + 2 for part in parts)
+    M11, M12, M21 = np.zeros((n, n)), np.zeros((n, a.shape[1])), np.zeros((a.shape[0], n))
+    old, unseen, unreached, start, blocks = [], [], [], 0, []
+    T, inverse = np.eye(n), np.eye(n)
+    for block, part in zip(a.blocks, parts, strict=True):
+        size = part.stop - part.start
+        old += range(start, start + size)
+        unseen.append(start + size)
+        unreached.append(start + size + 1)
+        own = slice(start, start + size + 2)
+        lower = np.tril(random.integers(-2, 3, (size + 2, size + 2)), -1) + np.eye(size + 2)
+        T[own, own], inverse[own, own] = lower, np.rint(np.linalg.inv(lower))
+        start += size + 2
+        blocks.append(Block(block.name, size + 2))
+    assert not padded
+    some = lambda *shape: random.integers(-3, 4, shape) / 4.0  # noqa: E731
+    M11[np.ix_(old, old)], M12[old], M21[:, old] = a.M11, a.M12, a.M21
+    M11[np.ix_(unseen, old)], M12[unseen] = some(len(unseen), len(old)), some(len(unseen), a.shape[1])
+    M11[np.ix_(old, unreached)] = some(len(old), len(unreached))
+    M21[:, unreached] = some(a.shape[0], len(unreached))
+    return LFT(T @ M11 @ inverse, T @ M12, M21 @ inverse, a.M22, tuple(blocks))
+
+
+def coarse(seed: int) -> LFT:
+    """A minimal LFT of quarters."""
+    random = np.random.default_rng(seed)
+    blocks = (Block("a", 2), Block("b", 3))
+    M = random.integers(-3, 4, (7, 7)) / 4.0
+    return LFT(M[:5, :5], M[:5, 5:], M[5:, :5], M[5:, 5:], blocks)
+
+
+def law_padded(seed: int) -> None:
+    a = coarse(seed)
+    minimal = reduce_exactly(exactly(a))
+    large = exactly(turned(a, seed))
+    found = reduce_exactly(large)
+    assert found.blocks == minimal.blocks
+    roundoff(at_points(found.rounded()), at_points(a), 1e4, 10.0)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_channels_that_do_not_matter_go(seed: int) -> None:
+    law_padded(seed)
+
+
+# what doubles cannot decide ------------------------------------------------------------------------
+
+
+def nearly(distance: Fraction) -> ExactLFT:
+    """delta [1 1 ; 1 1 + e] in fractions: of rank two, but for e = 0."""
+    one, zero = Fraction(1), Fraction(0)
+    M = [
+        [zero, zero, one, one],
+        [zero, zero, one, one + distance],
+        [one, zero, zero, zero],
+        [zero, one, zero, zero],
+    ]
+    return ExactLFT(exact_matrix(M), (Block("d", 2),))
+
+
+def law_nearly(power: int) -> None:
+    distance = Fraction(1, 10**power)
+    assert reduce_exactly(nearly(distance)).order == 2
+    assert reduce_exactly(nearly(Fraction(0))).order == 1
+    assert reduce_exactly(nearly(distance)).rounded().M11.shape == (2, 2)
+
+
+@pytest.mark.parametrize("power", [3, 17, 40, 80])
+def test_nearly_dependent_channels_stay(power: int) -> None:
+    law_nearly(power)
+
+
+def falling(count: int) -> ExactLFT:
+    """A chain in which each channel is reached with a thousandth of the one before."""
+    M = np.full((count + 1, count + 1), Fraction(0), dtype=object)
+    M[0, count] = M[count, count - 1] = Fraction(1)
+    for k in range(1, count):
+        M[k, k - 1] = Fraction(1, 1000)
+    return ExactLFT(exact_matrix(M), (Block("d", count),))
+
+
+def test_a_chain_of_small_directions_keeps_its_length() -> None:
+    """(d/1000)^11 d has degree 12; the last direction is 1e-33 of the first."""
+    assert reduce_exactly(falling(12)).order == 12
+
+
+# rows that are kept --------------------------------------------------------------------------------
+
+
+def spread(seed: int) -> np.ndarray:
+    """A basis (12, 4) with the identity in four rows, and rows of very different sizes."""
+    random = np.random.default_rng(seed)
+    basis = random.standard_normal((12, 4)) * 10.0 ** random.uniform(-3, 3, (12, 1))
+    rows = np.sort(random.choice(12, 4, replace=False))
+    basis[rows] = np.eye(4)
+    return basis
+
+
+def law_rows(seed: int) -> None:
+    basis = spread(seed)
+    first = np.array([int(np.flatnonzero((basis == row).all(axis=1))[0]) for row in np.eye(4)])
+    rows = module._best_rows(basis, first)
+    assert len(set(rows.tolist())) == 4
+    factors = np.abs(basis @ np.linalg.inv(basis[rows]))
+    assert np.max(factors) <= 1.01 * module._MOST_FACTOR
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_rows_that_are_kept_are_independent(seed: int) -> None:
+    law_rows(seed)
+
+
+@given(st.integers(0, 10**6), st.integers(1, 6))
+def test_spaces_grow_as_ranks_do(seed: int, size: int) -> None:
+    """A basis in echelon form, and the candidates that were independent of all before."""
+    random = np.random.default_rng(seed)
+    space, rows = Space(size, PRIME), np.zeros((0, size), dtype=np.int64)
+    for _ in range(3):
+        fresh = np.asarray(random.integers(-1, 2, (3, size)) % PRIME, dtype=np.int64)
+        before = rank(rows, PRIME)
+        taken = space.extend(fresh)
+        rows = np.vstack([rows, fresh])
+        assert len(space.pivots) == rank(rows, PRIME)
+        assert len(taken) == rank(rows, PRIME) - before
+        assert len(space.taken[-1]) == len(taken)
+        assert np.array_equal(space.basis[:, space.pivots], np.eye(len(space.pivots)))
+        assert rank(np.vstack([space.basis, rows]), PRIME) == len(space.pivots)
+
+
+# planted bugs --------------------------------------------------------------------------------------
+
+
+def one_side(a: ExactLFT) -> ExactLFT:
+    return module._compressed(a)
+
+
+def two_steps(M11: Residues, M12: Residues, sizes: list[int], prime: int) -> list[Space]:
+    """Only what the inputs and one more step reach."""
+    step = np.asarray(M12, dtype=object)
+    return reachable_bases(np.zeros_like(M11), np.asarray(step, dtype=np.int64), sizes, prime)
+
+
+def not_all(space: Space, candidates: Residues, right: Callable[..., Residues] = Space.extend) -> Residues:
+    """The last candidate is forgotten."""
+    return right(space, candidates[: max(1, len(candidates) - 1)])
+
+
+PLANTED: dict[str, tuple[object, str, object, Callable[[], None]]] = {
+    "what cannot be seen stays": (module, "transposed", lambda a: a, lambda: law_padded(0)),
+    "only what inputs reach is reachable": (
+        module,
+        "reachable_bases",
+        two_steps,
+        lambda: law_padded(1),
+    ),
+    "a candidate is forgotten": (Space, "extend", not_all, lambda: law_padded(2)),
+    "the first rows are kept": (module, "_best_rows", lambda basis, rows: rows, lambda: law_rows(0)),
+    "what is near is one": (
+        module,
+        "row_echelon",
+        lambda a, prime, right=module.row_echelon: (right(a, prime)[0][:1], right(a, prime)[1][:1]),
+        lambda: law_nearly(17),
+    ),
+}
+
+
+@cache
+def holds(law: Callable[[], None]) -> bool:
+    law()
+    return True
+
+
+@pytest.mark.parametrize("bug", PLANTED)
+def test_planted_bug_is_found(bug: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    owner, name, replacement, law = PLANTED[bug]
+    assert holds(law)
+    monkeypatch.setattr(owner, name, replacement)
+    with pytest.raises((AssertionError, ValueError, IndexError)):
+        law()

@@ -1,0 +1,141 @@
+"""Matrices for which doubles proved too much, or lost an entry: numbers that were found, copied in."""
+
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft import Constant, Parameter, realize
+from mbdlft.pipeline import candidates, search
+from mbdlft.reduce.reduce import reduce_order
+from tests.close import CLOSED_FORM, target
+from tests.extracted import exactly
+
+# row 0 is the constant -150000: its numerator is -150000 times its denominator
+_DENOMINATOR = (
+    "(b*(a*(d*(c*((-63/2000)) + (-3/400)) + c*(3/1000)) + d*(c*(9/5) + 3/8) + c*(6/5)) "
+    "+ a*(d*((-11/400)) + 1/400) + d*(1) + 1)"
+)
+CONSTANT = [
+    "(b*(a*(d*(c*(4725) + 1125) + c*((-450))) + d*(c*((-270000)) + (-56250)) + c*((-180000))) "
+    f"+ a*(d*(4125) + (-375)) + d*((-150000)) + (-150000))/{_DENOMINATOR}"
+]
+OTHER = [
+    "(b*(a*(d*(c*((-231/400000000)) + (-27/80000000)) + c*(3/200000000)) + d*(c*(51/8000000)) "
+    "+ c*(3/500000)) + a*(d*(c*((-7/400000000)) + (-9/20000000)) + c*(1/400000000)) "
+    f"+ d*(c*(1/200000)) + c*(1/1000000))/{_DENOMINATOR}"
+]
+FOUR = [
+    Parameter("a", -3.6, -18, 18),
+    Parameter("b", 0.1098, -0.054, 0.18),
+    Parameter("c", -0.36, -1.8, 1.8),
+    Parameter("d", 0.162, 0.144, 0.18),
+]
+
+
+def law_pairs() -> None:
+    """An LFT with one repetition of each exists, so no bound is above four."""
+    for work in (1.0, 4.0):
+        certificate = realize([CONSTANT, OTHER], FOUR, search=work).certificate
+        assert certificate.order_bound <= 4
+        assert certificate.lower_bound == (1, 1, 1, 1)
+    plain = realize([["-150000"], OTHER], FOUR, search=1.0)
+    assert plain.order == 4
+    assert plain.certificate.minimal
+
+
+def test_pairs_that_rounding_makes_prove_nothing() -> None:
+    law_pairs()
+
+
+def test_planted_pairs_of_doubles_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reductions and degrees in doubles, and what these show counts without a proof on residues."""
+    monkeypatch.setattr(search, "confirmation", lambda *_: None)
+    monkeypatch.setattr(candidates, "reduce_exactly", lambda a: exactly(reduce_order(a.rounded())))
+    with pytest.raises(AssertionError):
+        law_pairs()
+
+
+# a product of two matrices whose coefficients have 18 digits: order 2 is enough
+_OVER = (
+    "(1000000000000000000 + 148097000000000000*b - 406319000000000000*a "
+    "+ 178670437577000000*a*b)"
+)
+LONG = [
+    [
+        "(76481000000000000 + 194290724081000000*b + 327726628730000000*a "
+        f"- 48303697709769078*a*b)/{_OVER}",
+        "(727303000000000000 + 245589725137000000*b - 39390450518000000*a "
+        f"+ 76905211491624577*a*b)/{_OVER}",
+    ],
+    [
+        "(-377699000000000000 + 689792252709000000*b - 490716553271000000*a "
+        f"+ 232488005407306081*a*b)/{_OVER}",
+        "(460998000000000000 + 630239334629000000*b - 647154166374000000*a "
+        f"+ 294962149951187309*a*b)/{_OVER}",
+    ],
+]
+TWO = [Parameter("a", 0.3, 0.1, 0.5), Parameter("b", 0.2, 0.1, 0.4)]
+
+
+def law_long_literals() -> None:
+    assert mbdlft.exact_lower_bound(mbdlft.MatrixProblem(matrix=LONG, parameters=TWO)) == {
+        "a": 1,
+        "b": 1,
+    }
+    certificate = realize(LONG, TWO, search=1.0).certificate
+    assert certificate.order_bound == 2
+
+
+def test_long_literals() -> None:
+    law_long_literals()
+
+
+def test_planted_literals_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Eighteen digits are rounded to those of a double."""
+    monkeypatch.setattr(mbdlft.base.grammar, "Literal", float)
+    mbdlft.base.grammar.parse.cache_clear()
+    with pytest.raises(AssertionError):
+        law_long_literals()
+    mbdlft.base.grammar.parse.cache_clear()
+
+
+# the drive train of a wind turbine: in entry (0, 1), terms of 1e11 and more cancel
+TURBINE = [
+    ["-ds/Jr", "(ds/(Jr*N)) + ks*(Jg+2) - 2*ks - Jg*ks", "-ks/Jr", "1/Jr", "0"],
+    ["ds/(N*Jg)", "-ds/(N^2*Jg)", "ks/(N*Jg)", "0", "-1/Jg"],
+    ["1", "-1/N", "0", "0", "0"],
+    ["0", "1", "0", "0", "0"],
+]
+TRAIN = {"Jr": 4e7, "Jg": 534.0, "ks": 8.7e8, "ds": 6e6, "N": 97.0}
+
+
+def law_turbine(names: tuple[str, ...], **other: float) -> None:
+    """What is left of the entry is ds/(Jr N), 1.5e-3 beside terms of 4.6e11."""
+    train = TRAIN | other
+    parameters = [Parameter(name, train[name], percent=25) for name in names]
+    constants = {name: Constant(value=x) for name, x in train.items() if name not in names}
+    model = realize(TURBINE, parameters, constants=constants, states=3, search=0.0)
+    at = mbdlft.random(model.parameters, 50, seed=1)
+    found = mbdlft.matrices_at(model, at).A[:, 0, 1]
+    known = train | at
+    target(found * known["Jr"] * known["N"] / known["ds"], np.ones(50), CLOSED_FORM)
+    assert model.certificate.max_relative_error <= CLOSED_FORM
+
+
+@pytest.mark.parametrize("names", [("Jr",), ("Jr", "N"), ("Jr", "N", "ds"), ("Jr", "Jg")])
+def test_an_entry_that_is_small_beside_its_terms_stays(names: tuple[str, ...]) -> None:
+    law_turbine(names)
+    law_turbine(names, Jg=534.1, ks=870123456.7)
+
+
+def test_an_entry_that_doubles_do_not_carry_is_not_lost_in_silence() -> None:
+    """Where both factors are parameters, k J - J k cancels in the values only: the matrix is refused."""
+    with pytest.raises(mbdlft.AnalysisError, match="differs from the matrix by"):
+        law_turbine(tuple(TRAIN))
+
+
+def test_planted_doubles_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Constants are added in doubles."""
+    monkeypatch.setattr("mbdlft.matrix.symbolic.literal", float)
+    with pytest.raises((AssertionError, mbdlft.AnalysisError)):
+        law_turbine(("Jr",), Jg=533.97, ks=870123456.7)
