@@ -1,8 +1,10 @@
 """Statically indeterminate elastic structures: clamped and propped beams, and NAFEMS tests.
 
 FV2, FV4 and FV5 are those of F. Abbassian, D. J. Dawswell, N. C. Knowles, Selected benchmarks for natural
-frequency analysis, NAFEMS R0015 (1987); E = 200 GPa, rho = 8000 kg/m^3, nu = 0.3. Those of a propped
-beam and its loads are closed forms.
+frequency analysis, NAFEMS R0015 (1987); E = 200 GPa, rho = 8000 kg/m^3, nu = 0.3. The frequencies of FV4
+and FV5 are as the verification manual of OptiStruct quotes them; those of FV2 have not been compared with
+a printed source, and are those of arms pinned or clamped at the hub, z^2 (E I/(rho A))^(1/2)/(2 pi L^2).
+Those of a propped beam and its loads are closed forms.
 """
 
 import numpy as np

@@ -3,7 +3,8 @@
 Columns: exact frequencies by transfer matrices. Rotating beams: the first three frequencies over
 (E I/(rho A L^4))^(1/2) of a uniform cantilever without hub, for displacements along the axis of the spin,
 as published by A. D. Wright, C. E. Smith, R. W. Thresher, J. L. C. Wang, Vibration modes of centrifugally
-stiffened beams, Journal of Applied Mechanics 49 (1982) 197-202. In the plane of the spin, squares of
+stiffened beams, Journal of Applied Mechanics 49 (1982) 197-202; the digits are those commonly quoted and
+have not been compared with the paper itself. In the plane of the spin, squares of
 frequencies are smaller by the square of the rate (R. V. Southwell, F. Gough 1921).
 """
 

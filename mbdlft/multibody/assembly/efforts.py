@@ -20,6 +20,7 @@ from mbdlft.multibody.force import BodyWrench, Spring
 from mbdlft.multibody.joint import coordinate_label
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
+from mbdlft.problem.equations import rows_of
 from mbdlft.sx.constants import is_constant, literal, numbers_of, unit_vector
 
 _APART = 1e-9  # of the reach of its ports: a spring that is shorter has no direction
@@ -96,7 +97,7 @@ def static_deflections(
     bodies = {link.child.name: link.child for link in links}
     for owned in coordinate_owners(links):
         part = slice(k, k := k + len(owned.freedoms))
-        own = u[part]
+        own = rows_of(u, range(part.start, part.stop))
         body = bodies.get(owned.name)
         if owned.kind == "elastic" and closure.yielding and isinstance(body, ElasticBody):
             moved[part] = own

@@ -121,7 +121,7 @@ class Beam(ElasticBody):
         if self.shear_coefficient is not None and self.modes is not None:
             raise SceneError(
                 "modes: the modes of a beam with a shear_coefficient change with its parameters. Give "
-                "`elements` in place of modes; 4 have four frequencies to 0.1 % or better."
+                "`elements` in place of modes; 4 have four frequencies to 0.3 %."
             )
         if self.ports:
             raise SceneError("a beam has 'tip' and `stations` (names of nodes) in place of ports.")
