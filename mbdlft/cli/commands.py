@@ -241,6 +241,8 @@ def show(
     for key in [name] if name else model_names(archive):
         model = load(archive, key)
         print_model(model)
+        if not isinstance(model, LFTModel):
+            continue
         made = model.provenance
         _console().print(f"made {made.created} by mbdlft {made.mbdlft}, CasADi {made.casadi}")
     if name is None and sweep_names(archive):
