@@ -19,11 +19,19 @@ _ENDING = ".part"
 
 
 def target_of(file: Path) -> Path:
-    """The file itself, or what it leads to if it is a link."""
-    try:
-        return Path(os.path.realpath(file)) if file.is_symlink() else file
-    except (OSError, ValueError) as error:
-        raise ArchiveError(f"{file}: cannot be written: {error}.") from None
+    """The file itself, or what it leads to if it is a link.
+
+    Raises
+    ------
+    ArchiveError
+        The link leads to itself.
+    """
+    if not file.is_symlink():
+        return file
+    target = Path(os.path.realpath(file))
+    if target.is_symlink():
+        raise ArchiveError(f"{file}: cannot be written: it is a link that leads to itself.")
+    return target
 
 
 @contextmanager
