@@ -15,7 +15,7 @@ import h5py
 
 from mbdlft.base.errors import ArchiveError
 from mbdlft.store.files import locked, put, target_of
-from mbdlft.store.guard import LARGE, ask, content_of, is_sealed, sealed
+from mbdlft.store.guard import LARGE, ask, content_of, is_sealed, seal_file, sealed
 from mbdlft.store.hdf5 import FAILURES, FORMAT, VERSION, check_format, copy_all, opened, write_items
 from mbdlft.store.helper import Request, said_of
 from mbdlft.store.model import KINDS, items_of_model, model_of_items
@@ -125,7 +125,7 @@ def rewrite(
         def make(path: Path) -> None:
             _make(file, target, path, fill, replaced)
             if path.stat().st_size <= LARGE:
-                path.write_bytes(sealed(path.read_bytes()))
+                seal_file(path)
 
         put(target, make, beside)
 

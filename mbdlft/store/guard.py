@@ -33,6 +33,13 @@ def sealed(image: bytes) -> bytes:
     return image + _SEAL + hashlib.sha256(image).digest()
 
 
+def seal_file(path: Path) -> None:
+    """Put the seal behind the content of a file, of which a part at a time is in memory."""
+    with path.open("r+b") as stream:
+        found = hashlib.file_digest(stream, "sha256")
+        stream.write(_SEAL + found.digest())
+
+
 def is_sealed(image: bytes) -> bool:
     """Whether the content of a file ends in a seal that is right."""
     end = len(image) - 32
