@@ -3,8 +3,8 @@
 A shard is a number of consecutive samples. Its file is complete or does not exist, and its numbers depend
 on the plan of the sweep only: not on the process that computes them, nor on the time. So a sweep that was
 killed continues with the shards that are missing. Behind the numbers of a shard is a SHA-256, and the
-plan has one of itself and one of the source and the samples: what was changed meanwhile is computed again,
-or is an error.
+plan has one of itself and one of the source and the samples: what was changed meanwhile is computed
+again, or is an error.
 """
 
 import contextlib
