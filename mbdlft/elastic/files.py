@@ -30,7 +30,7 @@ _MATRICES = ("mass", "stiffness")
 _TABLE = ("numbers", "coordinates", "dof")
 _HDF5 = (".h5", ".hdf5")
 LIMIT = 2**31  # bytes that arrays may need, unless the caller allows more
-_SECONDS, _MEMBERS = 20, 100
+_SECONDS, _BYTES_PER_SECOND, _MEMBERS = 5, 10**7, 100
 
 
 def load_matrices(path: str | Path, *, limit: int = LIMIT) -> FiniteElements:
@@ -55,9 +55,12 @@ def load_matrices(path: str | Path, *, limit: int = LIMIT) -> FiniteElements:
             return _elements(_npz(file, limit))
         if file.suffix in _HDF5:  # the library can loop or end the process on damaged files
             found = arrays_of(
-                f"{__name__}:arrays_of_hdf5", {"path": str(file.absolute()), "limit": limit},
-                seconds=_SECONDS, memory=4 * limit, error=StructureError,
-            )  # fmt: skip
+                f"{__name__}:arrays_of_hdf5",
+                {"path": str(file.absolute()), "limit": limit},
+                seconds=_SECONDS + file.stat().st_size // _BYTES_PER_SECOND,
+                memory=4 * limit,
+                error=StructureError,
+            )
             return _elements(found)
         if file.name.endswith(".mass.mtx"):
             return _matrix_market(file, limit)
@@ -219,7 +222,6 @@ def _matrix(name: str, arrays: Mapping[str, Any], rows: int) -> Any:
 def _matrix_market(file: Path, limit: int) -> FiniteElements:
     """Matrices and node table of `file`, NAME.mass.mtx, and of the two files beside it."""
     stem = file.name.removesuffix(".mass.mtx")
-    content_of(file, StructureError, limit)
     stiffness, table = (file.with_name(stem + end) for end in (".stiffness.mtx", ".nodes.txt"))
     numbers, coordinates, dof = [], [], []
     lines = content_of(table, StructureError, limit).decode("utf-8").splitlines()

@@ -19,7 +19,7 @@ from mbdlft.elastic.matrices import FiniteElements
 from mbdlft.elastic.nodes import Indices, Nodes, every_dof
 
 _TABLE = ("dof", "numbers", "coordinates", "axes")
-_SECONDS = 60
+_SECONDS, _BYTES_PER_SECOND = 5, 10**6
 
 
 def load_nastran(
@@ -61,11 +61,10 @@ def load_nastran(
         ) from None
     names = {"mass": mass, "stiffness": stiffness}
     paths = {"matrices": str(Path(matrices)), "bulk": str(Path(bulk))}
-    for path in paths.values():
-        content_of(Path(path), StructureError, limit)
+    size = sum(len(content_of(Path(path), StructureError, limit)) for path in paths.values())
     found = arrays_of(  # pyYeti believes what a file says of its sizes
         f"{__name__}:arrays_of_nastran", {**paths, **names},
-        seconds=_SECONDS, memory=2 * limit, error=StructureError,
+        seconds=_SECONDS + size // _BYTES_PER_SECOND, memory=2 * limit, error=StructureError,
     )  # fmt: skip
     pair = [_sparse(found, name) for name in ("mass", "stiffness")]
     dof, numbers, coordinates, axes = (found[key] for key in _TABLE)

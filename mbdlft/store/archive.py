@@ -15,7 +15,7 @@ import h5py
 
 from mbdlft.base.errors import ArchiveError
 from mbdlft.store.files import locked, put, target_of
-from mbdlft.store.guard import LARGE, ask, content_of, is_sealed, seal_file, sealed
+from mbdlft.store.guard import LARGE, ask, content_of, seal_file, sealed
 from mbdlft.store.hdf5 import FAILURES, FORMAT, VERSION, check_format, copy_all, opened, write_items
 from mbdlft.store.helper import Request, said_of
 from mbdlft.store.model import KINDS, items_of_model, model_of_items
@@ -152,13 +152,12 @@ def _copy(file: Path, old: Path, new: Any, replaced: str) -> None:
     """Copy an archive but one group, if all of it can be read."""
     image = content_of(old)
     parent, _, name = replaced.partition("/")
-    if not (isinstance(image, bytes) and is_sealed(image)):
-        try:
-            ask(old, Request("copy", parent, name=name))  # where the library may fail
-        except ArchiveError as error:
-            raise ArchiveError(
-                str(error).replace(f"{old}: ", f"{file}: ", 1) + " Nothing is written."
-            ) from None
+    try:
+        ask(old, Request("copy", parent, name=name))  # where the library may fail
+    except ArchiveError as error:
+        raise ArchiveError(
+            str(error).replace(f"{old}: ", f"{file}: ", 1) + " Nothing is written."
+        ) from None
     try:
         with opened(image) as archive:
             check_format(archive)

@@ -2,9 +2,10 @@
 
 A file that `mbdlft.store` writes ends in a seal, the SHA-256 of all bytes before it. An intact seal says
 that the file is what was written, to the last bit; so no damage can lead the HDF5 library astray, and it
-is read at once. (Whoever means harm can make a seal, too: `isolated` never trusts it.) A file without a
-seal (written or changed by another tool, before format 1.1, or large) or with a wrong one is read by
-`mbdlft.store.helper`, in a process with a limit of time and memory that is kept for the next file.
+is read at once, if all of its text is of fixed length. (Whoever means harm can make a seal, too; the
+option `isolated` never trusts it.) A file without a seal (written or changed by another tool, before
+format 1.1, or large) or with a wrong one is read by `mbdlft.store.helper`, in a process with a limit of
+time and memory that is kept for the next file.
 """
 
 import atexit
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from mbdlft.base.errors import ArchiveError
+from mbdlft.store.hdf5 import LongTextError
 from mbdlft.store.helper import Answer, Request, perform, receive, send, unpacked
 
 LARGE = 2**26  # bytes; a larger file is not read into memory, and has no seal
@@ -60,7 +62,8 @@ def ask(file: Path, request: Request, *, isolated: bool = False) -> Answer:
     image = content_of(file)
     try:
         if isinstance(image, bytes) and is_sealed(image) and not isolated:
-            return perform(request, image)
+            with contextlib.suppress(LongTextError):
+                return perform(request, image, long_text=False)
         return _asked(request, image)
     except ArchiveError as error:
         raise ArchiveError(f"{file}: {error}") from None

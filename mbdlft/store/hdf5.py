@@ -45,6 +45,10 @@ _STORED = (h5d.COMPACT, h5d.CONTIGUOUS, h5d.CHUNKED)
 _MOST_LINKS, _DEEPEST = 100_000, 16
 
 
+class LongTextError(Exception):
+    """Text of variable length is met, which only the helper reads: the library can loop on its heap."""
+
+
 class Part(NamedTuple):
     """The items of a group; of a sweep the rows from `first`, and how many it has in `total`."""
 
@@ -73,7 +77,14 @@ def member_names(archive: Any, parent: str) -> list[str]:
 
 
 def read_group(
-    archive: Any, parent: str, name: str, kinds: tuple[str, ...], limit: int, rows: slice
+    archive: Any,
+    parent: str,
+    name: str,
+    kinds: tuple[str, ...],
+    limit: int,
+    rows: slice,
+    *,
+    long_text: bool,
 ) -> Part:
     """The items of a group such as ``/models/arm``; of a sweep, whole blocks that have the `rows`.
 
@@ -81,11 +92,15 @@ def read_group(
     ------
     ArchiveError
         The group is not as specified, or needs more than `limit` bytes.
+    LongTextError
+        There is text of variable length, and `long_text` is false.
     """
     group = _member(_member(archive, parent), name)
     if not isinstance(group, h5py.Group):
         raise ArchiveError(f"{group.name} is not a group.")
     found = dict(_items_of(group))
+    if not long_text and any(spec.type == _LONG_TEXT for _, spec in found.values()):
+        raise LongTextError
     heads = {path: _attribute(found[path][0], path) for path in found if path[:1] == "@"}
     kind = _word(heads.get("@encoding_type"))
     written = _word(heads.get("@encoding_version"))
@@ -117,10 +132,29 @@ def read_group(
     return Part(items, first, count)
 
 
-def check_whole(archive: Any) -> None:
-    """Raise an ArchiveError unless all that is in a file can be found, and nothing leads out of it."""
-    for _ in _walk(archive, "", {}, 0, strict=False):
-        pass
+def check_whole(archive: Any, *, long_text: bool) -> None:
+    """Find all that is in a file.
+
+    Raises
+    ------
+    ArchiveError
+        Something cannot be found, or leads out of the file.
+    LongTextError
+        There is text of variable length, and `long_text` is false.
+    """
+    for _, item in _walk(archive, "", {}, 0, strict=False):
+        kinds = [h5a.open(item.id, name.encode()).get_type() for name in _attribute_names(item)]
+        if isinstance(item, h5py.Dataset):
+            kinds.append(item.id.get_type())
+        if not long_text and any(map(_has_long, kinds)):
+            raise LongTextError
+
+
+def _has_long(kind: Any) -> bool:
+    """Whether a type has data of variable length, which are on a heap."""
+    if isinstance(kind, h5t.TypeStringID):
+        return bool(kind.is_variable_str())
+    return bool(kind.detect_class(h5t.VLEN)) or bool(kind.detect_class(h5t.STRING))
 
 
 def copy_all(old: Any, new: Any, replaced: str) -> None:
@@ -147,9 +181,17 @@ def copy_all(old: Any, new: Any, replaced: str) -> None:
             group.copy(name, inner)
 
 
-def check_format(archive: Any) -> None:
-    """Raise an ArchiveError unless this is an archive of a version that can be read."""
-    form, text = (_root_text(archive, name) for name in ("format", "format_version"))
+def check_format(archive: Any, *, long_text: bool = True) -> None:
+    """Raise an ArchiveError unless this is an archive of a version that can be read.
+
+    Raises
+    ------
+    ArchiveError
+        It is none, or of a newer version.
+    LongTextError
+        There is text of variable length, and `long_text` is false.
+    """
+    form, text = (_root_text(archive, name, long_text) for name in ("format", "format_version"))
     if form != FORMAT:
         raise ArchiveError(
             f"is not an mbdlft archive: root attribute 'format' is {form!r}, expected {FORMAT!r}."
@@ -363,13 +405,15 @@ def _word(value: NDArray[Any] | None) -> str:
     return bytes(value[()]).decode("utf-8", "replace")
 
 
-def _root_text(archive: Any, name: str) -> str | None:
+def _root_text(archive: Any, name: str, long_text: bool) -> str | None:  # noqa: FBT001
     """An attribute of the root that is one text, or None."""
     if name not in _attribute_names(archive):
         return None
     spec = _attribute_spec(archive, "", name)
     if spec.type not in (TEXT, _LONG_TEXT) or spec.shape:
         return None
+    if spec.type == _LONG_TEXT and not long_text:
+        raise LongTextError
     return _word(_attribute(archive, f"@{name}"))
 
 

@@ -51,18 +51,20 @@ class Answer(NamedTuple):
     part: Part = Part({})
 
 
-def perform(request: Request, image: bytes | Path) -> Answer:
+def perform(request: Request, image: bytes | Path, *, long_text: bool = True) -> Answer:
     """The answer to a request, for a file or its content.
 
     Raises
     ------
     ArchiveError
         The file is damaged, foreign or newer, or has not what is asked for.
+    LongTextError
+        There is text of variable length, and `long_text` is false.
     """
     try:
         with opened(image) as archive:
-            check_format(archive)
-            return _answer(request, archive, image)
+            check_format(archive, long_text=long_text)
+            return _answer(request, archive, image, long_text=long_text)
     except ArchiveError:
         raise
     except FAILURES as error:
@@ -98,14 +100,14 @@ def said_of(subject: str, message: str) -> str:
     )
 
 
-def _answer(request: Request, archive: Any, image: bytes | Path) -> Answer:
+def _answer(request: Request, archive: Any, image: bytes | Path, *, long_text: bool) -> Answer:
     """The answer of an open archive."""
     names = tuple(member_names(archive, request.parent))
     if request.what == "names":
         return Answer(names)
     if request.what == "copy":
-        check_whole(archive)
-        if isinstance(image, bytes):
+        check_whole(archive, long_text=long_text)
+        if isinstance(image, bytes) and long_text:
             image_of_copy(archive, f"{request.parent}/{request.name}")
         return Answer(names)
     name = chosen_name(request.kind, names, request.name)
@@ -113,7 +115,7 @@ def _answer(request: Request, archive: Any, image: bytes | Path) -> Answer:
     try:
         part = read_group(
             archive, request.parent, name, request.kinds, request.limit,
-            slice(request.start, request.stop),
+            slice(request.start, request.stop), long_text=long_text,
         )  # fmt: skip
     except ArchiveError as error:
         raise ArchiveError(said_of(subject, str(error))) from None

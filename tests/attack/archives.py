@@ -84,7 +84,7 @@ def _expected(old: bool) -> list[tuple[str, object]]:
 
 
 def _objects(source: bytes, folder: Path, random: np.random.Generator) -> bytes:
-    """An archive changed with the library itself: items gone, of other shapes and types, linked elsewhere."""
+    """An archive changed with the library: items gone, of other shapes and types, linked elsewhere."""
     file = folder / "b.h5"
     file.write_bytes(source)
     with h5py.File(file, "r+") as archive:

@@ -24,7 +24,7 @@ SLOW = 3.0  # times: a machine with other work is not a hang, a loop is
 
 @dataclass(slots=True)
 class Tally:
-    """What came of the attacks of a class: words with their counts, and the seeds that failed with why."""
+    """What came of the attacks of a class: words with their counts, and seeds that failed with why."""
 
     name: str
     counts: Counter[str] = field(default_factory=Counter)
