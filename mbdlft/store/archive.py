@@ -14,9 +14,10 @@ from typing import Any
 import h5py
 
 from mbdlft.base.errors import ArchiveError
+from mbdlft.store.copying import copy_all, write_items
 from mbdlft.store.files import locked, put, target_of
 from mbdlft.store.guard import LARGE, ask, content_of, seal_file, sealed
-from mbdlft.store.hdf5 import FAILURES, FORMAT, VERSION, check_format, copy_all, opened, write_items
+from mbdlft.store.hdf5 import FAILURES, FORMAT, VERSION, check_format, opened
 from mbdlft.store.helper import Request, said_of
 from mbdlft.store.model import KINDS, items_of_model, model_of_items
 from mbdlft.system.system import System

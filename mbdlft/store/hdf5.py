@@ -65,14 +65,14 @@ def member_names(archive: Any, parent: str) -> list[str]:
     ArchiveError
         The group cannot be read, or has something in it that is not a group.
     """
-    if parent not in _names(archive):
+    if parent not in names_of(archive):
         return []
-    group = _member(archive, parent)
+    group = member(archive, parent)
     if not isinstance(group, h5py.Group):
         raise ArchiveError(f"/{parent} is not a group.")
-    names = _names(group)
+    names = names_of(group)
     for name in names:
-        _check_link(group, name)
+        check_link(group, name)
     return sorted(names)
 
 
@@ -95,7 +95,7 @@ def read_group(
     LongTextError
         There is text of variable length, and `long_text` is false.
     """
-    group = _member(_member(archive, parent), name)
+    group = member(member(archive, parent), name)
     if not isinstance(group, h5py.Group):
         raise ArchiveError(f"{group.name} is not a group.")
     found = dict(_items_of(group))
@@ -143,7 +143,7 @@ def check_whole(archive: Any, *, long_text: bool) -> None:
         There is text of variable length, and `long_text` is false.
     """
     for _, item in _walk(archive, "", {}, 0, strict=False):
-        kinds = [h5a.open(item.id, name.encode()).get_type() for name in _attribute_names(item)]
+        kinds = [h5a.open(item.id, name.encode()).get_type() for name in attribute_names(item)]
         if isinstance(item, h5py.Dataset):
             kinds.append(item.id.get_type())
         if not long_text and any(map(_has_long, kinds)):
@@ -155,30 +155,6 @@ def _has_long(kind: Any) -> bool:
     if isinstance(kind, h5t.TypeStringID):
         return bool(kind.is_variable_str())
     return bool(kind.detect_class(h5t.VLEN)) or bool(kind.detect_class(h5t.STRING))
-
-
-def copy_all(old: Any, new: Any, replaced: str) -> None:
-    """Copy all contents of an archive but the group `replaced`, such as ``models/NAME``.
-
-    HDF5 does not reuse the space of a group that is deleted, so the new file is made by copying.
-    """
-    parent, _, left_out = replaced.partition("/")
-    _copy_attributes(old, new)
-    for name in _names(old):
-        _check_link(old, name)
-        if name != parent:
-            old.copy(name, new)
-    inner = new.create_group(parent)
-    if parent not in _names(old):
-        return
-    group = _member(old, parent)
-    if not isinstance(group, h5py.Group):
-        raise ArchiveError(f"/{parent} is not a group.")
-    _copy_attributes(group, inner)
-    for name in _names(group):
-        _check_link(group, name)
-        if name != left_out:
-            group.copy(name, inner)
 
 
 def check_format(archive: Any, *, long_text: bool = True) -> None:
@@ -205,28 +181,6 @@ def check_format(archive: Any, *, long_text: bool = True) -> None:
         )
 
 
-def write_items(group: Any, items: Items) -> None:
-    """Write items into an empty group, numbers and texts as they are, bytes compressed."""
-    for path, values in items.items():
-        owner, at, name = path.partition("@")
-        kind = h5py.string_dtype("utf-8", values.dtype.itemsize)
-        stored = kind if values.dtype.kind == "S" else values.dtype
-        if at:
-            target = group.require_group(owner) if owner else group
-            target.attrs.create(name, values.astype(stored), dtype=stored)
-        else:
-            packed = {"compression": "gzip"} if values.dtype == np.uint8 and values.size else {}
-            group.create_dataset(path, data=values.astype(stored), dtype=stored, **packed)
-
-
-def image_of_copy(archive: Any, replaced: str) -> bytes:
-    """What `copy_all` makes of a file, in memory."""
-    image = BytesIO()
-    with h5py.File(image, "w", libver=("v110", "v110")) as new:
-        copy_all(archive, new, replaced)
-    return image.getvalue()
-
-
 def opened(image: bytes | Path) -> Any:
     """A file, or the content of one, opened for reading."""
     return h5py.File(BytesIO(image) if isinstance(image, bytes) else image, "r")
@@ -235,7 +189,7 @@ def opened(image: bytes | Path) -> Any:
 def _items_of(group: Any) -> Iterator[tuple[str, tuple[Any, Spec]]]:
     """Path, object and specification of each item of a group; the object of an attribute is its owner."""
     for path, item in _walk(group, "", {}, 0, strict=True):
-        for name in _attribute_names(item):
+        for name in attribute_names(item):
             if "@" in name:
                 raise ArchiveError(f"{path}@{name}: a name with '@' cannot be that of an item.")
             yield f"{path}@{name}", (item, _attribute_spec(item, path, name))
@@ -257,17 +211,17 @@ def _walk(
     if isinstance(group, h5py.Dataset):
         _check_storage(path, group.id.get_create_plist())
         return
-    for name in _names(group):
+    for name in names_of(group):
         inner = f"{path}/{name}" if path else name
         if strict and "@" in name:
             raise ArchiveError(f"{inner}: a name with '@' cannot be that of an item.")
-        item = _member(group, name)
+        item = member(group, name)
         if not isinstance(item, h5py.Group | h5py.Dataset):
             raise ArchiveError(f"{inner} is a type and not data.")
         yield from _walk(item, inner, seen, depth + 1, strict=strict)
 
 
-def _names(group: Any) -> list[str]:
+def names_of(group: Any) -> list[str]:
     """Names of the links of a group."""
     if len(group) > _MOST_LINKS:
         raise ArchiveError(f"{group.name} has more members than a group of an archive.")
@@ -280,7 +234,7 @@ def _names(group: Any) -> list[str]:
     return names
 
 
-def _check_link(group: Any, name: str) -> None:
+def check_link(group: Any, name: str) -> None:
     """Raise an ArchiveError unless a link is that of an object in this file."""
     if group.id.links.get_info(name.encode("utf-8")).type != h5l.TYPE_HARD:
         raise ArchiveError(
@@ -289,11 +243,11 @@ def _check_link(group: Any, name: str) -> None:
         )
 
 
-def _member(group: Any, name: str) -> Any:
+def member(group: Any, name: str) -> Any:
     """The object of a name in a group."""
     if not isinstance(group, h5py.Group):
         raise ArchiveError(f"{group.name} is not a group.")
-    _check_link(group, name)
+    check_link(group, name)
     return group[name]
 
 
@@ -328,7 +282,8 @@ def _shape(path: str, shape: tuple[int, ...] | None) -> tuple[int, ...]:
     return tuple(int(size) for size in shape)
 
 
-def _attribute_names(item: Any) -> list[str]:
+def attribute_names(item: Any) -> list[str]:
+    """Names of the attributes of a group or a dataset."""
     return list(item.attrs.keys())
 
 
@@ -407,7 +362,7 @@ def _word(value: NDArray[Any] | None) -> str:
 
 def _root_text(archive: Any, name: str, long_text: bool) -> str | None:  # noqa: FBT001
     """An attribute of the root that is one text, or None."""
-    if name not in _attribute_names(archive):
+    if name not in attribute_names(archive):
         return None
     spec = _attribute_spec(archive, "", name)
     if spec.type not in (TEXT, _LONG_TEXT) or spec.shape:
@@ -415,12 +370,3 @@ def _root_text(archive: Any, name: str, long_text: bool) -> str | None:  # noqa:
     if spec.type == _LONG_TEXT and not long_text:
         raise LongTextError
     return _word(_attribute(archive, f"@{name}"))
-
-
-def _copy_attributes(old: Any, new: Any) -> None:
-    """Copy the attributes of a group, their types unchanged; the digest of a group goes with it."""
-    for name in _attribute_names(old):
-        found = h5a.open(old.id, name.encode("utf-8"))
-        if found.get_type().get_class() == h5t.REFERENCE:
-            raise ArchiveError(f"attribute {name!r} of {old.name} leads to another place.")
-        new.attrs.create(name, old.attrs[name], dtype=found.dtype)

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.errors import ArchiveError, unknown_name
+from mbdlft.store.copying import image_of_copy
 from mbdlft.store.hdf5 import (
     FAILURES,
     Part,
     check_format,
     check_whole,
-    image_of_copy,
     member_names,
     opened,
     read_group,

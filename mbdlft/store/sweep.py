@@ -17,8 +17,8 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import ArchiveError
 from mbdlft.base.signal import Signal
 from mbdlft.store.archive import LIMIT, _checked, _names, check_name, rewrite
+from mbdlft.store.copying import write_items
 from mbdlft.store.guard import ask
-from mbdlft.store.hdf5 import write_items
 from mbdlft.store.helper import Request, said_of
 from mbdlft.store.items import DIGEST, Items, check_digest, digest, text, texts, word
 from mbdlft.store.layout import BLOCK_ROWS, ROWS, SWEEP_TYPE, VERSION

@@ -149,6 +149,8 @@ def test_attributes(stored):
     wanted = {name: set(names) for name, names in ATTRIBUTES.items()}
     if not model.description:
         wanted[""] -= {"description"}
+    if model.certificate.exact_bound:
+        wanted["certificate"] |= {"exact_bound"}
     assert {name: names for name, names in found.items() if names} == wanted
     assert group.attrs["encoding_type"] == b"lft-model"
     assert group.attrs["encoding_version"] == b"1.1"
@@ -160,6 +162,7 @@ def test_attributes(stored):
     certificate = group["certificate"]
     kinds = {key: attribute_type(certificate, key) for key in certificate.attrs}
     assert is_text(kinds.pop("well_posed"))
+    assert kinds.pop("exact_bound", bool) == np.dtype(bool)
     assert kinds == {
         "max_relative_error": np.dtype("<f8"),
         "check_points": np.dtype("<i8"),

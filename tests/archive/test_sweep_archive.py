@@ -10,7 +10,7 @@ import pytest
 
 import mbdlft
 from mbdlft import RandomSamples
-from mbdlft.store import archive, guard, hdf5
+from mbdlft.store import archive, copying, guard, hdf5
 from tests.archive import models
 from tests.archive.models import contents, same
 from tests.close import exact
@@ -82,7 +82,7 @@ def test_large_archives_are_not_held_in_memory(
             assert not held, "an archive is held in memory"
             super().__init__()
 
-    for module in (archive, hdf5):
+    for module in (archive, copying, hdf5):
         monkeypatch.setattr(module, "BytesIO", Empty)
     swept(large)
     mbdlft.save(large, models.arm())

@@ -5,7 +5,6 @@ import shutil
 import signal
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -16,7 +15,7 @@ from mbdlft import ArchiveError, load, load_sweep, model_names, save
 from mbdlft.store import files
 from tests.archive import models
 from tests.archive.plain_digest import digest
-from tests.close import exact
+from tests.close import CLOSED_FORM, exact, target
 from tests.errors.scenes import says
 
 HERE = Path(__file__).parent
@@ -124,15 +123,31 @@ def test_files_of_1_0_are_read_and_kept(tmp_path: Path) -> None:
     file = shutil.copy(HERE / "archive_1_0.h5", tmp_path / "a.h5")
     assert model_names(file) == ("numbers", "turned_arm")
     before = load(file, "turned_arm")
-    models.same(before, replace(models.turned_arm(), provenance=before.provenance))
+    agrees(before)
     rows = load_sweep(file)
-    exact(rows.A, mbdlft.matrices_at(before, _values(rows)).A)
+    target(rows.A, mbdlft.matrices_at(before, _values(rows)).A, CLOSED_FORM)
     save(file, models.strange(4))
     models.same(load(file, "turned_arm"), before)
     exact(load_sweep(file).A, rows.A)
     with h5py.File(file) as archive:
         assert archive.attrs["format_version"] == b"1.1"
         assert archive["models/turned_arm"].attrs["encoding_version"] == "1.0"
+
+
+def agrees(found: mbdlft.LFTModel) -> None:
+    """The model has the values of the one that is made today; how they are computed may have changed."""
+    today = models.turned_arm()
+    assert (found.states, found.inputs, found.outputs) == (
+        today.states,
+        today.inputs,
+        today.outputs,
+    )
+    assert found.certificate.order == tuple(block.size for block in found.lft.blocks)
+    points = mbdlft.random(today.parameters, 5, seed=2)
+    for a, b in zip(
+        mbdlft.matrices_at(found, points), mbdlft.matrices_at(today, points), strict=True
+    ):
+        target(a, b, CLOSED_FORM)
 
 
 def _values(rows: mbdlft.Sweep) -> dict[str, object]:
@@ -143,9 +158,9 @@ def test_files_of_1_1_are_read() -> None:
     file = HERE / "archive_1_1.h5"
     assert model_names(file) == ("mixed", "turned_arm")
     found = load(file, "turned_arm")
-    models.same(found, replace(models.turned_arm(), provenance=found.provenance))
+    agrees(found)
     rows = load_sweep(file)
-    exact(rows.A, mbdlft.matrices_at(found, _values(rows)).A)
+    target(rows.A, mbdlft.matrices_at(found, _values(rows)).A, CLOSED_FORM)
     assert [block.kind for block in load(file, "mixed").lft.blocks][:2] == ["full", "complex"]
     with h5py.File(file) as archive:
         for path in ("models/mixed", "models/turned_arm", "sweeps/sweep"):
