@@ -1,6 +1,7 @@
 # make run        linearize the two-link arm into out/ and print its table
 # make test       all checks: style, types, import contracts, tests
 # make test-long  tests that run for minutes, all tests as other processors would run them, planted bugs
+# make attack     damaged, hostile and absurd inputs: ATTACK="--minutes 30 --only archives,urdf"
 # make mutants    planted bugs: each must fail a test
 # make bench      measure, and write the tables into the README and docs/; print those of the UR5 and of moves between files
 # Each needs Python 3.11 or newer and a package index; everything goes into .venv, and no more than it needs.
@@ -16,7 +17,7 @@ PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto
 has = $(shell grep -m 1 -o $(1) /proc/cpuinfo 2>/dev/null)
 KERNELS := Prescott $(if $(call has,avx2),Haswell) $(if $(call has,avx512f),SkylakeX)
 
-.PHONY: run test test-long mutants bench clean
+.PHONY: run test test-long attack mutants bench clean
 
 run: .venv/run
 	mkdir -p out
@@ -35,6 +36,9 @@ test-long: .venv/test mutants
 
 mutants: .venv/test
 	$(BIN)/python -m tests.mutants
+
+attack: .venv/test
+	$(BIN)/python -m tests.attack $(ATTACK)
 
 bench: .venv/bench
 	$(BIN)/python -m benchmarks.arm --write README.md

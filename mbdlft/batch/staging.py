@@ -2,7 +2,9 @@
 
 A shard is a number of consecutive samples. Its file is complete or does not exist, and its numbers depend
 on the plan of the sweep only: not on the process that computes them, nor on the time. So a sweep that was
-killed continues with the shards that are missing.
+killed continues with the shards that are missing. Behind the numbers of a shard is a SHA-256, and the
+plan has one of itself and one of the source and the samples: what was changed meanwhile is computed
+again, or is an error.
 """
 
 import contextlib
@@ -114,7 +116,7 @@ def prepare(folder: Path, given: Scene | LFTModel, samples: Samples, *, restart:
         if restart or (folder.exists() and not (folder / _PLAN).exists()):
             clear(folder)
         if folder.exists():
-            if json.loads((folder / _PLAN).read_text(encoding="utf-8")) != plan:
+            if _read_plan(folder) != plan:
                 raise AnalysisError(
                     f"{folder}: another sweep of this name is not finished: its scene, samples or "
                     "version of mbdlft differ. Finish that one, give this one another name, or start "
@@ -128,26 +130,70 @@ def prepare(folder: Path, given: Scene | LFTModel, samples: Samples, *, restart:
             (folder / _SCENE).write_text(scene_to_toml(given), encoding="utf-8")
         if isinstance(samples, GivenSamples):
             np.save(folder / _SAMPLES, samples.points)
-        _put(folder / _PLAN, json.dumps(plan).encode())
+        _put(folder / _PLAN, json.dumps({"digest": _digest(plan), **plan}).encode())
     return work
 
 
+def _read_plan(folder: Path) -> dict[str, Any]:
+    """The plan of a sweep, without its digest.
+
+    Raises
+    ------
+    ArchiveError
+        The file was changed or cut.
+    """
+    try:
+        plan: dict[str, Any] = json.loads((folder / _PLAN).read_bytes())
+        if plan.pop("digest") == _digest(plan):
+            return plan
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        pass
+    raise _changed(folder / _PLAN)
+
+
+def _digest(plan: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(plan, sort_keys=True).encode()).hexdigest()
+
+
+def _changed(file: Path) -> ArchiveError:
+    """The error for a file of a sweep that is not what was written."""
+    return ArchiveError(
+        f"{file}: is damaged or was changed. Start the sweep again (restart=True, --restart), which "
+        "throws away what was computed."
+    )
+
+
 def opened(folder: Path) -> Work:
-    """The work of a sweep, as another process reads it from the folder."""
-    plan: dict[str, Any] = json.loads((folder / _PLAN).read_text(encoding="utf-8"))
+    """The work of a sweep, as another process reads it from the folder.
+
+    Raises
+    ------
+    ArchiveError
+        A file of the folder was changed or cut.
+    """
+    plan = _read_plan(folder)
     given: Scene | LFTModel
     if plan["source"] == "model":
         given = load(folder / _MODEL, "model")
     else:
-        given = scene_from_toml((folder / _SCENE).read_text(encoding="utf-8"))
-    return Work(
-        source_of(given), from_description(plan["samples"], folder / _SAMPLES), plan["shard_rows"]
-    )
+        try:
+            given = scene_from_toml((folder / _SCENE).read_text(encoding="utf-8"))
+        except UnicodeDecodeError:
+            raise _changed(folder / _SCENE) from None
+    try:
+        samples = from_description(plan["samples"], folder / _SAMPLES)
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError, EOFError):
+        raise _changed(folder / _SAMPLES) from None
+    if _fingerprint(given, samples) != plan["fingerprint"]:
+        raise _changed(folder)  # the source or the samples
+    return Work(source_of(given), samples, plan["shard_rows"])
 
 
 def missing(folder: Path, work: Work) -> list[int]:
-    """Shards that are not finished."""
-    return [k for k in range(work.shards) if not _shard(folder, k).exists()]
+    """Shards that are not finished, or whose file is not what was written."""
+    return [k for k in range(work.shards) if _rows(folder, work, k) is None]
 
 
 def write_shard(folder: Path, shard: int, rows: Array) -> None:
@@ -159,14 +205,42 @@ def write_shard(folder: Path, shard: int, rows: Array) -> None:
         The file cannot be written.
     """
     with _written(folder):
-        _put(_shard(folder, shard), rows.astype("<f8").tobytes())
+        data = rows.astype("<f8").tobytes()
+        _put(_shard(folder, shard), data + _seal(shard, data))
+
+
+def _seal(shard: int, data: bytes) -> bytes:
+    """The SHA-256 (32 bytes) of a shard, its number among what goes into it."""
+    return hashlib.sha256(f"{shard}\n".encode() + data).digest()
+
+
+def _rows(folder: Path, work: Work, shard: int) -> Array | None:
+    """The rows (n, width) of a shard; None if they are not there as they were written."""
+    try:
+        image = _shard(folder, shard).read_bytes()
+    except FileNotFoundError:
+        return None
+    data, shape = image[:-32], (work.rows_of(shard), work.source.layout.width)
+    if len(data) != 8 * shape[0] * shape[1] or image[-32:] != _seal(shard, data):
+        return None
+    return np.frombuffer(data, dtype="<f8").reshape(shape)
 
 
 def read_shards(folder: Path, work: Work) -> Iterator[Array]:
-    """Yield the rows (n, width) of all shards in their order; one shard at a time is in memory."""
+    """Yield the rows (n, width) of all shards in their order; one shard at a time is in memory.
+
+    Raises
+    ------
+    ArchiveError
+        The file of a shard is not what was written.
+    """
     for k in range(work.shards):
-        rows = np.fromfile(_shard(folder, k), dtype="<f8")
-        yield rows.reshape(work.rows_of(k), work.source.layout.width)
+        rows = _rows(folder, work, k)
+        if rows is None:
+            raise ArchiveError(
+                f"{_shard(folder, k)}: is damaged or was changed. The same sweep computes it again."
+            )
+        yield rows
 
 
 def clear(folder: Path) -> None:

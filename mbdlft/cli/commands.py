@@ -1,9 +1,12 @@
 """The command line: import, body, check, trim, linearize, sweep, realize, show."""
 
+import contextlib
+import os
 import sys
 import time
+from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import numpy as np
 import typer
@@ -12,7 +15,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from mbdlft import __version__
-from mbdlft.base.errors import MbdlftError, SceneError
+from mbdlft.base.errors import MbdlftError, SceneError, shortened
 from mbdlft.cli.body import body
 from mbdlft.cli.report import print_model, report_model
 from mbdlft.cli.sweep import sweep
@@ -57,11 +60,39 @@ app.command()(sweep)
 
 def main() -> None:
     """Run the command line; bad input is one message and exit code 2."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(
+            stream, TextIOWrapper
+        ):  # a letter that a terminal does not have is written as \\u
+            stream.reconfigure(errors="backslashreplace")
     try:
-        app()
+        try:
+            app()
+        finally:
+            sys.stdout.flush()
     except MbdlftError as error:
-        sys.stderr.write(f"mbdlft: {error}\n")
-        sys.exit(2)
+        _stop(str(error))
+    except BrokenPipeError:
+        _forget_output()  # whoever reads it wants no more
+        sys.exit(1)
+    except OSError as error:
+        _forget_output()
+        _stop(f"the output cannot be written: {error.strerror or error}.")
+
+
+def _stop(message: str) -> NoReturn:
+    """End with a message."""
+    with contextlib.suppress(OSError):
+        sys.stderr.write(f"mbdlft: {shortened(message)}\n")
+    sys.exit(2)
+
+
+def _forget_output() -> None:
+    """Let what is not written yet go nowhere: the interpreter would try again when it ends."""
+    with contextlib.suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
 
 
 @app.callback(invoke_without_command=True)
@@ -241,6 +272,8 @@ def show(
     for key in [name] if name else model_names(archive):
         model = load(archive, key)
         print_model(model)
+        if not isinstance(model, LFTModel):
+            continue
         made = model.provenance
         _console().print(f"made {made.created} by mbdlft {made.mbdlft}, CasADi {made.casadi}")
     if name is None and sweep_names(archive):

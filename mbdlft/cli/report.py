@@ -10,6 +10,7 @@ from rich.table import Table
 
 from mbdlft.cli.tables import console, table
 from mbdlft.system.model import Certificate, LFTModel
+from mbdlft.system.system import System
 
 _EPS = sys.float_info.epsilon
 
@@ -37,14 +38,24 @@ def report_model(
             out.print(f"{what}: {path}", soft_wrap=True)
 
 
-def print_model(model: LFTModel) -> None:
-    """Print the signals and parameters of a model, and what its certificate says."""
-    out, certificate = console(), model.certificate
+def print_model(model: System) -> None:
+    """Print the signals and parameters of a model, and what its certificate says, if it has one."""
+    out = console()
     out.print(f"{model.name}  {model.description}", style="bold", highlight=False)
     for what in ("states", "inputs", "outputs"):
         signals = getattr(model, what)
         listed = ", ".join(f"{signal.name} ({signal.unit})" for signal in signals)
         out.print(f"{what} ({len(signals)}): {listed}".rstrip(": "), highlight=False)
+    if isinstance(model, LFTModel):
+        _print_evidence(model)
+        return
+    blocks = ", ".join(f"{b.name} ({b.kind}, {b.outputs} x {b.inputs})" for b in model.lft.blocks)
+    out.print(f"order {model.order}: {blocks or 'no blocks'}; stored without evidence")
+
+
+def _print_evidence(model: LFTModel) -> None:
+    """Print what the certificate of a model says, and its trim."""
+    out, certificate = console(), model.certificate
     out.print(_parameter_table(model))
     for line in _order_sentences(model):
         out.print(line)

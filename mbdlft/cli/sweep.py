@@ -4,7 +4,7 @@ import json
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 from rich.console import Console
@@ -101,7 +101,7 @@ def _source(file: Path, model: str | None) -> "Scene | LFTModel":
     from mbdlft.store import load
 
     if file.suffix.lower() in (".h5", ".hdf5"):
-        return load(file, model)
+        return cast("Scene | LFTModel", load(file, model))  # the sweep refuses what is neither
     if model is not None:
         raise AnalysisError(f"--model {model}: {file} is a scene; only an archive has models.")
     return load_scene(file)

@@ -9,7 +9,9 @@ the node table NAME.nodes.txt. The table has one row `number x y z component com
 in the order of the rows of the matrices.
 """
 
+import zipfile
 from collections.abc import Mapping
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,8 @@ import numpy as np
 import scipy.io
 import scipy.sparse as sp
 
+from mbdlft.base.apart import arrays_of
+from mbdlft.base.content import content_of
 from mbdlft.base.errors import StructureError
 from mbdlft.elastic.matrices import FiniteElements
 from mbdlft.elastic.nodes import Nodes
@@ -25,34 +29,47 @@ from mbdlft.elastic.nodes import Nodes
 _MATRICES = ("mass", "stiffness")
 _TABLE = ("numbers", "coordinates", "dof")
 _HDF5 = (".h5", ".hdf5")
+LIMIT = 2**31  # bytes that arrays may need, unless the caller allows more
+_SECONDS, _BYTES_PER_SECOND, _MEMBERS = 5, 10**7, 100
 
 
-def load_matrices(path: str | Path) -> FiniteElements:
+def load_matrices(path: str | Path, *, limit: int = LIMIT) -> FiniteElements:
     """Load matrices and node table of a file.
 
     Parameters
     ----------
     path : NAME.npz, NAME.h5, or NAME.mass.mtx with NAME.stiffness.mtx and NAME.nodes.txt beside it
+    limit : int
+        Most bytes that the arrays may need.
 
     Raises
     ------
     StructureError
-        The file cannot be read, or something is missing in it.
+        The file cannot be read, something is missing in it, or it needs more memory.
     """
     file = Path(path)
     try:
+        if file.suffix in (".npz", *_HDF5) and not file.is_file():
+            content_of(file, StructureError, 0)
         if file.suffix == ".npz":
-            with np.load(file, allow_pickle=False) as arrays:
-                return _elements(dict(arrays))
-        if file.suffix in _HDF5:
-            with h5py.File(file, "r") as archive:
-                return _elements({key: item[()] for key, item in archive.items()})
+            return _elements(_npz(file, limit))
+        if file.suffix in _HDF5:  # the library can loop or end the process on damaged files
+            found = arrays_of(
+                f"{__name__}:arrays_of_hdf5",
+                {"path": str(file.absolute()), "limit": limit},
+                seconds=_SECONDS + file.stat().st_size // _BYTES_PER_SECOND,
+                memory=4 * limit,
+                error=StructureError,
+            )
+            return _elements(found)
         if file.name.endswith(".mass.mtx"):
-            return _matrix_market(file)
+            return _matrix_market(file, limit)
     except StructureError as error:
-        raise StructureError(f"{file}: {error}") from None
-    except (OSError, ValueError, TypeError, AttributeError) as error:
-        raise StructureError(f"{file}: cannot be read: {error}") from None
+        text = str(error)
+        raise StructureError(text if text.startswith(f"{file}: ") else f"{file}: {text}") from None
+    except Exception as error:  # what the libraries raise for damaged files has no common class
+        why = str(error) or type(error).__name__
+        raise StructureError(f"{file}: cannot be read: {why}") from None
     raise StructureError(
         f"{file}: expected a name that ends in .npz, .h5, .hdf5 or .mass.mtx. NASTRAN files: "
         "load_nastran."
@@ -97,6 +114,79 @@ def save_matrices(path: str | Path, elements: FiniteElements) -> None:
         raise StructureError(f"{file}: expected a name that ends in .npz, .h5 or .hdf5.")
 
 
+def _npz(file: Path, limit: int) -> dict[str, Any]:
+    """Arrays of an npz file, of numbers only, each checked before it is unpacked."""
+    arrays, total = {}, 0
+    with zipfile.ZipFile(file) as archive:
+        members = archive.infolist()
+        if len(members) > _MEMBERS:
+            raise StructureError(f"has {len(members)} arrays, expected at most {_MEMBERS}.")
+        for member in members:
+            name = member.filename.removesuffix(".npy")
+            with archive.open(member) as stream:
+                shape, columns, kind = _header(name, stream)
+                size = prod(shape) * kind.itemsize
+                total += size
+                _check_size(name, total, limit)
+                data = stream.read(size + 1)
+            if len(data) != size:
+                raise StructureError(f"{name}: expected {size} bytes of {shape}, got {len(data)}.")
+            arrays[name] = np.frombuffer(data, kind).reshape(shape, order="F" if columns else "C")
+    return arrays
+
+
+def _header(name: str, stream: Any) -> tuple[tuple[int, ...], bool, "np.dtype[Any]"]:
+    """Shape, whether columns come first, and type of an array in the format npy."""
+    formats = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }
+    version = np.lib.format.read_magic(stream)
+    if version not in formats:
+        raise StructureError(f"{name}: has npy version {version}, expected 1.0 or 2.0.")
+    shape, columns, kind = formats[version](stream)
+    if kind.kind not in "iufb" or kind.hasobject:
+        raise StructureError(f"{name}: expected numbers, got {kind}; objects are not read.")
+    if any(size < 0 for size in shape):
+        raise StructureError(f"{name}: has shape {shape}.")
+    return shape, columns, kind
+
+
+def _check_size(name: str, total: int, limit: int) -> None:
+    """Raise a StructureError if arrays need too much memory."""
+    if total > limit:
+        raise StructureError(
+            f"needs {total} bytes of memory at {name!r}, expected at most {limit}. Is it damaged? If "
+            "not, give a larger limit."
+        )
+
+
+def arrays_of_hdf5(path: str, limit: int) -> dict[str, Any]:
+    """Arrays of an HDF5 file by name, for `arrays_of`; numbers that are in the file itself only.
+
+    Raises
+    ------
+    StructureError
+        Something in the file is not an array of numbers, or all need more memory.
+    """
+    arrays, total = {}, 0
+    with h5py.File(path, "r") as archive:
+        for name in archive:
+            if not isinstance(archive.get(name, getlink=True), h5py.HardLink):
+                raise StructureError(f"{name!r} is a link to another place or file.")
+            item = archive[name]
+            if not isinstance(item, h5py.Dataset) or item.shape is None:
+                raise StructureError(f"{name!r} is not an array.")
+            if item.is_virtual or item.external:
+                raise StructureError(f"{name!r} takes its numbers from another place or file.")
+            if item.dtype.kind not in "iufb":
+                raise StructureError(f"{name!r}: expected numbers, got {item.dtype}.")
+            total += prod([item.dtype.itemsize, *item.shape])
+            _check_size(name, max(total, prod([item.dtype.itemsize, *(item.chunks or ())])), limit)
+            arrays[name] = item[()]
+    return arrays
+
+
 def _elements(arrays: Mapping[str, Any]) -> FiniteElements:
     """Matrices and node table of the arrays of an npz or HDF5 file, by name."""
     for name in _TABLE:
@@ -129,12 +219,13 @@ def _matrix(name: str, arrays: Mapping[str, Any], rows: int) -> Any:
     return lower + sp.tril(lower, -1).T
 
 
-def _matrix_market(file: Path) -> FiniteElements:
+def _matrix_market(file: Path, limit: int) -> FiniteElements:
     """Matrices and node table of `file`, NAME.mass.mtx, and of the two files beside it."""
     stem = file.name.removesuffix(".mass.mtx")
     stiffness, table = (file.with_name(stem + end) for end in (".stiffness.mtx", ".nodes.txt"))
     numbers, coordinates, dof = [], [], []
-    for count, line in enumerate(table.read_text(encoding="utf-8").splitlines(), start=1):
+    lines = content_of(table, StructureError, limit).decode("utf-8").splitlines()
+    for count, line in enumerate(lines, start=1):
         words = line.partition("#")[0].split()
         if not words:
             continue
@@ -149,7 +240,19 @@ def _matrix_market(file: Path) -> FiniteElements:
         coordinates.append(place)
         dof += [(number, component) for component in components]
     nodes = Nodes(numbers, coordinates, dof)
-    return FiniteElements(scipy.io.mmread(file), scipy.io.mmread(stiffness), nodes)
+    return FiniteElements(_market(file, limit), _market(stiffness, limit), nodes)
+
+
+def _market(file: Path, limit: int) -> Any:
+    """The matrix of a file; its sizes are checked before there is memory for it."""
+    content_of(file, StructureError, limit)
+    rows, columns, entries, form, field, _ = scipy.io.mminfo(file)
+    if field not in ("real", "integer", "pattern"):
+        raise StructureError(f"{file}: expected real numbers, got {field}.")
+    if form == "coordinate" and entries > file.stat().st_size:
+        raise StructureError(f"{file}: says that it has {entries} entries, more than it has bytes.")
+    _check_size(file.name, 8 * (rows * columns if form == "array" else 3 * entries + rows), limit)
+    return scipy.io.mmread(file)
 
 
 _ROW = "expected the number of a node, x, y, z and its components 1 to 6"

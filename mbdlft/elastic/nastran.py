@@ -10,14 +10,25 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from mbdlft.base.apart import arrays_of
 from mbdlft.base.array import Array
+from mbdlft.base.content import content_of
 from mbdlft.base.errors import MbdlftError, StructureError, unknown_name
+from mbdlft.elastic.files import LIMIT
 from mbdlft.elastic.matrices import FiniteElements
 from mbdlft.elastic.nodes import Indices, Nodes, every_dof
 
+_TABLE = ("dof", "numbers", "coordinates", "axes")
+_SECONDS, _BYTES_PER_SECOND = 5, 10**6
+
 
 def load_nastran(
-    matrices: str | Path, bulk: str | Path, *, mass: str = "MAA", stiffness: str = "KAA"
+    matrices: str | Path,
+    bulk: str | Path,
+    *,
+    mass: str = "MAA",
+    stiffness: str = "KAA",
+    limit: int = LIMIT,
 ) -> FiniteElements:
     """Load matrices and node table, in the units of the files (see `to_si`).
 
@@ -31,6 +42,8 @@ def load_nastran(
         in the order of their numbers, then one for each SPOINT; the bulk data then must have no other
         nodes.
     mass, stiffness : names of the matrices
+    limit : int
+        Most bytes of a file, and half of the memory that its reader may need.
 
     Coordinates with neither mass nor stiffness (constrained by AUTOSPC) are left out.
 
@@ -40,14 +53,45 @@ def load_nastran(
         pyYeti is not installed, a file cannot be read, or the matrices and nodes do not fit together.
     """
     try:
-        cards = importlib.import_module("pyyeti.nastran.bulk")
-        op4 = importlib.import_module("pyyeti.nastran.op4")
-        grids = importlib.import_module("pyyeti.nastran.n2p")
+        importlib.import_module("pyyeti.nastran.op4")
     except ImportError as error:
         raise StructureError(
             f"NASTRAN files are read with pyYeti, which cannot be imported ({error}). Install it "
             "with: pip install 'mbdlft[nastran]'."
         ) from None
+    names = {"mass": mass, "stiffness": stiffness}
+    paths = {"matrices": str(Path(matrices)), "bulk": str(Path(bulk))}
+    size = sum(len(content_of(Path(path), StructureError, limit)) for path in paths.values())
+    found = arrays_of(  # pyYeti believes what a file says of its sizes
+        f"{__name__}:arrays_of_nastran", {**paths, **names},
+        seconds=_SECONDS + size // _BYTES_PER_SECOND, memory=2 * limit, error=StructureError,
+    )  # fmt: skip
+    pair = [_sparse(found, name) for name in ("mass", "stiffness")]
+    dof, numbers, coordinates, axes = (found[key] for key in _TABLE)
+    for name, matrix in zip((mass, stiffness), pair, strict=True):
+        if matrix.shape != (len(dof), len(dof)):
+            raise StructureError(
+                f"{Path(matrices)}: {name} is {matrix.shape[0]} x {matrix.shape[1]}, and {Path(bulk)} "
+                f"has {len(dof)} coordinates. Give the bulk data of exactly the nodes of the matrices "
+                "(an .asm or .pch file of EXTSEOUT)."
+            )
+    M, K = (sp.csr_array(matrix) for matrix in pair)
+    used = np.flatnonzero((abs(M) + abs(K)).sum(axis=1))
+    nodes = Nodes(numbers, coordinates, dof[used], axes)
+    return FiniteElements(M[used][:, used], K[used][:, used], nodes)
+
+
+def arrays_of_nastran(matrices: str, bulk: str, mass: str, stiffness: str) -> dict[str, Any]:
+    """The node table and two matrices in coordinate form, for `arrays_of`.
+
+    Raises
+    ------
+    StructureError
+        A file cannot be read.
+    """
+    cards = importlib.import_module("pyyeti.nastran.bulk")
+    op4 = importlib.import_module("pyyeti.nastran.op4")
+    grids = importlib.import_module("pyyeti.nastran.n2p")
     source, table = Path(matrices), Path(bulk)
     numbers, coordinates, axes = _grids(cards, grids, table)
     try:
@@ -60,19 +104,23 @@ def load_nastran(
             pair, dof = _of_cards([_named(frames, name) for name in (mass, stiffness)])
     except MbdlftError as error:
         raise StructureError(f"{source}: {error}") from None
-    except (OSError, ValueError, TypeError, KeyError, IndexError) as error:
-        raise StructureError(f"{source}: cannot be read as NASTRAN matrices: {error}") from None
-    for name, matrix in zip((mass, stiffness), pair, strict=True):
-        if matrix.shape != (len(dof), len(dof)):
-            raise StructureError(
-                f"{source}: {name} is {matrix.shape[0]} x {matrix.shape[1]}, and {table} has "
-                f"{len(dof)} coordinates. Give the bulk data of exactly the nodes of the matrices "
-                "(an .asm or .pch file of EXTSEOUT)."
-            )
-    M, K = (sp.csr_array(matrix) for matrix in pair)
-    used = np.flatnonzero((abs(M) + abs(K)).sum(axis=1))
-    nodes = Nodes(numbers, coordinates, dof[used], axes)
-    return FiniteElements(M[used][:, used], K[used][:, used], nodes)
+    except Exception as error:  # pyYeti raises what it meets
+        why = str(error) or type(error).__name__
+        raise StructureError(f"{source}: cannot be read as NASTRAN matrices: {why}") from None
+    arrays: dict[str, Any] = dict(zip(_TABLE, (dof, numbers, coordinates, axes), strict=True))
+    for name, matrix in zip(("mass", "stiffness"), pair, strict=True):
+        entries = sp.coo_array(matrix)
+        arrays |= {f"{name}.row": entries.row, f"{name}.column": entries.col}
+        arrays |= {f"{name}.value": entries.data, f"{name}.shape": np.array(entries.shape)}
+    return arrays
+
+
+def _sparse(arrays: dict[str, Any], name: str) -> Any:
+    """A matrix of `arrays_of_nastran`."""
+    row, column, value, shape = (
+        arrays[f"{name}.{part}"] for part in ("row", "column", "value", "shape")
+    )
+    return sp.coo_array((value, (row, column)), tuple(shape.tolist()))
 
 
 def _grids(cards: Any, grids: Any, table: Path) -> tuple[Indices, Array, Array]:
@@ -82,7 +130,7 @@ def _grids(cards: Any, grids: Any, table: Path) -> tuple[Indices, Array, Array]:
         entries = uset.iloc[:, 1:].to_numpy(dtype=float).reshape(-1, 6, 3)
         motions = np.asarray(grids.rbgeom_uset(uset)).reshape(-1, 6, 6)
         numbers = np.asarray(uset.index.get_level_values("id"), dtype=np.int64)[::6]
-    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+    except Exception as error:  # pyYeti raises what it meets
         raise StructureError(
             f"{table}: cannot be read as bulk data with GRID cards: {error}"
         ) from None

@@ -25,7 +25,11 @@ def through(
     solved, low = _solve(matrix, right, what)
     if low.any():
         return _twofold_sum(base, left, Twofold(solved, low)), solved
-    size = solution_size(np.asarray(np.linalg.inv(matrix)), matrix, solved, right)
+    try:
+        inverse = np.asarray(np.linalg.inv(matrix))
+    except np.linalg.LinAlgError:  # its rows have sizes that underflow
+        raise WellPosednessError(f"{what}: the matrix is singular to working precision.") from None
+    size = solution_size(inverse, matrix, solved, right)
     solved = cleaned(solved, 0.25 * size)
     return cleaned(base + left @ solved, np.abs(base) + np.abs(left) @ size), solved
 

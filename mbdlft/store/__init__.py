@@ -1,4 +1,4 @@
-"""The archive: LFT models in HDF5, layout version 1.0 (docs/archive-format.md). Needs h5py and numpy."""
+"""The archive: models and sweeps in HDF5, layout 1.1 (docs/archive-format.md). Needs h5py and numpy."""
 
 import lazy_loader
 

@@ -1,184 +1,219 @@
-"""One model as an HDF5 group: what docs/archive-format.md lists, checked on reading."""
+"""One model or system as the items of an HDF5 group, as docs/archive-format.md lists them."""
 
 from collections.abc import Sequence
 from typing import Any, cast
 
-import h5py
 import numpy as np
-from numpy.typing import NDArray
 
-from mbdlft.base.array import Array
-from mbdlft.base.errors import ArchiveError
+from mbdlft.base.errors import ArchiveError, MbdlftError
 from mbdlft.base.parameter import BilinearMap, Parameter
 from mbdlft.base.signal import Signal
+from mbdlft.lft.block import ComplexBlock, FullBlock
 from mbdlft.lft.lft import LFT, Block
-from mbdlft.system.model import Certificate, LFTModel, Provenance, Trim
-from mbdlft.system.system import Parameters
+from mbdlft.store.certificate import certificate_of, items_of_certificate
+from mbdlft.store.hdf5 import FAILURES
+from mbdlft.store.items import (
+    DIGEST,
+    Items,
+    check_digest,
+    digest,
+    floats,
+    integers,
+    text,
+    texts,
+    word,
+    words,
+)
+from mbdlft.store.layout import MODEL_TYPE, SYSTEM_TYPE, VERSION
+from mbdlft.system.model import LFTModel, Provenance, Trim
+from mbdlft.system.system import Parameters, System
 
-TYPE, VERSION = "lft-model", "1.0"
+KINDS = (MODEL_TYPE, SYSTEM_TYPE)
 _MATRICES = ("A", "B_w", "B_u", "C_z", "D_zw", "D_zu", "C_y", "D_yw", "D_yu")
-_TEXT = h5py.string_dtype("utf-8")
-_ULPS = 8.0  # between machines a tangent may differ in its last bits
+_FOUR = ("D_zw", "D_zu", "D_yw", "D_yu")
+_ULPS = 8.0  # between machines a tangent may differ in its last bit
+_MADE = ("mbdlft", "casadi", "numpy", "h5py", "created")
+_POINTER = "in the dataset provenance/scene"  # where readers of 1.0 look for the text
 
 
-def write_model(group: Any, model: LFTModel) -> None:
-    """Write a model into an empty group."""
-    group.attrs["encoding_type"] = TYPE
-    group.attrs["encoding_version"] = VERSION
-    group.attrs["time_domain"] = "continuous"
+def items_of_model(model: System) -> Items:
+    """The items of a model or a system, with their digest.
+
+    Raises
+    ------
+    ArchiveError
+        A text cannot be stored, or an entry is complex.
+    """
+    certified = isinstance(model, LFTModel)
+    items: Items = {
+        "@encoding_type": text(MODEL_TYPE if certified else SYSTEM_TYPE),
+        "@encoding_version": text(VERSION),
+        "@time_domain": text("continuous"),
+    }
     if model.description:
-        group.attrs["description"] = model.description
+        items["@description"] = text(model.description)
     for name in _MATRICES:
-        _put(group, name, getattr(model, name))
+        items[name] = _numbers(name, getattr(model, name))
     for name in ("states", "inputs", "outputs"):
-        _write_signals(group.create_group(name), getattr(model, name))
-    _put_indices(group.create_group("delta"), model.lft)
-    _write_parameters(group.create_group("parameters"), model.parameters)
-    trim = group.create_group("trim")
-    _write_signals(trim, model.trim.signals)
-    _put(trim, "nominal", model.trim.nominal)
-    if model.trim.lft is not None:
-        lft = trim.create_group("lft")
-        for name, matrix in zip(
-            ("D_zw", "D_zu", "D_yw", "D_yu"), _four(model.trim.lft), strict=True
-        ):
-            _put(lft, name, matrix)
-        _put_indices(lft.create_group("delta"), model.trim.lft)
-    certificate = group.create_group("certificate")
-    for name in ("order", "lower_bound", "raw_order"):
-        _put_numbers(certificate, name, np.array(getattr(model.certificate, name), dtype="<i8"))
-    if model.certificate.doubtful:
-        _put_numbers(certificate, "doubtful", np.array(model.certificate.doubtful, dtype="<i8"))
-    certificate.attrs["max_relative_error"] = np.float64(model.certificate.max_relative_error)
-    certificate.attrs["check_points"] = np.int64(model.certificate.check_points)
-    certificate.attrs["seed"] = np.int64(model.certificate.seed)
-    certificate.attrs["exact"] = np.bool_(model.certificate.exact)
-    if model.certificate.exact_bound:
-        certificate.attrs["exact_bound"] = np.bool_(model.certificate.exact_bound)
-    certificate.attrs["truncation_error"] = np.float64(model.certificate.truncation_error)
-    if model.certificate.fit_error_bound > 0.0:
-        certificate.attrs["fit_error_bound"] = np.float64(model.certificate.fit_error_bound)
-    if model.certificate.order_bound > sum(model.certificate.lower_bound):
-        certificate.attrs["order_bound"] = np.int64(model.certificate.order_bound)
-    if model.certificate.condition > 0.0:
-        certificate.attrs["condition"] = np.float64(model.certificate.condition)
-        certificate.attrs["sign_changes"] = np.int64(model.certificate.sign_changes)
-    provenance = group.create_group("provenance")
-    for name in Provenance.__dataclass_fields__:
-        provenance.attrs[name] = getattr(model.provenance, name)
+        items |= _items_of_signals(name, getattr(model, name))
+    items |= _items_of_blocks("delta", model.lft, model.parameters)
+    items |= _items_of_parameters(model.parameters)
+    if isinstance(model, LFTModel):
+        items |= _items_of_evidence(model)
+    items[DIGEST] = text(digest(items))
+    return items
 
 
-def _write_parameters(group: Any, parameters: Sequence[Parameter]) -> None:
+def _items_of_evidence(model: LFTModel) -> Items:
+    items = _items_of_signals("trim", model.trim.signals)
+    items["trim/nominal"] = _numbers("trim/nominal", model.trim.nominal)
+    lft = model.trim.lft
+    if lft is not None:
+        for name, matrix in zip(_FOUR, (lft.M11, lft.M12, lft.M21, lft.M22), strict=True):
+            items[f"trim/lft/{name}"] = _numbers(f"trim/lft/{name}", matrix)
+        items |= _items_of_blocks("trim/lft/delta", lft, model.parameters)
+    for name, values in items_of_certificate(model.certificate).items():
+        items[f"certificate{name}" if name[0] == "@" else f"certificate/{name}"] = values
+    for name in _MADE:
+        items[f"provenance@{name}"] = text(getattr(model.provenance, name))
+    items["provenance@scene"] = text(_POINTER)
+    items["provenance/scene"] = characters(model.provenance.scene)
+    return items
+
+
+def characters(long: str) -> Any:
+    """A long text as the bytes (n,) of its UTF-8."""
+    encoded = text(long)
+    return np.frombuffer(encoded.tobytes() if long else b"", dtype=np.uint8)
+
+
+def _items_of_parameters(parameters: Sequence[Parameter]) -> Items:
+    items: Items = {}
     for name in ("name", "unit", "role", "substitution"):
-        _put_text(group, name, [getattr(p, name) for p in parameters])
+        items[f"parameters/{name}"] = texts([getattr(p, name) for p in parameters])
     for name in ("nominal", "low", "high", "reference"):
-        _put(group, name, [getattr(p, name) for p in parameters])
-    _put(group, "map", np.array([_row(p.map) for p in parameters]).reshape(-1, 3))
+        items[f"parameters/{name}"] = _numbers(name, [getattr(p, name) for p in parameters])
+    maps = np.array([_row(p.map) for p in parameters], dtype="<f8").reshape(-1, 3)
+    items["parameters/map"] = maps
+    return items
 
 
 def _row(m: BilinearMap) -> tuple[float, float, float]:
     return (m.b0, m.b1, m.a1)
 
 
-def _four(lft: LFT) -> tuple[Array, Array, Array, Array]:
-    return (lft.M11, lft.M12, lft.M21, lft.M22)
+def _items_of_signals(group: str, signals: Sequence[Signal]) -> Items:
+    return {
+        f"{group}/name": texts([signal.name for signal in signals]),
+        f"{group}/unit": texts([signal.unit for signal in signals]),
+    }
 
 
-def _write_signals(group: Any, signals: Sequence[Signal]) -> None:
-    _put_text(group, "name", [signal.name for signal in signals])
-    _put_text(group, "unit", [signal.unit for signal in signals])
+def _items_of_blocks(group: str, lft: LFT, parameters: Sequence[Parameter]) -> Items:
+    """The blocks of Delta, and of each of its rows the parameter; -1 where there is none."""
+    place = {p.name: k for k, p in enumerate(parameters)}
+    rows = [place[b.name] if b.kind == "real" else -1 for b in lft.blocks for _ in range(b.outputs)]
+    return {
+        f"{group}/parameter": np.array(rows, dtype="<i8"),
+        f"{group}/name": texts([block.name for block in lft.blocks]),
+        f"{group}/kind": texts([block.kind for block in lft.blocks]),
+        f"{group}/rows": np.array([block.outputs for block in lft.blocks], dtype="<i8"),
+        f"{group}/columns": np.array([block.inputs for block in lft.blocks], dtype="<i8"),
+    }
 
 
-def _put(group: Any, name: str, values: Any) -> None:
-    _put_numbers(group, name, np.asarray(values, dtype="<f8"))
+def _numbers(name: str, values: Any) -> Any:
+    found = np.asarray(values)
+    if found.dtype.kind == "c":
+        raise ArchiveError(f"{name} has an entry that is complex, and archives hold real entries.")
+    return np.ascontiguousarray(found, dtype="<f8")
 
 
-def _put_numbers(group: Any, name: str, values: NDArray[Any]) -> None:
-    """Numbers with a checksum, which only chunks can have; nothing has none."""
-    group.create_dataset(name, data=values, fletcher32=values.size > 0)
-
-
-def _put_text(group: Any, name: str, texts: Sequence[str]) -> None:
-    group.create_dataset(name, data=np.array(texts, dtype=object), shape=(len(texts),), dtype=_TEXT)
-
-
-def _put_indices(group: Any, lft: LFT) -> None:
-    rows = np.repeat(np.arange(len(lft.blocks)), [block.size for block in lft.blocks])
-    _put_numbers(group, "parameter", rows.astype("<i8"))
-
-
-def read_model(group: Any, name: str) -> LFTModel:
-    """The model of a group.
+def model_of_items(items: Items, name: str) -> System:
+    """The model or system of the items of a group, which agree with the layout.
 
     Raises
     ------
-    ArchiveError, KeyError, ...
-        Something is missing or has another shape than specified.
+    ArchiveError
+        The content is not what was written, or values do not agree.
     """
-    _check_encoding(group)
-    parameters = _read_parameters(group["parameters"])
-    states, inputs, outputs = (_read_signals(group[key]) for key in ("states", "inputs", "outputs"))
-    blocks = _read_indices(group["delta"], parameters)
-    rows = {"x": len(states), "u": len(inputs), "y": len(outputs)}
-    rows["w"] = rows["z"] = sum(block.size for block in blocks)
-    shapes = {"A": "xx", "B_w": "xw", "B_u": "xu", "C_z": "zx", "C_y": "yx"}
-    M = {}
-    for key in _MATRICES:
-        shape = shapes.get(key, key[2:])
-        M[key] = _get(group, key, (rows[shape[0]], rows[shape[1]]))
+    if word(items, "@encoding_version") != "1.0":
+        check_digest(items)
+    if word(items, "@time_domain") != "continuous":
+        found = word(items, "@time_domain")
+        raise ArchiveError(f"time_domain is {found!r}, expected 'continuous'.")
+    try:
+        return _system(items, name)
+    except ArchiveError:
+        raise
+    except (MbdlftError, *FAILURES) as error:
+        raise ArchiveError(f"is not as specified: {error}") from None
+
+
+def _system(items: Items, name: str) -> System:
+    parameters = _parameters(items)
+    signals = {key: signals_of(items, key) for key in ("states", "inputs", "outputs")}
+    blocks = _blocks(items, "delta", parameters)
+    M = {key: floats(items, key) for key in _MATRICES}
+    lft = LFT(
+        M["D_zw"],
+        np.hstack([M["C_z"], M["D_zu"]]),
+        np.vstack([M["B_w"], M["D_yw"]]),
+        np.block([[M["A"], M["B_u"]], [M["C_y"], M["D_yu"]]]),
+        blocks,
+    )
+    common: dict[str, Any] = {
+        "name": name,
+        "lft": lft,
+        **signals,
+        "parameters": Parameters(parameters),
+        "description": word(items, "@description"),
+    }
+    if word(items, "@encoding_type") == SYSTEM_TYPE:
+        return System(**common)
+    sizes = tuple(block.size for block in blocks if block.kind == "real")
     return LFTModel(
-        name=name,
-        lft=LFT(
-            M["D_zw"],
-            np.hstack([M["C_z"], M["D_zu"]]),
-            np.vstack([M["B_w"], M["D_yw"]]),
-            np.block([[M["A"], M["B_u"]], [M["C_y"], M["D_yu"]]]),
-            blocks,
-        ),
-        states=states,
-        inputs=inputs,
-        outputs=outputs,
-        parameters=Parameters(parameters),
-        trim=_read_trim(group["trim"], parameters),
-        certificate=_read_certificate(group["certificate"], len(parameters)),
+        **common,
+        trim=_trim(items, parameters),
+        certificate=certificate_of(items, sizes),
         provenance=Provenance(
-            **{key: str(group["provenance"].attrs[key]) for key in Provenance.__dataclass_fields__}
+            scene=long_text(items, "provenance/scene", "provenance@scene"),
+            **{key: word(items, f"provenance@{key}") for key in _MADE},
         ),
-        description=str(group.attrs.get("description", "")),
     )
 
 
-def _check_encoding(group: Any) -> None:
-    for key, expected in (("encoding_type", TYPE), ("time_domain", "continuous")):
-        if group.attrs.get(key) != expected:
-            raise ArchiveError(f"{key} is {group.attrs.get(key)!r}, expected {expected!r}.")
-    version = group.attrs.get("encoding_version")
-    major = version.partition(".")[0] if isinstance(version, str) else ""
-    if not major.isdecimal():
-        raise ArchiveError(f"encoding_version is {version!r}, expected {VERSION!r}.")
-    if int(major) > int(VERSION.partition(".")[0]):
-        raise ArchiveError(f"encoding_version is {version}, this mbdlft reads up to {VERSION}.")
+def long_text(items: Items, path: str, first: str) -> str:
+    """A text that is stored as bytes at a path, or, in the first files, as the attribute `first`."""
+    if path not in items:
+        return word(items, first)
+    try:
+        return items[path].tobytes().decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ArchiveError(f"{path} is not UTF-8 text: {error}.") from None
 
 
-def _read_parameters(group: Any) -> tuple[Parameter, ...]:
-    names = _get_text(group, "name")
-    count = len(names)
-    texts = {key: _get_text(group, key, count) for key in ("unit", "role", "substitution")}
-    numbers = {key: _get(group, key, (count,)) for key in ("nominal", "low", "high", "reference")}
+def _parameters(items: Items) -> tuple[Parameter, ...]:
+    names = words(items, "parameters/name")
+    _check_unique("parameters", names)
+    labels = {key: words(items, f"parameters/{key}") for key in ("unit", "role", "substitution")}
+    numbers = {
+        key: floats(items, f"parameters/{key}") for key in ("nominal", "low", "high", "reference")
+    }
     parameters = tuple(
         Parameter(
             names[k],
             float(numbers["nominal"][k]),
             float(numbers["low"][k]),
             float(numbers["high"][k]),
-            unit=texts["unit"][k],
-            role=cast(Any, texts["role"][k]),
-            substitution=cast(Any, texts["substitution"][k]),
+            unit=labels["unit"][k],
+            role=cast(Any, labels["role"][k]),
+            substitution=cast(Any, labels["substitution"][k]),
             reference=float(numbers["reference"][k]),
         )
-        for k in range(count)
+        for k in range(len(names))
     )
-    for parameter, row in zip(parameters, _get(group, "map", (count, 3)), strict=True):
+    for parameter, row in zip(parameters, floats(items, "parameters/map"), strict=True):
         expected = np.array(_row(parameter.map))
         if not np.all(
             np.abs(row - expected) <= _ULPS * np.finfo(float).eps * np.max(np.abs(expected))
@@ -190,90 +225,70 @@ def _read_parameters(group: Any) -> tuple[Parameter, ...]:
     return parameters
 
 
-def _read_trim(group: Any, parameters: Sequence[Parameter]) -> Trim:
-    signals = _read_signals(group)
-    nominal = tuple(float(value) for value in _get(group, "nominal", (len(signals),)))
-    if "lft" not in group:
+def _trim(items: Items, parameters: Sequence[Parameter]) -> Trim:
+    signals = signals_of(items, "trim")
+    nominal = tuple(float(value) for value in floats(items, "trim/nominal"))
+    if "trim/lft/D_zw" not in items:
         return Trim(signals, nominal, None)
-    inner = group["lft"]
-    blocks = _read_indices(inner["delta"], parameters)
-    n, m = sum(block.size for block in blocks), len(signals)
-    D_zw, D_zu = _get(inner, "D_zw", (n, n)), _get(inner, "D_zu", (n, 1))
-    D_yw, D_yu = _get(inner, "D_yw", (m, n)), _get(inner, "D_yu", (m, 1))
-    return Trim(signals, nominal, LFT(D_zw, D_zu, D_yw, D_yu, blocks))
+    M11, M12, M21, M22 = (floats(items, f"trim/lft/{key}") for key in _FOUR)
+    lft = LFT(M11, M12, M21, M22, _blocks(items, "trim/lft/delta", parameters))
+    return Trim(signals, nominal, lft)
 
 
-def _read_certificate(group: Any, count: int) -> Certificate:
-    return Certificate(
-        order=_get_integers(group, "order", count),
-        lower_bound=_get_integers(group, "lower_bound", count),
-        raw_order=_get_integers(group, "raw_order", count),
-        max_relative_error=float(group.attrs["max_relative_error"]),
-        check_points=int(group.attrs["check_points"]),
-        seed=int(group.attrs["seed"]),
-        exact=bool(group.attrs["exact"]),
-        exact_bound=bool(group.attrs.get("exact_bound", False)),
-        doubtful=_get_integers(group, "doubtful", count) if "doubtful" in group else (),
-        truncation_error=_truncation_error(group),
-        order_bound=int(group.attrs.get("order_bound", 0)),
-        fit_error_bound=float(group.attrs.get("fit_error_bound", 0.0)),
-        **_read_conditioning(group),
+def _blocks(items: Items, group: str, parameters: Sequence[Parameter]) -> tuple[Block, ...]:
+    """The blocks of Delta; the rows of their parameters, which 1.0 has alone, agree with them."""
+    rows = items[f"{group}/parameter"]
+    if f"{group}/kind" not in items:
+        if np.any(np.diff(rows) < 0) or np.any((rows < 0) | (rows >= len(parameters))):
+            raise ArchiveError(
+                f"{group}/parameter is not sorted, or names a parameter that is not there."
+            )
+        counts = np.bincount(rows, minlength=len(parameters))
+        return tuple(Block(p.name, int(count)) for p, count in zip(parameters, counts, strict=True))
+    blocks = tuple(
+        map(
+            _block,
+            words(items, f"{group}/name"),
+            words(items, f"{group}/kind"),
+            integers(items, f"{group}/rows"),
+            integers(items, f"{group}/columns"),
+        )
     )
-
-
-def _read_conditioning(group: Any) -> dict[str, Any]:
-    """Two attributes, or none in files that were written before there were any."""
-    if not {"condition", "sign_changes"} & set(group.attrs):
-        return {}
-    return {
-        "condition": float(group.attrs["condition"]),
-        "sign_changes": int(group.attrs["sign_changes"]),
-    }
-
-
-def _truncation_error(group: Any) -> float:
-    """The first files of format 1.0 do not have it; what is in them is exact."""
-    if group.attrs["exact"] and "truncation_error" not in group.attrs:
-        return 0.0
-    return float(group.attrs["truncation_error"])
-
-
-def _read_indices(group: Any, parameters: Sequence[Parameter]) -> tuple[Block, ...]:
-    rows = group["parameter"][()]
-    if (
-        rows.ndim != 1
-        or np.any(np.diff(rows) < 0)
-        or np.any((rows < 0) | (rows >= len(parameters)))
+    place = {p.name: k for k, p in enumerate(parameters)}
+    if sum(max(0, block.outputs) for block in blocks) != len(rows) or any(
+        block.outputs < 0 for block in blocks
     ):
-        raise ArchiveError("delta/parameter is not sorted, or names a parameter that is not there.")
-    counts = np.bincount(rows, minlength=len(parameters))
-    return tuple(Block(p.name, int(count)) for p, count in zip(parameters, counts, strict=True))
+        raise ArchiveError(f"{group}/rows: expected {len(rows)} together, as many as channels.")
+    expected = [
+        place.get(b.name, -2) if b.kind == "real" else -1 for b in blocks for _ in range(b.outputs)
+    ]
+    if rows.tolist() != expected:
+        raise ArchiveError(
+            f"{group}/parameter is not sorted, or names a parameter that is not there: it does not "
+            f"agree with {group}/name and {group}/rows."
+        )
+    return blocks
 
 
-def _read_signals(group: Any) -> tuple[Signal, ...]:
-    names = _get_text(group, "name")
-    return tuple(map(Signal, names, _get_text(group, "unit", len(names))))
+def _block(name: str, kind: str, rows: int, columns: int) -> Block:
+    if kind == "full":
+        return FullBlock(name, columns, rows)
+    if kind not in ("real", "complex") or rows != columns:
+        raise ArchiveError(
+            f"delta: block {name!r} is {kind!r}, {rows} x {columns}; expected 'real' or 'complex' and "
+            "square, or 'full'."
+        )
+    return Block(name, rows) if kind == "real" else ComplexBlock(name, rows)
 
 
-def _get(group: Any, name: str, shape: tuple[int, ...]) -> Array:
-    values = np.asarray(group[name][()], dtype=float)
-    _check_shape(group, name, values.shape, shape)
-    return values
+def signals_of(items: Items, group: str) -> tuple[Signal, ...]:
+    """The signals of a group such as ``states``; each name occurs once."""
+    names = words(items, f"{group}/name")
+    _check_unique(group, names)
+    return tuple(map(Signal, names, words(items, f"{group}/unit")))
 
 
-def _get_integers(group: Any, name: str, count: int) -> tuple[int, ...]:
-    values = group[name][()]
-    _check_shape(group, name, values.shape, (count,))
-    return tuple(int(value) for value in values)
-
-
-def _get_text(group: Any, name: str, count: int | None = None) -> list[str]:
-    texts = [str(text) for text in group[name].asstr()[()]]
-    if count is not None:
-        _check_shape(group, name, (len(texts),), (count,))
-    return texts
-
-
-def _check_shape(group: Any, name: str, found: tuple[int, ...], expected: tuple[int, ...]) -> None:
-    if found != expected:
-        raise ArchiveError(f"{group.name}/{name} has shape {found}, expected {expected}.")
+def _check_unique(group: str, names: Sequence[str]) -> None:
+    if len(set(names)) != len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ArchiveError(f"{group}/name: {twice!r} stands twice.")

@@ -3,6 +3,7 @@
 A row of a sweep is [samples, A, B, C, D, trim, residual, status], matrices row by row.
 """
 
+import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,17 +16,23 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import ArchiveError
 from mbdlft.base.signal import Signal
-from mbdlft.store.archive import _names, _opened, check_name, chosen_name, rewrite
-from mbdlft.store.model import _read_signals, _write_signals
+from mbdlft.store.archive import LIMIT, _checked, _names, check_name, rewrite
+from mbdlft.store.copying import write_items
+from mbdlft.store.guard import ask
+from mbdlft.store.helper import Request, said_of
+from mbdlft.store.items import DIGEST, Items, check_digest, digest, text, texts, word
+from mbdlft.store.layout import BLOCK_ROWS, ROWS, SWEEP_TYPE, VERSION
+from mbdlft.store.model import characters, signals_of
 
-TYPE, VERSION = "sweep", "1.0"
 SOLVED, SINGULAR, NO_EQUILIBRIUM = 0, 1, 2
 MEANINGS = (
     "0: solved; 1: not converged, the efforts or accelerations cannot be solved for; "
     "2: no equilibrium, the efforts do not hold it"
 )
 _CHUNK_BYTES, _CHUNK_ROWS = 2**19, 4096
+_BLOCK_ROWS = 4096
 _MATRICES = ("A", "B", "C", "D")
+_SIGNALS = ("parameters", "states", "inputs", "outputs", "trim")
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,37 +151,84 @@ def save_sweep(
     ArchiveError
         The parts do not have `count` rows, or `save` would raise an error.
     """
-    check_name(Path(path), "sweep", name)
+    file = Path(path)
+    check_name(file, "sweep", name)
+    try:
+        items = _head(layout, model, scene)
+    except ArchiveError as error:
+        raise ArchiveError(f"{file}: {said_of(f'sweep {name!r}', str(error))}") from None
 
     def fill(archive: Any) -> None:
         group = archive.require_group("sweeps").create_group(name)
-        group.attrs["encoding_type"] = TYPE
-        group.attrs["encoding_version"] = VERSION
-        if model:
-            group.attrs["model"] = model
-        if scene:
-            group.create_group("provenance").attrs["scene"] = scene
-        for what in ("parameters", "states", "inputs", "outputs", "trim"):
-            _write_signals(group.create_group(what), getattr(layout, what))
-        for key, shape in layout.shapes.items():
-            kind = "i1" if key == "status" else "<f8"
-            size = max(1, int(np.prod(shape))) * np.dtype(kind).itemsize
-            rows = max(1, min(count, _CHUNK_ROWS, _CHUNK_BYTES // size))
-            chunks = (rows, *shape) if all(shape) else None
-            group.create_dataset(
-                key, (count, *shape), dtype=kind, chunks=chunks, fletcher32=chunks is not None
-            )
-        group["status"].attrs["meaning"] = MEANINGS
-        start = 0
+        _make_rows(group, layout, count)
+        kind = text(MEANINGS)
+        write_items(group["status"], {"@meaning": kind})
+        items["status@meaning"] = kind
+        blocks, start = _Blocks(), 0
         for part in parts:
             for key, values in unpack(layout, part).items():
                 if values.size:
                     group[key][start : start + len(part)] = values
+            blocks.add(part)
             start += len(part)
         if start != count:
-            raise ArchiveError(f"{path}: sweep {name!r}: expected {count} rows, got {start}.")
+            raise ArchiveError(f"{file}: sweep {name!r}: expected {count} rows, got {start}.")
+        items["blocks"] = blocks.digests()
+        items[DIGEST] = text(digest(items))
+        del items["status@meaning"]
+        write_items(group, items)
 
-    rewrite(Path(path), fill, f"sweeps/{name}", large=True, beside=beside)
+    rewrite(file, fill, f"sweeps/{name}", large=True, beside=beside)
+
+
+def _head(layout: Layout, model: str, scene: str) -> Items:
+    """All items of a sweep but its rows."""
+    items: Items = {"@encoding_type": text(SWEEP_TYPE), "@encoding_version": text(VERSION)}
+    items[BLOCK_ROWS] = np.array(_BLOCK_ROWS, dtype="<i8")
+    if model:
+        items["@model"] = text(model)
+    if scene:
+        items["provenance/scene"] = characters(scene)
+    for what in _SIGNALS:
+        items[f"{what}/name"] = texts([signal.name for signal in getattr(layout, what)])
+        items[f"{what}/unit"] = texts([signal.unit for signal in getattr(layout, what)])
+    return items
+
+
+def _make_rows(group: Any, layout: Layout, count: int) -> None:
+    """The empty datasets of `count` rows."""
+    for key, shape in layout.shapes.items():
+        kind = "i1" if key == "status" else "<f8"
+        size = max(1, int(np.prod(shape))) * np.dtype(kind).itemsize
+        rows = max(1, min(count, _CHUNK_ROWS, _CHUNK_BYTES // size))
+        chunks = (rows, *shape) if all(shape) else None
+        group.create_dataset(
+            key, (count, *shape), dtype=kind, chunks=chunks, fletcher32=chunks is not None
+        )
+
+
+class _Blocks:
+    """The SHA-256 of each block of rows, which come in parts."""
+
+    def __init__(self) -> None:
+        self._done: list[bytes] = []
+        self._open, self._rows = hashlib.sha256(), 0
+
+    def add(self, rows: Array) -> None:
+        """Take the next rows (n, width)."""
+        while len(rows):
+            part = rows[: _BLOCK_ROWS - self._rows]
+            self._open.update(part.astype("<f8").tobytes())
+            self._rows += len(part)
+            rows = rows[len(part) :]
+            if self._rows == _BLOCK_ROWS:
+                self._done.append(self._open.digest())
+                self._open, self._rows = hashlib.sha256(), 0
+
+    def digests(self) -> NDArray[np.uint8]:
+        """One digest (32,) for each block."""
+        done = [*self._done, *([self._open.digest()] if self._rows else [])]
+        return np.frombuffer(b"".join(done), dtype=np.uint8).reshape(-1, 32)
 
 
 def sweep_names(path: str | Path) -> tuple[str, ...]:
@@ -189,13 +243,17 @@ def sweep_names(path: str | Path) -> tuple[str, ...]:
     ArchiveError
         The file is missing, truncated, foreign or newer.
     """
-    file = Path(path)
-    with _opened(file) as archive:
-        return _names(file, archive, "sweeps")
+    return _names(Path(path), "sweeps")
 
 
 def load_sweep(
-    path: str | Path, name: str | None = None, start: int = 0, stop: int | None = None
+    path: str | Path,
+    name: str | None = None,
+    start: int | None = 0,
+    stop: int | None = None,
+    *,
+    limit: int = LIMIT,
+    isolated: bool = False,
 ) -> Sweep:
     """Read a sweep, or some of its rows, from an archive.
 
@@ -206,6 +264,7 @@ def load_sweep(
         May be left out if the archive has one sweep.
     start, stop : int
         The rows to read, as in a slice; by default all.
+    limit, isolated : as in `load`
 
     Returns
     -------
@@ -214,44 +273,68 @@ def load_sweep(
     Raises
     ------
     ArchiveError
-        The file is missing, truncated, foreign or newer, or the sweep is missing or incomplete.
+        The file is missing, truncated, changed, foreign or newer, or the sweep is missing or incomplete.
     """
     file = Path(path)
-    name = chosen_name(file, "sweep", sweep_names(file), name)
-    with _opened(file) as archive:
-        try:
-            return _read(archive["sweeps"][name], name, slice(start, stop))
-        except KeyError as error:
-            raise ArchiveError(f"{file}: sweep {name!r} is not whole: {error.args[0]}.") from None
+    request = Request(
+        "read", "sweeps", "sweep", _checked(file, name), (SWEEP_TYPE,), limit, start, stop
+    )
+    answer = ask(file, request, isolated=isolated)
+    (key,), part = answer.names, answer.part
+    try:
+        _check_blocks(part.items, part.first, part.total)
+        first, last, _ = slice(start, stop).indices(part.total)
+        rows = slice(first - part.first, max(first, last) - part.first)
+        return _sweep(part.items, key, rows)
+    except ArchiveError as error:
+        raise ArchiveError(f"{file}: {said_of(f'sweep {key!r}', str(error))}") from None
 
 
-def _read(group: Any, name: str, rows: slice) -> Sweep:
-    """Some rows of the sweep in a group of an archive."""
-    if group.attrs.get("encoding_type") != TYPE:
-        raise ArchiveError(
-            f"sweep {name!r}: encoding_type is {group.attrs.get('encoding_type')!r}, expected {TYPE!r}."
-        )
-    version = str(group.attrs.get("encoding_version"))
-    if version.partition(".")[0] != VERSION.partition(".")[0]:
-        raise ArchiveError(
-            f"sweep {name!r}: encoding_version is {version}, this mbdlft reads up to {VERSION}."
-        )
-    what = ("parameters", "states", "inputs", "outputs", "trim")
-    layout = Layout(**{key: _read_signals(group[key]) for key in what})
-    count = len(group["status"])
-    for key, shape in layout.shapes.items():
-        if group[key].shape != (count, *shape):
+def _check_blocks(items: Items, first: int, count: int) -> None:
+    """Raise an ArchiveError unless the digests are those of what was read; the first files have none."""
+    if word(items, "@encoding_version") == "1.0":
+        return
+    check_digest(items, ROWS)
+    size = int(items[BLOCK_ROWS])
+    wanted = items["blocks"]
+    if len(wanted) != -(-count // size):
+        raise ArchiveError(f"blocks: expected {-(-count // size)} digests, got {len(wanted)}.")
+    read = len(items["status"])
+    parts = [np.asarray(items[key]).reshape(read, -1).astype("<f8") for key in ROWS]
+    rows = np.concatenate(parts, axis=1)
+    for start in range(0, read, size):
+        found = hashlib.sha256(rows[start : start + size].tobytes()).digest()
+        if found != wanted[(first + start) // size].tobytes():
             raise ArchiveError(
-                f"sweep {name!r}: {key} has shape {group[key].shape}, expected {(count, *shape)}."
+                f"is damaged or was changed: rows {first + start} to "
+                f"{min(first + start + size, first + read) - 1} do not have their digest. Write it "
+                "again, or take it from a backup."
             )
-    values = {key: group[key][rows] for key in layout.shapes}
+
+
+def _sweep(items: Items, name: str, rows: slice) -> Sweep:
+    """Some of the rows that were read."""
+    layout = Layout(**{what: signals_of(items, what) for what in _SIGNALS})
+    status = items["status"]
+    if np.any((status < SOLVED) | (status > NO_EQUILIBRIUM)):
+        raise ArchiveError("status has a number that means nothing.")
+    solved = status == SOLVED
+    for key in ROWS[:-1]:
+        values = items[key].reshape(len(status), -1)
+        good = np.isfinite(values).all(axis=1)
+        nothing = np.isnan(values).all(axis=1)
+        if not np.all(good if key == "samples" else np.where(solved, good, nothing)):
+            raise ArchiveError(
+                f"{key} does not agree with status: rows that are solved have numbers, others NaN."
+            )
+    chosen = {key: items[key][rows] for key in ROWS}
     return Sweep(
         name=name,
         layout=layout,
-        samples=values["samples"],
-        trim=values["trim/value"],
-        residual=values["residual"],
-        status=values["status"],
-        model=str(group.attrs.get("model", "")),
-        **{key: values[key] for key in _MATRICES},
+        samples=chosen["samples"],
+        trim=chosen["trim/value"],
+        residual=chosen["residual"],
+        status=chosen["status"],
+        model=word(items, "@model"),
+        **{key: chosen[key] for key in _MATRICES},
     )

@@ -64,6 +64,8 @@ def parse(content: bytes) -> Element:
         raise SceneError(
             f"line {error.lineno}: not valid XML: {expat.ErrorString(error.code)}."
         ) from None
+    except (ValueError, LookupError) as error:  # of the encoding that the file declares
+        raise SceneError(f"line 1: the encoding cannot be read: {error}. Use UTF-8.") from None
     return top[0]
 
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from mbdlft.base.content import content_of
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.urdf.elements import (
     XACRO,
@@ -118,10 +119,7 @@ def read_robot(content: bytes) -> Robot:
 def read_robot_file(path: str | Path) -> Robot:
     """Read a robot from a URDF file; errors name the file."""
     file = Path(path)
-    try:
-        content = file.read_bytes()
-    except OSError as error:
-        raise SceneError(f"{file}: cannot be read: {error.strerror}.") from None
+    content = content_of(file, SceneError)
     try:
         return read_robot(content)
     except SceneError as error:

@@ -135,15 +135,16 @@ def test_killed_while_writing(old):
     ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "inside\n"
-        beside = [path for path in old.parent.iterdir() if path != old]
-        assert len(beside) == 1  # it was killed in the middle: the new file is there, unused
-        assert len(beside[0].read_bytes()) > len(before)
+        beside = list(old.parent.glob("*.part"))
         process.send_signal(signal.SIGKILL)
         assert process.wait(SECONDS) == -signal.SIGKILL
+        assert len(beside) == 1  # it was killed in the middle: the new file is there, unused
+        assert len(beside[0].read_bytes()) > len(before)
     assert old.read_bytes() == before
     same(load(old), models.arm())
     save(old, models.strange(6), "second")
     assert model_names(old) == ("second", "two_link_arm")
+    assert list(old.parent.iterdir()) == [old]  # what the killed writer has left is gone
 
 
 def test_rights_of_the_file(old, tmp_path):

@@ -1,4 +1,4 @@
-"""The layout of the archive, version 1.0, with plain h5py: every name, type and shape."""
+"""The layout of the archive, version 1.1, with plain h5py: every name, type and shape."""
 
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -10,7 +10,9 @@ import pytest
 
 import mbdlft
 from mbdlft import load, save, scene_from_toml, to_lft
+from mbdlft.store.certificate import rests_on
 from tests.archive import models
+from tests.archive.plain_digest import edit
 from tests.close import exact, roundoff
 
 TEXT, FLOAT, INTEGER = "text", "<f8", "<i8"
@@ -31,6 +33,10 @@ DATASETS = {
     "outputs/name": (TEXT, "ny"),
     "outputs/unit": (TEXT, "ny"),
     "delta/parameter": (INTEGER, "nw"),
+    "delta/name": (TEXT, "np"),
+    "delta/kind": (TEXT, "np"),
+    "delta/rows": (INTEGER, "np"),
+    "delta/columns": (INTEGER, "np"),
     "parameters/name": (TEXT, "np"),
     "parameters/unit": (TEXT, "np"),
     "parameters/role": (TEXT, "np"),
@@ -48,14 +54,21 @@ DATASETS = {
     "trim/lft/D_yw": (FLOAT, "nt", "ntw"),
     "trim/lft/D_yu": (FLOAT, "nt", "1"),
     "trim/lft/delta/parameter": (INTEGER, "ntw"),
+    "trim/lft/delta/name": (TEXT, "np"),
+    "trim/lft/delta/kind": (TEXT, "np"),
+    "trim/lft/delta/rows": (INTEGER, "np"),
+    "trim/lft/delta/columns": (INTEGER, "np"),
     "certificate/order": (INTEGER, "np"),
     "certificate/lower_bound": (INTEGER, "np"),
     "certificate/raw_order": (INTEGER, "np"),
     "certificate/doubtful": (INTEGER, "np"),
+    "certificate/evidence/number": (TEXT, "ne"),
+    "certificate/evidence/basis": (TEXT, "ne"),
+    "provenance/scene": ("|u1", "ns"),
 }
 OPTIONAL = ("certificate/doubtful",)
 ATTRIBUTES = {
-    "": ("encoding_type", "encoding_version", "time_domain", "description"),
+    "": ("encoding_type", "encoding_version", "time_domain", "description", "digest"),
     "certificate": (
         "max_relative_error",
         "check_points",
@@ -64,7 +77,7 @@ ATTRIBUTES = {
         "truncation_error",
         "condition",
         "sign_changes",
-        "exact_bound",
+        "well_posed",
     ),
     "provenance": ("scene", "mbdlft", "casadi", "numpy", "h5py", "created"),
 }
@@ -81,9 +94,9 @@ def stored(request, tmp_path):
 
 
 def is_text(dtype):
-    """Whether a type is UTF-8 of variable length."""
+    """Whether a type is UTF-8 of fixed length."""
     info = h5py.check_string_dtype(dtype)
-    return info is not None and info.encoding == "utf-8" and info.length is None
+    return info is not None and info.encoding == "utf-8" and info.length is not None
 
 
 def attribute_type(group, name):
@@ -94,9 +107,9 @@ def test_root(stored):
     _, group = stored
     root = group.file
     assert dict(root.attrs) == {
-        "format": "mbdlft-archive",
-        "format_version": "1.0",
-        "generator": f"mbdlft {mbdlft.__version__}",
+        "format": b"mbdlft-archive",
+        "format_version": b"1.1",
+        "generator": f"mbdlft {mbdlft.__version__}".encode(),
     }
     assert all(is_text(attribute_type(root, name)) for name in root.attrs)
     assert list(root) == ["models"]
@@ -112,6 +125,8 @@ def test_datasets(stored):
         "np": len(model.parameters),
         "nt": len(model.trim.signals),
         "ntw": model.trim.lft.order,
+        "ne": len(rests_on(model.certificate)),
+        "ns": len(model.provenance.scene.encode()),
         "1": 1,
         "3": 3,
     }
@@ -134,18 +149,20 @@ def test_attributes(stored):
     wanted = {name: set(names) for name, names in ATTRIBUTES.items()}
     if not model.description:
         wanted[""] -= {"description"}
-    if not model.certificate.exact_bound:
-        wanted["certificate"] -= {"exact_bound"}
+    if model.certificate.exact_bound:
+        wanted["certificate"] |= {"exact_bound"}
     assert {name: names for name, names in found.items() if names} == wanted
-    assert group.attrs["encoding_type"] == "lft-model"
-    assert group.attrs["encoding_version"] == "1.0"
-    assert group.attrs["time_domain"] == "continuous"
-    assert group.attrs.get("description", "") == model.description
+    assert group.attrs["encoding_type"] == b"lft-model"
+    assert group.attrs["encoding_version"] == b"1.1"
+    assert group.attrs["time_domain"] == b"continuous"
+    assert group.attrs.get("description", b"").decode() == model.description
     for name in ("", "provenance"):
         item = group[name] if name else group
         assert all(is_text(attribute_type(item, key)) for key in item.attrs)
     certificate = group["certificate"]
     kinds = {key: attribute_type(certificate, key) for key in certificate.attrs}
+    assert is_text(kinds.pop("well_posed"))
+    assert kinds.pop("exact_bound", bool) == np.dtype(bool)
     assert kinds == {
         "max_relative_error": np.dtype("<f8"),
         "check_points": np.dtype("<i8"),
@@ -219,8 +236,10 @@ def test_provenance(tmp_path):
     scene = scene_from_toml(models.ARM)
     save(tmp_path / "a.h5", to_lft(scene, search=0.0))
     with h5py.File(tmp_path / "a.h5") as file:
-        made = dict(file["models/two_link_arm/provenance"].attrs)
-    assert scene_from_toml(made["scene"]) == scene
+        provenance = file["models/two_link_arm/provenance"]
+        made = {key: value.decode() for key, value in provenance.attrs.items()}
+        assert made["scene"] == "in the dataset provenance/scene"
+        assert scene_from_toml(provenance["scene"][()].tobytes().decode()) == scene
     for package in ("mbdlft", "casadi", "numpy", "h5py"):
         assert made[package] == version(package)
     created = datetime.fromisoformat(made["created"])
@@ -233,13 +252,13 @@ def test_bound_of_the_order_is_written_if_it_is_more(tmp_path):
     alone = sum(model.certificate.lower_bound)
     save(tmp_path / "a.h5", model)
     assert load(tmp_path / "a.h5").certificate.order_bound == alone
-    model = replace(model, certificate=replace(model.certificate, order_bound=alone + 2))
+    model = replace(model, certificate=replace(model.certificate, order_bound=alone + 1))
     save(tmp_path / "a.h5", model)
     with h5py.File(tmp_path / "a.h5") as file:
         certificate = file["models/two_link_arm/certificate"]
-        assert certificate.attrs["order_bound"] == alone + 2
+        assert certificate.attrs["order_bound"] == alone + 1
         assert attribute_type(certificate, "order_bound") == np.dtype("<i8")
-    assert load(tmp_path / "a.h5").certificate.order_bound == alone + 2
+    assert load(tmp_path / "a.h5").certificate.order_bound == alone + 1
 
 
 def test_trim_lft_may_be_missing(tmp_path):
@@ -254,9 +273,12 @@ def test_trim_lft_may_be_missing(tmp_path):
 def test_conditioning_may_be_missing(tmp_path):
     """Files that were written before there was any, and models that are derived from others."""
     save(tmp_path / "a.h5", models.arm())
-    with h5py.File(tmp_path / "a.h5", "r+") as file:
+
+    def change(group):
         for name in ("condition", "sign_changes"):
-            del file["models/two_link_arm/certificate"].attrs[name]
+            del group["certificate"].attrs[name]
+
+    edit(tmp_path / "a.h5", change, "models/two_link_arm")
     found = load(tmp_path / "a.h5")
     assert (found.certificate.condition, found.certificate.sign_changes) == (0.0, 0)
     save(tmp_path / "b.h5", found)
@@ -267,6 +289,9 @@ def test_conditioning_may_be_missing(tmp_path):
 def test_doubtful_ranks_may_be_missing(tmp_path):
     """As in archives written before they were recorded."""
     save(tmp_path / "a.h5", models.arm())
-    with h5py.File(tmp_path / "a.h5", "r+") as file:
-        del file["models/two_link_arm/certificate/doubtful"]
+    edit(
+        tmp_path / "a.h5",
+        lambda group: group.__delitem__("certificate/doubtful"),
+        "models/two_link_arm",
+    )
     assert load(tmp_path / "a.h5").certificate.doubtful == ()

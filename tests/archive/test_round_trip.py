@@ -9,6 +9,7 @@ import pytest
 from mbdlft import load, matrices_at, model_names, save, trim_at
 from tests.archive import models
 from tests.archive.models import contents, same
+from tests.archive.plain_digest import edit, put_text
 from tests.close import exact
 
 BUILT = {
@@ -39,10 +40,13 @@ def test_comparison_sees_one_bit(tmp_path):
     model = models.arm()
     file = tmp_path / "a.h5"
     save(file, model)
-    with h5py.File(file, "r+") as archive:
-        data = archive["models/two_link_arm/D_zw"]
+
+    def change(group):
+        data = group["D_zw"]
         row, column = np.argwhere(data[()])[0]
         data[row, column] = np.nextafter(data[row, column], np.inf)
+
+    edit(file, change, "models/two_link_arm")
     with pytest.raises(AssertionError):
         same(load(file), model)
     with pytest.raises(AssertionError):
@@ -126,23 +130,34 @@ def test_what_mbdlft_does_not_know_stays(tmp_path):
     save(file, models.arm())
     with h5py.File(file, "r+") as archive:
         archive["sweeps/first/samples"] = np.arange(3.0)
+        archive["sweeps/first"].attrs["note"] = np.arange(3)
+        archive["sweeps"].attrs["note"] = "yours"
         archive.attrs["note"] = "mine"
-        archive["models/two_link_arm/theta/name"] = ["cubic"]
-        archive["models/two_link_arm/certificate"].attrs["fit_error_bound"] = 0.0
+        archive["other/words"] = ["of", "any length"]
+
+    def change(group):
+        group["theta/name"] = np.array([b"cubic"])
+        group["certificate"].attrs["fit_error_bound"] = 0.0
+
+    edit(file, change, "models/two_link_arm")
     same(load(file), models.arm())
     save(file, models.strange(6))
     with h5py.File(file) as archive:
         exact(archive["sweeps/first/samples"][()], np.arange(3.0))
+        exact(archive["sweeps/first"].attrs["note"], np.arange(3))
         assert archive.attrs["note"] == "mine"
+        assert archive["sweeps"].attrs["note"] == "yours"
+        assert list(archive["other/words"].asstr()) == ["of", "any length"]
         assert "theta/name" in archive["models/two_link_arm"]
+    same(load(file, "two_link_arm"), models.arm())
 
 
 def test_later_minor_versions_are_read(tmp_path):
     file = tmp_path / "a.h5"
     save(file, models.arm())
     with h5py.File(file, "r+") as archive:
-        archive.attrs["format_version"] = "1.7"
-        archive["models/two_link_arm"].attrs["encoding_version"] = "1.3"
+        put_text(archive, "format_version", "1.7")
+    edit(file, lambda group: put_text(group, "encoding_version", "1.3"), "models/two_link_arm")
     same(load(file), models.arm())
 
 
@@ -157,8 +172,11 @@ def test_map_of_another_machine(tmp_path):
     """A tangent may differ in its last bit on another processor; the archive is then still right."""
     file = tmp_path / "a.h5"
     save(file, models.arm())
-    with h5py.File(file, "r+") as archive:
-        parameters = archive["models/two_link_arm/parameters"]
+
+    def change(group):
+        parameters = group["parameters"]
         row = list(parameters["name"].asstr()[()]).index("theta1")
         parameters["map"][row, 1] = np.nextafter(parameters["map"][row, 1], np.inf)
+
+    edit(file, change, "models/two_link_arm")
     assert load(file).name == "two_link_arm"

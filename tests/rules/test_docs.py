@@ -75,7 +75,7 @@ def test_matrix_example_is_realized() -> None:
 
 def test_reader_of_the_docs_reproduces_samples(workplace: Path) -> None:
     """Twenty lines with h5py only, against the library, for all substitutions and maps."""
-    (block,) = blocks(ROOT / "docs" / "archive-format.md", "python")
+    block = blocks(ROOT / "docs" / "archive-format.md", "python")[0]
     assert "mbdlft" not in block
     assert len([line for line in block.splitlines() if line.strip()]) <= 28
     names: dict[str, object] = {}

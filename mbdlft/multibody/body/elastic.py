@@ -167,8 +167,21 @@ def elastic_problem(
     M and K must be positive definite, D and the residual mass matrix, rigid minus P M^-1 P', positive
     semidefinite. `rigid` (samples, 6, 6) is the mass matrix of the undeformed body about its origin.
     """
-    e, count = body.elastic(values), len(rigid)
-    mass, stiffness = dense(e.mass, count), dense(e.stiffness, count)
+    with np.errstate(all="ignore"):
+        return _elastic_problem(body.elastic(values), rigid)
+
+
+def _elastic_problem(e: Elastic, rigid: NDArray[np.float64]) -> str | None:
+    count = len(rigid)
+    mass, stiffness, coupling, damping = (
+        dense(terms, count) for terms in (e.mass, e.stiffness, e.participation, e.damping)
+    )
+    for part in (mass, stiffness, coupling, damping, rigid):
+        largest = float(np.max(np.abs(part), initial=0.0))
+        if not largest < _LARGEST:
+            return (
+                f"an entry of its matrices is {largest:.3g} in the range; no body has such numbers."
+            )
     for name, matrix in (("mass", mass), ("stiffness", stiffness)):
         smallest = float(np.min(np.linalg.eigvalsh(0.5 * (matrix + np.swapaxes(matrix, 1, 2)))))
         if not smallest > 0.0:
@@ -177,11 +190,9 @@ def elastic_problem(
                 f"eigenvalue {smallest:.3g}. Frequencies must be positive."
             )
     if e.damping:
-        damping = dense(e.damping, count)
         smallest = float(np.min(np.linalg.eigvalsh(0.5 * (damping + np.swapaxes(damping, 1, 2)))))
         if smallest < -_ROUNDING * float(np.max(np.abs(damping))):
             return f"the damping is negative in the range: smallest eigenvalue {smallest:.3g}."
-    coupling = dense(e.participation, count)
     carried = coupling @ np.linalg.solve(mass, np.swapaxes(coupling, 1, 2))
     residual = rigid - carried
     smallest = float(np.min(np.linalg.eigvalsh(0.5 * (residual + np.swapaxes(residual, 1, 2)))))
@@ -194,5 +205,6 @@ def elastic_problem(
     return None
 
 
+_LARGEST = 1e100  # products of such numbers are still numbers
 _ROUNDING = 1e-12  # a negative eigenvalue below this part of the largest entry is rounding
 _RESIDUAL = 1e-6  # the same for the residual mass: data are often given with few digits

@@ -13,6 +13,7 @@ from typing import Annotated, Any, TypeVar, cast, get_args, get_origin
 
 import tomli_w
 
+from mbdlft.base.content import content_of
 from mbdlft.base.description import Description
 from mbdlft.base.errors import MbdlftError, SceneError, unknown_name
 from mbdlft.base.parameter import SUBSTITUTIONS, Angle, Parameter
@@ -136,12 +137,11 @@ def read_body(name: str, table: Mapping[str, Any]) -> Body:
 def read_file(path: str | Path, read: Callable[[str], T]) -> T:
     """The result of `read` for the text of a file; errors of `read` are raised with the file's name."""
     file = Path(path)
+    content = content_of(file, SceneError)
     try:
-        text = file.read_text(encoding="utf-8")
+        text = content.decode("utf-8").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         raise SceneError(f"{file}: cannot be read: it is not UTF-8 text: {error}.") from None
-    except OSError as error:
-        raise SceneError(f"{file}: cannot be read: {error.strerror}.") from None
     try:
         return read(text)
     except MbdlftError as error:

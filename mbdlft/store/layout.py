@@ -1,0 +1,192 @@
+"""What docs/archive-format.md lists, as tables: the type and the sizes of each item.
+
+They are compared with a file before a number in it is read.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from mbdlft.base.errors import ArchiveError
+from mbdlft.store.items import DIGEST, Spec
+
+MODEL_TYPE, SYSTEM_TYPE, SWEEP_TYPE = "lft-model", "system", "sweep"
+VERSION, FIRST = "1.1", "1.0"
+
+
+class Wanted(NamedTuple):
+    """Type of an item, the names of its sizes, and whether it may be missing."""
+
+    type: str
+    sizes: tuple[str, ...]
+    optional: bool = False
+
+
+Layout = dict[str, Wanted]
+
+
+def _wanted(*lines: str) -> Layout:
+    """Lines of paths with ``: type, sizes``; a path that ends in ``?`` may be missing."""
+    layout = {}
+    for line in lines:
+        paths, _, rest = line.partition(": ")
+        kind, *sizes = rest.split()
+        for path in paths.split():
+            layout[path.rstrip("?")] = Wanted(kind, tuple(sizes), path.endswith("?"))
+    return layout
+
+
+_ENCODING = _wanted("@encoding_type @encoding_version: text")
+_SIGNALS = _wanted(
+    "states/name states/unit: text x",
+    "inputs/name inputs/unit: text u",
+    "outputs/name outputs/unit: text y",
+    "parameters/name parameters/unit: text p",
+)
+_SYSTEM = {
+    **_ENCODING,
+    **_wanted("@time_domain @description?: text"),
+    **_SIGNALS,
+    **_wanted(
+        "delta/parameter: int64 w",
+        "parameters/role parameters/substitution: text p",
+        "parameters/nominal parameters/low parameters/high parameters/reference: float64 p",
+        "parameters/map: float64 p 3",
+        "A: float64 x x",
+        "B_w: float64 x w",
+        "B_u: float64 x u",
+        "C_z: float64 z x",
+        "D_zw: float64 z w",
+        "D_zu: float64 z u",
+        "C_y: float64 y x",
+        "D_yw: float64 y w",
+        "D_yu: float64 y u",
+    ),
+}
+_BLOCKS = ("delta/name delta/kind: text b", "delta/rows delta/columns: int64 b")
+_TRIM_BLOCKS = tuple(line.replace("delta/", "trim/lft/delta/")[:-1] + "tb" for line in _BLOCKS)
+_TRIM_LFT = _wanted(
+    "trim/lft/delta/parameter: int64 tw",
+    "trim/lft/D_zw: float64 tz tw",
+    "trim/lft/D_zu: float64 tz 1",
+    "trim/lft/D_yw: float64 t tw",
+    "trim/lft/D_yu: float64 t 1",
+)
+_EVIDENCE = {
+    **_wanted(
+        "trim/name trim/unit: text t",
+        "trim/nominal: float64 t",
+        "certificate/order certificate/lower_bound certificate/raw_order: int64 p",
+        "certificate/doubtful?: int64 p",
+        "certificate@max_relative_error: float64",
+        "certificate@truncation_error? certificate@fit_error_bound? certificate@condition?: float64",
+        "certificate@check_points certificate@seed: int64",
+        "certificate@order_bound? certificate@sign_changes?: int64",
+        "certificate@exact certificate@exact_bound?: bool",
+        "provenance@mbdlft provenance@casadi provenance@numpy provenance@h5py: text",
+        "provenance@created: text",
+    ),
+}
+_FIRST_MODEL = {**_SYSTEM, **_EVIDENCE, **_wanted("provenance@scene: text")}
+_DIGEST = _wanted(f"{DIGEST}: text")
+_SYSTEM_1_1 = {**_SYSTEM, **_wanted(*_BLOCKS), **_DIGEST}
+_MODEL_1_1 = {
+    **_SYSTEM_1_1,
+    **_EVIDENCE,
+    **_wanted(
+        "provenance/scene: uint8 characters",
+        "certificate@well_posed: text",
+        "certificate/open?: float64 open p 2",
+        "certificate/evidence/number certificate/evidence/basis: text evidence",
+    ),
+}
+ROWS = ("samples", "A", "B", "C", "D", "trim/value", "residual", "status")
+_SWEEP = {
+    **_ENCODING,
+    **_SIGNALS,
+    **_wanted(
+        "@model?: text",
+        "trim/name trim/unit: text t",
+        "samples: float64 N p",
+        "A: float64 N x x",
+        "B: float64 N x u",
+        "C: float64 N y x",
+        "D: float64 N y u",
+        "trim/value: float64 N t",
+        "residual: float64 N",
+        "status: int8 N",
+    ),
+}
+BLOCK_ROWS = "@block_rows"
+_SWEEP_1_1 = {
+    **_SWEEP,
+    **_wanted(f"{BLOCK_ROWS}: int64", "blocks: uint8 blocks 32", "provenance/scene?: uint8 c"),
+    **_DIGEST,
+}
+_LAYOUTS = {
+    (MODEL_TYPE, FIRST): _FIRST_MODEL,
+    (MODEL_TYPE, VERSION): _MODEL_1_1,
+    (SYSTEM_TYPE, VERSION): _SYSTEM_1_1,
+    (SWEEP_TYPE, FIRST): _SWEEP,
+    (SWEEP_TYPE, VERSION): _SWEEP_1_1,
+}
+
+
+def encoding_of(kind: object, version: object, kinds: tuple[str, ...]) -> str:
+    """The version by whose layout a group is read: that of its own, or the newest that is known here.
+
+    Raises
+    ------
+    ArchiveError
+        The type is not one of `kinds`, or the version is newer than what can be read.
+    """
+    if kind not in kinds:
+        expected = " or ".join(map(repr, kinds))
+        raise ArchiveError(f"encoding_type is {kind!r}, expected {expected}.")
+    major, _, minor = version.partition(".") if isinstance(version, str) else ("", "", "")
+    if not (major.isdecimal() and minor.isdecimal() and len(major) + len(minor) < 9):
+        raise ArchiveError(f"encoding_version is {version!r}, expected {VERSION!r}.")
+    if int(major) > 1:
+        raise ArchiveError(f"encoding_version is {version}, this mbdlft reads up to {VERSION}.")
+    return FIRST if (int(major), int(minor)) == (1, 0) else VERSION
+
+
+def check_layout(specs: Mapping[str, Spec], kind: str, version: str) -> None:
+    """Raise an error unless a group has what a type of this version needs, of types and sizes that agree.
+
+    `specs` are the items of the group; items that the layout does not know may have any size.
+
+    Raises
+    ------
+    ArchiveError
+        Something is missing, or has another type or shape.
+    """
+    if (kind, version) not in _LAYOUTS:
+        raise ArchiveError(f"encoding_version is {version}, and {kind!r} exists since {VERSION}.")
+    layout = dict(_LAYOUTS[kind, version])
+    if kind == MODEL_TYPE and any(path.startswith("trim/lft/") for path in specs):
+        layout |= {**_TRIM_LFT, **(_wanted(*_TRIM_BLOCKS) if version != FIRST else {})}
+    sizes = {"1": 1, "2": 2, "3": 3, "32": 32}
+    for path, wanted in layout.items():
+        if path not in specs:
+            if not wanted.optional:
+                raise ArchiveError(f"is not whole: {_called(path)} is missing.")
+            continue
+        kind_found, shape = specs[path]
+        if kind_found != wanted.type:
+            raise ArchiveError(
+                f"{_called(path)} has the type {kind_found}, expected {wanted.type}."
+            )
+        if len(shape) == len(wanted.sizes):
+            for name, size in zip(wanted.sizes, shape, strict=True):
+                sizes.setdefault(name, size)
+        expected = tuple(sizes.get(name, name) for name in wanted.sizes)
+        if shape != expected:
+            raise ArchiveError(f"{_called(path)} has shape {shape}, expected {expected}.")
+
+
+def _called(path: str) -> str:
+    """A path in words."""
+    group, at, name = path.partition("@")
+    if not at:
+        return f"the dataset '{path}'"
+    return f"the attribute '{name}'" + (f" of '{group}'" if group else "")

@@ -1,0 +1,20 @@
+"""Attacks: inputs that are damaged, hostile or absurd, drawn from a seed.
+
+Each file is one class of attacks with a function ``attack(seed, folder) -> str``: it draws one input,
+gives it to the package, and returns a word for what came of it, such as ``refused``. An answer that is
+wrong, or an error that is not one of the package, is an exception. `CLASSES` lists them; a new class is
+one file and one line there.
+
+    python -m tests.attack [--minutes N] [--only archives,urdf] [--seed K] [--count N]
+"""
+
+# name of the class (its file has underscores), and how many seeds `make test` runs
+CLASSES = {
+    "archives": 60,
+    "matrix-files": 40,
+    "urdf": 60,
+    "scenes": 40,
+    "kills": 3,
+    "writers": 1,
+}
+SECONDS = 20.0  # of the clock that one attack may take

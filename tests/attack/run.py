@@ -1,0 +1,134 @@
+"""Running attacks: each seed in a process that is replaced when it hangs or dies."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from threading import Thread
+
+from tests.attack import SECONDS
+
+ROOT = Path(__file__).parents[2]
+SLOW = 3.0  # times: a machine with other work is not a hang, a loop is
+
+
+@dataclass(slots=True)
+class Tally:
+    """What came of the attacks of a class: words with their counts, and seeds that failed with why."""
+
+    name: str
+    counts: Counter[str] = field(default_factory=Counter)
+    failed: dict[int, str] = field(default_factory=dict)
+    slowest: float = 0.0
+
+    def line(self) -> str:
+        """One line for the class."""
+        what = ", ".join(f"{count} {word}" for word, count in sorted(self.counts.items()))
+        total = sum(self.counts.values()) + len(self.failed)
+        end = f"{len(self.failed)} FAILED" if self.failed else "0 failed"
+        return (
+            f"{self.name}: {total} attacks: {what or 'none'}; slowest {self.slowest:.1f} s; {end}"
+        )
+
+
+def attack_of(name: str) -> Callable[[int, Path], str]:
+    """The function of a class."""
+    function: Callable[[int, Path], str] = import_module(
+        f"tests.attack.{name.replace('-', '_')}"
+    ).attack
+    return function
+
+
+def command(name: str, seed: int) -> str:
+    """The command that runs one attack again, with its traceback."""
+    return f"python -m tests.attack --only {name} --seed {seed} --count 1"
+
+
+def once(name: str, seed: int) -> str:
+    """The word for one attack, in a folder of its own."""
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return attack_of(name)(seed, Path(folder))
+
+
+def tally(
+    name: str, seeds: Iterator[int], until: float, said: Callable[[str], None] = print
+) -> Tally:
+    """Run the attacks of a class in a process of its own, until `until` (s of time.monotonic)."""
+    found = Tally(name)
+    process, lines = _start(name)
+    try:
+        for seed in seeds:
+            if time.monotonic() > until:
+                break
+            begun = time.perf_counter()
+            assert process.stdin is not None
+            try:
+                process.stdin.write(f"{seed}\n")
+                process.stdin.flush()
+                answer = json.loads(lines.get(timeout=SLOW * SECONDS))
+            except (Empty, OSError, ValueError):
+                code = process.poll()
+                why = "it hangs" if code is None else f"it ended the process ({code})"
+                answer = {"failed": why}
+                process.kill()
+                process.wait()
+                process, lines = _start(name)
+            found.slowest = max(found.slowest, time.perf_counter() - begun)
+            if "word" in answer:
+                found.counts[answer["word"]] += 1
+                continue
+            found.failed[seed] = answer["failed"]
+            said(f"FAILED {command(name, seed)}\n  {answer['failed'].strip()}")
+    finally:
+        process.kill()
+        process.wait()
+    return found
+
+
+def _start(name: str) -> tuple["subprocess.Popen[str]", SimpleQueue[str]]:
+    """A process that attacks with the seeds that it is told, and the lines that it answers."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tests.attack.run", name],
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)},
+    )
+    lines: SimpleQueue[str] = SimpleQueue()
+
+    def read() -> None:
+        assert process.stdout is not None
+        for line in process.stdout:
+            lines.put(line)
+        lines.put("")  # the end
+
+    Thread(target=read, daemon=True).start()
+    return process, lines
+
+
+def main(name: str) -> None:
+    """Attack with each seed of standard input; answer with a line of JSON."""
+    for line in sys.stdin:
+        try:
+            answer = {"word": once(name, int(line))}
+        except BaseException:
+            answer = {"failed": traceback.format_exc()[-1500:]}
+        sys.stdout.write(json.dumps(answer) + "\n")
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,43 @@
+"""A few attacks of each class; `make attack` runs them for as long as you like."""
+
+import time
+from importlib import import_module
+from itertools import repeat
+
+import pytest
+
+from tests.attack import CLASSES
+from tests.attack.run import Tally, command, tally
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_attacks(name: str) -> None:
+    said: list[str] = []
+    found = tally(name, iter(range(CLASSES[name])), time.monotonic() + 3600.0, said.append)
+    assert not found.failed, "\n".join(said)
+    assert sum(found.counts.values()) == CLASSES[name]
+    assert len(found.counts) > 0
+
+
+def test_a_failure_a_hang_and_a_dead_process_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tests.attack.run.SECONDS", 1.0)
+    said: list[str] = []
+    found = tally("planted", iter([0, 1, 2, 3, 0]), time.monotonic() + 3600.0, said.append)
+    assert found.counts == {"refused": 2}
+    assert "ZeroDivisionError" in found.failed[1]
+    assert found.failed[2] == "it hangs"
+    assert found.failed[3] == "it ended the process (7)"
+    assert "3 FAILED" in found.line()
+    assert [line.splitlines()[0] for line in said] == [
+        f"FAILED {command('planted', seed)}" for seed in (1, 2, 3)
+    ]
+
+
+def test_the_end_of_the_time_is_the_end() -> None:
+    assert tally("planted", repeat(0), time.monotonic()).counts == {}
+    assert Tally("x").line() == "x: 0 attacks: none; slowest 0.0 s; 0 failed"
+
+
+def test_each_class_is_a_file() -> None:
+    for name in CLASSES:
+        assert callable(import_module(f"tests.attack.{name.replace('-', '_')}").attack)

@@ -1,0 +1,260 @@
+"""Files of other people: too large, of another kind, with lies about their sizes; and long messages."""
+
+import io
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from mbdlft import MbdlftError, SceneError, StructureError, load_scene
+from mbdlft.base import apart, content
+from mbdlft.base.errors import shortened, unknown_name
+from mbdlft.elastic import load_matrices, load_nastran
+from mbdlft.urdf import load_urdf
+from tests.archive.test_matrix_files import turned
+from tests.errors.scenes import ARM, says
+
+ROOT = Path(__file__).parents[2]
+
+
+def packed(file: Path, name: str, data: bytes) -> Path:
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(name, data)
+    return file
+
+
+def header(shape: tuple[int, ...], kind: str = "<f8") -> bytes:
+    image = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        image, {"descr": kind, "fortran_order": False, "shape": shape}
+    )
+    return image.getvalue()
+
+
+def test_npz(tmp_path: Path) -> None:
+    file = tmp_path / "a.npz"
+    packed(file, "mass.npy", header((2**40,)))
+    with says(
+        StructureError, f"{file}: needs 8796093022208 bytes of memory at 'mass', expected at"
+    ):
+        load_matrices(file)
+    packed(file, "mass.npy", header((2**20,)) + bytes(2**23))
+    with says(StructureError, "needs 8388608 bytes of memory at 'mass', expected at most 1000000"):
+        load_matrices(file, limit=10**6)
+    packed(file, "mass.npy", header((4,)) + bytes(31))
+    with says(StructureError, "mass: expected 32 bytes of (4,), got 31"):
+        load_matrices(file)
+    packed(file, "mass.npy", header((-4,)))
+    with says(StructureError, "mass: has shape (-4,)"):
+        load_matrices(file)
+    objects = io.BytesIO()
+    np.save(objects, np.array([{}]), allow_pickle=True)
+    packed(file, "mass.npy", objects.getvalue())
+    with says(StructureError, "mass: expected numbers, got object; objects are not read"):
+        load_matrices(file)
+    packed(file, "mass.npy", b"\x93NUMPY\x03\x00" + bytes(100))
+    with says(StructureError, "mass: has npy version (3, 0), expected 1.0 or 2.0"):
+        load_matrices(file)
+    with zipfile.ZipFile(file, "w") as archive:
+        for k in range(101):
+            archive.writestr(f"{k}.npy", b"")
+    with says(StructureError, "has 101 arrays, expected at most 100"):
+        load_matrices(file)
+
+
+def test_hdf5(tmp_path: Path) -> None:
+    file = tmp_path / "a.h5"
+    for make, text in (
+        (
+            lambda f: f.__setitem__("A", h5py.ExternalLink("b", "/")),
+            "'A' is a link to another place",
+        ),
+        (lambda f: f.create_group("A"), "'A' is not an array"),
+        (lambda f: f.__setitem__("A", ["x"]), "'A': expected numbers, got object"),
+        (
+            lambda f: f.create_dataset("A", (2,), "<f8", external=[("b", 0, 16)]),
+            "'A' takes its numbers from another place",
+        ),
+        (
+            lambda f: f.create_dataset("A", (2**20, 2**20), "<f8", chunks=(9, 9)),
+            "bytes of memory at 'A', expected at most 2147483648",
+        ),
+    ):
+        with h5py.File(file, "w") as archive:
+            make(archive)
+        with says(StructureError, f"{file}: ", text):
+            load_matrices(file)
+    file.write_bytes((ROOT / "tests/archive/damaged/hang9.h5").read_bytes())
+    with says(StructureError, f"{file}: "):
+        load_matrices(file)
+
+
+def test_matrix_market(tmp_path: Path) -> None:
+    file = tmp_path / "a.mass.mtx"
+    (tmp_path / "a.nodes.txt").write_text("1 0 0 0 1\n")
+    for text, message in (
+        ("array real general\n1000000 1000000\n", "needs 8000000000000 bytes of memory"),
+        (
+            "coordinate real general\n9 9 99999\n",
+            "says that it has 99999 entries, more than it has",
+        ),
+        ("coordinate complex general\n1 1 1\n1 1 1 1\n", "expected real numbers, got complex"),
+    ):
+        file.write_text(f"%%MatrixMarket matrix {text}")
+        with says(StructureError, f"{file}: ", message):
+            load_matrices(file)
+
+
+def test_files_that_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for read in (load_scene, load_urdf):
+        with says(SceneError, "/dev/zero: cannot be read: it is not a regular file"):
+            read("/dev/zero")
+    with says(StructureError, f"{tmp_path}: cannot be read: Is a directory"):
+        load_nastran(tmp_path, tmp_path)
+    monkeypatch.setattr(content.content_of, "__defaults__", (10,))
+    (tmp_path / "a.toml").write_text(ARM)
+    with says(SceneError, "a.toml: has more than 10 bytes, expected a smaller file"):
+        load_scene(tmp_path / "a.toml")
+
+
+@pytest.mark.parametrize("encoding", ["shift_jis", "none", "utf-7"])
+def test_encodings_of_robots(tmp_path: Path, encoding: str) -> None:
+    file = tmp_path / "a.urdf"
+    file.write_text(f'<?xml version="1.0" encoding="{encoding}"?><robot name="é"/>', "utf-8")
+    with says(SceneError, f"{file}: line 1: "):
+        load_urdf(file)
+
+
+def planted(what: str) -> dict[str, np.ndarray]:
+    """What a reader of another library may do."""
+    if what == "loop":
+        while True:
+            pass
+    if what == "memory":
+        return {"a": np.ones(2**29)}
+    if what == "die":
+        import os
+
+        os._exit(3)
+    if what == "print":
+        print("noise")  # noqa: T201
+    if what == "error":
+        raise LookupError("lost")
+    if what == "named":
+        raise StructureError("named")
+    return {"a": np.arange(3)}
+
+
+@pytest.mark.parametrize(
+    ("what", "text"),
+    [
+        ("loop", "its reader did not end as it should"),
+        ("memory", "cannot be read: Unable to allocate"),
+        ("die", "its reader did not end as it should (exit code 3)"),
+        ("error", "cannot be read: lost"),
+        ("named", "named"),
+    ],
+)
+def test_readers_apart(what: str, text: str) -> None:
+    with says(SceneError, text):
+        apart.arrays_of(
+            f"{__name__}:planted", {"what": what}, seconds=1, memory=2**28, error=SceneError
+        )
+
+
+def test_readers_apart_that_do_not_end_or_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    target = f"{__name__}:planted"
+    found = apart.arrays_of(target, {"what": "print"}, seconds=5, memory=2**28, error=SceneError)
+    assert found["a"].tolist() == [0, 1, 2]
+    monkeypatch.setattr(apart, "_START", 0.0)
+    monkeypatch.setattr(apart, "_CLOCK", 0.01)
+    with says(SceneError, "its reader did not end as it should (it did not end)"):
+        apart.arrays_of(target, {"what": ""}, seconds=1, memory=2**28, error=SceneError)
+    monkeypatch.setattr(sys, "executable", "/none")
+    with says(SceneError, "the process that reads it does not start"):
+        apart.arrays_of(target, {"what": ""}, seconds=1, memory=2**28, error=SceneError)
+
+
+def test_messages_are_short() -> None:
+    """2 kB, with the beginning and the end; words are cut first."""
+    assert shortened("x " * 900) == "x " * 900
+    word = shortened(f"body {'x' * 5000!r} is unknown. Try y.")
+    assert len(word) < 200
+    assert word.startswith("body 'xxx")
+    assert word.endswith("is unknown. Try y.")
+    for text in ("x " * 5000, "日本 " * 5000, "\ud800 " * 5000, "x" * 100_000):
+        for error in (MbdlftError, SceneError, StructureError):
+            found = str(error(text)).encode("utf-8", "replace")
+            assert len(found) <= 2000
+    assert str(SceneError(shortened("a " * 5000 + "advice"))).endswith("advice")
+
+
+def test_unknown_names_among_many() -> None:
+    names = [f"a{k}" for k in range(100_000)]
+    text = unknown_name("body", "x" * 100_000, [*names, "y" * 100_000])
+    assert text.endswith("and 99961 more.")
+    assert len(text) < 600
+    assert "Did you mean 'a1'" in unknown_name("body", "a1x", names)
+
+
+def run(*arguments: str, **options: object) -> "subprocess.CompletedProcess[bytes]":
+    program = "from mbdlft.cli.commands import main; main()"
+    return subprocess.run(
+        [sys.executable, "-c", program, *arguments], cwd=ROOT, check=False, **options
+    )  # type: ignore[call-overload,no-any-return]
+
+
+def test_terminals_without_letters_and_disks_without_space(tmp_path: Path) -> None:
+    import os
+
+    scene = tmp_path / "a.toml"
+    scene.write_text(ARM.replace('"two_link_arm"', '"arm θ₁ 日本"'), encoding="utf-8")
+    ascii_only = {**os.environ, "PYTHONIOENCODING": "ascii", "LANG": "C"}
+    both = {"capture_output": True, "env": ascii_only}
+    done = run("check", str(scene), **both)
+    assert done.returncode == 0
+    assert rb"arm \u03b8\u2081" in done.stdout
+    done = run("check", str(tmp_path / "日本.toml"), **both)
+    assert (done.returncode, done.stdout) == (2, b"")
+    assert done.stderr.startswith(b"mbdlft: ")
+    assert b"Traceback" not in done.stderr
+    with Path("/dev/full").open("wb") as full:
+        for arguments in (("check", str(scene)), ("linearize", str(scene), "--json")):
+            done = run(*arguments, stdout=full, stderr=subprocess.PIPE)
+            assert done.returncode == 2
+            assert (
+                done.stderr == b"mbdlft: the output cannot be written: No space left on device.\n"
+            )
+    done = run("linearize", str(scene), "-o", "/dev/full", capture_output=True)
+    assert (done.returncode, done.stdout) == (2, b"")
+    assert done.stderr == b"mbdlft: /dev/full: cannot be read: it is not a regular file.\n"
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = run("check", str(scene), stdout=writer, stderr=subprocess.PIPE)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (1, b"")
+
+
+def test_bodies_with_numbers_that_no_body_has() -> None:
+    """Their products are not numbers any more; they would have ended in an error of numpy."""
+    from mbdlft import scene_from_toml, to_lft
+    from tests.attack.scenes import CART
+
+    for old, new in (
+        ("modulus = 7e10", "modulus = 1e305"),
+        ("density = 2700.0", "density = 1e155"),
+    ):
+        with says(MbdlftError, "body 'boom': an entry of its matrices is"):
+            to_lft(scene_from_toml(CART.replace(old, new)), search=0.0)
+
+
+def test_matrices_come_back_from_the_other_process(tmp_path: Path) -> None:
+    from mbdlft.elastic import save_matrices
+
+    save_matrices(tmp_path / "a.h5", turned())
+    found = load_matrices(tmp_path / "a.h5")
+    assert np.array_equal(found.nodes.numbers, turned().nodes.numbers)
