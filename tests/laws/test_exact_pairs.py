@@ -41,8 +41,12 @@ def with_bits() -> object:
 def both(matrix: Texts | mbdlft.MatrixProblem) -> tuple[LFT, ExactLFT]:
     """The smallest LFT of a matrix before any search, in doubles and in exact numbers."""
     if not isinstance(matrix, mbdlft.MatrixProblem):
-        names = sorted({letter for row in matrix for text in row for letter in text if letter in "abcLm"})
-        parameters = [mbdlft.Parameter(name, 0.4 + 0.1 * k, -0.6, 1.4) for k, name in enumerate(names)]
+        names = sorted(
+            {letter for row in matrix for text in row for letter in text if letter in "abcLm"}
+        )
+        parameters = [
+            mbdlft.Parameter(name, 0.4 + 0.1 * k, -0.6, 1.4) for k, name in enumerate(names)
+        ]
         matrix = mbdlft.MatrixProblem(matrix=matrix, parameters=parameters)
     problem = problem_of_matrix(matrix)
     found = candidates(problem, problem.forms)[0]
@@ -74,7 +78,8 @@ def in_texts(terms: list[Word]) -> Texts:
     return [
         [
             " + ".join(
-                f"({left[i, 0]:.2f})*({right[0, j]:.2f})*{'*'.join(letters)}" for left, letters, right in terms
+                f"({left[i, 0]:.2f})*({right[0, j]:.2f})*{'*'.join(letters)}"
+                for left, letters, right in terms
             )
             for j in range(columns)
         ]
@@ -231,5 +236,3 @@ def test_planted_bug_is_found(bug: str, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(owner, name, replacement)
     with pytest.raises(AssertionError):
         law()
-
-
