@@ -64,9 +64,7 @@ def values(rows: Sequence[Sequence[str]], at: Mapping[str, int]) -> Rows:
     return [[Modular(eval(python_text(text), names, known)).value for text in row] for row in rows]
 
 
-def degrees(
-    rows: Sequence[Sequence[str]], names: Sequence[str], seed: int = 0
-) -> dict[str, int]:
+def degrees(rows: Sequence[Sequence[str]], names: Sequence[str], seed: int = 0) -> dict[str, int]:
     """The McMillan degree in each parameter, if it is below 10 times the shorter side."""
     random, found = np.random.default_rng(seed), {}
     for name in names:

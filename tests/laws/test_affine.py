@@ -13,7 +13,16 @@ import pytest
 
 from benchmarks.cases.chains import chain
 from mbdlft.lft.evaluate import evaluate_at
-from mbdlft.lft.lft import LFT, constant, delta, eliminate, inverse, stack_columns, stack_rows, transpose
+from mbdlft.lft.lft import (
+    LFT,
+    constant,
+    delta,
+    eliminate,
+    inverse,
+    stack_columns,
+    stack_rows,
+    transpose,
+)
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.pipeline import search

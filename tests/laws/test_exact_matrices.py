@@ -189,9 +189,7 @@ def test_zeros_of_irrational_numbers() -> None:
     """[2 sqrt 2 ; sqrt 2 1] is singular."""
     field = Field([Constant("root", Fraction(2))])
     root = field.of(Constant("root", Fraction(2)))
-    a = module.from_rows(
-        [{0: field.rational(2), 1: root}, {0: root, 1: field.one}], 2, field.prime
-    )
+    a = module.from_rows([{0: field.rational(2), 1: root}, {0: root, 1: field.one}], 2, field.prime)
     assert rank(a.residues, field.prime) == 1
     with pytest.raises(ZeroDivisionError):
         a.solve(identity(2, field.prime))

@@ -123,7 +123,10 @@ CONSTANTS = [
     Constant("sine", Fraction("0.7"), in_radians=True),
     *(Constant("root", Fraction(text)) for text in ("2", "5", "10", "7", "0.35", "14")),
     Constant("pi", Fraction(1, 180)),
-    *(Constant("unit", Fraction(k), direction=(Fraction(1), Fraction(-2), Fraction(1, 3))) for k in range(3)),
+    *(
+        Constant("unit", Fraction(k), direction=(Fraction(1), Fraction(-2), Fraction(1, 3)))
+        for k in range(3)
+    ),
 ]
 ALL = Field(CONSTANTS)
 Node = tuple  # an operator with nodes, or a constant

@@ -14,7 +14,6 @@ import pytest
 import mbdlft
 from benchmarks.cases.orders import CASES
 from mbdlft.bound import exact_pairs as module
-from mbdlft.bound.degree import lower_bound
 from mbdlft.bound.exact import exact_degrees
 from mbdlft.bound.exact_pairs import is_constant, more_needed
 from mbdlft.bound.pairs import Triple, confirmation, joint_bound, pair_bounds
@@ -25,6 +24,7 @@ from mbdlft.number.exact import BITS, precision
 from mbdlft.number.exact_matrix import Residues
 from mbdlft.pipeline.candidates import candidates
 from mbdlft.reduce.work import Work
+from tests.extracted import lower_bound
 from tests.laws.test_joint_bound import TWO_LETTERS, Word, words, words_of_two_letters
 from tests.laws.test_joint_bound import known as known_in_doubles
 
@@ -41,8 +41,12 @@ def with_bits() -> object:
 def both(matrix: Texts | mbdlft.MatrixProblem) -> tuple[LFT, ExactLFT]:
     """The smallest LFT of a matrix before any search, in doubles and in exact numbers."""
     if not isinstance(matrix, mbdlft.MatrixProblem):
-        names = sorted({letter for row in matrix for text in row for letter in text if letter in "abcLm"})
-        parameters = [mbdlft.Parameter(name, 0.4 + 0.1 * k, -0.6, 1.4) for k, name in enumerate(names)]
+        names = sorted(
+            {letter for row in matrix for text in row for letter in text if letter in "abcLm"}
+        )
+        parameters = [
+            mbdlft.Parameter(name, 0.4 + 0.1 * k, -0.6, 1.4) for k, name in enumerate(names)
+        ]
         matrix = mbdlft.MatrixProblem(matrix=matrix, parameters=parameters)
     problem = problem_of_matrix(matrix)
     found = candidates(problem, problem.forms)[0]
@@ -74,7 +78,8 @@ def in_texts(terms: list[Word]) -> Texts:
     return [
         [
             " + ".join(
-                f"({left[i, 0]:.2f})*({right[0, j]:.2f})*{'*'.join(letters)}" for left, letters, right in terms
+                f"({left[i, 0]:.2f})*({right[0, j]:.2f})*{'*'.join(letters)}"
+                for left, letters, right in terms
             )
             for j in range(columns)
         ]
@@ -231,5 +236,3 @@ def test_planted_bug_is_found(bug: str, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(owner, name, replacement)
     with pytest.raises(AssertionError):
         law()
-
-

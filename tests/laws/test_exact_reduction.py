@@ -88,7 +88,10 @@ def turned(a: LFT, seed: int) -> LFT:
     assert not padded
     some = lambda *shape: random.integers(-3, 4, shape) / 4.0  # noqa: E731
     M11[np.ix_(old, old)], M12[old], M21[:, old] = a.M11, a.M12, a.M21
-    M11[np.ix_(unseen, old)], M12[unseen] = some(len(unseen), len(old)), some(len(unseen), a.shape[1])
+    M11[np.ix_(unseen, old)], M12[unseen] = (
+        some(len(unseen), len(old)),
+        some(len(unseen), a.shape[1]),
+    )
     M11[np.ix_(old, unreached)] = some(len(old), len(unreached))
     M21[:, unreached] = some(a.shape[0], len(unreached))
     return LFT(T @ M11 @ inverse, T @ M12, M21 @ inverse, a.M22, tuple(blocks))
@@ -213,7 +216,9 @@ def two_steps(M11: Residues, M12: Residues, sizes: list[int], prime: int) -> lis
     return reachable_bases(np.zeros_like(M11), np.asarray(step, dtype=np.int64), sizes, prime)
 
 
-def not_all(space: Space, candidates: Residues, right: Callable[..., Residues] = Space.extend) -> Residues:
+def not_all(
+    space: Space, candidates: Residues, right: Callable[..., Residues] = Space.extend
+) -> Residues:
     """The last candidate is forgotten."""
     return right(space, candidates[: max(1, len(candidates) - 1)])
 
@@ -227,7 +232,12 @@ PLANTED: dict[str, tuple[object, str, object, Callable[[], None]]] = {
         lambda: law_padded(1),
     ),
     "a candidate is forgotten": (Space, "extend", not_all, lambda: law_padded(2)),
-    "the first rows are kept": (module, "_best_rows", lambda basis, rows: rows, lambda: law_rows(0)),
+    "the first rows are kept": (
+        module,
+        "_best_rows",
+        lambda basis, rows: rows,
+        lambda: law_rows(0),
+    ),
     "what is near is one": (
         module,
         "row_echelon",

@@ -23,8 +23,8 @@ import pytest
 
 import mbdlft
 from mbdlft import Angle, Parameter, realize
-from mbdlft.matrix import polynomial, symbolic, to_problem
 from mbdlft.lft.exact import ExactLFT
+from mbdlft.matrix import polynomial, symbolic, to_problem
 from mbdlft.matrix.to_problem import problem_of_matrix
 from mbdlft.number.exact_matrix import ExactMatrix, rough_values
 from mbdlft.pipeline import candidates, realization

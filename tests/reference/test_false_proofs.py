@@ -57,8 +57,7 @@ def test_planted_pairs_of_doubles_are_found(monkeypatch: pytest.MonkeyPatch) -> 
 
 # a product of two matrices whose coefficients have 18 digits: order 2 is enough
 _OVER = (
-    "(1000000000000000000 + 148097000000000000*b - 406319000000000000*a "
-    "+ 178670437577000000*a*b)"
+    "(1000000000000000000 + 148097000000000000*b - 406319000000000000*a + 178670437577000000*a*b)"
 )
 LONG = [
     [
