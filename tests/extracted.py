@@ -6,6 +6,7 @@ from fractions import Fraction
 import numpy as np
 
 from mbdlft.base.parameter import BilinearMap
+from mbdlft.bound.degree import degree_bounds
 from mbdlft.lft.exact import ExactLFT
 from mbdlft.lft.lft import LFT
 from mbdlft.number.exact import BITS, Field, precision
@@ -48,6 +49,11 @@ def eliminated_in_doubles(a: ExactLFT, count: int, rows: list[int]) -> ExactLFT:
     rest = M[outside][:, others] + M[outside][:, inner] @ solution
     both = np.vstack([rest[:n], solution, rest[n:]])
     return ExactLFT(exact_matrix(both[[*range(n), *(n + k for k in rows)]]), a.blocks)
+
+
+def lower_bound(a: LFT, seed: int = 0) -> dict[str, int]:
+    """Degrees of all deltas that doubles show."""
+    return {name: bound.degree for name, bound in degree_bounds(a, seed=seed).items()}
 
 
 def exactly(a: LFT) -> ExactLFT:

@@ -74,16 +74,10 @@ class _Realization(NamedTuple):
     C: NDArray[Any]
 
 
-def lower_bound(a: LFT, seed: int = 0) -> dict[str, int]:
-    """Proved minimum of the repetitions of each delta, in any exact LFT of the same matrix.
-
-    When a numerical rank is not clear, the smaller value is given.
-    """
-    return {name: bound.degree for name, bound in degree_bounds(a, seed=seed).items()}
-
-
 def degree_bounds(a: LFT, twin: LFT | None = None, seed: int = 0) -> dict[str, Bound]:
-    """As `lower_bound`, with what rounding may hide.
+    """Proved minima of the repetitions of each delta in any exact LFT of the same matrix.
+
+    When a numerical rank is not clear, the smaller value is given, and what rounding may hide.
 
     Parameters
     ----------

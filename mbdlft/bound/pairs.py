@@ -75,7 +75,7 @@ def joint_bound(
     ----------
     a : LFT
     degrees : mapping of names to McMillan degrees
-        As from `lower_bound`.
+        As from `exact_degrees` or `degree_bounds`.
     work : Work, optional
         Asked before each pair and triple whether it is over; those that were not looked at do not count.
         By default it never is.

@@ -19,11 +19,6 @@ def cleaned(values: Array, size: Array) -> Array:
     return np.where(np.abs(values) <= ROUNDING * size, 0.0, values)
 
 
-def is_rounding(value: float, size: float) -> bool:
-    """Whether one value is rounding of terms of a size."""
-    return abs(value) <= ROUNDING * size
-
-
 def product(left: Array, right: Array) -> Array:
     """left @ right, cleaned."""
     return cleaned(left @ right, np.abs(left) @ np.abs(right))

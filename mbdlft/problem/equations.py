@@ -134,16 +134,12 @@ def physical_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
     return ParameterSymbols(p, p, ca.cos(factors * p), ca.sin(factors * p))
 
 
-@lru_cache(maxsize=1)
-def internal_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
-    """The equations as rational functions of internal values: angles by tangents of a part of them."""
-    p, cosine, sine = exact_symbols(parameters)[1:]
-    return ParameterSymbols(p, p, in_doubles(cosine), in_doubles(sine))
-
-
 @lru_cache(maxsize=1)  # the trim and the linearization of one scene share them
 def exact_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
-    """As `internal_symbols`, with constants that are not rounded."""
+    """The equations as rational functions of internal values: angles by tangents of a part of them.
+
+    Constants are not rounded.
+    """
     p = ca.SX.sym("internal", len(parameters))
     return ParameterSymbols(p, p, *cosines_sines(parameters, p))
 

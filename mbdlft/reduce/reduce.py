@@ -23,7 +23,6 @@ from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 from mbdlft.base.array import Array
 from mbdlft.base.threads import one_thread
 from mbdlft.lft.lft import LFT, Block, check_plain
-from mbdlft.number.extended import IS_EXTENDED, orthonormal_columns, over_rows
 from mbdlft.number.rounding import product
 
 _EPS = float(np.finfo(float).eps)
@@ -41,32 +40,29 @@ class Core(NamedTuple):
     (rows of M11 and M12) and of what leaves them (columns of M11 and M21).
     """
 
-    M11: NDArray[Any]
-    M12: NDArray[Any]
-    M21: NDArray[Any]
+    M11: Array
+    M12: Array
+    M21: Array
     sizes: tuple[int, ...]
     error_in: tuple[float, ...]
     error_out: tuple[float, ...]
 
 
-def reduce_order(a: LFT, *, extended: bool = False) -> LFT:
+def reduce_order(a: LFT) -> LFT:
     """The LFT of equal value whose order is minimal for deltas that do not commute.
 
     An LFT that is minimal in this sense already comes back as it is. In a chain of small directions
-    rounding grows from step to step; `extended` takes them in extended precision, which is slow.
+    rounding grows from step to step; `reduce_exactly` has none.
     """
     check_plain(a, "the reduction")
     core, inputs, outputs = balance(a)
-    if extended and IS_EXTENDED:
-        M11, M12, M21 = (matrix.astype(np.longdouble) for matrix in core[:3])
-        core = core._replace(M11=M11, M12=M12, M21=M21)
     with one_thread() if a.order > _LARGE else nullcontext():
         small = _transpose(_compress(_transpose(_compress(core))))
     if small.sizes == core.sizes:
         return a
-    reduced: list[Array] = [np.asarray(matrix, dtype=float) for matrix in small[:3]]
     blocks = [Block(block.name, size) for block, size in zip(a.blocks, small.sizes, strict=True)]
-    return LFT(reduced[0], reduced[1] * inputs, outputs[:, None] * reduced[2], a.M22, tuple(blocks))
+    M12, M21 = small.M12 * inputs, outputs[:, None] * small.M21
+    return LFT(small.M11, M12, M21, a.M22, tuple(blocks))
 
 
 def _transpose(core: Core) -> Core:
@@ -183,18 +179,15 @@ def _compress(core: Core) -> Core:
     )
 
 
-def _as_graph(basis: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[Any]]:
+def _as_graph(basis: Array) -> tuple[NDArray[np.int64], Array]:
     """Well-conditioned rows of an orthonormal basis, and the basis that is the identity in them."""
     n, size = basis.shape
     if size in (0, n):
         return np.arange(size), np.eye(n)[:, :size]
-    factor, pivots, _, _, _ = dgeqp3(np.asarray(basis.T, dtype=float))
+    factor, pivots, _, _, _ = dgeqp3(basis.T)
     rows = pivots[:size].astype(int) - 1
     others = pivots[size:].astype(int) - 1
-    if basis.dtype != np.float64:
-        rest = over_rows(basis, rows)[others].T
-    else:
-        rest, _ = dtrtrs(factor[:, :size], factor[:, size:])
+    rest, _ = dtrtrs(factor[:, :size], factor[:, size:])
     graph = np.zeros_like(basis)
     graph[rows] = np.eye(size)
     rest[np.abs(rest) < _ZERO * np.max(np.abs(rest), initial=1.0)] = 0.0
@@ -209,10 +202,10 @@ def _parts(sizes: tuple[int, ...]) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(ends)]
 
 
-def _reachable(core: Core) -> list[NDArray[Any]]:
+def _reachable(core: Core) -> list[Array]:
     """Orthonormal bases of the smallest S_k with range(M12_k) in S_k and M11_kj S_j in S_k."""
     parts = _parts(core.sizes)
-    bases = [_Basis(part.stop - part.start, core.M11.dtype) for part in parts]
+    bases = [_Basis(part.stop - part.start) for part in parts]
     norms: dict[tuple[int, int], float] = {}
 
     def norm(into: int, out_of: int) -> float:
@@ -246,9 +239,9 @@ def _reachable(core: Core) -> list[NDArray[Any]]:
 class _Basis:
     """An orthonormal basis that grows, with the error of each vector."""
 
-    def __init__(self, size: int, precision: np.dtype[Any]) -> None:
+    def __init__(self, size: int) -> None:
         self.size = size
-        self.vectors: NDArray[Any] = np.zeros((size, 0), dtype=precision)
+        self.vectors: Array = np.zeros((size, 0))
         self.errors: Array = np.zeros(0)
 
     @property
@@ -270,7 +263,7 @@ class _Basis:
                 inside = self.vectors.T @ columns
                 columns = columns - self.vectors @ inside
                 errors = errors + np.abs(inside).T @ self.errors
-        errors = np.minimum(np.asarray(errors, dtype=float), _MOST_ERROR)
+        errors = np.minimum(errors, _MOST_ERROR)
         # lengths in units of the error; pivoting takes the clearest direction first
         added, lengths = _directions(columns / errors, self.size - known)
         if not len(lengths):
@@ -280,10 +273,8 @@ class _Basis:
         return self.vectors[:, known:], self.errors[known:]
 
 
-def _directions(columns: NDArray[Any], most: int) -> tuple[NDArray[Any], Sequence[float]]:
+def _directions(columns: Array, most: int) -> tuple[Array, Sequence[float]]:
     """Orthonormal vectors of the clear directions of columns, and their lengths, the longest first."""
-    if columns.dtype != np.float64:
-        return orthonormal_columns(columns, _THRESHOLD, most)
     factor, _, reflectors, _, _ = dgeqp3(columns)
     clear = np.abs(np.diagonal(factor))
     count = min(int(np.sum(clear > _THRESHOLD)), most)

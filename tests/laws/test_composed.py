@@ -28,13 +28,13 @@ from mbdlft import (
     series,
     state_space,
 )
-from mbdlft.bound.degree import lower_bound
 from mbdlft.cli.commands import main
 from mbdlft.lft.lft import delta
 from mbdlft.system import lft, ranges
 from tests.archive.models import same
 from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.errors.scenes import says
+from tests.extracted import lower_bound
 from tests.laws.test_systems import CART, CONTROLLER, ONE, SPRING, points
 
 ARM = mbdlft.to_lft(mbdlft.load_scene("scenarios/two_link_arm.toml"), search=0.0)

@@ -14,7 +14,6 @@ import pytest
 import mbdlft
 from benchmarks.cases.orders import CASES
 from mbdlft.bound import exact_pairs as module
-from mbdlft.bound.degree import lower_bound
 from mbdlft.bound.exact import exact_degrees
 from mbdlft.bound.exact_pairs import is_constant, more_needed
 from mbdlft.bound.pairs import Triple, confirmation, joint_bound, pair_bounds
@@ -25,6 +24,7 @@ from mbdlft.number.exact import BITS, precision
 from mbdlft.number.exact_matrix import Residues
 from mbdlft.pipeline.candidates import candidates
 from mbdlft.reduce.work import Work
+from tests.extracted import lower_bound
 from tests.laws.test_joint_bound import TWO_LETTERS, Word, words, words_of_two_letters
 from tests.laws.test_joint_bound import known as known_in_doubles
 

@@ -23,7 +23,6 @@ from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES, Case
 from mbdlft.bound import pairs as joint
 from mbdlft.bound import sections
-from mbdlft.bound.degree import lower_bound
 from mbdlft.bound.pairs import Pair, Triple, joint_bound, least_more
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import (
@@ -40,7 +39,7 @@ from mbdlft.multibody.assembly import assemble
 from mbdlft.problem.linearize import linearize
 from mbdlft.reduce.reduce import reduce_order
 from tests.close import roundoff
-from tests.extracted import extracted
+from tests.extracted import extracted, lower_bound
 
 KAPPA = 1e3
 RESIDUE = 1e-17  # what cancelling leaves of terms of size one

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from mbdlft.base.threads import one_thread
-from mbdlft.bound.degree import lower_bound
 from mbdlft.bound.pairs import joint_bound
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, Block
@@ -25,6 +24,7 @@ from mbdlft.reduce.min_rank import lower_ranks
 from mbdlft.reduce.refit import refit
 from mbdlft.reduce.work import Work
 from tests.close import roundoff
+from tests.extracted import lower_bound
 from tests.laws.test_refit import KAPPA, chain_in_space, in_other_units
 
 ENTRIES = 1000

@@ -21,11 +21,11 @@ from mbdlft import (
     matrices_at,
     two_port,
 )
-from mbdlft.bound.degree import lower_bound
 from mbdlft.multibody.body import elastic
 from mbdlft.multibody.sensor import JointWrench
 from mbdlft.system import invert, wiring
 from tests.close import BALANCE, CLOSED_FORM, FINITE_ELEMENTS, roundoff, target
+from tests.extracted import lower_bound
 
 E = Parameter("E", 70e9, percent=20, unit="Pa")
 L = Parameter("L", 1.2, percent=20, unit="m")

@@ -4,23 +4,20 @@
 2. a similarity transformation and padding with useless channels are taken back completely
 3. lower bound <= order of every LFT of the same matrix; equal for generic minimal LFTs
 4. the scale of channels, of inputs and outputs, and of parameters does not change a rank
-5. extended precision finds the same order, and keeps the digits that a chain of small directions loses
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbdlft.bound.degree import lower_bound
 from mbdlft.lft.evaluate import evaluate
 from mbdlft.lft.lft import LFT, Block, delta
-from mbdlft.reduce import reduce
 from mbdlft.reduce.reduce import reduce_order
 from tests.close import exact, roundoff
+from tests.extracted import lower_bound
 from tests.laws.lfts import lfts, padded, points
 
 KAPPA = 1e5
@@ -116,45 +113,6 @@ def test_bound_does_not_count_what_cancels() -> None:
     for seed in range(20):
         a = stack_diagonal(t, (p @ q - q @ p) @ t)
         assert lower_bound(a, seed) == {"p": 0, "q": 0, "t": 1}
-
-
-def chain_of_small_directions() -> LFT:
-    """(d + 0.03 d^2 + ...) in a basis of chance: each direction is seen through the one before."""
-    random = np.random.default_rng(5)
-    size = 10
-    turn = np.linalg.qr(random.standard_normal((2 * size, size)))[0]
-    shift = np.diag(np.full(size - 1, 0.03), -1) + 0.3 * np.eye(size)
-    first, last = np.eye(size)[:, :1], random.standard_normal((1, size))
-    return LFT(
-        turn @ shift @ turn.T, turn @ first, last @ turn.T, np.eye(1), (Block("d", 2 * size),)
-    )
-
-
-def law_digits(a: LFT) -> None:
-    plain, extended = reduce_order(a), reduce_order(a, extended=True)
-    assert extended.blocks == plain.blocks
-    at = {"d": np.linspace(-0.9, 0.9, 7)}
-    expected = evaluate(a, at)
-    roundoff(evaluate(extended, at), expected)
-    roundoff(evaluate(plain, at), expected, KAPPA)
-
-
-def test_extended_precision_keeps_digits() -> None:
-    law_digits(chain_of_small_directions())
-
-
-@pytest.mark.parametrize("piece", ["over_rows", "orthonormal_columns"])
-def test_planted_precision_is_found(piece: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    right = getattr(reduce, piece)
-
-    def rounded(*arguments: Any) -> Any:
-        found = right(*arguments)
-        low = np.float32(found[0] if isinstance(found, tuple) else found).astype(np.longdouble)
-        return (low, found[1]) if isinstance(found, tuple) else low
-
-    monkeypatch.setattr(reduce, piece, rounded)
-    with pytest.raises(AssertionError):
-        law_digits(chain_of_small_directions())
 
 
 def test_planted_bug_is_found() -> None:

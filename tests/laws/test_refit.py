@@ -15,7 +15,6 @@ import pytest
 
 from benchmarks.cases.chains import chain
 from mbdlft.base.threads import one_thread
-from mbdlft.bound.degree import lower_bound
 from mbdlft.bound.pairs import joint_bound
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, Block, fix, with_blocks
@@ -31,7 +30,7 @@ from mbdlft.reduce.reduce import reduce_order
 from mbdlft.reduce.refit import one_less
 from mbdlft.reduce.work import Work
 from tests.close import roundoff
-from tests.extracted import reduced
+from tests.extracted import lower_bound, reduced
 
 KAPPA = 1e4
 TRIES, SEEDS = 6, 8

@@ -9,12 +9,13 @@ import pytest
 
 import mbdlft
 from mbdlft.base.array import Array
-from mbdlft.bound.degree import degree_bounds, lower_bound
+from mbdlft.bound.degree import degree_bounds
 from mbdlft.lft.evaluate import evaluate, evaluate_at
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.reduce import reduce
 from mbdlft.reduce.reduce import reduce_order
 from tests.close import roundoff
+from tests.extracted import lower_bound
 from tests.laws.lfts import padded
 from tests.laws.test_reduction import KAPPA, values
 

@@ -23,7 +23,6 @@ from benchmarks.cases.arm import NAMES, closed_form, state_and_input
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES
 from mbdlft.base.threads import one_thread
-from mbdlft.bound.degree import lower_bound
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows
 from mbdlft.pipeline import search
@@ -37,6 +36,7 @@ from mbdlft.reduce.work import Work
 from mbdlft.system.model import LFTModel
 from scenarios import two_link_arm
 from tests.close import CLOSED_FORM, SCENARIO, roundoff, target
+from tests.extracted import lower_bound
 from tests.laws.lfts import lfts
 from tests.laws.test_affine import relations
 

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from mbdlft.base.array import Array
-from mbdlft.bound.degree import lower_bound
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import (
     LFT,
@@ -26,6 +25,7 @@ from mbdlft.lft.lft import (
 )
 from mbdlft.reduce.reduce import reduce_order
 from tests.close import roundoff
+from tests.extracted import lower_bound
 
 LOAD, TIP = np.array([0.0, 0.3, -1.0]), np.array([0.2, 1.0, 0.1])
 KAPPA = 1e2
