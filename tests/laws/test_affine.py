@@ -17,7 +17,6 @@ from mbdlft.lft.lft import (
     LFT,
     constant,
     delta,
-    eliminate,
     inverse,
     stack_columns,
     stack_rows,
@@ -26,7 +25,7 @@ from mbdlft.lft.lft import (
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.pipeline import search
-from mbdlft.pipeline.candidates import candidates
+from mbdlft.pipeline.candidates import candidates, closed_relations
 from mbdlft.problem.linearize import linearize
 from mbdlft.reduce import affine
 from mbdlft.reduce.affine import is_affine, is_polynomial, move_affine
@@ -122,16 +121,7 @@ def test_closed_relations_of_a_chain_are_kept() -> None:
     problem = problem_of_scene(scene)
     (found,) = candidates(problem, problem.forms)
     a, relations = found.relations, found.form.relations
-    n = relations.unknown.numel()
-    rows = [*range(relations.derivatives), *range(n, n + relations.output.numel())]
-
-    def close(one: LFT) -> LFT:
-        solved = eliminate(one, n)
-        return reduce_order(
-            LFT(solved.M11, solved.M12, solved.M21[rows], solved.M22[rows], solved.blocks)
-        )
-
-    level = finishing(a, close)
+    level = finishing(a, lambda one: reduce_order(closed_relations(relations, one)))
     moved = move_affine(a, ("L0", "L1", "L2"), ("m0", "m1", "m2"), Work())
     assert moved is not None
     assert level.keeps(Work(), level.exact, moved)

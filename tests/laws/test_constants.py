@@ -187,9 +187,8 @@ def law_long_literals() -> None:
         model = realize([[text]], [A, B], search=0.0)
         assert model.order == order, text
         assert model.certificate.minimal
-    assert mbdlft.matrices_at(
-        realize([["100000000000000001*a - 100000000000000000*a"]], [A], search=0.0), {"a": 0.7}
-    ).D.item() == pytest.approx(0.7, rel=1e-14)
+    last = realize([["100000000000000001*a - 100000000000000000*a"]], [A], search=0.0)
+    roundoff(mbdlft.matrices_at(last, {"a": 0.7}).D, [[0.7]])
 
 
 def test_long_literals() -> None:
