@@ -10,6 +10,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from mbdlft.base.errors import WellPosednessError
 from mbdlft.bound.gain import multipliers, restrict
 from mbdlft.lft.lft import LFT
 
@@ -41,7 +42,7 @@ def is_well_posed(a: LFT, boxes: int = _BOXES) -> bool:
             center[worst], half[worst] = side, 0.5
             try:
                 waiting.append(restrict(box, center, half))
-            except np.linalg.LinAlgError:
+            except WellPosednessError:
                 return False
     return not waiting
 

@@ -170,7 +170,6 @@ def test_attributes(stored):
         "exact": np.dtype(bool),
         "truncation_error": np.dtype("<f8"),
         "condition": np.dtype("<f8"),
-        **({"exact_bound": np.dtype(bool)} if model.certificate.exact_bound else {}),
         "sign_changes": np.dtype("<i8"),
     }
 
