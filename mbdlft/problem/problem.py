@@ -79,6 +79,9 @@ class Reference:
     trim_scale : array (n_t,)
     in_digits : function of some of the points (N, n_p), or None
         Values there in 50 digits, rounded at the end; None where `values` are that already.
+    trim_if_cancelled : function, or None
+        `trim_scale` for quantities that are nothing but rounding of terms that cancelled already in the
+        numbers of the problem: at least a part of what a displacement of 1 rad or 1 m makes of them.
     """
 
     values: Array
@@ -89,6 +92,7 @@ class Reference:
     trimmed: Array
     trim_scale: Array
     in_digits: Callable[[Array], Array] | None = None
+    trim_if_cancelled: Callable[[], Array] | None = None
 
 
 class TrimRelations(NamedTuple):
@@ -126,6 +130,8 @@ class Problem:
     is_regular : function without arguments
         Whether the relations are proved to determine the unknown signals at every value of the
         parameters; False says that it was not proved.
+    open_boxes : tuple of boxes
+        Where masses and inertias could not be shown to be physical, as in `Certificate`.
     fit_error_bound : float
         Guaranteed bound of the error of equilibrium positions that are fits; 0.0 if there are none.
     """
@@ -146,4 +152,5 @@ class Problem:
     row_units: Array | None = None
     column_units: Array | None = None
     is_regular: Callable[[], bool] = lambda: False
+    open_boxes: tuple[tuple[tuple[float, float], ...], ...] = ()
     fit_error_bound: float = 0.0

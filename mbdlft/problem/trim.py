@@ -13,6 +13,7 @@ from scipy.linalg import qr
 from mbdlft.base.array import Array
 from mbdlft.base.errors import TrimError, unknown_name
 from mbdlft.base.signal import Signal
+from mbdlft.number.rounding import cleaned
 from mbdlft.problem.equations import (
     CURVED,
     Equations,
@@ -27,7 +28,7 @@ from mbdlft.sx.sizes import term_sizes
 _RESIDUAL = 1e-9
 _RANK = 1e-13  # an unknown whose effect is that of others up to this part is redundant
 _ROUNDS = 20  # each takes the square root of what sizes differ by
-_PART = 1e-2  # of the inertia and stiffness that unbalanced efforts are compared with
+PART = 1e-2  # of the inertia and stiffness that unbalanced efforts are compared with
 _CARRIED = 1e-9  # of the loads of the scene: a smaller wrench through a body is rounding
 _IDLE = 0.1  # share in a combination of unknowns that does nothing
 
@@ -214,7 +215,7 @@ def trim_rows(equations: Equations) -> tuple[int, ...]:
     e = equations
     nominal = np.array([[parameter.nominal for parameter in e.parameters]])
     _, matrix, _ = _relations_at(e, nominal)
-    matrix, count = matrix[0], len(e.unknown)
+    matrix, count = _without_rounding(e, nominal, matrix)[0], len(e.unknown)
     rows = [int(row) for row in np.flatnonzero(matrix.any(axis=1))]
     if len(rows) == count and np.linalg.matrix_rank(matrix) == count:
         return tuple(rows)
@@ -303,7 +304,7 @@ def _uncancelled(e: Equations, points: Array, efforts: Array) -> Array:
     (load,) = evaluate_many(value, points)
     pull = np.max(np.abs(load), axis=(1, 2), initial=0.0)
     largest = np.maximum(np.max(terms, axis=1), np.max(np.abs(efforts), axis=1, initial=0.0))
-    return np.asarray(np.maximum(largest, _PART * np.maximum(pull * inertia, stiffness)))
+    return np.asarray(np.maximum(largest, PART * np.maximum(pull * inertia, stiffness)))
 
 
 def _at_rest(e: Equations) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:

@@ -8,8 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.description import ANY_UNIT, AXES, Expected
-from mbdlft.base.errors import NotRationalError, SceneError, WellPosednessError, unknown_name
-from mbdlft.base.expression import Expression, check_degree, denominators, evaluate, names, write
+from mbdlft.base.errors import SceneError, WellPosednessError, unknown_name
+from mbdlft.base.expression import (
+    Binary,
+    Expression,
+    Number,
+    check_degree,
+    denominators,
+    evaluate,
+    names,
+    walk,
+    write,
+)
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.signal import Signal
 from mbdlft.base.unit import dimension_name, parse_unit
@@ -25,11 +35,16 @@ from mbdlft.multibody.scene.quantities import (
     value_at,
 )
 from mbdlft.multibody.scene.scene import Constant, Scene
+from mbdlft.number.dimension import FUNCTIONS as DIMENSIONS
 from mbdlft.number.dimension import Dimension
 from mbdlft.number.interval import FUNCTIONS, Interval, decimal, find_zero
 
 _RANDOM, _CORNERS = 64, 4096
 _ROUNDING = 1e-12
+_HINT = (
+    " A number that multiplies a value with a unit is a plain factor. Where the factor has a unit, "
+    "write it behind the number, such as 2.0 [kg/m]*l, or declare a constant with that unit."
+)
 
 
 def check(scene: Scene) -> None:
@@ -218,17 +233,23 @@ def _check_dimension(
     if expected.unit == ANY_UNIT:
         return
     try:
-        value = evaluate(expression, dimensions)
-    except NotRationalError:
-        return  # the root of a constant with a unit: its dimension is not followed
+        value = evaluate(expression, dimensions, functions=DIMENSIONS)
     except SceneError as error:
         raise SceneError(f"{place} = {expected.source!r}: {error}") from None
     wanted = parse_unit(expected.unit).dimension
     if isinstance(value, Dimension) and value.exponents not in (None, wanted):
         raise SceneError(
             f"{place} = {expected.source!r}: the unit does not fit: expected {expected.unit}, "
-            f"got {dimension_name(value.exponents)}."
+            f"got {dimension_name(value.exponents)}.{_HINT if _has_factor(expression) else ''}"
         )
+
+
+def _has_factor(expression: Expression) -> bool:
+    """Whether a number is a factor in an expression, as its user may have meant it with a unit."""
+    products = (
+        node for node in walk(expression) if isinstance(node, Binary) and node.operator in "*/"
+    )
+    return any(isinstance(side, Number) for node in products for side in (node.left, node.right))
 
 
 def _check_denominators(scene: Scene, place: Place, expression: Expression) -> None:
