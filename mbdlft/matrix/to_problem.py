@@ -104,7 +104,6 @@ def _scaled(matrix: MatrixProblem, resolved: Resolved, parameters: Sequence[Para
         conditioning=lambda: conditioning(values, terms, scale, least),
         trimmed=np.zeros((len(points), 0)),
         trim_scale=np.zeros(0),
-        trim_if_cancelled=lambda: np.zeros(0),
     )
     factors = 1.0 / np.outer(rows, columns)
     return _Scaled(points, reference, rows, columns, factors)

@@ -47,6 +47,8 @@ def measure_error(problem: Problem, values: Array, trim: LFT | None, at: Referen
         at_points = (problem.parameters, problem.points, problem.nouns)
         trimmed = values_at_points(trim, *at_points, what="trim")[:, :, 0]
         trim_error = largest(trimmed - at.trimmed, at.trim_scale)
+        if not trim_error <= ACCEPTED and at.trim_if_cancelled:  # unless it is nothing but rounding
+            trim_error = largest(trimmed - at.trimmed, at.trim_if_cancelled())
     worst = max(error, trim_error)
     if not worst <= ACCEPTED:
         nouns, where = problem.nouns, "matrices" if error >= trim_error else "trim"

@@ -219,9 +219,9 @@ def trim_rows(equations: Equations) -> tuple[int, ...]:
     rows = [int(row) for row in np.flatnonzero(matrix.any(axis=1))]
     if len(rows) == count and np.linalg.matrix_rank(matrix) == count:
         return tuple(rows)
-    scaled = _equilibrated(matrix)
     if not count:
         return ()
+    scaled = _equilibrated(matrix)
     _, triangle, order = qr(scaled.T, mode="economic", pivoting=True)
     steps = np.abs(np.diag(triangle))
     rank = int(np.sum(steps > _RANK * np.max(steps, initial=0.0)))
@@ -236,6 +236,22 @@ def trim_rows(equations: Equations) -> tuple[int, ...]:
             "many. Give a value to that many of them (a joint's preload, a load's magnitude)."
         )
     return tuple(sorted(int(row) for row in order[:count]))
+
+
+def _without_rounding(e: Equations, points: Array, matrix: Array) -> Array:
+    """Slopes (N, rows, unknowns) in which what is left of terms that cancelled is zero.
+
+    Terms that are numbers have cancelled before: of these nothing is left but an entry that is rounding
+    beside the largest one of its unknown (N beside N m: lengths below 1e-15 m are none).
+    """
+    if not matrix.size:
+        return matrix
+    symbols, residual, u, _ = _at_rest(e)
+    slopes = ca.densify(ca.jacobian(residual, u[list(e.unknown)]))
+    sizes = term_sizes(ca.Function("slopes", [symbols], [slopes]), points)
+    rows, columns = matrix.shape[1:]
+    sizes = sizes.reshape(-1, columns, rows).transpose(0, 2, 1)
+    return cleaned(matrix, np.maximum(sizes, np.max(np.abs(matrix), axis=1, keepdims=True)))
 
 
 def _equilibrated(matrix: Array) -> Array:
