@@ -57,7 +57,8 @@ def reference_of(
         n, nk = (part.numel() for part in split(e, inputs))
         by_effort = np.abs(np.linalg.pinv(at.linear.jacobian[:, :n, n + nk :]))
         stiffness = by_effort @ np.abs(at.linear.jacobian[:, :n, n : n + states])
-        return np.maximum(trim_scale, PART * np.max(stiffness, axis=(0, 2), initial=0.0))
+        found: Array = np.maximum(trim_scale, PART * np.max(stiffness, axis=(0, 2), initial=0.0))
+        return found
 
     trim_scale = np.max(at.effort_sizes, axis=0)
     return Reference(

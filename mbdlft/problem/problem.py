@@ -130,8 +130,6 @@ class Problem:
     is_regular : function without arguments
         Whether the relations are proved to determine the unknown signals at every value of the
         parameters; False says that it was not proved.
-    open_boxes : tuple of boxes
-        Where masses and inertias could not be shown to be physical, as in `Certificate`.
     fit_error_bound : float
         Guaranteed bound of the error of equilibrium positions that are fits; 0.0 if there are none.
     """
@@ -152,5 +150,4 @@ class Problem:
     row_units: Array | None = None
     column_units: Array | None = None
     is_regular: Callable[[], bool] = lambda: False
-    open_boxes: tuple[tuple[tuple[float, float], ...], ...] = ()
     fit_error_bound: float = 0.0

@@ -18,7 +18,7 @@ Where halving does not end, a zero of the determinant is looked for by steps dow
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +26,12 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.parameter import Parameter, to_physical
 from mbdlft.lft.lft import LFT
+from mbdlft.system.singular import at_values
 
+PROVED, SAMPLED = "proved", "sampled"  # what a certificate says
 PROVE = 1.0  # units of work of a proof, each at most about a second of one core
 _UNIT = 2.0e9  # operations in a unit of work
 _NEAR = 2.0**-33  # of an entry of M11: the model is regular also with entries changed by so much
@@ -68,6 +71,12 @@ class Regularity:
         return self.zero is None and not self.open_boxes
 
 
+def check_work(prove: float) -> None:
+    """Raise an AnalysisError unless this is an amount of work."""
+    if isinstance(prove, bool) or not isinstance(prove, int | float) or not 0.0 <= prove < np.inf:
+        raise AnalysisError(f"prove: expected units of work, such as 10, got {prove!r}.")
+
+
 def regularity(a: LFT, prove: float = PROVE) -> Regularity:
     """What is known of the determinant of I - M11 Delta of a plain LFT, after so many units of work."""
     owner = np.repeat(np.arange(len(a.blocks)), [block.size for block in a.blocks])
@@ -92,7 +101,7 @@ class _Loop(NamedTuple):
 
     matrix: Array
     owner: NDArray[np.int64]
-    count: int
+    deltas: int
 
     @property
     def cost(self) -> float:
@@ -112,12 +121,14 @@ def _loops(matrix: Array) -> list[NDArray[np.int64]]:
 
 def _examine(loop: _Loop, left: float) -> tuple[list[Box], Array | None, float]:
     """Open boxes of a loop, a zero of its determinant, and what is left of the work."""
-    centers, halves = np.zeros((1, loop.count)), np.ones((1, loop.count))
+    centers, halves = np.zeros((1, loop.deltas)), np.ones((1, loop.deltas))
     small: list[Box] = []
     while len(centers):
         if left < 0.0:
             break
-        some = slice(max(0, len(centers) - _CHUNK), None)  # the smallest first: memory stays bounded
+        some = slice(
+            max(0, len(centers) - _CHUNK), None
+        )  # the smallest first: memory stays bounded
         c, h = centers[some], halves[some]
         centers, halves = centers[: some.start], halves[: some.start]
         left -= len(c) * loop.cost
@@ -178,7 +189,7 @@ def _shares(loop: _Loop, P: Array, spread: Array) -> Array:
         right = right / np.maximum(np.max(right, axis=1, keepdims=True), 1e-300)
         left = left / np.maximum(np.max(left, axis=2, keepdims=True), 1e-300)
     share = (left @ spread)[:, 0] * right[:, :, 0]
-    return np.stack([share[:, loop.owner == k].sum(axis=1) for k in range(loop.count)], axis=1)
+    return np.stack([share[:, loop.owner == k].sum(axis=1) for k in range(loop.deltas)], axis=1)
 
 
 def _halved(c: Array, h: Array, along: NDArray[np.int64]) -> tuple[Array, Array]:
@@ -202,7 +213,7 @@ def _search(loop: _Loop, boxes: list[Box]) -> Array | None:
             return _crossing(loop, at[int(np.argmin(signs))])
         diagonal = -np.einsum("nij,ji->ni", np.linalg.inv(system), loop.matrix)
         slope = np.stack(
-            [diagonal[:, loop.owner == k].sum(axis=1) for k in range(loop.count)], axis=1
+            [diagonal[:, loop.owner == k].sum(axis=1) for k in range(loop.deltas)], axis=1
         )
         steep = np.sum(slope * slope, axis=1, keepdims=True)
         at = np.clip(at - slope / np.maximum(steep, 1.0), -1.0, 1.0)
@@ -244,3 +255,43 @@ def physical_boxes(
             )
         )
     return tuple(found)
+
+
+def well_posed(
+    lft: LFT, parameters: Sequence[Parameter], what: str, *, are_proved: bool
+) -> dict[str, Any]:
+    """Fields of a certificate on well-posedness, of a model that is made of others.
+
+    Its trim is regular if theirs are; `are_proved` says whether they are proved to be.
+
+    Raises
+    ------
+    WellPosednessError
+        The model is singular at a point of the range; `what` begins the message.
+    """
+    if not lft.is_plain:
+        return {"well_posed": SAMPLED, "open_boxes": ()}
+    names, known = [block.name for block in lft.blocks], regularity(lft)
+    check_no_zero(known, names, parameters, f"{what}: the model is singular", "")
+    return {
+        "well_posed": PROVED if known.is_proved and are_proved else SAMPLED,
+        "open_boxes": physical_boxes(known.open_boxes, names, parameters),
+    }
+
+
+def check_no_zero(
+    known: Regularity,
+    names: Sequence[str],
+    parameters: Sequence[Parameter],
+    what: str,
+    narrow: str,
+) -> None:
+    """Raise a WellPosednessError at the point where the determinant vanishes, if one was found."""
+    if known.zero is None:
+        return
+    (at,) = physical_boxes([Box(known.zero, np.zeros(len(names)))], names, parameters)
+    values = at_values(parameters, [low for low, _ in at])
+    raise WellPosednessError(
+        f"{what} at {values}: the determinant of its equations changes its sign there. Narrow the "
+        f"ranges{narrow}."
+    )

@@ -84,7 +84,9 @@ def open_tree(seed: int) -> Scene:
             frame="ground",
             magnitude=-2.0,
         ),
-        mbdlft.Torque(name="wheel", port=last, direction=_vector(random, 1.0), magnitude="0.3*k*L*one_m"),
+        mbdlft.Torque(
+            name="wheel", port=last, direction=_vector(random, 1.0), magnitude="0.3*k*L*one_m"
+        ),
         mbdlft.Spring(
             name="strut",
             parent=f"{bodies[0].name}.side",

@@ -358,7 +358,9 @@ def test_root_of_a_negative_constant():
         arm(MASS, 'mass = "m1*sqrt(-L1)"')
 
 
-@pytest.mark.parametrize("mass", ["rho*sqrt(area)", "rho*sqrt(side)^2/sqrt(area)*side", "2*sin(turn)"])
+@pytest.mark.parametrize(
+    "mass", ["rho*sqrt(area)", "rho*sqrt(side)^2/sqrt(area)*side", "2*sin(turn)"]
+)
 def test_the_dimension_of_a_function_of_a_constant_is_followed(mass):
     constants = {
         "area": Constant(value=4.0, unit="m^2"),
@@ -372,9 +374,15 @@ def test_the_dimension_of_a_function_of_a_constant_is_followed(mass):
 @pytest.mark.parametrize(
     ("mass", "message"),
     [
-        ("2*sqrt(area)", "expected kg, got m. A number that multiplies a value with a unit is a plain"),
+        (
+            "2*sqrt(area)",
+            "expected kg, got m. A number that multiplies a value with a unit is a plain",
+        ),
         ("sqrt(m)", "expected kg, got kg^1/2."),
-        ("2*l", "expected kg, got m. A number that multiplies a value with a unit is a plain factor."),
+        (
+            "2*l",
+            "expected kg, got m. A number that multiplies a value with a unit is a plain factor.",
+        ),
         ("l", "expected kg, got m."),
         ("m*(2*l)/l + 3*l", "kg and m are added"),
         ("2/l", "expected kg, got m^-1."),
@@ -395,7 +403,8 @@ def test_a_number_is_a_plain_factor(mass, message):
 
 
 @pytest.mark.parametrize(
-    "mass", ["2.5", "2*s", "2*(1 + s)", "m*(1 - s)", "m + 0.5", "0.5*m*l/l", "2*half*s^2", "3/(1 + s)"]
+    "mass",
+    ["2.5", "2*s", "2*(1 + s)", "m*(1 - s)", "m + 0.5", "0.5*m*l/l", "2*half*s^2", "3/(1 + s)"],
 )
 def test_a_number_without_a_factor_in_units_has_the_unit_of_its_place(mass):
     constants = {

@@ -85,7 +85,9 @@ def rich() -> mbdlft.Scene:
             mbdlft.Force(
                 name="pull", port="link", direction=(1, 2, 3), frame="ground", magnitude=1.0
             ),
-            mbdlft.Torque(name="motor", port="link", direction=tuple(normal), magnitude="0.2*m*circle"),
+            mbdlft.Torque(
+                name="motor", port="link", direction=tuple(normal), magnitude="0.2*m*circle"
+            ),
             mbdlft.Buoyancy(name="lift", port="link.tip", displaced_mass="0.1*m"),
         ],
         sensors=sensors,

@@ -1,6 +1,7 @@
 """Checks of a scene that need its values: units, physics, and denominators over the whole range."""
 
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from typing import Any
 
@@ -8,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.description import ANY_UNIT, AXES, Expected
-from mbdlft.base.errors import SceneError, WellPosednessError, unknown_name
+from mbdlft.base.errors import MbdlftWarning, SceneError, WellPosednessError, unknown_name
 from mbdlft.base.expression import (
     Binary,
     Expression,
+    Negative,
     Number,
     check_degree,
     denominators,
@@ -24,8 +26,9 @@ from mbdlft.base.parameter import Parameter
 from mbdlft.base.signal import Signal
 from mbdlft.base.unit import dimension_name, parse_unit
 from mbdlft.multibody.body import Body
+from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import Joint
-from mbdlft.multibody.scene.positive import LABELS, check_positive
+from mbdlft.multibody.scene.positive import check_positive
 from mbdlft.multibody.scene.quantities import (
     Place,
     angle_at,
@@ -71,6 +74,36 @@ def check(scene: Scene) -> None:
         problem = item.physical_problem(sampled[owner_name(item)])
         if problem:
             raise SceneError(f"{owner_name(item)}: {problem} Check the values and the ranges.")
+    for text in (*_unproved(scene), *_gains_energy(scene, sampled)):
+        warnings.warn(text, MbdlftWarning, stacklevel=2)
+
+
+def _unproved(scene: Scene) -> Iterator[str]:
+    """Sentences on masses and inertias whose sign is open in parts of the range."""
+    for condition, used, sign in check_positive(scene):
+        if sign.open_parts:
+            units = {p.name: p.unit for p in scene.parameters}
+            part = ", ".join(
+                f"{name} in [{low:.6g}, {high:.6g}] {units[name]}".removesuffix(" 1")
+                for name, (low, high) in zip(used, sign.open_parts[0], strict=True)
+            )
+            yield (
+                f"{condition.owner}: not proved: whether {condition.what} is open in "
+                f"{len(sign.open_parts)} parts of the range, such as {part}. It is not at the samples."
+            )
+
+
+def _gains_energy(
+    scene: Scene, sampled: Mapping[str, Mapping[str, NDArray[np.float64]]]
+) -> Iterator[str]:
+    """Sentences on stiffnesses and damping that are negative somewhere: allowed, but rarely meant."""
+    items: list[Joint | Load] = [*scene.joints, *scene.loads]
+    for item in items:
+        for label, values in sampled[owner_name(item)].items():
+            lowest = float(np.min(values))
+            if label.partition(".")[0] in ("stiffness", "damping") and lowest < 0.0:
+                unit = item.quantities()[label].unit
+                yield f"{owner_name(item)}: {label} is negative in the range: {lowest:g} {unit}."
 
 
 def check_fit(scene: Scene, signals: Sequence[Signal]) -> None:
@@ -105,10 +138,6 @@ def _check_quantities(
         _check_dimension(place, expected, expression, dimensions)
         if not np.all(np.isfinite(values)):
             raise SceneError(f"{place} = {expected.source!r}: is not finite in the range.")
-        if label.startswith(LABELS) and np.all(values >= 0.0):  # what is not has its own message
-            plain = {p.name: p for p in scene.parameters if not p.is_angle}
-            what = f"{place} = {expected.source!r}"
-            check_positive(what, expression, plain, scene.constant_values())
         found[label] = values
     return found
 
@@ -249,7 +278,10 @@ def _has_factor(expression: Expression) -> bool:
     products = (
         node for node in walk(expression) if isinstance(node, Binary) and node.operator in "*/"
     )
-    return any(isinstance(side, Number) for node in products for side in (node.left, node.right))
+    sides = (side for node in products for side in (node.left, node.right))
+    return any(
+        isinstance(side.operand if isinstance(side, Negative) else side, Number) for side in sides
+    )
 
 
 def _check_denominators(scene: Scene, place: Place, expression: Expression) -> None:
