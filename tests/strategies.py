@@ -146,6 +146,12 @@ class Draft:
             ends.append(float(evaluate(parse(source), values)))
         return Drawn(source, min(ends), max(ends))
 
+    def _is_in_units(self, source: str) -> bool:
+        """Whether a name gives an expression a unit; else its numbers have that of its place."""
+        units = {p.name: p.unit for p in self.parameters}
+        units |= {n: c.unit for n, c in self.constants.items() if not isinstance(c, float)}
+        return any(units.get(name, "1") not in ("1", "%") for name in names(parse(source)))
+
     def _new(self, nominal: float, unit: str, letter: str, spread: float) -> str:
         """Name of a new parameter with a nominal value in `unit` and a relative half width."""
         name = f"{letter}{len(self.parameters) + 1}"
@@ -328,7 +334,10 @@ class Draft:
         if self.edge == "planar":
             entries = {"xx": entries["xx"]}
         if about == "center_of_mass" and isinstance(mass.source, str) and self.chance(0.3):
-            with_mass = {name: f"{J / value!r}*({mass.source})" for name, J in entries.items()}
+            unit = " [m^2]" if self._is_in_units(mass.source) else ""
+            with_mass = {
+                name: f"{J / value!r}{unit}*({mass.source})" for name, J in entries.items()
+            }
             return mbdlft.Inertia(**with_mass, about=about)
         # six entries that move by less than a fifth of the smallest moment leave P positive
         drawn = {

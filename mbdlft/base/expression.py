@@ -21,6 +21,7 @@ from mbdlft.base.grammar import Negative as Negative
 from mbdlft.base.grammar import Number as Number
 from mbdlft.base.grammar import Power as Power
 from mbdlft.base.grammar import parse as parse
+from mbdlft.base.unit import dimension_name
 
 BUILTIN_CONSTANTS: Mapping[str, float] = {"pi": math.pi, "deg": math.pi / 180.0}
 _MAX_DEGREE = 256  # of all powers and products together: a model has as many channels
@@ -91,8 +92,9 @@ def evaluate(
     number : function
         Turns a literal number into one of the number system; by default it stays a float.
     functions : mapping
-        Functions of the number system, and its powers as "constpow". Without them the functions are of
-        constants only, and powers are products.
+        Functions of the number system, its powers as "constpow", and as "unit" what makes an element of
+        the exponents of the unit of a number. Without them the functions are of constants only, powers
+        are products, and units are no more than their factors.
 
     Raises
     ------
@@ -102,8 +104,9 @@ def evaluate(
         The argument of sqrt, sin, cos or atan is not a constant.
     """
     match expression:
-        case Number(value):
-            return number(value)
+        case Number(value, unit):
+            has_unit = unit is not None and "unit" in functions
+            return functions["unit"](unit) if has_unit else number(value)
         case Name(name):
             if name not in values:
                 raise SceneError(unknown_name("name", name, values))
@@ -147,8 +150,8 @@ def evaluate(
 def write(expression: Expression) -> str:
     """Text of an expression, with all parentheses."""
     match expression:
-        case Number(value):
-            return repr(value)
+        case Number(value, unit):
+            return repr(value) if unit is None else f"{value!r} [{dimension_name(unit)}]"
         case Name(name):
             return name
         case Negative(operand):

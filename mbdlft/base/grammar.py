@@ -4,7 +4,8 @@
     term    = factor (("*" | "/") factor)*
     factor  = ("+" | "-") factor | power
     power   = atom ("^" | "**") integer | atom
-    atom    = number | name | function "(" sum ")" | "(" sum ")"
+    atom    = number [unit] | name | function "(" sum ")" | "(" sum ")"
+    unit    = "[" text of a unit "]"               after a number, such as 2.5 [kg/m]
     function = "sqrt" | "sin" | "cos" | "atan"    of constants only
 
 In an angle, even multiples of "atan" may be of parameters: see `mbdlft.multibody.scene.quantities`.
@@ -14,9 +15,11 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from decimal import Decimal
 from functools import cache
 
 from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.unit import Exponents, parse_unit
 
 FUNCTIONS: Mapping[str, Callable[[float], float]] = {
     "sqrt": math.sqrt,
@@ -27,7 +30,7 @@ FUNCTIONS: Mapping[str, Callable[[float], float]] = {
 _MAX_EXPONENT = 64
 _MAX_DEPTH = 100
 _TOKEN = re.compile(
-    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[^\W\d]\w*)|(?P<operator>\*\*|[-+*/^()]))"
+    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[^\W\d]\w*)|(?P<operator>\*\*|[-+*/^()])|(?P<unit>\[[^\]]*\]))"
 )
 
 
@@ -51,9 +54,10 @@ class Literal(float):
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A literal number."""
+    """A literal number (SI); with the exponents of its unit if it was written with one."""
 
     value: float
+    unit: Exponents | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +214,7 @@ class _Parser:
             if not math.isfinite(float(token)):
                 raise self._error("a finite number")
             self._advance()
-            return Number(Literal(token))
+            return self._with_unit(token)
         if kind == "name":
             self._advance()
             if self.token != "(":
@@ -229,6 +233,20 @@ class _Parser:
             self._close()
             return tree
         raise self._error("a number, a name or '('")
+
+    def _with_unit(self, token: str) -> Number:
+        """A number that has been read, with the unit that may follow it."""
+        if self.kind != "unit":
+            return Number(Literal(token))
+        try:
+            unit = parse_unit(self.token[1:-1])
+        except SceneError as error:
+            raise SceneError(f"expression {self.text!r}, column {self.column}: {error}") from None
+        text = token if unit.factor == 1.0 else str(Decimal(token) * Decimal(repr(unit.factor)))
+        if not math.isfinite(float(text)):
+            raise self._error("a finite number")
+        self._advance()
+        return Number(Literal(text), unit.dimension)
 
     def _close(self) -> None:
         """Read a closing parenthesis."""

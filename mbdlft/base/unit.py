@@ -2,11 +2,14 @@
 
 import re
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cache
 
 import numpy as np
 
 from mbdlft.base.errors import SceneError, unknown_name
+
+Exponents = tuple[int | Fraction, int | Fraction, int | Fraction]  # of kg, m and s
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +110,7 @@ def _unreadable(text: str, rest: str) -> SceneError:
     )
 
 
-def dimension_name(dimension: tuple[int, int, int]) -> str:
+def dimension_name(dimension: Exponents) -> str:
     """A dimension as a text in SI base units, such as ``kg m^2 s^-2``; ``1`` for a dimensionless one."""
     parts = [
         name if exponent == 1 else f"{name}^{exponent}"

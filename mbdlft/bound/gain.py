@@ -63,23 +63,6 @@ class Bound(NamedTuple):
     slope: Array
 
 
-class Multipliers(NamedTuple):
-    """Whether a box is proved to be well posed, and what narrowing each block would gain [1]."""
-
-    is_proved: bool
-    slope: Array
-
-
-def multipliers(a: LFT) -> Multipliers:
-    """Multipliers that prove I - M11 Delta to be invertible on the box, if they are found."""
-    X, rho, P = _well_posed(a)
-    if rho < 1.0:
-        return Multipliers(is_proved=False, slope=_slope(a, X, P))
-    eye, n = np.eye(a.order), a.order
-    form = _Form(a.M11 - eye, a.M11 + eye, np.zeros((n, n)), 0, *_places(a))
-    return Multipliers(proved(form, 0.0, X), _slope(a, X, P))
-
-
 def gain_bound(a: LFT, limit: float = np.inf, boxes: int = 1) -> float:
     """Upper bound of the largest singular value of the value of an LFT on the box |delta_k| <= 1.
 

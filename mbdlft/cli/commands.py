@@ -4,6 +4,7 @@ import contextlib
 import os
 import sys
 import time
+import warnings
 from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
@@ -51,11 +52,22 @@ Seconds = Annotated[
     float | None,
     typer.Option("--seconds", min=0.0, help="Upper limit of the time of the search (s)."),
 ]
+Prove = Annotated[
+    float,
+    typer.Option(
+        min=0.0, help="Work to prove that the model is regular in the whole range, about seconds."
+    ),
+]
 SceneFile = Annotated[Path, typer.Argument(help="Scene, a TOML file.")]
 SEARCH = 4.0  # equal to SEARCH of mbdlft.pipeline.search, which is slow to import
 app.command("import")(import_robot)
 app.command()(body)
 app.command()(sweep)
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    """A warning is one line beside the output."""
+    sys.stderr.write(f"mbdlft: warning: {message}\n")
 
 
 def main() -> None:
@@ -67,6 +79,7 @@ def main() -> None:
             stream.reconfigure(errors="backslashreplace")
     try:
         try:
+            warnings.showwarning = _show_warning
             app()
         finally:
             sys.stdout.flush()
@@ -183,6 +196,7 @@ def linearize(
     as_json: AsJson = False,
     search: Search = SEARCH,
     most_seconds: Seconds = None,
+    prove: Prove = 1.0,
     truncate: Annotated[
         float | None,
         typer.Option(help="Relative error that a smaller model may have on the whole range."),
@@ -205,6 +219,7 @@ def linearize(
             scene,
             search,
             seconds=most_seconds,
+            prove=prove,
             progress=lambda stage: status.update(f"{escape(scene.name)}: {stage}"),
             truncate=truncate,
         )
@@ -232,6 +247,7 @@ def realize(
     as_json: AsJson = False,
     search: Search = SEARCH,
     most_seconds: Seconds = None,
+    prove: Prove = 1.0,
     exact: Annotated[
         bool, typer.Option("--exact", help="Prove the lower bound in exact arithmetic.")
     ] = False,
@@ -250,6 +266,7 @@ def realize(
             problem,
             search,
             seconds=most_seconds,
+            prove=prove,
             exact=exact,
             progress=lambda stage: status.update(f"{escape(problem.name)}: {stage}"),
         )

@@ -13,6 +13,7 @@ from mbdlft.system.model import Certificate, LFTModel
 from mbdlft.system.system import System
 
 _EPS = sys.float_info.epsilon
+_MOST_BOXES = 4  # that are listed
 
 
 def report_model(
@@ -67,11 +68,8 @@ def _print_evidence(model: LFTModel) -> None:
         + (", before truncation" if certificate.truncation_error > 0.0 else "")
         + (", at the fitted positions" if certificate.fit_error_bound > 0.0 else "")
     )
-    out.print(
-        "well-posed: proved in the whole range"
-        if certificate.well_posed == "proved"
-        else f"well-posed: at {certificate.check_points} points and on the lines to them, not proved"
-    )
+    for line in _well_posed(model):
+        out.print(line, highlight=False)
     if certificate.condition > 0.0:
         out.print(_conditioning(certificate))
     if model.trim.signals:
@@ -80,6 +78,26 @@ def _print_evidence(model: LFTModel) -> None:
             for signal, value in zip(model.trim.signals, model.trim.nominal, strict=True)
         )
         out.print(f"trim at nominal: {trimmed}", highlight=False)
+
+
+def _well_posed(model: LFTModel) -> Iterator[str]:
+    """Sentences on whether the model is regular at every value in the ranges."""
+    certificate = model.certificate
+    if certificate.well_posed == "proved":
+        yield "well-posed: proved in the whole range"
+        return
+    points = certificate.check_points
+    yield f"well-posed: not proved; it is at {points} points and corners and on lines to some of them"
+    boxes = certificate.open_boxes
+    for box in boxes[:_MOST_BOXES]:
+        parts = [
+            f"{p.name} in [{low:.6g}, {high:.6g}] {p.unit}".removesuffix(" 1")
+            for p, (low, high) in zip(model.parameters, box, strict=True)
+            if (low, high) != (p.low, p.high)
+        ]
+        yield f"  open: {', '.join(parts) or 'the whole range'}"
+    if len(boxes) > _MOST_BOXES:
+        yield f"  and {len(boxes) - _MOST_BOXES} more; --prove with more work may close them"
 
 
 def _parameter_table(model: LFTModel) -> Table:
@@ -200,5 +218,6 @@ def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]
         "sign_changes": certificate.sign_changes if certificate.condition else None,
         "check_points": certificate.check_points,
         "well_posed": certificate.well_posed,
+        "open_boxes": [[list(ends) for ends in box] for box in certificate.open_boxes],
         "seconds": dict(seconds),
     }

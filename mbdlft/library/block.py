@@ -12,6 +12,7 @@ from mbdlft.base.expression import BUILTIN_CONSTANTS, evaluate, parse
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.samples import corners
 from mbdlft.base.unit import dimension_name, parse_unit
+from mbdlft.number.dimension import FUNCTIONS as DIMENSIONS
 from mbdlft.number.dimension import Dimension
 from mbdlft.pipeline.build import realize
 from mbdlft.system.model import LFTModel
@@ -46,7 +47,8 @@ def linear_block(
         try:
             parsed = parse(source)
             values[label] = evaluate(parsed, {**BUILTIN_CONSTANTS, **in_si})
-            _check_dimension(evaluate(parsed, _dimensions(parameters)), expected.unit)
+            dimension = evaluate(parsed, _dimensions(parameters), functions=DIMENSIONS)
+            _check_dimension(dimension, expected.unit)
         except MbdlftError as error:
             raise type(error)(f"{where}: {error}") from None
         lowest = _lowest(values[label], parameters, symbols)

@@ -156,6 +156,11 @@ class _Resolver:
         self.place = f"{place} = {source!r}"
         try:
             expression = parse(source)
+            if any(isinstance(node, Number) and node.unit for node in walk(expression)):
+                raise SceneError(
+                    "a number has a unit. Names of a matrix are plain values in the units of their "
+                    "parameters, and nothing is converted; leave the unit out."
+                )
             known = {*self.constants, *self.angles, *self.plain, *self.problem.expressions}
             for name in sorted(names(expression)):
                 if name not in known:

@@ -1,17 +1,28 @@
-"""Dimensions as a number system: an expression is evaluated to see whether its units fit."""
+"""Dimensions as a number system: an expression is evaluated to see whether its units fit.
 
+A number that stands by itself, or is a factor of dimensionless values only, may carry any unit: ``2.5``
+and ``2.5*s`` are masses where a mass is expected. A number that is a factor of a value with a dimension
+is a plain factor: ``2*l`` is a length, and ``2 [kg/m]*l`` a mass. A number that is added takes the unit
+of the other terms.
+"""
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 
 from mbdlft.base.errors import SceneError
-from mbdlft.base.unit import dimension_name
+from mbdlft.base.grammar import FUNCTIONS as FUNCTIONS_OF_NUMBERS
+from mbdlft.base.unit import Exponents, dimension_name
 from mbdlft.number.operators import Operators
+
+_NONE: Exponents = (0, 0, 0)
 
 
 @dataclass(frozen=True, slots=True)
 class Dimension(Operators):
     """Exponents of kg, m, s of a value; None where a plain number may carry any unit."""
 
-    exponents: tuple[int, int, int] | None
+    exponents: Exponents | None
 
     @staticmethod
     def of(number: "Dimension | float") -> "Dimension":
@@ -19,7 +30,8 @@ class Dimension(Operators):
         return number if isinstance(number, Dimension) else Dimension(None)
 
     def __add__(self, other: "Dimension | float") -> "Dimension":
-        if isinstance(other, float) or other.exponents is None:
+        other = Dimension.of(other)
+        if other.exponents is None:
             return self
         if self.exponents is None or self.exponents == other.exponents:
             return other
@@ -32,13 +44,46 @@ class Dimension(Operators):
         return self
 
     def _times(self, other: "Dimension | float", sign: int) -> "Dimension":
-        if isinstance(other, float) or self.exponents is None or other.exponents is None:
-            return Dimension(None)
-        kg, m, s = (a + sign * b for a, b in zip(self.exponents, other.exponents, strict=True))
-        return Dimension((kg, m, s))
+        first, second = self.exponents, Dimension.of(other).exponents
+        kg, m, s = (a + sign * b for a, b in zip(first or _NONE, second or _NONE, strict=True))
+        # a number still carries any unit if nothing beside it has one
+        open_ = (first is None or second is None) and not (kg or m or s)
+        has_units = any(first or _NONE) or any(second or _NONE)
+        return Dimension(None if open_ and not has_units else (kg, m, s))
 
     def __mul__(self, other: "Dimension | float") -> "Dimension":
         return self._times(other, 1)
 
     def __truediv__(self, other: "Dimension | float") -> "Dimension":
         return self._times(other, -1)
+
+
+def _sqrt(value: Dimension) -> Dimension:
+    if value.exponents is None:
+        return value
+    halves = (Fraction(exponent) / 2 for exponent in value.exponents)
+    kg, m, s = (int(half) if half.denominator == 1 else half for half in halves)
+    return Dimension((kg, m, s))
+
+
+def _of_angle(name: str, value: Dimension) -> Dimension:
+    if value.exponents not in (None, _NONE):
+        raise SceneError(
+            f"{name} of a value in {dimension_name(value.exponents)}; it takes plain numbers and angles."
+        )
+    return value
+
+
+def _function(name: str) -> Callable[["Dimension | float"], "Dimension | float"]:
+    def of(value: "Dimension | float") -> "Dimension | float":
+        if isinstance(value, float):
+            return FUNCTIONS_OF_NUMBERS[name](value)
+        return _sqrt(value) if name == "sqrt" else _of_angle(name, value)
+
+    return of
+
+
+FUNCTIONS: Mapping[str, Callable[..., "Dimension | float"]] = {
+    "unit": Dimension,
+    **{name: _function(name) for name in FUNCTIONS_OF_NUMBERS},
+}

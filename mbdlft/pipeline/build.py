@@ -18,6 +18,7 @@ from mbdlft.pipeline.candidates import candidates
 from mbdlft.pipeline.realization import realization
 from mbdlft.pipeline.search import SEARCH, budget_of
 from mbdlft.system.model import LFTModel
+from mbdlft.system.regular import PROVE, check_work
 from mbdlft.system.truncation import check_tolerance
 from mbdlft.system.truncation import truncate as truncated
 
@@ -45,7 +46,9 @@ class Clock:
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
 
-def to_lft(scene: Scene, search: float = SEARCH, *, seconds: float | None = None) -> LFTModel:
+def to_lft(
+    scene: Scene, search: float = SEARCH, *, seconds: float | None = None, prove: float = PROVE
+) -> LFTModel:
     """The exact linear model of a scene around its equilibrium, parameters left in, with certificate.
 
     Parameters
@@ -58,13 +61,17 @@ def to_lft(scene: Scene, search: float = SEARCH, *, seconds: float | None = None
         searched.
     seconds : float, optional
         Upper limit of the time of the search (s). Without one the result depends on the scene alone.
+    prove : float
+        Units of work, each at most about a second of one core, for the proof that the model is regular
+        at every value in the ranges. It ends at once for most models; where it does not, the boxes that
+        are left are in `certificate.open_boxes`, and more work may close them.
 
     Raises
     ------
     SceneError, NotRationalError, WellPosednessError, TrimError
         As the stages: `assemble`, `linearize`, `extract`, `certify`.
     """
-    return build(scene, search, seconds=seconds).model
+    return build(scene, search, seconds=seconds, prove=prove).model
 
 
 def build(
@@ -73,6 +80,7 @@ def build(
     progress: Callable[[str], None] = lambda stage: None,
     truncate: float | None = None,
     seconds: float | None = None,
+    prove: float = PROVE,
 ) -> Build:
     """As `to_lft`, with the seconds of each stage; `progress` is told the name of each as it starts.
 
@@ -86,11 +94,12 @@ def build(
             f"expected a Scene, got {type(scene).__name__}. load_scene(path) reads one from a file."
         )
     budget = budget_of(search, seconds)  # before the work, not after it
+    check_work(prove)
     if truncate is not None:
         check_tolerance(truncate)
     with one_thread():
         clock = Clock(progress)
-        model = realization(problem_of_scene(scene, clock.stage), budget, clock.stage)
+        model = realization(problem_of_scene(scene, clock.stage), budget, clock.stage, prove)
         if truncate is not None:
             with clock.stage("truncate"):
                 model = truncated(model, truncate)
@@ -104,6 +113,7 @@ def realize(
     search: float = SEARCH,
     exact: bool = False,
     seconds: float | None = None,
+    prove: float = PROVE,
     **fields: Any,
 ) -> LFTModel:
     """The exact LFT of a matrix that is rational in parameters, with certificate.
@@ -122,6 +132,8 @@ def realize(
         Has no effect any more: decisions are always made in exact arithmetic.
     seconds : float, optional
         Upper limit of the time of the search (s). Without one the result depends on the matrix alone.
+    prove : float
+        Units of work for the proof that the model is regular in the whole range, as in `to_lft`.
     fields
         Other fields of `MatrixProblem`: name, description, constants, expressions, states, inputs,
         outputs; for an SX matrix also `symbols`, a mapping of names of parameters to its symbols.
@@ -150,7 +162,7 @@ def realize(
         problem = matrix
     else:
         problem = matrix_problem(matrix, parameters, **fields)
-    return build_matrix(problem, search, exact=exact, seconds=seconds).model
+    return build_matrix(problem, search, exact=exact, seconds=seconds, prove=prove).model
 
 
 def build_matrix(
@@ -160,13 +172,15 @@ def build_matrix(
     exact: bool = False,
     progress: Callable[[str], None] = lambda stage: None,
     seconds: float | None = None,
+    prove: float = PROVE,
 ) -> Build:
     """As `realize`, with the seconds of each stage; `progress` is told the name of each as it starts."""
     budget = budget_of(search, seconds)
+    check_work(prove)
     with one_thread():
         clock = Clock(progress)
         posed = problem_of_matrix(problem, stage=clock.stage)
-        model = realization(posed, budget, clock.stage)
+        model = realization(posed, budget, clock.stage, prove)
     return Build(model, clock.seconds | {"total": sum(clock.seconds.values())})
 
 

@@ -14,6 +14,16 @@ from mbdlft.lft.triangle import values_at, vanishes
 from mbdlft.problem.problem import Nouns, Problem, Reference
 from mbdlft.system.model import Certificate
 from mbdlft.system.points import deltas_at, largest
+from mbdlft.system.regular import (
+    PROVED,
+    SAMPLED,
+    check_no_zero,
+    physical_boxes,
+    regularity,
+)
+from mbdlft.system.singular import at_values
+
+Boxes = tuple[tuple[tuple[float, float], ...], ...]  # physical: (low, high) of each parameter
 
 ACCEPTED = 1e-5  # of an error; larger ones are refused
 _CARRIED = 1e-11  # of an error in doubles: what the reference may have lost is not looked at
@@ -47,6 +57,8 @@ def measure_error(problem: Problem, values: Array, trim: LFT | None, at: Referen
         at_points = (problem.parameters, problem.points, problem.nouns)
         trimmed = values_at_points(trim, *at_points, what="trim")[:, :, 0]
         trim_error = largest(trimmed - at.trimmed, at.trim_scale)
+        if not trim_error <= ACCEPTED and at.trim_if_cancelled:  # unless it is nothing but rounding
+            trim_error = largest(trimmed - at.trimmed, at.trim_if_cancelled())
     worst = max(error, trim_error)
     if not worst <= ACCEPTED:
         nouns, where = problem.nouns, "matrices" if error >= trim_error else "trim"
@@ -86,14 +98,38 @@ def values_at_points(
     singular = (signs <= 0.0) | vanishes(lft, deltas)
     if np.any(singular):
         worst = points[int(np.argmax(singular))]
-        where = ", ".join(
-            f"{p.name} = {value:g} {p.unit}" for p, value in zip(parameters, worst, strict=True)
-        )
         raise WellPosednessError(
-            f"{nouns.owner}: the {what} is singular between the nominal values and {where}. Narrow the "
-            f"ranges{nouns.narrow}."
+            f"{nouns.owner}: the {what} is singular between the nominal values and "
+            f"{at_values(parameters, worst)}. Narrow the ranges{nouns.narrow}."
         )
     return values
+
+
+def open_boxes(
+    lft: LFT, trim: LFT | None, problem: Problem, prove: float, *, is_searched: bool
+) -> Boxes:
+    """Physical boxes in which it was not proved that a model and its trim are regular.
+
+    What the LFT itself does not show, a theorem about its problem may: the determinant of a reduced LFT
+    divides that of the relations that it comes from. A search may have made another one.
+
+    Raises
+    ------
+    WellPosednessError
+        The model or its trim is singular at a point of the range.
+    """
+    found: Boxes = ()
+    for part, problem_is in ((lft, "the model is singular"), (trim, "no finite efforts hold it")):
+        if part is None:
+            continue
+        names = [block.name for block in part.blocks]
+        known = regularity(part, prove)
+        what = f"{problem.nouns.owner}: {problem_is}"
+        check_no_zero(known, names, problem.parameters, what, problem.nouns.narrow)
+        by_theorem = part is lft and not is_searched and not known.is_proved
+        if not (by_theorem and problem.is_regular()):
+            found += physical_boxes(known.open_boxes, names, problem.parameters)
+    return found
 
 
 def certificate(
@@ -107,12 +143,12 @@ def certificate(
     seed: int,
     *,
     is_exact: bool,
-    is_proved: bool,
+    boxes: Boxes,
 ) -> Certificate:
     """The certificate of a model; `raw` are its channels before reduction, by parameter.
 
-    `is_exact` says whether bounds come from exact numbers, `is_proved` whether the model is proved to be
-    regular in the whole range.
+    `is_exact` says whether bounds come from exact numbers, `boxes` are those in which the model could not
+    be proved to be regular.
 
     It is exact unless the equilibrium is a fit. A bound that the model contradicts by being smaller rests
     on a wrong rank in doubles: then nothing is claimed for that parameter, and nothing for pairs.
@@ -140,5 +176,6 @@ def certificate(
         exact_bound=is_exact,
         doubtful=doubtful,
         order_bound=sum(lower.values()) if contradicted else order_bound,
-        well_posed="proved" if is_proved else "sampled",
+        well_posed=SAMPLED if boxes else PROVED,
+        open_boxes=boxes,
     )

@@ -12,7 +12,6 @@ from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.samples import SEED
 from mbdlft.bound.degree import Bound, degree_bounds
 from mbdlft.bound.exact import exact_degrees
-from mbdlft.bound.well_posed import is_well_posed
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.pipeline.candidates import (
@@ -26,6 +25,7 @@ from mbdlft.pipeline.certify import (
     certificate,
     error_of_values,
     measure_error,
+    open_boxes,
     values_at_points,
 )
 from mbdlft.pipeline.provenance import provenance
@@ -34,6 +34,7 @@ from mbdlft.problem.problem import Problem, Reference, Stage, TrimRelations
 from mbdlft.reduce.reduce import reduce_order
 from mbdlft.system.model import LFTModel, Trim
 from mbdlft.system.points import deltas_at
+from mbdlft.system.regular import PROVE
 from mbdlft.system.system import Parameters
 
 _ENOUGH = 1e-11  # error of a result of a search that is used whatever it was before
@@ -42,8 +43,10 @@ _FEW_POINTS = 8  # of those of the check, at which errors are compared
 _MOST_SEARCHED = 1000  # channels: one look at more takes minutes
 
 
-def realization(problem: Problem, budget: Budget, stage: Stage) -> LFTModel:
+def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = PROVE) -> LFTModel:
     """The smallest certified model of a problem that a budget of search leads to.
+
+    `prove` are units of work for the proof that it is well posed.
 
     Raises
     ------
@@ -76,7 +79,7 @@ def realization(problem: Problem, budget: Budget, stage: Stage) -> LFTModel:
     is_searched = lft is not found[0].lft
     lft = _in_units(problem, with_blocks(lft, [p.name for p in problem.parameters]))
     with stage("prove"):
-        is_proved = _is_well_posed(problem, lft, trim.lft, is_searched=is_searched)
+        boxes = open_boxes(lft, trim.lft, problem, prove, is_searched=is_searched)
     with stage("check"):
         checked, raw = check.model(lft, trim.lft), found[0].channels
         evidence = certificate(
@@ -89,7 +92,7 @@ def realization(problem: Problem, budget: Budget, stage: Stage) -> LFTModel:
             checked,
             SEED,
             is_exact=found[0].exact is not None,
-            is_proved=is_proved,
+            boxes=boxes,
         )
     return LFTModel(
         name=problem.nouns.name,
@@ -136,17 +139,6 @@ class _Check:
             values_at_points(lft, problem.parameters, points, problem.nouns)
             raise
         return error if np.isfinite(error) else float("inf")
-
-
-def _is_well_posed(problem: Problem, lft: LFT, trim: LFT | None, *, is_searched: bool) -> bool:
-    """Whether the model, and its trim, are proved to be regular at every value of the parameters.
-
-    The determinant of a reduced LFT divides that of the relations that it comes from. A search may have
-    made another one.
-    """
-    if trim is not None and not is_well_posed(trim):
-        return False
-    return (not is_searched and problem.is_regular()) or is_well_posed(lft)
 
 
 def _degree_bounds(candidate: Candidate) -> dict[str, Bound]:

@@ -12,6 +12,7 @@ from mbdlft.problem.in_digits import matrices_in_digits
 from mbdlft.problem.needed_states import Need
 from mbdlft.problem.problem import Reference
 from mbdlft.problem.relinearize import Relinearized, relinearize, slope_sizes
+from mbdlft.problem.trim import PART
 
 NEGLIGIBLE = 1e-8  # an entry below this part of its row's size is compared with the row
 _EFFECT = 1e-4  # of an effort of one: the least that an input is compared with if it does nothing
@@ -52,6 +53,13 @@ def reference_of(
         sizes = need.of(_sizes_at(e, inputs, outputs, at).entries)
         return conditioning_of(need.of(matrices), sizes, len(need.states), at.floor)
 
+    def trim_if_cancelled() -> Array:
+        n, nk = (part.numel() for part in split(e, inputs))
+        by_effort = np.abs(np.linalg.pinv(at.linear.jacobian[:, :n, n + nk :]))
+        stiffness = by_effort @ np.abs(at.linear.jacobian[:, :n, n : n + states])
+        found: Array = np.maximum(trim_scale, PART * np.max(stiffness, axis=(0, 2), initial=0.0))
+        return found
+
     trim_scale = np.max(at.effort_sizes, axis=0)
     return Reference(
         values=need.of(matrices),
@@ -62,6 +70,7 @@ def reference_of(
         trimmed=at.efforts[:, list(e.unknown)],
         trim_scale=np.where(trim_scale > 0, trim_scale, 1.0),
         in_digits=lambda some: need.of(matrices_in_digits(exact, inputs, outputs, some)),
+        trim_if_cancelled=trim_if_cancelled,
     )
 
 

@@ -79,6 +79,9 @@ class Reference:
     trim_scale : array (n_t,)
     in_digits : function of some of the points (N, n_p), or None
         Values there in 50 digits, rounded at the end; None where `values` are that already.
+    trim_if_cancelled : function, or None
+        `trim_scale` for quantities that are nothing but rounding of terms that cancelled already in the
+        numbers of the problem: at least a part of what a displacement of 1 rad or 1 m makes of them.
     """
 
     values: Array
@@ -89,6 +92,7 @@ class Reference:
     trimmed: Array
     trim_scale: Array
     in_digits: Callable[[Array], Array] | None = None
+    trim_if_cancelled: Callable[[], Array] | None = None
 
 
 class TrimRelations(NamedTuple):

@@ -13,6 +13,7 @@ from scipy.linalg import qr
 from mbdlft.base.array import Array
 from mbdlft.base.errors import TrimError, unknown_name
 from mbdlft.base.signal import Signal
+from mbdlft.number.rounding import cleaned
 from mbdlft.problem.equations import (
     CURVED,
     Equations,
@@ -27,7 +28,7 @@ from mbdlft.sx.sizes import term_sizes
 _RESIDUAL = 1e-9
 _RANK = 1e-13  # an unknown whose effect is that of others up to this part is redundant
 _ROUNDS = 20  # each takes the square root of what sizes differ by
-_PART = 1e-2  # of the inertia and stiffness that unbalanced efforts are compared with
+PART = 1e-2  # of the inertia and stiffness that unbalanced efforts are compared with
 _CARRIED = 1e-9  # of the loads of the scene: a smaller wrench through a body is rounding
 _IDLE = 0.1  # share in a combination of unknowns that does nothing
 
@@ -214,13 +215,13 @@ def trim_rows(equations: Equations) -> tuple[int, ...]:
     e = equations
     nominal = np.array([[parameter.nominal for parameter in e.parameters]])
     _, matrix, _ = _relations_at(e, nominal)
-    matrix, count = matrix[0], len(e.unknown)
+    matrix, count = _without_rounding(e, nominal, matrix)[0], len(e.unknown)
     rows = [int(row) for row in np.flatnonzero(matrix.any(axis=1))]
     if len(rows) == count and np.linalg.matrix_rank(matrix) == count:
         return tuple(rows)
-    scaled = _equilibrated(matrix)
     if not count:
         return ()
+    scaled = _equilibrated(matrix)
     _, triangle, order = qr(scaled.T, mode="economic", pivoting=True)
     steps = np.abs(np.diag(triangle))
     rank = int(np.sum(steps > _RANK * np.max(steps, initial=0.0)))
@@ -235,6 +236,22 @@ def trim_rows(equations: Equations) -> tuple[int, ...]:
             "many. Give a value to that many of them (a joint's preload, a load's magnitude)."
         )
     return tuple(sorted(int(row) for row in order[:count]))
+
+
+def _without_rounding(e: Equations, points: Array, matrix: Array) -> Array:
+    """Slopes (N, rows, unknowns) in which what is left of terms that cancelled is zero.
+
+    Terms that are numbers have cancelled before: of these nothing is left but an entry that is rounding
+    beside the largest one of its unknown (N beside N m: lengths below 1e-15 m are none).
+    """
+    if not matrix.size:
+        return matrix
+    symbols, residual, u, _ = _at_rest(e)
+    slopes = ca.densify(ca.jacobian(residual, u[list(e.unknown)]))
+    sizes = term_sizes(ca.Function("slopes", [symbols], [slopes]), points)
+    rows, columns = matrix.shape[1:]
+    sizes = sizes.reshape(-1, columns, rows).transpose(0, 2, 1)
+    return cleaned(matrix, np.maximum(sizes, np.max(np.abs(matrix), axis=1, keepdims=True)))
 
 
 def _equilibrated(matrix: Array) -> Array:
@@ -303,7 +320,7 @@ def _uncancelled(e: Equations, points: Array, efforts: Array) -> Array:
     (load,) = evaluate_many(value, points)
     pull = np.max(np.abs(load), axis=(1, 2), initial=0.0)
     largest = np.maximum(np.max(terms, axis=1), np.max(np.abs(efforts), axis=1, initial=0.0))
-    return np.asarray(np.maximum(largest, _PART * np.maximum(pull * inertia, stiffness)))
+    return np.asarray(np.maximum(largest, PART * np.maximum(pull * inertia, stiffness)))
 
 
 def _at_rest(e: Equations) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:

@@ -29,6 +29,7 @@ from mbdlft.lft.evaluate import evaluate, evaluate_at
 from mbdlft.lft.lft import LFT, fix, stack_rows, with_blocks
 from mbdlft.system.model import Certificate, LFTModel, Provenance, Trim
 from mbdlft.system.points import check_determinant, entry_scale, largest, sampled_deltas
+from mbdlft.system.regular import PROVED, well_posed
 from mbdlft.system.system import Parameters, System
 from mbdlft.system.wiring import Wiring, reduced, wire, wired_values
 
@@ -117,10 +118,13 @@ def composed(
     else:
         twin = with_blocks(reduced(wire(_moved(parts), wiring, what)), parameters.names)
         certificate = _certificate(certified, lft, twin, error, seed)
+    are_proved = all(part.certificate.well_posed == PROVED for part in certified)
     return LFTModel(
         **fields,
         trim=_trim(certified, parameters.names),
-        certificate=certificate,
+        certificate=replace(
+            certificate, **well_posed(lft, parameters, what, are_proved=are_proved)
+        ),
         provenance=_provenance(parts, certified[0].provenance, operation),
     )
 
@@ -327,8 +331,10 @@ def opened_evidence(model: LFTModel, names: Sequence[str]) -> dict[str, Any]:
         return tuple(entries[k] for k in left) if entries else ()
 
     opened = sum(found.order) - sum(of(found.order))
+    boxes = (tuple(box[k] for k in left) for box in found.open_boxes)
     certificate = replace(
         found,
+        open_boxes=tuple(dict.fromkeys(boxes)),
         order=of(found.order),
         lower_bound=of(found.lower_bound),
         raw_order=of(found.raw_order),
@@ -363,10 +369,16 @@ def renormalized_evidence(model: LFTModel, lft: LFT, parameters: Parameters) -> 
     scale = entry_scale(reference, np.zeros(sizes.shape))
     own = largest(values_of(lft, parameters, deltas, others) - reference, scale)
     error = own + largest(found.max_relative_error * sizes, scale)
-    return _in_other_coordinates(found, error)
+    what = f"model {model.name!r}, with_range"
+    known = well_posed(lft, parameters, what, are_proved=found.well_posed == PROVED)
+    return replace(_in_other_coordinates(found, error), **known)
 
 
 def truncated_certificate(model: LFTModel, lft: LFT, error: float) -> Certificate:
     """That of a truncated model: not exact, with the guaranteed bound of its error [1]."""
     order = tuple(block.size for block in lft.blocks)
-    return replace(model.certificate, order=order, exact=False, truncation_error=error)
+    found = replace(model.certificate, order=order, exact=False, truncation_error=error)
+    what = f"model {model.name!r}, truncate"
+    return replace(
+        found, **well_posed(lft, model.parameters, what, are_proved=found.well_posed == PROVED)
+    )

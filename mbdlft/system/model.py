@@ -133,6 +133,11 @@ class LFTModel(System):
     certificate: Certificate
     provenance: Provenance
 
+    @property
+    def is_proved_regular(self) -> bool:
+        """Whether the certificate says so."""
+        return self.certificate.well_posed == "proved"
+
 
 def trim_at(model: LFTModel, values: Mapping[str, ArrayLike]) -> Array:
     """Trimmed quantities at physical values by name, from their static LFT.

@@ -20,6 +20,7 @@ from mbdlft.base.parameter import Parameter, to_delta
 from mbdlft.base.signal import Signal
 from mbdlft.lft.evaluate import evaluate, evaluate_at
 from mbdlft.lft.lft import LFT
+from mbdlft.system.singular import check_regular_at
 
 if TYPE_CHECKING:
     from control import StateSpace
@@ -124,6 +125,11 @@ class System:
     def order(self) -> int:
         """Size of Delta."""
         return self.lft.order
+
+    @property
+    def is_proved_regular(self) -> bool:
+        """Whether every value in the ranges is proved to have matrices; an `LFTModel` knows."""
+        return False
 
     @property
     def A(self) -> Array:
@@ -345,7 +351,7 @@ def matrices_at(model: System, values: Mapping[str, ArrayLike]) -> StateMatrices
     StructureError
         A name is unknown, a value lies outside its range, or the lengths differ.
     WellPosednessError
-        The model is singular at one of the points.
+        The model is singular at one of the points, exactly or to working precision.
     """
     value = value_at(model, model.lft, values)
     n = len(model.states)
@@ -363,6 +369,8 @@ def value_at(model: System, lft: LFT, values: Mapping[str, ArrayLike]) -> Array:
     points = deltas_of(model, physical)
     single = all(np.ndim(value) == 0 for value in physical.values())
     if not kinds:
+        if not model.is_proved_regular:
+            check_regular_at(lft, points, model.parameters, f"model {model.name!r}")
         found = evaluate_at(lft, points)
         return found[0] if single else found
     others = {name: value for name, value in values.items() if name in kinds}

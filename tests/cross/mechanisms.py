@@ -49,6 +49,8 @@ def open_tree(seed: int) -> Scene:
         for p in PARAMETERS
         if p not in parameters
     }
+    for name, unit in (("one_g", "m/s^2"), ("one_m", "m"), ("one_per_s", "1/s")):
+        constants[name] = mbdlft.Constant(value=1.0, unit=unit)
     if seed % 2:
         axis = random.integers(-2, 3, 3) + np.array([0, 0, 3])
         spin = mbdlft.Spin(axis=tuple(axis), rate="rate")
@@ -66,7 +68,7 @@ def open_tree(seed: int) -> Scene:
             force_density="0.2*k",
         ),
         mbdlft.Force(
-            name="thrust", port=f"{last}.tip", direction=_vector(random, 1.0), magnitude="2*m"
+            name="thrust", port=f"{last}.tip", direction=_vector(random, 1.0), magnitude="2*m*one_g"
         ),
         mbdlft.Torque(
             name="twist",
@@ -82,13 +84,15 @@ def open_tree(seed: int) -> Scene:
             frame="ground",
             magnitude=-2.0,
         ),
-        mbdlft.Torque(name="wheel", port=last, direction=_vector(random, 1.0), magnitude="0.3*k*L"),
+        mbdlft.Torque(
+            name="wheel", port=last, direction=_vector(random, 1.0), magnitude="0.3*k*L*one_m"
+        ),
         mbdlft.Spring(
             name="strut",
             parent=f"{bodies[0].name}.side",
             child=f"{last}.tip",
             stiffness=30.0,
-            damping="0.1*m",
+            damping="0.1*m*one_per_s",
             force_density=-4.0,
         ),
         mbdlft.Buoyancy(name="float", port=f"{last}.side", displaced_mass="0.4*m"),

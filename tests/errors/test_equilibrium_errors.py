@@ -8,6 +8,7 @@ import pytest
 import mbdlft
 from mbdlft import (
     Angle,
+    Constant,
     Force,
     Free,
     Ground,
@@ -154,9 +155,11 @@ def test_rotation_axis_without_length():
         Rotation(axis=(0, 0, 0), angle=1.0)
 
 
-@pytest.mark.parametrize("gravity", [(0, 0, -9.81), (0.0, "1e-6*omega", 0.0), (3, 0, 1)])
+@pytest.mark.parametrize("gravity", [(0, 0, -9.81), (0.0, "nudge*omega", 0.0), (3, 0, 1)])
 def test_gravity_that_turns_in_the_spinning_frame(gravity):
-    scene = cart(gravity=gravity, spin=Spin(axis=(1, 0, 0), rate="omega"), parameters=[OMEGA])
+    nudge = Constant(value=1e-6, unit="m/s")
+    spin = Spin(axis=(1, 0, 0), rate="omega")
+    scene = cart(gravity=gravity, spin=spin, parameters=[OMEGA], constants={"nudge": nudge})
     with says(
         SceneError,
         "scene 'cart_on_rail': gravity has",

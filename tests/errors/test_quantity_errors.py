@@ -345,7 +345,7 @@ def test_denominator_that_vanishes_inside_the_range(mass, message):
 
 @pytest.mark.parametrize("mass", ["1/(m - 4.1)^2", "1/(m + k)", "1/(m*m - 6.2*m + 9.62)"])
 def test_denominator_that_does_not_vanish(mass):
-    assemble(cart(mass, [Parameter(p, 3, 2, 4, unit="kg") for p in "mk"]))
+    assemble(cart(f"2.5*{mass}", [Parameter(p, 3, 2, 4) for p in "mk"]))
 
 
 def test_divided_by_a_constant_zero():
@@ -358,6 +358,58 @@ def test_root_of_a_negative_constant():
         arm(MASS, 'mass = "m1*sqrt(-L1)"')
 
 
-def test_root_of_a_constant_with_a_unit_is_accepted():
-    constants = {"area": Constant(value=4.0, unit="m^2")}
-    assemble(cart("2*sqrt(area)", [Angle("unused", 0, -1, 1)], constants=constants))
+@pytest.mark.parametrize(
+    "mass", ["rho*sqrt(area)", "rho*sqrt(side)^2/sqrt(area)*side", "2*sin(turn)"]
+)
+def test_the_dimension_of_a_function_of_a_constant_is_followed(mass):
+    constants = {
+        "area": Constant(value=4.0, unit="m^2"),
+        "side": Constant(value=2.0, unit="m"),
+        "rho": Constant(value=1.5, unit="kg/m"),
+        "turn": 0.7,
+    }
+    assemble(cart(mass, [Angle("unused", 0, -1, 1)], constants=constants))
+
+
+@pytest.mark.parametrize(
+    ("mass", "message"),
+    [
+        (
+            "2*sqrt(area)",
+            "expected kg, got m. A number that multiplies a value with a unit is a plain",
+        ),
+        ("sqrt(m)", "expected kg, got kg^1/2."),
+        (
+            "2*l",
+            "expected kg, got m. A number that multiplies a value with a unit is a plain factor.",
+        ),
+        ("l", "expected kg, got m."),
+        ("m*(2*l)/l + 3*l", "kg and m are added"),
+        ("2/l", "expected kg, got m^-1."),
+        ("3*s*l", "expected kg, got m."),
+        ("1 + s", "expected kg, got 1."),
+        ("m*sin(l)", "sin of a value in m; it takes plain numbers and angles."),
+        ("l^2*(1 - l)", "expected kg, got m^3."),
+    ],
+)
+def test_a_number_is_a_plain_factor(mass, message):
+    constants = {
+        "area": Constant(value=4.0, unit="m^2"),
+        "m": Constant(value=4.0, unit="kg"),
+        "l": Constant(value=0.5, unit="m"),
+    }
+    with says(SceneError, f"body 'cart', mass = {mass!r}: ", message):
+        assemble(cart(mass, [Parameter("s", 1.0, 0.5, 1.5)], constants=constants))
+
+
+@pytest.mark.parametrize(
+    "mass",
+    ["2.5", "2*s", "2*(1 + s)", "m*(1 - s)", "m + 0.5", "0.5*m*l/l", "2*half*s^2", "3/(1 + s)"],
+)
+def test_a_number_without_a_factor_in_units_has_the_unit_of_its_place(mass):
+    constants = {
+        "half": 0.5,
+        "m": Constant(value=4.0, unit="kg"),
+        "l": Constant(value=0.5, unit="m"),
+    }
+    assemble(cart(mass, [Parameter("s", 0.7, 0.5, 0.9)], constants=constants))

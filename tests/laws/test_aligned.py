@@ -39,6 +39,10 @@ def rich() -> mbdlft.Scene:
         name="rich",
         gravity=(0.5, -1.0, -9.0),
         acceleration=(0.1, "a", 0.0),
+        constants={
+            "area": mbdlft.Constant(value=1.0, unit="m^2"),
+            "circle": mbdlft.Constant(value=1.0, unit="m^2/s^2"),
+        },
         parameters=[
             mbdlft.Parameter("m", 2.0, percent=30, unit="kg"),
             mbdlft.Parameter("L", 0.8, percent=20, unit="m"),
@@ -52,7 +56,7 @@ def rich() -> mbdlft.Scene:
                 name="link",
                 mass=1.5,
                 center_of_mass=("0.3*L", 0.1, "0.2*L + 0.05"),
-                inertia=mbdlft.Inertia(xx=0.2, yy=0.3, zz="0.1*m", xy=0.01, xz=0.0, yz=-0.02),
+                inertia=mbdlft.Inertia(xx=0.2, yy=0.3, zz="0.1*m*area", xy=0.01, xz=0.0, yz=-0.02),
                 ports={"tip": tuple(f"{x!r}*L" for x in (along + 0.2 * across).tolist())},
             ),
         ],
@@ -81,7 +85,9 @@ def rich() -> mbdlft.Scene:
             mbdlft.Force(
                 name="pull", port="link", direction=(1, 2, 3), frame="ground", magnitude=1.0
             ),
-            mbdlft.Torque(name="motor", port="link", direction=tuple(normal), magnitude="0.2*m"),
+            mbdlft.Torque(
+                name="motor", port="link", direction=tuple(normal), magnitude="0.2*m*circle"
+            ),
             mbdlft.Buoyancy(name="lift", port="link.tip", displaced_mass="0.1*m"),
         ],
         sensors=sensors,

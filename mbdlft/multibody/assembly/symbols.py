@@ -19,6 +19,7 @@ from mbdlft.multibody.joint import Turn
 from mbdlft.multibody.scene.quantities import Place, angle_at, owner_name, owners, value_at
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate
+from mbdlft.problem.equations import rows_of
 from mbdlft.sx.constants import FUNCTIONS, cosine_sine, in_doubles, literal, pi_times
 
 _POINTS = 16  # random points at which loops are checked, beside nominal
@@ -74,8 +75,8 @@ class Symbols:
         """Slices of q, v and a by owner, in the order of `coordinate_owners`."""
         found, k = {}, 0
         for named in coordinate_owners(links):
-            part = slice(k, k := k + len(named.freedoms))
-            found[named.owner] = Coordinate(self.q[part], self.v[part], self.a[part])
+            part = range(k, k := k + len(named.freedoms))
+            found[named.owner] = Coordinate(*(rows_of(of, part) for of in (self.q, self.v, self.a)))
         return found
 
     def quantities(self, scene: Scene) -> dict[str, Values]:

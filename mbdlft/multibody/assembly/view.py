@@ -87,11 +87,15 @@ class View:
     def gaps(
         self, a: str, b: str, evaluate: Callable[[ca.SX], Sequence[Array]]
     ) -> tuple[Sequence[Array], float]:
-        """Vectors (3, 1) from port a to port b at equilibrium, and the largest arm of the two ports (m).
+        """Vectors (3, 1) from port a to port b at equilibrium, and the largest length in them (m).
+
+        The lengths are those from the ground to the ports, and those in the bodies of the ports: a port
+        at the origin of the scene may be there by two lengths that cancel.
 
         `evaluate` gives the values of an expression at some points of the range.
         """
-        arms = (self.between_at_rest("ground", port) for port in (a, b))
+        arms = [self.between_at_rest("ground", port) for port in (a, b)]
+        arms += [port_arm(self.rest, *self.find(port)) for port in (a, b)]
         reach = max(float(np.max(np.abs(value))) for arm in arms for value in evaluate(arm))
         return evaluate(self.between_at_rest(a, b)), reach
 

@@ -1,6 +1,7 @@
 """Checks of a scene that need its values: units, physics, and denominators over the whole range."""
 
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from typing import Any
 
@@ -8,14 +9,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.description import ANY_UNIT, AXES, Expected
-from mbdlft.base.errors import NotRationalError, SceneError, WellPosednessError, unknown_name
-from mbdlft.base.expression import Expression, check_degree, denominators, evaluate, names, write
+from mbdlft.base.errors import MbdlftWarning, SceneError, WellPosednessError, unknown_name
+from mbdlft.base.expression import (
+    Binary,
+    Expression,
+    Negative,
+    Number,
+    check_degree,
+    denominators,
+    evaluate,
+    names,
+    walk,
+    write,
+)
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.signal import Signal
 from mbdlft.base.unit import dimension_name, parse_unit
 from mbdlft.multibody.body import Body
+from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import Joint
-from mbdlft.multibody.scene.positive import LABELS, check_positive
+from mbdlft.multibody.scene.positive import check_positive
 from mbdlft.multibody.scene.quantities import (
     Place,
     angle_at,
@@ -25,11 +38,16 @@ from mbdlft.multibody.scene.quantities import (
     value_at,
 )
 from mbdlft.multibody.scene.scene import Constant, Scene
+from mbdlft.number.dimension import FUNCTIONS as DIMENSIONS
 from mbdlft.number.dimension import Dimension
 from mbdlft.number.interval import FUNCTIONS, Interval, decimal, find_zero
 
 _RANDOM, _CORNERS = 64, 4096
 _ROUNDING = 1e-12
+_HINT = (
+    " A number that multiplies a value with a unit is a plain factor. Where the factor has a unit, "
+    "write it behind the number, such as 2.0 [kg/m]*l, or declare a constant with that unit."
+)
 
 
 def check(scene: Scene) -> None:
@@ -56,6 +74,36 @@ def check(scene: Scene) -> None:
         problem = item.physical_problem(sampled[owner_name(item)])
         if problem:
             raise SceneError(f"{owner_name(item)}: {problem} Check the values and the ranges.")
+    for text in (*_unproved(scene), *_gains_energy(scene, sampled)):
+        warnings.warn(text, MbdlftWarning, stacklevel=2)
+
+
+def _unproved(scene: Scene) -> Iterator[str]:
+    """Sentences on masses and inertias whose sign is open in parts of the range."""
+    for condition, used, sign in check_positive(scene):
+        if sign.open_parts:
+            units = {p.name: p.unit for p in scene.parameters}
+            part = ", ".join(
+                f"{name} in [{low:.6g}, {high:.6g}] {units[name]}".removesuffix(" 1")
+                for name, (low, high) in zip(used, sign.open_parts[0], strict=True)
+            )
+            yield (
+                f"{condition.owner}: not proved: whether {condition.what} is open in "
+                f"{len(sign.open_parts)} parts of the range, such as {part}. It is not at the samples."
+            )
+
+
+def _gains_energy(
+    scene: Scene, sampled: Mapping[str, Mapping[str, NDArray[np.float64]]]
+) -> Iterator[str]:
+    """Sentences on stiffnesses and damping that are negative somewhere: allowed, but rarely meant."""
+    items: list[Joint | Load] = [*scene.joints, *scene.loads]
+    for item in items:
+        for label, values in sampled[owner_name(item)].items():
+            lowest = float(np.min(values))
+            if label.partition(".")[0] in ("stiffness", "damping") and lowest < 0.0:
+                unit = item.quantities()[label].unit
+                yield f"{owner_name(item)}: {label} is negative in the range: {lowest:g} {unit}."
 
 
 def check_fit(scene: Scene, signals: Sequence[Signal]) -> None:
@@ -90,10 +138,6 @@ def _check_quantities(
         _check_dimension(place, expected, expression, dimensions)
         if not np.all(np.isfinite(values)):
             raise SceneError(f"{place} = {expected.source!r}: is not finite in the range.")
-        if label.startswith(LABELS) and np.all(values >= 0.0):  # what is not has its own message
-            plain = {p.name: p for p in scene.parameters if not p.is_angle}
-            what = f"{place} = {expected.source!r}"
-            check_positive(what, expression, plain, scene.constant_values())
         found[label] = values
     return found
 
@@ -218,17 +262,26 @@ def _check_dimension(
     if expected.unit == ANY_UNIT:
         return
     try:
-        value = evaluate(expression, dimensions)
-    except NotRationalError:
-        return  # the root of a constant with a unit: its dimension is not followed
+        value = evaluate(expression, dimensions, functions=DIMENSIONS)
     except SceneError as error:
         raise SceneError(f"{place} = {expected.source!r}: {error}") from None
     wanted = parse_unit(expected.unit).dimension
     if isinstance(value, Dimension) and value.exponents not in (None, wanted):
         raise SceneError(
             f"{place} = {expected.source!r}: the unit does not fit: expected {expected.unit}, "
-            f"got {dimension_name(value.exponents)}."
+            f"got {dimension_name(value.exponents)}.{_HINT if _has_factor(expression) else ''}"
         )
+
+
+def _has_factor(expression: Expression) -> bool:
+    """Whether a number is a factor in an expression, as its user may have meant it with a unit."""
+    products = (
+        node for node in walk(expression) if isinstance(node, Binary) and node.operator in "*/"
+    )
+    sides = (side for node in products for side in (node.left, node.right))
+    return any(
+        isinstance(side.operand if isinstance(side, Negative) else side, Number) for side in sides
+    )
 
 
 def _check_denominators(scene: Scene, place: Place, expression: Expression) -> None:
