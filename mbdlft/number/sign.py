@@ -52,7 +52,7 @@ def not_negative(
     slack: float = 0.0,
     boxes: int = BOXES,
 ) -> Sign:
-    """Whether function >= -slack in the box of `bounds`, (low, high) by name, in at most `boxes` parts."""
+    """Whether function >= -slack in the box of `bounds`, (low, high) by name, by at most `boxes`."""
     monomials = taylor.space(len(bounds), _order(len(bounds)))
     low, high = (np.array([[ends[k] for ends in bounds.values()]]) for k in (0, 1))
     width = high - low
