@@ -158,17 +158,19 @@ def test_pairs_that_rounding_makes_are_not_confirmed() -> None:
 
 def law_work() -> None:
     """Nothing is proved when the work is over, and proofs are counted."""
-    _, exact = both(o8())
-    degrees = exact_degrees(exact)
     over, counted = Work(0.0), Work()
     over.add(1.0)
     assert over.is_over
-    names = sorted(degrees)
-    for side in (False, True):
-        assert more_needed(exact, *names[1:3], degrees, over, is_transposed=side) == (0, 0)
-        assert not is_constant(exact, (names[0], *names[1:3]), degrees, over, is_transposed=side)
-    more_needed(exact, *names[1:3], degrees, counted, is_transposed=False)
+    _, exact = both(known(1.0))
+    degrees = exact_degrees(exact)
+    for work, more in ((over, (0, 0)), (counted, (1, 1))):
+        assert more_needed(exact, "L", "m", degrees, work, is_transposed=False) == more
     assert counted.spent > 0.0
+    _, exact = both(in_texts(words_of_two_letters(np.random.default_rng(136))))
+    degrees = exact_degrees(exact)
+    for work, is_found in ((over, False), (counted, True)):
+        names = ("a", "b", "c")
+        assert is_constant(exact, names, degrees, work, is_transposed=True) == is_found
 
 
 def test_work_is_counted() -> None:
