@@ -298,6 +298,15 @@ def law_channels(size: float) -> None:
             exact(channel_scales(a.M11, a.M12, a.M21), np.ones(a.order))
 
 
+def test_the_smallest_form_comes_first() -> None:
+    """The forms of these have different orders."""
+    for rows in ([["a^2*b + a*b*a", "b*a"]], [["a*b + b*a"], ["a^2 + a*(1 + b)*a"]]):
+        problem = problem_of_matrix(mbdlft.matrix_problem(rows, [A, B]))
+        orders = [found.lft.order for found in candidates.candidates(problem, problem.forms)]
+        assert orders == sorted(orders)
+        assert orders[0] < orders[-1]
+
+
 @pytest.mark.parametrize("size", [1e-7, 1.0, 1e7])
 def test_channels_have_one_size(size: float) -> None:
     law_channels(size)
