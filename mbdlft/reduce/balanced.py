@@ -25,7 +25,7 @@ _LEAST = 1e-13  # of the trace: a direction that is smaller is taken for that la
 
 
 def in_good_coordinates(a: ExactLFT, deltas: Array, most: float) -> LFT:
-    """The LFT in doubles; in balanced coordinates if the condition of I - M11 Delta is larger otherwise.
+    """The LFT in doubles; in balanced coordinates if its values are nearer to the exact ones in these.
 
     Parameters
     ----------
@@ -40,7 +40,26 @@ def in_good_coordinates(a: ExactLFT, deltas: Array, most: float) -> LFT:
     if before <= most:
         return plain
     balanced = _balanced(a, plain)
-    return balanced if _condition(balanced, deltas) < before else plain
+    return min(plain, balanced, key=lambda one: _error(one, a, deltas))
+
+
+def _error(one: LFT, a: ExactLFT, deltas: Array) -> float:
+    """Largest error of an entry of the value at some deltas, relative to its largest size there."""
+    n, sizes = a.order, [block.size for block in a.blocks]
+    exact, found = [], []
+    balls = a.M.balls
+    for at in deltas:
+        spread = np.repeat(at, sizes)
+        delta = balls_of(spread)
+        loop = -balls[:n, :n] * delta
+        loop[np.arange(n), np.arange(n)] += 1
+        z = ball_matrix(loop).solve(ball_matrix(balls[:n, n:]))
+        y = ball_matrix(balls[n:, :n] * delta) * z
+        exact.append(rough_balls(y, balls[n:, n:]))
+        inner = np.linalg.solve(np.eye(n) - one.M11 * spread, one.M12)
+        found.append(one.M22 + (one.M21 * spread) @ inner)
+    size = or_one(np.max(np.abs(exact), axis=0))
+    return float(np.max(np.abs(np.array(found) - np.array(exact)) / size))
 
 
 def _condition(a: LFT, deltas: Array) -> float:
@@ -98,6 +117,12 @@ def _of_block(P: Array, Q: Array) -> Array:
     L, R = np.linalg.cholesky(P), np.linalg.cholesky(Q)
     _, values, right = np.linalg.svd(R.T @ L)
     return np.asarray(L @ right.T / np.sqrt(values))
+
+
+def rough_balls(product: Any, constant: Any) -> Array:
+    """The sum of a matrix of FLINT and an array of balls, in doubles."""
+    total = np.array(product.entries(), dtype=object).reshape(constant.shape) + constant
+    return np.array([float(x) for x in total.ravel()]).reshape(constant.shape)
 
 
 def _doubles(matrix: Any, columns: int) -> Array:

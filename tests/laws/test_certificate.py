@@ -7,11 +7,12 @@ import pytest
 
 import mbdlft
 from mbdlft.base.samples import check_points
+from mbdlft.bound.degree import Bound
 from mbdlft.lft.lft import LFT, delta
 from mbdlft.matrix.to_problem import problem_of_matrix
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.pipeline import realization
-from mbdlft.pipeline.certify import certificate
+from mbdlft.pipeline.certify import Checked, certificate
 from mbdlft.pipeline.realization import _Check
 from mbdlft.problem.problem import Problem
 from mbdlft.sx.sizes import term_sizes
@@ -59,7 +60,7 @@ def test_a_wrong_model_or_trim_is_refused() -> None:
     model = mbdlft.to_lft(two_link_arm.scene(), search=0.0)
     right, trim = model.lft, model.trim.lft
     assert trim is not None
-    assert error_of(problem, right, trim) == model.certificate.max_relative_error
+    assert error_of(problem, right, trim).error == model.certificate.max_relative_error
     exact(problem.points, check_points(problem.parameters, 0))
     assert len(problem.points) == model.certificate.check_points
     with pytest.raises(mbdlft.AnalysisError, match="of the size of an entry of its matrices"):
@@ -151,7 +152,7 @@ def test_a_singularity_that_does_not_change_the_sign_is_found() -> None:
             mbdlft.Prismatic(name="b", parent="turned", child="second", axis=(1, 0, 0)),
         ],
     )
-    with pytest.raises(mbdlft.WellPosednessError, match="the model is singular between"):
+    with pytest.raises(mbdlft.WellPosednessError, match="the model is singular"):
         mbdlft.to_lft(scene, search=0.0)
 
 
@@ -165,7 +166,19 @@ def test_a_bound_that_the_model_contradicts_is_not_claimed() -> None:
     at = problem.reference()
 
     def claimed(degrees: dict[str, int], order_bound: int) -> mbdlft.Certificate:
-        return certificate(lft, dict(lft.blocks), degrees, order_bound, problem, at, 0.0, 0)
+        bounds = {name: Bound(degree, 0) for name, degree in degrees.items()}
+        return certificate(
+            lft,
+            dict(lft.blocks),
+            bounds,
+            order_bound,
+            problem,
+            at,
+            Checked(0.0, 1),
+            0,
+            is_exact=False,
+            boxes=(),
+        )
 
     honest = claimed({"a": 1, "b": 1}, 2)
     assert honest.minimal

@@ -114,6 +114,7 @@ def test_json_has_the_promised_keys(
         "trim",
         "linearize",
         "reduce",
+        "prove",
         "bound",
         "check",
         "total",
@@ -150,7 +151,7 @@ def test_realize_writes_archive_and_table(
     found = json.loads(out)
     assert (code, found["name"], found["lower_bound"]) == (0, "missile", 10)
     assert found["exact_bound"] is True
-    stages = {"read", "resolve", "reduce", "bound", "check", "total"}
+    stages = {"read", "resolve", "reduce", "bound", "prove", "check", "total"}
     assert set(found["seconds"]) == stages
 
 

@@ -135,7 +135,8 @@ def _check_quantities(
         _check_degree(scene, place, expected, expression)
         values = _sampled(place, expected, samples)
         _check_denominators(scene, place, expression)
-        _check_dimension(place, expected, expression, dimensions)
+        if scene.fit is None:  # a fit is a polynomial of numbers, written by `fit_positions`
+            _check_dimension(place, expected, expression, dimensions)
         if not np.all(np.isfinite(values)):
             raise SceneError(f"{place} = {expected.source!r}: is not finite in the range.")
         found[label] = values
@@ -173,7 +174,8 @@ def _check_angle(
         inside = Place(place.owner, f"{place.label}, atan")
         _check_degree(scene, inside, source, tangent)
         _check_denominators(scene, inside, tangent)
-        _check_dimension(inside, source, tangent, dimensions)
+        if scene.fit is None:
+            _check_dimension(inside, source, tangent, dimensions)
         if not np.all(np.isfinite(_sampled(inside, source, samples))):
             raise SceneError(f"{inside} of {source.source!r}: is not finite in the range.")
 
