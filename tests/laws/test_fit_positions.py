@@ -123,7 +123,7 @@ def test_residual_is_accepted_up_to_the_bound_only() -> None:
     smaller = {name: 0.1 * bound for name, bound in found.fit.bounds.items()}
     wrong = {
         "smaller bounds": found.model_copy(update={"fit": Fit(tolerance=1e-4, bounds=smaller)}),
-        "no bounds": found.model_copy(update={"fit": None}),
+        "no bounds": found.model_copy(update={"fit": Fit(tolerance=1e-4, bounds={})}),
         "moved": found.model_copy(
             update={"joints": (joint.model_copy(update={"position": f"{joint.position} + 0.001"}),)}
         ),
