@@ -116,6 +116,7 @@ def test_json_has_the_promised_keys(
         "reduce",
         "bound",
         "check",
+        "prove",
         "total",
     }
     assert set(found["seconds"]) == stages
@@ -150,7 +151,7 @@ def test_realize_writes_archive_and_table(
     found = json.loads(out)
     assert (code, found["name"], found["lower_bound"]) == (0, "missile", 10)
     assert found["exact_bound"] is True
-    stages = {"read", "resolve", "reduce", "bound", "check", "total"}
+    stages = {"read", "resolve", "reduce", "bound", "prove", "check", "total"}
     assert set(found["seconds"]) == stages
 
 
