@@ -340,6 +340,6 @@ def check_no_zero(
     (at,) = physical_boxes([Box(known.zero, np.zeros(len(names)))], names, parameters)
     values = at_values(parameters, [low for low, _ in at])
     raise WellPosednessError(
-        f"{what} at {values}: the determinant of its equations changes its sign there. Narrow the "
+        f"{what} at {values}: the determinant of its equations vanishes there. Narrow the "
         f"ranges{narrow}."
     )

@@ -79,7 +79,7 @@ def test_matrix_that_is_singular_in_a_small_ball() -> None:
     matrix = [["0", "1"], ["1", row]]  # has an inverse everywhere
     assert realize(matrix, parameters, search=0.0).certificate.well_posed == "proved"
     static = realize([[row + " - 1"]], parameters, search=0.0)
-    with says(WellPosednessError, "is singular at a = 0.31", "b = 0.72", "changes its sign there"):
+    with says(WellPosednessError, "is singular at a = 0.31", "b = 0.72", "vanishes there"):
         feedback(static, np.eye(1), sign=-1)
 
 

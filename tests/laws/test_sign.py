@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 
 from mbdlft import Constant, Inertia, Parameter, PointMass, Revolute, RigidBody, Scene, SceneError
+from mbdlft.base.expression import Number, evaluate
+from mbdlft.multibody.scene import positive
 from mbdlft.multibody.scene.positive import check_positive
 from mbdlft.number import taylor
 from mbdlft.number.sign import lowest, not_negative
+from tests.close import roundoff
 
 
 def ball(center: np.ndarray, offset: float):
@@ -167,3 +170,15 @@ def test_what_is_open_lists_its_parts() -> None:
     (outcome,) = check_positive(bob(mass), boxes=2)
     assert outcome.sign.open_parts
     assert outcome.names == ("a", "b")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_minors_are_those_of_the_second_moments(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    J = random.standard_normal((3, 3))
+    J = J + J.T + 5.0 * np.eye(3)
+    entries = {a + b: Number(J[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz")}
+    found = [float(evaluate(one, {})) for _, one, _ in positive._second_moments(entries)]
+    P = np.trace(J) * np.eye(3) - 2.0 * J
+    minors = [np.linalg.det(np.delete(np.delete(P, k, 0), k, 1)) for k in (2, 1, 0)]
+    roundoff(np.array(found), np.array([*np.diag(P), *minors, np.linalg.det(P)]), scale=1e3)
