@@ -8,9 +8,10 @@ the box, delta = c + h e with |e_k| <= 1, and with any matrix R, near the invers
 
 is no larger than P = |I - R + R M11 c| + |R M11| h in each entry. A vector x > 0 with P x < x shows that
 the spectral radius of P is below 1 (Collatz, Wielandt), and then R (I - M11 Delta) has an inverse. See
-Neumaier, Interval Methods for Systems of Equations, 1990, chapter 4. A box that resists is halved. To P
-is added what rounding makes, and what a change of each entry of M11 by 2^-33 of itself makes: it holds
-for the model before it was rounded, too, as for all models that near.
+Neumaier, Interval Methods for Systems of Equations, 1990, chapter 4. To P is added what rounding makes,
+and what a change of each entry of M11 by 2^-33 of itself makes: the proof holds for the model before it
+was rounded, too, as for all models that near. Where the first look at the whole box is not enough, the
+channels of each delta get other coordinates, which change no determinant, and then boxes are halved.
 
 Where halving does not end, a zero of the determinant is looked for by steps down its slope. Its value is
 1 at delta = 0, so it has a zero between there and a point where it is negative.
@@ -40,6 +41,7 @@ _CHUNK = 64  # boxes that are looked at together
 _ITERATIONS = 6  # of a vector of Perron: only where to cut depends on it
 _STARTS, _STEPS = 16, 40  # of searches for a zero of the determinant
 _BISECTIONS = 60
+_BALANCE, _LIFT, _TINY = 10, 1e-4, 1e-290  # rounds of a balance, and what is added in each
 _MOST_BOXES = 256  # that are kept in an answer; more are joined to one that holds them
 
 
@@ -83,7 +85,10 @@ def regularity(a: LFT, prove: float = PROVE) -> Regularity:
     left, found = prove * _UNIT, []
     for part in _loops(a.M11):
         used, own = np.unique(owner[part], return_inverse=True)
-        loop = _Loop(a.M11[np.ix_(part, part)], own, len(used))
+        matrix = a.M11[np.ix_(part, part)]
+        loop = _Loop(matrix, own, len(used), np.eye(len(part)) + np.abs(matrix))
+        if not _is_small(loop):
+            loop = _balanced(loop)
         boxes, zero, left = _examine(loop, left)
         if zero is not None:
             point = np.zeros(len(a.blocks))
@@ -97,11 +102,23 @@ def regularity(a: LFT, prove: float = PROVE) -> Regularity:
 
 
 class _Loop(NamedTuple):
-    """A strongly connected part: its matrix (n, n), the delta of each channel (n,), number of deltas."""
+    """A strongly connected part, in coordinates T of the channels of each delta.
+
+    Attributes
+    ----------
+    matrix : array (n, n)
+        T M11 T^-1.
+    owner : int array (n,)
+        The delta of each channel.
+    deltas : int
+    size : array (n, n)
+        |T| (1 + |M11|) |T^-1|: what a part of all entries that is rounding is a part of.
+    """
 
     matrix: Array
     owner: NDArray[np.int64]
     deltas: int
+    size: Array
 
     @property
     def cost(self) -> float:
@@ -117,6 +134,37 @@ def _loops(matrix: Array) -> list[NDArray[np.int64]]:
     order = np.argsort(label, kind="stable")
     parts = np.split(order, np.cumsum(np.bincount(label, minlength=count))[:-1])
     return [part for part in parts if len(part) > 1 or matrix[part[0], part[0]] != 0.0]
+
+
+def _is_small(loop: _Loop) -> bool:
+    """Whether the first look at the whole box is enough."""
+    is_open, _, _ = _look(loop, np.zeros((1, loop.deltas)), np.ones((1, loop.deltas)))
+    return not is_open[0]
+
+
+def _balanced(loop: _Loop) -> _Loop:
+    """The loop in coordinates in which the channels of each delta matter as much as they are reached.
+
+    For each delta there are Gramians G, O that the loop reproduces, up to a factor: G = M11 G M11' and
+    O = M11' O M11 in the diagonal blocks. T makes both one diagonal matrix.
+    """
+    M, n = loop.matrix, len(loop.matrix)
+    same, eye = loop.owner[:, None] == loop.owner, np.eye(n)
+    reached, seen = eye, eye
+    for _ in range(_BALANCE):
+        reached, seen = (
+            np.where(same, part, 0.0) * (n / max(float(np.trace(part)), _TINY)) + _LIFT * eye
+            for part in (M @ reached @ M.T, M.T @ seen @ M)
+        )
+    T, back = np.zeros((n, n)), np.zeros((n, n))
+    for k in range(loop.deltas):
+        block = np.ix_(*(2 * [np.flatnonzero(loop.owner == k)]))
+        root = np.linalg.cholesky(reached[block])
+        turn, sizes, _ = np.linalg.svd(root.T @ seen[block] @ root)
+        back[block] = root @ turn * sizes**-0.25
+        T[block] = np.linalg.inv(back[block])
+    size = np.abs(T) @ loop.size @ np.abs(back)
+    return loop._replace(matrix=T @ M @ back, size=size)
 
 
 def _examine(loop: _Loop, left: float) -> tuple[list[Box], Array | None, float]:
@@ -159,7 +207,7 @@ def _look(loop: _Loop, c: Array, h: Array) -> tuple[NDArray[np.bool_], Array, Ar
     inverse = np.linalg.inv(system)
     product = inverse @ loop.matrix
     spread = np.abs(product) * wide[:, None, :]
-    rounding = np.abs(inverse) @ (eye + np.abs(loop.matrix))
+    rounding = np.abs(inverse) @ loop.size
     P = np.abs(eye - inverse + product * at[:, None, :]) + spread + 2.0 * _NEAR * rounding
     is_open = ~_contracts(P, n)
     slopes = h.copy()
@@ -292,6 +340,6 @@ def check_no_zero(
     (at,) = physical_boxes([Box(known.zero, np.zeros(len(names)))], names, parameters)
     values = at_values(parameters, [low for low, _ in at])
     raise WellPosednessError(
-        f"{what} at {values}: the determinant of its equations changes its sign there. Narrow the "
+        f"{what} at {values}: the determinant of its equations vanishes there. Narrow the "
         f"ranges{narrow}."
     )

@@ -1,5 +1,6 @@
 """Running attacks: each seed in a process that is replaced when it hangs or dies."""
 
+import contextlib
 import json
 import os
 import subprocess
@@ -81,8 +82,7 @@ def tally(
                 code = process.poll()
                 why = "it hangs" if code is None else f"it ended the process ({code})"
                 answer = {"failed": why}
-                process.kill()
-                process.wait()
+                _end(process)
                 process, lines = _start(name)
             found.slowest = max(found.slowest, time.perf_counter() - begun)
             if "word" in answer:
@@ -91,9 +91,16 @@ def tally(
             found.failed[seed] = answer["failed"]
             said(f"FAILED {command(name, seed)}\n  {answer['failed'].strip()}")
     finally:
-        process.kill()
-        process.wait()
+        _end(process)
     return found
+
+
+def _end(process: "subprocess.Popen[str]") -> None:
+    process.kill()
+    process.wait()
+    if process.stdin is not None:
+        with contextlib.suppress(OSError):
+            process.stdin.close()
 
 
 def _start(name: str) -> tuple["subprocess.Popen[str]", SimpleQueue[str]]:
@@ -111,8 +118,9 @@ def _start(name: str) -> tuple["subprocess.Popen[str]", SimpleQueue[str]]:
 
     def read() -> None:
         assert process.stdout is not None
-        for line in process.stdout:
-            lines.put(line)
+        with process.stdout as answers:
+            for line in answers:
+                lines.put(line)
         lines.put("")  # the end
 
     Thread(target=read, daemon=True).start()

@@ -1,6 +1,8 @@
 """Positions as rational functions of the parameters, with a guaranteed bound."""
 
+import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,17 +11,23 @@ from mbdlft.base.description import Quantity
 from mbdlft.base.errors import TrimError, unknown_name
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.parameter import Parameter
-from mbdlft.base.unit import parse_unit
+from mbdlft.base.unit import dimension_name, parse_unit
 from mbdlft.multibody.equilibrium.conditions import Conditions, conditions, quantity
 from mbdlft.multibody.equilibrium.displaced import Displaced, displace
 from mbdlft.multibody.equilibrium.find import find_equilibrium
 from mbdlft.multibody.equilibrium.fit import EquilibriumFit, fit_equilibrium
-from mbdlft.multibody.equilibrium.write import declared_positions, put_entry, within_a_turn
+from mbdlft.multibody.equilibrium.write import (
+    declared_positions,
+    length_unit,
+    put_entry,
+    within_a_turn,
+)
 from mbdlft.multibody.force import Spring
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.scene import Fit, Scene
 from mbdlft.number.interval import FUNCTIONS, Interval, decimal
 
+_NAME = re.compile(r"(?<![\w.])[^\W\d]\w*")
 _TANGENT = 1e3  # range of the tangents while they are symbols; nothing depends on it
 
 
@@ -120,6 +128,7 @@ def _fitted(
     tolerance: float,
 ) -> Scene:
     """The scene with the fitted expressions and their bounds."""
+    found = replace(found, expressions=tuple(_plain(scene, text) for text in found.expressions))
     count, turning = len(system.tangents), len(system.angles)
     tangents = dict(zip(system.tangents, found.expressions, strict=False))
     angles = dict(zip(system.angles, found.expressions[count : count + turning], strict=True))
@@ -139,6 +148,8 @@ def _fitted(
             error = width[count + system.angles.index(k)]
         stiffness = quantity(c, "stiffness")
         displaced = f"{float(nominal[k] - declared[k])!r} + 2*({half})"
+        if unit := length_unit(scene, c, stiffness):
+            displaced = f"1.0{unit}*({displaced})"
         text = f"({quantity(c, 'preload')}) - ({stiffness})*({displaced})"
         update: dict[str, Any] = {}
         put_entry(joints[c.joint.name], update, "preload", _entry(c.joint, before, k), text)
@@ -158,6 +169,16 @@ def _fitted(
         "fit": Fit(tolerance=float(tolerance), bounds=bounds),
     }
     return scene.model_copy(update=update)
+
+
+def _plain(scene: Scene, text: str) -> str:
+    """An expression of SI values with names made plain numbers: 1.0 [N^-1]*F in place of F."""
+    units = {}
+    for p in scene.parameters:
+        kg, m, s = parse_unit(p.unit).dimension
+        if kg or m or s:
+            units[p.name] = f"(1.0 [{dimension_name((-kg, -m, -s))}]*{p.name})"
+    return _NAME.sub(lambda found: units.get(found[0], found[0]), text)
 
 
 def _fresh(scene: Scene, k: int) -> str:

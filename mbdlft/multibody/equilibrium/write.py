@@ -20,6 +20,7 @@ from mbdlft.multibody.equilibrium.find import EquilibriumPoint
 from mbdlft.multibody.force import Spring
 from mbdlft.multibody.joint import Joint, Rotation, coordinate_label
 from mbdlft.multibody.scene import Constant, Scene
+from mbdlft.multibody.scene.check import has_unit
 from mbdlft.problem.relinearize import relinearize
 
 
@@ -59,7 +60,7 @@ def at_equilibrium(scene: Scene, point: EquilibriumPoint) -> Scene:
             for k, c in enumerate(d.coordinates)
             if c.joint.name == joint.name and c.signal.name in point.positions
         }
-        joints.append(_moved(joint, d.coordinates, own, declared) if own else joint)
+        joints.append(_moved(scene, joint, d.coordinates, own, declared) if own else joint)
     loads = [
         load.model_copy(update={"force_density": densities[load.name]})
         if load.name in densities
@@ -158,6 +159,7 @@ def _density(spring: Spring, ratio: float) -> Quantity:
 
 
 def _moved(
+    scene: Scene,
     joint: Joint,
     coordinates: tuple[JointCoordinate, ...],
     positions: dict[int, float],
@@ -182,7 +184,9 @@ def _moved(
             preload = expected[coordinate_label("preload", c.freedom)].source
             stiffness = expected[coordinate_label("stiffness", c.freedom)].source
             q = positions[k] - declared[k]
-            put_entry(joint, update, "preload", index, _relaxed(preload, stiffness, float(q)))
+            unit = length_unit(scene, c, stiffness)
+            relaxed = _relaxed(preload, stiffness, float(q), unit)
+            put_entry(joint, update, "preload", index, relaxed)
     vector = np.array([positions[k] for k, c in entries if c.is_ball and k in positions])
     angle = float(np.linalg.norm(vector)) if len(vector) else 0.0
     if angle > 0.0:
@@ -206,11 +210,16 @@ def within_a_turn(angle: float) -> float:
     return float(np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi)
 
 
-def _relaxed(preload: Quantity, stiffness: Quantity, q: float) -> Quantity:
-    """The quantity preload - stiffness q."""
+def length_unit(scene: Scene, c: JointCoordinate, stiffness: Quantity) -> str:
+    """What stands behind the number of a displacement that a stiffness with a unit multiplies."""
+    return " [m]" if not c.freedom.turns and has_unit(scene, stiffness) else ""
+
+
+def _relaxed(preload: Quantity, stiffness: Quantity, q: float, unit: str) -> Quantity:
+    """The quantity preload - stiffness q, with the unit behind q."""
     if isinstance(preload, float) and isinstance(stiffness, float):
         return preload - stiffness * q
-    return f"({preload}) - ({stiffness})*({q!r})"
+    return f"({preload}) - ({stiffness})*({q!r}{unit})"
 
 
 def _with_nominal(parameter: Parameter, value: float) -> Parameter:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.base.description import ANY_UNIT, AXES, Expected
+from mbdlft.base.description import ANY_UNIT, AXES, Expected, Quantity
 from mbdlft.base.errors import MbdlftWarning, SceneError, WellPosednessError, unknown_name
 from mbdlft.base.expression import (
     Binary,
@@ -19,6 +19,7 @@ from mbdlft.base.expression import (
     denominators,
     evaluate,
     names,
+    parse,
     walk,
     write,
 )
@@ -63,7 +64,7 @@ def check(scene: Scene) -> None:
     WellPosednessError
         A denominator vanishes inside the range of the parameters.
     """
-    dimensions = _dimensions(scene)
+    dimensions = dimensions_of(scene)
     sampled = {
         owner: _check_quantities(scene, owner, quantities, dimensions)
         for owner, quantities in owners(scene)
@@ -229,7 +230,8 @@ def _samples(
     return values
 
 
-def _dimensions(scene: Scene) -> Mapping[str, Any]:
+def dimensions_of(scene: Scene) -> Mapping[str, Any]:
+    """Dimensions of the names of a scene; plain numbers as they are."""
     values: dict[str, Any] = dict(scene.constant_values())
     for name, constant in scene.constants.items():
         if isinstance(constant, Constant):
@@ -237,6 +239,12 @@ def _dimensions(scene: Scene) -> Mapping[str, Any]:
     for parameter in scene.parameters:
         values[parameter.name] = Dimension(parse_unit(parameter.unit).dimension)
     return values
+
+
+def has_unit(scene: Scene, source: Quantity) -> bool:
+    """Whether a name or a number gives a quantity a unit; else it has the unit of its place."""
+    value = evaluate(parse(source), dimensions_of(scene), functions=DIMENSIONS)
+    return isinstance(value, Dimension) and value.exponents is not None
 
 
 def _check_angle_is_position(

@@ -29,6 +29,7 @@ _KEEPS_SIGN = re.compile(
     r"|(mass|stiffness)_damping|mode\d+\.(frequency|damping)|actuator_inertia(\..+)?"
 )
 _ROUNDING = 1e-12  # of the size at nominal: what rounding may make negative
+_TINY = 1e-280  # what is zero for all values is not negative
 _ZERO = Number(0.0)
 
 
@@ -81,7 +82,7 @@ def _sign(
     """By intervals over the whole range, if they are enough; else by parts."""
     factors = {name: parse_unit(p.unit).factor for name, p in parameters.items()}
     bounds = {name: (p.low, p.high) for name, p in parameters.items()}
-    slack = _ROUNDING * condition.size
+    slack = _ROUNDING * condition.size + _TINY
 
     def value(at: Mapping[str, Any]) -> Any:
         return evaluate(
@@ -165,15 +166,12 @@ def _of_inertia(own: Mapping[str, Expression], about: list[Expression]) -> _Term
 def _second_moments(J: Mapping[str, Expression]) -> _Terms:
     """Principal minors of P; P is made without halves."""
     x, y, z = J["xx"], J["yy"], J["zz"]
-    P = (
-        _sum(y, _sum(z, x, "-"), "+"),
-        _sum(z, _sum(x, y, "-"), "+"),
-        _sum(x, _sum(y, z, "-"), "+"),
-    )
+    P = (_without(y, z, x), _without(z, x, y), _without(x, y, z))
+    trace = _sum(_sum(x, y, "+"), z, "+")
     for k, (name, entry) in enumerate(zip(("x", "y", "z"), P, strict=True)):
         left, right = [other for j, other in enumerate(("xx", "yy", "zz")) if j != k]
         what = f"inertia.{left} + inertia.{right} - inertia.{name * 2} [kg m^2] about the center of"
-        yield f"{what} mass is negative (triangle inequality)", entry, [J[left]]
+        yield f"{what} mass is negative (triangle inequality)", entry, [trace]
     twice = {name: _product(Number(2.0), J[name]) for name in ("xy", "xz", "yz")}
     xy, xz, yz = twice["xy"], twice["xz"], twice["yz"]
     if xy == xz == yz == _ZERO:
@@ -182,13 +180,20 @@ def _second_moments(J: Mapping[str, Expression]) -> _Terms:
     for i, j, entry in ((0, 1, xy), (0, 2, xz), (1, 2, yz)):
         if entry != _ZERO:
             minor = _sum(_product(P[i], P[j]), _product(entry, entry), "-")
-            yield what, minor, [P[i], P[j]]
+            yield what, minor, [trace] * 2
     # the entries outside the diagonal are -2 J_ij, and their product is -8 J_xy J_xz J_yz
     inner = _sum(_product(P[1], P[2]), _product(yz, yz), "-")
     whole = _sum(_product(P[0], inner), _product(P[1], _product(xz, xz)), "-")
     whole = _sum(whole, _product(P[2], _product(xy, xy)), "-")
     whole = _sum(whole, _product(Number(2.0), _product(xy, _product(xz, yz))), "-")
-    yield what, whole, list(P)
+    yield what, whole, [trace] * 3
+
+
+def _without(a: Expression, b: Expression, c: Expression) -> Expression:
+    """a + b - c, where one of the first two may be the last."""
+    if c in (a, b):
+        return b if a == c else a
+    return _sum(_sum(a, b, "+"), c, "-")
 
 
 def _sum(a: Expression, b: Expression, operator: str) -> Expression:
