@@ -1,5 +1,6 @@
 """The content of files of other people: read with a limit, from files only."""
 
+import os
 from pathlib import Path
 
 from mbdlft.base.errors import MbdlftError
@@ -19,12 +20,13 @@ def content_of(file: Path, error: type[MbdlftError], largest: int = LARGEST) -> 
         if file.exists() and not (file.is_file() or file.is_dir()):
             raise error(f"{file}: cannot be read: it is not a regular file.")
         with file.open("rb") as stream:
-            found = stream.read(largest + 1)
+            size = os.fstat(stream.fileno()).st_size
+            found = stream.read(size) if size <= largest else b""
     except MbdlftError:
         raise
     except (OSError, ValueError) as failure:
         reason = getattr(failure, "strerror", None) or failure
         raise error(f"{file}: cannot be read: {reason}.") from None
-    if len(found) > largest:
+    if size > largest:
         raise error(f"{file}: has more than {largest} bytes, expected a smaller file.")
     return found

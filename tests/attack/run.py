@@ -124,11 +124,14 @@ def _start(name: str) -> tuple["subprocess.Popen[str]", SimpleQueue[str]]:
         lines.put("")  # the end
 
     Thread(target=read, daemon=True).start()
+    lines.get()  # it has started: what follows is the time of the attack alone
     return process, lines
 
 
 def main(name: str) -> None:
-    """Attack with each seed of standard input; answer with a line of JSON."""
+    """Attack with each seed of standard input; answer with a line of JSON, after one when ready."""
+    attack_of(name)
+    print("ready", flush=True)
     for line in sys.stdin:
         try:
             answer = {"word": once(name, int(line))}
