@@ -5,7 +5,7 @@ numbers of the scene as they are written, and the equations are solved in balls,
 """
 
 import operator
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple
 
@@ -41,14 +41,76 @@ def matrices_in_digits(
     """
     with precision(_BITS):
         tapes = _tapes(exact, tuple(inputs), tuple(outputs))
-        try:
-            found = [_matrices(exact, tapes, [flint.arb(float(x)) for x in at]) for at in points]
-        except ZeroDivisionError:
-            raise WellPosednessError(
-                f"scene {exact.name!r}: the equations are singular at one of the points that are checked "
-                "in 50 digits."
-            ) from None
+        found = [_matrices(exact, tapes, J) for J in _slopes(exact, tapes, points)]
     return np.array(found).reshape(len(points), -1, tapes.known)
+
+
+def transfers_in_digits(
+    exact: Equations,
+    inputs: Sequence[int],
+    outputs: Sequence[int],
+    points: Array,
+    frequencies: Array,
+) -> NDArray[np.complex128]:
+    """Transfer functions (N, F, n_y, n_u) of the exact equations, rounded at the end.
+
+    `points` (N, n_p) are physical, `frequencies` (F,) in rad/s. The equations are solved for the states,
+    not for their derivatives first. An output that no input reaches is exactly zero.
+
+    Raises
+    ------
+    WellPosednessError
+        The equations cannot be solved at one of the points or frequencies.
+    """
+    nx = len(exact.states)
+    with precision(_BITS):
+        tapes = _tapes(exact, tuple(inputs), tuple(outputs))
+        n, found = tapes.unknown, []
+        for J in _slopes(exact, tapes, points):
+            for w in frequencies:
+                by_states = J[:, n : n + nx] + flint.acb(0, float(w)) * J[:, :nx]
+                rest = (J[:, nx:n], J[:, n + nx : n + tapes.known])
+                found.append(transfer(np.concatenate([by_states, *rest], axis=1), n))
+    shape = (len(points), len(frequencies), len(outputs), len(inputs))
+    return np.array(found, dtype=complex).reshape(shape)
+
+
+def transfer(rows: Balls, count: int) -> list[complex]:
+    """Rows [K L ; M N] with the first `count` columns solved for: N - M K^-1 L, row by row, rounded.
+
+    What may be zero is zero.
+
+    Raises
+    ------
+    WellPosednessError
+        K is singular.
+    """
+    K, L = rows[:count, :count], rows[:count, count:]
+    M, N = rows[count:, :count], rows[count:, count:]
+    if count and L.shape[1]:
+        try:
+            solved = _matrix(K, flint.acb_mat).solve(_matrix(L, flint.acb_mat))
+        except ZeroDivisionError:
+            raise _singular() from None
+        N = N - _array(_matrix(M, flint.acb_mat) * solved)
+    return [0j if flint.acb(x).contains(0) else complex(flint.acb(x)) for x in N.ravel()]
+
+
+def _slopes(exact: Equations, tapes: "_Tapes", points: Array) -> Iterator[Balls]:
+    """Slopes of [residual ; outputs] by unknown and known signals, at physical points (N, n_p)."""
+    for at in points:
+        physical = [flint.arb(float(x)) for x in at]
+        try:
+            (J,) = tapes.slopes.at(physical + _efforts(exact, tapes.trim, physical))
+        except ZeroDivisionError:
+            raise _singular() from None
+        yield J
+
+
+def _singular() -> WellPosednessError:
+    return WellPosednessError(
+        "The equations are singular at one of the points that are checked in 50 digits."
+    )
 
 
 class _Tape(NamedTuple):
@@ -107,11 +169,13 @@ def physical_in_digits(exact: Equations) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     return p, p, ca.cos(angles), ca.sin(angles)
 
 
-def _matrices(exact: Equations, tapes: _Tapes, physical: list[Any]) -> Array:
-    """[A B ; C D] at one point (n_p,)."""
+def _matrices(exact: Equations, tapes: _Tapes, J: Balls) -> Array:
+    """[A B ; C D] at one point, of the slopes there."""
     unknown, known = tapes.unknown, tapes.known
-    (J,) = tapes.slopes.at(physical + _efforts(exact, tapes.trim, physical))
-    solved = -_solved(J[:unknown, :unknown], J[:unknown, unknown : unknown + known])
+    try:
+        solved = -_solved(J[:unknown, :unknown], J[:unknown, unknown : unknown + known])
+    except ZeroDivisionError:
+        raise _singular() from None
     read = J[unknown:, unknown : unknown + known] + _times(J[unknown:, :unknown], solved)
     matrices = np.concatenate([solved[: len(exact.states)], read])
     return np.array([float(x) for x in matrices.ravel()])
@@ -155,9 +219,9 @@ def _times(left: Balls, right: Balls) -> Balls:
     return _array(_matrix(left) * _matrix(right))
 
 
-def _matrix(a: Balls) -> Any:
+def _matrix(a: Balls, kind: Any = flint.arb_mat) -> Any:
     n, m = a.shape
-    return flint.arb_mat(n, m, a.ravel().tolist())
+    return kind(n, m, a.ravel().tolist())
 
 
 def _array(matrix: Any) -> Balls:

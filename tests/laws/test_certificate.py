@@ -174,7 +174,7 @@ def test_a_bound_that_the_model_contradicts_is_not_claimed() -> None:
             order_bound,
             problem,
             at,
-            Checked(0.0, 1),
+            Checked(0.0, 1, 0.0, (), ()),
             0,
             is_exact=False,
             boxes=(),
