@@ -72,7 +72,8 @@ def measure_error(problem: Problem, values: Array, trim: LFT | None, at: Referen
     some = sorted({0, count // 2, count - 1})
     if (by_terms or error > _CARRIED) and at.in_digits is not None:
         truth = at.in_digits(problem.points[some])
-        (error, by_terms), count = error_of_differences(values[some] - truth, at), len(some)
+        error, by_terms = _error_of(values[some], truth, at, in_digits=True)
+        count = len(some)
     trim_error = 0.0
     if trim is not None:
         at_points = (problem.parameters, problem.points, problem.nouns)
@@ -134,21 +135,28 @@ def error_of_values(
 
     The second are the entries whose errors are relative to their terms, as they are nothing but rounding.
     """
-    return error_of_differences(values - at.values[some], at)
+    return _error_of(values, at.values[some], at)
 
 
-def error_of_differences(
-    differences: Array, at: Reference
+def _error_of(
+    values: Array, truth: Array, at: Reference, *, in_digits: bool = False
 ) -> tuple[float, tuple[tuple[int, int], ...]]:
-    """As `error_of_values`, of differences (N, ., .) from the values of a reference."""
-    error, by_terms = max(at.omitted, largest(differences, at.scale)), []
-    if not error <= ACCEPTED:
-        coarse, omitted = at.if_cancelled()
-        is_rounding = ~(np.max(np.abs(differences), axis=0) <= ACCEPTED * at.scale)
-        scale = np.where(is_rounding, coarse, at.scale)
-        error = max(omitted, largest(differences, scale))
-        by_terms = np.argwhere(is_rounding & (coarse > at.scale)).tolist()
-    return error, tuple((row, column) for row, column in by_terms)
+    """As `error_of_values`, of values (N, ., .) from true ones, which may be known in 50 digits.
+
+    Doubles do not tell what is nothing but rounding, and whatever is far off may be; of 50 digits only
+    what is zero has no size.
+    """
+    differences = values - truth
+    error = max(at.omitted, largest(differences, at.scale))
+    if error <= ACCEPTED:
+        return error, ()
+    coarse, omitted = at.if_cancelled()
+    is_rounding = ~(np.max(np.abs(differences), axis=0) <= ACCEPTED * at.scale)
+    if in_digits:
+        is_rounding &= np.max(np.abs(truth), axis=0) == 0.0
+    scale = np.where(is_rounding, coarse, at.scale)
+    by_terms = np.argwhere(is_rounding & (coarse > at.scale)).tolist()
+    return max(omitted, largest(differences, scale)), tuple((i, j) for i, j in by_terms)
 
 
 def values_at_points(

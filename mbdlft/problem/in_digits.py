@@ -34,6 +34,8 @@ def matrices_in_digits(
 ) -> Array:
     """[A B ; C D] (N, ., .) of the exact equations at physical points (N, n_p), rounded at the end.
 
+    What may be zero is zero.
+
     Raises
     ------
     WellPosednessError
@@ -178,7 +180,7 @@ def _matrices(exact: Equations, tapes: _Tapes, J: Balls) -> Array:
         raise _singular() from None
     read = J[unknown:, unknown : unknown + known] + _times(J[unknown:, :unknown], solved)
     matrices = np.concatenate([solved[: len(exact.states)], read])
-    return np.array([float(x) for x in matrices.ravel()])
+    return np.array([0.0 if x.contains(0) else float(x) for x in matrices.ravel()])
 
 
 def _efforts(exact: Equations, trim: _Tape, physical: list[Any]) -> list[Any]:
