@@ -83,7 +83,7 @@ def _print_evidence(model: LFTModel) -> None:
 
 
 def _checked_beside(model: LFTModel) -> Iterator[str]:
-    """Sentences on the error of transfer functions, and on entries that have no size of their own."""
+    """Sentences on transfer functions, on entries without a size of their own, and on near relations."""
     certificate = model.certificate
     if certificate.frequencies:
         low, high = min(certificate.frequencies), max(certificate.frequencies)
@@ -91,6 +91,7 @@ def _checked_beside(model: LFTModel) -> Iterator[str]:
             f"largest error of transfer functions {certificate.transfer_error:.1e} of their row, at "
             f"{len(certificate.frequencies)} frequencies, {low:.3g} to {high:.3g} rad/s"
         )
+    yield from (f"nearly: {text}" for text in certificate.near)
     if certificate.by_terms:
         rows = [f"d{s.name}/dt" for s in model.states] + [s.name for s in model.outputs]
         columns = [signal.name for signal in (*model.states, *model.inputs)]
@@ -238,6 +239,7 @@ def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]
         "max_relative_error": certificate.max_relative_error,
         "transfer_error": certificate.transfer_error if certificate.frequencies else None,
         "frequencies": list(certificate.frequencies),
+        "near": list(certificate.near),
         "by_terms": [list(entry) for entry in certificate.by_terms],
         "condition": certificate.condition or None,
         "sign_changes": certificate.sign_changes if certificate.condition else None,

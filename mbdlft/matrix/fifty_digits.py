@@ -18,7 +18,7 @@ from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, cosine_name, entry_place, matrix_values, sine_name
 from mbdlft.number.exact import precision
 from mbdlft.number.operators import Operators
-from mbdlft.problem.in_digits import transfer
+from mbdlft.problem.in_digits import transfers_of
 
 _BITS = 240
 _BITS_OF_DIGITS = 150  # a little less than 50 digits
@@ -131,18 +131,12 @@ def transfers_in_digits(
 
     What is no more than the last of the 50 digits of its terms is exactly zero.
     """
-    found = []
     with precision(_BITS_OF_DIGITS):
-        for k in some:
-            rows = np.array([[_ball(x) for x in row] for row in values.digits[k]], dtype=object)
-            for w in frequencies:
-                shifted = rows.copy()
-                for j in range(states):
-                    shifted[j, j] = rows[j, j] - flint.acb(0, float(w))
-                found.append(transfer(shifted, states))
-    n, m = values.values.shape[1:]
-    shape = (len(some), len(frequencies), n - states, m - states)
-    return np.array(found, dtype=complex).reshape(shape)
+        matrices = [
+            np.array([[_ball(x) for x in row] for row in values.digits[k]], dtype=object)
+            for k in some
+        ]
+        return transfers_of(matrices, states, frequencies)
 
 
 def _ball(value: Any) -> Any:

@@ -42,9 +42,10 @@ def matrices_in_digits(
         The equations cannot be solved at one of the points.
     """
     with precision(_BITS):
-        tapes = _tapes(exact, tuple(inputs), tuple(outputs))
-        found = [_matrices(exact, tapes, J) for J in _slopes(exact, tapes, points)]
-    return np.array(found).reshape(len(points), -1, tapes.known)
+        found = [
+            [_rounded(x) for x in part.ravel()] for part in _balls(exact, inputs, outputs, points)
+        ]
+    return np.array(found).reshape(len(points), len(exact.states) + len(outputs), -1)
 
 
 def transfers_in_digits(
@@ -56,46 +57,55 @@ def transfers_in_digits(
 ) -> NDArray[np.complex128]:
     """Transfer functions (N, F, n_y, n_u) of the exact equations, rounded at the end.
 
-    `points` (N, n_p) are physical, `frequencies` (F,) in rad/s. The equations are solved for the states,
-    not for their derivatives first. An output that no input reaches is exactly zero.
+    `points` (N, n_p) are physical, `frequencies` (F,) in rad/s. What may be zero is zero.
 
     Raises
     ------
     WellPosednessError
         The equations cannot be solved at one of the points or frequencies.
     """
-    nx = len(exact.states)
     with precision(_BITS):
-        tapes = _tapes(exact, tuple(inputs), tuple(outputs))
-        n, found = tapes.unknown, []
-        for J in _slopes(exact, tapes, points):
-            for w in frequencies:
-                by_states = J[:, n : n + nx] + flint.acb(0, float(w)) * J[:, :nx]
-                rest = (J[:, nx:n], J[:, n + nx : n + tapes.known])
-                found.append(transfer(np.concatenate([by_states, *rest], axis=1), n))
-    shape = (len(points), len(frequencies), len(outputs), len(inputs))
-    return np.array(found, dtype=complex).reshape(shape)
+        found = _balls(exact, inputs, outputs, points)
+        return transfers_of(found, len(exact.states), frequencies)
 
 
-def transfer(rows: Balls, count: int) -> list[complex]:
-    """Rows [K L ; M N] with the first `count` columns solved for: N - M K^-1 L, row by row, rounded.
-
-    What may be zero is zero.
+def transfers_of(
+    matrices: Sequence[Balls], states: int, frequencies: Array
+) -> NDArray[np.complex128]:
+    """Transfer functions (N, F, n_y, n_u) of N matrices [A B ; C D] of balls, rounded at the end.
 
     Raises
     ------
     WellPosednessError
-        K is singular.
+        A frequency (rad/s) may be a pole.
     """
-    K, L = rows[:count, :count], rows[:count, count:]
-    M, N = rows[count:, :count], rows[count:, count:]
-    if count and L.shape[1]:
-        try:
-            solved = _matrix(K, flint.acb_mat).solve(_matrix(L, flint.acb_mat))
-        except ZeroDivisionError:
-            raise _singular() from None
-        N = N - _array(_matrix(M, flint.acb_mat) * solved)
-    return [0j if flint.acb(x).contains(0) else complex(flint.acb(x)) for x in N.ravel()]
+    found = []
+    for rows in matrices:
+        right = _matrix(rows[:states, states:], flint.acb_mat)
+        read, direct = _matrix(rows[states:, :states], flint.acb_mat), rows[states:, states:]
+        for w in frequencies:
+            shifted = rows[:states, :states].copy()
+            shifted[np.arange(states), np.arange(states)] -= flint.acb(0, float(w))
+            try:
+                solved = _matrix(shifted, flint.acb_mat).solve(right)
+            except ZeroDivisionError:
+                raise _singular() from None
+            found.append([_rounded(x) for x in (direct - _array(read * solved)).ravel()])
+    shape = (len(matrices), len(frequencies), *matrices[0][states:, states:].shape)
+    return np.array(found, dtype=complex).reshape(shape)
+
+
+def _rounded(x: Any) -> float | complex:
+    """A ball as a number; what may be zero is zero."""
+    return 0.0 if x.contains(0) else complex(x) if isinstance(x, flint.acb) else float(x)
+
+
+def _balls(
+    exact: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array
+) -> list[Balls]:
+    """[A B ; C D] of the exact equations at physical points (N, n_p)."""
+    tapes = _tapes(exact, tuple(inputs), tuple(outputs))
+    return [_matrices(exact, tapes, J) for J in _slopes(exact, tapes, points)]
 
 
 def _slopes(exact: Equations, tapes: "_Tapes", points: Array) -> Iterator[Balls]:
@@ -171,7 +181,7 @@ def physical_in_digits(exact: Equations) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     return p, p, ca.cos(angles), ca.sin(angles)
 
 
-def _matrices(exact: Equations, tapes: _Tapes, J: Balls) -> Array:
+def _matrices(exact: Equations, tapes: _Tapes, J: Balls) -> Balls:
     """[A B ; C D] at one point, of the slopes there."""
     unknown, known = tapes.unknown, tapes.known
     try:
@@ -179,8 +189,7 @@ def _matrices(exact: Equations, tapes: _Tapes, J: Balls) -> Array:
     except ZeroDivisionError:
         raise _singular() from None
     read = J[unknown:, unknown : unknown + known] + _times(J[unknown:, :unknown], solved)
-    matrices = np.concatenate([solved[: len(exact.states)], read])
-    return np.array([0.0 if x.contains(0) else float(x) for x in matrices.ravel()])
+    return np.concatenate([solved[: len(exact.states)], read])
 
 
 def _efforts(exact: Equations, trim: _Tape, physical: list[Any]) -> list[Any]:

@@ -81,6 +81,8 @@ def items_of_certificate(certificate: Certificate) -> Items:
         items["frequencies"] = np.array(c.frequencies, dtype="<f8")
     if c.by_terms:
         items["by_terms"] = np.array(c.by_terms, dtype="<i8")
+    if c.near:
+        items["near"] = texts(list(c.near))
     return items
 
 
@@ -125,6 +127,7 @@ def certificate_of(items: Items, sizes: tuple[int, ...]) -> Certificate:
         well_posed=word(items, "certificate@well_posed", "sampled"),
         open_boxes=tuple(tuple((low, high) for low, high in box) for box in boxes),
         frequencies=() if by_frequency is None else tuple(by_frequency.tolist()),
+        near=tuple(words(items, "certificate/near")) if "certificate/near" in items else (),
         by_terms=tuple((row, column) for row, column in by_terms),
     )
     _check(made, sizes)

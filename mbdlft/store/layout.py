@@ -99,6 +99,7 @@ _MODEL_1_1 = {
         "certificate@transfer_error?: float64",
         "certificate/frequencies?: float64 frequency",
         "certificate/by_terms?: int64 by_terms 2",
+        "certificate/near?: text near",
         "certificate/evidence/number certificate/evidence/basis: text evidence",
     ),
 }

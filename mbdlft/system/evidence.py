@@ -43,6 +43,7 @@ _NOT_RECORDED: dict[str, Any] = {
     "transfer_error": 0.0,
     "frequencies": (),
     "by_terms": (),
+    "near": (),
 }
 
 

@@ -195,7 +195,9 @@ def test_a_pole_between_nominal_and_a_point_is_found() -> None:
     lft = LFT(-2.0 * one, one, one, one, (("a", 1),))
     nouns = problem_of_matrix(mbdlft.matrix_problem([["a"]], AB[:1])).nouns
     values_at_points(lft, AB[:1], np.array([[-0.4], [1.0]]), nouns)
-    with pytest.raises(mbdlft.WellPosednessError, match="between the nominal values and a = -0.6"):
+    with pytest.raises(
+        mbdlft.WellPosednessError, match=r"between the nominal values and a = -0\.6"
+    ):
         values_at_points(lft, AB[:1], np.array([[-0.4], [-0.6]]), nouns)
 
 
