@@ -88,10 +88,13 @@ def near_relations(problem: Problem, found: Candidate) -> tuple[str, ...]:
 def neighbors(numbers: Sequence[Constant]) -> dict[Constant, Signed]:
     """For numbers that are beside others, which they may be meant to be, these others."""
     found: dict[Constant, Signed] = {}
+    has_pi = any(number.kind == "pi" for number in numbers)
     for k, number in enumerate(numbers):
         before = [n for n in numbers[:k] if n not in found and number.kind != "rational"]
         others = [Signed(sign, n) for n in before for sign in (1, -1)]
         for other in (*_special(number), *others):
+            if other.number.kind == "pi" and not has_pi:
+                continue  # there is nothing that it could be related to
             if _is_near(number, other) and not is_zero(constant(number) - other.symbol):
                 found[number] = other
                 break

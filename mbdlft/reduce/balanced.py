@@ -10,7 +10,7 @@ their lengths as parameters lose eight digits otherwise: I - M11 Delta then has 
 2 after this. T is a matrix of doubles; what it makes of the LFT is computed in balls and rounded once.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.lft.exact import ExactLFT
 from mbdlft.lft.lft import LFT
-from mbdlft.number.exact_matrix import TooFewBitsError, ball_matrix, balls_of
+from mbdlft.number.exact_matrix import Balls, TooFewBitsError, ball_matrix, balls_of
 from mbdlft.reduce.reduce import channel_scales, in_scales, or_one
 
 _SWEEPS, _ROUNDS = 3, 5
@@ -40,9 +40,9 @@ def in_good_coordinates(a: ExactLFT, deltas: Array, most: float) -> LFT:
     before = _condition(plain, deltas)
     if before <= most:
         return plain
-    truth = _values(a, deltas)
     found = [plain, *_balanced(a, deltas, most)]
-    return min(found, key=lambda one: _error(one, truth, deltas))
+    truth = _values(a, deltas[-1:])
+    return min(found, key=lambda one: _error(one, truth, deltas[-1:]))
 
 
 def _values(a: ExactLFT, deltas: Array) -> Array:
@@ -89,25 +89,39 @@ def _balanced(a: ExactLFT, deltas: Array, most: float) -> Iterator[LFT]:
     Where the rounded LFT has nothing but rounding for what matters least, so has T; the next T, of what
     this one makes in balls, then sees it.
     """
-    n, rough = a.order, a.rounded()
-    M11, M12, M21 = (
-        ball_matrix(part) for part in (a.M.balls[:n, :n], a.M.balls[:n, n:], a.M.balls[n:, :n])
-    )
+    n, M, rough = a.order, a.M.balls, a.rounded()
     for _ in range(_ROUNDS):
         scale = channel_scales(rough.M11, rough.M12, rough.M21)
-        T = ball_matrix(balls_of(_transformation(in_scales(rough)) / scale[:, None]))
+        M = _in_coordinates(M, _transformation(in_scales(rough)) / scale[:, None], a.parts)
+        values = np.array([float(x) for x in M.ravel()]).reshape(M.shape)
+        rough = LFT(values[:n, :n], values[:n, n:], values[n:, :n], rough.M22, a.blocks)
+        yield rough
+        if _condition(rough, deltas) <= most:
+            return
+
+
+def _in_coordinates(M: Balls, T: Array, parts: Sequence[slice]) -> Balls:
+    """[M11 M12 ; M21 M22] in coordinates T (n, n), block diagonal."""
+    M = M.copy()
+    for part in parts:
+        if part.start == part.stop:
+            continue
+        block = ball_matrix(balls_of(T[part, part]))
         try:
-            inverse = T.inv()
+            inverse = block.inv()
         except ZeroDivisionError:
             raise TooFewBitsError(
                 "the balls of a change of coordinates contain a singular one."
             ) from None
-        M11, M12, M21 = inverse * M11 * T, inverse * M12, M21 * T
-        inner, into = _doubles(M11, n), _doubles(M12, rough.M12.shape[1])
-        rough = LFT(inner, into, _doubles(M21, n), rough.M22, a.blocks)
-        yield rough
-        if _condition(rough, deltas) <= most:
-            return
+        M[part] = _entries(inverse * ball_matrix(M[part]), M[part].shape)
+        M[:, part] = _entries(ball_matrix(M[:, part]) * block, M[:, part].shape)
+    return M
+
+
+def _entries(matrix: Any, shape: tuple[int, ...]) -> Balls:
+    found = np.empty(shape[0] * shape[1], dtype=object)
+    found[:] = matrix.entries()
+    return found.reshape(shape)
 
 
 def _transformation(a: LFT) -> Array:
@@ -144,7 +158,3 @@ def rough_balls(product: Any, constant: Any) -> Array:
     """The sum of a matrix of FLINT and an array of balls, in doubles."""
     total = np.array(product.entries(), dtype=object).reshape(constant.shape) + constant
     return np.array([float(x) for x in total.ravel()]).reshape(constant.shape)
-
-
-def _doubles(matrix: Any, columns: int) -> Array:
-    return np.array([float(x) for x in matrix.entries()]).reshape(-1, columns)

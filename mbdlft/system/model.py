@@ -39,10 +39,10 @@ class Certificate:
         against its parts, and what their errors make of it.
     transfer_error : float
         Largest error of the transfer functions from inputs to outputs at two or three of the check
-        points and all `frequencies`, against equations that were not solved for the derivatives of the states
-        first, in 50 digits where double precision does not carry it; relative to the largest of a row at
-        that frequency, or to 1e-6 of the row's largest over all of them where that is more. It counts
-        what rounding of A, B, C and D does between them.
+        points and all `frequencies`, against equations that were not solved for the derivatives of the
+        states first, in 50 digits where double precision does not carry it; relative to the largest of a
+        row at that frequency, or to 1e-6 of the row's largest over all of them where that is more. It
+        counts what rounding of A, B, C and D does between them.
     frequencies : tuple of float
         Where that was looked at (rad/s); empty: not recorded, or a model without states.
     by_terms : tuple of (row, column)

@@ -93,7 +93,9 @@ def test_neighbors() -> None:
 
     assert meant(rational("0.333333")) == {"0.333333": "1/3"}
     assert meant(rational("-1.414214")) == {"-1.414214": "-sqrt(2)"}
-    assert meant(rational("6.28318531")) == {"6.28318531": "2 pi"}
+    half = Constant("pi", Fraction(1, 2))
+    assert meant(half, rational("6.28318531")) == {"6.28318531": "2 pi"}
+    assert meant(rational("6.28318531")) == {}  # nothing else has pi
     # as they are written, or not near enough
     for text in ("0.33333", "0.25", "70000000000", "0.333334", "1e-12"):
         assert meant(rational(text)) == {}
