@@ -9,9 +9,9 @@ from .norms import H2Norm as H2Norm
 from .norms import PeakGain as PeakGain
 from .norms import h2_norm as h2_norm
 from .norms import hinf_norm as hinf_norm
-from .poles import poles as poles
 from .response import frequency_response as frequency_response
 from .response import singular_values as singular_values
+from .spectrum import poles as poles
 from .stability import StabilityVerdict as StabilityVerdict
 from .stability import check_stability as check_stability
 from .time_response import TimeResponse as TimeResponse
@@ -19,4 +19,4 @@ from .time_response import impulse_response as impulse_response
 from .time_response import initial_response as initial_response
 from .time_response import response_times as response_times
 from .time_response import step_response as step_response
-from .zeros import zeros as zeros
+from .transmission import zeros as zeros

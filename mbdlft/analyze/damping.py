@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mbdlft.analyze.poles import Stability, eigenvalues, spectrum
 from mbdlft.analyze.samples import samples_at
+from mbdlft.analyze.spectrum import Stability, eigenvalues, spectrum
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.system.system import System

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mbdlft.analyze.poles import eigenvalues, spectrum, without_integrators
 from mbdlft.analyze.resolvent import resolvent
 from mbdlft.analyze.samples import Names, samples_at, transfers_at
+from mbdlft.analyze.spectrum import eigenvalues, spectrum, without_integrators
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.system.system import StateMatrices, System
@@ -19,9 +19,7 @@ _UNDAMPED = 1e-7  # damping below this is none
 # distances from the frequency of a pole, in half widths of its peak: a peak lies at most an eighth of
 # one from the nearest, and is 0.07 dB higher at most
 _CENTER = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
-_BEYOND = (
-    9  # more to either side, farther and farther apart, until the evenly spaced ones are as near
-)
+_BEYOND = 6  # more to either side, farther and farther apart, until the evenly spaced are as near
 _INFINITE = 3.0  # a response that grows by more than this when a hundred times nearer is unbounded
 
 
@@ -67,7 +65,11 @@ def response_frequencies(
             f"model {system.name!r}: expected at least 2 points of frequency, got {points!r}."
         )
     even = np.geomspace(first, last, int(points))
-    return np.stack([_around(even, row) for row in found])
+    if np.isrealobj(A):  # one of each pair is enough
+        found = np.where(found.imag > 0.0, found, 0.0)
+    pairs = int(np.max(np.sum(found != 0.0, axis=1), initial=0))
+    found = np.take_along_axis(found, np.argsort(found == 0.0, axis=1, kind="stable"), axis=1)
+    return np.stack([_around(even, row) for row in found[:, :pairs]])
 
 
 def frequency_range(

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mbdlft.analyze.poles import spectrum
 from mbdlft.analyze.resolvent import resolvent
 from mbdlft.analyze.samples import Names, transfers_at
+from mbdlft.analyze.spectrum import spectrum
 from mbdlft.analyze.stability import pole_text
 from mbdlft.analyze.staircase import Plant, scaled, seen
 from mbdlft.base.array import Array
@@ -200,7 +200,9 @@ def _peak(plant: Plant, tolerance: float) -> tuple[float, float, float, str]:
 
 def _gains(plant: Plant, omega: Array) -> Array:
     """Largest singular values (F,) at frequencies (F,)."""
-    values = resolvent(StateMatrices(*(matrix[None] for matrix in plant)), 1j * omega[None])[0]
+    values = resolvent(
+        StateMatrices(*(matrix[None] for matrix in plant)), (1j * omega[None]).astype(complex)
+    )[0]
     sizes: Array = np.linalg.svd(values, compute_uv=False)[..., 0]
     return sizes
 

@@ -3,8 +3,8 @@
 A sample is turned into a triangle once, A = Q T Q', and each s costs two substitutions: the second one
 takes away what the first one left of the equations (Higham, Accuracy and Stability of Numerical
 Algorithms, 2nd ed. 2002, section 12.1: with it each row is as accurate as by elimination). Samples whose
-eigenvectors give no triangle, or at which the second substitution changes much, are solved for one
-by one.
+eigenvectors give no triangle, or at which the second substitution changes much, are solved for by
+elimination.
 """
 
 from collections.abc import Iterator
@@ -73,7 +73,7 @@ def resolvent(matrices: StateMatrices, s: Complex) -> Complex:
             values = found[part]
             lost = ~_by_triangles(some, s[part], values)
             for k in np.flatnonzero(lost):
-                values[k] = _one_by_one(StateMatrices(*(m[k] for m in some)), s[part][k])
+                values[k] = _by_elimination(StateMatrices(*(m[k] for m in some)), s[part][k])
     return found
 
 
@@ -133,13 +133,15 @@ def _times(matrix: NDArray[Any], X: Complex) -> Complex:
     return product.reshape(*product.shape[:2], *X.shape[2:])
 
 
-def _one_by_one(matrices: StateMatrices, s: Complex) -> Complex:
-    """Values (F, ny, nu) of one sample, by elimination at each s (F,)."""
+def _by_elimination(matrices: StateMatrices, s: Complex) -> Complex:
+    """Values (F, ny, nu) of one sample at each s (F,)."""
     A, B, C, D = matrices
-    values = np.full((len(s), *D.shape), np.nan, dtype=complex)
-    for k, each in enumerate(s):
-        try:
-            values[k] = C @ np.linalg.solve(each * np.eye(len(A)) - A, B.astype(complex)) + D
-        except np.linalg.LinAlgError:
-            continue
+    shifted = s[:, None, None] * np.eye(len(A)) - A
+    try:
+        solved = np.linalg.solve(shifted, np.broadcast_to(B, (len(s), *B.shape)))
+    except np.linalg.LinAlgError:  # at one of them
+        if len(s) == 1:
+            return np.full((1, *D.shape), np.nan, dtype=complex)
+        return np.concatenate([_by_elimination(matrices, s[k : k + 1]) for k in range(len(s))])
+    values: Complex = np.asarray(C @ solved + D, dtype=complex)
     return values

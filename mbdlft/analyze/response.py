@@ -61,3 +61,20 @@ def frequency_response(
 def singular_values(response: NDArray[np.complex128]) -> Array:
     """Singular values (..., min(ny, nu)) of a `response` (..., ny, nu), largest first; its unit."""
     return np.asarray(np.linalg.svd(response, compute_uv=False), dtype=float)
+
+
+def gain_unit(system: System) -> str:
+    """Unit of the gain, or ``mixed units`` if the outputs or the inputs have several units."""
+    pairs = {(y.unit, u.unit) for y in system.outputs for u in system.inputs}
+    if len(pairs) != 1:
+        return "mixed units"
+    over, under = (f"({unit})" if " " in unit or "/" in unit else unit for unit in pairs.pop())
+    return f"{over}/{under}"
+
+
+def peaks(values: Array) -> Array:
+    """Rows (N, F) with -inf where no peak is; all of them stay if there is none, as of integrators."""
+    higher = (values[:, 1:-1] >= values[:, :-2]) & (values[:, 1:-1] >= values[:, 2:])
+    found = np.full(values.shape, -np.inf)
+    found[:, 1:-1] = np.where(higher, values[:, 1:-1], -np.inf)
+    return found if np.any(np.isfinite(found)) else values

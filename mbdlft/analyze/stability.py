@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbdlft.analyze.migration import push_right
-from mbdlft.analyze.poles import Spectrum, Stability, eigenvalues, spectrum
 from mbdlft.analyze.samples import samples_at
+from mbdlft.analyze.spectrum import Spectrum, Stability, eigenvalues, spectrum
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.parameter import to_delta, to_physical

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mbdlft.analyze.poles import eigenvalues, without_integrators
 from mbdlft.analyze.resolvent import balancing
 from mbdlft.analyze.samples import Names, chosen, samples_at, transfers_at
+from mbdlft.analyze.spectrum import eigenvalues, without_integrators
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.parameter import is_finite
@@ -20,10 +20,8 @@ from mbdlft.system.system import System
 
 _POINTS, _MOST_POINTS = 400, 5000  # of times that are chosen here
 _SETTLED = 5.0  # time constants until little is left: 0.7 %
-_PERIODS, _IN_A_PERIOD = (
-    30.0,
-    12.0,
-)  # of the slowest oscillation, if it takes longer to decay; points
+_PERIODS, _IN_A_PERIOD = 12.0, 16.0  # of the slowest oscillation, if it decays later; points
+_GROWS = 1e-3  # what grows by less than this until the end does not grow
 _EVEN = 1e-9  # of a step: times as evenly spaced as this are so
 _ENTRIES = 2**22  # numbers of all states at all times that are held at once
 
@@ -57,7 +55,7 @@ def step_response(
     system : System or LFTModel
     values : mapping of names to physical values, numbers or arrays (N,); the others are nominal
     times : array (T,), s, rising, not negative
-        By default some 400 until the slowest mode has decayed, or 30 of its periods.
+        By default some 400 until the slowest mode has decayed, or 12 of its periods.
     outputs, inputs : names of channels; all by default
 
     Returns
@@ -147,7 +145,9 @@ def initial_response(
 
 
 def response_times(system: System, values: Mapping[str, ArrayLike] | None = None) -> Array:
-    """Times (T,), s, from 0 until the slowest mode of all samples has decayed, or 30 of its periods.
+    """Times (T,), s, from 0 until the slowest mode of all samples has decayed, or 12 of its periods.
+
+    What grows does so by 5 of its time constants at most.
 
     Parameters
     ----------
@@ -166,6 +166,8 @@ def _times(system: System, A: Array, times: ArrayLike | None) -> Array:
             periods = np.where(turning > 0.5 * size, 2.0 * np.pi * _PERIODS / turning, np.inf)
             needed = np.minimum(_SETTLED / real, periods)
         end = float(np.max(needed, initial=0.0)) or 1.0
+        fastest_growth = float(np.max(poles.real, initial=0.0))
+        end = min(end, _SETTLED / fastest_growth) if fastest_growth > _GROWS / end else end
         fastest = float(np.max(turning[real < turning], initial=0.0)) / (2.0 * np.pi)
         count = int(min(_MOST_POINTS, max(_POINTS, end * fastest * _IN_A_PERIOD)))
         return np.linspace(0.0, end, count + 1)
