@@ -18,7 +18,7 @@ from mbdlft.system.system import StateMatrices
 
 Complex = NDArray[np.complex128]
 _EPS = float(np.finfo(float).eps)
-_ENTRIES = 2**16  # of the states at all frequencies, held at once: they stay near a core
+_ENTRIES = 2**15  # of the states at all frequencies, held at once: they stay near a core
 _BELOW = 1e4 * _EPS  # of the size of A: what is left out below a triangle
 _NEAR = 4.0 * _EPS  # of s: an eigenvalue as near as this is s
 _CHANGE = 1e-6  # of the states: what the second substitution may change
@@ -27,11 +27,14 @@ _CHANGE = 1e-6  # of the states: what the second substitution may change
 def balancing(A: Array) -> Array:
     """Powers of 2, d (n,), that make rows and columns of diag(d)^-1 A diag(d) similar in size.
 
-    Parlett and Reinsch, Numerische Mathematik 13 (1969), section 2; in the 1-norm.
+    First entries are brought as near to each other as least squares of their logarithms do it: this does
+    not depend on the units of the states, however weakly they are coupled. Then rows and columns whose
+    sums differ are (Parlett and Reinsch, Numerische Mathematik 13, 1969, section 2; in the 1-norm).
     """
     size = np.abs(A)
     np.fill_diagonal(size, 0.0)
-    scale = np.ones(len(A))
+    scale = _leveling(size)
+    size *= scale / scale[:, None]
     for _ in range(30):
         moved = False
         for k in range(len(A)):
@@ -46,6 +49,16 @@ def balancing(A: Array) -> Array:
                 moved = True
         if not moved:
             break
+    return scale
+
+
+def _leveling(size: Array) -> Array:
+    """Powers of 2 near t that minimize the sum of (log size_ij + log t_j - log t_i)^2."""
+    there = np.isfinite(size) & (size > 0.0)
+    logarithms = np.log2(size, out=np.zeros(size.shape), where=there)
+    counts = np.diag(np.sum(there, axis=0) + np.sum(there, axis=1)) - there - there.T.astype(float)
+    excess = np.sum(logarithms, axis=1) - np.sum(logarithms, axis=0)
+    scale: Array = np.exp2(np.round(np.linalg.lstsq(counts, excess)[0]))
     return scale
 
 
@@ -102,13 +115,15 @@ def _by_triangles(matrices: StateMatrices, s: Complex, values: Complex) -> NDArr
     shifted[np.abs(shifted) <= _NEAR * np.abs(s[:, None])] = 0.0
     inverse = (1.0 / shifted)[..., None]
     X = _times(Q, _substituted(T, inverse, (Qh @ B)[:, :, None]))
-    left = B[:, :, None] - s[:, None, :, None] * X
-    left += _times(A, X)
-    change = _times(Q, _substituted(T, inverse, _times(Qh, left)))
-    sizes = [np.max(np.abs(x), axis=1) for x in (change, X)]
+    left = _times(A, X)
+    left -= s[:, None, :, None] * X
+    left += B[:, :, None]
+    change = _substituted(T, inverse, _times(Qh, left))
+    sizes = [np.max(np.abs(x.view(float)), axis=1) for x in (change, X)]
     good &= ~np.any(sizes[0] > _CHANGE * sizes[1], axis=(1, 2))  # nan, where s is a pole, may stay
-    X += change
-    values[:] = np.swapaxes(_times(C, X), 1, 2) + D[:, None]
+    both = _times(C, X)
+    both += _times(C @ Q, change)
+    np.add(np.swapaxes(both, 1, 2), D[:, None], out=values)
     return good
 
 

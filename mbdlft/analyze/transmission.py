@@ -46,11 +46,17 @@ def zeros(
     for A, B, C, D in zip(*transfers_at(system, values, outputs, inputs, "zeros"), strict=True):
         plant = seen(scaled(Plant(A, B, C, D))[0])
         try:
-            values_found = finite_zeros(plant)
+            found.append(_sorted(finite_zeros(plant).astype(complex), real=np.isrealobj(plant.A)))
         except np.linalg.LinAlgError:
             raise AnalysisError(
                 f"model {system.name!r}: zeros: the eigenvalues of a reduced pencil were not found."
             ) from None
-        order = np.lexsort((-values_found.imag, values_found.real, np.abs(values_found)))
-        found.append(values_found[order].astype(complex))
     return tuple(found)
+
+
+def _sorted(found: NDArray[np.complex128], *, real: bool) -> NDArray[np.complex128]:
+    """Zeros by size; those of a real system in pairs that are equal to the last digit."""
+    if real:
+        upper = found[found.imag > 0.0]
+        found = np.concatenate([found[found.imag == 0.0], upper, np.conj(upper)])
+    return found[np.lexsort((-found.imag, found.real, np.abs(found)))]

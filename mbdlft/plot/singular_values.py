@@ -122,7 +122,8 @@ def _draw_worst(
     (infinite,) = unbounded_frequencies(model, at)
     infinite = infinite[(infinite > omega[0]) & (infinite < omega[-1])]
     if len(infinite):
-        label = f"{what}: unbounded at {infinite[0]:.4g} rad/s"
+        nearest = infinite[np.argmin(np.abs(infinite - omega[k]))]
+        label = f"{what}: unbounded at {nearest:.4g} rad/s"
     axes.plot(omega, values, color=WORST, linewidth=1.0, label=label)
 
 
