@@ -97,7 +97,8 @@ class DampingTable:
         head = (
             "pole (rad/s)              natural (rad/s)   (Hz)        damping    time constant (s)"
         )
-        lines = [f"{self.name}: {len(self.poles)} samples, the first one is", head]
+        more = f", the first of {len(self.poles)} samples" if len(self.poles) > 1 else ""
+        lines = [f"{self.name}: poles{more}", head]
         return "\n".join([*lines, *("  ".join(cells(row)) for row in self.rows())])
 
     def _checked(self, sample: int) -> int:
