@@ -69,13 +69,13 @@ def pole_gradients(system: System, values: Mapping[str, float] | None = None) ->
         raise AnalysisError(
             f"model {system.name!r}: pole_gradients takes one number for each parameter."
         )
-    found = moving_at(system, deltas_of(system, values or {})[0])
+    found, _, _ = moving_at(system, deltas_of(system, values or {})[0])
     order = np.lexsort((-found.poles.imag, found.poles.real, np.abs(found.poles)))
     return Moving(found.poles[order], found.gradients[order])
 
 
-def moving_at(system: System, delta: Array) -> Moving:
-    """Poles and their gradients at a point delta (n_p,) [1]."""
+def moving_at(system: System, delta: Array) -> tuple[Moving, Complex, Complex]:
+    """Poles and gradients at a point delta (n_p,) [1]; left and right vectors (nx, nx), as columns."""
     import scipy.linalg  # here because it is slow to import
 
     lft, n = system.lft, len(system.states)
@@ -96,7 +96,8 @@ def moving_at(system: System, delta: Array) -> Moving:
         ) from None
     A = system.A * (scale / scale[:, None]) + (B_w * spread) @ K
     if not n:
-        return Moving(np.zeros(0, dtype=complex), np.zeros((0, len(real)), dtype=complex))
+        none = np.zeros((0, 0), dtype=complex)
+        return Moving(none.ravel(), np.zeros((0, len(real)), dtype=complex)), none, none
     found, left, right = scipy.linalg.eig(A, left=True, check_finite=False)
     with np.errstate(all="ignore"):
         terms = (
@@ -104,7 +105,8 @@ def moving_at(system: System, delta: Array) -> Moving:
         )
     ends = np.cumsum([0, *(block.size for block in real)])
     sums = [terms[:, a:b].sum(axis=1) for a, b in pairwise(ends)]
-    return Moving(found, np.stack(sums, axis=1) if sums else np.zeros((n, 0), dtype=complex))
+    gradients = np.stack(sums, axis=1) if sums else np.zeros((n, 0), dtype=complex)
+    return Moving(found, gradients), left, right
 
 
 def push_right(
@@ -114,7 +116,7 @@ def push_right(
 
     In a box around the point, cut by the range, the first-order change of the real part is largest at a
     corner, which is the sign of the gradient; the box doubles after a step to the right, and shrinks to a
-    quarter after another one.
+    quarter after another one. A mode is known again by its shape.
 
     Parameters
     ----------
@@ -127,22 +129,24 @@ def push_right(
     -------
     delta (n_p,), pole there, points that were evaluated
     """
-    here = moving_at(system, delta)
+    here, left, _ = moving_at(system, delta)
     k = int(np.argmin(np.abs(here.poles - pole)))
-    pole, gradient, half, used = complex(here.poles[k]), here.gradients[k], _FIRST, 1
+    pole, gradient, shape = complex(here.poles[k]), here.gradients[k], left[:, k]
+    half, used = _FIRST, 1
     while used < min(most, _STEPS) and half >= _SMALLEST and np.all(np.isfinite(gradient)):
         step = np.clip(delta + half * np.sign(gradient.real), -1.0, 1.0) - delta
         if not np.any(step):
             break
         used += 1
         try:
-            there = moving_at(system, delta + step)
+            there, left, right = moving_at(system, delta + step)
         except WellPosednessError:
             half /= 4.0
             continue
-        k = int(np.argmin(np.abs(there.poles - (pole + gradient @ step))))
+        k = int(np.argmax(np.abs(np.conj(shape) @ right)))  # the mode that has this shape there
         if there.poles[k].real > pole.real:
             delta, pole, gradient = delta + step, complex(there.poles[k]), there.gradients[k]
+            shape = left[:, k]
             half = min(2.0 * half, _LARGEST)
         else:
             half /= 4.0

@@ -2,9 +2,8 @@
 
 A sample is turned into a triangle once, A = Q T Q', and each s costs two substitutions: the second one
 takes away what the first one left of the equations (Higham, Accuracy and Stability of Numerical
-Algorithms, 2nd ed. 2002, section 12.1: with it each row is as accurate as by elimination). Samples whose
-eigenvectors give no triangle, or at which the second substitution changes much, are solved for by
-elimination.
+Algorithms, 2nd ed. 2002, section 12.1: with it each row is as accurate as by elimination). Samples at
+which it changes much, as where the eigenvectors give no triangle, are solved for by elimination.
 """
 
 from collections.abc import Iterator
@@ -19,9 +18,8 @@ from mbdlft.system.system import StateMatrices
 Complex = NDArray[np.complex128]
 _EPS = float(np.finfo(float).eps)
 _ENTRIES = 2**15  # of the states at all frequencies, held at once: they stay near a core
-_BELOW = 1e4 * _EPS  # of the size of A: what is left out below a triangle
 _NEAR = 4.0 * _EPS  # of s: an eigenvalue as near as this is s
-_CHANGE = 1e-6  # of the states: what the second substitution may change
+_CHANGE = 1e-8  # of the states: what the second substitution may change; the square of it is left
 
 
 def balancing(A: Array) -> Array:
@@ -109,8 +107,6 @@ def _by_triangles(matrices: StateMatrices, s: Complex, values: Complex) -> NDArr
         return np.zeros(len(A), dtype=bool)
     Qh = np.conj(np.swapaxes(Q, 1, 2))
     T = Qh @ A @ Q
-    below = np.max(np.abs(np.tril(T, -1)), axis=(1, 2))
-    good: NDArray[np.bool_] = below <= _BELOW * np.max(np.abs(T), axis=(1, 2))
     shifted = s[:, None] - np.diagonal(T, axis1=1, axis2=2)[:, :, None]
     shifted[np.abs(shifted) <= _NEAR * np.abs(s[:, None])] = 0.0
     inverse = (1.0 / shifted)[..., None]
@@ -120,11 +116,11 @@ def _by_triangles(matrices: StateMatrices, s: Complex, values: Complex) -> NDArr
     left += B[:, :, None]
     change = _substituted(T, inverse, _times(Qh, left))
     sizes = [np.max(np.abs(x.view(float)), axis=1) for x in (change, X)]
-    good &= ~np.any(sizes[0] > _CHANGE * sizes[1], axis=(1, 2))  # nan, where s is a pole, may stay
+    good = ~np.any(sizes[0] > _CHANGE * sizes[1], axis=(1, 2))  # nan, where s is a pole, may stay
     both = _times(C, X)
     both += _times(C @ Q, change)
     np.add(np.swapaxes(both, 1, 2), D[:, None], out=values)
-    return good
+    return np.asarray(good)
 
 
 def _substituted(T: Complex, inverse: Complex, right: NDArray[Any]) -> Complex:

@@ -132,6 +132,13 @@ def test_frequency_of_a_pole_of_one_sample(model):
         frequency_response(undamped, {"k": [3.0, 4.0], "m": 1.0}, [1.0, 2.0])
 
 
+def test_frequency_of_a_pole_but_for_its_last_digits():
+    for stiffness in (2.0, 3.0, 5.0, 7.0, 11.0, 13.0):
+        ringing = plain([[0.0, 1.0], [-stiffness, 0.0]], [[0.0], [1.0]], [[1.0, 0.0]])
+        with says(AnalysisError, "rad/s is a pole at one of the samples"):
+            frequency_response(ringing, {}, [np.sqrt(stiffness)])
+
+
 @pytest.mark.parametrize(
     "times", [[0.0, 0.0], [1.0, 0.5], [-1.0, 0.0], [0.0, np.inf], ["soon"], [], [[0.0, 1.0]]]
 )

@@ -160,6 +160,20 @@ def test_counterexample_inside_the_box_is_found_by_the_search_alone() -> None:
     assert "stable at nominal, unstable in the range" in str(verdict)
 
 
+def test_search_follows_modes_that_are_not_the_rightmost() -> None:
+    """A pole that nothing moves is farther right than the one that the search has to move."""
+    bump = "1 - 1.05/(1 + ((a - 0.6)^2 + (b + 0.7)^2)/0.25)"
+    model = realize(
+        [["-0.001", "0"], ["0", f"-({bump})"]],
+        [Parameter(name, 0.0, -1.0, 1.0) for name in "ab"],
+        states=2,
+        search=0.0,
+    )
+    verdict = check_stability(model, samples=0)
+    assert verdict.nominal == "stable"
+    assert verdict.is_counterexample_found
+
+
 def test_unstable_nominal_names_the_pole() -> None:
     arm = mbdlft.to_lft(mbdlft.load_scene("scenarios/two_link_arm.toml"), search=0.0)
     verdict = check_stability(arm, samples=10)

@@ -19,6 +19,9 @@ from mbdlft import (
     step_response,
     unbounded_frequencies,
 )
+from mbdlft.analyze import resolvent
+from mbdlft.analyze.response import peaks
+from mbdlft.system.system import StateMatrices
 from tests.close import CLOSED_FORM, NORM, PEAK, RESPONSE, exact, roundoff, target
 from tests.oscillators import (
     matrices,
@@ -87,6 +90,38 @@ def test_values_where_eigenvectors_give_no_triangle() -> None:
         np.linalg.solve(1j * w * np.eye(6) - A, np.eye(6)[:, :1])[5:] for w in omega
     ]  # turned back
     roundoff(frequency_response(system, {}, omega)[0], expected, kappa=1e4)
+
+
+def test_triangles_alone_are_as_good_and_are_used() -> None:
+    """What they would get wrong goes to elimination: slow, and no other test would see it."""
+    omega = np.geomspace(1e-3, 1e3, 40)
+    for seed in range(5):
+        system = random_system(seed, 9, 3, 2, direct=True)
+        whole = [matrix[None] for matrix in matrices(system)]
+        values = np.empty((1, 40, 3, 2), dtype=complex)
+        good = resolvent._by_triangles(StateMatrices(*whole), 1j * omega[None], values)
+        assert np.all(good)
+        roundoff(values, frequency_response(system, {}, omega), kappa=100.0)
+
+
+def test_peaks_are_higher_than_their_neighbors() -> None:
+    rows = np.array([[9.0, 1.0, 3.0, 2.0, 5.0, 4.0], [6.0, 5.0, 4.0, 3.0, 2.0, 1.0]])
+    none = -np.inf
+    exact(peaks(rows), [[none, none, 3.0, none, 5.0, none], [none] * 6])
+    exact(peaks(rows[1:]), rows[1:])
+
+
+def test_integrators_that_rounding_has_moved_do_not_widen_the_range() -> None:
+    """Two double integrators and a mode at 3 rad/s, turned: rounding leaves poles of 1e-8 and less."""
+    A = np.zeros((6, 6))
+    A[0, 1] = A[2, 3] = A[4, 5] = 1.0
+    A[5, 4:] = [-9.0, -0.03]
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(6, 6)))[0]
+    system = plain(turn @ A @ turn.T, turn[:, 1::2].sum(axis=1, keepdims=True), turn[:, :1].T)
+    assert 0.0 < np.min(np.abs(mbdlft.poles(system))) < 1e-6
+    omega = response_frequencies(system)[0]
+    target(omega[[0, -1]], [0.3, 30.0], RESPONSE)
+    target(response_times(system)[-1], 12.0 * 2.0 * np.pi / 3.0, PEAK)
 
 
 def test_rows_of_frequencies_are_those_of_each_sample() -> None:
