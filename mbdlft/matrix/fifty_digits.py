@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import flint
 import numpy as np
+from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, WellPosednessError
@@ -17,17 +18,29 @@ from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, cosine_name, entry_place, matrix_values, sine_name
 from mbdlft.number.exact import precision
 from mbdlft.number.operators import Operators
+from mbdlft.problem.in_digits import transfers_of
 
 _BITS = 240
+_BITS_OF_DIGITS = 150  # a little less than 50 digits
 _LEAST = 1e-280  # of an entry: its rounding is a float, too
 _DIGITS = Context(prec=50, traps=[])  # what is not finite has its own message
 
 
 class MatrixValues(NamedTuple):
-    """Values (N, rows, columns), and their sizes if nothing cancelled in sums (N, rows, columns)."""
+    """Values of a matrix at N points.
+
+    Attributes
+    ----------
+    values : array (N, rows, columns)
+    sizes : array (N, rows, columns)
+        Of the values if nothing cancelled in sums.
+    digits : object array (N, rows, columns)
+        The values before they are rounded: decimals of 50 digits.
+    """
 
     values: Array
     sizes: Array
+    digits: NDArray[np.object_]
 
 
 class Sized(Operators):
@@ -95,7 +108,8 @@ def values_in_digits(
                 digits[cosine_name(p.name)] = np.array([_cosine(x) for x in turns], dtype=object)
                 digits[sine_name(p.name)] = np.array([_sine(x) for x in turns], dtype=object)
         entries = matrix_values(problem, resolved, digits, _decimals, _FUNCTIONS)
-        values = _stacked(entries, len(points))
+        digits_of = _stacked(entries, len(points), object)
+        values = digits_of.astype(float)
         parts = {name: Sized.of(v) if isinstance(v, np.ndarray) else v for name, v in known.items()}
         rows = matrix_values(problem, resolved, parts)
         sizes = [[Sized.of(entry).size for entry in row] for row in rows]
@@ -105,9 +119,29 @@ def values_in_digits(
             f"{entry_place(problem, i, j)}: is not finite at "
             f"{', '.join(f'{p.name} = {x:g}' for p, x in zip(parameters, points[k], strict=True))}."
         )
-    found = MatrixValues(values, _stacked(sizes, len(points)))
-    _check_sizes(problem, *(np.max(np.abs(part), axis=0) for part in found))
+    found = MatrixValues(values, _stacked(sizes, len(points), float), digits_of)
+    _check_sizes(problem, *(np.max(np.abs(part), axis=0) for part in found[:2]))
     return found
+
+
+def transfers_in_digits(
+    values: MatrixValues, states: int, some: Sequence[int], frequencies: Array
+) -> NDArray[np.complex128]:
+    """Transfer functions (N, F, n_y, n_u) at some of the points; `frequencies` (F,) in rad/s.
+
+    What is no more than the last of the 50 digits of its terms is exactly zero.
+    """
+    with precision(_BITS_OF_DIGITS):
+        matrices = [
+            np.array([[_ball(x) for x in row] for row in values.digits[k]], dtype=object)
+            for k in some
+        ]
+        return transfers_of(matrices, states, frequencies)
+
+
+def _ball(value: Any) -> Any:
+    fraction = Fraction(value)
+    return flint.arb(flint.fmpq(fraction.numerator, fraction.denominator))
 
 
 def _by_arb(function: Callable[[Any], Any], value: Decimal) -> Decimal:
@@ -148,9 +182,9 @@ def _decimals(value: Any) -> Any:
     return Decimal(repr(value))
 
 
-def _stacked(rows: Sequence[Sequence[Any]], count: int) -> Array:
-    """Entries, one number or `count` of them each, as floats (count, rows, columns)."""
-    entries = [
-        [np.broadcast_to(np.asarray(entry, dtype=float), count) for entry in r] for r in rows
+def _stacked(rows: Sequence[Sequence[Any]], count: int, kind: type) -> NDArray[Any]:
+    """Entries, one number or `count` of them each, as an array (count, rows, columns) of a kind."""
+    entries: list[list[NDArray[Any]]] = [
+        [np.broadcast_to(np.asarray(entry, dtype=kind), count) for entry in r] for r in rows
     ]
     return np.moveaxis(np.array(entries), 2, 0)
