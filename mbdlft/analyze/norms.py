@@ -191,9 +191,8 @@ def _peak(plant: Plant, tolerance: float) -> tuple[float, float, float, str]:
         best = int(np.argmax(gains))
         if gains[best] > lower:
             lower, frequency = float(gains[best]), float(tried[best])
-        if (
-            gains[best] < level
-        ):  # between two eigenvalues on the axis the gain would be above the level
+        # between two eigenvalues on the axis the gain would be above the level
+        if gains[best] < level:
             return lower, level, frequency, ""
     return lower, np.inf, frequency, f"no level without eigenvalues on the axis in {_ROUNDS} rounds"
 
