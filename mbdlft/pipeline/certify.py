@@ -29,7 +29,7 @@ Boxes = tuple[tuple[tuple[float, float], ...], ...]  # physical: (low, high) of 
 ACCEPTED = 1e-5  # of an error; larger ones are refused
 _CARRIED = 1e-11  # of an error in doubles: what the reference may have lost is not looked at
 _CARRIED_BY_TRANSFERS = 1e-9  # the same for transfer functions
-_MOST_BY_ROUNDING = 2.0  # times the error of transfer functions of exact matrices, rounded
+_MOST_BY_ROUNDING = 10.0  # times the error of transfer functions of exact matrices, rounded
 
 
 class Checked(NamedTuple):
