@@ -140,6 +140,7 @@ def test_json_has_the_promised_keys(
         "reduce",
         "prove",
         "bound",
+        "near relations",
         "check",
         "total",
     }
@@ -178,7 +179,7 @@ def test_realize_writes_archive_and_table(
     found = json.loads(out)
     assert (code, found["name"], found["lower_bound"]) == (0, "missile", 10)
     assert found["exact_bound"] is True
-    stages = {"read", "resolve", "reduce", "bound", "prove", "check", "total"}
+    stages = {"read", "resolve", "reduce", "bound", "near relations", "prove", "check", "total"}
     assert set(found["seconds"]) == stages
 
 
