@@ -16,5 +16,7 @@ CLASSES = {
     "scenes": 40,
     "kills": 3,
     "writers": 1,
+    "matrices": 10,
+    "expressions": 40,
 }
 SECONDS = 20.0  # of the clock that one attack may take
