@@ -18,5 +18,6 @@ CLASSES = {
     "writers": 1,
     "matrices": 10,
     "expressions": 40,
+    "cores": 4,
 }
 SECONDS = 20.0  # of the clock that one attack may take

@@ -107,20 +107,21 @@ def check_values(drawn: Drawn, model: mbdlft.LFTModel, random: np.random.Generat
         ]
     )
     size = np.max(np.abs(expected), axis=0)
-    worst = float(np.max(np.max(np.abs(found - expected), axis=0) / scales(size)))
+    both = balanced(size)
+    scale = np.where(size > 0, np.maximum(size, NEGLIGIBLE * both), both)
+    worst = float(np.max(np.max(np.abs(found - expected), axis=0) / scale))
     allowed = max(ATTACKED, 10.0 * model.certificate.max_relative_error)
     assert worst <= allowed, f"values differ by {worst:.1e}, the certificate says {allowed:.1e}"
 
 
-def scales(size: np.ndarray) -> np.ndarray:
-    """What entries are compared with: their sizes, if they are not negligible; what is zero, its row."""
+def balanced(size: np.ndarray) -> np.ndarray:
+    """What rows and columns have to do with the sizes of entries (rows, columns); Ruiz 2001."""
     rows, columns = np.ones(len(size)), np.ones(size.shape[1])
     for _ in range(10):
         left = size / rows[:, None] / columns
         rows *= np.sqrt(np.where((part := np.max(left, axis=1)) > 0, part, 1.0))
         columns *= np.sqrt(np.where((part := np.max(left, axis=0)) > 0, part, 1.0))
-    both = np.outer(rows, columns)
-    return np.where(size > 0, np.maximum(size, NEGLIGIBLE * both), both)
+    return np.outer(rows, columns)
 
 
 def values_of(drawn: Drawn, at: dict[str, Fraction]) -> list[list[float]]:

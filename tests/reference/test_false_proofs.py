@@ -138,3 +138,36 @@ def test_planted_doubles_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mbdlft.matrix.symbolic.literal", float)
     with pytest.raises((AssertionError, mbdlft.AnalysisError)):
         law_turbine(("Jr",), Jg=533.97, ks=870123456.7)
+
+
+# a term that doubles take for rounding, in a model that is not the smallest before a search
+NEAR = [
+    [["a*b^2/(2+a*b) + 1e-13*c"]],
+    [["a*b^2/(2+a*b+b)", "b/(3-a*b) + 1e-13*c^2"]],
+]
+THREE = [
+    Parameter("a", 0.2, -0.5, 0.6),
+    Parameter("b", 0.15, -0.4, 0.5),
+    Parameter("c", 0.1, -0.3, 0.7),
+]
+
+
+def law_near() -> None:
+    """A search leaves out nothing that exact numbers prove to be there."""
+    for rows in NEAR:
+        plain, searched = (realize(rows, THREE, search=work).certificate for work in (0.0, 2.0))
+        assert searched.lower_bound == plain.lower_bound
+        assert searched.lower_bound[2] > 0
+        assert all(
+            n >= least for n, least in zip(searched.order, searched.lower_bound, strict=True)
+        )
+
+
+def test_what_is_small_is_not_left_out_by_a_search() -> None:
+    law_near()
+
+
+def test_planted_search_below_the_bound_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search._Proof, "allows", lambda *_: True)
+    with pytest.raises(AssertionError):
+        law_near()
