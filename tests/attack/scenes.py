@@ -84,10 +84,8 @@ def attack(seed: int, folder: Path) -> str:
     else:
         given = texts()[int(random.integers(len(texts())))]
     if way < 0.6:
-        text = as_toml(restructured(tomllib.loads(given), random))
-    else:
-        text = changed(given, random)
-    return linearized(text, random)
+        return linearized(as_toml(restructured(tomllib.loads(given), random)), random)
+    return linearized(changed(given, random), random)
 
 
 def linearized(text: str, random: np.random.Generator) -> str:
