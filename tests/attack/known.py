@@ -56,7 +56,7 @@ class Known:
 
 
 def known(random: np.random.Generator, *, spread: int = 0) -> Known:
-    """A random LFT with 1 to 4 parameters and 1 to 8 channels, of decimals of a few digits.
+    """A random LFT with 1 to 4 parameters and 1 to 8 channels, of decimals of two to six digits.
 
     `spread` is the largest exponent of the powers of ten in which parameters, rows and columns differ.
     """
@@ -64,12 +64,11 @@ def known(random: np.random.Generator, *, spread: int = 0) -> Known:
     sizes = random.multinomial(int(random.integers(0, _MOST + 1 - count)), [1 / count] * count) + 1
     n, rows, columns = int(sizes.sum()), int(random.integers(1, 4)), int(random.integers(1, 4))
     reach = [_decimal(random, 1, 99, spread) for _ in sizes]
-    dense = random.choice([0.3, 0.7, 1.0])
+    dense, most = random.choice([0.3, 0.7, 1.0]), 10 ** int(random.choice([2, 2, 4, 6])) - 1
 
     def some(height: int, width: int) -> list[list[Fraction]]:
-        drawn = random.integers(-99, 100, (height, width)) * (
-            random.random((height, width)) < dense
-        )
+        drawn = random.integers(-most, most + 1, (height, width))
+        drawn = drawn * (random.random((height, width)) < dense)
         return [[Fraction(int(x)) for x in row] for row in drawn]
 
     M = some(n + rows, n + columns)
@@ -79,7 +78,7 @@ def known(random: np.random.Generator, *, spread: int = 0) -> Known:
     for i in range(n + rows):
         for j in range(n + columns):
             if j < n:
-                M[i][j] *= _power_of_ten_below(Fraction(8, 10 * 99 * n) / wide[j])
+                M[i][j] *= _power_of_ten_below(Fraction(8, 10 * most * n) / wide[j])
             M[i][j] *= (left[i - n] if i >= n else 1) * (right[j - n] if j >= n else 1)
     names = tuple(str(name) for name in random.permutation(["a", "b", "Jg", "q_1"])[:count])
     return Known(names, tuple(map(int, sizes)), tuple(reach), M)

@@ -84,9 +84,10 @@ def tally(
                 process.stdin.write(f"{seed}\n")
                 process.stdin.flush()
                 answer = json.loads(lines.get(timeout=SLOW * SECONDS))
-            except (Empty, OSError, ValueError):
-                code = process.poll()
-                why = "it hangs" if code is None else f"it ended the process ({code})"
+            except (Empty, OSError, ValueError) as lost:
+                why = "it hangs"
+                if not isinstance(lost, Empty):  # no line any more: it is about to end
+                    why = f"it ended the process ({process.wait(SECONDS)})"
                 answer = {"failed": why}
                 _end(process)
                 process, lines = _start(name)

@@ -28,6 +28,7 @@ def test_a_failure_a_hang_and_a_dead_process_are_told(monkeypatch: pytest.Monkey
     assert found.failed[2] == "it hangs"
     assert found.failed[3] == "it ended the process (7)"
     assert "3 FAILED" in found.line()
+    assert found.slowest[1] == 2
     assert [line.splitlines()[0] for line in said] == [
         f"FAILED {command('planted', seed)}" for seed in (1, 2, 3)
     ]
