@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import flint
 import numpy as np
+from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, WellPosednessError
@@ -19,8 +20,10 @@ from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, cosine_name, entry_place, matrix_values, sine_name
 from mbdlft.number.exact import precision
 from mbdlft.number.operators import Operators
+from mbdlft.problem.in_digits import transfers_of
 
 _BITS_OF_A_DIGIT = 3.33
+_BITS_OF_DIGITS = 150  # a little less than 50 digits
 _LEAST = 1e-280  # of an entry: its rounding is a float, too
 _DIGITS = Context(prec=50, traps=[])  # what is not finite has its own message
 _NOISE = 1e-40  # of its terms, of a value in 50 digits that may be nothing but their rounding
@@ -28,10 +31,20 @@ _MORE = Context(prec=700, traps=[])  # rounding of terms up to 1e308 is no doubl
 
 
 class MatrixValues(NamedTuple):
-    """Values (N, rows, columns), and their sizes if nothing cancelled in sums (N, rows, columns)."""
+    """Values of a matrix at N points.
+
+    Attributes
+    ----------
+    values : array (N, rows, columns)
+    sizes : array (N, rows, columns)
+        Of the values if nothing cancelled in sums.
+    digits : object array (N, rows, columns)
+        The values before they are rounded: decimals of 50 digits.
+    """
 
     values: Array
     sizes: Array
+    digits: NDArray[np.object_]
 
 
 class Sized(Operators):
@@ -86,7 +99,8 @@ def values_in_digits(
     WellPosednessError
         A value is not finite.
     """
-    values = _in_digits(problem, resolved, parameters, points, _DIGITS)
+    digits = _in_digits(problem, resolved, parameters, points, _DIGITS)
+    values = digits.astype(float)
     sizes = _sizes(problem, resolved, parameters, points)
     terms = _sizes(problem, resolved, parameters, points, with_constants=True)
     largest, most = (np.max(np.abs(part), axis=0) for part in (values, terms))
@@ -98,9 +112,11 @@ def values_in_digits(
             for i, row in enumerate(resolved.entries)
         )
         again = _in_digits(problem, replace(resolved, entries=rest), parameters, points, _MORE)
-        values = np.where(lost, again, values)
+        again[again.astype(float) == 0.0] = Decimal(0)
+        digits = np.where(lost, again, digits)
+        values = digits.astype(float)
     _check_sizes(problem, np.max(np.abs(values), axis=0), most)
-    return MatrixValues(values, sizes)
+    return MatrixValues(values, sizes, digits)
 
 
 def _sizes(
@@ -125,7 +141,9 @@ def _sizes(
     number, functions = (Sized.of, _SIZED_FUNCTIONS) if with_constants else (float, {})
     with np.errstate(all="ignore"):
         rows = matrix_values(problem, resolved, parts, number, functions)
-        return _stacked([[Sized.of(entry).size for entry in row] for row in rows], len(points))
+        return _stacked(
+            [[Sized.of(entry).size for entry in row] for row in rows], len(points), float
+        )
 
 
 def _in_digits(
@@ -134,7 +152,7 @@ def _in_digits(
     parameters: Sequence[Parameter],
     points: Array,
     context: Context,
-) -> Array:
+) -> NDArray[Any]:
     """Values (N, ., .) with the digits of a context."""
     with localcontext(context):
         known = {name: _decimals(value) for name, value in problem.constant_values().items()}
@@ -146,14 +164,15 @@ def _in_digits(
                 known[cosine_name(p.name)] = np.array([_cosine(x) for x in turns], dtype=object)
                 known[sine_name(p.name)] = np.array([_sine(x) for x in turns], dtype=object)
         entries = matrix_values(problem, resolved, known, _decimals, _FUNCTIONS)
-        values = _stacked(entries, len(points))
+        found = _stacked(entries, len(points), object)
+        values = found.astype(float)
     if not np.all(np.isfinite(values)):
         k, i, j = np.argwhere(~np.isfinite(values))[0]
         raise WellPosednessError(
             f"{entry_place(problem, i, j)}: is not finite at "
             f"{', '.join(f'{p.name} = {x:g}' for p, x in zip(parameters, points[k], strict=True))}."
         )
-    return values
+    return found
 
 
 def _sized_function(function: str, of: Sized) -> Sized:
@@ -162,6 +181,26 @@ def _sized_function(function: str, of: Sized) -> Sized:
 
 
 _SIZED_FUNCTIONS = {function: partial(_sized_function, function) for function in FUNCTIONS}
+
+
+def transfers_in_digits(
+    values: MatrixValues, states: int, some: Sequence[int], frequencies: Array
+) -> NDArray[np.complex128]:
+    """Transfer functions (N, F, n_y, n_u) at some of the points; `frequencies` (F,) in rad/s.
+
+    What is no more than the last of the 50 digits of its terms is exactly zero.
+    """
+    with precision(_BITS_OF_DIGITS):
+        matrices = [
+            np.array([[_ball(x) for x in row] for row in values.digits[k]], dtype=object)
+            for k in some
+        ]
+        return transfers_of(matrices, states, frequencies)
+
+
+def _ball(value: Any) -> Any:
+    fraction = Fraction(value)
+    return flint.arb(flint.fmpq(fraction.numerator, fraction.denominator))
 
 
 def _by_arb(function: Callable[[Any], Any], value: Decimal) -> Decimal:
@@ -208,9 +247,9 @@ def _decimals(value: Any) -> Any:
     return Decimal(repr(value))
 
 
-def _stacked(rows: Sequence[Sequence[Any]], count: int) -> Array:
-    """Entries, one number or `count` of them each, as floats (count, rows, columns)."""
-    entries = [
-        [np.broadcast_to(np.asarray(entry, dtype=float), count) for entry in r] for r in rows
+def _stacked(rows: Sequence[Sequence[Any]], count: int, kind: type) -> NDArray[Any]:
+    """Entries, one number or `count` of them each, as an array (count, rows, columns) of a kind."""
+    entries: list[list[NDArray[Any]]] = [
+        [np.broadcast_to(np.asarray(entry, dtype=kind), count) for entry in r] for r in rows
     ]
     return np.moveaxis(np.array(entries), 2, 0)

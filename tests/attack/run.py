@@ -84,11 +84,8 @@ def tally(
                 process.stdin.write(f"{seed}\n")
                 process.stdin.flush()
                 answer = json.loads(lines.get(timeout=SLOW * SECONDS))
-            except (Empty, OSError, ValueError) as lost:
-                why = "it hangs"
-                if not isinstance(lost, Empty):  # no line any more: it is about to end
-                    why = f"it ended the process ({process.wait(SECONDS)})"
-                answer = {"failed": why}
+            except (Empty, OSError, ValueError) as why:
+                answer = {"failed": _why(process, why)}
                 _end(process)
                 process, lines = _start(name)
             found.slowest = max(found.slowest, (time.perf_counter() - begun, seed))
@@ -100,6 +97,14 @@ def tally(
     finally:
         _end(process)
     return found
+
+
+def _why(process: "subprocess.Popen[str]", error: Exception) -> str:
+    """What happened to a process that did not answer; its pipes close before it has ended."""
+    if not isinstance(error, Empty):
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(SECONDS)
+    return "it hangs" if process.poll() is None else f"it ended the process ({process.returncode})"
 
 
 def _end(process: "subprocess.Popen[str]") -> None:

@@ -55,7 +55,7 @@ def a_wrong_entry(patch: Patch) -> None:
         return LFT(a.M11, a.M12, a.M21, (1.0 + 1e-6) * a.M22, a.blocks)
 
     patch.setattr(realization, "_in_units", wrong)
-    patch.setattr(realization, "measure_error", lambda *_: Checked(0.0, 3))
+    patch.setattr(realization, "measure_error", lambda *_: Checked(0.0, 3, 0.0, (), ()))
 
 
 @pytest.mark.parametrize(
