@@ -10,12 +10,13 @@ are moved to one side of the others (`affine`), channels with dependent function
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from mbdlft.base.errors import SceneError, WellPosednessError
-from mbdlft.bound.pairs import confirmation, joint_bound
+from mbdlft.bound.pairs import Pair, allows, confirmation, joint_bound, least_more
 from mbdlft.lft.exact import ExactLFT
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.reduce.affine import is_affine, is_polynomial, move_affine
@@ -167,14 +168,32 @@ class _Proof:
         self._source, self._work, self._left = source, work, _QUICK * work.most
         self._order = source.order + 1
         self._confirmed = confirmation(exact, bound, work) if exact else None
+        # looks at results do not take from the search, but have an end, too
+        self._pairs: list[Pair] = []
+        self._looked = confirmation(exact, bound, Work(work.most)) if exact else None
 
     def allows(self, one: LFT) -> bool:
-        """Whether an LFT is not smaller than residues prove: then it is near the value, and not equal."""
-        if self._confirmed is None:
+        """Whether an LFT is not smaller than residues prove: such a one is near the value, not equal."""
+        if self._looked is None:
             return True
         sizes = dict(one.blocks)
-        below = any(sizes.get(name, 0) < least for name, least in self.bound.items())
-        return not below and one.order >= self.order_bound
+        more = {name: sizes.get(name, 0) - least for name, least in self.bound.items()}
+        below = any(size < 0 for size in more.values())
+        if below or one.order < self.order_bound:
+            return False
+        if one.order >= self._source.order:
+            return True
+        for first, second in combinations([name for name in more if self.bound[name]], 2):
+            if more[first] and more[second]:
+                continue  # no pair excludes that
+            for is_transposed in (False, True):
+                pair = self._looked(Pair(first, second, 1, 1, is_transposed))
+                if isinstance(pair, Pair) and not allows(pair, more):
+                    self._pairs.append(pair)
+                    least = sum(least_more(list(self.bound), self._pairs).values())
+                    self.order_bound = max(self.order_bound, sum(self.bound.values()) + least)
+                    return False
+        return True
 
     def improve(self, closed: LFT) -> None:
         """Look for a better bound if `closed` is smaller than the LFT that it was looked for before."""

@@ -9,6 +9,7 @@ from mbdlft.pipeline import candidates, search
 from mbdlft.reduce.reduce import reduce_order
 from tests.close import CLOSED_FORM, target
 from tests.extracted import exactly
+from tests.laws.test_exact_pairs import known as matrix_of_pairs
 
 # row 0 is the constant -150000: its numerator is -150000 times its denominator
 _DENOMINATOR = (
