@@ -162,6 +162,10 @@ def law_near() -> None:
         assert all(
             n >= least for n, least in zip(searched.order, searched.lower_bound, strict=True)
         )
+    for size in (1.0, 1e-12, 1e-14):  # without its first term, 4 were enough
+        parameters = [Parameter(name, 1.0, low=0.5, high=1.6) for name in "Lm"]
+        model = realize(matrix_of_pairs(size), parameters, search=4.0)
+        assert model.order == model.certificate.order_bound == 5
 
 
 def test_what_is_small_is_not_left_out_by_a_search() -> None:
