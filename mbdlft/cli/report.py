@@ -8,6 +8,7 @@ from pathlib import Path
 
 from rich.table import Table
 
+from mbdlft.cli.poles import poles_summary, print_poles
 from mbdlft.cli.tables import console, table
 from mbdlft.system.model import Certificate, LFTModel
 from mbdlft.system.system import System
@@ -40,7 +41,7 @@ def report_model(
 
 
 def print_model(model: System) -> None:
-    """Print the signals and parameters of a model, and what its certificate says, if it has one."""
+    """Print the signals, parameters and poles of a model, and what its certificate says."""
     out = console()
     out.print(f"{model.name}  {model.description}", style="bold", highlight=False)
     for what in ("states", "inputs", "outputs"):
@@ -49,9 +50,11 @@ def print_model(model: System) -> None:
         out.print(f"{what} ({len(signals)}): {listed}".rstrip(": "), highlight=False)
     if isinstance(model, LFTModel):
         _print_evidence(model)
+        print_poles(model)
         return
     blocks = ", ".join(f"{b.name} ({b.kind}, {b.outputs} x {b.inputs})" for b in model.lft.blocks)
     out.print(f"order {model.order}: {blocks or 'no blocks'}; stored without evidence")
+    print_poles(model)
 
 
 def _print_evidence(model: LFTModel) -> None:
@@ -246,5 +249,6 @@ def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]
         "check_points": certificate.check_points,
         "well_posed": certificate.well_posed,
         "open_boxes": [[list(ends) for ends in box] for box in certificate.open_boxes],
+        **poles_summary(model),
         "seconds": dict(seconds),
     }

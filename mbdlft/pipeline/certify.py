@@ -29,7 +29,8 @@ Boxes = tuple[tuple[tuple[float, float], ...], ...]  # physical: (low, high) of 
 ACCEPTED = 1e-5  # of an error; larger ones are refused
 _CARRIED = 1e-11  # of an error in doubles: what the reference may have lost is not looked at
 _CARRIED_BY_TRANSFERS = 1e-9  # the same for transfer functions
-_MOST_BY_ROUNDING = 2.0  # times the error of transfer functions of exact matrices, rounded
+_AT_FIRST = 1e-3  # units of work before a theorem is looked for
+_MOST_BY_ROUNDING = 10.0  # times the error of transfer functions of exact matrices, rounded
 
 
 class Checked(NamedTuple):
@@ -204,12 +205,15 @@ def open_boxes(
         if part is None:
             continue
         names = [block.name for block in part.blocks]
-        known = regularity(part, prove)
         what = f"{problem.nouns.owner}: {problem_is}"
+        by_theorem = part is lft and not is_searched
+        known = regularity(part, min(prove, _AT_FIRST) if by_theorem else prove)
+        if by_theorem and not known.is_proved and known.zero is None:
+            if problem.is_regular():
+                continue
+            known = regularity(part, prove)
         check_no_zero(known, names, problem.parameters, what, problem.nouns.narrow)
-        by_theorem = part is lft and not is_searched and not known.is_proved
-        if not (by_theorem and problem.is_regular()):
-            found += physical_boxes(known.open_boxes, names, problem.parameters)
+        found += physical_boxes(known.open_boxes, names, problem.parameters)
     return found
 
 
