@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import matrix_balance
 
 from mbdlft.base.errors import StructureError
 from mbdlft.base.parameter import Parameter
@@ -117,14 +118,18 @@ def _sides(lft: LFT) -> tuple[NDArray[Any], ...]:
     """Inner, first and last matrix, and the places of rows and columns of the result in the value.
 
     Only rows and columns that depend on a delta are there, from the thinner side: the right one, or the
-    left one transposed.
+    left one transposed. Channels get units, powers of two, with which their couplings are of one size.
     """
     rows, columns = np.flatnonzero(lft.M21.any(axis=1)), np.flatnonzero(lft.M12.any(axis=0))
-    first, last = lft.M12[:, columns], lft.M21[rows]
+    inner, first, last = lft.M11, lft.M12[:, columns], lft.M21[rows]
+    _, (units, _) = matrix_balance(inner, permute=False, separate=True)
+    balanced = inner * units / units[:, None], first / units[:, None], last * units
+    if all(np.all(np.isfinite(matrix)) for matrix in balanced):
+        inner, first, last = balanced
     rows = rows * lft.shape[1]
     if len(rows) < len(columns):
-        return lft.M11.T, last.T, first.T, columns, rows
-    return lft.M11, first, last, rows, columns
+        return inner.T, last.T, first.T, columns, rows
+    return inner, first, last, rows, columns
 
 
 def _value(lft: LFT, function: str) -> str:
