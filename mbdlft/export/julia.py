@@ -4,7 +4,7 @@ import json
 from string import Template
 
 from mbdlft.export.matlab import table_of
-from mbdlft.export.names import check_plain_model
+from mbdlft.export.names import check_plain_model, one_line
 from mbdlft.system.system import System
 
 _SCRIPT = r"""# A model with its parameters left in: its archive is read and evaluated. Written by mbdlft.
@@ -99,7 +99,7 @@ def julia_text(model: System, stem: str, archive: str) -> str:
     check_plain_model(model, "the Julia script")
     shown = {name: json.dumps(name, ensure_ascii=False) for name in model.parameters.names}
     return Template(_SCRIPT).substitute(
-        stem=stem,
+        stem=one_line(stem),
         table="\n".join(table_of(model, "#     ", shown)),
         archive=_literal(archive),
         model=_literal(model.name),
