@@ -1,5 +1,6 @@
 """Exported models against the library: compiled C, .mat files read by scipy, m-files in Octave."""
 
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from mbdlft.lft.lft import delta
 from mbdlft.system import System
 from tests.close import EXPORT, exact, target
 from tests.exported import (
+    COMPILER,
     MODELS,
     ROOT,
     compiled,
@@ -235,3 +237,33 @@ def test_equal_models_give_equal_bytes(tmp_path: Path) -> None:
         first = [f.read_bytes() for f in export_model(tmp_path / f"a{suffix}", MODELS["arm"])]
         again = [f.read_bytes() for f in export_model(tmp_path / f"a{suffix}", MODELS["arm"])]
         assert first == again
+
+
+def block_of_docs(language: str) -> str:
+    page = (ROOT / "docs" / "export.md").read_text(encoding="utf-8")
+    return page.partition(f"```{language}\n")[2].partition("```")[0]
+
+
+def test_example_of_the_docs_in_c(tmp_path: Path) -> None:
+    export_model(tmp_path / "handed.c", scenario("two_link_arm"))
+    if COMPILER is None:
+        pytest.skip("there is no C compiler cc")
+    begin, _, rest = block_of_docs("c").partition("\n\n")
+    program = f"#include <stdio.h>\n#include <string.h>\n{begin}\nint main(void) {{ {rest}"
+    program += 'for (int k = 0; k < 16; k++) { printf("%.17g\\n", A[k]); }\nreturn 0; }\n'
+    (tmp_path / "main.c").write_text(program, encoding="utf-8")
+    command = [COMPILER, "-std=c99", "-Wall", "-o", "main", "main.c", "handed.c", "-lm"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    out = subprocess.run([tmp_path / "main"], capture_output=True, text=True, check=True).stdout
+    found = np.array(out.split(), dtype=float).reshape(4, 4)
+    target(found, mbdlft.matrices_at(scenario("two_link_arm"), {"theta1": 60.0}).A, EXPORT)
+
+
+def test_example_of_the_docs_in_octave(tmp_path: Path) -> None:
+    model = scenario("two_link_arm")
+    export_model(tmp_path / "handed.mat", model)
+    found = octave(model, tmp_path, "handed", np.zeros((0, 7)), block_of_docs("matlab"))
+    at = {"theta1": 60.0, "m3": 5.5}
+    target(found["A"], mbdlft.matrices_at(model, at).A, EXPORT)
+    target(found["trim"].ravel(), mbdlft.trim_at(model, at), EXPORT)
