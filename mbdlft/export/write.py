@@ -17,6 +17,7 @@ from mbdlft.system.system import System
 MODEL_SUFFIXES = (".mat", ".c", ".jl")
 GRID_SUFFIXES = (".mat", ".csv", ".npz")
 _ENDING = ".part"
+_SIGNED, _HEAD = b"Written by mbdlft", 4096  # in the first bytes of every text
 _WRITERS = {".mat": grid_mat, ".csv": grid_csv, ".npz": grid_npz}
 
 
@@ -54,7 +55,7 @@ def export_model(
     AnalysisError
         The grid is too large or is no grid, as in `lpv_grid`.
     ArchiveError
-        A file cannot be written.
+        A file cannot be written, or would take the place of one beside `path` that was not exported.
     """
     file = Path(path)
     if not isinstance(model, System):
@@ -137,7 +138,7 @@ def _written(images: Mapping[Path, bytes]) -> tuple[Path, ...]:
     Raises
     ------
     ArchiveError
-        One of them cannot be written.
+        One of them cannot be written, or one beside the first, which was asked for, is not ours.
     """
     made: list[tuple[Path, Path]] = []
     file = next(iter(images))
@@ -146,6 +147,8 @@ def _written(images: Mapping[Path, bytes]) -> tuple[Path, ...]:
             target = target_of(file)
             if target.is_dir():
                 raise IsADirectoryError(0, "it is a folder")
+            if made and target.exists() and not _is_ours(target):
+                raise FileExistsError(0, "it exists, and mbdlft has not written it")
             handle, name = tempfile.mkstemp(
                 prefix=f".{target.name[:40]}.", suffix=_ENDING, dir=target.parent
             )
@@ -168,6 +171,12 @@ def _written(images: Mapping[Path, bytes]) -> tuple[Path, ...]:
             with contextlib.suppress(OSError):
                 temporary.unlink(missing_ok=True)
     return tuple(images)
+
+
+def _is_ours(file: Path) -> bool:
+    """Whether a text was written by an export."""
+    with file.open("rb") as stream:
+        return _SIGNED in stream.read(_HEAD)
 
 
 def _mode() -> int:

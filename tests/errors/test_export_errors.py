@@ -62,6 +62,15 @@ def test_all_files_or_none(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["arm.mat", "arm_at.m"]
 
 
+def test_files_of_others_beside_are_kept(tmp_path: Path) -> None:
+    (tmp_path / "arm.m").write_text("% my own analysis", encoding="utf-8")
+    with pytest.raises(ArchiveError, match=r"arm\.m: .* exists, and mbdlft has not written it"):
+        export_model(tmp_path / "arm.mat", arm())
+    assert [path.name for path in tmp_path.iterdir()] == ["arm.m"]
+    for name in ("other.mat", "other.c"):  # its own are replaced
+        assert export_model(tmp_path / name, arm()) == export_model(tmp_path / name, arm())
+
+
 def test_files_have_the_permissions_of_others(tmp_path: Path) -> None:
     (tmp_path / "plain").touch()
     for path in export_model(tmp_path / "arm.c", arm()):
