@@ -70,7 +70,9 @@ def measure_error(problem: Problem, values: Array, trim: LFT | None, at: Referen
         The error is larger than rounding can explain in a problem that is worth solving.
     """
     (error, by_terms), count = error_of_values(values, at), len(values)
-    some = sorted({0, count // 2, count - 1})
+    # nominal, where doubles differ most, and a corner
+    far = np.max(np.abs(values - at.values) / at.scale, axis=(1, 2), initial=0.0)
+    some = sorted({0, int(np.argmax(far)), count - 1})
     if (by_terms or error > _CARRIED) and at.in_digits is not None:
         truth = at.in_digits(problem.points[some])
         error, by_terms = _error_of(values[some], truth, at, in_digits=True)

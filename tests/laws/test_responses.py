@@ -3,6 +3,7 @@
 import control
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scipy.optimize import minimize_scalar
 
 import mbdlft
@@ -21,6 +22,7 @@ from mbdlft import (
 )
 from mbdlft.analyze import resolvent
 from mbdlft.analyze.response import peaks
+from mbdlft.plot.figures import mark_unbounded
 from mbdlft.system.system import StateMatrices
 from tests.close import CLOSED_FORM, NORM, PEAK, RESPONSE, exact, roundoff, target
 from tests.oscillators import (
@@ -342,3 +344,14 @@ def test_times_that_are_chosen_suit_the_poles() -> None:
     growing = response_times(plain(np.diag([2.0, -0.01]), [[1.0], [1.0]], [[1.0, 1.0]]))
     target(growing[-1], 2.5, CLOSED_FORM)
     assert response_times(plain([[0.0]], [[1.0]], [[1.0]]))[-1] == 1.0
+
+
+def test_figures_mark_where_a_response_is_infinite() -> None:
+    figure = Figure()
+    axes = figure.add_subplot()
+    axes.set_xlim(0.1, 10.0)
+    mark_unbounded(axes, oscillator(0.0, 3.0))
+    (line,) = axes.get_lines()
+    roundoff(line.get_xdata()[0], 3.0)
+    mark_unbounded(axes, oscillator(0.1, 3.0))
+    assert axes.get_lines() == [line]
