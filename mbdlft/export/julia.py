@@ -78,6 +78,7 @@ end
 function trim_at(values = Dict{String,Float64}(); archive = ARCHIVE, model = MODEL)
     h5open(archive, "r") do file
         group = file["models"][model]
+        haskey(group, "trim") && haskey(group["trim"], "lft") || error("no LFT of the trim is stored")
         static = group["trim/lft"]
         D_zw, D_zu, D_yw, D_yu = (matrix(static, name) for name in ("D_zw", "D_zu", "D_yw", "D_yu"))
         found = close_loop(D_zw, D_zu, D_yw, D_yu, read(static["delta/parameter"]),

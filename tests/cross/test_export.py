@@ -30,7 +30,7 @@ from tests.exported import (
     values_of_mat,
 )
 
-QUICK = {"gimbal", "missile", "rotatory_spacecraft", "spinning_satellite", "two_link_arm", "ur5"}
+QUICK = {"missile", "rotatory_spacecraft", "spinning_satellite", "two_link_arm", "ur5"}
 SCENARIOS = [
     pytest.param(path.stem, marks=() if path.stem in QUICK else pytest.mark.long)
     for path in sorted((ROOT / "scenarios").glob("*.toml"))
