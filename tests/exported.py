@@ -16,6 +16,7 @@ from mbdlft import LFTModel
 from mbdlft.export import export_model
 from mbdlft.system import System
 from tests.archive.models import arm, bare, numbers, turned_arm, unused
+from tests.close import exact
 
 COMPILER, OCTAVE = shutil.which("cc"), shutil.which("octave-cli")
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror", "-O1"]
@@ -121,7 +122,7 @@ def texts(cells: np.ndarray) -> list[str]:
 def values_of_mat(
     file: dict[str, Any], values: dict[str, np.ndarray]
 ) -> tuple[list[np.ndarray], np.ndarray | None]:
-    """A, B, C, D and the trim of a .mat file, by the formulas of the docs of the archive."""
+    """A, B, C, D and the trim of a .mat file, by the formulas of the docs."""
     p, names = file["parameters"], texts(file["parameters"]["name"])
     deltas = np.zeros((SAMPLES, len(names)))
     for k, name in enumerate(names):
@@ -131,7 +132,9 @@ def values_of_mat(
             part = {"half-angle": 2.0, "quarter-angle": 4.0}[kind]
             internal = np.tan((internal * unit - p["reference"][k, 0]) / part)
         b0, b1, a1 = p["map"][k]
-        deltas[:, k] = (internal - b0) / (b1 - a1 * internal)
+        gain, distance = p["gain"][k, 0], internal - b0
+        exact(b1, gain + a1 * b0)
+        deltas[:, k] = distance / (gain - a1 * distance)  # b1 - a1 internal, without cancellation
     n = len(file["A"])
     left = np.vstack([file["B_w"], file["D_yw"]])
     direct = np.block([[file["A"], file["B_u"]], [file["C_y"], file["D_yu"]]])

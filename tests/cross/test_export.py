@@ -66,10 +66,8 @@ def check_mat(model: System, folder: Path) -> None:
     for field in ("low", "nominal", "high"):
         exact(stored["parameters"][field].ravel(), [getattr(p, field) for p in model.parameters])
     matrices, trim = values_of_mat(stored, values)
-    # the formula of the docs cancels where a range is narrow; `gain` of the file does not
-    slack = max((abs(p.map.b0 / p.map.gain) for p in model.parameters), default=1.0)
     for found, wanted in zip(matrices, expected, strict=True):
-        target(found, wanted, EXPORT * max(1.0, 1e-2 * slack))
+        target(found, wanted, EXPORT)
     if isinstance(model, LFTModel) and model.trim.lft is not None:
         assert trim is not None
         wanted = mbdlft.trim_at(model, values)
