@@ -1,4 +1,4 @@
-"""The command line: import, body, check, trim, linearize, sweep, realize, show, poles, response."""
+"""The commands: import, body, check, trim, linearize, sweep, realize, show, poles, response, export."""
 
 import contextlib
 import os
@@ -19,6 +19,7 @@ from rich.table import Table
 from mbdlft import __version__
 from mbdlft.base.errors import AnalysisError, MbdlftError, SceneError, shortened
 from mbdlft.cli.body import body
+from mbdlft.cli.export import export
 from mbdlft.cli.poles import poles
 from mbdlft.cli.report import print_model, report_model
 from mbdlft.cli.response import KINDS, draw, response
@@ -68,6 +69,7 @@ app.command()(body)
 app.command()(sweep)
 app.command()(poles)
 app.command()(response)
+app.command()(export)
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
