@@ -148,7 +148,7 @@ def replayed(
 
 def _root(found: Polynomials) -> Box:
     q = found.values.ndim - 2
-    whole = Piece(found.values, found.error, 0.0, 1.0)
+    whole = Piece(found.values, found.error, 0.0, 1.0, found.outputs)
     return Box(np.zeros(q), np.ones(q), (whole,))
 
 

@@ -72,11 +72,14 @@ class Polynomials(NamedTuple):
         What the values may be off, for each power of t.
     scale : float
         Frequency (rad/s) at t = 1/2.
+    outputs : int
+        Rows of the transfer.
     """
 
     values: NDArray[np.complex128]
     error: Array
     scale: float
+    outputs: int
 
 
 def polynomials(model: Realization, k: float) -> Polynomials:
@@ -97,7 +100,7 @@ def polynomials(model: Realization, k: float) -> Polynomials:
         whole = np.max(largest, axis=1, keepdims=True, initial=0.0)
         if np.all(radii <= np.maximum(_ENOUGH * largest, _NOTHING * whole)):
             powers = 1j ** (np.arange(values.shape[-1]) % 4)
-            return Polynomials(values * powers, radii + _EPS * largest, scale)
+            return Polynomials(values * powers, radii + _EPS * largest, scale, len(model.J))
         bits *= 2
     raise AnalysisError(
         f"the characteristic polynomial of {len(model.A)} states needs more than {_MOST_BITS} bits."

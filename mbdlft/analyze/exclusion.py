@@ -6,7 +6,9 @@ direction a, |a| = 1, with
     Re(conj(a) p_c) > e + g |q_c|        for all coefficients,
 
 then |p| > g |q| everywhere on the piece: with q = 0 it does not vanish, and with the products q of p and
-a transfer, its norm is below 1/g. Directions that a coefficient allows are an arc; all arcs must meet.
+a transfer, its norm is below 1/g. (For unit vectors v, u the polynomial p - g v'q u lies in the convex hull
+of p_c - g v'q_c u, where |v'q_c u| <= |q_c|, the largest singular value.) Directions that a coefficient
+allows are an arc; all arcs must meet.
 """
 
 from typing import NamedTuple
@@ -18,6 +20,7 @@ from mbdlft.base.array import Array
 
 _EPS = float(np.finfo(float).eps)
 _ROUNDING = 64.0 * _EPS  # of angles, and of sums of few terms: larger than what rounding makes
+_SINGULAR = 1e-11  # of singular values of small matrices, relative to the largest
 _LOOK = 512  # coefficients that are looked at first
 Values = NDArray[np.complex128]
 
@@ -31,12 +34,15 @@ class Piece(NamedTuple):
         An axis of a delta that is fixed has the length 1.
     error : array (1 + n_gain, n + 1)
     low, high : float
+    outputs : int
+        Of the transfer, whose entries row by row are the last n_gain.
     """
 
     values: Values
     error: Array
     low: float
     high: float
+    outputs: int = 0
 
 
 class Cone(NamedTuple):
@@ -81,13 +87,17 @@ def _angles(flat: Values, radii: Array) -> Cone | None:
 
 def excludes(piece: Piece, gain: float) -> bool:
     """Whether p cannot vanish on a piece, and |p| > gain |q| there; `gain` is 1 over a bound."""
-    error = piece.error[0]
+    p, error = piece.values[0], piece.error[0]
     if len(piece.values) == 1:
-        return cone(piece.values[0], error) is not None
-    shape = (-1, *(1,) * (piece.values.ndim - 2), piece.values.shape[-1])
-    others = np.abs(piece.values[1:]) + piece.error[1:].reshape(shape)
-    size = np.sqrt(np.sum(others * others, axis=0))
-    return _cone(piece.values[0], (error + gain * size) * (1.0 + _ROUNDING)) is not None
+        return cone(p, error) is not None
+    q = piece.values[1:]
+    q = q.reshape(piece.outputs, -1, *p.shape)
+    errors = np.sqrt(np.sum(piece.error[1:] ** 2, axis=0))
+    size = np.sqrt(np.sum(q.real**2 + q.imag**2, axis=(0, 1)))
+    if min(q.shape[:2]) > 1 and np.all(gain * size < (1.0 + q.shape[0]) * np.abs(p)):
+        matrices = np.moveaxis(q.reshape(*q.shape[:2], -1), -1, 0)
+        size = np.linalg.svd(matrices, compute_uv=False)[:, 0].reshape(p.shape)
+    return _cone(p, (error + gain * (size + errors)) * (1.0 + _SINGULAR)) is not None
 
 
 def turn_of(piece: Piece, axis: int) -> int:
@@ -143,8 +153,8 @@ def halves(piece: Piece, axis: int) -> tuple[Piece, Piece]:
         for e, m in zip(_split(piece.error, -1), _split(largest, -1), strict=True)
     ]
     return (
-        Piece(low, errors[0], piece.low, middle),
-        Piece(high, errors[1], middle, piece.high),
+        piece._replace(values=low, error=errors[0], high=middle),
+        piece._replace(values=high, error=errors[1], low=middle),
     )
 
 

@@ -6,10 +6,8 @@ are found by following poles, and from below by a proof for the box of size k
 (`mbdlft.analyze.boxes`). Both are for every frequency; there is no grid.
 """
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import prod
-from typing import Any
 
 import numpy as np
 
@@ -24,72 +22,22 @@ from mbdlft.analyze.realization import (
     shares,
 )
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, WellPosednessError
+from mbdlft.analyze.result import (
+    GAP,
+    LARGEST,
+    WORK,
+    BoxProof,
+    Bounds,
+    Progress,
+    check_numbers,
+)
+from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.threads import one_thread
 from mbdlft.system.system import System
 
-GAP, WORK, LARGEST = 0.01, 30.0, 100.0
 _MOST_COEFFICIENTS = 4e6  # of a polynomial in memory
 _LOWER = 0.7  # a target that was not proved is taken nearer to what is: this part of the way
 _SHARE = 0.5  # of the work that is left, for one target
-
-Progress = Callable[[float, float], None]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BoxProof:
-    """What proves a lower bound: cuts of the box of size k, as `mbdlft.analyze.boxes` explains them."""
-
-    k: float
-    log: tuple[int, ...]
-    gain: float = 0.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RobustStability:
-    """Bounds of the margin, in multiples of the declared box, deltas being in [-1, 1] there.
-
-    Attributes
-    ----------
-    lower : float
-        The system is stable and well posed for all |delta| <= lower: proved.
-    upper : float
-        Largest |delta| of `delta`, at which a pole lies on or beyond the axis: checked by evaluation;
-        inf if no such point was found.
-    worst : mapping of names to physical values, in the units of the parameters
-        Of the parameters at `upper`; empty if upper is inf. Beyond the box they are where the map of the
-        parameter leads.
-    delta : mapping of names to deltas [1]
-    frequency : float
-        Of the pole at `worst` (rad/s); NaN if upper is inf.
-    proved : bool
-        Whether `lower` is proved for every frequency and every value, and is not 0.
-    sensitivity : mapping of names to numbers that add up to 1
-        By how many percent the margin falls, to first order, if one range grows by a percent.
-    work : float
-        Units of work that were used.
-    reason : str
-        Why the gap is larger than what was asked for; empty if it is not.
-    proof : BoxProof or None
-        With which `verify` proves `lower` again.
-    """
-
-    lower: float
-    upper: float
-    worst: Mapping[str, float]
-    delta: Mapping[str, float]
-    frequency: float
-    proved: bool
-    sensitivity: Mapping[str, float]
-    work: float
-    reason: str = ""
-    proof: Any = None
-
-    @property
-    def gap(self) -> float:
-        """(upper - lower)/upper."""
-        return 1.0 - self.lower / self.upper if np.isfinite(self.upper) else 1.0
-
 
 def robust_stability(
     system: System,
@@ -98,7 +46,7 @@ def robust_stability(
     work: float = WORK,
     largest: float = LARGEST,
     progress: Progress | None = None,
-) -> RobustStability:
+) -> Bounds:
     """Bounds of the margin of robust stability, guaranteed for all frequencies and all values.
 
     Parameters
@@ -116,29 +64,22 @@ def robust_stability(
         Called whenever a bound has changed. If it, or Ctrl-C, raises KeyboardInterrupt, the best bounds
         so far are returned.
 
+    Returns
+    -------
+    Bounds
+        `lower` is proved; at `worst`, which is `upper` away, a pole lies on or beyond the axis.
+
     Raises
     ------
     AnalysisError
         The nominal model is unstable, or has a pole on the axis, which the message names; there is no
         parameter; the model is too large.
     """
-    _check_numbers(gap, work, largest)
+    check_numbers("robust_stability", gap=gap, work=work, largest=largest)
     check_parameters(system, "robust_stability")
     check_nominal(system, "robust_stability")
     with one_thread():
         return _Search(system, realization(system), gap, work, largest, progress).result()
-
-
-def _check_numbers(gap: float, work: float, largest: float) -> None:
-    for name, value, low, high in (
-        ("gap", gap, 0.0, 1.0),
-        ("work", work, 0.0, np.inf),
-        ("largest", largest, 0.0, np.inf),
-    ):
-        if isinstance(value, bool) or not isinstance(value, int | float) or not low < value < high:
-            raise AnalysisError(
-                f"robust_stability: {name}: expected a number between {low:g} and {high:g}, got {value!r}."
-            )
 
 
 @dataclass(slots=True)
@@ -157,7 +98,7 @@ class _Search:
     used: float = 0.0
     reason: str = ""
 
-    def result(self) -> RobustStability:
+    def result(self) -> Bounds:
         self.best = Crossing(np.inf, np.zeros(len(self.model.sizes)), np.nan, np.zeros(0))
         try:
             self.best = smallest_crossing(self.model, self.largest)
@@ -173,12 +114,9 @@ class _Search:
 
     def raise_lower(self) -> None:
         """Prove boxes of sizes nearer and nearer to the best crossing."""
-        cost = _cost(self.model)
-        if self.model.count > _MOST_COEFFICIENTS:
-            self.reason = (
-                f"the characteristic polynomial has {self.model.count:.2g} coefficients, more than "
-                f"the {_MOST_COEFFICIENTS:.2g} that are carried"
-            )
+        cost = cost_of(self.model)
+        self.reason = too_large(self.model)
+        if self.reason:
             return
         high = np.inf  # a size that was not proved
         while True:
@@ -202,7 +140,7 @@ class _Search:
                     high = k
             else:
                 high = k
-                self.reason = _resistance(outcome, k, self.model)
+                self.reason = resistance(outcome, k, self.model)
             self.told()
 
     def tried(self, k: float, cost: float) -> Outcome | None:
@@ -224,12 +162,13 @@ class _Search:
         self.used += outcome.work
         return outcome
 
-    def answer(self) -> RobustStability:
+    def answer(self) -> Bounds:
         names, best = self.model.names, self.best
         known = np.isfinite(best.size)
         parts = best.delta * best.slope if len(best.slope) == len(names) else np.zeros(len(names))
         is_open = known and self.lower < best.size * (1.0 - self.gap)
-        return RobustStability(
+        return Bounds(
+            "robust stability",
             self.lower,
             best.size,
             physical(self.system, names, best.delta) if known else {},
@@ -243,13 +182,24 @@ class _Search:
         )
 
 
-def _cost(model: Realization) -> float:
+def cost_of(model: Realization) -> float:
     """Units of work of the Bernstein coefficients of a box."""
-    nodes = prod(size + 1 for size in model.sizes)
+    nodes = prod(size + 1 for size in model.sizes) * (1 + model.J.size)
     return float(nodes * (6e-5 + 4e-7 * len(model.A) ** 3))
 
 
-def _resistance(outcome: Outcome, k: float, model: Realization) -> str:
+def too_large(model: Realization) -> str:
+    """Why a model cannot be proved this way, or nothing."""
+    count = model.count * (1 + model.J.size)
+    if count <= _MOST_COEFFICIENTS:
+        return ""
+    return (
+        f"the characteristic polynomial has {count:.2g} coefficients, more than the "
+        f"{_MOST_COEFFICIENTS:.2g} that are carried"
+    )
+
+
+def resistance(outcome: Outcome, k: float, model: Realization) -> str:
     """What resisted a proof, and where."""
     assert outcome.open_box is not None
     box = outcome.open_box
