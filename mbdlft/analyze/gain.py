@@ -6,7 +6,7 @@ below by the gain at deltas that an ascent with exact slopes finds, and from abo
 box of size k is at most 1/k: then weights say what is asked for.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,6 +36,7 @@ def worst_case_gain(
     *,
     gap: float = GAP,
     work: float = WORK,
+    leave_out: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Bounds:
     """Bounds of the largest H-infinity norm from inputs to outputs over the declared box.
@@ -50,6 +51,8 @@ def worst_case_gain(
         The part of the gain by which its bounds may differ.
     work : float
         Units of work, each at most about a second of one core. With less, the bounds are farther apart.
+    leave_out : sequence of str
+        States on which nothing else depends: their poles do not count.
     progress : function (lower, upper), optional
         Called whenever a bound has changed. If it, or Ctrl-C, raises KeyboardInterrupt, the best bounds
         so far are returned.
@@ -69,8 +72,8 @@ def worst_case_gain(
     """
     what = "worst_case_gain"
     check_numbers(what, gap=gap, work=work)
-    check_nominal(system, what)
-    model, proof = _transfer(system, inputs, outputs, what)
+    model, proof = _transfer(system, inputs, outputs, leave_out, what)
+    check_nominal(system, model, leave_out, what)
     with one_thread():
         return _GainSearch(system, model, proof, gap, work, progress).result()
 
@@ -83,6 +86,7 @@ def robust_performance(
     gap: float = GAP,
     work: float = WORK,
     largest: float = LARGEST,
+    leave_out: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Bounds:
     """Bounds of the largest k such that the gain is at most 1/k for all |delta| <= k.
@@ -93,7 +97,7 @@ def robust_performance(
         Nominally stable, with weights at its inputs and outputs: a gain of 1 is what is asked for.
     inputs, outputs : name, number, slice, or list of these, optional
         Signals of the transfer; all, if not given.
-    gap, work, progress
+    gap, work, leave_out, progress
         As for `worst_case_gain`.
     largest : float
         Margins above this are not told apart.
@@ -113,21 +117,21 @@ def robust_performance(
     """
     what = "robust_performance"
     check_numbers(what, gap=gap, work=work, largest=largest)
-    check_nominal(system, what)
-    model, proof = _transfer(system, inputs, outputs, what)
+    model, proof = _transfer(system, inputs, outputs, leave_out, what)
+    check_nominal(system, model, leave_out, what)
     with one_thread():
         return _PerformanceSearch(system, model, proof, gap, work, progress, largest).result()
 
 
 def _transfer(
-    system: System, inputs: Any, outputs: Any, what: str
+    system: System, inputs: Any, outputs: Any, leave_out: Sequence[str], what: str
 ) -> tuple[Realization, Callable[[float, tuple[int, ...], float], BoxProof]]:
     """The transfer, and what makes a proof of its k, log and gain."""
     own = [s.name for s in system.inputs], [s.name for s in system.outputs]
     j = positions_of(inputs, own[0], f"{what}: inputs of {system.name}")
     i = positions_of(outputs, own[1], f"{what}: outputs of {system.name}")
     names = tuple(own[0][k] for k in j), tuple(own[1][k] for k in i)
-    return realization(system, j, i), lambda k, log, gain: BoxProof(k, log, gain, *names)
+    return realization(system, j, i, leave_out), lambda k, log, gain: BoxProof(k, log, gain, *names)
 
 
 @dataclass(slots=True)

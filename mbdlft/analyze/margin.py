@@ -6,6 +6,7 @@ are found by following poles, and from below by a proof for the box of size k
 (`mbdlft.analyze.boxes`). Both are for every frequency; there is no grid.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import prod
 
@@ -45,6 +46,7 @@ def robust_stability(
     gap: float = GAP,
     work: float = WORK,
     largest: float = LARGEST,
+    leave_out: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Bounds:
     """Bounds of the margin of robust stability, guaranteed for all frequencies and all values.
@@ -60,6 +62,9 @@ def robust_stability(
         The result depends on it and not on the time that passes.
     largest : float
         Margins above this are not told apart.
+    leave_out : sequence of str
+        States on which nothing else depends, such as positions that no loop measures: their poles do
+        not count.
     progress : function (lower, upper), optional
         Called whenever a bound has changed. If it, or Ctrl-C, raises KeyboardInterrupt, the best bounds
         so far are returned.
@@ -77,9 +82,10 @@ def robust_stability(
     """
     check_numbers("robust_stability", gap=gap, work=work, largest=largest)
     check_parameters(system, "robust_stability")
-    check_nominal(system, "robust_stability")
+    model = realization(system, leave_out=leave_out)
+    check_nominal(system, model, leave_out, "robust_stability")
     with one_thread():
-        return _Search(system, realization(system), gap, work, largest, progress).result()
+        return _Search(system, model, gap, work, largest, progress).result()
 
 
 @dataclass(slots=True)
