@@ -4,10 +4,10 @@ A box of deltas and all frequencies is cut into pieces on which the characterist
 vanish (`mbdlft.analyze.exclusion`). Where it cannot vanish for any frequency, infinity included, all
 models of the box have as many unstable poles as one of them.
 
-A box need not be cut along a delta if, at each frequency that is still open, roots on the axis can move to
-one side only when this delta grows. Then no model of the box has more unstable poles than one with the
-same other deltas on that face, since unstable poles stay unstable on the way there; so the face is enough,
-if its own middle is stable. No open frequency may be infinite, where poles come from.
+A box need not be cut along a delta if, at each frequency that is still open, roots on the axis can move
+to one side only when this delta grows. Then no model of the box has more unstable poles than one with the
+same other deltas on that face, since unstable poles stay unstable on the way there; so the face is
+enough, if its own middle is stable. No open frequency may be infinite, where poles come from.
 
 What was cut and fixed is a list of integers, with which `replayed` repeats the proof without a search.
 """
@@ -111,11 +111,11 @@ def prove(
         if faces:
             waiting.append(box)
             continue
-        axis = _widest(box)
-        if axis is None or left < 0.0:
+        widest = _widest(box)
+        if widest is None or left < 0.0:
             return Outcome(None, None, box, work - left / UNIT, frequency)
-        log.append(3 * axis + 1)
-        waiting += reversed(_cut(box, axis))
+        log.append(3 * widest + 1)
+        waiting += reversed(_cut(box, widest))
     return Outcome(tuple(log), None, None, work - left / UNIT, frequency)
 
 
@@ -175,7 +175,7 @@ def _is_worth_cutting(piece: Piece, *, patient: bool) -> bool:
     if patient:
         return piece.high - piece.low > 2.0**-20 or float(spreads(piece)[-1]) > 2.0**-30
     *deltas, along_t = spreads(piece)
-    return along_t > _SLOW * max(deltas, default=0.0)
+    return float(along_t) > _SLOW * max(map(float, deltas), default=0.0)
 
 
 def _needs_look(box: Box) -> bool:

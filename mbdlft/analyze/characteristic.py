@@ -56,7 +56,7 @@ class Realization(NamedTuple):
     J: Array
 
     @property
-    def count(self) -> int:
+    def coefficients(self) -> int:
         """Number of Bernstein coefficients of the characteristic polynomial."""
         return prod(size + 1 for size in self.sizes) * (len(self.A) + 1)
 
@@ -119,6 +119,26 @@ def is_stable_at(model: Realization, delta: Sequence[float] | Array) -> bool:
     return False
 
 
+def is_hurwitz(A: Array) -> bool:
+    """Whether all eigenvalues of a matrix are proved to have negative real parts."""
+    n = len(A)
+    z = np.zeros
+    alone = Realization(
+        (),
+        (),
+        A,
+        z((n, 0)),
+        z((0, n)),
+        z((0, 0)),
+        z((n, 0)),
+        z((0, 0)),
+        z((0, n)),
+        z((0, 0)),
+        z((0, 0)),
+    )
+    return is_stable_at(alone, [])
+
+
 def _routh(coefficients: list[Any] | None) -> bool | None:
     """Whether a polynomial with these coefficients, lowest first, is Hurwitz; None: too few bits."""
     if coefficients is None:
@@ -158,7 +178,7 @@ def _whole(model: Realization) -> Any:
 
 
 def _matrix(a: Array) -> Any:
-    return flint.arb_mat(*a.shape, a.ravel().tolist())
+    return flint.arb_mat(a.shape[0], a.shape[1], a.ravel().tolist())
 
 
 def _part(a: Any, rows: range, columns: range) -> Any:
@@ -259,7 +279,10 @@ def _rows(model: Realization, whole: Any, factor: Any, scale: float) -> list[lis
     rows = [p]
     for i in range(n, whole.nrows()):
         for j in range(n, whole.ncols()):
-            column, row = _part(whole, states, range(j, j + 1)), _part(whole, range(i, i + 1), states)
+            column, row = (
+                _part(whole, states, range(j, j + 1)),
+                _part(whole, range(i, i + 1), states),
+            )
             other = (A - column * row).charpoly().coeffs()
             direct = flint.arb(1) - whole[i, j]
             rows.append([a - direct * b for a, b in zip(other, p, strict=True)])

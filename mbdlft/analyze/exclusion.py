@@ -6,12 +6,12 @@ direction a, |a| = 1, with
     Re(conj(a) p_c) > e + g |q_c|        for all coefficients,
 
 then |p| > g |q| everywhere on the piece: with q = 0 it does not vanish, and with the products q of p and
-a transfer, its norm is below 1/g. (For unit vectors v, u the polynomial p - g v'q u lies in the convex hull
-of p_c - g v'q_c u, where |v'q_c u| <= |q_c|, the largest singular value.) Directions that a coefficient
-allows are an arc; all arcs must meet.
+a transfer, its norm is below 1/g. (For unit vectors v, u the polynomial p - g v'q u lies in the convex
+hull of p_c - g v'q_c u, where |v'q_c u| <= |q_c|, the largest singular value.) Directions that a
+coefficient allows are an arc; all arcs must meet.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,7 +158,7 @@ def halves(piece: Piece, axis: int) -> tuple[Piece, Piece]:
     )
 
 
-def _split(values: NDArray[np.inexact], axis: int) -> tuple[NDArray[np.inexact], NDArray[np.inexact]]:
+def _split(values: Any, axis: int) -> tuple[Any, Any]:
     """Coefficients on both halves of an axis."""
     row = np.moveaxis(values, axis, 0)
     low, high = [row[0]], [row[-1]]

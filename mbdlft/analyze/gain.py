@@ -15,7 +15,7 @@ import numpy as np
 from mbdlft.analyze.boxes import Outcome, prove
 from mbdlft.analyze.characteristic import Polynomials, Realization, polynomials
 from mbdlft.analyze.margin import cost_of, resistance, too_large
-from mbdlft.analyze.peak import Peak, largest_peak, peak_at, slope_at
+from mbdlft.analyze.peak import NOTHING, Peak, largest_peak, peak_at, slope_at
 from mbdlft.analyze.pole_migration import smallest_crossing
 from mbdlft.analyze.realization import check_nominal, physical, realization, shares
 from mbdlft.analyze.result import GAP, LARGEST, WORK, Bounds, BoxProof, Progress, check_numbers
@@ -60,8 +60,8 @@ def worst_case_gain(
     Returns
     -------
     Bounds
-        `upper` is proved, and stability with it; `lower` is reached at `worst`. Both are inf if the system is
-        unstable at `worst`.
+        `upper` is proved, and stability with it; `lower` is reached at `worst`. Both are inf if the
+        system is unstable at `worst`.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def worst_case_gain(
     what = "worst_case_gain"
     check_numbers(what, gap=gap, work=work)
     model, proof = _transfer(system, inputs, outputs, leave_out, what)
-    check_nominal(system, model, leave_out, what)
+    check_nominal(system, model.A, leave_out, what)
     with one_thread():
         return _GainSearch(system, model, proof, gap, work, progress).result()
 
@@ -105,8 +105,8 @@ def robust_performance(
     Returns
     -------
     Bounds
-        `lower` is proved: on the box of this size the gain is at most 1/lower. At `worst` it is 1/upper or
-        more, or the system is unstable.
+        `lower` is proved: on the box of this size the gain is at most 1/lower. At `worst` it is 1/upper
+        or more, or the system is unstable.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def robust_performance(
     what = "robust_performance"
     check_numbers(what, gap=gap, work=work, largest=largest)
     model, proof = _transfer(system, inputs, outputs, leave_out, what)
-    check_nominal(system, model, leave_out, what)
+    check_nominal(system, model.A, leave_out, what)
     with one_thread():
         return _PerformanceSearch(system, model, proof, gap, work, progress, largest).result()
 
@@ -144,7 +144,7 @@ class _GainSearch:
     gap: float
     work: float
     progress: Progress | None
-    best: Peak = Peak(0.0, np.nan, np.zeros(0))
+    best: Peak = NOTHING
     upper: float = np.inf
     proof: BoxProof | None = None
     used: float = 0.0
@@ -245,7 +245,7 @@ class _PerformanceSearch:
     largest: float
     lower: float = 0.0
     upper: float = np.inf
-    best: Peak = Peak(0.0, np.nan, np.zeros(0))
+    best: Peak = NOTHING
     proof: BoxProof | None = None
     used: float = 0.0
     reason: str = ""

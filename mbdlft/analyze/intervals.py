@@ -1,7 +1,7 @@
 """Intervals of frequency on which multipliers prove a bound of mu: no grid.
 
-With multipliers D, G and beta, let F(omega) = M'D M + j (G M - M'G) - beta^2 D, M = M(j omega). For stable A,
-F(omega) is singular exactly where N - j omega E is, with
+With multipliers D, G and beta, let F(omega) = M'D M + j (G M - M'G) - beta^2 D, M = M(j omega). For
+stable A, F(omega) is singular exactly where N - j omega E is, with
 
     N = [ A  0  B ; -Q11  -A'  -Q12 ; Q12'  B'  R ],    E = diag(I, I, 0),
     [Q11 Q12; Q12' R] = T' [D, -jG; jG, -beta^2 D] T,   T = [C D_zw; 0 I],
@@ -55,7 +55,9 @@ def channels_matrix(system: Channels, omega: float) -> tuple[Complex, Array]:
     gamma = 4.0 * (n + 4) * _EPS
     wrong = np.abs(np.eye(n) - inverse @ shifted) + gamma * np.abs(inverse) @ np.abs(shifted)
     share = float(np.linalg.norm(wrong))
-    residual = np.abs(system.B - shifted @ X) + gamma * (np.abs(system.B) + np.abs(shifted) @ np.abs(X))
+    residual = np.abs(system.B - shifted @ X) + gamma * (
+        np.abs(system.B) + np.abs(shifted) @ np.abs(X)
+    )
     if share >= 0.5:
         return system.D + system.C @ X, np.full(system.B.shape[1], np.inf)
     off = np.linalg.norm(np.abs(inverse) @ residual, axis=0) / (1.0 - share)
@@ -125,7 +127,7 @@ def interval_around(system: Channels, found: Multipliers, omega: float) -> Inter
 
 
 def _discs(system: Channels, found: Multipliers) -> tuple[Complex, Array] | None:
-    """Discs in the complex plane outside of which N - s E is not singular; None if rounding is too large."""
+    """Discs outside of which N - s E is not singular; None if rounding is too large."""
     A, B, C, D = system
     n, m = B.shape
     form, form_error = _form(C, D, found)
@@ -155,7 +157,11 @@ def _discs(system: Channels, found: Multipliers) -> tuple[Complex, Array] | None
     S = S - np.eye(2 * n + m, 2 * n + m) * (np.arange(2 * n + m) < 2 * n)
     fixed = np.sum(np.abs(T) + T_error, axis=1) * (1.0 + 1e-9)
     moving = np.sum(np.abs(S) + S_error, axis=1) * (1.0 + 1e-9)
-    if not np.all(moving < 0.01) or not np.all(fixed[2 * n :] < 0.5) or np.any(moving[2 * n :] > 0.0):
+    if (
+        not np.all(moving < 0.01)
+        or not np.all(fixed[2 * n :] < 0.5)
+        or np.any(moving[2 * n :] > 0.0)
+    ):
         return None
     radii = fixed[: 2 * n] + moving[: 2 * n] * (np.abs(values) + fixed[: 2 * n]) / 0.98
     return values, radii * (1.0 + 1e-9)

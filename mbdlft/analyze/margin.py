@@ -3,7 +3,9 @@
 The margin is the largest k such that the system has all poles in the open left half-plane, and is well
 posed, for all |delta_j| < k. It is bounded from above by deltas with a pole on or beyond the axis, which
 are found by following poles, and from below by a proof for the box of size k
-(`mbdlft.analyze.boxes`). Both are for every frequency; there is no grid.
+(`mbdlft.analyze.boxes`). Both are for every frequency; there is no grid. Where Delta has blocks that are
+not real parameters, or the polynomial is too large, multipliers take their place
+(`mbdlft.analyze.multiplier_margin`).
 """
 
 from collections.abc import Sequence
@@ -14,6 +16,7 @@ import numpy as np
 
 from mbdlft.analyze.boxes import Outcome, prove
 from mbdlft.analyze.characteristic import Realization, polynomials
+from mbdlft.analyze.multiplier_margin import by_multipliers
 from mbdlft.analyze.pole_migration import Crossing, abscissa, improved, smallest_crossing
 from mbdlft.analyze.realization import (
     check_nominal,
@@ -21,14 +24,14 @@ from mbdlft.analyze.realization import (
     physical,
     realization,
     shares,
+    states_that_stay,
 )
-from mbdlft.base.array import Array
 from mbdlft.analyze.result import (
     GAP,
     LARGEST,
     WORK,
-    BoxProof,
     Bounds,
+    BoxProof,
     Progress,
     check_numbers,
 )
@@ -39,6 +42,7 @@ from mbdlft.system.system import System
 _MOST_COEFFICIENTS = 4e6  # of a polynomial in memory
 _LOWER = 0.7  # a target that was not proved is taken nearer to what is: this part of the way
 _SHARE = 0.5  # of the work that is left, for one target
+
 
 def robust_stability(
     system: System,
@@ -82,10 +86,14 @@ def robust_stability(
     """
     check_numbers("robust_stability", gap=gap, work=work, largest=largest)
     check_parameters(system, "robust_stability")
-    model = realization(system, leave_out=leave_out)
-    check_nominal(system, model, leave_out, "robust_stability")
+    stay = states_that_stay(system, leave_out)
+    check_nominal(system, system.A[np.ix_(stay, stay)], leave_out, "robust_stability")
     with one_thread():
-        return _Search(system, model, gap, work, largest, progress).result()
+        if system.lft.is_plain:
+            model = realization(system, leave_out=leave_out)
+            if not too_large(model):
+                return _Search(system, model, gap, work, largest, progress).result()
+        return by_multipliers(system, stay, gap, work, largest, progress)
 
 
 @dataclass(slots=True)
@@ -121,9 +129,6 @@ class _Search:
     def raise_lower(self) -> None:
         """Prove boxes of sizes nearer and nearer to the best crossing."""
         cost = cost_of(self.model)
-        self.reason = too_large(self.model)
-        if self.reason:
-            return
         high = np.inf  # a size that was not proved
         while True:
             goal = min(self.best.size, self.largest) * (1.0 - 0.5 * self.gap)
@@ -196,7 +201,7 @@ def cost_of(model: Realization) -> float:
 
 def too_large(model: Realization) -> str:
     """Why a model cannot be proved this way, or nothing."""
-    count = model.count * (1 + model.J.size)
+    count = model.coefficients * (1 + model.J.size)
     if count <= _MOST_COEFFICIENTS:
         return ""
     return (
@@ -217,5 +222,3 @@ def resistance(outcome: Outcome, k: float, model: Realization) -> str:
         f"at {k:.4g} times the box, neither stability nor an unstable point was found with this work "
         f"for deltas {ends}, near {outcome.frequency:.4g} rad/s"
     )
-
-

@@ -17,7 +17,7 @@ Algebra and its Applications 188 (1993); Newton's method: Boyd, Vandenberghe, Co
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,6 @@ _RAISE = 10.0
 _BLEND = 1e-2  # of the mean of D, that multipliers get with which a search starts
 _SMALL = 1e-8  # weight of |X|^2/2
 _SHRINK = 40
-
 
 
 class Structure(NamedTuple):
@@ -76,7 +75,11 @@ class Multipliers(NamedTuple):
 
 def structure_of(blocks: Sequence[Block]) -> Structure:
     """The unknowns for the blocks of Delta, in their order."""
-    inputs, outputs, rows, columns, real = [], [], [], [], []
+    inputs: list[int] = []
+    outputs: list[int] = []
+    rows: list[NDArray[np.int64]] = []
+    columns: list[NDArray[np.int64]] = []
+    real: list[bool] = []
     kinds: list[tuple[str, int, int]] = []  # kind, first entry, size
     start = 0
     for block in blocks:
@@ -160,8 +163,9 @@ def upper_bound(
     """
     n = structure.size
     size = float(np.linalg.norm(M, 2)) if n else 0.0
-    X = np.eye(n, dtype=complex)
-    D, G = X, 0.0 * X
+    X: Complex = np.eye(n, dtype=complex)
+    D: Complex = X
+    G: Complex = 0.0 * X
     if size == 0.0:
         return Multipliers(0.0, D, G)
     if start is not None:
@@ -243,7 +247,7 @@ def _form(U: Complex, V: Complex, X: Complex) -> Complex:
     return -0.5 * (half + half.conj().T)
 
 
-def _hessian(U: Complex, V: Complex, P: Complex, R: Complex, structure: Structure) -> Array:
+def _hessian(U: Complex, V: Complex, P: Any, R: Any, structure: Structure) -> Array:
     """Second derivatives of the objective of a center; P and R are inverses of S and of X + X'."""
     i, j = structure.rows, structure.columns
     UP, VP = U @ P, V @ P

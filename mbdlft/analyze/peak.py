@@ -7,6 +7,7 @@ at the frequency of the peak, u and v the singular vectors of G. The peak is fou
 eigenvalues of a Hamiltonian matrix: Bruinsma, Steinbuch, Systems & Control Letters 14 (1990).
 """
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +37,9 @@ class Peak(NamedTuple):
     gain: float
     frequency: float
     delta: Array
+
+
+NOTHING = Peak(0.0, np.nan, np.zeros(0))
 
 
 def at_delta(model: Realization, delta: Array) -> tuple[Array, Array, Array, Array] | None:
@@ -95,7 +99,9 @@ def _crossings(A: Array, B: Array, C: Array, D: Array, level: float) -> Array:
     A1 = A + B @ X[:, :n]
     H = np.block([[A1, B @ X[:, n:]], [-C.T @ C - C.T @ D @ X[:, :n], -A1.T]])
     values = np.linalg.eigvals(H)
-    on_axis = np.abs(values.real) <= _AXIS * np.maximum(np.abs(values), 1e-6 * np.max(np.abs(values)))
+    on_axis = np.abs(values.real) <= _AXIS * np.maximum(
+        np.abs(values), 1e-6 * np.max(np.abs(values))
+    )
     return np.sort(np.abs(values[on_axis].imag))
 
 
@@ -115,7 +121,7 @@ def slope_at(model: Realization, peak: Peak) -> Array:
     u, _, v = np.linalg.svd(G)
     parts = ((u[:, 0].conj() @ left) * (right @ v[0].conj())).real
     ends = np.cumsum([0, *model.sizes])
-    return np.array([np.sum(parts[a:b]) for a, b in zip(ends[:-1], ends[1:], strict=True)])
+    return np.array([np.sum(parts[a:b]) for a, b in pairwise(ends)])
 
 
 def largest_peak(model: Realization, k: float, more: tuple[Array, ...] = ()) -> Peak:

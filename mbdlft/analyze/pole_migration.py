@@ -1,6 +1,6 @@
 """Small deltas that move a pole to the imaginary axis, without a grid of frequencies.
 
-A(delta) = A + B W, W = (I - Delta D)^-1 Delta C. For an eigenvalue lambda with left and right vectors u, v,
+A(delta) = A + B W, W = (I - Delta D)^-1 Delta C. For an eigenvalue lambda with vectors u, v,
 
     d lambda / d delta_k = sum_{i in block k} (u' B (I - Delta D)^-1)_i ((C + D W) v)_i / (u' v).
 
@@ -11,6 +11,7 @@ What is found is moved along its ray to where the pole crosses.
 """
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -67,7 +68,9 @@ def abscissa(model: Realization, delta: Array) -> float:
     return float(np.max(np.linalg.eigvals(A).real, initial=-np.inf))
 
 
-def slopes(model: Realization, delta: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+def slopes(
+    model: Realization, delta: Array
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Poles (n,), and their derivatives (n, number of deltas)."""
     w = np.repeat(delta, model.sizes)
     loop = np.linalg.inv(np.eye(len(w)) - w[:, None] * model.D)
@@ -79,7 +82,7 @@ def slopes(model: Realization, delta: Array) -> tuple[NDArray[np.complex128], ND
     scale[np.abs(scale) < 1e-300] = 1e-300
     parts = rows * columns.T / scale[:, None]
     ends = np.cumsum([0, *model.sizes])
-    found = [np.sum(parts[:, a:b], axis=1) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    found = [np.sum(parts[:, a:b], axis=1) for a, b in pairwise(ends)]
     return poles, np.stack(found, axis=1)
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from mbdlft.analyze.characteristic import Realization, is_stable_at
+from mbdlft.analyze.characteristic import Realization, is_hurwitz
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.parameter import to_physical
@@ -12,7 +12,9 @@ from mbdlft.lft.lft import check_plain
 from mbdlft.system.names import positions_of
 from mbdlft.system.system import System
 
-_AXIS = 1e-9  # of the size of a pole, or of the largest: nearer to the axis, it is said to lie on it
+_AXIS = (
+    1e-9  # of the size of a pole, or of the largest: nearer to the axis, it is said to lie on it
+)
 
 
 def realization(
@@ -33,10 +35,7 @@ def realization(
     check_plain(model.lft, f"the analysis of {model.name!r}")
     blocks = [block for block in model.lft.blocks if block.size]
     i, j = list(outputs), list(inputs)
-    names = [state.name for state in model.states]
-    gone = positions_of(list(leave_out), names, f"model {model.name!r}, states to leave out")
-    stay = [k for k in range(len(names)) if k not in gone]
-    _check_unneeded(model, gone, stay, i)
+    stay = states_that_stay(model, leave_out, i)
     return Realization(
         tuple(block.name for block in blocks),
         tuple(block.size for block in blocks),
@@ -52,13 +51,33 @@ def realization(
     )
 
 
+def states_that_stay(
+    model: System, leave_out: Sequence[str], outputs: Sequence[int] = ()
+) -> list[int]:
+    """Positions of the states that are not left out.
+
+    Raises
+    ------
+    AnalysisError
+        What stays depends on a state to be left out.
+    StructureError
+        A state is unknown.
+    """
+    names = [state.name for state in model.states]
+    gone = positions_of(list(leave_out), names, f"model {model.name!r}, states to leave out")
+    stay = [k for k in range(len(names)) if k not in gone]
+    _check_unneeded(model, gone, stay, outputs)
+    return stay
+
+
 def _check_unneeded(
     model: System, gone: Sequence[int], stay: Sequence[int], outputs: Sequence[int]
 ) -> None:
     """Raise an AnalysisError if what stays depends on states to be left out."""
+    channels = [block.name for block in model.lft.blocks for _ in range(block.inputs)]
     readers = (
         ("state", [model.states[k].name for k in stay], model.A[stay]),
-        ("channel of", [b.name for b in model.lft.blocks for _ in range(b.size)], model.C_z),
+        ("uncertain quantity", channels, model.C_z),
         ("output", [model.outputs[k].name for k in outputs], model.C_y[list(outputs)]),
     )
     for what, names, rows in readers:
@@ -71,12 +90,12 @@ def _check_unneeded(
                 )
 
 
-def check_nominal(model: System, found: Realization, leave_out: Sequence[str], what: str) -> None:
-    """Raise an AnalysisError that names the pole unless delta = 0 is proved to be stable."""
-    if not len(found.A):
+def check_nominal(model: System, A: Array, leave_out: Sequence[str], what: str) -> None:
+    """Raise an AnalysisError that names the pole unless A, at delta = 0, is proved to be stable."""
+    if not len(A):
         return
-    poles, shapes = np.linalg.eig(found.A)
-    if np.max(poles.real) < 0.0 and is_stable_at(found, np.zeros(len(found.sizes))):
+    poles, shapes = np.linalg.eig(A)
+    if np.max(poles.real) < 0.0 and is_hurwitz(A):
         return
     states = [state.name for state in model.states if state.name not in leave_out]
     worst = int(np.argmax(poles.real))

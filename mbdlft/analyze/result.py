@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
+from mbdlft.analyze.frequencies import IntervalProof
 from mbdlft.base.errors import AnalysisError
 
 GAP, WORK, LARGEST = 0.01, 30.0, 100.0
@@ -45,6 +47,7 @@ class Bounds:
     worst : mapping of names to physical values, in the units of the parameters
         Empty if none was found. Beyond the box they are where the map of a parameter leads.
     delta : mapping of names to deltas [1]
+        Of blocks that are no parameters, too: complex numbers, and matrices of full blocks.
     frequency : float
         Of the pole on the axis, or of the peak of the gain, at `worst` (rad/s).
     proved : bool
@@ -56,7 +59,7 @@ class Bounds:
         Units of work that were used.
     reason : str
         Why the gap is larger than what was asked for; empty if it is not.
-    proof : BoxProof, or None
+    proof : BoxProof, IntervalProof, or None
         What `verify` needs to prove the bound again, without a search.
     """
 
@@ -64,13 +67,13 @@ class Bounds:
     lower: float
     upper: float
     worst: Mapping[str, float]
-    delta: Mapping[str, float]
+    delta: Mapping[str, Any]
     frequency: float
     proved: bool
     sensitivity: Mapping[str, float]
     work: float
     reason: str = ""
-    proof: BoxProof | None = None
+    proof: BoxProof | IntervalProof | None = None
 
     @property
     def gap(self) -> float:

@@ -109,8 +109,8 @@ def _iterated(M: Complex, parts: Sequence[_Part], random: Any) -> Complex:
         elif block.kind == "complex":
             found[columns, rows] = _phase(np.vdot(right, left)) * np.eye(block.size)
         else:
-            size = np.linalg.norm(left) * np.linalg.norm(right)
-            found[columns, rows] = np.outer(left, right.conj()) / max(size, 1e-300)
+            size = max(float(np.linalg.norm(left)) * float(np.linalg.norm(right)), 1e-300)
+            found[columns, rows] = np.outer(left, right.conj()) / size
     return found
 
 
@@ -135,8 +135,8 @@ def _aligned(
     return found
 
 
-def _phase(number: complex) -> complex:
-    return number / abs(number) if number else 1.0
+def _phase(number: Any) -> complex:
+    return complex(number / abs(number)) if number else 1.0
 
 
 def _normed(x: Complex) -> Complex:
@@ -147,9 +147,7 @@ def _enlarged(M: Complex, parts: Sequence[_Part], unit: Complex) -> SmallDelta:
     """The real positive eigenvalue of M Delta nearest to what Delta begins with, made large."""
     real = [k for k, part in enumerate(parts) if part.block.kind == "real"]
     turns = [k for k, part in enumerate(parts) if part.block.kind != "real"]
-    start = np.array(
-        [unit[parts[k].w, parts[k].z][0, 0].real for k in real] + [0.0 for _ in turns]
-    )
+    start = np.array([unit[parts[k].w, parts[k].z][0, 0].real for k in real] + [0.0 for _ in turns])
 
     def delta(x: Array) -> Complex:
         found = unit.copy()

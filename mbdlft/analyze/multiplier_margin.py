@@ -1,0 +1,154 @@
+"""The margin of robust stability by multipliers: for blocks of all kinds, and for many parameters.
+
+1/margin is the largest structured singular value over all frequencies. It is bounded from above by
+multipliers on intervals of frequency (`mbdlft.analyze.frequencies`), and from below by deltas that make
+the loop singular at one frequency, or, for parameters only, that move a pole to the axis.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.analyze.frequencies import Sweep, swept
+from mbdlft.analyze.intervals import Channels, channels_matrix
+from mbdlft.analyze.multipliers import structure_of
+from mbdlft.analyze.pole_migration import Crossing, smallest_crossing
+from mbdlft.analyze.realization import physical, realization, shares
+from mbdlft.analyze.result import Bounds, Progress
+from mbdlft.analyze.small_delta import small_delta
+from mbdlft.base.array import Array
+from mbdlft.lft.lft import check
+from mbdlft.system.system import System
+
+_MOST_ENTRIES = 1200  # of multipliers: more take minutes for one frequency
+_LOOKS = 9  # frequencies around the peak at which deltas are looked for
+
+
+def by_multipliers(
+    system: System,
+    stay: Sequence[int],
+    gap: float,
+    work: float,
+    largest: float,
+    progress: Progress | None,
+) -> Bounds:
+    """Bounds of the margin; arguments are those of `robust_stability`."""
+    check(not system.lft.is_complex, "the margin of a system needs real entries; one is complex")
+    structure = structure_of(system.lft.blocks)
+    channels = _channels(system, stay, structure.size, structure.inputs, structure.outputs)
+    reason, sweep = "", Sweep(None, 0.0, np.nan, np.nan)
+    best: tuple[float, dict[str, Any], float, Array] = (np.inf, {}, np.nan, np.zeros(0))
+    if len(structure.rows) > _MOST_ENTRIES:
+        reason = (
+            f"multipliers have {len(structure.rows)} entries, more than the {_MOST_ENTRIES} that are "
+            "carried: fewer repetitions, or fewer parameters, are needed for a proof"
+        )
+    try:
+        if not reason:
+            sweep = swept(channels, structure, gap, work)
+        lower = min(1.0 / sweep.proof.beta, largest) if sweep.proof else 0.0
+        if progress is not None:
+            progress(lower, np.inf)
+        best = _reached(system, stay, sweep, largest)
+    except KeyboardInterrupt:
+        reason = "it was interrupted"
+        lower = min(1.0 / sweep.proof.beta, largest) if sweep.proof else 0.0
+    if progress is not None:
+        progress(lower, best[0])
+    return _answer(system, lower, best, sweep, reason, gap)
+
+
+def _answer(
+    system: System,
+    lower: float,
+    best: tuple[float, dict[str, Any], float, Array],
+    sweep: Sweep,
+    reason: str,
+    gap: float,
+) -> Bounds:
+    upper, delta, frequency, slope = best
+    names = [block.name for block in system.lft.blocks if block.size]
+    real = {name: value for name, value in delta.items() if name in system.parameters.names}
+    if not reason and sweep.proof is None:
+        reason = f"nothing could be proved near {sweep.open_at:.4g} rad/s with this work"
+    if not reason and lower < upper * (1.0 - gap):
+        reason = (
+            "multipliers cannot prove more on the whole box, and no smaller delta was found; the "
+            f"bound is largest near {sweep.frequency:.4g} rad/s"
+        )
+    values = np.array([float(v) for v in real.values()])
+    parts = values * slope if len(slope) == len(values) == len(names) else np.zeros(len(names))
+    return Bounds(
+        "robust stability",
+        lower,
+        upper,
+        physical(system, list(real), values) if delta else {},
+        delta,
+        frequency,
+        lower > 0.0,
+        shares(names, parts) if np.any(parts) else {},
+        sweep.work,
+        reason,
+        sweep.proof,
+    )
+
+
+def _channels(
+    system: System,
+    stay: Sequence[int],
+    size: int,
+    inputs: NDArray[np.int64],
+    outputs: NDArray[np.int64],
+) -> Channels:
+    """The channels of Delta, with zeros that make full blocks square."""
+    n = len(stay)
+    B, C, D = np.zeros((n, size)), np.zeros((size, n)), np.zeros((size, size))
+    B[:, outputs], C[inputs] = system.B_w[stay], system.C_z[:, stay]
+    D[np.ix_(inputs, outputs)] = system.D_zw
+    return Channels(system.A[np.ix_(stay, stay)], B, C, D)
+
+
+def _reached(
+    system: System, stay: Sequence[int], sweep: Sweep, largest: float
+) -> tuple[float, dict[str, Any], float, Array]:
+    """The smallest deltas found: their size, by name, the frequency, and slopes of the pole."""
+    if system.lft.is_plain:
+        gone = [state.name for k, state in enumerate(system.states) if k not in stay]
+        found: Crossing = smallest_crossing(realization(system, leave_out=gone), largest)
+        names = [block.name for block in system.lft.blocks if block.size]
+        delta = dict(zip(names, found.delta.tolist(), strict=True)) if len(found.delta) else {}
+        return found.size, delta, found.frequency, found.slope
+    A, B, C = system.A[np.ix_(stay, stay)], system.B_w[stay], system.C_z[:, stay]
+    channels = Channels(A, B, C, system.D_zw)
+    best: tuple[float, dict[str, Any], float, Array] = (np.inf, {}, np.nan, np.zeros(0))
+    for omega in _places(A, sweep):
+        M, _ = channels_matrix(channels, omega)
+        small = small_delta(M, system.lft.blocks)
+        if small.bound > 0.0 and 1.0 / small.bound < min(best[0], largest):
+            best = (1.0 / small.bound, _by_name(system, small.delta), omega, np.zeros(0))
+    return best
+
+
+def _places(A: Array, sweep: Sweep) -> list[float]:
+    """Frequencies at which deltas are looked for."""
+    poles = np.abs(np.linalg.eigvals(A)) if len(A) else np.ones(1)
+    peak = sweep.frequency
+    around = peak * np.geomspace(0.5, 2.0, _LOOKS) if np.isfinite(peak) else np.zeros(0)
+    return [float(w) for w in np.unique(np.concatenate([poles, around, [0.0, np.inf]]))]
+
+
+def _by_name(system: System, delta: NDArray[np.complex128]) -> dict[str, Any]:
+    """Numbers and matrices of the blocks of a Delta."""
+    rows, columns = system.lft.slices(), system.lft.columns()
+    found: dict[str, Any] = {}
+    for block in system.lft.blocks:
+        part = delta[columns[block.name], rows[block.name]]
+        if not block.size:
+            continue
+        if block.kind == "real":
+            found[block.name] = float(part[0, 0].real)
+        else:
+            found[block.name] = complex(part[0, 0]) if block.kind == "complex" else part
+    return found
