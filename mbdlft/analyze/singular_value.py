@@ -74,7 +74,7 @@ def structured_singular_value(system: System, frequencies: ArrayLike) -> Structu
         for w in omega:
             M = channels_at(system, float(w))
             last = upper_bound(squared(M, structure), structure, start=last)
-            found.append((last, small_delta(M, blocks)))
+            found.append((last, small_delta(M, blocks, last.beta)))
     return StructuredSingularValue(
         omega.astype(float),
         np.array([min(low.bound, high.beta) for high, low in found]),

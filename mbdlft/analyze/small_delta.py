@@ -19,6 +19,7 @@ from mbdlft.lft.block import Block
 
 _ITERATIONS, _STARTS, _STEPS = 60, 4, 60
 _REAL = 1e-7  # imaginary part of an eigenvalue, of its size, that counts as zero
+_ENOUGH = 1e-6  # of a bound that need not be improved
 _CLEAR = 1e-12  # of the norm of M: an eigenvalue below this is zero
 
 Complex = NDArray[np.complex128]
@@ -47,8 +48,11 @@ class _Part(NamedTuple):
     w: slice
 
 
-def small_delta(M: Complex, blocks: Sequence[Block]) -> SmallDelta:
-    """The smallest Delta of the blocks that was found to make I - M Delta singular."""
+def small_delta(M: Complex, blocks: Sequence[Block], enough: float = np.inf) -> SmallDelta:
+    """The smallest Delta of the blocks that was found to make I - M Delta singular.
+
+    The search ends when its bound is nearly `enough`, such as an upper bound.
+    """
     parts = _parts(blocks)
     none = SmallDelta(0.0, np.zeros(M.T.shape, dtype=complex), 1.0)
     size = float(np.linalg.norm(M, 2)) if M.size else 0.0
@@ -56,6 +60,8 @@ def small_delta(M: Complex, blocks: Sequence[Block]) -> SmallDelta:
         return none
     random, best = np.random.default_rng(0), none
     for _ in range(_STARTS):
+        if best.bound >= enough * (1.0 - _ENOUGH):
+            break
         for unit in (_iterated(M / size, parts, random), _random(parts, M.shape, random)):
             found = _enlarged(M, parts, unit)
             if found.bound > best.bound and found.bound > _CLEAR * size:
