@@ -46,8 +46,8 @@ class Outcome(NamedTuple):
         The proof, or None if there is none.
     counterexample : array (number of deltas,), or None
         Deltas, of the unit box, at which `is_wrong` holds.
-    open_box : Box, or None
-        A box that resisted, if no counterexample was found.
+    open_box : Box
+        The last box: one that resisted, if there is neither a proof nor a counterexample.
     work : float
         Units that were used.
     frequency : float
@@ -56,7 +56,7 @@ class Outcome(NamedTuple):
 
     log: tuple[int, ...] | None
     counterexample: Array | None
-    open_box: Box | None
+    open_box: Box
     work: float
     frequency: float
 
@@ -99,11 +99,11 @@ def prove(
         if not pieces:
             log.append(LEAF)
             if _needs_look(box) and not is_stable_at(model, k * box.center):
-                return Outcome(None, box.center, None, work - left / UNIT, frequency)
+                return Outcome(None, box.center, box, work - left / UNIT, frequency)
             continue
         frequency = _frequency(pieces, found.scale)
         if is_wrong(box.center):
-            return Outcome(None, box.center, None, work - left / UNIT, frequency)
+            return Outcome(None, box.center, box, work - left / UNIT, frequency)
         faces = () if gain else tuple(_faces(box))
         for axis, side in faces:
             log.append(3 * axis + (2 if side < 0 else 3))
@@ -116,7 +116,7 @@ def prove(
             return Outcome(None, None, box, work - left / UNIT, frequency)
         log.append(3 * widest + 1)
         waiting += reversed(_cut(box, widest))
-    return Outcome(tuple(log), None, None, work - left / UNIT, frequency)
+    return Outcome(tuple(log), None, box, work - left / UNIT, frequency)
 
 
 def replayed(

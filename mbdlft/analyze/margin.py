@@ -143,15 +143,14 @@ class _Search:
                 high = k
             elif outcome.log is not None:
                 self.lower, self.proof = k, BoxProof(k, outcome.log)
-            elif outcome.counterexample is not None:
-                before = self.best.size
-                delta = k * outcome.counterexample
-                self.best = improved(self.model, delta, self.best, self.largest)
+            else:
+                before, point = self.best.size, outcome.counterexample
+                if point is None:
+                    point = outcome.open_box.center
+                    self.reason = resistance(outcome, k, self.model)
+                self.best = improved(self.model, k * point, self.best, self.largest)
                 if not self.best.size < before:
                     high = k
-            else:
-                high = k
-                self.reason = resistance(outcome, k, self.model)
             self.told()
 
     def tried(self, k: float, cost: float) -> Outcome | None:
@@ -212,7 +211,6 @@ def too_large(model: Realization) -> str:
 
 def resistance(outcome: Outcome, k: float, model: Realization) -> str:
     """What resisted a proof, and where."""
-    assert outcome.open_box is not None
     box = outcome.open_box
     ends = ", ".join(
         f"{name} in [{k * (c - h):.3g}, {k * (c + h):.3g}]"

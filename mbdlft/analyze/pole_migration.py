@@ -51,13 +51,12 @@ NONE = Crossing(np.inf, np.zeros(0), np.nan, np.zeros(0))
 
 
 def state_matrix(model: Realization, delta: Array) -> Array:
-    """A(delta); NaN where the model is singular."""
+    """A(delta); NaN where the model is singular, or beyond a point where it is: det(I - Delta D) <= 0."""
     w = np.repeat(delta, model.sizes)
-    try:
-        W = np.linalg.solve(np.eye(len(w)) - w[:, None] * model.D, w[:, None] * model.C)
-    except np.linalg.LinAlgError:
+    loop = np.eye(len(w)) - w[:, None] * model.D
+    if np.linalg.slogdet(loop)[0] <= 0.0:
         return np.full_like(model.A, np.nan)
-    return np.asarray(model.A + model.B @ W)
+    return np.asarray(model.A + model.B @ np.linalg.solve(loop, w[:, None] * model.C))
 
 
 def abscissa(model: Realization, delta: Array) -> float:
@@ -97,6 +96,7 @@ def smallest_crossing(model: Realization, largest: float) -> Crossing:
         if delta is None:
             reach = min(best.size, largest)
             delta = 0.7 * reach * random.uniform(-1.0, 1.0, q)
+            best = _towards_singular(model, delta, largest, best)
             pole = _rightmost(model, delta)
         best = _followed(model, delta, pole, largest, best)
     return best
@@ -106,6 +106,7 @@ def improved(model: Realization, delta: Array, best: Crossing, largest: float) -
     """The best crossing that is near to given deltas."""
     found = crossing_on_ray(model, delta, largest)
     best = found if found.size < best.size else best
+    best = _towards_singular(model, delta, largest, best)
     return _followed(model, delta, _rightmost(model, delta), largest, best)
 
 
@@ -154,6 +155,36 @@ def _followed(
         found = crossing_on_ray(model, point, largest)
         if found.size < best.size:
             best = found
+    return best
+
+
+def _towards_singular(
+    model: Realization, delta: Array, largest: float, best: Crossing
+) -> Crossing:
+    """The best of what was known and of where steps towards det(I - Delta D) = 0 lead to.
+
+    The determinant f is 1 at delta = 0; the smallest box with a zero of its linearization is a corner.
+    """
+    if not np.any(model.D):
+        return best
+    eye, ends = np.eye(len(model.D)), np.cumsum([0, *model.sizes])
+    for _ in range(_STEPS):
+        loop = eye - np.repeat(delta, model.sizes)[:, None] * model.D
+        if np.linalg.slogdet(loop)[0] <= 0.0:
+            found = crossing_on_ray(model, delta, largest)
+            best = found if found.size < best.size else best
+            delta = 0.5 * delta
+            continue
+        parts = np.diagonal(np.linalg.solve(loop.T, model.D.T))
+        slope = np.array([np.sum(parts[a:b]) for a, b in pairwise(ends)])  # of -log f
+        steepness = float(np.sum(np.abs(slope)))
+        if steepness == 0.0:
+            return best
+        size = min(1.02 * (float(slope @ delta) + 1.0) / steepness, largest)
+        target = size * np.sign(slope)
+        found = crossing_on_ray(model, target, largest)
+        best = found if found.size < best.size else best
+        delta = delta + 0.5 * (target - delta)
     return best
 
 
