@@ -6,3 +6,4 @@ from .response import singular_values as singular_values
 from .result import Bounds as Bounds
 from .singular_value import StructuredSingularValue as StructuredSingularValue
 from .singular_value import structured_singular_value as structured_singular_value
+from .verify import verify as verify

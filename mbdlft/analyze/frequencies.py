@@ -5,21 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mbdlft.analyze.intervals import Channels, Interval, channels_matrix, interval_around
-from mbdlft.analyze.multipliers import Multipliers, Structure, upper_bound
+from mbdlft.analyze.intervals import Channels, channels_matrix, interval_around
+from mbdlft.analyze.multipliers import Structure, upper_bound
 from mbdlft.base.array import Array
+from mbdlft.bound.evidence import Interval, IntervalProof, Multipliers
 
 _STEPS = 2000  # frequencies that are looked at, at most
 _LOOKS = 12
 _NARROW = 1e-10  # of a frequency: an interval below this is not cut again
-
-
-class IntervalProof(NamedTuple):
-    """Intervals that cover all frequencies, each with the multipliers that prove beta there."""
-
-    beta: float
-    intervals: tuple[Interval, ...]
-    multipliers: tuple[Multipliers, ...]
 
 
 class Sweep(NamedTuple):

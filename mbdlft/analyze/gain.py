@@ -27,6 +27,7 @@ from mbdlft.system.system import System
 _SHARE = 0.5  # of the work that is left, for one bound
 _WIDER = 2.0  # factor of the distance of a bound that resisted from the gain that was reached
 _BISECTIONS = 40
+_OUTSIDE = 1.0 + 1e-15  # a bound is not below 1 over what was proved, however that was rounded
 
 
 def worst_case_gain(
@@ -74,8 +75,9 @@ def worst_case_gain(
     check_numbers(what, gap=gap, work=work)
     model, proof = _transfer(system, inputs, outputs, leave_out, what)
     check_nominal(system, model.A, leave_out, what)
+    gone = tuple(leave_out)
     with one_thread():
-        return _GainSearch(system, model, proof, gap, work, progress).result()
+        return _GainSearch(system, model, proof, gap, work, progress, gone).result()
 
 
 def robust_performance(
@@ -119,8 +121,9 @@ def robust_performance(
     check_numbers(what, gap=gap, work=work, largest=largest)
     model, proof = _transfer(system, inputs, outputs, leave_out, what)
     check_nominal(system, model.A, leave_out, what)
+    gone = tuple(leave_out)
     with one_thread():
-        return _PerformanceSearch(system, model, proof, gap, work, progress, largest).result()
+        return _PerformanceSearch(system, model, proof, gap, work, progress, gone, largest).result()
 
 
 def _transfer(
@@ -144,6 +147,7 @@ class _GainSearch:
     gap: float
     work: float
     progress: Progress | None
+    leave_out: tuple[str, ...]
     best: Peak = NOTHING
     upper: float = np.inf
     proof: BoxProof | None = None
@@ -190,7 +194,8 @@ class _GainSearch:
                 return
             outcome = self.tried(found, goal)
             if outcome.log is not None:
-                self.upper, self.proof = goal, self.proof_of(1.0, outcome.log, 1.0 / goal)
+                self.proof = self.proof_of(1.0, outcome.log, 1.0 / goal)
+                self.upper = goal * _OUTSIDE
                 distance = 0.5 * self.gap
             elif outcome.counterexample is not None:
                 self.best = largest_peak(self.model, 1.0, (outcome.counterexample,))
@@ -229,6 +234,7 @@ class _GainSearch:
             self.used,
             self.reason if is_open else "",
             self.proof,
+            self.leave_out,
         )
 
 
@@ -242,6 +248,7 @@ class _PerformanceSearch:
     gap: float
     work: float
     progress: Progress | None
+    leave_out: tuple[str, ...]
     largest: float
     lower: float = 0.0
     upper: float = np.inf
@@ -332,4 +339,5 @@ class _PerformanceSearch:
             self.used,
             self.reason,
             self.proof,
+            self.leave_out,
         )

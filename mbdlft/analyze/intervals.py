@@ -21,11 +21,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.analyze.multipliers import Multipliers
 from mbdlft.base.array import Array
+from mbdlft.bound.evidence import Interval, Multipliers
 
 Complex = NDArray[np.complex128]
 _EPS = float(np.finfo(float).eps)
+_SLACK = 1e-8  # what an interval is made smaller by, so that other machines find it, too
 
 
 class Channels(NamedTuple):
@@ -35,13 +36,6 @@ class Channels(NamedTuple):
     B: Array
     C: Array
     D: Array
-
-
-class Interval(NamedTuple):
-    """Frequencies (rad/s) on which multipliers prove their bound; `high` may be inf, and is included."""
-
-    low: float
-    high: float
 
 
 def channels_matrix(system: Channels, omega: float) -> tuple[Complex, Array]:
@@ -107,23 +101,32 @@ def interval_around(system: Channels, found: Multipliers, omega: float) -> Inter
     if not is_negative_at(system, found, omega):
         return None
     if not len(system.A):
-        return Interval(0.0, np.inf)
+        return Interval(0.0, omega, np.inf)
     at_infinity = is_negative_at(system, found, np.inf)
     discs = _discs(system, found)
     if discs is None:
-        return Interval(omega, omega)
+        return Interval(omega, omega, omega)
     centers, radii = discs
     touches = np.abs(centers.real) <= radii
     reach = np.sqrt(np.maximum(radii[touches] ** 2 - centers[touches].real ** 2, 0.0))
     low_ends, high_ends = centers[touches].imag - reach, centers[touches].imag + reach
     if np.any((low_ends <= omega) & (omega <= high_ends)):
-        return Interval(omega, omega)
+        return Interval(omega, omega, omega)
     low = float(np.max(high_ends[high_ends < omega], initial=0.0))
     high = float(np.min(low_ends[low_ends > omega], initial=np.inf))
     if not np.isfinite(high) and not at_infinity:
         high = max(omega, 1e3 * float(np.max(np.abs(centers))))
-    low, high = low * (1.0 + 16.0 * _EPS), high * (1.0 - 16.0 * _EPS)
-    return Interval(low, high) if low < omega < high else Interval(omega, omega)
+    low, high = low * (1.0 + _SLACK), high * (1.0 - _SLACK)
+    return Interval(low, omega, high) if low < omega < high else Interval(omega, omega, omega)
+
+
+def holds(system: Channels, found: Multipliers, interval: Interval) -> bool:
+    """Whether multipliers prove their bound on an interval, all of it."""
+    again = interval_around(system, found, interval.at)
+    if again is None or not interval.low <= interval.at <= interval.high:
+        return False
+    low, high = again.low * (1.0 - 0.5 * _SLACK), again.high * (1.0 + 0.5 * _SLACK)
+    return low <= interval.low and interval.high <= high
 
 
 def _discs(system: Channels, found: Multipliers) -> tuple[Complex, Array] | None:

@@ -88,12 +88,13 @@ def robust_stability(
     check_parameters(system, "robust_stability")
     stay = states_that_stay(system, leave_out)
     check_nominal(system, system.A[np.ix_(stay, stay)], leave_out, "robust_stability")
+    gone = tuple(leave_out)
     with one_thread():
         if system.lft.is_plain:
             model = realization(system, leave_out=leave_out)
             if not too_large(model):
-                return _Search(system, model, gap, work, largest, progress).result()
-        return by_multipliers(system, stay, gap, work, largest, progress)
+                return _Search(system, model, gap, work, largest, progress, gone).result()
+        return by_multipliers(system, stay, gap, work, largest, progress, gone)
 
 
 @dataclass(slots=True)
@@ -106,6 +107,7 @@ class _Search:
     work: float
     largest: float
     progress: Progress | None
+    leave_out: tuple[str, ...]
     lower: float = 0.0
     best: Crossing = field(init=False)
     proof: BoxProof | None = None
@@ -189,6 +191,7 @@ class _Search:
             self.used,
             self.reason if is_open or not known else "",
             self.proof,
+            self.leave_out,
         )
 
 

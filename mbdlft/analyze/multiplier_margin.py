@@ -6,6 +6,7 @@ the loop singular at one frequency, or, for parameters only, that move a pole to
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from mbdlft.analyze.frequencies import Sweep, swept
 from mbdlft.analyze.intervals import Channels, channels_matrix
-from mbdlft.analyze.multipliers import structure_of
+from mbdlft.analyze.multipliers import Structure, structure_of
 from mbdlft.analyze.pole_migration import Crossing, smallest_crossing
 from mbdlft.analyze.realization import physical, realization, shares
 from mbdlft.analyze.result import Bounds, Progress
@@ -23,6 +24,7 @@ from mbdlft.lft.lft import check
 from mbdlft.system.system import System
 
 _MOST_ENTRIES = 1200  # of multipliers: more take minutes for one frequency
+_INSIDE = 1.0 - 1e-15  # a margin is not above 1/beta, however it was rounded
 _LOOKS = 9  # frequencies around the peak at which deltas are looked for
 
 
@@ -33,11 +35,12 @@ def by_multipliers(
     work: float,
     largest: float,
     progress: Progress | None,
+    leave_out: tuple[str, ...] = (),
 ) -> Bounds:
     """Bounds of the margin; arguments are those of `robust_stability`."""
     check(not system.lft.is_complex, "the margin of a system needs real entries; one is complex")
     structure = structure_of(system.lft.blocks)
-    channels = _channels(system, stay, structure.size, structure.inputs, structure.outputs)
+    channels = channels_of(system, stay, structure)
     reason, sweep = "", Sweep(None, 0.0, np.nan, np.nan)
     best: tuple[float, dict[str, Any], float, Array] = (np.inf, {}, np.nan, np.zeros(0))
     if len(structure.rows) > _MOST_ENTRIES:
@@ -48,16 +51,16 @@ def by_multipliers(
     try:
         if not reason:
             sweep = swept(channels, structure, gap, work)
-        lower = min(1.0 / sweep.proof.beta, largest) if sweep.proof else 0.0
+        lower = min(_INSIDE / sweep.proof.beta, largest) if sweep.proof else 0.0
         if progress is not None:
             progress(lower, np.inf)
         best = _reached(system, stay, sweep, largest)
     except KeyboardInterrupt:
         reason = "it was interrupted"
-        lower = min(1.0 / sweep.proof.beta, largest) if sweep.proof else 0.0
+        lower = min(_INSIDE / sweep.proof.beta, largest) if sweep.proof else 0.0
     if progress is not None:
         progress(lower, best[0])
-    return _answer(system, lower, best, sweep, reason, gap)
+    return replace(_answer(system, lower, best, sweep, reason, gap), leave_out=leave_out)
 
 
 def _answer(
@@ -95,15 +98,10 @@ def _answer(
     )
 
 
-def _channels(
-    system: System,
-    stay: Sequence[int],
-    size: int,
-    inputs: NDArray[np.int64],
-    outputs: NDArray[np.int64],
-) -> Channels:
+def channels_of(system: System, stay: Sequence[int], structure: Structure) -> Channels:
     """The channels of Delta, with zeros that make full blocks square."""
-    n = len(stay)
+    n, size = len(stay), structure.size
+    inputs, outputs = structure.inputs, structure.outputs
     B, C, D = np.zeros((n, size)), np.zeros((size, n)), np.zeros((size, size))
     B[:, outputs], C[inputs] = system.B_w[stay], system.C_z[:, stay]
     D[np.ix_(inputs, outputs)] = system.D_zw

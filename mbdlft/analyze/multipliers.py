@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, eigh
 
 from mbdlft.base.array import Array
+from mbdlft.bound.evidence import Multipliers
 from mbdlft.lft.block import Block
 
 Complex = NDArray[np.complex128]
@@ -63,14 +64,6 @@ class Structure(NamedTuple):
     inputs: NDArray[np.int64]
     outputs: NDArray[np.int64]
     real: NDArray[np.bool_]
-
-
-class Multipliers(NamedTuple):
-    """D (n, n) and G (n, n) of a matrix that was made square, and the beta that they prove."""
-
-    beta: float
-    D: Complex
-    G: Complex
 
 
 def structure_of(blocks: Sequence[Block]) -> Structure:
@@ -133,6 +126,25 @@ def _basis(kinds: Sequence[tuple[str, int, int]], count: int) -> Array:
     return np.array(found).T.reshape(2 * count, -1)
 
 
+def fits(found: Multipliers, blocks: Sequence[Block]) -> bool:
+    """Whether D and G have the structure of the blocks, exactly: then F < 0 says something about mu."""
+    D, G, start = found.D, found.G, 0
+    if not all(np.array_equal(X, X.conj().T) and np.all(np.isfinite(X)) for X in (D, G)):
+        return False
+    left = np.array([D, G])
+    for block in blocks:
+        size = max(block.inputs, block.outputs)
+        part = slice(start, start + size)
+        inner, turned = D[part, part], G[part, part]
+        if block.kind != "real" and np.any(turned):
+            return False
+        if block.kind == "full" and size and np.any(inner != inner[0, 0] * np.eye(size)):
+            return False
+        left[:, part, part] = 0.0
+        start += size
+    return start == len(D) and not np.any(left)
+
+
 def squared(M: Complex, structure: Structure) -> Complex:
     """M (n_z, n_w) with rows and columns of zeros that make its full blocks square."""
     found = np.zeros((structure.size, structure.size), dtype=complex)
@@ -144,7 +156,7 @@ def upper_bound(
     M: Complex,
     structure: Structure,
     *,
-    start: "Multipliers | None" = None,
+    start: Multipliers | None = None,
     tolerance: float = 1e-4,
     enough: float = 0.0,
 ) -> Multipliers:

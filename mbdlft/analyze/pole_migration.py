@@ -158,9 +158,7 @@ def _followed(
     return best
 
 
-def _towards_singular(
-    model: Realization, delta: Array, largest: float, best: Crossing
-) -> Crossing:
+def _towards_singular(model: Realization, delta: Array, largest: float, best: Crossing) -> Crossing:
     """The best of what was known and of where steps towards det(I - Delta D) = 0 lead to.
 
     The determinant f is 1 at delta = 0; the smallest box with a zero of its linearization is a corner.
