@@ -1,8 +1,9 @@
 """A stored proof is checked again: no search, no solver, and a margin for all rounding.
 
 Of cuts of a box (`mbdlft.analyze.boxes`), the coefficients of the polynomial are computed anew, in
-balls, and the cuts repeated. Of multipliers (`mbdlft.analyze.intervals`), each has the structure of Delta, its
-matrices are definite and its eigenvalues leave its interval free, and intervals cover all frequencies.
+balls, and the cuts repeated. Of multipliers (`mbdlft.analyze.intervals`), each has the structure of
+Delta, its matrices are definite, its eigenvalues leave its interval free, and intervals cover all
+frequencies.
 Both begin with a proof that the nominal model is stable, by Routh's scheme in balls.
 """
 

@@ -1,4 +1,4 @@
-"""The command line: import, body, check, trim, linearize, sweep, realize, show."""
+"""The command line: what makes, shows, analyzes and verifies models."""
 
 import contextlib
 import os
@@ -17,6 +17,7 @@ from rich.table import Table
 
 from mbdlft import __version__
 from mbdlft.base.errors import MbdlftError, SceneError, shortened
+from mbdlft.cli.analysis import margin, verify, wcgain
 from mbdlft.cli.body import body
 from mbdlft.cli.report import print_model, report_model
 from mbdlft.cli.sweep import sweep
@@ -62,6 +63,9 @@ SceneFile = Annotated[Path, typer.Argument(help="Scene, a TOML file.")]
 SEARCH = 4.0  # equal to SEARCH of mbdlft.pipeline.search, which is slow to import
 app.command("import")(import_robot)
 app.command()(body)
+app.command()(margin)
+app.command()(wcgain)
+app.command()(verify)
 app.command()(sweep)
 
 
