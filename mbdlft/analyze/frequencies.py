@@ -40,10 +40,13 @@ def swept(
     structure: Structure,
     gap: float,
     work: float,
-    floor: float = 0.0,
+    floor: float,
     tick: Callable[[], None] = lambda: None,
 ) -> Sweep:
-    """Bound mu for all frequencies, within `gap` of the best of its multipliers at one of them."""
+    """Bound mu for all frequencies, within `gap` of the best of its multipliers at one of them.
+
+    Below `floor` bounds are not told apart.
+    """
     todo, first = [(0.0, np.inf)], _first(system.A)
     beta, peak, used, last = floor, np.nan, 0.0, None
     kept: list[tuple[Interval, Multipliers]] = []
@@ -54,7 +57,7 @@ def swept(
         used += cost
         if last.beta > beta:
             beta, peak = last.beta, omega
-    beta = max(beta * (1.0 + 0.5 * gap), 1e-12)
+    beta *= 1.0 + 0.5 * gap
     for _ in range(_STEPS):
         if not todo:
             return Sweep(_covered(beta, kept), used, np.nan, peak)
@@ -69,7 +72,7 @@ def swept(
         last = found
         if found.beta > beta:
             found = upper_bound(M, structure, start=last, tolerance=0.02 * gap)
-            beta, peak = max(found.beta * (1.0 + 0.5 * gap), beta, 1e-12), omega
+            beta, peak = max(found.beta * (1.0 + 0.5 * gap), beta), omega
             found = upper_bound(M, structure, start=last, tolerance=0.02 * gap, enough=beta)
         found = found._replace(beta=beta)
         interval = interval_around(system, found, omega)

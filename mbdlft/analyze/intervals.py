@@ -64,6 +64,8 @@ def is_negative_at(system: Channels, found: Multipliers, omega: float) -> bool:
     """Whether F(omega) < 0 and D > 0 are proved."""
     D, G, beta = found.D, found.G, found.beta
     M, columns = channels_matrix(system, omega)
+    if not np.all(np.isfinite(columns)):
+        return False
     GM = 1j * G @ M
     F = M.conj().T @ D @ M + GM + GM.conj().T - beta * beta * D
     m = len(D)
@@ -75,7 +77,7 @@ def is_negative_at(system: Channels, found: Multipliers, omega: float) -> bool:
     terms = sizes.T @ np.abs(D) @ sizes + half + half.T + beta * beta * np.abs(D)
     error = error + 8.0 * (m + 8) * _EPS * terms
     scale = 1.0 / np.sqrt(np.maximum(-np.diagonal(F).real, 1e-300))
-    if not np.all(np.isfinite(error)) or not np.all(np.diagonal(F).real < 0.0):
+    if not np.all(np.diagonal(F).real < 0.0):
         return False
     error = scale[:, None] * error * scale
     rounding = float(np.linalg.norm(error)) + 8.0 * m * m * _EPS
@@ -143,7 +145,7 @@ def _discs(system: Channels, found: Multipliers) -> tuple[Complex, Array] | None
     try:
         inner = np.linalg.inv(R)
         H = top - right @ inner @ below
-        scale = _balance(H)
+        scale = balance(H)
         values, V = np.linalg.eig(H * scale / scale[:, None])
         V = scale[:, None] * V
         W = np.linalg.inv(V)
@@ -158,8 +160,11 @@ def _discs(system: Channels, found: Multipliers) -> tuple[Complex, Array] | None
     S_error = gamma * (np.abs(left[:, : 2 * n]) @ np.abs(Y[: 2 * n]))
     T = T - np.diag(np.concatenate([values, np.ones(m)]))
     S = S - np.eye(2 * n + m, 2 * n + m) * (np.arange(2 * n + m) < 2 * n)
-    fixed = np.sum(np.abs(T) + T_error, axis=1) * (1.0 + 1e-9)
-    moving = np.sum(np.abs(S) + S_error, axis=1) * (1.0 + 1e-9)
+    T_all, S_all = np.abs(T) + T_error, np.abs(S) + S_error
+    sizes = np.concatenate([np.abs(values), np.ones(m)])
+    weights = _weights(T_all + sizes[:, None] * S_all, sizes)
+    fixed = (T_all @ weights) / weights * (1.0 + 1e-9)
+    moving = (S_all @ weights) / weights * (1.0 + 1e-9)
     if (
         not np.all(moving < 0.01)
         or not np.all(fixed[2 * n :] < 0.5)
@@ -170,7 +175,17 @@ def _discs(system: Channels, found: Multipliers) -> tuple[Complex, Array] | None
     return values, radii * (1.0 + 1e-9)
 
 
-def _balance(H: Complex) -> Array:
+def _weights(errors: Array, sizes: Array) -> Array:
+    """Weights of columns with which the discs of all rows are of one relative size, nearly."""
+    least = np.maximum(sizes, 1e-12 * np.max(sizes))
+    weights = np.ones(len(sizes))
+    for _ in range(6):
+        weights = errors @ weights / least
+        weights = np.maximum(weights / np.max(weights, initial=1e-300), 1e-30)
+    return np.asarray(weights)
+
+
+def balance(H: Complex | Array) -> Array:
     """Powers of two that make rows and columns of a matrix of one size, as a diagonal similarity."""
     scale, size = np.ones(len(H)), np.abs(H)
     np.fill_diagonal(size, 0.0)

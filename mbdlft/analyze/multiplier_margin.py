@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.analyze.frequencies import Sweep, swept
-from mbdlft.analyze.intervals import Channels, channels_matrix
+from mbdlft.analyze.intervals import Channels, balance, channels_matrix
 from mbdlft.analyze.multipliers import Structure, structure_of
 from mbdlft.analyze.pole_migration import Crossing, smallest_crossing
 from mbdlft.analyze.realization import physical, realization, shares
 from mbdlft.analyze.result import Bounds, Progress
 from mbdlft.analyze.small_delta import small_delta
 from mbdlft.base.array import Array
+from mbdlft.bound.evidence import IntervalProof, Multipliers
 from mbdlft.lft.lft import check
 from mbdlft.system.system import System
 
@@ -40,7 +41,7 @@ def by_multipliers(
     """Bounds of the margin; arguments are those of `robust_stability`."""
     check(not system.lft.is_complex, "the margin of a system needs real entries; one is complex")
     structure = structure_of(system.lft.blocks)
-    channels = channels_of(system, stay, structure)
+    channels, scale = channels_of(system, stay, structure)
     reason, sweep = "", Sweep(None, 0.0, np.nan, np.nan)
     best: tuple[float, dict[str, Any], float, Array] = (np.inf, {}, np.nan, np.zeros(0))
     if len(structure.rows) > _MOST_ENTRIES:
@@ -50,7 +51,8 @@ def by_multipliers(
         )
     try:
         if not reason:
-            sweep = swept(channels, structure, gap, work)
+            sweep = swept(channels, structure, gap, work, 1.0 / largest)
+            sweep = sweep._replace(proof=_unscaled(sweep.proof, scale))
         lower = min(_INSIDE / sweep.proof.beta, largest) if sweep.proof else 0.0
         if progress is not None:
             progress(lower, np.inf)
@@ -61,6 +63,12 @@ def by_multipliers(
     if progress is not None:
         progress(lower, best[0])
     return replace(_answer(system, lower, best, sweep, reason, gap), leave_out=leave_out)
+
+
+def _unscaled(proof: IntervalProof | None, scale: Array) -> IntervalProof | None:
+    if proof is None:
+        return None
+    return proof._replace(multipliers=tuple(scaled(m, 1.0 / scale) for m in proof.multipliers))
 
 
 def _answer(
@@ -98,14 +106,40 @@ def _answer(
     )
 
 
-def channels_of(system: System, stay: Sequence[int], structure: Structure) -> Channels:
-    """The channels of Delta, with zeros that make full blocks square."""
+def channels_of(
+    system: System, stay: Sequence[int], structure: Structure
+) -> tuple[Channels, Array]:
+    """The channels of Delta, balanced, with zeros that make full blocks square; and their scale (m,).
+
+    z and w of each block are multiplied by a power of two, states are, too: nothing is rounded, and Delta
+    stays what it is.
+    """
     n, size = len(stay), structure.size
     inputs, outputs = structure.inputs, structure.outputs
     B, C, D = np.zeros((n, size)), np.zeros((size, n)), np.zeros((size, size))
     B[:, outputs], C[inputs] = system.B_w[stay], system.C_z[:, stay]
     D[np.ix_(inputs, outputs)] = system.D_zw
-    return Channels(system.A[np.ix_(stay, stay)], B, C, D)
+    A = system.A[np.ix_(stay, stay)]
+    own = balance(A)
+    plain = Channels(A * own / own[:, None], B / own[:, None], C * own, D)
+    blocks = [max(block.inputs, block.outputs) for block in system.lft.blocks]
+    owner = np.repeat(np.arange(len(blocks)), blocks)
+    pick = (owner == np.arange(len(blocks))[:, None]).astype(float)
+    sizes = [np.abs(channels_matrix(plain, w)[0]) for w in (0.0, *_frequencies(A))]
+    scale = balance(pick @ np.max(sizes, axis=0) @ pick.T)[owner]
+    B, C = plain.B * scale, plain.C / scale[:, None]
+    return Channels(plain.A, B, C, D * scale / scale[:, None]), scale
+
+
+def scaled(found: Multipliers, scale: Array) -> Multipliers:
+    """Multipliers of z and w that are multiplied by one over a scale of powers of two."""
+    both = np.outer(scale, scale)
+    return found._replace(D=found.D * both, G=found.G * both)
+
+
+def _frequencies(A: Array) -> list[float]:
+    """Sizes of the poles (rad/s)."""
+    return [float(w) for w in np.abs(np.linalg.eigvals(A))] if len(A) else []
 
 
 def _reached(

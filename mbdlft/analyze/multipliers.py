@@ -36,7 +36,8 @@ _ENOUGH = 0.1  # of the fall that the slope promises
 _LIFT = 1e-13  # of the curvature: the least that is added to it
 _RAISE = 10.0
 _BLEND = 1e-2  # of the mean of D, that multipliers get with which a search starts
-_SMALL = 1e-8  # weight of |X|^2/2
+# weights of |X|^2/2: so that parts that do nothing are bounded; so that all are of moderate size
+_SMALL, _MODERATE = 1e-8, 1e-3
 _SHRINK = 40
 
 
@@ -202,8 +203,8 @@ def upper_bound(
             break
         best = max(best, 0.0)
         square = best + _STEP * (square - best)
-    if 0.0 < found[0] < enough * enough:  # well inside, so that it holds far around
-        X = _center(M, enough, found[1] - 1j * found[2] / enough, structure)
+    if enough > 0.0 and found[0] < enough * enough:  # well inside, so that it holds far around
+        X = _center(M, enough, found[1] - 1j * found[2] / enough, structure, _MODERATE)
         found = (enough * enough, *_parts(X, enough))
     best, D, G = found
     return Multipliers(float(np.sqrt(max(best, 0.0))) * size, D, G * size)
@@ -259,17 +260,21 @@ def _form(U: Complex, V: Complex, X: Complex) -> Complex:
     return -0.5 * (half + half.conj().T)
 
 
-def _hessian(U: Complex, V: Complex, P: Any, R: Any, structure: Structure) -> Array:
+def _hessian(
+    U: Complex, V: Complex, P: Any, R: Any, structure: Structure, small: float = _SMALL
+) -> Array:
     """Second derivatives of the objective of a center; P and R are inverses of S and of X + X'."""
     i, j = structure.rows, structure.columns
     UP, VP = U @ P, V @ P
     H = _curvature(VP @ U.conj().T, UP @ U.conj().T, VP @ V.conj().T, i, j)
     H = H + 4.0 * _curvature(R, R, R, i, j)
-    H[np.diag_indices(len(H))] += _SMALL
+    H[np.diag_indices(len(H))] += small
     return H
 
 
-def _center(M: Complex, beta: float, X: Complex, structure: Structure) -> Complex:
+def _center(
+    M: Complex, beta: float, X: Complex, structure: Structure, small: float = _SMALL
+) -> Complex:
     """Minimum of tr (X + X')/2 - log det S(X) - log det(X + X') from an X where both are positive.
 
     A little of |X|^2 keeps parts bounded that do nothing.
@@ -284,7 +289,7 @@ def _center(M: Complex, beta: float, X: Complex, structure: Structure) -> Comple
         except np.linalg.LinAlgError:
             return np.inf
         logs = np.log(np.diagonal(a).real) + np.log(np.diagonal(b).real)
-        size = float(np.trace(X).real) + 0.5 * _SMALL * float(np.sum(np.abs(X) ** 2))
+        size = float(np.trace(X).real) + 0.5 * small * float(np.sum(np.abs(X) ** 2))
         return size - 2.0 * float(np.sum(logs))
 
     value = objective(X)
@@ -293,8 +298,8 @@ def _center(M: Complex, beta: float, X: Complex, structure: Structure) -> Comple
     for _ in range(_NEWTON):
         P, R = np.linalg.inv(_form(U, V, X)), np.linalg.inv(X + X.conj().T)
         slope = (V @ P @ U.conj().T - 2.0 * R).T[i, j]
-        H = _hessian(U, V, P, R, structure)
-        x = _SMALL * X[i, j]
+        H = _hessian(U, V, P, R, structure, small)
+        x = small * X[i, j]
         g = np.concatenate([slope.real + x.real + (i == j), -slope.imag + x.imag])
         step, fall = _newton_step(H, g, structure.basis)
         move = np.zeros_like(X)

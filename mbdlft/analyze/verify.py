@@ -11,7 +11,7 @@ from mbdlft.analyze.boxes import replayed
 from mbdlft.analyze.characteristic import is_hurwitz, polynomials
 from mbdlft.analyze.frequencies import covers
 from mbdlft.analyze.intervals import holds
-from mbdlft.analyze.multiplier_margin import channels_of
+from mbdlft.analyze.multiplier_margin import channels_of, scaled
 from mbdlft.analyze.multipliers import fits, structure_of
 from mbdlft.analyze.realization import realization, states_that_stay
 from mbdlft.base.errors import WellPosednessError
@@ -83,7 +83,7 @@ def _of_boxes(system: System, bounds: Bounds, proof: BoxProof) -> str:
 def _of_intervals(system: System, bounds: Bounds, proof: IntervalProof) -> str:
     stay = states_that_stay(system, bounds.leave_out)
     structure = structure_of(system.lft.blocks)
-    channels = channels_of(system, stay, structure)
+    channels, scale = channels_of(system, stay, structure)
     if bounds.kind != "robust stability" or not bounds.lower * proof.beta <= 1.0:
         return f"the proof is for 1/{proof.beta:g} times the box, and less than what is said"
     if not is_hurwitz(channels.A):
@@ -94,7 +94,7 @@ def _of_intervals(system: System, bounds: Bounds, proof: IntervalProof) -> str:
         same = multipliers.beta == proof.beta and len(multipliers.D) == structure.size
         if not same or not fits(multipliers, system.lft.blocks):
             return f"the multipliers near {interval.at:.4g} rad/s are not of the structure of Delta"
-        if not holds(channels, multipliers, interval):
+        if not holds(channels, scaled(multipliers, scale), interval):
             return (
                 f"the multipliers near {interval.at:.4g} rad/s do not prove their bound from "
                 f"{interval.low:.4g} to {interval.high:.4g} rad/s"
