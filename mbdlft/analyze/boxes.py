@@ -26,6 +26,7 @@ LEAF = 0
 _SMALLEST = 2.0**-16  # half of a box that is not cut again, of the whole [1]
 _NARROWEST = 2.0**-44  # interval of t that is not cut again
 _SLOW = 0.35  # of the change along a delta: less change along t is not a reason to cut t
+_MOST_PIECES = 200  # open pieces of a box: with more, none is cut along t any more
 _CALL = 2000  # coefficients that a call costs
 
 
@@ -156,13 +157,14 @@ def _refined(
     pieces: tuple[Piece, ...], gain: float, *, patient: bool
 ) -> tuple[tuple[Piece, ...], float]:
     """The pieces on which zeros are not excluded, cut along t while that helps; and what it cost."""
-    waiting, still, cost = list(pieces), [], 0.0
+    waiting, cost = list(pieces), 0.0
+    still: list[Piece] = []
     while waiting:
         piece = waiting.pop()
         cost += piece.values.size + _CALL
         if excludes(piece, gain):
             continue
-        if _is_worth_cutting(piece, patient=patient):
+        if len(still) < _MOST_PIECES and _is_worth_cutting(piece, patient=patient):
             waiting += halves(piece, -1)
         else:
             still.append(piece)

@@ -129,6 +129,8 @@ def largest_peak(model: Realization, k: float, more: tuple[Array, ...] = ()) -> 
     q = len(model.sizes)
     random = np.random.default_rng(0)
     best = peak_at(model, np.zeros(q))
+    if not q:
+        return best
     starts = [np.zeros(q), *more]
     starts += [k * np.sign(random.uniform(-1.0, 1.0, q)) for _ in range(_STARTS)]
     for start in starts:

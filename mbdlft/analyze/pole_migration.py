@@ -88,6 +88,8 @@ def slopes(
 def smallest_crossing(model: Realization, largest: float) -> Crossing:
     """The best of the crossings with |delta| <= largest that searches from all poles lead to."""
     q, best = len(model.sizes), NONE
+    if not q:
+        return best
     poles = np.linalg.eigvals(model.A)
     order = np.argsort(-poles.real / np.maximum(np.abs(poles), 1e-300), kind="stable")
     starts = [(np.zeros(q), poles[i]) for i in order if poles[i].imag >= 0.0]

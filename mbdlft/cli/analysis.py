@@ -96,7 +96,7 @@ def wcgain(
 
 def verify(archive: Archive, as_json: AsJson = False) -> None:
     """Check every stored proof again, without a search."""
-    from mbdlft.analyze.verify import verify as check
+    from mbdlft.analyze.recheck import verify as check
     from mbdlft.store import analysis_names, load_analysis
 
     names = analysis_names(archive)
