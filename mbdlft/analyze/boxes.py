@@ -141,7 +141,7 @@ def replayed(
             waiting += reversed(_cut(box, axis))
         else:
             side = -1 if kind == 1 else 1
-            if gain or _side(box, axis) not in (side, 2):
+            if gain or _side(box, axis) != side:
                 return False
             waiting.append(_on_face(box, axis, side))
     return not waiting

@@ -56,7 +56,7 @@ def _claimed(bounds: Bounds, proof: BoxProof) -> str:
     elif bounds.kind == "robust performance":
         is_enough = proof.k >= bounds.lower and proof.gain >= bounds.lower
     else:
-        is_enough = proof.k >= bounds.lower
+        is_enough = proof.k >= bounds.lower  # stability only
     if not is_enough:
         return f"the proof is for {proof.k:g} times the box, and less than what is said"
     return ""

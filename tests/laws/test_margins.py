@@ -1,6 +1,7 @@
 """Guarantees: what is proved holds at all that is tried, and what is no proof is not taken for one."""
 
 from dataclasses import replace
+from math import comb
 
 import control
 import numpy as np
@@ -17,6 +18,7 @@ from mbdlft import (
     verify,
     worst_case_gain,
 )
+from mbdlft.analyze.characteristic import polynomials
 from mbdlft.analyze.intervals import is_negative_at
 from mbdlft.analyze.multiplier_margin import by_multipliers, channels_of, scaled
 from mbdlft.analyze.multipliers import structure_of
@@ -49,6 +51,46 @@ def test_no_model_inside_a_proved_margin_is_unstable(seed: int) -> None:
         assert np.max(poles.real) >= -STABLE * np.max(np.abs(poles))
         assert np.min(np.abs(poles - 1j * found.frequency)) <= 1e-3 * np.max(np.abs(poles))
     assert verify(system, found) == ""
+
+
+@pytest.mark.parametrize("seed", [1, 3, 7])
+def test_coefficients_are_those_of_the_determinant(seed: int) -> None:
+    """The polynomial in Bernstein form, evaluated by its definition, against the determinant."""
+    system, k, random = random_system(seed), 0.3, np.random.default_rng(seed)
+    model = realization(system)
+    found = polynomials(model, k)
+    n = len(system.A)
+    for _ in range(5):
+        delta, t = random.uniform(-1.0, 1.0, len(model.sizes)), random.uniform(0.1, 0.9)
+        value = found.values[0]
+        for x in [*(0.5 * (delta + 1.0)), t]:
+            degree = len(value) - 1
+            basis = [comb(degree, i) * x**i * (1.0 - x) ** (degree - i) for i in range(degree + 1)]
+            value = np.tensordot(basis, value, 1)
+        w = k * np.repeat(delta, model.sizes)
+        loop = np.linalg.det(np.eye(len(w)) - system.D_zw * w)
+        (A,) = state_matrices(system, k * delta[None])
+        omega = found.scale * t / (1.0 - t)
+        expected = (1.0 - t) ** n * loop * np.linalg.det(1j * omega * np.eye(n) - A)
+        roundoff(value / expected, 1.0, kappa=1e6)
+
+
+def test_a_face_is_enough_only_if_poles_turn_to_it() -> None:
+    """The pole -1 + 2 d crosses at d = 1/2; the lower face says nothing of it, the upper one does."""
+    d = Parameter("d", 0.0, low=-1.0, high=1.0)
+    system = realize([["-1+2*d"]], [d], states=1, inputs=[], outputs=[])
+    found = robust_stability(system)
+    assert verify(system, found) == ""
+    lower, upper, leaf = 3 * 0 + 2, 3 * 0 + 3, 0
+    for k, log in (
+        (0.9, (lower, leaf)),
+        (0.9, (upper, leaf)),
+        (0.9, (leaf,)),
+        (0.4, (lower, leaf)),
+    ):
+        claim = replace(found, lower=k, proof=BoxProof(k, log))
+        assert verify(system, claim)
+    assert verify(system, replace(found, lower=0.4, proof=BoxProof(0.4, (leaf,)))) == ""
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -184,7 +226,7 @@ def damaged(found: Bounds) -> list[Bounds]:
     holes = proof._replace(intervals=proof.intervals[1:], multipliers=proof.multipliers[1:])
     whole = proof.intervals[0]._replace(high=np.inf)
     one = proof._replace(intervals=(whole,), multipliers=proof.multipliers[:1])
-    full = tuple(m._replace(D=m.D + 1e-9) for m in proof.multipliers)
+    full = tuple(m._replace(D=m.D + 1e-13) for m in proof.multipliers)
     above = replace(found, lower=1.0 / wrong)
     return [
         more,
