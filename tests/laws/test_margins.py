@@ -9,6 +9,7 @@ import pytest
 
 import mbdlft
 from mbdlft import (
+    Block,
     Bounds,
     Parameter,
     System,
@@ -21,11 +22,12 @@ from mbdlft import (
 from mbdlft.analyze.characteristic import polynomials
 from mbdlft.analyze.intervals import is_negative_at
 from mbdlft.analyze.multiplier_margin import by_multipliers, channels_of, scaled
-from mbdlft.analyze.multipliers import structure_of
+from mbdlft.analyze.multipliers import structure_of, upper_bound
 from mbdlft.analyze.peak import peak_at
 from mbdlft.analyze.realization import realization
+from mbdlft.analyze.small_delta import small_delta
 from mbdlft.bound.evidence import BoxProof, IntervalProof
-from tests.close import STABLE, roundoff
+from tests.close import BOUND, STABLE, roundoff
 from tests.laws.random_loops import KINDS, mixed_system, random_system, reached, state_matrices
 from tests.reference import robust_cases
 
@@ -184,6 +186,38 @@ def random_loop_with_channels() -> mbdlft.LFTModel:
     return realize(matrix, own, states=2, inputs=["f", "g"], outputs=["x", "v"])
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_peak_is_above_all_other_frequencies(seed: int) -> None:
+    """With direct feedthrough, against a fine grid."""
+    random = np.random.default_rng(seed)
+    n = 4
+    A = random.standard_normal((n, n))
+    A = A - (float(np.max(np.linalg.eigvals(A).real)) + 0.5) * np.eye(n)
+    B, C, D = (random.standard_normal(shape) for shape in ((n, 2), (2, n), (2, 2)))
+    fixed = mbdlft.state_space(A, B, C, 2.0 * D)
+    found = peak_at(realization(fixed, [0, 1], [0, 1]), np.zeros(0))
+    omega = np.concatenate([[0.0], np.geomspace(1e-2, 1e2, 3000), [1e6]])
+    shifted = 1j * omega[:, None, None] * np.eye(n) - A
+    sizes = np.linalg.svd(C @ np.linalg.solve(shifted, np.array([B] * len(omega))) + 2.0 * D)[1]
+    assert np.max(sizes) <= found.gain * (1.0 + STABLE)
+    assert found.gain <= np.max(sizes) * (1.0 + BOUND)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_small_delta_makes_the_loop_singular(seed: int) -> None:
+    """Real deltas and a complex matrix: most eigenvalues of M Delta are not real."""
+    random = np.random.default_rng(seed)
+    M = random.standard_normal((6, 6)) + 1j * random.standard_normal((6, 6))
+    blocks = (Block("a", 1), Block("b", 2), Block("c", 3))
+    found = small_delta(M, blocks)
+    assert found.bound > 0.0
+    assert not np.any(found.delta.imag)
+    sizes = np.linalg.svd(np.eye(6) - M @ found.delta, compute_uv=False)
+    assert sizes[-1] <= STABLE * sizes[0]
+    roundoff(np.linalg.norm(found.delta, 2) * found.bound, 1.0)
+    assert found.bound <= upper_bound(M, structure_of(blocks)).beta
+
+
 def test_a_gain_of_an_unstable_range_is_infinite() -> None:
     loop = arm_loop(0.2)
     found = worst_case_gain(loop)
@@ -226,7 +260,7 @@ def damaged(found: Bounds) -> list[Bounds]:
     holes = proof._replace(intervals=proof.intervals[1:], multipliers=proof.multipliers[1:])
     whole = proof.intervals[0]._replace(high=np.inf)
     one = proof._replace(intervals=(whole,), multipliers=proof.multipliers[:1])
-    full = tuple(m._replace(D=m.D + 1e-13) for m in proof.multipliers)
+    full = tuple(m._replace(D=m.D + 1e-18) for m in proof.multipliers)
     above = replace(found, lower=1.0 / wrong)
     return [
         more,
