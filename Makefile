@@ -1,7 +1,7 @@
 # make run        linearize the two-link arm into out/ and print its table
 # make test       all checks: style, types, import contracts, tests
-# make test-long  tests that run for minutes, all tests as other processors would run them, planted bugs
-# make attack     damaged, hostile and absurd inputs: ATTACK="--minutes 30 --only archives,urdf"
+# make test-long  tests that run for minutes, all tests as other processors would run them, planted bugs, attacks
+# make attack     damaged, hostile, absurd and random inputs: ATTACK="--minutes 30 --only archives,matrices"
 # make mutants    planted bugs: each must fail a test
 # make bench      measure, and write the tables into the README and docs/; print those of the UR5 and of moves between files
 # Each needs Python 3.11 or newer and a package index; everything goes into .venv, and no more than it needs.
@@ -33,6 +33,7 @@ test: .venv/test
 test-long: .venv/test mutants
 	$(PYTEST) -m long
 	for kernel in $(KERNELS); do OPENBLAS_CORETYPE=$$kernel $(PYTEST) || exit 1; done
+	$(BIN)/python -m tests.attack --minutes 20 --seed 1000
 
 mutants: .venv/test
 	$(BIN)/python -m tests.mutants

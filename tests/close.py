@@ -29,6 +29,8 @@ SPACECRAFT_TABLE = 2e-5
 ARM_TABLE = 1e-4
 LENGTH_TABLE = 1e-3
 MAST_TABLE = 3e-3
+CORES = 1e-12  # values with the kernels of other processors
+ATTACKED = 1e-11  # values of what is drawn by chance, of each entry
 ACCELERATION = 1e-7  # of beams on a hub, of the largest of a row, against 50 digits
 SAME_MESH = 1e-8
 CHAIN = 1e-7
@@ -124,3 +126,12 @@ def conditioned(actual: ArrayLike, expected: ArrayLike, kappa: float, factor: fl
     """A number whose relative condition is `kappa`: error within a small factor of kappa eps."""
     found = error(actual, expected)
     assert found <= factor * EPS * kappa, f"relative error {found:.2e}, condition {kappa:.1e}"
+
+
+# zeros: eigenvalues of a pencil that is left after several rank decisions
+ZEROS = 1e-8
+# what figures and tables of responses promise: peaks within 0.1 dB; bounds of norms this far apart
+PEAK = 10.0**0.005 - 1.0
+NORM = 1e-6
+# norms and responses over time of systems whose poles are well apart
+RESPONSE = 1e-9

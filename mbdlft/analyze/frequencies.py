@@ -1,145 +1,166 @@
-"""A bound of mu for all frequencies: multipliers and the intervals on which they prove it."""
+"""Frequencies at which responses are worth computing: evenly spaced ones, and more around each pole."""
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from mbdlft.analyze.intervals import Channels, channels_matrix, interval_around
-from mbdlft.analyze.multipliers import Structure, upper_bound
+from mbdlft.analyze.resolvent import resolvent
+from mbdlft.analyze.samples import Names, samples_at, transfers_at
+from mbdlft.analyze.spectrum import eigenvalues, spectrum, without_integrators
 from mbdlft.base.array import Array
-from mbdlft.bound.evidence import Interval, IntervalProof, Multipliers
+from mbdlft.base.errors import AnalysisError
+from mbdlft.system.system import StateMatrices, System
 
-_STEPS = 2000  # frequencies that are looked at, at most
-_LOOKS = 12
-_NARROW = 1e-10  # of a frequency: an interval below this is not cut again
+POINTS = 200  # evenly spaced in the logarithm
+_DECADE = 10.0  # beyond the slowest and the fastest pole
+_NEAREST = 1e-4  # of its frequency: no response is computed nearer to a pole without damping
+_UNDAMPED = 1e-7  # damping below this is none
+# distances from the frequency of a pole, in half widths of its peak: a peak lies at most an eighth of
+# one from the nearest, and is 0.07 dB higher at most
+_CENTER = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+_BEYOND = 6  # more to either side, farther and farther apart, until the evenly spaced are as near
+_INFINITE = 3.0  # a response that grows by more than this when a hundred times nearer is unbounded
 
 
-class Sweep(NamedTuple):
-    """What came of a sweep.
+def response_frequencies(
+    system: System,
+    values: Mapping[str, ArrayLike] | None = None,
+    low: float | None = None,
+    high: float | None = None,
+    points: int = POINTS,
+) -> Array:
+    """Frequencies for each sample: evenly spaced ones, and those around its own poles.
 
-    Attributes
+    Peaks of lightly damped modes are right to 0.1 dB at them. To a pole whose damping is below 1e-7 there
+    is none nearer than a ten-thousandth of its frequency.
+
+    Parameters
     ----------
-    proof : IntervalProof or None
-    work : float
-        Newton steps and eigenvalues, as units of work.
-    open_at : float
-        A frequency at which nothing could be proved (rad/s); NaN if there is none.
-    frequency : float
-        Where the bound is largest.
+    system : System or LFTModel
+    values : mapping of names to physical values, numbers or arrays (N,); the others are nominal
+    low, high : float, rad/s
+        By default a decade below the slowest and above the fastest pole of all samples; poles at zero
+        are left out.
+    points : int
+        Number of evenly spaced ones, on a logarithmic axis.
+
+    Returns
+    -------
+    array (N, F), rad/s
+        Rows rise, and some numbers stand twice where a pole has none to add; for `frequency_response`.
+
+    Raises
+    ------
+    AnalysisError
+        `low` and `high` are not positive, finite and rising, or `points` is less than 2.
+    StructureError, WellPosednessError
+        As `matrices_at`.
     """
+    A = samples_at(system, values).A
+    found = eigenvalues(A, system.name)
+    first, last = frequency_range(system, found, low, high)
+    if not isinstance(points, int | np.integer) or points < 2:
+        raise AnalysisError(
+            f"model {system.name!r}: expected at least 2 points of frequency, got {points!r}."
+        )
+    even = np.geomspace(first, last, int(points))
+    if np.isrealobj(A):  # one of each pair is enough
+        found = np.where(found.imag > 0.0, found, 0.0)
+    pairs = int(np.max(np.sum(found != 0.0, axis=1), initial=0))
+    found = np.take_along_axis(found, np.argsort(found == 0.0, axis=1, kind="stable"), axis=1)
+    return np.stack([_around(even, row) for row in found[:, :pairs]])
 
-    proof: IntervalProof | None
-    work: float
-    open_at: float
-    frequency: float
+
+def frequency_range(
+    system: System, poles: NDArray[np.complex128], low: float | None, high: float | None
+) -> tuple[float, float]:
+    """Lowest and highest frequency, rad/s; those that are not given by the poles (N, nx)."""
+    sizes = np.abs(without_integrators(system, poles))
+    first = float(np.min(sizes)) / _DECADE if low is None and len(sizes) else low
+    last = float(np.max(sizes)) * _DECADE if high is None and len(sizes) else high
+    if first is None:
+        first = 0.1 if last is None else last / _DECADE**2
+    if last is None:
+        last = first * _DECADE**2
+    for label, value in (("low", first), ("high", last)):
+        if isinstance(value, bool) or not np.isreal(value) or not 0.0 < value < np.inf:
+            raise AnalysisError(
+                f"model {system.name!r}: frequencies: expected a positive finite {label} end (rad/s), "
+                f"got {value!r}."
+            )
+    if not first < last:
+        raise AnalysisError(
+            f"model {system.name!r}: frequencies: expected low < high, got {first:g} and {last:g} rad/s."
+        )
+    return float(first), float(last)
 
 
-def swept(
-    system: Channels,
-    structure: Structure,
-    gap: float,
-    work: float,
-    floor: float,
-    tick: Callable[[], None] = lambda: None,
-) -> Sweep:
-    """Bound mu for all frequencies, within `gap` of the best of its multipliers at one of them.
+def unbounded_frequencies(
+    system: System,
+    values: Mapping[str, ArrayLike] | None = None,
+    *,
+    outputs: Names = None,
+    inputs: Names = None,
+) -> tuple[Array, ...]:
+    """Frequencies at which a response is infinite: those of poles on the axis that the channels see.
 
-    Below `floor` bounds are not told apart.
+    Parameters
+    ----------
+    system : System or LFTModel
+    values : mapping of names to physical values, numbers or arrays (N,); the others are nominal
+    outputs, inputs : names of channels; all by default
+
+    Returns
+    -------
+    tuple of N arrays, rad/s, each rising; 0 for integrators
+
+    Raises
+    ------
+    AnalysisError, StructureError, WellPosednessError
+        As `zeros`.
     """
-    todo, first = [(0.0, np.inf)], _first(system.A)
-    beta, peak, used, last = floor, np.nan, 0.0, None
-    kept: list[tuple[Interval, Multipliers]] = []
-    cost = _cost(len(system.A), structure)
-    for omega in _looks(first):
-        M, _ = channels_matrix(system, omega)
-        last = upper_bound(M, structure, start=last, tolerance=0.1 * gap, enough=beta)
-        used += cost
-        if last.beta > beta:
-            beta, peak = last.beta, omega
-    beta *= 1.0 + 0.5 * gap
-    for _ in range(_STEPS):
-        if not todo:
-            return Sweep(_covered(beta, kept), used, np.nan, peak)
-        tick()
-        used += cost
-        if used > work:
-            return Sweep(None, used, todo[-1][0], peak)
-        low, high = todo.pop()
-        omega = _middle(low, high, first)
-        M, _ = channels_matrix(system, omega)
-        found = upper_bound(M, structure, start=last, tolerance=0.02 * gap, enough=beta)
-        last = found
-        if found.beta > beta:
-            found = upper_bound(M, structure, start=last, tolerance=0.02 * gap)
-            beta, peak = max(found.beta * (1.0 + 0.5 * gap), beta), omega
-            found = upper_bound(M, structure, start=last, tolerance=0.02 * gap, enough=beta)
-        found = found._replace(beta=beta)
-        interval = interval_around(system, found, omega)
-        if interval is None or interval.high - interval.low <= _NARROW * omega:
-            return Sweep(None, used, omega, peak)
-        kept.append((interval, found))
-        todo += _rest(low, high, interval)
-    return Sweep(None, used, todo[-1][0] if todo else np.nan, peak)
+    matrices = transfers_at(system, values, outputs, inputs, "responses")
+    found = []
+    for A, B, C, D in zip(*matrices, strict=True):
+        seen = spectrum(A)
+        largest = float(np.max(np.abs(seen.poles), initial=0.0))
+        sizes = np.unique(np.abs(seen.cleaned.imag[seen.on_axis]))
+        unit = np.where(sizes > 0.0, sizes, largest or 1.0)
+        one = (matrix[None] for matrix in (A, B, C, D))
+        apart = np.array([1e-2, 1e-4]) * _NEAREST
+        omega = sizes[:, None] + unit[:, None] * np.where(
+            sizes[:, None] > 0.0, apart, 100.0 * apart
+        )
+        gains = np.abs(resolvent(StateMatrices(*one), 1j * omega.reshape(1, -1))[0])
+        gains = np.max(gains, axis=(1, 2), initial=0.0).reshape(-1, 2)
+        kept = sizes[gains[:, 1] > _INFINITE * gains[:, 0]]
+        # poles of one frequency that rounding has moved apart are one
+        gaps = np.diff(kept, prepend=-np.inf) > _NEAREST * kept
+        found.append(kept[gaps])
+    return tuple(found)
 
 
-def _looks(first: Array) -> Array:
-    """Frequencies at which to look before anything is proved: of the poles, and around them."""
-    sizes = first[first > 0.0]
-    if not len(sizes):
-        return np.append(np.geomspace(1e-2, 1e2, _LOOKS), np.inf)
-    around = np.geomspace(0.1 * np.min(sizes), 10.0 * np.max(sizes), _LOOKS)
-    return np.concatenate([first, around, [np.inf]])
+def _around(even: Array, poles: NDArray[np.complex128]) -> Array:
+    """Rising frequencies of one sample: `even` ones (P,), and clusters at its poles (nx,)."""
+    first, last = even[0], even[-1]
+    apart = np.log(last / first) / (len(even) - 1)
+    center, half = np.abs(poles.imag)[:, None], np.abs(poles.real)[:, None]
+    undamped = half < _UNDAMPED * center
+    width = np.where(undamped, _NEAREST * center, half)
+    ratio = np.maximum(apart * center / np.where(width > 0.0, width, 1.0), 2.0)
+    beyond = ratio ** (np.arange(1, _BEYOND + 1) / _BEYOND)
+    steps = np.concatenate([np.tile(_CENTER, (len(poles), 1)), beyond], axis=1)
+    added = np.concatenate([center + width * steps, center - width * steps], axis=1)
+    added = np.where((center > 0.0) & (added > first) & (added < last), added, first)
+    return _off_axis(np.sort(np.concatenate([even, added.ravel()])), center[undamped])
 
 
-def _rest(low: float, high: float, interval: Interval) -> list[tuple[float, float]]:
-    """What an interval leaves of another."""
-    rest = []
-    if interval.low > low:
-        rest.append((low, interval.low))
-    if interval.high < high:
-        rest.append((interval.high, high))
-    return rest
-
-
-def _first(A: Array) -> Array:
-    """Frequencies at which to begin: those of the poles, the least damped first."""
-    poles = np.linalg.eigvals(A) if len(A) else np.zeros(0)
-    poles = poles[poles.imag >= 0.0]
-    order = np.argsort(-poles.real / np.maximum(np.abs(poles), 1e-300), kind="stable")
-    return np.abs(poles[order])
-
-
-def _middle(low: float, high: float, first: Array) -> float:
-    """A frequency in an interval."""
-    inside = first[(first > low) & (first < high)]
-    if len(inside):
-        return float(inside[0])
-    if low == 0.0:
-        return 1.0 if np.isinf(high) else 0.5 * high
-    return 2.0 * low if np.isinf(high) else float(np.sqrt(low * high))
-
-
-def _covered(beta: float, kept: list[tuple[Interval, Multipliers]]) -> IntervalProof:
-    order = sorted(kept, key=lambda pair: pair[0].low)
-    return IntervalProof(
-        beta,
-        tuple(interval for interval, _ in order),
-        tuple(found._replace(beta=beta) for _, found in order),
-    )
-
-
-def covers(intervals: tuple[Interval, ...]) -> bool:
-    """Whether intervals in the order of their lower ends cover [0, inf]."""
-    reached = 0.0
-    for interval in intervals:
-        if interval.low > reached:
-            return False
-        reached = max(reached, interval.high)
-    return bool(reached == np.inf)
-
-
-def _cost(n: int, structure: Structure) -> float:
-    """Units of work of one frequency."""
-    entries = 2 * len(structure.rows)
-    return 1e-3 + 40.0 * (entries**2 * 3e-9 + entries**3 * 4e-11) + (2 * n) ** 3 * 5e-9
+def _off_axis(omega: Array, centers: Array) -> Array:
+    """Rising frequencies, those that are too near to poles on the axis moved as far as is allowed."""
+    for center in np.unique(centers[centers > 0.0]):
+        near = np.abs(omega - center) < _NEAREST * center
+        omega = np.where(
+            near, center * (1.0 + np.where(omega < center, -1.0, 1.0) * _NEAREST), omega
+        )
+    return np.sort(omega)

@@ -1,7 +1,7 @@
 """The margin of robust stability by multipliers: for blocks of all kinds, and for many parameters.
 
 1/margin is the largest structured singular value over all frequencies. It is bounded from above by
-multipliers on intervals of frequency (`mbdlft.analyze.frequencies`), and from below by deltas that make
+multipliers on intervals of frequency (`mbdlft.analyze.coverage`), and from below by deltas that make
 the loop singular at one frequency, or, for parameters only, that move a pole to the axis.
 """
 
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.analyze.frequencies import Sweep, swept
+from mbdlft.analyze.coverage import Sweep, swept
 from mbdlft.analyze.intervals import Channels, balance, channels_matrix
 from mbdlft.analyze.multipliers import Structure, structure_of
 from mbdlft.analyze.pole_migration import Crossing, smallest_crossing

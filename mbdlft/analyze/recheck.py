@@ -9,7 +9,7 @@ Both begin with a proof that the nominal model is stable, by Routh's scheme in b
 
 from mbdlft.analyze.boxes import replayed
 from mbdlft.analyze.characteristic import is_hurwitz, polynomials
-from mbdlft.analyze.frequencies import covers
+from mbdlft.analyze.coverage import covers
 from mbdlft.analyze.intervals import holds
 from mbdlft.analyze.multiplier_margin import channels_of, scaled
 from mbdlft.analyze.multipliers import fits, structure_of

@@ -5,58 +5,76 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mbdlft.analyze.resolvent import resolvent
+from mbdlft.analyze.samples import samples_at
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
-from mbdlft.lft.evaluate import chunks
-from mbdlft.system.model import LFTModel, matrices_at
+from mbdlft.system.system import System
 
 
 def frequency_response(
-    model: LFTModel, values: Mapping[str, ArrayLike], omega: ArrayLike
+    model: System, values: Mapping[str, ArrayLike], omega: ArrayLike
 ) -> NDArray[np.complex128]:
     """G(j omega) = C (j omega I - A)^-1 B + D at samples of the parameters.
 
     Parameters
     ----------
-    model : LFTModel
+    model : System or LFTModel
     values : mapping of names to physical values, numbers or arrays (N,); the others are nominal
-    omega : array (n_omega,), rad/s
+    omega : array (F,), or (N, F) with a row for each sample; rad/s
 
     Returns
     -------
-    complex array (N, n_omega, ny, nu)
+    complex array (N, F, ny, nu)
         Unit of entry (i, j): unit of output i over unit of input j. N = 1 for numbers.
 
     Raises
     ------
     AnalysisError
-        j omega is an eigenvalue of A at one of the samples, or `omega` has what is not a finite number.
+        j omega is an eigenvalue of A at one of the samples (at most but for the last digits), or `omega`
+        has what is not a finite number, or another number of rows.
     """
-    frequencies = np.atleast_1d(np.asarray(omega))
+    frequencies = np.asarray(omega)
     if frequencies.dtype.kind not in "iuf" or not np.all(np.isfinite(frequencies)):
         raise AnalysisError(
             f"model {model.name!r}: omega: expected finite frequencies (rad/s), got {omega!r}."
         )
-    A, B, C, D = (
-        matrix if matrix.ndim == 3 else matrix[None] for matrix in matrices_at(model, values)
-    )
-    eye = np.eye(A.shape[-1])
-    response = np.empty((len(A), len(frequencies), *D.shape[-2:]), dtype=complex)
-    for part in chunks(len(A), max(1, A.shape[-1] + max(D.shape[-2:]))):
-        right = B[part].astype(complex)
-        for k, w in enumerate(frequencies):
-            try:
-                response[part, k] = (
-                    C[part] @ np.linalg.solve(1j * w * eye - A[part], right) + D[part]
-                )
-            except np.linalg.LinAlgError:
-                raise AnalysisError(
-                    f"model {model.name!r}: omega = {w:g} rad/s is a pole at one of the samples, where "
-                    "the response is infinite. Leave this frequency out or add damping."
-                ) from None
+    matrices = samples_at(model, values)
+    count = len(matrices.A)
+    frequencies = np.atleast_1d(frequencies)
+    if frequencies.ndim > 2 or (frequencies.ndim == 2 and len(frequencies) not in (1, count)):
+        raise AnalysisError(
+            f"model {model.name!r}: omega: expected frequencies (F,), or a row (N, F) for each of "
+            f"{count} samples, got shape {frequencies.shape}."
+        )
+    rows = np.broadcast_to(frequencies, (count, frequencies.shape[-1]))
+    response = resolvent(matrices, 1j * rows)
+    poles = ~np.isfinite(response).all(axis=(2, 3))
+    if np.any(poles):
+        raise AnalysisError(
+            f"model {model.name!r}: omega = {rows[poles][0]:g} rad/s is a pole at one of the samples, "
+            "where the response is infinite. Leave this frequency out or add damping."
+        )
     return response
 
 
 def singular_values(response: NDArray[np.complex128]) -> Array:
     """Singular values (..., min(ny, nu)) of a `response` (..., ny, nu), largest first; its unit."""
     return np.asarray(np.linalg.svd(response, compute_uv=False), dtype=float)
+
+
+def gain_unit(system: System) -> str:
+    """Unit of the gain, or ``mixed units`` if the outputs or the inputs have several units."""
+    pairs = {(y.unit, u.unit) for y in system.outputs for u in system.inputs}
+    if len(pairs) != 1:
+        return "mixed units"
+    over, under = (f"({unit})" if " " in unit or "/" in unit else unit for unit in pairs.pop())
+    return f"{over}/{under}"
+
+
+def peaks(values: Array) -> Array:
+    """Rows (N, F) with -inf where no peak is; all of them stay if there is none, as of integrators."""
+    higher = (values[:, 1:-1] >= values[:, :-2]) & (values[:, 1:-1] >= values[:, 2:])
+    found = np.full(values.shape, -np.inf)
+    found[:, 1:-1] = np.where(higher, values[:, 1:-1], -np.inf)
+    return found if np.any(np.isfinite(found)) else values

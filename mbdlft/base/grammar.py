@@ -15,11 +15,10 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from decimal import Decimal
 from functools import cache
 
 from mbdlft.base.errors import SceneError, unknown_name
-from mbdlft.base.unit import Exponents, parse_unit
+from mbdlft.base.unit import Exponents, in_si, parse_unit
 
 FUNCTIONS: Mapping[str, Callable[[float], float]] = {
     "sqrt": math.sqrt,
@@ -29,6 +28,7 @@ FUNCTIONS: Mapping[str, Callable[[float], float]] = {
 }
 _MAX_EXPONENT = 64
 _MAX_DEPTH = 100
+_MOST_DIGITS = 1000
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[^\W\d]\w*)|(?P<operator>\*\*|[-+*/^()])|(?P<unit>\[[^\]]*\]))"
 )
@@ -211,8 +211,7 @@ class _Parser:
         """The tree of a atom of the grammar."""
         kind, token = self.kind, self.token
         if kind == "number":
-            if not math.isfinite(float(token)):
-                raise self._error("a finite number")
+            self._check_size(token)
             self._advance()
             return self._with_unit(token)
         if kind == "name":
@@ -242,11 +241,21 @@ class _Parser:
             unit = parse_unit(self.token[1:-1])
         except SceneError as error:
             raise SceneError(f"expression {self.text!r}, column {self.column}: {error}") from None
-        text = token if unit.factor == 1.0 else str(Decimal(token) * Decimal(repr(unit.factor)))
-        if not math.isfinite(float(text)):
-            raise self._error("a finite number")
+        text = in_si(token, unit)
+        self._check_size(text)
         self._advance()
         return Number(Literal(text), unit.dimension)
+
+    def _check_size(self, text: str) -> None:
+        """Raise an error unless there is a double next to a number, and its digits are not too many."""
+        if len(text) > _MOST_DIGITS:
+            raise self._error(f"a number of at most {_MOST_DIGITS} characters")
+        value = float(text)
+        if not math.isfinite(value):
+            raise self._error("a finite number")
+        mantissa = re.split("[eE]", text)[0]
+        if value == 0.0 and any(int(digit) for digit in mantissa if digit.isdigit()):
+            raise self._error("zero or a number that a double can be, from 5e-324")
 
     def _close(self) -> None:
         """Read a closing parenthesis."""

@@ -1,7 +1,8 @@
 """Units: a text such as ``"N m/rad"`` gives a factor to SI and a dimension."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from decimal import Context, Decimal, localcontext
 from fractions import Fraction
 from functools import cache
 
@@ -16,18 +17,26 @@ Exponents = tuple[int | Fraction, int | Fraction, int | Fraction]  # of kg, m an
 class Unit:
     """The factor of a unit to SI and its exponents of kg, m and s.
 
-    An angle is dimensionless; a cycle, as in Hz and rpm, is 2 pi rad.
+    An angle is dimensionless; a cycle, as in Hz and rpm, is 2 pi rad. `exact` is the factor, unless pi is
+    in it.
     """
 
     factor: float
     dimension: tuple[int, int, int]
+    exact: Fraction | None = None
 
     def __mul__(self, other: "Unit") -> "Unit":
         kg, m, s = (a + b for a, b in zip(self.dimension, other.dimension, strict=True))
+        if self.exact is not None and other.exact is not None:
+            exact = self.exact * other.exact
+            return Unit(float(exact), (kg, m, s), exact)
         return Unit(self.factor * other.factor, (kg, m, s))
 
     def __pow__(self, exponent: int) -> "Unit":
         kg, m, s = (a * exponent for a in self.dimension)
+        if self.exact is not None:
+            exact = self.exact**exponent
+            return Unit(float(exact), (kg, m, s), exact)
         return Unit(self.factor**exponent, (kg, m, s))
 
 
@@ -53,14 +62,24 @@ _BASE = {
 }
 _PREFIX = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "k": 1e3, "M": 1e6}
 _PREFIXED = ("g", "m", "s", "Hz", "N", "Pa", "J", "W", "rad", "t")
-_SYMBOLS = _BASE | {
-    prefix + name: Unit(_BASE[name].factor * factor, _BASE[name].dimension)
+_WITH_PI = ("deg", "rev", "rpm", "Hz")
+
+
+def _exact(name: str) -> Unit:
+    """A unit of the table, with its factor as a fraction."""
+    unit = _BASE[name]
+    return unit if name in _WITH_PI else replace(unit, exact=Fraction(repr(unit.factor)))
+
+
+_SYMBOLS = {name: _exact(name) for name in _BASE} | {
+    prefix + name: _exact(name) * Unit(factor, (0, 0, 0), Fraction(repr(factor)))
     for prefix, factor in _PREFIX.items()
     for name in _PREFIXED
     if prefix + name not in _BASE
 }
 _TOKEN = re.compile(r"\s*(?:([A-Za-zµ%]+|1)(?:\s*\^\s*(-?\d)(?!\d))?|([*/·]))")
 
+_MORE_DIGITS = 60  # those of factors, and of what has no end, such as 1/60
 ANGLE_UNITS = ("deg", "rad")
 
 
@@ -78,7 +97,7 @@ def parse_unit(text: str) -> Unit:
     """
     if not text.strip():
         raise SceneError("a unit is empty; write '1' for a dimensionless quantity.")
-    unit, divide, position, after_symbol = _BASE["1"], False, 0, False
+    unit, divide, position, after_symbol = _SYMBOLS["1"], False, 0, False
     while position < len(text.rstrip()):
         match = _TOKEN.match(text, position)
         symbol, exponent, operator = match.groups() if match else (None, None, None)
@@ -100,6 +119,15 @@ def parse_unit(text: str) -> Unit:
     if not after_symbol:
         raise _unreadable(text, text.rstrip()[-1])
     return unit
+
+
+def in_si(number: str, unit: Unit) -> str:
+    """A number in a unit as one in SI units: all its digits, but for factors such as pi/180 or 1/60."""
+    if unit.factor == 1.0:
+        return number
+    exact = Fraction(repr(unit.factor)) if unit.exact is None else unit.exact
+    with localcontext(Context(prec=len(number) + _MORE_DIGITS)):
+        return str(Decimal(number) * exact.numerator / exact.denominator)
 
 
 def _unreadable(text: str, rest: str) -> SceneError:

@@ -176,7 +176,7 @@ def pair_bounds(
         for is_transposed in (False, True)
         if not work.is_over
     ]
-    return tuple(pair for pair in proved if pair is not None and _allows(pair, more))
+    return tuple(pair for pair in proved if pair is not None and allows(pair, more))
 
 
 def least_more(
@@ -209,8 +209,8 @@ def _above(a: LFT, degrees: Degrees) -> dict[str, int]:
     return {block.name: block.size - degrees[block.name] for block in a.blocks}
 
 
-def _allows(pair: Pair, more: Mapping[str, int]) -> bool:
-    """Whether these repetitions above the degrees are possible."""
+def allows(pair: Pair, more: Mapping[str, int]) -> bool:
+    """Whether a pair leaves these repetitions above the degrees possible."""
     first, second = more[pair.first], more[pair.second]
     return (first > 0 or second >= pair.second_more) and (second > 0 or first >= pair.first_more)
 

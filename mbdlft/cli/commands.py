@@ -5,6 +5,7 @@ import os
 import sys
 import time
 import warnings
+from collections.abc import Sequence
 from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
@@ -16,10 +17,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from mbdlft import __version__
-from mbdlft.base.errors import MbdlftError, SceneError, shortened
+from mbdlft.base.errors import AnalysisError, MbdlftError, SceneError, shortened
 from mbdlft.cli.analysis import margin, verify, wcgain
 from mbdlft.cli.body import body
+from mbdlft.cli.poles import poles
 from mbdlft.cli.report import print_model, report_model
+from mbdlft.cli.response import KINDS, draw, response
 from mbdlft.cli.sweep import sweep
 from mbdlft.cli.tables import console as _console
 from mbdlft.cli.tables import table as _table
@@ -67,6 +70,8 @@ app.command()(margin)
 app.command()(wcgain)
 app.command()(verify)
 app.command()(sweep)
+app.command()(poles)
+app.command()(response)
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
@@ -206,14 +211,19 @@ def linearize(
         typer.Option(help="Relative error that a smaller model may have on the whole range."),
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(help="Figure of singular values to draw, such as fig.png.")
+        list[str] | None,
+        typer.Option(
+            help="Figure to draw, such as fig.png, of singular values; or bode=FILE, poles=FILE, "
+            "step=FILE; may be repeated."
+        ),
     ] = None,
 ) -> None:
     """Linearize a scene, parameters left in, and certify the result."""
     from mbdlft.multibody.scene import load_scene
     from mbdlft.pipeline.build import build
 
-    _check_paths(output, plot)
+    figures = _figures(plot or [])
+    _check_paths(output, figures)
     seconds: dict[str, float] = {}
     start = time.perf_counter()
     scene = load_scene(scene_file)
@@ -231,17 +241,17 @@ def linearize(
         if output is not None:
             status.update(f"{escape(scene.name)}: write")
             seconds["write"] = _write(output, built.model)
-        if plot is not None:
-            status.update(f"{escape(scene.name)}: plot")
-            from mbdlft.plot import save_singular_values
-
-            start = time.perf_counter()
-            save_singular_values(plot, built.model)
-            seconds["plot"] = time.perf_counter() - start
-    paths, notes = {"archive": output, "figure": plot}, _notes(scene)
+    notes = _notes(scene)
     if truncate is not None and built.model.certificate.truncation_error == 0.0:
         notes.append(f"note: no channel can be left out within {truncate:g}; nothing is truncated.")
-    report_model(built.model, seconds, paths, notes, as_json=as_json)
+    try:
+        start = time.perf_counter()
+        for kind, file in figures:
+            draw(kind, file, built.model)
+            seconds["plot"] = time.perf_counter() - start
+    finally:  # a figure that fails takes neither the archive nor the table away
+        files = {"archive": output, **{f"figure of {kind}": file for kind, file in figures}}
+        report_model(built.model, seconds, files, notes, as_json=as_json)
 
 
 @app.command()
@@ -339,16 +349,32 @@ def _assignments(texts: list[str]) -> dict[str, float]:
     return values
 
 
-def _check_paths(archive: Path | None, figure: Path | None = None) -> None:
+def _figures(texts: list[str]) -> list[tuple[str, Path]]:
+    """Kinds and files of the options --plot FILE and --plot KIND=FILE."""
+    found = []
+    for text in texts:
+        kind, equals, file = text.partition("=")
+        if equals and kind in KINDS:
+            found.append((kind, Path(file)))
+        elif equals and not kind.count("/"):
+            raise AnalysisError(
+                f"--plot {text}: unknown figure {kind!r}. Existing: {', '.join(sorted(KINDS))}."
+            )
+        else:
+            found.append(("sigma", Path(text)))
+    return found
+
+
+def _check_paths(archive: Path | None, figures: Sequence[tuple[str, Path]] = ()) -> None:
     """Raise an error if it is known before the work that one of the files cannot be written."""
     if archive is not None:
         from mbdlft.store.archive import check_file
 
         check_file(archive)
-    if figure is not None:
+    for _, file in figures:
         from mbdlft.plot import check_figure
 
-        check_figure(figure)
+        check_figure(file)
 
 
 def _write(archive: Path, model: LFTModel) -> float:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from rich.table import Table
 
+from mbdlft.cli.poles import poles_summary, print_poles
 from mbdlft.cli.tables import console, table
 from mbdlft.system.model import Certificate, LFTModel
 from mbdlft.system.system import System
@@ -40,7 +41,7 @@ def report_model(
 
 
 def print_model(model: System) -> None:
-    """Print the signals and parameters of a model, and what its certificate says, if it has one."""
+    """Print the signals, parameters and poles of a model, and what its certificate says."""
     out = console()
     out.print(f"{model.name}  {model.description}", style="bold", highlight=False)
     for what in ("states", "inputs", "outputs"):
@@ -49,9 +50,11 @@ def print_model(model: System) -> None:
         out.print(f"{what} ({len(signals)}): {listed}".rstrip(": "), highlight=False)
     if isinstance(model, LFTModel):
         _print_evidence(model)
+        print_poles(model)
         return
     blocks = ", ".join(f"{b.name} ({b.kind}, {b.outputs} x {b.inputs})" for b in model.lft.blocks)
     out.print(f"order {model.order}: {blocks or 'no blocks'}; stored without evidence")
+    print_poles(model)
 
 
 def _print_evidence(model: LFTModel) -> None:
@@ -68,6 +71,8 @@ def _print_evidence(model: LFTModel) -> None:
         + (", before truncation" if certificate.truncation_error > 0.0 else "")
         + (", at the fitted positions" if certificate.fit_error_bound > 0.0 else "")
     )
+    for line in _checked_beside(model):
+        out.print(line, highlight=False)
     for line in _well_posed(model):
         out.print(line, highlight=False)
     if certificate.condition > 0.0:
@@ -78,6 +83,27 @@ def _print_evidence(model: LFTModel) -> None:
             for signal, value in zip(model.trim.signals, model.trim.nominal, strict=True)
         )
         out.print(f"trim at nominal: {trimmed}", highlight=False)
+
+
+def _checked_beside(model: LFTModel) -> Iterator[str]:
+    """Sentences on transfer functions, on entries without a size of their own, and on near relations."""
+    certificate = model.certificate
+    if certificate.frequencies:
+        low, high = min(certificate.frequencies), max(certificate.frequencies)
+        yield (
+            f"largest error of transfer functions {certificate.transfer_error:.1e} of their row, at "
+            f"{len(certificate.frequencies)} frequencies, {low:.3g} to {high:.3g} rad/s"
+        )
+    yield from (f"nearly: {text}" for text in certificate.near)
+    if certificate.by_terms:
+        rows = [f"d{s.name}/dt" for s in model.states] + [s.name for s in model.outputs]
+        columns = [signal.name for signal in (*model.states, *model.inputs)]
+        named = [f"{rows[i]} by {columns[j]}" for i, j in certificate.by_terms]
+        more = f" and {len(named) - _MOST_BOXES} more" if len(named) > _MOST_BOXES else ""
+        yield (
+            f"nothing but rounding of terms that cancel, and compared with these: "
+            f"{', '.join(named[:_MOST_BOXES])}{more}"
+        )
 
 
 def _well_posed(model: LFTModel) -> Iterator[str]:
@@ -214,10 +240,15 @@ def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]
         "truncation_error": certificate.truncation_error,
         "fit_error_bound": certificate.fit_error_bound,
         "max_relative_error": certificate.max_relative_error,
+        "transfer_error": certificate.transfer_error if certificate.frequencies else None,
+        "frequencies": list(certificate.frequencies),
+        "near": list(certificate.near),
+        "by_terms": [list(entry) for entry in certificate.by_terms],
         "condition": certificate.condition or None,
         "sign_changes": certificate.sign_changes if certificate.condition else None,
         "check_points": certificate.check_points,
         "well_posed": certificate.well_posed,
         "open_boxes": [[list(ends) for ends in box] for box in certificate.open_boxes],
+        **poles_summary(model),
         "seconds": dict(seconds),
     }

@@ -11,7 +11,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.matrix.denominator import check_denominators
-from mbdlft.matrix.fifty_digits import values_in_digits
+from mbdlft.matrix.fifty_digits import transfers_in_digits, values_in_digits
 from mbdlft.matrix.polynomial import expanded_matrix
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, resolve
@@ -21,9 +21,9 @@ from mbdlft.number.rounding import conditioning
 from mbdlft.problem.compare import NEGLIGIBLE
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage
+from mbdlft.problem.transfers import transfers
 from mbdlft.reduce.reduce import or_one
 
-_NOISE = 1e-40  # of its terms, of a value in 50 digits that may be zero
 _SCALINGS = 10  # of rows and columns; each halves the digits in which they differ
 
 
@@ -89,21 +89,25 @@ class _Scaled(NamedTuple):
 
 def _scaled(matrix: MatrixProblem, resolved: Resolved, parameters: Sequence[Parameter]) -> _Scaled:
     points = check_points(parameters, SEED)
-    values, terms = values_in_digits(matrix, resolved, parameters, points)
-    largest, most = (np.max(np.abs(part), axis=0) for part in (values, terms))
-    clear = largest > _NOISE * most
-    rows, columns = _units(np.where(clear, values, 0.0))
+    found = values_in_digits(matrix, resolved, parameters, points)
+    values, terms, states = found.values, found.sizes, len(matrix.signals()[0])
+    largest = np.max(np.abs(values), axis=0)
+    rows, columns = _units(values)
     # smaller values are negligible beside what parameters change in the row and the column
-    least = NEGLIGIBLE * np.outer(rows, columns)
-    scale = or_one(np.where(clear, np.maximum(largest, least), most))
+    both = np.outer(rows, columns)
+    least = NEGLIGIBLE * both
+    scale = np.where(largest > 0.0, np.maximum(largest, least), both)
+    own_scale = np.where(largest > 0.0, scale, or_one(np.max(terms, axis=0)))
     reference = Reference(
         values=values,
         scale=scale,
         omitted=0.0,
         if_cancelled=lambda: (scale, 0.0),
-        conditioning=lambda: conditioning(values, terms, scale, least),
+        conditioning=lambda: conditioning(values, terms, own_scale, least),
         trimmed=np.zeros((len(points), 0)),
         trim_scale=np.zeros(0),
+        transfers=lambda some, frequencies: transfers(values[list(some)], states, frequencies),
+        transfers_in_digits=lambda some, w: transfers_in_digits(found, states, some, w),
     )
     factors = 1.0 / np.outer(rows, columns)
     return _Scaled(points, reference, rows, columns, factors)

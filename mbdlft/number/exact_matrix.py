@@ -17,6 +17,8 @@ Balls = NDArray[np.object_]
 
 _ENOUGH_BITS = 58  # of an entry, for a double that is its nearest or next to it
 _NOTHING = flint.arb(0)
+_LIMB, _MOST_SUMMED = 21, 2047  # bits, and how many products of them have a sum that a double holds
+_FEW = 1000  # products, for which FLINT is faster
 
 
 class TooFewBitsError(AnalysisError):
@@ -152,17 +154,36 @@ def multiplied(a: Residues, b: Residues, prime: int) -> Residues:
     """a b modulo a prime."""
     if 0 in (*a.shape, b.shape[1]):
         return np.zeros((len(a), b.shape[1]), dtype=np.int64)
-    return _residues(_residue_matrix(a, prime) * _residue_matrix(b, prime))
+    if a.size * b.shape[1] < _FEW:
+        return _residues(_residue_matrix(a, prime) * _residue_matrix(b, prime))
+    return times(a, limbs(b), prime)
 
 
-def flint_matrix(a: Residues, prime: int) -> Any:
-    """The matrix of FLINT, for several products with it."""
-    return _residue_matrix(a, prime)
+def limbs(a: Residues) -> Array:
+    """Residues as three doubles each, 2^42 x + 2^21 y + z: (3, n, m); for several products with them."""
+    mask = 2**_LIMB - 1
+    return np.array([a & mask, (a >> _LIMB) & mask, a >> 2 * _LIMB], dtype=float)
 
 
-def times(a: Residues, b: Any, prime: int) -> Residues:
-    """a b modulo a prime, for a matrix b of FLINT."""
-    return _residues(_residue_matrix(a, prime) * b)
+def times(a: Residues, b: Array, prime: int) -> Residues:
+    """a b modulo a prime, for the `limbs` of b; a and b share fewer than 2048 rows and columns.
+
+    Sums of products of 21 bits are exact in doubles. They are put together from above: r 2^21 - q P, with
+    the quotient q in doubles, is right modulo 2^64, and small.
+    """
+    if a.shape[1] > _MOST_SUMMED:
+        half = a.shape[1] // 2
+        first, second = (
+            times(a[:, :half], b[:, :half], prime),
+            times(a[:, half:], b[:, half:], prime),
+        )
+        return np.asarray((first + second) % prime)
+    C = np.matmul(limbs(a)[:, None], b).astype(np.int64)
+    found: Residues = C[2, 2] % prime
+    for total in (C[1, 2] + C[2, 1], C[0, 2] + C[1, 1] + C[2, 0], C[0, 1] + C[1, 0], C[0, 0]):
+        quotient = (found * (2.0**_LIMB / prime)).astype(np.int64)
+        found = ((found << _LIMB) - quotient * prime + total) % prime
+    return found
 
 
 def solved(a: Residues, b: Residues, prime: int) -> Residues:

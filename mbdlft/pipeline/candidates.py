@@ -105,7 +105,8 @@ def _candidate(problem: Problem, form: Form) -> Candidate:
     n = form.relations.unknown.numel()
     if not n:
         lft = in_scales(relations.rounded())
-        return Candidate(form, extracted.channels, lft, lft, relations, lft)
+        best = in_good_coordinates(relations, _some_deltas(problem, relations), _MOST_CONDITION)
+        return Candidate(form, extracted.channels, lft, lft, relations, best)
     # the equations come first; there are as many as unknowns
     outputs = range(n, n + form.relations.output.numel())
     try:

@@ -12,6 +12,7 @@ from mbdlft.bound.degree import Bound
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.triangle import values_at, vanishes
 from mbdlft.problem.problem import Nouns, Problem, Reference
+from mbdlft.problem.transfers import frequencies_of, largest_of_rows, transfers
 from mbdlft.system.model import Certificate
 from mbdlft.system.points import deltas_at, largest
 from mbdlft.system.regular import (
@@ -27,13 +28,34 @@ Boxes = tuple[tuple[tuple[float, float], ...], ...]  # physical: (low, high) of 
 
 ACCEPTED = 1e-5  # of an error; larger ones are refused
 _CARRIED = 1e-11  # of an error in doubles: what the reference may have lost is not looked at
+_CARRIED_BY_TRANSFERS = 1e-9  # the same for transfer functions
+_AT_FIRST = 1e-3  # units of work before a theorem is looked for
+_MOST_BY_ROUNDING = 10.0  # times the error of transfer functions of exact matrices, rounded
 
 
 class Checked(NamedTuple):
-    """Largest relative error of the values of a model, and the number of points it was measured at."""
+    """How far the values of a model are from those of its reference.
+
+    Attributes
+    ----------
+    error : float
+        Largest relative error of entries of A, B, C, D, and of the trim.
+    points : int
+        Where it was measured.
+    transfer_error : float
+        Largest error of transfer functions, relative to the row.
+    frequencies : tuple of float
+        Where that was measured (rad/s); empty for a model without states.
+    by_terms : tuple of (row, column)
+        Entries of [A B ; C D] that are nothing but rounding of terms that cancelled: their errors are
+        relative to those.
+    """
 
     error: float
     points: int
+    transfer_error: float
+    frequencies: tuple[float, ...]
+    by_terms: tuple[tuple[int, int], ...]
 
 
 def measure_error(problem: Problem, values: Array, trim: LFT | None, at: Reference) -> Checked:
@@ -47,11 +69,14 @@ def measure_error(problem: Problem, values: Array, trim: LFT | None, at: Referen
     AnalysisError
         The error is larger than rounding can explain in a problem that is worth solving.
     """
-    error, count = error_of_values(values, at), len(values)
-    if error > _CARRIED and at.in_digits is not None:
-        some = sorted({0, len(values) // 2, len(values) - 1})
+    (error, by_terms), count = error_of_values(values, at), len(values)
+    # nominal, where doubles differ most, and a corner
+    far = np.max(np.abs(values - at.values) / at.scale, axis=(1, 2), initial=0.0)
+    some = sorted({0, int(np.argmax(far)), count - 1})
+    if (by_terms or error > _CARRIED) and at.in_digits is not None:
         truth = at.in_digits(problem.points[some])
-        error, count = max(at.omitted, largest(values[some] - truth, at.scale)), len(some)
+        error, by_terms = _error_of(values[some], truth, at, in_digits=True)
+        count = len(some)
     trim_error = 0.0
     if trim is not None:
         at_points = (problem.parameters, problem.points, problem.nouns)
@@ -67,17 +92,76 @@ def measure_error(problem: Problem, values: Array, trim: LFT | None, at: Referen
             f"of its {where}. Either {nouns.badly_scaled}, or this is a bug: please report the "
             f"{nouns.kind}."
         )
-    return Checked(worst, count)
+    by_frequency = _error_of_transfers(problem, values[some], some, at)
+    return Checked(worst, count, *by_frequency, by_terms)
 
 
-def error_of_values(values: Array, at: Reference, some: slice = slice(None)) -> float:
-    """Largest relative error of values of [A B ; C D] at all or some of the points of a reference."""
-    differences = values - at.values[some]
+def _error_of_transfers(
+    problem: Problem, values: Array, some: Sequence[int], at: Reference
+) -> tuple[float, tuple[float, ...]]:
+    """Largest error of transfer functions at some of the points, and the frequencies (rad/s).
+
+    `values` (N, ., .) are those of a model there. What doubles do not carry is compared in 50 digits.
+
+    Raises
+    ------
+    AnalysisError
+        The error is larger than that of the exact matrices, rounded to doubles.
+    """
+    states = len(problem.states)
+    if not (states and problem.inputs and problem.outputs):
+        return 0.0, ()
+    frequencies = frequencies_of(values[:, :states, :states])
+    found = transfers(values, states, frequencies)
+    error = largest_of_rows(found, at.transfers(some, frequencies))
+    if error > _CARRIED_BY_TRANSFERS:
+        # half of the points and of the frequencies: each takes as long as all of them in doubles
+        some, frequencies, found = some[::2], frequencies[::2], found[::2, ::2]
+        truth = at.transfers_in_digits(some, frequencies)
+        error = largest_of_rows(found, truth)
+        if not error <= ACCEPTED:
+            points = problem.points[list(some)]
+            exact = at.values[list(some)] if at.in_digits is None else at.in_digits(points)
+            rounded = transfers(exact, states, frequencies)
+            if not error <= _MOST_BY_ROUNDING * largest_of_rows(rounded, truth):
+                nouns = problem.nouns
+                raise AnalysisError(
+                    f"{nouns.owner}: the transfer functions of the model differ from those of "
+                    f"{nouns.truth} by {error:.1e}. Either {nouns.badly_scaled}, or this is a bug: "
+                    f"please report the {nouns.kind}."
+                )
+    return error, tuple(frequencies.tolist())
+
+
+def error_of_values(
+    values: Array, at: Reference, some: slice = slice(None)
+) -> tuple[float, tuple[tuple[int, int], ...]]:
+    """Largest relative error of values of [A B ; C D] at all or some of the points of a reference.
+
+    The second are the entries whose errors are relative to their terms, as they are nothing but rounding.
+    """
+    return _error_of(values, at.values[some], at)
+
+
+def _error_of(
+    values: Array, truth: Array, at: Reference, *, in_digits: bool = False
+) -> tuple[float, tuple[tuple[int, int], ...]]:
+    """As `error_of_values`, of values (N, ., .) from true ones, which may be known in 50 digits.
+
+    Doubles do not tell what is nothing but rounding, and whatever is far off may be; of 50 digits only
+    what is zero has no size.
+    """
+    differences = values - truth
     error = max(at.omitted, largest(differences, at.scale))
-    if not error <= ACCEPTED:  # unless an entry is nothing but rounding
-        scale, omitted = at.if_cancelled()
-        error = max(omitted, largest(differences, scale))
-    return error
+    if error <= ACCEPTED:
+        return error, ()
+    coarse, omitted = at.if_cancelled()
+    is_rounding = ~(np.max(np.abs(differences), axis=0) <= ACCEPTED * at.scale)
+    if in_digits:
+        is_rounding &= np.max(np.abs(truth), axis=0) == 0.0
+    scale = np.where(is_rounding, coarse, at.scale)
+    by_terms = np.argwhere(is_rounding & (coarse > at.scale)).tolist()
+    return max(omitted, largest(differences, scale)), tuple((i, j) for i, j in by_terms)
 
 
 def values_at_points(
@@ -123,12 +207,15 @@ def open_boxes(
         if part is None:
             continue
         names = [block.name for block in part.blocks]
-        known = regularity(part, prove)
         what = f"{problem.nouns.owner}: {problem_is}"
+        by_theorem = part is lft and not is_searched
+        known = regularity(part, min(prove, _AT_FIRST) if by_theorem else prove)
+        if by_theorem and not known.is_proved and known.zero is None:
+            if problem.is_regular():
+                continue
+            known = regularity(part, prove)
         check_no_zero(known, names, problem.parameters, what, problem.nouns.narrow)
-        by_theorem = part is lft and not is_searched and not known.is_proved
-        if not (by_theorem and problem.is_regular()):
-            found += physical_boxes(known.open_boxes, names, problem.parameters)
+        found += physical_boxes(known.open_boxes, names, problem.parameters)
     return found
 
 
@@ -144,11 +231,12 @@ def certificate(
     *,
     is_exact: bool,
     boxes: Boxes,
+    near: tuple[str, ...] = (),
 ) -> Certificate:
     """The certificate of a model; `raw` are its channels before reduction, by parameter.
 
     `is_exact` says whether bounds come from exact numbers, `boxes` are those in which the model could not
-    be proved to be regular.
+    be proved to be regular, `near` are relations that its numbers nearly have.
 
     It is exact unless the equilibrium is a fit. A bound that the model contradicts by being smaller rests
     on a wrong rank in doubles: then nothing is claimed for that parameter, and nothing for pairs.
@@ -168,6 +256,10 @@ def certificate(
         raw_order=tuple(raw.get(name, 0) for name in order),
         max_relative_error=checked.error,
         check_points=checked.points,
+        transfer_error=checked.transfer_error,
+        frequencies=checked.frequencies,
+        by_terms=checked.by_terms,
+        near=near,
         condition=condition,
         sign_changes=sign_changes,
         seed=seed,

@@ -28,6 +28,7 @@ from mbdlft.pipeline.certify import (
     open_boxes,
     values_at_points,
 )
+from mbdlft.pipeline.near import near_relations
 from mbdlft.pipeline.provenance import provenance
 from mbdlft.pipeline.search import CUT_OFF, Budget, Smallest, find_smallest
 from mbdlft.problem.problem import Problem, Reference, Stage, TrimRelations
@@ -67,6 +68,8 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
     if order_bound < found[0].lft.order and (forms := problem.more_forms()):
         with stage("more forms"):
             found = sorted([*found, *candidates(problem, forms)], key=lambda one: one.lft.order)
+    with stage("near relations"):
+        near = near_relations(problem, found[0])
     lft = found[0].lft
     if budget.work > 0.0 and order_bound < lft.order <= _MOST_SEARCHED:
         with stage("search"):
@@ -93,6 +96,7 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
             SEED,
             is_exact=found[0].exact is not None,
             boxes=boxes,
+            near=near,
         )
     return LFTModel(
         name=problem.nouns.name,
@@ -134,7 +138,7 @@ class _Check:
         except WellPosednessError:
             return float("inf")
         try:
-            error = error_of_values(values, self.reference, some)
+            error, _ = error_of_values(values, self.reference, some)
         except WellPosednessError:  # the LFT can say where
             values_at_points(lft, problem.parameters, points, problem.nouns)
             raise

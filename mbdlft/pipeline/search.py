@@ -10,12 +10,13 @@ are moved to one side of the others (`affine`), channels with dependent function
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from mbdlft.base.errors import SceneError, WellPosednessError
-from mbdlft.bound.pairs import confirmation, joint_bound
+from mbdlft.bound.pairs import Pair, allows, confirmation, joint_bound, least_more
 from mbdlft.lft.exact import ExactLFT
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.reduce.affine import is_affine, is_polynomial, move_affine
@@ -130,7 +131,7 @@ def find_smallest(
     proof = _Proof(bound, smallest, work, exact)
     if smallest.order <= proof.order_bound or work.is_over:
         return Smallest(smallest, proof.order_bound, work.is_cut_off)
-    level = _level_of_closed(smallest, truth)
+    level = _level_of_closed(smallest, truth, proof)
     # dependent channels are seen in a moment, so they go before anything takes its share of the work
     best = _smaller(smallest, [independent(smallest, work)], level, work)
     if best.order > _LARGE:
@@ -138,8 +139,9 @@ def find_smallest(
     if relations and best.order > proof.order_bound:
         assert close is not None
         share = _FEW if best.order < min(form.order for form in relations) else _MOST
-        opened = _level_of_relations(_comparable(relations)[0], close, truth)
-        best = min(best, close(_search(relations, opened, proof, work.part(share))), key=_order)
+        opened = _level_of_relations(_comparable(relations)[0], close, truth, proof)
+        found = close(_search(relations, opened, proof, work.part(share)))
+        best = found if found.order < best.order and proof.allows(found) else best
     if best.order > proof.order_bound and not work.is_over:
         forms = [best, *(form for form in closed if form is not best)]
         best = min(best, _search(forms, level, proof, work), key=_order)
@@ -166,6 +168,32 @@ class _Proof:
         self._source, self._work, self._left = source, work, _QUICK * work.most
         self._order = source.order + 1
         self._confirmed = confirmation(exact, bound, work) if exact else None
+        # looks at results do not take from the search, but have an end, too
+        self._pairs: list[Pair] = []
+        self._looked = confirmation(exact, bound, Work(work.most)) if exact else None
+
+    def allows(self, one: LFT) -> bool:
+        """Whether an LFT is not smaller than residues prove: such a one is near the value, not equal."""
+        if self._looked is None:
+            return True
+        sizes = dict(one.blocks)
+        more = {name: sizes.get(name, 0) - least for name, least in self.bound.items()}
+        below = any(size < 0 for size in more.values())
+        if below or one.order < self.order_bound:
+            return False
+        if one.order >= self._source.order:
+            return True
+        for first, second in combinations([name for name in more if self.bound[name]], 2):
+            if more[first] and more[second]:
+                continue  # no pair excludes that
+            for is_transposed in (False, True):
+                pair = self._looked(Pair(first, second, 1, 1, is_transposed))
+                if isinstance(pair, Pair) and not allows(pair, more):
+                    self._pairs.append(pair)
+                    least = sum(least_more(list(self.bound), self._pairs).values())
+                    self.order_bound = max(self.order_bound, sum(self.bound.values()) + least)
+                    return False
+        return True
 
     def improve(self, closed: LFT) -> None:
         """Look for a better bound if `closed` is smaller than the LFT that it was looked for before."""
@@ -196,31 +224,38 @@ class _Level(NamedTuple):
     exact: tuple[_Check, ...]
     fitted: tuple[_Check, ...]
     close: Callable[[LFT], LFT]
+    proof: _Proof
 
     def keeps(self, work: Work, checks: Sequence[_Check], candidate: LFT) -> bool:
         """Whether a candidate has the value."""
+        if not self.proof.allows(candidate):
+            return False
         for truth, largest, is_closed in checks:
             one = candidate
             if is_closed:
                 work.add(reduction(candidate.order))
                 one = self.close(candidate)
+                if not self.proof.allows(one):
+                    return False
             if not is_same(one, truth, work, largest):
                 return False
         return True
 
 
-def _level_of_closed(form: LFT, truth: LFT | None) -> _Level:
+def _level_of_closed(form: LFT, truth: LFT | None, proof: _Proof) -> _Level:
     """Of the smallest closed LFT, and of the one before reduction."""
     rounded = Truth(lambda: form, part_of_either)
     if truth is None:
         exact = _Check(Truth(lambda: form, part_of_largest), SAME)
-        return _Level((exact,), (_Check(rounded, FITTED),), _itself)
+        return _Level((exact,), (_Check(rounded, FITTED),), _itself, proof)
     given = Truth(lambda: truth, part_of_either)
     fitted = (_Check(rounded, SAME), _Check(given, FITTED))
-    return _Level((_Check(given, SAME),), fitted, _itself)
+    return _Level((_Check(given, SAME),), fitted, _itself, proof)
 
 
-def _level_of_relations(form: LFT, close: Callable[[LFT], LFT], truth: LFT | None) -> _Level:
+def _level_of_relations(
+    form: LFT, close: Callable[[LFT], LFT], truth: LFT | None, proof: _Proof
+) -> _Level:
     """Of the smallest LFT of the relations; closing makes rounding larger, so results are closed too."""
     plain = Truth(lambda: form, part_of_largest)
     rounded = Truth(lambda: form, part_of_either)
@@ -229,6 +264,7 @@ def _level_of_relations(form: LFT, close: Callable[[LFT], LFT], truth: LFT | Non
         (_Check(plain, SAME, is_closed=False), _Check(given, SAME)),
         (_Check(rounded, SAME, is_closed=False), _Check(given, FITTED)),
         close,
+        proof,
     )
 
 

@@ -8,10 +8,11 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.number.rounding import conditioning
 from mbdlft.problem.equations import Equations, split
-from mbdlft.problem.in_digits import matrices_in_digits
+from mbdlft.problem.in_digits import matrices_in_digits, transfers_in_digits
 from mbdlft.problem.needed_states import Need
 from mbdlft.problem.problem import Reference
 from mbdlft.problem.relinearize import Relinearized, relinearize, slope_sizes
+from mbdlft.problem.transfers import Complex, implicit_transfers
 from mbdlft.problem.trim import PART
 
 NEGLIGIBLE = 1e-8  # an entry below this part of its row's size is compared with the row
@@ -60,6 +61,15 @@ def reference_of(
         found: Array = np.maximum(trim_scale, PART * np.max(stiffness, axis=(0, 2), initial=0.0))
         return found
 
+    def transfers(some: Sequence[int], frequencies: Array) -> Complex:
+        unknown, known = (part.numel() for part in split(e, inputs))
+        return implicit_transfers(
+            at.linear.jacobian[list(some)], (unknown, known, states), frequencies
+        )
+
+    def in_digits(some: Sequence[int], frequencies: Array) -> Complex:
+        return transfers_in_digits(exact, inputs, outputs, points[list(some)], frequencies)
+
     trim_scale = np.max(at.effort_sizes, axis=0)
     return Reference(
         values=need.of(matrices),
@@ -71,6 +81,8 @@ def reference_of(
         trim_scale=np.where(trim_scale > 0, trim_scale, 1.0),
         in_digits=lambda some: need.of(matrices_in_digits(exact, inputs, outputs, some)),
         trim_if_cancelled=trim_if_cancelled,
+        transfers=transfers,
+        transfers_in_digits=in_digits,
     )
 
 

@@ -5,7 +5,7 @@ numbers of the scene as they are written, and the equations are solved in balls,
 """
 
 import operator
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple
 
@@ -34,21 +34,95 @@ def matrices_in_digits(
 ) -> Array:
     """[A B ; C D] (N, ., .) of the exact equations at physical points (N, n_p), rounded at the end.
 
+    What may be zero is zero.
+
     Raises
     ------
     WellPosednessError
         The equations cannot be solved at one of the points.
     """
     with precision(_BITS):
-        tapes = _tapes(exact, tuple(inputs), tuple(outputs))
+        found = [
+            [_rounded(x) for x in part.ravel()] for part in _balls(exact, inputs, outputs, points)
+        ]
+    return np.array(found).reshape(len(points), len(exact.states) + len(outputs), -1)
+
+
+def transfers_in_digits(
+    exact: Equations,
+    inputs: Sequence[int],
+    outputs: Sequence[int],
+    points: Array,
+    frequencies: Array,
+) -> NDArray[np.complex128]:
+    """Transfer functions (N, F, n_y, n_u) of the exact equations, rounded at the end.
+
+    `points` (N, n_p) are physical, `frequencies` (F,) in rad/s. What may be zero is zero.
+
+    Raises
+    ------
+    WellPosednessError
+        The equations cannot be solved at one of the points or frequencies.
+    """
+    with precision(_BITS):
+        found = _balls(exact, inputs, outputs, points)
+        return transfers_of(found, len(exact.states), frequencies)
+
+
+def transfers_of(
+    matrices: Sequence[Balls], states: int, frequencies: Array
+) -> NDArray[np.complex128]:
+    """Transfer functions (N, F, n_y, n_u) of N matrices [A B ; C D] of balls, rounded at the end.
+
+    Raises
+    ------
+    WellPosednessError
+        A frequency (rad/s) may be a pole.
+    """
+    found = []
+    for rows in matrices:
+        right = _matrix(rows[:states, states:], flint.acb_mat)
+        read, direct = _matrix(rows[states:, :states], flint.acb_mat), rows[states:, states:]
+        for w in frequencies:
+            shifted = rows[:states, :states].copy()
+            shifted[np.arange(states), np.arange(states)] -= flint.acb(0, float(w))
+            try:
+                solved = _matrix(shifted, flint.acb_mat).solve(right)
+            except ZeroDivisionError:
+                raise _singular() from None
+            found.append([_rounded(x) for x in (direct - _array(read * solved)).ravel()])
+    shape = (len(matrices), len(frequencies), *matrices[0][states:, states:].shape)
+    return np.array(found, dtype=complex).reshape(shape)
+
+
+def _rounded(x: Any) -> float | complex:
+    """A ball as a number; what may be zero is zero."""
+    return 0.0 if x.contains(0) else complex(x) if isinstance(x, flint.acb) else float(x)
+
+
+def _balls(
+    exact: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array
+) -> list[Balls]:
+    """[A B ; C D] of the exact equations at physical points (N, n_p)."""
+    tapes = _tapes(exact, tuple(inputs), tuple(outputs))
+    return [_matrices(exact, tapes, J) for J in _slopes(exact, tapes, points)]
+
+
+def _slopes(exact: Equations, tapes: "_Tapes", points: Array) -> Iterator[Balls]:
+    """Slopes of [residual ; outputs] by unknown and known signals, at physical points (N, n_p)."""
+    for at in points:
+        physical = [flint.arb(float(x)) for x in at]
         try:
-            found = [_matrices(exact, tapes, [flint.arb(float(x)) for x in at]) for at in points]
+            (J,) = tapes.slopes.at(physical + _efforts(exact, tapes.trim, physical))
         except ZeroDivisionError:
-            raise WellPosednessError(
-                f"scene {exact.name!r}: the equations are singular at one of the points that are checked "
-                "in 50 digits."
-            ) from None
-    return np.array(found).reshape(len(points), -1, tapes.known)
+            raise _singular() from None
+        yield J
+
+
+def _singular() -> WellPosednessError:
+    return WellPosednessError(
+        "The equations are singular at one of the points that are checked in 50 digits."
+    )
 
 
 class _Tape(NamedTuple):
@@ -107,14 +181,15 @@ def physical_in_digits(exact: Equations) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     return p, p, ca.cos(angles), ca.sin(angles)
 
 
-def _matrices(exact: Equations, tapes: _Tapes, physical: list[Any]) -> Array:
-    """[A B ; C D] at one point (n_p,)."""
+def _matrices(exact: Equations, tapes: _Tapes, J: Balls) -> Balls:
+    """[A B ; C D] at one point, of the slopes there."""
     unknown, known = tapes.unknown, tapes.known
-    (J,) = tapes.slopes.at(physical + _efforts(exact, tapes.trim, physical))
-    solved = -_solved(J[:unknown, :unknown], J[:unknown, unknown : unknown + known])
+    try:
+        solved = -_solved(J[:unknown, :unknown], J[:unknown, unknown : unknown + known])
+    except ZeroDivisionError:
+        raise _singular() from None
     read = J[unknown:, unknown : unknown + known] + _times(J[unknown:, :unknown], solved)
-    matrices = np.concatenate([solved[: len(exact.states)], read])
-    return np.array([float(x) for x in matrices.ravel()])
+    return np.concatenate([solved[: len(exact.states)], read])
 
 
 def _efforts(exact: Equations, trim: _Tape, physical: list[Any]) -> list[Any]:
@@ -155,9 +230,9 @@ def _times(left: Balls, right: Balls) -> Balls:
     return _array(_matrix(left) * _matrix(right))
 
 
-def _matrix(a: Balls) -> Any:
+def _matrix(a: Balls, kind: Any = flint.arb_mat) -> Any:
     n, m = a.shape
-    return flint.arb_mat(n, m, a.ravel().tolist())
+    return kind(n, m, a.ravel().tolist())
 
 
 def _array(matrix: Any) -> Balls:

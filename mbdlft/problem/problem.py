@@ -13,6 +13,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.parameter import BilinearMap, Parameter
 from mbdlft.base.signal import Signal
 from mbdlft.problem.linearize import LinearModel
+from mbdlft.problem.transfers import Complex
 
 Stage = Callable[[str], AbstractContextManager[None]]  # times what is done in it, by its name
 
@@ -82,6 +83,10 @@ class Reference:
     trim_if_cancelled : function, or None
         `trim_scale` for quantities that are nothing but rounding of terms that cancelled already in the
         numbers of the problem: at least a part of what a displacement of 1 rad or 1 m makes of them.
+    transfers : function of positions among the points and of frequencies (F,) in rad/s
+        Transfer functions (N, F, n_y, n_u).
+    transfers_in_digits : function of the same
+        In 50 digits, rounded at the end.
     """
 
     values: Array
@@ -91,6 +96,8 @@ class Reference:
     conditioning: Callable[[], tuple[float, int]]
     trimmed: Array
     trim_scale: Array
+    transfers: Callable[[Sequence[int], Array], Complex]
+    transfers_in_digits: Callable[[Sequence[int], Array], Complex]
     in_digits: Callable[[Array], Array] | None = None
     trim_if_cancelled: Callable[[], Array] | None = None
 

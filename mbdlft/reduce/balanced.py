@@ -10,6 +10,7 @@ their lengths as parameters lose eight digits otherwise: I - M11 Delta then has 
 2 after this. T is a matrix of doubles; what it makes of the LFT is computed in balls and rounded once.
 """
 
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,10 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.lft.exact import ExactLFT
 from mbdlft.lft.lft import LFT
-from mbdlft.number.exact_matrix import TooFewBitsError, ball_matrix, balls_of
+from mbdlft.number.exact_matrix import Balls, TooFewBitsError, ball_matrix, balls_of
 from mbdlft.reduce.reduce import channel_scales, in_scales, or_one
 
-_SWEEPS = 3
+_SWEEPS, _ROUNDS = 3, 5
 _LEAST = 1e-13  # of the trace: a direction that is smaller is taken for that large
 
 
@@ -39,27 +40,39 @@ def in_good_coordinates(a: ExactLFT, deltas: Array, most: float) -> LFT:
     before = _condition(plain, deltas)
     if before <= most:
         return plain
-    balanced = _balanced(a, plain)
-    return min(plain, balanced, key=lambda one: _error(one, a, deltas))
+    found = [plain, *_balanced(a, deltas, most)]
+    truth = _values(a, deltas[-1:])
+    return min(found, key=lambda one: _error(one, truth, deltas[-1:]))
 
 
-def _error(one: LFT, a: ExactLFT, deltas: Array) -> float:
-    """Largest error of an entry of the value at some deltas, relative to its largest size there."""
-    n, sizes = a.order, [block.size for block in a.blocks]
-    exact, found = [], []
-    balls = a.M.balls
+def _values(a: ExactLFT, deltas: Array) -> Array:
+    """Values (N, ., .) at some deltas, computed in balls."""
+    n, sizes, balls = a.order, [block.size for block in a.blocks], a.M.balls
+    found = []
     for at in deltas:
-        spread = np.repeat(at, sizes)
-        delta = balls_of(spread)
+        delta = balls_of(np.repeat(at, sizes))
         loop = -balls[:n, :n] * delta
         loop[np.arange(n), np.arange(n)] += 1
-        z = ball_matrix(loop).solve(ball_matrix(balls[:n, n:]))
-        y = ball_matrix(balls[n:, :n] * delta) * z
-        exact.append(rough_balls(y, balls[n:, n:]))
-        inner = np.linalg.solve(np.eye(n) - one.M11 * spread, one.M12)
-        found.append(one.M22 + (one.M21 * spread) @ inner)
-    size = or_one(np.max(np.abs(exact), axis=0))
-    return float(np.max(np.abs(np.array(found) - np.array(exact)) / size))
+        try:
+            z = ball_matrix(loop).solve(ball_matrix(balls[:n, n:]))
+        except ZeroDivisionError:
+            raise TooFewBitsError("A loop is not invertible in balls.") from None
+        found.append(rough_balls(ball_matrix(balls[n:, :n] * delta) * z, balls[n:, n:]))
+    return np.array(found)
+
+
+def _error(one: LFT, truth: Array, deltas: Array) -> float:
+    """Largest error of an entry of the value at some deltas, relative to its largest size there.
+
+    It is infinite where doubles do not tell the loop from a singular one.
+    """
+    spread = np.repeat(deltas, [block.size for block in one.blocks], axis=1)[:, None, :]
+    try:
+        inner = np.linalg.solve(np.eye(one.order) - one.M11 * spread, one.M12)
+    except np.linalg.LinAlgError:
+        return float("inf")
+    size = or_one(np.max(np.abs(truth), axis=0))
+    return float(np.max(np.abs(one.M22 + (one.M21 * spread) @ inner - truth) / size))
 
 
 def _condition(a: LFT, deltas: Array) -> float:
@@ -70,23 +83,45 @@ def _condition(a: LFT, deltas: Array) -> float:
     return float(np.max(np.linalg.cond(np.eye(a.order) - a.M11 * spread[:, None, :])))
 
 
-def _balanced(a: ExactLFT, plain: LFT) -> LFT:
-    n = a.order
-    rough = a.rounded()
-    scale = channel_scales(rough.M11, rough.M12, rough.M21)
-    T = ball_matrix(balls_of(_transformation(plain) / scale[:, None]))
-    try:
-        inverse = T.inv()
-    except ZeroDivisionError:
-        raise TooFewBitsError(
-            "the balls of a change of coordinates contain a singular one."
-        ) from None
-    M11, M12, M21 = (
-        ball_matrix(part) for part in (a.M.balls[:n, :n], a.M.balls[:n, n:], a.M.balls[n:, :n])
-    )
-    inner = _doubles(inverse * M11 * T, n)
-    into = _doubles(inverse * M12, rough.M12.shape[1])
-    return LFT(inner, into, _doubles(M21 * T, n), rough.M22, a.blocks)
+def _balanced(a: ExactLFT, deltas: Array, most: float) -> Iterator[LFT]:
+    """The LFT in better and better coordinates, until its condition at `deltas` is not above `most`.
+
+    Where the rounded LFT has nothing but rounding for what matters least, so has T; the next T, of what
+    this one makes in balls, then sees it.
+    """
+    n, M, rough = a.order, a.M.balls, a.rounded()
+    for _ in range(_ROUNDS):
+        scale = channel_scales(rough.M11, rough.M12, rough.M21)
+        M = _in_coordinates(M, _transformation(in_scales(rough)) / scale[:, None], a.parts)
+        values = np.array([float(x) for x in M.ravel()]).reshape(M.shape)
+        rough = LFT(values[:n, :n], values[:n, n:], values[n:, :n], rough.M22, a.blocks)
+        yield rough
+        if _condition(rough, deltas) <= most:
+            return
+
+
+def _in_coordinates(M: Balls, T: Array, parts: Sequence[slice]) -> Balls:
+    """[M11 M12 ; M21 M22] in coordinates T (n, n), block diagonal."""
+    M = M.copy()
+    for part in parts:
+        if part.start == part.stop:
+            continue
+        block = ball_matrix(balls_of(T[part, part]))
+        try:
+            inverse = block.inv()
+        except ZeroDivisionError:
+            raise TooFewBitsError(
+                "the balls of a change of coordinates contain a singular one."
+            ) from None
+        M[part] = _entries(inverse * ball_matrix(M[part]), M[part].shape)
+        M[:, part] = _entries(ball_matrix(M[:, part]) * block, M[:, part].shape)
+    return M
+
+
+def _entries(matrix: Any, shape: tuple[int, ...]) -> Balls:
+    found = np.empty(shape[0] * shape[1], dtype=object)
+    found[:] = matrix.entries()
+    return found.reshape(shape)
 
 
 def _transformation(a: LFT) -> Array:
@@ -123,7 +158,3 @@ def rough_balls(product: Any, constant: Any) -> Array:
     """The sum of a matrix of FLINT and an array of balls, in doubles."""
     total = np.array(product.entries(), dtype=object).reshape(constant.shape) + constant
     return np.array([float(x) for x in total.ravel()]).reshape(constant.shape)
-
-
-def _doubles(matrix: Any, columns: int) -> Array:
-    return np.array([float(x) for x in matrix.entries()]).reshape(-1, columns)

@@ -6,7 +6,7 @@ some channels, w = T w[chosen]. No vector is made orthonormal: balls have the bi
 """
 
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,8 @@ from mbdlft.lft.exact import ExactLFT, transposed
 from mbdlft.number.exact_matrix import (
     ExactMatrix,
     Residues,
-    flint_matrix,
     identity,
+    limbs,
     multiplied,
     rough_values,
     row_echelon,
@@ -86,11 +86,11 @@ def reachable_bases(M11: Residues, M12: Residues, sizes: list[int], prime: int) 
         space.extend(np.ascontiguousarray(M12[part].T))
         for space, part in zip(spaces, parts, strict=True)
     ]
-    rows: dict[int, Any] = {}  # of M11', by block: they are used in many steps
+    rows: dict[int, Array] = {}  # of M11', by block: they are used in many steps
     while sources := [k for k, one in enumerate(fresh) if len(one)]:
         for k in sources:
             if k not in rows:
-                rows[k] = flint_matrix(M11[:, parts[k]].T, prime)
+                rows[k] = limbs(M11[:, parts[k]].T)
         candidates = np.vstack([times(fresh[k], rows[k], prime) for k in sources])
         fresh = [
             space.extend(candidates[:, part]) for space, part in zip(spaces, parts, strict=True)

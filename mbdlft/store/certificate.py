@@ -1,5 +1,6 @@
 """Certificates as items of a file, and what each of their numbers rests on."""
 
+import itertools
 import math
 from typing import Any
 
@@ -12,7 +13,13 @@ from mbdlft.system.model import Certificate
 
 PROVED, CHECKED, OPEN = "proved", "checked", "open"
 _PLACES = ("order", "lower_bound", "raw_order")
-_ERRORS = ("max_relative_error", "truncation_error", "fit_error_bound", "condition")
+_ERRORS = (
+    "max_relative_error",
+    "truncation_error",
+    "fit_error_bound",
+    "condition",
+    "transfer_error",
+)
 _COUNTS = ("check_points", "seed", "sign_changes")
 
 
@@ -36,6 +43,8 @@ def rests_on(certificate: Certificate) -> dict[str, str]:
         found["fit_error_bound"] = PROVED
     if c.condition > 0.0:
         found["condition"] = CHECKED
+    if c.frequencies:
+        found["transfer_error"] = CHECKED
     return dict(sorted(found.items()))
 
 
@@ -67,6 +76,13 @@ def items_of_certificate(certificate: Certificate) -> Items:
     if c.condition > 0.0:
         items["@condition"] = np.array(c.condition, dtype="<f8")
         items["@sign_changes"] = np.array(c.sign_changes, dtype="<i8")
+    if c.frequencies:
+        items["@transfer_error"] = np.array(c.transfer_error, dtype="<f8")
+        items["frequencies"] = np.array(c.frequencies, dtype="<f8")
+    if c.by_terms:
+        items["by_terms"] = np.array(c.by_terms, dtype="<i8")
+    if c.near:
+        items["near"] = texts(list(c.near))
     return items
 
 
@@ -90,6 +106,10 @@ def certificate_of(items: Items, sizes: tuple[int, ...]) -> Certificate:
         raise ArchiveError(
             "is not whole: 'condition' and 'sign_changes' of 'certificate': one is missing."
         )
+    has_frequencies = "certificate/frequencies" in items
+    if ("transfer_error" in given) != has_frequencies:
+        absent = ("'certificate/frequencies'", "'transfer_error' of 'certificate'")
+        raise ArchiveError(f"is not whole: {absent[has_frequencies]} is missing.")
     if not given["exact"] and "truncation_error" not in given:
         # the first files do not have it; what is in them is exact
         raise ArchiveError(
@@ -98,12 +118,17 @@ def certificate_of(items: Items, sizes: tuple[int, ...]) -> Certificate:
     places: dict[str, Any] = {name: integers(items, f"certificate/{name}") for name in _PLACES}
     doubtful = integers(items, "certificate/doubtful") if "certificate/doubtful" in items else ()
     boxes = floats(items, "certificate/open").tolist() if "certificate/open" in items else []
+    by_frequency = floats(items, "certificate/frequencies") if "transfer_error" in given else None
+    by_terms = items["certificate/by_terms"].tolist() if "certificate/by_terms" in items else []
     made = Certificate(
         **places,
         **given,
         doubtful=doubtful,
         well_posed=word(items, "certificate@well_posed", "sampled"),
         open_boxes=tuple(tuple((low, high) for low, high in box) for box in boxes),
+        frequencies=() if by_frequency is None else tuple(by_frequency.tolist()),
+        near=tuple(words(items, "certificate/near")) if "certificate/near" in items else (),
+        by_terms=tuple((row, column) for row, column in by_terms),
     )
     _check(made, sizes)
     if "certificate/evidence/number" in items:
@@ -131,7 +156,7 @@ def _check(c: Certificate, sizes: tuple[int, ...]) -> None:
     for name in _ERRORS:
         value = getattr(c, name)
         needs(value >= 0.0, f"{name} is {value}, expected at least 0")
-    for name in ("max_relative_error", "fit_error_bound"):
+    for name in ("max_relative_error", "fit_error_bound", "transfer_error"):
         needs(math.isfinite(getattr(c, name)), f"{name} is {getattr(c, name)}, expected a number")
     if c.exact:
         above = [(a, b) for a, b in zip(c.lower_bound, c.order, strict=True) if a > b]
@@ -149,6 +174,15 @@ def _check(c: Certificate, sizes: tuple[int, ...]) -> None:
         f"well_posed is {c.well_posed!r}, expected 'proved' or 'sampled'",
     )
     needs(not (c.well_posed == PROVED and c.open_boxes), "well_posed is 'proved', with open boxes")
+    ends = (0.0, *c.frequencies, math.inf)
+    needs(
+        all(a < b for a, b in itertools.pairwise(ends)),
+        f"frequencies are {c.frequencies}, expected larger and larger ones",
+    )
+    needs(
+        all(row >= 0 and column >= 0 for row, column in c.by_terms),
+        "by_terms has a negative number",
+    )
     needs(
         all(low <= high for box in c.open_boxes for low, high in box),
         "an open box has a lower end above its upper end, or none",

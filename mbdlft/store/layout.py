@@ -96,6 +96,10 @@ _MODEL_1_1 = {
         "provenance/scene: uint8 characters",
         "certificate@well_posed: text",
         "certificate/open?: float64 open p 2",
+        "certificate@transfer_error?: float64",
+        "certificate/frequencies?: float64 frequency",
+        "certificate/by_terms?: int64 by_terms 2",
+        "certificate/near?: text near",
         "certificate/evidence/number certificate/evidence/basis: text evidence",
     ),
 }

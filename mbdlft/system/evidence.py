@@ -36,6 +36,15 @@ from mbdlft.system.wiring import Wiring, reduced, wire, wired_values
 _ACCEPTED = 1e-5  # of an error; larger ones are refused
 _SEED = 0
 _RADIUS = 0.5  # of complex and full deltas at the points of a check
+# of models that are derived from others
+_NOT_RECORDED: dict[str, Any] = {
+    "condition": 0.0,
+    "sign_changes": 0,
+    "transfer_error": 0.0,
+    "frequencies": (),
+    "by_terms": (),
+    "near": (),
+}
 
 
 class Operation(NamedTuple):
@@ -277,8 +286,8 @@ def _at_generic(a: LFT) -> LFT:
 
 
 def _in_other_coordinates(found: Certificate, error: float) -> Certificate:
-    """What a change of coordinates changes: the error, and the conditioning, which is not known."""
-    return replace(found, max_relative_error=error, condition=0.0, sign_changes=0)
+    """What a change of coordinates changes: the error, and what is not known any more."""
+    return replace(found, max_relative_error=error, **_NOT_RECORDED)
 
 
 def _trim(parts: Sequence[LFTModel], names: Sequence[str]) -> Trim:
@@ -340,8 +349,7 @@ def opened_evidence(model: LFTModel, names: Sequence[str]) -> dict[str, Any]:
         raw_order=of(found.raw_order),
         doubtful=of(found.doubtful),
         order_bound=max(sum(of(found.lower_bound)), found.order_bound - opened),
-        condition=0.0,  # that of the entries of the opened model is not known
-        sign_changes=0,
+        **_NOT_RECORDED,  # of the entries of the opened model
     )
     lft = model.trim.lft
     if lft is None or any(block.size for block in lft.blocks if block.name in names):

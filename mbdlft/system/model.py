@@ -37,6 +37,20 @@ class Certificate:
         entry of A, B, C, D is relative to its largest size over the points, each trimmed effort to the
         largest of its unit. Of a truncated model: of the exact one it comes from. Of a composed one:
         against its parts, and what their errors make of it.
+    transfer_error : float
+        Largest error of the transfer functions from inputs to outputs at two or three of the check
+        points and all `frequencies`, against equations that were not solved for the derivatives of the
+        states first, in 50 digits where double precision does not carry it; relative to the largest of a
+        row at that frequency, or to 1e-6 of the row's largest over all of them where that is more. It
+        counts what rounding of A, B, C and D does between them.
+    frequencies : tuple of float
+        Where that was looked at (rad/s); empty: not recorded, or a model without states.
+    by_terms : tuple of (row, column)
+        Entries of [A B ; C D] that are nothing but rounding of terms that cancel; in
+        `max_relative_error` they are relative to these terms.
+    near : tuple of str
+        Sentences on numbers of the problem that nearly are others, with which the order is smaller, such
+        as a component 0.866025 of an axis that may be sqrt(3/4). Nothing is changed.
     exact : bool
         Whether the model is the exact one (no truncation, no fit).
     exact_bound : bool
@@ -88,6 +102,10 @@ class Certificate:
     sign_changes: int = 0
     well_posed: str = "sampled"
     open_boxes: tuple[tuple[tuple[float, float], ...], ...] = ()
+    transfer_error: float = 0.0
+    frequencies: tuple[float, ...] = ()
+    by_terms: tuple[tuple[int, int], ...] = ()
+    near: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         alone = sum(self.lower_bound)

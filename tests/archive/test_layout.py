@@ -62,6 +62,7 @@ DATASETS = {
     "certificate/lower_bound": (INTEGER, "np"),
     "certificate/raw_order": (INTEGER, "np"),
     "certificate/doubtful": (INTEGER, "np"),
+    "certificate/frequencies": (FLOAT, "nf"),
     "certificate/evidence/number": (TEXT, "ne"),
     "certificate/evidence/basis": (TEXT, "ne"),
     "provenance/scene": ("|u1", "ns"),
@@ -78,6 +79,7 @@ ATTRIBUTES = {
         "condition",
         "sign_changes",
         "well_posed",
+        "transfer_error",
     ),
     "provenance": ("scene", "mbdlft", "casadi", "numpy", "h5py", "created"),
 }
@@ -126,6 +128,7 @@ def test_datasets(stored):
         "nt": len(model.trim.signals),
         "ntw": model.trim.lft.order,
         "ne": len(rests_on(model.certificate)),
+        "nf": len(model.certificate.frequencies),
         "ns": len(model.provenance.scene.encode()),
         "1": 1,
         "3": 3,
@@ -134,8 +137,11 @@ def test_datasets(stored):
     group.visititems(
         lambda name, item: found.update({name: item} if isinstance(item, h5py.Dataset) else {})
     )
-    assert sorted(found) == sorted(DATASETS)
-    for name, (kind, *shape) in DATASETS.items():
+    wanted = dict(DATASETS)
+    if not model.certificate.frequencies:
+        del wanted["certificate/frequencies"]
+    assert sorted(found) == sorted(wanted)
+    for name, (kind, *shape) in wanted.items():
         assert found[name].shape == tuple(sizes[size] for size in shape), name
         dtype = found[name].dtype
         assert is_text(dtype) if kind == TEXT else dtype.str == kind, name
@@ -151,6 +157,8 @@ def test_attributes(stored):
         wanted[""] -= {"description"}
     if model.certificate.exact_bound:
         wanted["certificate"] |= {"exact_bound"}
+    if not model.certificate.frequencies:
+        wanted["certificate"] -= {"transfer_error"}
     assert {name: names for name, names in found.items() if names} == wanted
     assert group.attrs["encoding_type"] == b"lft-model"
     assert group.attrs["encoding_version"] == b"1.1"
@@ -163,6 +171,7 @@ def test_attributes(stored):
     kinds = {key: attribute_type(certificate, key) for key in certificate.attrs}
     assert is_text(kinds.pop("well_posed"))
     assert kinds.pop("exact_bound", bool) == np.dtype(bool)
+    assert kinds.pop("transfer_error", float) == np.dtype("<f8")
     assert kinds == {
         "max_relative_error": np.dtype("<f8"),
         "check_points": np.dtype("<i8"),

@@ -12,6 +12,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -20,6 +21,7 @@ from threading import Thread
 from tests.attack import SECONDS
 
 ROOT = Path(__file__).parents[2]
+SAY = partial(print, flush=True)
 SLOW = 3.0  # times: a machine with other work is not a hang, a loop is
 
 
@@ -30,7 +32,7 @@ class Tally:
     name: str
     counts: Counter[str] = field(default_factory=Counter)
     failed: dict[int, str] = field(default_factory=dict)
-    slowest: float = 0.0
+    slowest: tuple[float, int] = (0.0, 0)  # s, and its seed
 
     def line(self) -> str:
         """One line for the class."""
@@ -38,7 +40,8 @@ class Tally:
         total = sum(self.counts.values()) + len(self.failed)
         end = f"{len(self.failed)} FAILED" if self.failed else "0 failed"
         return (
-            f"{self.name}: {total} attacks: {what or 'none'}; slowest {self.slowest:.1f} s; {end}"
+            f"{self.name}: {total} attacks: {what or 'none'}; slowest {self.slowest[0]:.1f} s "
+            f"(seed {self.slowest[1]}); {end}"
         )
 
 
@@ -63,7 +66,10 @@ def once(name: str, seed: int) -> str:
 
 
 def tally(
-    name: str, seeds: Iterator[int], until: float, said: Callable[[str], None] = print
+    name: str,
+    seeds: Iterator[int],
+    until: float,
+    said: Callable[[str], None] = SAY,
 ) -> Tally:
     """Run the attacks of a class in a process of its own, until `until` (s of time.monotonic)."""
     found = Tally(name)
@@ -78,13 +84,11 @@ def tally(
                 process.stdin.write(f"{seed}\n")
                 process.stdin.flush()
                 answer = json.loads(lines.get(timeout=SLOW * SECONDS))
-            except (Empty, OSError, ValueError):
-                code = process.poll()
-                why = "it hangs" if code is None else f"it ended the process ({code})"
-                answer = {"failed": why}
+            except (Empty, OSError, ValueError) as why:
+                answer = {"failed": _why(process, why)}
                 _end(process)
                 process, lines = _start(name)
-            found.slowest = max(found.slowest, time.perf_counter() - begun)
+            found.slowest = max(found.slowest, (time.perf_counter() - begun, seed))
             if "word" in answer:
                 found.counts[answer["word"]] += 1
                 continue
@@ -93,6 +97,14 @@ def tally(
     finally:
         _end(process)
     return found
+
+
+def _why(process: "subprocess.Popen[str]", error: Exception) -> str:
+    """What happened to a process that did not answer; its pipes close before it has ended."""
+    if not isinstance(error, Empty):
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(SECONDS)
+    return "it hangs" if process.poll() is None else f"it ended the process ({process.returncode})"
 
 
 def _end(process: "subprocess.Popen[str]") -> None:

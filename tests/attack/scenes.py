@@ -1,14 +1,28 @@
-"""Mutated texts of scenes: a model whose numbers are finite, or an error of the package."""
+"""Mutated scenes: a model that equals its equations, or an error of the package; random ones, too."""
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
 
-from mbdlft import MbdlftError, scene_from_toml, to_lft
+import mbdlft
+from mbdlft import MbdlftError, WellPosednessError, scene_from_toml, scene_to_toml, to_lft
+from mbdlft.multibody.to_problem import problem_of_scene
 from tests.attack.mutations import changed, check_message
+from tests.attack.structures import as_toml, restructured
+from tests.close import SCENARIO
+from tests.cross import test_lagrangian, test_mechanism
+from tests.cross.mechanism import linear_at, mechanism
+from tests.cross.mechanisms import closed_loop, open_tree
+from tests.mechanisms import random_mechanism
+from tests.strategies import random_scene
 
 ROOT = Path(__file__).parents[2]
-SOURCES = ("two_link_arm.toml",)
+SOURCES = (
+    "two_link_arm", "two_link_arm", "pendulum", "crane", "gimbal", "four_bar", "launcher_slosh",
+    "double_pendulum_inverted", "balloon_gondola", "spinning_satellite", "flexible_manipulator",
+    "launcher_bending", "mast_observatory", "ur5",
+)  # fmt: skip
 CART = """
 format = "mbdlft-scene/1"
 name = "cart"
@@ -55,14 +69,27 @@ damping = 0.1
 
 def texts() -> list[str]:
     """The scenes that are mutated."""
-    return [(ROOT / "scenarios" / name).read_text(encoding="utf-8") for name in SOURCES] + [CART]
+    return [(ROOT / "scenarios" / f"{name}.toml").read_text("utf-8") for name in SOURCES] + [CART]
 
 
 def attack(seed: int, folder: Path) -> str:
-    """Mutate the text of a scene, read it, linearize it."""
+    """Mutate a scene as a text or as a tree and linearize it, or compare a random one with Lagrange."""
     random = np.random.default_rng(seed)
-    given = texts()
-    text = changed(given[int(random.integers(len(given)))], random)
+    way = random.random()
+    if way < 0.05:
+        return lagrange(seed, random)
+    if way < 0.2:
+        makers = (random_scene, random_mechanism, open_tree, closed_loop)
+        given = scene_to_toml(makers[int(random.integers(len(makers)))](seed))
+    else:
+        given = texts()[int(random.integers(len(texts())))]
+    if way < 0.6:
+        return linearized(as_toml(restructured(tomllib.loads(given), random)), random)
+    return linearized(changed(given, random), random)
+
+
+def linearized(text: str, random: np.random.Generator) -> str:
+    """Read a text and linearize the scene; its model equals the equations, solved again elsewhere."""
     try:
         scene = scene_from_toml(text)
     except MbdlftError as error:
@@ -73,5 +100,43 @@ def attack(seed: int, folder: Path) -> str:
     except MbdlftError as error:
         check_message(error)
         return "refused as scene"
-    assert np.isfinite(model.lft.M22).all()
+    for matrix in (model.lft.M11, model.lft.M12, model.lft.M21, model.lft.M22):
+        assert np.isfinite(matrix).all()
+    sides = random.uniform(0.0, 1.0, (3, len(model.parameters)))
+    sides[:2] = np.rint(sides[:2])
+    low, high = (np.array([getattr(p, end) for p in model.parameters]) for end in ("low", "high"))
+    points = np.clip(low + sides * (high - low), low, high)
+    try:
+        found = mbdlft.matrices_at(
+            model, {p.name: points[:, k] for k, p in enumerate(model.parameters)}
+        )
+        reference = problem_of_scene(scene).reference()
+        assert reference.in_digits is not None
+        expected = reference.in_digits(points)
+    except WellPosednessError as error:
+        check_message(error)
+        return "linearized, refused at a point"
+    blocks = np.block([[found.A, found.B], [found.C, found.D]])
+    blocks = np.broadcast_to(blocks, expected.shape)  # one of all points if there is no parameter
+    size = np.maximum(reference.scale, np.max(np.abs(expected), axis=0))
+    worst = float(np.max(np.abs(blocks - expected) / size[None], initial=0.0))
+    allowed = max(SCENARIO, 100.0 * model.certificate.max_relative_error)
+    assert worst <= allowed, f"differs by {worst:.1e}, the certificate says {allowed:.1e}\n{text}"
     return "linearized"
+
+
+def lagrange(seed: int, random: np.random.Generator) -> str:
+    """A random scene as it is, whose equations are derived in another way."""
+    kind = int(random.integers(3))
+    if kind == 0:
+        test_lagrangian.compare(*test_lagrangian.case_of(random_scene(seed))[1:])
+        return "as Lagrange"
+    scene = (open_tree if kind == 1 else closed_loop)(seed)
+    try:
+        model = to_lft(scene, search=0.0)
+    except MbdlftError as error:
+        check_message(error)
+        return f"refused, not compared: {type(error).__name__}"
+    points, equations = test_mechanism.points_of(scene), mechanism(scene)
+    test_mechanism.compare(model, points, [linear_at(equations, model, at) for at in points])
+    return "as Lagrange"

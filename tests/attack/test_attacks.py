@@ -28,6 +28,7 @@ def test_a_failure_a_hang_and_a_dead_process_are_told(monkeypatch: pytest.Monkey
     assert found.failed[2] == "it hangs"
     assert found.failed[3] == "it ended the process (7)"
     assert "3 FAILED" in found.line()
+    assert found.slowest[1] == 2
     assert [line.splitlines()[0] for line in said] == [
         f"FAILED {command('planted', seed)}" for seed in (1, 2, 3)
     ]
@@ -35,7 +36,7 @@ def test_a_failure_a_hang_and_a_dead_process_are_told(monkeypatch: pytest.Monkey
 
 def test_the_end_of_the_time_is_the_end() -> None:
     assert tally("planted", repeat(0), time.monotonic()).counts == {}
-    assert Tally("x").line() == "x: 0 attacks: none; slowest 0.0 s; 0 failed"
+    assert Tally("x").line() == "x: 0 attacks: none; slowest 0.0 s (seed 0); 0 failed"
 
 
 def test_each_class_is_a_file() -> None:

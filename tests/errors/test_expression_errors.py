@@ -27,11 +27,29 @@ from tests.errors.scenes import arm, says
         ("m1**2.5", 5, "expected an integer power of at most 64, got '2.5'."),
         ("m1^(-2", 7, "expected ')', got the end."),
         ("m1^2^2", 5, "expected an operator, got '^'."),
+        ("1e-400", 1, "expected zero or a number that a double can be, from 5e-324, got '1e-400'."),
+        (
+            "1e-999999999*m1",
+            1,
+            "expected zero or a number that a double can be, from 5e-324, got '1e-999999999'.",
+        ),
+        (
+            "1e-300 [nm^9]",
+            8,
+            "expected zero or a number that a double can be, from 5e-324, got '[nm^9]'.",
+        ),
     ],
 )
 def test_grammar(text, column, message):
     with says(SceneError, f"expression {text!r}, column {column}: {message} Expressions are made"):
         parse(text)
+
+
+def test_a_number_has_not_too_many_digits():
+    assert evaluate(parse(f"0.{'0' * 300}1e301"), {}) == 1.0
+    assert evaluate(parse("0e-400"), {}) == 0.0
+    with says(SceneError, "expected a number of at most 1000 characters, got '999"):
+        parse("9" * 1001)
 
 
 def test_unknown_function():

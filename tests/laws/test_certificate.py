@@ -12,7 +12,7 @@ from mbdlft.lft.lft import LFT, delta
 from mbdlft.matrix.to_problem import problem_of_matrix
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.pipeline import realization
-from mbdlft.pipeline.certify import Checked, certificate
+from mbdlft.pipeline.certify import Checked, certificate, values_at_points
 from mbdlft.pipeline.realization import _Check
 from mbdlft.problem.problem import Problem
 from mbdlft.sx.sizes import term_sizes
@@ -174,7 +174,7 @@ def test_a_bound_that_the_model_contradicts_is_not_claimed() -> None:
             order_bound,
             problem,
             at,
-            Checked(0.0, 1),
+            Checked(0.0, 1, 0.0, (), ()),
             0,
             is_exact=False,
             boxes=(),
@@ -185,6 +185,20 @@ def test_a_bound_that_the_model_contradicts_is_not_claimed() -> None:
     assert honest.doubtful == (0, 0)
     together = claimed({"a": 0, "b": 1}, 3)
     assert (together.lower_bound, together.order_bound, together.minimal) == ((0, 1), 1, False)
+    wrong = claimed({"a": 2, "b": 1}, 3)
+    assert (wrong.lower_bound, wrong.order_bound, wrong.doubtful) == ((0, 1), 1, (1, 0))
+
+
+def test_a_pole_between_nominal_and_a_point_is_found() -> None:
+    """1/(1 + 2 delta) has other signs on both sides of its pole."""
+    one = np.ones((1, 1))
+    lft = LFT(-2.0 * one, one, one, one, (("a", 1),))
+    nouns = problem_of_matrix(mbdlft.matrix_problem([["a"]], AB[:1])).nouns
+    values_at_points(lft, AB[:1], np.array([[-0.4], [1.0]]), nouns)
+    with pytest.raises(
+        mbdlft.WellPosednessError, match=r"between the nominal values and a = -0\.6"
+    ):
+        values_at_points(lft, AB[:1], np.array([[-0.4], [-0.6]]), nouns)
 
 
 # rows and columns that are nothing but rounding ------------------------------------------------

@@ -1,11 +1,15 @@
 """Entries that are exactly zero: their rounding does not refuse a right model, nor accept a wrong one."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import mbdlft
 from mbdlft import Inertia, Parameter, PointMass, Prismatic, Revolute, RigidBody, Scene, Spin
 from mbdlft.base.samples import check_points
+from mbdlft.cli.report import _checked_beside
 from mbdlft.lft.lft import LFT
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals, problem_of_scene
@@ -55,6 +59,24 @@ def driven_rail() -> Scene:
 @pytest.mark.parametrize("make", [balanced_boom, driven_rail])
 def test_rounding_of_zero_does_not_refuse_a_model(make) -> None:
     assert mbdlft.to_lft(make(), search=0.0).certificate.max_relative_error <= SCENARIO
+
+
+def test_what_is_compared_with_its_terms_is_listed(tmp_path: Path) -> None:
+    """The stiffness of the boom is exactly zero; rounding in its place has no size of its own."""
+    scene = balanced_boom()
+    model = mbdlft.to_lft(scene, search=0.0)
+    assert model.certificate.by_terms == ()  # zero in 50 digits, and in the model
+    rounded = model.lft.M22.copy()
+    rounded[1, 0] = 1e-17
+    lft = replace(model.lft, M22=rounded)
+    found = _Check(problem_of_scene(scene)).model(lft, model.trim.lft)
+    assert found.by_terms == ((1, 0),)
+    assert found.error <= SCENARIO
+    model = replace(model, certificate=replace(model.certificate, by_terms=found.by_terms))
+    mbdlft.save(tmp_path / "a.h5", model)
+    assert mbdlft.load(tmp_path / "a.h5").certificate == model.certificate
+    said = " ".join(str(part) for part in _checked_beside(model))
+    assert "and compared with these: dj.rate/dt by j.angle" in said
 
 
 def test_sizes_of_entries_stay_up_when_these_cancel() -> None:

@@ -24,12 +24,14 @@ from mbdlft.number.exact_matrix import (
     ExactMatrix,
     TooFewBitsError,
     identity,
+    limbs,
     multiplied,
     null_space,
     rank,
     rough_values,
     row_echelon,
     stacked,
+    times,
     zeros,
 )
 from tests.close import exact, roundoff
@@ -279,3 +281,19 @@ def test_planted_bug_is_found(bug: str, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(owner, name, replacement)
     with pytest.raises((AssertionError, pytest.fail.Exception)):
         law()
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 1), (2, 3, 4), (30, 20, 25), (3, 5001, 2)])
+def test_products_of_residues(shape: tuple[int, int, int]) -> None:
+    """Against integers of any size; with the largest residues, and with limbs that are all ones."""
+    n, k, m = shape
+    random, prime = np.random.default_rng(k), Field(()).prime
+    ones = (random.integers(0, prime >> 42, (n, k)) << 42) + 2**42 - 1
+    for a, b in (
+        (random.integers(0, prime, (n, k)), random.integers(0, prime, (k, m))),
+        (np.full((n, k), prime - 1), np.full((k, m), prime - 1)),
+        (ones, np.resize(ones, (k, m))),
+    ):
+        expected = (a.astype(object) @ b.astype(object)) % prime
+        exact(multiplied(a, b, prime), expected.astype(np.int64))
+        exact(times(a, limbs(b), prime), expected.astype(np.int64))

@@ -24,7 +24,7 @@ import pytest
 import mbdlft
 from mbdlft import Angle, Parameter, realize
 from mbdlft.lft.exact import ExactLFT
-from mbdlft.matrix import polynomial, symbolic, to_problem
+from mbdlft.matrix import fifty_digits, polynomial, symbolic, to_problem
 from mbdlft.matrix.to_problem import problem_of_matrix
 from mbdlft.number.exact_matrix import ExactMatrix, rough_values
 from mbdlft.pipeline import candidates, realization
@@ -109,6 +109,9 @@ CANCELED: list[tuple[Rows, Rows]] = [  # and what is left of them
     ([["a + sqrt(2)*sqrt(3)*b - sqrt(6)*b"]], [["a"]]),
     ([["a + (cos(36*deg) - cos(72*deg) - 0.5)*b"]], [["a"]]),
     ([["a + (sin(0.3)^2 + cos(0.3)^2 - 1)*b"]], [["a"]]),
+    ([["1e15*(cos(36*deg)-cos(72*deg)-0.5)*a/(2+b)", "b"]], [["0", "b"]]),
+    ([["a + 1e130*b^2 - 1e130*b*b"]], [["a"]]),
+    ([["1e130*b^2 - 1e130*b*b + 1e100*b^3 - 1e100*b^2*b", "b"]], [["0", "b"]]),
 ]
 THOUSAND = Parameter("a", 1000.3, 999.3, 1001.3)
 FAR = [
@@ -260,6 +263,20 @@ def law_canceled(rows: Rows, left: Rows) -> None:
     points = mbdlft.random(model.parameters, 20, seed=3)
     found, expected = (mbdlft.matrices_at(each, points).D for each in (model, plain))
     target(found, expected, CLOSED_FORM)
+    # what models are compared with: to all digits, and zeros to their row and column
+    found, expected = (
+        problem_of_matrix(mbdlft.matrix_problem(text, [A, B])).reference() for text in (rows, left)
+    )
+    target(found.values, expected.values, CLOSED_FORM)
+    target(found.scale, expected.scale, CLOSED_FORM)
+
+
+def test_planted_digits_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fifty digits are taken to be enough, whatever cancels."""
+    monkeypatch.setattr(fifty_digits, "_NOISE", 0.0)
+    for case in CANCELED[-3:]:
+        with pytest.raises((AssertionError, mbdlft.AnalysisError)):
+            law_canceled(*case)
 
 
 @pytest.mark.parametrize(("rows", "left"), CANCELED, ids=str)

@@ -1,5 +1,8 @@
 """Laws of parameters: the map physical <-> delta works both ways, on arrays, and meets its ends."""
 
+from fractions import Fraction
+from itertools import product
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -96,3 +99,50 @@ def test_units(text: str, factor: float, dimension: tuple[int, int, int]) -> Non
     unit = parse_unit(text)
     roundoff(unit.factor, factor)
     assert unit.dimension == dimension
+
+
+PREFIXES = {"": 0, "n": -9, "u": -6, "m": -3, "c": -2, "d": -1, "k": 3, "M": 6}
+EXACT = {"m": 0, "g": -3, "t": 3, "N": 0, "Pa": 0, "J": 0, "s": 0, "rad": 0}
+
+
+def law_exact_units() -> None:
+    """A decimal in a unit is a decimal in SI units: 1 mm^3 is 1e-9 m^3, in all digits."""
+    from mbdlft.base.expression import parse
+    from mbdlft.base.unit import parse_unit
+
+    for (prefix, size), (name, own), power in product(
+        PREFIXES.items(), EXACT.items(), (-9, -3, 1, 4)
+    ):
+        unit = f"{prefix}{name}^{power}"
+        expected = Fraction(10) ** (power * (size + own))
+        assert parse_unit(unit).factor == float(expected)
+        assert Fraction(repr(parse(f"0.1234567890123456789 [{unit} m]").value)) == (
+            Fraction(1234567890123456789, 10**19) * expected
+        )
+    scene = mbdlft.Scene(
+        name="two masses",
+        constants={
+            "c": mbdlft.Constant(value=2.7, unit="g"),
+            "d": mbdlft.Constant(value=27.0, unit="cg"),
+        },
+        bodies=[],
+    )
+    values = scene.constant_values()
+    assert (repr(values["c"]), repr(values["d"])) == ("0.0027", "0.00027")
+
+
+def test_exact_units() -> None:
+    law_exact_units()
+
+
+def test_planted_units_in_doubles_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    from mbdlft.base import grammar, unit
+
+    def in_doubles(number: str, of: unit.Unit) -> str:
+        return repr(float(number) * of.factor)
+
+    monkeypatch.setattr(grammar, "in_si", in_doubles)
+    grammar.parse.cache_clear()
+    with pytest.raises(AssertionError):
+        law_exact_units()
+    grammar.parse.cache_clear()

@@ -9,6 +9,7 @@ from mbdlft.pipeline import candidates, search
 from mbdlft.reduce.reduce import reduce_order
 from tests.close import CLOSED_FORM, target
 from tests.extracted import exactly
+from tests.laws.test_exact_pairs import known as matrix_of_pairs
 
 # row 0 is the constant -150000: its numerator is -150000 times its denominator
 _DENOMINATOR = (
@@ -138,3 +139,40 @@ def test_planted_doubles_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mbdlft.matrix.symbolic.literal", float)
     with pytest.raises((AssertionError, mbdlft.AnalysisError)):
         law_turbine(("Jr",), Jg=533.97, ks=870123456.7)
+
+
+# a term that doubles take for rounding, in a model that is not the smallest before a search
+NEAR = [
+    [["a*b^2/(2+a*b) + 1e-13*c"]],
+    [["a*b^2/(2+a*b+b)", "b/(3-a*b) + 1e-13*c^2"]],
+]
+THREE = [
+    Parameter("a", 0.2, -0.5, 0.6),
+    Parameter("b", 0.15, -0.4, 0.5),
+    Parameter("c", 0.1, -0.3, 0.7),
+]
+
+
+def law_near() -> None:
+    """A search leaves out nothing that exact numbers prove to be there."""
+    for rows in NEAR:
+        plain, searched = (realize(rows, THREE, search=work).certificate for work in (0.0, 2.0))
+        assert searched.lower_bound == plain.lower_bound
+        assert searched.lower_bound[2] > 0
+        assert all(
+            n >= least for n, least in zip(searched.order, searched.lower_bound, strict=True)
+        )
+    for size in (1.0, 1e-12, 1e-14):  # without its first term, 4 were enough
+        parameters = [Parameter(name, 1.0, low=0.5, high=1.6) for name in "Lm"]
+        model = realize(matrix_of_pairs(size), parameters, search=4.0)
+        assert model.order == model.certificate.order_bound == 5
+
+
+def test_what_is_small_is_not_left_out_by_a_search() -> None:
+    law_near()
+
+
+def test_planted_search_below_the_bound_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search._Proof, "allows", lambda *_: True)
+    with pytest.raises(AssertionError):
+        law_near()

@@ -36,7 +36,7 @@ def run(
 def test_figure_of_an_undamped_system(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A frequency that the figure chooses by itself is never that of a pole: m = k = 1 has it at 1."""
+    """m = k = 1 rings at 1 rad/s without end: all figures are drawn, and the table says it."""
     scene, figure = tmp_path / "scene.toml", tmp_path / "figure.png"
     scene.write_text(
         """format = "mbdlft-scene/1"
@@ -52,20 +52,41 @@ axis = [0, 1, 0]
 stiffness = 1.0
 """
     )
-    arguments = ("linearize", str(scene), "-o", str(tmp_path / "o.h5"), "--plot", str(figure))
-    code, _, err = run(monkeypatch, capsys, *arguments)
+    files = [f"bode={figure}.b.png", f"poles={figure}.p.png", f"step={figure}.s.png", str(figure)]
+    plots = [word for file in files for word in ("--plot", file)]
+    code, out, err = run(
+        monkeypatch, capsys, "linearize", str(scene), "-o", str(tmp_path / "o.h5"), *plots
+    )
     assert (code, err) == (0, "")
-    assert figure.read_bytes().startswith(PNG)
+    for file in files:
+        assert Path(file.rpartition("=")[2]).read_bytes().startswith(PNG)
+    assert "not asymptotically stable at nominal: poles are on the axis" in out
+    assert "0 +- 1j" in out
     model = mbdlft.load(tmp_path / "o.h5")
-    omega = mbdlft.plot.frequencies(model)
-    assert 1.0 in omega
-    kept = mbdlft.plot.off_poles(omega, np.linalg.eigvals(model.A))
-    assert np.min(np.abs(kept - 1.0)) > 0.9e-4
-    assert np.all(np.isfinite(mbdlft.frequency_response(model, {}, kept)))
-    monkeypatch.setattr("mbdlft.plot.off_poles", lambda omega, poles: omega)
-    code, _, err = run(monkeypatch, capsys, *arguments)
-    assert code == 2
-    assert "is a pole" in err
+    (omega,) = mbdlft.response_frequencies(model)
+    assert np.min(np.abs(omega - 1.0)) > 0.9e-4
+    assert np.all(np.isfinite(mbdlft.frequency_response(model, {}, omega)))
+
+
+def test_figure_that_fails_takes_neither_table_nor_archive_away(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    archive, figure = tmp_path / "arm.h5", tmp_path / "arm.png"
+
+    def fails(*_: object, **__: object) -> None:
+        raise mbdlft.AnalysisError("the figure cannot be drawn.")
+
+    monkeypatch.setattr("mbdlft.plot.singular_values.frequency_response", fails)
+    command = ("linearize", ARM, "--search", "0", "-o", str(archive), "--plot", str(figure))
+    code, out, err = run(monkeypatch, capsys, *command)
+    assert (code, err) == (2, "mbdlft: the figure cannot be drawn.\n")
+    assert "lower bound 16" in out
+    assert mbdlft.load(archive).order == 17
+    code, out, err = run(monkeypatch, capsys, *command, "--json")
+    assert (code, json.loads(out)["order"]) == (2, 17)
+    command = ("response", str(archive), "-o", str(figure), "--samples", "20", "--json")
+    code, out, err = run(monkeypatch, capsys, *command)
+    assert (code, len(json.loads(out)["points"])) == (2, 2)
 
 
 def test_linearize_writes_archive_figure_and_table(
@@ -87,12 +108,15 @@ def test_linearize_writes_archive_figure_and_table(
     assert "order 16, lower bound 16: minimal: proved" in out
     assert "at 229 points and corners" in out
     assert "seconds: read" in out
+    assert "UNSTABLE at nominal: 2 of 4 modes grow, the fastest by e in 0.3221 s" in out
     assert figure.read_bytes().startswith(PNG)
     assert mbdlft.load(archive).order == 16
     code, shown, err = run(monkeypatch, capsys, "show", str(archive))
     assert (code, err) == (0, "")
     assert "order 16, lower bound 16: minimal: proved" in shown
     assert "condition " in shown
+    assert "poles at nominal" in shown
+    assert "UNSTABLE at nominal" in shown
     assert "made 20" in shown
 
 
@@ -116,6 +140,7 @@ def test_json_has_the_promised_keys(
         "reduce",
         "prove",
         "bound",
+        "near relations",
         "check",
         "total",
     }
@@ -123,6 +148,9 @@ def test_json_has_the_promised_keys(
     total = sum(found["seconds"].values()) - found["seconds"]["total"]
     roundoff(total, found["seconds"]["total"])
     assert sum(p["order"] for p in found["parameters"]) == 17
+    assert found["stability"] == "unstable"
+    assert len(found["poles"]) == 4
+    assert sum(pole["real"] > 0.0 for pole in found["poles"]) == 2
     assert sum(p["gap"] for p in found["parameters"]) == 1
 
 
@@ -151,7 +179,7 @@ def test_realize_writes_archive_and_table(
     found = json.loads(out)
     assert (code, found["name"], found["lower_bound"]) == (0, "missile", 10)
     assert found["exact_bound"] is True
-    stages = {"read", "resolve", "reduce", "bound", "prove", "check", "total"}
+    stages = {"read", "resolve", "reduce", "bound", "near relations", "prove", "check", "total"}
     assert set(found["seconds"]) == stages
 
 
@@ -271,6 +299,19 @@ def test_check_says_what_is_not_used(
         ("trim", ARM, "--set", "m1=1000"),
         ("linearize", ARM, "-o", "/no/such/folder/arm.h5"),
         ("linearize", ARM, "--plot", "figure.nonsense"),
+        ("linearize", ARM, "--plot", "nonsense=figure.png"),
+        ("poles", "missing.h5"),
+        ("poles", "missing.toml"),
+        ("poles", ARM, "--model", "arm"),
+        ("poles", ARM, "--set", "theta1"),
+        ("poles", ARM, "--set", "theta1=600"),
+        ("poles", ARM, "-o", "figure.nonsense"),
+        ("response", ARM, "--input", "nonsense"),
+        ("response", ARM, "--output", "nonsense"),
+        ("response", ARM, "--at", "0"),
+        ("response", ARM, "--at", "nan"),
+        ("response", ARM, "--kind", "nonsense"),
+        ("response", ARM, "-o", "/no/such/folder/f.png"),
         ("linearize", ARM, "--truncate", "0"),
         ("linearize", ARM, "--truncate", "nan"),
     ],
@@ -291,7 +332,7 @@ def test_version_and_help(
     assert run(monkeypatch, capsys, "--version")[1].strip() == f"mbdlft {mbdlft.__version__}"
     code, out, _ = run(monkeypatch, capsys, "--help")
     assert code == 0
-    for command in ("check", "trim", "linearize", "realize", "show"):
+    for command in ("check", "trim", "linearize", "realize", "show", "poles", "response"):
         assert command in out
 
 

@@ -18,8 +18,9 @@ from mbdlft.base.description import (
 )
 from mbdlft.base.errors import SceneError
 from mbdlft.base.expression import BUILTIN_CONSTANTS, FUNCTIONS
+from mbdlft.base.grammar import Literal
 from mbdlft.base.parameter import Parameter, is_finite
-from mbdlft.base.unit import parse_unit
+from mbdlft.base.unit import in_si, parse_unit
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import Joint
@@ -168,7 +169,9 @@ class Scene(Description):
         values = dict(BUILTIN_CONSTANTS)
         for name, constant in self.constants.items():
             if isinstance(constant, Constant):
-                values[name] = constant.value * parse_unit(constant.unit).factor
+                values[name] = Literal(
+                    in_si(repr(float(constant.value)), parse_unit(constant.unit))
+                )
             else:
                 values[name] = constant
         return values

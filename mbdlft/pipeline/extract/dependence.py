@@ -69,14 +69,14 @@ class Dependence:
 
 def subtract(row: Row, other: Row, factor: Exact) -> list[int]:
     """Subtract a multiple of another row in place; columns that are new."""
-    new = []
+    new, minus = [], -factor
     for column, entry in other.items():
         before = row.get(column)
         if before is None:
-            row[column] = -(factor * entry)
+            row[column] = minus * entry
             new.append(column)
             continue
-        value = before - factor * entry
+        value = before + minus * entry
         if value:
             row[column] = value
         else:

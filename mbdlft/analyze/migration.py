@@ -1,0 +1,153 @@
+"""How poles move with the parameters: exact gradients, and a search for the values that push one right.
+
+With Delta = diag(delta_k I), K = (I - D_zw Delta)^-1 C_z, L = B_w (I - Delta D_zw)^-1:
+
+    A(delta) = A + B_w Delta K,    dA / d delta_k = L_k K_k,
+
+with the columns of L and the rows of K of block k; so an eigenvalue with left vector u and right vector v
+moves by u' L_k K_k v / (u' v).
+"""
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.analyze.resolvent import balancing
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError, WellPosednessError
+from mbdlft.system.system import System, deltas_of
+
+Complex = NDArray[np.complex128]
+_FIRST, _LARGEST, _SMALLEST = (
+    0.25,
+    2.0,
+    1e-3,
+)  # half sizes of the box of a step, in delta
+_STEPS = 40  # of one search
+
+
+class Moving(NamedTuple):
+    """Poles at one point, and how they move.
+
+    Attributes
+    ----------
+    poles : complex array (nx,), rad/s
+    gradients : complex array (nx, n_p), rad/s
+        Derivatives by the normalized parameters delta, each of which goes from -1 to 1.
+    """
+
+    poles: Complex
+    gradients: Complex
+
+
+def pole_gradients(system: System, values: Mapping[str, float] | None = None) -> Moving:
+    """Poles at one point, and their derivatives by the normalized parameters.
+
+    Parameters
+    ----------
+    system : System or LFTModel
+    values : mapping of names to physical values; the others are nominal
+
+    Returns
+    -------
+    Moving
+        `gradients` is infinite, or very large, at a multiple pole: it has no derivative.
+
+    Raises
+    ------
+    StructureError
+        As `matrices_at`.
+    AnalysisError
+        An array is given for a parameter.
+    WellPosednessError
+        The model is singular at the point.
+    """
+    if any(np.ndim(value) for value in (values or {}).values()):
+        raise AnalysisError(
+            f"model {system.name!r}: pole_gradients takes one number for each parameter."
+        )
+    found, _, _ = moving_at(system, deltas_of(system, values or {})[0])
+    order = np.lexsort((-found.poles.imag, found.poles.real, np.abs(found.poles)))
+    return Moving(found.poles[order], found.gradients[order])
+
+
+def moving_at(system: System, delta: Array) -> tuple[Moving, Complex, Complex]:
+    """Poles and gradients at a point delta (n_p,) [1]; left and right vectors (nx, nx), as columns."""
+    import scipy.linalg  # here because it is slow to import
+
+    lft, n = system.lft, len(system.states)
+    real = [block for block in lft.blocks if block.kind == "real"]  # the others are zero here
+    rows, columns = lft.slices(), lft.columns()
+    z = [k for block in real for k in range(lft.order)[rows[block.name]]]
+    w = [k for block in real for k in range(lft.M11.shape[1])[columns[block.name]]]
+    spread = np.repeat(delta, [block.size for block in real])
+    scale = balancing(system.A)
+    B_w, C_z = system.B_w[:, w] / scale[:, None], system.C_z[z] * scale
+    D_zw = system.D_zw[np.ix_(z, w)]
+    try:
+        K = np.linalg.solve(np.eye(len(z)) - D_zw * spread, C_z)
+        L = np.linalg.solve((np.eye(len(z)) - spread[:, None] * D_zw).T, B_w.T).T
+    except np.linalg.LinAlgError:
+        raise WellPosednessError(
+            f"model {system.name!r}: it is singular at one of the points of the search."
+        ) from None
+    A = system.A * (scale / scale[:, None]) + (B_w * spread) @ K
+    if not n:
+        none = np.zeros((0, 0), dtype=complex)
+        return Moving(none.ravel(), np.zeros((0, len(real)), dtype=complex)), none, none
+    found, left, right = scipy.linalg.eig(A, left=True, check_finite=False)
+    with np.errstate(all="ignore"):
+        terms = (
+            (np.conj(left.T) @ L) * (K @ right).T / np.sum(np.conj(left) * right, axis=0)[:, None]
+        )
+    ends = np.cumsum([0, *(block.size for block in real)])
+    sums = [terms[:, a:b].sum(axis=1) for a, b in pairwise(ends)]
+    gradients = np.stack(sums, axis=1) if sums else np.zeros((n, 0), dtype=complex)
+    return Moving(found, gradients), left, right
+
+
+def push_right(
+    system: System, delta: Array, pole: complex, most: int
+) -> tuple[Array, complex, int]:
+    """Move a pole to the right as far as a search with exact gradients finds.
+
+    In a box around the point, cut by the range, the first-order change of the real part is largest at a
+    corner, which is the sign of the gradient; the box doubles after a step to the right, and shrinks to a
+    quarter after another one. A mode is known again by its shape.
+
+    Parameters
+    ----------
+    system : System
+    delta : array (n_p,) [1], where to start
+    pole : the pole to follow, nearly one at the start
+    most : points that may be evaluated
+
+    Returns
+    -------
+    delta (n_p,), pole there, points that were evaluated
+    """
+    here, left, _ = moving_at(system, delta)
+    k = int(np.argmin(np.abs(here.poles - pole)))
+    pole, gradient, shape = complex(here.poles[k]), here.gradients[k], left[:, k]
+    half, used = _FIRST, 1
+    while used < min(most, _STEPS) and half >= _SMALLEST and np.all(np.isfinite(gradient)):
+        step = np.clip(delta + half * np.sign(gradient.real), -1.0, 1.0) - delta
+        if not np.any(step):
+            break
+        used += 1
+        try:
+            there, left, right = moving_at(system, delta + step)
+        except WellPosednessError:
+            half /= 4.0
+            continue
+        k = int(np.argmax(np.abs(np.conj(shape) @ right)))  # the mode that has this shape there
+        if there.poles[k].real > pole.real:
+            delta, pole, gradient = delta + step, complex(there.poles[k]), there.gradients[k]
+            shape = left[:, k]
+            half = min(2.0 * half, _LARGEST)
+        else:
+            half /= 4.0
+    return delta, pole, used

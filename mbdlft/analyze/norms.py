@@ -1,0 +1,243 @@
+"""H2 and H-infinity norms at samples of the parameters, with checks, or why they are infinite."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mbdlft.analyze.resolvent import resolvent
+from mbdlft.analyze.samples import Names, transfers_at
+from mbdlft.analyze.spectrum import spectrum
+from mbdlft.analyze.stability import pole_text
+from mbdlft.analyze.staircase import Plant, scaled, seen
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError
+from mbdlft.system.system import StateMatrices, System
+
+_EPS = float(np.finfo(float).eps)
+_AXIS = 1e-4  # of its size: an eigenvalue as near to the axis may be on it; its frequency is tried
+_ROUNDS = 60  # of the level; far more than are needed
+_APART = 1e-3  # of the norm: Gramians from both sides that differ by more are wrong
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PeakGain:
+    """H-infinity norms of N samples, the largest singular value of G(j omega) over all frequencies.
+
+    Attributes
+    ----------
+    lower : array (N,), in the unit of the gain: a singular value at `frequency`
+    upper : array (N,): a level that no singular value reaches, as no eigenvalue of the Hamiltonian
+        matrix is on the axis; checked, not proved: it holds up to rounding
+    frequency : array (N,), rad/s; inf if the gain is largest at infinity
+    reason : tuple of N texts, empty where the norm is finite
+        Which pole makes it infinite.
+    """
+
+    lower: Array
+    upper: Array
+    frequency: Array
+    reason: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class H2Norm:
+    """H2 norms of N samples: the root of the integral of the squared impulse responses.
+
+    Attributes
+    ----------
+    value : array (N,), in the unit of the gain times (rad/s)^(1/2)
+    error : array (N,) [1]
+        Relative difference of the norm by states (C P C') and by costates (B' Q B), which are equal.
+    reason : tuple of N texts, empty where the norm is finite
+    """
+
+    value: Array
+    error: Array
+    reason: tuple[str, ...]
+
+
+def hinf_norm(
+    system: System,
+    values: Mapping[str, ArrayLike] | None = None,
+    *,
+    outputs: Names = None,
+    inputs: Names = None,
+    tolerance: float = 1e-6,
+) -> PeakGain:
+    """H-infinity norm at samples of the parameters, between two bounds.
+
+    gamma is above all singular values if and only if the Hamiltonian matrix of gamma has no eigenvalue on
+    the imaginary axis (Boyd, Balakrishnan, Kabamba 1989); midpoints between those that are there give the
+    next gamma (Bruinsma, Steinbuch 1990).
+
+    Parameters
+    ----------
+    system : System or LFTModel
+    values : mapping of names to physical values, numbers or arrays (N,); the others are nominal
+    outputs, inputs : names of channels; all by default
+    tolerance : float [1]
+        Relative distance of the bounds, unless rounding needs more.
+
+    Returns
+    -------
+    PeakGain
+        Infinite with a pole on or right of the axis that the inputs reach and the outputs see.
+
+    Raises
+    ------
+    AnalysisError
+        There are no inputs or no outputs, or the tolerance is not between 1e-10 and 1.
+    StructureError, WellPosednessError
+        As `matrices_at`.
+    """
+    if not 1e-10 <= tolerance < 1.0:
+        raise AnalysisError(
+            f"model {system.name!r}: hinf_norm: expected a tolerance from 1e-10 to 1, got {tolerance!r}."
+        )
+    matrices = transfers_at(system, values, outputs, inputs, "gains")
+    found = [_peak(Plant(*each), tolerance) for each in zip(*matrices, strict=True)]
+    lower, upper, frequency, reason = zip(*found, strict=True)
+    return PeakGain(np.array(lower), np.array(upper), np.array(frequency), tuple(reason))
+
+
+def h2_norm(
+    system: System,
+    values: Mapping[str, ArrayLike] | None = None,
+    *,
+    outputs: Names = None,
+    inputs: Names = None,
+) -> H2Norm:
+    """H2 norm at samples of the parameters: the root of tr(C P C'), with A P + P A' + B B' = 0.
+
+    Parameters
+    ----------
+    system : System or LFTModel
+    values : mapping of names to physical values, numbers or arrays (N,); the others are nominal
+    outputs, inputs : names of channels; all by default
+
+    Returns
+    -------
+    H2Norm
+        Infinite with a direct path D, or with a pole on or right of the axis that the inputs reach and
+        the outputs see.
+
+    Raises
+    ------
+    AnalysisError
+        There are no inputs or no outputs, or the two ways to compute it differ by a thousandth.
+    StructureError, WellPosednessError
+        As `matrices_at`.
+    """
+    found = []
+    for each in zip(*transfers_at(system, values, outputs, inputs, "norms"), strict=True):
+        value, error, reason = _h2(Plant(*each))
+        if error > _APART:
+            raise AnalysisError(
+                f"model {system.name!r}: h2_norm: two ways to compute it differ by {error:.1e} of it: a "
+                "pole is too near to the imaginary axis for double precision. Add damping."
+            )
+        found.append((value, error, reason))
+    values_found, errors, reasons = zip(*found, strict=True)
+    return H2Norm(np.array(values_found), np.array(errors), tuple(reasons))
+
+
+def _seen_if_needed(plant: Plant) -> tuple[Plant, str]:
+    """A system without poles on or right of the axis, or why there is none."""
+    poles = spectrum(plant.A)
+    if poles.stability == "stable":
+        return plant, ""
+    least = _least(plant)
+    poles = spectrum(least.A)
+    if poles.stability == "stable":
+        return least, ""
+    how = (
+        "right of the imaginary axis" if poles.stability == "unstable" else "on the imaginary axis"
+    )
+    return least, f"the pole {pole_text(poles.worst)} is {how}"
+
+
+def _least(plant: Plant) -> Plant:
+    """The part that the channels see, with channels as they were."""
+    balanced, rows, columns = scaled(plant)
+    part = seen(balanced)
+    return Plant(part.A, part.B / columns, part.C / rows, plant.D)
+
+
+def _peak(plant: Plant, tolerance: float) -> tuple[float, float, float, str]:
+    """Lower and upper bound of a norm, the frequency, and why it is infinite."""
+    plant, reason = _seen_if_needed(plant)
+    if reason:
+        return np.inf, np.inf, abs(spectrum(plant.A).worst.imag), reason
+    at_infinity = float(np.linalg.norm(plant.D, 2)) if plant.D.size else 0.0
+    poles = np.linalg.eigvals(plant.A) if len(plant.A) else np.zeros(0, dtype=complex)
+    omega = np.unique(np.concatenate([[0.0], np.abs(poles.imag), np.abs(poles)]))
+    gains = _gains(plant, omega)
+    best = int(np.argmax(gains))
+    lower, frequency = float(gains[best]), float(omega[best])
+    if at_infinity > lower:
+        lower, frequency = at_infinity, np.inf
+    if lower == 0.0:
+        return 0.0, 0.0, 0.0, ""
+    for _ in range(_ROUNDS):
+        level = lower * (1.0 + tolerance)
+        near = _near_axis(plant, level)
+        if not len(near):
+            return lower, level, frequency, ""
+        ends = np.concatenate([[0.0], near, [2.0 * near[-1]]])
+        tried = np.concatenate([0.5 * (ends[1:] + ends[:-1]), near])
+        gains = _gains(plant, tried)
+        best = int(np.argmax(gains))
+        if gains[best] > lower:
+            lower, frequency = float(gains[best]), float(tried[best])
+        # between two eigenvalues on the axis the gain would be above the level
+        if gains[best] < level:
+            return lower, level, frequency, ""
+    return lower, np.inf, frequency, f"no level without eigenvalues on the axis in {_ROUNDS} rounds"
+
+
+def _gains(plant: Plant, omega: Array) -> Array:
+    """Largest singular values (F,) at frequencies (F,)."""
+    values = resolvent(
+        StateMatrices(*(matrix[None] for matrix in plant)), (1j * omega[None]).astype(complex)
+    )[0]
+    sizes: Array = np.linalg.svd(values, compute_uv=False)[..., 0]
+    return sizes
+
+
+def _near_axis(plant: Plant, level: float) -> NDArray[np.float64]:
+    """Rising frequencies (rad/s) of eigenvalues of the Hamiltonian matrix that may be on the axis."""
+    A, B, C, D = plant
+    if not len(A):
+        return np.zeros(0)
+    R = level**2 * np.eye(D.shape[1]) - np.conj(D.T) @ D
+    inside = A + B @ np.linalg.solve(R, np.conj(D.T) @ C)
+    right = level * B @ np.linalg.solve(R, np.conj(B.T))
+    left = np.conj(C.T) @ (np.eye(len(D)) + D @ np.linalg.solve(R, np.conj(D.T))) @ C / level
+    H = np.block([[inside, right], [-left, -np.conj(inside.T)]])
+    found = np.linalg.eigvals(H)
+    near = np.abs(found.real) <= _AXIS * np.abs(found) + 16.0 * _EPS * float(np.linalg.norm(H))
+    return np.unique(np.abs(found[near].imag))
+
+
+def _h2(plant: Plant) -> tuple[float, float, str]:
+    """A norm, the relative difference of two ways to it, and why it is infinite."""
+    import scipy.linalg  # here because it is slow to import
+
+    if np.any(plant.D):
+        return np.inf, 0.0, "the direct path D is not zero"
+    plant, reason = _seen_if_needed(plant)
+    if reason:
+        return np.inf, 0.0, reason
+    A, B, C, _ = plant
+    if not len(A):
+        return 0.0, 0.0, ""
+    Ah, Bh, Ch = (np.conj(matrix.T) for matrix in (A, B, C))
+    P = scipy.linalg.solve_continuous_lyapunov(A, -B @ Bh)
+    Q = scipy.linalg.solve_continuous_lyapunov(Ah, -Ch @ C)
+    by_states, by_costates = (float(np.trace(product).real) for product in (C @ P @ Ch, Bh @ Q @ B))
+    mean = 0.5 * (by_states + by_costates)
+    if mean <= 0.0:
+        return 0.0, 0.0 if by_states == by_costates == 0.0 else np.inf, ""
+    return float(np.sqrt(mean)), abs(by_states - by_costates) / (2.0 * mean), ""

@@ -1,0 +1,216 @@
+"""Whether a system is stable: at nominal, and at what was tried of the box of its parameters."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbdlft.analyze.migration import push_right
+from mbdlft.analyze.samples import samples_at
+from mbdlft.analyze.spectrum import Spectrum, Stability, eigenvalues, spectrum
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError, WellPosednessError
+from mbdlft.base.parameter import to_delta, to_physical
+from mbdlft.base.samples import check_points
+from mbdlft.system.singular import at_values
+from mbdlft.system.system import System
+
+SAMPLES = 300
+_CORNERS = 128  # tried at most; more are drawn at random
+_LOOKED_AT = 30  # samples whose poles farthest right are looked at more closely
+_MODES, _SAMPLES = 6, 3  # from which searches start
+_MOST, _WORK = 400, 4e9  # points of all searches, and their operations
+
+
+@dataclass(frozen=True, slots=True)
+class StabilityVerdict:
+    """What is known of the stability of a system over the box of its parameters.
+
+    Attributes
+    ----------
+    name : of the model
+    nominal : {"stable", "marginal", "unstable"}
+        Marginal: a pole is on the imaginary axis, to rounding, and none is right of it.
+    nominal_pole : complex, rad/s
+        The one farthest right there.
+    counterexample : values of the parameters where it is unstable, in their units; empty: none found
+        At nominal if it is unstable there and has parameters.
+    worst : values of the parameters, in their units, where a pole was farthest right
+    worst_pole : complex, rad/s
+        The pole there.
+    points : number of points that were tried: nominal, samples, corners, those of searches
+    proof : a sentence if stability is proved on the whole box; empty: what was tried proves nothing
+    """
+
+    name: str
+    nominal: Stability
+    nominal_pole: complex
+    counterexample: Mapping[str, float]
+    worst: Mapping[str, float]
+    worst_pole: complex
+    points: int
+    sentence: str
+    proof: str = ""
+
+    @property
+    def is_counterexample_found(self) -> bool:
+        """Whether it is unstable somewhere, at nominal or elsewhere."""
+        return self.nominal == "unstable" or bool(self.counterexample)
+
+    def __str__(self) -> str:
+        return self.proof or self.sentence
+
+
+def check_stability(system: System, samples: int = SAMPLES, seed: int = 0) -> StabilityVerdict:
+    """Look for values of the parameters at which a system is unstable.
+
+    Tried are nominal values, random samples, corners of the box, and what searches with exact gradients
+    of the poles reach from the least damped modes at nominal and from the worst samples. That none is
+    found is no proof, and the verdict says so.
+
+    Parameters
+    ----------
+    system : System or LFTModel
+        Blocks that are not parameters are zero.
+    samples : int
+        Number of random samples.
+    seed : int
+        Of the samples.
+
+    Returns
+    -------
+    StabilityVerdict
+
+    Raises
+    ------
+    AnalysisError
+        `samples` is not a number of points, or eigenvalues were not found.
+    WellPosednessError
+        The model is singular at one of the points.
+    """
+    if not isinstance(samples, int | np.integer) or samples < 0:
+        raise AnalysisError(
+            f"check_stability: expected a number of samples such as 300, got {samples!r}."
+        )
+    parameters = system.parameters
+    physical = check_points(parameters, seed, int(samples), _CORNERS)
+    names = parameters.names
+    A = samples_at(system, dict(zip(names, physical.T, strict=True))).A
+    found = eigenvalues(A, system.name)
+    nominal = spectrum(A[0])
+    ranked = np.argsort(-np.max(found.real, axis=1, initial=-np.inf), kind="stable")[:_LOOKED_AT]
+    looked = [(k, spectrum(A[k])) for k in ranked]
+    used = len(A)
+    best, there = max(
+        ((k, seen) for k, seen in [(0, nominal), *looked]), key=lambda pair: _badness(pair[1])
+    )
+    values = physical[best]
+    if parameters and there.stability != "unstable":
+        starts = [(np.zeros(len(names)), pole) for pole in _weakest(nominal)]
+        starts += [
+            (_deltas(system, physical[k]), complex(found[k][np.argmax(found[k].real)]))
+            for k in ranked[:_SAMPLES]
+        ]
+        values, there, more = _searched(system, starts, (values, there))
+        used += more
+    return _verdict(system, nominal, values, there, used)
+
+
+def _searched(
+    system: System, starts: list[tuple[Array, complex]], best: tuple[Array, Spectrum]
+) -> tuple[Array, Spectrum, int]:
+    """The worst point of `best` and those that searches reach, and the number of points tried."""
+    n = len(system.states)
+    left, used = int(min(_MOST, max(20.0, _WORK / (30.0 * n**3 + 1.0)))), 0
+    for delta, pole in starts:
+        if left <= 0:
+            break
+        try:
+            reached, _, count = push_right(system, delta, pole, left)
+            values = _physical(system, reached)
+            named = dict(zip(system.parameters.names, values, strict=True))
+            seen = spectrum(samples_at(system, named).A[0])
+        except WellPosednessError:
+            left -= 1
+            continue
+        left, used = left - count, used + count
+        if _badness(seen) > _badness(best[1]):
+            best = values, seen
+    return *best, used
+
+
+def _badness(seen: Spectrum) -> tuple[bool, float]:
+    """Unstable ones are worse than others; then how far right the pole farthest right is known to be."""
+    known = seen.poles.real[~seen.on_axis]
+    return seen.stability == "unstable", float(np.max(known, initial=-np.inf))
+
+
+def _weakest(seen: Spectrum) -> list[complex]:
+    """Poles to start with: those of least damping, one of each pair; none that is on the axis at zero."""
+    sizes = np.abs(seen.poles)
+    kept = seen.poles[(seen.poles.imag >= 0.0) & (sizes > 0.0)]
+    damping = -kept.real / np.abs(kept)
+    return [complex(pole) for pole in kept[np.argsort(damping, kind="stable")][:_MODES]]
+
+
+def _deltas(system: System, physical: Array) -> Array:
+    return np.array(
+        [float(to_delta(p, v)) for p, v in zip(system.parameters, physical, strict=True)]
+    )
+
+
+def _physical(system: System, delta: Array) -> Array:
+    """Physical values of deltas, inside the ranges."""
+    pairs = zip(system.parameters, delta, strict=True)
+    return np.array([float(np.clip(to_physical(p, d), p.low, p.high)) for p, d in pairs])
+
+
+def _verdict(
+    system: System, nominal: Spectrum, values: Array, there: Spectrum, points: int
+) -> StabilityVerdict:
+    """The verdict, with its sentence."""
+    parameters = system.parameters
+    named = {p.name: float(v) for p, v in zip(parameters, values, strict=True)}
+    unstable = there.stability == "unstable"
+    at = at_values(parameters, values)
+    if nominal.stability == "unstable":
+        sentence = f"unstable at nominal: pole {pole_text(nominal.worst)}"
+        if parameters and there.worst != nominal.worst:
+            sentence += f"; farthest right of {points} points: {pole_text(there.worst)} at {at}"
+    elif unstable:
+        sentence = f"{nominal.stability} at nominal, unstable in the range: "
+        sentence += f"pole {pole_text(there.worst)} at {at}"
+    elif not len(nominal.poles):
+        sentence = "stable: it has no states"
+    else:
+        axis = "; on the axis: " + _listed(nominal) if nominal.stability == "marginal" else ""
+        sentence = f"{nominal.stability} at nominal{axis}"
+        if parameters:
+            sentence += f"; no unstable point among {points} that were tried, "
+            sentence += "which proves nothing between them"
+    if any(block.kind != "real" for block in system.lft.blocks):
+        sentence += "; blocks that are not parameters are zero here"
+    counterexample = named if unstable else {}
+    return StabilityVerdict(
+        system.name,
+        nominal.stability,
+        nominal.worst,
+        counterexample,
+        named,
+        there.worst,
+        points,
+        sentence,
+    )
+
+
+def pole_text(pole: complex) -> str:
+    """A pole, or a pair, with its unit."""
+    pair = f" +- {abs(pole.imag):.6g}j" if pole.imag else ""
+    return f"{pole.real:.6g}{pair} rad/s"
+
+
+def _listed(seen: Spectrum) -> str:
+    """Frequencies of the poles on the axis."""
+    sizes = sorted({f"{abs(pole.imag):.6g}" for pole in seen.cleaned[seen.on_axis]}, key=float)
+    more = f" and {len(sizes) - 6} more" if len(sizes) > 6 else ""
+    return ", ".join(sizes[:6]) + more + " rad/s"

@@ -1,0 +1,270 @@
+"""The command `response`: norms, peaks and values at frequencies, at nominal and over samples."""
+
+import json
+import math
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import numpy as np
+import typer
+
+from mbdlft.base.errors import AnalysisError
+from mbdlft.cli.source import load_system, point_of
+from mbdlft.cli.tables import console, table
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from mbdlft.base.array import Array
+    from mbdlft.system.system import System
+
+KINDS = ("sigma", "bode", "step", "poles")  # of figures
+
+
+class Point(NamedTuple):
+    """Norms at one point: bounds of the H-infinity norm, its frequency, the H2 norm, and reasons.
+
+    The highest peak at `frequency_of_peak` (rad/s) is there where norms are infinite, too.
+    """
+
+    what: str
+    values: Mapping[str, float]
+    lower: float
+    upper: float
+    frequency: float
+    h2: float
+    reasons: tuple[str, str]
+    peak: float
+    frequency_of_peak: float
+
+
+def response(
+    source: Annotated[
+        Path,
+        typer.Argument(help="Archive (HDF5), or a scene or a matrix (TOML), to be linearized."),
+    ],
+    model: Annotated[str | None, typer.Option(help="Model of an archive that has several.")] = None,
+    inputs: Annotated[
+        list[str] | None, typer.Option("--input", help="Only this input; may be repeated.")
+    ] = None,
+    outputs: Annotated[
+        list[str] | None, typer.Option("--output", help="Only this output; may be repeated.")
+    ] = None,
+    assignments: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="name=value in the unit of the parameter; may be repeated."),
+    ] = None,
+    frequencies: Annotated[
+        list[float] | None,
+        typer.Option("--at", help="Frequency (rad/s) at which to print values; may be repeated."),
+    ] = None,
+    samples: Annotated[int, typer.Option(min=0, help="Random samples.")] = 300,
+    seed: Annotated[int, typer.Option(min=0, help="Of the samples.")] = 0,
+    figure: Annotated[
+        Path | None, typer.Option("-o", "--figure", help="Figure to draw, such as fig.png.")
+    ] = None,
+    kind: Annotated[str, typer.Option(help="Of the figure: sigma, bode, step or poles.")] = "sigma",
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Print norms, the worst of random samples, and values at frequencies."""
+    _check(figure, kind, frequencies)
+    system = chosen_channels(load_system(source, model), outputs, inputs)
+    point = point_of(system, assignments)
+    points = [_point_of(system, "as set" if point else "nominal", point)]
+    worst = _worst(system, samples, seed)
+    if worst is not None:
+        points.append(_point_of(system, f"worst of {samples} samples", worst))
+    values = _values_at(system, point, samples, seed, frequencies or [])
+    try:
+        if as_json:
+            sys.stdout.write(json.dumps(_summary(system, points, values), indent=2) + "\n")
+        else:
+            _print(system, points, values)
+    finally:  # a figure that fails takes nothing away
+        if figure is not None:
+            draw(kind, figure, system, seed)
+    if figure is not None and not as_json:
+        console().print(f"figure: {figure}", soft_wrap=True)
+
+
+def draw(kind: str, figure: Path, system: "System", seed: int = 0) -> None:
+    """Draw a figure of one of the `KINDS`."""
+    from mbdlft import plot
+
+    if kind == "poles":
+        plot.save_pole_map(figure, system, seed=seed)
+    elif kind == "bode":
+        plot.save_bode(figure, system, seed)
+    elif kind == "step":
+        plot.save_step(figure, system, seed)
+    else:
+        plot.save_singular_values(figure, system, seed)
+
+
+def chosen_channels(
+    system: "System", outputs: list[str] | None, inputs: list[str] | None
+) -> "System":
+    """The system with some of its outputs and inputs; all states stay."""
+    from mbdlft.analyze.samples import chosen
+
+    rows = chosen(system.name, "output", outputs, system.outputs, "responses")
+    columns = chosen(system.name, "input", inputs, system.inputs, "responses")
+    if not (outputs or inputs):
+        return system
+    return system[[system.outputs[k].name for k in rows], [system.inputs[k].name for k in columns]]
+
+
+def _check(figure: Path | None, kind: str, frequencies: list[float] | None) -> None:
+    """Raise an error for what is known to be wrong before the work."""
+    if kind not in KINDS:
+        raise AnalysisError(f"--kind {kind}: expected one of {', '.join(KINDS)}.")
+    for omega in frequencies or []:
+        if not 0.0 < omega < math.inf:
+            raise AnalysisError(
+                f"--at {omega:g}: expected a positive finite frequency (rad/s), such as 1.5."
+            )
+    if figure is not None:
+        from mbdlft.plot import check_figure
+
+        check_figure(figure)
+
+
+def _point_of(system: "System", what: str, values: Mapping[str, float]) -> Point:
+    """Norms at one point."""
+    from mbdlft.analyze import h2_norm, hinf_norm
+    from mbdlft.analyze.response import peaks
+
+    peak = hinf_norm(system, values)
+    try:
+        energy = h2_norm(system, values)
+        h2, reason = float(energy.value[0]), energy.reason[0]
+    except AnalysisError as error:  # what is known of the peak is worth printing
+        h2, reason = math.nan, str(error)
+    bounds = float(peak.lower[0]), float(peak.upper[0])
+    omega, largest = _largest(system, values)
+    k = int(np.argmax(peaks(largest)[0]))
+    return Point(
+        what, values, *bounds, float(peak.frequency[0]), h2, (peak.reason[0], reason),
+        float(largest[0, k]), float(omega[0, k]),
+    )  # fmt: skip
+
+
+def _worst(system: "System", samples: int, seed: int) -> dict[str, float] | None:
+    """The sample of the highest peak; nothing without parameters or samples."""
+    from mbdlft.analyze.response import peaks
+    from mbdlft.base.samples import random
+
+    if not (samples and system.parameters):
+        return None
+    values = random(system.parameters, samples, seed)
+    k = int(np.argmax(np.max(peaks(_largest(system, values)[1]), axis=1)))
+    return {name: float(column[k]) for name, column in values.items()}
+
+
+def _largest(system: "System", values: "Mapping[str, ArrayLike]") -> "tuple[Array, Array]":
+    """Frequencies (N, F) of samples, and the largest singular values at them."""
+    from mbdlft.analyze import frequency_response, response_frequencies, singular_values
+
+    omega = response_frequencies(system, values)
+    return omega, singular_values(frequency_response(system, values, omega))[..., 0]
+
+
+def _values_at(
+    system: "System", point: dict[str, float], samples: int, seed: int, frequencies: list[float]
+) -> list[dict[str, Any]]:
+    """Size and phase of each channel at frequencies, and the range of the size over samples."""
+    from mbdlft.analyze import frequency_response
+    from mbdlft.base.samples import random
+
+    if not frequencies:
+        return []
+    middle = frequency_response(system, point, frequencies)[0]
+    ranges = None
+    if samples and system.parameters:
+        drawn = random(system.parameters, samples, seed)
+        sizes = np.abs(frequency_response(system, drawn, frequencies))
+        ranges = np.min(sizes, axis=0), np.max(sizes, axis=0)
+    return [
+        {
+            "frequency": omega,
+            "input": u.name,
+            "output": y.name,
+            "unit": f"{y.unit} / ({u.unit})",
+            "size": float(abs(middle[f, i, j])),
+            "phase_deg": float(np.degrees(np.angle(middle[f, i, j]))),
+            "lowest": None if ranges is None else float(ranges[0][f, i, j]),
+            "highest": None if ranges is None else float(ranges[1][f, i, j]),
+        }
+        for f, omega in enumerate(frequencies)
+        for i, y in enumerate(system.outputs)
+        for j, u in enumerate(system.inputs)
+    ]
+
+
+def _print(system: "System", points: list[Point], values: list[dict[str, Any]]) -> None:
+    """Tables, and sentences on what is infinite."""
+    from mbdlft.analyze.response import gain_unit
+
+    out = console()
+    rows = table(
+        f"{system.name}: gains ({gain_unit(system)})", "at", "H-infinity >", "to at most >",
+        "at (rad/s) >", "H2 >", "peak >", "at (rad/s) >",
+    )  # fmt: skip
+    for point in points:
+        numbers = [point.lower, point.upper, point.frequency, point.h2]
+        numbers += [point.peak, point.frequency_of_peak]
+        rows.add_row(point.what, *(f"{number:.7g}" for number in numbers))
+    out.print(rows)
+    for point in points:
+        for norm, reason in zip(("H-infinity", "H2"), point.reasons, strict=True):
+            if reason:
+                how = "not known" if norm == "H2" and math.isnan(point.h2) else "infinite"
+                out.print(f"{point.what}: {norm} norm {how}: {reason}", highlight=False)
+    for point in points[1:]:
+        at = ", ".join(f"{name} = {value:.6g}" for name, value in point.values.items())
+        out.print(f"{point.what}: {at}", highlight=False)
+    if values:
+        rows = table(
+            "values", "at (rad/s) >", "transfer", "size >", "phase (deg) >", "lowest >", "highest >",
+            "unit",
+        )  # fmt: skip
+        for each in values:
+            span = ("" if each[k] is None else f"{each[k]:.4g}" for k in ("lowest", "highest"))
+            rows.add_row(
+                f"{each['frequency']:g}", f"{each['input']} to {each['output']}",
+                f"{each['size']:.6g}", f"{each['phase_deg']:.2f}", *span, each["unit"],
+            )  # fmt: skip
+        out.print(rows)
+
+
+def _summary(
+    system: "System", points: list[Point], values: list[dict[str, Any]]
+) -> dict[str, object]:
+    """Everything as plain data; what is infinite is null, with a reason."""
+    return {
+        "name": system.name,
+        "inputs": [u.name for u in system.inputs],
+        "outputs": [y.name for y in system.outputs],
+        "points": [
+            {
+                "what": point.what,
+                "values": dict(point.values),
+                "hinf": {
+                    "lower": _finite(point.lower),
+                    "upper": _finite(point.upper),
+                    "frequency": _finite(point.frequency),
+                    "reason": point.reasons[0],
+                },
+                "h2": {"value": _finite(point.h2), "reason": point.reasons[1]},
+                "peak": {"gain": point.peak, "frequency": point.frequency_of_peak},
+            }
+            for point in points
+        ],
+        "values": values,
+    }
+
+
+def _finite(number: float) -> float | None:
+    return number if math.isfinite(number) else None

@@ -1,0 +1,74 @@
+"""The system in a file: of a scene, of a matrix, or stored in an archive."""
+
+import tomllib
+from pathlib import Path
+from typing import cast
+
+from mbdlft.base.errors import AnalysisError, SceneError
+from mbdlft.system.system import System
+
+ARCHIVES = (".h5", ".hdf5")
+
+
+def load_system(file: Path, name: str | None = None) -> System:
+    """The system of an archive, or one that is made of the scene or matrix of a TOML file.
+
+    Parameters
+    ----------
+    file : an archive (.h5, .hdf5), or a scene or a matrix (TOML)
+    name : str, optional
+        Which model of an archive that has several.
+
+    Raises
+    ------
+    AnalysisError
+        A name is given for a file that is no archive.
+    ArchiveError, SceneError, and those of making a model
+        The file cannot be read, or no model can be made of it.
+    """
+    if file.suffix.lower() in ARCHIVES:
+        from mbdlft.store import load
+
+        return cast(System, load(file, name))
+    if name is not None:
+        raise AnalysisError(f"--model {name}: {file} is no archive; only an archive has models.")
+    from mbdlft.matrix import load_matrix
+    from mbdlft.multibody.scene import load_scene
+    from mbdlft.pipeline import realize, to_lft
+
+    if _is_matrix(file):
+        return realize(load_matrix(file), search=0.0, prove=0.0)
+    return to_lft(load_scene(file), search=0.0, prove=0.0)
+
+
+def _is_matrix(file: Path) -> bool:
+    """Whether a TOML file says that it is a matrix; a scene says what is wrong with other files."""
+    try:
+        found = tomllib.loads(file.read_text(encoding="utf-8")).get("format")
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        return False
+    return isinstance(found, str) and found.startswith("mbdlft-matrix")
+
+
+def point_of(system: System, texts: list[str] | None) -> dict[str, float]:
+    """Values by name of the options --set name=value.
+
+    Raises
+    ------
+    SceneError
+        A text is not a name, = and a number.
+    """
+    values = {}
+    for text in texts or []:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        try:
+            values[name] = float(value)
+        except ValueError:
+            equals = ""
+        if not (name and equals):
+            known = ", ".join(system.parameters.names) or "none"
+            raise SceneError(
+                f"--set {text}: expected name=value with a number, such as m1=3.2. The unit is that of "
+                f"the parameter. Parameters: {known}."
+            )
+    return values

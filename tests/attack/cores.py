@@ -1,0 +1,171 @@
+"""The same scene or matrix with the kernels of three processors: equal orders and bounds, equal values.
+
+A process for each kind of kernels is kept; `OPENBLAS_CORETYPE` counts when numpy is imported.
+"""
+
+import atexit
+import json
+import os
+import re
+import subprocess
+import sys
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import mbdlft
+from mbdlft import MbdlftError
+from mbdlft.problem.compare import NEGLIGIBLE
+from tests.attack import matrices
+from tests.attack.mutations import check_message
+from tests.close import CORES
+from tests.cross.mechanisms import closed_loop, open_tree
+from tests.mechanisms import random_mechanism
+from tests.strategies import random_scene
+
+ROOT = Path(__file__).parents[2]
+NEEDED = {"Prescott": "", "Haswell": "avx2", "SkylakeX": "avx512f"}  # of the processor
+SCENARIOS = ("pendulum", "two_link_arm", "crane", "gimbal", "four_bar", "spinning_satellite")
+
+
+def attack(seed: int, folder: Path) -> str:
+    """Build a model with each kind of kernels, and compare; a search alone may find other orders."""
+    for kind in kinds():
+        _ask(kind, seed)
+    first, *others = [_answer(kind) for kind in kinds()]
+    word = str(first["word"])
+    for other in others:
+        assert first["said"] == other["said"], json.dumps([first["said"], other["said"]])
+        a, b = (np.array(each["values"]) for each in (first, other))
+        if not a.size:
+            continue
+        size = np.max(np.abs(a), axis=0)
+        scale = np.where(size > NEGLIGIBLE * (both := matrices.balanced(size)), size, both)
+        worst = float(np.max(np.max(np.abs(a - b), axis=0) / np.where(scale > 0, scale, 1.0)))
+        assert worst <= max(CORES, 100.0 * first["error"]), f"values differ by {worst:.1e}"
+        if first["order"] != other["order"]:
+            assert first["searched"], f"orders {first['order']} and {other['order']}"
+            word += ", other order after a search"
+    return word
+
+
+@cache
+def kinds() -> tuple[str, ...]:
+    """Kinds of kernels that this processor has."""
+    try:
+        own = Path("/proc/cpuinfo").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        own = ""
+    return tuple(kind for kind, flag in NEEDED.items() if re.search(rf"\b{flag}\b", own))
+
+
+def _ask(kind: str, seed: int) -> None:
+    process = _worker(kind)
+    assert process.stdin is not None
+    process.stdin.write(f"{seed}\n")
+    process.stdin.flush()
+
+
+def _answer(kind: str) -> dict[str, Any]:
+    process = _worker(kind)
+    assert process.stdout is not None
+    answer: dict[str, Any] = json.loads(process.stdout.readline())
+    assert "failed" not in answer, answer["failed"]
+    return answer
+
+
+@cache
+def _worker(kind: str) -> "subprocess.Popen[str]":
+    """A process with the kernels of a kind; it ends with this one."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tests.attack.cores"],
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env={
+            **os.environ,
+            "OPENBLAS_CORETYPE": kind,
+            "OPENBLAS_NUM_THREADS": "1",
+            "PYTHONPATH": str(ROOT),
+        },
+    )
+    atexit.register(process.kill)
+    return process
+
+
+# in the processes ----------------------------------------------------------------------------
+
+
+def answer(seed: int) -> dict[str, Any]:
+    """What is said of the model of a seed, and its values (N, ., .) at some points."""
+    random = np.random.default_rng(seed)
+    search = float(random.choice([0.0, 0.0, 0.0, 0.5]))
+    try:
+        word, model = build(random, seed, search)
+    except MbdlftError as error:
+        check_message(error)
+        said = [type(error).__name__, re.sub(r"[\d.]+(e[-+]?\d+)?", "0", str(error))]
+        return {
+            "word": f"refused: {said[0]}",
+            "said": said,
+            "order": [],
+            "error": 0.0,
+            "values": [],
+        }
+    found = model.certificate
+    said = [found.lower_bound, found.raw_order, found.well_posed]
+    order = [found.order, found.order_bound, len(found.open_boxes)]
+    points = mbdlft.random(model.parameters, 8, seed=seed)
+    A, B, C, D = mbdlft.matrices_at(model, points)
+    values = np.concatenate(
+        [np.concatenate([A, B], axis=-1), np.concatenate([C, D], axis=-1)], axis=-2
+    )
+    values = values if values.ndim == 3 else values[None]
+    return {
+        "word": word,
+        "said": said,
+        "order": order,
+        "searched": search > 0.0,
+        "error": found.max_relative_error,
+        "values": values.tolist(),
+    }
+
+
+def build(random: np.random.Generator, seed: int, search: float) -> tuple[str, mbdlft.LFTModel]:
+    """A random matrix, a random scene or a scenario."""
+    kind = random.random()
+    if kind < 0.3:
+        drawn = matrices.draw(random, str(random.choice(matrices.FAMILIES)))
+        return "matrix", mbdlft.realize(
+            drawn.rows, drawn.parameters, states=drawn.states, search=search
+        )
+    if kind < 0.35:
+        name = SCENARIOS[int(random.integers(len(SCENARIOS)))]
+        scene = mbdlft.load_scene(ROOT / "scenarios" / f"{name}.toml")
+    else:
+        bodies = int(random.integers(2, 6))
+        makers = (random_scene, partial(random_mechanism, bodies=bodies), open_tree, closed_loop)
+        scene = makers[int(random.integers(len(makers)))](seed)
+    return "scene", mbdlft.to_lft(scene, search=search)
+
+
+def main() -> None:
+    """Answer each seed of standard input with a line of JSON."""
+    import warnings
+
+    warnings.simplefilter("ignore")
+    for line in sys.stdin:
+        try:
+            found = answer(int(line))
+        except BaseException as error:
+            found = {"failed": f"{type(error).__name__}: {error}"[:1000]}
+        sys.stdout.write(json.dumps(found) + "\n")
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,95 @@
+"""Bugs that are planted in the package are found by the attacks that compare with known answers."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mbdlft.base import grammar, unit
+from mbdlft.lft.lft import LFT
+from mbdlft.pipeline import candidates, realization
+from mbdlft.pipeline.certify import Checked
+from mbdlft.reduce.reduce import reduce_order
+from tests.attack import cores, expressions, matrices, scenes
+from tests.extracted import exactly
+
+Patch = pytest.MonkeyPatch
+
+
+def found(attack: Callable[[int, Path], str], seeds: range, folder: Path) -> bool:
+    """Whether an attack with one of some seeds finds a wrong answer."""
+    grammar.parse.cache_clear()
+    try:
+        for seed in seeds:
+            attack(seed, folder)
+    except AssertionError:
+        return True
+    finally:
+        grammar.parse.cache_clear()
+    return False
+
+
+def literals_in_doubles(patch: Patch) -> None:
+    patch.setattr(grammar, "Literal", float)
+
+
+def reduction_in_doubles(patch: Patch) -> None:
+    patch.setattr(candidates, "reduce_exactly", lambda a: exactly(reduce_order(a.rounded())))
+
+
+def units_in_doubles(patch: Patch) -> None:
+    def in_doubles(number: str, of: unit.Unit) -> str:
+        return repr(float(number) * of.factor)
+
+    patch.setattr(grammar, "in_si", in_doubles)
+
+
+def a_wrong_entry(patch: Patch) -> None:
+    """An output is wrong by a millionth, and the certificate does not see it."""
+    right = realization._in_units
+
+    def wrong(*arguments: Any) -> LFT:
+        a = right(*arguments)
+        return LFT(a.M11, a.M12, a.M21, (1.0 + 1e-6) * a.M22, a.blocks)
+
+    patch.setattr(realization, "_in_units", wrong)
+    patch.setattr(realization, "measure_error", lambda *_: Checked(0.0, 3, 0.0, (), ()))
+
+
+@pytest.mark.parametrize(
+    ("bug", "attack", "seeds"),
+    [
+        (literals_in_doubles, matrices.attack, range(0, 18, 6)),
+        (reduction_in_doubles, matrices.attack, range(3, 21, 6)),
+        (a_wrong_entry, matrices.attack, range(3)),
+        (units_in_doubles, expressions.attack, range(60)),
+        (literals_in_doubles, expressions.attack, range(60)),
+        (a_wrong_entry, expressions.attack, range(60)),
+        (a_wrong_entry, scenes.attack, range(60)),
+    ],
+)
+def test_planted_bug_is_found(
+    bug: Callable[[Patch], None],
+    attack: Callable[[int, Path], str],
+    seeds: range,
+    monkeypatch: Patch,
+    tmp_path: Path,
+) -> None:
+    bug(monkeypatch)
+    assert found(attack, seeds, tmp_path)
+
+
+@pytest.mark.parametrize("what", ["said", "order", "values"])
+def test_kernels_that_differ_are_told(what: str, monkeypatch: Patch, tmp_path: Path) -> None:
+    answer = {"word": "scene", "said": [1], "order": [[2], 2, 0], "searched": False, "error": 0.0}
+    other = answer | {"values": np.eye(2)[None].tolist()}
+    wrong = other | {what: (2.0 * np.eye(2)[None]).tolist()}
+    monkeypatch.setattr(cores, "kinds", lambda: ("Prescott", "Haswell"))
+    monkeypatch.setattr(cores, "_ask", lambda *_: None)
+    monkeypatch.setattr(cores, "_answer", lambda kind: other)
+    assert cores.attack(0, tmp_path) == "scene"
+    monkeypatch.setattr(cores, "_answer", lambda kind: wrong if kind == "Haswell" else other)
+    with pytest.raises(AssertionError):
+        cores.attack(0, tmp_path)

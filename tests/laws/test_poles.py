@@ -1,0 +1,191 @@
+"""Poles, damping, their gradients, and what is said of stability."""
+
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft import (
+    Parameter,
+    check_stability,
+    damping_table,
+    pole_gradients,
+    poles,
+    realize,
+)
+from mbdlft.analyze.spectrum import spectrum
+from tests.close import CLOSED_FORM, exact, finite_difference, target
+from tests.oscillators import oscillator, plain, spring_and_mass, two_masses
+
+
+def test_poles_and_table_of_an_oscillator() -> None:
+    zeta, omega = 0.03, 5.0
+    expected = complex(-zeta * omega, omega * np.sqrt(1.0 - zeta**2))
+    found = damping_table(oscillator(zeta, omega))
+    target(found.poles, [[expected, expected.conjugate()]], CLOSED_FORM)
+    (row,) = found.rows()
+    target(row.pole, expected, CLOSED_FORM)
+    numbers = [row.natural_frequency, row.frequency, row.damping, row.time_constant]
+    expected_numbers = [omega, omega / (2.0 * np.pi), zeta, 1.0 / (zeta * omega)]
+    target(numbers, expected_numbers, CLOSED_FORM)
+    for name, value in zip(
+        ("natural_frequency", "frequency", "damping", "time_constant"), numbers, strict=True
+    ):
+        target(getattr(found, name), [[value, value]], CLOSED_FORM)
+    assert found.stability() == "stable"
+    assert "0.03" in str(found)
+
+
+def test_poles_of_samples_are_those_of_each_alone() -> None:
+    model = spring_and_mass()
+    values = mbdlft.random(model.parameters, 20, seed=2)
+    found = poles(model, values)
+    assert found.shape == (20, 2)
+    for k in range(20):
+        k_over_m = values["k"][k] / values["m"][k]
+        half = 0.01 / values["m"][k]
+        target(found[k, 0], -half + 1j * np.sqrt(k_over_m - half**2), CLOSED_FORM)
+        alone = {name: float(column[k]) for name, column in values.items()}
+        exact(poles(model, alone)[0], found[k])
+    exact(damping_table(model, values).poles, found)
+
+
+def test_gradients_are_those_of_the_closed_form() -> None:
+    """p = -c/2m + j sqrt(k/m - (c/2m)^2), by normalized k and m at a point off nominal."""
+    model = spring_and_mass()
+    at = {"k": 5.0, "m": 1.2}
+    found = pole_gradients(model, at)
+    half, root = 0.01 / 1.2, np.sqrt(5.0 / 1.2 - (0.01 / 1.2) ** 2)
+    target(found.poles, [-half + 1j * root, -half - 1j * root], CLOSED_FORM)
+    by_k = 1j / (2.0 * root * 1.2)
+    by_m = half / 1.2 + 1j * (-5.0 / 1.2**2 + 2.0 * half**2 / 1.2) / (2.0 * root)
+    for column, (name, derivative) in enumerate({"k": by_k, "m": by_m}.items()):
+        parameter = model.parameters[name]
+        delta = float(mbdlft.to_delta(parameter, at[name]))
+        step = np.array([delta - 1e-5, delta + 1e-5])
+        slope = float(np.diff(mbdlft.to_physical(parameter, step))[0] / 2e-5)
+        finite_difference(found.gradients[0, column], derivative * slope, scale=abs(by_k))
+        finite_difference(found.gradients[1, column], np.conj(derivative) * slope, scale=abs(by_k))
+
+
+def test_gradients_of_the_arm_are_differences() -> None:
+    """Repeated parameters, D_zw that is not zero, a point that is not nominal."""
+    arm = mbdlft.to_lft(mbdlft.load_scene("scenarios/two_link_arm.toml"), search=0.0)
+    at = {"m1": 3.3, "theta1": 60.0, "L2": 0.9, "rho1": 0.31}
+    found = pole_gradients(arm, at)
+    h = 1e-6
+    for k, parameter in enumerate(arm.parameters):
+        delta = float(mbdlft.to_delta(parameter, at.get(parameter.name, parameter.nominal)))
+        moved = {
+            **at,
+            parameter.name: mbdlft.to_physical(parameter, [delta - h, delta + h]),
+        }
+        below, above = poles(arm, moved)
+        finite_difference(found.gradients[:, k], (above - below) / (2.0 * h), scale=1.0)
+
+
+TURN = np.linalg.qr(np.random.default_rng(4).normal(size=(4, 4)))[0]
+JORDAN = np.eye(4, k=1)
+
+
+@pytest.mark.parametrize(
+    ("A", "expected"),
+    [
+        (JORDAN - np.eye(4), "stable"),  # defective, and far from the axis
+        (TURN @ (JORDAN - np.eye(4)) @ TURN.T, "stable"),
+        (TURN @ (JORDAN + np.eye(4)) @ TURN.T, "unstable"),
+        ([[0.0, 1.0], [0.0, 0.0]], "marginal"),
+        (TURN @ np.diag([0.0, -1.0, -2.0, -3.0]) @ TURN.T, "marginal"),
+        (TURN @ np.kron(np.eye(2), [[0.0, 1.0], [0.0, 0.0]]) @ TURN.T, "marginal"),
+        (TURN @ np.kron(np.diag([1.0, 7.0]), [[0.0, 1.0], [-1.0, 0.0]]) @ TURN.T, "marginal"),
+        ([[0.0, 1.0], [-1.0, -1e-9]], "stable"),
+        ([[0.0, 1.0], [-1.0, 1e-9]], "unstable"),
+        (np.diag([1e-6, -1e6]), "unstable"),
+        (np.diag([-1e-6, -1e6]), "stable"),
+    ],
+)
+def test_side_of_the_axis_is_told_where_rounding_lets_it(A: object, expected: str) -> None:
+    assert spectrum(np.array(A)).stability == expected
+
+
+def test_integrators_are_at_zero_and_slow_undamped_modes_are_not() -> None:
+    free = TURN @ np.kron(np.eye(2), [[0.0, 1.0], [0.0, 0.0]]) @ TURN.T
+    found = spectrum(free)
+    assert np.all(found.at_zero)
+    exact(found.cleaned, np.zeros(4))
+    slow = spectrum(np.kron(np.diag([1e-4, 10.0]), [[0.0, 1.0], [-1.0, 0.0]]))
+    assert np.all(slow.on_axis)
+    assert not np.any(slow.at_zero)
+    target(np.abs(slow.poles), [1e-4, 1e-4, 10.0, 10.0], CLOSED_FORM)
+
+
+def test_free_masses_are_marginal_and_have_one_mode() -> None:
+    masses = two_masses([2.0, 3.0], 50.0, 0.1)
+    rows = damping_table(masses).rows()
+    assert [row.on_axis for row in rows] == [True, True, False]
+    omega = np.sqrt(50.0 * (1.0 / 2.0 + 1.0 / 3.0))
+    target(rows[2].natural_frequency, omega, CLOSED_FORM)
+    target(rows[2].damping, 0.1 / 50.0 * omega / 2.0, CLOSED_FORM)
+    verdict = check_stability(masses)
+    assert (verdict.nominal, verdict.counterexample) == ("marginal", {})
+    assert "marginal at nominal; on the axis: 0 rad/s" in str(verdict)
+
+
+def test_stable_box_is_not_called_proved() -> None:
+    verdict = check_stability(spring_and_mass(), samples=50)
+    assert verdict.nominal == "stable"
+    assert not verdict.is_counterexample_found
+    assert verdict.proof == ""
+    assert "which proves nothing between them" in str(verdict)
+    # damping c/2m is least at the largest m, where the search ends
+    target(verdict.worst_pole.real, -0.01 / 1.5, CLOSED_FORM)
+    target(verdict.worst["m"], 1.5, CLOSED_FORM)
+
+
+def narrow(width: float) -> mbdlft.LFTModel:
+    """Unstable only near a = 0.6, b = -0.7: inside of the box, off its corners."""
+    bump = f"1 - 1.05/(1 + ((a - 0.6)^2 + (b + 0.7)^2)/{width}^2)"
+    return realize(
+        [[f"-({bump})"]], [Parameter(name, 0.0, -1.0, 1.0) for name in "ab"], states=1, search=0.0
+    )
+
+
+def test_counterexample_inside_the_box_is_found_by_the_search_alone() -> None:
+    """No corner is unstable and no sample is tried; the gradient leads from nominal to it."""
+    verdict = check_stability(narrow(0.5), samples=0)
+    assert verdict.nominal == "stable"
+    assert verdict.is_counterexample_found
+    a, b = verdict.counterexample["a"], verdict.counterexample["b"]
+    assert (a - 0.6) ** 2 + (b + 0.7) ** 2 < 0.05 * 0.5**2
+    assert poles(narrow(0.5), verdict.counterexample)[0, 0].real > 0.0
+    assert "stable at nominal, unstable in the range" in str(verdict)
+
+
+def test_search_follows_modes_that_are_not_the_rightmost() -> None:
+    """A pole that nothing moves is farther right than the one that the search has to move."""
+    bump = "1 - 1.05/(1 + ((a - 0.6)^2 + (b + 0.7)^2)/0.25)"
+    model = realize(
+        [["-0.001", "0"], ["0", f"-({bump})"]],
+        [Parameter(name, 0.0, -1.0, 1.0) for name in "ab"],
+        states=2,
+        search=0.0,
+    )
+    verdict = check_stability(model, samples=0)
+    assert verdict.nominal == "stable"
+    assert verdict.is_counterexample_found
+
+
+def test_unstable_nominal_names_the_pole() -> None:
+    arm = mbdlft.to_lft(mbdlft.load_scene("scenarios/two_link_arm.toml"), search=0.0)
+    verdict = check_stability(arm, samples=10)
+    assert verdict.nominal == "unstable"
+    assert "unstable at nominal: pole 3.1048 rad/s" in str(verdict)
+    sampled = poles(arm, mbdlft.random(arm.parameters, 2000, seed=8))
+    assert verdict.worst_pole.real >= np.max(sampled.real)
+
+
+def test_system_without_states_or_parameters() -> None:
+    static = plain(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[2.0]])
+    assert poles(static).shape == (1, 0)
+    assert damping_table(static).rows() == ()
+    assert "no states" in str(check_stability(static))
+    assert check_stability(oscillator(0.1)).points == 1
