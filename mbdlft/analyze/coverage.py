@@ -74,9 +74,15 @@ def swept(
             found = upper_bound(M, structure, start=last, tolerance=0.02 * gap)
             beta, peak = max(found.beta * (1.0 + 0.5 * gap), beta), omega
             found = upper_bound(M, structure, start=last, tolerance=0.02 * gap, enough=beta)
-        found = found._replace(beta=beta)
-        interval = interval_around(system, found, omega)
-        if interval is None or interval.high - interval.low <= _NARROW * omega:
+        found, interval = found._replace(beta=beta), None
+        for again in (False, True):
+            if again:  # from the beginning: multipliers of far frequencies may be extreme
+                found = upper_bound(M, structure, tolerance=0.02 * gap, enough=beta)
+                found = last = found._replace(beta=beta)
+            interval = interval_around(system, found, omega)
+            if interval is not None and interval.high - interval.low > _NARROW * omega:
+                break
+        else:
             return Sweep(None, used, omega, peak)
         kept.append((interval, found))
         todo += _rest(low, high, interval)

@@ -40,6 +40,7 @@ from mbdlft.base.threads import one_thread
 from mbdlft.system.system import System
 
 _MOST_COEFFICIENTS = 4e6  # of a polynomial in memory
+_DEAR = 20.0  # units of work: above this a polynomial costs more than multipliers
 _LOWER = 0.7  # a target that was not proved is taken nearer to what is: this part of the way
 _SHARE = 0.5  # of the work that is left, for one target
 
@@ -92,7 +93,7 @@ def robust_stability(
     with one_thread():
         if system.lft.is_plain:
             model = realization(system, leave_out=leave_out)
-            if not too_large(model):
+            if not too_large(model) and cost_of(model) <= min(_DEAR, work):
                 return _Search(system, model, gap, work, largest, progress, gone).result()
         return by_multipliers(system, stay, gap, work, largest, progress, gone)
 
