@@ -194,13 +194,17 @@ def _report(
         return
     out = console()
     out.print(f"{system.name}, {found.kind}:", highlight=False)
-    proved = found.lower if found.kind != "worst-case gain" else found.upper
-    what = "at least" if found.kind != "worst-case gain" else "at most"
-    said = f"{what} {proved:.6g}, proved" if found.proved else "nothing is proved"
-    out.print(f"{said} for all frequencies and values in the ranges", highlight=False)
+    is_gain = found.kind == "worst-case gain"
+    if not found.proved:
+        said = "nothing is proved"
+    elif is_gain:
+        said = f"at most {found.upper:.6g} for all values in the ranges: proved for all frequencies"
+    else:
+        said = f"stable for all values in {found.lower:.6g} times the ranges: proved for all frequencies"
+    out.print(said, highlight=False)
     if found.worst:
         units = {p.name: p.unit for p in system.parameters}
-        reached = found.upper if found.kind != "worst-case gain" else found.lower
+        reached = found.lower if is_gain else found.upper
         title = f"worst case: {reached:.6g} at {found.frequency:.6g} rad/s"
         rows = table(title, "parameter", "value >", "unit", "delta >", "share >")
         for name, value in found.worst.items():

@@ -55,6 +55,22 @@ def test_no_model_inside_a_proved_margin_is_unstable(seed: int) -> None:
     assert verify(system, found) == ""
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("first", range(100, 400, 10))
+def test_no_model_inside_a_proved_margin_of_300_systems_is_unstable(first: int) -> None:
+    """Up to 60 states; nine of ten are closed to 2 %."""
+    closed = 0
+    for seed in range(first, first + 10):
+        most = (8, 30, 60)[seed % 3]
+        system = random_system(seed, most, 4 if most == 8 else 3)
+        found = robust_stability(system, work=10.0, largest=10.0, gap=0.02)
+        assert found.lower <= reached(system, 40, 10.0, seed)
+        closed += found.lower >= 0.98 * min(found.upper, 10.0)
+    mixed = robust_stability(mixed_system(first), gap=0.05)
+    assert 0.0 < mixed.lower <= mixed.upper
+    assert closed >= 9
+
+
 @pytest.mark.parametrize("seed", [1, 3, 7])
 def test_coefficients_are_those_of_the_determinant(seed: int) -> None:
     """The polynomial in Bernstein form, evaluated by its definition, against the determinant."""
