@@ -10,6 +10,7 @@ What most scripts need is here: `load_scene`, `Scene`, `Parameter`, `Angle`, `to
 - `mbdlft.library`: actuators, filters, two-ports
 - `mbdlft.analyze`, `mbdlft.plot`: responses and figures
 - `mbdlft.store`, `mbdlft.batch`: archives and sweeps
+- `mbdlft.export`: files for MATLAB, Octave, C and Julia, and matrices on a grid
 - `mbdlft.base`: parameters, samples, signals, errors
 
 Every part is imported when it is first used: reading archives needs numpy and h5py only. In this version
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from mbdlft.base import *
     from mbdlft.batch import *
     from mbdlft.elastic import *
+    from mbdlft.export import *
     from mbdlft.lft import *
     from mbdlft.library import *
     from mbdlft.matrix import *
@@ -56,6 +58,7 @@ _NAMESPACES = (
     "analyze",
     "batch",
     "elastic",
+    "export",
     "library",
     "matrix",
     "urdf",

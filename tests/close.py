@@ -18,6 +18,7 @@ _ROUNDOFF = (
 )
 
 EVALUATION = 1e-14
+EXPORT = 1e-13  # values of files for other tools against `matrices_at`
 MUJOCO = 1e-5  # by finite differences
 MECHANISM = 1e-9
 CROSS = 1e-9  # against another tool

@@ -94,7 +94,7 @@ def grid(parameters: Sequence[Parameter], counts: Mapping[str, int]) -> dict[str
         np.linspace(p.low, p.high, counts[p.name]) if counts.get(p.name, 1) > 1 else [p.nominal]
         for p in parameters
     ]
-    points = np.array(list(product(*axes))).reshape(-1, len(parameters))
+    points = np.array(list(product(*axes))).reshape(int(size), len(parameters))
     return {p.name: points[:, k] for k, p in enumerate(parameters)}
 
 

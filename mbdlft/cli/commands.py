@@ -20,6 +20,7 @@ from mbdlft import __version__
 from mbdlft.base.errors import AnalysisError, MbdlftError, SceneError, shortened
 from mbdlft.cli.analysis import margin, verify, wcgain
 from mbdlft.cli.body import body
+from mbdlft.cli.export import export
 from mbdlft.cli.poles import poles
 from mbdlft.cli.report import print_model, report_model
 from mbdlft.cli.response import KINDS, draw, response
@@ -72,6 +73,7 @@ app.command()(verify)
 app.command()(sweep)
 app.command()(poles)
 app.command()(response)
+app.command()(export)
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:

@@ -18,6 +18,7 @@ from mbdlft.lft.block import block_value
 from mbdlft.lft.lft import LFT, check, check_name
 from mbdlft.lft.program import program
 from mbdlft.lft.run import Plan, plan, run
+from mbdlft.lft.triangle import MUCH
 
 _CHUNK, _CHUNK_ENTRIES = 512, 2**22  # samples and matrix entries that are held at once
 MANY = 1024  # samples from which on a program is worth making
@@ -153,12 +154,13 @@ def _dense(a: LFT, points: Array, values: Array, *, sized: bool = False) -> Arra
     array (N, n_out, n_in), empty unless `sized`
         Sizes of the sums if nothing cancelled: |M22| + |M21 Delta| |(I - M11 Delta)^-1 M12|.
     """
-    # only the rows and columns that depend on delta are solved for, on the thinner side
+    # only the rows and columns that depend on delta are solved for, from the right: columns have
+    # digits of their own, whatever their sizes; from the left where that is much cheaper
     rows, columns = np.flatnonzero(a.M21.any(axis=1)), np.flatnonzero(a.M12.any(axis=0))
     sizes = np.abs(values) if sized else np.zeros(0)
     if not (a.order and len(rows) and len(columns)):
         return sizes
-    wide = len(rows) < len(columns)
+    wide = MUCH * len(rows) < len(columns)
     inner, first = (a.M11.T, a.M21[rows].T) if wide else (a.M11, a.M12[:, columns])
     last = a.M12[:, columns].T if wide else a.M21[rows]
     spread = np.repeat(points, [block.size for block in a.blocks], axis=1)

@@ -20,6 +20,7 @@ from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT, check_plain
 
 Channels = NDArray[np.int64]
+MUCH = 4  # times as many columns as rows are worth the digits that the left side may lose
 _ENTRIES = 2**21  # of matrices or signals of several points that are held at once
 _MERGED = 48  # channels: smaller blocks cost more calls than operations
 _ALONE = 64  # channels from which on points are solved for one by one, with one factorization each
@@ -122,9 +123,9 @@ def values_at(a: LFT, deltas: Array) -> tuple[Array, Array]:
     """
     check_plain(a, "the determinant at many points")
     values, signs = np.repeat(a.M22[None], len(deltas), axis=0), np.ones(len(deltas))
-    # only what depends on delta, from the thinner side: the right one, or the left one transposed
+    # only what depends on delta, from the right, or from the left, transposed, as in `evaluate_at`
     rows, columns = np.flatnonzero(a.M21.any(axis=1)), np.flatnonzero(a.M12.any(axis=0))
-    wide = len(rows) < len(columns)
+    wide = MUCH * len(rows) < len(columns)
     inner, first = (a.M11.T, a.M21[rows].T) if wide else (a.M11, a.M12[:, columns])
     last = a.M12[:, columns].T if wide else a.M21[rows]
     blocks = diagonal_blocks(inner)

@@ -1,0 +1,102 @@
+"""Names for other languages: identifiers of ASCII letters, digits and underscores.
+
+Greek letters are written out, accents are dropped, dots and blanks become underscores, and what is left
+is written as its code, so that ``θ₁`` is ``theta1`` and ``日`` is ``u65E5``.
+"""
+
+import re
+import unicodedata
+from collections.abc import Mapping, Sequence
+
+from mbdlft.base.errors import StructureError
+from mbdlft.system.system import System
+
+_LONGEST = 50  # MATLAB tells names apart by their first 63 letters, and endings are added
+_WORDS = """
+break case catch classdef continue do else elseif end end_try_catch end_unwind_protect endfor endfunction
+endif endparfor endswitch endwhile for function global if otherwise parfor persistent return spmd switch
+try until unwind_protect unwind_protect_cleanup while
+"""
+RESERVED = frozenset(
+    _WORDS.split()
+)  # of MATLAB and Octave; in C every name has that of the model before it
+
+
+def identifier(name: str) -> str:
+    """An identifier of C, MATLAB, Octave and Julia for a name."""
+    text = "".join(_letter(letter) for letter in unicodedata.normalize("NFKD", name))
+    text = re.sub("_{2,}", "_", text)[:_LONGEST].rstrip("_")
+    if not text or not text[0].isalpha():
+        text = f"x{text}"
+    return f"{text}_" if text in RESERVED else text
+
+
+def _letter(letter: str) -> str:
+    """ASCII for one letter."""
+    if letter.isascii():
+        return letter if letter.isalnum() else "_"
+    if unicodedata.combining(letter):
+        return ""
+    words = unicodedata.name(letter, "").split()
+    if words[:1] == ["GREEK"] and "LETTER" in words:
+        greek = words[words.index("LETTER") + 1].lower()
+        return greek.capitalize() if "CAPITAL" in words else greek
+    return f"u{ord(letter):04X}"
+
+
+def identifiers(names: Sequence[str], where: str) -> dict[str, str]:
+    """Identifiers by name, all different.
+
+    Parameters
+    ----------
+    names : sequence of str
+    where : str
+        What they are names of, for the message.
+
+    Raises
+    ------
+    StructureError
+        Two names become the same identifier.
+    """
+    found = {name: identifier(name) for name in names}
+    check_different(found, where)
+    return found
+
+
+def check_different(found: Mapping[str, str], where: str) -> None:
+    """Raise a StructureError if two of the names have one identifier."""
+    first: dict[str, str] = {}
+    for name, text in found.items():
+        if text in first:
+            raise StructureError(
+                f"{where}: the names {first[text]!r} and {name!r} clash: both become {text!r}, as names "
+                "there are ASCII letters, digits and underscores. Rename one of them."
+            )
+        first[text] = name
+
+
+def one_line(text: str) -> str:
+    """A text for a comment: on one line, without anything that could end a comment of C."""
+    line = "".join(c if c.isprintable() else " " for c in text)
+    return line.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?").rstrip("\\ ")
+
+
+def check_plain_model(model: System, what: str) -> None:
+    """Raise an error unless all blocks of a model are real parameters, and all entries real.
+
+    Raises
+    ------
+    StructureError
+        The format `what` cannot carry complex and full blocks, or complex numbers; the blocks are named.
+    """
+    others = [f"{b.name} ({b.kind})" for b in model.lft.blocks if b.kind != "real"]
+    if others:
+        raise StructureError(
+            f"model {model.name!r}: {what} has no blocks of dynamics of which only a bound is known: "
+            f"{', '.join(others)}. Export it as .mat, which carries them, or leave them out of the model."
+        )
+    if model.lft.is_complex:
+        raise StructureError(
+            f"model {model.name!r}: {what} has real matrices only, and entries of its matrices are "
+            "complex. Export it as .mat."
+        )

@@ -1,0 +1,203 @@
+"""What cannot be exported is one message, and no file is left half written."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft import ComplexBlock, FullBlock, Parameter
+from mbdlft.base.errors import AnalysisError, ArchiveError, StructureError
+from mbdlft.cli.export import _counts, _parts
+from mbdlft.export import export_model, lpv_grid
+from mbdlft.lft import LFT
+from mbdlft.lft.lft import delta
+from mbdlft.system import System
+from tests.archive.models import arm, numbers
+from tests.scenarios.test_cli import run
+
+
+@pytest.mark.parametrize(
+    ("name", "counts", "words"),
+    [
+        ("arm.txt", None, ".mat, .c, .jl; a grid (--grid) as .mat, .csv, .npz"),
+        ("arm", None, "unknown ending ''"),
+        ("arm.csv", None, "a model is written as .mat, .c, .jl"),
+        ("arm.c", 3, "a grid is written as .mat, .csv, .npz; a model as .mat, .c, .jl"),
+        ("2 arms.mat", None, "Call it x2_arms.mat"),
+        ("end.mat", None, "Call it end_.mat"),
+        ('a"b.c', None, "cannot include"),
+    ],
+)
+def test_unknown_names_of_files(name: str, counts: int | None, words: str, tmp_path: Path) -> None:
+    with pytest.raises(StructureError) as error:
+        export_model(tmp_path / name, arm(), counts)
+    assert words in str(error.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_no_model(tmp_path: Path) -> None:
+    with pytest.raises(StructureError, match="expected an LFTModel or a System, got str"):
+        export_model(tmp_path / "a.c", "arm")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["arm.mat", "arm.c", "arm.jl", "grid.csv"])
+def test_files_that_cannot_be_written(name: str, tmp_path: Path) -> None:
+    counts = 1 if name == "grid.csv" else None
+    with pytest.raises(ArchiveError, match="cannot be written"):
+        export_model(tmp_path / "no" / name, arm(), counts)
+    (tmp_path / name).mkdir()
+    with pytest.raises(ArchiveError, match=r"it is a folder. Old files are unchanged"):
+        export_model(tmp_path / name, arm(), counts, archive=tmp_path / "arm.h5")
+
+
+def test_all_files_or_none(tmp_path: Path) -> None:
+    """The last of three files cannot be written: the first two stay as they were."""
+    (tmp_path / "arm_at.m").mkdir()
+    (tmp_path / "arm.mat").write_text("old", encoding="utf-8")
+    with pytest.raises(ArchiveError, match=r"arm_at\.m"):
+        export_model(tmp_path / "arm.mat", arm())
+    assert (tmp_path / "arm.mat").read_text(encoding="utf-8") == "old"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["arm.mat", "arm_at.m"]
+
+
+def test_files_of_others_beside_are_kept(tmp_path: Path) -> None:
+    (tmp_path / "arm.m").write_text("% my own analysis", encoding="utf-8")
+    with pytest.raises(ArchiveError, match=r"arm\.m: .* exists, and mbdlft has not written it"):
+        export_model(tmp_path / "arm.mat", arm())
+    assert [path.name for path in tmp_path.iterdir()] == ["arm.m"]
+    for name in ("other.mat", "other.c"):  # its own are replaced
+        assert export_model(tmp_path / name, arm()) == export_model(tmp_path / name, arm())
+
+
+def test_files_have_the_permissions_of_others(tmp_path: Path) -> None:
+    (tmp_path / "plain").touch()
+    for path in export_model(tmp_path / "arm.c", arm()):
+        assert path.stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def one(*names: str) -> System:
+    """A system with parameters of these names."""
+    parameters = tuple(sorted((Parameter(n, 1.0, 0.5, 2.0) for n in names), key=lambda p: p.name))
+    lft = LFT(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[1.0]])
+    for p in parameters:
+        lft = lft + delta(p.name)
+    unit = mbdlft.Signal("u", "1")
+    return System("one", lft, (), (unit,), (unit,), parameters)
+
+
+@pytest.mark.parametrize("name", ["one.mat", "one.c"])
+def test_names_that_clash(name: str, tmp_path: Path) -> None:
+    with pytest.raises(StructureError, match="'theta' and 'θ' clash: both become 'theta'"):
+        export_model(tmp_path / name, one("theta", "θ"))
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(StructureError, match="clash"):
+        export_model(tmp_path / "grid.mat", one("theta", "θ"), 2)
+
+
+def test_uncertain_elements_that_clash(tmp_path: Path) -> None:
+    angle = mbdlft.Angle("theta", 10.0, 0.0, 20.0)
+    system = one("tan_half_theta")
+    lft = system.lft + delta("theta")
+    both = replace(system, lft=lft, parameters=(system.parameters[0], angle))
+    with pytest.raises(StructureError, match=r"elements of MATLAB: the names .* 'tan_half_theta'"):
+        export_model(tmp_path / "a.mat", both)
+
+
+def test_columns_that_clash(tmp_path: Path) -> None:
+    with pytest.raises(StructureError, match=r"columns of the table clash: D_1_1 .*\.npz or \.mat"):
+        export_model(tmp_path / "grid.csv", one("D_1_1"), 2)
+
+
+@pytest.mark.parametrize("name", ["a.c", "a.jl"])
+@pytest.mark.parametrize("block", [ComplexBlock("unknown", 1), FullBlock("unknown", 1)])
+def test_blocks_that_a_format_does_not_know(
+    name: str, block: ComplexBlock | FullBlock, tmp_path: Path
+) -> None:
+    system = mbdlft.as_system(np.eye(1) + np.eye(1) @ delta(block), name="a")
+    with pytest.raises(StructureError, match=r"unknown \((complex|full)\)\. Export it as \.mat"):
+        export_model(tmp_path / name, system)
+    with pytest.raises(StructureError, match="a grid has no blocks of dynamics"):
+        lpv_grid(system, 2)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_complex_numbers(tmp_path: Path) -> None:
+    system = mbdlft.as_system(np.array([[1.0 + 2.0j]]), name="a")
+    with pytest.raises(StructureError, match="real matrices only"):
+        export_model(tmp_path / "a.c", system)
+    assert export_model(tmp_path / "a.mat", system)
+
+
+@pytest.mark.parametrize(
+    ("counts", "words"),
+    [
+        (5, r"5 x 5 x 5 x 5 x 5 x 5 x 5 = 78125 points .* at most 32768 points"),
+        (0, "whole number of values of at least 1, got 0"),
+        (2.5, "got 2.5"),
+        (True, "got True"),
+        ({"theta": 3}, "Did you mean 'theta"),
+        ({"theta1": -1}, "got -1"),
+    ],
+)
+def test_grids_that_are_none(counts: object, words: str) -> None:
+    with pytest.raises(AnalysisError, match=words):
+        lpv_grid(arm(), counts)  # type: ignore[arg-type]
+
+
+def test_grid_too_large_for_a_file(tmp_path: Path) -> None:
+    with pytest.raises(AnalysisError, match=r"1e\+07 points of 45 numbers each is too large"):
+        export_model(tmp_path / "a.npz", arm(), 10)
+    assert export_model(tmp_path / "a.npz", numbers(), 10**6)  # no parameter: one point
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("missing.h5", "-o", "a.c"),
+        ("scenarios/two_link_arm.toml", "-o", "a.nonsense"),
+        ("scenarios/two_link_arm.toml", "-o", "a.csv", "--grid", "x"),
+        ("scenarios/two_link_arm.toml", "-o", "a.csv", "--grid", "3", "--grid", "m1=2"),
+        ("scenarios/two_link_arm.toml", "-o", "a.csv", "--grid", "m1=2", "--grid", "m1=3"),
+        ("scenarios/two_link_arm.toml", "-o", "a.csv", "--grid", "=3"),
+        ("scenarios/two_link_arm.toml", "-o", "/no/such/folder/a.c"),
+    ],
+)
+def test_bad_command_lines(
+    arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, err = run(monkeypatch, capsys, "export", *arguments)
+    assert code == 2
+    assert err.startswith("mbdlft: ")
+    assert err.count("\n") == 1
+
+
+def test_command_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    archive = tmp_path / "some.h5"
+    mbdlft.save(archive, arm(), "first")
+    mbdlft.save(archive, numbers(), "second")
+    code, out, err = run(
+        monkeypatch, capsys, "export", f"{archive}:second", "-o", str(tmp_path / "n.c")
+    )
+    assert (code, err) == (0, "")
+    assert out.splitlines() == [f"file: {tmp_path / 'n.c'}", f"file: {tmp_path / 'n.h'}"]
+    assert "second_matrices" in (tmp_path / "n.h").read_text(encoding="utf-8")
+    code, _, err = run(monkeypatch, capsys, "export", str(archive), "-o", str(tmp_path / "n.c"))
+    assert code == 2
+    assert "first" in err
+    code, out, _ = run(
+        monkeypatch, capsys, "export", f"{archive}:first", "-o", str(tmp_path / "a.jl")
+    )
+    assert code == 0
+    assert out.count("file: ") == 1
+    assert '"some.h5"' in (tmp_path / "a.jl").read_text(encoding="utf-8")
+    grid = ("--grid", "m1=2", "--grid", "theta1=3", "-o", str(tmp_path / "g.csv"))
+    assert run(monkeypatch, capsys, "export", f"{archive}:first", *grid)[0] == 0
+    assert len((tmp_path / "g.csv").read_text(encoding="utf-8").splitlines()) == 7
+    assert _counts(["4"]) == 4
+    odd = tmp_path / "a.h5:b"
+    odd.touch()
+    assert _parts(str(odd)) == (odd, None)
