@@ -46,9 +46,9 @@ def test_a_point_that_is_singular_is_never_called_regular(seed: int) -> None:
 
 
 def test_what_is_far_from_singular_is_proved() -> None:
-    found = [regularity(planted(seed, 0.1)[0], 1.0) for seed in range(40)]
+    found = [regularity(planted(seed, 0.1)[0], 1.0) for seed in range(16)]
     assert all(known.zero is None for known in found)
-    assert sum(known.is_proved for known in found) >= 10
+    assert sum(known.is_proved for known in found) >= 4
 
 
 @pytest.mark.parametrize("work", [0.0, 1e-5, 1e-4, 1e-3])
