@@ -1,4 +1,4 @@
-"""The commands: import, body, check, trim, linearize, sweep, realize, show, poles, response, export."""
+"""The command line: what makes, shows, analyzes and verifies models."""
 
 import contextlib
 import os
@@ -18,6 +18,7 @@ from rich.table import Table
 
 from mbdlft import __version__
 from mbdlft.base.errors import AnalysisError, MbdlftError, SceneError, shortened
+from mbdlft.cli.analysis import margin, verify, wcgain
 from mbdlft.cli.body import body
 from mbdlft.cli.export import export
 from mbdlft.cli.poles import poles
@@ -66,6 +67,9 @@ SceneFile = Annotated[Path, typer.Argument(help="Scene, a TOML file.")]
 SEARCH = 4.0  # equal to SEARCH of mbdlft.pipeline.search, which is slow to import
 app.command("import")(import_robot)
 app.command()(body)
+app.command()(margin)
+app.command()(wcgain)
+app.command()(verify)
 app.command()(sweep)
 app.command()(poles)
 app.command()(response)

@@ -1,3 +1,6 @@
+from .analysis import analysis_names as analysis_names
+from .analysis import load_analysis as load_analysis
+from .analysis import save_analysis as save_analysis
 from .archive import load as load
 from .archive import model_names as model_names
 from .archive import save as save

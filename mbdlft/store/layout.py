@@ -9,7 +9,7 @@ from typing import NamedTuple
 from mbdlft.base.errors import ArchiveError
 from mbdlft.store.items import DIGEST, Spec
 
-MODEL_TYPE, SYSTEM_TYPE, SWEEP_TYPE = "lft-model", "system", "sweep"
+MODEL_TYPE, SYSTEM_TYPE, SWEEP_TYPE, ANALYSIS_TYPE = "lft-model", "system", "sweep", "analysis"
 VERSION, FIRST = "1.1", "1.0"
 
 
@@ -126,7 +126,33 @@ _SWEEP_1_1 = {
     **_wanted(f"{BLOCK_ROWS}: int64", "blocks: uint8 blocks 32", "provenance/scene?: uint8 c"),
     **_DIGEST,
 }
+_ANALYSIS = {
+    **_ENCODING,
+    **_DIGEST,
+    **_wanted(
+        "@model @model_digest @kind @reason: text",
+        "@lower @upper @frequency @work: float64",
+        "@proved: bool",
+        "worst/name: text p",
+        "worst/value: float64 p",
+        "delta/name delta/kind: text b",
+        "delta/rows delta/columns: int64 b",
+        "delta/real delta/imaginary: float64 e",
+        "sensitivity/name: text q",
+        "sensitivity/value: float64 q",
+        "leave_out: text o",
+        "boxes@k? boxes@gain?: float64",
+        "boxes/log?: int64 n",
+        "boxes/inputs?: text u",
+        "boxes/outputs?: text y",
+        "intervals@beta?: float64",
+        "intervals/low? intervals/at? intervals/high?: float64 i",
+        "intervals/D_real? intervals/D_imaginary?: float64 i m m",
+        "intervals/G_real? intervals/G_imaginary?: float64 i m m",
+    ),
+}
 _LAYOUTS = {
+    (ANALYSIS_TYPE, VERSION): _ANALYSIS,
     (MODEL_TYPE, FIRST): _FIRST_MODEL,
     (MODEL_TYPE, VERSION): _MODEL_1_1,
     (SYSTEM_TYPE, VERSION): _SYSTEM_1_1,

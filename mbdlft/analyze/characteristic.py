@@ -1,0 +1,309 @@
+"""The characteristic polynomial of a system in s and in all parameters, as Bernstein coefficients.
+
+With w = Delta z closed, Delta = diag(delta_k I_rk), the poles are the roots of
+
+    p(s, delta) = det(I - D_zw Delta) det(s I - A(delta)),
+
+a polynomial of degree n in s and of degree at most r_k in delta_k. On the axis s = j omega, with
+omega = scale t/(1 - t), 0 <= t <= 1, the function (1 - t)^n p is a polynomial in t. A polynomial on a box
+lies in the convex hull of its Bernstein coefficients there (Cargo, Shisha, The Bernstein form of a
+polynomial, J. Res. NBS 70B, 1966; for parameters that are not repeated this is the mapping theorem of
+Zadeh and Desoer). Zero at t = 1, omega infinite, means a model that is not well posed.
+
+All numbers up to the coefficients are balls of FLINT: the doubles of the system are taken as exact, and
+the error of each coefficient is known.
+"""
+
+from collections.abc import Sequence
+from math import comb, prod
+from typing import Any, NamedTuple
+
+import flint
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError, WellPosednessError
+
+_EPS = float(np.finfo(float).eps)
+_BITS, _MOST_BITS = 128, 4096
+# parts that the radius of a ball may be: of the largest coefficient of its power of t, and of all
+_ENOUGH, _NOTHING = 2.0**-60, 2.0**-120
+
+
+class Realization(NamedTuple):
+    """A system without signals: xdot = A x + B w + E u, z = C x + D w + F u, y = G x + H w + J u.
+
+    Attributes
+    ----------
+    names : tuple of str
+    sizes : tuple of int
+        Parameters and their repetitions, none of which is 0.
+    A, B, C, D : array (n, n), (n, N), (N, n), (N, N)
+    E, F, G, H, J : arrays of the inputs u and outputs y whose gain is asked for; none of stability
+    """
+
+    names: tuple[str, ...]
+    sizes: tuple[int, ...]
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    E: Array
+    F: Array
+    G: Array
+    H: Array
+    J: Array
+
+    @property
+    def coefficients(self) -> int:
+        """Number of Bernstein coefficients of the characteristic polynomial."""
+        return prod(size + 1 for size in self.sizes) * (len(self.A) + 1)
+
+
+class Polynomials(NamedTuple):
+    """Bernstein coefficients on the box |delta_k| <= k and omega in [0, inf].
+
+    Attributes
+    ----------
+    values : complex array (1 + n_gain, r_1 + 1, ..., n + 1)
+        The characteristic polynomial, then those that are its products with the entries of the transfer.
+    error : array (1 + n_gain, n + 1)
+        What the values may be off, for each power of t.
+    scale : float
+        Frequency (rad/s) at t = 1/2.
+    outputs : int
+        Rows of the transfer.
+    """
+
+    values: NDArray[np.complex128]
+    error: Array
+    scale: float
+    outputs: int
+
+
+def polynomials(model: Realization, k: float) -> Polynomials:
+    """Bernstein coefficients of p(j omega, delta), and of p G for each entry of the transfer G.
+
+    Raises
+    ------
+    WellPosednessError
+        The model is singular at one of the nodes of the box.
+    AnalysisError
+        Balls stay too wide.
+    """
+    scale, bits = _scale(model.A), _BITS
+    while bits <= _MOST_BITS:
+        with flint.ctx.workprec(bits):
+            values, radii = _balls(model, k, scale)
+        largest = np.max(np.abs(values), axis=tuple(range(1, values.ndim - 1)))
+        whole = np.max(largest, axis=1, keepdims=True, initial=0.0)
+        if np.all(radii <= np.maximum(_ENOUGH * largest, _NOTHING * whole)):
+            powers = 1j ** (np.arange(values.shape[-1]) % 4)
+            return Polynomials(values * powers, radii + _EPS * largest, scale, len(model.J))
+        bits *= 2
+    raise AnalysisError(
+        f"the characteristic polynomial of {len(model.A)} states needs more than {_MOST_BITS} bits."
+    )
+
+
+def is_stable_at(model: Realization, delta: Sequence[float] | Array) -> bool:
+    """Whether all poles at these deltas are proved to have negative real parts, by Routh's scheme."""
+    bits = _BITS
+    while bits <= _MOST_BITS:
+        with flint.ctx.workprec(bits):
+            found = _routh(_at(model, delta))
+        if found is not None:
+            return found
+        bits *= 2
+    return False
+
+
+def is_hurwitz(A: Array) -> bool:
+    """Whether all eigenvalues of a matrix are proved to have negative real parts."""
+    n = len(A)
+    z = np.zeros
+    alone = Realization(
+        (),
+        (),
+        A,
+        z((n, 0)),
+        z((0, n)),
+        z((0, 0)),
+        z((n, 0)),
+        z((0, 0)),
+        z((0, n)),
+        z((0, 0)),
+        z((0, 0)),
+    )
+    return is_stable_at(alone, [])
+
+
+def _routh(coefficients: list[Any] | None) -> bool | None:
+    """Whether a polynomial with these coefficients, lowest first, is Hurwitz; None: too few bits."""
+    if coefficients is None:
+        return False
+    rows = [coefficients[::-1][k::2] for k in (0, 1)]
+    zero = flint.arb(0)
+    for _ in range(len(coefficients) - 1):
+        upper, lower = rows
+        if not upper[0] > 0:
+            return None if 0 in upper[0] and upper[0].rad() > 0 else False
+        if not lower or not lower[0] > 0:
+            return None if lower and 0 in lower[0] and lower[0].rad() > 0 else False
+        ratio = upper[0] / lower[0]
+        next_lower = [
+            a - ratio * (lower[i + 1] if i + 1 < len(lower) else zero)
+            for i, a in enumerate(upper[1:])
+        ]
+        rows = [lower, next_lower]
+    return True
+
+
+def _scale(A: Array) -> float:
+    """A power of two near the middle of the sizes of the poles (rad/s)."""
+    sizes = np.abs(np.linalg.eigvals(A)) if len(A) else np.ones(1)
+    sizes = sizes[sizes > 0.0]
+    return float(2.0 ** np.round(np.mean(np.log2(sizes)))) if len(sizes) else 1.0
+
+
+def _whole(model: Realization) -> Any:
+    """[D C F; B A E; H G J] as balls: channels first, in the order of the blocks."""
+    rows = [
+        [model.D, model.C, model.F],
+        [model.B, model.A, model.E],
+        [model.H, model.G, model.J],
+    ]
+    return _matrix(np.block(rows))
+
+
+def _matrix(a: Array) -> Any:
+    return flint.arb_mat(a.shape[0], a.shape[1], a.ravel().tolist())
+
+
+def _part(a: Any, rows: range, columns: range) -> Any:
+    """A part of a matrix of balls."""
+    entries = [a[i, j] for i in rows for j in columns]
+    return flint.arb_mat(len(rows), len(columns), entries)
+
+
+class _Parts(NamedTuple):
+    """A matrix of balls in four parts, the first as large as a block."""
+
+    first: Any
+    right: Any
+    below: Any
+    rest: Any
+
+
+def _parts(whole: Any, size: int) -> _Parts:
+    r, c = whole.nrows(), whole.ncols()
+    top, left = range(size), range(size)
+    return _Parts(
+        _part(whole, top, left),
+        _part(whole, top, range(size, c)),
+        _part(whole, range(size, r), left),
+        _part(whole, range(size, r), range(size, c)),
+    )
+
+
+def _closed(parts: _Parts, value: Any) -> tuple[Any, Any]:
+    """What is left when w = value z closes the first channels, and the determinant of that loop.
+
+    Raises
+    ------
+    ZeroDivisionError
+        The loop is singular.
+    """
+    n = parts.first.nrows()
+    loop = flint.arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
+    loop = loop - parts.first * value
+    return parts.rest + parts.below * value * loop.solve(parts.right), loop.det()
+
+
+def _at(model: Realization, delta: Sequence[float] | Array) -> list[Any] | None:
+    """Coefficients of p(s, delta) over det(I - D Delta), lowest first; None where that vanishes."""
+    whole = _whole(model)
+    for size, value in zip(model.sizes, delta, strict=True):
+        try:
+            whole, _ = _closed(_parts(whole, size), flint.arb(float(value)))
+        except ZeroDivisionError:
+            return None
+    states = range(len(model.A))
+    return list(_part(whole, states, states).charpoly().coeffs())
+
+
+def _balls(model: Realization, k: float, scale: float) -> tuple[Array, Array]:
+    """Middles and radii of the Bernstein coefficients; those in omega stand for powers of j."""
+    n = len(model.A)
+    shape = [size + 1 for size in model.sizes]
+    found: list[Any] = []
+
+    def descend(whole: Any, factor: Any, depth: int) -> None:
+        if depth == len(shape):
+            found.append(_rows(model, whole, factor, scale))
+            return
+        size = model.sizes[depth]
+        parts = _parts(whole, size)
+        for node in range(size + 1):
+            value = flint.arb(k) * flint.arb(flint.fmpq(2 * node - size, size))
+            try:
+                inner, loop = _closed(parts, value)
+            except ZeroDivisionError:
+                raise WellPosednessError(
+                    f"the model is singular, or too near to it, at {float(value.mid()):.6g} times the "
+                    f"half range of {model.names[depth]}."
+                ) from None
+            descend(inner, factor * loop, depth + 1)
+
+    descend(_whole(model), flint.arb(1), 0)
+    balls = np.empty((len(found), len(found[0]), n + 1), dtype=object)
+    for place, rows in enumerate(found):
+        for row, entries in enumerate(rows):
+            balls[place, row] = entries
+    balls = np.moveaxis(balls.reshape(*shape, -1, n + 1), -2, 0)
+    for axis, size in enumerate(model.sizes, start=1):
+        if size > 1:
+            balls = _converted(balls, axis, size)
+    middles = np.array([float(x.mid()) for x in balls.ravel()]).reshape(balls.shape)
+    radii = np.array([float(x.rad()) for x in balls.ravel()]).reshape(balls.shape)
+    return middles, np.max(radii, axis=tuple(range(1, balls.ndim - 1))) * (1.0 + 4.0 * _EPS)
+
+
+def _rows(model: Realization, whole: Any, factor: Any, scale: float) -> list[list[Any]]:
+    """Coefficients of p and of p G_ij, lowest first, in the Bernstein basis of t but for powers of j."""
+    n = len(model.A)
+    states = range(n)
+    A = _part(whole, states, states)
+    p = list(A.charpoly().coeffs())
+    rows = [p]
+    for i in range(n, whole.nrows()):
+        for j in range(n, whole.ncols()):
+            column, row = (
+                _part(whole, states, range(j, j + 1)),
+                _part(whole, range(i, i + 1), states),
+            )
+            other = (A - column * row).charpoly().coeffs()
+            direct = flint.arb(1) - whole[i, j]
+            rows.append([a - direct * b for a, b in zip(other, p, strict=True)])
+    weights = [factor * flint.arb(scale) ** i / comb(n, i) for i in range(n + 1)]
+    return [[a * b for a, b in zip(row, weights, strict=True)] for row in rows]
+
+
+def _converted(balls: NDArray[np.object_], axis: int, size: int) -> NDArray[np.object_]:
+    """Values at size + 1 even nodes of an axis as Bernstein coefficients."""
+    basis = flint.fmpq_mat(
+        size + 1,
+        size + 1,
+        [
+            flint.fmpq(comb(size, i) * j**i * (size - j) ** (size - i), size**size)
+            for j in range(size + 1)
+            for i in range(size + 1)
+        ],
+    )
+    turn = flint.arb_mat(basis.inv())
+    moved = np.moveaxis(balls, axis, 0)
+    flat = flint.arb_mat(size + 1, moved[0].size, moved.reshape(-1).tolist())
+    found = np.empty(moved.size, dtype=object)
+    found[:] = (turn * flat).entries()
+    return np.moveaxis(found.reshape(moved.shape), 0, axis)

@@ -1,0 +1,247 @@
+"""Small deltas that move a pole to the imaginary axis, without a grid of frequencies.
+
+A(delta) = A + B W, W = (I - Delta D)^-1 Delta C. For an eigenvalue lambda with vectors u, v,
+
+    d lambda / d delta_k = sum_{i in block k} (u' B (I - Delta D)^-1)_i ((C + D W) v)_i / (u' v).
+
+The smallest box with a point where the linearized real part reaches 0 is a corner: its deltas are
+s sign(g_k), g the slope of the real part. Steps towards that corner are repeated from every pole; where
+signs change on the way, the optimum is not a corner, and a linear program in a small region is solved.
+What is found is moved along its ray to where the pole crosses.
+"""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eig
+from scipy.optimize import linprog
+
+from mbdlft.analyze.characteristic import Realization
+from mbdlft.base.array import Array
+
+_STEPS, _PROGRAMS, _RANDOM = 12, 12, 6
+_BISECTIONS = 60
+_ENDS = 1e-7  # of a step: below this the search has arrived
+
+
+class Crossing(NamedTuple):
+    """Deltas with a pole on or beyond the axis.
+
+    Attributes
+    ----------
+    size : float
+        Largest |delta|.
+    delta : array (number of deltas,)
+    frequency : float
+        Of the pole (rad/s).
+    slope : array (number of deltas,)
+        Of its real part.
+    """
+
+    size: float
+    delta: Array
+    frequency: float
+    slope: Array
+
+
+NONE = Crossing(np.inf, np.zeros(0), np.nan, np.zeros(0))
+
+
+def state_matrix(model: Realization, delta: Array) -> Array:
+    """A(delta); NaN where the model is singular, or beyond a point where it is: det(I - Delta D) <= 0."""
+    w = np.repeat(delta, model.sizes)
+    loop = np.eye(len(w)) - w[:, None] * model.D
+    if np.linalg.slogdet(loop)[0] <= 0.0:
+        return np.full_like(model.A, np.nan)
+    return np.asarray(model.A + model.B @ np.linalg.solve(loop, w[:, None] * model.C))
+
+
+def abscissa(model: Realization, delta: Array) -> float:
+    """The largest real part of the poles; infinite where the model is singular."""
+    A = state_matrix(model, delta)
+    if not np.all(np.isfinite(A)):
+        return np.inf
+    return float(np.max(np.linalg.eigvals(A).real, initial=-np.inf))
+
+
+def slopes(
+    model: Realization, delta: Array
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Poles (n,), and their derivatives (n, number of deltas)."""
+    w = np.repeat(delta, model.sizes)
+    loop = np.linalg.inv(np.eye(len(w)) - w[:, None] * model.D)
+    W = loop @ (w[:, None] * model.C)
+    poles, left, right = eig(model.A + model.B @ W, left=True, right=True)
+    rows = left.conj().T @ (model.B @ loop)
+    columns = (model.C + model.D @ W) @ right
+    scale = np.einsum("ij,ij->j", left.conj(), right)
+    scale[np.abs(scale) < 1e-300] = 1e-300
+    parts = rows * columns.T / scale[:, None]
+    ends = np.cumsum([0, *model.sizes])
+    found = [np.sum(parts[:, a:b], axis=1) for a, b in pairwise(ends)]
+    return poles, np.stack(found, axis=1)
+
+
+def smallest_crossing(model: Realization, largest: float) -> Crossing:
+    """The best of the crossings with |delta| <= largest that searches from all poles lead to."""
+    q, best = len(model.sizes), NONE
+    if not q:
+        return best
+    poles = np.linalg.eigvals(model.A)
+    order = np.argsort(-poles.real / np.maximum(np.abs(poles), 1e-300), kind="stable")
+    starts = [(np.zeros(q), poles[i]) for i in order if poles[i].imag >= 0.0]
+    random = np.random.default_rng(0)
+    for delta, pole in (*starts, *[(None, None)] * _RANDOM):
+        if delta is None:
+            reach = min(best.size, largest)
+            delta = 0.7 * reach * random.uniform(-1.0, 1.0, q)
+            best = _towards_singular(model, delta, largest, best)
+            pole = _rightmost(model, delta)
+        best = _followed(model, delta, pole, largest, best)
+    return best
+
+
+def improved(model: Realization, delta: Array, best: Crossing, largest: float) -> Crossing:
+    """The best crossing that is near to given deltas."""
+    found = crossing_on_ray(model, delta, largest)
+    best = found if found.size < best.size else best
+    best = _towards_singular(model, delta, largest, best)
+    return _followed(model, delta, _rightmost(model, delta), largest, best)
+
+
+def crossing_on_ray(model: Realization, delta: Array, largest: float) -> Crossing:
+    """Where on the way from 0 to delta a pole first seems to cross; `NONE` if delta is stable.
+
+    The end is a point whose computed pole is on or beyond the axis.
+    """
+    size = float(np.max(np.abs(delta), initial=0.0))
+    if size == 0.0 or size > largest * (1.0 + 1e-12) or not abscissa(model, delta) >= 0.0:
+        return NONE
+    low, high = 0.0, 1.0
+    for t in np.linspace(0.0, 1.0, 9)[1:-1]:  # an earlier crossing, if it is long
+        if abscissa(model, t * delta) >= 0.0:
+            high = float(t)
+            break
+        low = float(t)
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        if abscissa(model, middle * delta) >= 0.0:
+            high = middle
+        else:
+            low = middle
+    end = high * delta
+    if not np.all(np.isfinite(state_matrix(model, end))):
+        return Crossing(high * size, end, np.inf, np.zeros(len(delta)))
+    try:
+        poles, moves = slopes(model, end)
+    except np.linalg.LinAlgError:
+        return Crossing(high * size, end, np.inf, np.zeros(len(delta)))
+    i = int(np.argmax(poles.real))
+    return Crossing(high * size, end, float(abs(poles[i].imag)), moves[i].real)
+
+
+def _rightmost(model: Realization, delta: Array) -> complex:
+    A = state_matrix(model, delta)
+    poles = np.linalg.eigvals(A) if np.all(np.isfinite(A)) else np.zeros(1)
+    return complex(poles[int(np.argmax(poles.real))])
+
+
+def _followed(
+    model: Realization, delta: Array, pole: complex, largest: float, best: Crossing
+) -> Crossing:
+    """The best of what was known and of what following a pole from given deltas leads to."""
+    for point in _path(model, delta, pole, largest):
+        found = crossing_on_ray(model, point, largest)
+        if found.size < best.size:
+            best = found
+    return best
+
+
+def _towards_singular(model: Realization, delta: Array, largest: float, best: Crossing) -> Crossing:
+    """The best of what was known and of where steps towards det(I - Delta D) = 0 lead to.
+
+    The determinant f is 1 at delta = 0; the smallest box with a zero of its linearization is a corner.
+    """
+    if not np.any(model.D):
+        return best
+    eye, ends = np.eye(len(model.D)), np.cumsum([0, *model.sizes])
+    for _ in range(_STEPS):
+        loop = eye - np.repeat(delta, model.sizes)[:, None] * model.D
+        if np.linalg.slogdet(loop)[0] <= 0.0:
+            found = crossing_on_ray(model, delta, largest)
+            best = found if found.size < best.size else best
+            delta = 0.5 * delta
+            continue
+        parts = np.diagonal(np.linalg.solve(loop.T, model.D.T))
+        slope = np.array([np.sum(parts[a:b]) for a, b in pairwise(ends)])  # of -log f
+        steepness = float(np.sum(np.abs(slope)))
+        if steepness == 0.0:
+            return best
+        size = min(1.02 * (float(slope @ delta) + 1.0) / steepness, largest)
+        target = size * np.sign(slope)
+        found = crossing_on_ray(model, target, largest)
+        best = found if found.size < best.size else best
+        delta = delta + 0.5 * (target - delta)
+    return best
+
+
+def _path(model: Realization, delta: Array, pole: complex, largest: float) -> Iterator[Array]:
+    """Deltas to which a pole is followed: corners first, then optima of linear programs."""
+    signs = np.zeros(len(delta))
+    for step in range(_STEPS + _PROGRAMS):
+        try:
+            poles, moves = slopes(model, delta)
+        except np.linalg.LinAlgError:
+            return
+        if not np.all(np.isfinite(moves)):
+            return
+        nearest = int(np.argmin(np.abs(poles - pole)))
+        if step > 2 and np.max(poles.real) > 0.5 * poles[nearest].real:
+            nearest = int(np.argmax(poles.real))
+        pole, slope = complex(poles[nearest]), moves[nearest].real
+        steepness = float(np.sum(np.abs(slope)))
+        if steepness == 0.0:
+            return
+        size = min((float(slope @ delta) - pole.real) / steepness, largest)
+        if size <= 0.0:
+            return
+        if step < _STEPS:
+            target = size * np.sign(slope)
+            blend = 1.0 if np.array_equal(np.sign(slope), signs) or step < 3 else 0.5
+            signs = np.sign(slope)
+            new = delta + blend * (target - delta)
+        else:
+            radius = 0.3 * size * 0.7 ** (step - _STEPS)
+            new = _program(slope, delta, pole.real, radius)
+        moved = float(np.max(np.abs(new - delta)))
+        delta = new
+        yield delta
+        yield min(1.02 * size, largest) * np.sign(slope)
+        if moved <= _ENDS * size:
+            return
+
+
+def _program(slope: Array, delta: Array, real: float, radius: float) -> Array:
+    """The smallest |x| with real + slope (x - delta) >= 0 and |x - delta| <= radius."""
+    q = len(delta)
+    sides = np.vstack(
+        [
+            np.append(-slope, 0.0),
+            np.hstack([np.eye(q), -np.ones((q, 1))]),
+            np.hstack([-np.eye(q), -np.ones((q, 1))]),
+        ]
+    )
+    limits = np.concatenate([[real - slope @ delta], np.zeros(2 * q)])
+    found = linprog(
+        np.append(np.zeros(q), 1.0),
+        A_ub=sides,
+        b_ub=limits,
+        bounds=[*((d - radius, d + radius) for d in delta), (0.0, None)],
+        method="highs",
+    )
+    if found.status != 0:
+        return np.asarray(delta + radius * np.sign(slope))
+    return np.asarray(found.x[:q], dtype=float)

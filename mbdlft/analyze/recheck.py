@@ -1,0 +1,102 @@
+"""A stored proof is checked again: no search, no solver, and a margin for all rounding.
+
+Of cuts of a box (`mbdlft.analyze.boxes`), the coefficients of the polynomial are computed anew, in
+balls, and the cuts repeated. Of multipliers (`mbdlft.analyze.intervals`), each has the structure of
+Delta, its matrices are definite, its eigenvalues leave its interval free, and intervals cover all
+frequencies.
+Both begin with a proof that the nominal model is stable, by Routh's scheme in balls.
+"""
+
+from mbdlft.analyze.boxes import replayed
+from mbdlft.analyze.characteristic import is_hurwitz, polynomials
+from mbdlft.analyze.coverage import covers
+from mbdlft.analyze.intervals import holds
+from mbdlft.analyze.multiplier_margin import channels_of, scaled
+from mbdlft.analyze.multipliers import fits, structure_of
+from mbdlft.analyze.realization import realization, states_that_stay
+from mbdlft.base.errors import WellPosednessError
+from mbdlft.base.threads import one_thread
+from mbdlft.bound.evidence import Bounds, BoxProof, IntervalProof
+from mbdlft.system.names import positions_of
+from mbdlft.system.system import System
+
+
+def verify(system: System, bounds: Bounds) -> str:
+    """Check the proof of a bound again.
+
+    Parameters
+    ----------
+    system : System or LFTModel
+        The one that was analyzed.
+    bounds : Bounds
+
+    Returns
+    -------
+    str
+        What is wrong; empty if the bound is proved.
+
+    Raises
+    ------
+    AnalysisError, StructureError
+        The states that do not count, or the signals of the gain, are not those of this system.
+    """
+    proof = bounds.proof
+    if proof is None:
+        return "there is no proof"
+    with one_thread():
+        if isinstance(proof, BoxProof):
+            return _of_boxes(system, bounds, proof)
+        return _of_intervals(system, bounds, proof)
+
+
+def _claimed(bounds: Bounds, proof: BoxProof) -> str:
+    """What is wrong with what a proof would show, if it is less than what is said."""
+    if bounds.kind == "worst-case gain":
+        is_enough = proof.k >= 1.0 and proof.gain * bounds.upper >= 1.0
+    elif bounds.kind == "robust performance":
+        is_enough = proof.k >= bounds.lower and proof.gain >= bounds.lower
+    else:
+        is_enough = proof.k >= bounds.lower  # stability only
+    if not is_enough:
+        return f"the proof is for {proof.k:g} times the box, and less than what is said"
+    return ""
+
+
+def _of_boxes(system: System, bounds: Bounds, proof: BoxProof) -> str:
+    inputs = positions_of(list(proof.inputs), [s.name for s in system.inputs], "verify: inputs")
+    outputs = positions_of(list(proof.outputs), [s.name for s in system.outputs], "verify: outputs")
+    model = realization(system, inputs, outputs, bounds.leave_out)
+    wrong = _claimed(bounds, proof)
+    if wrong:
+        return wrong
+    if not is_hurwitz(model.A):
+        return "the nominal model is not proved to be stable"
+    try:
+        found = polynomials(model, proof.k)
+    except WellPosednessError as error:
+        return str(error)
+    if not replayed(model, proof.k, found, proof.log, proof.gain):
+        return f"the cuts do not prove anything for {proof.k:g} times the box"
+    return ""
+
+
+def _of_intervals(system: System, bounds: Bounds, proof: IntervalProof) -> str:
+    stay = states_that_stay(system, bounds.leave_out)
+    structure = structure_of(system.lft.blocks)
+    channels, scale = channels_of(system, stay, structure)
+    if bounds.kind != "robust stability" or not bounds.lower * proof.beta <= 1.0:
+        return f"the proof is for 1/{proof.beta:g} times the box, and less than what is said"
+    if not is_hurwitz(channels.A):
+        return "the nominal model is not proved to be stable"
+    if len(proof.intervals) != len(proof.multipliers) or not covers(proof.intervals):
+        return "the intervals do not cover all frequencies"
+    for interval, multipliers in zip(proof.intervals, proof.multipliers, strict=True):
+        same = multipliers.beta == proof.beta and len(multipliers.D) == structure.size
+        if not same or not fits(multipliers, system.lft.blocks):
+            return f"the multipliers near {interval.at:.4g} rad/s are not of the structure of Delta"
+        if not holds(channels, scaled(multipliers, scale), interval):
+            return (
+                f"the multipliers near {interval.at:.4g} rad/s do not prove their bound from "
+                f"{interval.low:.4g} to {interval.high:.4g} rad/s"
+            )
+    return ""

@@ -1,0 +1,111 @@
+"""What an analysis returns: bounds, the worst case, and a proof that can be checked again."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Complex = NDArray[np.complex128]
+
+
+class Multipliers(NamedTuple):
+    """D (n, n) and G (n, n) of a matrix that was made square, and the beta that they prove."""
+
+    beta: float
+    D: Complex
+    G: Complex
+
+
+class Interval(NamedTuple):
+    """Frequencies (rad/s) from low to high, which may be inf and is included, with one inside."""
+
+    low: float
+    at: float
+    high: float
+
+
+class IntervalProof(NamedTuple):
+    """Intervals that cover all frequencies, each with the multipliers that prove mu <= beta there."""
+
+    beta: float
+    intervals: tuple[Interval, ...]
+    multipliers: tuple[Multipliers, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoxProof:
+    """Cuts of the box |delta| <= k that prove a bound, as `mbdlft.analyze.boxes` explains them.
+
+    Attributes
+    ----------
+    k : float
+    log : tuple of int
+    gain : float
+        One over the bound of the gain that is proved, too; 0 if only stability is.
+    inputs, outputs : tuple of str
+        Signals of the gain.
+    """
+
+    k: float
+    log: tuple[int, ...]
+    gain: float = 0.0
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bounds:
+    """Bounds of a margin or of a gain, with the worst case that was found.
+
+    Attributes
+    ----------
+    kind : str
+        ``robust stability``, ``worst-case gain`` or ``robust performance``.
+    lower, upper : float
+        Of a margin, `lower` is proved and `upper` is reached at `worst`; of a gain, `upper` is proved and
+        `lower` is reached at `worst`. What is reached is checked by evaluation. A margin counts multiples
+        of the declared box, in which deltas are in [-1, 1].
+    worst : mapping of names to physical values, in the units of the parameters
+        Empty if none was found. Beyond the box they are where the map of a parameter leads.
+    delta : mapping of names to deltas [1]
+        Of blocks that are no parameters, too: complex numbers, and matrices of full blocks.
+    frequency : float
+        Of the pole on the axis, or of the peak of the gain, at `worst` (rad/s).
+    proved : bool
+        Whether the bound that is said to be proved is, for every frequency and every value, and is not
+        trivial (0 of a margin, inf of a gain).
+    sensitivity : mapping of names to numbers that add up to 1
+        Shares of the ranges in how the result changes, to first order, if all grow by the same part.
+    work : float
+        Units of work that were used.
+    reason : str
+        Why the gap is larger than what was asked for; empty if it is not.
+    proof : BoxProof, IntervalProof, or None
+        What `verify` needs to prove the bound again, without a search.
+    leave_out : tuple of str
+        States that do not count.
+    """
+
+    kind: str
+    lower: float
+    upper: float
+    worst: Mapping[str, float]
+    delta: Mapping[str, Any]
+    frequency: float
+    proved: bool
+    sensitivity: Mapping[str, float]
+    work: float
+    reason: str = ""
+    proof: BoxProof | IntervalProof | None = None
+    leave_out: tuple[str, ...] = ()
+
+    @property
+    def gap(self) -> float:
+        """(upper - lower)/upper; 1 if upper is inf."""
+        return 1.0 - self.lower / self.upper if self.upper < float("inf") else 1.0
+
+    def __repr__(self) -> str:
+        said = "proved" if self.proved else "not proved"
+        return f"<{self.kind}: {self.lower:.6g} to {self.upper:.6g}, {said}>"

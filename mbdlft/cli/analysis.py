@@ -1,0 +1,236 @@
+"""The commands `margin`, `wcgain`, `verify`: guarantees for a model of an archive, and their proofs."""
+
+import json
+import math
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+
+from mbdlft.base.errors import AnalysisError
+from mbdlft.cli.tables import console, table
+
+if TYPE_CHECKING:
+    from mbdlft.bound.evidence import Bounds
+    from mbdlft.system.system import System
+
+_WITH = " with "  # in the name of a loop
+Archive = Annotated[Path, typer.Argument(help="Archive, an HDF5 file.")]
+Model = Annotated[str | None, typer.Option("--model", help="Model of an archive that has several.")]
+Controller = Annotated[
+    Path | None,
+    typer.Option(
+        "--controller", help="Archive or .mat file (A, B, C, D) of a controller: u - K y is closed."
+    ),
+]
+Gap = Annotated[float, typer.Option(help="Part by which the bounds may differ.")]
+Work = Annotated[float, typer.Option(help="Units of work, each at most about a second.")]
+LeaveOut = Annotated[
+    list[str] | None,
+    typer.Option("--leave-out", help="State on which nothing else depends; may be repeated."),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+NoSave = Annotated[bool, typer.Option("--no-save", help="Do not store the result.")]
+
+
+def margin(
+    archive: Archive,
+    controller: Controller = None,
+    model: Model = None,
+    gap: Gap = 0.01,
+    work: Work = 30.0,
+    leave_out: LeaveOut = None,
+    no_save: NoSave = False,
+    as_json: AsJson = False,
+) -> None:
+    """Bounds of the margin of robust stability, proved for all frequencies and values."""
+    from mbdlft.analyze.margin import robust_stability
+
+    system, start = _loop(archive, model, controller), time.perf_counter()
+    with Console(stderr=True).status("") as status:
+        found = robust_stability(
+            system,
+            gap=gap,
+            work=work,
+            leave_out=leave_out or (),
+            progress=lambda low, high: status.update(f"margin: {low:.4g} to {high:.4g}"),
+        )
+    _report(archive, system, found, time.perf_counter() - start, store=not no_save, as_json=as_json)
+
+
+def wcgain(
+    archive: Archive,
+    inputs: Annotated[
+        list[str] | None, typer.Option("--input", help="Input; all by default; may be repeated.")
+    ] = None,
+    outputs: Annotated[
+        list[str] | None, typer.Option("--output", help="Output; all by default; may be repeated.")
+    ] = None,
+    controller: Controller = None,
+    model: Model = None,
+    gap: Gap = 0.01,
+    work: Work = 30.0,
+    leave_out: LeaveOut = None,
+    no_save: NoSave = False,
+    as_json: AsJson = False,
+) -> None:
+    """Bounds of the largest gain over the declared ranges, proved for all frequencies and values."""
+    from mbdlft.analyze.gain import worst_case_gain
+
+    system, start = _loop(archive, model, controller), time.perf_counter()
+    with Console(stderr=True).status("") as status:
+        found = worst_case_gain(
+            system,
+            inputs or slice(None),
+            outputs or slice(None),
+            gap=gap,
+            work=work,
+            leave_out=leave_out or (),
+            progress=lambda low, high: status.update(f"gain: {low:.4g} to {high:.4g}"),
+        )
+    _report(archive, system, found, time.perf_counter() - start, store=not no_save, as_json=as_json)
+
+
+def verify(archive: Archive, as_json: AsJson = False) -> None:
+    """Check every stored proof again, without a search."""
+    from mbdlft.analyze.recheck import verify as check
+    from mbdlft.store import analysis_names, load_analysis
+
+    names = analysis_names(archive)
+    if not names:
+        raise AnalysisError(
+            f"{archive}: there is no analysis to be checked. `mbdlft margin` makes one."
+        )
+    found = []
+    for name in names:
+        system, bounds = load_analysis(archive, name)
+        start = time.perf_counter()
+        wrong = check(system, bounds)
+        seconds = time.perf_counter() - start
+        found.append(
+            {
+                "name": name,
+                "lower": _number(bounds.lower),
+                "upper": _number(bounds.upper),
+                "proved": not wrong,
+                "reason": wrong,
+                "seconds": seconds,
+            }
+        )
+    if as_json:
+        sys.stdout.write(json.dumps(found, indent=2) + "\n")
+    else:
+        for entry in found:
+            said = "proved" if entry["proved"] else f"NOT PROVED: {entry['reason']}"
+            console().print(f"{entry['name']}: {said}", soft_wrap=True, highlight=False)
+    if not all(entry["proved"] for entry in found):
+        raise typer.Exit(1)
+
+
+def _loop(archive: Path, model: str | None, controller: Path | None) -> "System":
+    """The model of an archive, closed through a controller if there is one."""
+    from mbdlft.store import load, model_names
+    from mbdlft.system import as_system, feedback
+
+    names = model_names(archive)
+    if model is None:  # loops that were stored beside a model are not meant
+        alone = [name for name in names if _WITH not in name]
+        model = alone[0] if len(alone) == 1 else None
+    system: System = load(archive, model)
+    if controller is None:
+        return system
+    loop = feedback(system, _controller(controller))
+    name = f"{system.name}{_WITH}{controller.stem}"
+    if name in names:
+        stored: System = load(archive, name)
+        return stored if _same(stored, loop) else as_system(loop, name=name)
+    return as_system(loop, name=name)
+
+
+def _same(a: "System", b: "System") -> bool:
+    """Whether two systems have the same numbers and names."""
+    import numpy as np
+
+    pairs = ((a.lft.M11, b.lft.M11), (a.lft.M12, b.lft.M12), (a.lft.M21, b.lft.M21))
+    same = all(np.array_equal(x, y) for x, y in (*pairs, (a.lft.M22, b.lft.M22)))
+    return same and a.parameters == b.parameters and a.inputs == b.inputs and a.outputs == b.outputs
+
+
+def _controller(file: Path) -> Any:
+    """A controller of an archive, or of the matrices A, B, C, D of a .mat file."""
+    if file.suffix.lower() != ".mat":
+        from mbdlft.store import load
+
+        return load(file)
+    from scipy.io import loadmat
+
+    from mbdlft.system import state_space
+
+    try:
+        matrices = loadmat(file)
+    except (OSError, ValueError, NotImplementedError) as error:
+        raise AnalysisError(f"{file}: no .mat file that can be read: {error}.") from None
+    missing = [name for name in "ABCD" if name not in matrices]
+    if missing:
+        raise AnalysisError(
+            f"{file}: expected the matrices A, B, C, D of a controller; {', '.join(missing)} missing."
+        )
+    return state_space(*(matrices[name] for name in "ABCD"), name=file.stem)
+
+
+def _report(
+    archive: Path, system: "System", found: "Bounds", seconds: float, *, store: bool, as_json: bool
+) -> None:
+    """Store a result, and print it."""
+    if store:
+        from mbdlft.store import save_analysis
+
+        save_analysis(archive, system, found)
+    if as_json:
+        sys.stdout.write(json.dumps(_as_json(found, seconds), indent=2) + "\n")
+        return
+    out = console()
+    out.print(f"{system.name}, {found.kind}:", highlight=False)
+    is_gain = found.kind == "worst-case gain"
+    if not found.proved:
+        said = "nothing is proved"
+    elif is_gain:
+        said = f"at most {found.upper:.6g} for all values in the ranges: proved for all frequencies"
+    else:
+        said = f"stable for all values in {found.lower:.6g} times the ranges: proved for all frequencies"
+    out.print(said, highlight=False)
+    if found.worst:
+        units = {p.name: p.unit for p in system.parameters}
+        reached = found.lower if is_gain else found.upper
+        title = f"worst case: {reached:.6g} at {found.frequency:.6g} rad/s"
+        rows = table(title, "parameter", "value >", "unit", "delta >", "share >")
+        for name, value in found.worst.items():
+            delta = found.delta.get(name, 0.0)
+            share = found.sensitivity.get(name, 0.0)
+            rows.add_row(name, f"{value:.6g}", units[name], f"{delta:.4f}", f"{share:.3f}")
+        out.print(rows)
+    if found.reason:
+        out.print(f"why not more: {found.reason}", soft_wrap=True, highlight=False)
+
+
+def _as_json(found: "Bounds", seconds: float) -> dict[str, Any]:
+    return {
+        "kind": found.kind,
+        "lower": _number(found.lower),
+        "upper": _number(found.upper),
+        "frequency": _number(found.frequency),
+        "worst": dict(found.worst),
+        "proved": found.proved,
+        "sensitivity": dict(found.sensitivity),
+        "work": found.work,
+        "reason": found.reason,
+        "seconds": seconds,
+    }
+
+
+def _number(value: float) -> float | None:
+    """A number that JSON has; None for inf and NaN."""
+    return value if math.isfinite(value) else None

@@ -1,0 +1,273 @@
+"""Analyses in an archive: /analyses/<name>, bounds of margins and gains with their proofs."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbdlft.base.errors import ArchiveError
+from mbdlft.bound.evidence import Bounds, BoxProof, Interval, IntervalProof, Multipliers
+from mbdlft.store.archive import (
+    LIMIT,
+    _checked,
+    _names,
+    check_name,
+    load,
+    model_names,
+    rewrite,
+    save,
+)
+from mbdlft.store.copying import write_items
+from mbdlft.store.guard import ask
+from mbdlft.store.helper import Request, said_of
+from mbdlft.store.items import (
+    DIGEST,
+    Items,
+    check_digest,
+    digest,
+    floats,
+    integers,
+    text,
+    texts,
+    word,
+    words,
+)
+from mbdlft.store.layout import ANALYSIS_TYPE, VERSION
+from mbdlft.store.model import items_of_model
+from mbdlft.system.system import System
+
+_NUMBERS = ("lower", "upper", "frequency", "work")
+_MATRICES = ("D", "G")
+
+
+def save_analysis(
+    path: str | Path, system: System, bounds: Bounds, name: str | None = None
+) -> None:
+    """Write an analysis under /analyses/<name>, and its system under /models, if it is not there.
+
+    Parameters
+    ----------
+    path : file, made if it does not exist
+    system : System or LFTModel
+        The one that was analyzed.
+    bounds : Bounds
+    name : str, optional
+        Name of the system and kind of the analysis by default; an analysis of that name is replaced.
+
+    Raises
+    ------
+    ArchiveError
+        The archive has another model of the name of the system; or `save` would raise an error.
+    """
+    file = Path(path)
+    key = f"{system.name}: {bounds.kind}" if name is None else name
+    check_name(file, "analysis", key)
+    model_digest = word(items_of_model(system), DIGEST)
+    if not file.exists() or system.name not in model_names(file):
+        save(file, system)
+    elif word(items_of_model(load(file, system.name)), DIGEST) != model_digest:
+        raise ArchiveError(
+            f"{file}: the model {system.name!r} is another one than the one that was analyzed. Save the "
+            "analysis in another file, or give the system another name."
+        )
+    try:
+        items = _items_of(bounds, system.name, model_digest)
+    except ArchiveError as error:
+        raise ArchiveError(f"{file}: {said_of(f'analysis {key!r}', str(error))}") from None
+
+    def fill(archive: Any) -> None:
+        write_items(archive.require_group("analyses").create_group(key), items)
+
+    rewrite(file, fill, f"analyses/{key}")
+
+
+def analysis_names(path: str | Path) -> tuple[str, ...]:
+    """Names of the analyses in an archive, sorted.
+
+    Parameters
+    ----------
+    path : file
+
+    Raises
+    ------
+    ArchiveError
+        The file is missing, truncated, foreign or newer.
+    """
+    return _names(Path(path), "analyses")
+
+
+def load_analysis(
+    path: str | Path, name: str | None = None, *, limit: int = LIMIT
+) -> tuple[System, Bounds]:
+    """Read an analysis from an archive, with the system that was analyzed.
+
+    Parameters
+    ----------
+    path : file
+    name : str, optional
+        May be left out if the archive has one analysis.
+    limit : int
+        Most bytes that its arrays may need.
+
+    Returns
+    -------
+    System or LFTModel, Bounds
+
+    Raises
+    ------
+    ArchiveError
+        The file is missing, truncated, changed, foreign or newer, or the analysis is missing or
+        incomplete, or its model has been replaced.
+    """
+    file = Path(path)
+    request = Request("read", "analyses", "analysis", _checked(file, name), (ANALYSIS_TYPE,), limit)
+    answer = ask(file, request)
+    (key,), items = answer.names, answer.part.items
+    try:
+        check_digest(items)
+        bounds = _bounds_of(items)
+    except ArchiveError as error:
+        raise ArchiveError(f"{file}: {said_of(f'analysis {key!r}', str(error))}") from None
+    system = load(file, word(items, "@model"))
+    if word(items_of_model(system), DIGEST) != word(items, "@model_digest"):
+        raise ArchiveError(
+            f"{file}: analysis {key!r}: the model {system.name!r} is not the one that was analyzed; "
+            "it was replaced. Analyze it again."
+        )
+    return system, bounds
+
+
+def _items_of(bounds: Bounds, model: str, model_digest: str) -> Items:
+    items: Items = {
+        "@encoding_type": text(ANALYSIS_TYPE),
+        "@encoding_version": text(VERSION),
+        "@model": text(model),
+        "@model_digest": text(model_digest),
+        "@kind": text(bounds.kind),
+        "@reason": text(bounds.reason),
+        "@proved": np.array(bounds.proved),
+        "leave_out": texts(list(bounds.leave_out)),
+    }
+    for name in _NUMBERS:
+        items[f"@{name}"] = np.array(getattr(bounds, name), dtype="<f8")
+    for name in ("worst", "sensitivity"):
+        pairs = getattr(bounds, name)
+        items[f"{name}/name"] = texts(list(pairs))
+        items[f"{name}/value"] = np.array(list(pairs.values()), dtype="<f8")
+    items |= _items_of_delta(bounds)
+    if isinstance(bounds.proof, BoxProof):
+        items["boxes@k"] = np.array(bounds.proof.k, dtype="<f8")
+        items["boxes@gain"] = np.array(bounds.proof.gain, dtype="<f8")
+        items["boxes/log"] = np.array(bounds.proof.log, dtype="<i8")
+        items["boxes/inputs"] = texts(list(bounds.proof.inputs))
+        items["boxes/outputs"] = texts(list(bounds.proof.outputs))
+    elif bounds.proof is not None:
+        items |= _items_of_intervals(bounds.proof)
+    items[DIGEST] = text(digest(items))
+    return items
+
+
+def _items_of_delta(bounds: Bounds) -> Items:
+    """Deltas by name: entries of all of them, row by row, one after the other."""
+    values = [np.asarray(value) for value in bounds.delta.values()]
+    entries = np.concatenate([*(value.ravel() for value in values), np.zeros(0)]).astype(complex)
+    kinds = [
+        "full" if value.ndim else "complex" if value.dtype.kind == "c" else "real"
+        for value in values
+    ]
+    shapes = np.array([value.shape or (1, 1) for value in values], dtype="<i8").reshape(-1, 2)
+    return {
+        "delta/name": texts(list(bounds.delta)),
+        "delta/kind": texts(kinds),
+        "delta/rows": np.ascontiguousarray(shapes[:, 0]),
+        "delta/columns": np.ascontiguousarray(shapes[:, 1]),
+        "delta/real": np.ascontiguousarray(entries.real, dtype="<f8"),
+        "delta/imaginary": np.ascontiguousarray(entries.imag, dtype="<f8"),
+    }
+
+
+def _items_of_intervals(proof: IntervalProof) -> Items:
+    items: Items = {"intervals@beta": np.array(proof.beta, dtype="<f8")}
+    for name in Interval._fields:
+        items[f"intervals/{name}"] = np.array([getattr(i, name) for i in proof.intervals], "<f8")
+    for name in _MATRICES:
+        stack = np.array([getattr(found, name) for found in proof.multipliers], dtype=complex)
+        items[f"intervals/{name}_real"] = np.ascontiguousarray(stack.real)
+        items[f"intervals/{name}_imaginary"] = np.ascontiguousarray(stack.imag)
+    return items
+
+
+def _bounds_of(items: Items) -> Bounds:
+    pairs = {
+        name: dict(
+            zip(words(items, f"{name}/name"), floats(items, f"{name}/value").tolist(), strict=True)
+        )
+        for name in ("worst", "sensitivity")
+    }
+    numbers = {name: float(items[f"@{name}"]) for name in _NUMBERS}
+    return Bounds(
+        kind=word(items, "@kind"),
+        worst=pairs["worst"],
+        delta=_delta_of(items),
+        proved=bool(items["@proved"]),
+        sensitivity=pairs["sensitivity"],
+        reason=word(items, "@reason"),
+        proof=_proof_of(items),
+        leave_out=tuple(words(items, "leave_out")),
+        **numbers,
+    )
+
+
+def _delta_of(items: Items) -> dict[str, Any]:
+    entries = floats(items, "delta/real") + 1j * floats(items, "delta/imaginary")
+    found: dict[str, Any] = {}
+    start = 0
+    for name, kind, rows, columns in zip(
+        words(items, "delta/name"),
+        words(items, "delta/kind"),
+        integers(items, "delta/rows"),
+        integers(items, "delta/columns"),
+        strict=True,
+    ):
+        stop = start + rows * columns
+        if rows < 0 or columns < 0 or stop > len(entries):
+            raise ArchiveError("delta/rows and columns are not those of its entries.")
+        part = entries[start:stop].reshape(rows, columns)
+        if kind == "full":
+            found[name] = part
+        elif part.shape != (1, 1):
+            raise ArchiveError(f"delta: {name} is {kind} and has {part.size} entries.")
+        else:
+            found[name] = complex(part[0, 0]) if kind == "complex" else float(part[0, 0].real)
+        start = stop
+    if start != len(entries):
+        raise ArchiveError("delta/rows and columns are not those of its entries.")
+    return found
+
+
+def _proof_of(items: Items) -> BoxProof | IntervalProof | None:
+    boxes = [path for path in items if path.startswith("boxes")]
+    intervals = [path for path in items if path.startswith("intervals")]
+    if not boxes and not intervals:
+        return None
+    if len(boxes) == 5 and not intervals:
+        return BoxProof(
+            float(items["boxes@k"]),
+            integers(items, "boxes/log"),
+            float(items["boxes@gain"]),
+            tuple(words(items, "boxes/inputs")),
+            tuple(words(items, "boxes/outputs")),
+        )
+    if len(intervals) != 8 or boxes:
+        raise ArchiveError("its proof is not whole.")
+    beta = float(items["intervals@beta"])
+    ends = [floats(items, f"intervals/{name}").tolist() for name in Interval._fields]
+    D, G = (
+        floats(items, f"intervals/{name}_real") + 1j * floats(items, f"intervals/{name}_imaginary")
+        for name in _MATRICES
+    )
+    return IntervalProof(
+        beta,
+        tuple(Interval(*row) for row in zip(*ends, strict=True)),
+        tuple(Multipliers(beta, *pair) for pair in zip(D, G, strict=True)),
+    )

@@ -1,0 +1,104 @@
+"""Analyses in an archive: they come back as they were, and belong to their model."""
+
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mbdlft import (
+    ArchiveError,
+    Bounds,
+    analysis_names,
+    load_analysis,
+    model_names,
+    robust_stability,
+    save,
+    save_analysis,
+    verify,
+    worst_case_gain,
+)
+from mbdlft.bound.evidence import BoxProof, IntervalProof
+from tests.archive.plain_digest import edit
+from tests.close import exact
+from tests.laws.random_loops import mixed_system
+from tests.laws.test_margins import random_loop_with_channels
+from tests.reference import robust_cases
+
+
+def same(a: Bounds, b: Bounds) -> None:
+    for field in fields(Bounds):
+        if field.name in ("proof", "delta"):
+            continue
+        one, other = getattr(a, field.name), getattr(b, field.name)
+        assert one == other or (one != one and other != other), field.name
+    assert list(a.delta) == list(b.delta)
+    for name, value in a.delta.items():
+        exact(value, b.delta[name])
+    assert type(a.proof) is type(b.proof)
+    if isinstance(a.proof, BoxProof) and isinstance(b.proof, BoxProof):
+        for field in fields(BoxProof):
+            assert getattr(a.proof, field.name) == getattr(b.proof, field.name)
+    if isinstance(a.proof, IntervalProof) and isinstance(b.proof, IntervalProof):
+        assert a.proof.intervals == b.proof.intervals
+        for one, other in zip(a.proof.multipliers, b.proof.multipliers, strict=True):
+            exact(one.D, other.D)
+            exact(one.G, other.G)
+
+
+def test_round_trip(tmp_path: Path) -> None:
+    file = tmp_path / "a.h5"
+    loop, mixed = random_loop_with_channels(), mixed_system(0)
+    first, second = robust_stability(loop), worst_case_gain(loop, "f")
+    third = robust_stability(mixed, gap=0.05)
+    for system, bounds in ((loop, first), (loop, second), (mixed, third)):
+        save_analysis(file, system, bounds)
+    assert model_names(file) == tuple(sorted([loop.name, mixed.name]))
+    names = analysis_names(file)
+    assert names == (
+        "matrix: robust stability",
+        "matrix: worst-case gain",
+        "mixed: robust stability",
+    )
+    for name, bounds in zip(names, (first, second, third), strict=True):
+        system, found = load_analysis(file, name)
+        same(found, bounds)
+        assert verify(system, found) == ""
+
+
+def test_no_proof_and_infinite_bounds(tmp_path: Path) -> None:
+    carts = robust_cases.two_carts()
+    bounds = replace(robust_stability(carts, gap=0.1), upper=np.inf, proof=None, worst={}, delta={})
+    save_analysis(tmp_path / "a.h5", carts, bounds, "mine")
+    same(load_analysis(tmp_path / "a.h5")[1], bounds)
+
+
+def test_an_analysis_belongs_to_its_model(tmp_path: Path) -> None:
+    file = tmp_path / "a.h5"
+    loop = random_loop_with_channels()
+    bounds = robust_stability(loop, gap=0.1)
+    save_analysis(file, loop, bounds)
+    narrower = loop.with_range(k=(1.5, 2.5))
+    with pytest.raises(ArchiveError, match="is another one than the one that was analyzed"):
+        save_analysis(file, narrower, bounds)
+    save(file, narrower)
+    with pytest.raises(ArchiveError, match="is not the one that was analyzed"):
+        load_analysis(file)
+
+
+def test_a_changed_analysis_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "a.h5"
+    loop = random_loop_with_channels()
+    save_analysis(file, loop, robust_stability(loop, gap=0.1))
+    name = "analyses/matrix: robust stability"
+
+    def claim(group: object) -> None:
+        group.attrs["lower"] = 99.0  # type: ignore[attr-defined]
+
+    edit(file, claim, name, right=False)
+    with pytest.raises(ArchiveError, match="its digest"):
+        load_analysis(file)
+    edit(file, claim, name)
+    system, bounds = load_analysis(file)
+    assert bounds.lower == 99.0
+    assert "less than what is said" in verify(system, bounds)

@@ -1,0 +1,120 @@
+"""What cannot be analyzed is said with the pole, the state, the signal or the parameter."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft import (
+    AnalysisError,
+    Block,
+    ComplexBlock,
+    Parameter,
+    StructureError,
+    realize,
+    robust_performance,
+    robust_stability,
+    structured_singular_value,
+    verify,
+    worst_case_gain,
+)
+from mbdlft.analyze.characteristic import is_hurwitz
+from tests.reference.robust_cases import of_matrices, static
+
+K = Parameter("k", 2.0, low=1.0, high=3.0, unit="N/m")
+
+
+def cart(damping: str = "1") -> mbdlft.LFTModel:
+    matrix = [["0", "1", "0"], [f"-k*({damping})", f"-({damping})", "1"], ["1", "0", "0"]]
+    return realize(matrix, [K], states=2, inputs=["force"], outputs=["position"], search=0.0)
+
+
+@pytest.mark.parametrize("function", [robust_stability, worst_case_gain, robust_performance])
+def test_the_pole_of_an_unstable_nominal_is_named(function: Callable[..., object]) -> None:
+    with pytest.raises(AnalysisError, match=r"is unstable, with the pole .*rad/s, in which .*x1"):
+        function(cart("-1"))
+
+
+def test_an_integrator_is_named() -> None:
+    matrix = [["0", "1", "0"], ["-k", "-1", "0"], ["1", "0", "0"]]
+    drifting = realize(matrix, [K], states=3, inputs=[], outputs=[], search=0.0)
+    name = drifting.states[2].name
+    with pytest.raises(AnalysisError, match=rf"on the imaginary axis, 0.*{name}.*leave_out"):
+        robust_stability(drifting)
+    first = drifting.states[0].name
+    with pytest.raises(AnalysisError, match=rf"{first} cannot be left out: the state .* depends"):
+        robust_stability(drifting, leave_out=[first])
+    with pytest.raises(StructureError, match="unknown signal 'x9'"):
+        robust_stability(drifting, leave_out=["x9"])
+
+
+def test_a_margin_needs_something_uncertain() -> None:
+    fixed = mbdlft.state_space([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
+    with pytest.raises(AnalysisError, match="no parameter and no uncertain block"):
+        robust_stability(fixed)
+    with pytest.raises(AnalysisError, match="no parameter and no uncertain block"):
+        structured_singular_value(fixed, [1.0])
+    found = worst_case_gain(fixed)
+    assert 1.0 <= found.upper <= 1.01
+
+
+@pytest.mark.parametrize(
+    "numbers", [{"gap": 0.0}, {"gap": 1.0}, {"work": -1.0}, {"largest": np.inf}]
+)
+def test_numbers_are_checked(numbers: dict[str, float]) -> None:
+    (name,) = numbers
+    with pytest.raises(AnalysisError, match=f"{name}: expected a number between 0"):
+        robust_stability(cart(), **numbers)  # type: ignore[arg-type]
+
+
+def test_signals_are_checked() -> None:
+    with pytest.raises(StructureError, match=r"inputs of .*unknown signal 'torque'"):
+        worst_case_gain(cart(), "torque")
+    with pytest.raises(StructureError, match=r"outputs of .*unknown signal 'angle'"):
+        robust_performance(cart(), "force", "angle")
+
+
+def test_gains_are_of_real_parameters() -> None:
+    system = of_matrices(-np.eye(1), np.eye(1), np.eye(1), np.zeros((1, 1)), ComplexBlock("c", 1))
+    with pytest.raises(StructureError, match="c is a complex block"):
+        worst_case_gain(system)
+
+
+def test_a_frequency_is_a_number_and_no_pole() -> None:
+    pole = of_matrices(
+        np.zeros((1, 1)), np.eye(1), np.eye(1), np.zeros((1, 1)), ComplexBlock("c", 1)
+    )
+    with pytest.raises(AnalysisError, match="omega = 0 rad/s is a pole"):
+        structured_singular_value(pole, 0.0)
+    with pytest.raises(AnalysisError, match="frequencies: expected numbers"):
+        structured_singular_value(cart(), [np.nan])
+    with pytest.raises(StructureError, match="needs real entries"):
+        robust_stability(static([[1j]], ComplexBlock("c", 1)))
+
+
+def test_too_little_work_is_said() -> None:
+    found = robust_stability(cart(), work=1e-6)
+    assert not found.proved
+    assert "with this work" in found.reason
+    assert verify(cart(), found) == "there is no proof"
+
+
+def test_too_many_repetitions_are_said() -> None:
+    """Neither a polynomial nor multipliers of this size are carried; what was reached is returned."""
+    random = np.random.default_rng(0)
+    blocks = tuple(Block(f"d{k}", 14) for k in range(8))
+    B, C = random.standard_normal((4, 112)), random.standard_normal((112, 4))
+    system = of_matrices(-10.0 * np.eye(4), 0.01 * B, C, np.zeros((112, 112)), *blocks)
+    found = robust_stability(system, work=0.1)
+    assert (found.lower, found.proved) == (0.0, False)
+    assert "multipliers have 1568 entries" in found.reason
+    assert np.isfinite(found.upper)
+
+
+def test_stability_of_the_nominal_is_proved_and_not_seen() -> None:
+    assert is_hurwitz(np.array([[-1e-12, 1.0], [-1.0, -1e-12]]))
+    assert not is_hurwitz(np.array([[1e-12, 1.0], [-1.0, -1e-12]]))
+    assert not is_hurwitz(np.array([[0.0, 1.0], [-1.0, 0.0]]))
+    assert not is_hurwitz(np.array([[0.0]]))
+    assert is_hurwitz(np.zeros((0, 0)))

@@ -1,0 +1,341 @@
+"""Guarantees: what is proved holds at all that is tried, and what is no proof is not taken for one."""
+
+from dataclasses import replace
+from math import comb
+
+import control
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft import (
+    Block,
+    Bounds,
+    Parameter,
+    System,
+    realize,
+    robust_performance,
+    robust_stability,
+    verify,
+    worst_case_gain,
+)
+from mbdlft.analyze.characteristic import polynomials
+from mbdlft.analyze.intervals import is_negative_at
+from mbdlft.analyze.multiplier_margin import by_multipliers, channels_of, scaled
+from mbdlft.analyze.multipliers import structure_of, upper_bound
+from mbdlft.analyze.peak import peak_at
+from mbdlft.analyze.realization import realization
+from mbdlft.analyze.small_delta import small_delta
+from mbdlft.bound.evidence import BoxProof, IntervalProof
+from tests.close import BOUND, STABLE, roundoff
+from tests.laws.random_loops import KINDS, mixed_system, random_system, reached, state_matrices
+from tests.reference import robust_cases
+
+
+def arm_loop(stiff: float = 1.0) -> System:
+    arm = mbdlft.to_lft(mbdlft.load_scene("scenarios/two_link_arm.toml"), search=0.0)
+    stiffness, damping, lag = stiff * np.diag([600.0, 300.0]), np.diag([100.0, 40.0]), 0.01
+    A, C, D = -np.eye(2) / lag, -damping / lag, stiffness + damping / lag
+    return mbdlft.feedback(arm, control.ss(A, np.eye(2) / lag, C, D))
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_no_model_inside_a_proved_margin_is_unstable(seed: int) -> None:
+    system = random_system(seed)
+    found = robust_stability(system, work=3.0, largest=10.0)
+    assert 0.0 < found.lower <= reached(system, 40, 10.0, seed), KINDS[seed % len(KINDS)]
+    if np.isfinite(found.upper):
+        assert found.lower <= found.upper
+        assert max(abs(delta) for delta in found.delta.values()) == found.upper
+    if np.isfinite(found.frequency):
+        (A,) = state_matrices(system, np.array([list(found.delta.values())]))
+        poles = np.linalg.eigvals(A)
+        assert np.max(poles.real) >= -STABLE * np.max(np.abs(poles))
+        assert np.min(np.abs(poles - 1j * found.frequency)) <= 1e-3 * np.max(np.abs(poles))
+    assert verify(system, found) == ""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("first", range(100, 400, 10))
+def test_no_model_inside_a_proved_margin_of_300_systems_is_unstable(first: int) -> None:
+    """Up to 60 states; nine of ten are closed to 2 %."""
+    closed = 0
+    for seed in range(first, first + 10):
+        most = (8, 30, 60)[seed % 3]
+        system = random_system(seed, most, 4 if most == 8 else 3)
+        found = robust_stability(system, work=10.0, largest=10.0, gap=0.02)
+        assert found.lower <= reached(system, 40, 10.0, seed)
+        closed += found.lower >= 0.98 * min(found.upper, 10.0)
+    mixed = robust_stability(mixed_system(first), gap=0.05)
+    assert 0.0 < mixed.lower <= mixed.upper
+    assert closed >= 9
+
+
+@pytest.mark.parametrize("seed", [1, 3, 7])
+def test_coefficients_are_those_of_the_determinant(seed: int) -> None:
+    """The polynomial in Bernstein form, evaluated by its definition, against the determinant."""
+    system, k, random = random_system(seed), 0.3, np.random.default_rng(seed)
+    model = realization(system)
+    found = polynomials(model, k)
+    n = len(system.A)
+    for _ in range(5):
+        delta, t = random.uniform(-1.0, 1.0, len(model.sizes)), random.uniform(0.1, 0.9)
+        value = found.values[0]
+        for x in [*(0.5 * (delta + 1.0)), t]:
+            degree = len(value) - 1
+            basis = [comb(degree, i) * x**i * (1.0 - x) ** (degree - i) for i in range(degree + 1)]
+            value = np.tensordot(basis, value, 1)
+        w = k * np.repeat(delta, model.sizes)
+        loop = np.linalg.det(np.eye(len(w)) - system.D_zw * w)
+        (A,) = state_matrices(system, k * delta[None])
+        omega = found.scale * t / (1.0 - t)
+        expected = (1.0 - t) ** n * loop * np.linalg.det(1j * omega * np.eye(n) - A)
+        roundoff(value / expected, 1.0, kappa=1e6)
+
+
+def test_a_face_is_enough_only_if_poles_turn_to_it() -> None:
+    """The pole -1 + 2 d crosses at d = 1/2; the lower face says nothing of it, the upper one does."""
+    d = Parameter("d", 0.0, low=-1.0, high=1.0)
+    system = realize([["-1+2*d"]], [d], states=1, inputs=[], outputs=[])
+    found = robust_stability(system)
+    assert verify(system, found) == ""
+    lower, upper, leaf = 3 * 0 + 2, 3 * 0 + 3, 0
+    for k, log in (
+        (0.9, (lower, leaf)),
+        (0.9, (upper, leaf)),
+        (0.9, (leaf,)),
+        (0.4, (lower, leaf)),
+    ):
+        claim = replace(found, lower=k, proof=BoxProof(k, log))
+        assert verify(system, claim)
+    assert verify(system, replace(found, lower=0.4, proof=BoxProof(0.4, (leaf,)))) == ""
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_multipliers_prove_no_more_than_there_is(seed: int) -> None:
+    system = random_system(seed, most_parameters=3)
+    stay = range(len(system.states))
+    found = by_multipliers(system, stay, 0.02, 30.0, 10.0, None)
+    assert 0.0 < found.lower <= reached(system, 40, 10.0, seed)
+    assert found.lower <= robust_stability(system, largest=10.0).upper
+    assert verify(system, found) == ""
+    channels, scale = channels_of(system, stay, structure_of(system.lft.blocks))
+    assert isinstance(found.proof, IntervalProof)
+    random = np.random.default_rng(seed)
+    for interval, multipliers in zip(found.proof.intervals, found.proof.multipliers, strict=True):
+        high = min(interval.high, 1e4 * max(interval.at, 1.0))
+        for omega in random.uniform(interval.low, high, 4):
+            assert is_negative_at(channels, scaled(multipliers, scale), omega)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_blocks_of_all_kinds(seed: int) -> None:
+    system = mixed_system(seed)
+    found = robust_stability(system, gap=0.02)
+    assert 0.0 < found.lower <= found.upper < np.inf
+    sizes = [np.linalg.norm(np.atleast_2d(delta), 2) for delta in found.delta.values()]
+    assert max(sizes) <= found.upper * (1.0 + STABLE)
+    M = system.D_zw.astype(complex)
+    if np.isfinite(found.frequency):
+        shifted = 1j * found.frequency * np.eye(len(system.A)) - system.A
+        M = M + system.C_z @ np.linalg.solve(shifted, system.B_w)
+    delta = np.zeros(M.T.shape, dtype=complex)
+    for block in system.lft.blocks:
+        value, rows = found.delta[block.name], system.lft.columns()[block.name]
+        part = value if block.kind == "full" else value * np.eye(block.size)
+        delta[rows, system.lft.slices()[block.name]] = part
+    singular = np.linalg.svd(np.eye(len(M)) - M @ delta, compute_uv=False)
+    assert singular[-1] <= STABLE * singular[0]
+    assert verify(system, found) == ""
+
+
+def ball(count: int, seed: int, radius: float) -> tuple[System, np.ndarray]:
+    """A system that is unstable in a ball inside its box, and nowhere else; and the middle of it."""
+    middle = np.round(np.random.default_rng(seed).uniform(-0.8, 0.8, count), 3)
+    names = [f"d{k}" for k in range(count)]
+    terms = [f"({name}-({c}))^2" for name, c in zip(names, middle.tolist(), strict=True)]
+    damping = f"-({'+'.join(terms)}-{radius**2!r})"
+    own = [Parameter(name, 0.0, low=-1.0, high=1.0) for name in names]
+    matrix = [[damping, "1"], ["-1", damping]]
+    return realize(matrix, own, states=2, inputs=[], outputs=[], search=0.0), middle
+
+
+@pytest.mark.parametrize(("count", "seed"), [(2, 0), (4, 2)])
+def test_a_small_region_that_is_unstable_is_found(count: int, seed: int) -> None:
+    system, middle = ball(count, seed, 1e-3)
+    found = robust_stability(system, largest=1.0, work=20.0)
+    distance = np.array(list(found.delta.values())) - middle
+    assert np.linalg.norm(distance) <= 1e-3 * (1.0 + STABLE)
+    assert found.lower <= np.max(np.abs(middle)) <= found.upper + 1e-3
+
+
+@pytest.mark.parametrize("inputs", ["shoulder.torque", ["shoulder.torque", "elbow.torque"]])
+def test_gains_of_samples_and_corners_are_below_the_bound(inputs: str | list[str]) -> None:
+    loop, outputs = arm_loop(), ["shoulder.angle", "elbow.angle"]
+    found = worst_case_gain(loop, inputs, outputs, gap=0.02)
+    assert found.gap <= 0.02
+    assert found.proved
+    channel, omega = loop[outputs, inputs], np.geomspace(0.5, 50.0, 30)
+    assert isinstance(channel, mbdlft.LFTModel)
+    for samples in (mbdlft.corners(loop.parameters), mbdlft.random(loop.parameters, 300)):
+        response = mbdlft.frequency_response(channel, samples, omega)
+        assert np.max(mbdlft.singular_values(response)) <= found.upper
+    there = mbdlft.frequency_response(channel, found.worst, [found.frequency])
+    roundoff(np.max(mbdlft.singular_values(there)), found.lower, kappa=1e4)
+
+
+def test_a_proof_of_a_gain_is_checked() -> None:
+    loop = random_loop_with_channels()
+    found = worst_case_gain(loop)
+    assert verify(loop, found) == ""
+    assert verify(loop, replace(found, upper=0.99 * found.upper))
+    assert isinstance(found.proof, BoxProof)
+    sharper = replace(found.proof, gain=1.0 / (0.98 * found.lower))
+    assert verify(loop, replace(found, upper=0.99 * found.lower, proof=sharper))
+
+
+def random_loop_with_channels() -> mbdlft.LFTModel:
+    """A mass on a spring, with two inputs and outputs."""
+    own = [Parameter("k", 2.0, low=1.0, high=3.0), Parameter("m", 1.0, low=0.8, high=1.3)]
+    matrix = [["0", "1", "0", "0"], ["-k/m", "-0.4/m", "1/m", "k"], ["1", "0", "0", "0"]]
+    matrix.append(["0", "m", "0", "0.1"])
+    return realize(matrix, own, states=2, inputs=["f", "g"], outputs=["x", "v"])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_peak_is_above_all_other_frequencies(seed: int) -> None:
+    """With direct feedthrough, against a fine grid."""
+    random = np.random.default_rng(seed)
+    n = 4
+    A = random.standard_normal((n, n))
+    A = A - (float(np.max(np.linalg.eigvals(A).real)) + 0.5) * np.eye(n)
+    B, C, D = (random.standard_normal(shape) for shape in ((n, 2), (2, n), (2, 2)))
+    fixed = mbdlft.state_space(A, B, C, 2.0 * D)
+    found = peak_at(realization(fixed, [0, 1], [0, 1]), np.zeros(0))
+    omega = np.concatenate([[0.0], np.geomspace(1e-2, 1e2, 3000), [1e6]])
+    shifted = 1j * omega[:, None, None] * np.eye(n) - A
+    sizes = np.linalg.svd(C @ np.linalg.solve(shifted, np.array([B] * len(omega))) + 2.0 * D)[1]
+    assert np.max(sizes) <= found.gain * (1.0 + STABLE)
+    assert found.gain <= np.max(sizes) * (1.0 + BOUND)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_small_delta_makes_the_loop_singular(seed: int) -> None:
+    """Real deltas and a complex matrix: most eigenvalues of M Delta are not real."""
+    random = np.random.default_rng(seed)
+    M = random.standard_normal((6, 6)) + 1j * random.standard_normal((6, 6))
+    blocks = (Block("a", 1), Block("b", 2), Block("c", 3))
+    found = small_delta(M, blocks)
+    assert found.bound > 0.0
+    assert not np.any(found.delta.imag)
+    sizes = np.linalg.svd(np.eye(6) - M @ found.delta, compute_uv=False)
+    assert sizes[-1] <= STABLE * sizes[0]
+    roundoff(np.linalg.norm(found.delta, 2) * found.bound, 1.0)
+    assert found.bound <= upper_bound(M, structure_of(blocks)).beta
+
+
+def test_a_gain_of_an_unstable_range_is_infinite() -> None:
+    loop = arm_loop(0.2)
+    found = worst_case_gain(loop)
+    assert found.lower == found.upper == np.inf
+    assert not found.proved
+    A = mbdlft.matrices_at(loop, found.worst).A
+    assert np.max(np.linalg.eigvals(A).real) >= -STABLE
+
+
+def test_robust_performance_is_between_its_bounds() -> None:
+    loop = 0.2 * random_loop_with_channels()
+    found = robust_performance(loop, gap=0.05)
+    assert found.gap <= 0.05
+    model = realization(loop, [0, 1], [0, 1])
+    worst = np.array([found.delta[name] for name in model.names])
+    assert peak_at(model, worst).gain * found.upper >= 1.0 - STABLE
+    random = np.random.default_rng(0)
+    for delta in random.uniform(-found.lower, found.lower, (40, len(worst))):
+        assert peak_at(model, delta).gain * found.lower <= 1.0
+    assert verify(loop, found) == ""
+
+
+def damaged(found: Bounds) -> list[Bounds]:
+    """Bounds with proofs that are not proofs, or that say more than they prove."""
+    proof = found.proof
+    more = replace(found, lower=found.upper * 1.001)
+    if isinstance(proof, BoxProof):
+        wider = replace(proof, k=found.upper * 1.001)
+        logs = [proof.log[:-1], (*proof.log, 0), (3 * 99 + 1, *proof.log), ()]
+        return [
+            more,
+            replace(more, proof=wider),
+            *(replace(found, proof=replace(proof, log=log)) for log in logs),
+        ]
+    assert isinstance(proof, IntervalProof)
+    wrong = proof.beta / 1.05
+    lowered = proof._replace(
+        beta=wrong, multipliers=tuple(m._replace(beta=wrong) for m in proof.multipliers)
+    )
+    holes = proof._replace(intervals=proof.intervals[1:], multipliers=proof.multipliers[1:])
+    whole = proof.intervals[0]._replace(high=np.inf)
+    one = proof._replace(intervals=(whole,), multipliers=proof.multipliers[:1])
+    full = tuple(m._replace(D=m.D + 1e-18) for m in proof.multipliers)
+    above = replace(found, lower=1.0 / wrong)
+    return [
+        more,
+        replace(above, proof=lowered),
+        replace(found, proof=holes),
+        replace(found, proof=one),
+        replace(found, proof=proof._replace(multipliers=full)),
+    ]
+
+
+def test_no_damaged_proof_is_accepted() -> None:
+    carts, loop = robust_cases.two_carts(), random_system(0, most_parameters=3)
+    boxes = robust_stability(carts, gap=1e-5)
+    multipliers = by_multipliers(loop, range(len(loop.states)), 0.02, 30.0, 10.0, None)
+    for system, found in ((carts, boxes), (loop, multipliers)):
+        assert verify(system, found) == ""
+        for other in damaged(found):
+            assert verify(system, other)
+    assert verify(carts, replace(boxes, proof=None))
+    # the same claims of another system
+    lighter = carts.with_range(k=(0.9, 1.2))
+    assert verify(lighter, boxes)
+
+
+def test_the_best_bounds_so_far_are_returned_at_an_interrupt() -> None:
+    seen = []
+
+    def stop(lower: float, upper: float) -> None:
+        seen.append((lower, upper))
+        if np.isfinite(upper):
+            raise KeyboardInterrupt
+
+    found = robust_stability(robust_cases.two_carts(), gap=1e-5, progress=stop)
+    assert (found.lower, found.upper) == seen[-1]
+    assert found.reason == "it was interrupted"
+    assert not found.proved
+
+
+def test_the_same_work_gives_the_same_numbers() -> None:
+    system = random_system(11)
+    first, second = (robust_stability(system, work=0.05, gap=1e-3) for _ in range(2))
+    assert (first.lower, first.upper, first.work) == (second.lower, second.upper, second.work)
+    assert first.proof is not None
+    assert second.proof is not None
+
+
+def test_more_work_never_makes_a_bound_worse() -> None:
+    system = random_system(7)
+    margins = [robust_stability(system, work=work, gap=1e-3).lower for work in (0.02, 0.2, 2.0)]
+    assert margins == sorted(margins)
+
+
+def test_states_on_which_nothing_depends_can_be_left_out() -> None:
+    own = [Parameter("k", 2.0, low=1.0, high=3.0)]
+    matrix = [["0", "1", "0"], ["-k", "-1", "0"], ["1", "0", "0"]]
+    drifting = realize(matrix, own, states=3, inputs=[], outputs=[])
+    found = robust_stability(drifting, leave_out=[drifting.states[2].name])
+    inner = realize([row[:2] for row in matrix[:2]], own, states=2, inputs=[], outputs=[])
+    other = robust_stability(inner)
+    roundoff([found.lower, found.upper], [other.lower, other.upper])
+    roundoff(found.upper, 2.0, kappa=1e3)  # k = 0
+    assert verify(drifting, found) == ""

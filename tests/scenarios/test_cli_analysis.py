@@ -1,0 +1,72 @@
+"""The commands margin, wcgain and verify."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+import mbdlft
+from tests.laws.test_margins import random_loop_with_channels
+from tests.scenarios.test_cli import run
+
+KEYS = {"lower", "upper", "frequency", "worst", "proved", "seconds"}
+
+
+@pytest.fixture
+def archive(tmp_path: Path) -> Path:
+    mbdlft.save(tmp_path / "a.h5", random_loop_with_channels())
+    return tmp_path / "a.h5"
+
+
+def test_margin_gain_and_their_proofs(
+    archive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, _ = run(monkeypatch, capsys, "margin", str(archive), "--json")
+    assert code == 0
+    found = json.loads(out)
+    assert set(found) >= KEYS
+    assert found["proved"] is True
+    assert 0.99 * found["upper"] <= found["lower"] <= found["upper"]
+    assert set(found["worst"]) == {"k", "m"}
+    code, out, _ = run(monkeypatch, capsys, "wcgain", str(archive), "--input", "f", "--output", "x")
+    assert code == 0
+    assert "at most" in out
+    assert "proved" in out
+    code, out, _ = run(monkeypatch, capsys, "verify", str(archive), "--json")
+    assert code == 0
+    assert [entry["proved"] for entry in json.loads(out)] == [True, True]
+    code, out, _ = run(monkeypatch, capsys, "verify", str(archive))
+    assert (code, out.count(": proved")) == (0, 2)
+
+
+def test_a_controller_of_a_mat_file(
+    archive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    none = np.zeros((0, 0))
+    gain = np.array([[0.0, 1.0], [0.0, 0.0]])
+    K = archive.parent / "K.mat"
+    savemat(K, {"A": none, "B": np.zeros((0, 2)), "C": np.zeros((2, 0)), "D": gain})
+    arguments = ("margin", str(archive), "--controller", str(K), "--json")
+    first, second = (json.loads(run(monkeypatch, capsys, *arguments)[1]) for _ in range(2))
+    assert first["lower"] == second["lower"]
+    assert mbdlft.model_names(archive) == ("matrix", "matrix with K")
+    loop = mbdlft.feedback(random_loop_with_channels(), gain)
+    assert first["lower"] == mbdlft.robust_stability(loop).lower
+    savemat(K, {"A": none})
+    code, _, err = run(monkeypatch, capsys, *arguments)
+    assert code == 2
+    assert "B, C, D missing" in err
+
+
+def test_a_proof_that_is_none_ends_with_1(
+    archive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, err = run(monkeypatch, capsys, "verify", str(archive))
+    assert code == 2
+    assert "there is no analysis" in err
+    run(monkeypatch, capsys, "margin", str(archive), "--work", "1e-6")
+    code, out, _ = run(monkeypatch, capsys, "verify", str(archive))
+    assert code == 1
+    assert "NOT PROVED: there is no proof" in out
