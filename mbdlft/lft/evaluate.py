@@ -18,8 +18,8 @@ from mbdlft.lft.block import block_value
 from mbdlft.lft.lft import LFT, check, check_name
 from mbdlft.lft.program import program
 from mbdlft.lft.run import Plan, plan, run
-from mbdlft.lft.triangle import MUCH
 
+MUCH = 4  # times as many columns as rows are worth the digits that the left side may lose
 _CHUNK, _CHUNK_ENTRIES = 512, 2**22  # samples and matrix entries that are held at once
 MANY = 1024  # samples from which on a program is worth making
 _LONGEST = 20_000  # instructions; making a program takes microseconds for each

@@ -17,10 +17,10 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from mbdlft.base.array import Array
+from mbdlft.lft.evaluate import MUCH
 from mbdlft.lft.lft import LFT, check_plain
 
 Channels = NDArray[np.int64]
-MUCH = 4  # times as many columns as rows are worth the digits that the left side may lose
 _ENTRIES = 2**21  # of matrices or signals of several points that are held at once
 _MERGED = 48  # channels: smaller blocks cost more calls than operations
 _ALONE = 64  # channels from which on points are solved for one by one, with one factorization each
