@@ -1,10 +1,11 @@
 """Whether a system is stable: at nominal, and at what was tried of the box of its parameters."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mbdlft.analyze.margin import robust_stability
 from mbdlft.analyze.migration import push_right
 from mbdlft.analyze.samples import samples_at
 from mbdlft.analyze.spectrum import Spectrum, Stability, eigenvalues, spectrum
@@ -19,6 +20,7 @@ SAMPLES = 300
 _CORNERS = 128  # tried at most; more are drawn at random
 _LOOKED_AT = 30  # samples whose poles farthest right are looked at more closely
 _MODES, _SAMPLES = 6, 3  # from which searches start
+_BEYOND, _GAP = 1.02, 0.005  # times the ranges: a proof of more is not asked for; and their gap
 _MOST, _WORK = 400, 4e9  # points of all searches, and their operations
 
 
@@ -61,12 +63,14 @@ class StabilityVerdict:
         return self.proof or self.sentence
 
 
-def check_stability(system: System, samples: int = SAMPLES, seed: int = 0) -> StabilityVerdict:
-    """Look for values of the parameters at which a system is unstable.
+def check_stability(
+    system: System, samples: int = SAMPLES, seed: int = 0, *, prove: float = 0.0
+) -> StabilityVerdict:
+    """Look for values of the parameters at which a system is unstable, or for a proof that none are.
 
     Tried are nominal values, random samples, corners of the box, and what searches with exact gradients
     of the poles reach from the least damped modes at nominal and from the worst samples. That none is
-    found is no proof, and the verdict says so.
+    found is no proof, and the verdict says so. With `prove`, `robust_stability` looks for one.
 
     Parameters
     ----------
@@ -76,6 +80,8 @@ def check_stability(system: System, samples: int = SAMPLES, seed: int = 0) -> St
         Number of random samples.
     seed : int
         Of the samples.
+    prove : float
+        Units of work for a proof, each at most about a second of one core; 0 for none.
 
     Returns
     -------
@@ -113,7 +119,32 @@ def check_stability(system: System, samples: int = SAMPLES, seed: int = 0) -> St
         ]
         values, there, more = _searched(system, starts, (values, there))
         used += more
-    return _verdict(system, nominal, values, there, used)
+    verdict = _verdict(system, nominal, values, there, used)
+    if not (prove and parameters) or nominal.stability != "stable" or verdict.counterexample:
+        return verdict
+    return _proved(system, verdict, prove)
+
+
+def _proved(system: System, verdict: StabilityVerdict, work: float) -> StabilityVerdict:
+    """The verdict with a proof, with values that make it unstable, or with how far a proof came."""
+    bounds = robust_stability(system, gap=_GAP, work=work, largest=_BEYOND)
+    if bounds.lower > 1.0:
+        proof = (
+            f"stable for all values in the ranges, and up to {bounds.lower:.4g} times these: proved, at "
+            "all frequencies"
+        )
+        return replace(verdict, proof=proof)
+    if bounds.upper <= 1.0:
+        worst = dict(bounds.worst)
+        at = at_values(
+            system.parameters, np.array([worst[name] for name in system.parameters.names])
+        )
+        sentence = f"stable at nominal, not in all of the range: a pole is on the axis at {at}"
+        return replace(verdict, counterexample=worst, sentence=sentence)
+    return replace(
+        verdict,
+        sentence=f"{verdict.sentence}; proved up to {bounds.lower:.4g} times the ranges",
+    )
 
 
 def _searched(

@@ -34,6 +34,9 @@ def poles(
         int, typer.Option(min=0, help="Random samples, to look for unstable values.")
     ] = 300,
     seed: Annotated[int, typer.Option(min=0, help="Of the samples.")] = 0,
+    prove: Annotated[
+        float, typer.Option(min=0.0, help="Work (about seconds) for a proof of stability.")
+    ] = 0.0,
     figure: Annotated[
         Path | None, typer.Option("-o", "--figure", help="Figure of the poles, such as fig.png.")
     ] = None,
@@ -55,7 +58,7 @@ def poles(
     rows = found.rows()
     channels = bool(system.inputs and system.outputs)
     at_zero = zeros(system, point)[0].tolist() if channels else None
-    verdict = check_stability(system, samples, seed)
+    verdict = check_stability(system, samples, seed, prove=prove)
     try:
         if as_json:
             said = _summary(system, point, rows, at_zero, verdict, found.stability())

@@ -141,6 +141,20 @@ def test_stable_box_is_not_called_proved() -> None:
     target(verdict.worst["m"], 1.5, CLOSED_FORM)
 
 
+def test_a_proof_is_one_of_the_whole_box() -> None:
+    verdict = check_stability(spring_and_mass(), samples=0, prove=5.0)
+    assert "stable for all values in the ranges, and up to 1.0" in str(verdict)
+    # unstable in a disc of a hundredth of the box that nothing was seen of, or too near to it
+    for width in (0.02, 0.002):
+        verdict = check_stability(narrow(width), samples=0, prove=1.0)
+        assert verdict.nominal == "stable"
+        assert verdict.proof == ""
+    barely = realize([["a - 1"]], [Parameter("a", 0.0, -1.0, 1.0)], states=1, search=0.0)
+    verdict = check_stability(barely, samples=0, prove=1.0)
+    assert verdict.proof == ""
+    assert "a pole is on the axis at a = 1" in str(verdict)
+
+
 def narrow(width: float) -> mbdlft.LFTModel:
     """Unstable only near a = 0.6, b = -0.7: inside of the box, off its corners."""
     bump = f"1 - 1.05/(1 + ((a - 0.6)^2 + (b + 0.7)^2)/{width}^2)"
