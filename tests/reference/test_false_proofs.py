@@ -5,8 +5,11 @@ import pytest
 
 import mbdlft
 from mbdlft import Constant, Parameter, realize
+from mbdlft.lft.lft import delta
+from mbdlft.matrix.to_problem import problem_of_matrix
 from mbdlft.pipeline import candidates, search
 from mbdlft.reduce.reduce import reduce_order
+from mbdlft.reduce.work import Work
 from tests.close import CLOSED_FORM, target
 from tests.extracted import exactly
 from tests.laws.test_exact_pairs import known as matrix_of_pairs
@@ -170,6 +173,16 @@ def law_near() -> None:
 
 def test_what_is_small_is_not_left_out_by_a_search() -> None:
     law_near()
+
+
+def test_a_parameter_that_is_gone_is_below_its_bound() -> None:
+    """However many repetitions of the others there are in its place."""
+    a, b, c = (delta(name, 1) for name in "abc")
+    problem = problem_of_matrix(mbdlft.matrix_problem([["a + b + c"]], THREE))
+    (found, *_) = candidates.candidates(problem, problem.forms)
+    proof = search._Proof(dict.fromkeys("abc", 1), found.lft, Work(1.0), found.exact)
+    assert proof.allows(a + b + c)
+    assert not proof.allows(a + a + b)
 
 
 def test_planted_search_below_the_bound_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
