@@ -22,6 +22,7 @@ from mbdlft.number.exact_matrix import Balls, TooFewBitsError, ball_matrix, ball
 from mbdlft.reduce.reduce import channel_scales, in_scales, or_one
 
 _SWEEPS, _ROUNDS = 3, 5
+_WIDE = 2.0**-40  # of the largest value: the radius of one that is known well enough
 _LEAST = 1e-13  # of the trace: a direction that is smaller is taken for that large
 
 
@@ -155,6 +156,16 @@ def _of_block(P: Array, Q: Array) -> Array:
 
 
 def rough_balls(product: Any, constant: Any) -> Array:
-    """The sum of a matrix of FLINT and an array of balls, in doubles."""
-    total = np.array(product.entries(), dtype=object).reshape(constant.shape) + constant
-    return np.array([float(x) for x in total.ravel()]).reshape(constant.shape)
+    """The sum of a matrix of FLINT and an array of balls, in doubles.
+
+    Raises
+    ------
+    TooFewBitsError
+        A ball is wide beside the largest entry.
+    """
+    total = (np.array(product.entries(), dtype=object).reshape(constant.shape) + constant).ravel()
+    found = np.array([float(x) for x in total])
+    widest = max((float(x.rad()) for x in total), default=0.0)
+    if not widest <= _WIDE * np.max(np.abs(found), initial=0.0):
+        raise TooFewBitsError(f"a value is known up to {widest:.1e} only.")
+    return found.reshape(constant.shape)

@@ -7,7 +7,7 @@ from itertools import repeat
 import pytest
 
 from tests.attack import CLASSES
-from tests.attack.run import Tally, command, tally
+from tests.attack.run import Tally, command, once, tally
 
 
 @pytest.mark.parametrize("name", CLASSES)
@@ -42,3 +42,9 @@ def test_the_end_of_the_time_is_the_end() -> None:
 def test_each_class_is_a_file() -> None:
     for name in CLASSES:
         assert callable(import_module(f"tests.attack.{name.replace('-', '_')}").attack)
+
+
+@pytest.mark.parametrize("seed", [45, 770031])
+def test_matrices_whose_values_take_more_bits_are_not_refused(seed: int) -> None:
+    """Balls of 320 bits lost their values, and a regular matrix was called singular."""
+    assert once("matrices", seed) == "canceling exact"
