@@ -74,7 +74,6 @@ def worst_case_gain(
     what = "worst_case_gain"
     check_numbers(what, gap=gap, work=work)
     model, proof = _transfer(system, inputs, outputs, leave_out, what)
-    check_nominal(system, model.A, leave_out, what)
     gone = tuple(leave_out)
     with one_thread():
         return _GainSearch(system, model, proof, gap, work, progress, gone).result()
@@ -120,7 +119,6 @@ def robust_performance(
     what = "robust_performance"
     check_numbers(what, gap=gap, work=work, largest=largest)
     model, proof = _transfer(system, inputs, outputs, leave_out, what)
-    check_nominal(system, model.A, leave_out, what)
     gone = tuple(leave_out)
     with one_thread():
         return _PerformanceSearch(system, model, proof, gap, work, progress, gone, largest).result()
@@ -129,12 +127,14 @@ def robust_performance(
 def _transfer(
     system: System, inputs: Any, outputs: Any, leave_out: Sequence[str], what: str
 ) -> tuple[Realization, Callable[[float, tuple[int, ...], float], BoxProof]]:
-    """The transfer, and what makes a proof of its k, log and gain."""
+    """The transfer, stable at nominal, and what makes a proof of its k, log and gain."""
     own = [s.name for s in system.inputs], [s.name for s in system.outputs]
     j = positions_of(inputs, own[0], f"{what}: inputs of {system.name}")
     i = positions_of(outputs, own[1], f"{what}: outputs of {system.name}")
     names = tuple(own[0][k] for k in j), tuple(own[1][k] for k in i)
-    return realization(system, j, i, leave_out), lambda k, log, gain: BoxProof(k, log, gain, *names)
+    model = realization(system, j, i, leave_out)
+    check_nominal(system, model.A, leave_out, what)
+    return model, lambda k, log, gain: BoxProof(k, log, gain, *names)
 
 
 @dataclass(slots=True)

@@ -205,9 +205,9 @@ def _ball(value: Any) -> Any:
 
 def _by_arb(function: Callable[[Any], Any], value: Decimal) -> Decimal:
     """A function in ten digits more than the context has, by FLINT."""
-    fraction, digits = Fraction(value), getcontext().prec + 10
+    digits = getcontext().prec + 10
     with precision(int(_BITS_OF_A_DIGIT * digits) + 40):
-        ball = function(flint.arb(flint.fmpq(fraction.numerator, fraction.denominator)))
+        ball = function(_ball(value))
         return Decimal(ball.mid().str(digits, radius=False))
 
 

@@ -234,6 +234,13 @@ def balls_of(a: Array) -> Balls:
     return found.reshape(a.shape)
 
 
+def entries_of(matrix: Any) -> Balls:
+    """The entries of a matrix of FLINT, as they are, in an array."""
+    found = np.empty(matrix.nrows() * matrix.ncols(), dtype=object)
+    found[:] = matrix.entries()
+    return found.reshape(matrix.nrows(), matrix.ncols())
+
+
 def ball_matrix(a: Balls) -> Any:
     """The matrix of FLINT."""
     n, m = a.shape
@@ -241,9 +248,7 @@ def ball_matrix(a: Balls) -> Any:
 
 
 def _paired(residues: Residues, matrix: Any, prime: int) -> ExactMatrix:
-    balls = np.empty(residues.size, dtype=object)
-    balls[:] = matrix.entries()
-    return ExactMatrix(residues, _cleared(residues, balls.reshape(residues.shape)), prime)
+    return ExactMatrix(residues, _cleared(residues, entries_of(matrix)), prime)
 
 
 def _cleared(residues: Residues, balls: Balls) -> Balls:

@@ -10,13 +10,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mbdlft.analyze import frequency_response
-from mbdlft.analyze.samples import Names, chosen
+from mbdlft.analyze.samples import Names
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError
 from mbdlft.plot.figures import (
     COLORS,
     check_figure,
     decibels,
+    drawn_channels,
     drawn_frequencies,
     drawn_samples,
     mark_unbounded,
@@ -56,13 +56,7 @@ def save_bode(
         are more than 16 channels, or a name is unknown.
     """
     check_figure(path)
-    rows = chosen(model.name, "output", outputs, model.outputs, "channels to draw")
-    columns = chosen(model.name, "input", inputs, model.inputs, "channels to draw")
-    if len(rows) * len(columns) > _MOST:
-        raise AnalysisError(
-            f"model {model.name!r}: {len(rows)} x {len(columns)} channels are more than the {_MOST} that "
-            "a figure has room for. Choose some outputs and inputs."
-        )
+    rows, columns = drawn_channels(model, outputs, inputs, _MOST)
     values, count = drawn_samples(model, seed)
     picked = values if count else {}
     omega = drawn_frequencies(model, picked)

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from mbdlft.analyze import response_frequencies, unbounded_frequencies
+from mbdlft.analyze.samples import Names, chosen
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.samples import random
@@ -55,6 +56,26 @@ def write_figure(figure: Figure, path: str | Path) -> None:
         figure.savefig(path, dpi=150)
     except (OSError, ValueError) as error:
         raise AnalysisError(f"{path}: the figure cannot be written: {error}.") from None
+
+
+def drawn_channels(
+    model: System, outputs: Names, inputs: Names, most: int
+) -> tuple[list[int], list[int]]:
+    """Numbers of the outputs and inputs of these names, all without names.
+
+    Raises
+    ------
+    AnalysisError
+        There is nothing to draw, there are more than `most` channels, or a name is unknown.
+    """
+    rows = chosen(model.name, "output", outputs, model.outputs, "channels to draw")
+    columns = chosen(model.name, "input", inputs, model.inputs, "channels to draw")
+    if len(rows) * len(columns) > most:
+        raise AnalysisError(
+            f"model {model.name!r}: {len(rows)} x {len(columns)} channels are more than the {most} that "
+            "a figure has room for. Choose some outputs and inputs."
+        )
+    return rows, columns
 
 
 def drawn_samples(system: System, seed: int) -> tuple[dict[str, Array], int]:

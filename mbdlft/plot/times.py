@@ -6,9 +6,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mbdlft.analyze import response_times, step_response
-from mbdlft.analyze.samples import Names, chosen
-from mbdlft.base.errors import AnalysisError
-from mbdlft.plot.figures import COLORS, check_figure, drawn_samples, write_figure
+from mbdlft.analyze.samples import Names
+from mbdlft.plot.figures import COLORS, check_figure, drawn_channels, drawn_samples, write_figure
 from mbdlft.system.system import System
 
 _MOST = 25  # channels that one figure has room for
@@ -39,13 +38,7 @@ def save_step(
         are more than 25 channels, or a name is unknown.
     """
     check_figure(path)
-    rows = chosen(model.name, "output", outputs, model.outputs, "channels to draw")
-    columns = chosen(model.name, "input", inputs, model.inputs, "channels to draw")
-    if len(rows) * len(columns) > _MOST:
-        raise AnalysisError(
-            f"model {model.name!r}: {len(rows)} x {len(columns)} channels are more than the {_MOST} that "
-            "a figure has room for. Choose some outputs and inputs."
-        )
+    rows, columns = drawn_channels(model, outputs, inputs, _MOST)
     values, count = drawn_samples(model, seed)
     names = {
         "outputs": [model.outputs[k].name for k in rows],

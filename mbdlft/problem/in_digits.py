@@ -7,6 +7,7 @@ numbers of the scene as they are written, and the equations are solved in balls,
 import operator
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -18,6 +19,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.unit import parse_unit
 from mbdlft.number.exact import Field, constant_of, precision
+from mbdlft.number.exact_matrix import entries_of
 from mbdlft.problem.equations import Equations, rounded, split
 from mbdlft.problem.relinearize import slopes_at_trim
 from mbdlft.problem.trim import relations_at_rest, trim_rows
@@ -90,7 +92,7 @@ def transfers_of(
                 solved = _matrix(shifted, flint.acb_mat).solve(right)
             except ZeroDivisionError:
                 raise _singular() from None
-            found.append([_rounded(x) for x in (direct - _array(read * solved)).ravel()])
+            found.append([_rounded(x) for x in (direct - entries_of(read * solved)).ravel()])
     shape = (len(matrices), len(frequencies), *matrices[0][states:, states:].shape)
     return np.array(found, dtype=complex).reshape(shape)
 
@@ -152,6 +154,7 @@ class _Tapes(NamedTuple):
     known: int
 
 
+@lru_cache(maxsize=2)  # for matrices, and again for transfers
 def _tapes(exact: Equations, inputs: tuple[int, ...], outputs: tuple[int, ...]) -> _Tapes:
     symbols = physical_in_digits(exact)
     trim = _tape(symbols[0], relations_at_rest(exact, symbols))
@@ -221,21 +224,15 @@ _RULES = rules(
 
 
 def _solved(matrix: Balls, right: Balls) -> Balls:
-    return _array(_matrix(matrix).solve(_matrix(right)))
+    return entries_of(_matrix(matrix).solve(_matrix(right)))
 
 
 def _times(left: Balls, right: Balls) -> Balls:
     if 0 in left.shape:
         return np.full((len(left), right.shape[1]), flint.arb(0), dtype=object)
-    return _array(_matrix(left) * _matrix(right))
+    return entries_of(_matrix(left) * _matrix(right))
 
 
 def _matrix(a: Balls, kind: Any = flint.arb_mat) -> Any:
     n, m = a.shape
     return kind(n, m, a.ravel().tolist())
-
-
-def _array(matrix: Any) -> Balls:
-    found = np.empty(matrix.nrows() * matrix.ncols(), dtype=object)
-    found[:] = matrix.entries()
-    return found.reshape(matrix.nrows(), matrix.ncols())

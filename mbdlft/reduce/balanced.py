@@ -18,7 +18,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.lft.exact import ExactLFT
 from mbdlft.lft.lft import LFT
-from mbdlft.number.exact_matrix import Balls, TooFewBitsError, ball_matrix, balls_of
+from mbdlft.number.exact_matrix import Balls, TooFewBitsError, ball_matrix, balls_of, entries_of
 from mbdlft.reduce.reduce import channel_scales, in_scales, or_one
 
 _SWEEPS, _ROUNDS = 3, 5
@@ -37,11 +37,11 @@ def in_good_coordinates(a: ExactLFT, deltas: Array, most: float) -> LFT:
     most : float
         Condition up to which the channels stay as they are, with their zeros.
     """
-    plain = in_scales(a.rounded())
-    before = _condition(plain, deltas)
-    if before <= most:
+    rough = a.rounded()
+    plain = in_scales(rough)
+    if _condition(plain, deltas) <= most:
         return plain
-    found = [plain, *_balanced(a, deltas, most)]
+    found = [plain, *_balanced(a, rough, deltas, most)]
     truth = _values(a, deltas[-1:])
     return min(found, key=lambda one: _error(one, truth, deltas[-1:]))
 
@@ -84,13 +84,13 @@ def _condition(a: LFT, deltas: Array) -> float:
     return float(np.max(np.linalg.cond(np.eye(a.order) - a.M11 * spread[:, None, :])))
 
 
-def _balanced(a: ExactLFT, deltas: Array, most: float) -> Iterator[LFT]:
+def _balanced(a: ExactLFT, rough: LFT, deltas: Array, most: float) -> Iterator[LFT]:
     """The LFT in better and better coordinates, until its condition at `deltas` is not above `most`.
 
-    Where the rounded LFT has nothing but rounding for what matters least, so has T; the next T, of what
-    this one makes in balls, then sees it.
+    `rough` is the LFT, rounded. Where it has nothing but rounding for what matters least, so has T; the
+    next T, of what this one makes in balls, then sees it.
     """
-    n, M, rough = a.order, a.M.balls, a.rounded()
+    n, M = a.order, a.M.balls
     for _ in range(_ROUNDS):
         scale = channel_scales(rough.M11, rough.M12, rough.M21)
         M = _in_coordinates(M, _transformation(in_scales(rough)) / scale[:, None], a.parts)
@@ -114,15 +114,9 @@ def _in_coordinates(M: Balls, T: Array, parts: Sequence[slice]) -> Balls:
             raise TooFewBitsError(
                 "the balls of a change of coordinates contain a singular one."
             ) from None
-        M[part] = _entries(inverse * ball_matrix(M[part]), M[part].shape)
-        M[:, part] = _entries(ball_matrix(M[:, part]) * block, M[:, part].shape)
+        M[part] = entries_of(inverse * ball_matrix(M[part]))
+        M[:, part] = entries_of(ball_matrix(M[:, part]) * block)
     return M
-
-
-def _entries(matrix: Any, shape: tuple[int, ...]) -> Balls:
-    found = np.empty(shape[0] * shape[1], dtype=object)
-    found[:] = matrix.entries()
-    return found.reshape(shape)
 
 
 def _transformation(a: LFT) -> Array:
@@ -163,7 +157,7 @@ def rough_balls(product: Any, constant: Any) -> Array:
     TooFewBitsError
         A ball is wide beside the largest entry.
     """
-    total = (np.array(product.entries(), dtype=object).reshape(constant.shape) + constant).ravel()
+    total = (entries_of(product) + constant).ravel()
     found = np.array([float(x) for x in total])
     widest = max((float(x.rad()) for x in total), default=0.0)
     if not widest <= _WIDE * np.max(np.abs(found), initial=0.0):
