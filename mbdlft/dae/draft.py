@@ -86,10 +86,11 @@ class DaeDraft:
                 + unknown_name("variable", name, self._variables)
                 + " der is that of one variable; for an expression make a variable of it."
             )
-        if known.derivative is None:
-            known = replace(known, derivative=ca.SX.sym(f"der({name})"))
-            self._variables[name] = known
-        return known.derivative
+        if known.derivative is not None:
+            return known.derivative
+        rate = ca.SX.sym(f"der({name})")
+        self._variables[name] = replace(known, derivative=rate)
+        return rate
 
     def equation(
         self,

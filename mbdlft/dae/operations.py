@@ -1,4 +1,4 @@
-"""The operations of SX as a table: rules that make SX of SX, such as with constants that are not rounded."""
+"""The operations of SX as a table: rules that make SX of SX, such as with exact constants."""
 
 import math
 import operator
