@@ -1,0 +1,1 @@
+from .text import flat_model as flat_model
