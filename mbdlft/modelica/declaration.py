@@ -18,7 +18,7 @@ ADVICE = (
 
 def declared_annotation(text: str, source: str, line: int) -> Mapping[str, Expression]:
     """The entries of `annotation(mbdlft(...))` of the declaration whose name a text begins with."""
-    parser = DeclarationParser(text, source, line)
+    parser = DeclarationParser(text, source, line, statement=True)
     name, subscripts = parser.name()
     return parser.declared(name, "Real", {"line": line}, subscripts).annotation
 
@@ -26,8 +26,10 @@ def declared_annotation(text: str, source: str, line: int) -> Mapping[str, Expre
 class DeclarationParser(ExpressionParser):
     """Reads declarations into `declarations`."""
 
-    def __init__(self, text: str, source: str, first_line: int = 1) -> None:
-        super().__init__(text, source, first_line)
+    def __init__(
+        self, text: str, source: str, first_line: int = 1, *, statement: bool = False
+    ) -> None:
+        super().__init__(text, source, first_line, statement=statement)
         self.declarations: list[Declaration] = []
 
     def not_at_end(self, expected: str) -> None:

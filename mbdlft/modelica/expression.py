@@ -12,6 +12,8 @@ primary    = number | text | "true" | "false" | name ["(" arguments ")"]
            | "(" expression ")" | "{" arguments "}" | "[" arguments {";" arguments} "]"
 """
 
+import re
+
 from mbdlft.base.errors import SceneError
 from mbdlft.modelica.tokens import Token, tokens
 from mbdlft.modelica.tree import (
@@ -30,15 +32,19 @@ from mbdlft.modelica.tree import (
     Unary,
 )
 
+_ESCAPED = re.compile(r"\\(.)", re.DOTALL)
+_ESCAPES = {"n": "\n", "t": "\t", "r": "\r"}
 _DEEPEST = 60  # of parentheses and of what has them
 
 
 class ExpressionParser:
     """The words of a text and the place in it; reads expressions."""
 
-    def __init__(self, text: str, source: str, first_line: int = 1) -> None:
+    def __init__(
+        self, text: str, source: str, first_line: int = 1, *, statement: bool = False
+    ) -> None:
         self.source = source
-        self.words = tokens(text, source, first_line)
+        self.words = tokens(text, source, first_line, statement=statement)
         self.place, self.depth = 0, 0
 
     @property
@@ -221,7 +227,9 @@ class ExpressionParser:
         """One or several texts that are joined by ``+``."""
         text = ""
         while self.word.kind == "text":
-            text += self.take().text[1:-1].replace('\\"', '"').replace("\\n", "\n")
+            text += _ESCAPED.sub(
+                lambda found: _ESCAPES.get(found[1], found[1]), self.take().text[1:-1]
+            )
             if not (self.is_at("+") and self.words[self.place + 1].kind == "text"):
                 break
             self.take()

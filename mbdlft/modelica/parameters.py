@@ -26,10 +26,10 @@ from mbdlft.modelica.tree import (
     Text,
     Truth,
     references,
-    write,
 )
 from mbdlft.modelica.unit import unit_of
 from mbdlft.modelica.values import Value, described, number_of
+from mbdlft.modelica.write import write
 from mbdlft.multibody.scene.toml import read_parameters
 from mbdlft.number.exact import decimal
 

@@ -2,7 +2,7 @@
 
 This is what OpenModelica, Dymola and rumoca write as flat or Base Modelica. What a flat text does not
 have (`connect`, components, `extends`) is an error; what has no place in a linear model (`when`,
-algorithms, functions) is read over and becomes a `Refused` with its names and its line.
+algorithms) is read over and becomes a `Refused` with its names and its line.
 """
 
 from collections import Counter
@@ -23,8 +23,8 @@ from mbdlft.modelica.tree import (
     Refused,
     Statement,
     Text,
-    write,
 )
+from mbdlft.modelica.write import write
 
 _CLASSES = ("model", "class", "block")
 _SECTIONS = ("public", "protected", "equation", "algorithm", "initial", "end", "annotation")
@@ -104,16 +104,15 @@ class _TextParser(DeclarationParser):
             place += 1
         return self.words[place].kind == "keyword" and self.words[place].text in kinds
 
-    def _class_word(self) -> str:
+    def _class_word(self) -> None:
+        """Read the words up to the kind of a class."""
         while self.take().text not in (*_CLASSES, "function", "record", "type"):
             pass
-        return self.words[self.place - 1].text
 
     def _class(self) -> None:
-        """Read over a function, a record or a type, which is refused."""
-        line, what = self.word.line, self._class_word()
+        """Read over a function, a record or a type: what uses it is an error."""
+        self._class_word()
         name = self.take().text
-        self.refused.append(Refused(f"the {what}", (unquoted(name),), line))
         if self.is_at("="):  # type Angle = Real(unit = "rad")
             while not self.skip(";"):
                 self.not_at_end("';'")

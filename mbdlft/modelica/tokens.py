@@ -36,8 +36,10 @@ class Token(NamedTuple):
         return repr(self.text[:60]) if self.kind else "the end"
 
 
-def tokens(text: str, source: str, first_line: int = 1) -> list[Token]:
+def tokens(text: str, source: str, first_line: int = 1, *, statement: bool = False) -> list[Token]:
     """The words of a text, without comments; the last one is the end.
+
+    Of a `statement`, only those up to its semicolon are read.
 
     Raises
     ------
@@ -45,8 +47,10 @@ def tokens(text: str, source: str, first_line: int = 1) -> list[Token]:
         A character, a string or a comment is no word of Modelica; the message gives line and column.
     """
     found: list[Token] = []
-    position, line, begin = 0, first_line, 0
-    while position < len(text):
+    position, line, begin, depth = 0, first_line, 0, 0
+    while position < len(text) and not (
+        statement and depth == 0 and found and found[-1].text == ";"
+    ):
         match = _TOKEN.match(text, position)
         column = position - begin + 1
         if match is None or match.lastgroup is None:
@@ -61,6 +65,8 @@ def tokens(text: str, source: str, first_line: int = 1) -> list[Token]:
             )
         if kind == "name" and word in KEYWORDS:
             kind = "keyword"
+        if kind == "operator":
+            depth += (word in "([{") - (word in ")]}")
         if kind != "blank":
             found.append(Token(kind, word, line, column))
         if "\n" in word:

@@ -21,11 +21,11 @@ from mbdlft.modelica.tree import (
     Reference,
     Refused,
     Statement,
-    write,
 )
 from mbdlft.modelica.tree import Equation as WrittenEquation
 from mbdlft.modelica.values import Value
 from mbdlft.modelica.variables import Variables, names_in
+from mbdlft.modelica.write import flat_text, write
 
 T = TypeVar("T")
 
@@ -56,9 +56,7 @@ class ModelicaReport:
         return "\n".join(f"note: {line}." for line in (*sources, *self.notes))
 
 
-def translate(
-    model: FlatModel, table: ModelicaTable | None = None, text: str = ""
-) -> tuple[Dae, ModelicaReport]:
+def translate(model: FlatModel, table: ModelicaTable | None = None) -> tuple[Dae, ModelicaReport]:
     """The description of a flat model.
 
     Parameters
@@ -66,8 +64,6 @@ def translate(
     model : FlatModel
     table : ModelicaTable, optional
         Which parameters stay, and what else is said beside the model.
-    text : str
-        What the model was read from.
 
     Returns
     -------
@@ -81,7 +77,7 @@ def translate(
         name is unknown, a value is missing, a time is not that of a source.
     """
     _refuse(model)
-    return _Translation(model, table or ModelicaTable()).result(text)
+    return _Translation(model, table or ModelicaTable()).result()
 
 
 def _refuse(model: FlatModel) -> None:
@@ -115,12 +111,23 @@ class _Translation:
     def __init__(self, model: FlatModel, table: ModelicaTable) -> None:
         self.model, self.table = model, table
         self.parameters = read_values(model, table, self._of_declaration)
+        symbols = column(self.parameters.symbols.values())
+        for name, line in model.fixed:
+            value = self.parameters.values.get(name)
+            if isinstance(value, ca.SX) and ca.depends_on(value, symbols):
+                raise SceneError(
+                    self._place(
+                        line,
+                        f"equations are chosen by the value of {name!r}, which cannot stay then: keep "
+                        f"it a number ({name} = false in the table), or choose by a signal.",
+                    )
+                )
         self.variables = Variables(self.parameters, self._of_declaration)
         self.declared = [
             d for d in model.declarations if d.variability not in ("parameter", "constant")
         ]
 
-    def result(self, text: str) -> tuple[Dae, ModelicaReport]:
+    def result(self) -> tuple[Dae, ModelicaReport]:
         """The description and the report."""
         for d in self.declared:
             self.variables.declare(d)
@@ -145,7 +152,7 @@ class _Translation:
             equations=tuple(equations),
             initial=tuple(initial),
             description=self.model.comment,
-            text=text,
+            text=flat_text(self.model),
         )
         return dae, ModelicaReport(tuple(sources), tuple(self.parameters.notes))
 

@@ -194,7 +194,15 @@ Statement = Equation | Choice | Loop | Check | Refused
 class FlatModel:
     """A model without classes, connectors and components: declarations and equations.
 
-    `source` is the file or the name that messages begin with.
+    Attributes
+    ----------
+    name, source : str
+        Its name, and the file that messages begin with.
+    declarations, equations, initial, comment
+    refused : tuple of Refused
+        What cannot be translated.
+    fixed : tuple of names and lines
+        Parameters by whose values a compiler has chosen among equations: they cannot stay.
     """
 
     name: str
@@ -204,6 +212,7 @@ class FlatModel:
     initial: tuple[Statement, ...] = ()
     refused: tuple[Refused, ...] = ()
     comment: str = ""
+    fixed: tuple[tuple[str, int], ...] = ()
 
 
 def parts(expression: Expression) -> "tuple[Expression, ...]":
@@ -241,47 +250,6 @@ def walk(expression: Expression) -> Iterator[Expression]:
 def references(expression: Expression) -> Iterator[Reference]:
     """The variables of an expression."""
     return (node for node in walk(expression) if isinstance(node, Reference))
-
-
-def write(expression: Expression) -> str:
-    """The text of an expression, with all parentheses but the outer ones."""
-    text = _written(expression)
-    return text[1:-1] if isinstance(expression, Binary) else text
-
-
-def _written(expression: Expression) -> str:
-    match expression:
-        case Number(text):
-            return text
-        case Text(text):
-            return f'"{text}"'
-        case Truth(value):
-            return str(value).lower()
-        case Reference(name, subscripts):
-            return name + (f"[{_listed(subscripts)}]" if subscripts else "")
-        case Binary():
-            first, rest = spine(expression)
-            text = _written(first)
-            for operator, right in rest:
-                text = f"({text} {operator} {_written(right)})"
-            return text
-        case Unary(operator, operand):
-            return f"{operator}{' ' if operator == 'not' else ''}{_written(operand)}"
-        case Call(function, arguments):
-            return f"{function}({_listed(arguments)})"
-        case Array(entries):
-            return f"{{{_listed(entries)}}}"
-        case Range():
-            return ":".join(write(part) for part in parts(expression)) or ":"
-        case Comprehension(value, index, values):
-            return f"{{{write(value)} for {index} in {write(values)}}}"
-        case If(branches, otherwise):
-            texts = [f"if {write(when)} then {write(then)}" for when, then in branches]
-            return f"({' else'.join(texts)} else {write(otherwise)})"
-
-
-def _listed(expressions: tuple[Expression, ...]) -> str:
-    return ", ".join(write(entry) for entry in expressions)
 
 
 def spine(expression: Binary) -> tuple[Expression, list[tuple[str, Expression]]]:
