@@ -296,7 +296,7 @@ def _is_default(item: Mapping[str, Any], key: str) -> bool:
         return False
     if isinstance(item["variability"], dict) and item["binding"] is not None:
         return True  # that of a parameter is its value
-    return item[key].get("Literal", {}).get("span", 0) == item["source_span"]
+    return bool(item[key].get("Literal", {}).get("span", 0) == item["source_span"])
 
 
 def _set_by(item: Any) -> Iterable[str]:

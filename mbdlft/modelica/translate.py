@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import TypeVar
 
 import casadi as ca
@@ -322,7 +323,9 @@ class _Translation:
 
 
 def _pairs(left: Value, right: Value) -> Iterator[ca.SX]:
-    """The residuals of left = right, of each entry of arrays."""
+    """The residuals of left = right, of each entry of arrays; sums of flows of arrays are equal to 0."""
+    if isinstance(left, tuple) and isinstance(right, Fraction) and right == 0:
+        right = (right,) * len(left)
     if isinstance(left, tuple) and isinstance(right, tuple) and len(left) == len(right):
         for a, b in zip(left, right, strict=True):
             yield from _pairs(a, b)
