@@ -36,6 +36,7 @@ _SAME = (
 )  # their first argument, for what is here
 _LIBRARY = "Modelica.Math."  # whose functions have the names of those of the language
 _MOST_ENTRIES = 10_000
+_LONG, _MOST_FACTORS = 50, 1000
 
 
 class Evaluator:
@@ -73,11 +74,7 @@ class Evaluator:
             case Reference():
                 return self._reference(expression)
             case Binary():
-                first, rest = spine(expression)
-                found = self.value(first)
-                for operator, right in rest:
-                    found = v.binary(operator, found, self.value(right))
-                return found
+                return self._chain(*spine(expression))
             case Unary(operator, operand):
                 found = self.value(operand)
                 return v.opposite(found) if operator == "not" else v.negative(found)
@@ -91,6 +88,24 @@ class Evaluator:
                 return self.range_of(expression)
             case Comprehension(entry, index, values):
                 return tuple(self.with_index(index, values, lambda: self.value(entry)))
+
+    def _chain(self, first: Expression, rest: list[tuple[str, Expression]]) -> Value:
+        """first (operator) right ...; a long sum is added in pairs: CasADi does not take deep graphs."""
+        found = self.value(first)
+        if len(rest) <= _LONG or any(operator not in ("+", "-") for operator, _ in rest):
+            if len(rest) > _MOST_FACTORS:
+                raise SceneError(f"a product has at most {_MOST_FACTORS} factors.")
+            for operator, right in rest:
+                found = v.binary(operator, found, self.value(right))
+            return found
+        terms = [found]
+        for operator, right in rest:
+            term = self.value(right)
+            terms.append(v.negative(term) if operator == "-" else term)
+        while len(terms) > 1:
+            pairs = [v.binary("+", a, b) for a, b in zip(terms[::2], terms[1::2], strict=False)]
+            terms = pairs + terms[2 * len(pairs) :]
+        return terms[0]
 
     def number(self, expression: Expression) -> Fraction:
         """The value of an expression that is a number.
@@ -113,11 +128,21 @@ class Evaluator:
             raise SceneError(f"expected a whole number, got {float(found):g}.")
         return int(found)
 
+    def size(self, expression: Expression) -> int:
+        """The value of an expression that is the size of an array."""
+        found = self.whole(expression)
+        if not 0 <= found <= _MOST_ENTRIES:
+            raise SceneError(f"expected a size from 0 to {_MOST_ENTRIES}, got {found}.")
+        return found
+
     def with_index(self, index: str, values: Expression, of: Callable[[], Any]) -> list[Any]:
         """What `of` gives while an index has each value of a range."""
         before = dict(self.indices)
         found = []
-        for value in self.value(values):
+        chosen = self.value(values)
+        if not isinstance(chosen, tuple):
+            raise SceneError(f"expected a range such as 1:3, got {v.described(chosen)}.")
+        for value in chosen:
             self.indices[index] = value
             found.append(of())
         self.indices = before

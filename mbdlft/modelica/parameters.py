@@ -119,7 +119,7 @@ def _needed(d: Declaration) -> set[str]:
         if expression is not None:
             for reference in references(expression):
                 found |= {reference.name, write(reference)}
-    return found - {d.name}
+    return found
 
 
 def _binding(d: Declaration) -> Expression | None:
@@ -140,13 +140,13 @@ def _value(name: str, d: Declaration, table: ModelicaTable, evaluator: Evaluator
         return decimal(float(entry["nominal"]))
     if binding is None:
         raise SceneError("it has no value. Give it one there, or under [values] of the table.")
+    if Reference("time") in references(binding):
+        raise SceneError("its value depends on time.")
     value = evaluator.value(binding)
     for size in reversed(d.sizes):
         if isinstance(value, tuple) or isinstance(size, Range):
             break
-        value = (value,) * evaluator.whole(size)
-    if isinstance(value, ca.SX) and any(s.name() == "time" for s in ca.symvar(value)):
-        raise SceneError("its value depends on time.")
+        value = (value,) * evaluator.size(size)
     return value
 
 

@@ -64,8 +64,7 @@ class _TextParser(DeclarationParser):
         packages = []
         while not self._is_class(_CLASSES):
             if self.is_at("within"):
-                while not self.skip(";"):
-                    self.not_at_end("';'")
+                self._behind_semicolon()
             elif self.skip("package"):
                 packages.append(self.take().text)
                 self.comment()
@@ -114,14 +113,17 @@ class _TextParser(DeclarationParser):
         self._class_word()
         name = self.take().text
         if self.is_at("="):  # type Angle = Real(unit = "rad")
-            while not self.skip(";"):
-                self.not_at_end("';'")
-                self.take()
+            self._behind_semicolon()
             return
         while not (self.is_at("end") and self.words[self.place + 1].text == name):
             self.not_at_end(f"'end {name};'")
             self.take()
         self._end(unquoted(name))
+
+    def _behind_semicolon(self) -> None:
+        while not self.skip(";"):
+            self.not_at_end("';'")
+            self.take()
 
     def _end(self, name: str) -> None:
         self.expect("end")

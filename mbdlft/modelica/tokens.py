@@ -1,5 +1,6 @@
 """The words of Modelica text: names, numbers, strings, operators, each with its line and column."""
 
+import math
 import re
 from typing import NamedTuple
 
@@ -59,10 +60,8 @@ def tokens(text: str, source: str, first_line: int = 1, *, statement: bool = Fal
                 + (", or what it begins has no end." if text[position] in "\"'/" else ".")
             )
         kind, word = match.lastgroup, match[0]
-        if kind == "number" and len(word) > _MOST_DIGITS:
-            raise SceneError(
-                f"{source}, line {line}, column {column}: a number has at most {_MOST_DIGITS} characters."
-            )
+        if kind == "number":
+            _check_size(word, f"{source}, line {line}, column {column}")
         if kind == "name" and word in KEYWORDS:
             kind = "keyword"
         if kind == "operator":
@@ -75,3 +74,12 @@ def tokens(text: str, source: str, first_line: int = 1, *, statement: bool = Fal
         position = match.end()
     found.append(Token("", "", line, position - begin + 1))
     return found
+
+
+def _check_size(word: str, where: str) -> None:
+    """Raise a SceneError unless there is a double next to a number, and its digits are not too many."""
+    if len(word) > _MOST_DIGITS:
+        raise SceneError(f"{where}: a number has at most {_MOST_DIGITS} characters.")
+    digits = re.split("[eE]", word)[0].replace(".", "").strip("0")
+    if math.isinf(float(word)) or (digits and not float(word)):
+        raise SceneError(f"{where}: expected a number that a double can be, got {word}.")

@@ -26,7 +26,7 @@ from mbdlft.modelica.tree import (
 from mbdlft.modelica.tree import Equation as WrittenEquation
 from mbdlft.modelica.values import Value
 from mbdlft.modelica.variables import Variables, names_in
-from mbdlft.modelica.write import flat_text, write
+from mbdlft.modelica.write import flat_text, shorter, write
 
 T = TypeVar("T")
 
@@ -200,11 +200,11 @@ class _Translation:
 
     def _equate(self, written: WrittenEquation) -> list[Equation]:
         """The equations of one that is written: one for each entry of arrays."""
-        name = f"{write(written.left)} = {write(written.right)}"
+        name = shorter(f"{write(written.left)} = {write(written.right)}")
         left, right = (
             self._value(written.line, repr(name), side) for side in (written.left, written.right)
         )
-        pairs = list(self._at(written.line, repr(name), lambda: _pairs(left, right)))
+        pairs = self._at(written.line, repr(name), lambda: list(_pairs(left, right)))
         return [
             Equation(
                 name if len(pairs) == 1 else f"{name} [{k + 1}]", residual, written.line or None
@@ -214,7 +214,7 @@ class _Translation:
 
     def _check(self, check: Check) -> None:
         """A claim: it is evaluated where it is one on numbers, and noted otherwise."""
-        text = f"assert({write(check.condition)})"
+        text = f"assert({shorter(write(check.condition))})"
         value = self._value(check.line, text, check.condition)
         if value is False:
             raise SceneError(

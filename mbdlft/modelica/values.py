@@ -197,7 +197,9 @@ def _over(a: Value, b: Value) -> Value:
 
 
 def _power(a: Value, b: Value) -> Value:
-    if not (isinstance(b, Fraction) and abs(b) <= _MOST_POWER):
+    if isinstance(b, Fraction) and abs(b) > _MOST_POWER:
+        raise SceneError(f"the power {float(b):g} is too large.")
+    if not isinstance(b, Fraction):
         return ca.power(to_sx(a), to_sx(b))
     if b.denominator == 2 and abs(b) == Fraction(1, 2):
         root = _applied("sqrt", a)

@@ -47,7 +47,7 @@ class Variables:
         if d.name in self.values:
             raise SceneError(f"{self.place(d)}: it is declared twice.")
         try:
-            sizes = [self.evaluator.whole(size) for size in d.sizes]
+            sizes = [self.evaluator.size(size) for size in d.sizes]
             unit = declared_unit(d.name, d, self.parameters.notes)
             self.values[d.name] = self._symbols(d, unit, sizes, ())
         except SceneError as error:

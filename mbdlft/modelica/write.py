@@ -29,6 +29,7 @@ from mbdlft.modelica.tree import (
 )
 
 _PLAIN = re.compile(r"[A-Za-z_]\w*")
+_LONG = 160  # characters of an equation in a message
 _SUBSCRIPTS = re.compile(r"(?:\[\d+(?:,\d+)*\])?")
 
 
@@ -50,6 +51,11 @@ def flat_text(model: FlatModel) -> str:
             lines += _lines(statement, "  ")
     lines.append(f"end {name};")
     return "\n".join(lines) + "\n"
+
+
+def shorter(text: str) -> str:
+    """A text for messages: of a long one, its beginning and its end."""
+    return text if len(text) <= _LONG else f"{text[: _LONG // 2]} ... {text[-_LONG // 4 :]}"
 
 
 def quoted(name: str) -> str:
@@ -134,10 +140,8 @@ def _written(expression: Expression) -> str:
             return quoted(name) + (f"[{_listed(subscripts)}]" if subscripts else "")
         case Binary():
             first, rest = spine(expression)
-            text = _written(first)
-            for operator, right in rest:
-                text = f"({text} {operator} {_written(right)})"
-            return text
+            behind = [f" {operator} {_written(right)})" for operator, right in rest]
+            return "".join(["(" * len(rest), _written(first), *behind])
         case Unary(operator, operand):
             return f"({operator}{' ' if operator == 'not' else ''}{_written(operand)})"
         case Call(function, arguments):
