@@ -11,7 +11,7 @@ from mbdlft.sx.constants import in_doubles
 
 _STEPS, _HALVINGS = 60, 12
 _CLOSE = 1e-11  # of the size of the terms of an equation
-_GOOD = 1e-6  # of them: what is left when nothing is found any more and still counts as found: nothing more
+_HOLDS = 1e-8  # of them: what a solution may miss
 _TRIES = 6
 _SEED = 7
 
@@ -25,7 +25,7 @@ class Found(NamedTuple):
     @property
     def is_solution(self) -> bool:
         """Whether all equations hold to rounding."""
-        return bool(np.all(np.isfinite(self.missing)) and np.all(self.missing <= 1e-8))
+        return bool(np.all(np.isfinite(self.missing)) and np.all(self.missing <= _HOLDS))
 
 
 class System:
@@ -64,15 +64,16 @@ def solve(system: System, start: Array, given: Array, sizes: Array) -> Found:
 
 
 def _newton(system: System, start: Array, given: Array, sizes: Array) -> Found:
-    z = start.copy()
+    z, polished = start.copy(), False
     for _ in range(_STEPS):
         with np.errstate(all="ignore"):
             r, J = system.residual(z, given), system.jacobian(z, given)
         if not (np.all(np.isfinite(r)) and np.all(np.isfinite(J))):
             return Found(z, np.full(system.count, np.inf))
         scale = _scale(J, z, sizes)
-        if np.max(np.abs(r) / scale, initial=0.0) <= _CLOSE:
+        if polished:
             break
+        polished = bool(np.max(np.abs(r) / scale, initial=0.0) <= _CLOSE)  # one more step
         step = -sizes * np.linalg.lstsq(J * sizes / scale[:, None], r / scale, rcond=1e-12)[0]
         size, length = np.linalg.norm(r / scale), 1.0
         for _ in range(_HALVINGS):
@@ -82,8 +83,9 @@ def _newton(system: System, start: Array, given: Array, sizes: Array) -> Found:
                 break
             length *= 0.5
         else:
-            break
-        z = z + length * step
+            if not polished:
+                break
+        z = z + (1.0 if polished else length) * step
     with np.errstate(all="ignore"):
         r, J = system.residual(z, given), system.jacobian(z, given)
     return Found(z, np.abs(r) / _scale(J, z, sizes))

@@ -1,15 +1,18 @@
 """The front doors for DAEs: to a certified linear part and nonlinear functions, and to a linear model."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 from mbdlft.base.threads import one_thread
+from mbdlft.dae.description import Dae
+from mbdlft.dae.linear import problem_of_trim
 from mbdlft.dae.separate import Arrange
 from mbdlft.dae.structure import Structure, reduce_index
-from mbdlft.dae.description import Dae
 from mbdlft.dae.to_problem import problem_of_dae
+from mbdlft.dae.trim import DaeTrim, trim
 from mbdlft.pipeline.build import Clock
 from mbdlft.pipeline.realization import realization
 from mbdlft.pipeline.search import SEARCH, budget_of
+from mbdlft.system.model import LFTModel
 from mbdlft.system.regular import PROVE, check_work
 from mbdlft.system.theta import DeltaThetaModel
 
@@ -58,3 +61,41 @@ def delta_theta(
         separated.initial,
         separated.inputs,
     )
+
+
+def linearize_dae(
+    model: Dae | Structure | DaeTrim,
+    at: Mapping[str, float | str] | None = None,
+    free: Sequence[str] = (),
+    *,
+    search: float = SEARCH,
+    seconds: float | None = None,
+    prove: float = PROVE,
+    progress: Callable[[str], None] = lambda stage: None,
+) -> LFTModel:
+    """The exact linear model of a DAE around an equilibrium, parameters left in, with certificate.
+
+    Parameters
+    ----------
+    model : Dae, Structure, or DaeTrim
+        Of the last the equilibrium is known; the others are trimmed.
+    at, free
+        As in `trim`.
+    search, seconds, prove
+        As in `to_lft`.
+
+    Raises
+    ------
+    StructureError, TrimError, NotRationalError
+        As `reduce_index`, `trim`; or the linear model is not rational in the parameters.
+    """
+    budget = budget_of(search, seconds)
+    check_work(prove)
+    with one_thread():
+        clock = Clock(progress)
+        if not isinstance(model, DaeTrim):
+            with clock.stage("structure"):
+                structure = model if isinstance(model, Structure) else reduce_index(model)
+            with clock.stage("trim"):
+                model = trim(structure, at, free)
+        return realization(problem_of_trim(model, clock.stage), budget, clock.stage, prove)
