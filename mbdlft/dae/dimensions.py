@@ -77,6 +77,11 @@ def _over(a: _Value, b: _Value) -> _Value:
     return _OPEN if a is _OPEN or b is _OPEN else a / b
 
 
+def _twice(a: _Value) -> _Value:
+    """The 2 of a dimensionless value may carry any unit, too."""
+    return a if isinstance(a, Dimension) and any(a.exponents or ()) else _OPEN
+
+
 def _plain(a: _Value) -> _Value:
     """The argument of a function such as exp is dimensionless, and so is its value."""
     if isinstance(a, Dimension) and any(a.exponents or ()):
@@ -110,9 +115,9 @@ _RULES: Rules = rules(
     mul=_times,
     div=_over,
     neg=lambda a: a,
-    twice=lambda a: a,
+    twice=_twice,
     sq=lambda a: _times(a, a),
-    inv=lambda a: _over(Dimension(_NONE), a),
+    inv=lambda a: _OPEN,
     sqrt=_sqrt,
     fmin=_add,
     fmax=_add,

@@ -1,6 +1,6 @@
 """The linear model of a DAE around an equilibrium, parameters left in: its problem for the pipeline."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from functools import partial
 
@@ -11,6 +11,8 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, TrimError, WellPosednessError
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.signal import Signal
+from mbdlft.dae.alias import rational
+from mbdlft.dae.mixed import times
 from mbdlft.dae.operations import column_of
 from mbdlft.dae.points import System, solve
 from mbdlft.dae.separate import Separation
@@ -19,10 +21,11 @@ from mbdlft.dae.to_problem import text_of
 from mbdlft.dae.trim import DaeTrim
 from mbdlft.problem.equations import cosines_sines
 from mbdlft.problem.linearize import LinearModel
-from mbdlft.problem.of_relations import reference_of_relations
+from mbdlft.problem.of_relations import column_of_entries, reference_of_relations
 from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage, TrimRelations
 from mbdlft.problem.compare import entry_scale
 from mbdlft.sx.constants import in_doubles, is_constant
+from mbdlft.sx.evaluate import evaluate_many
 
 
 def problem_of_trim(at: DaeTrim, stage: Stage = lambda name: nullcontext()) -> Problem:
@@ -98,35 +101,60 @@ class _Linear:
         moved = ca.jtimes(stacked, symbols, small)
         values = column_of([self.at.values[q.name] for q in around])
         moved = ca.substitute(moved, symbols, values)
-        places = [f"equation {place}" for place, _ in s.equations]
-        places += [f"output {y.name!r}" for y in s.dae.outputs]
-        rows = [self._row(moved[k], place) for k, place in enumerate(places)]
         change = {q.symbol.element_hash(): small[k] for k, q in enumerate(around)}
-        n = len(s.equations)
-        free = {q.symbol.element_hash() for q in s.unknowns}
+        rows, kept = self._rows([moved[k] for k in range(len(s.equations))], change)
+        count = len(s.equations)
+        outputs_ = [
+            self._row(moved[count + k], f"output {y.name!r}") for k, y in enumerate(s.dae.outputs)
+        ]
+        free = {q.symbol.element_hash() for q in kept}
         rates, extra = [], []
         for q, rate in zip(s.states, s.rates, strict=True):
             own = change[rate.element_hash()]
-            if rate.element_hash() not in free:
-                rates.append(ca.SX.sym(f"rate of {q.name}"))
-                extra.append(rates[-1] - own)
-            else:
+            if rate.element_hash() in free:
                 rates.append(own)
+            else:
+                rates.append(ca.SX.sym(f"rate of {q.name}"))
+                extra.append(rates[-1] - self._row(own, f"state {q.name!r}"))
         taken = {r.element_hash() for r in rates}
-        others = [
-            x
-            for q in s.unknowns
-            if (x := change[q.symbol.element_hash()]).element_hash() not in taken
-        ]
+        changes = [change[q.symbol.element_hash()] for q in kept]
+        others = [x for x in changes if x.element_hash() not in taken]
         return LinearModel(
-            residual=column_of([*rows[:n], *extra]),
-            output=column_of(rows[n:]),
+            residual=column_of([*rows, *extra]),
+            output=column_of(outputs_),
             unknown=column_of([*rates, *others]),
             known=small[len(s.unknowns) :],
             p=self.internal,
             parameters=s.dae.parameters,
             derivatives=len(rates),
         )
+
+    def _rows(
+        self, moved: Sequence[ca.SX], change: Mapping[int, ca.SX]
+    ) -> tuple[list[ca.SX], list[Quantity]]:
+        """Relations that stay, and their unknowns; others are replaced by what they are of numbers."""
+        s, rows, kept = self.s, [], []
+        for block in s.blocks:
+            own = [s.unknowns[j] for j in block.columns]
+            places = [f"equation {s.equations[i][0]}" for i in block.rows]
+            if len(own) == 1 and self._defined(moved[block.rows[0]], own[0], change, places[0]):
+                continue
+            rows += [
+                self._row(moved[i], place) for i, place in zip(block.rows, places, strict=True)
+            ]
+            kept += own
+        return rows, kept
+
+    def _defined(self, row: ca.SX, q: Quantity, change: Mapping[int, ca.SX], place: str) -> bool:
+        symbol = change[q.symbol.element_hash()]
+        slope = ca.jacobian(row, symbol)
+        if not is_constant(slope) or rational(slope) == 0:
+            return False
+        value = self.separation.follow(ca.substitute(row, symbol, ca.SX(0)), place, "row")
+        if not value.is_plain:
+            return False
+        self.separation.values[symbol.element_hash()] = times(value, -1 / slope)
+        return True
 
     def _row(self, expression: ca.SX, place: str) -> ca.SX:
         found = self.separation.follow(expression, place, "row")
@@ -231,12 +259,16 @@ def linearized(s: Structure, z: Array, points: Array) -> Array:
     around = column_of([q.symbol for q in (*s.unknowns, *s.states, *s.inputs)])
     outputs = column_of([y.expression for y in s.dae.outputs])
     stacked = ca.vertcat(s.residual, outputs, column_of(list(s.rates)))
-    slopes = ca.densify(in_doubles(ca.jacobian(stacked, around)))
-    function = ca.Function("slopes", [around, s.dae.p], [slopes])
+    slopes = ca.sparsify(in_doubles(ca.jacobian(stacked, around)))
+    where = slopes.sparsity().get_triplet()
+    entries = ca.densify(column_of_entries(slopes))
+    function = ca.Function("slopes", [around, s.dae.p], [entries])
     n = s.unknown.numel()
     found = []
-    for row, p in zip(z, in_symbols(s.dae, points), strict=True):
-        J = function(row, p).full()
+    (every,) = evaluate_many(function, z, in_symbols(s.dae, points))
+    for values in every:
+        J = np.zeros(slopes.shape)
+        J[where] = values[:, 0]
         try:
             solved = -np.linalg.solve(J[:n, :n], J[:n, n:])
         except np.linalg.LinAlgError:

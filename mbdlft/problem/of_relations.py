@@ -42,14 +42,21 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
     ).reshape(len(points), -1)
     sizes = _Sizes(model.unknown.numel(), model.known.numel(), model.derivatives)
     slopes = _slopes(model)
-    function = ca.Function("slopes", [model.p], [ca.densify(in_doubles(slopes))])
-    (jacobian,) = evaluate_many(function, internal)
+    sparse = ca.sparsify(in_doubles(slopes))
+    function = ca.Function("slopes", [model.p], [ca.densify(column_of_entries(sparse))])
+    rows, columns = sparse.sparsity().get_triplet()
+
+    def spread(entries: Array) -> Array:
+        found = np.zeros((len(points), *slopes.shape))
+        found[:, rows, columns] = entries
+        return found
+
+    jacobian = spread(evaluate_many(function, internal)[0][:, :, 0])
     values, solved = _solved(jacobian, sizes, owner)
     scale = entry_scale(values, sizes.states)
 
     def terms() -> Array:
-        rows, columns = jacobian.shape[1:]
-        found = term_sizes(function, internal).reshape(-1, columns, rows).transpose(0, 2, 1)
+        found = spread(term_sizes(function, internal))
         n = sizes.unknown
         inverse = np.abs(np.linalg.inv(jacobian[:, :n, :n]))
         own = inverse @ (found[:, :n, n:] + found[:, :n, :n] @ np.abs(solved))
@@ -87,6 +94,11 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
         transfers_in_digits=transfers_in_digits,
         in_digits=in_digits,
     )
+
+
+def column_of_entries(matrix: ca.SX) -> ca.SX:
+    """The entries (n, 1) of a sparse matrix that are not structural zeros, by columns."""
+    return ca.vertcat(ca.SX(0, 1), ca.SX(matrix.nz[:])) if matrix.nnz() else ca.SX(0, 1)
 
 
 class _Sizes(NamedTuple):
