@@ -23,40 +23,41 @@ _Value = Any  # a Dimension, or _OPEN
 def check_units(dae: Dae) -> None:
     """What is added, and what is the argument of a function, has units that fit; factors are not looked at.
 
-    A plain number may carry any unit. A quantity in "1" is dimensionless.
+    A plain number may carry any unit, and so may a quantity in "1", whose unit is not given; one in "rad" or
+    "%" is dimensionless.
 
     Raises
     ------
     SceneError
         They do not fit; the message names the equation.
     """
-    signals = [*dae.variables, *dae.inputs]
-    second = parse_unit("s").dimension
-    given = {v.symbol.element_hash(): parse_unit(v.unit).dimension for v in signals}
+    second = Dimension(parse_unit("s").dimension)
+    given = {v.symbol.element_hash(): _of(v.unit) for v in (*dae.variables, *dae.inputs)}
     for v in dae.variables:
         if v.derivative is not None:
-            unit = parse_unit(v.unit).dimension
-            given[v.derivative.element_hash()] = tuple(
-                a - b for a, b in zip(unit, second, strict=True)
-            )
+            given[v.derivative.element_hash()] = _over(_of(v.unit), second)
     for p, symbol in zip(dae.parameters, ca.vertsplit(dae.p), strict=True):
-        given[symbol.element_hash()] = parse_unit(p.unit).dimension
+        given[symbol.element_hash()] = _of(p.unit)
     parts = [(f"equation {e.place}", e.residual, e.unit) for e in (*dae.equations, *dae.initial)]
     parts += [(f"output {y.name!r}", y.expression, y.unit) for y in dae.outputs]
     for what, expression, unit in parts:
         try:
             found = _dimension(expression, given)
-            if unit is not None and isinstance(found, Dimension):
-                _ = found + Dimension(parse_unit(unit).dimension)
+            if unit is not None:
+                _add(found, _of(unit))
         except SceneError as error:
             raise SceneError(f"{dae.owner}, {what}: {error}") from None
 
 
-def _dimension(expression: ca.SX, given: dict[int, tuple[int, ...]]) -> _Value:
+def _of(unit: str) -> _Value:
+    return _OPEN if unit == "1" else Dimension(parse_unit(unit).dimension)
+
+
+def _dimension(expression: ca.SX, given: dict[int, _Value]) -> _Value:
     constants = {s.element_hash() for s in ca.vertsplit(constants_in(expression)[0])}
     free = ca.symvar(expression)
     values = [
-        _OPEN if s.element_hash() in constants else Dimension(given[s.element_hash()]) for s in free
+        _OPEN if s.element_hash() in constants else given[s.element_hash()] for s in free
     ]
     function = ca.Function("units", [column(free)], [ca.densify(expression)])
     ((found,),) = fold(function, _RULES, values)

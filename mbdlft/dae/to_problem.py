@@ -8,6 +8,8 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.array import Array
+from mbdlft.base.parameter import to_internal
+from mbdlft.base.unit import parse_unit
 from mbdlft.base.errors import AnalysisError, StructureError
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.signal import Signal
@@ -22,6 +24,7 @@ from mbdlft.sx.constants import in_doubles
 from mbdlft.system.theta import ThetaFunction
 
 _SEPARATED = 1e-9  # of the terms of an equation
+_LEAST = 1e-3  # size of terms that errors are relative to at least
 _POINTS, _SEED = 5, 3
 
 
@@ -32,7 +35,7 @@ class Separated(NamedTuple):
     functions: tuple[ThetaFunction, ...]
     has_one: bool
     initial: tuple[float, ...]
-    inputs: tuple[float, ...]
+    zeta: tuple[float, ...]
     shifted: tuple[str, ...]
 
 
@@ -76,8 +79,8 @@ def problem_of_dae(
         ),
     )
     states = tuple(at[n : n + len(s.states)].tolist())
-    u = tuple(at[n + len(s.states) : n + len(s.states) + len(s.inputs)].tolist())
-    return Separated(problem, functions, form.has_one, states, u, form.shifted)
+    zeta = tuple(_Closed(s, form).zeta_at(at[:n], at[n:])[1].tolist())
+    return Separated(problem, functions, form.has_one, states, zeta, form.shifted)
 
 
 def consistent_point(s: Structure, p: Array | None = None) -> Array:
@@ -145,9 +148,7 @@ class _Closed:
     """Relations with the functions put in, at values of the signals of the DAE."""
 
     def __init__(self, s: Structure, form: ThetaForm) -> None:
-        from mbdlft.base.parameter import to_internal
-
-        self.s, self.to_internal = s, to_internal
+        self.s = s
         self.p = form.relations.p
         m, own = form.relations, {q.element_hash() for q in ca.vertsplit(s.unknown)}
         self.fresh = [q for q in ca.vertsplit(m.unknown) if q.element_hash() not in own]
@@ -172,9 +173,8 @@ class _Closed:
         residual, output = in_doubles(m.residual), in_doubles(m.output[: len(s.dae.outputs)])
         true = in_doubles(ca.vertcat(ca.SX(0, 1), *(y.expression for y in s.dae.outputs)))
         # rates that have a symbol of their own
-        rates = [r for r in s.rates]
         values = [
-            rates[k]
+            s.rates[k]
             for k, q in enumerate(ca.vertsplit(m.unknown)[: m.derivatives])
             if q.element_hash() not in own
         ]
@@ -201,35 +201,30 @@ class _Closed:
                 expression = ca.substitute(expression, dae.p[k], angle)
         return expression
 
-    def error(self, unknown: Array, given: Array) -> float:
-        """Largest residual relative to its terms."""
-        s, count = self.s, len(self.s.dae.parameters)
-        p = given[len(given) - count :]
+    def zeta_at(self, unknown: Array, given: Array) -> tuple[Array, Array]:
+        """All values that the functions need, and those of the functions."""
+        dae = self.s.dae
+        count = len(given) - len(dae.parameters)
         internal = []
-        for parameter, value in zip(s.dae.parameters, p, strict=True):
-            physical = value
-            if parameter.is_angle:
-                from mbdlft.base.unit import parse_unit
-
-                physical = value / parse_unit(parameter.unit).factor
-            internal.append(float(self.to_internal(parameter, physical)))
-        at = np.concatenate([unknown, given[: len(given) - count], internal, self.ones])
+        for parameter, value in zip(dae.parameters, given[count:], strict=True):
+            factor = parse_unit(parameter.unit).factor if parameter.is_angle else 1.0
+            internal.append(float(to_internal(parameter, value / factor)))
+        at = np.concatenate([unknown, given[:count], internal, self.ones])
         zeta = np.zeros(self.zeta.numel())
         for _ in range(len(zeta) + 1):  # functions of functions
             after = self.theta(self.psi(at, zeta)).full()[:, 0]
             if np.array_equal(after, zeta):
                 break
             zeta = after
+        return at, zeta
+
+    def error(self, unknown: Array, given: Array) -> float:
+        """Largest residual relative to its terms."""
+        at, zeta = self.zeta_at(unknown, given)
         residual = self.residual(at, zeta).full()[:, 0]
         J = np.abs(self.slopes(at, zeta).full())
-        scale = np.max(
-            J * np.maximum(np.abs(np.concatenate([at, zeta])), 1e-30), axis=1, initial=0.0
-        )
-        return float(
-            np.max(
-                np.abs(residual) / np.where(scale > 0, np.maximum(scale, 1e-3), 1.0), initial=0.0
-            )
-        )
+        scale = np.max(J * np.abs(np.concatenate([at, zeta])), axis=1, initial=0.0)
+        return float(np.max(np.abs(residual) / np.maximum(scale, _LEAST), initial=0.0))
 
 
 def theta_functions(s: Structure, form: ThetaForm) -> tuple[ThetaFunction, ...]:

@@ -59,7 +59,7 @@ def delta_theta(
         separated.functions,
         separated.has_one,
         separated.initial,
-        separated.inputs,
+        separated.zeta,
     )
 
 

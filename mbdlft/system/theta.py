@@ -70,15 +70,15 @@ class DeltaThetaModel:
         Whether the linear part has the constant input ``one``.
     initial : tuple of float
         Consistent values of the states at the nominal parameters.
-    inputs_at_start : tuple of float
-        The values of the inputs there.
+    zeta_at_start : tuple of float
+        The values of the functions there.
     """
 
     linear: LFTModel
     functions: tuple[ThetaFunction, ...]
     has_one: bool
     initial: tuple[float, ...] = ()
-    inputs_at_start: tuple[float, ...] = ()
+    zeta_at_start: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         inputs = [s.name for s in self.linear.inputs]
