@@ -26,7 +26,7 @@ class Variable:
         Any text, such as ``J1.flange_a.phi``.
     symbol : SX (1, 1), in `unit`
     unit : str
-        As those of parameters; ``"1"`` if dimensionless.
+        As those of parameters; ``"1"`` if it is not given, ``"rad"`` or ``"%"`` if it has none.
     start : float or None
         Value that initialization and trim begin with; of an input: its value at the trim.
     fixed : bool

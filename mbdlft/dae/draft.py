@@ -146,8 +146,9 @@ class DaeDraft:
     def _made(
         self, residual: Any, name: str | None, equals: Any, line: int | None, unit: str | None
     ) -> Equation:
+        text = f"{residual} = {'0' if isinstance(equals, float) and equals == 0.0 else equals}"
         left, right = with_literals(ca.SX(residual)), with_literals(ca.SX(equals))
-        return Equation(name or f"{residual} = {equals}", left - right, line, unit)
+        return Equation(name or text, left - right, line, unit)
 
     def _check_new(self, name: str) -> None:
         if name in {*self._variables, *self._inputs, *self._parameters}:
