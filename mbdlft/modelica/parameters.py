@@ -23,6 +23,7 @@ from mbdlft.modelica.tree import (
     Expression,
     FlatModel,
     Range,
+    Reference,
     Text,
     Truth,
     references,

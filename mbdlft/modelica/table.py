@@ -14,8 +14,13 @@
     "motor.k" = 0.21
 
     [linearize]
-    inputs = ["voltage"]
     outputs = ["load.phi", "load.w"]
+    states = ["load.phi", "load.w", "motor.i"]
+
+    [trim]
+    at = { "load.phi" = 0.3 }
+    free = ["voltage"]
+    moving = []
 """
 
 from collections.abc import Mapping
@@ -28,8 +33,8 @@ from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.multibody.scene.toml import check_keys, read_file, read_table
 
 FORMAT = "mbdlft-modelica/1"
-_TOP = ("format", "model", "parameters", "values", "linearize")
-_LINEARIZE = ("inputs", "outputs")
+_TOP = ("format", "model", "check_units", "parameters", "values", "linearize", "trim")
+_LISTS = {"linearize": ("outputs", "states"), "trim": ("free", "moving")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +49,14 @@ class ModelicaTable:
         Those that stay; what is not given is that of the declaration. False: it stays a number.
     values : mapping of names to numbers
         These replace values of parameters.
-    inputs, outputs : tuple of str, or None
-        Signals of the linear model, in this order; None: those that the model declares.
+    outputs : tuple of str, or None
+        Outputs of the linear model, in this order; None: those that the model declares.
+    states : tuple of str
+        Variables that are to be states, where there is a choice.
+    at, free, moving
+        As in `mbdlft.dae.trim`: what the equilibrium is at, inputs that it gives, what may grow.
+    check_units : bool
+        Whether units that do not fit are an error.
     """
 
     model: str | None = None
@@ -53,8 +64,12 @@ class ModelicaTable:
         default_factory=lambda: MappingProxyType({})
     )
     values: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
-    inputs: tuple[str, ...] | None = None
     outputs: tuple[str, ...] | None = None
+    states: tuple[str, ...] = ()
+    at: Mapping[str, float | str] = field(default_factory=lambda: MappingProxyType({}))
+    free: tuple[str, ...] = ()
+    moving: tuple[str, ...] = ()
+    check_units: bool = True
 
 
 def load_modelica_table(path: str | Path) -> ModelicaTable:
@@ -85,7 +100,7 @@ def modelica_table_from_toml(text: str) -> ModelicaTable:
 
 def _table(table: dict[str, Any]) -> ModelicaTable:
     check_keys(table, FORMAT, _TOP)
-    sections = {key: table.get(key, {}) for key in _TOP[2:]}
+    sections = {key: table.get(key, {}) for key in _TOP[3:]}
     for key, section in sections.items():
         if not isinstance(section, dict):
             raise SceneError(f"{key}: expected a table, got {section!r}.")
@@ -98,12 +113,42 @@ def _table(table: dict[str, Any]) -> ModelicaTable:
     for name, value in sections["values"].items():
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise SceneError(f"values: {name!r}: expected a number, got {value!r}.")
-    for key, names in sections["linearize"].items():
-        if key not in _LINEARIZE:
-            raise SceneError("linearize: " + unknown_name("key", key, _LINEARIZE))
-        if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
-            raise SceneError(f"linearize: {key}: expected a list of signal names, got {names!r}.")
-    if not isinstance(table.get("model", ""), str):
-        raise SceneError(f"model: expected a text, got {table['model']!r}.")
-    chosen = {key: tuple(names) for key, names in sections["linearize"].items()}
-    return ModelicaTable(table.get("model"), sections["parameters"], sections["values"], **chosen)
+    for key, kind, word in (("model", str, "a text"), ("check_units", bool, "true or false")):
+        if key in table and not isinstance(table[key], kind):
+            raise SceneError(f"{key}: expected {word}, got {table[key]!r}.")
+    return ModelicaTable(
+        table.get("model"),
+        sections["parameters"],
+        sections["values"],
+        **_lists(sections),
+        at=_at(sections["trim"].get("at", {})),
+        check_units=table.get("check_units", True),
+    )
+
+
+def _lists(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, tuple[str, ...]]:
+    """Lists of names of the sections that have some."""
+    found = {}
+    for section, keys in _LISTS.items():
+        known = (*keys, "at") if section == "trim" else keys
+        for key, names in sections[section].items():
+            if key not in known:
+                raise SceneError(f"{section}: " + unknown_name("key", key, known))
+            if key == "at":
+                continue
+            if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
+                raise SceneError(f"{section}: {key}: expected a list of names, got {names!r}.")
+            found[key] = tuple(names)
+    return found
+
+
+def _at(given: Any) -> Mapping[str, float | str]:
+    """Values of the equilibrium by name: numbers, or names of parameters."""
+    if not isinstance(given, dict):
+        raise SceneError(f"trim: at: expected a table of values by name, got {given!r}.")
+    for name, value in given.items():
+        if isinstance(value, bool) or not isinstance(value, int | float | str):
+            raise SceneError(
+                f"trim: at: {name!r}: expected a number or the name of a parameter, got {value!r}."
+            )
+    return given

@@ -149,6 +149,8 @@ class _Reader:
             attributes["fixed"] = Truth(all(item["fixed"]))
         if item["unit"]:
             attributes["unit"] = Text(item["unit"])
+        if item["state_select"] != "Default":
+            attributes["stateSelect"] = Reference(f"StateSelect.{item['state_select'].lower()}")
         kind = next(iter(item["variability"])) if isinstance(item["variability"], dict) else ""
         side = next(iter(item["causality"])) if isinstance(item["causality"], dict) else ""
         binding = item["binding"]

@@ -10,6 +10,7 @@ import casadi as ca
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.dae.description import Dae, Equation, Output, column
 from mbdlft.modelica import values as v
+from mbdlft.modelica.dimensions import check_units
 from mbdlft.modelica.parameters import read_values
 from mbdlft.modelica.table import ModelicaTable
 from mbdlft.modelica.tree import (
@@ -30,6 +31,7 @@ from mbdlft.modelica.write import flat_text, shorter, write
 
 T = TypeVar("T")
 
+_PREFERRED = (Reference("StateSelect.prefer"), Reference("StateSelect.always"))
 _LISTED = 12  # of what is refused
 
 
@@ -41,12 +43,15 @@ class ModelicaReport:
     ----------
     sources : tuple of str
         Variables that a formula of time gave, and that are inputs now.
+    states : tuple of str
+        Variables that the model prefers as states.
     notes : tuple of str
         Sentences: parameters that are numbers though they have limits, units that are not known, asserts
         that are not checked.
     """
 
     sources: tuple[str, ...]
+    states: tuple[str, ...]
     notes: tuple[str, ...]
 
     def __str__(self) -> str:
@@ -130,6 +135,8 @@ class _Translation:
 
     def result(self) -> tuple[Dae, ModelicaReport]:
         """The description and the report."""
+        if self.table.check_units:
+            check_units(self.model, self._place)
         for d in self.declared:
             self.variables.declare(d)
         bound = [
@@ -155,7 +162,13 @@ class _Translation:
             description=self.model.comment,
             text=flat_text(self.model),
         )
-        return dae, ModelicaReport(tuple(sources), tuple(self.parameters.notes))
+        preferred = tuple(
+            name
+            for d in self.declared
+            if d.attributes.get("stateSelect") in _PREFERRED
+            for name in names_in(self.variables.values[d.name])
+        )
+        return dae, ModelicaReport(tuple(sources), preferred, tuple(self.parameters.notes))
 
     def _of_declaration(self, d: Declaration) -> str:
         return self._place(d.line, f"{d.variability or 'variable'} {d.name!r}")

@@ -324,8 +324,8 @@ package Components "A small library of components, written from the physics, and
       Frame a;
       Frame b;
       RealInput tau;
-      Real phi(unit="rad", start=0);
-      Real w(unit="rad/s", start=0);
+      Real phi(unit="rad", start=0, stateSelect=StateSelect.prefer);
+      Real w(unit="rad/s", start=0, stateSelect=StateSelect.prefer);
     equation
       a.r = b.r;
       b.phi = a.phi + phi;

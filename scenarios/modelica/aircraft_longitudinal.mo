@@ -1,6 +1,6 @@
 model AircraftLongitudinal "A light aircraft in its plane of symmetry, with lift and moment from tables over the angle of attack"
   constant Real g(unit="m/s2") = 9.81;
-  parameter Real m(unit="kg", min=1000, max=1400) = 1200;
+  parameter Real m(unit="kg") = 1200;
   parameter Real I(unit="kg.m2", min=1500, max=2200) = 1825 "about the lateral axis";
   parameter Real x_cg(min=-0.05, max=0.05) = 0 "shift of the center of mass to the tail, over the chord";
   parameter Real rho(unit="kg/m3") = 1.058 "at 1500 m";
@@ -8,7 +8,7 @@ model AircraftLongitudinal "A light aircraft in its plane of symmetry, with lift
   parameter Real c(unit="m") = 1.49;
   parameter Real C_D0 = 0.032;
   parameter Real k_D = 0.054 "of the induced drag";
-  parameter Real C_mq = -12.4;
+  parameter Real C_mq(min=-15, max=-10) = -12.4 "damping in pitch";
   parameter Real C_mde = -1.28;
   parameter Integer n = 6;
   parameter Real table[n,3] = [
