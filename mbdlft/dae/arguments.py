@@ -10,11 +10,12 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.errors import NotRationalError
-from mbdlft.dae.mixed import ONE_KEY, Mixed
+from mbdlft.dae.mixed import ONE_KEY, Mixed, times
+from mbdlft.dae.mixed import number as number_of
 from mbdlft.dae.operations import column_of
 from mbdlft.number.exact import Field, constant_of
 from mbdlft.sx.constants import constants_in, is_constant
-from mbdlft.sx.fold import fold, rules, steps
+from mbdlft.sx.fold import Rule, fold, rules, steps
 
 _SEED = 20090211  # of the residues that stand for parameters
 Row = dict[Any, Any]  # coefficients by signal; fractions, or residues where one is not rational
@@ -64,10 +65,7 @@ class Registry:
             if is_rational and len(row) > 1:  # as it was written first
                 row = {k: entry * ratio for k, entry in row.items()}
             elif is_rational:
-                from mbdlft.dae.mixed import number as exact
-                from mbdlft.dae.mixed import times
-
-                value = times(value, exact(1 / ratio))
+                value = times(value, number_of(1 / ratio))
             self._arguments[key] = number
             symbol = ca.SX.sym(f"psi{number}")
             self._argument_of[symbol.element_hash()] = number
@@ -124,19 +122,23 @@ class Registry:
             row["one", 0] = self._values(value.constant, exactly=exactly)[0]
         return {key: x for key, x in row.items() if x != 0}
 
+    def _residue(self, value: float) -> Any:
+        return self._field.residue(constant_of(value))
+
     def _values(self, expressions: ca.SX, *, exactly: bool) -> list[Any]:
         constants, numbers = constants_in(expressions)
         if exactly and any(number.kind != "rational" for number in numbers):
             raise NotRationalError("not rational")
         function = ca.Function("values", [self._p, constants], [ca.densify(expressions)])
         if exactly:
-            number_of, given = constant_of, [number.argument for number in numbers]
+            make: Rule = constant_of
+            given: list[Any] = [number.argument for number in numbers]
             p: Sequence[Any] = [Fraction(0)] * self._p.numel()
         else:
-            number_of = lambda value: self._field.residue(constant_of(value))  # type: ignore[assignment,return-value]  # noqa: E731
+            make = self._residue
             given = [self._field.of(number).residue for number in numbers]
             p = self._drawn
-        table = rules(number_of, add=operator.add, mul=operator.mul, div=operator.truediv)
+        table = rules(make, add=operator.add, mul=operator.mul, div=operator.truediv)
         return fold(function, table, p, given)[0]
 
 

@@ -1,4 +1,4 @@
-"""Whether the units of the equations of a DAE fit: each is followed with dimensions in place of numbers."""
+"""Whether the units of the equations of a DAE fit: they are followed with dimensions for numbers."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ import casadi as ca
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import dimension_name, parse_unit
 from mbdlft.dae.description import Dae, column
-from mbdlft.number.dimension import Dimension
+from mbdlft.number.dimension import FUNCTIONS, Dimension
 from mbdlft.sx.constants import constants_in
 from mbdlft.sx.fold import Rules, fold, rules
 
@@ -21,10 +21,10 @@ _Value = Any  # a Dimension, or _OPEN
 
 
 def check_units(dae: Dae) -> None:
-    """What is added, and what is the argument of a function, has units that fit; factors are not looked at.
+    """What is added, and what is the argument of a function, has units that fit; factors are no matter.
 
-    A plain number may carry any unit, and so may a quantity in "1", whose unit is not given; one in "rad" or
-    "%" is dimensionless.
+    A plain number may carry any unit, and so may a quantity in "1", whose unit is not given; one in
+    "rad" or "%" is dimensionless.
 
     Raises
     ------
@@ -56,9 +56,7 @@ def _of(unit: str) -> _Value:
 def _dimension(expression: ca.SX, given: dict[int, _Value]) -> _Value:
     constants = {s.element_hash() for s in ca.vertsplit(constants_in(expression)[0])}
     free = ca.symvar(expression)
-    values = [
-        _OPEN if s.element_hash() in constants else given[s.element_hash()] for s in free
-    ]
+    values = [_OPEN if s.element_hash() in constants else given[s.element_hash()] for s in free]
     function = ca.Function("units", [column(free)], [ca.densify(expression)])
     ((found,),) = fold(function, _RULES, values)
     return found
@@ -94,15 +92,15 @@ def _plain(a: _Value) -> _Value:
 
 
 def _sqrt(a: _Value) -> _Value:
-    from mbdlft.number.dimension import FUNCTIONS
-
     return a if a is _OPEN else FUNCTIONS["sqrt"](a)
 
 
 _NONE = (0, 0, 0, 0, 0)
 _SAME = {"fabs", "floor", "ceil", "assign"}
-_PLAIN = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")
-_PLAIN += ("asinh", "acosh", "atanh", "exp", "log", "log1p", "expm1")
+_PLAIN = (
+    *("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh"),
+    *("asinh", "acosh", "atanh", "exp", "log", "log1p", "expm1"),
+)
 
 
 def _missing(operation: str, where: str, *operands: _Value) -> _Value:

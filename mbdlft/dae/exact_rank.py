@@ -10,7 +10,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError
 from mbdlft.number.exact import Field, constant_of
-from mbdlft.number.exact_matrix import null_space
+from mbdlft.number.exact_matrix import Residues, null_space
 from mbdlft.sx.constants import constants_in
 from mbdlft.sx.fold import fold, rules
 
@@ -75,8 +75,8 @@ def _by_residues(matrix: ca.SX) -> Singular | None:
     return Singular(_used(left), _used(right), exact=True)
 
 
-def _used(space: Array) -> tuple[int, ...]:
-    return tuple(int(k) for k in np.flatnonzero(np.any(np.asarray(space) != 0, axis=1)))
+def _used(space: Residues) -> tuple[int, ...]:
+    return tuple(int(k) for k in np.flatnonzero(np.any(space != 0, axis=1)))
 
 
 def _by_values(matrix: ca.SX, signals: Sequence[ca.SX], points: Sequence[Array]) -> Singular | None:

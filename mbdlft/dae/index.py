@@ -7,7 +7,7 @@ Source: J. D. Pryce, A simple structural analysis method for DAEs, BIT 41 (2001)
 consistent initialization of differential-algebraic systems, SIAM J. Sci. Stat. Comput. 9 (1988).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -106,9 +106,9 @@ def _signature(dae: Dae) -> Pattern:
     found = np.full((len(dae.equations), len(dae.variables)), _ABSENT)
     for order in (0, 1):
         chosen = [
-            (j, v.symbol if not order else v.derivative)
+            (j, symbol)
             for j, v in enumerate(dae.variables)
-            if not order or v.derivative is not None
+            if (symbol := v.derivative if order else v.symbol) is not None
         ]
         if not chosen or not residuals.numel():
             continue
@@ -147,14 +147,14 @@ def _named_parts(dae: Dae, sigma: Pattern) -> str:
     parts = []
     if few:
         parts.append(
-            f"The unknowns {_listed(dae.variables[j].name for j in few)} are in too few equations"
-            + (f": {_listed(dae.equations[i].place for i in under)}." if under else ", in none.")
+            f"The unknowns {listed(dae.variables[j].name for j in few)} are in too few equations"
+            + (f": {listed(dae.equations[i].place for i in under)}." if under else ", in none.")
         )
     if over:
         parts.append(
-            f"The equations {_listed(dae.equations[i].place for i in over)} are too many"
+            f"The equations {listed(dae.equations[i].place for i in over)} are too many"
             + (
-                f" for {_listed(dae.variables[j].name for j in many)}."
+                f" for {listed(dae.variables[j].name for j in many)}."
                 if many
                 else ": nothing unknown."
             )
@@ -162,13 +162,11 @@ def _named_parts(dae: Dae, sigma: Pattern) -> str:
     return " ".join(parts)
 
 
-def _listed(names: object) -> str:
-    every = list(names)  # type: ignore[call-overload]
+def listed(names: Iterable[object]) -> str:
+    """Names with commas; of many, the first ones."""
+    every = list(names)
     more = f" and {len(every) - _LISTED} more" if len(every) > _LISTED else ""
     return ", ".join(map(str, every[:_LISTED])) + more
-
-
-listed = _listed
 
 
 def _offsets(
@@ -210,7 +208,9 @@ def _derivatives(
     }
     rates |= {(k, 0): u.symbol for k, u in enumerate(dae.inputs)}
     moving = [
-        (symbols[j, order], symbols[j, order + 1]) for j, order in symbols if order < orders[j]
+        (symbols[e], symbols[Entry(e.variable, e.order + 1)])
+        for e in symbols
+        if e.order < orders[e.variable]
     ]
     moving += [
         (s, rates[k, order + 1]) for (k, order), s in rates.items() if (k, order + 1) in rates

@@ -19,11 +19,11 @@ from mbdlft.dae.separate import Separation
 from mbdlft.dae.structure import Quantity, Structure, in_symbols
 from mbdlft.dae.to_problem import text_of
 from mbdlft.dae.trim import DaeTrim
+from mbdlft.problem.compare import entry_scale
 from mbdlft.problem.equations import cosines_sines
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.problem.of_relations import column_of_entries, reference_of_relations
 from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage, TrimRelations
-from mbdlft.problem.compare import entry_scale
 from mbdlft.sx.constants import in_doubles, is_constant
 from mbdlft.sx.evaluate import evaluate_many
 

@@ -9,6 +9,7 @@ Source: Casella, Donida, Lovera (2009), sections 3.4 and 6.2.
 """
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Literal
 
 import casadi as ca
@@ -66,6 +67,7 @@ class Separation:
             int, Mixed
         ] = {}  # of variables that are defined, by the hash of the symbol
         self.place = self.hint = ""
+        self._operations = {name: partial(self.apply, name) for name in (*ARITHMETIC, *FUNCTIONS)}
 
     def follow(self, expression: ca.SX, place: str, hint: str) -> Mixed:
         """The value of an expression; `place` is for messages, `hint` names its functions.
@@ -79,15 +81,15 @@ class Separation:
         free = ca.symvar(expression)
         known = {s.element_hash() for s in ca.vertsplit(constants_in(expression)[0])}
         function = ca.Function("equation", [column_of(free)], [ca.densify(expression)])
-        elements = [self._element(s, s.element_hash() in known) for s in free]
+        elements = [self._element(s, is_number=s.element_hash() in known) for s in free]
         table = Rules(
-            lambda value: coefficient(number(constant_of(value))), _Operations(self), self._refused
+            lambda value: coefficient(number(constant_of(value))), self._operations, self._refused
         )
-        ((found,),) = fold(function, table, elements)
+        found: Mixed = fold(function, table, elements)[0][0]
         self._check_angles(found)
         return found
 
-    def _element(self, symbol: ca.SX, is_number: bool) -> Mixed:  # noqa: FBT001
+    def _element(self, symbol: ca.SX, *, is_number: bool) -> Mixed:
         key = symbol.element_hash()
         if is_number or key in self.coefficients:
             return coefficient(symbol)
@@ -228,20 +230,6 @@ class Separation:
             for row in rows
         ]
         return ca.SX(ca.substitute(expression, old, column_of(new)))
-
-
-class _Operations(dict[str, object]):
-    """Every operation of SX is one of the separation."""
-
-    def __init__(self, separation: Separation) -> None:
-        super().__init__()
-        known = {**ARITHMETIC, **FUNCTIONS}
-        for name in known:
-            self[name] = _bound(separation, name)
-
-
-def _bound(separation: Separation, name: str) -> object:
-    return lambda *operands: separation.apply(name, *operands)
 
 
 def _hoisted(value: Mixed) -> tuple[ca.SX, Mixed]:

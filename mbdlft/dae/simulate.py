@@ -108,8 +108,8 @@ def _of_structure(
     if not start.is_solution:
         worst = s.equations[int(np.argmax(start.missing))][0]
         raise AnalysisError(
-            f"{s.owner}: no consistent initial values; equation {worst} does not hold. Give other initial "
-            "states."
+            f"{s.owner}: no consistent initial values; equation {worst} does not hold. Give other "
+            "initial states."
         )
     outputs = column_of([y.expression for y in s.dae.outputs])
     ode, alg, y = (in_doubles(part) for part in (column_of(s.rates), s.residual, outputs))
@@ -150,14 +150,16 @@ def _of_theta(
             f"{owner}: no consistent initial values of Theta were found. Give other initial states."
         )
     dae = {"x": x, "z": zeta, "u": v, "ode": rates, "alg": zeta - theta}
-    states, zetas = _integrated(
-        owner, dae, grid, x0, found.values, u, np.zeros(0), tolerance
-    )
+    states, zetas = _integrated(owner, dae, grid, x0, found.values, u, np.zeros(0), tolerance)
     function = ca.Function("y", [x, v, zeta], [ca.densify(y), ca.densify(omega)])
     values, arguments = function.map(len(grid))(states.T, u.T, zetas.T)
     theta_values(model.functions, dict(zip(model.omega, arguments.full(), strict=True)))
     return Simulation(
-        grid, states, np.asarray(values.full().T), tuple(names), tuple(s.name for s in model.outputs)
+        grid,
+        states,
+        np.asarray(values.full().T),
+        tuple(names),
+        tuple(s.name for s in model.outputs),
     )
 
 
@@ -274,8 +276,8 @@ class _Integrator:
             found = self._runs[steps](**arguments)
         except RuntimeError as error:
             raise AnalysisError(
-                f"{self.owner}: the integrator stopped: {str(error).splitlines()[-1]} The equations may be "
-                "singular on the way, or the chosen states no states any more (choose others)."
+                f"{self.owner}: the integrator stopped: {str(error).splitlines()[-1]} The equations may "
+                "be singular on the way, or the chosen states no states any more (choose others)."
             ) from None
         states[1:] = found["xf"].full().T
         if self.algebraic:
@@ -284,9 +286,7 @@ class _Integrator:
             raise AnalysisError(f"{self.owner}: the simulation does not stay finite.")
 
 
-def _point(
-    owner: str, parameters: Sequence[Parameter], values: Mapping[str, float]
-) -> Array:
+def _point(owner: str, parameters: Sequence[Parameter], values: Mapping[str, float]) -> Array:
     names = [p.name for p in parameters]
     for name in values:
         if name not in names:
@@ -313,9 +313,7 @@ def _held(
     return found
 
 
-def _initial(
-    owner: str, names: Sequence[str], values: Array, given: Mapping[str, float]
-) -> Array:
+def _initial(owner: str, names: Sequence[str], values: Array, given: Mapping[str, float]) -> Array:
     for name in given:
         if name not in names:
             raise SceneError(f"{owner}, simulate: " + unknown_name("state", name, names))

@@ -18,6 +18,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
 from mbdlft.dae.exact_rank import singular_part
 from mbdlft.dae.index import Differentiated, Entry, Row, listed, name_of, place_of
+from mbdlft.sx.constants import in_doubles
 
 _RANK = 1e-9  # of the largest pivot: a smaller one is no pivot
 
@@ -95,8 +96,6 @@ class _Values:
     @property
     def matrices(self) -> list[Array]:
         if self._found is None:
-            from mbdlft.sx.constants import in_doubles
-
             function = ca.Function("jacobian", [self.free], [in_doubles(self.jacobian)])
             self._found = [function(point).full() for point in self.points()]
         return self._found
@@ -112,8 +111,6 @@ def _check_regular(
     block: Block,
     entries: Sequence[Entry],
 ) -> None:
-    from mbdlft.sx.constants import in_doubles
-
     in_signals = bool(ca.depends_on(ca.densify(part), ca.vertcat(ca.SX(0, 1), *own)))
     at = points() if in_signals else []
     found = singular_part(in_doubles(part) if in_signals else part, [free], at)
@@ -122,10 +119,11 @@ def _check_regular(
     dae = d.dae
     unknowns = [entries[block.columns[j]] for j in found.columns]
     names = [name_of(dae.variables[j].name, order) for j, order in unknowns]
+    certain = "whatever the parameters are" if found.exact else "at all points that were tried"
     raise StructureError(
-        f"{dae.owner}: is singular, {'whatever the parameters are' if found.exact else 'at all points that were tried'}: "
-        f"the equations {listed(place_of(dae, rows[i]) for i in found.rows)} depend on each other, and do "
-        f"not determine {listed(names)}. Remove what is said twice, and give the unknowns an equation."
+        f"{dae.owner}: is singular, {certain}: the equations "
+        f"{listed(place_of(dae, rows[i]) for i in found.rows)} depend on each other, and do not "
+        f"determine {listed(names)}. Remove what is said twice, and give the unknowns an equation."
     )
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, StructureError, unknown_name
 from mbdlft.base.samples import random
+from mbdlft.base.unit import parse_unit
 from mbdlft.dae.alias import Alias, eliminate_aliases
 from mbdlft.dae.description import Dae, Variable, column
 from mbdlft.dae.dimensions import check_units
@@ -200,7 +201,7 @@ class _Points:
         residual = column(d.residuals.values())
         u = [q.variable.start or 0.0 if not q.order else 0.0 for q in self.inputs]
         system = System(residual, column(d.symbols.values()), given)
-        found = []
+        found: list[Array] = []
         for p in parameter_points(dae, _POINTS):
             at = solve(system, start, np.array([*u, *p]), sizes)
             if not found and not at.is_solution:
@@ -222,8 +223,6 @@ def parameter_points(dae: Dae, count: int) -> list[Array]:
 
 def in_symbols(dae: Dae, points: Array) -> Array:
     """Physical values (N, n_p) as the symbols have them: angles in rad."""
-    from mbdlft.base.unit import parse_unit
-
     factors = [parse_unit(p.unit).factor if p.is_angle else 1.0 for p in dae.parameters]
     return np.asarray(points * np.array(factors))
 

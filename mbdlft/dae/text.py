@@ -77,7 +77,7 @@ def formula_of(expression: ca.SX, symbols: Sequence[ca.SX], names: Sequence[str]
     """
     constants, numbers = constants_in(expression)
     function = ca.Function("formula", [column_of(symbols), constants], [ca.densify(expression)])
-    arguments = [_Piece(lambda name=name: name, 9) for name in names]  # type: ignore[misc]
+    arguments = [_Piece(lambda name=name: name, 9) for name in names]
     values = [_constant(number) for number in numbers]
     ((root,),) = fold(function, _RULES, arguments, values)
     return _written(root, set(names))

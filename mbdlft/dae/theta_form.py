@@ -13,17 +13,20 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
+from mbdlft.base.parameter import to_internal
 from mbdlft.base.signal import Signal
 from mbdlft.dae.arguments import Function
 from mbdlft.dae.exact_rank import singular_part
 from mbdlft.dae.mixed import ONE_KEY, Mixed, number, plus, signal, times
 from mbdlft.dae.operations import column_of
 from mbdlft.dae.separate import Arrange, Separation
-from mbdlft.dae.structure import Structure
+from mbdlft.dae.states import blocks_of
+from mbdlft.dae.structure import Quantity, Structure
 from mbdlft.number.exact import decimal
 from mbdlft.problem.equations import cosines_sines
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.sx.constants import in_doubles, is_constant
+from mbdlft.system.theta import ONE
 
 _NEGLIGIBLE = 1e-6  # of the largest slope of a function: what may be rounding
 _DIGITS = 3  # of slopes that are moved from a function into the linear part
@@ -56,8 +59,8 @@ class ThetaForm:
 def theta_form(s: Structure, arrange: Arrange, at: Array) -> ThetaForm:
     """Linear relations and functions of a structure.
 
-    `at` are values of [unknowns ; states ; inputs ; p], consistent ones, where linear parts are taken out
-    of functions if the relations do not determine the unknowns without them.
+    `at` are consistent values of [unknowns ; states ; inputs ; p], where linear parts are taken out of
+    functions if the relations do not determine the unknowns without them.
 
     Raises
     ------
@@ -109,7 +112,7 @@ class _Form:
         output = [self._sx(m) for m in mixed[count:]]
         return self._assembled(residual, output, unknown, len(rates))
 
-    def _rows(self) -> tuple[list[Mixed], list[ca.SX]]:
+    def _rows(self) -> tuple[list[Mixed], list[Quantity]]:
         """Equations that stay, and the unknowns that they are for."""
         s, rows, kept = self.s, [], []
         for block in s.blocks:
@@ -141,9 +144,9 @@ class _Form:
         self.separation.values[quantity.symbol.element_hash()] = times(value, -1 / slope)
         return True
 
-    def _rates(self, kept: Sequence[object]) -> tuple[list[ca.SX], list[Mixed]]:
+    def _rates(self, kept: Sequence[Quantity]) -> tuple[list[ca.SX], list[Mixed]]:
         """Symbols of the derivatives of the states that are unknowns, and relations of new ones."""
-        free = {q.symbol.element_hash() for q in kept}  # type: ignore[attr-defined]
+        free = {q.symbol.element_hash() for q in kept}
         rates, extra = [], []
         for q, rate in zip(self.s.states, self.s.rates, strict=True):
             if rate.element_hash() in free:
@@ -195,16 +198,14 @@ class _Form:
         residual = column_of([self._sx(m) for m in rows])
         if self._singular(ca.jacobian(residual, unknown)) is not None:
             raise StructureError(
-                f"{self.s.owner}: the linear part does not determine the unknowns, also with the slopes of "
-                "the nonlinear functions at the initial point. Give start values where the model is not "
-                "singular."
+                f"{self.s.owner}: the linear part does not determine the unknowns, also with the slopes "
+                "of the nonlinear functions at the initial point. Give start values where the model is "
+                "not singular."
             )
         return [residual[k] for k in range(residual.numel())]
 
     def _singular(self, jacobian: ca.SX) -> tuple[int, ...] | None:
         """Rows that do not determine the unknowns; of a structural block first."""
-        from mbdlft.dae.states import blocks_of
-
         pattern = jacobian.sparsity()
         n = pattern.size1()
         if n and ca.sprank(pattern) < n:
@@ -217,7 +218,7 @@ class _Form:
         return None
 
     def _move(self, rows: Sequence[Mixed], unknown: ca.SX) -> None:
-        """Take the slopes at the initial point out of the functions of these rows that act on unknowns."""
+        """Take the slopes at the initial point out of functions of these rows that act on unknowns."""
         registry = self.separation.registry
         pending = [k for m in rows for k in m.terms]
         seen: set[int] = set()
@@ -270,8 +271,6 @@ class _Form:
         return found
 
     def _internal_at(self) -> Array:
-        from mbdlft.base.parameter import to_internal
-
         parameters = self.s.dae.parameters
         count = len(parameters)
         internal = [float(to_internal(p, p.nominal)) for p in parameters]
@@ -361,8 +360,6 @@ class _Form:
 
 def signals_of(s: Structure, form: ThetaForm) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
     """Inputs and outputs of the relations of a form, with units."""
-    from mbdlft.system.theta import ONE
-
     inputs = [Signal(q.name, q.unit) for q in s.inputs]
     inputs += [Signal(ONE, "1")] if form.has_one else []
     inputs += [Signal(name, "1") for name, _, _ in form.functions]

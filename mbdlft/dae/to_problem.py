@@ -8,11 +8,11 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.parameter import to_internal
-from mbdlft.base.unit import parse_unit
 from mbdlft.base.errors import AnalysisError, StructureError
+from mbdlft.base.parameter import to_internal
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.signal import Signal
+from mbdlft.base.unit import parse_unit
 from mbdlft.dae.points import System, solve
 from mbdlft.dae.separate import Arrange
 from mbdlft.dae.structure import Structure, in_symbols
@@ -103,8 +103,8 @@ def consistent_point(s: Structure, p: Array | None = None) -> Array:
     if not found.is_solution:
         worst = int(np.argmax(found.missing))
         raise StructureError(
-            f"{s.owner}: no consistent initial point was found; equation {s.equations[worst][0]} is missed by "
-            f"{found.missing[worst]:.1e} of its terms. Give start values near a solution."
+            f"{s.owner}: no consistent initial point was found; equation {s.equations[worst][0]} is "
+            f"missed by {found.missing[worst]:.1e} of its terms. Give start values near a solution."
         )
     return np.concatenate([found.values, u, p])
 

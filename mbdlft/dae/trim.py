@@ -19,7 +19,7 @@ from mbdlft.dae.index import listed
 from mbdlft.dae.operations import column_of
 from mbdlft.dae.points import Found, System, solve
 from mbdlft.dae.states import blocks_of
-from mbdlft.dae.structure import Quantity, Structure, in_symbols, parameter_points
+from mbdlft.dae.structure import Quantity, Structure, parameter_points
 from mbdlft.number.exact import decimal
 from mbdlft.sx.constants import in_doubles, literal
 
@@ -128,7 +128,7 @@ def _check_moving(s: Structure, moving: Sequence[str]) -> None:
         for place, residual in s.equations:
             if ca.depends_on(residual, variables[name]):
                 raise TrimError(
-                    f"{s.owner}: {name!r} cannot move in an equilibrium, as equation {place} depends on it."
+                    f"{s.owner}: {name!r} cannot move in an equilibrium: equation {place} depends on it."
                 )
 
 
@@ -295,7 +295,7 @@ def _at_points(s: Structure, problem: _Problem) -> Array:
     """Numbers (points, unknowns) at nominal and at other values of the parameters."""
     start, sizes = _start(s, problem.quantities)
     system = System(problem.residual, problem.z, s.dae.p)
-    rows = []
+    rows: list[Array] = []
     for p in parameter_points(s.dae, _POINTS):
         at = solve(system, rows[0] if rows else start, p, sizes)
         if not at.is_solution:
@@ -313,7 +313,6 @@ def _block(
     own: Sequence[Quantity],
 ) -> list[ca.SX]:
     slopes = ca.jacobian(residual, z)
-    sizes = np.array([q.variable.nominal for q in own])
     n = z.numel()
     if not ca.depends_on(slopes, z):
         offset = ca.substitute(residual, z, ca.SX.zeros(n))
@@ -330,10 +329,10 @@ def _block(
         return guessed
     names = listed(q.name for q in own)
     raise NotRationalError(
-        f"{s.owner}, trim: {names} depend on the parameters, and the equations {listed(places)} are not "
-        "linear in them, so the equilibrium is not rational. Either declare one of them as a parameter and "
-        "leave an input free instead (at={'name': 'parameter'}, free=['input']), which is exact; or replace "
-        "the dependence by a rational fit with a guaranteed bound (fit_rational)."
+        f"{s.owner}, trim: {names} depend on the parameters, and the equations {listed(places)} are "
+        "not linear in them, so the equilibrium is not rational. Either declare one of them as a "
+        "parameter and leave an input free instead (at={'name': 'parameter'}, free=['input']), which "
+        "is exact; or replace the dependence by a rational fit with a guaranteed bound."
     )
 
 

@@ -126,7 +126,7 @@ def _solved(jacobian: Array, sizes: _Sizes, owner: str) -> tuple[Array, Array]:
         jacobian[:, :n, :n], jacobian[:, :n, n:] + jacobian[:, :n, :n] @ solved
     )
     read = jacobian[:, n:, n:] + jacobian[:, n:, :n] @ solved
-    return np.concatenate([solved[:, : sizes.states], read], axis=1), solved
+    return np.concatenate([solved[:, : sizes.states], read], axis=1), np.asarray(solved)
 
 
 def _balls(model: LinearModel, slopes: ca.SX, points: Array, sizes: _Sizes) -> Iterator[Balls]:
