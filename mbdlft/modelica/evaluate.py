@@ -19,6 +19,7 @@ from mbdlft.modelica.tree import (
     Text,
     Truth,
     Unary,
+    references,
     spine,
 )
 from mbdlft.modelica.values import Value
@@ -162,8 +163,8 @@ class Evaluator:
         name, subscripts = reference.name, reference.subscripts
         if name in self.indices and not subscripts:
             return self.indices[name]
-        if subscripts and not any(isinstance(s, Range) for s in subscripts):
-            whole = ",".join(str(self._position(s, None)) for s in subscripts)
+        if subscripts and not any(_is_of_array(s) for s in subscripts):
+            whole = ",".join(str(self.whole(s)) for s in subscripts)
             found = self.lookup(f"{name}[{whole}]")
             if found is not None:
                 return found
@@ -172,25 +173,23 @@ class Evaluator:
             raise SceneError(f"{name!r} is not declared.")
         return self._indexed(name, found, subscripts) if subscripts else found
 
-    def _position(self, subscript: Expression, size: int | None) -> int:
-        if subscript == Reference("end") and size is not None:
-            return size
-        return self.whole(subscript)
-
     def _indexed(self, name: str, value: Value, subscripts: tuple[Expression, ...]) -> Value:
         first, rest = subscripts[0], subscripts[1:]
         if not isinstance(value, tuple):
             raise SceneError(f"{name!r} has more subscripts than dimensions.")
-        if isinstance(first, Range):
-            last = Reference("end")
-            bounds = Range(first.first, first.step, first.last)
-            if first.last is None or first.last == last:
-                begin = first.first or Number("1")
-                bounds = Range(begin, first.step, Number(str(len(value))))
-            chosen = tuple(self._entry(name, value, int(k)) for k in self.range_of(bounds))
-            return tuple(self._indexed(name, entry, rest) for entry in chosen) if rest else chosen
-        entry = self._entry(name, value, self._position(first, len(value)))
-        return self._indexed(name, entry, rest) if rest else entry
+        size = Number(str(len(value)))
+        (positions,) = self.with_index("end", Array((size,)), lambda: self._positions(first, size))
+        chosen = tuple(self._entry(name, value, k) for k in positions)
+        if rest:
+            chosen = tuple(self._indexed(name, entry, rest) for entry in chosen)
+        return chosen if isinstance(first, Range) else chosen[0]
+
+    def _positions(self, subscript: Expression, size: Number) -> list[int]:
+        """The positions that a subscript names in an array of a size."""
+        if not isinstance(subscript, Range):
+            return [self.whole(subscript)]
+        bounds = subscript if subscript.last is not None else Range(Number("1"), None, size)
+        return [int(k) for k in self.range_of(bounds)]
 
     def _entry(self, name: str, value: tuple[Value, ...], position: int) -> Value:
         if not 1 <= position <= len(value):
@@ -240,6 +239,11 @@ class Evaluator:
             f"the function {name} of {len(found)} arguments is not supported. Supported are the "
             "functions of the language itself; write its formula into the equation."
         )
+
+
+def _is_of_array(subscript: Expression) -> bool:
+    """Whether a subscript needs to know the size of the array, or is several."""
+    return isinstance(subscript, Range) or Reference("end") in references(subscript)
 
 
 def _filled(function: str, values: list[Value]) -> Value:
