@@ -66,7 +66,12 @@ def read_values(
         A parameter has no value, or one that depends on itself; the table names one that does not
         exist, or cannot stay.
     """
-    declared = {d.name: d for d in model.declarations if d.variability in ("parameter", "constant")}
+    declared: dict[str, Declaration] = {}
+    for d in model.declarations:
+        if d.variability in ("parameter", "constant"):
+            if d.name in declared:
+                raise SceneError(f"{place(d)}: it is declared twice.")
+            declared[d.name] = d
     for name in (*table.parameters, *table.values):
         if name not in declared:
             raise SceneError(f"{model.source}: " + unknown_name("parameter", name, declared))

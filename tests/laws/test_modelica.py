@@ -1,4 +1,4 @@
-"""Laws of Modelica text: it is read as the language says, written and read again, and no digit is lost."""
+"""Laws of Modelica text: it is read as the language says, and no digit is lost when it is written."""
 
 from fractions import Fraction
 from typing import Any
@@ -156,7 +156,8 @@ def test_functions_of_numbers(text: str, expected: float) -> None:
 def test_numbers_are_not_rounded() -> None:
     digits = "1.00000000000000000000000000000000001"
     assert value(digits) == Fraction(digits)
-    text = f"model M\n parameter Real k(min=1, max=3) = 2;\n Real x;\nequation\n x = ({digits} - 1)*1e35*k;\nend M;"
+    head = "model M\n parameter Real k(min=1, max=3) = 2;\n Real x;\nequation\n"
+    text = f"{head} x = ({digits} - 1)*1e35*k;\nend M;"
     dae, _ = translate(flat_model(text))
     (e,) = dae.equations
     assert str(e.residual) == "(x-k)"
