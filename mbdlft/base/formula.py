@@ -98,6 +98,8 @@ def parsed(text: str) -> tuple[tuple[str | None, ast.expr], ...]:
 def formula_value(text: str, values: Mapping[str, Any], functions: Functions = NUMPY) -> Any:
     """The value of a formula, its names being those of `values`.
 
+    A function ``number`` makes numbers of the number system of those in the text.
+
     Raises
     ------
     SceneError
@@ -142,7 +144,7 @@ def _value(text: str, node: ast.expr, known: Mapping[str, Any], functions: Funct
 def _single(text: str, node: ast.expr, known: Mapping[str, Any], functions: Functions) -> Any:
     match node:
         case ast.Constant(value=int() | float() as value):
-            return float(value)
+            return functions.get("number", float)(float(value))
         case ast.Name(id=name):
             if name not in known:
                 raise SceneError(f"formula {text!r}: " + unknown_name("name", name, known))

@@ -3,6 +3,8 @@ from .description import Equation as Equation
 from .description import Output as Output
 from .description import Variable as Variable
 from .draft import DaeDraft as DaeDraft
+from .fit import CoefficientFit as CoefficientFit
+from .fit import fit_coefficient as fit_coefficient
 from .from_casadi import from_casadi as from_casadi
 from .simulate import Simulation as Simulation
 from .simulate import simulate as simulate

@@ -106,6 +106,8 @@ class Dae:
     description : str
     text : str
         What the model was read from.
+    fit_error_bound : float
+        Guaranteed bound of the error of coefficients that are fits, in their units; 0.0 for none.
 
     Raises
     ------
@@ -124,6 +126,7 @@ class Dae:
     initial: tuple[Equation, ...] = ()
     description: str = ""
     text: str = field(default="", repr=False)
+    fit_error_bound: float = 0.0
 
     def __post_init__(self) -> None:
         names = [v.name for v in (*self.variables, *self.inputs)]

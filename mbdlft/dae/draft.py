@@ -8,6 +8,7 @@ import casadi as ca
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.parameter import Parameter
 from mbdlft.dae.description import Dae, Equation, Output, Variable, column
+from mbdlft.dae.fit import fit_coefficient
 from mbdlft.dae.operations import with_literals
 from mbdlft.sx.constants import literal
 
@@ -44,6 +45,7 @@ class DaeDraft:
         self._outputs: list[Output] = []
         self._equations: list[Equation] = []
         self._initial: list[Equation] = []
+        self._fit_error_bound = 0.0
 
     def variable(self, name: str, unit: str = "1", **fields: Any) -> ca.SX:
         """The symbol of a new variable; `fields` are others of `Variable`."""
@@ -66,6 +68,19 @@ class DaeDraft:
     def number(self, value: float) -> ca.SX:
         """A number that is not rounded when it meets others."""
         return ca.SX(literal(value))
+
+    def fit(self, coefficient: ca.SX, tolerance: float) -> ca.SX:
+        """A rational fit of a coefficient such as sqrt(p), with a guaranteed bound of its error.
+
+        The models that are made with it are not exact: their certificates have the bound, in the unit
+        of the coefficient. Errors as those of `fit_coefficient`.
+        """
+        pairs = self._parameters.values()
+        found = fit_coefficient(
+            coefficient, [p for p, _ in pairs], [symbol for _, symbol in pairs], tolerance
+        )
+        self._fit_error_bound = max(self._fit_error_bound, found.bound)
+        return found.expression
 
     def der(self, variable: ca.SX | str) -> ca.SX:
         """The symbol of the derivative of a variable, in its unit per second.
@@ -141,6 +156,7 @@ class DaeDraft:
             tuple(self._equations),
             tuple(self._initial),
             self.description,
+            fit_error_bound=self._fit_error_bound,
         )
 
     def _made(

@@ -59,6 +59,7 @@ def problem_of_trim(at: DaeTrim, stage: Stage = lambda name: nullcontext()) -> P
         forms=(Form(relations),),
         points=points,
         reference=partial(_reference, at, relations, points, trimmed),
+        fit_error_bound=s.source.fit_error_bound,
         singular=lambda number, names: (
             f"the linearized equations do not determine the unknowns at nominal (condition {number:.0e})."
         ),

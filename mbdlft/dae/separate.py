@@ -149,7 +149,7 @@ class Separation:
             f"{self.owner}, {self.place}: {text} is not rational in the parameters "
             f"{_names(values)}. Either declare the value of {text} as a parameter of its own, with which "
             "the others are rational, which is exact; or replace it by a rational fit with a guaranteed "
-            "bound, such as fit_coefficient makes it."
+            "bound (DaeDraft.fit, fit_coefficient)."
         )
 
     def _check_angles(self, found: Mixed) -> None:

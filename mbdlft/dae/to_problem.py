@@ -74,6 +74,7 @@ def problem_of_dae(
         forms=(Form(form.relations),),
         points=points,
         reference=partial(reference_of_relations, form.relations, points, s.owner),
+        fit_error_bound=s.source.fit_error_bound,
         singular=lambda number, names: (
             f"the linear part does not determine the unknowns at nominal (condition {number:.0e})."
         ),
