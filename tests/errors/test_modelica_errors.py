@@ -380,13 +380,13 @@ def test_events_of_the_tables_are_refused(tmp_path: Path) -> None:
 def test_parameters_that_have_chosen_equations_cannot_stay(tmp_path: Path) -> None:
     file = tmp_path / "m.mo"
     file.write_text(
-        "model M\n parameter Real p(min=1, max=3) = 2;\n Real x;\nequation\n"
-        " if p > 2.5 then x = 1; else x = 2; end if;\nend M;"
+        "model M\n parameter Real p(min=1, max=3) = 2;\n Real x; Real y;\nequation\n"
+        " if p > 2.5 then x = 1; y = 2; else y = x; x = 3; end if;\nend M;"
     )
     with pytest.raises(SceneError, match=r"m.mo, line 5: equations are chosen by the value of 'p'"):
         load_modelica(file)
     dae, _ = load_modelica(file, ModelicaTable(parameters={"p": False}))
-    assert [str(e.residual) for e in dae.equations] == ["(x-2)"]
+    assert [str(e.residual) for e in dae.equations] == ["(y-x)", "(x-3)"]
 
 
 def test_options_for_modelica_are_refused_for_scenes() -> None:
