@@ -79,7 +79,7 @@ model HydraulicServo "Valve, cylinder and a mass on a spring; flows grow with th
 
   parameter Real m(unit="kg", min=80, max=160) = 100 "moved mass";
   parameter Real bulk(unit="Pa", min=0.7e9, max=1.4e9) = 1e9 "modulus of the oil, with its air";
-  parameter Real p_s(unit="Pa", min=0.9e7, max=1.1e7) = 1e7 "supply";
+  parameter Real p_s(unit="Pa") = 1e7 "supply";
   Valve valve(k=2e-7, leak=2e-12, p_s=p_s);
   Cylinder cylinder(A=1e-3, V=5e-4, bulk=bulk);
   Mass mass(m=m);
