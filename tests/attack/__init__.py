@@ -11,7 +11,7 @@ one file and one line there.
 # name of the class (its file has underscores), and how many seeds `make test` runs
 CLASSES = {
     "archives": 30,
-    "matrix-files": 4,
+    "matrix-files": 2,
     "urdf": 60,
     "scenes": 15,
     "kills": 3,
