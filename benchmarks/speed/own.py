@@ -7,6 +7,7 @@ import numpy as np
 import mbdlft
 from benchmarks.speed.robots import Array, Method, Samples
 from benchmarks.speed.systems import System
+from mbdlft.batch.compiled import compiled
 from mbdlft.batch.rows import source_of
 
 
@@ -55,7 +56,7 @@ def by_compiled_lft(system: System) -> Method:
 
 
 def _compiled(given: mbdlft.Scene | mbdlft.LFTModel) -> Method:
-    found = mbdlft.compile(given, threads=1)
+    found = compiled(source_of(given), threads=1)
     if found.reason:
         raise TooLongError(found.reason)
     names = [p.name for p in found.parameters]

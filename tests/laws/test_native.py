@@ -252,6 +252,7 @@ def test_damaged_code_is_not_run(cache: Path) -> None:
         whole[:99] + b"!" + whole[100:],
     ):
         file.write_bytes(damage)
+        assert Cache(cache).get(file.stem) is None
         found = np.empty_like(expected)
         run_natively(native(program, len(row), Cache(cache)), at, row, found)
         assert np.array_equal(found, expected, equal_nan=True)
