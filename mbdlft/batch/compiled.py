@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, MbdlftWarning, SceneError
+from mbdlft.base.errors import AnalysisError, MbdlftError, MbdlftWarning, SceneError
 from mbdlft.base.parameter import Parameter
 from mbdlft.batch.rows import EquationSource, ModelSource, Source, source_of
 from mbdlft.batch.samples import GivenSamples, count_of, points_of, samples_of
@@ -22,7 +22,7 @@ from mbdlft.lft.evaluate import NATIVE
 from mbdlft.lft.program.cache import user_cache
 from mbdlft.lft.program.native import NativeProgram, is_available, native, run_natively
 from mbdlft.lft.program.tape import Operand, Pivot, Tape, TooLongError, rows_of_numbers
-from mbdlft.multibody.scene import Scene
+from mbdlft.multibody.scene import Scene, scene_from_toml
 from mbdlft.problem.prestress import check_carried
 from mbdlft.problem.straight_line import StraightLine, straight_line
 from mbdlft.problem.trim import RESIDUAL
@@ -32,6 +32,7 @@ from mbdlft.system.model import LFTModel, deltas_of
 _WORTH = 50_000  # samples from which on compiling equations takes less than it saves
 _CHUNK, _ENTRIES = 8192, 2**22  # most samples, and numbers of their rows, in memory at a time
 _LONGEST = 200_000  # instructions: more take minutes to compile
+_LONG = 5_000  # instructions of a model: its equations are looked at, which may have fewer
 _PROBES, _AGREED = 16, 1e-6  # samples, and part of a row and column: a mistake is more
 
 
@@ -77,6 +78,11 @@ class Compiled:
     program: NativeProgram | None
     reason: str = ""
     threads: int | None = None
+
+    @property
+    def computes(self) -> str:
+        """What is computed: "equations" of a scene, or the "LFT" of a model."""
+        return "equations" if isinstance(self.source, EquationSource) else "LFT"
 
     @property
     def layout(self) -> Layout:
@@ -173,7 +179,9 @@ def compile(given: Scene | LFTModel, *, threads: int | None = None) -> Compiled:
     Parameters
     ----------
     given : Scene or LFTModel
-        Of a scene, the nonlinear equations are trimmed and linearized at each sample.
+        Of a scene, the nonlinear equations are trimmed and linearized at each sample. Of a model, the LFT
+        is evaluated; where its program would be long, the equations of the scene that it was made from
+        are taken instead, if they have the same values (`Compiled.computes` says which).
     threads : int, optional
         Threads of a call; by default as many as there are cores.
 
@@ -209,6 +217,10 @@ def compiled(source: EquationSource | ModelSource, threads: int | None = None) -
         reason = "llvmlite is not installed (pip install 'mbdlft[native]')."
         return Compiled(source, None, None, reason)
     line = _of_equations(source) if isinstance(source, EquationSource) else _of_model(source)
+    if isinstance(source, ModelSource) and (line is None or len(line.program.instructions) > _LONG):
+        by_equations = _by_equations(source, threads)
+        if by_equations is not None:
+            return by_equations
     if line is None:
         return Compiled(source, None, None, f"its program has more than {_LONGEST} instructions.")
     try:
@@ -217,7 +229,7 @@ def compiled(source: EquationSource | ModelSource, threads: int | None = None) -
         reason = f"LLVM failed: {type(error).__name__}: {str(error)[:200]}"
         return Compiled(source, None, None, reason)
     found = Compiled(source, line, program, "", threads)
-    if not _agrees(found):
+    if not _agrees(found, source):
         return Compiled(
             source, None, None, "its program differs from the definition; please report it."
         )
@@ -253,10 +265,23 @@ def _of_model(source: ModelSource) -> StraightLine | None:
     return StraightLine(program, row, shape, len(outcome) - shape[0] * shape[1])
 
 
-def _agrees(found: Compiled) -> bool:
+def _by_equations(source: ModelSource, threads: int | None) -> Compiled | None:
+    """The equations of the scene that a model was made from, if their values are those of the model."""
+    try:
+        equations = source_of(scene_from_toml(source.model.provenance.scene))
+    except MbdlftError:  # it was made from something else
+        return None
+    same = equations.layout == source.layout and equations.parameters == source.parameters
+    if not same:
+        return None
+    found = compiled(equations, threads)
+    return None if found.reason or not _agrees(found, source) else found
+
+
+def _agrees(found: Compiled, definition: Source) -> bool:
     """Whether the values are those of the definition at some samples: there is no mistake."""
     points = _probes(found.parameters)
-    (one, *_, first), (two, *_, second) = found.rows(points), found.source.rows(points)
+    (one, *_, first), (two, *_, second) = found.rows(points), definition.rows(points)
     some = (first == SOLVED) & (second == SOLVED)
     if not np.any(some):
         return True

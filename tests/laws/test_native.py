@@ -10,6 +10,7 @@
 import os
 import warnings
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ from mbdlft.lft.program.solve import solve, sparse
 from mbdlft.lft.program.tape import Operand, Pivot, Program, Tape, rows_of_numbers
 from mbdlft.multibody.assembly import assembly
 from mbdlft.problem.in_digits import matrices_in_digits
-from tests.close import EVALUATION, NOTHING, exact, roundoff
+from tests.close import ELASTIC, EVALUATION, NOTHING, exact, roundoff
 from tests.errors.scenes import cart
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
@@ -182,6 +183,27 @@ def test_as_near_to_fifty_digits_as_the_definition(name: str) -> None:
     assert errors[0] <= 3.0 * errors[1] + EVALUATION
 
 
+def test_a_full_model_is_computed_by_its_equations() -> None:
+    """Its LFT has 116 repetitions and a program of more than 200 000 instructions."""
+    model = mbdlft.to_lft(scene("rotatory_spacecraft"), search=0.0)
+    found = mbdlft.compile(model, threads=1)
+    assert (found.computes, found.reason) == ("equations", "")
+    at = probes(found, 12)
+    matrices, trim, _, status = found.rows(at)
+    expected = source_of(model).rows(at)
+    assert status.tolist() == [0] * 12
+    assert trim.shape == expected[1].shape
+    size = np.max(np.abs(expected[0]), axis=0)
+    size = np.where(size > NOTHING * np.max(size), size, np.max(size))
+    assert np.max(np.abs(matrices - expected[0]) / size) <= ELASTIC
+    # another model of the same names is not that of the scene
+    other = mbdlft.LFT(
+        model.lft.M11, model.lft.M12, 2.0 * model.lft.M21, model.lft.M22, model.lft.blocks
+    )
+    with pytest.warns(MbdlftWarning, match="more than 200000 instructions"):
+        assert mbdlft.compile(replace(model, lft=other)).computes == "LFT"
+
+
 def test_a_call_takes_values_by_name() -> None:
     model = mbdlft.to_lft(scene("two_link_arm"), search=0.0)
     samples = mbdlft.random(model.parameters, 20)
@@ -303,7 +325,7 @@ def test_without_the_compiler_numpy_computes(monkeypatch: pytest.MonkeyPatch) ->
         ("is_available", lambda: False, "llvmlite is not installed"),
         ("native", lambda *_: 1 / 0, "LLVM failed: ZeroDivisionError"),
         ("_LONGEST", 3, "more than 3 instructions"),
-        ("_agrees", lambda _: False, "differs from the definition"),
+        ("_agrees", lambda *_: False, "differs from the definition"),
     ):
         with monkeypatch.context() as patch:
             patch.setattr(module, name, broken)
