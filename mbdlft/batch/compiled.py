@@ -34,6 +34,7 @@ _CHUNK, _ENTRIES = 8192, 2**22  # most samples, and numbers of their rows, in me
 _LONGEST = 200_000  # instructions: more take minutes to compile
 _LONG = 5_000  # instructions of a model: its equations are looked at, which may have fewer
 _PROBES, _AGREED = 16, 1e-6  # samples, and part of a row and column: a mistake is more
+_ROUNDING = 1e-9  # of the largest entry
 
 
 class Linearizations(NamedTuple):
@@ -288,16 +289,18 @@ def _agrees(found: Compiled, definition: Source) -> bool:
     one, two = one[some], two[some]
     size = np.max(np.abs(two), axis=0, initial=0.0)
     rows, columns = np.max(size, axis=1, initial=0.0), np.max(size, axis=0, initial=0.0)
+    # rows that are zero but for rounding have no size of their own
     least = np.maximum(size, np.sqrt(np.outer(rows, columns)))
+    least = np.maximum(least, _ROUNDING * np.max(size, initial=0.0))
     return bool(np.all(np.abs(one - two) <= _AGREED * least))
 
 
 def _probes(parameters: tuple[Parameter, ...]) -> Array:
     random = np.random.default_rng(0)
-    return np.stack(
-        [random.uniform(p.low, p.high, _PROBES) for p in parameters] or [np.zeros((0, _PROBES))],
-        axis=-1,
-    ).reshape(_PROBES, len(parameters))
+    points = np.empty((_PROBES, len(parameters)))
+    for k, parameter in enumerate(parameters):
+        points[:, k] = random.uniform(parameter.low, parameter.high, _PROBES)
+    return points
 
 
 def fastest(source: EquationSource | ModelSource, count: int) -> Source:

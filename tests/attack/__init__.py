@@ -18,6 +18,7 @@ CLASSES = {
     "writers": 1,
     "matrices": 6,
     "expressions": 40,
+    "native": 2,
     "cores": 1,
 }
 SECONDS = 20.0  # of the clock that one attack may take

@@ -246,6 +246,14 @@ def test_samples_without_a_solution_have_their_status() -> None:
     roundoff(rows.A[[1, 4], 1, 0], [-3.0, -6.0])
 
 
+def test_a_scene_without_parameters() -> None:
+    found = mbdlft.compile(cart())
+    assert found.parameters == ()
+    rows = found({})
+    roundoff(rows.A[0], mbdlft.to_lft(cart(), search=0.0).A)
+    assert found.rows(np.zeros((11, 0)))[0].shape == (11, *found.layout.matrix_shape)
+
+
 def test_numbers_are_shared(cache: Path) -> None:
     text = mbdlft.scene_to_toml(scene("two_link_arm"))
     other = mbdlft.scene_from_toml(text.replace("= 0.1\n", "= 0.35\n"))

@@ -135,13 +135,13 @@ def _call(
 
 def _packed(found: NativeProgram, points: Array) -> Array:
     """Inputs of the native code (blocks, inputs, LANES) from points (N, inputs of the program)."""
-    given = points.shape[1]
-    packed = _aligned(len(points) * found.inputs).reshape(-1, found.inputs, LANES)
-    packed[:, :given] = points.reshape(-1, LANES, given).transpose(0, 2, 1)
+    given, blocks = points.shape[1], len(points) // LANES
+    packed = _aligned(len(points) * found.inputs).reshape(blocks, found.inputs, LANES)
+    packed[:, :given] = points.reshape(blocks, LANES, given).transpose(0, 2, 1)
     if found.first is not None:
         circles = np.empty((len(points), 1, found.inputs - given))
         run(found.first, points, circles)
-        packed[:, given:] = circles.reshape(-1, LANES, found.inputs - given).transpose(0, 2, 1)
+        packed[:, given:] = circles.reshape(blocks, LANES, found.inputs - given).transpose(0, 2, 1)
     return packed
 
 
