@@ -18,6 +18,7 @@ from mbdlft.sx.constants import constants_in, is_constant
 from mbdlft.sx.fold import Rule, fold, rules, steps
 
 _SEED = 20090211  # of the residues that stand for parameters
+_SMALL = 2**15  # of numerators and denominators of ratios that are recognized
 Row = dict[Any, Any]  # coefficients by signal; fractions, or residues where one is not rational
 
 
@@ -44,7 +45,7 @@ class Registry:
     def __init__(self, expressions: ca.SX, parameters: ca.SX) -> None:
         self.arguments: list[Argument] = []
         self.functions: list[Function] = []
-        self._arguments: dict[Any, int] = {}
+        self._arguments: dict[Any, list[tuple[int, Any]]] = {}
         self._functions: dict[Any, int] = {}
         self._argument_of: dict[int, int] = {}  # by the hash of its symbol
         self._field = Field(constants_in(expressions)[1])
@@ -55,26 +56,21 @@ class Registry:
     def argument(self, value: Mixed) -> tuple[ca.SX, Fraction]:
         """The symbol of an argument, and the number that it has to be multiplied with."""
         row, is_rational = self._row(value)
-        ratio = Fraction(1)
-        if is_rational:
-            ratio = row[min(row, key=str)]
-            row = {key: entry / ratio for key, entry in row.items()}
-        key = (is_rational, tuple(sorted(((str(k), int_of(x)) for k, x in row.items()))))
-        if key not in self._arguments:
-            number = len(self.arguments)
-            if is_rational and len(row) > 1:  # as it was written first
-                row = {k: entry * ratio for k, entry in row.items()}
-            elif is_rational:
-                value = times(value, number_of(1 / ratio))
-            self._arguments[key] = number
-            symbol = ca.SX.sym(f"psi{number}")
-            self._argument_of[symbol.element_hash()] = number
-            self.arguments.append(Argument(symbol, value, row if is_rational else None))
-        found = self.arguments[self._arguments[key]]
-        if is_rational and found.row is not None:
-            first = min(found.row, key=str)
-            ratio = ratio / found.row[first]
-        return found.symbol, ratio
+        lead = row[min(row, key=str)]
+        key = (is_rational, tuple(sorted((str(k), _key(x / lead)) for k, x in row.items())))
+        for number, before in self._arguments.get(key, ()):
+            ratio = lead / before if is_rational else _fraction(lead / before, self._field.prime)
+            if ratio is not None:
+                return self.arguments[number].symbol, ratio
+        first = Fraction(1)
+        if is_rational and len(row) == 1:  # a signal itself; of more, as it was written first
+            first, value = lead, times(value, number_of(1 / lead))
+            row, lead = {k: Fraction(1) for k in row}, Fraction(1)
+        symbol = ca.SX.sym(f"psi{len(self.arguments)}")
+        self._arguments.setdefault(key, []).append((len(self.arguments), lead))
+        self._argument_of[symbol.element_hash()] = len(self.arguments)
+        self.arguments.append(Argument(symbol, value, row if is_rational else None))
+        return symbol, first
 
     def function(self, expression: ca.SX, hint: str) -> int:
         """The number of a function."""
@@ -142,9 +138,18 @@ class Registry:
         return fold(function, table, p, given)[0]
 
 
-def int_of(value: Any) -> Any:
+def _key(value: Any) -> Any:
     """A key of a fraction or residue."""
     return value if isinstance(value, Fraction) else int(value)
+
+
+def _fraction(residue: Any, prime: int) -> Fraction | None:
+    """The fraction of small numbers that a residue is, if it is one (by Euclid's algorithm)."""
+    before, now = (prime, 0), (int(residue), 1)
+    while now[0] > _SMALL:
+        quotient = before[0] // now[0]
+        before, now = now, (before[0] - quotient * now[0], before[1] - quotient * now[1])
+    return Fraction(now[0], now[1]) if now[0] and 0 < abs(now[1]) <= _SMALL else None
 
 
 def independent(arguments: Sequence[Argument]) -> list[tuple[Fraction, ...]] | None:

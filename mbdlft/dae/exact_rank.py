@@ -1,7 +1,7 @@
 """Ranks of matrices of equations: exact where their numbers are, with names of what is singular."""
 
 import operator
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import casadi as ca
@@ -11,7 +11,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError
 from mbdlft.number.exact import Field, constant_of
 from mbdlft.number.exact_matrix import Residues, null_space
-from mbdlft.sx.constants import constants_in
+from mbdlft.sx.constants import constants_in, in_doubles
 from mbdlft.sx.fold import fold, rules
 
 _SEED = 20230917  # of the residues that stand for parameters
@@ -29,20 +29,22 @@ class Singular(NamedTuple):
 
 
 def singular_part(
-    matrix: ca.SX, signals: Sequence[ca.SX], points: Sequence[Array]
+    matrix: ca.SX,
+    signals: ca.SX,
+    parameters: ca.SX,
+    points: Callable[[], Sequence[Array]],
 ) -> Singular | None:
     """What is singular in a square matrix (n, n), or None.
 
     A matrix of numbers and parameters is decided in exact arithmetic, for parameters in general. One of
-    signals is looked at in doubles at points, values of the signals and then of what else is in it.
+    signals is looked at in doubles at points, values of [signals ; parameters].
     """
-    by_signals = bool(ca.depends_on(matrix, ca.vertcat(ca.SX(0, 1), *signals)))
-    if not by_signals:
+    if not ca.depends_on(ca.densify(matrix), signals):
         try:
             return _by_residues(matrix)
         except NotRationalError:
             pass
-    return _by_values(matrix, signals, points)
+    return _by_values(matrix, ca.vertcat(signals, parameters), points())
 
 
 def _by_residues(matrix: ca.SX) -> Singular | None:
@@ -79,9 +81,9 @@ def _used(space: Residues) -> tuple[int, ...]:
     return tuple(int(k) for k in np.flatnonzero(np.any(space != 0, axis=1)))
 
 
-def _by_values(matrix: ca.SX, signals: Sequence[ca.SX], points: Sequence[Array]) -> Singular | None:
+def _by_values(matrix: ca.SX, symbols: ca.SX, points: Sequence[Array]) -> Singular | None:
     """The singular part if the matrix is singular at all of the points."""
-    function = ca.Function("matrix", [ca.vertcat(ca.SX(0, 1), *signals)], [ca.densify(matrix)])
+    function = ca.Function("matrix", [symbols], [ca.densify(in_doubles(matrix))])
     found = None
     for point in points:
         value = function(point).full()

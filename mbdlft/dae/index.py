@@ -15,6 +15,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from mbdlft.base.errors import StructureError
 from mbdlft.dae.description import Dae, Variable, column
@@ -140,26 +142,39 @@ def _structurally_singular(dae: Dae, sigma: Pattern) -> StructureError:
 
 def _named_parts(dae: Dae, sigma: Pattern) -> str:
     """What is over- and underdetermined, by Dulmage and Mendelsohn."""
-    pattern = ca.DM(np.where(sigma != _ABSENT, 1.0, 0.0))
-    _, rows, columns, _, _, r, c = ca.sparsify(pattern).sparsity().btf()
-    under, few = rows[r[0] : r[1]], columns[c[0] : c[2]]
-    over, many = rows[r[2] : r[4]], columns[c[3] : c[4]]
+    pattern = csr_array(sigma != _ABSENT)
+    matched = maximum_bipartite_matching(pattern, perm_type="column")  # of each row
+    of_column = {int(j): i for i, j in enumerate(matched) if j >= 0}
+    over = _reached(sigma, [i for i, j in enumerate(matched) if j < 0], of_column)
+    turned = {i: j for j, i in of_column.items()}
+    free = [j for j in range(sigma.shape[1]) if j not in of_column]
+    few = _reached(sigma.T, free, turned)
     parts = []
     if few:
+        own = {i for j in few for i in np.flatnonzero(sigma[:, j] != _ABSENT)}
         parts.append(
-            f"The unknowns {listed(dae.variables[j].name for j in few)} are in too few equations"
-            + (f": {listed(dae.equations[i].place for i in under)}." if under else ", in none.")
+            f"The unknowns {listed(dae.variables[j].name for j in few)} are in too few equations: "
+            f"{listed(dae.equations[i].place for i in sorted(own)) or 'none'}."
         )
     if over:
+        many = {j for i in over for j in np.flatnonzero(sigma[i] != _ABSENT)}
         parts.append(
-            f"The equations {listed(dae.equations[i].place for i in over)} are too many"
-            + (
-                f" for {listed(dae.variables[j].name for j in many)}."
-                if many
-                else ": nothing unknown."
-            )
+            f"The equations {listed(dae.equations[i].place for i in over)} are too many for "
+            f"{listed(dae.variables[j].name for j in sorted(many)) or 'no unknown'}."
         )
     return " ".join(parts)
+
+
+def _reached(sigma: Pattern, start: Sequence[int], of_column: dict[int, int]) -> list[int]:
+    """Rows that alternating paths lead to from rows without a match."""
+    found, pending = set(start), list(start)
+    while pending:
+        for j in np.flatnonzero(sigma[pending.pop()] != _ABSENT):
+            row = of_column.get(int(j))
+            if row is not None and row not in found:
+                found.add(row)
+                pending.append(row)
+    return sorted(found)
 
 
 def listed(names: Iterable[object]) -> str:

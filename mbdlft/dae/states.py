@@ -76,9 +76,7 @@ def dummy_derivatives(
         part = jacobian[list(block.rows), list(block.columns)]
         alone = len(block.rows) == 1 and part.nnz() and not ca.symvar(ca.SX(part.nz[0]))
         if not alone:
-            _check_regular(
-                d, part, own, free, points, [rows[i] for i in block.rows], block, entries
-            )
+            _check_regular(d, part, own, points, [rows[i] for i in block.rows], block, entries)
         if any(d.counts[i] for i in block.rows):
             at = [m[np.ix_(block.rows, block.columns)] for m in values.matrices]
             chosen = [(rows[i].order) for i in block.rows]
@@ -105,15 +103,13 @@ def _check_regular(
     d: Differentiated,
     part: ca.SX,
     own: Sequence[ca.SX],
-    free: ca.SX,
     points: Callable[[], Sequence[Array]],
     rows: Sequence[Row],
     block: Block,
     entries: Sequence[Entry],
 ) -> None:
-    in_signals = bool(ca.depends_on(ca.densify(part), ca.vertcat(ca.SX(0, 1), *own)))
-    at = points() if in_signals else []
-    found = singular_part(in_doubles(part) if in_signals else part, [free], at)
+    signals = ca.vertcat(ca.SX(0, 1), *own)
+    found = singular_part(part, signals, d.dae.p, points)
     if found is None:
         return
     dae = d.dae

@@ -212,10 +212,15 @@ class _Form:
             return tuple(range(n))
         for block in blocks_of(pattern):
             part = jacobian[list(block.rows), list(block.columns)]
-            found = singular_part(part, [], [])
+            found = singular_part(part, ca.SX(0, 1), self.internal, self._points)
             if found is not None:
                 return tuple(block.rows[i] for i in found.rows)
         return None
+
+    def _points(self) -> list[Array]:
+        """Nominal values of the parameters, for coefficients that residues do not decide."""
+        parameters = self.s.dae.parameters
+        return [np.array([float(to_internal(p, p.nominal)) for p in parameters])]
 
     def _move(self, rows: Sequence[Mixed], unknown: ca.SX) -> None:
         """Take the slopes at the initial point out of functions of these rows that act on unknowns."""
