@@ -52,6 +52,10 @@ def refuse(text: str, message: str, table: ModelicaTable | None = None) -> None:
         ("model M\n Real x(a.b=3);\nend M;", "expected '=' behind an attribute: Flat text has"),
         ("model M\n Real a[i].b;\nend M;", "expected whole numbers as subscripts inside of a name"),
         (text_of("Real x;", "connect(a, b);"), "line 4: connect is no equation of flat text"),
+        (
+            "model M /* over\ntwo\nthree */\n x",
+            "line 4: 'x' is no type",
+        ),
         (text_of("Real x;", "x + 1;"), "line 4, column 6: expected '=', got ';'"),
         (text_of("Real x;", "x = ;"), "line 4, column 5: expected a number, a name or '\\('"),
         (text_of("Real x;", "x = 2^3^4;"), "line 4, column 8: expected ';', got '\\^'"),

@@ -119,7 +119,8 @@ def test_what_is_written_is_read_again_with_the_same_exact_value(e: Expression) 
         ("sum({i^2 for i in 1:3})", 14),
         ("sum(1:2:5)", 9),
         ("max({1, 5, 3}) + min(2, 4)", 7),
-        ("cross({1, 0, 0}, {0, 1, 0})", (0, 0, 1)),
+        ("cross({1, 2, 3}, {4, 5, 7})", (-1, 5, -3)),
+        ("if 2 >= 2 and 2 <= 2 and not 2 > 2 then 1 else 0", 1),
         ("skew({1, 2, 3})*{4, 5, 6}", (-3, 6, -3)),
         ("transpose([1, 2; 3, 4])", ((1, 3), (2, 4))),
         ("identity(2)*v", (2, 5)),
@@ -141,6 +142,7 @@ def test_values_are_those_of_the_language(text: str, expected: Any) -> None:
     [
         ("sin(a)", np.sin(3 / 7)),
         ("2*asin(1.0)", np.pi),
+        ("asin(0.5) + acos(0.5)", np.pi / 2.0),
         ("atan2(1, -1)", 0.75 * np.pi),
         ("exp(1)*log10(1000)", 3 * np.e),
         ("2^0.5", np.sqrt(2.0)),
@@ -176,31 +178,32 @@ def test_names_comments_and_annotations_make_the_round_trip() -> None:
         annotation(Placement(x={1, 2}), mbdlft(role="design", name="k_odd"), Dialog(tab=(1)));
       Real x[2](each start=1.5, each fixed=true);
       Real y; // a comment
-      Boolean_ z;
+      Real 'end'.'x' = 3;
     equation
       for i in 1:2 loop der(x[i]) = -i*x[i]; end for;
       if true then y = 1; elseif y > 0 then y = 2; else y = 'odd name'.k; end if;
     end 'a b';
-    """.replace("      Boolean_ z;\n", "")
+    """
     model = flat_model(text)
     again = flat_model(flat_text(model))
     assert flat_text(again) == flat_text(model)
     dae, _ = translate(again)
     assert [p.name for p in dae.parameters] == ["k_odd"]
     assert dae.parameters[0].role == "design"
-    assert [x.name for x in dae.variables] == ["x[1]", "x[2]", "y"]
-    assert [x.start for x in dae.variables] == [1.5, 1.5, None]
+    assert [x.name for x in dae.variables] == ["x[1]", "x[2]", "y", "end.x"]
+    assert [x.start for x in dae.variables] == [1.5, 1.5, None, None]
     assert dae.description == 'says "so"'
-    assert [str(e.residual) for e in dae.equations][1:] == ["(der(x[2])+(2.*x[2]))", "(y-1)"]
+    residuals = [str(e.residual) for e in dae.equations]
+    assert residuals == ["(end.x-3)", "(der(x[1])+x[1])", "(der(x[2])+(2.*x[2]))", "(y-1)"]
 
 
 def test_entries_that_are_declared_one_by_one_are_those_of_an_array() -> None:
-    head = "model M\n Real x[1](start=1); Real x[2](start=2); Real r[1].c[3];\n"
+    head = "model M\n Real x[1](start=1); Real x[2](start=2); Real r[1].c[3](start={4, 5, 6});\n"
     body = "equation\n der(x[1]) = x[2]; x[2] = -x[1]; r[1].c = {x[1], 2, 3};\nend M;"
     dae, _ = translate(flat_model(head + body))
     names = [x.name for x in dae.variables]
     assert names == ["x[1]", "x[2]", "r[1].c[1]", "r[1].c[2]", "r[1].c[3]"]
-    assert [x.start for x in dae.variables[:2]] == [1.0, 2.0]
+    assert [x.start for x in dae.variables] == [1.0, 2.0, 4.0, 5.0, 6.0]
     assert len(dae.equations) == 5
 
 
