@@ -5,7 +5,7 @@ from types import MappingProxyType
 
 from mbdlft.base.errors import SceneError
 from mbdlft.modelica.expression import ExpressionParser
-from mbdlft.modelica.tree import Declaration, Expression
+from mbdlft.modelica.tree import Declaration, Expression, Reference, Text
 
 TYPES = ("Real", "Integer", "Boolean", "String")
 _PREFIXES = ("flow", "stream", "inner", "outer", "each")
@@ -81,6 +81,8 @@ class DeclarationParser(ExpressionParser):
             attributes = self._modification()
         if self.skip("=") or self.skip(":="):
             binding = self.expression()
+            if kind == "enumeration" and isinstance(binding, Reference):
+                binding = Text(binding.name.rpartition(".")[2])
         if self.is_at("if"):
             raise self.error("no condition: flat text has no conditional declarations")
         comment = self.comment()

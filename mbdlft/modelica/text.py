@@ -10,7 +10,6 @@ from dataclasses import replace
 
 from mbdlft.base.errors import SceneError
 from mbdlft.modelica.declaration import ADVICE, DeclarationParser
-from mbdlft.modelica.expression import unquoted
 from mbdlft.modelica.tree import (
     Check,
     Choice,
@@ -66,14 +65,14 @@ class _TextParser(DeclarationParser):
             if self.is_at("within"):
                 self._behind_semicolon()
             elif self.skip("package"):
-                packages.append(self.take().text)
+                packages.append(self.name()[0])
                 self.comment()
             elif self._is_class(("function", "record", "type")):
                 self._class()
             else:
                 raise self.error("a model, such as 'model motor'")
         self._class_word()
-        name = unquoted(self.take().text)
+        name, _ = self.name()
         comment = self.comment()
         self._sections()
         self._end(name)
@@ -81,7 +80,7 @@ class _TextParser(DeclarationParser):
             if self.is_at("annotation"):
                 self.annotation()
                 self.expect(";")
-            self._end(unquoted(package))
+            self._end(package)
         if self.word.kind:
             raise self.error("the end of the text, behind the one model that it has")
         return FlatModel(
@@ -111,14 +110,24 @@ class _TextParser(DeclarationParser):
     def _class(self) -> None:
         """Read over a function, a record or a type: what uses it is an error."""
         self._class_word()
-        name = self.take().text
+        name, _ = self.name()
         if self.is_at("="):  # type Angle = Real(unit = "rad")
             self._behind_semicolon()
             return
-        while not (self.is_at("end") and self.words[self.place + 1].text == name):
+        while not self._is_end_of(name):
             self.not_at_end(f"'end {name};'")
             self.take()
-        self._end(unquoted(name))
+        self._end(name)
+
+    def _is_end_of(self, name: str) -> bool:
+        """Whether `end name;` stands at the place, which stays."""
+        if not self.is_at("end") or self.words[self.place + 1].kind != "name":
+            return False
+        first = self.place
+        self.take()
+        found, _ = self.name()
+        self.place = first
+        return found == name
 
     def _behind_semicolon(self) -> None:
         while not self.skip(";"):
@@ -127,9 +136,11 @@ class _TextParser(DeclarationParser):
 
     def _end(self, name: str) -> None:
         self.expect("end")
-        if unquoted(self.word.text) != name:
+        first = self.place
+        found = self.name()[0] if self.word.kind == "name" else ""
+        if found != name:
+            self.place = first
             raise self.error(f"'end {name};'")
-        self.take()
         self.expect(";")
 
     def _sections(self) -> None:

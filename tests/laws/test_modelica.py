@@ -197,6 +197,43 @@ def test_names_comments_and_annotations_make_the_round_trip() -> None:
     assert residuals == ["(end.x-3)", "(der(x[1])+x[1])", "(der(x[2])+(2.*x[2]))", "(y-1)"]
 
 
+def test_texts_as_openmodelica_writes_them_are_read() -> None:
+    text = """function Lib.Math.half
+      input Real x; output Real y;
+    algorithm
+      y := if x > 0 then x/2 else -x/2;
+    end Lib.Math.half;
+
+    class Lib.Examples.First "with a dot in its name"
+      parameter enumeration(never, avoid, default, prefer) body.stateSelect = StateSelect.default "p";
+      final parameter Boolean body.useSupport = true "= true";
+      protected parameter Real body.J(quantity = "MomentOfInertia", unit = "kg.m2", min = 0.0) = 2.0;
+      Real body.phi(quantity = "Angle", unit = "rad", stateSelect = StateSelect.prefer);
+      Real body.w(start = 1.0, fixed = true) "speed" annotation(Evaluate = true);
+      protected Real body.a;
+      parameter Integer n = 3;
+    initial equation
+      body.phi = 0.0;
+    equation
+      body.w = der(body.phi);
+      body.a = der(body.w);
+      body.J * body.a = -10.0 ^ (-1.0) * (if body.useSupport then body.phi else 0.0);
+      annotation(experiment(StopTime = 1.0));
+    end Lib.Examples.First;
+    """
+    dae, report = translate(flat_model(text))
+    assert dae.name == "Lib.Examples.First"
+    assert [(x.name, x.unit, x.fixed) for x in dae.variables] == [
+        ("body.phi", "rad", False),
+        ("body.w", "1", True),
+        ("body.a", "1", False),
+    ]
+    assert report.states == ("body.phi",)
+    assert [e.line for e in dae.equations] == [18, 19, 20]
+    assert [str(e.residual) for e in dae.initial] == ["body.phi"]
+    assert flat_text(flat_model(dae.text)) == dae.text
+
+
 def test_entries_that_are_declared_one_by_one_are_those_of_an_array() -> None:
     head = "model M\n Real x[1](start=1); Real x[2](start=2); Real r[1].c[3](start={4, 5, 6});\n"
     body = "equation\n der(x[1]) = x[2]; x[2] = -x[1]; r[1].c = {x[1], 2, 3};\nend M;"
