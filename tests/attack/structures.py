@@ -93,6 +93,11 @@ def _text(value: Any) -> str:
     if isinstance(value, dict):
         inner = ", ".join(f"{json.dumps(key)} = {_text(item)}" for key, item in value.items())
         return f"{{{inner}}}"
+    depth = 0  # lists in lists are hundreds deep
+    while isinstance(value, list) and len(value) == 1:
+        value, depth = value[0], depth + 1
+    if depth:
+        return "[" * depth + _text(value) + "]" * depth
     if isinstance(value, list):
         return f"[{', '.join(map(_text, value))}]"
     return repr(value) if isinstance(value, float) else json.dumps(value)
