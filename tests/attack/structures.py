@@ -1,6 +1,7 @@
 """Changes of a TOML table as a tree: numbers at extremes, parts gone, doubled, exchanged or renamed."""
 
 import json
+import sys
 from copy import deepcopy
 from typing import Any
 
@@ -86,18 +87,18 @@ def _at(item: Any, path: Path) -> Any:
 
 def as_toml(table: dict[str, Any]) -> str:
     """The text of a table: a line for each key."""
-    return "".join(f"{json.dumps(key)} = {_text(value)}\n" for key, value in table.items())
+    before = sys.getrecursionlimit()
+    sys.setrecursionlimit(10 * before)  # lists in lists are hundreds deep
+    try:
+        return "".join(f"{json.dumps(key)} = {_text(value)}\n" for key, value in table.items())
+    finally:
+        sys.setrecursionlimit(before)
 
 
 def _text(value: Any) -> str:
     if isinstance(value, dict):
         inner = ", ".join(f"{json.dumps(key)} = {_text(item)}" for key, item in value.items())
         return f"{{{inner}}}"
-    depth = 0  # lists in lists are hundreds deep
-    while isinstance(value, list) and len(value) == 1:
-        value, depth = value[0], depth + 1
-    if depth:
-        return "[" * depth + _text(value) + "]" * depth
     if isinstance(value, list):
         return f"[{', '.join(map(_text, value))}]"
     return repr(value) if isinstance(value, float) else json.dumps(value)
