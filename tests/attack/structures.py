@@ -1,7 +1,6 @@
 """Changes of a TOML table as a tree: numbers at extremes, parts gone, doubled, exchanged or renamed."""
 
 import json
-import sys
 from copy import deepcopy
 from typing import Any
 
@@ -59,7 +58,7 @@ def _change(table: dict[str, Any], places: list[Path], random: np.random.Generat
             other = places[int(random.integers(len(places)))]
             owner[key] = deepcopy(_at(table, other))
         case _:
-            owner[key] = ODD[int(random.integers(len(ODD)))]
+            owner[key] = deepcopy(ODD[int(random.integers(len(ODD)))])
 
 
 def _number(value: Any, random: np.random.Generator) -> Any:
@@ -87,12 +86,7 @@ def _at(item: Any, path: Path) -> Any:
 
 def as_toml(table: dict[str, Any]) -> str:
     """The text of a table: a line for each key."""
-    before = sys.getrecursionlimit()
-    sys.setrecursionlimit(10 * before)  # lists in lists are hundreds deep
-    try:
-        return "".join(f"{json.dumps(key)} = {_text(value)}\n" for key, value in table.items())
-    finally:
-        sys.setrecursionlimit(before)
+    return "".join(f"{json.dumps(key)} = {_text(value)}\n" for key, value in table.items())
 
 
 def _text(value: Any) -> str:
