@@ -50,7 +50,17 @@ SYMBOLIC: Functions = {
 
 
 def formula_function(name: str, arguments: Sequence[str], text: str) -> ca.Function:
-    """The CasADi function of a formula: its arguments are scalars."""
+    """The CasADi function of a formula.
+
+    Parameters
+    ----------
+    name : str
+        Of the function.
+    arguments : sequence of str
+        Names in the formula; each is a scalar.
+    text : str
+        As in `mbdlft.base.formula`, such as that of a `ThetaFunction`.
+    """
     symbols = [ca.SX.sym(argument) for argument in arguments]
     value = formula_value(text, dict(zip(arguments, symbols, strict=True)), SYMBOLIC)
     return ca.Function(name, symbols, [value], list(arguments), ["value"])

@@ -38,6 +38,8 @@ def delta_theta(
         Functions with as few inputs as possible; or of the signals of the equations as they are.
     search, seconds, prove
         As in `to_lft`.
+    progress : function
+        Is told the name of each stage as it starts.
 
     Raises
     ------
@@ -83,6 +85,8 @@ def linearize_dae(
         As in `trim`.
     search, seconds, prove
         As in `to_lft`.
+    progress : function
+        Is told the name of each stage as it starts.
 
     Raises
     ------

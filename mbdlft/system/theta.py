@@ -128,7 +128,14 @@ class DeltaThetaModel:
 def theta_values(
     functions: tuple[ThetaFunction, ...], omega: Mapping[str, ArrayLike], *, check: bool = True
 ) -> dict[str, Array]:
-    """Values of the functions at values of their arguments by the names of the signals.
+    """Values of the functions by their names.
+
+    Parameters
+    ----------
+    functions : tuple of ThetaFunction
+    omega : mapping of names of signals to numbers or arrays
+    check : bool
+        Whether arguments outside of their ranges are an error.
 
     Raises
     ------

@@ -90,6 +90,19 @@ def test_equal_functions_are_shared_and_parameters_taken_out() -> None:
     assert B.shape == (2, 3)
 
 
+def test_coefficients_of_divisors_are_divided_by() -> None:
+    d = DaeDraft("divisors")
+    p = d.parameter(Parameter("p", 2.0, percent=20))
+    x, y = d.variable("x"), d.variable("y")
+    d.equation(d.der(x), equals=-x / (p * ca.exp(y)))
+    d.equation(d.der(y), equals=-3 * y)
+    d.output("x")
+    model = delta_theta(d.dae())
+    assert dict(model.linear.lft.blocks) == {"p": 1}
+    values = np.array([1.7, 2.0, 2.3])
+    target(mbdlft.matrices_at(model.linear, {"p": values}).B[:, 0, 0], -1 / values, CLOSED_FORM)
+
+
 def test_arguments_that_depend_on_each_other_are_not_counted_twice() -> None:
     d = DaeDraft("dependent")
     x, y = d.variable("x"), d.variable("y")
