@@ -150,7 +150,9 @@ def reduce_index(
     for name in states:
         if _base(name) not in known:
             raise SceneError(f"{dae.owner}, states: " + unknown_name("variable", name, known))
-    dummies = dummy_derivatives(d, free, points.values, states)
+    of = {a.name: a.of for a in reduced.aliases}
+    wanted = [of.get(name) or name for name in states]
+    dummies = dummy_derivatives(d, free, points.values, wanted)
     return _assembled(dae, reduced.aliases, d, dummies, inputs, states)
 
 

@@ -326,10 +326,12 @@ package Components "A small library of components, written from the physics, and
       RealInput tau;
       Real phi(unit="rad", start=0, stateSelect=StateSelect.prefer);
       Real w(unit="rad/s", start=0, stateSelect=StateSelect.prefer);
+      Real z(unit="rad/s2");
     equation
       a.r = b.r;
       b.phi = a.phi + phi;
       w = der(phi);
+      z = der(w);
       a.f + b.f = {0.0, 0.0};
       a.t + b.t = 0;
       b.t = d*w - tau;
