@@ -7,6 +7,7 @@ functions are known signals, their arguments are outputs.
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import count
 
 import casadi as ca
 import numpy as np
@@ -44,7 +45,8 @@ class ThetaForm:
     functions : tuple of (name of zeta, expression of arguments, numbers of arguments)
     arguments : tuple of (name of omega, symbol, SX of the signals of the relations)
     zeta : tuple of SX symbols, of the functions
-    has_one : bool
+    one : SX
+        The constant input 1, or nothing (0, 1).
     shifted : names of functions from which a linear part was taken, as the rest needs it
     """
 
@@ -52,7 +54,7 @@ class ThetaForm:
     functions: tuple[tuple[str, ca.SX, tuple[int, ...]], ...]
     arguments: tuple[tuple[str, ca.SX, ca.SX], ...]
     zeta: tuple[ca.SX, ...]
-    has_one: bool
+    one: ca.SX
     shifted: tuple[str, ...]
 
 
@@ -78,6 +80,10 @@ class _Form:
         dae = s.dae
         self.internal = ca.SX(dae.p)
         angles = {}
+        if ONE in {q.name for q in s.inputs}:
+            raise StructureError(
+                f"{s.owner}: an input has the name {ONE!r}, which is that of the constant 1. Rename it."
+            )
         for k, parameter in enumerate(dae.parameters):
             if parameter.is_angle:
                 self.internal[k] = ca.SX.sym(f"tan({parameter.name})")
@@ -107,9 +113,9 @@ class _Form:
         first = {r.element_hash() for r in rates}
         others = [q.symbol for q in kept if q.symbol.element_hash() not in first]
         unknown = column_of([*rates, *others])
-        count = len(rows) + len(extra)
-        residual = self._closed(mixed[:count], unknown)
-        output = [self._sx(m) for m in mixed[count:]]
+        first_output = len(rows) + len(extra)
+        residual = self._closed(mixed[:first_output], unknown)
+        output = [self._sx(m) for m in mixed[first_output:]]
         return self._assembled(residual, output, unknown, len(rates))
 
     def _rows(self) -> tuple[list[Mixed], list[Quantity]]:
@@ -322,7 +328,8 @@ class _Form:
             expression = f.expression - rest if moved else f.expression
             functions.append((names[k], expression, tuple(position[a] for a in f.arguments)))
         arguments = tuple(
-            (self._argument_name(a), registry.arguments[a].symbol, self.psi[a]) for a in used
+            (name, registry.arguments[a].symbol, self.psi[a])
+            for name, a in zip(self._argument_names(used), used, strict=True)
         )
         zeta = tuple(self.symbols.values())
         known = ca.vertcat(s.x, s.u, *([self.one] if self.uses_one else []), *zeta)
@@ -340,17 +347,31 @@ class _Form:
             tuple(functions),
             arguments,
             zeta,
-            self.uses_one,
+            self.one if self.uses_one else ca.SX(0, 1),
             tuple(names[k] for k in self.symbols if k in self.slopes),
         )
 
     def _names(self) -> dict[int, str]:
         """Names of zeta: that of the unknown of the equation where a function occurs first."""
-        registry, taken, found = self.separation.registry, Counter[str](), {}
+        registry, found = self.separation.registry, {}
+        taken = {q.name for q in self.s.inputs}
         for k in self.symbols:
             base = f"theta.{registry.functions[k].hint}"
-            taken[base] += 1
-            found[k] = base if taken[base] == 1 else f"{base}.{taken[base]}"
+            numbered = (base if n == 1 else f"{base}.{n}" for n in count(1))
+            found[k] = next(name for name in numbered if name not in taken)
+            taken.add(found[k])
+        return found
+
+    def _argument_names(self, used: Sequence[int]) -> list[str]:
+        """Names of omega that no output has."""
+        taken = {y.name for y in self.s.dae.outputs}
+        found: list[str] = []
+        for a in used:
+            name = self._argument_name(a)
+            while name in taken:
+                name += "_"
+            taken.add(name)
+            found.append(name)
         return found
 
     def _argument_name(self, a: int) -> str:
@@ -366,7 +387,7 @@ class _Form:
 def signals_of(s: Structure, form: ThetaForm) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
     """Inputs and outputs of the relations of a form, with units."""
     inputs = [Signal(q.name, q.unit) for q in s.inputs]
-    inputs += [Signal(ONE, "1")] if form.has_one else []
+    inputs += [Signal(ONE, "1")] if form.one.numel() else []
     inputs += [Signal(name, "1") for name, _, _ in form.functions]
     outputs = [Signal(y.name, y.unit) for y in s.dae.outputs]
     outputs += [Signal(name, "1") for name, _, _ in form.arguments]

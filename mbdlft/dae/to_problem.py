@@ -18,6 +18,7 @@ from mbdlft.dae.separate import Arrange
 from mbdlft.dae.structure import Structure, in_symbols
 from mbdlft.dae.text import formula_of
 from mbdlft.dae.theta_form import ThetaForm, signals_of, theta_form
+from mbdlft.problem.equations import rows_of
 from mbdlft.problem.of_relations import reference_of_relations
 from mbdlft.problem.problem import Form, Nouns, Problem, Stage
 from mbdlft.sx.constants import in_doubles
@@ -81,16 +82,19 @@ def problem_of_dae(
     )
     states = tuple(at[n : n + len(s.states)].tolist())
     zeta = tuple(_Closed(s, form).zeta_at(at[:n], at[n:])[1].tolist())
-    return Separated(problem, functions, form.has_one, states, zeta, form.shifted)
+    return Separated(problem, functions, bool(form.one.numel()), states, zeta, form.shifted)
 
 
 def consistent_point(s: Structure, p: Array | None = None) -> Array:
-    """Values of [unknowns ; states ; inputs ; p] where the equations hold, at nominal parameters.
+    """Values of [unknowns ; states ; inputs ; p] where the equations hold, nominal parameters by default.
+
+    Variables that are fixed have their start values, and the initial equations hold; the others are near
+    their start values.
 
     Raises
     ------
     StructureError
-        None is found near the start values.
+        None is found.
     """
     quantities = [*s.unknowns, *s.states]
     start = np.array([q.variable.start or 0.0 if not q.order else 0.0 for q in quantities])
@@ -99,15 +103,24 @@ def consistent_point(s: Structure, p: Array | None = None) -> Array:
     if p is None:
         nominal = np.array([[parameter.nominal for parameter in s.dae.parameters]])
         p = in_symbols(s.dae, nominal)[0] if s.dae.parameters else np.zeros(0)
-    system = System(s.residual, ca.vertcat(s.unknown, s.x), ca.vertcat(s.u, s.dae.p))
-    found = solve(system, start, np.concatenate([u, p]), sizes)
+    held = np.array([q.variable.fixed and not q.order for q in quantities], dtype=bool)
+    symbols = ca.vertcat(s.unknown, s.x)
+    free, fixed = np.flatnonzero(~held).tolist(), np.flatnonzero(held).tolist()
+    places = [*(place for place, _ in s.equations), *(e.place for e in s.dae.initial)]
+    residual = ca.vertcat(s.residual, *(e.residual for e in s.dae.initial))
+    given = ca.vertcat(s.u, s.dae.p, *(symbols[k] for k in fixed))
+    system = System(residual, rows_of(symbols, free), given)
+    found = solve(system, start[free], np.concatenate([u, p, start[fixed]]), sizes[free])
     if not found.is_solution:
         worst = int(np.argmax(found.missing))
         raise StructureError(
-            f"{s.owner}: no consistent initial point was found; equation {s.equations[worst][0]} is "
-            f"missed by {found.missing[worst]:.1e} of its terms. Give start values near a solution."
+            f"{s.owner}: no consistent initial point was found; equation {places[worst]} is "
+            f"missed by {found.missing[worst]:.1e} of its terms. Give start values near a solution, or "
+            "fix fewer of them."
         )
-    return np.concatenate([found.values, u, p])
+    values = start.copy()
+    values[free] = found.values
+    return np.concatenate([values, u, p])
 
 
 def check_separation(s: Structure, form: ThetaForm, at: Array) -> float:
@@ -153,8 +166,6 @@ class _Closed:
         self.p = form.relations.p
         m, own = form.relations, {q.element_hash() for q in ca.vertsplit(s.unknown)}
         self.fresh = [q for q in ca.vertsplit(m.unknown) if q.element_hash() not in own]
-        one = ca.symvar(m.known)
-        ones = [q for q in one if q.name() == "one"] if form.has_one else []
         psi = [expression for _, _, expression in form.arguments]
         symbols = [symbol for _, symbol, _ in form.arguments]
         zeta = [expression for _, expression, _ in form.functions]
@@ -163,7 +174,7 @@ class _Closed:
             ca.vertcat(ca.SX(0, 1), *form.zeta),
             ca.vertcat(ca.SX(0, 1), *symbols),
         )
-        given = ca.vertcat(self.free, *ones)
+        given = ca.vertcat(self.free, form.one)
         self.psi = ca.Function(
             "psi", [given, self.zeta], [ca.densify(in_doubles(ca.vertcat(ca.SX(0, 1), *psi)))]
         )
@@ -190,7 +201,7 @@ class _Closed:
         self.slopes = ca.Function(
             "slopes", arguments, [ca.jacobian(stacked, ca.vertcat(given, self.zeta))]
         )
-        self.ones = np.ones(len(ones))
+        self.ones = np.ones(form.one.numel())
 
     def _of_internal(self, expression: ca.SX) -> ca.SX:
         """An expression with angles in terms of their internal values."""

@@ -105,6 +105,15 @@ def test_no_consistent_initial_point() -> None:
         delta_theta(d.dae())
 
 
+def test_initial_values_that_contradict_equations() -> None:
+    d = DaeDraft("initial")
+    x, y = d.variable("x", start=2.0, fixed=True), d.variable("y", start=5.0, fixed=True)
+    d.equation(d.der(x), equals=-y)
+    d.equation(y, "square", equals=x * x)
+    with pytest.raises(StructureError, match=r"no consistent initial point.*'square'.*fix fewer"):
+        simulate(d.dae(), [0.0, 1.0])
+
+
 def test_states_that_cannot_be() -> None:
     with pytest.raises(StructureError, match="cannot be a state"):
         reduce_index(pendulum(0.6), states=["x", "y"])

@@ -56,6 +56,18 @@ def test_a_hundred_simulations_agree(case: str, arrange: Arrange) -> None:
     _agree(case, arrange, 100)
 
 
+def test_initial_values_that_are_fixed_and_initial_equations() -> None:
+    d = DaeDraft("initial")
+    x, y, v = d.variable("x", start=2.0, fixed=True), d.variable("y", start=5.0), d.variable("v")
+    d.equation(d.der(x), equals=v)
+    d.equation(d.der(y), equals=x - y)
+    d.equation(v, equals=-x * y)
+    d.initially(d.der(y), equals=1)
+    d.output("y")
+    s = simulate(d.dae(), [0.0, 1e-3])
+    target(s.states[0], [2.0, 1.0], CLOSED_FORM)
+
+
 def test_simulation_against_a_closed_form() -> None:
     s = simulate(example_1(), TIMES, inputs={"u": 1.0}, parameters={"p1": 1.6, "p2": 3.5})
     x = 1 - np.exp(-TIMES / 1.6)
