@@ -41,8 +41,8 @@ class Reduced:
 def eliminate_aliases(dae: Dae) -> Reduced:
     """The model without equations of the form x = y, x = -y, x = number.
 
-    Of two variables the one stays that is fixed, has a derivative, has a start value, is an output's. What
-    becomes such an equation, as a variable in it is zero, is taken out, too.
+    Of two variables the one stays that is fixed, has a derivative, has a start value, is an output's.
+    What becomes such an equation, as a variable in it is zero, is taken out, too.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def eliminate_aliases(dae: Dae) -> Reduced:
 
 def _through(alias: Alias, gone: Mapping[str, Alias]) -> Alias:
     """An alias of what is itself one now."""
-    if alias.of not in gone:
+    if alias.of is None or alias.of not in gone:
         return alias
     above = gone[alias.of]
     return Alias(alias.name, above.of, alias.factor * above.factor)

@@ -133,7 +133,8 @@ def reduce_index(
     SceneError
         The units of an equation do not fit.
     """
-    check_units(dae)
+    if not dae.units_checked:
+        check_units(dae)
     reduced = eliminate_aliases(dae)
     d = differentiated(reduced.dae)
     if d.input_rates and input_rates == "refused":
@@ -152,8 +153,30 @@ def reduce_index(
             raise SceneError(f"{dae.owner}, states: " + unknown_name("variable", name, known))
     of = {a.name: a.of for a in reduced.aliases}
     wanted = [of.get(name) or name for name in states]
+    same = _written_rates(reduced.dae)
+    wanted += [same[name] for name in wanted if name in same]
     dummies = dummy_derivatives(d, free, points.values, wanted)
     return _assembled(dae, reduced.aliases, d, dummies, inputs, states)
+
+
+def _written_rates(dae: Dae) -> dict[str, str]:
+    """Variables that an equation w = der(x) gives: the names of these derivatives, ``der(x)``."""
+    variables = {v.symbol.element_hash(): v.name for v in dae.variables}
+    rates = {
+        v.derivative.element_hash(): name_of(v.name, 1)
+        for v in dae.variables
+        if v.derivative is not None
+    }
+    found = {}
+    for e in dae.equations:
+        symbols = ca.symvar(e.residual)
+        names = [variables.get(s.element_hash()) for s in symbols]
+        ends = [rates.get(s.element_hash()) for s in symbols]
+        if len(symbols) == 2 and sum(name is not None for name in names) == 1 and any(ends):
+            slopes = ca.densify(ca.jacobian(e.residual, column(symbols)))
+            if slopes.is_constant() and float(slopes[0]) == -float(slopes[1]):
+                found[next(n for n in names if n)] = next(n for n in ends if n)
+    return found
 
 
 def _base(name: str) -> str:
@@ -267,8 +290,10 @@ def _assembled(
     unknowns = [entry for entry in d.symbols if not is_state[entry]]
     names = {quantity[entry].name for entry in states}
     gone = {a.name: a.of for a in aliases}
+    same = _written_rates(dae)
     for name in wanted:
-        if name not in names and gone.get(name) not in names:
+        own = gone.get(name) or name
+        if own not in names and same.get(own) not in names:
             raise StructureError(
                 f"{source.owner}: {name!r} cannot be a state together with the other states that are "
                 f"asked for. The states are {listed(sorted(names))}."

@@ -161,6 +161,7 @@ class _Translation:
             initial=tuple(initial),
             description=self.model.comment,
             text=flat_text(self.model),
+            units_checked=True,
         )
         preferred = tuple(
             name
