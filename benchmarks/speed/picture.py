@@ -18,6 +18,8 @@ STYLES = {
     "MuJoCo, central": ("^", "tab:green", 60),
     "Drake": ("s", "tab:purple", 55),
     "SymPy": ("D", "tab:orange", 50),
+    "JAX": ("h", "tab:brown", 60),
+    "JAX, GPU": ("H", "tab:brown", 60),
     "grid, quadratic": ("X", "0.45", 70),
     "grid, cubic": ("x", "0.45", 60),
     "compiled C": ("d", "black", 60),
