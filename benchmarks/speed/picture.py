@@ -48,6 +48,8 @@ def figure(path: Path, groups: Mapping[str, Sequence[Mapping[str, Any]]]) -> Non
         missing = [r["method"] for r in rows if "error" not in r]
         # other tools once each, by their names; a way of this package as a whole
         absent = list(dict.fromkeys(n if "mbdlft" in n else n.split(",")[0] for n in missing))
+        done = {row["method"] for row in rows if "error" in row}
+        absent = [name for name in absent if name not in done]
         panel.set_title(f"{name}: {rows[0]['states']} states, {rows[0]['parameters']} parameters")
         if absent:
             panel.text(
