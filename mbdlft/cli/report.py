@@ -15,6 +15,7 @@ from mbdlft.system.system import System
 
 _EPS = sys.float_info.epsilon
 _MOST_BOXES = 4  # that are listed
+_MATRIX = 'format = "mbdlft-matrix/'  # how the text of a matrix begins, in provenance
 
 
 def report_model(
@@ -63,8 +64,11 @@ def _print_evidence(model: LFTModel) -> None:
     out.print(_parameter_table(model))
     for line in _order_sentences(model):
         out.print(line)
-    # a scene has joints and so a trim; a matrix has none
-    truth = "re-trimming and re-linearizing" if model.trim.signals else "the matrix itself"
+    truth = "the nonlinear equations, linearized with numbers"
+    if model.trim.signals:
+        truth = "re-trimming and re-linearizing"
+    elif _MATRIX in model.provenance.scene[: len(_MATRIX) + 40]:
+        truth = "the matrix itself"
     out.print(
         f"maximum relative error {certificate.max_relative_error:.1e} against {truth} at "
         f"{certificate.check_points} points and corners"

@@ -5,7 +5,7 @@
     0 = F(unknowns, states, inputs, p),   d/dt state = one of the unknowns, or another state
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Sequence, Sized
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple
@@ -320,20 +320,21 @@ def report(s: Structure) -> str:
     """What the structure is, in words: index, states, blocks that are solved together."""
     dae = s.source
     lines = [
-        f"{dae.name}: {len(dae.equations)} equations, {len(dae.inputs)} inputs, "
-        f"{len(dae.parameters)} parameters that stay",
-        f"  aliases: {len(s.aliases)} variables are others or numbers; {len(s.dae.variables)} are left",
+        f"{dae.name}: {_counted(dae.equations, 'equation')}, {_counted(dae.inputs, 'input')}, "
+        f"{_counted(dae.parameters, 'parameter')} left in",
+        f"  aliases: {_counted(s.aliases, 'variable')} taken out as others or numbers, "
+        f"{len(s.dae.variables)} left",
         f"  index {s.index}"
         + (
             f": differentiated {listed(f'{place} {n} x' for place, n in s.differentiations)}"
             if s.differentiations
             else ""
         ),
-        f"  {len(s.states)} states: {listed(q.name for q in s.states) or 'none'}",
+        f"  {_counted(s.states, 'state')}: {listed(q.name for q in s.states) or 'none'}",
     ]
     large = [b for b in s.blocks if len(b.rows) > 1]
     lines.append(
-        f"  {len(s.blocks)} blocks, {len(large)} of them of more than one equation"
+        f"  {_counted(s.blocks, 'block')}, {len(large)} of them of more than one equation"
         + (f", the largest of {max(len(b.rows) for b in large)}" if large else "")
     )
     for block in large[:5]:
@@ -341,6 +342,11 @@ def report(s: Structure) -> str:
         unknowns = listed(s.unknowns[j].name for j in block.columns)
         lines.append(f"    {len(block.rows)} equations, {kind}: {unknowns}")
     return "\n".join(lines)
+
+
+def _counted(items: Sized, noun: str) -> str:
+    """Such as "1 input" and "2 inputs"."""
+    return f"{len(items)} {noun}{'' if len(items) == 1 else 's'}"
 
 
 def _is_linear(s: Structure, block: Block) -> bool:

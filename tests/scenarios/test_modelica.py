@@ -86,12 +86,14 @@ def test_commands(
     table = str(ROOT / "scenarios" / "modelica" / "thermal_network.toml")
     run(monkeypatch, "check", flat_file, "--parameters", table, "--model", "ThermalNetwork")
     out = capsys.readouterr().out
-    assert "ThermalNetwork: 26 equations, 2 inputs, 3 parameters that stay" in out
+    assert "ThermalNetwork: 26 equations, 2 inputs, 3 parameters left in" in out
     assert "index 1" in out
     assert "found" in next(line for line in out.splitlines() if "│ Q " in line)
     run(monkeypatch, "linearize", flat_file, "--parameters", table, "-o", str(archive))
     assert "minimal: proved" in capsys.readouterr().out
     assert mbdlft.load(archive).order == 3
+    run(monkeypatch, "linearize", str(FLAT / "coupled_inertias.mof"), "--search", "0")
+    assert "against the nonlinear equations, linearized with numbers" in capsys.readouterr().out
     run(monkeypatch, "poles", str(FLAT / "first.mof"))
     assert "First: poles at nominal" in capsys.readouterr().out
 
