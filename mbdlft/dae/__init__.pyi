@@ -7,6 +7,7 @@ from .fit import CoefficientFit as CoefficientFit
 from .fit import fit_coefficient as fit_coefficient
 from .from_casadi import from_casadi as from_casadi
 from .simulate import Simulation as Simulation
+from .simulate import evaluate_form as evaluate_form
 from .simulate import simulate as simulate
 from .structure import Structure as Structure
 from .structure import reduce_index as reduce_index

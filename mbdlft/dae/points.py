@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
+from scipy.sparse import bmat, csc_matrix, identity
+from scipy.sparse.linalg import splu
 
 from mbdlft.base.array import Array
 from mbdlft.sx.constants import in_doubles
@@ -13,6 +15,8 @@ _STEPS, _HALVINGS = 60, 12
 _CLOSE = 1e-11  # of the size of the terms of an equation
 _HOLDS = 1e-8  # of them: what a solution may miss
 _TRIES = 6
+_DENSE = 150  # equations up to which matrices are dense
+_SOLVED = 1e-6  # of the right side, what a sparse solution may miss
 _SEED = 7
 
 
@@ -91,7 +95,7 @@ def _newton(system: System, start: Array, given: Array, sizes: Array) -> Found:
         if polished:
             break
         polished = bool(np.max(np.abs(r) / scale, initial=0.0) <= _CLOSE)  # one more step
-        step = -sizes * np.linalg.lstsq(J * sizes / scale[:, None], r / scale, rcond=1e-12)[0]
+        step = -sizes * _smallest_step(J * sizes / scale[:, None], r / scale)
         size, length = np.linalg.norm(r / scale), 1.0
         for _ in range(_HALVINGS):
             with np.errstate(all="ignore"):
@@ -106,6 +110,22 @@ def _newton(system: System, start: Array, given: Array, sizes: Array) -> Found:
     with np.errstate(all="ignore"):
         r, J = system.residual(z, given), system.jacobian(z, given)
     return Found(z, np.abs(r) / system.scale(J, z, given, sizes))
+
+
+def _smallest_step(J: Array, r: Array) -> Array:
+    """The smallest d (n,) with J d = r (m,), or nearest to that; sparse where there are many."""
+    m, n = J.shape
+    if m > _DENSE:
+        whole = bmat([[identity(n), csc_matrix(J.T)], [csc_matrix(J), None]], format="csc")
+        try:
+            found = splu(whole).solve(np.concatenate([np.zeros(n), r]))[:n]
+        except RuntimeError:  # equations that depend on each other
+            found = np.full(n, np.nan)
+        if np.all(np.isfinite(found)) and np.max(np.abs(J @ found - r)) <= _SOLVED * np.max(
+            np.abs(r)
+        ):
+            return np.asarray(found)
+    return np.asarray(np.linalg.lstsq(J, r, rcond=1e-12)[0])
 
 
 def values_of(expressions: Sequence[ca.SX], arguments: ca.SX, point: Array) -> Array:

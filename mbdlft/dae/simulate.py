@@ -163,6 +163,47 @@ def _of_theta(
     )
 
 
+def evaluate_form(
+    model: DeltaThetaModel,
+    states: Mapping[str, float] | None = None,
+    inputs: Mapping[str, float] | None = None,
+    parameters: Mapping[str, float] | None = None,
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Rates of the states and outputs of a Delta-Theta form, by their names.
+
+    Parameters
+    ----------
+    model : DeltaThetaModel
+    states, inputs, parameters : mappings of names to numbers, in their units
+        The other states are those at the start, other inputs zero, other parameters nominal.
+
+    Raises
+    ------
+    SceneError
+        A name is not known.
+    AnalysisError
+        Theta has no value there, or an argument is outside of its range.
+    """
+    owner = f"model {model.name!r}"
+    _point(owner, model.linear.parameters, parameters or {})
+    names = [s.name for s in model.linear.states]
+    x0 = _initial(owner, names, np.array(model.initial or np.zeros(len(names))), states or {})
+    u0 = _held(owner, model.inputs, inputs or {}, np.zeros(1))[0]
+    x, u = ca.SX.sym("x", len(names)), ca.SX.sym("u", len(u0))
+    zeta = ca.SX.sym("zeta", len(model.functions))
+    rates, y, omega, theta = closed(model, parameters or {}, x, u, zeta)
+    start = np.array(model.zeta_at_start or np.zeros(zeta.numel()))
+    system = System(zeta - theta, zeta, ca.vertcat(x, u))
+    found = solve(system, start, np.concatenate([x0, u0]), np.maximum(np.abs(start), 1.0))
+    if not found.is_solution:
+        raise AnalysisError(f"{owner}: Theta has no value near that at the start.")
+    read = ca.Function("read", [x, u, zeta], [ca.densify(part) for part in (rates, y, omega)])
+    values = [np.ravel(part.full()).tolist() for part in read(x0, u0, found.values)]
+    theta_values(model.functions, dict(zip(model.omega, values[2], strict=True)))
+    outputs = [s.name for s in model.outputs]
+    return dict(zip(names, values[0], strict=True)), dict(zip(outputs, values[1], strict=True))
+
+
 def closed(
     model: DeltaThetaModel, parameters: Mapping[str, float], x: ca.SX, u: ca.SX, zeta: ca.SX
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:

@@ -16,6 +16,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
 from mbdlft.base.parameter import to_internal
 from mbdlft.base.signal import Signal
+from mbdlft.dae.alias import rational
 from mbdlft.dae.arguments import Function
 from mbdlft.dae.exact_rank import singular_part
 from mbdlft.dae.mixed import ONE_KEY, Mixed, number, plus, signal, times
@@ -141,7 +142,7 @@ class _Form:
         place, residual = self.s.equations[i]
         quantity = self.s.unknowns[j]
         slope = ca.jacobian(residual, quantity.symbol)
-        if not is_constant(slope):
+        if not is_constant(slope) or rational(slope) == 0:
             return False
         rest = ca.substitute(residual, quantity.symbol, ca.SX(0))
         value = self.separation.follow(rest, f"equation {place}", quantity.name)

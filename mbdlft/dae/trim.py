@@ -78,7 +78,7 @@ def trim(
     NotRationalError
         The equilibrium is not rational in the parameters; the message says what can be done.
     """
-    given = dict(at or {})
+    given = _of_aliases(s, dict(at or {}))
     _check_names(s, given, free)
     problem = _square(s, *_posed(s, given, free, moving), given)
     found = solved_exactly(s, problem, at_points(s, problem))
@@ -93,7 +93,32 @@ def trim(
     stacked = column_of([values[q.name] for q in every])
     numbers = ca.Function("trim", [s.dae.p], [ca.densify(in_doubles(stacked))])(p).full()[:, 0]
     nominal = {q.name: float(x) for q, x in zip(every, numbers, strict=True)}
+    for alias in s.aliases:
+        nominal[alias.name] = float(alias.factor) * (nominal[alias.of] if alias.of else 1.0)
     return DaeTrim(s, values, nominal, tuple(free), given)
+
+
+def _of_aliases(s: Structure, given: Mapping[str, float | str]) -> dict[str, float | str]:
+    """What is given of aliases, as values of the variables that stayed.
+
+    Raises
+    ------
+    SceneError
+        An alias is a number, or has the other sign of what a parameter is given for.
+    """
+    aliases = {a.name: a for a in s.aliases}
+    found: dict[str, float | str] = {}
+    for name, value in given.items():
+        alias = aliases.get(name)
+        if alias is None:
+            found[name] = value
+            continue
+        if alias.of is None or (isinstance(value, str) and alias.factor != 1):
+            raise SceneError(
+                f"{s.owner}, trim: {alias}, which is no free variable. Give another one."
+            )
+        found[alias.of] = value if isinstance(value, str) else value / float(alias.factor)
+    return found
 
 
 def _check_names(s: Structure, given: Mapping[str, Any], free: Sequence[str]) -> None:

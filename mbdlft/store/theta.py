@@ -49,8 +49,8 @@ def theta_of_items(items: Items, linear: LFTModel) -> DeltaThetaModel:
         raise ArchiveError(f"theta/count: expected {len(signals)} together, as many as arguments.")
     if len(set(names)) != len(names):
         raise ArchiveError("theta/name: a name stands twice.")
-    if not np.all(low <= high):
-        raise ArchiveError("theta/low: expected at most theta/high.")
+    if not np.all(low < high):
+        raise ArchiveError("theta/low: expected less than theta/high.")
     found, start = [], 0
     for name, unit, formula, count in zip(names, units, formulas, counts, strict=True):
         part = slice(start, start + count)

@@ -10,7 +10,7 @@ import mbdlft
 from mbdlft.analyze import sector_bounds
 from mbdlft.base import Angle, Parameter
 from mbdlft.base.formula import NUMPY, formula_value
-from mbdlft.dae import Dae, DaeDraft, formula_function, reduce_index, simulate, trim
+from mbdlft.dae import Dae, DaeDraft, evaluate_form, formula_function, reduce_index, simulate, trim
 from mbdlft.dae.separate import Arrange
 from mbdlft.pipeline import delta_theta, linearize_dae
 from mbdlft.system import DeltaThetaModel, ThetaFunction
@@ -66,6 +66,27 @@ def test_initial_values_that_are_fixed_and_initial_equations() -> None:
     d.output("y")
     s = simulate(d.dae(), [0.0, 1e-3])
     target(s.states[0], [2.0, 1.0], CLOSED_FORM)
+
+
+def test_values_of_a_form() -> None:
+    given = ({"J1.phi": 0.4, "J2.w": 2.0}, {"tau": 7.0}, {"p1": 11.0, "p2": 2.5})
+    for arrange in ("fewest", "blocks"):
+        rates, outputs = evaluate_form(delta_theta(example_2(), arrange), *given)  # type: ignore[arg-type]
+        torque = 100 * 0.4 * (1 + 0.4**2 / 0.25)
+        expected = {"J1.phi": 0, "J1.w": (7 - torque) / 11, "J2.phi": 2, "J2.w": torque / 2.5}
+        target([rates[name] for name in expected], list(expected.values()), CLOSED_FORM)
+        assert set(outputs) == {"phi"}
+
+
+def test_values_are_given_for_aliases() -> None:
+    d = DaeDraft("alias")
+    x, y, u = d.variable("x"), d.variable("y"), d.input("u")
+    d.equation(d.der(x), equals=u - 2 * x)
+    d.equation(y, equals=-x)
+    d.output("y")
+    at = trim(reduce_index(d.dae()), {"y": 3.0}, free=["u"])
+    assert at.nominal["u"] == -6.0
+    assert at.nominal["y"] == 3.0
 
 
 def test_simulation_against_a_closed_form() -> None:
