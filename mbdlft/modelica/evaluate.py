@@ -228,7 +228,7 @@ class Evaluator:
         if (function, len(found)) in _OTHERS:
             try:
                 return _OTHERS[function, len(found)](*found)
-            except (TypeError, IndexError, ValueError):
+            except (TypeError, IndexError, ValueError, RuntimeError):
                 listed = ", ".join(v.described(value) for value in found)
                 raise SceneError(f"{function} does not take {listed}.") from None
         if function in ("zeros", "ones", "fill") and found:

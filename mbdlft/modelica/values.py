@@ -167,11 +167,13 @@ def total(values: Value) -> Value:
 
 
 def _product(left: tuple[Value, ...], right: tuple[Value, ...]) -> Value:
-    if isinstance(left[0], tuple):
+    if left and isinstance(left[0], tuple):
         return tuple(_product(row, right) for row in left)
-    if len(left) != len(right):
+    if len(left) != len(right) or not left:
         raise SceneError(f"a row of {len(left)} times a column of {len(right)} entries.")
-    if isinstance(right[0], tuple):
+    if any(isinstance(row, tuple) for row in right):
+        if len({len(row) if isinstance(row, tuple) else -1 for row in right}) > 1:
+            raise SceneError("the rows of a matrix have different sizes.")
         return tuple(_product(left, column) for column in zip(*right, strict=True))
     return total(tuple(_times(a, b) for a, b in zip(left, right, strict=True)))
 
@@ -244,7 +246,7 @@ _RELATIONS: Mapping[str, Callable[[Any, Any], Any]] = {
 def _relation(operator: str, left: Value, right: Value) -> Value:
     """A relation of two scalars: a truth if both are constants."""
     compare = _RELATIONS[operator]
-    if isinstance(left, bool | str) and isinstance(right, bool | str):
+    if isinstance(left, bool | str) and type(left) is type(right):
         return bool(compare(left, right))
     a, b = number_of(left), number_of(right)
     if a is not None and b is not None:
