@@ -331,6 +331,17 @@ def test_choices_of_equations_are_those_of_expressions() -> None:
         exact(float(function(x, 4.0)), expected)
 
 
+def test_the_first_condition_that_holds_decides() -> None:
+    head = "model M\n Real x; Real y;\nequation\n x = 1;\n "
+    dae, _ = translate(
+        flat_model(f"{head}y = if x > 0 then x elseif x > -1 then 2 else 5/3;\nend M;")
+    )
+    residual = in_doubles(dae.equations[1].residual)
+    function = ca.Function("f", [x.symbol for x in dae.variables], [residual])
+    for x, value in ((1.0, 1.0), (-0.5, 2.0), (-3.0, 5.0 / 3.0)):
+        exact(float(function(x, 4.0)), 4.0 - value)
+
+
 def test_long_sums_are_read() -> None:
     text = (
         f"model M\n Real x; Real y;\nequation\n x = 1;\n y = {' - '.join(['x'] * 20001)};\nend M;"
