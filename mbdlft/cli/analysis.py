@@ -4,6 +4,7 @@ import json
 import math
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -49,16 +50,9 @@ def margin(
     """Bounds of the margin of robust stability, proved for all frequencies and values."""
     from mbdlft.analyze.margin import robust_stability
 
-    system, start = _loop(archive, model, controller), time.perf_counter()
-    with Console(stderr=True).status("") as status:
-        found = robust_stability(
-            system,
-            gap=gap,
-            work=work,
-            leave_out=leave_out or (),
-            progress=lambda low, high: status.update(f"margin: {low:.4g} to {high:.4g}"),
-        )
-    _report(archive, system, found, time.perf_counter() - start, store=not no_save, as_json=as_json)
+    system = _loop(archive, model, controller)
+    asked = {"gap": gap, "work": work, "leave_out": leave_out or ()}
+    _answer(archive, system, robust_stability, asked, store=not no_save, as_json=as_json)
 
 
 def wcgain(
@@ -80,18 +74,10 @@ def wcgain(
     """Bounds of the largest gain over the declared ranges, proved for all frequencies and values."""
     from mbdlft.analyze.gain import worst_case_gain
 
-    system, start = _loop(archive, model, controller), time.perf_counter()
-    with Console(stderr=True).status("") as status:
-        found = worst_case_gain(
-            system,
-            inputs or slice(None),
-            outputs or slice(None),
-            gap=gap,
-            work=work,
-            leave_out=leave_out or (),
-            progress=lambda low, high: status.update(f"gain: {low:.4g} to {high:.4g}"),
-        )
-    _report(archive, system, found, time.perf_counter() - start, store=not no_save, as_json=as_json)
+    system = _loop(archive, model, controller)
+    channels = {"inputs": inputs or slice(None), "outputs": outputs or slice(None)}
+    asked = {**channels, "gap": gap, "work": work, "leave_out": leave_out or ()}
+    _answer(archive, system, worst_case_gain, asked, store=not no_save, as_json=as_json)
 
 
 def verify(archive: Archive, as_json: AsJson = False) -> None:
@@ -179,6 +165,26 @@ def _controller(file: Path) -> Any:
             f"{file}: expected the matrices A, B, C, D of a controller; {', '.join(missing)} missing."
         )
     return state_space(*(matrices[name] for name in "ABCD"), name=file.stem)
+
+
+def _answer(
+    archive: Path,
+    system: "System",
+    search: Callable[..., "Bounds"],
+    asked: dict[str, Any],
+    *,
+    store: bool,
+    as_json: bool,
+) -> None:
+    """Search, and say how far it is; store and print what is found."""
+    start = time.perf_counter()
+    with Console(stderr=True).status("") as status:
+
+        def told(low: float, high: float) -> None:
+            status.update(f"{low:.4g} to {high:.4g}")
+
+        found = search(system, **asked, progress=told)
+    _report(archive, system, found, time.perf_counter() - start, store=store, as_json=as_json)
 
 
 def _report(

@@ -9,16 +9,16 @@ from mbdlft.base.errors import ArchiveError
 from mbdlft.bound.evidence import Bounds, BoxProof, Interval, IntervalProof, Multipliers
 from mbdlft.store.archive import (
     LIMIT,
-    _checked,
-    _names,
     check_name,
     load,
     model_names,
+    names_in,
+    read_one,
     rewrite,
     save,
 )
 from mbdlft.store.copying import write_items
-from mbdlft.store.guard import ask
+from mbdlft.store.hdf5 import Part
 from mbdlft.store.helper import Request, said_of
 from mbdlft.store.items import (
     DIGEST,
@@ -93,7 +93,7 @@ def analysis_names(path: str | Path) -> tuple[str, ...]:
     ArchiveError
         The file is missing, truncated, foreign or newer.
     """
-    return _names(Path(path), "analyses")
+    return names_in(Path(path), "analyses")
 
 
 def load_analysis(
@@ -120,16 +120,16 @@ def load_analysis(
         incomplete, or its model has been replaced.
     """
     file = Path(path)
-    request = Request("read", "analyses", "analysis", _checked(file, name), (ANALYSIS_TYPE,), limit)
-    answer = ask(file, request)
-    (key,), items = answer.names, answer.part.items
-    try:
-        check_digest(items)
-        bounds = _bounds_of(items)
-    except ArchiveError as error:
-        raise ArchiveError(f"{file}: {said_of(f'analysis {key!r}', str(error))}") from None
-    system = load(file, word(items, "@model"))
-    if word(items_of_model(system), DIGEST) != word(items, "@model_digest"):
+
+    def make(part: Part, key: str) -> tuple[str, str, str, Bounds]:
+        check_digest(part.items)
+        model, digest_of_model = (word(part.items, path) for path in ("@model", "@model_digest"))
+        return key, model, digest_of_model, _bounds_of(part.items)
+
+    request = Request("read", "analyses", "analysis", name, (ANALYSIS_TYPE,), limit)
+    key, model, digest_of_model, bounds = read_one(file, request, make)
+    system = load(file, model)
+    if word(items_of_model(system), DIGEST) != digest_of_model:
         raise ArchiveError(
             f"{file}: analysis {key!r}: the model {system.name!r} is not the one that was analyzed; "
             "it was replaced. Analyze it again."
