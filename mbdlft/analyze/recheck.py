@@ -3,20 +3,22 @@
 Of cuts of a box (`mbdlft.analyze.boxes`), the coefficients of the polynomial are computed anew, in
 balls, and the cuts repeated. Of multipliers (`mbdlft.analyze.intervals`), each has the structure of
 Delta, its matrices are definite, its eigenvalues leave its interval free, and intervals cover all
-frequencies.
-Both begin with a proof that the nominal model is stable, by Routh's scheme in balls.
+frequencies. Of a quadratic form (`mbdlft.analyze.variation`), the form is computed anew, in balls, and is
+definite.
+All begin with a proof that the nominal model is stable, by Routh's scheme in balls.
 """
 
 from mbdlft.analyze.boxes import replayed
-from mbdlft.analyze.characteristic import is_hurwitz, polynomials
+from mbdlft.analyze.characteristic import Realization, is_hurwitz, polynomials
 from mbdlft.analyze.coverage import covers
 from mbdlft.analyze.intervals import holds
 from mbdlft.analyze.multiplier_margin import channels_of, scaled
 from mbdlft.analyze.multipliers import fits, structure_of
 from mbdlft.analyze.realization import realization, states_that_stay
+from mbdlft.analyze.varying import checked, rates_of
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.threads import one_thread
-from mbdlft.bound.evidence import Bounds, BoxProof, IntervalProof
+from mbdlft.bound.evidence import Bounds, BoxProof, IntervalProof, MotionProof
 from mbdlft.system.names import positions_of
 from mbdlft.system.system import System
 
@@ -44,6 +46,10 @@ def verify(system: System, bounds: Bounds) -> str:
     if proof is None:
         return "there is no proof"
     with one_thread():
+        if isinstance(proof, MotionProof):
+            return _of_motions(system, bounds, proof)
+        if bounds.rates:
+            return "the proof is for constant parameters"
         if isinstance(proof, BoxProof):
             return _of_boxes(system, bounds, proof)
         return _of_intervals(system, bounds, proof)
@@ -62,10 +68,28 @@ def _claimed(bounds: Bounds, proof: BoxProof) -> str:
     return ""
 
 
-def _of_boxes(system: System, bounds: Bounds, proof: BoxProof) -> str:
+def _model_of(system: System, bounds: Bounds, proof: BoxProof | MotionProof) -> Realization:
     inputs = positions_of(list(proof.inputs), [s.name for s in system.inputs], "verify: inputs")
     outputs = positions_of(list(proof.outputs), [s.name for s in system.outputs], "verify: outputs")
-    model = realization(system, inputs, outputs, bounds.leave_out)
+    return realization(system, inputs, outputs, bounds.leave_out)
+
+
+def _of_motions(system: System, bounds: Bounds, proof: MotionProof) -> str:
+    model = _model_of(system, bounds, proof)
+    rates = rates_of(system, bounds.rates, "verify")
+    if bounds.kind == "worst-case gain":
+        is_enough = proof.k >= 1.0 and 0.0 < proof.gain <= bounds.upper
+    else:
+        is_enough = bounds.kind == "robust stability" and proof.k >= bounds.lower
+    if not is_enough:
+        return f"the proof is for {proof.k:g} times the box, and less than what is said"
+    if not is_hurwitz(model.A):
+        return "the nominal model is not proved to be stable"
+    return checked(system, model, rates, proof)
+
+
+def _of_boxes(system: System, bounds: Bounds, proof: BoxProof) -> str:
+    model = _model_of(system, bounds, proof)
     wrong = _claimed(bounds, proof)
     if wrong:
         return wrong

@@ -34,6 +34,14 @@ LeaveOut = Annotated[
     typer.Option("--leave-out", help="State on which nothing else depends; may be repeated."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+Rate = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--rate",
+        help="NAME=BOUND of how fast a parameter moves, in its unit per second; inf for any motion; "
+        "may be repeated. Others are constant.",
+    ),
+]
 NoSave = Annotated[bool, typer.Option("--no-save", help="Do not store the result.")]
 
 
@@ -43,6 +51,7 @@ def margin(
     model: Model = None,
     gap: Gap = 0.01,
     work: Work = 30.0,
+    rate: Rate = None,
     leave_out: LeaveOut = None,
     no_save: NoSave = False,
     as_json: AsJson = False,
@@ -51,7 +60,7 @@ def margin(
     from mbdlft.analyze.margin import robust_stability
 
     system = _loop(archive, model, controller)
-    asked = {"gap": gap, "work": work, "leave_out": leave_out or ()}
+    asked = {"gap": gap, "work": work, "rates": _rates(rate), "leave_out": leave_out or ()}
     _answer(archive, system, robust_stability, asked, store=not no_save, as_json=as_json)
 
 
@@ -67,6 +76,7 @@ def wcgain(
     model: Model = None,
     gap: Gap = 0.01,
     work: Work = 30.0,
+    rate: Rate = None,
     leave_out: LeaveOut = None,
     no_save: NoSave = False,
     as_json: AsJson = False,
@@ -76,8 +86,8 @@ def wcgain(
 
     system = _loop(archive, model, controller)
     channels = {"inputs": inputs or slice(None), "outputs": outputs or slice(None)}
-    asked = {**channels, "gap": gap, "work": work, "leave_out": leave_out or ()}
-    _answer(archive, system, worst_case_gain, asked, store=not no_save, as_json=as_json)
+    asked = {"gap": gap, "work": work, "rates": _rates(rate), "leave_out": leave_out or ()}
+    _answer(archive, system, worst_case_gain, channels | asked, store=not no_save, as_json=as_json)
 
 
 def verify(archive: Archive, as_json: AsJson = False) -> None:
@@ -114,6 +124,20 @@ def verify(archive: Archive, as_json: AsJson = False) -> None:
             console().print(f"{entry['name']}: {said}", soft_wrap=True, highlight=False)
     if not all(entry["proved"] for entry in found):
         raise typer.Exit(1)
+
+
+def _rates(texts: list[str] | None) -> dict[str, float]:
+    """Bounds of rates by name, of texts NAME=BOUND."""
+    found = {}
+    for text in texts or ():
+        name, _, bound = text.partition("=")
+        try:
+            found[name.strip()] = float(bound)
+        except ValueError:
+            raise AnalysisError(
+                f"--rate {text}: expected NAME=BOUND, such as mass=0.1 or mass=inf."
+            ) from None
+    return found
 
 
 def _loop(archive: Path, model: str | None, controller: Path | None) -> "System":
@@ -201,13 +225,21 @@ def _report(
     out = console()
     out.print(f"{system.name}, {found.kind}:", highlight=False)
     is_gain = found.kind == "worst-case gain"
+    moving = ", ".join(f"{name} {rate:g}" for name, rate in found.rates.items())
+    how = f"for rates up to {moving} per second" if moving else "for all frequencies"
     if not found.proved:
         said = "nothing is proved"
     elif is_gain:
-        said = f"at most {found.upper:.6g} for all values in the ranges: proved for all frequencies"
+        said = f"at most {found.upper:.6g} for all values in the ranges: proved {how}"
     else:
-        said = f"stable for all values in {found.lower:.6g} times the ranges: proved for all frequencies"
+        said = f"stable for all values in {found.lower:.6g} times the ranges: proved {how}"
     out.print(said, highlight=False)
+    if found.motion is not None:
+        out.print(
+            f"not stable at a motion of {found.upper:.6g} times the ranges, of the period "
+            f"{2.0 * math.pi / found.frequency:.6g} s",
+            highlight=False,
+        )
     if found.worst:
         units = {p.name: p.unit for p in system.parameters}
         reached = found.lower if is_gain else found.upper
@@ -229,6 +261,7 @@ def _as_json(found: "Bounds", seconds: float) -> dict[str, Any]:
         "upper": _number(found.upper),
         "frequency": _number(found.frequency),
         "worst": dict(found.worst),
+        "rates": {name: _number(rate) for name, rate in found.rates.items()},
         "proved": found.proved,
         "sensitivity": dict(found.sensitivity),
         "work": found.work,

@@ -149,6 +149,16 @@ _ANALYSIS = {
         "intervals/low? intervals/at? intervals/high?: float64 i",
         "intervals/D_real? intervals/D_imaginary?: float64 i m m",
         "intervals/G_real? intervals/G_imaginary?: float64 i m m",
+        "rates/name?: text r",
+        "rates/value?: float64 r",
+        "motion?: float64 t d",
+        "form@k? form@gain? form@time?: float64",
+        "form/P?: float64 v v",
+        "form/X? form/Y?: float64 s s",
+        "form/states?: float64 x",
+        "form/channels?: float64 w",
+        "form/inputs?: text fu",
+        "form/outputs?: text fy",
     ),
 }
 _LAYOUTS = {

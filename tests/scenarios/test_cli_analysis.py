@@ -70,3 +70,21 @@ def test_a_proof_that_is_none_ends_with_1(
     code, out, _ = run(monkeypatch, capsys, "verify", str(archive))
     assert code == 1
     assert "NOT PROVED: there is no proof" in out
+
+
+def test_rates_of_parameters(
+    archive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ("margin", str(archive), "--rate", "k=inf", "--gap", "0.2")
+    code, out, _ = run(monkeypatch, capsys, *arguments)
+    assert code == 0
+    assert "proved for rates up to k inf per second" in out
+    assert "not stable at a motion of" in out
+    found = json.loads(run(monkeypatch, capsys, *arguments, "--json")[1])
+    assert found["rates"] == {"k": None}
+    assert 0.0 < found["lower"] <= found["upper"]
+    code, out, _ = run(monkeypatch, capsys, "verify", str(archive))
+    assert (code, out.count(": proved")) == (0, 1)
+    code, _, err = run(monkeypatch, capsys, "margin", str(archive), "--rate", "k")
+    assert code == 2
+    assert "--rate k: expected NAME=BOUND" in err
