@@ -50,17 +50,23 @@ NONE = Crossing(np.inf, np.zeros(0), np.nan, np.zeros(0))
 def state_matrix(model: Realization, delta: Array) -> Array:
     """A(delta); NaN where the model is singular, or beyond a point where it is: det(I - Delta D) <= 0."""
     w = np.repeat(delta, model.sizes)
-    loop = np.eye(len(w)) - w[:, None] * model.D
-    if np.linalg.slogdet(loop)[0] <= 0.0:
+    if is_beyond(model, delta):
         return np.full_like(model.A, np.nan)
+    loop = np.eye(len(w)) - w[:, None] * model.D
     return np.asarray(model.A + model.B @ np.linalg.solve(loop, w[:, None] * model.C))
+
+
+def is_beyond(model: Realization, delta: Array) -> bool:
+    """Whether the model is singular, or beyond a point where it is: det(I - Delta D) <= 0."""
+    w = np.repeat(delta, model.sizes)
+    return bool(np.linalg.slogdet(np.eye(len(w)) - w[:, None] * model.D)[0] <= 0.0)
 
 
 def abscissa(model: Realization, delta: Array) -> float:
     """The largest real part of the poles; infinite where the model is singular."""
-    A = state_matrix(model, delta)
-    if not np.all(np.isfinite(A)):
+    if is_beyond(model, delta):
         return np.inf
+    A = state_matrix(model, delta)
     return float(np.max(np.linalg.eigvals(A).real, initial=-np.inf))
 
 
@@ -117,7 +123,7 @@ def crossing_on_ray(model: Realization, delta: Array, largest: float) -> Crossin
         else:
             low = middle
     end = high * delta
-    if not np.all(np.isfinite(state_matrix(model, end))):
+    if is_beyond(model, end):
         return Crossing(high * size, end, np.inf, np.zeros(len(delta)))
     try:
         there, _, _ = moving_at(model, end)
@@ -131,7 +137,7 @@ def crossing_on_ray(model: Realization, delta: Array, largest: float) -> Crossin
 
 def _rightmost(model: Realization, delta: Array) -> complex:
     A = state_matrix(model, delta)
-    poles = np.linalg.eigvals(A) if np.all(np.isfinite(A)) else np.zeros(1)
+    poles = np.linalg.eigvals(A) if len(A) and np.all(np.isfinite(A)) else np.zeros(1)
     return complex(poles[int(np.argmax(poles.real))])
 
 
@@ -182,7 +188,7 @@ def _path(model: Realization, delta: Array, pole: complex, largest: float) -> It
             (poles, moves), _, _ = moving_at(model, delta)
         except (np.linalg.LinAlgError, WellPosednessError):
             return
-        if not np.all(np.isfinite(moves)):
+        if not len(poles) or not np.all(np.isfinite(moves)):
             return
         nearest = int(np.argmin(np.abs(poles - pole)))
         if step > 2 and np.max(poles.real) > 0.5 * poles[nearest].real:

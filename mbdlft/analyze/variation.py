@@ -64,18 +64,16 @@ class Form(NamedTuple):
     u: Array
 
 
-def scaled(model: Realization, states: Array, channels: Array, time: float) -> Realization:
-    """The model with states x/states, z/channels, w/channels and the time t * time: powers of two."""
-    x, c = states, channels
+def scaled(model: Realization, channels: Array, time: float) -> Realization:
+    """The model with z/channels, w/channels and the time t * time: powers of two, nothing is rounded."""
     return model._replace(
-        A=model.A * x / x[:, None] / time,
-        B=model.B * c / x[:, None] / time,
-        C=model.C * x / c[:, None],
-        D=model.D * c / c[:, None],
-        E=model.E / x[:, None] / time,
-        F=model.F / c[:, None],
-        G=model.G * x,
-        H=model.H * c,
+        A=model.A / time,
+        B=model.B * channels / time,
+        C=model.C / channels[:, None],
+        D=model.D * channels / channels[:, None],
+        E=model.E / time,
+        F=model.F / channels[:, None],
+        H=model.H * channels,
     )
 
 
@@ -138,22 +136,41 @@ def is_structured(form: Form, P: Array, X: Array, Y: Array) -> bool:
     )
 
 
-def is_negative(form: Form, sizes: Array, gain: float, P: Array, X: Array, Y: Array) -> bool:
-    """Whether the form is proved to be negative definite, and X positive; `gain` is 0 for stability."""
+def is_negative(
+    form: Form, sizes: Array, gain: float, L: Array, P: Array, X: Array, Y: Array
+) -> bool:
+    """Whether the form is proved to be negative definite, and X positive; `gain` is 0 for stability.
+
+    P is that of L x and zeta. The form is looked at in the states L x: what turns them back into x may be
+    anything, since a definite form in them shows that it is regular.
+    """
+    try:
+        back = _beside(np.asarray(np.linalg.inv(L)), form.V.shape[1] - len(L))
+    except np.linalg.LinAlgError:
+        return False
     with flint.ctx.workprec(_BITS):
-        V, W, S, R, K = (_balls(part) for part in form[:5])
-        Z = _balls(np.diag(sizes)) * (R + K * W)
+        turn, states = _balls(back), _balls(_beside(L, len(form.V) - len(L)))
+        V, W, S, R = (_balls(part) * turn for part in form[:4])
+        Z = _balls(np.diag(sizes)) * (R + _balls(form.K) * W)
+        V, W = states * V, states * W
         middle = V.transpose() * _balls(P) * W + Z.transpose() * _balls(Y) * S
         weight = _balls(X)
         whole = middle + middle.transpose()
         whole = whole + Z.transpose() * weight * Z - S.transpose() * weight * S
         if gain:
-            y, u = _balls(form.y), _balls(form.u)
+            y, u = _balls(form.y) * turn, _balls(form.u) * turn
             square = flint.arb(gain) * flint.arb(gain)
             whole = whole + y.transpose() * y - u.transpose() * u * square
-        return _is_positive(-whole) and all(
-            _is_positive(_balls(X[np.ix_(own, own)])) for own in groups_of(form)
+        return is_positive(-whole) and all(
+            is_positive(_balls(X[np.ix_(own, own)])) for own in groups_of(form)
         )
+
+
+def _beside(L: Array, more: int) -> Array:
+    """L with ones behind it on the diagonal."""
+    found = np.eye(len(L) + more)
+    found[: len(L), : len(L)] = L
+    return found
 
 
 def groups_of(form: Form) -> list[NDArray[np.int64]]:
@@ -165,7 +182,7 @@ def _balls(a: Array) -> Any:
     return flint.arb_mat(a.shape[0], a.shape[1], a.ravel().tolist())
 
 
-def _is_positive(matrix: Any) -> bool:
+def is_positive(matrix: Any) -> bool:
     """Whether a symmetric matrix of balls is positive definite: L M L' is dominated by its diagonal.
 
     L is the inverse of a factor in doubles; it may be anything.

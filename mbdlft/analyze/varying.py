@@ -12,9 +12,9 @@ from math import inf, isinf
 import numpy as np
 
 from mbdlft.analyze.characteristic import Realization
+from mbdlft.analyze.coordinates import modal, turned
 from mbdlft.analyze.inequality import Unknowns, cost_of, solved
 from mbdlft.analyze.motion import NONE, Motion, unstable_motion
-from mbdlft.analyze.resolvent import balancing
 from mbdlft.analyze.result import Bounds, MotionProof, Progress
 from mbdlft.analyze.variation import form_of, is_negative, is_structured, scaled, sizes_of
 from mbdlft.base.array import Array
@@ -24,7 +24,7 @@ from mbdlft.system.system import System
 
 Rates = float | Mapping[str, float] | None
 _OUTSIDE = 1.0 + 1e-12  # a bound of a rate is not below it, however that was rounded
-_LEAST = 1e-4  # margins below this are not looked for
+_LEAST = 1e-3  # of the other bound: margins below this are not looked for
 _SHARE = 0.2  # of the work, for motions
 _FACTOR = 1.25  # of the first bound of a gain that is tried
 _MOST = 1e3  # times the gain of constant parameters: larger bounds are not looked for
@@ -99,23 +99,21 @@ class Varying:
 
     def proof(self, k: float, gain: float = 0.0) -> MotionProof | None:
         """A proof for deltas in [-k, k]; None if none is found."""
-        states, channels, time = _scales(self.model)
-        model = scaled(self.model if gain else _alone(self.model), states, channels, time)
+        states, back, channels, time = modal(self.model)
+        model = scaled(self.model if gain else _alone(self.model), channels, time)
         bounds = delta_rates(self.system, model.names, self.rates, k) / time
         form = form_of(model, bounds)
         self.used += cost_of(form)
         sizes = sizes_of(form, k, bounds)
-        u, y = _powers(model, gain)
-        near_one = form_of(
-            model._replace(
-                E=model.E * u, F=model.F * u, G=model.G * y, H=model.H * y, J=model.J * (u * y)
-            ),
-            bounds,
+        near = turned(model, states, back)
+        u, y = _powers(near, gain)
+        near = near._replace(
+            E=near.E * u, F=near.F * u, G=near.G * y, H=near.H * y, J=near.J * (u * y)
         )
-        found = solved(near_one, sizes, len(model.A), gain * u * y)
+        found = solved(form_of(near, bounds), sizes, len(model.A), gain * u * y)
         if found is not None:
             found = Unknowns(found.P / y**2, found.X / y**2, found.Y / y**2, found.t)
-        if found is None or not is_negative(form, sizes, gain, found.P, found.X, found.Y):
+        if found is None or not is_negative(form, sizes, gain, states, *found[:3]):
             return None
         return MotionProof(
             k, found.P, found.X, found.Y, states, channels, time, gain, *self.signals
@@ -152,20 +150,6 @@ def _powers(model: Realization, gain: float) -> tuple[float, float]:
     return float(u), float(2.0 ** -np.round(np.log2(gain * u)))
 
 
-def _scales(model: Realization) -> tuple[Array, Array, float]:
-    """Powers of two that make states, channels of a parameter, and rates similar in size."""
-    n, q = len(model.A), len(model.sizes)
-    owner = np.repeat(np.arange(q), model.sizes)
-    pick = (owner == np.arange(q)[:, None]).astype(float)
-    sizes = np.abs(np.linalg.eigvals(model.A))
-    sizes = sizes[sizes > 0.0]
-    time = float(2.0 ** np.round(np.mean(np.log2(sizes)))) if len(sizes) else 1.0
-    A, B = np.abs(model.A) / time, np.abs(model.B) @ pick.T / time
-    C, D = pick @ np.abs(model.C), pick @ np.abs(model.D) @ pick.T
-    scale = balancing(np.block([[A, B], [C, D]]))
-    return scale[:n], scale[n:][owner], time
-
-
 def margin_of(asked: Varying, constant: Bounds, largest: float) -> Bounds:
     """Bounds of the margin of parameters that move; `constant` are those of constant ones."""
     model = asked.model
@@ -180,8 +164,11 @@ def margin_of(asked: Varying, constant: Bounds, largest: float) -> Bounds:
             asked.progress(lower, upper)
         while asked.is_carried() and lower < min(high, upper, largest) * (1.0 - asked.gap):
             k = _next(lower, high, min(upper, largest) * (1.0 - 0.5 * asked.gap))
-            if asked.used > asked.work or k < _LEAST:
+            if asked.used > asked.work:
                 asked.reason = f"the work of {asked.work:g} units was used up"
+                break
+            if k < _LEAST * min(upper, largest):
+                asked.reason = f"no quadratic form was found for {high:.3g} times the box"
                 break
             found = asked.proof(k)
             lower, proof, high = (k, found, high) if found else (lower, proof, k)
@@ -285,18 +272,17 @@ def checked(
     system: System, model: Realization, rates: Mapping[str, float], proof: MotionProof
 ) -> str:
     """What is wrong with a proof for parameters that move; empty if it is one."""
-    parts = (proof.states, proof.channels, np.array([proof.time]))
-    sizes = len(model.A), len(model.D), 1
-    for part, size in zip(parts, sizes, strict=True):
+    for part, size in ((proof.channels, len(model.D)), (np.array([proof.time]), 1)):
         if part.shape != (size,) or not np.all(np.frexp(part)[0] == 0.5):
-            return "its scales are not powers of two for each state and channel"
-    scaled_model = scaled(model, *parts[:2], proof.time)
+            return "its scales are not powers of two for each channel"
+    if proof.states.shape != model.A.shape or not np.all(np.isfinite(proof.states)):
+        return "its states are not those of the system"
+    scaled_model = scaled(model, proof.channels, proof.time)
     bounds = delta_rates(system, model.names, rates, proof.k) / proof.time
     form = form_of(scaled_model, bounds)
     if not is_structured(form, proof.P, proof.X, proof.Y):
         return "its matrices are not of the structure of Delta"
-    if not is_negative(
-        form, sizes_of(form, proof.k, bounds), proof.gain, proof.P, proof.X, proof.Y
-    ):
+    matrices = proof.states, proof.P, proof.X, proof.Y
+    if not is_negative(form, sizes_of(form, proof.k, bounds), proof.gain, *matrices):
         return f"its form is not negative for {proof.k:g} times the box"
     return ""

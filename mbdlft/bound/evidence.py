@@ -66,8 +66,10 @@ class MotionProof:
     k : float
         The deltas stay in [-k, k].
     P, X, Y : arrays (n + n_s, n + n_s), (m, m), (m, m)
-    states, channels : arrays (n,), (r,)
-        Powers of two that the states, and z and w, were divided by; P, X and Y are for these.
+    states : array (n, n)
+        P is for this times the states.
+    channels : array (r,)
+        Powers of two that z and w were divided by; X and Y are for these.
     time : float
         The power of two that time was multiplied by (rad/s).
     gain : float

@@ -155,7 +155,7 @@ _ANALYSIS = {
         "form@k? form@gain? form@time?: float64",
         "form/P?: float64 v v",
         "form/X? form/Y?: float64 s s",
-        "form/states?: float64 x",
+        "form/states?: float64 x x",
         "form/channels?: float64 w",
         "form/inputs?: text fu",
         "form/outputs?: text fy",

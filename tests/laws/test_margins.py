@@ -93,6 +93,16 @@ def test_coefficients_are_those_of_the_determinant(seed: int) -> None:
         roundoff(value / expected, 1.0, kappa=1e6)
 
 
+def test_a_system_without_states_has_a_margin_of_its_loop() -> None:
+    """I - 0.5 d is singular at d = 2; as fast as d may be, too."""
+    system = robust_cases.static([[0.5]], Block("d", 1))
+    for rates in (None, np.inf, 1.0):
+        found = robust_stability(system, rates=rates)
+        roundoff(found.upper, 2.0, kappa=1e3)
+        assert 0.99 * 2.0 <= found.lower <= 2.0
+        assert verify(system, found) == ""
+
+
 def test_a_face_is_enough_only_if_poles_turn_to_it() -> None:
     """The pole -1 + 2 d crosses at d = 1/2; the lower face says nothing of it, the upper one does."""
     d = Parameter("d", 0.0, low=-1.0, high=1.0)

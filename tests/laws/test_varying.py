@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import flint
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -19,6 +20,7 @@ from mbdlft import (
 )
 from mbdlft.analyze.motion import unstable_motion
 from mbdlft.analyze.realization import realization
+from mbdlft.analyze.variation import is_positive
 from mbdlft.analyze.varying import delta_rates
 from mbdlft.base.parameter import to_delta
 from mbdlft.bound.evidence import MotionProof
@@ -157,8 +159,7 @@ def damaged(found: Bounds) -> list[Bounds]:
     skew, full = proof.Y.copy(), proof.X.copy()
     skew[0, 0] = 1e-9
     full[0, 1] *= 1.0 + 1e-12
-    scales = proof.states.copy()
-    scales[0] *= 3.0
+    scales = 3.0 * proof.channels
     return [
         replace(found, lower=more),
         replace(found, lower=more, proof=replace(proof, k=more)),
@@ -168,7 +169,8 @@ def damaged(found: Bounds) -> list[Bounds]:
         replace(found, proof=replace(proof, X=0.0 * proof.X)),
         replace(found, proof=replace(proof, X=full)),
         replace(found, proof=replace(proof, Y=skew)),
-        replace(found, proof=replace(proof, states=scales)),
+        replace(found, proof=replace(proof, channels=scales)),
+        replace(found, proof=replace(proof, states=0.0 * proof.states)),
         replace(found, proof=replace(proof, time=-proof.time)),
         replace(found, kind="worst-case gain"),
         replace(found, kind="robust performance"),
@@ -186,6 +188,16 @@ def test_no_damaged_proof_is_accepted() -> None:
     assert "constant" in verify(pair, replace(constant, rates={"d": 0.1}))
     other = oscillator("3+d", "-1")  # the nominal is unstable: P at 0 is not positive
     assert verify(other, replace(found, proof=replace(found.proof, k=1e-9), lower=0.0))
+
+
+def test_a_matrix_of_balls_is_positive_only_if_all_in_it_are() -> None:
+    def matrix(radius: float) -> flint.arb_mat:
+        off = flint.arb(0.9, radius)
+        return flint.arb_mat([[flint.arb(1), off], [off, flint.arb(1)]])
+
+    assert is_positive(matrix(0.09))
+    assert not is_positive(matrix(0.11))
+    assert not is_positive(-matrix(0.0))
 
 
 def test_bounds_of_rates_are_those_of_the_map() -> None:
