@@ -10,6 +10,7 @@ is a linear program, one for each delta; steps towards it are taken while the gr
 is moved along its ray to where it neither grows nor falls. Floquet, Annales de l'ENS 12 (1883).
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -48,14 +49,17 @@ class Motion(NamedTuple):
 NONE = Motion(np.inf, np.nan, np.zeros((0, 0)))
 
 
-def unstable_motion(model: Realization, rates: Array, most: float, work: float = 10.0) -> Motion:
+def unstable_motion(
+    model: Realization, rates_in: Callable[[float], Array], most: float, work: float = 10.0
+) -> Motion:
     """The smallest motion found with |delta| <= most that does not fall.
 
     Parameters
     ----------
     model : Realization
-    rates : array (number of deltas,)
-        Bounds of the rates of deltas (1/s); 0 for constants, inf for any motion.
+    rates_in : function of k, to an array (number of deltas,)
+        Rates of deltas (1/s) that are allowed everywhere in the box |delta| <= k; 0 for constants, inf
+        for any motion.
     most : float
     work : float
         Units of work, each at most about a second of one core.
@@ -67,6 +71,7 @@ def unstable_motion(model: Realization, rates: Array, most: float, work: float =
             left -= _UNIT * (len(model.A) + 6.0) ** 3
             if left < 0.0:
                 return best
+            rates = rates_in(size)
             limits = size, rates * period / _POINTS
             deltas = _climbed(model, period, deltas, limits)
             found = _on_ray(model, rates, period, deltas)

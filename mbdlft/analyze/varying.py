@@ -56,23 +56,37 @@ def rates_of(system: System, rates: Rates, what: str) -> dict[str, float]:
 
 
 def delta_rates(
-    system: System, names: Sequence[str], rates: Mapping[str, float], k: float
+    system: System,
+    names: Sequence[str],
+    rates: Mapping[str, float],
+    k: float,
+    *,
+    allowed: bool = False,
 ) -> Array:
-    """Bounds of the rates of deltas (1/s) while |delta| <= k, of those of physical values."""
+    """Bounds of the rates of deltas (1/s) while |delta| <= k, of those of physical values.
+
+    With `allowed`, rates that are not too fast anywhere in the box.
+    """
     known = {p.name: p for p in system.parameters}
-    return np.array([_delta_rate(known[name], rates.get(name, 0.0), k) for name in names])
+    which = 0 if allowed else 1
+    return np.array([_ends_of_rate(known[name], rates.get(name, 0.0), k)[which] for name in names])
 
 
-def _delta_rate(p: Parameter, rate: float, k: float) -> float:
-    """delta = d/(gain - a1 d), d = internal - b0: its slope is (1 + a1 delta)^2/gain."""
+def _ends_of_rate(p: Parameter, rate: float, k: float) -> tuple[float, float]:
+    """The least and the largest rate of a delta on the box that belong to a rate of the value.
+
+    delta = d/(gain - a1 d), d = internal - b0: its slope is (1 + a1 delta)^2/gain.
+    """
     if rate == 0.0 or isinf(rate):
-        return rate
-    m = p.map
-    if abs(m.a1) * k >= 1.0:  # the map is singular on the way there
-        return inf
-    steepest = (1.0 + abs(m.a1) * k) ** 2 / abs(m.gain)
+        return rate, rate
+    m, most = p.map, abs(p.map.a1) * k
+    if most >= 1.0:  # the map is singular on the way there
+        return 0.0, inf
     ends = [m.b0 + m.gain * d / (1.0 + m.a1 * d) for d in (-k, k)]
-    return rate * steepest * max(internal_slope(p, end) for end in ends) * _OUTSIDE
+    nearest = 0.0 if min(ends) <= 0.0 <= max(ends) else min(ends, key=abs)
+    slow = rate * (1.0 - most) ** 2 / abs(m.gain) * internal_slope(p, nearest)
+    fast = rate * (1.0 + most) ** 2 / abs(m.gain) * internal_slope(p, max(ends, key=abs))
+    return slow / _OUTSIDE, fast * _OUTSIDE
 
 
 @dataclass(slots=True)
@@ -119,6 +133,10 @@ class Varying:
             k, found.P, found.X, found.Y, states, channels, time, gain, *self.signals
         )
 
+    def allowed(self, k: float) -> Array:
+        """Rates of deltas (1/s) that are allowed everywhere in the box."""
+        return delta_rates(self.system, self.model.names, self.rates, k, allowed=True)
+
     def is_carried(self) -> bool:
         """Whether the inequality can be solved with the work; the reason says why not."""
         bounds = delta_rates(self.system, self.model.names, self.rates, 0.0)
@@ -156,8 +174,7 @@ def margin_of(asked: Varying, constant: Bounds, largest: float) -> Bounds:
     lower, proof, upper, motion = 0.0, None, constant.upper, NONE
     try:
         at = min(upper, largest)
-        rates = delta_rates(asked.system, model.names, asked.rates, at)
-        motion = unstable_motion(model, rates, at, _SHARE * asked.work)
+        motion = unstable_motion(model, asked.allowed, at, _SHARE * asked.work)
         upper = min(upper, motion.size)
         high = 2.0 * min(upper, largest)
         if asked.progress is not None:
@@ -196,7 +213,7 @@ def _margin(
     cycle = None
     if motion.size < constant.upper:
         count = len(motion.deltas)
-        times = motion.period * np.arange(count) / count
+        times = motion.period * (np.arange(count) + 0.5) / count
         cycle = np.hstack([times[:, None], motion.deltas])
     names = asked.model.names
     extent = np.max(np.abs(cycle[:, 1:]), axis=0).tolist() if cycle is not None else []
@@ -222,8 +239,7 @@ def gain_of(asked: Varying, constant: Bounds) -> Bounds:
     low, upper, proof, factor = constant.lower, inf, None, _FACTOR
     model = asked.model
     try:
-        rates = delta_rates(asked.system, model.names, asked.rates, 1.0)
-        motion = unstable_motion(model, rates, 1.0, _SHARE * asked.work)
+        motion = unstable_motion(model, asked.allowed, 1.0, _SHARE * asked.work)
         if motion.size <= 1.0 and np.isfinite(low):
             asked.reason = "the system is unstable at a motion"
             return _unbounded(asked, constant, motion)

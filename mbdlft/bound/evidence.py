@@ -128,8 +128,8 @@ class Bounds:
         inf where a parameter may move in any way; constant parameters are not named.
     motion : array (N, 1 + number of deltas), or None
         A periodic motion that is `upper` large and does not come to rest, if no constant values are as
-        near: times (s) in even steps, and the deltas there, in the order of `delta`. Deltas of bounded
-        rates are joined by lines, others stay until the next time.
+        near: times (s) in the middle of even steps, and the deltas there, in the order of `delta`. Those
+        of bounded rates are joined by lines, others are kept for their step.
     """
 
     kind: str

@@ -22,7 +22,7 @@ from mbdlft.analyze.motion import unstable_motion
 from mbdlft.analyze.realization import realization
 from mbdlft.analyze.variation import is_positive
 from mbdlft.analyze.varying import delta_rates
-from mbdlft.base.parameter import to_delta
+from mbdlft.base.parameter import to_delta, to_physical
 from mbdlft.bound.evidence import MotionProof
 from tests.close import BOUND, STABLE, roundoff, target
 from tests.laws.random_loops import random_system, reached, state_matrices
@@ -60,7 +60,7 @@ def test_a_known_limit_of_switching_is_found() -> None:
     """x'' + x' + (2 + k) x, 0 <= k(t) <= 6.98513: Margaliot, Langholz, Automatica 39 (2003)."""
     half = 6.98513 / 2.0
     model = realization(oscillator(f"{2.0 + half}+{half}*d"))
-    found = unstable_motion(model, np.array([np.inf]), 1.2)
+    found = unstable_motion(model, lambda _: np.array([np.inf]), 1.2)
     assert 1.0 - 1e-4 <= found.size <= 1.0 + BOUND
 
 
@@ -68,7 +68,7 @@ def test_a_known_limit_of_switching_is_found() -> None:
 def test_parametric_resonance_of_a_square_wave(damping: float) -> None:
     """x'' + 2 c x' + (1 + d) x: d grows the mode by 2/pi of it a half turn, to first order: pi c."""
     model = realization(oscillator("1+d", str(2.0 * damping)))
-    found = unstable_motion(model, np.array([np.inf]), 1.0)
+    found = unstable_motion(model, lambda _: np.array([np.inf]), 1.0)
     assert abs(found.size / (np.pi * damping) - 1.0) <= BOUND
     assert abs(found.period / np.pi - 1.0) <= BOUND
 
@@ -105,16 +105,27 @@ def test_nothing_grows_inside_a_proved_margin(seed: int) -> None:
         assert monodromy(system, np.full(count, period / count), deltas) < 1.0
 
 
-def test_a_motion_that_is_said_to_be_unstable_is() -> None:
-    loop = random_loop_with_channels()
-    found = robust_stability(loop, rates=np.inf, gap=0.2)
+@pytest.mark.parametrize("rate_of_m", [np.inf, 2.0])
+def test_a_motion_that_is_said_to_be_unstable_is(rate_of_m: float) -> None:
+    """Steps of k; steps of m, or lines, that are cut into short steps here."""
+    loop, fine = random_loop_with_channels(), 20
+    found = robust_stability(loop, rates={"k": np.inf, "m": rate_of_m}, gap=0.2)
     assert found.motion is not None
-    deltas = found.motion[:, 1:]
+    times, deltas = found.motion[:, 0], found.motion[:, 1:]
     roundoff(np.max(np.abs(deltas)), found.upper)
-    step = found.motion[1, 0]
-    roundoff(step * len(deltas), 2.0 * np.pi / found.frequency)
-    grown = monodromy(loop, np.full(len(deltas), step), deltas)
-    assert abs(grown - 1.0) <= STABLE
+    step = times[1] - times[0]
+    period = 2.0 * np.pi / found.frequency
+    roundoff(step * len(deltas), period, kappa=100.0)
+    many = np.repeat(deltas, fine, axis=0)
+    if np.isfinite(rate_of_m):
+        at = (np.arange(len(many)) + 0.5) * step / fine
+        many[:, 1] = np.interp(at, times, deltas[:, 1], period=period)
+        masses = to_physical(loop.parameters["m"], many[:, 1])
+        speeds = np.abs(np.diff(np.append(masses, masses[0]))) / (step / fine)
+        assert np.max(speeds) <= rate_of_m * (1.0 + STABLE)
+        assert np.max(speeds) > 0.1 * rate_of_m
+    grown = monodromy(loop, np.full(len(many), step / fine), many)
+    assert abs(grown - 1.0) <= 1e3 * STABLE
     assert found.worst == {}
 
 
@@ -159,7 +170,7 @@ def damaged(found: Bounds) -> list[Bounds]:
     skew, full = proof.Y.copy(), proof.X.copy()
     skew[0, 0] = 1e-9
     full[0, 1] *= 1.0 + 1e-12
-    scales = 3.0 * proof.channels
+    scales = proof.channels * (1.0 + 2.0**-52)
     return [
         replace(found, lower=more),
         replace(found, lower=more, proof=replace(proof, k=more)),
@@ -218,6 +229,8 @@ def test_bounds_of_rates_are_those_of_the_map() -> None:
             steep = rate * np.diff(deltas) / np.diff(values)
             inside = steep[np.maximum(np.abs(deltas[1:]), np.abs(deltas[:-1])) <= k]
             assert np.max(inside) <= bound
+            given = {"a": 2.0, "t": 3.0}
+            assert 0.0 < delta_rates(named, [p.name], given, k, allowed=True)[0] <= np.min(inside)
             if p.name == "a":
                 target(np.max(inside), bound, BOUND)
 
