@@ -8,9 +8,9 @@ with the columns of L and the rows of K of block k; so an eigenvalue with left v
 moves by u' L_k K_k v / (u' v).
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ _FIRST, _LARGEST, _SMALLEST = (
     1e-3,
 )  # half sizes of the box of a step, in delta
 _STEPS = 40  # of one search
+_TINY = 1e-300
 
 
 class Moving(NamedTuple):
@@ -42,6 +43,34 @@ class Moving(NamedTuple):
 
     poles: Complex
     gradients: Complex
+
+
+class Aim(NamedTuple):
+    """What a search makes as large as it can: a function of a pole, and its slope by the deltas.
+
+    Attributes
+    ----------
+    value : function of poles, to real numbers
+    slope : function of a pole and its gradient (n_p,), to an array (n_p,)
+    """
+
+    value: Callable[[Any], Any]
+    slope: Callable[[complex, Complex], Array]
+
+
+def _undamping(pole: Any) -> Any:
+    """Minus the damping ratio; 0 of a pole at 0."""
+    return np.real(pole) / np.maximum(np.abs(pole), _TINY)
+
+
+def _undamping_slope(pole: complex, gradient: Complex) -> Array:
+    size = max(abs(pole), _TINY)
+    turned = np.real(np.conj(pole) * gradient) / size
+    return np.asarray((gradient.real - pole.real * turned / size) / size)
+
+
+RIGHT = Aim(np.real, lambda _, gradient: gradient.real)
+UNDAMPED = Aim(_undamping, _undamping_slope)
 
 
 def pole_gradients(system: System, values: Mapping[str, float] | None = None) -> Moving:
@@ -115,11 +144,11 @@ def moving_at(model: Realization, delta: Array) -> tuple[Moving, Complex, Comple
 
 
 def push_right(
-    model: Realization, delta: Array, pole: complex, most: int
+    model: Realization, delta: Array, pole: complex, most: int, aim: Aim = RIGHT
 ) -> tuple[Array, complex, int]:
-    """Move a pole to the right as far as a search with exact gradients finds.
+    """Move a pole to the right, or to where another aim is larger, as far as a search finds.
 
-    In a box around the point, cut by the range, the first-order change of the real part is largest at a
+    In a box around the point, cut by the range, the first-order change of the aim is largest at a
     corner, which is the sign of the gradient; the box doubles after a step to the right, and shrinks to a
     quarter after another one. A mode is known again by its shape.
 
@@ -129,6 +158,7 @@ def push_right(
     delta : array (number of deltas,) [1], where to start
     pole : the pole to follow, nearly one at the start
     most : points that may be evaluated
+    aim : Aim
 
     Returns
     -------
@@ -136,10 +166,11 @@ def push_right(
     """
     here, left, _ = moving_at(model, delta)
     k = int(np.argmin(np.abs(here.poles - pole)))
-    pole, gradient, shape = complex(here.poles[k]), here.gradients[k], left[:, k]
+    pole, shape = complex(here.poles[k]), left[:, k]
+    gradient = aim.slope(pole, here.gradients[k])
     half, used = _FIRST, 1
     while used < min(most, _STEPS) and half >= _SMALLEST and np.all(np.isfinite(gradient)):
-        step = np.clip(delta + half * np.sign(gradient.real), -1.0, 1.0) - delta
+        step = np.clip(delta + half * np.sign(gradient), -1.0, 1.0) - delta
         if not np.any(step):
             break
         used += 1
@@ -149,9 +180,9 @@ def push_right(
             half /= 4.0
             continue
         k = int(np.argmax(np.abs(np.conj(shape) @ right)))  # the mode that has this shape there
-        if there.poles[k].real > pole.real:
-            delta, pole, gradient = delta + step, complex(there.poles[k]), there.gradients[k]
-            shape = left[:, k]
+        if aim.value(there.poles[k]) > aim.value(pole):
+            delta, pole, shape = delta + step, complex(there.poles[k]), left[:, k]
+            gradient = aim.slope(pole, there.gradients[k])
             half = min(2.0 * half, _LARGEST)
         else:
             half /= 4.0

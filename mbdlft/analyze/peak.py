@@ -6,20 +6,21 @@
 at the frequency of the peak, u and v the singular vectors of G.
 """
 
+from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
+from mbdlft.analyze.ascent import climb
 from mbdlft.analyze.characteristic import Realization
 from mbdlft.analyze.hamiltonian import peak_of
 from mbdlft.analyze.staircase import Plant
 from mbdlft.base.array import Array
 
 _GROWTH = 1e-9  # of the level at which the search for a peak ends
-_STARTS, _STEPS = 6, 40
+_STARTS = 6
 Complex = NDArray[np.complex128]
 
 
@@ -107,36 +108,12 @@ def _climbed(model: Realization, k: float, start: Array, best: Peak) -> Peak:
     """The best of what was known and of what an ascent leads to."""
     found = [best]
 
-    def look(delta: Array) -> Peak:
+    def look(delta: Array) -> tuple[float, Callable[[], Array]]:
         peak = peak_at(model, delta)
         if peak.gain > found[0].gain:
             found[0] = peak
-        return peak
+        gain = float(np.log(peak.gain)) if peak.gain > 0.0 else -1e30
+        return gain, lambda: slope_at(model, peak) / max(peak.gain, 1e-30)
 
-    here = look(start)
-    for _ in range(_STEPS):  # corners to which the slope points
-        if not np.isfinite(here.gain):
-            return found[0]
-        corner = k * np.sign(slope_at(model, here))
-        if np.array_equal(corner, here.delta):
-            return found[0]
-        there = look(corner)
-        if there.gain <= here.gain:
-            break
-        here = there
-
-    def objective(delta: Array) -> tuple[float, Array]:
-        peak = look(delta)
-        if not np.isfinite(peak.gain) or peak.gain == 0.0:
-            return -1e30 if peak.gain else 0.0, np.zeros(len(delta))
-        return -np.log(peak.gain), -slope_at(model, peak) / peak.gain
-
-    minimize(
-        objective,
-        here.delta,
-        jac=True,
-        bounds=[(-k, k)] * len(start),
-        method="L-BFGS-B",
-        options={"maxiter": _STEPS},
-    )
+    climb(look, k, start)
     return found[0]

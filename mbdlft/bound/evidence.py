@@ -48,6 +48,8 @@ class BoxProof:
         One over the bound of the gain that is proved, too; 0 if only stability is.
     inputs, outputs : tuple of str
         Signals of the gain.
+    shift, slope : float
+        Poles are left of shift + (j - slope) omega (rad/s) and of its mirror image; 0 for stability.
     """
 
     k: float
@@ -55,6 +57,8 @@ class BoxProof:
     gain: float = 0.0
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
+    shift: float = 0.0
+    slope: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,7 +104,8 @@ class Bounds:
     Attributes
     ----------
     kind : str
-        ``robust stability``, ``worst-case gain`` or ``robust performance``.
+        ``robust stability``, ``worst-case gain``, ``robust performance``, ``largest real part``,
+        ``smallest damping``; ``worst-case H2 norm`` and others have no proof.
     lower, upper : float
         Of a margin, `lower` is proved and `upper` is reached at `worst`; of a gain, `upper` is proved and
         `lower` is reached at `worst`. What is reached is checked by evaluation. A margin counts multiples

@@ -173,6 +173,8 @@ def _items_of(bounds: Bounds, model: str, model_digest: str) -> Items:
     if isinstance(bounds.proof, BoxProof):
         items["boxes@k"] = np.array(bounds.proof.k, dtype="<f8")
         items["boxes@gain"] = np.array(bounds.proof.gain, dtype="<f8")
+        items["boxes@shift"] = np.array(bounds.proof.shift, dtype="<f8")
+        items["boxes@slope"] = np.array(bounds.proof.slope, dtype="<f8")
         items["boxes/log"] = np.array(bounds.proof.log, dtype="<i8")
         items["boxes/inputs"] = texts(list(bounds.proof.inputs))
         items["boxes/outputs"] = texts(list(bounds.proof.outputs))
@@ -276,7 +278,7 @@ def _delta_of(items: Items) -> dict[str, Any]:
 
 
 def _proof_of(items: Items) -> Proof | None:
-    kinds = {"boxes": 5, "intervals": 8, "form": 10}
+    kinds = {"boxes": (5, 7), "intervals": (8,), "form": (10,)}  # first boxes have no region
     found = {
         kind: sum(path.startswith((f"{kind}/", f"{kind}@")) for path in items) for kind in kinds
     }
@@ -284,7 +286,7 @@ def _proof_of(items: Items) -> Proof | None:
     if not there:
         return None
     (kind, *others) = there
-    if others or found[kind] != kinds[kind]:
+    if others or found[kind] not in kinds[kind]:
         raise ArchiveError("its proof is not whole.")
     if kind == "form":
         k, gain, time = (float(items[f"form@{name}"]) for name in _FORM_NUMBERS)
@@ -298,6 +300,7 @@ def _proof_of(items: Items) -> Proof | None:
             float(items["boxes@gain"]),
             tuple(words(items, "boxes/inputs")),
             tuple(words(items, "boxes/outputs")),
+            *(float(items.get(f"boxes@{name}", 0.0)) for name in ("shift", "slope")),
         )
     beta = float(items["intervals@beta"])
     ends = [floats(items, f"intervals/{name}").tolist() for name in Interval._fields]

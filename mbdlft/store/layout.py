@@ -141,7 +141,7 @@ _ANALYSIS = {
         "sensitivity/name: text q",
         "sensitivity/value: float64 q",
         "leave_out: text o",
-        "boxes@k? boxes@gain?: float64",
+        "boxes@k? boxes@gain? boxes@shift? boxes@slope?: float64",
         "boxes/log?: int64 n",
         "boxes/inputs?: text u",
         "boxes/outputs?: text y",

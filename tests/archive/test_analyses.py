@@ -16,6 +16,7 @@ from mbdlft import (
     save,
     save_analysis,
     verify,
+    worst_case,
     worst_case_gain,
 )
 from mbdlft.bound.evidence import BoxProof, IntervalProof, MotionProof
@@ -83,6 +84,16 @@ def test_round_trip_of_motions(tmp_path: Path) -> None:
         assert isinstance(bounds.proof, MotionProof)
         for field in fields(MotionProof):
             exact(getattr(found.proof, field.name), getattr(bounds.proof, field.name))
+
+
+def test_round_trip_of_edges(tmp_path: Path) -> None:
+    file, loop = tmp_path / "a.h5", random_loop_with_channels()
+    for what in ("real part", "damping"):
+        bounds = worst_case(loop, what)
+        save_analysis(file, loop, bounds)
+        _, found = load_analysis(file, f"matrix: {bounds.kind}")
+        same(found, bounds)
+        assert verify(loop, found) == ""
 
 
 def test_no_proof_and_infinite_bounds(tmp_path: Path) -> None:
