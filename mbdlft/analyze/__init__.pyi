@@ -1,3 +1,5 @@
+from .bands import MuBands as MuBands
+from .bands import mu_bands as mu_bands
 from .damping import DampingTable as DampingTable
 from .damping import ModeRow as ModeRow
 from .damping import damping_table as damping_table

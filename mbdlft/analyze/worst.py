@@ -98,6 +98,16 @@ def worst_case(
 def disk_transfer(system: System, inputs: Any = slice(None), outputs: Any = slice(None)) -> System:
     """I/2 - T of the loop that u = r - y closes: one over its H-infinity norm is the disk margin.
 
+    Parameters
+    ----------
+    system : System or LFTModel
+    inputs, outputs : name, number, slice, or list of these, optional
+        Signals at which the loop is opened, as many of both; all, if not given.
+
+    Returns
+    -------
+    System
+
     Raises
     ------
     AnalysisError

@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 
 from mbdlft.base.errors import AnalysisError
+from mbdlft.cli.response import chosen_channels
 from mbdlft.cli.tables import console, table
 
 if TYPE_CHECKING:
@@ -42,6 +43,14 @@ Rate = Annotated[
         "may be repeated. Others are constant.",
     ),
 ]
+Plot = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--plot",
+        help="Figure: bounds of mu over frequency, or singular values with the worst case.",
+    ),
+]
 NoSave = Annotated[bool, typer.Option("--no-save", help="Do not store the result.")]
 
 
@@ -53,15 +62,21 @@ def margin(
     work: Work = 30.0,
     rate: Rate = None,
     leave_out: LeaveOut = None,
+    figure: Plot = None,
     no_save: NoSave = False,
     as_json: AsJson = False,
 ) -> None:
     """Bounds of the margin of robust stability, proved for all frequencies and values."""
     from mbdlft.analyze.margin import robust_stability
 
+    _check(figure)
     system = _loop(archive, model, controller)
     asked = {"gap": gap, "work": work, "rates": _rates(rate), "leave_out": leave_out or ()}
-    _answer(archive, system, robust_stability, asked, store=not no_save, as_json=as_json)
+    found = _answer(archive, system, robust_stability, asked, store=not no_save, as_json=as_json)
+    if figure is not None:
+        from mbdlft.plot import save_mu
+
+        save_mu(figure, system, found, leave_out=leave_out or ())
 
 
 def wcgain(
@@ -78,16 +93,26 @@ def wcgain(
     work: Work = 30.0,
     rate: Rate = None,
     leave_out: LeaveOut = None,
+    figure: Plot = None,
     no_save: NoSave = False,
     as_json: AsJson = False,
 ) -> None:
     """Bounds of the largest gain over the declared ranges, proved for all frequencies and values."""
     from mbdlft.analyze.gain import worst_case_gain
 
+    _check(figure)
     system = _loop(archive, model, controller)
     channels = {"inputs": inputs or slice(None), "outputs": outputs or slice(None)}
     asked = {"gap": gap, "work": work, "rates": _rates(rate), "leave_out": leave_out or ()}
-    _answer(archive, system, worst_case_gain, channels | asked, store=not no_save, as_json=as_json)
+    found = _answer(
+        archive, system, worst_case_gain, channels | asked, store=not no_save, as_json=as_json
+    )
+    if figure is not None:
+        from mbdlft.plot import save_singular_values
+
+        bound = found.upper if found.proved else None
+        shown = chosen_channels(system, outputs, inputs)
+        save_singular_values(figure, shown, worst=found.worst or None, bound=bound)
 
 
 def verify(archive: Archive, as_json: AsJson = False) -> None:
@@ -199,7 +224,7 @@ def _answer(
     *,
     store: bool,
     as_json: bool,
-) -> None:
+) -> "Bounds":
     """Search, and say how far it is; store and print what is found."""
     start = time.perf_counter()
     with Console(stderr=True).status("") as status:
@@ -209,6 +234,15 @@ def _answer(
 
         found = search(system, **asked, progress=told)
     _report(archive, system, found, time.perf_counter() - start, store=store, as_json=as_json)
+    return found
+
+
+def _check(figure: Path | None) -> None:
+    """Raise an error if it is known before the work that a figure cannot be written."""
+    if figure is not None:
+        from mbdlft.plot import check_figure
+
+        check_figure(figure)
 
 
 def _report(

@@ -15,7 +15,9 @@ from mbdlft import (
     verify,
     worst_case,
 )
+from mbdlft.analyze.characteristic import is_stable_at
 from mbdlft.analyze.gramian import h2_and_slope
+from mbdlft.analyze.margin import cost_of
 from mbdlft.analyze.realization import realization
 from mbdlft.analyze.worst import disk_transfer
 from mbdlft.bound.evidence import BoxProof
@@ -102,6 +104,26 @@ def test_no_damaged_proof_of_an_edge_is_accepted(what: str) -> None:
     found = worst_case(loop, what)
     for other in damaged(found):
         assert verify(loop, other)
+
+
+def test_a_sector_of_a_known_pole() -> None:
+    """-1 +- 2j has the damping 1/sqrt(5): slope 1/2; the line at -1."""
+    model = realization(
+        mbdlft.state_space([[-1.0, 2.0], [-2.0, -1.0]], [[1.0], [0.0]], [[1.0, 0.0]], 0)
+    )
+    for slope, shift, expected in ((0.49, 0.0, True), (0.51, 0.0, False), (0.0, -0.99, True)):
+        region = model._replace(slope=slope, shift=shift)
+        assert is_stable_at(region, []) == expected
+    assert not is_stable_at(model._replace(shift=-1.01), [])
+
+
+def test_too_little_work_proves_no_edge() -> None:
+    system = random_system(7, 6, 3)
+    work = 1.0001 * cost_of(realization(system))
+    found = worst_case(system, "real part", work=work)
+    assert not found.proved
+    assert found.upper == np.inf
+    assert found.reason
 
 
 def servo() -> System:

@@ -8,6 +8,7 @@ import pytest
 from scipy.io import savemat
 
 import mbdlft
+from mbdlft.plot import save_growth
 from tests.laws.test_margins import random_loop_with_channels
 from tests.scenarios.test_cli import run
 
@@ -88,3 +89,26 @@ def test_rates_of_parameters(
     code, _, err = run(monkeypatch, capsys, "margin", str(archive), "--rate", "k")
     assert code == 2
     assert "--rate k: expected NAME=BOUND" in err
+
+
+def test_figures_of_bounds(
+    archive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    figure = archive.with_name("f.png")
+    for words in (("margin",), ("wcgain", "--input", "f", "--output", "x")):
+        name, *more = words
+        arguments = (name, str(archive), *more, "--no-save", "--plot", str(figure))
+        assert run(monkeypatch, capsys, *arguments)[0] == 0
+        assert figure.read_bytes().startswith(b"\x89PNG")
+        figure.unlink()
+    code, _, err = run(monkeypatch, capsys, "margin", str(archive), "-o", "f.abc")
+    assert code == 2
+    assert "expected the ending" in err
+    loop = random_loop_with_channels()
+    margin = mbdlft.robust_stability(loop, gap=0.1)
+    for what in ("gain", "real part"):
+        save_growth(figure, loop, what, "f", "x", sizes=[0.4, 0.8, 3.0], margin=margin, work=1.0)
+        assert figure.read_bytes().startswith(b"\x89PNG")
+        figure.unlink()
+    with pytest.raises(mbdlft.AnalysisError, match="expected sizes that rise from above 0"):
+        save_growth(figure, loop, sizes=[1.0, 0.5])
