@@ -95,6 +95,10 @@ def test_figures_of_bounds(
     archive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     figure = archive.with_name("f.png")
+    own = [mbdlft.Parameter("k", 2.0, low=1.0, high=3.0)]
+    matrix = [["0", "1", "0"], ["-k", "-1", "1"], ["1", "0", "0"]]
+    cart = mbdlft.realize(matrix, own, states=2, inputs=["f"], outputs=["x"], name="matrix")
+    mbdlft.save(archive, cart)
     for words in (("margin",), ("wcgain", "--input", "f", "--output", "x")):
         name, *more = words
         arguments = (name, str(archive), *more, "--no-save", "--plot", str(figure))
