@@ -6,8 +6,21 @@ from importlib.util import find_spec
 from shutil import which
 from typing import NamedTuple
 
-from benchmarks.speed.formulas import COMPILER, SlowError, by_compiled_c, by_sympy
-from benchmarks.speed.own import by_equations, by_lft
+from benchmarks.speed.formulas import (
+    COMPILER,
+    NoDeviceError,
+    SlowError,
+    by_compiled_c,
+    by_jax,
+    by_sympy,
+)
+from benchmarks.speed.own import (
+    TooLongError,
+    by_compiled_equations,
+    by_compiled_lft,
+    by_equations,
+    by_lft,
+)
 from benchmarks.speed.polynomials import by_polynomials
 from benchmarks.speed.robots import Method, by_drake, by_mujoco, by_pinocchio
 from benchmarks.speed.systems import System
@@ -34,6 +47,8 @@ class Candidate(NamedTuple):
 CANDIDATES = (
     Candidate("mbdlft, LFT", by_lft, own=True),
     Candidate("mbdlft, equations", by_equations, own=True),
+    Candidate("mbdlft, LFT compiled", by_compiled_lft, own=True, module="llvmlite"),
+    Candidate("mbdlft, equations compiled", by_compiled_equations, own=True, module="llvmlite"),
     Candidate("pinocchio", by_pinocchio, module="pinocchio", rigid=True),
     Candidate("MuJoCo, one-sided", by_mujoco, DIFFERENCES, module="mujoco", rigid=True),
     Candidate(
@@ -45,6 +60,8 @@ CANDIDATES = (
     ),
     Candidate("Drake", by_drake, module="pydrake", rigid=True),
     Candidate("SymPy", by_sympy, module="sympy"),
+    Candidate("JAX", by_jax, module="jax"),
+    Candidate("JAX, GPU", partial(by_jax, device="gpu"), module="jax"),
     Candidate("grid, quadratic", partial(by_polynomials, degree=2), FITTED),
     Candidate("grid, cubic", partial(by_polynomials, degree=3), FITTED),
     Candidate("compiled C", by_compiled_c, general=False),
@@ -71,3 +88,5 @@ def made(candidate: Candidate, system: System) -> Method | str:
         return candidate.make(system)
     except SlowError:
         return "not ready in time"
+    except (TooLongError, NoDeviceError) as error:
+        return str(error)

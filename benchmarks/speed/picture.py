@@ -11,11 +11,15 @@ from benchmarks.speed.methods import CANDIDATES
 STYLES = {
     "mbdlft, LFT": ("*", "tab:red", 190),
     "mbdlft, equations": ("P", "tab:red", 90),
+    "mbdlft, LFT compiled": ("*", "darkred", 110),
+    "mbdlft, equations compiled": ("P", "darkred", 60),
     "pinocchio": ("o", "tab:blue", 60),
     "MuJoCo, one-sided": ("v", "tab:green", 60),
     "MuJoCo, central": ("^", "tab:green", 60),
     "Drake": ("s", "tab:purple", 55),
     "SymPy": ("D", "tab:orange", 50),
+    "JAX": ("h", "tab:brown", 60),
+    "JAX, GPU": ("H", "tab:brown", 60),
     "grid, quadratic": ("X", "0.45", 70),
     "grid, cubic": ("x", "0.45", 60),
     "compiled C": ("d", "black", 60),
@@ -41,7 +45,11 @@ def figure(path: Path, groups: Mapping[str, Sequence[Mapping[str, Any]]]) -> Non
             panel.scatter(
                 row["error"], y, marker=marker, color=color, s=size, zorder=3, label=row["method"]
             )
-        absent = list(dict.fromkeys(r["method"].split(",")[0] for r in rows if "error" not in r))
+        missing = [r["method"] for r in rows if "error" not in r]
+        # other tools once each, by their names; a way of this package as a whole
+        absent = list(dict.fromkeys(n if "mbdlft" in n else n.split(",")[0] for n in missing))
+        done = {row["method"] for row in rows if "error" in row}
+        absent = [name for name in absent if name not in done]
         panel.set_title(f"{name}: {rows[0]['states']} states, {rows[0]['parameters']} parameters")
         if absent:
             panel.text(
