@@ -18,7 +18,7 @@ from mbdlft.base.array import Array
 Index = NDArray[np.int64]
 _FLOOR = 1e-3  # times t: X is above this
 _CHUNK = 2**22  # entries of dense coefficients at once
-_CALL, _OPERATION = 0.05, 1.5e-9  # units of work of a solution
+_CALL, _OPERATION = 0.05, 2.0e-9  # units of work of a solution
 
 
 class Unknowns(NamedTuple):
