@@ -17,6 +17,7 @@ from mbdlft.base.array import Array
 
 Index = NDArray[np.int64]
 _FLOOR = 1e-3  # times t: X is above this
+_EDGE = 1e-6  # of the form, where the least gain is asked for
 _CHUNK = 2**22  # entries of dense coefficients at once
 _CALL, _OPERATION = 0.05, 2.0e-9  # units of work of a solution
 
@@ -91,16 +92,45 @@ def solved(form: Form, sizes: Array, states: int, gain: float = 0.0) -> Unknowns
     b[0] = states + len(form.S)
     cost = np.zeros(count)
     cost[-1] = -1.0
-    settings = clarabel.DefaultSettings()
-    settings.verbose, settings.max_threads = False, 1
     cones = [clarabel.ZeroConeT(1)]
     cones += [clarabel.PSDTriangleConeT(size) for size in (N, *map(len, own))]
-    A = sparse.csc_matrix(sparse.vstack([sparse.csc_matrix(traces[None]), whole]))
-    nothing = sparse.csc_matrix((count, count))
-    values = np.array(clarabel.DefaultSolver(nothing, cost, A, b, cones, settings).solve().x)
-    if not np.all(np.isfinite(values)):
-        return None
-    return _unpacked(form, values, places, with_gain=gain > 0.0)
+    values = _solution(cost, sparse.vstack([sparse.csc_matrix(traces[None]), whole]), b, cones)
+    return None if values is None else _unpacked(form, values, places, with_gain=gain > 0.0)
+
+
+def least_gain(form: Form, sizes: Array, states: int) -> float:
+    """Nearly the least gain for which there are unknowns, for a gain near 1; inf if none was found."""
+    import clarabel
+
+    places, N, own = places_of(form), form.V.shape[1], groups_of(form)
+    first, count = int(places.ends[0]), int(places.ends[-1]) + 1
+    supplied = sparse.csc_matrix(_vectors(-(form.u.T @ form.u)[None]).T)
+    parts = [sparse.hstack([_coefficients(form, sizes, places, 0.0), supplied])]
+    parts += [_selected(group, places.X, first, count) for group in own]
+    sides = [_vectors((_EDGE * np.eye(N) + form.y.T @ form.y)[None])[0]]
+    sides += [np.zeros(len(group) * (len(group) + 1) // 2) for group in own]
+    cost = np.zeros(count)
+    on_diagonal = [
+        (places.P[0] == places.P[1]) & (places.P[0] < states),
+        places.X[0] == places.X[1],
+    ]
+    cost[: places.ends[1]] = 0.1 * _EDGE * np.concatenate(on_diagonal)
+    cost[-1] = 1.0
+    cones = [clarabel.PSDTriangleConeT(size) for size in (N, *map(len, own))]
+    values = _solution(cost, sparse.vstack(parts), -np.concatenate(sides), cones)
+    return float(np.sqrt(values[-1])) if values is not None and values[-1] > 0.0 else float("inf")
+
+
+def _solution(cost: Array, rows: Any, b: Array, cones: list[Any]) -> Array | None:
+    """The x of the least cost with b - rows x in the cones; None if the solver gave up."""
+    import clarabel
+
+    settings = clarabel.DefaultSettings()
+    settings.verbose, settings.max_threads = False, 1
+    nothing = sparse.csc_matrix((len(cost), len(cost)))
+    solver = clarabel.DefaultSolver(nothing, cost, sparse.csc_matrix(rows), b, cones, settings)
+    values = np.array(solver.solve().x)
+    return values if np.all(np.isfinite(values)) else None
 
 
 def _unpacked(form: Form, values: Array, places: Places, *, with_gain: bool) -> Unknowns | None:

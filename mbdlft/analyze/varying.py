@@ -13,7 +13,7 @@ import numpy as np
 
 from mbdlft.analyze.characteristic import Realization
 from mbdlft.analyze.coordinates import modal, turned
-from mbdlft.analyze.inequality import Unknowns, cost_of, solved
+from mbdlft.analyze.inequality import Unknowns, cost_of, least_gain, solved
 from mbdlft.analyze.motion import NONE, Motion, unstable_motion
 from mbdlft.analyze.result import Bounds, MotionProof, Progress
 from mbdlft.analyze.variation import form_of, is_negative, is_structured, scaled, sizes_of
@@ -26,7 +26,7 @@ Rates = float | Mapping[str, float] | None
 _OUTSIDE = 1.0 + 1e-12  # a bound of a rate is not below it, however that was rounded
 _LEAST = 1e-3  # of the other bound: margins below this are not looked for
 _SHARE = 0.2  # of the work, for motions
-_FACTOR = 1.25  # of the first bound of a gain that is tried
+_FACTOR = 1.25  # of a bound of a gain that is tried after one that was not proved
 _MOST = 1e3  # times the gain of constant parameters: larger bounds are not looked for
 
 
@@ -113,17 +113,11 @@ class Varying:
 
     def proof(self, k: float, gain: float = 0.0) -> MotionProof | None:
         """A proof for deltas in [-k, k]; None if none is found."""
-        states, back, channels, time = modal(self.model)
-        model = scaled(self.model if gain else _alone(self.model), channels, time)
-        bounds = delta_rates(self.system, model.names, self.rates, k) / time
+        states, _, channels, time = modal(self.model)
+        model, bounds, near, (u, y) = self._near(k, gain)
         form = form_of(model, bounds)
         self.used += cost_of(form)
         sizes = sizes_of(form, k, bounds)
-        near = turned(model, states, back)
-        u, y = _powers(near, gain)
-        near = near._replace(
-            E=near.E * u, F=near.F * u, G=near.G * y, H=near.H * y, J=near.J * (u * y)
-        )
         found = solved(form_of(near, bounds), sizes, len(model.A), gain * u * y)
         if found is not None:
             found = Unknowns(found.P / y**2, found.X / y**2, found.Y / y**2, found.t)
@@ -132,6 +126,27 @@ class Varying:
         return MotionProof(
             k, found.P, found.X, found.Y, states, channels, time, gain, *self.signals
         )
+
+    def least(self, gain: float) -> float:
+        """Nearly the least gain that can be proved, of the size of a gain; inf if none was found."""
+        _, bounds, near, (u, y) = self._near(1.0, gain)
+        form = form_of(near, bounds)
+        self.used += cost_of(form)
+        return least_gain(form, sizes_of(form, 1.0, bounds), len(near.A)) / (u * y)
+
+    def _near(
+        self, k: float, gain: float
+    ) -> tuple[Realization, Array, Realization, tuple[float, float]]:
+        """The model, rates of its deltas, the model near to 1 in size, and powers of two of u and y."""
+        states, back, channels, time = modal(self.model)
+        model = scaled(self.model if gain else _alone(self.model), channels, time)
+        bounds = delta_rates(self.system, model.names, self.rates, k) / time
+        near = turned(model, states, back)
+        u, y = _powers(near, gain)
+        near = near._replace(
+            E=near.E * u, F=near.F * u, G=near.G * y, H=near.H * y, J=near.J * (u * y)
+        )
+        return model, bounds, near, (u, y)
 
     def allowed(self, k: float) -> Array:
         """Rates of deltas (1/s) that are allowed everywhere in the box."""
@@ -236,7 +251,7 @@ def _margin(
 
 def gain_of(asked: Varying, constant: Bounds) -> Bounds:
     """Bounds of the energy gain of parameters that move in the box; `constant`: of constant ones."""
-    low, upper, proof, factor = constant.lower, inf, None, _FACTOR
+    low, upper, proof, factor = constant.lower, inf, None, 1.0 + 0.5 * asked.gap
     model = asked.model
     try:
         motion = unstable_motion(model, asked.allowed, 1.0, _SHARE * asked.work)
@@ -246,12 +261,10 @@ def gain_of(asked: Varying, constant: Bounds) -> Bounds:
         if np.isfinite(low) and asked.is_carried() and not asked.proof(1.0):
             low = inf
             asked.reason = "for these rates stability of the whole box is not proved"
-        while (
-            np.isfinite(low)
-            and low > 0.0
-            and asked.is_carried()
-            and upper * (1.0 - asked.gap) > low
-        ):
+        elif np.isfinite(low) and low > 0.0 and asked.is_carried():
+            estimate = asked.least(low)
+            low = max(low, estimate) if np.isfinite(estimate) else low
+        while 0.0 < low < upper * (1.0 - asked.gap) and np.isfinite(low) and asked.is_carried():
             goal = low * factor if isinf(upper) else float(np.sqrt(low * upper))
             if asked.used > asked.work or goal > _MOST * constant.lower:
                 asked.reason = asked.reason or f"no bound below {goal:.3g} was found with this work"
@@ -260,7 +273,7 @@ def gain_of(asked: Varying, constant: Bounds) -> Bounds:
             if found:
                 proof, upper = found, goal * _OUTSIDE
             else:
-                low, factor = goal, factor * factor
+                low, factor = goal, max(factor * factor, _FACTOR)
             if asked.progress is not None:
                 asked.progress(constant.lower, upper)
     except KeyboardInterrupt:
