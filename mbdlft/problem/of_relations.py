@@ -38,10 +38,7 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
     WellPosednessError
         The relations do not determine the unknown signals at one of the points.
     """
-    internal = np.stack(
-        [to_internal(p, points[:, k]) for k, p in enumerate(model.parameters)] or [np.zeros(0)],
-        axis=1 if model.parameters else 0,
-    ).reshape(len(points), -1)
+    internal = _internal_values(model, points)
     sizes = _Sizes(model.unknown.numel(), model.known.numel(), model.derivatives)
     slopes = _slopes(model)
     sparse = ca.sparsify(in_doubles(slopes))
@@ -74,9 +71,7 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
         return conditioning(values, terms(), scale, NEGLIGIBLE * scale)
 
     def in_digits(some: Array) -> Array:
-        with precision(_BITS):
-            found = [[_rounded(x) for x in m.ravel()] for m in _balls(model, slopes, some, sizes)]
-        return np.array(found).reshape(len(some), *values.shape[1:])
+        return _in_digits(model, slopes, some, sizes).reshape(len(some), *values.shape[1:])
 
     def transfers_in_digits(some: Sequence[int], frequencies: Array) -> Complex:
         with precision(_BITS):
@@ -99,6 +94,22 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
         transfers_in_digits=transfers_in_digits,
         in_digits=in_digits,
     )
+
+
+def _internal_values(model: LinearModel, points: Array) -> Array:
+    """Internal values (N, n_p) of physical ones."""
+    found = np.empty((len(points), len(model.parameters)))
+    for k, parameter in enumerate(model.parameters):
+        found[:, k] = to_internal(parameter, points[:, k])
+    return found
+
+
+def _in_digits(model: LinearModel, slopes: ca.SX, points: Array, sizes: "_Sizes") -> Array:
+    """[A B ; C D] in 50 digits, rounded at the end."""
+    with precision(_BITS):
+        return np.array(
+            [[_rounded(x) for x in m.ravel()] for m in _balls(model, slopes, points, sizes)]
+        )
 
 
 def column_of_entries(matrix: ca.SX) -> ca.SX:
