@@ -6,8 +6,8 @@ python -m benchmarks.equations
 import sys
 import time
 
+from benchmarks.cases.mass_chain import chain
 from mbdlft.pipeline import delta_theta, linearize_dae
-from tests.daes import chain
 
 UNITS = (5, 15, 50)  # of ten equations each
 PROMISED = 5.0  # s for 500 equations, of one core

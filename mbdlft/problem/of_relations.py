@@ -2,6 +2,7 @@
 
 import operator
 from collections.abc import Iterator, Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -25,6 +26,7 @@ from mbdlft.sx.evaluate import evaluate_many
 from mbdlft.sx.fold import fold, rules
 from mbdlft.sx.sizes import term_sizes
 
+_TOGETHER = 16  # points at a time: matrices of many equations are large
 _BITS = 200  # 50 digits and what solving takes
 
 
@@ -36,32 +38,31 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
     WellPosednessError
         The relations do not determine the unknown signals at one of the points.
     """
-    internal = np.stack(
-        [to_internal(p, points[:, k]) for k, p in enumerate(model.parameters)] or [np.zeros(0)],
-        axis=1 if model.parameters else 0,
-    ).reshape(len(points), -1)
+    internal = _internal_values(model, points)
     sizes = _Sizes(model.unknown.numel(), model.known.numel(), model.derivatives)
     slopes = _slopes(model)
     sparse = ca.sparsify(in_doubles(slopes))
     function = ca.Function("slopes", [model.p], [ca.densify(column_of_entries(sparse))])
     rows, columns = sparse.sparsity().get_triplet()
 
-    def spread(entries: Array) -> Array:
-        found = np.zeros((len(points), *slopes.shape))
-        found[:, rows, columns] = entries
+    entries = evaluate_many(function, internal)[0][:, :, 0]
+
+    def spread(some: Array) -> Array:
+        found = np.zeros((len(some), *slopes.shape))
+        found[:, rows, columns] = some
         return found
 
-    jacobian = spread(evaluate_many(function, internal)[0][:, :, 0])
-    values, solved = _solved(jacobian, sizes, owner)
+    parts = [slice(k, k + _TOGETHER) for k in range(0, len(points), _TOGETHER)]
+    values = np.concatenate([_solved(spread(entries[part]), sizes, owner)[0] for part in parts])
     scale = entry_scale(values, sizes.states)
 
+    @cache
     def terms() -> Array:
-        found = spread(term_sizes(function, internal))
-        n = sizes.unknown
-        inverse = np.abs(np.linalg.inv(jacobian[:, :n, :n]))
-        own = inverse @ (found[:, :n, n:] + found[:, :n, :n] @ np.abs(solved))
-        read = found[:, n:, n:] + found[:, n:, :n] @ own
-        return np.concatenate([own[:, : sizes.states], read], axis=1)
+        sums, found = term_sizes(function, internal), []
+        for part in parts:
+            jacobian, size = spread(entries[part]), spread(sums[part])
+            found.append(_uncancelled(jacobian, size, sizes, owner))
+        return np.concatenate(found)
 
     def coarse() -> tuple[Array, float]:
         return np.maximum(scale, np.max(terms(), axis=0)), 0.0
@@ -70,9 +71,7 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
         return conditioning(values, terms(), scale, NEGLIGIBLE * scale)
 
     def in_digits(some: Array) -> Array:
-        with precision(_BITS):
-            found = [[_rounded(x) for x in m.ravel()] for m in _balls(model, slopes, some, sizes)]
-        return np.array(found).reshape(len(some), *values.shape[1:])
+        return _in_digits(model, slopes, some, sizes).reshape(len(some), *values.shape[1:])
 
     def transfers_in_digits(some: Sequence[int], frequencies: Array) -> Complex:
         with precision(_BITS):
@@ -80,7 +79,8 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
             return transfers_of(found, sizes.states, frequencies)
 
     def transfers(some: Sequence[int], frequencies: Array) -> Complex:
-        return implicit_transfers(jacobian[list(some)], (*sizes[:2], sizes.states), frequencies)
+        jacobian = spread(entries[list(some)])
+        return implicit_transfers(jacobian, (*sizes[:2], sizes.states), frequencies)
 
     return Reference(
         values=values,
@@ -94,6 +94,22 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
         transfers_in_digits=transfers_in_digits,
         in_digits=in_digits,
     )
+
+
+def _internal_values(model: LinearModel, points: Array) -> Array:
+    """Internal values (N, n_p) of physical ones."""
+    found = np.empty((len(points), len(model.parameters)))
+    for k, parameter in enumerate(model.parameters):
+        found[:, k] = to_internal(parameter, points[:, k])
+    return found
+
+
+def _in_digits(model: LinearModel, slopes: ca.SX, points: Array, sizes: "_Sizes") -> Array:
+    """[A B ; C D] in 50 digits, rounded at the end."""
+    with precision(_BITS):
+        return np.array(
+            [[_rounded(x) for x in m.ravel()] for m in _balls(model, slopes, points, sizes)]
+        )
 
 
 def column_of_entries(matrix: ca.SX) -> ca.SX:
@@ -127,6 +143,16 @@ def _solved(jacobian: Array, sizes: _Sizes, owner: str) -> tuple[Array, Array]:
     )
     read = jacobian[:, n:, n:] + jacobian[:, n:, :n] @ solved
     return np.concatenate([solved[:, : sizes.states], read], axis=1), np.asarray(solved)
+
+
+def _uncancelled(jacobian: Array, terms: Array, sizes: _Sizes, owner: str) -> Array:
+    """Sizes of [A B ; C D] if nothing cancelled, neither in slopes nor in solving."""
+    n = sizes.unknown
+    _, solved = _solved(jacobian, sizes, owner)
+    inverse = np.abs(np.linalg.inv(jacobian[:, :n, :n]))
+    own = inverse @ (terms[:, :n, n:] + terms[:, :n, :n] @ np.abs(solved))
+    read = terms[:, n:, n:] + terms[:, n:, :n] @ own
+    return np.concatenate([own[:, : sizes.states], read], axis=1)
 
 
 def _balls(model: LinearModel, slopes: ca.SX, points: Array, sizes: _Sizes) -> Iterator[Balls]:

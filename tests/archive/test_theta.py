@@ -9,6 +9,7 @@ import pytest
 
 import mbdlft
 from mbdlft import ArchiveError
+from mbdlft.cli import commands
 from mbdlft.dae import formula_function
 from mbdlft.pipeline import delta_theta
 from tests.archive.plain_digest import edit
@@ -75,3 +76,20 @@ def test_what_does_not_agree(file: Path, name: str, value: object, message: str)
     edit(file, change, "models/example_2")
     with pytest.raises(ArchiveError, match=message):
         mbdlft.load(file)
+
+
+def test_commands_show_functions_and_do_not_leave_them_out(
+    file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    for command in ("show", "poles", "margin"):
+        monkeypatch.setattr("sys.argv", ["mbdlft", command, str(file)])
+        with pytest.raises(SystemExit) as stopped:
+            commands.main()
+        captured = capsys.readouterr()
+        if command == "show":
+            assert not stopped.value.code
+            assert "theta.spring.alpha(J1_phi, J2_phi) = (J1_phi - J2_phi)**2" in captured.out
+        else:
+            assert stopped.value.code == 2
+            assert "has 2 nonlinear functions, and is not linear" in captured.err
