@@ -305,6 +305,8 @@ def scene(m: mbdlft.Parameter, L: mbdlft.Parameter, damping: float) -> mbdlft.Sc
 
 def test_pendulum_of_a_multibody_library_is_that_of_the_scene() -> None:
     model = model_of("pendulum")
+    # those that the hinge prefers: its angle, and its speed, which an equation says to be the rate
+    assert [x.name for x in model.states] == ["hinge.phi", "der(hinge.phi)"]
     m, L = (model.parameters[name] for name in ("m", "L"))
     ours = mbdlft.to_lft(scene(m, L, 0.05), search=0.0)
     assert sum(model.certificate.lower_bound) == ours.order == 3
