@@ -40,6 +40,11 @@ def test_models_of_the_library(name: str) -> None:
     same(name, LIBRARY, f"Components.Examples.{MODELS[name]}")
 
 
+def test_which_model_is_asked_for() -> None:
+    with pytest.raises(MbdlftError, match=r"Candidates: .*Choose one: --model NAME, or model=NAME"):
+        load_modelica(LIBRARY, roots=[])
+
+
 def test_lines_and_annotations_are_those_of_the_file(tmp_path: Path) -> None:
     file = tmp_path / "two.mo"
     file.write_text(
