@@ -50,6 +50,7 @@ bench: .venv/bench
 	XLA_FLAGS="--xla_cpu_multi_thread_eigen=false" $(BIN)/python -m benchmarks.speed_error --write docs/speed-error.md --figure docs/speed-error.png
 	$(BIN)/python -m benchmarks.needs --write docs/needs.md
 	$(BIN)/python -m benchmarks.ur5
+	$(BIN)/python -m benchmarks.equations
 	$(BIN)/python -m benchmarks.moves
 
 # what the package itself needs

@@ -6,6 +6,7 @@ What most scripts need is here: `load_scene`, `Scene`, `Parameter`, `Angle`, `to
 - `mbdlft.multibody`: bodies, joints, loads, sensors, scenes and their equilibria
 - `mbdlft.elastic`: flexible bodies of finite-element data; `mbdlft.urdf`: robots
 - `mbdlft.matrix`: matrices that are rational in parameters
+- `mbdlft.dae`: differential-algebraic models, and linear ones with nonlinear functions of them
 - `mbdlft.system`: finished models, and what connects, inverts, truncates them
 - `mbdlft.library`: actuators, filters, two-ports
 - `mbdlft.analyze`, `mbdlft.plot`: responses and figures
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from mbdlft.analyze import *
     from mbdlft.base import *
     from mbdlft.batch import *
+    from mbdlft.dae import *
     from mbdlft.elastic import *
     from mbdlft.export import *
     from mbdlft.lft import *
@@ -57,6 +59,7 @@ _NAMESPACES = (
     "store",
     "analyze",
     "batch",
+    "dae",
     "elastic",
     "export",
     "library",

@@ -10,58 +10,72 @@ import numpy as np
 
 from mbdlft.base.errors import SceneError, unknown_name
 
-Exponents = tuple[int | Fraction, int | Fraction, int | Fraction]  # of kg, m and s
+Exponents = tuple[int | Fraction, ...]  # of kg, m, s, A and K
+_NAMES, _NONE = ("kg", "m", "s", "A", "K"), (0, 0, 0, 0, 0)
 
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """The factor of a unit to SI and its exponents of kg, m and s.
+    """The factor of a unit to SI and its exponents of kg, m, s, A and K.
 
     An angle is dimensionless; a cycle, as in Hz and rpm, is 2 pi rad. `exact` is the factor, unless pi is
     in it.
     """
 
     factor: float
-    dimension: tuple[int, int, int]
+    dimension: tuple[int, ...]
     exact: Fraction | None = None
 
     def __mul__(self, other: "Unit") -> "Unit":
-        kg, m, s = (a + b for a, b in zip(self.dimension, other.dimension, strict=True))
+        dimension = tuple(a + b for a, b in zip(self.dimension, other.dimension, strict=True))
         if self.exact is not None and other.exact is not None:
             exact = self.exact * other.exact
-            return Unit(float(exact), (kg, m, s), exact)
-        return Unit(self.factor * other.factor, (kg, m, s))
+            return Unit(float(exact), dimension, exact)
+        return Unit(self.factor * other.factor, dimension)
 
     def __pow__(self, exponent: int) -> "Unit":
-        kg, m, s = (a * exponent for a in self.dimension)
+        dimension = tuple(a * exponent for a in self.dimension)
         if self.exact is not None:
             exact = self.exact**exponent
-            return Unit(float(exact), (kg, m, s), exact)
-        return Unit(self.factor**exponent, (kg, m, s))
+            return Unit(float(exact), dimension, exact)
+        return Unit(self.factor**exponent, dimension)
 
 
 _BASE = {
-    "1": Unit(1.0, (0, 0, 0)),
-    "%": Unit(0.01, (0, 0, 0)),
-    "rad": Unit(1.0, (0, 0, 0)),
-    "deg": Unit(float(np.pi) / 180.0, (0, 0, 0)),
-    "g": Unit(1e-3, (1, 0, 0)),
-    "kg": Unit(1.0, (1, 0, 0)),
-    "t": Unit(1e3, (1, 0, 0)),
-    "m": Unit(1.0, (0, 1, 0)),
-    "s": Unit(1.0, (0, 0, 1)),
-    "min": Unit(60.0, (0, 0, 1)),
-    "h": Unit(3600.0, (0, 0, 1)),
-    "rev": Unit(2.0 * float(np.pi), (0, 0, 0)),
-    "rpm": Unit(2.0 * float(np.pi) / 60.0, (0, 0, -1)),
-    "Hz": Unit(2.0 * float(np.pi), (0, 0, -1)),
-    "N": Unit(1.0, (1, 1, -2)),
-    "Pa": Unit(1.0, (1, -1, -2)),
-    "J": Unit(1.0, (1, 2, -2)),
-    "W": Unit(1.0, (1, 2, -3)),
+    "1": Unit(1.0, (0, 0, 0, 0, 0)),
+    "%": Unit(0.01, (0, 0, 0, 0, 0)),
+    "rad": Unit(1.0, (0, 0, 0, 0, 0)),
+    "deg": Unit(float(np.pi) / 180.0, (0, 0, 0, 0, 0)),
+    "g": Unit(1e-3, (1, 0, 0, 0, 0)),
+    "kg": Unit(1.0, (1, 0, 0, 0, 0)),
+    "t": Unit(1e3, (1, 0, 0, 0, 0)),
+    "m": Unit(1.0, (0, 1, 0, 0, 0)),
+    "s": Unit(1.0, (0, 0, 1, 0, 0)),
+    "min": Unit(60.0, (0, 0, 1, 0, 0)),
+    "h": Unit(3600.0, (0, 0, 1, 0, 0)),
+    "rev": Unit(2.0 * float(np.pi), (0, 0, 0, 0, 0)),
+    "rpm": Unit(2.0 * float(np.pi) / 60.0, (0, 0, -1, 0, 0)),
+    "Hz": Unit(2.0 * float(np.pi), (0, 0, -1, 0, 0)),
+    "N": Unit(1.0, (1, 1, -2, 0, 0)),
+    "Pa": Unit(1.0, (1, -1, -2, 0, 0)),
+    "J": Unit(1.0, (1, 2, -2, 0, 0)),
+    "W": Unit(1.0, (1, 2, -3, 0, 0)),
+    "A": Unit(1.0, (0, 0, 0, 1, 0)),
+    "K": Unit(1.0, (0, 0, 0, 0, 1)),
+    "C": Unit(1.0, (0, 0, 1, 1, 0)),
+    "V": Unit(1.0, (1, 2, -3, -1, 0)),
+    "Ohm": Unit(1.0, (1, 2, -3, -2, 0)),
+    "S": Unit(1.0, (-1, -2, 3, 2, 0)),
+    "F": Unit(1.0, (-1, -2, 4, 2, 0)),
+    "H": Unit(1.0, (1, 2, -2, -2, 0)),
+    "Wb": Unit(1.0, (1, 2, -2, -1, 0)),
+    "T": Unit(1.0, (1, 0, -2, -1, 0)),
 }
 _PREFIX = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "k": 1e3, "M": 1e6}
-_PREFIXED = ("g", "m", "s", "Hz", "N", "Pa", "J", "W", "rad", "t")
+_PREFIXED = (
+    *("g", "m", "s", "Hz", "N", "Pa", "J", "W", "rad", "t"),
+    *("A", "K", "C", "V", "Ohm", "S", "F", "H", "Wb", "T"),
+)
 _WITH_PI = ("deg", "rev", "rpm", "Hz")
 
 
@@ -72,7 +86,7 @@ def _exact(name: str) -> Unit:
 
 
 _SYMBOLS = {name: _exact(name) for name in _BASE} | {
-    prefix + name: _exact(name) * Unit(factor, (0, 0, 0), Fraction(repr(factor)))
+    prefix + name: _exact(name) * Unit(factor, _NONE, Fraction(repr(factor)))
     for prefix, factor in _PREFIX.items()
     for name in _PREFIXED
     if prefix + name not in _BASE
@@ -142,7 +156,7 @@ def dimension_name(dimension: Exponents) -> str:
     """A dimension as a text in SI base units, such as ``kg m^2 s^-2``; ``1`` for a dimensionless one."""
     parts = [
         name if exponent == 1 else f"{name}^{exponent}"
-        for name, exponent in zip(("kg", "m", "s"), dimension, strict=True)
+        for name, exponent in zip(_NAMES, dimension, strict=True)
         if exponent
     ]
     return " ".join(parts) or "1"

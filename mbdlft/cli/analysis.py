@@ -13,6 +13,7 @@ from rich.console import Console
 
 from mbdlft.base.errors import AnalysisError
 from mbdlft.cli.response import chosen_channels
+from mbdlft.cli.source import stored_system
 from mbdlft.cli.tables import console, table
 
 if TYPE_CHECKING:
@@ -167,20 +168,20 @@ def _rates(texts: list[str] | None) -> dict[str, float]:
 
 def _loop(archive: Path, model: str | None, controller: Path | None) -> "System":
     """The model of an archive, closed through a controller if there is one."""
-    from mbdlft.store import load, model_names
+    from mbdlft.store import model_names
     from mbdlft.system import as_system, feedback
 
     names = model_names(archive)
     if model is None:  # loops that were stored beside a model are not meant
         alone = [name for name in names if _WITH not in name]
         model = alone[0] if len(alone) == 1 else None
-    system: System = load(archive, model)
+    system = stored_system(archive, model)
     if controller is None:
         return system
     loop = feedback(system, _controller(controller))
     name = f"{system.name}{_WITH}{controller.stem}"
     if name in names:
-        stored: System = load(archive, name)
+        stored = stored_system(archive, name)
         return stored if _same(stored, loop) else as_system(loop, name=name)
     return as_system(loop, name=name)
 
@@ -197,9 +198,7 @@ def _same(a: "System", b: "System") -> bool:
 def _controller(file: Path) -> Any:
     """A controller of an archive, or of the matrices A, B, C, D of a .mat file."""
     if file.suffix.lower() != ".mat":
-        from mbdlft.store import load
-
-        return load(file)
+        return stored_system(file, None)
     from scipy.io import loadmat
 
     from mbdlft.system import state_space

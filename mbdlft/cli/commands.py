@@ -304,7 +304,11 @@ def show(
 
     for key in [name] if name else model_names(archive):
         model = load(archive, key)
+        functions = getattr(model, "functions", ())
+        model = getattr(model, "linear", model)
         print_model(model)
+        for function in functions:
+            _console().print(f"nonlinear: {function}", highlight=False, markup=False)
         if not isinstance(model, LFTModel):
             continue
         made = model.provenance

@@ -27,9 +27,7 @@ def load_system(file: Path, name: str | None = None) -> System:
         The file cannot be read, or no model can be made of it.
     """
     if file.suffix.lower() in ARCHIVES:
-        from mbdlft.store import load
-
-        return cast(System, load(file, name))
+        return stored_system(file, name)
     if name is not None:
         raise AnalysisError(f"--model {name}: {file} is no archive; only an archive has models.")
     from mbdlft.matrix import load_matrix
@@ -72,3 +70,26 @@ def point_of(system: System, texts: list[str] | None) -> dict[str, float]:
                 f"the parameter. Parameters: {known}."
             )
     return values
+
+
+def stored_system(archive: Path, name: str | None) -> System:
+    """A linear model of an archive.
+
+    Raises
+    ------
+    AnalysisError
+        It has nonlinear functions, which linear analysis must not leave out.
+    ArchiveError
+        It cannot be read.
+    """
+    from mbdlft.store import load
+    from mbdlft.system.theta import DeltaThetaModel
+
+    model = load(archive, name)
+    if isinstance(model, DeltaThetaModel):
+        raise AnalysisError(
+            f"{archive}: model {model.name!r} has {len(model.functions)} nonlinear functions, and is not "
+            "linear. Linearize it around an equilibrium (linearize_dae); in Python, model.linear is its "
+            "linear part with the functions left open."
+        )
+    return cast(System, model)

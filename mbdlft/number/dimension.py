@@ -15,12 +15,12 @@ from mbdlft.base.grammar import FUNCTIONS as FUNCTIONS_OF_NUMBERS
 from mbdlft.base.unit import Exponents, dimension_name
 from mbdlft.number.operators import Operators
 
-_NONE: Exponents = (0, 0, 0)
+_NONE: Exponents = (0, 0, 0, 0, 0)
 
 
 @dataclass(frozen=True, slots=True)
 class Dimension(Operators):
-    """Exponents of kg, m, s of a value; None where a plain number may carry any unit."""
+    """Exponents of kg, m, s, A, K of a value; None where a plain number may carry any unit."""
 
     exponents: Exponents | None
 
@@ -45,11 +45,11 @@ class Dimension(Operators):
 
     def _times(self, other: "Dimension | float", sign: int) -> "Dimension":
         first, second = self.exponents, Dimension.of(other).exponents
-        kg, m, s = (a + sign * b for a, b in zip(first or _NONE, second or _NONE, strict=True))
+        found = tuple(a + sign * b for a, b in zip(first or _NONE, second or _NONE, strict=True))
         # a number still carries any unit if nothing beside it has one
-        open_ = (first is None or second is None) and not (kg or m or s)
+        open_ = (first is None or second is None) and not any(found)
         has_units = any(first or _NONE) or any(second or _NONE)
-        return Dimension(None if open_ and not has_units else (kg, m, s))
+        return Dimension(None if open_ and not has_units else found)
 
     def __mul__(self, other: "Dimension | float") -> "Dimension":
         return self._times(other, 1)
@@ -62,8 +62,7 @@ def _sqrt(value: Dimension) -> Dimension:
     if value.exponents is None:
         return value
     halves = (Fraction(exponent) / 2 for exponent in value.exponents)
-    kg, m, s = (int(half) if half.denominator == 1 else half for half in halves)
-    return Dimension((kg, m, s))
+    return Dimension(tuple(int(half) if half.denominator == 1 else half for half in halves))
 
 
 def _of_angle(name: str, value: Dimension) -> Dimension:

@@ -21,19 +21,20 @@ from mbdlft.store.hdf5 import FAILURES, FORMAT, VERSION, Part, check_format, ope
 from mbdlft.store.helper import Request, said_of
 from mbdlft.store.model import KINDS, items_of_model, model_of_items
 from mbdlft.system.system import System
+from mbdlft.system.theta import DeltaThetaModel
 
 Made = TypeVar("Made")
 LIMIT = 2**30  # bytes that reading may need, unless the caller allows more
 
 
-def save(path: str | Path, model: System, name: str | None = None) -> None:
+def save(path: str | Path, model: System | DeltaThetaModel, name: str | None = None) -> None:
     """Write a model or a system into an archive under /models/<name>; other contents of the file stay.
 
     Parameters
     ----------
     path : file, made if it does not exist
         If it is a link, the file to which it leads is written.
-    model : LFTModel, or System
+    model : LFTModel, System, or DeltaThetaModel
     name : str, optional
         The name of the model by default; a model of that name is replaced.
 
@@ -44,7 +45,7 @@ def save(path: str | Path, model: System, name: str | None = None) -> None:
         and so would be lost, or it cannot be written. The old file is then unchanged.
     """
     file = Path(path)
-    if not isinstance(model, System):
+    if not isinstance(model, System | DeltaThetaModel):
         raise ArchiveError(
             f"{file}: expected an LFTModel or a System, got {type(model).__name__}. to_lft(scene) makes "
             "one of a scene."
@@ -190,7 +191,7 @@ def load(
 
     Returns
     -------
-    LFTModel; or System, if it was stored without evidence
+    LFTModel; or System, if it was stored without evidence; or DeltaThetaModel
 
     Raises
     ------

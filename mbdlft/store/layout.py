@@ -103,6 +103,14 @@ _MODEL_1_1 = {
         "certificate/evidence/number certificate/evidence/basis: text evidence",
     ),
 }
+THETA = _wanted(
+    "theta/name theta/unit theta/text: text f",
+    "theta/count: int64 f",
+    "theta/signal theta/argument: text a",
+    "theta/low theta/high: float64 a",
+    "theta/initial: float64 x",
+    "theta/zeta_at_start: float64 f",
+)
 ROWS = ("samples", "A", "B", "C", "D", "trim/value", "residual", "status")
 _SWEEP = {
     **_ENCODING,
@@ -205,6 +213,8 @@ def check_layout(specs: Mapping[str, Spec], kind: str, version: str) -> None:
     layout = dict(_LAYOUTS[kind, version])
     if kind == MODEL_TYPE and any(path.startswith("trim/lft/") for path in specs):
         layout |= {**_TRIM_LFT, **(_wanted(*_TRIM_BLOCKS) if version != FIRST else {})}
+    if kind == MODEL_TYPE and any(path.startswith("theta/") for path in specs):
+        layout |= THETA
     sizes = {"1": 1, "2": 2, "3": 3, "32": 32}
     for path, wanted in layout.items():
         if path not in specs:

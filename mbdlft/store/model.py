@@ -25,8 +25,10 @@ from mbdlft.store.items import (
     words,
 )
 from mbdlft.store.layout import MODEL_TYPE, SYSTEM_TYPE, VERSION
+from mbdlft.store.theta import items_of_theta, theta_of_items
 from mbdlft.system.model import LFTModel, Provenance, Trim
 from mbdlft.system.system import Parameters, System
+from mbdlft.system.theta import DeltaThetaModel
 
 KINDS = (MODEL_TYPE, SYSTEM_TYPE)
 _MATRICES = ("A", "B_w", "B_u", "C_z", "D_zw", "D_zu", "C_y", "D_yw", "D_yu")
@@ -36,14 +38,17 @@ _MADE = ("mbdlft", "casadi", "numpy", "h5py", "created")
 _POINTER = "in the dataset provenance/scene"  # where readers of 1.0 look for the text
 
 
-def items_of_model(model: System) -> Items:
-    """The items of a model or a system, with their digest.
+def items_of_model(model: System | DeltaThetaModel) -> Items:
+    """The items of a model or a system, and of its nonlinear functions, with their digest.
 
     Raises
     ------
     ArchiveError
         A text cannot be stored, or an entry is complex.
     """
+    functions: Items = {}
+    if isinstance(model, DeltaThetaModel):
+        functions, model = items_of_theta(model), model.linear
     certified = isinstance(model, LFTModel)
     items: Items = {
         "@encoding_type": text(MODEL_TYPE if certified else SYSTEM_TYPE),
@@ -60,6 +65,7 @@ def items_of_model(model: System) -> Items:
     items |= _items_of_parameters(model.parameters)
     if isinstance(model, LFTModel):
         items |= _items_of_evidence(model)
+    items |= functions
     items[DIGEST] = text(digest(items))
     return items
 
@@ -129,7 +135,7 @@ def _numbers(name: str, values: Any) -> Any:
     return np.ascontiguousarray(found, dtype="<f8")
 
 
-def model_of_items(items: Items, name: str) -> System:
+def model_of_items(items: Items, name: str) -> System | DeltaThetaModel:
     """The model or system of the items of a group, which agree with the layout.
 
     Raises
@@ -143,7 +149,10 @@ def model_of_items(items: Items, name: str) -> System:
         found = word(items, "@time_domain")
         raise ArchiveError(f"time_domain is {found!r}, expected 'continuous'.")
     try:
-        return _system(items, name)
+        model = _system(items, name)
+        if isinstance(model, LFTModel) and "theta/name" in items:
+            return theta_of_items(items, model)
+        return model
     except ArchiveError:
         raise
     except (MbdlftError, *FAILURES) as error:

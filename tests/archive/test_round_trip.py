@@ -136,7 +136,7 @@ def test_what_mbdlft_does_not_know_stays(tmp_path):
         archive["other/words"] = ["of", "any length"]
 
     def change(group):
-        group["theta/name"] = np.array([b"cubic"])
+        group["cubic/name"] = np.array([b"cubic"])
         group["certificate"].attrs["fit_error_bound"] = 0.0
 
     edit(file, change, "models/two_link_arm")
@@ -148,7 +148,7 @@ def test_what_mbdlft_does_not_know_stays(tmp_path):
         assert archive.attrs["note"] == "mine"
         assert archive["sweeps"].attrs["note"] == "yours"
         assert list(archive["other/words"].asstr()) == ["of", "any length"]
-        assert "theta/name" in archive["models/two_link_arm"]
+        assert "cubic/name" in archive["models/two_link_arm"]
     same(load(file, "two_link_arm"), models.arm())
 
 

@@ -58,7 +58,7 @@ def test_picture_has_every_room_once_and_few_boxes() -> None:
     picture = PAGE.split("```")[1]
     boxes = re.findall(r"\[(\w+)\]", picture)
     assert sorted(boxes) == sorted(ROOMS)
-    assert len(boxes) <= 20
+    assert len(boxes) <= 24
     # a room of the upper part stands in the line of its floor
     floors = {
         room: len(CONTRACTS[0]["layers"]) - k

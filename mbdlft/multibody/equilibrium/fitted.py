@@ -175,9 +175,10 @@ def _plain(scene: Scene, text: str) -> str:
     """An expression of SI values with names made plain numbers: 1.0 [N^-1]*F in place of F."""
     units = {}
     for p in scene.parameters:
-        kg, m, s = parse_unit(p.unit).dimension
-        if kg or m or s:
-            units[p.name] = f"(1.0 [{dimension_name((-kg, -m, -s))}]*{p.name})"
+        dimension = parse_unit(p.unit).dimension
+        if any(dimension):
+            inverse = dimension_name(tuple(-exponent for exponent in dimension))
+            units[p.name] = f"(1.0 [{inverse}]*{p.name})"
     return _NAME.sub(lambda found: units.get(found[0], found[0]), text)
 
 

@@ -1,0 +1,168 @@
+"""Formulas of nonlinear functions: a text such as ``"r = a*a + b*b; sin(a)/(1 + r)"``.
+
+Parts have names, with ``;`` behind each; the last part is the value. A text is parsed, never run as
+code, and followed in any number system: numpy, CasADi, intervals.
+"""
+
+import ast
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from mbdlft.base.errors import SceneError, unknown_name
+
+Functions = Mapping[str, Callable[..., Any]]
+_LONGEST = 200_000  # characters
+_OPERATORS: dict[type, str] = {
+    ast.Add: "+",
+    ast.Sub: "-",
+    ast.Mult: "*",
+    ast.Div: "/",
+    ast.Pow: "**",
+    ast.Lt: "<",
+    ast.LtE: "<=",
+    ast.Gt: ">",
+    ast.GtE: ">=",
+    ast.Eq: "==",
+    ast.NotEq: "!=",
+}
+ARITHMETIC: Functions = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+    "**": operator.pow,
+    "neg": operator.neg,
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+    "==": operator.eq,
+    "!=": operator.ne,
+}
+# names of functions, and what they are for arrays of numpy
+NUMPY: Functions = {
+    **ARITHMETIC,
+    **{name: getattr(np, name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
+    **{name: getattr(np, name) for name in ("exp", "log", "log1p", "expm1", "sqrt", "sign")},
+    **{name: getattr(np, f"arc{name[1:]}") for name in ("asin", "acos", "atan", "asinh", "acosh")},
+    "atanh": np.arctanh,
+    "atan2": np.arctan2,
+    "abs": np.abs,
+    "floor": np.floor,
+    "ceil": np.ceil,
+    "min": np.minimum,
+    "max": np.maximum,
+    "mod": np.fmod,
+    "hypot": np.hypot,
+    "copysign": np.copysign,
+    "where": np.where,
+    "and_": np.logical_and,
+    "or_": np.logical_or,
+    "not_": np.logical_not,
+}
+
+
+@cache
+def parsed(text: str) -> tuple[tuple[str | None, ast.expr], ...]:
+    """The parts of a formula with their names; the last has none.
+
+    Raises
+    ------
+    SceneError
+        It is no formula: the message says what is not allowed.
+    """
+    if len(text) > _LONGEST:
+        raise SceneError(f"a formula has {len(text)} characters, at most {_LONGEST} are read.")
+    try:
+        body = ast.parse(text).body
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        raise SceneError(f"formula {text!r} cannot be read: {error}.") from None
+    if not body or not isinstance(body[-1], ast.Expr):
+        raise SceneError(f"formula {text!r}: the last part is its value.")
+    parts: list[tuple[str | None, ast.expr]] = []
+    for part in body[:-1]:
+        if not (isinstance(part, ast.Assign) and isinstance(part.targets[0], ast.Name)):
+            raise SceneError(f"formula {text!r}: expected parts such as 'r = a*a'.")
+        parts.append((part.targets[0].id, part.value))
+    parts.append((None, body[-1].value))
+    for _, expression in parts:
+        for node in ast.walk(expression):
+            _check_node(text, node)
+    return tuple(parts)
+
+
+def formula_value(text: str, values: Mapping[str, Any], functions: Functions = NUMPY) -> Any:
+    """The value of a formula, its names being those of `values`.
+
+    A function ``number`` makes numbers of the number system of those in the text.
+
+    Raises
+    ------
+    SceneError
+        A name or a function is not known, or it is no formula.
+    """
+    known, result = dict(values), None
+    for name, expression in parsed(text):
+        result = _value(text, expression, known, functions)
+        if name is not None:
+            known[name] = result
+    return result
+
+
+def _check_node(text: str, node: ast.AST) -> None:
+    allowed = (ast.BinOp, ast.Name, ast.Load, ast.Constant, ast.UnaryOp, ast.USub, ast.operator)
+    if isinstance(node, (*allowed, ast.cmpop, ast.Compare, ast.Call)):
+        is_number = not isinstance(node, ast.Constant) or type(node.value) in (int, float)
+        is_plain = not isinstance(node, ast.Call) or (
+            isinstance(node.func, ast.Name) and not node.keywords
+        )
+        known = not isinstance(node, ast.operator | ast.cmpop) or type(node) in _OPERATORS
+        if is_number and is_plain and known:
+            return
+    raise SceneError(
+        f"formula {text!r}: {type(node).__name__} is not allowed. It has numbers, names, + - * / **, "
+        "comparisons and functions."
+    )
+
+
+def _value(text: str, node: ast.expr, known: Mapping[str, Any], functions: Functions) -> Any:
+    """The value of one part; long sums and products nest to the left, and need no recursion."""
+    spine: list[tuple[str, ast.expr]] = []
+    while isinstance(node, ast.BinOp):
+        spine.append((_OPERATORS[type(node.op)], node.right))
+        node = node.left
+    result = _single(text, node, known, functions)
+    for sign, right in reversed(spine):
+        result = functions[sign](result, _value(text, right, known, functions))
+    return result
+
+
+def _single(text: str, node: ast.expr, known: Mapping[str, Any], functions: Functions) -> Any:
+    match node:
+        case ast.Constant(value=int() | float() as value):
+            return functions.get("number", float)(float(value))
+        case ast.Name(id=name):
+            if name not in known:
+                raise SceneError(f"formula {text!r}: " + unknown_name("name", name, known))
+            return known[name]
+        case ast.UnaryOp(operand=operand):
+            return functions["neg"](_value(text, operand, known, functions))
+        case ast.Compare(left=left, ops=[sign], comparators=[right]):
+            parts = [_value(text, part, known, functions) for part in (left, right)]
+            return functions[_OPERATORS[type(sign)]](*parts)
+        case ast.Call(func=ast.Name(id=name), args=arguments) if name in functions:
+            return functions[name](*_values(text, arguments, known, functions))
+        case ast.Call(func=ast.Name(id=name)):
+            named = [key for key in functions if key[0].isalpha()]
+            raise SceneError(f"formula {text!r}: " + unknown_name("function", name, named))
+    raise SceneError(f"formula {text!r}: compares more than two values.")
+
+
+def _values(
+    text: str, nodes: Sequence[ast.expr], known: Mapping[str, Any], functions: Functions
+) -> list[Any]:
+    return [_value(text, node, known, functions) for node in nodes]

@@ -1,0 +1,5 @@
+"""Differential-algebraic equations: their structure, Delta and Theta, trim, linearization, simulation."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

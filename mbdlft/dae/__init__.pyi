@@ -1,0 +1,16 @@
+from .description import Dae as Dae
+from .description import Equation as Equation
+from .description import Output as Output
+from .description import Variable as Variable
+from .draft import DaeDraft as DaeDraft
+from .fit import CoefficientFit as CoefficientFit
+from .fit import fit_coefficient as fit_coefficient
+from .from_casadi import from_casadi as from_casadi
+from .simulate import Simulation as Simulation
+from .simulate import evaluate_form as evaluate_form
+from .simulate import simulate as simulate
+from .structure import Structure as Structure
+from .structure import reduce_index as reduce_index
+from .text import formula_function as formula_function
+from .trim import DaeTrim as DaeTrim
+from .trim import trim as trim

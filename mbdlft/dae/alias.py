@@ -1,0 +1,232 @@
+"""Alias elimination: x = y, x = -y and x = number are taken out of the equations.
+
+What is left is a model of fewer variables; each variable that is gone is a factor times one that stayed,
+an input, or a number.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import NamedTuple
+
+import casadi as ca
+
+from mbdlft.base.errors import StructureError
+from mbdlft.dae.description import Dae, Equation, Variable, column
+from mbdlft.number.exact import constant_of
+from mbdlft.sx.constants import constants_in, is_constant, literal
+
+
+class Alias(NamedTuple):
+    """A variable that is `factor` times another one or an input, or a number (`of` is None)."""
+
+    name: str
+    of: str | None
+    factor: Fraction
+
+    def __str__(self) -> str:
+        if self.of is None:
+            return f"{self.name} = {float(self.factor):g}"
+        return f"{self.name} = {'-' if self.factor < 0 else ''}{self.of}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reduced:
+    """A model without aliases, and what they were."""
+
+    dae: Dae
+    aliases: tuple[Alias, ...]
+
+
+def eliminate_aliases(dae: Dae) -> Reduced:
+    """The model without equations of the form x = y, x = -y, x = number.
+
+    Of two variables the one stays that is fixed, has a derivative, has a start value, is an output's.
+
+    Raises
+    ------
+    StructureError
+        Such equations say the same twice, or two things of one variable.
+    """
+    classes = _Classes(dae)
+    kept = []
+    for equation, relation in zip(dae.equations, _relations(dae), strict=True):
+        if relation is None or not classes.join(equation, relation):
+            kept.append(equation)
+    aliases = classes.aliases()
+    if not aliases:
+        return Reduced(dae, ())
+    return Reduced(_substituted(dae, kept, aliases), aliases)
+
+
+class _Relation(NamedTuple):
+    """0 = sum of factor times signal + offset, of one or two signals, by name."""
+
+    terms: tuple[tuple[str, Fraction], ...]
+    offset: Fraction
+
+
+def _relations(dae: Dae) -> Iterator[_Relation | None]:
+    """What each equation says if it is that of an alias."""
+    signals = [*dae.variables, *dae.inputs]
+    every = column([*(v.symbol for v in signals), *ca.vertsplit(dae.xdot), *ca.vertsplit(dae.p)])
+    residuals = column(e.residual for e in dae.equations)
+    pattern = ca.jacobian_sparsity(residuals, every).T
+    starts, rows = pattern.colind(), pattern.row()
+    for k, equation in enumerate(dae.equations):
+        used = rows[starts[k] : starts[k + 1]]
+        if len(used) not in (1, 2) or max(used) >= len(signals):
+            yield None
+            continue
+        yield _relation(equation.residual, [signals[j] for j in used])
+
+
+def _relation(residual: ca.SX, used: Sequence[Variable]) -> _Relation | None:
+    symbols = column(v.symbol for v in used)
+    slopes = ca.densify(ca.jacobian(residual, symbols))
+    factors = [rational(slopes[k]) for k in range(len(used))]
+    offset = rational(ca.substitute(residual, symbols, ca.SX.zeros(len(used))))
+    if offset is None or any(f is None or not f for f in factors):
+        return None
+    known = [f for f in factors if f is not None]
+    if len(used) == 2 and (offset or abs(known[0]) != abs(known[1])):
+        return None
+    return _Relation(tuple((v.name, f) for v, f in zip(used, known, strict=True)), offset)
+
+
+def rational(expression: ca.SX) -> Fraction | None:
+    """The value of an expression of plain numbers and rational constants, of one operation at most."""
+    expression = ca.SX(expression)
+    if expression.nnz() == 0:
+        return Fraction(0)
+    if expression.is_constant():
+        value = float(expression)
+        return constant_of(value) if abs(value) < float("inf") else None
+    if not is_constant(expression):
+        return None
+    sign = 1
+    if expression.op() == ca.OP_NEG:
+        sign, expression = -1, expression.dep(0)
+    if not expression.is_symbolic():
+        return None
+    (number,) = constants_in(expression)[1]
+    return sign * number.argument if number.kind == "rational" else None
+
+
+class _Classes:
+    """Variables that are factors +-1 of each other, or numbers: a forest with factors."""
+
+    def __init__(self, dae: Dae) -> None:
+        self.dae = dae
+        self.parent: dict[str, tuple[str | None, Fraction]] = {}
+        shown = {s.element_hash() for y in dae.outputs for s in [y.expression] if s.is_symbolic()}
+        self.rank = {
+            v.name: (
+                v.fixed,
+                v.derivative is not None,
+                v.start is not None,
+                v.symbol.element_hash() in shown,
+                -k,
+            )
+            for k, v in enumerate(dae.variables)
+        }
+        self.inputs = {v.name for v in dae.inputs}
+        self.saying: dict[str, str] = {}
+
+    def root(self, name: str) -> tuple[str | None, Fraction]:
+        """What a signal is a factor of; None for the number 1."""
+        factor, at = Fraction(1), name
+        while at in self.parent:
+            above, f = self.parent[at]
+            factor *= f
+            if above is None:
+                return None, factor
+            at = above
+        return at, factor
+
+    def join(self, equation: Equation, relation: _Relation) -> bool:
+        """Whether the equation is one of aliases, which are known from now on."""
+        roots = [(self.root(name), factor) for name, factor in relation.terms]
+        offset = relation.offset
+        total: dict[str, Fraction] = {}
+        for (name, factor), times in roots:
+            if name is None:
+                offset += factor * times
+            else:
+                total[name] = total.get(name, Fraction(0)) + factor * times
+        left = {name: factor for name, factor in total.items() if factor}
+        if not left:
+            raise StructureError(
+                f"{self.dae.owner}: equation {equation.place} "
+                + ("says what others" if not offset else "contradicts what others")
+                + f" say already of {', '.join(name for name, _ in relation.terms)}: the model is "
+                "singular. Remove one of these equations."
+            )
+        free = [name for name in left if name not in self.inputs]
+        if not free or (len(left) == 2 and offset):
+            return False
+        last = min(free, key=lambda name: self.rank[name])
+        if len(left) == 1:
+            self.parent[last] = (None, -offset / left[last])
+            return True
+        (other,) = (name for name in left if name != last)
+        self.parent[last] = (other, -left[other] / left[last])
+        return True
+
+    def aliases(self) -> tuple[Alias, ...]:
+        return tuple(
+            Alias(v.name, *self.root(v.name)) for v in self.dae.variables if v.name in self.parent
+        )
+
+
+def _substituted(dae: Dae, kept: Sequence[Equation], aliases: Sequence[Alias]) -> Dae:
+    gone = {a.name: a for a in aliases}
+    stays = {v.name: v for v in dae.variables if v.name not in gone}
+    inputs = {v.name: v for v in dae.inputs}
+    old, new = [], []
+    for v in dae.variables:
+        if v.name not in gone:
+            continue
+        _, of, factor = gone[v.name]
+        times = ca.SX(literal(factor))
+        target = ca.SX(1) if of is None else (stays.get(of) or inputs[of]).symbol
+        old.append(v.symbol)
+        new.append(times if of is None else target if factor == 1 else times * target)
+        if of in stays:
+            stays[of] = _merged(stays[of], v, factor)
+        if v.derivative is None:
+            continue
+        old.append(v.derivative)
+        if of is None:
+            new.append(ca.SX(0))
+            continue
+        if of in inputs:
+            raise StructureError(
+                f"{dae.owner}: {v.name} is the input {of}, and its derivative is needed. Make "
+                f"der({of}) an input, and {of} a variable."
+            )
+        rate = stays[of].derivative
+        assert rate is not None
+        new.append(rate if factor == 1 else times * rate)
+    parts = [*(e.residual for e in kept), *(e.residual for e in dae.initial)]
+    parts += [y.expression for y in dae.outputs]
+    found = iter(ca.vertsplit(ca.substitute(column(parts), column(old), column(new))))
+    return replace(
+        dae,
+        variables=tuple(stays[v.name] for v in dae.variables if v.name in stays),
+        equations=tuple(replace(e, residual=next(found)) for e in kept),
+        initial=tuple(replace(e, residual=next(found)) for e in dae.initial),
+        outputs=tuple(replace(y, expression=next(found)) for y in dae.outputs),
+    )
+
+
+def _merged(stays: Variable, gone: Variable, factor: Fraction) -> Variable:
+    """The variable that stays, with what is known of its alias."""
+    if gone.derivative is not None and stays.derivative is None:
+        stays = replace(stays, derivative=ca.SX.sym(f"der({stays.name})"))
+    if stays.start is None and gone.start is not None:
+        stays = replace(stays, start=float(factor) * gone.start)
+    if gone.fixed and not stays.fixed and gone.start is not None:
+        stays = replace(stays, start=float(factor) * gone.start, fixed=True)
+    ends = sorted(float(factor) * end for end in (gone.minimum, gone.maximum))
+    return replace(stays, minimum=max(stays.minimum, ends[0]), maximum=min(stays.maximum, ends[1]))

@@ -1,0 +1,241 @@
+"""Exact solutions of the equations of an equilibrium, block by block: rational in the parameters."""
+
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from scipy.linalg import qr
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import NotRationalError, TrimError
+from mbdlft.dae.index import listed
+from mbdlft.dae.operations import column_of
+from mbdlft.dae.points import Found, System, solve
+from mbdlft.dae.states import blocks_of
+from mbdlft.dae.structure import Quantity, Structure, parameter_points
+from mbdlft.number.exact import decimal
+from mbdlft.sx.constants import in_doubles, literal
+
+POINTS = 8  # of the parameters at which a solution is looked at
+SAME = 1e-9  # relative, of numbers that stand for the same
+_RANK, _ZERO = 1e-9, 1e-12
+_MISSED = 1e-11  # of the terms of an equation
+_MOST_POWER = 4
+_MOST_SOLVED = 6  # unknowns of a linear block with parameters
+
+
+class Balance(NamedTuple):
+    """0 = residual(z, p), and what z are."""
+
+    residual: ca.SX
+    places: tuple[str, ...]
+    quantities: tuple[Quantity, ...]
+    z: ca.SX
+
+
+def independent(matrix: Array, classes: Array) -> list[int]:
+    """Independent columns, of the lowest classes first."""
+    rest, chosen = matrix, []
+    for kind in sorted(set(classes.tolist())):
+        columns = np.flatnonzero(classes == kind)
+        if not len(columns) or not len(rest):
+            continue
+        q, triangle, order = qr(rest[:, columns], pivoting=True)
+        pivots = np.abs(np.diag(triangle))
+        count = int(np.sum(pivots > _RANK * max(1.0, np.max(pivots, initial=0.0))))
+        chosen += [int(columns[k]) for k in order[:count]]
+        rest = q[:, count:].T @ rest
+    return sorted(chosen)
+
+
+def start_of(s: Structure, unknown: Sequence[Quantity]) -> tuple[Array, Array]:
+    """Start values and sizes (n,) of unknowns."""
+    start = np.array([(q.variable.start or 0.0) if not q.order else 0.0 for q in unknown])
+    return start, np.array([q.variable.nominal for q in unknown])
+
+
+def no_equilibrium(
+    s: Structure, places: Sequence[str], at: Found, given: Mapping[str, float | str]
+) -> TrimError:
+    """What to say where a point misses equations."""
+    worst = np.argsort(-at.missing)[:3]
+    missed = listed(f"{places[k]} ({at.missing[k]:.1e})" for k in worst if at.missing[k] > 0)
+    return TrimError(
+        f"{s.owner}: no equilibrium was found"
+        + (f" with {', '.join(f'{k} = {v}' for k, v in given.items())}" if given else "")
+        + f"; what misses most, relative to its terms: {missed}. Give other inputs, leave an input free "
+        "(free=...), or give start values near an equilibrium."
+    )
+
+
+def solved_exactly(s: Structure, problem: Balance, solution: Array) -> dict[str, ca.SX]:
+    """Each unknown as an expression of the parameters; `solution` are its values at points."""
+    found: dict[str, ca.SX] = {}
+    pattern = ca.jacobian_sparsity(problem.residual, problem.z) if problem.z.numel() else None
+    if pattern is None:
+        return found
+    for block in blocks_of(pattern):
+        own = [problem.quantities[j] for j in block.columns]
+        known = [q for q in problem.quantities if q.name in found]
+        part = ca.substitute(
+            problem.residual[list(block.rows)],
+            column_of([q.symbol for q in known]),
+            column_of([found[q.name] for q in known]),
+        )
+        z = column_of([q.symbol for q in own])
+        places = [problem.places[i] for i in block.rows]
+        values = solution[:, list(block.columns)]
+        for q, value in zip(own, _block(s, part, z, values, places, own), strict=True):
+            found[q.name] = value
+    return found
+
+
+def at_points(s: Structure, problem: Balance) -> Array:
+    """Numbers (points, unknowns) at nominal and at other values of the parameters."""
+    start, sizes = start_of(s, problem.quantities)
+    system = System(problem.residual, problem.z, s.dae.p)
+    rows: list[Array] = []
+    for p in parameter_points(s.dae, POINTS):
+        at = solve(system, rows[0] if rows else start, p, sizes)
+        if not at.is_solution:
+            raise no_equilibrium(s, problem.places, at, {})
+        rows.append(at.values)
+    return np.array(rows)
+
+
+def _block(
+    s: Structure,
+    residual: ca.SX,
+    z: ca.SX,
+    values: Array,
+    places: Sequence[str],
+    own: Sequence[Quantity],
+) -> list[ca.SX]:
+    slopes = ca.jacobian(residual, z)
+    n, why = z.numel(), "are not linear in them"
+    if not ca.depends_on(slopes, z):
+        offset = ca.substitute(residual, z, ca.SX.zeros(n))
+        if not ca.sparsify(offset).nnz():
+            return [ca.SX(0)] * n
+        if n == 1:
+            return [-offset / slopes]
+        if not ca.depends_on(ca.vertcat(residual), s.dae.p):
+            return [_number(x, q) for x, q in zip(values[0], own, strict=True)]
+        if n <= _MOST_SOLVED:
+            return _by_cramer(ca.densify(slopes), -offset)
+        if n > _MOST_SOLVED and ca.depends_on(residual, s.dae.p):
+            why = f"are {n} linear equations that are solved together, more than {_MOST_SOLVED}"
+    guessed = _guessed(s, residual, z, values, own, places)
+    if guessed is not None:
+        return guessed
+    names = listed(q.name for q in own)
+    raise NotRationalError(
+        f"{s.owner}, trim: {names} depend on the parameters, and the equations {listed(places)} "
+        f"{why}, so no rational solution was found. Either declare one of them as a "
+        "parameter and leave an input free instead (at={'name': 'parameter'}, free=['input']), which "
+        "is exact; or replace the dependence by a rational fit with a guaranteed bound."
+    )
+
+
+def _guessed(
+    s: Structure,
+    residual: ca.SX,
+    z: ca.SX,
+    values: Array,
+    own: Sequence[Quantity],
+    places: Sequence[str],
+) -> list[ca.SX] | None:
+    """Unknowns that are numbers or monomials of parameters by their values, and what follows from them.
+
+    The equations have to hold with them, at many points and to rounding.
+    """
+    p = np.array(parameter_points(s.dae, len(values)))
+    found = {q.name: _monomial(s, values[:, k], p, q) for k, q in enumerate(own)}
+    known = {name: value for name, value in found.items() if value is not None}
+    left = [k for k, q in enumerate(own) if q.name not in known]
+    if left:
+        if len(left) == len(own):
+            return None
+        old = column_of([q.symbol for q in own if q.name in known])
+        rest = ca.substitute(residual, old, column_of(list(known.values())))
+        unknown = z[left]
+        J = _numbers(ca.jacobian(rest, unknown), z, s.dae.p, values[0], p[0])
+        rows = independent(J.T, np.zeros(len(J), dtype=int))
+        if len(rows) < len(left):
+            return None
+        problem = Balance(
+            rest[rows], tuple(places[i] for i in rows), tuple(own[k] for k in left), unknown
+        )
+        try:
+            known |= solved_exactly(s, problem, values[:, left])
+        except NotRationalError:
+            return None
+    chosen = [known[q.name] for q in own]
+    return chosen if _holds(s, residual, z, chosen, own) else None
+
+
+def _numbers(expression: ca.SX, z: ca.SX, p: ca.SX, at: Array, values: Array) -> Array:
+    function = ca.Function("numbers", [z, p], [ca.densify(in_doubles(expression))])
+    return np.asarray(function(at, values).full())
+
+
+def _monomial(s: Structure, values: Array, points: Array, q: Quantity) -> ca.SX | None:
+    """Zero, or a number times integer powers of parameters that are no angles, if the values are that."""
+    size = np.max(np.abs(values))
+    if size <= SAME * q.variable.nominal:
+        return ca.SX(0)
+    if np.min(np.abs(values)) <= SAME * size or len({*np.sign(values)}) > 1:
+        return None
+    usable = [k for k, r in enumerate(s.dae.parameters) if not r.is_angle and np.all(points[:, k])]
+    logs = np.log(np.abs(points[:, usable]))
+    matrix = np.hstack([np.ones((len(values), 1)), logs])
+    powers = np.rint(np.linalg.lstsq(matrix, np.log(np.abs(values)), rcond=None)[0][1:])
+    if np.any(np.abs(powers) > _MOST_POWER):
+        return None
+    factor = values / np.exp(logs @ powers) if len(usable) else values
+    if np.max(np.abs(factor - factor[0])) > SAME * abs(factor[0]):
+        return None
+    signs = np.prod([np.sign(points[0, k]) ** n for k, n in zip(usable, powers, strict=True)])
+    expression = _number(float(factor[0] * signs), q._replace(variable=q.variable))
+    for k, n in zip(usable, powers, strict=True):
+        for _ in range(abs(int(n))):
+            expression = expression * s.dae.p[k] if n > 0 else expression / s.dae.p[k]
+    return ca.SX(expression)
+
+
+def _holds(
+    s: Structure, residual: ca.SX, z: ca.SX, chosen: Sequence[ca.SX], own: Sequence[Quantity]
+) -> bool:
+    """Whether equations hold at values of the parameters that were not looked at before."""
+    expressions = column_of(list(chosen))
+    left = ca.substitute(residual, z, expressions)
+    slopes = ca.substitute(ca.jacobian(residual, z), z, expressions)
+    parts = [ca.densify(in_doubles(part)) for part in (left, slopes, expressions)]
+    function = ca.Function("left", [s.dae.p], parts)
+    for p in parameter_points(s.dae, 4 * POINTS)[1:]:
+        r, J, at = (np.abs(part.full()) for part in function(p))
+        sizes = np.maximum(at[:, 0], [q.variable.nominal for q in own])
+        if not np.all(r[:, 0] <= _MISSED * np.max(J * sizes, axis=1)):
+            return False
+    return True
+
+
+def _number(value: float, q: Quantity) -> ca.SX:
+    """A number with the digits that doubles carry, zero if it is rounding."""
+    if abs(value) <= _ZERO * q.variable.nominal:
+        return ca.SX(0)
+    short = decimal(float(f"{value:.14g}"))
+    near = abs(float(short) - value) <= _ZERO * abs(value) and short.denominator < 10**9
+    return ca.SX(literal(short if near else Fraction(repr(float(value)))))
+
+
+def _by_cramer(matrix: ca.SX, right: ca.SX) -> list[ca.SX]:
+    n, whole = matrix.shape[0], ca.det(matrix)
+    found = []
+    for j in range(n):
+        replaced = ca.SX(matrix)
+        replaced[:, j] = right
+        found.append(ca.det(replaced) / whole)
+    return found

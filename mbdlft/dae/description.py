@@ -1,0 +1,228 @@
+"""The description of a differential-algebraic model: 0 = F(xdot, x, v, u, p), with names and units.
+
+Nothing is solved or differentiated here. Values are in the units that are written; nothing is converted.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+
+from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.parameter import Parameter
+from mbdlft.base.unit import parse_unit
+from mbdlft.sx.constants import constants_in
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Variable:
+    """An unknown or an input of a DAE.
+
+    Attributes
+    ----------
+    name : str
+        Any text, such as ``J1.flange_a.phi``.
+    symbol : SX (1, 1), in `unit`
+    unit : str
+        As those of parameters; ``"1"`` if it is not given, ``"rad"`` or ``"%"`` if it has none.
+    start : float or None
+        Value that initialization and trim begin with; of an input: its value at the trim.
+    fixed : bool
+        Whether the initial value is `start`, not only near it.
+    nominal : float
+        Size of its values, a positive number.
+    minimum, maximum : float
+    comment : str
+    derivative : SX (1, 1), or None
+        The symbol of der(x), in unit/s, if it occurs in the equations.
+    """
+
+    name: str
+    symbol: ca.SX
+    unit: str = "1"
+    start: float | None = None
+    fixed: bool = False
+    nominal: float = 1.0
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    comment: str = ""
+    derivative: ca.SX | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Equation:
+    """0 = residual.
+
+    Attributes
+    ----------
+    name : str
+        What messages call it: a name or its text.
+    residual : SX (1, 1)
+    line : int or None
+        Where it stands in the source.
+    unit : str or None
+        Of the residual, if it is known.
+    """
+
+    name: str
+    residual: ca.SX
+    line: int | None = None
+    unit: str | None = None
+
+    @property
+    def place(self) -> str:
+        """Its name and line, for messages."""
+        return repr(self.name) + (f" (line {self.line})" if self.line is not None else "")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Output:
+    """A named expression of variables, inputs and parameters."""
+
+    name: str
+    expression: ca.SX
+    unit: str = "1"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dae:
+    """0 = F(xdot, x, v, u, p),  y = outputs.
+
+    Attributes
+    ----------
+    name : str
+    variables : tuple of Variable
+        x and v; those of which a derivative occurs have its symbol.
+    inputs : tuple of Variable, without derivatives
+    parameters : tuple of Parameter, sorted by name
+        Those that stay in the model. The value of one is in its unit; that of an angle is in rad.
+    p : SX symbols (n_p,), in the same order
+    outputs : tuple of Output
+    equations : tuple of Equation
+    initial : tuple of Equation
+        What holds at the beginning only.
+    description : str
+    text : str
+        What the model was read from.
+    fit_error_bound : float
+        Guaranteed bound of the error of coefficients that are fits, in their units; 0.0 for none.
+
+    Raises
+    ------
+    SceneError
+        A name occurs twice, a unit is not known, an expression has a symbol that is not one of these, a
+        start value is not a number.
+    """
+
+    name: str
+    variables: tuple[Variable, ...]
+    inputs: tuple[Variable, ...]
+    parameters: tuple[Parameter, ...]
+    p: ca.SX
+    outputs: tuple[Output, ...]
+    equations: tuple[Equation, ...]
+    initial: tuple[Equation, ...] = ()
+    description: str = ""
+    text: str = field(default="", repr=False)
+    fit_error_bound: float = 0.0
+
+    def __post_init__(self) -> None:
+        names = [v.name for v in (*self.variables, *self.inputs)]
+        _check_once(self, "variable", [*names, *(p.name for p in self.parameters)])
+        _check_once(self, "output", [y.name for y in self.outputs])
+        if [p.name for p in self.parameters] != sorted(p.name for p in self.parameters):
+            raise SceneError(f"{self.owner}: parameters are sorted by name.")
+        if self.p.numel() != len(self.parameters):
+            raise SceneError(f"{self.owner}: p has one symbol for each parameter.")
+        for v in (*self.variables, *self.inputs):
+            _check_variable(self, v)
+        for y in self.outputs:
+            _check_unit(self, y.name, y.unit)
+        known = {s.element_hash() for s in symbols_of(self)}
+        for what, expression in _expressions(self):
+            _check_expression(self, what, expression, known)
+
+    @property
+    def owner(self) -> str:
+        """Such as "model 'motor'", for messages."""
+        return f"model {self.name!r}"
+
+    @property
+    def xdot(self) -> ca.SX:
+        """Symbols of the derivatives that occur, in the order of the variables."""
+        return column(v.derivative for v in self.variables if v.derivative is not None)
+
+    def variable(self, name: str) -> Variable:
+        """The variable or input of a name.
+
+        Raises
+        ------
+        SceneError
+            There is none.
+        """
+        by_name = {v.name: v for v in (*self.variables, *self.inputs)}
+        if name not in by_name:
+            raise SceneError(f"{self.owner}: " + unknown_name("variable", name, by_name))
+        return by_name[name]
+
+
+def column(parts: Iterable[ca.SX]) -> ca.SX:
+    """A column (n, 1) of scalars; of none, (0, 1)."""
+    return ca.vertcat(ca.SX(0, 1), *parts)
+
+
+def symbols_of(dae: Dae) -> list[ca.SX]:
+    """All symbols that may stand in its equations."""
+    own = [v.symbol for v in (*dae.variables, *dae.inputs)]
+    return [*own, *ca.vertsplit(dae.xdot), *ca.vertsplit(dae.p)]
+
+
+def _expressions(dae: Dae) -> list[tuple[str, ca.SX]]:
+    equations = [(f"equation {e.place}", e.residual) for e in (*dae.equations, *dae.initial)]
+    return [*equations, *((f"output {y.name!r}", y.expression) for y in dae.outputs)]
+
+
+def _check_once(dae: Dae, what: str, names: Sequence[str]) -> None:
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise SceneError(f"{dae.owner}: {what} {name!r} is declared {count} times.")
+
+
+def _check_unit(dae: Dae, name: str, unit: str) -> None:
+    try:
+        parse_unit(unit)
+    except SceneError as error:
+        raise SceneError(f"{dae.owner}, {name!r}: {error}") from None
+
+
+def _check_variable(dae: Dae, v: Variable) -> None:
+    _check_unit(dae, v.name, v.unit)
+    if not (v.symbol.is_scalar() and v.symbol.is_symbolic()):
+        raise SceneError(f"{dae.owner}, {v.name!r}: expected a symbol of one entry.")
+    if v.start is not None and not math.isfinite(v.start):
+        raise SceneError(f"{dae.owner}, {v.name!r}: start is {v.start}, expected a finite number.")
+    if not (0.0 < v.nominal < math.inf):
+        raise SceneError(f"{dae.owner}, {v.name!r}: nominal is {v.nominal}, expected a size > 0.")
+    if not v.minimum <= v.maximum:
+        raise SceneError(
+            f"{dae.owner}, {v.name!r}: the range [{v.minimum:g}, {v.maximum:g}] {v.unit} is empty."
+        )
+
+
+def _check_expression(dae: Dae, what: str, expression: ca.SX, known: set[int]) -> None:
+    if not expression.is_scalar():
+        raise SceneError(
+            f"{dae.owner}, {what}: has shape {expression.shape}, expected one entry. Write one equation "
+            "for each."
+        )
+    constants = {s.element_hash() for s in ca.vertsplit(constants_in(expression)[0])}
+    for symbol in ca.symvar(expression):
+        if symbol.element_hash() not in known | constants:
+            names = [s.name() for s in symbols_of(dae)]
+            raise SceneError(
+                f"{dae.owner}, {what}: "
+                + unknown_name("symbol", symbol.name(), names)
+                + " A symbol is that of a variable, an input, a parameter or a derivative of this model."
+            )

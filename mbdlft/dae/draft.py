@@ -1,0 +1,178 @@
+"""A DAE as it is written down in Python: names give symbols, symbols make equations."""
+
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+
+from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.parameter import Parameter
+from mbdlft.dae.description import Dae, Equation, Output, Variable, column
+from mbdlft.dae.fit import fit_coefficient
+from mbdlft.dae.operations import with_literals
+from mbdlft.sx.constants import literal
+
+
+class DaeDraft:
+    """Collects variables, parameters and equations; `dae` makes the description.
+
+    ::
+
+        d = DaeDraft("motor")
+        J = d.parameter(Parameter("J", 0.1, percent=20, unit="kg m^2"))
+        w = d.variable("w", unit="rad/s")
+        tau = d.input("tau", unit="N m")
+        d.equation(J * d.der(w) - tau, "momentum")
+        d.output("speed", w, unit="rad/s")
+        motor = d.dae()
+
+    Parameters
+    ----------
+    name : str
+    description : str
+
+    Notes
+    -----
+    Numbers in expressions are the decimals that they print as, but what Python computes of numbers
+    before a symbol is met is rounded: write ``d.number(0.1) * d.number(0.7) * x``, or ``0.07 * x``.
+    """
+
+    def __init__(self, name: str, description: str = "") -> None:
+        self.name, self.description = name, description
+        self._variables: dict[str, Variable] = {}
+        self._inputs: dict[str, Variable] = {}
+        self._parameters: dict[str, tuple[Parameter, ca.SX]] = {}
+        self._outputs: list[Output] = []
+        self._equations: list[Equation] = []
+        self._initial: list[Equation] = []
+        self._fit_error_bound = 0.0
+
+    def variable(self, name: str, unit: str = "1", **fields: Any) -> ca.SX:
+        """The symbol of a new variable; `fields` are others of `Variable`."""
+        self._check_new(name)
+        self._variables[name] = Variable(name, ca.SX.sym(name), unit, **fields)
+        return self._variables[name].symbol
+
+    def input(self, name: str, unit: str = "1", **fields: Any) -> ca.SX:
+        """The symbol of a new input."""
+        self._check_new(name)
+        self._inputs[name] = Variable(name, ca.SX.sym(name), unit, **fields)
+        return self._inputs[name].symbol
+
+    def parameter(self, parameter: Parameter) -> ca.SX:
+        """The symbol of a parameter that stays in the model; that of an angle is in rad."""
+        self._check_new(parameter.name)
+        self._parameters[parameter.name] = (parameter, ca.SX.sym(parameter.name))
+        return self._parameters[parameter.name][1]
+
+    def number(self, value: float) -> ca.SX:
+        """A number that is not rounded when it meets others."""
+        return ca.SX(literal(value))
+
+    def fit(self, coefficient: ca.SX, tolerance: float) -> ca.SX:
+        """A rational fit of a coefficient such as sqrt(p), with a guaranteed bound of its error.
+
+        The models that are made with it are not exact: their certificates have the bound, in the unit
+        of the coefficient. Errors as those of `fit_coefficient`.
+        """
+        pairs = self._parameters.values()
+        found = fit_coefficient(
+            coefficient, [p for p, _ in pairs], [symbol for _, symbol in pairs], tolerance
+        )
+        self._fit_error_bound = max(self._fit_error_bound, found.bound)
+        return found.expression
+
+    def der(self, variable: ca.SX | str) -> ca.SX:
+        """The symbol of the derivative of a variable, in its unit per second.
+
+        Raises
+        ------
+        SceneError
+            It is no variable, but an input, a parameter or an expression.
+        """
+        name = variable if isinstance(variable, str) else _name_of(variable)
+        known = self._variables.get(name)
+        is_it = isinstance(variable, str) or (
+            known is not None and ca.is_equal(known.symbol, variable)
+        )
+        if known is None or not is_it:
+            raise SceneError(
+                f"model {self.name!r}, der: "
+                + unknown_name("variable", name, self._variables)
+                + " der is that of one variable; for an expression make a variable of it."
+            )
+        if known.derivative is not None:
+            return known.derivative
+        rate = ca.SX.sym(f"der({name})")
+        self._variables[name] = replace(known, derivative=rate)
+        return rate
+
+    def equation(
+        self,
+        residual: Any,
+        name: str | None = None,
+        *,
+        equals: Any = 0.0,
+        line: int | None = None,
+        unit: str | None = None,
+    ) -> None:
+        """Add the equation residual = equals; without a name it is called by its text."""
+        self._equations.append(self._made(residual, name, equals, line, unit))
+
+    def initially(self, residual: Any, name: str | None = None, *, equals: Any = 0.0) -> None:
+        """Add an equation that holds at the beginning only."""
+        self._initial.append(self._made(residual, name, equals, None, None))
+
+    def output(self, name: str, expression: Any = None, unit: str | None = None) -> None:
+        """Add an output: an expression, or the variable of this name."""
+        if expression is None:
+            if name not in self._variables:
+                raise SceneError(
+                    f"model {self.name!r}, output: "
+                    + unknown_name("variable", name, self._variables)
+                )
+            expression = self._variables[name].symbol
+        if unit is None:
+            known = self._variables.get(_name_of(ca.SX(expression)))
+            unit = known.unit if known is not None else "1"
+        self._outputs.append(Output(name, with_literals(ca.SX(expression)), unit))
+
+    def dae(self) -> Dae:
+        """The description.
+
+        Raises
+        ------
+        SceneError
+            As `Dae`.
+        """
+        pairs = [self._parameters[name] for name in sorted(self._parameters)]
+        return Dae(
+            self.name,
+            tuple(self._variables.values()),
+            tuple(self._inputs.values()),
+            tuple(parameter for parameter, _ in pairs),
+            column(symbol for _, symbol in pairs),
+            tuple(self._outputs),
+            tuple(self._equations),
+            tuple(self._initial),
+            self.description,
+            fit_error_bound=self._fit_error_bound,
+        )
+
+    def _made(
+        self, residual: Any, name: str | None, equals: Any, line: int | None, unit: str | None
+    ) -> Equation:
+        text = f"{residual} = {'0' if isinstance(equals, float) and equals == 0.0 else equals}"
+        left, right = with_literals(ca.SX(residual)), with_literals(ca.SX(equals))
+        return Equation(name or text, left - right, line, unit)
+
+    def _check_new(self, name: str) -> None:
+        if name in {*self._variables, *self._inputs, *self._parameters}:
+            raise SceneError(f"model {self.name!r}: {name!r} is declared twice.")
+
+
+def _name_of(expression: ca.SX) -> str:
+    """The name of a symbol, or the text of an expression."""
+    if expression.is_scalar() and expression.is_symbolic():
+        return str(expression.name())
+    return str(expression)

@@ -1,0 +1,282 @@
+"""The linear model of a DAE around an equilibrium, parameters left in: its problem for the pipeline."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from functools import partial
+
+import casadi as ca
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import NotRationalError, TrimError, WellPosednessError
+from mbdlft.base.samples import SEED, check_points
+from mbdlft.base.signal import Signal
+from mbdlft.dae.alias import rational
+from mbdlft.dae.mixed import times
+from mbdlft.dae.operations import column_of
+from mbdlft.dae.points import System, solve
+from mbdlft.dae.separate import Separation
+from mbdlft.dae.structure import Quantity, Structure, in_symbols
+from mbdlft.dae.to_problem import text_of
+from mbdlft.dae.trim import DaeTrim
+from mbdlft.problem.compare import entry_scale
+from mbdlft.problem.equations import cosines_sines
+from mbdlft.problem.linearize import LinearModel
+from mbdlft.problem.of_relations import column_of_entries, reference_of_relations
+from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage, TrimRelations
+from mbdlft.sx.constants import in_doubles, is_constant
+from mbdlft.sx.evaluate import evaluate_many
+
+
+def problem_of_trim(at: DaeTrim, stage: Stage = lambda name: nullcontext()) -> Problem:
+    """The linearized equations of a DAE at an equilibrium, rational in the parameters.
+
+    Raises
+    ------
+    NotRationalError
+        A coefficient is not, at this equilibrium.
+    """
+    s = at.structure
+    parameters = s.dae.parameters
+    points = check_points(parameters, SEED)
+    with stage("linearize"):
+        linear = _Linear(at)
+        relations = linear.relations()
+    trimmed = linear.trimmed()
+    return Problem(
+        nouns=Nouns(
+            "model",
+            s.dae.name,
+            "the nonlinear equations",
+            "its numbers are so different in size that double precision does not carry them",
+        ),
+        description=s.dae.description,
+        text=s.source.text or text_of(s),
+        states=tuple(Signal(q.name, q.unit) for q in s.states),
+        inputs=tuple(Signal(q.name, q.unit) for q in s.inputs),
+        outputs=tuple(Signal(y.name, y.unit) for y in s.dae.outputs),
+        parameters=parameters,
+        forms=(Form(relations),),
+        points=points,
+        reference=partial(_reference, at, relations, points, trimmed),
+        fit_error_bound=s.source.fit_error_bound,
+        singular=lambda number, names: (
+            f"the linearized equations do not determine the unknowns at nominal (condition {number:.0e})."
+        ),
+        trim=trimmed,
+    )
+
+
+class _Linear:
+    """Slopes at an equilibrium, followed so that what is not rational is named."""
+
+    def __init__(self, at: DaeTrim) -> None:
+        self.at, self.s = at, at.structure
+        dae = self.s.dae
+        self.internal = ca.SX(dae.p)
+        for k, q in enumerate(dae.parameters):
+            if q.is_angle:
+                self.internal[k] = ca.SX.sym(f"tan({q.name})")
+        cosine, sine = cosines_sines(dae.parameters, self.internal)
+        angles = {
+            dae.p[k].element_hash(): (cosine[k], sine[k])
+            for k, q in enumerate(dae.parameters)
+            if q.is_angle
+        }
+        own = [dae.p[k] for k, q in enumerate(dae.parameters) if q.is_angle]
+        values = column_of(list(at.values.values()))
+        every = ca.vertcat(
+            self.s.residual, *(y.expression for y in dae.outputs), cosine, sine, values
+        )
+        p = column_of([*ca.vertsplit(self.internal), *own])
+        self.separation = Separation(dae.owner, every, p, angles, "fewest")
+
+    def relations(self) -> LinearModel:
+        """Linear relations with small changes of unknowns, states and inputs."""
+        s = self.s
+        around = (*s.unknowns, *s.states, *s.inputs)
+        symbols = column_of([q.symbol for q in around])
+        small = column_of([ca.SX.sym(f"d {q.name}") for q in around])
+        outputs = column_of([y.expression for y in s.dae.outputs])
+        stacked = ca.vertcat(s.residual, outputs)
+        moved = ca.jtimes(stacked, symbols, small)
+        values = column_of([self.at.values[q.name] for q in around])
+        moved = ca.substitute(moved, symbols, values)
+        change = {q.symbol.element_hash(): small[k] for k, q in enumerate(around)}
+        rows, kept = self._rows([moved[k] for k in range(len(s.equations))], change)
+        count = len(s.equations)
+        outputs_ = [
+            self._row(moved[count + k], f"output {y.name!r}") for k, y in enumerate(s.dae.outputs)
+        ]
+        free = {q.symbol.element_hash() for q in kept}
+        rates, extra = [], []
+        for q, rate in zip(s.states, s.rates, strict=True):
+            own = change[rate.element_hash()]
+            if rate.element_hash() in free:
+                rates.append(own)
+            else:
+                rates.append(ca.SX.sym(f"rate of {q.name}"))
+                extra.append(rates[-1] - self._row(own, f"state {q.name!r}"))
+        taken = {r.element_hash() for r in rates}
+        changes = [change[q.symbol.element_hash()] for q in kept]
+        others = [x for x in changes if x.element_hash() not in taken]
+        return LinearModel(
+            residual=column_of([*rows, *extra]),
+            output=column_of(outputs_),
+            unknown=column_of([*rates, *others]),
+            known=small[len(s.unknowns) :],
+            p=self.internal,
+            parameters=s.dae.parameters,
+            derivatives=len(rates),
+        )
+
+    def _rows(
+        self, moved: Sequence[ca.SX], change: Mapping[int, ca.SX]
+    ) -> tuple[list[ca.SX], list[Quantity]]:
+        """Relations that stay, and their unknowns; others are replaced by what they are of numbers."""
+        s, rows, kept = self.s, [], []
+        for block in s.blocks:
+            own = [s.unknowns[j] for j in block.columns]
+            places = [f"equation {s.equations[i][0]}" for i in block.rows]
+            if len(own) == 1 and self._defined(moved[block.rows[0]], own[0], change, places[0]):
+                continue
+            rows += [
+                self._row(moved[i], place) for i, place in zip(block.rows, places, strict=True)
+            ]
+            kept += own
+        return rows, kept
+
+    def _defined(self, row: ca.SX, q: Quantity, change: Mapping[int, ca.SX], place: str) -> bool:
+        symbol = change[q.symbol.element_hash()]
+        slope = ca.jacobian(row, symbol)
+        if not is_constant(slope) or rational(slope) == 0:
+            return False
+        value = self.separation.follow(ca.substitute(row, symbol, ca.SX(0)), place, "row")
+        if not value.is_plain:
+            return False
+        self.separation.values[symbol.element_hash()] = times(value, -1 / slope)
+        return True
+
+    def _row(self, expression: ca.SX, place: str) -> ca.SX:
+        found = self.separation.follow(expression, place, "row")
+        assert not found.terms
+        return ca.SX(sum((p.coefficient * p.form for p in found.linear.values()), ca.SX(0)))
+
+    def trimmed(self) -> TrimRelations | None:
+        """What of the equilibrium depends on parameters, as relations that are solved already."""
+        at, dae = self.at, self.s.dae
+        chosen = [q for q in self._named() if not is_constant(at.values[q.name])]
+        unknown, one = ca.SX.sym("trim", len(chosen)), ca.SX.sym("one")
+        rows = []
+        for k, q in enumerate(chosen):
+            try:
+                value = self.separation.follow(
+                    ca.SX(at.values[q.name]), f"trim of {q.name}", "trim"
+                )
+            except NotRationalError:  # an angle that is a parameter
+                continue
+            rows.append(unknown[k] - (value.constant if value.constant is not None else 0) * one)
+        if len(rows) < len(chosen) or not rows:
+            return None
+        relations = LinearModel(
+            column_of(rows), ca.SX(0, 1), unknown, one, self.internal, dae.parameters
+        )
+        signals = tuple(Signal(q.name, q.unit) for q in chosen)
+        return TrimRelations(relations, signals, tuple(at.nominal[q.name] for q in chosen))
+
+    def _named(self) -> list[Quantity]:
+        return [q for q in (*self.s.states, *self.s.unknowns, *self.s.inputs) if not q.order]
+
+
+def trimmed_points(at: DaeTrim, points: Array) -> Array:
+    """Numbers (N, n) of [unknowns ; states ; inputs] at physical points, each by Newton's method.
+
+    The equations are those of the structure, the rates of the states are zero, and what was held or given
+    is that.
+
+    Raises
+    ------
+    TrimError
+        There is no equilibrium near the nominal one at a point.
+    """
+    s = at.structure
+    around = (*s.unknowns, *s.states, *s.inputs)
+    symbols = column_of([q.symbol for q in around])
+    expressions = column_of([at.values[q.name] for q in around])
+    exact = ca.Function("trim", [s.dae.p], [ca.densify(in_doubles(expressions))])
+    free = [k for k in range(len(around)) if ca.symvar(in_doubles(expressions[k]))]
+    p = in_symbols(s.dae, points)
+    found = np.array([exact(row).full()[:, 0] for row in p])
+    if not free:
+        return found
+    rest = [k for k in range(len(around)) if k not in free]
+    given = ca.vertcat(symbols[rest], s.dae.p) if rest else s.dae.p
+    system = System(s.residual, symbols[free], given)
+    sizes = np.array([around[k].variable.nominal for k in free])
+    start = np.array([at.nominal[around[k].name] for k in free])
+    for row, q in zip(found, p, strict=True):
+        now = solve(system, start, np.concatenate([row[rest], q]), sizes)
+        if not now.is_solution:
+            raise TrimError(
+                f"{s.owner}: no equilibrium was found at a point of the parameter range."
+            )
+        row[free] = now.values
+    return found
+
+
+def _reference(
+    at: DaeTrim, relations: LinearModel, points: Array, trimmed: TrimRelations | None
+) -> Reference:
+    """The nonlinear equations, trimmed and linearized again with numbers at every point."""
+    s = at.structure
+    exact = reference_of_relations(relations, points, s.owner)
+    z = trimmed_points(at, points)
+    values = linearized(s, z, points)
+    around = (*s.unknowns, *s.states, *s.inputs)
+    names = [q.name for q in around]
+    chosen = [names.index(signal.name) for signal in trimmed.signals] if trimmed else []
+    own = z[:, chosen]
+    size = np.max(np.abs(own), axis=0, initial=0.0)
+    scale = entry_scale(values, len(s.states))
+    from dataclasses import replace
+
+    return replace(
+        exact,
+        values=values,
+        scale=np.maximum(scale, 0.0),
+        trimmed=own,
+        trim_scale=np.where(size > 0, size, 1.0),
+    )
+
+
+def linearized(s: Structure, z: Array, points: Array) -> Array:
+    """[A B ; C D] (N, ., .) of the nonlinear equations at z (N, n) = [unknowns ; states ; inputs].
+
+    Raises
+    ------
+    WellPosednessError
+        The equations do not determine the unknowns there.
+    """
+    around = column_of([q.symbol for q in (*s.unknowns, *s.states, *s.inputs)])
+    outputs = column_of([y.expression for y in s.dae.outputs])
+    stacked = ca.vertcat(s.residual, outputs, column_of(list(s.rates)))
+    slopes = ca.sparsify(in_doubles(ca.jacobian(stacked, around)))
+    where = slopes.sparsity().get_triplet()
+    entries = ca.densify(column_of_entries(slopes))
+    function = ca.Function("slopes", [around, s.dae.p], [entries])
+    n = s.unknown.numel()
+    found = []
+    (every,) = evaluate_many(function, z, in_symbols(s.dae, points))
+    for values in every:
+        J = np.zeros(slopes.shape)
+        J[where] = values[:, 0]
+        try:
+            solved = -np.linalg.solve(J[:n, :n], J[:n, n:])
+        except np.linalg.LinAlgError:
+            raise WellPosednessError(
+                f"{s.owner}: the equations do not determine the unknowns at a point of the range."
+            ) from None
+        read = J[n:, n:] + J[n:, :n] @ solved
+        count = len(s.dae.outputs)
+        found.append(np.concatenate([read[count:], read[:count]]))
+    return np.array(found)

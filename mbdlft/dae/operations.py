@@ -1,0 +1,91 @@
+"""The operations of SX as a table: rules that make SX of SX, such as with exact constants."""
+
+import math
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+
+from mbdlft.base.errors import NotRationalError, SceneError
+from mbdlft.sx.constants import literal
+from mbdlft.sx.fold import Rule, Rules, fold
+
+FUNCTIONS: Mapping[str, Rule] = {
+    "sin": ca.sin,
+    "cos": ca.cos,
+    "tan": ca.tan,
+    "asin": ca.asin,
+    "acos": ca.acos,
+    "atan": ca.atan,
+    "sinh": ca.sinh,
+    "cosh": ca.cosh,
+    "tanh": ca.tanh,
+    "asinh": ca.asinh,
+    "acosh": ca.acosh,
+    "atanh": ca.atanh,
+    "exp": ca.exp,
+    "log": ca.log,
+    "log1p": ca.log1p,
+    "expm1": ca.expm1,
+    "sqrt": ca.sqrt,
+    "fabs": ca.fabs,
+    "sign": ca.sign,
+    "floor": ca.floor,
+    "ceil": ca.ceil,
+    "fmin": ca.fmin,
+    "fmax": ca.fmax,
+    "atan2": ca.atan2,
+    "fmod": ca.fmod,
+    "hypot": ca.hypot,
+    "copysign": ca.copysign,
+    "if_else_zero": lambda a, b: ca.if_else(a, b, 0.0),
+    "lt": ca.lt,
+    "le": ca.le,
+    "eq": ca.eq,
+    "ne": ca.ne,
+    "and": ca.logic_and,
+    "or": ca.logic_or,
+    "not": ca.logic_not,
+}
+ARITHMETIC: Mapping[str, Rule] = {
+    "assign": lambda a: a,
+    "add": operator.add,
+    "sub": operator.sub,
+    "mul": operator.mul,
+    "div": operator.truediv,
+    "neg": operator.neg,
+    "pow": operator.pow,
+    "constpow": operator.pow,
+    "sq": lambda a: a * a,
+    "twice": lambda a: 2 * a,
+    "inv": lambda a: 1 / a,
+}
+
+
+def sx_rules(constant: Callable[[float], Any] = ca.SX) -> Rules:
+    """SX as a number system: what is folded stays; `constant` makes its constants."""
+    return Rules(constant, {**FUNCTIONS, **ARITHMETIC}, _unknown)
+
+
+def _unknown(operation: str, where: str, *operands: Any) -> Any:
+    raise NotRationalError(f"{where}: operation {operation!r} is not supported in a DAE.")
+
+
+def with_literals(expression: ca.SX) -> ca.SX:
+    """An expression with the decimals that its numbers print as, not rounded when they meet others."""
+    free = column_of(ca.symvar(expression))
+    function = ca.Function("written", [free], [expression])
+    (found,) = fold(function, sx_rules(_literal), ca.vertsplit(free))
+    return ca.SX(found[0]) if found else ca.SX(1, 1)
+
+
+def column_of(parts: Sequence[ca.SX]) -> ca.SX:
+    """A column (n, 1) of scalars; of none, (0, 1)."""
+    return ca.vertcat(ca.SX(0, 1), *parts)
+
+
+def _literal(value: float) -> ca.SX:
+    if not math.isfinite(value):
+        raise SceneError(f"the number {value} in an equation is not finite.")
+    return ca.SX(literal(value))

@@ -1,0 +1,124 @@
+"""Points that satisfy equations: Newton's method with the smallest step, near given values."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from scipy.sparse import bmat, csc_matrix, identity
+from scipy.sparse.linalg import splu
+
+from mbdlft.base.array import Array
+from mbdlft.sx.constants import in_doubles
+
+_STEPS, _HALVINGS = 60, 12
+_CLOSE = 1e-11  # of the size of the terms of an equation
+_HOLDS = 1e-8  # of them: what a solution may miss
+_TRIES = 6
+_DENSE = 150  # equations up to which matrices are dense
+_SOLVED = 1e-6  # of the right side, what a sparse solution may miss
+_SEED = 7
+
+
+class Found(NamedTuple):
+    """A point, and by how much each equation misses it relative to the size of its terms."""
+
+    values: Array
+    missing: Array
+
+    @property
+    def is_solution(self) -> bool:
+        """Whether all equations hold to rounding."""
+        return bool(np.all(np.isfinite(self.missing)) and np.all(self.missing <= _HOLDS))
+
+
+class System:
+    """0 = residual(z, q): functions of unknowns z (n,) and given values q, in doubles."""
+
+    def __init__(self, residual: ca.SX, unknown: ca.SX, given: ca.SX) -> None:
+        residual = ca.densify(in_doubles(residual))
+        jacobian = ca.jacobian(residual, unknown)
+        self.function = ca.Function("residual", [unknown, given], [residual])
+        self.slopes = ca.Function("slopes", [unknown, given], [jacobian])
+        self.count, self.unknowns = residual.numel(), unknown.numel()
+
+    def residual(self, z: Array, q: Array) -> Array:
+        return np.asarray(self.function(z, q).full()[:, 0])
+
+    def jacobian(self, z: Array, q: Array) -> Array:
+        return np.asarray(self.slopes(z, q).full())
+
+
+def solve(system: System, start: Array, given: Array, sizes: Array) -> Found:
+    """A point near `start` (n,) where the equations hold; steps are small relative to `sizes` (n,).
+
+    There may be fewer equations than unknowns. If nothing is found from the start itself, some points
+    around it are tried, the same each time.
+    """
+    drawn = np.random.default_rng(_SEED)
+    best = _newton(system, start, given, sizes)
+    for attempt in range(_TRIES):
+        if best.is_solution:
+            break
+        around = start + sizes * drawn.standard_normal(len(start)) * 0.3 * (1 + attempt)
+        found = _newton(system, around, given, sizes)
+        if np.max(found.missing, initial=0.0) < np.max(best.missing, initial=0.0):
+            best = found
+    return best
+
+
+def _newton(system: System, start: Array, given: Array, sizes: Array) -> Found:
+    z, polished = start.copy(), False
+    for _ in range(_STEPS):
+        with np.errstate(all="ignore"):
+            r, J = system.residual(z, given), system.jacobian(z, given)
+        if not (np.all(np.isfinite(r)) and np.all(np.isfinite(J))):
+            return Found(z, np.full(system.count, np.inf))
+        scale = _scale(J, z, sizes)
+        if polished:
+            break
+        polished = bool(np.max(np.abs(r) / scale, initial=0.0) <= _CLOSE)  # one more step
+        step = -sizes * _smallest_step(J * sizes / scale[:, None], r / scale)
+        size, length = np.linalg.norm(r / scale), 1.0
+        for _ in range(_HALVINGS):
+            with np.errstate(all="ignore"):
+                after = np.linalg.norm(system.residual(z + length * step, given) / scale)
+            if after < size * (1.0 - 0.1 * length):
+                break
+            length *= 0.5
+        else:
+            if not polished:
+                break
+        z = z + (1.0 if polished else length) * step
+    with np.errstate(all="ignore"):
+        r, J = system.residual(z, given), system.jacobian(z, given)
+    return Found(z, np.abs(r) / _scale(J, z, sizes))
+
+
+def _smallest_step(J: Array, r: Array) -> Array:
+    """The smallest d (n,) with J d = r (m,), or nearest to that; sparse where there are many."""
+    m, n = J.shape
+    if m > _DENSE:
+        whole = bmat([[identity(n), csc_matrix(J.T)], [csc_matrix(J), None]], format="csc")
+        try:
+            found = splu(whole).solve(np.concatenate([np.zeros(n), r]))[:n]
+        except RuntimeError:  # equations that depend on each other
+            found = np.full(n, np.nan)
+        if np.all(np.isfinite(found)) and np.max(np.abs(J @ found - r)) <= _SOLVED * np.max(
+            np.abs(r)
+        ):
+            return np.asarray(found)
+    return np.asarray(np.linalg.lstsq(J, r, rcond=1e-12)[0])
+
+
+def _scale(J: Array, z: Array, sizes: Array) -> Array:
+    """Sizes (m,) of the terms of each equation."""
+    found = np.max(np.abs(J) * np.maximum(np.abs(z), sizes), axis=1, initial=0.0)
+    return np.asarray(np.where(found > 0.0, found, 1.0))
+
+
+def values_of(expressions: Sequence[ca.SX], arguments: ca.SX, point: Array) -> Array:
+    """Values (n,) of expressions at a point."""
+    stacked = ca.vertcat(ca.SX(0, 1), *expressions)
+    function = ca.Function("values", [arguments], [ca.densify(in_doubles(stacked))])
+    return np.asarray(function(point).full()[:, 0])

@@ -1,0 +1,249 @@
+"""Separation of a DAE: what is linear in signals, rational in parameters, and what becomes Theta.
+
+An operation that is not linear in the signals makes a function of arguments: "as the blocks are", these
+are the signals of its equation; with the "fewest" inputs, variables are replaced by what defines them,
+and arguments are combinations of signals. Parameters in a function are separated: what depends on them
+becomes an argument of its own.
+
+Source: Casella, Donida, Lovera (2009), sections 3.4 and 6.2.
+"""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Literal
+
+import casadi as ca
+
+from mbdlft.base.errors import NotRationalError
+from mbdlft.dae.arguments import Registry, independent
+from mbdlft.dae.mixed import (
+    NOTHING,
+    ONE_KEY,
+    Mixed,
+    coefficient,
+    number,
+    plus,
+    signal,
+    term,
+    times,
+)
+from mbdlft.dae.operations import ARITHMETIC, FUNCTIONS, column_of
+from mbdlft.number.exact import constant_of
+from mbdlft.sx.constants import FUNCTIONS as EXACT_FUNCTIONS
+from mbdlft.sx.constants import constants_in, is_constant, literal, numbers_of
+from mbdlft.sx.fold import Rules, fold
+
+Arrange = Literal["fewest", "blocks"]
+_PRODUCTS = ("mul", "div")
+
+
+class Separation:
+    """Follows equations; collects arguments and functions.
+
+    Parameters
+    ----------
+    owner : str
+        For messages.
+    expressions : SX
+        All that will be followed.
+    p : SX symbols (n,)
+        Those of parameters and of internal values of angles.
+    angles : mapping of hashes of symbols of angles to (cosine, sine), SX of internal values
+    arrange : {"fewest", "blocks"}
+    """
+
+    def __init__(
+        self,
+        owner: str,
+        expressions: ca.SX,
+        p: ca.SX,
+        angles: dict[int, tuple[ca.SX, ca.SX]],
+        arrange: Arrange,
+    ) -> None:
+        self.owner, self.arrange, self.angles = owner, arrange, angles
+        self.registry = Registry(expressions, p)
+        self.coefficients = {s.element_hash() for s in ca.vertsplit(p)}
+        self.values: dict[
+            int, Mixed
+        ] = {}  # of variables that are defined, by the hash of the symbol
+        self.place = self.hint = ""
+        self._operations = {name: partial(self.apply, name) for name in (*ARITHMETIC, *FUNCTIONS)}
+
+    def follow(self, expression: ca.SX, place: str, hint: str) -> Mixed:
+        """The value of an expression; `place` is for messages, `hint` names its functions.
+
+        Raises
+        ------
+        NotRationalError
+            A coefficient is not rational in the parameters.
+        """
+        self.place, self.hint = place, hint
+        free = ca.symvar(expression)
+        known = {s.element_hash() for s in ca.vertsplit(constants_in(expression)[0])}
+        function = ca.Function("equation", [column_of(free)], [ca.densify(expression)])
+        elements = [self._element(s, is_number=s.element_hash() in known) for s in free]
+        table = Rules(
+            lambda value: coefficient(number(constant_of(value))), self._operations, self._refused
+        )
+        found: Mixed = fold(function, table, elements)[0][0]
+        self._check_angles(found)
+        return found
+
+    def _element(self, symbol: ca.SX, *, is_number: bool) -> Mixed:
+        key = symbol.element_hash()
+        if is_number or key in self.coefficients:
+            return coefficient(symbol)
+        return self.values.get(key) or signal(symbol)
+
+    def _refused(self, operation: str, where: str, *operands: Mixed) -> Mixed:
+        raise NotRationalError(
+            f"{self.owner}, {self.place}: operation {operation!r} is not supported."
+        )
+
+    def apply(self, operation: str, *operands: Mixed) -> Mixed:
+        """The value of an operation."""
+        match operation:
+            case "assign":
+                return operands[0]
+            case "add":
+                return plus(*operands)
+            case "sub":
+                return plus(operands[0], times(operands[1], ca.SX(-1)))
+            case "neg":
+                return times(operands[0], ca.SX(-1))
+            case "twice":
+                return times(operands[0], ca.SX(2))
+            case "sq":
+                return self.apply("mul", operands[0], operands[0])
+            case "inv":
+                return self.apply("div", coefficient(ca.SX(1)), operands[0])
+            case "mul":
+                for a, b in (operands, operands[::-1]):
+                    if b.is_coefficient:
+                        return NOTHING if b.constant is None else times(a, b.constant)
+            case "div" if operands[1].is_coefficient:
+                return self._over(operands[0], operands[1])
+        if all(m.is_coefficient for m in operands):
+            return self._of_coefficients(operation, *operands)
+        return self._function(operation, *operands)
+
+    def _over(self, a: Mixed, b: Mixed) -> Mixed:
+        if b.constant is None:
+            raise NotRationalError(f"{self.owner}, {self.place}: divides by zero.")
+        return times(a, 1 / b.constant)
+
+    def _of_coefficients(self, operation: str, *operands: Mixed) -> Mixed:
+        """A function of parameters and numbers."""
+        values = [ca.SX(0) if m.constant is None else m.constant for m in operands]
+        if all(map(is_constant, values)):
+            if operation in EXACT_FUNCTIONS:
+                return coefficient(ca.SX(EXACT_FUNCTIONS[operation](values[0])))
+            near = numbers_of({**ARITHMETIC, **FUNCTIONS}[operation](*values))
+            return coefficient(ca.SX(literal(float(near[0, 0]))))
+        if operation in ("sin", "cos") and values[0].is_symbolic():
+            pair = self.angles.get(values[0].element_hash())
+            if pair is not None:
+                return coefficient(pair[operation == "sin"])
+        text = f"{operation}({', '.join(map(str, values))})"
+        raise NotRationalError(
+            f"{self.owner}, {self.place}: {text} is not rational in the parameters "
+            f"{_names(values)}. Either declare the value of {text} as a parameter of its own, with which "
+            "the others are rational, which is exact; or replace it by a rational fit with a guaranteed "
+            "bound (DaeDraft.fit, fit_coefficient)."
+        )
+
+    def _check_angles(self, found: Mixed) -> None:
+        parts = [part.coefficient for part in found.linear.values()]
+        parts += [found.constant] if found.constant is not None else []
+        bare = [
+            s.name()
+            for part in [*parts, *found.terms.values()]
+            for s in ca.symvar(part)
+            if s.element_hash() in self.angles
+        ]
+        if bare:
+            raise NotRationalError(
+                f"{self.owner}, {self.place}: the angle {bare[0]!r} stands outside of sin and cos. An "
+                "angle is a parameter in sin and cos only."
+            )
+
+    def _function(self, operation: str, *operands: Mixed) -> Mixed:
+        """A nonlinear operation: its factor, and the number of its function."""
+        factor, parts = ca.SX(1), list(operands)
+        if operation in _PRODUCTS:
+            for k in (0, 1):
+                hoisted, parts[k] = _hoisted(parts[k])
+                factor = factor / hoisted if k and operation == "div" else factor * hoisted
+        expressions = []
+        for k, part in enumerate(parts):
+            expression, ratio = self._expression(part)
+            if operation in _PRODUCTS and ratio is not None:
+                factor = factor / ratio if k and operation == "div" else factor * ratio
+            elif ratio is not None:
+                expression = ratio * expression
+            expressions.append(expression)
+        made = {**ARITHMETIC, **FUNCTIONS}[operation](*expressions)
+        return term(self.registry.function(self._reduced(made), self.hint), factor)
+
+    def _expression(self, value: Mixed) -> tuple[ca.SX, ca.SX | None]:
+        """A value as an expression of arguments; the factor is that of one that is nothing else."""
+        registry = self.registry
+        inside = {k: c for k, c in value.terms.items() if is_constant(c)}
+        expression = ca.SX(0)
+        for k, c in inside.items():
+            expression = expression + c * registry.functions[k].expression
+        linear = dict(value.linear)
+        if self.arrange == "blocks" and ONE_KEY in linear:
+            expression = expression + self._of_signals(linear.pop(ONE_KEY).form)
+        constant = value.constant
+        if constant is not None and is_constant(constant):
+            expression, constant = expression + constant, None
+        outside = {k: c for k, c in value.terms.items() if k not in inside}
+        rest = Mixed(linear, constant, outside)
+        if not (rest.linear or rest.terms or rest.constant is not None):
+            return expression, None
+        symbol, ratio = registry.argument(rest)
+        if expression.is_zero():
+            return symbol, None if ratio == 1 else number(ratio)
+        return expression + (symbol if ratio == 1 else number(ratio) * symbol), None
+
+    def _of_signals(self, form: ca.SX) -> ca.SX:
+        """A linear form with arguments in place of its signals."""
+        known = {s.element_hash() for s in ca.vertsplit(constants_in(form)[0])}
+        signals = [s for s in ca.symvar(form) if s.element_hash() not in known]
+        symbols = [self.registry.argument(signal(s))[0] for s in signals]
+        return ca.SX(ca.substitute(form, column_of(signals), column_of(symbols)))
+
+    def _reduced(self, expression: ca.SX) -> ca.SX:
+        """The expression in as few of its arguments as are independent."""
+        registry = self.registry
+        symbols = {a.symbol.element_hash(): a for a in registry.arguments}
+        used = [
+            symbols[s.element_hash()] for s in ca.symvar(expression) if s.element_hash() in symbols
+        ]
+        rows = independent(used)
+        if rows is None:
+            return expression
+        old = column_of([a.symbol for a in used])
+        new = [
+            sum((number(f) * a.symbol for f, a in zip(row, used, strict=True) if f), ca.SX(0))
+            for row in rows
+        ]
+        return ca.SX(ca.substitute(expression, old, column_of(new)))
+
+
+def _hoisted(value: Mixed) -> tuple[ca.SX, Mixed]:
+    """A common coefficient, and what it is a factor of."""
+    if value.constant is None and len(value.linear) == 1 and not value.terms:
+        ((key, part),) = value.linear.items()
+        if key != ONE_KEY:
+            return part.coefficient, Mixed({ONE_KEY: part._replace(coefficient=ca.SX(1))}, None, {})
+    if value.constant is None and not value.linear and len(value.terms) == 1:
+        ((k, factor),) = value.terms.items()
+        return factor, term(k, ca.SX(1))
+    return ca.SX(1), value
+
+
+def _names(values: Sequence[ca.SX]) -> str:
+    names = sorted({s.name() for value in values for s in ca.symvar(value) if not is_constant(s)})
+    return ", ".join(names)

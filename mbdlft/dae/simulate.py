@@ -1,0 +1,361 @@
+"""Simulation of DAEs and of their Delta-Theta form, with IDAS and CVODES of SUNDIALS through CasADi."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError, SceneError, unknown_name
+from mbdlft.base.parameter import Parameter
+from mbdlft.base.signal import Signal
+from mbdlft.dae.description import Dae
+from mbdlft.dae.operations import column_of
+from mbdlft.dae.points import System, solve
+from mbdlft.dae.states import blocks_of
+from mbdlft.dae.structure import Structure, in_symbols, reduce_index
+from mbdlft.dae.text import formula_function
+from mbdlft.dae.to_problem import consistent_point
+from mbdlft.sx.constants import in_doubles
+from mbdlft.system.system import matrices_at
+from mbdlft.system.theta import ONE, DeltaThetaModel, theta_values
+
+TOLERANCE = 1e-11  # of the integrators, relative; the absolute one is this times the nominal size
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Simulation:
+    """A simulation.
+
+    Attributes
+    ----------
+    times : array (N,), s
+    states : array (N, n_x)
+    outputs : array (N, n_y)
+    state_names, output_names : tuple of str
+    """
+
+    times: Array
+    states: Array
+    outputs: Array
+    state_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+
+
+def simulate(
+    model: Dae | Structure | DeltaThetaModel,
+    times: ArrayLike,
+    *,
+    inputs: Mapping[str, ArrayLike] | None = None,
+    parameters: Mapping[str, float] | None = None,
+    initial: Mapping[str, float] | None = None,
+    tolerance: float = TOLERANCE,
+) -> Simulation:
+    """Integrate the equations over times.
+
+    Parameters
+    ----------
+    model : Dae, Structure or DeltaThetaModel
+    times : array (N,), s
+        Increasing; the first is the initial time.
+    inputs : mapping of names to numbers or arrays (N,)
+        Values are held from one time to the next; the others are zero.
+    parameters : mapping of names to numbers, in their units
+        The others are nominal.
+    initial : mapping of names of states to numbers
+        The others have consistent values near their start values.
+    tolerance : float
+        Of the integrator.
+
+    Raises
+    ------
+    SceneError
+        A name or the times are not usable.
+    AnalysisError
+        No consistent initial values; the integrator stops; a function of Theta leaves its range.
+    """
+    grid = np.asarray(times, dtype=float)
+    if grid.ndim != 1 or len(grid) < 2 or not np.all(np.diff(grid) > 0):
+        raise SceneError("simulate: times are at least two increasing numbers.")
+    if isinstance(model, Dae):
+        model = reduce_index(model)
+    given = (grid, dict(inputs or {}), dict(parameters or {}), dict(initial or {}), tolerance)
+    if isinstance(model, DeltaThetaModel):
+        return _of_theta(model, *given)
+    return _of_structure(model, *given)
+
+
+def _of_structure(
+    s: Structure,
+    grid: Array,
+    inputs: Mapping[str, ArrayLike],
+    parameters: Mapping[str, float],
+    initial: Mapping[str, float],
+    tolerance: float,
+) -> Simulation:
+    physical = _point(s.owner, s.dae.parameters, parameters)
+    p = in_symbols(s.dae, physical[None])[0] if len(physical) else physical
+    signals = [Signal(q.name, q.unit) for q in s.inputs]
+    u = _held(s.owner, signals, inputs, grid)
+    at, n, nx = consistent_point(s, p), s.unknown.numel(), len(s.states)
+    x0 = _initial(s.owner, [q.name for q in s.states], at[n : n + nx], initial)
+    sizes = np.array([q.variable.nominal for q in s.unknowns])
+    system = System(s.residual, s.unknown, ca.vertcat(s.x, s.u, s.dae.p))
+    start = solve(system, at[:n], np.concatenate([x0, u[0], p]), sizes)
+    if not start.is_solution:
+        worst = s.equations[int(np.argmax(start.missing))][0]
+        raise AnalysisError(
+            f"{s.owner}: no consistent initial values; equation {worst} does not hold. Give other "
+            "initial states."
+        )
+    outputs = column_of([y.expression for y in s.dae.outputs])
+    ode, alg, y = (in_doubles(part) for part in (column_of(s.rates), s.residual, outputs))
+    dae = {"x": s.x, "z": s.unknown, "u": s.u, "p": s.dae.p, "ode": ode, "alg": alg}
+    found = _integrated(s.owner, dae, grid, x0, start.values, u, p, tolerance)
+    function = ca.Function("y", [s.x, s.unknown, s.u, s.dae.p], [ca.densify(y)])
+    values = function.map(len(grid))(found[0].T, found[1].T, u.T, np.tile(p[:, None], len(grid)))
+    return Simulation(
+        grid,
+        found[0],
+        np.asarray(values.full().T),
+        tuple(q.name for q in s.states),
+        tuple(y.name for y in s.dae.outputs),
+    )
+
+
+def _of_theta(
+    model: DeltaThetaModel,
+    grid: Array,
+    inputs: Mapping[str, ArrayLike],
+    parameters: Mapping[str, float],
+    initial: Mapping[str, float],
+    tolerance: float,
+) -> Simulation:
+    owner = f"model {model.name!r}"
+    _point(owner, model.linear.parameters, parameters)
+    names = [s.name for s in model.linear.states]
+    u = _held(owner, model.inputs, inputs, grid)
+    x0 = _initial(owner, names, np.array(model.initial or np.zeros(len(names))), initial)
+    x, v = ca.SX.sym("x", len(names)), ca.SX.sym("u", len(model.inputs))
+    zeta = ca.SX.sym("zeta", len(model.functions))
+    rates, y, omega, theta = closed(model, parameters, x, v, zeta)
+    start = np.array(model.zeta_at_start or np.zeros(zeta.numel()))
+    system = System(zeta - theta, zeta, ca.vertcat(x, v))
+    found = solve(system, start, np.concatenate([x0, u[0]]), np.maximum(np.abs(start), 1.0))
+    if not found.is_solution:
+        raise AnalysisError(
+            f"{owner}: no consistent initial values of Theta were found. Give other initial states."
+        )
+    dae = {"x": x, "z": zeta, "u": v, "ode": rates, "alg": zeta - theta}
+    states, zetas = _integrated(owner, dae, grid, x0, found.values, u, np.zeros(0), tolerance)
+    function = ca.Function("y", [x, v, zeta], [ca.densify(y), ca.densify(omega)])
+    values, arguments = function.map(len(grid))(states.T, u.T, zetas.T)
+    theta_values(model.functions, dict(zip(model.omega, arguments.full(), strict=True)))
+    return Simulation(
+        grid,
+        states,
+        np.asarray(values.full().T),
+        tuple(names),
+        tuple(s.name for s in model.outputs),
+    )
+
+
+def evaluate_form(
+    model: DeltaThetaModel,
+    states: Mapping[str, float] | None = None,
+    inputs: Mapping[str, float] | None = None,
+    parameters: Mapping[str, float] | None = None,
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Rates of the states and outputs of a Delta-Theta form, by their names.
+
+    Parameters
+    ----------
+    model : DeltaThetaModel
+    states, inputs, parameters : mappings of names to numbers, in their units
+        The other states are those at the start, other inputs zero, other parameters nominal.
+
+    Raises
+    ------
+    SceneError
+        A name is not known.
+    AnalysisError
+        Theta has no value there, or an argument is outside of its range.
+    """
+    owner = f"model {model.name!r}"
+    _point(owner, model.linear.parameters, parameters or {})
+    names = [s.name for s in model.linear.states]
+    x0 = _initial(owner, names, np.array(model.initial or np.zeros(len(names))), states or {})
+    u0 = _held(owner, model.inputs, inputs or {}, np.zeros(1))[0]
+    x, u = ca.SX.sym("x", len(names)), ca.SX.sym("u", len(u0))
+    zeta = ca.SX.sym("zeta", len(model.functions))
+    rates, y, omega, theta = closed(model, parameters or {}, x, u, zeta)
+    start = np.array(model.zeta_at_start or np.zeros(zeta.numel()))
+    system = System(zeta - theta, zeta, ca.vertcat(x, u))
+    found = solve(system, start, np.concatenate([x0, u0]), np.maximum(np.abs(start), 1.0))
+    if not found.is_solution:
+        raise AnalysisError(f"{owner}: Theta has no value near that at the start.")
+    read = ca.Function("read", [x, u, zeta], [ca.densify(part) for part in (rates, y, omega)])
+    values = [np.ravel(part.full()).tolist() for part in read(x0, u0, found.values)]
+    theta_values(model.functions, dict(zip(model.omega, values[2], strict=True)))
+    outputs = [s.name for s in model.outputs]
+    return dict(zip(names, values[0], strict=True)), dict(zip(outputs, values[1], strict=True))
+
+
+def closed(
+    model: DeltaThetaModel, parameters: Mapping[str, float], x: ca.SX, u: ca.SX, zeta: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Rates, outputs, omega and Theta(omega) at values of the parameters, as SX of x, u, zeta."""
+    A, B, C, D = matrices_at(model.linear, parameters)
+    every = {s.name: u[k] for k, s in enumerate(model.inputs)}
+    every |= {name: zeta[k] for k, name in enumerate(model.zeta)}
+    every |= {ONE: ca.SX(1)} if model.has_one else {}
+    v = column_of([every[s.name] for s in model.linear.inputs])
+    rates = ca.mtimes(ca.sparsify(ca.DM(A)), x) + ca.mtimes(ca.sparsify(ca.DM(B)), v)
+    read = ca.mtimes(ca.sparsify(ca.DM(C)), x) + ca.mtimes(ca.sparsify(ca.DM(D)), v)
+    count = len(model.outputs)
+    omega = {s.name: read[count + k] for k, s in enumerate(model.linear.outputs[count:])}
+    values = [
+        formula_function("theta", f.arguments, f.text)(*(omega[name] for name in f.signals))
+        for f in model.functions
+    ]
+    return rates, read[:count], column_of([omega[name] for name in model.omega]), column_of(values)
+
+
+def _integrated(
+    owner: str,
+    dae: Mapping[str, Any],
+    grid: Array,
+    x0: Array,
+    z0: Array,
+    u: Array,
+    p: Array,
+    tolerance: float,
+) -> tuple[Array, Array]:
+    """States (N, n_x) and algebraic variables (N, n_z) at the times."""
+    every, (dae, of_z, kept) = dae["z"], _explicit(dae)
+    z0 = z0[kept]
+    own = {k: ca.densify(part) if k in ("ode", "alg") else part for k, part in dae.items()}
+    if not kept:
+        own = {k: part for k, part in own.items() if k not in ("z", "alg")}
+    given = [part for k in ("u", "p") if k in dae and (part := dae[k]).numel()]
+    own = {k: part for k, part in own.items() if k not in ("u", "p")} | {"p": ca.vertcat(*given)}
+    system = System(dae["alg"], dae["z"], ca.vertcat(dae["x"], ca.vertcat(*given)))
+    states, zs = np.zeros((len(grid), len(x0))), np.zeros((len(grid), len(z0)))
+    states[0], zs[0] = x0, z0
+    run, start, tail = _Integrator(owner, own, tolerance), 0, p if "p" in dae else np.zeros(0)
+    while start < len(grid) - 1:
+        # inputs jump where they change: there the algebraic variables do, too
+        end = start + 1
+        while end < len(grid) - 1 and np.array_equal(u[end], u[start]):
+            end += 1
+        q = np.concatenate([u[start], tail])
+        run(grid[start : end + 1], states[start : end + 1], zs[start : end + 1], q)
+        start = end
+        if len(z0):
+            q = np.concatenate([states[end], u[end], tail])
+            found = solve(system, zs[end], q, np.maximum(np.abs(zs[end]), 1.0))
+            if not found.is_solution:
+                raise AnalysisError(
+                    f"{owner}: the equations have no solution near at t = {grid[end]:g} s."
+                )
+            zs[end] = found.values
+    q = np.hstack([u, np.tile(tail, (len(grid), 1))])
+    function = ca.Function("z", [dae["x"], dae["z"], ca.vertcat(*given)], [ca.densify(of_z)])
+    values = function.map(len(grid))(states.T, zs.T, q.T).full().T
+    return states, values.reshape(len(grid), every.numel())
+
+
+def _explicit(dae: Mapping[str, Any]) -> tuple[dict[str, Any], ca.SX, list[int]]:
+    """The same with algebraic variables that one equation gives put in, all of these, and the others."""
+    alg, z = dae["alg"], dae["z"]
+    found: dict[int, ca.SX] = {}
+    rows: list[ca.SX] = []
+    kept: list[int] = []
+
+    def known(expression: ca.SX) -> ca.SX:
+        used = [s for s in ca.symvar(expression) if s.element_hash() in found]
+        values = [found[s.element_hash()] for s in used]
+        return ca.SX(ca.substitute(expression, column_of(used), column_of(values)))
+
+    for block in blocks_of(ca.jacobian_sparsity(alg, z)) if z.numel() else ():
+        if len(block.rows) == 1:
+            residual, symbol = known(alg[block.rows[0]]), z[block.columns[0]]
+            slope = ca.jacobian(residual, symbol)
+            moving = ca.vertcat(dae["x"], z)
+            if slope.nnz() and not ca.depends_on(slope, moving):
+                found[symbol.element_hash()] = -ca.substitute(residual, symbol, ca.SX(0)) / slope
+                continue
+        rows += [known(alg[i]) for i in block.rows]
+        kept += list(block.columns)
+    of_z = known(ca.SX(z))
+    left = {**dae, "ode": known(dae["ode"]), "alg": column_of(rows)}
+    return {**left, "z": column_of([z[k] for k in kept])}, of_z, kept
+
+
+class _Integrator:
+    """Integrates from one time to others with inputs that are held."""
+
+    def __init__(self, owner: str, dae: Mapping[str, Any], tolerance: float) -> None:
+        self.owner, self.dae = owner, dae
+        self.options = {"abstol": tolerance, "reltol": tolerance, "max_num_steps": 1_000_000}
+        self.algebraic = "z" in dae
+        if self.algebraic:
+            self.options["suppress_algebraic"] = True
+        self._runs: dict[tuple[float, ...], ca.Function] = {}
+
+    def __call__(self, grid: Array, states: Array, zs: Array, p: Array) -> None:
+        """Fill in states and algebraic variables at the times, of which those at the first are known."""
+        steps = tuple((grid[1:] - grid[0]).round(14).tolist())
+        if steps not in self._runs:
+            kind = "idas" if self.algebraic else "cvodes"
+            self._runs[steps] = ca.integrator("run", kind, self.dae, 0.0, list(steps), self.options)
+        arguments = {"x0": states[0], "p": p} | ({"z0": zs[0]} if self.algebraic else {})
+        try:
+            found = self._runs[steps](**arguments)
+        except RuntimeError as error:
+            raise AnalysisError(
+                f"{self.owner}: the integrator stopped: {str(error).splitlines()[-1]} The equations may "
+                "be singular on the way, or the chosen states no states any more (choose others)."
+            ) from None
+        states[1:] = found["xf"].full().T
+        if self.algebraic:
+            zs[1:] = found["zf"].full().T
+        if not np.all(np.isfinite(states)):
+            raise AnalysisError(f"{self.owner}: the simulation does not stay finite.")
+
+
+def _point(owner: str, parameters: Sequence[Parameter], values: Mapping[str, float]) -> Array:
+    names = [p.name for p in parameters]
+    for name in values:
+        if name not in names:
+            raise SceneError(f"{owner}, simulate: " + unknown_name("parameter", name, names))
+    return np.array([float(values.get(p.name, p.nominal)) for p in parameters])
+
+
+def _held(
+    owner: str, signals: Sequence[Signal], inputs: Mapping[str, ArrayLike], grid: Array
+) -> Array:
+    names = [s.name for s in signals]
+    for name in inputs:
+        if name not in names:
+            raise SceneError(f"{owner}, simulate: " + unknown_name("input", name, names))
+    found = np.zeros((len(grid), len(names)))
+    for k, name in enumerate(names):
+        values = np.asarray(inputs.get(name, 0.0), dtype=float)
+        if values.shape not in ((), grid.shape):
+            raise SceneError(
+                f"{owner}, simulate: input {name!r} has shape {values.shape}, expected a number or "
+                f"{grid.shape}."
+            )
+        found[:, k] = values
+    return found
+
+
+def _initial(owner: str, names: Sequence[str], values: Array, given: Mapping[str, float]) -> Array:
+    for name in given:
+        if name not in names:
+            raise SceneError(f"{owner}, simulate: " + unknown_name("state", name, names))
+    return np.array([float(given.get(name, x)) for name, x in zip(names, values, strict=True)])

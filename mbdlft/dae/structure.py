@@ -1,0 +1,322 @@
+"""The structure of a DAE: its index, what is a state, which equations are solved together.
+
+`reduce_index` gives an equivalent system of index 1 at most, solved for nothing:
+
+    0 = F(unknowns, states, inputs, p),   d/dt state = one of the unknowns, or another state
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import SceneError, StructureError, unknown_name
+from mbdlft.base.samples import random
+from mbdlft.base.unit import parse_unit
+from mbdlft.dae.alias import Alias, eliminate_aliases
+from mbdlft.dae.description import Dae, Variable, column
+from mbdlft.dae.dimensions import check_units
+from mbdlft.dae.index import Differentiated, Entry, differentiated, listed, name_of, place_of
+from mbdlft.dae.points import Found, System, solve
+from mbdlft.dae.states import Block, blocks_of, dummy_derivatives
+
+InputRates = Literal["refused", "inputs"]
+_POINTS, _SEED = 3, 11  # at which pivots are looked at
+
+
+class Quantity(NamedTuple):
+    """A variable or one of its derivatives.
+
+    Attributes
+    ----------
+    name : such as ``x``, ``der(x)``, ``der(x, 2)``
+    symbol : SX (1, 1), in `unit`
+    variable : what it is, or is a derivative of
+    order : of the derivative
+    """
+
+    name: str
+    symbol: ca.SX
+    unit: str
+    variable: Variable
+    order: int
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """A DAE of index 1 at most, and how it was made.
+
+    Attributes
+    ----------
+    source : Dae
+        As it was given.
+    dae : Dae
+        Without aliases.
+    aliases : tuple of Alias
+    index : int
+        Structural index of `source`; 0 is an explicit ordinary differential equation.
+    differentiations : tuple of (place of an equation, times)
+        Those that were differentiated.
+    states, unknowns, inputs : tuple of Quantity
+        Inputs are those of the model, and derivatives of them if they are needed and were allowed.
+    rates : tuple of SX
+        The symbol of the derivative of each state: that of an unknown or of another state.
+    equations : tuple of (place, residual SX)
+        As many as unknowns.
+    blocks : tuple of Block
+        Positions of equations and unknowns, in the order of solving.
+    """
+
+    source: Dae
+    dae: Dae
+    aliases: tuple[Alias, ...]
+    index: int
+    differentiations: tuple[tuple[str, int], ...]
+    states: tuple[Quantity, ...]
+    unknowns: tuple[Quantity, ...]
+    inputs: tuple[Quantity, ...]
+    rates: tuple[ca.SX, ...]
+    equations: tuple[tuple[str, ca.SX], ...]
+    blocks: tuple[Block, ...]
+
+    @cached_property
+    def residual(self) -> ca.SX:
+        """All residuals (n, 1)."""
+        return column(residual for _, residual in self.equations)
+
+    @cached_property
+    def x(self) -> ca.SX:
+        """Symbols of the states."""
+        return column(q.symbol for q in self.states)
+
+    @cached_property
+    def unknown(self) -> ca.SX:
+        """Symbols of the unknowns."""
+        return column(q.symbol for q in self.unknowns)
+
+    @cached_property
+    def u(self) -> ca.SX:
+        """Symbols of the inputs."""
+        return column(q.symbol for q in self.inputs)
+
+    @property
+    def owner(self) -> str:
+        """Such as "model 'motor'"."""
+        return self.dae.owner
+
+    def __str__(self) -> str:
+        return report(self)
+
+
+def reduce_index(
+    dae: Dae, *, states: Sequence[str] = (), input_rates: InputRates = "refused"
+) -> Structure:
+    """The equivalent system of index 1 at most.
+
+    Parameters
+    ----------
+    dae : Dae
+    states : names of variables that are to be states, such as ``("phi", "w")``, where there is a choice
+        The others are chosen by pivots of the differentiated constraints at several points.
+    input_rates : {"refused", "inputs"}
+        Whether derivatives of inputs that are needed are an error, or new inputs ``der(u)``.
+
+    Raises
+    ------
+    StructureError
+        Structurally or numerically singular: which equations and unknowns. A derivative of an input is
+        needed. The states that are asked for cannot be states.
+    SceneError
+        The units of an equation do not fit.
+    """
+    check_units(dae)
+    reduced = eliminate_aliases(dae)
+    d = differentiated(reduced.dae)
+    if d.input_rates and input_rates == "refused":
+        names = [name_of(u.name, order) for u, order, _ in d.input_rates]
+        raise StructureError(
+            f"{dae.owner}: derivatives of inputs are needed: {listed(names)}. A constraint imposes what "
+            "has an inertia. Make them inputs with input_rates='inputs', or an input of the highest "
+            "derivative and variables of the others."
+        )
+    inputs = _inputs(d)
+    free = [*d.symbols.values(), *(q.symbol for q in inputs), *ca.vertsplit(reduced.dae.p)]
+    points = _Points(d, inputs)
+    known = {v.name for v in dae.variables}
+    for name in states:
+        if _base(name) not in known:
+            raise SceneError(f"{dae.owner}, states: " + unknown_name("variable", name, known))
+    dummies = dummy_derivatives(d, free, points.values, states)
+    return _assembled(dae, reduced.aliases, d, dummies, inputs, states)
+
+
+def _base(name: str) -> str:
+    return name.removeprefix("der(").split(",")[0].rstrip(")") if name.startswith("der(") else name
+
+
+def _inputs(d: Differentiated) -> tuple[Quantity, ...]:
+    own = [Quantity(u.name, u.symbol, u.unit, u, 0) for u in d.dae.inputs]
+    rates = [
+        Quantity(name_of(u.name, order), symbol, rate_unit(u.unit, order), u, order)
+        for u, order, symbol in d.input_rates
+    ]
+    return (*own, *rates)
+
+
+def rate_unit(unit: str, order: int = 1) -> str:
+    """The unit of a derivative of a quantity in `unit`."""
+    if not order:
+        return unit
+    power = "s" if order == 1 else f"s^{order}"
+    if unit.endswith("/s"):
+        return f"{unit}^{order + 1}"
+    return f"{unit}/{power}"
+
+
+class _Points:
+    """Consistent points at nominal and at some other values of the parameters, once they are needed."""
+
+    def __init__(self, d: Differentiated, inputs: Sequence[Quantity]) -> None:
+        self.d, self.inputs = d, inputs
+        self._found: list[Array] | None = None
+
+    def values(self) -> list[Array]:
+        """Values of all symbols, inputs and parameters at each."""
+        if self._found is None:
+            self._found = self._solved()
+        return self._found
+
+    def _solved(self) -> list[Array]:
+        d, dae = self.d, self.d.dae
+        entries = list(d.symbols)
+        start = np.array(
+            [(dae.variables[j].start or 0.0) if not order else 0.0 for j, order in entries]
+        )
+        sizes = np.array([dae.variables[j].nominal for j, _ in entries])
+        given = column([*(q.symbol for q in self.inputs), *ca.vertsplit(dae.p)])
+        residual = column(d.residuals.values())
+        u = [q.variable.start or 0.0 if not q.order else 0.0 for q in self.inputs]
+        system = System(residual, column(d.symbols.values()), given)
+        found: list[Array] = []
+        for p in parameter_points(dae, _POINTS):
+            at = solve(system, start, np.array([*u, *p]), sizes)
+            if not found and not at.is_solution:
+                raise _inconsistent(d, at)
+            if at.is_solution:
+                found.append(np.concatenate([at.values, u, p]))
+        return found
+
+
+def parameter_points(dae: Dae, count: int) -> list[Array]:
+    """Values of the parameters as the symbols have them: nominal, then random ones."""
+    nominal = {p.name: np.full(1, p.nominal) for p in dae.parameters}
+    drawn = random(dae.parameters, count - 1, _SEED) if dae.parameters and count > 1 else {}
+    physical = [np.concatenate([nominal[p.name], drawn.get(p.name, [])]) for p in dae.parameters]
+    if not physical:
+        return [np.zeros(0)]
+    return list(in_symbols(dae, np.stack(physical, axis=1)))
+
+
+def in_symbols(dae: Dae, points: Array) -> Array:
+    """Physical values (N, n_p) as the symbols have them: angles in rad."""
+    factors = [parse_unit(p.unit).factor if p.is_angle else 1.0 for p in dae.parameters]
+    return np.asarray(points * np.array(factors))
+
+
+def _inconsistent(d: Differentiated, at: Found) -> StructureError:
+    worst = np.argsort(-at.missing)[:3]
+    rows = list(d.residuals)
+    places = [f"{place_of(d.dae, rows[k])} ({at.missing[k]:.1e})" for k in worst]
+    return StructureError(
+        f"{d.dae.owner}: no consistent initial point was found at the nominal parameters; what misses "
+        f"most, relative to its terms: {', '.join(places)}. Give start values near a solution."
+    )
+
+
+def _assembled(
+    source: Dae,
+    aliases: tuple[Alias, ...],
+    d: Differentiated,
+    dummies: Collection[Entry],
+    inputs: tuple[Quantity, ...],
+    wanted: Sequence[str],
+) -> Structure:
+    dae = d.dae
+    is_state = {
+        entry: entry.order < d.orders[entry.variable]
+        and Entry(entry.variable, entry.order + 1) not in dummies
+        for entry in d.symbols
+    }
+    quantity = {
+        entry: Quantity(
+            name_of(dae.variables[entry.variable].name, entry.order),
+            symbol,
+            rate_unit(dae.variables[entry.variable].unit, entry.order),
+            dae.variables[entry.variable],
+            entry.order,
+        )
+        for entry, symbol in d.symbols.items()
+    }
+    states = [entry for entry in d.symbols if is_state[entry]]
+    unknowns = [entry for entry in d.symbols if not is_state[entry]]
+    names = {quantity[entry].name for entry in states}
+    gone = {a.name: a.of for a in aliases}
+    for name in wanted:
+        if name not in names and gone.get(name) not in names:
+            raise StructureError(
+                f"{source.owner}: {name!r} cannot be a state together with the other states that are "
+                f"asked for. The states are {listed(sorted(names))}."
+            )
+    residual, unknown = column(d.residuals.values()), column(d.symbols[e] for e in unknowns)
+    return Structure(
+        source=source,
+        dae=dae,
+        aliases=aliases,
+        index=d.index,
+        differentiations=tuple(
+            (dae.equations[i].place, count) for i, count in enumerate(d.counts) if count
+        ),
+        states=tuple(quantity[entry] for entry in states),
+        unknowns=tuple(quantity[entry] for entry in unknowns),
+        inputs=inputs,
+        rates=tuple(d.symbols[Entry(j, order + 1)] for j, order in states),
+        equations=tuple((place_of(dae, row), r) for row, r in d.residuals.items()),
+        blocks=blocks_of(ca.jacobian_sparsity(residual, unknown)),
+    )
+
+
+def report(s: Structure) -> str:
+    """What the structure is, in words: index, states, blocks that are solved together."""
+    dae = s.source
+    lines = [
+        f"{dae.name}: {len(dae.equations)} equations, {len(dae.inputs)} inputs, "
+        f"{len(dae.parameters)} parameters that stay",
+        f"  aliases: {len(s.aliases)} variables are others or numbers; {len(s.dae.variables)} are left",
+        f"  index {s.index}"
+        + (
+            f": differentiated {listed(f'{place} {n} x' for place, n in s.differentiations)}"
+            if s.differentiations
+            else ""
+        ),
+        f"  {len(s.states)} states: {listed(q.name for q in s.states) or 'none'}",
+    ]
+    large = [b for b in s.blocks if len(b.rows) > 1]
+    lines.append(
+        f"  {len(s.blocks)} blocks, {len(large)} of them of more than one equation"
+        + (f", the largest of {max(len(b.rows) for b in large)}" if large else "")
+    )
+    for block in large[:5]:
+        kind = "linear" if _is_linear(s, block) else "nonlinear"
+        unknowns = listed(s.unknowns[j].name for j in block.columns)
+        lines.append(f"    {len(block.rows)} equations, {kind}: {unknowns}")
+    return "\n".join(lines)
+
+
+def _is_linear(s: Structure, block: Block) -> bool:
+    residual = s.residual[list(block.rows)]
+    unknown = s.unknown[list(block.columns)]
+    return not ca.depends_on(ca.jacobian(residual, unknown), unknown)

@@ -1,0 +1,198 @@
+"""Functions of SX as formulas, and formulas as SX: what an archive keeps of a nonlinear function."""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from typing import Any
+
+import casadi as ca
+
+from mbdlft.base.errors import NotRationalError
+from mbdlft.base.formula import ARITHMETIC, Functions, formula_value
+from mbdlft.dae.operations import column_of
+from mbdlft.number.exact import Constant, constant_of
+from mbdlft.sx.constants import constants_in, double
+from mbdlft.sx.fold import Rules, fold
+
+_SHORT = 12  # characters; longer parts that are used twice get a name
+_BINARY = {"add": ("+", 1), "sub": ("-", 1), "mul": ("*", 2), "div": ("/", 2)}
+_CALLS = {
+    **{
+        name: name for name in ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")
+    },
+    **{name: name for name in ("asinh", "acosh", "atanh", "exp", "log", "log1p", "expm1", "sqrt")},
+    **{name: name for name in ("sign", "floor", "ceil", "atan2", "hypot", "copysign")},
+    "fabs": "abs",
+    "fmin": "min",
+    "fmax": "max",
+    "fmod": "mod",
+    "and": "and_",
+    "or": "or_",
+    "not": "not_",
+}
+_COMPARED = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
+# what formulas are for SX
+SYMBOLIC: Functions = {
+    **ARITHMETIC,
+    **{name: getattr(ca, name) for name in ("sin", "cos", "tan", "asin", "acos", "atan")},
+    **{name: getattr(ca, name) for name in ("sinh", "cosh", "tanh", "asinh", "acosh", "atanh")},
+    **{name: getattr(ca, name) for name in ("exp", "log", "log1p", "expm1", "sqrt", "sign")},
+    **{name: getattr(ca, name) for name in ("floor", "ceil", "atan2", "hypot", "copysign")},
+    "abs": ca.fabs,
+    "min": ca.fmin,
+    "max": ca.fmax,
+    "mod": ca.fmod,
+    "where": ca.if_else,
+    "and_": ca.logic_and,
+    "or_": ca.logic_or,
+    "not_": ca.logic_not,
+}
+
+
+def formula_function(name: str, arguments: Sequence[str], text: str) -> ca.Function:
+    """The CasADi function of a formula.
+
+    Parameters
+    ----------
+    name : str
+        Of the function.
+    arguments : sequence of str
+        Names in the formula; each is a scalar.
+    text : str
+        As in `mbdlft.base.formula`, such as that of a `ThetaFunction`.
+    """
+    symbols = [ca.SX.sym(argument) for argument in arguments]
+    value = formula_value(text, dict(zip(arguments, symbols, strict=True)), SYMBOLIC)
+    return ca.Function(name, symbols, [value], list(arguments), ["value"])
+
+
+class _Piece:
+    """A part of a formula: how it is written, its binding strength, and how often it is used."""
+
+    __slots__ = ("level", "parts", "write")
+
+    def __init__(
+        self, write: Callable[..., str], level: int, parts: Sequence["_Piece"] = ()
+    ) -> None:
+        self.write, self.level, self.parts = write, level, tuple(parts)
+
+
+def formula_of(expression: ca.SX, symbols: Sequence[ca.SX], names: Sequence[str]) -> str:
+    """The formula of a scalar expression of symbols; parts that are used twice have names.
+
+    Raises
+    ------
+    NotRationalError
+        An operation has no formula.
+    """
+    constants, numbers = constants_in(expression)
+    function = ca.Function("formula", [column_of(symbols), constants], [ca.densify(expression)])
+    arguments = [_Piece(lambda name=name: name, 9) for name in names]
+    values = [_constant(number) for number in numbers]
+    ((root,),) = fold(function, _RULES, arguments, values)
+    return _written(root, set(names))
+
+
+def _written(root: _Piece, taken: set[str]) -> str:
+    order: list[_Piece] = []
+    uses: Counter[int] = Counter()
+    seen: set[int] = set()
+    pending: list[tuple[_Piece, bool]] = [(root, False)]
+    while pending:
+        piece, done = pending.pop()
+        if done:
+            order.append(piece)
+        elif id(piece) not in seen:
+            seen.add(id(piece))
+            pending.append((piece, True))
+            for part in piece.parts:
+                uses[id(part)] += 1
+                pending.append((part, False))
+    text: dict[int, tuple[str, int]] = {}
+    named: list[str] = []
+    for piece in order:
+        parts = [text[id(part)] for part in piece.parts]
+        written = piece.write(*parts) if parts else piece.write()
+        level = piece.level
+        if uses[id(piece)] > 1 and len(written) > _SHORT:
+            name = next(n for k in range(len(taken) + 1) if (n := f"t{k + 1}") not in taken)
+            taken.add(name)
+            named.append(f"{name} = {written}")
+            written, level = name, 9
+        text[id(piece)] = (written, level)
+    return "; ".join([*named, text[id(root)][0]])
+
+
+def _wrapped(part: tuple[str, int], least: int) -> str:
+    return part[0] if part[1] >= least else f"({part[0]})"
+
+
+def _binary(sign: str, level: int) -> Callable[[_Piece, _Piece], _Piece]:
+    gap = " " if level == 1 else ""
+
+    def write(a: tuple[str, int], b: tuple[str, int]) -> str:
+        right = level + (sign in "-/")
+        return f"{_wrapped(a, level)}{gap}{sign}{gap}{_wrapped(b, right)}"
+
+    return lambda a, b: _Piece(write, level, [a, b])
+
+
+def _call(name: str) -> Callable[..., _Piece]:
+    return lambda *parts: _Piece(
+        lambda *texts: f"{name}({', '.join(t for t, _ in texts)})", 9, parts
+    )
+
+
+def _power(a: _Piece, b: _Piece) -> _Piece:
+    return _Piece(lambda x, y: f"{_wrapped(x, 5)}**{_wrapped(y, 4)}", 4, [a, b])
+
+
+def _number(value: float) -> _Piece:
+    exact = constant_of(value)
+    return _constant(Constant("rational", exact))
+
+
+def _constant(number: Constant) -> _Piece:
+    """A number as a decimal, or as a quotient; others as the double next to them."""
+    value = number.argument if number.kind == "rational" else Fraction(double(number))
+    if number.kind != "rational":
+        text = repr(double(number))
+    elif float(value) == value or Fraction(repr(float(value))) == value:
+        text = (
+            repr(int(value))
+            if value.denominator == 1 and abs(value) < 10**15
+            else repr(float(value))
+        )
+    else:
+        return _Piece(lambda: f"{value.numerator}/{value.denominator}", 2 if value > 0 else 1)
+    return _Piece(lambda: text, 9 if not text.startswith("-") else 1)
+
+
+def _refused(operation: str, where: str, *operands: Any) -> Any:
+    raise NotRationalError(f"{where}: operation {operation!r} has no formula.")
+
+
+_RULES = Rules(
+    _number,
+    {
+        "assign": lambda a: a,
+        "neg": lambda a: _Piece(lambda x: f"-{_wrapped(x, 3)}", 1, [a]),
+        "twice": lambda a: _Piece(lambda x: f"2*{_wrapped(x, 3)}", 2, [a]),
+        "sq": lambda a: _Piece(lambda x: f"{_wrapped(x, 5)}**2", 4, [a]),
+        "inv": lambda a: _Piece(lambda x: f"1/{_wrapped(x, 3)}", 2, [a]),
+        "pow": _power,
+        "constpow": _power,
+        "if_else_zero": lambda a, b: _Piece(lambda x, y: f"where({x[0]}, {y[0]}, 0)", 9, [a, b]),
+        **{name: _binary(sign, level) for name, (sign, level) in _BINARY.items()},
+        **{name: _call(text) for name, text in _CALLS.items()},
+        **{
+            name: (
+                lambda a, b, sign=sign: _Piece(
+                    lambda x, y: f"{_wrapped(x, 1)} {sign} {_wrapped(y, 1)}", 0, [a, b]
+                )
+            )
+            for name, sign in _COMPARED.items()
+        },
+    },
+    _refused,
+)

@@ -1,0 +1,395 @@
+"""From the structure of a DAE to linear relations and nonlinear functions: the Delta-Theta form.
+
+The relations are implicit, linear in [unknown ; known], rational in the parameters. Outputs of the
+functions are known signals, their arguments are outputs.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import count
+
+import casadi as ca
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import StructureError
+from mbdlft.base.parameter import to_internal
+from mbdlft.base.signal import Signal
+from mbdlft.dae.alias import rational
+from mbdlft.dae.arguments import Function
+from mbdlft.dae.exact_rank import singular_part
+from mbdlft.dae.mixed import ONE_KEY, Mixed, number, plus, signal, times
+from mbdlft.dae.operations import column_of
+from mbdlft.dae.separate import Arrange, Separation
+from mbdlft.dae.states import blocks_of
+from mbdlft.dae.structure import Quantity, Structure
+from mbdlft.number.exact import decimal
+from mbdlft.problem.equations import cosines_sines
+from mbdlft.problem.linearize import LinearModel
+from mbdlft.sx.constants import in_doubles, is_constant
+from mbdlft.system.theta import ONE
+
+_NEGLIGIBLE = 1e-6  # of the largest slope of a function: what may be rounding
+_DIGITS = 3  # of slopes that are moved from a function into the linear part
+
+
+@dataclass(frozen=True, eq=False)
+class ThetaForm:
+    """Linear relations, and the functions that close them.
+
+    Attributes
+    ----------
+    relations : LinearModel
+        unknown = [rates of the states ; others], known = [states ; inputs ; one ; zeta],
+        output = [outputs ; omega].
+    functions : tuple of (name of zeta, expression of arguments, numbers of arguments)
+    arguments : tuple of (name of omega, symbol, SX of the signals of the relations)
+    zeta : tuple of SX symbols, of the functions
+    one : SX
+        The constant input 1, or nothing (0, 1).
+    shifted : names of functions from which a linear part was taken, as the rest needs it
+    """
+
+    relations: LinearModel
+    functions: tuple[tuple[str, ca.SX, tuple[int, ...]], ...]
+    arguments: tuple[tuple[str, ca.SX, ca.SX], ...]
+    zeta: tuple[ca.SX, ...]
+    one: ca.SX
+    shifted: tuple[str, ...]
+
+
+def theta_form(s: Structure, arrange: Arrange, at: Array) -> ThetaForm:
+    """Linear relations and functions of a structure.
+
+    `at` are consistent values of [unknowns ; states ; inputs ; p], where linear parts are taken out of
+    functions if the relations do not determine the unknowns without them.
+
+    Raises
+    ------
+    NotRationalError
+        A coefficient is not rational in the parameters.
+    StructureError
+        The relations do not determine the unknowns.
+    """
+    return _Form(s, arrange, at).form()
+
+
+class _Form:
+    def __init__(self, s: Structure, arrange: Arrange, at: Array) -> None:
+        self.s, self.arrange, self.at = s, arrange, at
+        dae = s.dae
+        self.internal = ca.SX(dae.p)
+        angles = {}
+        if ONE in {q.name for q in s.inputs}:
+            raise StructureError(
+                f"{s.owner}: an input has the name {ONE!r}, which is that of the constant 1. Rename it."
+            )
+        for k, parameter in enumerate(dae.parameters):
+            if parameter.is_angle:
+                self.internal[k] = ca.SX.sym(f"tan({parameter.name})")
+        cosine, sine = cosines_sines(dae.parameters, self.internal)
+        for k, parameter in enumerate(dae.parameters):
+            if parameter.is_angle:
+                angles[dae.p[k].element_hash()] = (cosine[k], sine[k])
+        own = [dae.p[k] for k, p in enumerate(dae.parameters) if p.is_angle]
+        every = ca.vertcat(s.residual, *(y.expression for y in dae.outputs), cosine, sine)
+        p = column_of([*ca.vertsplit(self.internal), *own])
+        self.separation = Separation(dae.owner, every, p, angles, arrange)
+        self.one = ca.SX.sym("one")
+        self.zetas: dict[int, ca.SX] = {}  # of functions that are used, with what was moved out
+        self.symbols: dict[int, ca.SX] = {}
+        self.psi: dict[int, ca.SX] = {}
+        self.slopes: dict[int, dict[int, ca.SX]] = {}
+        self.uses_one = False
+
+    def form(self) -> ThetaForm:
+        rows, kept = self._rows()
+        rates, extra = self._rates(kept)
+        outputs = [
+            self.separation.follow(y.expression, f"output {y.name!r}", y.name)
+            for y in self.s.dae.outputs
+        ]
+        mixed = self._merged([*rows, *extra, *outputs])
+        first = {r.element_hash() for r in rates}
+        others = [q.symbol for q in kept if q.symbol.element_hash() not in first]
+        unknown = column_of([*rates, *others])
+        first_output = len(rows) + len(extra)
+        residual = self._closed(mixed[:first_output], unknown)
+        output = [self._sx(m) for m in mixed[first_output:]]
+        return self._assembled(residual, output, unknown, len(rates))
+
+    def _rows(self) -> tuple[list[Mixed], list[Quantity]]:
+        """Equations that stay, and the unknowns that they are for."""
+        s, rows, kept = self.s, [], []
+        for block in s.blocks:
+            for i in block.rows:
+                place, residual = s.equations[i]
+                hint = s.unknowns[block.columns[0]].name
+                if len(block.rows) == 1 and self._defined(i, block.columns[0]):
+                    continue
+                rows.append(self.separation.follow(residual, f"equation {place}", hint))
+            if len(block.rows) > 1 or s.unknowns[block.columns[0]].symbol.element_hash() not in (
+                self.separation.values
+            ):
+                kept += [s.unknowns[j] for j in block.columns]
+        return rows, kept
+
+    def _defined(self, i: int, j: int) -> bool:
+        """Whether an unknown is replaced by what its equation says of it, without parameters."""
+        if self.arrange == "blocks":
+            return False
+        place, residual = self.s.equations[i]
+        quantity = self.s.unknowns[j]
+        slope = ca.jacobian(residual, quantity.symbol)
+        if not is_constant(slope) or rational(slope) == 0:
+            return False
+        rest = ca.substitute(residual, quantity.symbol, ca.SX(0))
+        value = self.separation.follow(rest, f"equation {place}", quantity.name)
+        if not value.is_plain:
+            return False
+        self.separation.values[quantity.symbol.element_hash()] = times(value, -1 / slope)
+        return True
+
+    def _rates(self, kept: Sequence[Quantity]) -> tuple[list[ca.SX], list[Mixed]]:
+        """Symbols of the derivatives of the states that are unknowns, and relations of new ones."""
+        free = {q.symbol.element_hash() for q in kept}
+        rates, extra = [], []
+        for q, rate in zip(self.s.states, self.s.rates, strict=True):
+            if rate.element_hash() in free:
+                rates.append(rate)
+                continue
+            symbol = ca.SX.sym(f"rate of {q.name}")
+            rates.append(symbol)
+            value = self.separation.follow(ca.SX(rate), f"state {q.name!r}", q.name)
+            extra.append(plus(times(value, ca.SX(-1)), signal(symbol)))
+        return rates, extra
+
+    def _merged(self, rows: Sequence[Mixed]) -> list[Mixed]:
+        """Functions of the same arguments that occur together only, with numbers for factors, as one."""
+        registry = self.separation.registry
+        uses = Counter(k for m in rows for k in m.terms)
+        uses.update(k for a in registry.arguments for k in a.value.terms)
+        found = []
+        for m in rows:
+            groups: dict[tuple[int, ...], list[int]] = {}
+            for k, factor in m.terms.items():
+                if uses[k] == 1 and is_constant(factor):
+                    of = registry.functions[k].arguments if self.arrange == "fewest" else ()
+                    groups.setdefault(of, []).append(k)
+            terms = dict(m.terms)
+            for together in groups.values():
+                if len(together) > 1:
+                    total = ca.SX(0)
+                    for k in together:
+                        total = total + terms.pop(k) * registry.functions[k].expression
+                    terms[registry.function(total, registry.functions[together[0]].hint)] = ca.SX(1)
+            found.append(Mixed(m.linear, m.constant, terms))
+        return found
+
+    def _closed(self, rows: Sequence[Mixed], unknown: ca.SX) -> list[ca.SX]:
+        """Relations that determine the unknowns; what they need is moved out of functions."""
+        for widely in (False, True):
+            self.zetas, self.symbols, self.psi = {}, {}, {}
+            residual = column_of([self._sx(m) for m in rows])
+            jacobian = ca.jacobian(residual, unknown)
+            singular = self._singular(jacobian)
+            if singular is None:
+                return [residual[k] for k in range(residual.numel())]
+            chosen = range(len(rows)) if widely else singular
+            before = len(self.slopes)
+            self._move([rows[i] for i in chosen], unknown)
+            if len(self.slopes) == before and widely:
+                break
+        self.zetas, self.symbols, self.psi = {}, {}, {}
+        residual = column_of([self._sx(m) for m in rows])
+        if self._singular(ca.jacobian(residual, unknown)) is not None:
+            raise StructureError(
+                f"{self.s.owner}: the linear part does not determine the unknowns, also with the slopes "
+                "of the nonlinear functions at the initial point. Give start values where the model is "
+                "not singular."
+            )
+        return [residual[k] for k in range(residual.numel())]
+
+    def _singular(self, jacobian: ca.SX) -> tuple[int, ...] | None:
+        """Rows that do not determine the unknowns; of a structural block first."""
+        pattern = jacobian.sparsity()
+        n = pattern.size1()
+        if n and ca.sprank(pattern) < n:
+            return tuple(range(n))
+        for block in blocks_of(pattern):
+            part = jacobian[list(block.rows), list(block.columns)]
+            found = singular_part(part, ca.SX(0, 1), self.internal, self._points)
+            if found is not None:
+                return tuple(block.rows[i] for i in found.rows)
+        return None
+
+    def _points(self) -> list[Array]:
+        """Nominal values of the parameters, for coefficients that residues do not decide."""
+        parameters = self.s.dae.parameters
+        return [np.array([float(to_internal(p, p.nominal)) for p in parameters])]
+
+    def _move(self, rows: Sequence[Mixed], unknown: ca.SX) -> None:
+        """Take the slopes at the initial point out of functions of these rows that act on unknowns."""
+        registry = self.separation.registry
+        pending = [k for m in rows for k in m.terms]
+        seen: set[int] = set()
+        while pending:
+            k = pending.pop()
+            if k in seen:
+                continue
+            seen.add(k)
+            function = registry.functions[k]
+            for a in function.arguments:
+                pending += list(registry.arguments[a].value.terms)
+            if k in self.slopes or not any(
+                ca.depends_on(self._psi(a), unknown) for a in function.arguments
+            ):
+                continue
+            self.slopes[k] = self._slopes_of(function)
+
+    def _slopes_of(self, function: Function) -> dict[int, ca.SX]:
+        registry = self.separation.registry
+        symbols = column_of([registry.arguments[a].symbol for a in function.arguments])
+        values = np.array([self._value(a) for a in function.arguments])
+        slopes = ca.jacobian(function.expression, symbols)
+        found = ca.Function("slopes", [symbols], [ca.densify(in_doubles(slopes))])(values).full()[0]
+        least = _NEGLIGIBLE * np.max(np.abs(found), initial=0.0)
+        return {
+            a: number(decimal(float(f"{x:.{_DIGITS}g}")))
+            for a, x in zip(function.arguments, found, strict=True)
+            if np.isfinite(x) and abs(x) > least
+        }
+
+    def _value(self, argument: int) -> float:
+        """The value of an argument at the initial point."""
+        return self._value_of(self.separation.registry.arguments[argument].value)
+
+    def _value_of(self, value: Mixed) -> float:
+        s, registry = self.s, self.separation.registry
+        free = ca.vertcat(s.unknown, s.x, s.u, self.internal)
+        linear = sum((p.coefficient * p.form for p in value.linear.values()), ca.SX(0))
+        linear = linear + (value.constant if value.constant is not None else 0)
+        factors = column_of(list(value.terms.values()))
+        function = ca.Function("value", [free], [in_doubles(linear), in_doubles(factors)])
+        at = self._internal_at()
+        total, weights = function(at)
+        found = float(total)
+        for k, weight in zip(value.terms, np.ravel(weights.full()), strict=True):
+            f = registry.functions[k]
+            symbols = column_of([registry.arguments[a].symbol for a in f.arguments])
+            own = ca.Function("f", [symbols], [in_doubles(f.expression)])
+            found += weight * float(own(np.array([self._value(a) for a in f.arguments])))
+        return found
+
+    def _internal_at(self) -> Array:
+        parameters = self.s.dae.parameters
+        count = len(parameters)
+        internal = [float(to_internal(p, p.nominal)) for p in parameters]
+        return np.concatenate([self.at[: len(self.at) - count], internal])
+
+    def _sx(self, value: Mixed) -> ca.SX:
+        """A value as an expression linear in signals, one and zeta."""
+        found = sum((part.coefficient * part.form for part in value.linear.values()), ca.SX(0))
+        if value.constant is not None:
+            self.uses_one = True
+            found = found + value.constant * self.one
+        for k, factor in value.terms.items():
+            found = found + factor * self._zeta(k)
+        return ca.SX(found)
+
+    def _zeta(self, k: int) -> ca.SX:
+        if k not in self.zetas:
+            self.symbols[k] = ca.SX.sym(f"zeta{k}")
+            moved = sum((x * self._psi(a) for a, x in self.slopes.get(k, {}).items()), ca.SX(0))
+            self.zetas[k] = self.symbols[k] + moved
+            for a in self.separation.registry.functions[k].arguments:
+                self._psi(a)
+        return self.zetas[k]
+
+    def _psi(self, a: int) -> ca.SX:
+        if a not in self.psi:
+            self.psi[a] = self._sx(self.separation.registry.arguments[a].value)
+        return self.psi[a]
+
+    def _assembled(
+        self, residual: list[ca.SX], output: list[ca.SX], unknown: ca.SX, derivatives: int
+    ) -> ThetaForm:
+        s, registry = self.s, self.separation.registry
+        names = self._names()
+        used = sorted(
+            a for a in self.psi if any(a in registry.functions[k].arguments for k in self.symbols)
+        )
+        position = {a: j for j, a in enumerate(used)}
+        functions = []
+        for k in self.symbols:
+            f = registry.functions[k]
+            moved = self.slopes.get(k, {})
+            rest = sum((x * registry.arguments[a].symbol for a, x in moved.items()), ca.SX(0))
+            expression = f.expression - rest if moved else f.expression
+            functions.append((names[k], expression, tuple(position[a] for a in f.arguments)))
+        arguments = tuple(
+            (name, registry.arguments[a].symbol, self.psi[a])
+            for name, a in zip(self._argument_names(used), used, strict=True)
+        )
+        zeta = tuple(self.symbols.values())
+        known = ca.vertcat(s.x, s.u, *([self.one] if self.uses_one else []), *zeta)
+        relations = LinearModel(
+            residual=column_of(residual),
+            output=column_of([*output, *(psi for _, _, psi in arguments)]),
+            unknown=unknown,
+            known=known,
+            p=self.internal,
+            parameters=s.dae.parameters,
+            derivatives=derivatives,
+        )
+        return ThetaForm(
+            relations,
+            tuple(functions),
+            arguments,
+            zeta,
+            self.one if self.uses_one else ca.SX(0, 1),
+            tuple(names[k] for k in self.symbols if k in self.slopes),
+        )
+
+    def _names(self) -> dict[int, str]:
+        """Names of zeta: that of the unknown of the equation where a function occurs first."""
+        registry, found = self.separation.registry, {}
+        taken = {q.name for q in self.s.inputs}
+        for k in self.symbols:
+            base = f"theta.{registry.functions[k].hint}"
+            numbered = (base if n == 1 else f"{base}.{n}" for n in count(1))
+            found[k] = next(name for name in numbered if name not in taken)
+            taken.add(found[k])
+        return found
+
+    def _argument_names(self, used: Sequence[int]) -> list[str]:
+        """Names of omega that no output has."""
+        taken = {y.name for y in self.s.dae.outputs}
+        found: list[str] = []
+        for a in used:
+            name = self._argument_name(a)
+            while name in taken:
+                name += "_"
+            taken.add(name)
+            found.append(name)
+        return found
+
+    def _argument_name(self, a: int) -> str:
+        """The name of omega: of the signal that it is, or its number."""
+        value = self.separation.registry.arguments[a].value
+        if set(value.linear) == {ONE_KEY} and value.constant is None and not value.terms:
+            form = value.linear[ONE_KEY].form
+            if form.is_symbolic():
+                return f"omega.{form.name()}"
+        return f"omega{a + 1}"
+
+
+def signals_of(s: Structure, form: ThetaForm) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
+    """Inputs and outputs of the relations of a form, with units."""
+    inputs = [Signal(q.name, q.unit) for q in s.inputs]
+    inputs += [Signal(ONE, "1")] if form.one.numel() else []
+    inputs += [Signal(name, "1") for name, _, _ in form.functions]
+    outputs = [Signal(y.name, y.unit) for y in s.dae.outputs]
+    outputs += [Signal(name, "1") for name, _, _ in form.arguments]
+    return tuple(inputs), tuple(outputs)

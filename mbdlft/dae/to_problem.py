@@ -1,0 +1,280 @@
+"""The front end for DAEs: from a structure to the problem that the pipeline solves."""
+
+from contextlib import nullcontext
+from functools import partial
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError, StructureError
+from mbdlft.base.parameter import to_internal
+from mbdlft.base.samples import SEED, check_points
+from mbdlft.base.signal import Signal
+from mbdlft.base.unit import parse_unit
+from mbdlft.dae.points import System, solve
+from mbdlft.dae.separate import Arrange
+from mbdlft.dae.structure import Structure, in_symbols
+from mbdlft.dae.text import formula_of
+from mbdlft.dae.theta_form import ThetaForm, signals_of, theta_form
+from mbdlft.problem.equations import rows_of
+from mbdlft.problem.of_relations import reference_of_relations
+from mbdlft.problem.problem import Form, Nouns, Problem, Stage
+from mbdlft.sx.constants import in_doubles
+from mbdlft.system.theta import ThetaFunction
+
+_SEPARATED = 1e-9  # of the terms of an equation
+_LEAST = 1e-3  # size of terms that errors are relative to at least
+_POINTS, _SEED = 5, 3
+
+
+class Separated(NamedTuple):
+    """A problem, the functions that its linear part leaves open, and a consistent point."""
+
+    problem: Problem
+    functions: tuple[ThetaFunction, ...]
+    has_one: bool
+    initial: tuple[float, ...]
+    zeta: tuple[float, ...]
+    shifted: tuple[str, ...]
+
+
+def problem_of_dae(
+    s: Structure, arrange: Arrange = "fewest", stage: Stage = lambda name: nullcontext()
+) -> Separated:
+    """The linear part of a DAE as a problem, and its nonlinear functions.
+
+    Raises
+    ------
+    NotRationalError, StructureError
+        As `theta_form`; or no consistent point is found.
+    """
+    with stage("separate"):
+        at = consistent_point(s)
+        form = theta_form(s, arrange, at)
+        check_separation(s, form, at)
+        functions = theta_functions(s, form)
+    parameters = s.dae.parameters
+    points = check_points(parameters, SEED)
+    inputs, outputs = signals_of(s, form)
+    n = s.unknown.numel()
+    problem = Problem(
+        nouns=Nouns(
+            "model",
+            s.dae.name,
+            "the equations",
+            "its numbers are so different in size that double precision does not carry them",
+        ),
+        description=s.dae.description,
+        text=s.source.text or text_of(s),
+        states=tuple(Signal(q.name, q.unit) for q in s.states),
+        inputs=inputs,
+        outputs=outputs,
+        parameters=parameters,
+        forms=(Form(form.relations),),
+        points=points,
+        reference=partial(reference_of_relations, form.relations, points, s.owner),
+        fit_error_bound=s.source.fit_error_bound,
+        singular=lambda number, names: (
+            f"the linear part does not determine the unknowns at nominal (condition {number:.0e})."
+        ),
+    )
+    states = tuple(at[n : n + len(s.states)].tolist())
+    zeta = tuple(_Closed(s, form).zeta_at(at[:n], at[n:])[1].tolist())
+    return Separated(problem, functions, bool(form.one.numel()), states, zeta, form.shifted)
+
+
+def consistent_point(s: Structure, p: Array | None = None) -> Array:
+    """Values of [unknowns ; states ; inputs ; p] where the equations hold, nominal parameters by default.
+
+    Variables that are fixed have their start values, and the initial equations hold; the others are near
+    their start values.
+
+    Raises
+    ------
+    StructureError
+        None is found.
+    """
+    quantities = [*s.unknowns, *s.states]
+    start = np.array([q.variable.start or 0.0 if not q.order else 0.0 for q in quantities])
+    sizes = np.array([q.variable.nominal for q in quantities])
+    u = np.array([q.variable.start or 0.0 if not q.order else 0.0 for q in s.inputs])
+    if p is None:
+        nominal = np.array([[parameter.nominal for parameter in s.dae.parameters]])
+        p = in_symbols(s.dae, nominal)[0] if s.dae.parameters else np.zeros(0)
+    held = np.array([q.variable.fixed and not q.order for q in quantities], dtype=bool)
+    symbols = ca.vertcat(s.unknown, s.x)
+    free, fixed = np.flatnonzero(~held).tolist(), np.flatnonzero(held).tolist()
+    places = [*(place for place, _ in s.equations), *(e.place for e in s.dae.initial)]
+    residual = ca.vertcat(s.residual, *(e.residual for e in s.dae.initial))
+    given = ca.vertcat(s.u, s.dae.p, *(symbols[k] for k in fixed))
+    system = System(residual, rows_of(symbols, free), given)
+    found = solve(system, start[free], np.concatenate([u, p, start[fixed]]), sizes[free])
+    if not found.is_solution:
+        worst = int(np.argmax(found.missing))
+        raise StructureError(
+            f"{s.owner}: no consistent initial point was found; equation {places[worst]} is "
+            f"missed by {found.missing[worst]:.1e} of its terms. Give start values near a solution, or "
+            "fix fewer of them."
+        )
+    values = start.copy()
+    values[free] = found.values
+    return np.concatenate([values, u, p])
+
+
+def check_separation(s: Structure, form: ThetaForm, at: Array) -> float:
+    """Largest difference of the relations, closed with the functions, from the equations at points.
+
+    The points are around a consistent one, with random parameters. At each the unknowns of the DAE are
+    taken from a solution of its equations; the relations have to hold there, too.
+
+    Raises
+    ------
+    AnalysisError
+        It is larger than rounding explains.
+    """
+    drawn = np.random.default_rng(_SEED)
+    n, nx = s.unknown.numel(), len(s.states)
+    system = System(s.residual, s.unknown, ca.vertcat(s.x, s.u, s.dae.p))
+    sizes = np.array([q.variable.nominal for q in s.unknowns])
+    relations = _Closed(s, form)
+    worst = 0.0
+    for k in range(_POINTS):
+        given = at[n:].copy()
+        if k:
+            spread = np.array([q.variable.nominal for q in (*s.states, *s.inputs)])
+            given[: len(spread)] += 0.1 * k * spread * drawn.uniform(-1, 1, len(spread))
+            physical = np.array([[drawn.uniform(p.low, p.high) for p in s.dae.parameters]])
+            given[nx + len(s.inputs) :] = in_symbols(s.dae, physical)[0] if physical.size else []
+        found = solve(system, at[:n], given, sizes)
+        if found.is_solution:
+            worst = max(worst, relations.error(found.values, given))
+    if not worst <= _SEPARATED:
+        raise AnalysisError(
+            f"{s.owner}: the Delta-Theta form differs from the equations by {worst:.1e}. This is a bug: "
+            "please report the model."
+        )
+    return worst
+
+
+class _Closed:
+    """Relations with the functions put in, at values of the signals of the DAE."""
+
+    def __init__(self, s: Structure, form: ThetaForm) -> None:
+        self.s = s
+        self.p = form.relations.p
+        m, own = form.relations, {q.element_hash() for q in ca.vertsplit(s.unknown)}
+        self.fresh = [q for q in ca.vertsplit(m.unknown) if q.element_hash() not in own]
+        psi = [expression for _, _, expression in form.arguments]
+        symbols = [symbol for _, symbol, _ in form.arguments]
+        zeta = [expression for _, expression, _ in form.functions]
+        self.free = ca.vertcat(s.unknown, s.x, s.u, m.p)
+        self.zeta, self.symbols = (
+            ca.vertcat(ca.SX(0, 1), *form.zeta),
+            ca.vertcat(ca.SX(0, 1), *symbols),
+        )
+        given = ca.vertcat(self.free, form.one)
+        self.psi = ca.Function(
+            "psi", [given, self.zeta], [ca.densify(in_doubles(ca.vertcat(ca.SX(0, 1), *psi)))]
+        )
+        self.theta = ca.Function(
+            "theta", [self.symbols], [ca.densify(in_doubles(ca.vertcat(ca.SX(0, 1), *zeta)))]
+        )
+        fresh = ca.vertcat(ca.SX(0, 1), *self.fresh)
+        residual, output = in_doubles(m.residual), in_doubles(m.output[: len(s.dae.outputs)])
+        true = in_doubles(ca.vertcat(ca.SX(0, 1), *(y.expression for y in s.dae.outputs)))
+        # rates that have a symbol of their own
+        values = [
+            s.rates[k]
+            for k, q in enumerate(ca.vertsplit(m.unknown)[: m.derivatives])
+            if q.element_hash() not in own
+        ]
+        stacked = ca.vertcat(residual, output - self._of_internal(true))
+        stacked = (
+            ca.substitute(stacked, fresh, ca.vertcat(ca.SX(0, 1), *values))
+            if self.fresh
+            else stacked
+        )
+        arguments = [given, self.zeta]
+        self.residual = ca.Function("relations", arguments, [ca.densify(stacked)])
+        self.slopes = ca.Function(
+            "slopes", arguments, [ca.jacobian(stacked, ca.vertcat(given, self.zeta))]
+        )
+        self.ones = np.ones(form.one.numel())
+
+    def _of_internal(self, expression: ca.SX) -> ca.SX:
+        """An expression with angles in terms of their internal values."""
+        dae, p = self.s.dae, self.p
+        for k, q in enumerate(dae.parameters):
+            if q.is_angle:
+                parts = 2.0 if q.substitution == "half-angle" else 4.0
+                angle = q.reference + parts * ca.atan(p[k])
+                expression = ca.substitute(expression, dae.p[k], angle)
+        return expression
+
+    def zeta_at(self, unknown: Array, given: Array) -> tuple[Array, Array]:
+        """All values that the functions need, and those of the functions."""
+        dae = self.s.dae
+        count = len(given) - len(dae.parameters)
+        internal = []
+        for parameter, value in zip(dae.parameters, given[count:], strict=True):
+            factor = parse_unit(parameter.unit).factor if parameter.is_angle else 1.0
+            internal.append(float(to_internal(parameter, value / factor)))
+        at = np.concatenate([unknown, given[:count], internal, self.ones])
+        zeta = np.zeros(self.zeta.numel())
+        for _ in range(len(zeta) + 1):  # functions of functions
+            after = self.theta(self.psi(at, zeta)).full()[:, 0]
+            if np.array_equal(after, zeta):
+                break
+            zeta = after
+        return at, zeta
+
+    def error(self, unknown: Array, given: Array) -> float:
+        """Largest residual relative to its terms."""
+        at, zeta = self.zeta_at(unknown, given)
+        residual = self.residual(at, zeta).full()[:, 0]
+        J = np.abs(self.slopes(at, zeta).full())
+        scale = np.max(J * np.abs(np.concatenate([at, zeta])), axis=1, initial=0.0)
+        return float(np.max(np.abs(residual) / np.maximum(scale, _LEAST), initial=0.0))
+
+
+def theta_functions(s: Structure, form: ThetaForm) -> tuple[ThetaFunction, ...]:
+    """The functions as texts, with ranges of arguments that are variables."""
+    variables = {q.name: q.variable for q in (*s.states, *s.unknowns, *s.inputs) if not q.order}
+    found = []
+    for name, expression, used in form.functions:
+        arguments = [form.arguments[a] for a in used]
+        names = _identifiers([omega for omega, _, _ in arguments])
+        text = formula_of(expression, [symbol for _, symbol, _ in arguments], names)
+        own = [variables.get(omega.removeprefix("omega.")) for omega, _, _ in arguments]
+        ranges = [(-np.inf, np.inf) if v is None else (v.minimum, v.maximum) for v in own]
+        found.append(
+            ThetaFunction(
+                name,
+                tuple(omega for omega, _, _ in arguments),
+                tuple(names),
+                text,
+                tuple((float(a), float(b)) for a, b in ranges),
+            )
+        )
+    return tuple(found)
+
+
+def _identifiers(names: list[str]) -> list[str]:
+    found: list[str] = []
+    for name in names:
+        plain = "".join(c if c.isalnum() else "_" for c in name.removeprefix("omega.")).strip("_")
+        plain = plain if plain and not plain[0].isdigit() else f"a_{plain}"
+        if name.startswith("omega") and not name.startswith("omega."):
+            plain = f"a{name.removeprefix('omega')}"
+        while plain in found:
+            plain += "_"
+        found.append(plain)
+    return found
+
+
+def text_of(s: Structure) -> str:
+    """The equations as they are, one a line."""
+    lines = [f"{place}: 0 = {in_doubles(residual)}" for place, residual in s.equations]
+    return "\n".join([f"model {s.dae.name}", *lines])

@@ -1,0 +1,280 @@
+"""Equilibria of DAEs that keep parameters: numbers where they do not depend on them, rational otherwise.
+
+All rates are zero. The equations are solved block after block: a block that is linear in its unknowns has
+an exact solution, rational in the parameters; a nonlinear one has numbers if the parameters cancel.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import SceneError, TrimError, unknown_name
+from mbdlft.dae.balance import (
+    POINTS,
+    SAME,
+    Balance,
+    at_points,
+    independent,
+    no_equilibrium,
+    solved_exactly,
+    start_of,
+)
+from mbdlft.dae.operations import column_of
+from mbdlft.dae.points import System, solve
+from mbdlft.dae.structure import Quantity, Structure, parameter_points
+from mbdlft.sx.constants import in_doubles, literal
+
+
+@dataclass(frozen=True, eq=False)
+class DaeTrim:
+    """An equilibrium.
+
+    Attributes
+    ----------
+    structure : Structure
+    values : mapping of names of unknowns, states and inputs to SX of the parameters
+        Numbers where they do not depend on these.
+    nominal : mapping of the same names to floats
+    free : names of inputs that were solved for
+    given : mapping of names to floats or names of parameters
+    """
+
+    structure: Structure
+    values: Mapping[str, ca.SX]
+    nominal: Mapping[str, float]
+    free: tuple[str, ...]
+    given: Mapping[str, float | str]
+
+
+def trim(
+    s: Structure,
+    at: Mapping[str, float | str] | None = None,
+    free: Sequence[str] = (),
+    moving: Sequence[str] = (),
+) -> DaeTrim:
+    """The equilibrium of a structure at given inputs, parameters left in.
+
+    Parameters
+    ----------
+    s : Structure
+    at : mapping of names of inputs, states or other variables to numbers or names of parameters
+        Inputs that are not given have their start values, or 0. A state that the equilibrium does not
+        determine, such as the angle of a free shaft, has its start value, or 0.
+    free : names of inputs that are solved for
+        As many as other variables are given.
+    moving : names of variables that may grow steadily, such as the angle of a shaft that turns
+        No equation may depend on them.
+
+    Raises
+    ------
+    SceneError
+        A name is not known.
+    TrimError
+        There is no equilibrium, or too much is given.
+    NotRationalError
+        The equilibrium is not rational in the parameters; the message says what can be done.
+    """
+    given = _of_aliases(s, dict(at or {}))
+    _check_names(s, given, free)
+    problem = _square(s, *_posed(s, given, free, moving), given)
+    found = solved_exactly(s, problem, at_points(s, problem))
+    values: dict[str, ca.SX] = {q.name: found[q.name] for q in problem.quantities}
+    every = (*s.unknowns, *s.states, *s.inputs)
+    for q in every:
+        if q.name not in values:
+            values[q.name] = ca.SX(0) if _rests(q) else _given_value(s, q, given)
+    if moving:
+        _check_moving(s, moving, values)
+    p = parameter_points(s.dae, 1)[0]
+    stacked = column_of([values[q.name] for q in every])
+    numbers = ca.Function("trim", [s.dae.p], [ca.densify(in_doubles(stacked))])(p).full()[:, 0]
+    nominal = {q.name: float(x) for q, x in zip(every, numbers, strict=True)}
+    for alias in s.aliases:
+        nominal[alias.name] = float(alias.factor) * (nominal[alias.of] if alias.of else 1.0)
+    return DaeTrim(s, values, nominal, tuple(free), given)
+
+
+def _of_aliases(s: Structure, given: Mapping[str, float | str]) -> dict[str, float | str]:
+    """What is given of aliases, as values of the variables that stayed.
+
+    Raises
+    ------
+    SceneError
+        An alias is a number, or has the other sign of what a parameter is given for.
+    """
+    aliases = {a.name: a for a in s.aliases}
+    found: dict[str, float | str] = {}
+    for name, value in given.items():
+        alias = aliases.get(name)
+        if alias is None:
+            found[name] = value
+            continue
+        if alias.of is None or (isinstance(value, str) and alias.factor != 1):
+            raise SceneError(
+                f"{s.owner}, trim: {alias}, which is no free variable. Give another one."
+            )
+        found[alias.of] = value if isinstance(value, str) else value / float(alias.factor)
+    return found
+
+
+def _check_names(s: Structure, given: Mapping[str, Any], free: Sequence[str]) -> None:
+    names = [q.name for q in (*s.unknowns, *s.states, *s.inputs)]
+    inputs = [q.name for q in s.inputs]
+    for name in given:
+        if name not in names:
+            raise SceneError(f"{s.owner}, trim: " + unknown_name("variable", name, names))
+        value = given[name]
+        if isinstance(value, str) and value not in [p.name for p in s.dae.parameters]:
+            known = [p.name for p in s.dae.parameters]
+            raise SceneError(f"{s.owner}, trim, {name}: " + unknown_name("parameter", value, known))
+    for name in free:
+        if name not in inputs:
+            raise SceneError(f"{s.owner}, trim: " + unknown_name("input", name, inputs))
+
+
+def _check_moving(s: Structure, moving: Sequence[str], values: Mapping[str, ca.SX]) -> None:
+    """Nothing changes while these variables move with their rates.
+
+    Raises
+    ------
+    SceneError, TrimError
+        A name is not known; an equation changes.
+    """
+    variables = {v.name: v.symbol for v in s.dae.variables}
+    for name in moving:
+        if name not in variables:
+            raise SceneError(f"{s.owner}, moving: " + unknown_name("variable", name, variables))
+    every = (*s.unknowns, *s.states, *s.inputs)
+    own = column_of([variables[name] for name in moving])
+    rates = column_of([values.get(f"der({name})", ca.SX(0)) for name in moving])
+    changes = ca.jtimes(s.residual, own, rates)
+    symbols = column_of([q.symbol for q in every if q.variable.name not in moving or q.order])
+    at = [values[q.name] for q in every if q.variable.name not in moving or q.order]
+    left = in_doubles(ca.substitute(changes, symbols, column_of(at)))
+    sizes = np.array(
+        [
+            abs(float(x))
+            for x in ca.DM(ca.substitute(in_doubles(rates), s.dae.p, parameter_points(s.dae, 1)[0]))
+            .full()
+            .ravel()
+        ]
+        + [1.0]
+    )
+    function = ca.Function("changes", [own, s.dae.p], [ca.densify(left)])
+    drawn = np.random.default_rng(0)
+    for p in parameter_points(s.dae, POINTS):
+        change = function(drawn.standard_normal(len(moving)), p).full()[:, 0]
+        worst = int(np.argmax(np.abs(change))) if len(change) else 0
+        if len(change) and abs(change[worst]) > SAME * np.max(sizes):
+            raise TrimError(
+                f"{s.owner}: {', '.join(moving)} cannot move in an equilibrium: equation "
+                f"{s.equations[worst][0]} changes."
+            )
+
+
+def _rests(q: Quantity) -> bool:
+    """Whether this is a derivative that is zero at rest; those of inputs are, too."""
+    return q.order > 0
+
+
+def _given_value(s: Structure, q: Quantity, given: Mapping[str, float | str]) -> ca.SX:
+    value = given.get(q.name, (q.variable.start or 0.0) if not q.order else 0.0)
+    if isinstance(value, str):
+        names = [p.name for p in s.dae.parameters]
+        return ca.SX(s.dae.p[names.index(value)])
+    return ca.SX(literal(float(value)))
+
+
+def _posed(
+    s: Structure,
+    given: Mapping[str, float | str],
+    free: Sequence[str],
+    moving: Sequence[str],
+) -> tuple[ca.SX, list[str], list[Quantity]]:
+    """Equations with rates of zero and what is given, and what is unknown in them."""
+    every = (*s.unknowns, *s.states, *s.inputs)
+    inputs = {q.name for q in s.inputs}
+    unknown, old, new = [], [], []
+    for q in every:
+        if _rests(q) and not (q.order == 1 and q.variable.name in moving):
+            old.append(q.symbol)
+            new.append(ca.SX(0))
+        elif q.name in given or (q.name in inputs and q.name not in free):
+            old.append(q.symbol)
+            new.append(_given_value(s, q, given))
+        else:
+            unknown.append(q)
+    residual = ca.substitute(s.residual, column_of(old), column_of(new))
+    places = [place for place, _ in s.equations]
+    return residual, places, unknown
+
+
+def _square(
+    s: Structure,
+    residual: ca.SX,
+    places: list[str],
+    unknown: list[Quantity],
+    given: Mapping[str, float | str],
+) -> Balance:
+    """As many equations as unknowns: what is not determined is held, what holds anyway is left out."""
+    z = column_of([q.symbol for q in unknown])
+    points = parameter_points(s.dae, POINTS)
+    start, sizes = start_of(s, unknown)
+    system = System(residual, z, s.dae.p)
+    at = solve(system, start, points[0], sizes)
+    if not at.is_solution:
+        raise no_equilibrium(s, places, at, given)
+    J = system.jacobian(at.values, points[0]) * sizes
+    rows = np.max(np.abs(J), axis=1, keepdims=True, initial=0.0)
+    J = J / np.where(rows > 0, rows, 1.0)
+    columns = independent(J, _preference(s, unknown))
+    held = [q for k, q in enumerate(unknown) if k not in columns]
+    kept = independent(J[:, columns].T, np.zeros(len(J), dtype=int))
+    if held:
+        old = column_of([q.symbol for q in held])
+        new = column_of([_given_value(s, q, given) for q in held])
+        residual = ca.substitute(residual, old, new)
+    chosen = [q for k, q in enumerate(unknown) if k in columns]
+    problem = Balance(
+        residual[kept] if kept else ca.SX(0, 1),
+        tuple(places[i] for i in kept),
+        tuple(chosen),
+        column_of([q.symbol for q in chosen]),
+    )
+    _check_others(s, problem, residual, places, points, given)
+    return problem
+
+
+def _preference(s: Structure, unknown: Sequence[Quantity]) -> Array:
+    """States are held before other variables are."""
+    states = {q.name for q in s.states}
+    return np.array([1 if q.name in states else 0 for q in unknown], dtype=int)
+
+
+def _check_others(
+    s: Structure,
+    problem: Balance,
+    residual: ca.SX,
+    places: Sequence[str],
+    points: Sequence[Array],
+    given: Mapping[str, float | str],
+) -> None:
+    """The equations that were left out hold as well, at the points.
+
+    Raises
+    ------
+    TrimError
+        One does not.
+    """
+    if problem.residual.numel() == residual.numel():
+        return
+    start, sizes = start_of(s, problem.quantities)
+    system = System(residual, problem.z, s.dae.p)
+    for p in points:
+        at = solve(system, start, p, sizes)
+        if not at.is_solution:
+            raise no_equilibrium(s, places, at, given)

@@ -1,0 +1,162 @@
+"""Models with nonlinear functions of signals left in: the Delta-Theta form. numpy only.
+
+xdot  = A x + B_w w + B_zeta zeta + B_u u           w    = Delta z
+z     = ...                                          zeta = Theta(omega)
+omega = C_omega x + ...
+y     = C_y x + ...
+
+Source: F. Casella, F. Donida, M. Lovera, Automatic generation of LFTs from object-oriented non-linear
+models with uncertain parameters (2009), equations (1)-(6) and (38)-(43).
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError, StructureError, unknown_name
+from mbdlft.base.formula import formula_value
+from mbdlft.base.signal import Signal
+from mbdlft.system.model import LFTModel
+
+ONE = "one"  # the name of the constant input 1
+_OUTSIDE = 1e-9  # of the width of a range: what rounding may leave a value outside
+
+
+@dataclass(frozen=True, slots=True)
+class ThetaFunction:
+    """zeta = text(arguments), a nonlinear function without parameters.
+
+    Attributes
+    ----------
+    name : str
+        Of zeta, an input of the linear part.
+    signals : tuple of str
+        Of omega, outputs of the linear part.
+    arguments : tuple of str
+        The names of these in `text`.
+    text : str
+        A formula, as in `mbdlft.base.formula`.
+    ranges : tuple of (low, high)
+        Of the arguments, where the function may be evaluated; infinite if nothing is known.
+    unit : str
+    """
+
+    name: str
+    signals: tuple[str, ...]
+    arguments: tuple[str, ...]
+    text: str
+    ranges: tuple[tuple[float, float], ...]
+    unit: str = "1"
+
+    def __str__(self) -> str:
+        used = ", ".join(self.arguments)
+        return f"{self.name}({used}) = {self.text}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeltaThetaModel:
+    """A certified linear part, and the nonlinear functions that close it.
+
+    Attributes
+    ----------
+    linear : LFTModel
+        Inputs u, the constant 1 if `has_one`, then zeta; outputs y, then omega.
+    functions : tuple of ThetaFunction
+    has_one : bool
+        Whether the linear part has the constant input ``one``.
+    initial : tuple of float
+        Consistent values of the states at the nominal parameters.
+    zeta_at_start : tuple of float
+        The values of the functions there.
+    """
+
+    linear: LFTModel
+    functions: tuple[ThetaFunction, ...]
+    has_one: bool
+    initial: tuple[float, ...] = ()
+    zeta_at_start: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        inputs = [s.name for s in self.linear.inputs]
+        outputs = {s.name for s in self.linear.outputs}
+        for function in self.functions:
+            if function.name not in inputs:
+                raise StructureError(
+                    f"model {self.linear.name!r}: " + unknown_name("input", function.name, inputs)
+                )
+            for name in function.signals:
+                if name not in outputs:
+                    raise StructureError(
+                        f"model {self.linear.name!r}: " + unknown_name("output", name, outputs)
+                    )
+
+    def __repr__(self) -> str:
+        theta = f"Theta {len(self.functions)} x {len(self.omega)}"
+        return f"<DeltaThetaModel {self.linear!r}; {theta}>"
+
+    @property
+    def name(self) -> str:
+        """That of the linear part."""
+        return self.linear.name
+
+    @property
+    def zeta(self) -> tuple[str, ...]:
+        """Names of the outputs of Theta."""
+        return tuple(function.name for function in self.functions)
+
+    @property
+    def omega(self) -> tuple[str, ...]:
+        """Names of the inputs of Theta, each once."""
+        return tuple(dict.fromkeys(name for f in self.functions for name in f.signals))
+
+    @property
+    def inputs(self) -> tuple[Signal, ...]:
+        """u."""
+        own = {*self.zeta, *([ONE] if self.has_one else [])}
+        return tuple(s for s in self.linear.inputs if s.name not in own)
+
+    @property
+    def outputs(self) -> tuple[Signal, ...]:
+        """y."""
+        return self.linear.outputs[: len(self.linear.outputs) - len(self.omega)]
+
+
+def theta_values(
+    functions: tuple[ThetaFunction, ...], omega: Mapping[str, ArrayLike], *, check: bool = True
+) -> dict[str, Array]:
+    """Values of the functions by their names.
+
+    Parameters
+    ----------
+    functions : tuple of ThetaFunction
+    omega : mapping of names of signals to numbers or arrays
+    check : bool
+        Whether arguments outside of their ranges are an error.
+
+    Raises
+    ------
+    AnalysisError
+        An argument is outside of its range, and `check` is true.
+    """
+    found = {}
+    for f in functions:
+        values = {}
+        for signal, argument, (low, high) in zip(f.signals, f.arguments, f.ranges, strict=True):
+            if signal not in omega:
+                raise StructureError(f"{f.name}: " + unknown_name("signal", signal, omega))
+            value = np.asarray(omega[signal], dtype=float)
+            finite = high - low if math.isfinite(high - low) else 0.0
+            margin = _OUTSIDE * (finite + max(abs(x) for x in (low, high, 0.0) if math.isfinite(x)))
+            if check and (np.any(value < low - margin) or np.any(value > high + margin)):
+                worst = float(np.ravel(value)[np.argmax(np.abs(np.ravel(value)))])
+                raise AnalysisError(
+                    f"function {f.name!r} is evaluated at {signal} = {worst:g}, outside of its range "
+                    f"[{low:g}, {high:g}]. Widen the range of the variable, or keep the signal inside."
+                )
+            values[argument] = value
+        found[f.name] = np.asarray(formula_value(f.text, values), dtype=float)
+    return found

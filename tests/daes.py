@@ -1,0 +1,215 @@
+"""Differential-algebraic models for tests: the source's examples, machines, a random generator."""
+
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from benchmarks.cases.mass_chain import chain as chain
+from mbdlft.base import Parameter
+from mbdlft.dae import Dae, DaeDraft
+from mbdlft.sx.constants import in_doubles
+
+GRAVITY = 9.81
+
+
+def example_1() -> Dae:
+    """Casella, Donida, Lovera (2009), section 5.1."""
+    d = DaeDraft("example_1")
+    p1 = d.parameter(Parameter("p1", 2.0, 1.0, 3.0, unit="s"))
+    p2 = d.parameter(Parameter("p2", 4.0, 3.0, 5.0))
+    u, x, filtered = d.input("u"), d.variable("G.x"), d.variable("G.y")
+    gained, sine, y = d.variable("k1.y"), d.variable("sine.y"), d.variable("y")
+    d.equation(p1 * d.der(x) + x, "G", equals=u)
+    d.equation(filtered, "G.y", equals=4 * x)
+    d.equation(gained, "k1", equals=p2 * filtered)
+    d.equation(sine, "sine", equals=ca.sin(gained))
+    d.equation(y, "k2", equals=sine / p2)
+    d.output("y")
+    return d.dae()
+
+
+def example_2() -> Dae:
+    """The same, section 5.2: two inertias and a nonlinear spring, with flanges."""
+    d = DaeDraft("example_2")
+    tau = d.input("tau", "N m")
+    J = {
+        "J1": d.parameter(Parameter("p1", 12.5, 10.0, 15.0, unit="kg m^2")),
+        "J2": d.parameter(Parameter("p2", 3.0, 2.0, 4.0, unit="kg m^2")),
+    }
+    flange: dict[str, Any] = {}
+    for name, inertia in J.items():
+        phi, w = d.variable(f"{name}.phi", "rad"), d.variable(f"{name}.w", "rad/s")
+        a = d.variable(f"{name}.a", "rad/s^2")
+        for side in "ab":
+            flange[name, side] = (
+                d.variable(f"{name}.flange_{side}.phi", "rad"),
+                d.variable(f"{name}.flange_{side}.tau", "N m"),
+            )
+            d.equation(flange[name, side][0], equals=phi)
+        d.equation(w, equals=d.der(phi))
+        d.equation(a, equals=d.der(w))
+        d.equation(inertia * a, equals=flange[name, "a"][1] + flange[name, "b"][1])
+    (phi_a, tau_a), (phi_b, tau_b) = flange["J1", "b"], flange["J2", "a"]
+    linear, alpha = d.variable("spring.tau_l", "N m"), d.variable("spring.alpha")
+    spring = d.variable("spring.tau", "N m")
+    d.equation(linear, "linear", equals=-100 * (phi_a - phi_b))
+    d.equation(alpha, "alpha", equals=(phi_a - phi_b) ** 2 / d.number(0.25))
+    d.equation(spring, "spring", equals=linear * (1 + alpha))
+    d.equation(tau_a, equals=spring)
+    d.equation(tau_b, equals=-spring)
+    d.equation(flange["J1", "a"][1], equals=tau)
+    d.equation(flange["J2", "b"][1], equals=0)
+    d.output("phi", d.variable("sensor.phi", "rad"), "rad")
+    d.equation(ca.SX(flange["J2", "b"][0]), equals=_symbol(d, "sensor.phi"))
+    return d.dae()
+
+
+def _symbol(d: DaeDraft, name: str) -> ca.SX:
+    return d._variables[name].symbol
+
+
+def pendulum(side: float = 0.0) -> Dae:
+    """A point mass on a rod in Cartesian coordinates: index 3."""
+    d = DaeDraft("pendulum")
+    L = d.parameter(Parameter("L", 1.5, percent=20, unit="m"))
+    m = d.parameter(Parameter("m", 2.0, percent=20, unit="kg"))
+    x, y = d.variable("x", "m", start=side), d.variable("y", "m", start=-1.5)
+    vx, vy = d.variable("vx", "m/s"), d.variable("vy", "m/s")
+    F, f = d.variable("F", "N"), d.input("f", "N")
+    d.equation(d.der(x), "x", equals=vx)
+    d.equation(d.der(y), "y", equals=vy)
+    d.equation(m * d.der(vx), "across", equals=-x / L * F + f)
+    d.equation(m * d.der(vy), "down", equals=-y / L * F - m * d.number(GRAVITY))
+    d.equation(x * x + y * y, "length", equals=L * L)
+    d.output("x")
+    return d.dae()
+
+
+def coupled_inertias() -> Dae:
+    """Two rigidly coupled inertias: index 3."""
+    d = DaeDraft("coupled")
+    J1 = d.parameter(Parameter("J1", 1.0, percent=30, unit="kg m^2"))
+    J2 = d.parameter(Parameter("J2", 2.0, percent=30, unit="kg m^2"))
+    tau, t = d.input("tau", "N m"), d.variable("t", "N m")
+    phi1, phi2 = d.variable("phi1", "rad"), d.variable("phi2", "rad")
+    w1, w2 = d.variable("w1", "rad/s"), d.variable("w2", "rad/s")
+    d.equation(d.der(phi1), equals=w1)
+    d.equation(d.der(phi2), equals=w2)
+    d.equation(J1 * d.der(w1), equals=tau - t)
+    d.equation(J2 * d.der(w2), equals=t)
+    d.equation(phi1, "gear", equals=3 * phi2)
+    d.output("w2")
+    return d.dae()
+
+
+def servo() -> Dae:
+    """A DC motor with a gear, a shaft that twists, friction, a load, and a limited voltage."""
+    d = DaeDraft("servo")
+    R = d.parameter(Parameter("R", 0.5, percent=20, unit="Ohm"))
+    J = d.parameter(Parameter("J", 0.02, percent=50, unit="kg m^2"))
+    k = d.parameter(Parameter("k", 40.0, percent=20, unit="N m/rad"))
+    demand, v = d.input("demand", "V"), d.variable("v", "V")
+    i, tau = d.variable("i", "A"), d.variable("tau", "N m")
+    w, wl = d.variable("w", "rad/s"), d.variable("wl", "rad/s")
+    twist, friction = d.variable("twist", "rad"), d.variable("friction", "N m")
+    K, L, Jm, ratio = d.number(0.05), d.number(0.001), d.number(1e-4), 10
+    d.equation(v, "limit", equals=ca.fmin(ca.fmax(demand, -12), 12))
+    d.equation(L * d.der(i), "winding", equals=v - R * i - K * w)
+    d.equation(Jm * d.der(w), "rotor", equals=K * i - tau / ratio)
+    d.equation(d.der(twist), "shaft", equals=w / ratio - wl)
+    d.equation(tau, "spring", equals=k * twist)
+    d.equation(J * d.der(wl), "load", equals=tau - friction)
+    d.equation(friction, "friction", equals=d.number(0.2) * ca.tanh(wl / d.number(0.1)))
+    d.output("wl")
+    return d.dae()
+
+
+class Known(NamedTuple):
+    """A DAE cut from an explicit system, and that system's A, B, C as functions of the parameters."""
+
+    dae: Dae
+    states: tuple[str, ...]
+    index: int
+    matrices: ca.Function
+
+
+def random_dae(seed: int) -> Known:
+    """An explicit system with an equilibrium at zero, hidden in a DAE of index seed modulo 4."""
+    return _Random(seed).made()
+
+
+class _Random:
+    def __init__(self, seed: int) -> None:
+        self.r, self.index = np.random.default_rng(seed), seed % 4
+        self.d = DaeDraft(f"random{seed}")
+        self.n = int(self.r.integers(1, 5))
+        count = int(self.r.integers(1, 4))
+        self.p = [
+            self.d.parameter(
+                Parameter(
+                    f"p{k}", float(self.r.integers(1, 5)), percent=float(self.r.integers(5, 30))
+                )
+            )
+            for k in range(count)
+        ]
+        self.u = self.d.input("u")
+        self.x = [self.d.variable(f"x{k}") for k in range(self.n)]
+
+    def number(self) -> ca.SX:
+        return self.d.number(round(float(self.r.uniform(-2, 2)), 2) or 1.0)
+
+    def coefficient(self) -> ca.SX:
+        p, q = (self.p[int(k)] for k in self.r.integers(len(self.p), size=2))
+        return [p, 1 / p, p * q, p / q + 1][int(self.r.integers(4))]
+
+    def nonlinear(self, of: list[ca.SX]) -> ca.SX:
+        a, b = (of[int(k)] for k in self.r.integers(len(of), size=2))
+        functions = [ca.sin(a) * b, a * a * b, ca.tanh(a), ca.exp(a) - 1, a * b, a**3]
+        return [*functions, ca.sqrt(1 + a * a) - 1][int(self.r.integers(7))]
+
+    def right_side(self) -> ca.SX:
+        terms = [
+            self.number() * x * (self.coefficient() if self.r.random() < 0.5 else 1) for x in self.x
+        ]
+        factor = self.coefficient() if self.r.random() < 0.5 else 1
+        return sum(terms, self.number() * self.u) + factor * self.nonlinear(self.x)
+
+    def made(self) -> Known:
+        d, x = self.d, self.x
+        f = [self.right_side() for _ in x]
+        y = x[0] + self.number() * x[-1]
+        states = [f"x{k}" for k in range(self.n)]
+        left = [d.der(v) for v in x]
+        if self.index == 1:
+            left = [d.variable(f"z{k}") for k in range(self.n)]
+            for k in range(self.n):
+                d.equation(left[k], f"z{k}", equals=d.der(x[k]))
+        mixed = [self.number() if k and self.index < 2 else 0 for k in range(self.n)]
+        for k in range(self.n):
+            more = (mixed[k] * left[k - 1], mixed[k] * f[k - 1]) if k else (0, 0)
+            d.equation(left[k] + more[0], f"e{k}", equals=f[k] + more[1])
+        if self.index > 1:
+            states += self.constrained()
+        d.output("y", y)
+        dae = d.dae()
+        X, right, out = ca.vertcat(*x), in_doubles(ca.vertcat(*f)), in_doubles(y)
+        slopes = [ca.jacobian(right, X), ca.jacobian(right, self.u), ca.jacobian(out, X)]
+        at = [ca.substitute(s, ca.vertcat(X, self.u), ca.SX.zeros(self.n + 1)) for s in slopes]
+        symbols = ca.vertcat(*self.p)
+        return Known(dae, tuple(states), self.index, ca.Function("known", [symbols], at))
+
+    def constrained(self) -> list[str]:
+        """A variable that follows from others, and the force that makes it do so."""
+        d, w, force = self.d, self.d.variable("w"), self.d.variable("force")
+        acting = self.coefficient() * force + self.nonlinear(self.x)
+        if self.index == 2:
+            d.equation(d.der(w), "moved", equals=acting)
+            d.equation(w, "constraint", equals=self.number() * self.x[0] + self.nonlinear(self.x))
+            return []
+        v, position = d.variable("v"), d.variable("position")
+        d.equation(d.der(position), "position", equals=self.x[0])
+        d.equation(d.der(w), "rate", equals=v)
+        d.equation(d.der(v), "moved", equals=acting)
+        d.equation(w, "constraint", equals=self.number() * position + self.nonlinear([position]))
+        return ["position"]

@@ -1,0 +1,272 @@
+"""Bad differential-algebraic models: each is refused by class, and by the names of what is wrong."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft.analyze import sector_bounds
+from mbdlft.base import Angle, Parameter
+from mbdlft.base.errors import (
+    AnalysisError,
+    NotRationalError,
+    SceneError,
+    StructureError,
+    TrimError,
+)
+from mbdlft.base.formula import formula_value
+from mbdlft.dae import DaeDraft, from_casadi, reduce_index, simulate, trim
+from mbdlft.pipeline import delta_theta, linearize_dae
+from mbdlft.system import ThetaFunction
+from tests.daes import example_1, example_2, pendulum
+
+
+def _draft(*names: str) -> tuple[DaeDraft, list[ca.SX]]:
+    d = DaeDraft("bad")
+    return d, [d.variable(name) for name in names]
+
+
+def test_numerically_singular_is_named_not_solved() -> None:
+    d, (a, b, x) = _draft("a", "b", "x")
+    d.equation(a + b, "one", equals=1)
+    d.equation(2 * a + 2 * b, "two", equals=2)
+    d.equation(d.der(x), "three", equals=a)
+    with pytest.raises(StructureError, match=r"whatever the parameters are.*'one', 'two'.*a, b"):
+        reduce_index(d.dae())
+
+
+def test_singular_for_all_parameters_with_irrational_numbers() -> None:
+    d, (a, b) = _draft("a", "b")
+    p = d.parameter(Parameter("p", 2.0, percent=10))
+    root = ca.SX(mbdlft.sx.constants.root(2.0))
+    d.equation(root * a + p * b, "one", equals=1)
+    d.equation(2 * a + root * p * b, "two", equals=2)
+    with pytest.raises(StructureError, match="'one', 'two' depend on each other"):
+        reduce_index(d.dae())
+    # nearly the same is something else
+    d, (a, b) = _draft("a", "b")
+    d.equation(a + b, equals=1)
+    d.equation(a + d.number(1.000000000000001) * b, equals=2)
+    assert len(reduce_index(d.dae()).unknowns) == 2
+
+
+def test_structurally_singular_is_named() -> None:
+    d, (a, b, c) = _draft("a", "b", "c")
+    d.equation(a * a, "first", equals=1)
+    d.equation(ca.sin(a), "second", equals=0)
+    d.equation(b + c * a, "third", equals=0)
+    with pytest.raises(
+        StructureError, match=r"b, c are in too few.*'third'.*'first', 'second' are too many for a"
+    ):
+        reduce_index(d.dae())
+
+
+def test_numbers_of_equations_and_unknowns_differ() -> None:
+    d, (a, b) = _draft("a", "b")
+    d.equation(a * b, "only", equals=1)
+    with pytest.raises(StructureError, match="1 equations for 2 unknowns"):
+        reduce_index(d.dae())
+
+
+def test_aliases_that_contradict_each_other() -> None:
+    d, (a, b) = _draft("a", "b")
+    d.equation(a, "one", equals=b)
+    d.equation(a, "again", equals=b)
+    with pytest.raises(StructureError, match=r"'again' says what others say already of a, b"):
+        reduce_index(d.dae())
+    d, (a, b) = _draft("a", "b")
+    d.equation(a, "one", equals=1)
+    d.equation(a, "other", equals=2)
+    with pytest.raises(StructureError, match="'other' contradicts"):
+        reduce_index(d.dae())
+
+
+def test_derivatives_of_inputs() -> None:
+    d, (x, F) = _draft("x", "F")
+    v, u = d.variable("v"), d.input("u")
+    d.equation(d.der(x), equals=v)
+    d.equation(d.der(v), equals=F)
+    d.equation(x, equals=2 * u)
+    with pytest.raises(StructureError, match=r"der\(u\), der\(u, 2\)"):
+        reduce_index(d.dae())
+    d, (x,) = _draft("x")
+    y, u = d.variable("y"), d.input("u")
+    d.equation(x, equals=u)
+    d.equation(d.der(x), equals=-y)
+    with pytest.raises(StructureError, match=r"x is the input u"):
+        reduce_index(d.dae())
+
+
+def test_no_consistent_initial_point() -> None:
+    d, (x, y) = _draft("x", "y")
+    d.equation(d.der(x), "rate", equals=y)
+    d.equation(x * x + y * y + y, "circle", equals=-2)
+    with pytest.raises(StructureError, match=r"no consistent initial point.*'circle'"):
+        delta_theta(d.dae())
+
+
+def test_initial_values_that_contradict_equations() -> None:
+    d = DaeDraft("initial")
+    x, y = d.variable("x", start=2.0, fixed=True), d.variable("y", start=5.0, fixed=True)
+    d.equation(d.der(x), equals=-y)
+    d.equation(y, "square", equals=x * x)
+    with pytest.raises(StructureError, match=r"no consistent initial point.*'square'.*fix fewer"):
+        simulate(d.dae(), [0.0, 1.0])
+
+
+def test_states_that_cannot_be() -> None:
+    with pytest.raises(StructureError, match="cannot be a state"):
+        reduce_index(pendulum(0.6), states=["x", "y"])
+    with pytest.raises(SceneError, match="unknown variable 'z'"):
+        reduce_index(pendulum(0.6), states=["z"])
+
+
+def test_units_that_do_not_fit() -> None:
+    d = DaeDraft("units")
+    x, F = d.variable("x", "m"), d.variable("F", "N")
+    d.equation(d.der(x), "rate", equals=x)
+    with pytest.raises(SceneError, match=r"equation 'rate': m s\^-1 and m are added"):
+        reduce_index(d.dae())
+    d = DaeDraft("units")
+    x, F = d.variable("x", "m"), d.variable("F", "N")
+    d.equation(F, "law", equals=3 * ca.sin(x))
+    d.equation(d.der(x), "rate", equals=1)
+    with pytest.raises(SceneError, match="a function of a value in m"):
+        reduce_index(d.dae())
+    d = DaeDraft("units")
+    x = d.variable("x", "m")
+    d.equation(d.der(x), "rate", equals=1)
+    d.output("y", x, "kg")
+    with pytest.raises(SceneError, match="output 'y': m and kg"):
+        reduce_index(d.dae())
+
+
+def test_coefficients_that_are_not_rational() -> None:
+    d, (x,) = _draft("x")
+    p = d.parameter(Parameter("p", 2.0, percent=10))
+    u = d.input("u")
+    d.equation(d.der(x), "rate", equals=u - ca.exp(p) * x)
+    d.output("x")
+    with pytest.raises(NotRationalError, match=r"'rate'.*parameters p.*own.*exact; or.*guaranteed"):
+        delta_theta(d.dae())
+    d, (x,) = _draft("x")
+    theta = d.parameter(Angle("theta", 30.0, plus=10.0))
+    d.equation(d.der(x), "rate", equals=-theta * x)
+    d.output("x")
+    with pytest.raises(NotRationalError, match="angle 'theta' stands outside of sin and cos"):
+        delta_theta(d.dae())
+
+
+def test_equilibria() -> None:
+    d, (x,) = _draft("x")
+    p = d.parameter(Parameter("p", 0.5, percent=10))
+    u = d.input("u")
+    d.equation(d.der(x), "rate", equals=u + p - ca.sin(x))
+    d.output("x")
+    with pytest.raises(NotRationalError, match=r"x depend on the parameters.*'rate'"):
+        linearize_dae(d.dae())
+    with pytest.raises(TrimError, match=r"no equilibrium.*u = 3.*'rate'"):
+        linearize_dae(d.dae(), {"u": 3.0})
+    with pytest.raises(SceneError, match="unknown variable 'v'"):
+        linearize_dae(d.dae(), {"v": 3.0})
+    with pytest.raises(SceneError, match="unknown input 'x'"):
+        linearize_dae(d.dae(), free=["x"])
+    d, (x, v) = _draft("x", "v")
+    d.equation(d.der(x), "turning", equals=v)
+    d.equation(d.der(v), "pulled", equals=1 - v - ca.sin(x))
+    with pytest.raises(TrimError, match="cannot move in an equilibrium: equation 'pulled' changes"):
+        trim(reduce_index(d.dae()), {"v": 0.5}, moving=["x"])
+
+
+def test_functions_outside_of_their_ranges() -> None:
+    d = DaeDraft("limited")
+    x, u = d.variable("x", minimum=-1.0, maximum=1.0), d.input("u")
+    d.equation(d.der(x), equals=u - ca.sin(x))
+    d.output("x")
+    model = delta_theta(d.dae())
+    with pytest.raises(AnalysisError, match=r"outside of its range \[-1, 1\]"):
+        mbdlft.theta_values(model.functions, {"omega.x": 1.5})
+    with pytest.raises(AnalysisError, match="outside of its range"):
+        simulate(model, np.linspace(0, 5, 6), inputs={"u": 2.0})
+    with pytest.raises(AnalysisError, match="is not inside that of the function"):
+        sector_bounds(model.functions[0], -2.0, 1.0)
+
+
+def test_sectors_of_other_functions() -> None:
+    model = delta_theta(example_2(), "blocks")
+    with pytest.raises(AnalysisError, match="has 2 arguments"):
+        sector_bounds(model.functions[0], -1.0, 1.0)
+    with pytest.raises(AnalysisError, match="is not finite"):
+        sector_bounds(delta_theta(example_2()).functions[0])
+
+
+def test_a_function_without_a_sector_has_none() -> None:
+    free = ((-np.inf, np.inf),)
+    cosine = sector_bounds(ThetaFunction("f", ("s",), ("a",), "cos(a)", free), -1.0, 1.0)
+    assert cosine.sector == (-np.inf, np.inf)
+    jump = sector_bounds(ThetaFunction("f", ("s",), ("a",), "where(a > 0.5, 1, 0)", free), -1, 1)
+    assert jump.slope == (-np.inf, np.inf)
+    assert jump.values == (0.0, 1.0)
+
+
+def test_simulations() -> None:
+    for times in ([0.0], [0.0, 0.0], [1.0, 0.0]):
+        with pytest.raises(SceneError, match="increasing"):
+            simulate(example_1(), times)
+    at = [0.0, 1.0]
+    for given in ({"inputs": {"v": 0.0}}, {"parameters": {"q": 1.0}}, {"initial": {"z": 0.0}}):
+        with pytest.raises(SceneError, match="unknown"):
+            simulate(example_1(), at, **given)  # type: ignore[arg-type]
+    with pytest.raises(SceneError, match="has shape"):
+        simulate(example_1(), at, inputs={"u": [1.0, 2.0, 3.0]})
+    with pytest.raises(AnalysisError, match="no consistent initial values"):
+        simulate(pendulum(0.6), at, initial={"x": 5.0})
+
+
+def test_descriptions() -> None:
+    d, (x,) = _draft("x")
+    with pytest.raises(SceneError, match="'x' is declared twice"):
+        d.variable("x")
+    with pytest.raises(SceneError, match="unknown variable 'u'"):
+        d.der(d.input("u"))
+    d.equation(x + ca.SX.sym("stranger"), "odd")
+    with pytest.raises(SceneError, match="unknown symbol 'stranger'"):
+        d.dae()
+    for fields in ({"nominal": 0.0}, {"minimum": 2.0, "maximum": 1.0}, {"start": np.nan}):
+        d, _ = _draft("x")
+        d.variable("y", **fields)
+        with pytest.raises(SceneError, match="'y'"):
+            d.dae()
+    d, _ = _draft("x")
+    d.variable("y", "parsec")
+    with pytest.raises(SceneError, match="parsec"):
+        d.dae()
+
+
+def test_builders() -> None:
+    b = ca.DaeBuilder("b")
+    x = b.add("x")
+    b.eq(b.der(x), -x)
+    with pytest.raises(SceneError, match="unknown parameter 'p'"):
+        from_casadi(b, [Parameter("p", 1.0, percent=10)])
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("__import__('os')", "is not allowed"),
+        ("a.real", "is not allowed"),
+        ("[a]", "is not allowed"),
+        ("a if a else a", "is not allowed"),
+        ("eval(a)", "unknown function 'eval'"),
+        ("b", "unknown name 'b'"),
+        ("a +", "cannot be read"),
+        ("r = a", "the last part is its value"),
+        ("import os; a", "expected parts"),
+        ("'a'", "is not allowed"),
+        ("a @ a", "is not allowed"),
+    ],
+)
+def test_formulas_are_parsed_not_run(text: str, match: str) -> None:
+    with pytest.raises(SceneError, match=match):
+        formula_value(text, {"a": 1.0})

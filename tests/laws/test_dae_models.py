@@ -1,0 +1,300 @@
+"""Laws of Delta-Theta forms, equilibria and sectors."""
+
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft.analyze import sector_bounds
+from mbdlft.base import Angle, Parameter
+from mbdlft.base.formula import NUMPY, formula_value
+from mbdlft.dae import Dae, DaeDraft, evaluate_form, formula_function, reduce_index, simulate, trim
+from mbdlft.dae.separate import Arrange
+from mbdlft.pipeline import delta_theta, linearize_dae
+from mbdlft.system import DeltaThetaModel, ThetaFunction
+from tests.close import CLOSED_FORM, CROSS, SIMULATED, exact, target
+from tests.daes import chain, coupled_inertias, example_1, example_2, pendulum, servo
+
+TIMES = np.linspace(0.0, 1.0, 11)
+CASES = {
+    "example_1": (example_1, {"u": np.cos(TIMES)}, {}),
+    "example_2": (example_2, {"tau": 50 * np.sin(TIMES)}, {"J1.phi": 0.3}),
+    "pendulum": (pendulum, {"f": 2.0}, {"x": 0.3}),
+    "coupled": (coupled_inertias, {"tau": np.sin(TIMES)}, {}),
+    "servo": (servo, {"demand": 15.0 * np.sign(0.5 - TIMES)}, {"wl": 1.0}),
+}
+
+
+def _agree(case: str, arrange: Arrange, count: int) -> None:
+    make, inputs, initial = CASES[case]
+    s = reduce_index(make())
+    model = delta_theta(s, arrange, search=0.0, prove=0.0)
+    drawn = np.random.default_rng(1)
+    for _ in range(count):
+        p = {q.name: float(drawn.uniform(q.low, q.high)) for q in s.dae.parameters}
+        given = {"inputs": inputs, "parameters": p, "initial": initial}
+        a, b = simulate(s, TIMES, **given), simulate(model, TIMES, **given)  # type: ignore[arg-type]
+        assert a.state_names == b.state_names
+        for k in range(a.states.shape[1]):
+            target(b.states[:, k], a.states[:, k], SIMULATED)
+        target(b.outputs, a.outputs, SIMULATED)
+        assert np.max(np.abs(a.outputs)) > 0
+
+
+@pytest.mark.parametrize("arrange", ["fewest", "blocks"])
+@pytest.mark.parametrize("case", CASES)
+def test_simulations_agree(case: str, arrange: Arrange) -> None:
+    _agree(case, arrange, 2)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("arrange", ["fewest", "blocks"])
+@pytest.mark.parametrize("case", CASES)
+def test_a_hundred_simulations_agree(case: str, arrange: Arrange) -> None:
+    _agree(case, arrange, 100)
+
+
+def test_initial_values_that_are_fixed_and_initial_equations() -> None:
+    d = DaeDraft("initial")
+    x, y, v = d.variable("x", start=2.0, fixed=True), d.variable("y", start=5.0), d.variable("v")
+    d.equation(d.der(x), equals=v)
+    d.equation(d.der(y), equals=x - y)
+    d.equation(v, equals=-x * y)
+    d.initially(d.der(y), equals=1)
+    d.output("y")
+    s = simulate(d.dae(), [0.0, 1e-3])
+    target(s.states[0], [2.0, 1.0], CLOSED_FORM)
+
+
+def test_values_of_a_form() -> None:
+    given = ({"J1.phi": 0.4, "J2.w": 2.0}, {"tau": 7.0}, {"p1": 11.0, "p2": 2.5})
+    for arrange in ("fewest", "blocks"):
+        rates, outputs = evaluate_form(delta_theta(example_2(), arrange), *given)  # type: ignore[arg-type]
+        torque = 100 * 0.4 * (1 + 0.4**2 / 0.25)
+        expected = {"J1.phi": 0, "J1.w": (7 - torque) / 11, "J2.phi": 2, "J2.w": torque / 2.5}
+        target([rates[name] for name in expected], list(expected.values()), CLOSED_FORM)
+        assert set(outputs) == {"phi"}
+
+
+def test_values_are_given_for_aliases() -> None:
+    d = DaeDraft("alias")
+    x, y, u = d.variable("x"), d.variable("y"), d.input("u")
+    d.equation(d.der(x), equals=u - 2 * x)
+    d.equation(y, equals=-x)
+    d.output("y")
+    at = trim(reduce_index(d.dae()), {"y": 3.0}, free=["u"])
+    assert at.nominal["u"] == -6.0
+    assert at.nominal["y"] == 3.0
+
+
+def test_simulation_against_a_closed_form() -> None:
+    s = simulate(example_1(), TIMES, inputs={"u": 1.0}, parameters={"p1": 1.6, "p2": 3.5})
+    x = 1 - np.exp(-TIMES / 1.6)
+    target(s.states[:, 0], x, SIMULATED)
+    target(s.outputs[:, 0], np.sin(4 * 3.5 * x) / 3.5, SIMULATED)
+
+
+def test_a_pendulum_keeps_its_length_and_energy() -> None:
+    s = simulate(reduce_index(pendulum(0.9)), TIMES, initial={"x": 0.9, "vx": 0.0})
+    x, vx = s.states.T
+    y = -np.sqrt(1.5**2 - x**2)
+    energy = 0.5 * vx**2 * (1 + (x / y) ** 2) + 9.81 * y
+    target(energy, np.full(len(x), energy[0]), SIMULATED)
+
+
+def test_equal_functions_are_shared_and_parameters_taken_out() -> None:
+    d = DaeDraft("shared")
+    p = d.parameter(Parameter("p", 2.0, percent=20))
+    x, y, u = d.variable("x"), d.variable("y"), d.input("u")
+    d.equation(d.der(x), equals=u - ca.sin(p * x + y) * p)
+    d.equation(d.der(y), equals=-3 * y - ca.sin(p * x + y) / p + ca.sin(2 * p * x + 2 * y) * x)
+    d.output("x")
+    model = delta_theta(d.dae())
+    texts = sorted(f.text for f in model.functions)
+    assert texts == ["sin(2*a1)*x", "sin(a1)"]
+    assert len(model.omega) == 2
+    A, B, C, D = mbdlft.matrices_at(model.linear, {"p": 2.2})
+    argument = [s.name for s in model.linear.outputs].index("omega1")
+    target(C[argument], [2.2, 1.0], CLOSED_FORM)
+    assert not np.any(D[argument])
+    assert np.count_nonzero(A) == 1
+    assert B.shape == (2, 3)
+
+
+def test_coefficients_of_divisors_are_divided_by() -> None:
+    d = DaeDraft("divisors")
+    p = d.parameter(Parameter("p", 2.0, percent=20))
+    x, y = d.variable("x"), d.variable("y")
+    d.equation(d.der(x), equals=-x / (p * ca.exp(y)))
+    d.equation(d.der(y), equals=-3 * y)
+    d.output("x")
+    model = delta_theta(d.dae())
+    assert dict(model.linear.lft.blocks) == {"p": 1}
+    values = np.array([1.7, 2.0, 2.3])
+    target(mbdlft.matrices_at(model.linear, {"p": values}).B[:, 0, 0], -1 / values, CLOSED_FORM)
+
+
+def test_arguments_that_depend_on_each_other_are_not_counted_twice() -> None:
+    d = DaeDraft("dependent")
+    x, y = d.variable("x"), d.variable("y")
+    d.equation(d.der(x), equals=-x + (x + y) * (x - y) * ca.sin(2 * x))
+    d.equation(d.der(y), equals=-y)
+    d.output("x")
+    model = delta_theta(d.dae())
+    assert (len(model.functions), len(model.omega)) == (1, 2)
+
+
+def test_archives_keep_functions(tmp_path: Path) -> None:
+    for make in (example_2, servo, pendulum):
+        model = delta_theta(make(), search=0.0)
+        mbdlft.save(tmp_path / "a.h5", model)
+        again = mbdlft.load(tmp_path / "a.h5", model.name)
+        assert isinstance(again, DeltaThetaModel)
+        assert again.functions == model.functions
+        assert again.has_one == model.has_one
+        exact(again.initial, model.initial)
+        exact(again.zeta_at_start, model.zeta_at_start)
+        exact(again.linear.lft.M22, model.linear.lft.M22)
+        assert again.linear.certificate == model.linear.certificate
+
+
+def test_texts_are_their_functions() -> None:
+    texts = {
+        "sin(a)*b - a/(b**2 + 1)": lambda a, b: np.sin(a) * b - a / (b**2 + 1),
+        "t = a - b; where(t > 0, t, -2*t)": lambda a, b: np.where(a > b, a - b, 2 * (b - a)),
+        "min(max(a, -0.5), 0.5) + abs(b)": lambda a, b: np.clip(a, -0.5, 0.5) + np.abs(b),
+        "-a**2 - (a - (b - a))": lambda a, b: -(a**2) - (a - (b - a)),
+    }
+    points = np.random.default_rng(0).uniform(-2, 2, (2, 50))
+    for text, function in texts.items():
+        expected = function(*points)
+        target(formula_value(text, dict(zip("ab", points, strict=True))), expected, CLOSED_FORM)
+        symbolic = formula_function("f", ["a", "b"], text)
+        target(np.array(symbolic(*points)).ravel(), expected, CLOSED_FORM)
+
+
+def test_functions_of_sx_become_texts() -> None:
+    from mbdlft.dae.text import formula_of
+
+    a, b = ca.SX.sym("a"), ca.SX.sym("b")
+    shared = ca.sin(a * b + 1) * ca.exp(-a)
+    for expression in (
+        shared / (1 + shared) - a / (b - a) / 3,
+        ca.if_else(a > b, a - (b - 1), -a) * 2,
+        -(a**3) + ca.fmin(a, b) ** 2 - ca.sqrt(1 + a * a),
+        a / (b * (a / (b + 1))),
+        (a + b) ** 4,
+    ):
+        text = formula_of(expression, [a, b], ["a", "b"])
+        points = np.random.default_rng(0).uniform(0.5, 2, (2, 20))
+        expected = np.array(ca.Function("f", [a, b], [expression])(*points)).ravel()
+        found = formula_value(text, dict(zip("ab", points, strict=True)), NUMPY)
+        target(found, expected, CLOSED_FORM)
+
+
+FUNCTIONS = {
+    "sin(a)": (-3.0, 3.0),
+    "a*(4*a**2 + 1)": (-0.5, 0.5),
+    "tanh(a/0.1)": (-1.0, 1.0),
+    "min(max(a, -1), 1)": (-4.0, 4.0),
+    "exp(a) - 1": (-1.0, 1.0),
+    "abs(a)*a": (-1.0, 2.0),
+    "atan(a)": (-1.0, 1.0),
+    "a/(1 + a**2)": (-2.0, 2.0),
+}
+
+
+@pytest.mark.parametrize("text", FUNCTIONS)
+def test_sectors_and_slopes_hold_and_are_close(text: str) -> None:
+    low, high = FUNCTIONS[text]
+    f = ThetaFunction("f", ("s",), ("a",), text, ((-np.inf, np.inf),))
+    found = sector_bounds(f, low, high)
+    a = np.linspace(low, high, 4001)
+    a = a[np.abs(a) > 1e-6]
+    value = formula_value(text, {"a": a})
+    ratio, slope = value / a, np.diff(value) / np.diff(a)
+    for (least, most), of in ((found.sector, ratio), (found.slope, slope), (found.values, value)):
+        assert least <= np.min(of)
+        assert np.max(of) <= most
+        width = max(np.ptp(of), 1.0)
+        assert np.min(of) - least < 0.02 * width
+        assert most - np.max(of) < 0.02 * width
+
+
+def _lever() -> Dae:
+    d = DaeDraft("lever")
+    m = d.parameter(Parameter("m", 2.0, percent=20, unit="kg"))
+    k = d.parameter(Parameter("k", 300.0, percent=20, unit="N/m"))
+    d.parameter(Angle("theta", 30.0, plus=10.0))
+    q, w = d.variable("q", "rad", start=0.5), d.variable("w", "rad/s")
+    tau = d.input("tau", "N m")
+    x, v = d.variable("x", "m"), d.variable("v", "m/s")
+    d.equation(d.der(q), "q", equals=w)
+    d.equation(m * d.der(w) * d.number(0.16), "w", equals=tau - m * 4 * ca.sin(q))
+    d.equation(d.der(x), "x", equals=v)
+    d.equation(m * d.der(v), "v", equals=-k * x - m * d.number(9.81) * (1 + 3 * x))
+    d.output("q")
+    d.output("x")
+    return d.dae()
+
+
+def test_an_equilibrium_that_is_rational_stays_in_the_model() -> None:
+    d = DaeDraft("sagging")
+    m = d.parameter(Parameter("m", 2.0, percent=20, unit="kg"))
+    k = d.parameter(Parameter("k", 300.0, percent=20, unit="N/m"))
+    x, v, u = d.variable("x", "m"), d.variable("v", "m/s"), d.input("u", "N/m")
+    d.equation(d.der(x), "x", equals=v)
+    d.equation(m * d.der(v), "v", equals=-k * x - 5 * x * x * v - m * d.number(9.81) + u * x)
+    d.output("x")
+    model = linearize_dae(d.dae())
+    values = {"m": np.array([1.7, 2.0, 2.3]), "k": np.array([250.0, 300.0, 350.0])}
+    A, B, _, _ = mbdlft.matrices_at(model, values)
+    sag = -values["m"] * 9.81 / values["k"]
+    target(A[:, 1, 0], -values["k"] / values["m"], CLOSED_FORM)
+    target(A[:, 1, 1], -5 * sag**2 / values["m"], CLOSED_FORM)
+    target(B[:, 1, 0], sag / values["m"], CLOSED_FORM)
+    target(mbdlft.trim_at(model, values)[:, 0], sag, CLOSED_FORM)
+    assert model.certificate.minimal
+
+
+def test_an_angle_can_be_a_parameter_and_an_input_free() -> None:
+    s = reduce_index(_lever())
+    at = trim(s, {"q": "theta"}, free=["tau"])
+    model = linearize_dae(at)
+    theta = np.radians([22.0, 30.0, 38.0])
+    values = {"theta": np.degrees(theta), "m": np.array([1.7, 2.0, 2.2])}
+    A = mbdlft.matrices_at(model, values).A
+    target(A[:, 1, 0], -4 * np.cos(theta) / 0.16, CLOSED_FORM)
+    target(at.nominal["tau"], 8 * np.sin(np.radians(30.0)), CLOSED_FORM)
+
+
+def test_a_steady_motion_is_an_equilibrium() -> None:
+    s = reduce_index(coupled_inertias())
+    at = trim(s, {"w2": 5.0}, moving=["phi2", "phi1"])
+    target(at.nominal["der(phi1)"], 15.0, CLOSED_FORM)
+
+
+def test_order_of_a_chain_is_its_bound() -> None:
+    model = delta_theta(chain(8), prove=0.0)
+    certificate = model.linear.certificate
+    assert certificate.minimal
+    assert dict(model.linear.lft.blocks) == {"c": 8, "k": 8, "m": 8}
+    assert (len(model.functions), len(model.omega)) == (8, 8)
+
+
+def test_a_fit_has_its_bound_in_the_certificate() -> None:
+    d = DaeDraft("orifice")
+    p = d.parameter(Parameter("p", 2.0, percent=30))
+    x, u = d.variable("x"), d.input("u")
+    d.equation(d.der(x), equals=u - d.fit(ca.sqrt(p), 1e-6) * x)
+    d.output("x")
+    model = linearize_dae(d.dae())
+    assert not model.certificate.exact
+    bound = model.certificate.fit_error_bound
+    assert 0.0 < bound <= 1e-6
+    values = np.linspace(1.4, 2.6, 50)
+    A = mbdlft.matrices_at(model, {"p": values}).A[:, 0, 0]
+    assert np.max(np.abs(A + np.sqrt(values))) <= bound
+    assert np.max(np.abs(A + np.sqrt(values))) > CROSS
