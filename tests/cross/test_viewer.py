@@ -1,0 +1,158 @@
+"""Pages of scenes in a real browser: bodies are where pinocchio has them, loads are those of the trim."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import mbdlft
+from mbdlft.multibody.assembly import assemble
+from mbdlft.problem.trim import solve_trim
+from tests.browser import Loaded, browser
+from tests.close import PAGE, target
+from tests.cross.pinocchio_frames import configuration
+from tests.cross.pinocchio_tree import Tree, plant
+
+ROOT = Path(__file__).parents[2]
+RIGID = [
+    "balloon_gondola", "crane", "double_pendulum_hanging", "double_pendulum_inverted", "gimbal",
+    "launcher_slosh", "pendulum", "spinning_satellite", "two_link_arm", "ur5", "four_bar",
+]  # fmt: skip
+ELASTIC = [
+    "flexible_manipulator", "launcher_bending", "mast_observatory", "piezo_beam",
+    "rotatory_spacecraft", "solar_arrays",
+]  # fmt: skip
+_LARGEST = 6_000_000  # bytes of a page
+_DRAWN = 300  # triangles: something is in the picture
+
+
+@pytest.fixture(scope="module")
+def load() -> Iterator[Callable[[Path], Loaded]]:
+    with browser() as load:
+        yield load
+
+
+def scene_called(name: str) -> mbdlft.Scene:
+    return mbdlft.load_scene(ROOT / "scenarios" / f"{name}.toml")
+
+
+def opened(load: Callable[[Path], Loaded], scene: mbdlft.Scene, folder: Path) -> Loaded:
+    file = mbdlft.view(scene).save(folder / "page.html")
+    assert file.stat().st_size < _LARGEST
+    loaded = load(file)
+    assert loaded.run("() => mbdlft.drawn()") > _DRAWN
+    return loaded
+
+
+def check_positions(scene: mbdlft.Scene, loaded: Loaded, point: dict[str, float]) -> Tree:
+    """Compare the frames of all bodies in the picture with those of pinocchio."""
+    tree = plant(scene, point)
+    data = tree.model.createData()
+    q = configuration(scene, tree, loaded.run("() => mbdlft.coordinates()"))
+    pin.forwardKinematics(tree.model, data, q)
+    for body in scene.bodies:
+        if body.name == "ground":
+            continue
+        place = tree.place[body.name]
+        expected = (data.oMi[place.joint] * place.frame).homogeneous
+        drawn = np.array(loaded.run("(name) => mbdlft.placement(name)", body.name)).reshape(4, 4).T
+        target(drawn, expected, PAGE)
+    return tree
+
+
+def set_all(loaded: Loaded, values: dict[str, float]) -> None:
+    loaded.run("(all) => Object.entries(all).forEach(([n, x]) => mbdlft.set(n, x))", values)
+
+
+def check_page(scene: mbdlft.Scene, loaded: Loaded) -> None:
+    """Sliders of parameters and positions, and loads at equilibrium."""
+    chosen = mbdlft.random(scene.parameters, 1, seed=4) if scene.parameters else {}
+    point = {name: float(value[0]) for name, value in chosen.items()}
+    set_all(loaded, point)
+    check_positions(scene, loaded, point)
+    loads = loaded.run("() => mbdlft.loads()")
+    trim = solve_trim(assemble(scene), point)
+    found = [loads[signal.name] for signal in trim.signals]
+    target(found, trim.values, PAGE)
+    rng = np.random.default_rng(1)
+    free = [n for n in loaded.run("() => mbdlft.coordinates()") if n not in followers(scene)]
+    set_all(loaded, {name: float(rng.uniform(-0.3, 0.3)) for name in free})
+    check_positions(scene, loaded, point)
+
+
+def followers(scene: mbdlft.Scene) -> set[str]:
+    """Coordinates that loops determine."""
+    e = assemble(scene)
+    names = {signal.name for signal in e.x_signals}
+    return {
+        f"{joint.name}.{freedom.measures[0].name}"
+        for joint in scene.joints
+        for freedom in joint.freedoms
+    } - names
+
+
+def test_bodies_and_loads_of_a_tree(load: Callable[[Path], Loaded], tmp_path: Path) -> None:
+    """Free, spherical and universal joints; buoyancy; parameters and positions moved at random."""
+    scene = scene_called("balloon_gondola")
+    loaded = opened(load, scene, tmp_path)
+    check_page(scene, loaded)
+    loaded.run("() => mbdlft.pick('gondola')")
+    assert "mass = m_gondola kg" in loaded.run("() => document.getElementById('info').innerText")
+    loaded.page.locator("#rows tr").last.click()
+    assert "Shown at" in loaded.run("() => document.getElementById('moving').textContent")
+    assert loaded.complaints == []
+
+
+def test_a_loop_stays_closed(load: Callable[[Path], Loaded], tmp_path: Path) -> None:
+    scene = scene_called("four_bar")
+    loaded = opened(load, scene, tmp_path)
+    check_page(scene, loaded)
+    loop, coordinates = scene.loops[0], loaded.run("() => mbdlft.coordinates()")
+    assert all(abs(value) > 1e-3 for value in coordinates.values())
+    tree = check_positions(scene, loaded, values_of(loaded, scene))
+    data = tree.model.createData()
+    pin.forwardKinematics(tree.model, data, configuration(scene, tree, coordinates))
+    ends = [tree.at_port(port) for port in (loop.parent, loop.child)]
+    first, second = ((data.oMi[end.joint] * end.frame).translation for end in ends)
+    target(first, second, PAGE)
+    loaded.run("() => mbdlft.reset()")
+    assert not any(loaded.run("() => mbdlft.coordinates()").values())
+    assert loaded.complaints == []
+
+
+def values_of(loaded: Loaded, scene: mbdlft.Scene) -> dict[str, float]:
+    chosen = mbdlft.random(scene.parameters, 1, seed=4)
+    return {name: float(value[0]) for name, value in chosen.items()}
+
+
+def test_texts_of_a_scene_are_not_markup(load: Callable[[Path], Loaded], tmp_path: Path) -> None:
+    """Nor code; a scene without equilibrium is shown, with the reason."""
+    evil = "</script><script>console.log('run')</script><img src=x onerror=console.log(1)>"
+    scene = scene_called("pendulum")
+    (pivot,) = [joint for joint in scene.joints if joint.kind == "revolute"]
+    fallen = pivot.model_copy(update={"preload": 0.0, "position": 1.0})
+    joints = tuple(fallen if joint is pivot else joint for joint in scene.joints)
+    loaded = opened(
+        load, scene.model_copy(update={"description": evil, "joints": joints}), tmp_path
+    )
+    assert evil in loaded.run("() => document.querySelector('.description').textContent")
+    assert "no equilibrium" in loaded.run("() => document.getElementById('notes').innerText")
+    assert loaded.complaints == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", RIGID + ELASTIC)
+def test_pages_of_all_scenarios(name: str, load: Callable[[Path], Loaded], tmp_path: Path) -> None:
+    scene = scene_called(name)
+    loaded = opened(load, scene, tmp_path)
+    if name in RIGID:
+        check_page(scene, loaded)
+    rows: Any = loaded.page.locator("#rows tr")
+    for k in range(min(rows.count(), 4)):
+        rows.nth(k).click()
+        assert "Shown at" in loaded.run("() => document.getElementById('moving').textContent")
+    assert loaded.complaints == []
+    loaded.page.close()
