@@ -29,7 +29,7 @@ from mbdlft.cli.sweep import sweep
 from mbdlft.cli.tables import console as _console
 from mbdlft.cli.tables import table as _table
 from mbdlft.cli.urdf import import_robot
-from mbdlft.cli.view import view
+from mbdlft.cli.view import report, view
 from mbdlft.system.model import LFTModel
 
 if TYPE_CHECKING:
@@ -77,6 +77,7 @@ app.command()(poles)
 app.command()(response)
 app.command()(export)
 app.command()(view)
+app.command()(report)
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:

@@ -65,3 +65,24 @@ def _page(file: Path) -> Path:
     if not file.parent.is_dir():
         raise SceneError(f"{file}: {file.parent} is not a folder.")
     return file
+
+
+def report(
+    source: Annotated[
+        Path,
+        typer.Argument(help="Archive (HDF5), or a scene or a matrix (TOML), to be linearized."),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="Page to write; the name of the source by default."),
+    ] = None,
+    model: Model = None,
+) -> None:
+    """Write a page on a model: scene, parameters, what is proved, equilibrium, poles, responses."""
+    from mbdlft.cli.source import load_system
+    from mbdlft.report import model_report
+
+    file = _page(output or Path(f"{source.stem}.html"))
+    system = load_system(source, model)
+    archive = source if source.suffix.lower() in ARCHIVES else None
+    console().print(f"page: {model_report(system, archive).save(file)}", soft_wrap=True)

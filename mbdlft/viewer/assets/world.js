@@ -115,8 +115,10 @@ function makeWorld(T, data, host, picked) {
     const at = () => middle ? v(numbers[0]).clone().add(v(numbers[numbers.length - 1])).multiplyScalar(0.5) : v(numbers[0]);
     labels.push({ element, at, layer });
   }
-  const lit = (object, color) => object.traverse((part) => {
-    if (part.material && part.material.emissive) part.material.emissive.setHex(color);
+  const lit = (object, on) => object.traverse((part) => {
+    if (!part.material) return;
+    part.userData.color ??= part.material.color.getHex();
+    part.material.color.setHex(on ? 0xff8800 : part.userData.color);
   });
   const ray = new T.Raycaster();
   renderer.domElement.addEventListener("click", (event) => {
@@ -146,7 +148,8 @@ function makeWorld(T, data, host, picked) {
       draw();
     },
     highlight(number) {
-      objects.forEach((object) => lit(object, object.userData.item === number ? 0xb08000 : 0));
+      objects.forEach((object) => lit(object, false));
+      objects.filter((object) => object.userData.item === number).forEach((object) => lit(object, true));
       draw();
     },
     show(vectors, loads) {
