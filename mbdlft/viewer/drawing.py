@@ -1,14 +1,16 @@
 """What is drawn of a scene: items of a tree, with shapes whose points and directions come from a tape."""
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.description import AXES, Expected
+from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.multibody.assembly.tree import PortFrame
 from mbdlft.multibody.body import GROUND, Beam, Body, ElasticBody, RigidBody
 from mbdlft.multibody.body.elastic import times
@@ -23,6 +25,7 @@ from mbdlft.sx.constants import unit_vector
 from mbdlft.viewer.center_line import center_line
 from mbdlft.viewer.poses import Poses, load_wrenches
 
+T = TypeVar("T")
 Shape = dict[str, Any]
 Item = dict[str, Any]
 _NOTHING = 1e-12  # of a wrench: a part that no load of this kind has
@@ -99,6 +102,11 @@ def draw(poses: Poses, nominal: Array) -> Drawing:
         _draw_sensor(drawing, sensor)
     for loop in scene.loops:
         _draw_loop(drawing, loop)
+    if not np.isfinite(drawing.numbers(ca.horzcat(*drawing.vectors))).all():
+        raise SceneError(
+            f"scene {scene.name!r}: a position is not finite at nominal, so there is nothing to draw. "
+            "Lengths or angles are too large."
+        )
     masses = [s for item in drawing.items for s in item["shapes"] if s["type"] == "mass"]
     for shape in masses:
         largest = max(other["mass"] for other in masses)
@@ -173,7 +181,7 @@ def _draw_body(d: Drawing, body: Body) -> None:
     center = _center_of_mass(d, body)
     if center is not None:
         mass = float(d.numbers(ca.SX(body.total_mass(values)))[0])
-        if mass > 0.0:
+        if 0.0 < mass < math.inf:
             at = d.vector(center)
             shapes.append({"type": "mass", "at": at, "mass": mass, "layer": "centers of mass"})
     d.add("bodies", body.name, body.kind, said(body.quantities()), shapes)
@@ -290,16 +298,24 @@ def _draw_sensor(d: Drawing, sensor: Sensor) -> None:
     if port is not None:
         at = d.poses.port(port)
         body = frame if frame is not None else view.find(port)[0]
-        axes = d.poses.frames[body].R
+        axes = _known(d, "frame", body, d.poses.frames).R
         lines.append(f"port {port}, axes of {body}")
     elif joint is not None:
-        at = d.poses.joints[joint].child
+        at = _known(d, "joint", joint, d.poses.joints).child
         axes = d.poses.frames[view.joints[joint]].R
         lines.append(f"joint {joint}")
     numbers = [d.vector(at), *(d.vector(axes[:, k]) for k in range(3))]
     d.add("sensors", sensor.name, sensor.kind, lines, [
         {"type": "sensor", "at": numbers, "layer": "sensors"}
     ])  # fmt: skip
+
+
+def _known(d: Drawing, key: str, name: str, among: Mapping[str, T]) -> T:
+    """What is called so, or a SceneError."""
+    if name not in among:
+        what = "body" if key == "frame" else key
+        raise SceneError(f"{d.poses.view.owner}, {key}: " + unknown_name(what, name, among))
+    return among[name]
 
 
 def _draw_loop(d: Drawing, loop: Loop) -> None:

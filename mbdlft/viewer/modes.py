@@ -9,7 +9,7 @@ import numpy as np
 from mbdlft.analyze.resolvent import balancing
 from mbdlft.analyze.spectrum import spectrum
 from mbdlft.base.array import Array
-from mbdlft.base.errors import TrimError, unknown_name
+from mbdlft.base.errors import TrimError, WellPosednessError, unknown_name
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.samples import corners, random
 from mbdlft.multibody.scene.scene import Scene
@@ -93,7 +93,7 @@ def mode_data(scene: Scene, equations: Equations, chosen: Array) -> list[dict[st
     matrices = linearized(e, inputs, outputs, points, efforts)
     A = matrices[:, : len(states), : len(states)]
     return [
-        {"point": point.tolist(), "modes": _modes(matrix, moving)}
+        {"point": point.tolist(), "modes": _modes(scene.name, matrix, moving)}
         for point, matrix in zip(points, A, strict=True)
     ]
 
@@ -116,7 +116,7 @@ def _samples(parameters: tuple[Parameter, ...], chosen: Array) -> Array:
     return np.array(list(unique.values())).reshape(len(unique), len(parameters))
 
 
-def _modes(A: Array, moving: Sequence[int]) -> list[dict[str, Any]]:
+def _modes(name: str, A: Array, moving: Sequence[int]) -> list[dict[str, Any]]:
     """Modes of one matrix (nx, nx), slowest first; one of each pair, with displacements only.
 
     What rounding has left of real parts on the axis, and of zero, is zero. Of the poles at zero there are
@@ -124,8 +124,14 @@ def _modes(A: Array, moving: Sequence[int]) -> list[dict[str, Any]]:
     """
     import scipy.linalg  # here because it is slow to import
 
-    scale = balancing(A)
-    scaled = A * (scale / scale[:, None])
+    with np.errstate(all="ignore"):
+        scale = balancing(A)
+        scaled = A * (scale / scale[:, None])
+    if not np.isfinite(scaled).all():
+        raise WellPosednessError(
+            f"scene {name!r}: an entry of the linear model is not finite at a sample, so there are no "
+            "modes. Masses, lengths or stiffnesses are of very different size."
+        )
     seen = spectrum(scaled)
     values, vectors = scipy.linalg.eig(scaled, check_finite=False)
     shapes = (scale[:, None] * vectors)[list(moving)]

@@ -100,7 +100,13 @@ def _filled(data: Mapping[str, Any], library: str, version: str) -> str:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_FOLDER), autoescape=True, undefined=jinja2.StrictUndefined
     )
-    text = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    try:
+        text = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    except ValueError:
+        raise SceneError(
+            f"view: scene {data['name']!r}: a number of the page is not finite; masses, lengths or "
+            "stiffnesses are of very different size."
+        ) from None
     for letter in "<>&":  # no text of a scene can end the element
         text = text.replace(letter, f"\\u{ord(letter):04x}")
     return environment.get_template("page.html").render(

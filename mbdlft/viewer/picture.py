@@ -168,18 +168,23 @@ def _draw_shape(sheet: _Sheet, shape: Shape, v: Array, color: str, size: float) 
         behind = 5.0 * unit if kind == "turn" else 0.0
         sheet.arrow(at - behind * along, at + 10.0 * unit * along, _AXIS, 1.4)
     elif kind in ("force", "torque"):
-        along = v[shape["along"]] / np.linalg.norm(v[shape["along"]])
         shade = _FORCE if kind == "force" else _TORQUE
-        sheet.arrow(v[shape["at"]], v[shape["at"]] + 14.0 * unit * along, shade, 2.0)
+        _draw_vector(sheet, v[shape["at"]], v[shape["along"]], 14.0 * unit, shade)
     elif kind == "arrow":
-        along = v[shape["along"]] / np.linalg.norm(v[shape["along"]])
-        sheet.arrow(v[shape["at"]], v[shape["at"]] + 18.0 * unit * along, _GROUND, 2.0)
+        _draw_vector(sheet, v[shape["at"]], v[shape["along"]], 18.0 * unit, _GROUND)
     elif kind == "frame" and shape.get("big"):
         r, *axes = (v[k] for k in shape["at"])
         for axis, shade in zip(axes, _GROUND_AXES, strict=True):
             sheet.arrow(r, r + 12.0 * unit * axis, shade, 1.2)
     elif kind == "sensor":
         sheet.dot(v[shape["at"][0]], _SENSOR, 3.0)
+
+
+def _draw_vector(sheet: _Sheet, at: Array, along: Array, length: float, color: str) -> None:
+    """An arrow of this length along a vector; nothing where that is zero at nominal."""
+    size = float(np.linalg.norm(along))
+    if 0.0 < size < math.inf:
+        sheet.arrow(at, at + length / size * along, color, 2.0)
 
 
 def _coil(a: Array, b: Array, sheet: _Sheet, unit: float) -> Iterator[Array]:
@@ -200,7 +205,10 @@ def _name(sheet: _Sheet, item: dict[str, object], v: Array, color: str) -> None:
     shapes = item["shapes"]
     if group not in shades or item["kind"] == "fixed" or not isinstance(shapes, list):
         return
-    first: Shape = next(shape for shape in shapes if shape["type"] != "frame")
+    drawn = [shape for shape in shapes if shape["type"] != "frame"]
+    if not drawn:  # a buoyancy without gravity
+        return
+    first: Shape = drawn[0]
     at = first.get("at", first.get("points"))
     numbers = at if isinstance(at, list) else [at]
     middle = group == "bodies" and len(numbers) > 1
