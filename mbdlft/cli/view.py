@@ -37,7 +37,8 @@ def view(
         raise AnalysisError(f"--model {model}: {source} is no archive; only an archive has models.")
     file = _page(output or Path(f"{source.stem}.html"))
     scene = _scene(source, model)
-    page = page_of(scene, values_of(assignments or []))
+    robot = source if source.suffix.lower() == _ROBOT else None
+    page = page_of(scene, values_of(assignments or []), urdf=robot)
     console().print(f"page: {page.save(file)}", soft_wrap=True)
 
 
@@ -47,7 +48,7 @@ def _scene(source: Path, model: str | None) -> "Scene":
     if suffix == _ROBOT:
         from mbdlft.urdf import load_urdf
 
-        return load_urdf(source)[0]
+        return load_urdf(source, keep_unphysical=True)[0]  # to look at it is no harm
     if suffix in ARCHIVES:
         from mbdlft.store import load
         from mbdlft.viewer import scene_of

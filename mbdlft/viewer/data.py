@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -12,6 +13,7 @@ from mbdlft.base.errors import MbdlftError
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.viewer.drawing import Drawing, draw
+from mbdlft.viewer.meshes import robot_looks
 from mbdlft.viewer.modes import chosen_point, mode_data, trim_data
 from mbdlft.viewer.poses import Poses, equilibrium_positions, gaps, poses
 from mbdlft.viewer.tape import tape_of
@@ -19,8 +21,12 @@ from mbdlft.viewer.tape import tape_of
 _POINT = 1e-9  # m: a scene that is smaller is one point
 
 
-def view_data(scene: Scene, values: Mapping[str, float] | None = None) -> dict[str, Any]:
+def view_data(
+    scene: Scene, values: Mapping[str, float] | None = None, urdf: str | Path | None = None
+) -> dict[str, Any]:
     """What the page of a scene shows; `values` are those that its sliders have at the beginning.
+
+    The looks of the links of the file `urdf` are added to the bodies of their names.
 
     A scene without an equilibrium, or without a linear model, is shown without loads and modes; the
     reason is among the `notes`.
@@ -36,6 +42,7 @@ def view_data(scene: Scene, values: Mapping[str, float] | None = None) -> dict[s
     parameters = found.resolved.parameters
     chosen = chosen_point(parameters, values or {})
     drawing = draw(found, np.array([p.nominal for p in parameters]))
+    notes = _add_looks(drawing, urdf) if urdf is not None else []
     positions = equilibrium_positions(found)
     data: dict[str, Any] = {
         "name": scene.name,
@@ -49,7 +56,7 @@ def view_data(scene: Scene, values: Mapping[str, float] | None = None) -> dict[s
         "tape": tape_of(drawing.function()).as_data(),
         "size": reach(drawing),
         "up": up_direction(drawing),
-        "notes": [],
+        "notes": notes,
     }  # fmt: skip
     listed = [ca.SX(0) if position is None else position for position in positions]
     function = found.as_function(ca.vertcat(*listed), "positions")
@@ -58,6 +65,19 @@ def view_data(scene: Scene, values: Mapping[str, float] | None = None) -> dict[s
     _add_loops(data, found)
     _add_dynamics(data, scene, chosen)
     return data
+
+
+def _add_looks(drawing: Drawing, urdf: str | Path) -> list[str]:
+    """Add the meshes and primitives of a robot to its bodies; sentences on what is missing."""
+    looks = robot_looks(urdf)
+    for item in drawing.items:
+        if item["group"] != "bodies":
+            continue
+        for geometry in looks.shapes.get(item["name"], ()):
+            at = drawing.frame(item["name"])
+            shape = {"type": "mesh", "at": at, "geometry": geometry, "layer": "meshes"}
+            item["shapes"].append(shape)
+    return list(dict.fromkeys(looks.notes))
 
 
 def reach(drawing: Drawing) -> float:

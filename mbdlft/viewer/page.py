@@ -61,7 +61,9 @@ class Page:
         return f"Page({self.name!r}, {len(self.html) / 1e6:.1f} MB)"
 
 
-def view(scene: Scene, values: Mapping[str, float] | None = None) -> Page:
+def view(
+    scene: Scene, values: Mapping[str, float] | None = None, *, urdf: str | Path | None = None
+) -> Page:
     """The page that shows a scene: bodies, joints, loads, sensors; with sliders, and modes that move.
 
     Parameters
@@ -70,6 +72,8 @@ def view(scene: Scene, values: Mapping[str, float] | None = None) -> Page:
     values : mapping of names to numbers, optional
         Values of parameters at which the page begins, in their units; the others are nominal. The modes
         there are exact.
+    urdf : file, optional
+        The URDF file that the scene is of: the meshes and primitives of its links are shown, too.
 
     Returns
     -------
@@ -79,7 +83,8 @@ def view(scene: Scene, values: Mapping[str, float] | None = None) -> Page:
     Raises
     ------
     SceneError
-        Names, units or the tree of the scene are wrong, or the package k3d is missing.
+        Names, units or the tree of the scene are wrong, the package k3d is missing, or the URDF file
+        cannot be read. Meshes that are not there are notes on the page.
     TrimError
         A name of `values` is unknown, or a value is outside its range.
     """
@@ -89,7 +94,7 @@ def view(scene: Scene, values: Mapping[str, float] | None = None) -> Page:
             "scene_from_toml make one; scene_of(model) is that of a model."
         )
     library, version = _library()
-    return Page(scene.name, _filled(view_data(scene, values), library, version))
+    return Page(scene.name, _filled(view_data(scene, values, urdf), library, version))
 
 
 def _filled(data: Mapping[str, Any], library: str, version: str) -> str:

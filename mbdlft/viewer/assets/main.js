@@ -231,7 +231,8 @@
     note(`The picture needs WebGL, which this browser does not give: ${error.message}`);
   }
   const hidden = new Set(["frames"]);
-  ["bodies", "joints", "loads", "equilibrium", "sensors", "centers of mass", "ports", "frames", "ground", "names"].forEach((layer) => {
+  ["bodies", "meshes", "joints", "loads", "equilibrium", "sensors", "centers of mass", "ports", "frames", "ground", "names"].forEach((layer) => {
+    if (layer === "meshes" && !data.items.some((item) => item.shapes.some((shape) => shape.layer === layer))) return;
     const row = make("label", "", "layer"), box = make("input");
     Object.assign(box, { type: "checkbox", checked: !hidden.has(layer) });
     box.addEventListener("change", () => { world.layer(layer, box.checked); place(); });

@@ -102,7 +102,7 @@ function shapeMaker(T, size) {
       return found;
     },
     mesh(shape, color) {
-      const given = shape.geometry, material = paint(color, { side: T.DoubleSide, flatShading: !!given.triangles });
+      const given = shape.geometry, material = paint(0xb8bec8, { side: T.DoubleSide, flatShading: !!given.triangles, transparent: true, opacity: 0.55, depthWrite: false });
       let geometry;
       if (given.triangles) {
         const bytes = Uint8Array.from(atob(given.triangles), (letter) => letter.charCodeAt(0));
