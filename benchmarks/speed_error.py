@@ -116,7 +116,7 @@ def beaten(rows: Sequence[Row], own: Sequence[str]) -> list[str]:
         return bool(faster and (row["error"] < r["error"] or poles))
 
     others = [c.name for c in CANDIDATES if c.general and not c.own and c.name in by_name]
-    return [name for name in others if all(better(by_name[name], r) for r in mine)]
+    return [name for name in others if mine and all(better(by_name[name], r) for r in mine)]
 
 
 def table(rows: Sequence[Row]) -> str:
@@ -173,7 +173,7 @@ def verdicts(rows: Sequence[Row]) -> list[str]:
     """Which general tools are both faster and more accurate; the target of the arm."""
     lines = []
     own = [c.name for c in CANDIDATES if c.own]
-    for title, names in [("both ways of this package", own), *((f"`{n}`", [n]) for n in own)]:
+    for title, names in [("all ways of this package", own), *((f"`{n}`", [n]) for n in own)]:
         found = [
             f"{', '.join(b)} ({s})" for s, g in groups(rows).items() if (b := beaten(g, names))
         ]

@@ -1,8 +1,13 @@
-"""Two profiles of random testing: fast is repeatable and is the default, deep is for the night."""
+"""Two profiles of random testing: fast is repeatable and is the default, deep is for the night.
+
+No test reads or leaves native code in the folder of the user.
+"""
 
 import os
 
 from hypothesis import HealthCheck, settings
+
+os.environ["MBDLFT_CACHE"] = ""
 
 settings.register_profile(
     "fast",

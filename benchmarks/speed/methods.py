@@ -7,7 +7,13 @@ from shutil import which
 from typing import NamedTuple
 
 from benchmarks.speed.formulas import COMPILER, SlowError, by_compiled_c, by_sympy
-from benchmarks.speed.own import by_equations, by_lft
+from benchmarks.speed.own import (
+    TooLongError,
+    by_compiled_equations,
+    by_compiled_lft,
+    by_equations,
+    by_lft,
+)
 from benchmarks.speed.polynomials import by_polynomials
 from benchmarks.speed.robots import Method, by_drake, by_mujoco, by_pinocchio
 from benchmarks.speed.systems import System
@@ -34,6 +40,8 @@ class Candidate(NamedTuple):
 CANDIDATES = (
     Candidate("mbdlft, LFT", by_lft, own=True),
     Candidate("mbdlft, equations", by_equations, own=True),
+    Candidate("mbdlft, LFT compiled", by_compiled_lft, own=True, module="llvmlite"),
+    Candidate("mbdlft, equations compiled", by_compiled_equations, own=True, module="llvmlite"),
     Candidate("pinocchio", by_pinocchio, module="pinocchio", rigid=True),
     Candidate("MuJoCo, one-sided", by_mujoco, DIFFERENCES, module="mujoco", rigid=True),
     Candidate(
@@ -71,3 +79,5 @@ def made(candidate: Candidate, system: System) -> Method | str:
         return candidate.make(system)
     except SlowError:
         return "not ready in time"
+    except TooLongError as error:
+        return str(error)

@@ -1,4 +1,4 @@
-"""The two ways of this package."""
+"""The ways of this package: an LFT and the equations, by numpy and as native code."""
 
 from typing import Any
 
@@ -7,6 +7,7 @@ import numpy as np
 import mbdlft
 from benchmarks.speed.robots import Array, Method, Samples
 from benchmarks.speed.systems import System
+from mbdlft.batch.compiled import compiled
 from mbdlft.batch.rows import source_of
 
 
@@ -42,3 +43,29 @@ def by_equations(system: System) -> Method:
         return np.concatenate(parts)
 
     return method
+
+
+def by_compiled_equations(system: System) -> Method:
+    """The same as native code, in one thread."""
+    return _compiled(system.scene)
+
+
+def by_compiled_lft(system: System) -> Method:
+    """The values of the model as native code, in one thread."""
+    return _compiled(mbdlft.to_lft(system.scene, search=0.0))
+
+
+def _compiled(given: mbdlft.Scene | mbdlft.LFTModel) -> Method:
+    found = compiled(source_of(given), threads=1)
+    if found.reason:
+        raise TooLongError(found.reason)
+    names = [p.name for p in found.parameters]
+
+    def method(samples: Samples) -> Array:
+        return found.rows(np.stack([samples[name] for name in names], axis=-1))[0]
+
+    return method
+
+
+class TooLongError(Exception):
+    """There is no native code."""

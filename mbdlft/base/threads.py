@@ -1,6 +1,8 @@
-"""One thread for linear algebra: on matrices of some hundred rows several threads are slower."""
+"""How work is done: linear algebra in one thread, many small objects without searches for cycles."""
 
-from contextlib import AbstractContextManager
+import gc
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from functools import cache
 from typing import Any
 
@@ -15,6 +17,21 @@ def one_thread() -> AbstractContextManager[Any]:
     """
     limit: AbstractContextManager[Any] = _controller().limit(limits=1)
     return limit
+
+
+@contextmanager
+def without_collection() -> Iterator[None]:
+    """In this context Python does not look for cycles of objects that nothing else refers to.
+
+    Millions of numbers that live for a while, in which there are no cycles, make it look again and again.
+    """
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
 
 
 @cache

@@ -1,3 +1,6 @@
+from .compiled import Compiled as Compiled
+from .compiled import Linearizations as Linearizations
+from .compiled import compile as compile
 from .run import SweepReport as SweepReport
 from .run import sweep as sweep
 from .samples import GridSamples as GridSamples

@@ -10,7 +10,8 @@ from typing import Any
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
-from mbdlft.batch.rows import EquationSource, ModelSource, source_of
+from mbdlft.batch.compiled import fastest
+from mbdlft.batch.rows import Source, source_of
 from mbdlft.batch.staging import Work, points_at, rows_at
 from mbdlft.multibody.scene import Scene, scene_from_toml, scene_to_toml
 from mbdlft.system.model import LFTModel
@@ -39,7 +40,7 @@ def cluster_shards(
 
     def submit(shard: int) -> Any:
         # not pure, so that the cluster does not take the result of an earlier sweep
-        future = client.submit(shard_rows, source, points_at(work, shard), pure=False)
+        future = client.submit(shard_rows, source, work.count, points_at(work, shard), pure=False)
         number[future] = shard
         return future
 
@@ -65,12 +66,16 @@ def _received(given: str | LFTModel) -> str | LFTModel:
     return given
 
 
-def shard_rows(given: str | LFTModel, points: Array) -> Array:
-    """Rows (n, width) at the samples `points` (n, n_p) of a shard, for a scene in TOML or a model."""
-    return rows_at(_source(given), points)
+def shard_rows(given: str | LFTModel, count: int, points: Array) -> Array:
+    """Rows (n, width) at the samples `points` (n, n_p) of a shard, for a scene in TOML or a model.
+
+    `count` samples are in all shards.
+    """
+    return rows_at(_source(given, count), points)
 
 
 @lru_cache(maxsize=4)
-def _source(given: str | LFTModel) -> EquationSource | ModelSource:
+def _source(given: str | LFTModel, count: int) -> Source:
     """The source of rows; a worker makes it once for all of its shards."""
-    return source_of(given if isinstance(given, LFTModel) else scene_from_toml(given))
+    known = given if isinstance(given, LFTModel) else scene_from_toml(given)
+    return fastest(source_of(known), count)

@@ -21,8 +21,9 @@ from mbdlft.multibody.scene import Scene
 from mbdlft.multibody.to_problem import choose_signals, choose_states
 from mbdlft.problem.equations import Equations
 from mbdlft.problem.needed_states import Need
+from mbdlft.problem.prestress import check_prestress
 from mbdlft.problem.relinearize import linearized
-from mbdlft.problem.trim import balance, check_prestress
+from mbdlft.problem.trim import balance
 from mbdlft.store.sweep import NO_EQUILIBRIUM, SINGULAR, SOLVED, Layout
 from mbdlft.sx.evaluate import MANY
 from mbdlft.system.model import LFTModel, deltas_of

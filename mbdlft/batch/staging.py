@@ -23,7 +23,8 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, ArchiveError
 from mbdlft.base.threads import one_thread
-from mbdlft.batch.rows import EquationSource, ModelSource, source_of
+from mbdlft.batch.compiled import fastest
+from mbdlft.batch.rows import Source, source_of
 from mbdlft.batch.samples import (
     GivenSamples,
     Samples,
@@ -45,7 +46,7 @@ _PLAN, _SCENE, _MODEL, _SAMPLES = "plan.json", "scene.toml", "model.h5", "sample
 class Work:
     """The data from which shards are computed: the source of rows, the samples, and the shards' size."""
 
-    source: EquationSource | ModelSource
+    source: Source
     samples: Samples
     shard_rows: int
 
@@ -66,7 +67,7 @@ class Work:
 
 def work_of(given: Scene | LFTModel, samples: Samples) -> Work:
     """The work of a sweep in shards of whole chunks, small enough for memory and for regular progress."""
-    source = source_of(given)
+    source = fastest(source_of(given), count_of(samples))
     most = min(_SHARD_ROWS, _SHARD_BYTES // (8 * source.layout.width))
     return Work(source, samples, source.chunk * max(1, most // source.chunk))
 
@@ -77,7 +78,7 @@ def points_at(work: Work, shard: int) -> Array:
     return points_of(work.samples, work.source.parameters, start, start + work.rows_of(shard))
 
 
-def rows_at(source: EquationSource | ModelSource, points: Array) -> Array:
+def rows_at(source: Source, points: Array) -> Array:
     """Rows (n, width) at the samples `points` (n, n_p) of a shard.
 
     They are computed in chunks of the size that the source asks for, so that every process gets the same
@@ -188,7 +189,7 @@ def opened(folder: Path) -> Work:
         raise _changed(folder / _SAMPLES) from None
     if _fingerprint(given, samples) != plan["fingerprint"]:
         raise _changed(folder)  # the source or the samples
-    return Work(source_of(given), samples, plan["shard_rows"])
+    return Work(fastest(source_of(given), count_of(samples)), samples, plan["shard_rows"])
 
 
 def missing(folder: Path, work: Work) -> list[int]:

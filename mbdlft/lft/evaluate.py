@@ -1,11 +1,12 @@
 """Values of an LFT at one or many values of its deltas.
 
 Few values are solved for with dense matrices. For many a program is made of the LFT, which does without
-the zeros (`mbdlft/lft/program.py`); its pivots are on the diagonal, so samples at which one of them has
+the zeros (`mbdlft/lft/closing.py`); its pivots are on the diagonal, so samples at which one of them has
 lost digits are solved for with dense matrices, and all samples are if some of them differ.
 """
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -15,12 +16,15 @@ from numpy.typing import ArrayLike, NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError, WellPosednessError
 from mbdlft.lft.block import block_value
+from mbdlft.lft.closing import program
 from mbdlft.lft.lft import LFT, check, check_name
-from mbdlft.lft.program import program
-from mbdlft.lft.run import Plan, plan, run
+from mbdlft.lft.program.cache import user_cache
+from mbdlft.lft.program.native import NativeProgram, is_available, native, run_natively
+from mbdlft.lft.program.run import Plan, plan, run
 
 MUCH = 4  # times as many columns as rows are worth the digits that the left side may lose
 _CHUNK, _CHUNK_ENTRIES = 512, 2**22  # samples and matrix entries that are held at once
+NATIVE = 400_000  # samples from which on compiling the program takes less than it saves
 MANY = 1024  # samples from which on a program is worth making
 _LONGEST = 20_000  # instructions; making a program takes microseconds for each
 _PROBES = 32  # samples at which a program is compared with the dense definition
@@ -92,7 +96,11 @@ def evaluate_at(a: LFT, points: ArrayLike) -> Array:
     if found is None:
         _dense(a, p, values)
         return values
-    lost = run(found, p, values)
+    native_program = _native(a) if len(p) >= NATIVE and is_available() else None
+    if native_program is None:
+        lost = run(found, p, values)
+    else:  # bit for bit the same
+        lost = run_natively(native_program, p, a.M22.ravel(), values.reshape(len(p), -1))
     if not _agrees(a, p, values, lost):
         lost[:] = True
     if np.any(lost):
@@ -129,6 +137,19 @@ def values_and_sizes(a: LFT, points: Array) -> tuple[Array, Array]:
     """Values at points (N, number of blocks), and the sizes of their sums if nothing cancelled."""
     values = np.repeat(a.M22[None], len(points), axis=0)
     return values, _dense(a, points, values, sized=True)
+
+
+@lru_cache(maxsize=4)
+def _native(a: LFT) -> NativeProgram | None:
+    """The program as native code, with the places of the entries in a row; nothing if LLVM fails."""
+    found = program(a, _LONGEST)
+    assert found is not None
+    width = a.shape[1]
+    entries = tuple(((0, i * width + j), register) for (i, j), register in found.entries)
+    try:
+        return native(replace(found, entries=entries), a.M22.size, user_cache())
+    except (RuntimeError, OSError):
+        return None
 
 
 @lru_cache(maxsize=16)

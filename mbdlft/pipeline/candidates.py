@@ -7,6 +7,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
+from mbdlft.base.threads import without_collection
 from mbdlft.lft.exact import ExactLFT, eliminated, transposed
 from mbdlft.lft.lft import LFT, condition, eliminate
 from mbdlft.number.exact import BITS, MOST_BITS, precision
@@ -57,7 +58,8 @@ def candidates(problem: Problem, forms: Sequence[Form]) -> list[Candidate]:
     NotRationalError, StructureError, WellPosednessError
         As `extract`; or the relations cannot be solved at nominal.
     """
-    found = [_in_enough_bits(problem, form) for form in forms]
+    with without_collection():
+        found = [_in_enough_bits(problem, form) for form in forms]
     return sorted(found, key=lambda one: one.lft.order)
 
 

@@ -72,7 +72,7 @@ def relinearize(
     """
     e = equations
     efforts, _ = trim_efforts(e, points)
-    (jacobian,) = evaluate_many(_slope_function(e, tuple(inputs), tuple(outputs)), points, efforts)
+    (jacobian,) = evaluate_many(slope_function(e, tuple(inputs), tuple(outputs)), points, efforts)
     unknown, known = split(e, inputs)
     linear = _linear(e, unknown.numel(), known.numel(), jacobian)
     n, nk = unknown.numel(), known.numel()
@@ -111,7 +111,7 @@ def linearized(
     e = equations
     unknown, known = (part.numel() for part in split(e, inputs))
     values = np.empty((len(points), len(e.states) + len(outputs), known))
-    function = _slope_function(e, tuple(inputs), tuple(outputs))
+    function = slope_function(e, tuple(inputs), tuple(outputs))
     for part, (jacobian,) in evaluate_in_chunks(function, points, efforts):
         values[part] = _linear(e, unknown, known, jacobian).matrices
     return values
@@ -167,7 +167,7 @@ def _solved(matrix: Array, right: Array) -> Array:
 
 
 @lru_cache(maxsize=2)  # a sweep asks for it again and again
-def _slope_function(
+def slope_function(
     equations: Equations, inputs: tuple[int, ...], outputs: tuple[int, ...]
 ) -> ca.Function:
     """(physical values, efforts) -> slopes, as in `_at_trim`."""
@@ -222,7 +222,7 @@ def slope_sizes(
     equations: Equations, inputs: Sequence[int], outputs: Sequence[int], at: Relinearized
 ) -> Array:
     """Sizes (N, ., .) of the slopes of `Linear.jacobian` if nothing cancelled."""
-    tape = _slope_function(equations, tuple(inputs), tuple(outputs))
+    tape = slope_function(equations, tuple(inputs), tuple(outputs))
     terms = term_sizes(tape, at.points, at.efforts)
     rows, columns = at.linear.jacobian.shape[1:]
     return terms.reshape(-1, columns, rows).transpose(0, 2, 1)

@@ -22,14 +22,14 @@ from mbdlft.problem.equations import (
     load_value,
     physical_symbols,
 )
+from mbdlft.problem.prestress import check_prestress
 from mbdlft.sx.evaluate import evaluate_many
 from mbdlft.sx.sizes import term_sizes
 
-_RESIDUAL = 1e-9
+RESIDUAL = 1e-9
 _RANK = 1e-13  # an unknown whose effect is that of others up to this part is redundant
 _ROUNDS = 20  # each takes the square root of what sizes differ by
 PART = 1e-2  # of the inertia and stiffness that unbalanced efforts are compared with
-_CARRIED = 1e-9  # of the loads of the scene: a smaller wrench through a body is rounding
 _IDLE = 0.1  # share in a combination of unknowns that does nothing
 
 
@@ -146,61 +146,21 @@ def balance(equations: Equations, points: Array) -> Balance:
     residual = offset + (matrix @ efforts[:, unknown, None])[:, :, 0]
     scale = np.max(np.abs(offset), axis=1, initial=0.0)
     relative = excess = _relative(residual, scale)
-    unbalanced = ~(relative <= _RESIDUAL)
+    unbalanced = ~(relative <= RESIDUAL)
     if np.any(unbalanced):
         # where nothing is unknown the terms have cancelled already, and what is left is no scale
         some = np.flatnonzero(unbalanced)
         scale = _uncancelled(e, points[some], efforts[some])
         relative[some] = _relative(residual[some], scale)
-        unbalanced = ~(relative <= _RESIDUAL)
+        unbalanced = ~(relative <= RESIDUAL)
         excess = relative.copy()
         if np.any(unbalanced) and e.fit_error_bound > 0.0:
             explained = _explained(e, points[some], efforts[some], matrix[some])
             beyond = np.maximum(np.abs(residual[some]) - explained, 0.0)
             excess = np.zeros(len(points))
             excess[some] = np.max(beyond, axis=1, initial=0.0)
-            unbalanced[some] &= ~(_relative(beyond, scale) <= _RESIDUAL)
+            unbalanced[some] &= ~(_relative(beyond, scale) <= RESIDUAL)
     return Balance(efforts, relative, unbalanced, residual, excess)
-
-
-def check_prestress(equations: Equations, points: Array, efforts: Array) -> None:
-    """No load at equilibrium goes through an elastic body, unless its scene says that this is known.
-
-    Raises
-    ------
-    TrimError
-        It does.
-    """
-    e = equations
-    if not e.carried_by:
-        return
-    carried, loads = evaluate_many(_carried_at_rest(e), points, efforts)
-    largest = np.max(np.abs(carried[:, :, 0]), axis=0)
-    floor = _CARRIED * max(np.max(np.abs(loads), initial=0.0), np.max(np.abs(efforts), initial=0.0))
-    loaded = np.flatnonzero(largest > floor)
-    if len(loaded):
-        body = e.carried_by[int(loaded[0])]
-        raise TrimError(
-            f"scene {e.name!r}: body {body!r} is elastic and carries a load at equilibrium (up to "
-            f"{np.max(largest[loaded]):.3g} N or N m). The model takes the given shape for that under "
-            "this load, and has the effects of the load through the displaced ports and of the weight of "
-            "the displaced mass; it does not have the change of the body's own stiffness by the load "
-            "(buckling, tension), which is known for axial forces in beams only. Where the change may "
-            "be left out, write prestress = 'neglected' in the body; where only that of the other "
-            "loads of a beam may be, prestress = 'axial'."
-        )
-
-
-@lru_cache(maxsize=1)  # a sweep asks for it again and again
-def _carried_at_rest(e: Equations) -> ca.Function:
-    """(physical values, efforts) -> wrenches through elastic bodies, loads of the scene."""
-    symbols, p, cosine, sine = physical_symbols(e.parameters)
-    still = [e.xdot, e.x, e.z]
-    rest = ca.substitute([e.carried], still, [ca.SX.zeros(s.numel()) for s in still])
-    function = ca.Function("carried", [e.u, e.load, e.p, e.cosine, e.sine], rest)
-    u, load = ca.SX.sym("u", e.u.numel()), load_value(e, p)
-    values = function(u, load, p, cosine, sine)
-    return ca.Function("carried", [symbols, u], [ca.densify(values), ca.densify(load)])
 
 
 @lru_cache(maxsize=1)  # the stages of one scene ask for the same
@@ -340,12 +300,12 @@ def _residual(e: Equations, xdot: ca.SX, x: ca.SX, u: ca.SX) -> tuple[ca.SX, ca.
 
 def _relations_at(e: Equations, points: Array) -> tuple[Array, Array, Array]:
     """Unbalanced efforts (N, rows) without the unknowns, their slopes (N, rows, unknowns), given u."""
-    offset, matrix, values = evaluate_many(_relations(e), points)
+    offset, matrix, values = evaluate_many(relation_function(e), points)
     return offset[:, :, 0], matrix, values[:, :, 0]
 
 
 @lru_cache(maxsize=1)  # the stages of one scene ask for the same
-def _relations(e: Equations) -> ca.Function:
+def relation_function(e: Equations) -> ca.Function:
     """Physical values -> residual at rest with the given entries of u, its slopes, given entries."""
     symbols = physical_symbols(e.parameters)
     return ca.Function("trim", [symbols[0]], list(relations_at_rest(e, symbols)))

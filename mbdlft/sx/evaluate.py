@@ -1,8 +1,8 @@
 """Values of a CasADi function at many points.
 
 For few points the function is called. For many its instructions are run one after the other, each on a
-vector of points, as those of an LFT are (`mbdlft/lft/run.py`): that does without the zeros of dense
-results and without the calls of a virtual machine.
+vector of points, as those of an LFT are (`mbdlft/lft/program/run.py`): that does without the zeros of
+dense results and without the calls of a virtual machine.
 """
 
 from collections.abc import Iterator
@@ -16,8 +16,18 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError
-from mbdlft.lft.program import COSINE, DIVIDE, MULTIPLY, ROOT, SINE, SIZE, SUBTRACT, Program, Tape
-from mbdlft.lft.run import Plan, plan, run
+from mbdlft.lft.program.run import Plan, plan, run
+from mbdlft.lft.program.tape import (
+    COSINE,
+    DIVIDE,
+    MULTIPLY,
+    ROOT,
+    SINE,
+    SIZE,
+    SUBTRACT,
+    Program,
+    Tape,
+)
 from mbdlft.sx.fold import Rule, Rules, fold, rules
 
 MANY = 256  # points from which on making vectors of them is worth it
@@ -123,7 +133,7 @@ def vectors(function: ca.Function) -> Vectors | None:
     starts = np.cumsum([0, *(function.numel_in(k) for k in range(function.n_in()))]).tolist()
     tape = Tape(starts[-1], _LONGEST)
     try:
-        results = fold(function, _program_rules(tape), *starmap(range, pairwise(starts)))
+        results = fold(function, program_rules(tape), *starmap(range, pairwise(starts)))
     except NotRationalError:
         return None
     constant = np.zeros(sum(function.numel_out(k) for k in range(function.n_out())))
@@ -141,7 +151,7 @@ def vectors(function: ca.Function) -> Vectors | None:
     return Vectors(plan(found), np.array(list(entries), dtype=np.intp), constant)
 
 
-def _program_rules(tape: Tape) -> Rules:
+def program_rules(tape: Tape) -> Rules:
     """Registers of a program, and numbers, as a number system: each operation is written down."""
 
     def written(operation: str) -> Rule:

@@ -39,7 +39,8 @@ def test_files_that_the_library_cannot_stand(tmp_path, source):
         save(file, models.arm(), "new")
     assert file.read_bytes() == before
     assert list(tmp_path.iterdir()) == [file]
-    if source.stem != "segv_vds":  # it has names, and models beside the hostile one
+    # one has names, and models beside the hostile one; another takes all of its seconds (below)
+    if source.stem not in ("segv_vds", "hang9"):
         with says(ArchiveError, f"{file}: "):
             model_names(file)
 

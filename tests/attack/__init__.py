@@ -11,13 +11,14 @@ one file and one line there.
 # name of the class (its file has underscores), and how many seeds `make test` runs
 CLASSES = {
     "archives": 30,
-    "matrix-files": 4,
+    "matrix-files": 2,
     "urdf": 60,
     "scenes": 15,
     "kills": 3,
     "writers": 1,
     "matrices": 6,
     "expressions": 40,
+    "native": 2,
     "cores": 1,
 }
 SECONDS = 20.0  # of the clock that one attack may take

@@ -58,7 +58,7 @@ def _change(table: dict[str, Any], places: list[Path], random: np.random.Generat
             other = places[int(random.integers(len(places)))]
             owner[key] = deepcopy(_at(table, other))
         case _:
-            owner[key] = ODD[int(random.integers(len(ODD)))]
+            owner[key] = deepcopy(ODD[int(random.integers(len(ODD)))])
 
 
 def _number(value: Any, random: np.random.Generator) -> Any:

@@ -25,6 +25,7 @@ WORK = {"O7": 3.0}  # no bound meets its order, so nothing but the budget ends t
 ENOUGH = 20.0  # for the others: the search ends at the bound, or when nothing new is found
 REWRITTEN_WORK = 10.0
 WAYS_OF_WRITING = 3  # the benchmark takes 100
+SLOW = ("O7", "O11")  # seconds each
 
 Realize = Callable[..., LFTModel]
 each_case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
@@ -64,7 +65,13 @@ def test_values_are_those_of_the_matrix(case: Case) -> None:
     assert certificate.minimal == (case.order == case.proved)
 
 
-@each_case
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, id=case.name, marks=[pytest.mark.long] * (case.name in SLOW))
+        for case in CASES
+    ],
+)
 def test_the_way_of_writing_does_not_matter(case: Case) -> None:
     samples = points(case, 50)
     expected = exact_values(case.matrix, samples)

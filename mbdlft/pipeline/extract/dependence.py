@@ -69,16 +69,17 @@ class Dependence:
 
 def subtract(row: Row, other: Row, factor: Exact) -> list[int]:
     """Subtract a multiple of another row in place; columns that are new."""
-    new, minus = [], -factor
+    # the two parts of the numbers are written out: this is where most of the time goes
+    new, ball, residue = [], -factor.ball, -factor.residue
     for column, entry in other.items():
         before = row.get(column)
         if before is None:
-            row[column] = minus * entry
+            row[column] = Exact(ball * entry.ball, residue * entry.residue)
             new.append(column)
             continue
-        value = before + minus * entry
-        if value:
-            row[column] = value
+        left = before.residue + residue * entry.residue
+        if left != 0:
+            row[column] = Exact(before.ball + ball * entry.ball, left)
         else:
             del row[column]
     return new

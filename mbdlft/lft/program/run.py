@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.lft.program import (
+from mbdlft.lft.program.tape import (
     ADD,
     COSINE,
     DIVIDE,
+    MAXIMUM,
     MULTIPLY,
     ROOT,
     SINE,
@@ -19,17 +20,21 @@ from mbdlft.lft.program import (
     SUBTRACT,
     Instruction,
     Program,
+    needed,
+    registers,
+    results,
 )
 
 _CACHE = 2**20  # numbers in all vectors of a run: they stay near a core
 _SHORTEST, _LONGEST = 512, 5120  # samples of a vector
-_LOST = 2.0**-5  # a pivot below this part of its terms has lost five binary digits
+LOST = 2.0**-5  # a pivot below this part of its terms has lost five binary digits
 _CALLS: dict[str, Callable[..., Any]] = {
     ADD: np.add,
     SUBTRACT: np.subtract,
     MULTIPLY: np.multiply,
     DIVIDE: np.divide,
     SIZE: np.copysign,  # of +0: the absolute value
+    MAXIMUM: lambda left, right, target: np.maximum(left, right, out=target),
     ROOT: lambda left, _, target: np.sqrt(left, target),
     COSINE: lambda left, _, target: np.cos(left, target),
     SINE: lambda left, _, target: np.sin(left, target),
@@ -55,23 +60,21 @@ class Plan:
 
 def plan(found: Program) -> Plan:
     """Give each register a vector, and the vector to another one after its last use."""
-    kept = _needed(found)
+    kept = needed(found)
     last: dict[int, int] = {}
     for position, instruction in enumerate(kept):
-        for operand in (instruction.left, instruction.right):
-            if isinstance(operand, int):
-                last[operand] = position
-    results = {register for _, register in found.entries}
-    results |= {register for pivot in found.pivots for register in pivot}
+        for operand in registers(instruction):
+            last[operand] = position
+    asked = results(found)
     place = {k: k for k in range(found.inputs)}
     free: list[int] = []
     count, instructions = found.inputs, []
     for position, instruction in enumerate(kept):
         operands = (instruction.left, instruction.right)
         left, right = (place[o] if isinstance(o, int) else o for o in operands)
-        for register in {o for o in operands if isinstance(o, int)}:
+        for register in set(registers(instruction)):
             # the deltas stay: their vectors are filled once for each chunk
-            if last[register] == position and register not in results and register >= found.inputs:
+            if last[register] == position and register not in asked and register >= found.inputs:
                 free.append(place[register])
         if not free:
             free.append(count)
@@ -87,18 +90,6 @@ def plan(found: Program) -> Plan:
         tuple(type(pivot)(*(place[register] for register in pivot)) for pivot in found.pivots),
     )
     return Plan(placed, count, max(_SHORTEST, min(_LONGEST, _CACHE // max(1, count))))
-
-
-def _needed(found: Program) -> list[Instruction]:
-    """Instructions that a result depends on."""
-    wanted = {register for _, register in found.entries}
-    wanted |= {register for pivot in found.pivots for register in pivot}
-    kept = []
-    for instruction in reversed(found.instructions):
-        if instruction.target in wanted:
-            kept.append(instruction)
-            wanted |= {o for o in (instruction.left, instruction.right) if isinstance(o, int)}
-    return kept[::-1]
 
 
 def run(found: Plan, points: Array, values: Array) -> NDArray[np.bool_]:
@@ -131,7 +122,7 @@ def run(found: Plan, points: Array, values: Array) -> NDArray[np.bool_]:
                 call(left, right, target)
             bad = lost[start : start + size]
             for pivot in program.pivots:
-                bad |= ~(np.abs(rows[pivot.value]) >= _LOST * rows[pivot.size])
+                bad |= ~(np.abs(rows[pivot.value]) >= LOST * rows[pivot.size])
             written = values[start : start + size]
             for (row, column), register in program.entries:
                 written[:, row, column] = rows[register]

@@ -1,0 +1,312 @@
+"""Trims and linearizations at many samples by native code: of a scene, or of a model.
+
+What the native code cannot do at a sample (a pivot loses digits, the equilibrium is not held, something
+is not a number) is asked of the source that it was made from, so that each row and status is as there.
+"""
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError, MbdlftError, MbdlftWarning, SceneError
+from mbdlft.base.parameter import Parameter
+from mbdlft.batch.rows import EquationSource, ModelSource, Source, source_of
+from mbdlft.batch.samples import GivenSamples, count_of, points_of, samples_of
+from mbdlft.lft.closing import closed
+from mbdlft.lft.evaluate import NATIVE
+from mbdlft.lft.program.cache import user_cache
+from mbdlft.lft.program.native import NativeProgram, is_available, native, run_natively
+from mbdlft.lft.program.tape import Operand, Pivot, Tape, TooLongError, rows_of_numbers
+from mbdlft.multibody.scene import Scene, scene_from_toml
+from mbdlft.problem.prestress import check_carried
+from mbdlft.problem.straight_line import StraightLine, straight_line
+from mbdlft.problem.trim import RESIDUAL
+from mbdlft.store.sweep import SOLVED, Layout
+from mbdlft.system.model import LFTModel, deltas_of
+
+_WORTH = 50_000  # samples from which on compiling equations takes less than it saves
+_CHUNK, _ENTRIES = 8192, 2**22  # most samples, and numbers of their rows, in memory at a time
+_LONGEST = 200_000  # instructions: more take minutes to compile
+_LONG = 5_000  # instructions of a model: its equations are looked at, which may have fewer
+_PROBES, _AGREED = 16, 1e-6  # samples, and part of a row and column: a mistake is more
+_ROUNDING = 1e-9  # of the largest entry
+
+
+class Linearizations(NamedTuple):
+    """State matrices and trims of N samples.
+
+    Attributes
+    ----------
+    A, B, C, D : arrays (N, nx, nx), (N, nx, nu), (N, ny, nx), (N, ny, nu)
+        NaN where a sample has no solution.
+    trim : array (N, n_t), in the units of `Compiled.layout.trim`
+    status : int array (N,)
+        0: solved; 1: singular; 2: no equilibrium. As in sweeps.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    trim: Array
+    status: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Compiled:
+    """A scene or a model as native code: called with samples, it gives their matrices.
+
+    Attributes
+    ----------
+    source : EquationSource or ModelSource
+        The definition.
+    line : StraightLine, or None
+        The program; None if there is none, and the definition computes all samples.
+    program : NativeProgram, or None
+    reason : str
+        Why there is no native code; empty if there is.
+    threads : int, optional
+        By default as many as there are cores.
+    """
+
+    source: EquationSource | ModelSource
+    line: StraightLine | None
+    program: NativeProgram | None
+    reason: str = ""
+    threads: int | None = None
+
+    @property
+    def computes(self) -> str:
+        """What is computed: "equations" of a scene, or the "LFT" of a model."""
+        return "equations" if isinstance(self.source, EquationSource) else "LFT"
+
+    @property
+    def layout(self) -> Layout:
+        """Names and units of parameters, states, inputs, outputs, trim."""
+        return self.source.layout
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Sorted by name."""
+        return self.source.parameters
+
+    @property
+    def chunk(self) -> int:
+        """Number of samples that may be evaluated at a time."""
+        if self.line is None:
+            return self.source.chunk
+        return max(64, min(_CHUNK, _ENTRIES // len(self.line.row)))
+
+    def __call__(self, samples: Mapping[str, ArrayLike]) -> Linearizations:
+        """State matrices and trims at samples.
+
+        Parameters
+        ----------
+        samples : mapping of names to numbers or arrays (N,)
+            Physical values in the units of the parameters, inside their ranges; a parameter that is not
+            named is nominal.
+
+        Returns
+        -------
+        Linearizations
+
+        Raises
+        ------
+        AnalysisError
+            The samples are wrong.
+        TrimError
+            Elastic bodies carry a load.
+        """
+        given = samples_of(self.parameters, samples)
+        assert isinstance(given, GivenSamples)
+        points = points_of(given, self.parameters, 0, count_of(given))
+        matrices, trim, _, status = self.rows(points)
+        n = len(self.layout.states)
+        return Linearizations(
+            matrices[:, :n, :n],
+            matrices[:, :n, n:],
+            matrices[:, n:, :n],
+            matrices[:, n:, n:],
+            trim,
+            status.astype(np.int64),
+        )
+
+    def rows(self, points: Array) -> tuple[Array, Array, Array, Array]:
+        """The rows at points (N, n_p), as `Source.rows` describes them."""
+        if self.line is None or self.program is None:
+            return self.source.rows(points)
+        count, entries = len(points), int(np.prod(self.line.shape))
+        values = np.empty((count, len(self.line.row)))
+        lost = run_natively(
+            self.program, self._arguments(points), self.line.row, values, self.threads
+        )
+        matrices = values[:, :entries].reshape(count, *self.line.shape)
+        end = entries + self.line.trims
+        trim, left, status = values[:, entries:end], values[:, end:], np.full(count, float(SOLVED))
+        if isinstance(self.source, ModelSource):
+            residual = np.full(count, self.source.model.certificate.max_relative_error)
+        else:
+            residual = left[:, 0] / np.where(left[:, 1] > 0.0, left[:, 1], 1.0)
+            lost |= ~(residual <= RESIDUAL)
+            largest = np.max(np.abs(left[~lost, 2:]), axis=0, initial=0.0)
+            check_carried(self.source.equations, largest[1:], float(largest[0]))
+        if np.any(lost):
+            again = self.source.rows(points[lost])
+            matrices[lost], trim[lost], residual[lost], status[lost] = again
+        return matrices, trim, residual, status
+
+    def _arguments(self, points: Array) -> Array:
+        """What the program is a function of: physical values, or deltas."""
+        if isinstance(self.source, EquationSource):
+            return points
+        named = {p.name: points[:, k] for k, p in enumerate(self.parameters)}
+        found = deltas_of(self.source.model, named)
+        return np.broadcast_to(found, (len(points), found.shape[1]))
+
+
+def compile(given: Scene | LFTModel, *, threads: int | None = None) -> Compiled:
+    """Compile the trim and the linearization of a scene, or the evaluation of a model, to native code.
+
+    The code depends on the structure alone: scenes that differ in numbers and ranges share it. It is
+    kept in a folder of this user (`MBDLFT_CACHE`, or the usual one for such files) and read from there
+    the next time. Without llvmlite (extra `native`), or where the program would be too long, the
+    definition computes, and a warning says so.
+
+    Parameters
+    ----------
+    given : Scene or LFTModel
+        Of a scene, the nonlinear equations are trimmed and linearized at each sample. Of a model, the LFT
+        is evaluated; where its program would be long, the equations of the scene that it was made from
+        are taken instead, if they have the same values (`Compiled.computes` says which).
+    threads : int, optional
+        Threads of a call; by default as many as there are cores.
+
+    Returns
+    -------
+    Compiled
+        A function of samples.
+
+    Raises
+    ------
+    SceneError
+        `given` is neither, or the scene cannot be assembled.
+    AnalysisError
+        The number of threads is not one.
+    """
+    if not isinstance(given, Scene | LFTModel):
+        raise SceneError(f"compile: expected a Scene or an LFTModel, got {type(given).__name__}.")
+    if threads is not None and (not isinstance(threads, int) or threads < 1):
+        raise AnalysisError(f"compile: expected at least 1 thread, got {threads!r}.")
+    found = compiled(source_of(given), threads)
+    if found.reason:
+        warnings.warn(
+            f"compile: {given.name!r} is computed by numpy: {found.reason}",
+            MbdlftWarning,
+            stacklevel=2,
+        )
+    return found
+
+
+def compiled(source: EquationSource | ModelSource, threads: int | None = None) -> Compiled:
+    """A source as native code, if that is possible; `reason` says if not."""
+    if not is_available():
+        reason = "llvmlite is not installed (pip install 'mbdlft[native]')."
+        return Compiled(source, None, None, reason)
+    line = _of_equations(source) if isinstance(source, EquationSource) else _of_model(source)
+    if isinstance(source, ModelSource) and (line is None or len(line.program.instructions) > _LONG):
+        by_equations = _by_equations(source, threads)
+        if by_equations is not None:
+            return by_equations
+    if line is None:
+        return Compiled(source, None, None, f"its program has more than {_LONGEST} instructions.")
+    try:
+        program = native(line.program, len(line.row), user_cache())
+    except Exception as error:
+        reason = f"LLVM failed: {type(error).__name__}: {str(error)[:200]}"
+        return Compiled(source, None, None, reason)
+    found = Compiled(source, line, program, "", threads)
+    if not _agrees(found, source):
+        return Compiled(
+            source, None, None, "its program differs from the definition; please report it."
+        )
+    return found
+
+
+def _of_equations(source: EquationSource) -> StraightLine | None:
+    e, states = source.equations, np.array(source.need.states, dtype=np.intp)
+    rows = np.concatenate([states, len(e.states) + np.arange(len(source.outputs))])
+    columns = np.concatenate([states, len(e.states) + np.arange(len(source.inputs))])
+    return straight_line(e, source.inputs, source.outputs, (rows, columns), _LONGEST)
+
+
+def _of_model(source: ModelSource) -> StraightLine | None:
+    """The values of both LFTs of a model, from its deltas."""
+    model = source.model
+    tape, outcome = Tape(len(model.parameters), _LONGEST), list[Operand]()
+    pivots: list[Pivot] = []
+    registers = {p.name: k for k, p in enumerate(model.parameters)}
+    lfts = [model.lft] if model.trim.lft is None else [model.lft, model.trim.lft]
+    try:
+        for lft in lfts:
+            entries, some = closed(lft, tape, [registers[block.name] for block in lft.blocks])
+            values: list[Operand] = [float(x) for x in lft.M22.ravel()]
+            for (i, j), register in entries:
+                values[i * lft.shape[1] + j] = register
+            outcome += values
+            pivots += some
+    except TooLongError:
+        return None
+    shape = (model.lft.shape[0], model.lft.shape[1])
+    program, row = rows_of_numbers(tape, outcome, pivots)
+    return StraightLine(program, row, shape, len(outcome) - shape[0] * shape[1])
+
+
+def _by_equations(source: ModelSource, threads: int | None) -> Compiled | None:
+    """The equations of the scene that a model was made from, if their values are those of the model."""
+    try:
+        equations = source_of(scene_from_toml(source.model.provenance.scene))
+    except MbdlftError:  # it was made from something else
+        return None
+    same = equations.layout == source.layout and equations.parameters == source.parameters
+    if not same:
+        return None
+    found = compiled(equations, threads)
+    return None if found.reason or not _agrees(found, source) else found
+
+
+def _agrees(found: Compiled, definition: Source) -> bool:
+    """Whether the values are those of the definition at some samples: there is no mistake."""
+    points = _probes(found.parameters)
+    (one, *_, first), (two, *_, second) = found.rows(points), definition.rows(points)
+    some = (first == SOLVED) & (second == SOLVED)
+    if not np.any(some):
+        return True
+    one, two = one[some], two[some]
+    size = np.max(np.abs(two), axis=0, initial=0.0)
+    rows, columns = np.max(size, axis=1, initial=0.0), np.max(size, axis=0, initial=0.0)
+    # rows that are zero but for rounding have no size of their own
+    least = np.maximum(size, np.sqrt(np.outer(rows, columns)))
+    least = np.maximum(least, _ROUNDING * np.max(size, initial=0.0))
+    return bool(np.all(np.abs(one - two) <= _AGREED * least))
+
+
+def _probes(parameters: tuple[Parameter, ...]) -> Array:
+    random = np.random.default_rng(0)
+    points = np.empty((_PROBES, len(parameters)))
+    for k, parameter in enumerate(parameters):
+        points[:, k] = random.uniform(parameter.low, parameter.high, _PROBES)
+    return points
+
+
+def fastest(source: EquationSource | ModelSource, count: int) -> Source:
+    """The source of the rows of `count` samples: native code if compiling it takes less than it saves."""
+    worth = _WORTH if isinstance(source, EquationSource) else NATIVE
+    if count < worth or not is_available():
+        return source
+    found = compiled(source, threads=1)
+    return source if found.reason else found

@@ -1,0 +1,1 @@
+"""Straight-line programs: written on a tape, run by numpy or as native code. numpy only."""

@@ -1,0 +1,211 @@
+"""Straight-line programs as native code, compiled by LLVM for the processor at hand.
+
+Cosines and sines are numpy's; all else runs on vectors of eight samples, with as many threads as there
+are cores. Results are bit for bit those of `run`.
+"""
+
+import ctypes
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.base.array import Array
+from mbdlft.lft.program.cache import Cache, key_of
+from mbdlft.lft.program.llvm import LANES, Code, code
+from mbdlft.lft.program.run import Plan, plan, run
+from mbdlft.lft.program.tape import COSINE, SINE, Instruction, Program, needed
+
+_ALIGNED = 64  # bytes of a vector
+_SAMPLES = 2048  # of a chunk: what comes in stays near a core
+_OPTIMIZED = 2  # level of LLVM; 3 takes longer and is not faster here
+_POINTER = ctypes.c_void_p
+_KIND = ctypes.CFUNCTYPE(None, ctypes.c_int64, *([_POINTER] * 6))
+
+
+def is_available() -> bool:
+    """Whether llvmlite is installed."""
+    return find_spec("llvmlite") is not None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NativeProgram:
+    """A program as native code.
+
+    Attributes
+    ----------
+    first : Plan, or None
+        What is done by numpy: arguments of cosines and sines, and these.
+    inputs : number of inputs of the native code
+    size : entries of a row
+    code : Code
+    call : the native function
+    engine : owner of its memory
+    """
+
+    first: Plan | None
+    inputs: int
+    size: int
+    code: Code
+    call: Any
+    engine: Any
+
+
+def native(program: Program, size: int, cache: Cache | None = None) -> NativeProgram:
+    """Compile a program whose entries have the places (0, k).
+
+    Parameters
+    ----------
+    program : Program
+    size : entries of a row
+    cache : Cache, optional
+        Where code is looked for, and kept.
+    """
+    first, rest = _without_circles(program)
+    found = code(rest, size)
+    call, engine = _loaded(found.text, cache)
+    return NativeProgram(first, rest.inputs, size, found, call, engine)
+
+
+def run_natively(
+    found: NativeProgram, points: Array, row: Array, values: Array, threads: int | None = None
+) -> NDArray[np.bool_]:
+    """Write whole rows: the entries of the program, and the others as they are in `row`.
+
+    Parameters
+    ----------
+    found : NativeProgram
+    points : array (N, inputs of the program)
+    row : array (size,)
+    values : array (N, size), contiguous
+    threads : int, optional
+        As many as there are cores by default.
+
+    Returns
+    -------
+    bool array (N,)
+        As that of `run`.
+    """
+    count = len(points)
+    whole = count - count % LANES
+    lost = np.zeros(count, dtype=np.uint8)
+    numbers = np.array(found.code.numbers or (0.0,))
+    row = np.ascontiguousarray(row, dtype=float)
+    assert row.shape == (found.size,)
+    assert values.shape == (count, found.size)
+    assert values.flags.c_contiguous
+
+    def fill(start: int) -> None:
+        part = slice(start, min(start + _SAMPLES, whole))
+        _call(found, _packed(found, points[part]), numbers, row, values[part], lost[part])
+
+    starts = range(0, whole, _SAMPLES)
+    workers = min(threads or _cores(), len(starts))
+    if workers > 1:
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(fill, starts))
+    else:
+        for start in starts:
+            fill(start)
+    if count > whole:
+        last = np.concatenate([points[whole:], np.tile(points[-1], (whole + LANES - count, 1))])
+        found_rows, found_lost = np.empty((LANES, found.size)), np.zeros(LANES, dtype=np.uint8)
+        _call(found, _packed(found, last), numbers, row, found_rows, found_lost)
+        values[whole:], lost[whole:] = found_rows[: count - whole], found_lost[: count - whole]
+    return lost.astype(bool)
+
+
+def _call(
+    found: NativeProgram,
+    inputs: Array,
+    numbers: Array,
+    row: Array,
+    values: Array,
+    lost: NDArray[np.uint8],
+) -> None:
+    slots = _aligned(found.code.slots * LANES)
+    arrays = (inputs, numbers, slots, row, values, lost)
+    found.call(len(inputs), *(array.ctypes.data for array in arrays))
+
+
+def _packed(found: NativeProgram, points: Array) -> Array:
+    """Inputs of the native code (blocks, inputs, LANES) from points (N, inputs of the program)."""
+    given, blocks = points.shape[1], len(points) // LANES
+    packed = _aligned(len(points) * found.inputs).reshape(blocks, found.inputs, LANES)
+    packed[:, :given] = points.reshape(blocks, LANES, given).transpose(0, 2, 1)
+    if found.first is not None:
+        circles = np.empty((len(points), 1, found.inputs - given))
+        run(found.first, points, circles)
+        packed[:, given:] = circles.reshape(blocks, LANES, found.inputs - given).transpose(0, 2, 1)
+    return packed
+
+
+def _aligned(count: int) -> Array:
+    """An array of so many numbers that begins where vectors may begin."""
+    room = np.empty(count + _ALIGNED // 8)
+    start = (-room.ctypes.data % _ALIGNED) // 8
+    return room[start : start + count]
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _without_circles(program: Program) -> tuple[Plan | None, Program]:
+    """The cosines and sines of a program, and the rest, to which they are inputs."""
+    kept = needed(program)
+    circles = [one.target for one in kept if one.operation in (COSINE, SINE)]
+    if not circles:
+        return None, Program(program.inputs, tuple(kept), program.entries, program.pivots)
+    entries = tuple(((0, k), register) for k, register in enumerate(circles))
+    first = plan(Program(program.inputs, tuple(kept), entries, ()))
+    inputs = program.inputs + len(circles)
+    names = {register: program.inputs + k for k, register in enumerate(circles)}
+
+    def renamed(operand: Any) -> Any:
+        if not isinstance(operand, int) or operand < program.inputs:
+            return operand
+        return names.get(operand, operand + len(circles))
+
+    rest = Program(
+        inputs,
+        tuple(
+            Instruction(one.operation, renamed(one.target), renamed(one.left), renamed(one.right))
+            for one in kept
+            if one.target not in names
+        ),
+        tuple((place, renamed(register)) for place, register in program.entries),
+        tuple(type(pivot)(*map(renamed, pivot)) for pivot in program.pivots),
+    )
+    return first, rest
+
+
+def _loaded(text: str, cache: Cache | None) -> tuple[Any, Any]:
+    """The function of a text, and what owns its memory."""
+    import llvmlite
+    import llvmlite.binding as llvm
+
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    processor, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+    target = llvm.Target.from_default_triple()
+    machine = partial(
+        target.create_target_machine, cpu=processor, features=features, opt=_OPTIMIZED, jit=True
+    )
+    key = key_of(text, processor, features, target.name, llvmlite.__version__)
+    compiled = cache.get(key) if cache else None
+    if compiled is None:
+        compiled = machine().emit_object(llvm.parse_assembly(text))
+        if cache:
+            cache.put(key, compiled)
+    # an engine owns its machine
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine())
+    engine.add_object_file(llvm.ObjectFileRef.from_data(compiled))
+    engine.finalize_object()
+    return _KIND(engine.get_function_address("samples")), engine
