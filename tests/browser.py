@@ -54,15 +54,19 @@ class Loaded:
 
 @contextmanager
 def browser() -> Iterator[Any]:
-    """A function that loads a file as a `Loaded` page."""
+    """A function that loads a file as a `Loaded` page; more options start a browser of its own."""
     program = chromium()
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as tool:
-        running = tool.chromium.launch(executable_path=program, args=_OPTIONS)
+        running: dict[tuple[str, ...], Any] = {}
 
-        def load(file: Path) -> Loaded:
-            page = running.new_page(viewport={"width": _WIDE, "height": _HIGH})
+        def load(file: Path, *more: str) -> Loaded:
+            if more not in running:
+                running[more] = tool.chromium.launch(
+                    executable_path=program, args=[*_OPTIONS, *more]
+                )
+            page = running[more].new_page(viewport={"width": _WIDE, "height": _HIGH})
             loaded = Loaded(page)
             page.goto(file.resolve().as_uri())
             return loaded
@@ -70,4 +74,5 @@ def browser() -> Iterator[Any]:
         try:
             yield load
         finally:
-            running.close()
+            for one in running.values():
+                one.close()

@@ -144,6 +144,19 @@ def test_texts_of_a_scene_are_not_markup(load: Callable[[Path], Loaded], tmp_pat
 
 
 @pytest.mark.long
+def test_a_browser_that_draws_nothing(load: Callable[..., Loaded], tmp_path: Path) -> None:
+    """Without WebGL there are no pictures; numbers, names and modes are there, and a note."""
+    file = mbdlft.view(scene_called("four_bar")).save(tmp_path / "page.html")
+    loaded = load(file, "--disable-3d-apis")
+    assert "needs WebGL" in loaded.run("() => document.getElementById('notes').innerText")
+    loaded.run("() => mbdlft.set('theta', 40)")
+    loaded.run("() => mbdlft.pick('spring')")
+    loaded.page.locator("#rows tr").first.click()
+    assert "Shown at" in loaded.run("() => document.getElementById('moving').textContent")
+    assert not loaded.page.locator("#layers").is_visible()
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("name", RIGID + ELASTIC)
 def test_pages_of_all_scenarios(name: str, load: Callable[[Path], Loaded], tmp_path: Path) -> None:
     scene = scene_called(name)

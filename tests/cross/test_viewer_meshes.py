@@ -42,7 +42,11 @@ def installed(file: str) -> Path:
 
 
 @pytest.mark.parametrize(
-    "file", ["ur_description/urdf/ur5_robot.urdf", "kinova_description/robots/kinova.urdf"]
+    "file",
+    [
+        "ur_description/urdf/ur5_robot.urdf",
+        pytest.param("kinova_description/robots/kinova.urdf", marks=pytest.mark.long),
+    ],
 )
 def test_meshes_stand_where_pinocchio_has_them(file: str) -> None:
     path = installed(file)

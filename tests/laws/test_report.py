@@ -62,7 +62,8 @@ def read(html: str) -> Texts:
 def test_the_report_of_the_arm() -> None:
     """Parameters, repetitions, equilibrium and poles are in its tables."""
     model = model_of("two_link_arm")
-    found = read(model_report(model).html)
+    html = model_report(model).html
+    found = read(html)
     rows = {row[0]: row for row in found.rows if row}
     c = model.certificate
     for k, p in enumerate(model.parameters):
@@ -75,7 +76,7 @@ def test_the_report_of_the_arm() -> None:
         signal.name for signal in model.inputs
     ]
     assert "script" not in found.tags
-    assert "unstable at nominal" in model_report(model).html
+    assert "unstable at nominal" in html
 
 
 def test_loads_lie_between_the_least_and_the_largest() -> None:

@@ -200,7 +200,7 @@
     for (const phase of [0, Math.PI / 2]) {
       swing(one, step, phase);
       const moved = place();
-      world.points.forEach((k) => { way = Math.max(way, Math.hypot(...[0, 1, 2].map((i) => moved[3 * k + i] - rest[3 * k + i]))); });
+      (world ? world.points : []).forEach((k) => { way = Math.max(way, Math.hypot(...[0, 1, 2].map((i) => moved[3 * k + i] - rest[3 * k + i]))); });
       data.coordinates.forEach((c, k) => { if (c.turns) turn = Math.max(turn, Math.abs(q[k])); });
     }
     return step * Math.min(way > 0 ? 0.12 * data.size / way : Infinity, turn > 0 ? 0.5 / turn : Infinity, 1e6);
@@ -229,6 +229,7 @@
     world = makeWorld(window.viewerLibrary.ThreeJsProvider.THREE, data, find("picture"), pick);
   } catch (error) {
     note(`The picture needs WebGL, which this browser does not give: ${error.message}`);
+    find("layers").hidden = find("views").hidden = true;
   }
   const hidden = new Set(["frames"]);
   ["bodies", "meshes", "joints", "loads", "equilibrium", "sensors", "centers of mass", "ports", "frames", "ground", "names"].forEach((layer) => {
