@@ -1,5 +1,6 @@
 """Pages of scenes in a real browser: bodies are where pinocchio has them, loads are those of the trim."""
 
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -167,5 +168,25 @@ def test_pages_of_all_scenarios(name: str, load: Callable[[Path], Loaded], tmp_p
     for k in range(min(rows.count(), 4)):
         rows.nth(k).click()
         assert "Shown at" in loaded.run("() => document.getElementById('moving').textContent")
+    assert loaded.complaints == []
+    loaded.page.close()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", RIGID + ELASTIC)
+def test_reports_of_all_scenarios(
+    name: str, load: Callable[[Path], Loaded], tmp_path: Path
+) -> None:
+    """No complaints, pictures that are there, and a print of few pages."""
+    model = mbdlft.to_lft(scene_called(name), search=0.0, prove=0.0)
+    file = mbdlft.model_report(model).save(tmp_path / "report.html")
+    assert file.stat().st_size < _LARGEST
+    loaded = load(file)
+    widths = loaded.run("() => [...document.images].map((image) => image.naturalWidth)")
+    assert len(widths) >= 2
+    assert all(width > 100 for width in widths)
+    assert loaded.run("() => document.documentElement.scrollWidth <= window.innerWidth")
+    printed = loaded.page.pdf(prefer_css_page_size=True)
+    assert 4 <= len(re.findall(rb"/Type\s*/Page\b", printed)) <= 16
     assert loaded.complaints == []
     loaded.page.close()
