@@ -68,10 +68,23 @@ def set_all(loaded: Loaded, values: dict[str, float]) -> None:
     loaded.run("(all) => Object.entries(all).forEach(([n, x]) => mbdlft.set(n, x))", values)
 
 
+def slide(loaded: Loaded, where: str, name: str, value: float) -> None:
+    """Move the slider of this name, as a hand would."""
+    row = loaded.page.locator(f"{where} .slider", has_text=name).locator("input")
+    row.evaluate(
+        "(input, x) => { input.value = x; input.dispatchEvent(new Event('input')); }", value
+    )
+
+
+def chosen_point(scene: mbdlft.Scene) -> dict[str, float]:
+    """Values of the parameters at which pages are compared."""
+    chosen = mbdlft.random(scene.parameters, 1, seed=4) if scene.parameters else {}
+    return {name: float(value[0]) for name, value in chosen.items()}
+
+
 def check_page(scene: mbdlft.Scene, loaded: Loaded) -> None:
     """Sliders of parameters and positions, and loads at equilibrium."""
-    chosen = mbdlft.random(scene.parameters, 1, seed=4) if scene.parameters else {}
-    point = {name: float(value[0]) for name, value in chosen.items()}
+    point = chosen_point(scene)
     set_all(loaded, point)
     check_positions(scene, loaded, point)
     loads = loaded.run("() => mbdlft.loads()")
@@ -100,6 +113,10 @@ def test_bodies_and_loads_of_a_tree(load: Callable[[Path], Loaded], tmp_path: Pa
     scene = scene_called("balloon_gondola")
     loaded = opened(load, scene, tmp_path)
     check_page(scene, loaded)
+    slide(loaded, "#positions", "hook.rotation.y", 0.7)
+    slide(loaded, "#parameters", "L_train", 31.0)
+    assert loaded.run("() => mbdlft.coordinates()")["hook.rotation.y"] == 0.7
+    check_positions(scene, loaded, {**chosen_point(scene), "L_train": 31.0})
     loaded.run("() => mbdlft.pick('gondola')")
     assert "mass = m_gondola kg" in loaded.run("() => document.getElementById('info').innerText")
     loaded.page.locator("#rows tr").last.click()
@@ -113,7 +130,7 @@ def test_a_loop_stays_closed(load: Callable[[Path], Loaded], tmp_path: Path) -> 
     check_page(scene, loaded)
     loop, coordinates = scene.loops[0], loaded.run("() => mbdlft.coordinates()")
     assert all(abs(value) > 1e-3 for value in coordinates.values())
-    tree = check_positions(scene, loaded, values_of(loaded, scene))
+    tree = check_positions(scene, loaded, chosen_point(scene))
     data = tree.model.createData()
     pin.forwardKinematics(tree.model, data, configuration(scene, tree, coordinates))
     ends = [tree.at_port(port) for port in (loop.parent, loop.child)]
@@ -122,11 +139,6 @@ def test_a_loop_stays_closed(load: Callable[[Path], Loaded], tmp_path: Path) -> 
     loaded.run("() => mbdlft.reset()")
     assert not any(loaded.run("() => mbdlft.coordinates()").values())
     assert loaded.complaints == []
-
-
-def values_of(loaded: Loaded, scene: mbdlft.Scene) -> dict[str, float]:
-    chosen = mbdlft.random(scene.parameters, 1, seed=4)
-    return {name: float(value[0]) for name, value in chosen.items()}
 
 
 def test_texts_of_a_scene_are_not_markup(load: Callable[[Path], Loaded], tmp_path: Path) -> None:
