@@ -24,6 +24,7 @@ from mbdlft.cli.export import export
 from mbdlft.cli.poles import poles
 from mbdlft.cli.report import print_model, report_model
 from mbdlft.cli.response import KINDS, draw, response
+from mbdlft.cli.schema import schema
 from mbdlft.cli.source import values_of
 from mbdlft.cli.sweep import sweep
 from mbdlft.cli.tables import console as _console
@@ -78,6 +79,7 @@ app.command()(response)
 app.command()(export)
 app.command()(view)
 app.command()(report)
+app.command()(schema)
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
