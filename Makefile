@@ -47,7 +47,7 @@ bench: .venv/bench
 	$(BIN)/python -m benchmarks.flexible --write docs/flexible.md
 	$(BIN)/python -m benchmarks.hard_cases --write docs/hard-cases.md
 	$(BIN)/python -m benchmarks.scaling --write docs/scaling.md --figure docs/scaling.png
-	$(BIN)/python -m benchmarks.speed_error --write docs/speed-error.md --figure docs/speed-error.png
+	XLA_FLAGS="--xla_cpu_multi_thread_eigen=false" $(BIN)/python -m benchmarks.speed_error --write docs/speed-error.md --figure docs/speed-error.png
 	$(BIN)/python -m benchmarks.needs --write docs/needs.md
 	$(BIN)/python -m benchmarks.ur5
 	$(BIN)/python -m benchmarks.moves

@@ -6,7 +6,14 @@ from importlib.util import find_spec
 from shutil import which
 from typing import NamedTuple
 
-from benchmarks.speed.formulas import COMPILER, SlowError, by_compiled_c, by_sympy
+from benchmarks.speed.formulas import (
+    COMPILER,
+    NoDeviceError,
+    SlowError,
+    by_compiled_c,
+    by_jax,
+    by_sympy,
+)
 from benchmarks.speed.own import (
     TooLongError,
     by_compiled_equations,
@@ -53,6 +60,8 @@ CANDIDATES = (
     ),
     Candidate("Drake", by_drake, module="pydrake", rigid=True),
     Candidate("SymPy", by_sympy, module="sympy"),
+    Candidate("JAX", by_jax, module="jax"),
+    Candidate("JAX, GPU", partial(by_jax, device="gpu"), module="jax"),
     Candidate("grid, quadratic", partial(by_polynomials, degree=2), FITTED),
     Candidate("grid, cubic", partial(by_polynomials, degree=3), FITTED),
     Candidate("compiled C", by_compiled_c, general=False),
@@ -79,5 +88,5 @@ def made(candidate: Candidate, system: System) -> Method | str:
         return candidate.make(system)
     except SlowError:
         return "not ready in time"
-    except TooLongError as error:
+    except (TooLongError, NoDeviceError) as error:
         return str(error)

@@ -18,6 +18,8 @@ STYLES = {
     "MuJoCo, central": ("^", "tab:green", 60),
     "Drake": ("s", "tab:purple", 55),
     "SymPy": ("D", "tab:orange", 50),
+    "JAX": ("h", "tab:brown", 60),
+    "JAX, GPU": ("H", "tab:brown", 60),
     "grid, quadratic": ("X", "0.45", 70),
     "grid, cubic": ("x", "0.45", 60),
     "compiled C": ("d", "black", 60),
@@ -46,6 +48,8 @@ def figure(path: Path, groups: Mapping[str, Sequence[Mapping[str, Any]]]) -> Non
         missing = [r["method"] for r in rows if "error" not in r]
         # other tools once each, by their names; a way of this package as a whole
         absent = list(dict.fromkeys(n if "mbdlft" in n else n.split(",")[0] for n in missing))
+        done = {row["method"] for row in rows if "error" in row}
+        absent = [name for name in absent if name not in done]
         panel.set_title(f"{name}: {rows[0]['states']} states, {rows[0]['parameters']} parameters")
         if absent:
             panel.text(
