@@ -1,3 +1,5 @@
+from .bands import MuBands as MuBands
+from .bands import mu_bands as mu_bands
 from .damping import DampingTable as DampingTable
 from .damping import ModeRow as ModeRow
 from .damping import damping_table as damping_table
@@ -27,3 +29,5 @@ from .time_response import initial_response as initial_response
 from .time_response import response_times as response_times
 from .time_response import step_response as step_response
 from .transmission import zeros as zeros
+from .worst import disk_transfer as disk_transfer
+from .worst import worst_case as worst_case

@@ -41,6 +41,9 @@ class Realization(NamedTuple):
         Parameters and their repetitions, none of which is 0.
     A, B, C, D : array (n, n), (n, N), (N, n), (N, N)
     E, F, G, H, J : arrays of the inputs u and outputs y whose gain is asked for; none of stability
+    shift, slope : float
+        Where poles are asked for: left of s = shift + (j - slope) omega and of its mirror image. Both
+        are 0 for stability; the shift is in rad/s.
     """
 
     names: tuple[str, ...]
@@ -54,6 +57,8 @@ class Realization(NamedTuple):
     G: Array
     H: Array
     J: Array
+    shift: float = 0.0
+    slope: float = 0.0
 
     @property
     def coefficients(self) -> int:
@@ -85,6 +90,8 @@ class Polynomials(NamedTuple):
 def polynomials(model: Realization, k: float) -> Polynomials:
     """Bernstein coefficients of p(j omega, delta), and of p G for each entry of the transfer G.
 
+    With another region than the left half plane, of p along its edge.
+
     Raises
     ------
     WellPosednessError
@@ -99,8 +106,10 @@ def polynomials(model: Realization, k: float) -> Polynomials:
         largest = np.max(np.abs(values), axis=tuple(range(1, values.ndim - 1)))
         whole = np.max(largest, axis=1, keepdims=True, initial=0.0)
         if np.all(radii <= np.maximum(_ENOUGH * largest, _NOTHING * whole)):
-            powers = 1j ** (np.arange(values.shape[-1]) % 4)
-            return Polynomials(values * powers, radii + _EPS * largest, scale, len(model.J))
+            powers, off = _powers(values.shape[-1], model.slope)
+            sizes = np.abs(powers) * (1.0 + 4.0 * _EPS)
+            error = radii * sizes + off * sizes * largest
+            return Polynomials(values * powers, error, scale, len(model.J))
         bits *= 2
     raise AnalysisError(
         f"the characteristic polynomial of {len(model.A)} states needs more than {_MOST_BITS} bits."
@@ -108,11 +117,11 @@ def polynomials(model: Realization, k: float) -> Polynomials:
 
 
 def is_stable_at(model: Realization, delta: Sequence[float] | Array) -> bool:
-    """Whether all poles at these deltas are proved to have negative real parts, by Routh's scheme."""
+    """Whether all poles at these deltas are proved to lie in the region, by Routh's scheme."""
     bits = _BITS
     while bits <= _MOST_BITS:
         with flint.ctx.workprec(bits):
-            found = _routh(_at(model, delta))
+            found = _routh(_straightened(_at(model, delta), model.slope))
         if found is not None:
             return found
         bits *= 2
@@ -137,6 +146,29 @@ def is_hurwitz(A: Array) -> bool:
         z((0, 0)),
     )
     return is_stable_at(alone, [])
+
+
+def _powers(count: int, slope: float) -> tuple[NDArray[np.complex128], float]:
+    """Powers (count,) of j - slope, and a relative bound of the error of a product with one."""
+    if not slope:
+        return np.asarray(1j ** (np.arange(count) % 4), dtype=np.complex128), _EPS
+    with flint.ctx.workprec(_BITS):
+        edge = flint.acb(-slope, 1)
+        found = [complex((edge**k).mid()) for k in range(count)]
+    return np.array(found, dtype=np.complex128), 8.0 * _EPS
+
+
+def _straightened(coefficients: list[Any] | None, slope: float) -> list[Any] | None:
+    """Coefficients of a real polynomial that is Hurwitz if the zeros of p are left of the two edges.
+
+    With s = (1 + j slope) u the edge becomes the axis of u; the other one comes with the conjugate.
+    """
+    if coefficients is None or not slope:
+        return coefficients
+    turn = flint.acb(1, slope)
+    one = [turn**k * c for k, c in enumerate(coefficients)]
+    other = [turn.conjugate() ** k * c for k, c in enumerate(coefficients)]
+    return [c.real for c in (flint.acb_poly(one) * flint.acb_poly(other)).coeffs()]
 
 
 def _routh(coefficients: list[Any] | None) -> bool | None:
@@ -174,7 +206,10 @@ def _whole(model: Realization) -> Any:
         [model.B, model.A, model.E],
         [model.H, model.G, model.J],
     ]
-    return _matrix(np.block(rows))
+    whole = _matrix(np.block(rows))
+    for k in range(len(model.D), len(model.D) + len(model.A) if model.shift else 0):
+        whole[k, k] = whole[k, k] - flint.arb(model.shift)
+    return whole
 
 
 def _matrix(a: Array) -> Any:

@@ -47,11 +47,11 @@ def swept(
 
     Below `floor` bounds are not told apart.
     """
-    todo, first = [(0.0, np.inf)], _first(system.A)
+    todo, first = [(0.0, np.inf)], first_frequencies(system.A)
     beta, peak, used, last = floor, np.nan, 0.0, None
     kept: list[tuple[Interval, Multipliers]] = []
     cost = _cost(len(system.A), structure)
-    for omega in _looks(first):
+    for omega in looks(first):
         M, _ = channels_matrix(system, omega)
         last = upper_bound(M, structure, start=last, tolerance=0.1 * gap, enough=beta)
         used += cost
@@ -66,7 +66,7 @@ def swept(
         if used > work:
             return Sweep(None, used, todo[-1][0], peak)
         low, high = todo.pop()
-        omega = _middle(low, high, first)
+        omega = middle(low, high, first)
         M, _ = channels_matrix(system, omega)
         found = upper_bound(M, structure, start=last, tolerance=0.02 * gap, enough=beta)
         last = found
@@ -89,7 +89,7 @@ def swept(
     return Sweep(None, used, todo[-1][0] if todo else np.nan, peak)
 
 
-def _looks(first: Array) -> Array:
+def looks(first: Array) -> Array:
     """Frequencies at which to look before anything is proved: of the poles, and around them."""
     sizes = first[first > 0.0]
     if not len(sizes):
@@ -108,7 +108,7 @@ def _rest(low: float, high: float, interval: Interval) -> list[tuple[float, floa
     return rest
 
 
-def _first(A: Array) -> Array:
+def first_frequencies(A: Array) -> Array:
     """Frequencies at which to begin: those of the poles, the least damped first."""
     poles = np.linalg.eigvals(A) if len(A) else np.zeros(0)
     poles = poles[poles.imag >= 0.0]
@@ -116,7 +116,7 @@ def _first(A: Array) -> Array:
     return np.abs(poles[order])
 
 
-def _middle(low: float, high: float, first: Array) -> float:
+def middle(low: float, high: float, first: Array) -> float:
     """A frequency in an interval."""
     inside = first[(first > low) & (first < high)]
     if len(inside):

@@ -19,6 +19,7 @@ from mbdlft.analyze.peak import NOTHING, Peak, largest_peak, peak_at, slope_at
 from mbdlft.analyze.pole_migration import smallest_crossing
 from mbdlft.analyze.realization import check_nominal, physical, realization, shares
 from mbdlft.analyze.result import GAP, LARGEST, WORK, Bounds, BoxProof, Progress, check_numbers
+from mbdlft.analyze.varying import Rates, Varying, gain_of, rates_of
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.threads import one_thread
 from mbdlft.system.names import positions_of
@@ -37,10 +38,14 @@ def worst_case_gain(
     *,
     gap: float = GAP,
     work: float = WORK,
+    rates: Rates = None,
     leave_out: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Bounds:
     """Bounds of the largest H-infinity norm from inputs to outputs over the declared box.
+
+    With `rates`, `upper` is a bound of the root of the energy of the outputs over that of the inputs,
+    from rest, for all motions of the parameters in the box that are not faster.
 
     Parameters
     ----------
@@ -52,6 +57,8 @@ def worst_case_gain(
         The part of the gain by which its bounds may differ.
     work : float
         Units of work, each at most about a second of one core. With less, the bounds are farther apart.
+    rates : mapping of names to numbers, or number for all, optional
+        As for `robust_stability`.
     leave_out : sequence of str
         States on which nothing else depends: their poles do not count.
     progress : function (lower, upper), optional
@@ -73,10 +80,17 @@ def worst_case_gain(
     """
     what = "worst_case_gain"
     check_numbers(what, gap=gap, work=work)
+    moving = rates_of(system, rates, what)
     model, proof = _transfer(system, inputs, outputs, leave_out, what)
     gone = tuple(leave_out)
     with one_thread():
-        return _GainSearch(system, model, proof, gap, work, progress, gone).result()
+        search = _GainSearch(system, model, proof, gap, work, progress, gone)
+        if not moving:
+            return search.result()
+        search.reach()
+        signals = proof(1.0, (), 0.0)
+        names = signals.inputs, signals.outputs
+        return gain_of(Varying(system, model, moving, gap, work, progress, names), search.answer())
 
 
 def robust_performance(
@@ -165,7 +179,8 @@ class _GainSearch:
         if self.progress is not None:
             self.progress(self.best.gain, self.upper)
 
-    def search(self) -> None:
+    def reach(self) -> None:
+        """The largest gain that a search finds."""
         crossing = smallest_crossing(self.model, 1.0)
         if np.isfinite(crossing.size):
             self.best = Peak(np.inf, crossing.frequency, crossing.delta)
@@ -173,7 +188,10 @@ class _GainSearch:
             return
         self.best = largest_peak(self.model, 1.0)
         self.told()
-        self.reason = too_large(self.model)
+
+    def search(self) -> None:
+        self.reach()
+        self.reason = self.reason or too_large(self.model)
         if self.reason or not np.isfinite(self.best.gain):
             return
         self.used += cost_of(self.model)

@@ -35,6 +35,7 @@ from mbdlft.analyze.result import (
     Progress,
     check_numbers,
 )
+from mbdlft.analyze.varying import Rates, Varying, margin_of, rates_of
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.threads import one_thread
 from mbdlft.system.system import System
@@ -51,10 +52,15 @@ def robust_stability(
     gap: float = GAP,
     work: float = WORK,
     largest: float = LARGEST,
+    rates: Rates = None,
     leave_out: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Bounds:
     """Bounds of the margin of robust stability, guaranteed for all frequencies and all values.
+
+    With `rates`, for all motions of the parameters that are not faster: then `lower` is proved by a
+    quadratic form that falls along each of them, and `upper` is that of constant values, or of a
+    periodic motion.
 
     Parameters
     ----------
@@ -67,6 +73,9 @@ def robust_stability(
         The result depends on it and not on the time that passes.
     largest : float
         Margins above this are not told apart.
+    rates : mapping of names to numbers, or number for all, optional
+        Bounds of how fast parameters move, in their units per second: 0, the default, for constants; inf
+        for any motion.
     leave_out : sequence of str
         States on which nothing else depends, such as positions that no loop measures: their poles do
         not count.
@@ -83,14 +92,21 @@ def robust_stability(
     ------
     AnalysisError
         The nominal model is unstable, or has a pole on the axis, which the message names; there is no
-        parameter; the model is too large.
+        parameter; the model is too large; a rate is of no parameter, or no bound.
     """
     check_numbers("robust_stability", gap=gap, work=work, largest=largest)
+    moving = rates_of(system, rates, "robust_stability")
     check_parameters(system, "robust_stability")
     stay = states_that_stay(system, leave_out)
     check_nominal(system, system.A[np.ix_(stay, stay)], leave_out, "robust_stability")
     gone = tuple(leave_out)
     with one_thread():
+        if moving:
+            model = realization(system, leave_out=leave_out)
+            search = _Search(system, model, gap, work, largest, progress, gone)
+            search.best = smallest_crossing(model, largest)
+            asked = Varying(system, model, moving, gap, work, progress)
+            return margin_of(asked, search.answer(), largest)
         if system.lft.is_plain:
             model = realization(system, leave_out=leave_out)
             if not too_large(model) and cost_of(model) <= min(_DEAR, work):

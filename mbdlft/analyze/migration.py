@@ -8,14 +8,15 @@ with the columns of L and the rows of K of block k; so an eigenvalue with left v
 moves by u' L_k K_k v / (u' v).
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.analyze.resolvent import balancing
+from mbdlft.analyze.characteristic import Realization
+from mbdlft.analyze.realization import realization
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.system.system import System, deltas_of
@@ -27,6 +28,7 @@ _FIRST, _LARGEST, _SMALLEST = (
     1e-3,
 )  # half sizes of the box of a step, in delta
 _STEPS = 40  # of one search
+_TINY = 1e-300
 
 
 class Moving(NamedTuple):
@@ -41,6 +43,34 @@ class Moving(NamedTuple):
 
     poles: Complex
     gradients: Complex
+
+
+class Aim(NamedTuple):
+    """What a search makes as large as it can: a function of a pole, and its slope by the deltas.
+
+    Attributes
+    ----------
+    value : function of poles, to real numbers
+    slope : function of a pole and its gradient (n_p,), to an array (n_p,)
+    """
+
+    value: Callable[[Any], Any]
+    slope: Callable[[complex, Complex], Array]
+
+
+def _undamping(pole: Any) -> Any:
+    """Minus the damping ratio; 0 of a pole at 0."""
+    return np.real(pole) / np.maximum(np.abs(pole), _TINY)
+
+
+def _undamping_slope(pole: complex, gradient: Complex) -> Array:
+    size = max(abs(pole), _TINY)
+    turned = np.real(np.conj(pole) * gradient) / size
+    return np.asarray((gradient.real - pole.real * turned / size) / size)
+
+
+RIGHT = Aim(np.real, lambda _, gradient: gradient.real)
+UNDAMPED = Aim(_undamping, _undamping_slope)
 
 
 def pole_gradients(system: System, values: Mapping[str, float] | None = None) -> Moving:
@@ -69,84 +99,90 @@ def pole_gradients(system: System, values: Mapping[str, float] | None = None) ->
         raise AnalysisError(
             f"model {system.name!r}: pole_gradients takes one number for each parameter."
         )
-    found, _, _ = moving_at(system, deltas_of(system, values or {})[0])
+    model = realization(system, others_are_zero=True, balanced=True)
+    place = [system.parameters.names.index(name) for name in model.names]
+    try:
+        found, _, _ = moving_at(model, deltas_of(system, values or {})[0][place])
+    except WellPosednessError as error:
+        raise WellPosednessError(f"model {system.name!r}: {error}") from None
+    gradients = np.zeros((len(found.poles), len(system.parameters)), dtype=complex)
+    gradients[:, place] = found.gradients
     order = np.lexsort((-found.poles.imag, found.poles.real, np.abs(found.poles)))
-    return Moving(found.poles[order], found.gradients[order])
+    return Moving(found.poles[order], gradients[order])
 
 
-def moving_at(system: System, delta: Array) -> tuple[Moving, Complex, Complex]:
-    """Poles and gradients at a point delta (n_p,) [1]; left and right vectors (nx, nx), as columns."""
+def moving_at(model: Realization, delta: Array) -> tuple[Moving, Complex, Complex]:
+    """Poles and gradients at deltas; left and right vectors (nx, nx), as columns.
+
+    Raises
+    ------
+    WellPosednessError
+        The model is singular there.
+    """
     import scipy.linalg  # here because it is slow to import
 
-    lft, n = system.lft, len(system.states)
-    real = [block for block in lft.blocks if block.kind == "real"]  # the others are zero here
-    rows, columns = lft.slices(), lft.columns()
-    z = [k for block in real for k in range(lft.order)[rows[block.name]]]
-    w = [k for block in real for k in range(lft.M11.shape[1])[columns[block.name]]]
-    spread = np.repeat(delta, [block.size for block in real])
-    scale = balancing(system.A)
-    B_w, C_z = system.B_w[:, w] / scale[:, None], system.C_z[z] * scale
-    D_zw = system.D_zw[np.ix_(z, w)]
+    w, n = np.repeat(delta, model.sizes), len(model.A)
+    eye = np.eye(len(w))
     try:
-        K = np.linalg.solve(np.eye(len(z)) - D_zw * spread, C_z)
-        L = np.linalg.solve((np.eye(len(z)) - spread[:, None] * D_zw).T, B_w.T).T
+        K = np.linalg.solve(eye - model.D * w, model.C)
+        L = np.linalg.solve((eye - w[:, None] * model.D).T, model.B.T).T
     except np.linalg.LinAlgError:
-        raise WellPosednessError(
-            f"model {system.name!r}: it is singular at one of the points of the search."
-        ) from None
-    A = system.A * (scale / scale[:, None]) + (B_w * spread) @ K
+        raise WellPosednessError("it is singular at one of the points of the search.") from None
     if not n:
         none = np.zeros((0, 0), dtype=complex)
-        return Moving(none.ravel(), np.zeros((0, len(real)), dtype=complex)), none, none
+        return Moving(none.ravel(), np.zeros((0, len(delta)), dtype=complex)), none, none
+    A = model.A + (model.B * w) @ K
     found, left, right = scipy.linalg.eig(A, left=True, check_finite=False)
     with np.errstate(all="ignore"):
         terms = (
             (np.conj(left.T) @ L) * (K @ right).T / np.sum(np.conj(left) * right, axis=0)[:, None]
         )
-    ends = np.cumsum([0, *(block.size for block in real)])
+    ends = np.cumsum([0, *model.sizes])
     sums = [terms[:, a:b].sum(axis=1) for a, b in pairwise(ends)]
     gradients = np.stack(sums, axis=1) if sums else np.zeros((n, 0), dtype=complex)
     return Moving(found, gradients), left, right
 
 
 def push_right(
-    system: System, delta: Array, pole: complex, most: int
+    model: Realization, delta: Array, pole: complex, most: int, aim: Aim = RIGHT
 ) -> tuple[Array, complex, int]:
-    """Move a pole to the right as far as a search with exact gradients finds.
+    """Move a pole to the right, or to where another aim is larger, as far as a search finds.
 
-    In a box around the point, cut by the range, the first-order change of the real part is largest at a
+    In a box around the point, cut by the range, the first-order change of the aim is largest at a
     corner, which is the sign of the gradient; the box doubles after a step to the right, and shrinks to a
     quarter after another one. A mode is known again by its shape.
 
     Parameters
     ----------
-    system : System
-    delta : array (n_p,) [1], where to start
+    model : Realization
+    delta : array (number of deltas,) [1], where to start
     pole : the pole to follow, nearly one at the start
     most : points that may be evaluated
+    aim : Aim
 
     Returns
     -------
-    delta (n_p,), pole there, points that were evaluated
+    delta, pole there, points that were evaluated
     """
-    here, left, _ = moving_at(system, delta)
+    here, left, _ = moving_at(model, delta)
     k = int(np.argmin(np.abs(here.poles - pole)))
-    pole, gradient, shape = complex(here.poles[k]), here.gradients[k], left[:, k]
+    pole, shape = complex(here.poles[k]), left[:, k]
+    gradient = aim.slope(pole, here.gradients[k])
     half, used = _FIRST, 1
     while used < min(most, _STEPS) and half >= _SMALLEST and np.all(np.isfinite(gradient)):
-        step = np.clip(delta + half * np.sign(gradient.real), -1.0, 1.0) - delta
+        step = np.clip(delta + half * np.sign(gradient), -1.0, 1.0) - delta
         if not np.any(step):
             break
         used += 1
         try:
-            there, left, right = moving_at(system, delta + step)
+            there, left, right = moving_at(model, delta + step)
         except WellPosednessError:
             half /= 4.0
             continue
         k = int(np.argmax(np.abs(np.conj(shape) @ right)))  # the mode that has this shape there
-        if there.poles[k].real > pole.real:
-            delta, pole, gradient = delta + step, complex(there.poles[k]), there.gradients[k]
-            shape = left[:, k]
+        if aim.value(there.poles[k]) > aim.value(pole):
+            delta, pole, shape = delta + step, complex(there.poles[k]), left[:, k]
+            gradient = aim.slope(pole, there.gradients[k])
             half = min(2.0 * half, _LARGEST)
         else:
             half /= 4.0

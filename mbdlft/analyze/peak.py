@@ -3,23 +3,24 @@
     G(j omega, delta) = M22 + M21 Delta (I - M11 Delta)^-1 M12,   M = M(j omega) of all channels;
     d sigma / d delta_k = Re( u' M21 (I - Delta M11)^-1 P_k (I - M11 Delta)^-1 M12 v )
 
-at the frequency of the peak, u and v the singular vectors of G. The peak is found with the imaginary
-eigenvalues of a Hamiltonian matrix: Bruinsma, Steinbuch, Systems & Control Letters 14 (1990).
+at the frequency of the peak, u and v the singular vectors of G.
 """
 
+from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
+from mbdlft.analyze.ascent import climb
 from mbdlft.analyze.characteristic import Realization
+from mbdlft.analyze.hamiltonian import peak_of
+from mbdlft.analyze.staircase import Plant
 from mbdlft.base.array import Array
 
-_ROUNDS, _GROWTH = 30, 1e-9  # of the search for a peak
-_AXIS = 1e-8  # of an eigenvalue: nearer to the axis it is taken to lie on it
-_STARTS, _STEPS = 6, 40
+_GROWTH = 1e-9  # of the level at which the search for a peak ends
+_STARTS = 6
 Complex = NDArray[np.complex128]
 
 
@@ -42,7 +43,7 @@ class Peak(NamedTuple):
 NOTHING = Peak(0.0, np.nan, np.zeros(0))
 
 
-def at_delta(model: Realization, delta: Array) -> tuple[Array, Array, Array, Array] | None:
+def at_delta(model: Realization, delta: Array) -> Plant | None:
     """A, B, C, D from u to y at some deltas; None where the model is singular."""
     w = np.repeat(delta, model.sizes)
     n = len(model.A)
@@ -53,7 +54,7 @@ def at_delta(model: Realization, delta: Array) -> tuple[Array, Array, Array, Arr
         return None
     whole = np.block([[model.A, model.E], [model.G, model.J]])
     whole = whole + np.vstack([model.B, model.H]) @ W
-    return whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:]
+    return Plant(whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:])
 
 
 def peak_at(model: Realization, delta: Array) -> Peak:
@@ -61,48 +62,11 @@ def peak_at(model: Realization, delta: Array) -> Peak:
     matrices = at_delta(model, delta)
     if matrices is None:
         return Peak(np.inf, np.nan, delta)
-    A, B, C, D = matrices
-    poles = np.linalg.eigvals(A)
+    poles = np.linalg.eigvals(matrices.A)
     if np.max(poles.real, initial=-1.0) >= 0.0:
         return Peak(np.inf, float(abs(poles[np.argmax(poles.real)].imag)), delta)
-    tried = [0.0, *np.abs(poles.imag), *np.abs(poles)]
-    gains = [_gain(A, B, C, D, w) for w in tried]
-    best, where = max(gains), float(tried[int(np.argmax(gains))])
-    if float(np.linalg.norm(D, 2)) > best:
-        best, where = float(np.linalg.norm(D, 2)), np.inf
-    for _ in range(_ROUNDS):
-        level = best * (1.0 + _GROWTH)
-        if level == 0.0:
-            break
-        crossings = _crossings(A, B, C, D, level)
-        middles = 0.5 * (crossings[1:] + crossings[:-1])
-        gains = [_gain(A, B, C, D, w) for w in middles]
-        if not gains or max(gains) <= level:
-            break
-        best, where = max(gains), float(middles[int(np.argmax(gains))])
-    return Peak(best, where, delta)
-
-
-def _gain(A: Array, B: Array, C: Array, D: Array, omega: float) -> float:
-    G = C @ np.linalg.solve(1j * omega * np.eye(len(A)) - A, B) + D
-    return float(np.linalg.norm(G, 2))
-
-
-def _crossings(A: Array, B: Array, C: Array, D: Array, level: float) -> Array:
-    """Frequencies at which a singular value is `level`, sorted; omega >= 0."""
-    R = level * level * np.eye(B.shape[1]) - D.T @ D
-    try:
-        X = np.linalg.solve(R, np.hstack([D.T @ C, B.T]))
-    except np.linalg.LinAlgError:
-        return np.zeros(0)
-    n = len(A)
-    A1 = A + B @ X[:, :n]
-    H = np.block([[A1, B @ X[:, n:]], [-C.T @ C - C.T @ D @ X[:, :n], -A1.T]])
-    values = np.linalg.eigvals(H)
-    on_axis = np.abs(values.real) <= _AXIS * np.maximum(
-        np.abs(values), 1e-6 * np.max(np.abs(values))
-    )
-    return np.sort(np.abs(values[on_axis].imag))
+    gain, _, frequency, _ = peak_of(matrices, _GROWTH)
+    return Peak(gain, frequency, delta)
 
 
 def slope_at(model: Realization, peak: Peak) -> Array:
@@ -144,36 +108,12 @@ def _climbed(model: Realization, k: float, start: Array, best: Peak) -> Peak:
     """The best of what was known and of what an ascent leads to."""
     found = [best]
 
-    def look(delta: Array) -> Peak:
+    def look(delta: Array) -> tuple[float, Callable[[], Array]]:
         peak = peak_at(model, delta)
         if peak.gain > found[0].gain:
             found[0] = peak
-        return peak
+        gain = float(np.log(peak.gain)) if peak.gain > 0.0 else -1e30
+        return gain, lambda: slope_at(model, peak) / max(peak.gain, 1e-30)
 
-    here = look(start)
-    for _ in range(_STEPS):  # corners to which the slope points
-        if not np.isfinite(here.gain):
-            return found[0]
-        corner = k * np.sign(slope_at(model, here))
-        if np.array_equal(corner, here.delta):
-            return found[0]
-        there = look(corner)
-        if there.gain <= here.gain:
-            break
-        here = there
-
-    def objective(delta: Array) -> tuple[float, Array]:
-        peak = look(delta)
-        if not np.isfinite(peak.gain) or peak.gain == 0.0:
-            return -1e30 if peak.gain else 0.0, np.zeros(len(delta))
-        return -np.log(peak.gain), -slope_at(model, peak) / peak.gain
-
-    minimize(
-        objective,
-        here.delta,
-        jac=True,
-        bounds=[(-k, k)] * len(start),
-        method="L-BFGS-B",
-        options={"maxiter": _STEPS},
-    )
+    climb(look, k, start)
     return found[0]

@@ -1,9 +1,6 @@
 """Small deltas that move a pole to the imaginary axis, without a grid of frequencies.
 
-A(delta) = A + B W, W = (I - Delta D)^-1 Delta C. For an eigenvalue lambda with vectors u, v,
-
-    d lambda / d delta_k = sum_{i in block k} (u' B (I - Delta D)^-1)_i ((C + D W) v)_i / (u' v).
-
+The slopes of the poles are those of `mbdlft.analyze.migration`.
 The smallest box with a point where the linearized real part reaches 0 is a corner: its deltas are
 s sign(g_k), g the slope of the real part. Steps towards that corner are repeated from every pole; where
 signs change on the way, the optimum is not a corner, and a linear program in a small region is solved.
@@ -15,12 +12,12 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import eig
 from scipy.optimize import linprog
 
 from mbdlft.analyze.characteristic import Realization
+from mbdlft.analyze.migration import moving_at
 from mbdlft.base.array import Array
+from mbdlft.base.errors import WellPosednessError
 
 _STEPS, _PROGRAMS, _RANDOM = 12, 12, 6
 _BISECTIONS = 60
@@ -53,40 +50,31 @@ NONE = Crossing(np.inf, np.zeros(0), np.nan, np.zeros(0))
 def state_matrix(model: Realization, delta: Array) -> Array:
     """A(delta); NaN where the model is singular, or beyond a point where it is: det(I - Delta D) <= 0."""
     w = np.repeat(delta, model.sizes)
-    loop = np.eye(len(w)) - w[:, None] * model.D
-    if np.linalg.slogdet(loop)[0] <= 0.0:
+    if is_beyond(model, delta):
         return np.full_like(model.A, np.nan)
+    loop = np.eye(len(w)) - w[:, None] * model.D
     return np.asarray(model.A + model.B @ np.linalg.solve(loop, w[:, None] * model.C))
+
+
+def is_beyond(model: Realization, delta: Array) -> bool:
+    """Whether the model is singular, or beyond a point where it is: det(I - Delta D) <= 0."""
+    w = np.repeat(delta, model.sizes)
+    return bool(np.linalg.slogdet(np.eye(len(w)) - w[:, None] * model.D)[0] <= 0.0)
 
 
 def abscissa(model: Realization, delta: Array) -> float:
     """The largest real part of the poles; infinite where the model is singular."""
-    A = state_matrix(model, delta)
-    if not np.all(np.isfinite(A)):
+    if is_beyond(model, delta):
         return np.inf
+    A = state_matrix(model, delta)
     return float(np.max(np.linalg.eigvals(A).real, initial=-np.inf))
 
 
-def slopes(
-    model: Realization, delta: Array
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Poles (n,), and their derivatives (n, number of deltas)."""
-    w = np.repeat(delta, model.sizes)
-    loop = np.linalg.inv(np.eye(len(w)) - w[:, None] * model.D)
-    W = loop @ (w[:, None] * model.C)
-    poles, left, right = eig(model.A + model.B @ W, left=True, right=True)
-    rows = left.conj().T @ (model.B @ loop)
-    columns = (model.C + model.D @ W) @ right
-    scale = np.einsum("ij,ij->j", left.conj(), right)
-    scale[np.abs(scale) < 1e-300] = 1e-300
-    parts = rows * columns.T / scale[:, None]
-    ends = np.cumsum([0, *model.sizes])
-    found = [np.sum(parts[:, a:b], axis=1) for a, b in pairwise(ends)]
-    return poles, np.stack(found, axis=1)
+def smallest_crossing(model: Realization, largest: float, most: float = np.inf) -> Crossing:
+    """The best of the crossings with |delta| <= largest that searches from all poles lead to.
 
-
-def smallest_crossing(model: Realization, largest: float) -> Crossing:
-    """The best of the crossings with |delta| <= largest that searches from all poles lead to."""
+    At most so many searches are begun.
+    """
     q, best = len(model.sizes), NONE
     if not q:
         return best
@@ -94,7 +82,9 @@ def smallest_crossing(model: Realization, largest: float) -> Crossing:
     order = np.argsort(-poles.real / np.maximum(np.abs(poles), 1e-300), kind="stable")
     starts = [(np.zeros(q), poles[i]) for i in order if poles[i].imag >= 0.0]
     random = np.random.default_rng(0)
-    for delta, pole in (*starts, *[(None, None)] * _RANDOM):
+    for count, (delta, pole) in enumerate((*starts, *[(None, None)] * _RANDOM)):
+        if count >= most:
+            break
         if delta is None:
             reach = min(best.size, largest)
             delta = 0.7 * reach * random.uniform(-1.0, 1.0, q)
@@ -133,19 +123,21 @@ def crossing_on_ray(model: Realization, delta: Array, largest: float) -> Crossin
         else:
             low = middle
     end = high * delta
-    if not np.all(np.isfinite(state_matrix(model, end))):
+    if is_beyond(model, end):
         return Crossing(high * size, end, np.inf, np.zeros(len(delta)))
     try:
-        poles, moves = slopes(model, end)
-    except np.linalg.LinAlgError:
+        there, _, _ = moving_at(model, end)
+    except (np.linalg.LinAlgError, WellPosednessError):
         return Crossing(high * size, end, np.inf, np.zeros(len(delta)))
-    i = int(np.argmax(poles.real))
-    return Crossing(high * size, end, float(abs(poles[i].imag)), moves[i].real)
+    i = int(np.argmax(there.poles.real))
+    slope = there.gradients[i].real
+    slope = slope if np.all(np.isfinite(slope)) else np.zeros(len(delta))
+    return Crossing(high * size, end, float(abs(there.poles[i].imag)), slope)
 
 
 def _rightmost(model: Realization, delta: Array) -> complex:
     A = state_matrix(model, delta)
-    poles = np.linalg.eigvals(A) if np.all(np.isfinite(A)) else np.zeros(1)
+    poles = np.linalg.eigvals(A) if len(A) and np.all(np.isfinite(A)) else np.zeros(1)
     return complex(poles[int(np.argmax(poles.real))])
 
 
@@ -193,10 +185,10 @@ def _path(model: Realization, delta: Array, pole: complex, largest: float) -> It
     signs = np.zeros(len(delta))
     for step in range(_STEPS + _PROGRAMS):
         try:
-            poles, moves = slopes(model, delta)
-        except np.linalg.LinAlgError:
+            (poles, moves), _, _ = moving_at(model, delta)
+        except (np.linalg.LinAlgError, WellPosednessError):
             return
-        if not np.all(np.isfinite(moves)):
+        if not len(poles) or not np.all(np.isfinite(moves)):
             return
         nearest = int(np.argmin(np.abs(poles - pole)))
         if step > 2 and np.max(poles.real) > 0.5 * poles[nearest].real:

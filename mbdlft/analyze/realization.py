@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from mbdlft.analyze.characteristic import Realization, is_hurwitz
+from mbdlft.analyze.resolvent import balancing
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.parameter import to_physical
@@ -22,8 +23,14 @@ def realization(
     inputs: Sequence[int] = (),
     outputs: Sequence[int] = (),
     leave_out: Sequence[str] = (),
+    *,
+    others_are_zero: bool = False,
+    balanced: bool = False,
 ) -> Realization:
     """The matrices of a system with parameters only, and of the channels whose gain is asked for.
+
+    With `others_are_zero`, blocks that are not parameters are left out; else they are an error. With
+    `balanced`, states are scaled by powers of 2.
 
     Raises
     ------
@@ -32,21 +39,27 @@ def realization(
     StructureError
         Delta has blocks that are not real parameters, or a state is unknown.
     """
-    check_plain(model.lft, f"the analysis of {model.name!r}")
-    blocks = [block for block in model.lft.blocks if block.size]
+    lft = model.lft
+    if not others_are_zero:
+        check_plain(lft, f"the analysis of {model.name!r}")
+    blocks = [block for block in lft.blocks if block.size and block.kind == "real"]
+    z = [k for block in blocks for k in range(lft.order)[lft.slices()[block.name]]]
+    w = [k for block in blocks for k in range(lft.M11.shape[1])[lft.columns()[block.name]]]
     i, j = list(outputs), list(inputs)
     stay = states_that_stay(model, leave_out, i)
+    A = model.A[np.ix_(stay, stay)]
+    scale = balancing(A) if balanced else np.ones(len(stay))
     return Realization(
         tuple(block.name for block in blocks),
         tuple(block.size for block in blocks),
-        model.A[np.ix_(stay, stay)],
-        model.B_w[stay],
-        model.C_z[:, stay],
-        model.D_zw,
-        model.B_u[np.ix_(stay, j)],
-        model.D_zu[:, j],
-        model.C_y[np.ix_(i, stay)],
-        model.D_yw[i],
+        A * (scale / scale[:, None]),
+        model.B_w[np.ix_(stay, w)] / scale[:, None],
+        model.C_z[np.ix_(z, stay)] * scale,
+        model.D_zw[np.ix_(z, w)],
+        model.B_u[np.ix_(stay, j)] / scale[:, None],
+        model.D_zu[np.ix_(z, j)],
+        model.C_y[np.ix_(i, stay)] * scale,
+        model.D_yw[np.ix_(i, w)],
         model.D_yu[np.ix_(i, j)],
     )
 

@@ -3,20 +3,27 @@
 Of cuts of a box (`mbdlft.analyze.boxes`), the coefficients of the polynomial are computed anew, in
 balls, and the cuts repeated. Of multipliers (`mbdlft.analyze.intervals`), each has the structure of
 Delta, its matrices are definite, its eigenvalues leave its interval free, and intervals cover all
-frequencies.
-Both begin with a proof that the nominal model is stable, by Routh's scheme in balls.
+frequencies. Of a quadratic form (`mbdlft.analyze.variation`), the form is computed anew, in balls, and is
+definite.
+All begin with a proof that the nominal model is stable, by Routh's scheme in balls.
 """
 
+from dataclasses import replace
+
+import numpy as np
+
 from mbdlft.analyze.boxes import replayed
-from mbdlft.analyze.characteristic import is_hurwitz, polynomials
+from mbdlft.analyze.characteristic import Realization, is_hurwitz, is_stable_at, polynomials
 from mbdlft.analyze.coverage import covers
 from mbdlft.analyze.intervals import holds
 from mbdlft.analyze.multiplier_margin import channels_of, scaled
 from mbdlft.analyze.multipliers import fits, structure_of
 from mbdlft.analyze.realization import realization, states_that_stay
+from mbdlft.analyze.varying import checked, rates_of
+from mbdlft.analyze.worst import disk_transfer
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.threads import one_thread
-from mbdlft.bound.evidence import Bounds, BoxProof, IntervalProof
+from mbdlft.bound.evidence import Bounds, BoxProof, IntervalProof, MotionProof
 from mbdlft.system.names import positions_of
 from mbdlft.system.system import System
 
@@ -43,7 +50,15 @@ def verify(system: System, bounds: Bounds) -> str:
     proof = bounds.proof
     if proof is None:
         return "there is no proof"
+    if bounds.kind == "smallest disk margin" and not isinstance(proof, IntervalProof):
+        system = disk_transfer(system, list(proof.inputs), list(proof.outputs))
+        upper = 1.0 / bounds.lower if bounds.lower > 0.0 else np.inf
+        bounds = replace(bounds, kind="worst-case gain", upper=upper)
     with one_thread():
+        if isinstance(proof, MotionProof):
+            return _of_motions(system, bounds, proof)
+        if bounds.rates:
+            return "the proof is for constant parameters"
         if isinstance(proof, BoxProof):
             return _of_boxes(system, bounds, proof)
         return _of_intervals(system, bounds, proof)
@@ -53,24 +68,50 @@ def _claimed(bounds: Bounds, proof: BoxProof) -> str:
     """What is wrong with what a proof would show, if it is less than what is said."""
     if bounds.kind == "worst-case gain":
         is_enough = proof.k >= 1.0 and proof.gain * bounds.upper >= 1.0
+    elif bounds.kind == "largest real part":
+        is_enough = proof.k >= 1.0 and proof.slope == 0.0 and proof.shift <= bounds.upper
+    elif bounds.kind == "smallest damping":
+        damping = proof.slope / float(np.hypot(1.0, proof.slope))
+        is_enough = proof.k >= 1.0 and proof.shift == 0.0 and bounds.lower <= damping
+    elif proof.shift or proof.slope:
+        is_enough = False
     elif bounds.kind == "robust performance":
         is_enough = proof.k >= bounds.lower and proof.gain >= bounds.lower
     else:
-        is_enough = proof.k >= bounds.lower  # stability only
+        is_enough = bounds.kind == "robust stability" and proof.k >= bounds.lower
     if not is_enough:
         return f"the proof is for {proof.k:g} times the box, and less than what is said"
     return ""
 
 
-def _of_boxes(system: System, bounds: Bounds, proof: BoxProof) -> str:
+def _model_of(system: System, bounds: Bounds, proof: BoxProof | MotionProof) -> Realization:
     inputs = positions_of(list(proof.inputs), [s.name for s in system.inputs], "verify: inputs")
     outputs = positions_of(list(proof.outputs), [s.name for s in system.outputs], "verify: outputs")
-    model = realization(system, inputs, outputs, bounds.leave_out)
+    return realization(system, inputs, outputs, bounds.leave_out)
+
+
+def _of_motions(system: System, bounds: Bounds, proof: MotionProof) -> str:
+    model = _model_of(system, bounds, proof)
+    rates = rates_of(system, bounds.rates, "verify")
+    if bounds.kind == "worst-case gain":
+        is_right = proof.k >= 1.0 and 0.0 < proof.gain <= bounds.upper
+    else:
+        is_right = bounds.kind == "robust stability" and proof.k >= bounds.lower
+    if not is_right:
+        return f"the proof is for {proof.k:g} times the box, and less than what is said"
+    if not is_hurwitz(model.A):
+        return "the nominal model is not proved to be stable"
+    return checked(system, model, rates, proof)
+
+
+def _of_boxes(system: System, bounds: Bounds, proof: BoxProof) -> str:
+    model = _model_of(system, bounds, proof)
     wrong = _claimed(bounds, proof)
     if wrong:
         return wrong
-    if not is_hurwitz(model.A):
-        return "the nominal model is not proved to be stable"
+    model = model._replace(shift=proof.shift, slope=proof.slope)
+    if not is_stable_at(model, np.zeros(len(model.sizes))):
+        return "the nominal model is not proved to be stable, or in the region of the poles"
     try:
         found = polynomials(model, proof.k)
     except WellPosednessError as error:

@@ -6,6 +6,7 @@ from mbdlft.base.errors import AnalysisError
 from mbdlft.bound.evidence import Bounds as Bounds
 from mbdlft.bound.evidence import BoxProof as BoxProof
 from mbdlft.bound.evidence import IntervalProof as IntervalProof
+from mbdlft.bound.evidence import MotionProof as MotionProof
 
 GAP, WORK, LARGEST = 0.01, 30.0, 100.0
 Progress = Callable[[float, float], None]

@@ -7,12 +7,15 @@ import numpy as np
 
 from mbdlft.analyze.margin import robust_stability
 from mbdlft.analyze.migration import push_right
+from mbdlft.analyze.pole_migration import smallest_crossing
+from mbdlft.analyze.realization import realization
 from mbdlft.analyze.samples import samples_at
 from mbdlft.analyze.spectrum import Spectrum, Stability, eigenvalues, spectrum
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
-from mbdlft.base.parameter import to_delta, to_physical
+from mbdlft.base.parameter import to_physical
 from mbdlft.base.samples import check_points
+from mbdlft.system.points import deltas_at
 from mbdlft.system.singular import at_values
 from mbdlft.system.system import System
 
@@ -22,6 +25,7 @@ _LOOKED_AT = 30  # samples whose poles farthest right are looked at more closely
 _MODES, _SAMPLES = 6, 3  # from which searches start
 _BEYOND, _GAP = 1.02, 0.005  # times the ranges: a proof of more is not asked for; and their gap
 _MOST, _WORK = 400, 4e9  # points of all searches, and their operations
+_PATH = 40  # points of a search for a pole on the axis
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,8 +118,10 @@ def check_stability(
     if parameters and there.stability != "unstable":
         starts = [(np.zeros(len(names)), pole) for pole in _weakest(nominal)]
         starts += [
-            (_deltas(system, physical[k]), complex(found[k][np.argmax(found[k].real)]))
-            for k in ranked[:_SAMPLES]
+            (delta, complex(found[k][np.argmax(found[k].real)]))
+            for k, delta in zip(
+                ranked[:_SAMPLES], deltas_at(parameters, physical[ranked[:_SAMPLES]]), strict=True
+            )
         ]
         values, there, more = _searched(system, starts, (values, there))
         used += more
@@ -151,15 +157,23 @@ def _searched(
     system: System, starts: list[tuple[Array, complex]], best: tuple[Array, Spectrum]
 ) -> tuple[Array, Spectrum, int]:
     """The worst point of `best` and those that searches reach, and the number of points tried."""
-    n = len(system.states)
+    n, names = len(system.states), system.parameters.names
     left, used = int(min(_MOST, max(20.0, _WORK / (30.0 * n**3 + 1.0)))), 0
+    model = realization(system, others_are_zero=True, balanced=True)
+    place = [names.index(name) for name in model.names]
+    crossing = smallest_crossing(model, 1.0, left // _PATH)
+    if np.isfinite(crossing.frequency):
+        on_axis = np.zeros(len(names))
+        on_axis[place] = crossing.delta
+        starts = [(on_axis, 1j * crossing.frequency), *starts]
     for delta, pole in starts:
         if left <= 0:
             break
         try:
-            reached, _, count = push_right(system, delta, pole, left)
+            reached = delta.copy()
+            reached[place], _, count = push_right(model, delta[place], pole, left)
             values = _physical(system, reached)
-            named = dict(zip(system.parameters.names, values, strict=True))
+            named = dict(zip(names, values, strict=True))
             seen = spectrum(samples_at(system, named).A[0])
         except WellPosednessError:
             left -= 1
@@ -182,12 +196,6 @@ def _weakest(seen: Spectrum) -> list[complex]:
     kept = seen.poles[(seen.poles.imag >= 0.0) & (sizes > 0.0)]
     damping = -kept.real / np.abs(kept)
     return [complex(pole) for pole in kept[np.argsort(damping, kind="stable")][:_MODES]]
-
-
-def _deltas(system: System, physical: Array) -> Array:
-    return np.array(
-        [float(to_delta(p, v)) for p, v in zip(system.parameters, physical, strict=True)]
-    )
 
 
 def _physical(system: System, delta: Array) -> Array:

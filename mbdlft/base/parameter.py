@@ -220,6 +220,14 @@ def to_internal(parameter: Parameter, physical: ArrayLike) -> NDArray[np.float64
     return np.tan((radians - parameter.reference) / _ANGLE_DIVISOR[parameter.substitution])
 
 
+def internal_slope(parameter: Parameter, internal: float) -> float:
+    """The derivative of the internal value by the physical one, where the internal one is given."""
+    if not parameter.is_angle:
+        return 1.0
+    factor = parse_unit(parameter.unit).factor / _ANGLE_DIVISOR[parameter.substitution]
+    return factor * (1.0 + internal * internal)
+
+
 def cosine_sine_parts(substitution: Substitution, t: Any) -> tuple[Any, Any, Any]:
     """Numerators of the cosine and the sine of the angle from the reference, and their denominator.
 

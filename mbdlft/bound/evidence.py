@@ -1,12 +1,13 @@
 """What an analysis returns: bounds, the worst case, and a proof that can be checked again."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.base.array import Array
 from mbdlft.base.notebook import heading, table
 
 Complex = NDArray[np.complex128]
@@ -48,6 +49,8 @@ class BoxProof:
         One over the bound of the gain that is proved, too; 0 if only stability is.
     inputs, outputs : tuple of str
         Signals of the gain.
+    shift, slope : float
+        Poles are left of shift + (j - slope) omega (rad/s) and of its mirror image; 0 for stability.
     """
 
     k: float
@@ -55,6 +58,44 @@ class BoxProof:
     gain: float = 0.0
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
+    shift: float = 0.0
+    slope: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionProof:
+    """A form that proves a bound for parameters that move, as `mbdlft.analyze.variation` explains it.
+
+    Attributes
+    ----------
+    k : float
+        The deltas stay in [-k, k].
+    P, X, Y : arrays (n + n_s, n + n_s), (m, m), (m, m)
+    states : array (n, n)
+        P is for this times the states.
+    channels : array (r,)
+        Powers of two that z and w were divided by; X and Y are for these.
+    time : float
+        The power of two that time was multiplied by (rad/s).
+    gain : float
+        The bound of the gain that is proved, too; 0 if only stability is.
+    inputs, outputs : tuple of str
+        Signals of the gain.
+    """
+
+    k: float
+    P: Array
+    X: Array
+    Y: Array
+    states: Array
+    channels: Array
+    time: float
+    gain: float = 0.0
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+
+
+Proof = BoxProof | IntervalProof | MotionProof
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +105,8 @@ class Bounds:
     Attributes
     ----------
     kind : str
-        ``robust stability``, ``worst-case gain`` or ``robust performance``.
+        ``robust stability``, ``worst-case gain``, ``robust performance``, ``largest real part``,
+        ``smallest damping``; ``worst-case H2 norm`` and others have no proof.
     lower, upper : float
         Of a margin, `lower` is proved and `upper` is reached at `worst`; of a gain, `upper` is proved and
         `lower` is reached at `worst`. What is reached is checked by evaluation. A margin counts multiples
@@ -84,10 +126,16 @@ class Bounds:
         Units of work that were used.
     reason : str
         Why the gap is larger than what was asked for; empty if it is not.
-    proof : BoxProof, IntervalProof, or None
+    proof : BoxProof, IntervalProof, MotionProof, or None
         What `verify` needs to prove the bound again, without a search.
     leave_out : tuple of str
         States that do not count.
+    rates : mapping of names to bounds of the rates of parameters, in their units per second
+        inf where a parameter may move in any way; constant parameters are not named.
+    motion : array (N, 1 + number of deltas), or None
+        A periodic motion that is `upper` large and does not come to rest, if no constant values are as
+        near: times (s) in the middle of even steps, and the deltas there, in the order of `delta`. Those
+        of bounded rates are joined by lines, others are kept for their step.
     """
 
     kind: str
@@ -100,8 +148,10 @@ class Bounds:
     sensitivity: Mapping[str, float]
     work: float
     reason: str = ""
-    proof: BoxProof | IntervalProof | None = None
+    proof: Proof | None = None
     leave_out: tuple[str, ...] = ()
+    rates: Mapping[str, float] = field(default_factory=dict)
+    motion: Array | None = None
 
     @property
     def gap(self) -> float:

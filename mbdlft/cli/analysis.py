@@ -4,6 +4,7 @@ import json
 import math
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +12,7 @@ import typer
 from rich.console import Console
 
 from mbdlft.base.errors import AnalysisError
+from mbdlft.cli.response import chosen_channels
 from mbdlft.cli.tables import console, table
 
 if TYPE_CHECKING:
@@ -33,6 +35,22 @@ LeaveOut = Annotated[
     typer.Option("--leave-out", help="State on which nothing else depends; may be repeated."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+Rate = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--rate",
+        help="NAME=BOUND of how fast a parameter moves, in its unit per second; inf for any motion; "
+        "may be repeated. Others are constant.",
+    ),
+]
+Plot = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--plot",
+        help="Figure: bounds of mu over frequency, or singular values with the worst case.",
+    ),
+]
 NoSave = Annotated[bool, typer.Option("--no-save", help="Do not store the result.")]
 
 
@@ -42,23 +60,23 @@ def margin(
     model: Model = None,
     gap: Gap = 0.01,
     work: Work = 30.0,
+    rate: Rate = None,
     leave_out: LeaveOut = None,
+    figure: Plot = None,
     no_save: NoSave = False,
     as_json: AsJson = False,
 ) -> None:
     """Bounds of the margin of robust stability, proved for all frequencies and values."""
     from mbdlft.analyze.margin import robust_stability
 
-    system, start = _loop(archive, model, controller), time.perf_counter()
-    with Console(stderr=True).status("") as status:
-        found = robust_stability(
-            system,
-            gap=gap,
-            work=work,
-            leave_out=leave_out or (),
-            progress=lambda low, high: status.update(f"margin: {low:.4g} to {high:.4g}"),
-        )
-    _report(archive, system, found, time.perf_counter() - start, store=not no_save, as_json=as_json)
+    _check(figure)
+    system = _loop(archive, model, controller)
+    asked = {"gap": gap, "work": work, "rates": _rates(rate), "leave_out": leave_out or ()}
+    found = _answer(archive, system, robust_stability, asked, store=not no_save, as_json=as_json)
+    if figure is not None:
+        from mbdlft.plot import save_mu
+
+        save_mu(figure, system, found, leave_out=leave_out or ())
 
 
 def wcgain(
@@ -73,25 +91,28 @@ def wcgain(
     model: Model = None,
     gap: Gap = 0.01,
     work: Work = 30.0,
+    rate: Rate = None,
     leave_out: LeaveOut = None,
+    figure: Plot = None,
     no_save: NoSave = False,
     as_json: AsJson = False,
 ) -> None:
     """Bounds of the largest gain over the declared ranges, proved for all frequencies and values."""
     from mbdlft.analyze.gain import worst_case_gain
 
-    system, start = _loop(archive, model, controller), time.perf_counter()
-    with Console(stderr=True).status("") as status:
-        found = worst_case_gain(
-            system,
-            inputs or slice(None),
-            outputs or slice(None),
-            gap=gap,
-            work=work,
-            leave_out=leave_out or (),
-            progress=lambda low, high: status.update(f"gain: {low:.4g} to {high:.4g}"),
-        )
-    _report(archive, system, found, time.perf_counter() - start, store=not no_save, as_json=as_json)
+    _check(figure)
+    system = _loop(archive, model, controller)
+    channels = {"inputs": inputs or slice(None), "outputs": outputs or slice(None)}
+    asked = {"gap": gap, "work": work, "rates": _rates(rate), "leave_out": leave_out or ()}
+    found = _answer(
+        archive, system, worst_case_gain, channels | asked, store=not no_save, as_json=as_json
+    )
+    if figure is not None:
+        from mbdlft.plot import save_singular_values
+
+        bound = found.upper if found.proved else None
+        shown = chosen_channels(system, outputs, inputs)
+        save_singular_values(figure, shown, worst=found.worst or None, bound=bound)
 
 
 def verify(archive: Archive, as_json: AsJson = False) -> None:
@@ -128,6 +149,20 @@ def verify(archive: Archive, as_json: AsJson = False) -> None:
             console().print(f"{entry['name']}: {said}", soft_wrap=True, highlight=False)
     if not all(entry["proved"] for entry in found):
         raise typer.Exit(1)
+
+
+def _rates(texts: list[str] | None) -> dict[str, float]:
+    """Bounds of rates by name, of texts NAME=BOUND."""
+    found = {}
+    for text in texts or ():
+        name, _, bound = text.partition("=")
+        try:
+            found[name.strip()] = float(bound)
+        except ValueError:
+            raise AnalysisError(
+                f"--rate {text}: expected NAME=BOUND, such as mass=0.1 or mass=inf."
+            ) from None
+    return found
 
 
 def _loop(archive: Path, model: str | None, controller: Path | None) -> "System":
@@ -181,6 +216,35 @@ def _controller(file: Path) -> Any:
     return state_space(*(matrices[name] for name in "ABCD"), name=file.stem)
 
 
+def _answer(
+    archive: Path,
+    system: "System",
+    search: Callable[..., "Bounds"],
+    asked: dict[str, Any],
+    *,
+    store: bool,
+    as_json: bool,
+) -> "Bounds":
+    """Search, and say how far it is; store and print what is found."""
+    start = time.perf_counter()
+    with Console(stderr=True).status("") as status:
+
+        def told(low: float, high: float) -> None:
+            status.update(f"{low:.4g} to {high:.4g}")
+
+        found = search(system, **asked, progress=told)
+    _report(archive, system, found, time.perf_counter() - start, store=store, as_json=as_json)
+    return found
+
+
+def _check(figure: Path | None) -> None:
+    """Raise an error if it is known before the work that a figure cannot be written."""
+    if figure is not None:
+        from mbdlft.plot import check_figure
+
+        check_figure(figure)
+
+
 def _report(
     archive: Path, system: "System", found: "Bounds", seconds: float, *, store: bool, as_json: bool
 ) -> None:
@@ -195,13 +259,21 @@ def _report(
     out = console()
     out.print(f"{system.name}, {found.kind}:", highlight=False)
     is_gain = found.kind == "worst-case gain"
+    moving = ", ".join(f"{name} {rate:g}" for name, rate in found.rates.items())
+    how = f"for rates up to {moving} per second" if moving else "for all frequencies"
     if not found.proved:
         said = "nothing is proved"
     elif is_gain:
-        said = f"at most {found.upper:.6g} for all values in the ranges: proved for all frequencies"
+        said = f"at most {found.upper:.6g} for all values in the ranges: proved {how}"
     else:
-        said = f"stable for all values in {found.lower:.6g} times the ranges: proved for all frequencies"
+        said = f"stable for all values in {found.lower:.6g} times the ranges: proved {how}"
     out.print(said, highlight=False)
+    if found.motion is not None:
+        out.print(
+            f"not stable at a motion of {found.upper:.6g} times the ranges, of the period "
+            f"{2.0 * math.pi / found.frequency:.6g} s",
+            highlight=False,
+        )
     if found.worst:
         units = {p.name: p.unit for p in system.parameters}
         reached = found.lower if is_gain else found.upper
@@ -223,6 +295,7 @@ def _as_json(found: "Bounds", seconds: float) -> dict[str, Any]:
         "upper": _number(found.upper),
         "frequency": _number(found.frequency),
         "worst": dict(found.worst),
+        "rates": {name: _number(rate) for name, rate in found.rates.items()},
         "proved": found.proved,
         "sensitivity": dict(found.sensitivity),
         "work": found.work,

@@ -10,7 +10,7 @@ from mbdlft.analyze.damping import cells, damping_table
 from mbdlft.analyze.stability import check_stability
 from mbdlft.base.array import Array
 from mbdlft.base.samples import corners, random
-from mbdlft.bound.evidence import Bounds, BoxProof
+from mbdlft.bound.evidence import Bounds
 from mbdlft.report.figures import samples_of
 from mbdlft.report.sentences import (
     checked_beside,
@@ -25,6 +25,20 @@ from mbdlft.system.system import System
 _MOST_CORNERS = 10  # parameters, whose corners are tried
 _SAMPLES = 300
 _ROUNDING = 1e-12  # of the largest value: what is less is none
+_PROVED = {
+    "robust stability": "It is stable for all values in {low} times the declared ranges{how}.",
+    "robust performance": "The performance is kept for all values in {low} times the ranges{how}.",
+    "worst-case gain": "The gain is at most {high} for all values in the ranges{how}.",
+    "largest real part": "No pole has a real part above {high} rad/s, for all values in the ranges{how}.",
+    "smallest damping": "No pole is damped less than {low}, for all values in the ranges{how}.",
+    "smallest disk margin": "The disk margin is at least {low} for all values in the ranges{how}.",
+}
+_FROM_ABOVE = ("worst-case gain", "largest real part")  # others prove `lower`
+_KINDS = {
+    "BoxProof": "boxes of values",
+    "IntervalProof": "intervals of frequency",
+    "MotionProof": "a function that falls along all motions",
+}
 _SCENE, _MATRIX = "mbdlft-scene/", "mbdlft-matrix/"  # in texts that models are made of
 
 
@@ -211,34 +225,27 @@ def _delta(value: object) -> str:
 
 def _said(bounds: Bounds) -> list[str]:
     """Sentences on one analysis."""
-    is_gain = bounds.kind == "worst-case gain"
-    said = []
-    if not bounds.proved:
-        said.append("Nothing is proved.")
-    elif is_gain:
-        said.append(
-            f"The gain is at most {short(bounds.upper)} at every frequency, for all values in the ranges."
-        )
-    elif bounds.kind == "robust stability":
-        said.append(
-            f"The loop is stable for all values in {short(bounds.lower)} times the declared ranges."
-        )
-    else:
-        said.append(
-            f"{bounds.kind}: at least {short(bounds.lower)} times the declared ranges, for all "
-            "frequencies and values."
-        )
-    reached = bounds.lower if is_gain else bounds.upper
+    low, high = short(bounds.lower), short(bounds.upper)
+    moving = ", ".join(f"{name} {short(rate)}" for name, rate in bounds.rates.items())
+    how = f", also while parameters move at rates up to {moving} per second" if moving else ""
+    from_above = bounds.kind in _FROM_ABOVE or bounds.kind not in _PROVED
+    sentence = _PROVED.get(bounds.kind, f"{bounds.kind}: from {{low}} to {{high}}{{how}}.")
+    said = ["Nothing is proved."]
+    if bounds.proved:
+        said = [sentence.format(low=low, high=high, how=how)]
+    reached = bounds.lower if from_above else bounds.upper
     if bounds.worst and math.isfinite(reached):
         said.append(
             f"Reached: {short(reached)}, at {short(bounds.frequency)} rad/s, at these values."
         )
+    if bounds.motion is not None:
+        said.append(f"A motion of {high} times the ranges that does not come to rest is stored.")
     if bounds.reason:
         said.append(f"Why not more: {bounds.reason}")
     if bounds.leave_out:
         said.append(f"States that do not count: {', '.join(bounds.leave_out)}.")
     if bounds.proof is not None:
-        kind = "boxes of values" if isinstance(bounds.proof, BoxProof) else "intervals of frequency"
+        kind = _KINDS[type(bounds.proof).__name__]
         said.append(
             f"The proof, by {kind}, is stored in the archive; mbdlft verify checks it again without a "
             "search."

@@ -6,19 +6,27 @@ from typing import Any
 import numpy as np
 
 from mbdlft.base.errors import ArchiveError
-from mbdlft.bound.evidence import Bounds, BoxProof, Interval, IntervalProof, Multipliers
+from mbdlft.bound.evidence import (
+    Bounds,
+    BoxProof,
+    Interval,
+    IntervalProof,
+    MotionProof,
+    Multipliers,
+    Proof,
+)
 from mbdlft.store.archive import (
     LIMIT,
-    _checked,
-    _names,
     check_name,
     load,
     model_names,
+    names_in,
+    read_one,
     rewrite,
     save,
 )
 from mbdlft.store.copying import write_items
-from mbdlft.store.guard import ask
+from mbdlft.store.hdf5 import Part
 from mbdlft.store.helper import Request, said_of
 from mbdlft.store.items import (
     DIGEST,
@@ -37,7 +45,11 @@ from mbdlft.store.model import items_of_model
 from mbdlft.system.system import System
 
 _NUMBERS = ("lower", "upper", "frequency", "work")
+_PAIRS = ("worst", "sensitivity", "rates")
 _MATRICES = ("D", "G")
+_FORM_NUMBERS = ("k", "gain", "time")
+_FORM_ARRAYS = ("P", "X", "Y", "states", "channels")
+_SIGNALS = ("inputs", "outputs")
 
 
 def save_analysis(
@@ -60,7 +72,8 @@ def save_analysis(
         The archive has another model of the name of the system; or `save` would raise an error.
     """
     file = Path(path)
-    key = f"{system.name}: {bounds.kind}" if name is None else name
+    what = f"{bounds.kind}, moving parameters" if bounds.rates else bounds.kind
+    key = f"{system.name}: {what}" if name is None else name
     check_name(file, "analysis", key)
     model_digest = word(items_of_model(system), DIGEST)
     if not file.exists() or system.name not in model_names(file):
@@ -93,7 +106,7 @@ def analysis_names(path: str | Path) -> tuple[str, ...]:
     ArchiveError
         The file is missing, truncated, foreign or newer.
     """
-    return _names(Path(path), "analyses")
+    return names_in(Path(path), "analyses")
 
 
 def load_analysis(
@@ -120,16 +133,16 @@ def load_analysis(
         incomplete, or its model has been replaced.
     """
     file = Path(path)
-    request = Request("read", "analyses", "analysis", _checked(file, name), (ANALYSIS_TYPE,), limit)
-    answer = ask(file, request)
-    (key,), items = answer.names, answer.part.items
-    try:
-        check_digest(items)
-        bounds = _bounds_of(items)
-    except ArchiveError as error:
-        raise ArchiveError(f"{file}: {said_of(f'analysis {key!r}', str(error))}") from None
-    system = load(file, word(items, "@model"))
-    if word(items_of_model(system), DIGEST) != word(items, "@model_digest"):
+
+    def make(part: Part, key: str) -> tuple[str, str, str, Bounds]:
+        check_digest(part.items)
+        model, digest_of_model = (word(part.items, path) for path in ("@model", "@model_digest"))
+        return key, model, digest_of_model, _bounds_of(part.items)
+
+    request = Request("read", "analyses", "analysis", name, (ANALYSIS_TYPE,), limit)
+    key, model, digest_of_model, bounds = read_one(file, request, make)
+    system = load(file, model)
+    if word(items_of_model(system), DIGEST) != digest_of_model:
         raise ArchiveError(
             f"{file}: analysis {key!r}: the model {system.name!r} is not the one that was analyzed; "
             "it was replaced. Analyze it again."
@@ -150,7 +163,9 @@ def _items_of(bounds: Bounds, model: str, model_digest: str) -> Items:
     }
     for name in _NUMBERS:
         items[f"@{name}"] = np.array(getattr(bounds, name), dtype="<f8")
-    for name in ("worst", "sensitivity"):
+    if bounds.motion is not None:
+        items["motion"] = np.ascontiguousarray(bounds.motion, dtype="<f8")
+    for name in _PAIRS:
         pairs = getattr(bounds, name)
         items[f"{name}/name"] = texts(list(pairs))
         items[f"{name}/value"] = np.array(list(pairs.values()), dtype="<f8")
@@ -158,9 +173,13 @@ def _items_of(bounds: Bounds, model: str, model_digest: str) -> Items:
     if isinstance(bounds.proof, BoxProof):
         items["boxes@k"] = np.array(bounds.proof.k, dtype="<f8")
         items["boxes@gain"] = np.array(bounds.proof.gain, dtype="<f8")
+        items["boxes@shift"] = np.array(bounds.proof.shift, dtype="<f8")
+        items["boxes@slope"] = np.array(bounds.proof.slope, dtype="<f8")
         items["boxes/log"] = np.array(bounds.proof.log, dtype="<i8")
         items["boxes/inputs"] = texts(list(bounds.proof.inputs))
         items["boxes/outputs"] = texts(list(bounds.proof.outputs))
+    elif isinstance(bounds.proof, MotionProof):
+        items |= _items_of_form(bounds.proof)
     elif bounds.proof is not None:
         items |= _items_of_intervals(bounds.proof)
     items[DIGEST] = text(digest(items))
@@ -197,24 +216,37 @@ def _items_of_intervals(proof: IntervalProof) -> Items:
     return items
 
 
+def _items_of_form(proof: MotionProof) -> Items:
+    items: Items = {f"form@{name}": np.array(getattr(proof, name), "<f8") for name in _FORM_NUMBERS}
+    for name in _FORM_ARRAYS:
+        items[f"form/{name}"] = np.ascontiguousarray(getattr(proof, name), dtype="<f8")
+    return items | {f"form/{name}": texts(list(getattr(proof, name))) for name in _SIGNALS}
+
+
 def _bounds_of(items: Items) -> Bounds:
     pairs = {
         name: dict(
             zip(words(items, f"{name}/name"), floats(items, f"{name}/value").tolist(), strict=True)
         )
-        for name in ("worst", "sensitivity")
+        for name in _PAIRS
+        if f"{name}/name" in items  # rates are not in the first files
     }
-    numbers = {name: float(items[f"@{name}"]) for name in _NUMBERS}
+    lower, upper, frequency, work = (float(items[f"@{name}"]) for name in _NUMBERS)
     return Bounds(
         kind=word(items, "@kind"),
+        lower=lower,
+        upper=upper,
         worst=pairs["worst"],
         delta=_delta_of(items),
+        frequency=frequency,
         proved=bool(items["@proved"]),
         sensitivity=pairs["sensitivity"],
+        work=work,
         reason=word(items, "@reason"),
         proof=_proof_of(items),
         leave_out=tuple(words(items, "leave_out")),
-        **numbers,
+        rates=pairs.get("rates", {}),
+        motion=floats(items, "motion") if "motion" in items else None,
     )
 
 
@@ -245,21 +277,31 @@ def _delta_of(items: Items) -> dict[str, Any]:
     return found
 
 
-def _proof_of(items: Items) -> BoxProof | IntervalProof | None:
-    boxes = [path for path in items if path.startswith("boxes")]
-    intervals = [path for path in items if path.startswith("intervals")]
-    if not boxes and not intervals:
+def _proof_of(items: Items) -> Proof | None:
+    kinds = {"boxes": (5, 7), "intervals": (8,), "form": (10,)}  # first boxes have no region
+    found = {
+        kind: sum(path.startswith((f"{kind}/", f"{kind}@")) for path in items) for kind in kinds
+    }
+    there = [kind for kind, count in found.items() if count]
+    if not there:
         return None
-    if len(boxes) == 5 and not intervals:
+    (kind, *others) = there
+    if others or found[kind] not in kinds[kind]:
+        raise ArchiveError("its proof is not whole.")
+    if kind == "form":
+        k, gain, time = (float(items[f"form@{name}"]) for name in _FORM_NUMBERS)
+        P, X, Y, states, channels = (floats(items, f"form/{name}") for name in _FORM_ARRAYS)
+        inputs, outputs = (tuple(words(items, f"form/{name}")) for name in _SIGNALS)
+        return MotionProof(k, P, X, Y, states, channels, time, gain, inputs, outputs)
+    if kind == "boxes":
         return BoxProof(
             float(items["boxes@k"]),
             integers(items, "boxes/log"),
             float(items["boxes@gain"]),
             tuple(words(items, "boxes/inputs")),
             tuple(words(items, "boxes/outputs")),
+            *(float(items.get(f"boxes@{name}", 0.0)) for name in ("shift", "slope")),
         )
-    if len(intervals) != 8 or boxes:
-        raise ArchiveError("its proof is not whole.")
     beta = float(items["intervals@beta"])
     ends = [floats(items, f"intervals/{name}").tolist() for name in Interval._fields]
     D, G = (

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from importlib.metadata import version
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import h5py
 
@@ -17,11 +17,12 @@ from mbdlft.base.errors import ArchiveError
 from mbdlft.store.copying import copy_all, write_items
 from mbdlft.store.files import locked, put, target_of
 from mbdlft.store.guard import LARGE, ask, content_of, seal_file, sealed
-from mbdlft.store.hdf5 import FAILURES, FORMAT, VERSION, check_format, opened
+from mbdlft.store.hdf5 import FAILURES, FORMAT, VERSION, Part, check_format, opened
 from mbdlft.store.helper import Request, said_of
 from mbdlft.store.model import KINDS, items_of_model, model_of_items
 from mbdlft.system.system import System
 
+Made = TypeVar("Made")
 LIMIT = 2**30  # bytes that reading may need, unless the caller allows more
 
 
@@ -87,7 +88,7 @@ def check_file(file: Path) -> None:
         The file exists and is not an archive of this major version, or its folder does not exist.
     """
     if file.exists():
-        _names(file, "models")
+        names_in(file, "models")
     elif not target_of(file).parent.is_dir():
         parent = target_of(file).parent
         raise ArchiveError(f"{file}: cannot be written: {parent} is not a folder.")
@@ -197,17 +198,31 @@ def load(
         The file is missing, truncated, changed, foreign or newer, or the model is missing or incomplete,
         or its numbers do not agree.
     """
-    file = Path(path)
-    answer = ask(
-        file,
-        Request("read", "models", "model", _checked(file, name), KINDS, limit),
-        isolated=isolated,
+    request = Request("read", "models", "model", name, KINDS, limit)
+    return read_one(
+        Path(path), request, lambda part, key: model_of_items(part.items, key), isolated=isolated
     )
+
+
+def read_one(
+    file: Path, request: Request, make: Callable[[Part, str], Made], *, isolated: bool = False
+) -> Made:
+    """What is made of one member of an archive and of its name.
+
+    Raises
+    ------
+    ArchiveError
+        As `load`; or `make` raises one, and then the member is named.
+    """
+    if request.name is not None and not isinstance(request.name, str):
+        shown = repr(request.name)[:60]
+        raise ArchiveError(f"{file}: expected the name of a {request.kind}, got {shown}.")
+    answer = ask(file, request, isolated=isolated)
     (key,) = answer.names
     try:
-        return model_of_items(answer.part.items, key)
+        return make(answer.part, key)
     except ArchiveError as error:
-        raise ArchiveError(f"{file}: {said_of(f'model {key!r}', str(error))}") from None
+        raise ArchiveError(f"{file}: {said_of(f'{request.kind} {key!r}', str(error))}") from None
 
 
 def model_names(path: str | Path) -> tuple[str, ...]:
@@ -222,19 +237,12 @@ def model_names(path: str | Path) -> tuple[str, ...]:
     ArchiveError
         The file is missing, truncated, foreign or newer, or its models cannot be listed.
     """
-    return _names(Path(path), "models")
+    return names_in(Path(path), "models")
 
 
-def _names(file: Path, parent: str) -> tuple[str, ...]:
+def names_in(file: Path, parent: str) -> tuple[str, ...]:
     """Sorted names of the members of a group of an archive."""
     return ask(file, Request("names", parent)).names
-
-
-def _checked(file: Path, name: object) -> str | None:
-    """A name of a model, if it can be one."""
-    if name is not None and not isinstance(name, str):
-        raise ArchiveError(f"{file}: expected the name of a model, got {repr(name)[:60]}.")
-    return name
 
 
 def _size(file: Path) -> int:

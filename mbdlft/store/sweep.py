@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import ArchiveError
 from mbdlft.base.signal import Signal
-from mbdlft.store.archive import LIMIT, _checked, _names, check_name, rewrite
+from mbdlft.store.archive import LIMIT, check_name, names_in, read_one, rewrite
 from mbdlft.store.copying import write_items
-from mbdlft.store.guard import ask
+from mbdlft.store.hdf5 import Part
 from mbdlft.store.helper import Request, said_of
 from mbdlft.store.items import DIGEST, Items, check_digest, digest, text, texts, word
 from mbdlft.store.layout import BLOCK_ROWS, ROWS, SWEEP_TYPE, VERSION
@@ -243,7 +243,7 @@ def sweep_names(path: str | Path) -> tuple[str, ...]:
     ArchiveError
         The file is missing, truncated, foreign or newer.
     """
-    return _names(Path(path), "sweeps")
+    return names_in(Path(path), "sweeps")
 
 
 def load_sweep(
@@ -275,19 +275,15 @@ def load_sweep(
     ArchiveError
         The file is missing, truncated, changed, foreign or newer, or the sweep is missing or incomplete.
     """
-    file = Path(path)
-    request = Request(
-        "read", "sweeps", "sweep", _checked(file, name), (SWEEP_TYPE,), limit, start, stop
-    )
-    answer = ask(file, request, isolated=isolated)
-    (key,), part = answer.names, answer.part
-    try:
+
+    def make(part: Part, key: str) -> Sweep:
         _check_blocks(part.items, part.first, part.total)
         first, last, _ = slice(start, stop).indices(part.total)
         rows = slice(first - part.first, max(first, last) - part.first)
         return _sweep(part.items, key, rows)
-    except ArchiveError as error:
-        raise ArchiveError(f"{file}: {said_of(f'sweep {key!r}', str(error))}") from None
+
+    request = Request("read", "sweeps", "sweep", name, (SWEEP_TYPE,), limit, start, stop)
+    return read_one(Path(path), request, make, isolated=isolated)
 
 
 def _check_blocks(items: Items, first: int, count: int) -> None:

@@ -16,9 +16,10 @@ from mbdlft import (
     save,
     save_analysis,
     verify,
+    worst_case,
     worst_case_gain,
 )
-from mbdlft.bound.evidence import BoxProof, IntervalProof
+from mbdlft.bound.evidence import BoxProof, IntervalProof, MotionProof
 from tests.archive.plain_digest import edit
 from tests.close import exact
 from tests.laws.random_loops import mixed_system
@@ -64,6 +65,35 @@ def test_round_trip(tmp_path: Path) -> None:
         system, found = load_analysis(file, name)
         same(found, bounds)
         assert verify(system, found) == ""
+
+
+def test_round_trip_of_motions(tmp_path: Path) -> None:
+    file, loop = tmp_path / "a.h5", random_loop_with_channels()
+    for rates in (np.inf, {"k": 0.5}):
+        bounds = robust_stability(loop, rates=rates, gap=0.2)
+        save_analysis(file, loop, bounds)
+        assert analysis_names(file) == ("matrix: robust stability, moving parameters",)
+        _, found = load_analysis(file)
+        assert found.rates == bounds.rates
+        same(replace(found, motion=None), replace(bounds, motion=None))
+        assert (found.motion is None) == (bounds.motion is None)
+        if found.motion is not None:
+            exact(found.motion, bounds.motion)
+        assert verify(loop, found) == ""
+        assert isinstance(found.proof, MotionProof)
+        assert isinstance(bounds.proof, MotionProof)
+        for field in fields(MotionProof):
+            exact(getattr(found.proof, field.name), getattr(bounds.proof, field.name))
+
+
+def test_round_trip_of_edges(tmp_path: Path) -> None:
+    file, loop = tmp_path / "a.h5", random_loop_with_channels()
+    for what in ("real part", "damping"):
+        bounds = worst_case(loop, what)
+        save_analysis(file, loop, bounds)
+        _, found = load_analysis(file, f"matrix: {bounds.kind}")
+        same(found, bounds)
+        assert verify(loop, found) == ""
 
 
 def test_no_proof_and_infinite_bounds(tmp_path: Path) -> None:

@@ -22,8 +22,9 @@ from mbdlft import (
     unbounded_frequencies,
     zeros,
 )
-from mbdlft.analyze import norms, spectrum, stability, transmission
+from mbdlft.analyze import hamiltonian, norms, spectrum, stability, transmission
 from mbdlft.analyze.migration import push_right
+from mbdlft.analyze.realization import realization
 from mbdlft.plot import save_bode, save_pole_map, save_singular_values, save_step
 from tests.errors.scenes import says
 from tests.oscillators import oscillator, plain, random_system, spring_and_mass
@@ -179,7 +180,7 @@ def test_norm_whose_two_ways_differ(model, monkeypatch):
 
 
 def test_norm_that_is_not_found_says_so(model, monkeypatch):
-    monkeypatch.setattr(norms, "_ROUNDS", 0)
+    monkeypatch.setattr(hamiltonian, "_ROUNDS", 0)
     found = hinf_norm(model)
     assert found.upper[0] == np.inf
     assert found.reason == ("no level without eigenvalues on the axis in 0 rounds",)
@@ -210,7 +211,7 @@ def test_eigenvalues_that_are_not_found(model, monkeypatch):
 def test_search_that_meets_a_singular_point_goes_on(monkeypatch):
     """Towards p = 0 the pole -1/p runs away to the left, and beyond to the right."""
     loop = _ill_posed(mbdlft.Parameter("p", 0.5, -1.0, 1.0))
-    delta, pole, used = push_right(loop, np.array([0.5]), -1.0, 40)
+    delta, pole, used = push_right(realization(loop), np.array([0.5]), -1.0, 40)
     assert used <= 40
     assert np.all(np.abs(delta) <= 1.0)
     assert np.isfinite(pole.real)

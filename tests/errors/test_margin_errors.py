@@ -118,3 +118,32 @@ def test_stability_of_the_nominal_is_proved_and_not_seen() -> None:
     assert not is_hurwitz(np.array([[0.0, 1.0], [-1.0, 0.0]]))
     assert not is_hurwitz(np.array([[0.0]]))
     assert is_hurwitz(np.zeros((0, 0)))
+
+
+def test_rates_are_checked() -> None:
+    with pytest.raises(AnalysisError, match=r"unknown parameter 'K'\. Did you mean 'k'"):
+        robust_stability(cart(), rates={"K": 1.0})
+    for wrong in (-1.0, np.nan, True, "1 N/m"):
+        with pytest.raises(
+            AnalysisError, match=r"rate of k: expected a bound in N/m per second, 0 for"
+        ):
+            worst_case_gain(cart(), rates={"k": wrong})  # type: ignore[dict-item]
+    mixed = of_matrices(-np.eye(1), np.eye(1), np.eye(1), np.zeros((1, 1)), Block("d", 1))
+    with pytest.raises(AnalysisError, match="unstable"):
+        robust_stability(cart("-1"), rates=1.0)
+    constant = robust_stability(mixed, rates=0.0)
+    assert constant.rates == {}
+    blocks = of_matrices(
+        -np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2)), ComplexBlock("c", 1), Block("d", 1)
+    )
+    with pytest.raises(StructureError, match="c is a complex block"):
+        robust_stability(blocks, rates={"d": 1.0})
+
+
+def test_more_states_than_the_inequality_carries_are_said() -> None:
+    random, n = np.random.default_rng(0), 24
+    B, C = random.standard_normal((n, 1)), random.standard_normal((1, n))
+    system = of_matrices(-np.diag(np.arange(1.0, n + 1)), B, C, np.zeros((1, 1)), Block("d", 1))
+    found = robust_stability(system, rates=np.inf, work=0.1)
+    assert (found.lower, found.proved) == (0.0, False)
+    assert "a matrix inequality of 24 states and 25 signals" in found.reason

@@ -9,6 +9,7 @@ import pytest
 
 import mbdlft
 from mbdlft import (
+    AnalysisError,
     Block,
     Bounds,
     Parameter,
@@ -93,6 +94,16 @@ def test_coefficients_are_those_of_the_determinant(seed: int) -> None:
         roundoff(value / expected, 1.0, kappa=1e6)
 
 
+def test_a_system_without_states_has_a_margin_of_its_loop() -> None:
+    """I - 0.5 d is singular at d = 2; as fast as d may be, too."""
+    system = robust_cases.static([[0.5]], Block("d", 1))
+    for rates in (None, np.inf, 1.0):
+        found = robust_stability(system, rates=rates)
+        roundoff(found.upper, 2.0, kappa=1e3)
+        assert 0.99 * 2.0 <= found.lower <= 2.0
+        assert verify(system, found) == ""
+
+
 def test_a_face_is_enough_only_if_poles_turn_to_it() -> None:
     """The pole -1 + 2 d crosses at d = 1/2; the lower face says nothing of it, the upper one does."""
     d = Parameter("d", 0.0, low=-1.0, high=1.0)
@@ -126,6 +137,22 @@ def test_multipliers_prove_no_more_than_there_is(seed: int) -> None:
         high = min(interval.high, 1e4 * max(interval.at, 1.0))
         for omega in random.uniform(interval.low, high, 4):
             assert is_negative_at(channels, scaled(multipliers, scale), omega)
+
+
+def test_bands_of_mu_hold_between_their_ends() -> None:
+    """Bounds of bands are not below the best multipliers of frequencies in them, nor what is reached."""
+    system = mixed_system(1)
+    found = mbdlft.mu_bands(system, 0.1, 10.0, gap=0.1)
+    assert (found.edges[0], found.edges[-1]) == (0.1, 10.0)
+    assert np.all(np.diff(found.edges) > 0.0)
+    assert np.all(found.lower <= found.upper)
+    assert np.max(found.lower) > 0.0
+    for low, high, bound in zip(found.edges[:-1], found.edges[1:], found.upper, strict=True):
+        inside = mbdlft.structured_singular_value(system, np.geomspace(low, high, 5)[1:-1])
+        assert np.max(inside.upper) <= bound * (1.0 + BOUND)
+        assert np.max(inside.lower) <= bound
+    with pytest.raises(AnalysisError, match="expected 0 < low < high"):
+        mbdlft.mu_bands(system, 1.0, 1.0)
 
 
 @pytest.mark.parametrize("seed", range(2))

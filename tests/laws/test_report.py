@@ -11,8 +11,9 @@ import pytest
 
 import mbdlft
 from mbdlft.base.errors import AnalysisError
+from mbdlft.bound.evidence import Bounds
 from mbdlft.report import model_report
-from mbdlft.report.content import trim_rows, verdict_sentence
+from mbdlft.report.content import trim_rows, verdict_sentence, worst_cases
 from mbdlft.system.model import LFTModel
 from mbdlft.viewer.picture import scene_picture
 from tests.close import CLOSED_FORM, target
@@ -116,13 +117,37 @@ def test_stored_proofs_are_told(tmp_path: Path) -> None:
     other = mbdlft.as_system(model, name="other")
     mbdlft.save_analysis(path, other, replace(found, proof=None, proved=False))
     html = model_report(mbdlft.load(path, "pendulum"), path).html
-    assert f"at most {found.upper:.6g} at every frequency" in html
+    assert f"The gain is at most {found.upper:.6g} for all values" in html
     assert "is stored in the archive" in html
     assert ">proved<" in html
     assert "Nothing is proved." not in html
     html = model_report(mbdlft.load(path, "other"), path).html
     assert "Nothing is proved." in html
     assert ">proved<" not in html
+
+
+@pytest.mark.parametrize(
+    ("kind", "words", "reached"),
+    [
+        ("robust stability", "stable for all values in 1.5 times", "2.5"),
+        ("robust performance", "kept for all values in 1.5 times", "2.5"),
+        ("worst-case gain", "at most 2.5 for all values", "1.5"),
+        ("largest real part", "above 2.5 rad/s", "1.5"),
+        ("smallest damping", "damped less than 1.5,", "2.5"),
+        ("smallest disk margin", "at least 1.5 for all values", "2.5"),
+        ("worst-case H2 norm", "from 1.5 to 2.5", "1.5"),
+    ],
+)
+def test_the_proved_end_is_told_and_the_reached_one(kind: str, words: str, reached: str) -> None:
+    bounds = Bounds(kind, 1.5, 2.5, {"m": 2.0}, {"m": 0.0}, 3.0, True, {}, 0.0)
+    system = model_of("pendulum")
+    (told,) = worst_cases([("a", system, bounds)])
+    assert words in told.sentences[0]
+    assert f"Reached: {reached}, at 3 rad/s" in told.sentences[1]
+    (moving,) = worst_cases([("a", system, replace(bounds, rates={"m": 0.5}))])
+    assert "m 0.5 per second" in moving.sentences[0]
+    (open_,) = worst_cases([("a", system, replace(bounds, proved=False))])
+    assert open_.sentences[0] == "Nothing is proved."
 
 
 def test_models_with_little_to_tell() -> None:

@@ -8,6 +8,7 @@ import pytest
 from scipy.io import savemat
 
 import mbdlft
+from mbdlft.plot import save_growth
 from tests.laws.test_margins import random_loop_with_channels
 from tests.scenarios.test_cli import run
 
@@ -70,3 +71,48 @@ def test_a_proof_that_is_none_ends_with_1(
     code, out, _ = run(monkeypatch, capsys, "verify", str(archive))
     assert code == 1
     assert "NOT PROVED: there is no proof" in out
+
+
+def test_rates_of_parameters(
+    archive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ("margin", str(archive), "--rate", "k=inf", "--gap", "0.2")
+    code, out, _ = run(monkeypatch, capsys, *arguments)
+    assert code == 0
+    assert "proved for rates up to k inf per second" in out
+    assert "not stable at a motion of" in out
+    found = json.loads(run(monkeypatch, capsys, *arguments, "--json")[1])
+    assert found["rates"] == {"k": None}
+    assert 0.0 < found["lower"] <= found["upper"]
+    code, out, _ = run(monkeypatch, capsys, "verify", str(archive))
+    assert (code, out.count(": proved")) == (0, 1)
+    code, _, err = run(monkeypatch, capsys, "margin", str(archive), "--rate", "k")
+    assert code == 2
+    assert "--rate k: expected NAME=BOUND" in err
+
+
+def test_figures_of_bounds(
+    archive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    figure = archive.with_name("f.png")
+    own = [mbdlft.Parameter("k", 2.0, low=1.0, high=3.0)]
+    matrix = [["0", "1", "0"], ["-k", "-1", "1"], ["1", "0", "0"]]
+    cart = mbdlft.realize(matrix, own, states=2, inputs=["f"], outputs=["x"], name="matrix")
+    mbdlft.save(archive, cart)
+    for words in (("margin",), ("wcgain", "--input", "f", "--output", "x")):
+        name, *more = words
+        arguments = (name, str(archive), *more, "--no-save", "--plot", str(figure))
+        assert run(monkeypatch, capsys, *arguments)[0] == 0
+        assert figure.read_bytes().startswith(b"\x89PNG")
+        figure.unlink()
+    code, _, err = run(monkeypatch, capsys, "margin", str(archive), "-o", "f.abc")
+    assert code == 2
+    assert "expected the ending" in err
+    loop = random_loop_with_channels()
+    margin = mbdlft.robust_stability(loop, gap=0.1)
+    for what in ("gain", "real part"):
+        save_growth(figure, loop, what, "f", "x", sizes=[0.4, 0.8, 3.0], margin=margin, work=1.0)
+        assert figure.read_bytes().startswith(b"\x89PNG")
+        figure.unlink()
+    with pytest.raises(mbdlft.AnalysisError, match="expected sizes that rise from above 0"):
+        save_growth(figure, loop, sizes=[1.0, 0.5])

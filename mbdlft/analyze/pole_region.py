@@ -1,0 +1,186 @@
+"""The largest real part and the smallest damping of the poles over the box: reached, and proved."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mbdlft.analyze.boxes import prove
+from mbdlft.analyze.characteristic import Realization, is_stable_at, polynomials
+from mbdlft.analyze.margin import cost_of, resistance, too_large
+from mbdlft.analyze.migration import RIGHT, UNDAMPED, Aim, moving_at, push_right
+from mbdlft.analyze.realization import physical, shares
+from mbdlft.analyze.result import Bounds, BoxProof, Progress
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError, WellPosednessError
+from mbdlft.system.system import System
+
+_MODES, _CORNERS, _MOST = 8, 8, 60  # searches from the nominal point, from corners; points of each
+_SHARE, _WIDER = 0.5, 4.0
+_NOTHING = 1e-6  # of the largest pole, or of a damping of 1: a gap need not be smaller
+_INSIDE = 1.0 - 1e-15
+
+
+def worst_poles(
+    system: System,
+    model: Realization,
+    kind: str,
+    gap: float,
+    work: float,
+    leave_out: tuple[str, ...],
+    progress: Progress | None,
+) -> Bounds:
+    """Bounds of the largest real part, or of the smallest damping; arguments as for `worst_case`."""
+    if not len(model.A):
+        raise AnalysisError(f"worst_case: model {system.name!r} has no states, and no poles.")
+    search = _Search(system, model, kind, gap, work, leave_out, progress)
+    try:
+        search.reach()
+        search.prove()
+    except KeyboardInterrupt:
+        search.reason = "it was interrupted"
+    return search.answer()
+
+
+@dataclass(slots=True)
+class _Search:
+    """The worst pole so far and the edge that is proved, as values of the aim, which is to be large."""
+
+    system: System
+    model: Realization
+    kind: str
+    gap: float
+    work: float
+    leave_out: tuple[str, ...]
+    progress: Progress | None
+    reached: float = -np.inf
+    pole: complex = complex(np.nan)
+    delta: Array = field(default_factory=lambda: np.zeros(0))
+    upper: float = np.inf
+    proof: BoxProof | None = None
+    used: float = 0.0
+    reason: str = ""
+    said: str = ""
+
+    @property
+    def aim(self) -> Aim:
+        return UNDAMPED if self.kind == "smallest damping" else RIGHT
+
+    def look(self, delta: Array) -> complex:
+        """The worst pole at deltas, which is kept if none is worse."""
+        poles = moving_at(self.model, delta)[0].poles
+        values = self.aim.value(poles)
+        worst = int(np.argmax(values))
+        if values[worst] > self.reached:
+            self.reached, self.pole = float(values[worst]), complex(poles[worst])
+            self.delta = delta.copy()
+        return complex(poles[worst])
+
+    def reach(self) -> None:
+        """Push modes from the nominal point, and the worst poles of corners."""
+        q = len(self.model.sizes)
+        self.delta = np.zeros(q)
+        self.look(self.delta)
+        poles = moving_at(self.model, np.zeros(q))[0].poles
+        kept = poles[poles.imag >= 0.0]
+        order = np.argsort(-self.aim.value(kept), kind="stable")[:_MODES]
+        starts = [(np.zeros(q), complex(kept[k])) for k in order]
+        random = np.random.default_rng(0)
+        for corner in np.sign(random.uniform(-1.0, 1.0, (_CORNERS if q else 0, q))):
+            try:
+                starts.append((corner, self.look(corner)))
+            except WellPosednessError:
+                continue
+        for start, pole in starts:
+            try:
+                self.look(push_right(self.model, start, pole, _MOST, self.aim)[0])
+            except WellPosednessError:
+                continue
+        self.told()
+
+    def told(self) -> None:
+        if self.progress is not None:
+            found = self.reached, self.upper
+            self.progress(*(found if self.aim is RIGHT else (-self.upper, -self.reached)))
+
+    def region(self, goal: float) -> Realization:
+        """The model with the edge of a goal."""
+        if self.aim is RIGHT:
+            return self.model._replace(shift=goal)
+        return self.model._replace(slope=-goal / float(np.sqrt(1.0 - goal * goal)))
+
+    def prove(self) -> None:
+        """Prove edges that are nearer and nearer to the worst pole."""
+        self.reason = too_large(self.model)
+        size = float(np.max(np.abs(np.linalg.eigvals(self.model.A)))) if self.aim is RIGHT else 1.0
+        step = distance = 0.5 * self.gap * max(abs(self.reached), _NOTHING * size)
+        while not self.reason and self.upper - self.reached > 2.0 * step * (1.0 + 1e-9):
+            goal, cost = self.reached + distance, cost_of(self.model)
+            if not self.is_edge(goal):
+                self.reason = "no damping is below -1, that of an unstable real pole"
+                return
+            if goal >= self.upper or self.used + cost > self.work:
+                self.reason = self.said or f"the work of {self.work:g} units was used up"
+                return
+            self.used += cost
+            model = self.region(goal)
+            if not is_stable_at(model, np.zeros(len(model.sizes))):
+                self.reason = "the nominal poles are not proved to be left of the edge"
+                return
+            before = self.reached
+            if self.tried(model, goal):
+                self.upper, distance = goal, step
+            elif self.reached <= before:
+                distance *= _WIDER
+            self.told()
+
+    def is_edge(self, goal: float) -> bool:
+        return self.aim is RIGHT or -1.0 < goal < 1.0
+
+    def tried(self, model: Realization, goal: float) -> bool:
+        """Whether an edge is proved."""
+        try:
+            found = polynomials(model, 1.0)
+        except WellPosednessError as error:
+            self.reason = str(error)
+            return False
+
+        def is_wrong(delta: Array) -> bool:
+            return bool(self.aim.value(self.look(delta)) >= goal)
+
+        share = _SHARE * max(self.work - self.used, 0.0)
+        outcome = prove(model, 1.0, found, share, is_wrong)
+        self.used += outcome.work
+        if outcome.log is not None:
+            self.proof = BoxProof(1.0, outcome.log, shift=model.shift, slope=model.slope)
+            return True
+        if outcome.counterexample is not None:
+            pole = self.look(outcome.counterexample)
+            self.look(push_right(self.model, outcome.counterexample, pole, _MOST, self.aim)[0])
+        else:
+            self.said = resistance(outcome, 1.0, model)
+        return False
+
+    def answer(self) -> Bounds:
+        names = self.model.names
+        moving = moving_at(self.model, self.delta)[0]
+        k = int(np.argmin(np.abs(moving.poles - self.pole)))
+        slope = self.aim.slope(complex(moving.poles[k]), moving.gradients[k])
+        known = bool(np.all(np.isfinite(slope)))
+        bounds = self.reached, self.upper
+        if self.aim is UNDAMPED:
+            slope_of_edge = self.proof.slope if self.proof else -np.inf
+            proved = slope_of_edge / float(np.hypot(1.0, slope_of_edge)) if self.proof else -1.0
+            bounds = proved - abs(proved) * (1.0 - _INSIDE), -self.reached
+        return Bounds(
+            self.kind,
+            *bounds,
+            physical(self.system, names, self.delta),
+            dict(zip(names, self.delta.tolist(), strict=True)),
+            abs(self.pole.imag),
+            self.proof is not None,
+            shares(names, self.delta * slope if known else np.zeros(len(names))),
+            self.used,
+            self.reason,
+            self.proof,
+            self.leave_out,
+        )

@@ -1,0 +1,317 @@
+"""Margins and gains for parameters that move: any motion, or with bounded rates.
+
+What is proved rests on a quadratic form (`mbdlft.analyze.variation`); what bounds a margin from above are
+constant values, or a periodic motion that does not come to rest (`mbdlft.analyze.motion`). The LFT is
+taken with Delta(t) in the place of Delta.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf, isinf
+
+import numpy as np
+
+from mbdlft.analyze.characteristic import Realization
+from mbdlft.analyze.coordinates import modal, turned
+from mbdlft.analyze.inequality import Unknowns, cost_of, least_gain, solved
+from mbdlft.analyze.motion import NONE, Motion, unstable_motion
+from mbdlft.analyze.result import Bounds, MotionProof, Progress
+from mbdlft.analyze.variation import form_of, is_negative, is_structured, scaled, sizes_of
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError, unknown_name
+from mbdlft.base.parameter import Parameter, internal_slope
+from mbdlft.system.system import System
+
+Rates = float | Mapping[str, float] | None
+_OUTSIDE = 1.0 + 1e-12  # a bound of a rate is not below it, however that was rounded
+_LEAST = 1e-3  # of the other bound: margins below this are not looked for
+_SHARE = 0.2  # of the work, for motions
+_FACTOR = 1.25  # of a bound of a gain that is tried after one that was not proved
+_MOST = 1e3  # times the gain of constant parameters: larger bounds are not looked for
+
+
+def rates_of(system: System, rates: Rates, what: str) -> dict[str, float]:
+    """Bounds of rates by name, in the units of the parameters per second, without those that are 0.
+
+    Raises
+    ------
+    AnalysisError
+        A name is unknown, or a bound is negative or no number.
+    """
+    names = list(system.parameters.names)
+    given = {} if rates is None else rates
+    given = dict(given) if isinstance(given, Mapping) else dict.fromkeys(names, given)
+    for name, rate in given.items():
+        if name not in names:
+            raise AnalysisError(
+                f"{what}: rates of model {system.name!r}: {unknown_name('parameter', name, names)}"
+            )
+        is_number = isinstance(rate, int | float) and not isinstance(rate, bool)
+        if not (is_number and rate >= 0.0):
+            raise AnalysisError(
+                f"{what}: the rate of {name}: expected a bound in {system.parameters[name].unit} per "
+                f"second, 0 for a constant or inf for any motion, got {rate!r}."
+            )
+    return {name: float(given[name]) for name in names if given.get(name, 0.0)}
+
+
+def delta_rates(
+    system: System,
+    names: Sequence[str],
+    rates: Mapping[str, float],
+    k: float,
+    *,
+    allowed: bool = False,
+) -> Array:
+    """Bounds of the rates of deltas (1/s) while |delta| <= k, of those of physical values.
+
+    With `allowed`, rates that are not too fast anywhere in the box.
+    """
+    known = {p.name: p for p in system.parameters}
+    which = 0 if allowed else 1
+    return np.array([_ends_of_rate(known[name], rates.get(name, 0.0), k)[which] for name in names])
+
+
+def _ends_of_rate(p: Parameter, rate: float, k: float) -> tuple[float, float]:
+    """The least and the largest rate of a delta on the box that belong to a rate of the value.
+
+    delta = d/(gain - a1 d), d = internal - b0: its slope is (1 + a1 delta)^2/gain.
+    """
+    if rate == 0.0 or isinf(rate):
+        return rate, rate
+    m, most = p.map, abs(p.map.a1) * k
+    if most >= 1.0:  # the map is singular on the way there
+        return 0.0, inf
+    ends = [m.b0 + m.gain * d / (1.0 + m.a1 * d) for d in (-k, k)]
+    nearest = 0.0 if min(ends) <= 0.0 <= max(ends) else min(ends, key=abs)
+    slow = rate * (1.0 - most) ** 2 / abs(m.gain) * internal_slope(p, nearest)
+    fast = rate * (1.0 + most) ** 2 / abs(m.gain) * internal_slope(p, max(ends, key=abs))
+    return slow / _OUTSIDE, fast * _OUTSIDE
+
+
+@dataclass(slots=True)
+class Varying:
+    """What is asked of a system whose parameters move, and the work that is left.
+
+    Attributes
+    ----------
+    model : Realization
+    rates : mapping of names to bounds
+    gap, work : float
+    progress : function (lower, upper)
+    """
+
+    system: System
+    model: Realization
+    rates: Mapping[str, float]
+    gap: float
+    work: float
+    progress: Progress | None
+    signals: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
+    used: float = 0.0
+    reason: str = ""
+
+    def proof(self, k: float, gain: float = 0.0) -> MotionProof | None:
+        """A proof for deltas in [-k, k]; None if none is found."""
+        states, _, channels, time = modal(self.model)
+        model, bounds, near, (u, y) = self._near(k, gain)
+        form = form_of(model, bounds)
+        self.used += cost_of(form)
+        sizes = sizes_of(form, k, bounds)
+        found = solved(form_of(near, bounds), sizes, len(model.A), gain * u * y)
+        if found is not None:
+            found = Unknowns(found.P / y**2, found.X / y**2, found.Y / y**2, found.t)
+        if found is None or not is_negative(form, sizes, gain, states, *found[:3]):
+            return None
+        return MotionProof(
+            k, found.P, found.X, found.Y, states, channels, time, gain, *self.signals
+        )
+
+    def least(self, gain: float) -> float:
+        """Nearly the least gain that can be proved, of the size of a gain; inf if none was found."""
+        _, bounds, near, (u, y) = self._near(1.0, gain)
+        form = form_of(near, bounds)
+        self.used += cost_of(form)
+        return least_gain(form, sizes_of(form, 1.0, bounds), len(near.A)) / (u * y)
+
+    def _near(
+        self, k: float, gain: float
+    ) -> tuple[Realization, Array, Realization, tuple[float, float]]:
+        """The model, rates of its deltas, the model near to 1 in size, and powers of two of u and y."""
+        states, back, channels, time = modal(self.model)
+        model = scaled(self.model if gain else _alone(self.model), channels, time)
+        bounds = delta_rates(self.system, model.names, self.rates, k) / time
+        near = turned(model, states, back)
+        u, y = _powers(near, gain)
+        near = near._replace(
+            E=near.E * u, F=near.F * u, G=near.G * y, H=near.H * y, J=near.J * (u * y)
+        )
+        return model, bounds, near, (u, y)
+
+    def allowed(self, k: float) -> Array:
+        """Rates of deltas (1/s) that are allowed everywhere in the box."""
+        return delta_rates(self.system, self.model.names, self.rates, k, allowed=True)
+
+    def is_carried(self) -> bool:
+        """Whether the inequality can be solved with the work; the reason says why not."""
+        bounds = delta_rates(self.system, self.model.names, self.rates, 0.0)
+        form = form_of(self.model, bounds)
+        entries, cost = form.V.shape[1], cost_of(form)
+        if cost <= self.work:
+            return True
+        self.reason = (
+            f"a matrix inequality of {len(self.model.A)} states and {entries} signals in all costs "
+            f"{cost:.3g} units of work, more than the {self.work:g} that are given. Give more, or take "
+            "parameters that hardly move as constant, or those that move fast as moving in any way"
+        )
+        return False
+
+
+def _alone(model: Realization) -> Realization:
+    """The model without inputs and outputs."""
+    return model._replace(
+        E=model.E[:, :0], F=model.F[:, :0], G=model.G[:0], H=model.H[:0], J=model.J[:0, :0]
+    )
+
+
+def _powers(model: Realization, gain: float) -> tuple[float, float]:
+    """Powers of two for inputs and outputs: with them E is near 1, and the gain, too."""
+    largest = float(np.max(np.abs(model.E), initial=0.0))
+    if not gain or largest == 0.0:
+        return 1.0, 1.0
+    u = 2.0 ** -np.round(np.log2(largest))
+    return float(u), float(2.0 ** -np.round(np.log2(gain * u)))
+
+
+def margin_of(asked: Varying, constant: Bounds, largest: float) -> Bounds:
+    """Bounds of the margin of parameters that move; `constant` are those of constant ones."""
+    model = asked.model
+    lower, proof, upper, motion = 0.0, None, constant.upper, NONE
+    try:
+        at = min(upper, largest)
+        motion = unstable_motion(model, asked.allowed, at, _SHARE * asked.work)
+        upper = min(upper, motion.size)
+        high = 2.0 * min(upper, largest)
+        if asked.progress is not None:
+            asked.progress(lower, upper)
+        while asked.is_carried() and lower < min(high, upper, largest) * (1.0 - asked.gap):
+            k = _next(lower, high, min(upper, largest) * (1.0 - 0.5 * asked.gap))
+            if asked.used > asked.work:
+                asked.reason = f"the work of {asked.work:g} units was used up"
+                break
+            if k < _LEAST * min(upper, largest):
+                asked.reason = f"no quadratic form was found for {high:.3g} times the box"
+                break
+            found = asked.proof(k)
+            lower, proof, high = (k, found, high) if found else (lower, proof, k)
+            if asked.progress is not None:
+                asked.progress(lower, upper)
+    except KeyboardInterrupt:
+        asked.reason = "it was interrupted"
+    return _margin(asked, constant, lower, proof, motion if motion.size <= upper else NONE)
+
+
+def _next(lower: float, high: float, goal: float) -> float:
+    """The next size to be tried between one that is proved and one that was not."""
+    if high > goal:
+        return goal
+    return 0.5 * high if lower == 0.0 else 0.5 * (lower + high)
+
+
+def _margin(
+    asked: Varying, constant: Bounds, lower: float, proof: MotionProof | None, motion: Motion
+) -> Bounds:
+    """The result; without a motion, the worst case is that of constant values."""
+    upper = min(constant.upper, motion.size)
+    is_open = lower < upper * (1.0 - asked.gap)
+    why = asked.reason or "no more is proved by a quadratic form of this kind"
+    cycle = None
+    if motion.size < constant.upper:
+        count = len(motion.deltas)
+        times = motion.period * (np.arange(count) + 0.5) / count
+        cycle = np.hstack([times[:, None], motion.deltas])
+    names = asked.model.names
+    extent = np.max(np.abs(cycle[:, 1:]), axis=0).tolist() if cycle is not None else []
+    return replace(
+        constant,
+        lower=lower,
+        upper=upper,
+        proved=lower > 0.0,
+        proof=proof,
+        work=constant.work + asked.used,
+        reason=why if is_open else "",
+        rates=asked.rates,
+        motion=cycle,
+        worst=constant.worst if cycle is None else {},
+        delta=constant.delta if cycle is None else dict(zip(names, extent, strict=True)),
+        frequency=constant.frequency if cycle is None else 2.0 * np.pi / motion.period,
+        sensitivity=constant.sensitivity if cycle is None else {},
+    )
+
+
+def gain_of(asked: Varying, constant: Bounds) -> Bounds:
+    """Bounds of the energy gain of parameters that move in the box; `constant`: of constant ones."""
+    low, upper, proof, factor = constant.lower, inf, None, 1.0 + 0.5 * asked.gap
+    model = asked.model
+    try:
+        motion = unstable_motion(model, asked.allowed, 1.0, _SHARE * asked.work)
+        if motion.size <= 1.0 and np.isfinite(low):
+            asked.reason = "the system is unstable at a motion"
+            return _unbounded(asked, constant, motion)
+        if np.isfinite(low) and asked.is_carried() and not asked.proof(1.0):
+            low = inf
+            asked.reason = "for these rates stability of the whole box is not proved"
+        elif np.isfinite(low) and low > 0.0 and asked.is_carried():
+            estimate = asked.least(low)
+            low = max(low, estimate) if np.isfinite(estimate) else low
+        while 0.0 < low < upper * (1.0 - asked.gap) and np.isfinite(low) and asked.is_carried():
+            goal = low * factor if isinf(upper) else float(np.sqrt(low * upper))
+            if asked.used > asked.work or goal > _MOST * constant.lower:
+                asked.reason = asked.reason or f"no bound below {goal:.3g} was found with this work"
+                break
+            found = asked.proof(1.0, goal)
+            if found:
+                proof, upper = found, goal * _OUTSIDE
+            else:
+                low, factor = goal, max(factor * factor, _FACTOR)
+            if asked.progress is not None:
+                asked.progress(constant.lower, upper)
+    except KeyboardInterrupt:
+        asked.reason = "it was interrupted"
+    is_open = not upper * (1.0 - asked.gap) <= constant.lower
+    why = asked.reason or "no more is proved by a quadratic form of this kind"
+    return replace(
+        constant,
+        upper=upper,
+        proved=bool(np.isfinite(upper)),
+        proof=proof,
+        work=constant.work + asked.used,
+        reason=why if is_open else "",
+        rates=asked.rates,
+    )
+
+
+def _unbounded(asked: Varying, constant: Bounds, motion: Motion) -> Bounds:
+    """The result where a motion in the box does not come to rest."""
+    found = _margin(asked, replace(constant, upper=inf), 0.0, None, motion)
+    return replace(found, lower=inf, upper=inf, proved=False)
+
+
+def checked(
+    system: System, model: Realization, rates: Mapping[str, float], proof: MotionProof
+) -> str:
+    """What is wrong with a proof for parameters that move; empty if it is one."""
+    for part, size in ((proof.channels, len(model.D)), (np.array([proof.time]), 1)):
+        if part.shape != (size,) or not np.all(np.frexp(part)[0] == 0.5):
+            return "its scales are not powers of two for each channel"
+    if proof.states.shape != model.A.shape or not np.all(np.isfinite(proof.states)):
+        return "its states are not those of the system"
+    scaled_model = scaled(model, proof.channels, proof.time)
+    bounds = delta_rates(system, model.names, rates, proof.k) / proof.time
+    form = form_of(scaled_model, bounds)
+    if not is_structured(form, proof.P, proof.X, proof.Y):
+        return "its matrices are not of the structure of Delta"
+    matrices = proof.states, proof.P, proof.X, proof.Y
+    if not is_negative(form, sizes_of(form, proof.k, bounds), proof.gain, *matrices):
+        return f"its form is not negative for {proof.k:g} times the box"
+    return ""

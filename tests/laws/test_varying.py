@@ -1,0 +1,239 @@
+"""Parameters that move: what is proved holds along all motions that are tried, and ends where it must."""
+
+from dataclasses import replace
+
+import flint
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from mbdlft import (
+    Angle,
+    Bounds,
+    Parameter,
+    Parameters,
+    System,
+    realize,
+    robust_stability,
+    verify,
+    worst_case_gain,
+)
+from mbdlft.analyze.motion import unstable_motion
+from mbdlft.analyze.realization import realization
+from mbdlft.analyze.variation import is_positive
+from mbdlft.analyze.varying import delta_rates
+from mbdlft.base.parameter import to_delta, to_physical
+from mbdlft.bound.evidence import MotionProof
+from tests.close import BOUND, STABLE, roundoff, target
+from tests.laws.random_loops import random_system, reached, state_matrices
+from tests.laws.test_margins import random_loop_with_channels
+from tests.reference.robust_cases import discrete_pair, unit
+
+
+def oscillator(stiffness: str, damping: str = "1") -> System:
+    matrix = [["0", "1"], [f"-({stiffness})", f"-({damping})"]]
+    return realize(matrix, [unit("d")], states=2, inputs=[], outputs=[])
+
+
+def test_faster_parameters_have_smaller_margins() -> None:
+    """One delta of two states; x'x proves 1/4 for any motion of the discrete pair, and no P more."""
+    pair = discrete_pair()
+    margins = [robust_stability(pair, rates=rate, gap=0.02) for rate in (np.inf, 1.0, 0.1, 0.001)]
+    lower = [found.lower for found in margins]
+    assert lower == sorted(lower)
+    assert 0.25 * 0.98 <= lower[0] <= 0.25
+    constant = robust_stability(pair, gap=0.02)
+    assert 0.97 * constant.upper <= lower[-1] <= constant.upper
+    for found in margins:
+        assert found.lower <= found.upper <= constant.upper
+        assert found.proved
+        assert verify(pair, found) == ""
+
+
+def test_one_quadratic_form_for_any_motion_is_the_circle_criterion() -> None:
+    """x'' + x' + (3 + d) x: |d| below the least of |3 - w^2 + j w|, which is the root of 11/4."""
+    found = robust_stability(oscillator("3+d"), rates=np.inf, gap=0.005)
+    assert 0.99 * np.sqrt(2.75) <= found.lower <= np.sqrt(2.75)
+
+
+def test_a_known_limit_of_switching_is_found() -> None:
+    """x'' + x' + (2 + k) x, 0 <= k(t) <= 6.98513: Margaliot, Langholz, Automatica 39 (2003)."""
+    half = 6.98513 / 2.0
+    model = realization(oscillator(f"{2.0 + half}+{half}*d"))
+    found = unstable_motion(model, lambda _: np.array([np.inf]), 1.2)
+    assert 1.0 - 1e-4 <= found.size <= 1.0 + BOUND
+
+
+@pytest.mark.parametrize("damping", [0.005, 0.02])
+def test_parametric_resonance_of_a_square_wave(damping: float) -> None:
+    """x'' + 2 c x' + (1 + d) x: d grows the mode by 2/pi of it a half turn, to first order: pi c."""
+    model = realization(oscillator("1+d", str(2.0 * damping)))
+    found = unstable_motion(model, lambda _: np.array([np.inf]), 1.0)
+    assert abs(found.size / (np.pi * damping) - 1.0) <= BOUND
+    assert abs(found.period / np.pi - 1.0) <= BOUND
+
+
+def monodromy(system: System, times: np.ndarray, deltas: np.ndarray) -> float:
+    """Largest |eigenvalue| after deltas (points, q) for times (points,), by the definition."""
+    Phi = np.eye(len(system.A))
+    for A, h in zip(state_matrices(system, deltas), times, strict=True):
+        Phi = expm(A * h) @ Phi
+    return float(np.max(np.abs(np.linalg.eigvals(Phi))))
+
+
+@pytest.mark.parametrize("seed", [3, 6])
+def test_nothing_grows_inside_a_proved_margin(seed: int) -> None:
+    """Any motion of the first delta, bounded rate of the second, others constant; random periods."""
+    system = random_system(seed, 4, 3)
+    names, random = system.parameters.names, np.random.default_rng(seed)
+    speed = 0.5 * float(np.max(np.abs(np.linalg.eigvals(system.A))))
+    rates = dict(zip(names, [np.inf, speed], strict=False))
+    found = robust_stability(system, rates=rates, largest=10.0, gap=0.05)
+    assert found.rates == rates
+    assert 0.0 < found.lower <= min(found.upper, reached(system, 10, 10.0, seed))
+    assert verify(system, found) == ""
+    k, count = found.lower, 64
+    turn = 2.0 * np.pi * np.arange(count) / count
+    for _ in range(20):
+        period = 10.0 ** random.uniform(-0.7, 1.0) / speed
+        deltas = np.empty((count, len(names)))
+        deltas[:] = k * np.sign(random.uniform(-1.0, 1.0, len(names)))
+        deltas[:, 0] = k * np.sign(np.sin(turn + random.uniform(0.0, 6.0)))
+        if len(names) > 1:
+            size = min(k, speed * period / (2.0 * np.pi))
+            deltas[:, 1] = size * np.sin(turn + random.uniform(0.0, 6.0))
+        assert monodromy(system, np.full(count, period / count), deltas) < 1.0
+
+
+@pytest.mark.parametrize("rate_of_m", [np.inf, 2.0])
+def test_a_motion_that_is_said_to_be_unstable_is(rate_of_m: float) -> None:
+    """Steps of k; steps of m, or lines, that are cut into short steps here."""
+    loop, fine = random_loop_with_channels(), 20
+    found = robust_stability(loop, rates={"k": np.inf, "m": rate_of_m}, gap=0.2)
+    assert found.motion is not None
+    times, deltas = found.motion[:, 0], found.motion[:, 1:]
+    roundoff(np.max(np.abs(deltas)), found.upper)
+    step = times[1] - times[0]
+    period = 2.0 * np.pi / found.frequency
+    roundoff(step * len(deltas), period, kappa=100.0)
+    many = np.repeat(deltas, fine, axis=0)
+    if np.isfinite(rate_of_m):
+        at = (np.arange(len(many)) + 0.5) * step / fine
+        many[:, 1] = np.interp(at, times, deltas[:, 1], period=period)
+        masses = to_physical(loop.parameters["m"], many[:, 1])
+        speeds = np.abs(np.diff(np.append(masses, masses[0]))) / (step / fine)
+        assert np.max(speeds) <= rate_of_m * (1.0 + STABLE)
+        assert np.max(speeds) > 0.1 * rate_of_m
+    grown = monodromy(loop, np.full(len(many), step / fine), many)
+    assert abs(grown - 1.0) <= 1e3 * STABLE
+    assert found.worst == {}
+
+
+def test_no_signal_is_amplified_by_more_than_the_gain() -> None:
+    """The energy after switching parameters and random inputs, by exact steps."""
+    own = [Parameter("k", 2.0, low=1.6, high=2.4), Parameter("m", 1.0, low=0.9, high=1.1)]
+    matrix = [["0", "1", "0"], ["-k/m", "-1.4/m", "1/m"], ["1", "0", "0"]]
+    loop = realize(matrix, own, states=2, inputs=["f"], outputs=["x"])
+    rates = {"k": np.inf, "m": 0.1}
+    found = worst_case_gain(loop, rates=rates, gap=0.05)
+    assert worst_case_gain(loop).lower <= found.upper < np.inf
+    assert verify(loop, found) == ""
+    random, h = np.random.default_rng(0), 0.05
+    for _ in range(5):
+        mass, x, spent, got = random.uniform(0.9, 1.1), np.zeros(2), 0.0, 0.0
+        inputs = random.standard_normal(40).repeat(20)
+        for k, u in zip(random.choice([1.6, 2.4], 40).repeat(20), inputs, strict=True):
+            rows = np.array([[0, 1, 0], [-k / mass, -1.4 / mass, 1 / mass], [0, 0, 0]])
+            x = (expm(rows * h) @ np.append(x, u))[:2]
+            spent, got = spent + u * u * h, got + x[0] ** 2 * h
+        assert got <= found.upper**2 * spent
+    still = worst_case_gain(loop, gap=0.01)
+    assert found.upper >= still.lower
+
+
+def test_a_gain_over_rates_that_make_it_unstable_is_infinite() -> None:
+    loop = random_loop_with_channels()
+    found = worst_case_gain(loop, rates=np.inf)
+    assert found.lower == found.upper == np.inf
+    assert found.motion is not None
+    assert "unstable at a motion" in found.reason
+    slower = worst_case_gain(loop, rates={"k": 1.0})
+    assert not slower.proved
+    assert "not proved" in slower.reason
+
+
+def damaged(found: Bounds) -> list[Bounds]:
+    """Bounds that say more than they prove, or prove nothing."""
+    proof = found.proof
+    assert isinstance(proof, MotionProof)
+    more = found.upper * 1.01
+    skew, full = proof.Y.copy(), proof.X.copy()
+    skew[0, 0] = 1e-9
+    full[0, 1] *= 1.0 + 1e-12
+    scales = proof.channels * (1.0 + 2.0**-52)
+    return [
+        replace(found, lower=more),
+        replace(found, lower=more, proof=replace(proof, k=more)),
+        replace(found, rates={"d": 100.0}),
+        replace(found, proof=replace(proof, P=-proof.P)),
+        replace(found, proof=replace(proof, P=proof.P[:-1, :-1])),
+        replace(found, proof=replace(proof, X=0.0 * proof.X)),
+        replace(found, proof=replace(proof, X=full)),
+        replace(found, proof=replace(proof, Y=skew)),
+        replace(found, proof=replace(proof, channels=scales)),
+        replace(found, proof=replace(proof, states=0.0 * proof.states)),
+        replace(found, proof=replace(proof, time=-proof.time)),
+        replace(found, kind="worst-case gain"),
+        replace(found, kind="robust performance"),
+    ]
+
+
+def test_no_damaged_proof_is_accepted() -> None:
+    pair = discrete_pair()
+    found = robust_stability(pair, rates=0.1, gap=0.1)
+    assert verify(pair, found) == ""
+    for other in damaged(found):
+        assert verify(pair, other)
+    constant = robust_stability(pair, gap=0.1)
+    assert verify(pair, constant) == ""
+    assert "constant" in verify(pair, replace(constant, rates={"d": 0.1}))
+    other = oscillator("3+d", "-1")  # the nominal is unstable: P at 0 is not positive
+    assert verify(other, replace(found, proof=replace(found.proof, k=1e-9), lower=0.0))
+
+
+def test_a_matrix_of_balls_is_positive_only_if_all_in_it_are() -> None:
+    def matrix(radius: float) -> flint.arb_mat:
+        off = flint.arb(0.9, radius)
+        return flint.arb_mat([[flint.arb(1), off], [off, flint.arb(1)]])
+
+    assert is_positive(matrix(0.02))
+    assert not is_positive(matrix(0.11))
+    assert not is_positive(-matrix(0.0))
+
+
+def test_bounds_of_rates_are_those_of_the_map() -> None:
+    """By differences, of a bilinear map and of an angle."""
+    own = (
+        Parameter("a", 1.0, low=0.5, high=4.0),
+        Angle("t", 20.0, low=-60.0, high=80.0, unit="deg"),
+    )
+    system = realize(
+        [["-a", "t"], ["0", "-1"]], [own[0], unit("t")], states=2, inputs=[], outputs=[]
+    )
+    named = replace_parameters(system, own)
+    for k in (0.5, 1.0):
+        found = delta_rates(named, ["a", "t"], {"a": 2.0, "t": 3.0}, k)
+        for p, bound, rate in zip(own, found, (2.0, 3.0), strict=True):
+            values = np.linspace(p.low, p.high, 4001)
+            deltas = to_delta(p, values)
+            steep = rate * np.diff(deltas) / np.diff(values)
+            inside = steep[np.maximum(np.abs(deltas[1:]), np.abs(deltas[:-1])) <= k]
+            assert np.max(inside) <= bound
+            given = {"a": 2.0, "t": 3.0}
+            assert 0.0 < delta_rates(named, [p.name], given, k, allowed=True)[0] <= np.min(inside)
+            if p.name == "a":
+                target(np.max(inside), bound, BOUND)
+
+
+def replace_parameters(system: System, own: tuple[Parameter, ...]) -> System:
+    return System(system.name, system.lft, system.states, (), (), Parameters(own))

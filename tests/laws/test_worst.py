@@ -1,0 +1,199 @@
+"""Worst cases: proved bounds hold at all that is tried, and closed forms are reached."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft import (
+    AnalysisError,
+    Bounds,
+    Parameter,
+    System,
+    realize,
+    verify,
+    worst_case,
+)
+from mbdlft.analyze.characteristic import is_stable_at
+from mbdlft.analyze.gramian import h2_and_slope
+from mbdlft.analyze.margin import cost_of
+from mbdlft.analyze.realization import realization
+from mbdlft.analyze.worst import disk_transfer
+from mbdlft.bound.evidence import BoxProof
+from tests.close import BOUND, CLOSED_FORM, STABLE, roundoff, target
+from tests.laws.random_loops import random_system, state_matrices
+from tests.laws.test_margins import arm_loop, random_loop_with_channels
+
+
+def undamping(poles: np.ndarray) -> np.ndarray:
+    return np.asarray(poles.real / np.abs(poles))
+
+
+def test_an_oscillator_has_the_damping_of_its_corner() -> None:
+    """c/(2 sqrt(k m)) at the largest k and m, and -c/(2 m) at the largest m."""
+    loop = random_loop_with_channels()
+    damping = worst_case(loop, "damping")
+    expected = 0.4 / (2.0 * np.sqrt(3.0 * 1.3))
+    target(damping.upper, expected, CLOSED_FORM)
+    assert 0.99 * expected <= damping.lower <= expected
+    real = worst_case(loop, "real part")
+    target(real.lower, -0.4 / 2.6, CLOSED_FORM)
+    assert real.lower <= real.upper <= 0.99 * real.lower
+    for found in (damping, real):
+        assert found.proved
+        assert found.worst["m"] == 1.3
+        assert verify(loop, found) == ""
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3, 6])
+def test_no_pole_is_beyond_a_proved_edge(seed: int) -> None:
+    """Unstable systems, too: bounds of poles need no stability."""
+    system = random_system(seed, 6, 3)
+    random = np.random.default_rng(seed)
+    deltas = random.uniform(-1.0, 1.0, (300, len(system.parameters)))
+    deltas[:100] = np.sign(deltas[:100])
+    poles = np.linalg.eigvals(state_matrices(system, deltas))
+    real, damping = (worst_case(system, what) for what in ("real part", "damping"))
+    assert np.max(poles.real) <= real.upper
+    assert np.max(undamping(poles)) <= -damping.lower
+    for found in (real, damping):
+        (A,) = state_matrices(system, np.array([list(found.delta.values())]))
+        there = np.linalg.eigvals(A)
+        size = float(np.max(np.abs(there)))
+        if found is real:
+            roundoff(np.max(there.real), found.lower, kappa=1e4, scale=size)
+        else:
+            roundoff(np.max(undamping(there)), -found.upper, kappa=1e4)
+        if found.upper > -1.0:
+            assert found.proved
+            assert verify(system, found) == ""
+        else:  # an unstable real pole has the least damping there is
+            assert "no damping is below -1" in found.reason
+
+
+def test_poles_of_the_arm() -> None:
+    loop = arm_loop()
+    samples = mbdlft.random(loop.parameters, 300)
+    poles = np.linalg.eigvals(mbdlft.matrices_at(loop, samples).A)
+    found = worst_case(loop, "damping", gap=0.01)
+    assert found.gap <= 0.0101
+    assert found.lower <= np.min(-undamping(poles))
+
+
+def damaged(found: Bounds) -> list[Bounds]:
+    """Claims of more than is proved."""
+    proof = found.proof
+    assert isinstance(proof, BoxProof)
+    better = replace(found, lower=found.upper * 1.01, upper=found.lower - abs(found.lower))
+    edge = {"shift": proof.shift * 1.02} if proof.shift else {"slope": proof.slope * 1.02}
+    return [
+        better,
+        replace(found, kind="robust stability", lower=1.0),
+        replace(better, proof=replace(proof, **edge)),
+        replace(found, proof=replace(proof, k=0.5)),
+        replace(found, proof=replace(proof, shift=0.0, slope=0.0)),
+        replace(found, proof=replace(proof, log=proof.log[:-1])),
+        replace(better, proof=replace(proof, shift=-1e3)),
+    ]
+
+
+@pytest.mark.parametrize("what", ["real part", "damping"])
+def test_no_damaged_proof_of_an_edge_is_accepted(what: str) -> None:
+    loop = random_loop_with_channels()
+    found = worst_case(loop, what)
+    for other in damaged(found):
+        assert verify(loop, other)
+
+
+def test_a_sector_of_a_known_pole() -> None:
+    """-1 +- 2j has the damping 1/sqrt(5): slope 1/2; the line at -1."""
+    model = realization(
+        mbdlft.state_space([[-1.0, 2.0], [-2.0, -1.0]], [[1.0], [0.0]], [[1.0, 0.0]], 0)
+    )
+    for slope, shift, expected in ((0.49, 0.0, True), (0.51, 0.0, False), (0.0, -0.99, True)):
+        region = model._replace(slope=slope, shift=shift)
+        assert is_stable_at(region, []) == expected
+    assert not is_stable_at(model._replace(shift=-1.01), [])
+
+
+def test_too_little_work_proves_no_edge() -> None:
+    system = random_system(7, 6, 3)
+    work = 1.0001 * cost_of(realization(system))
+    found = worst_case(system, "real part", work=work)
+    assert not found.proved
+    assert found.upper == np.inf
+    assert found.reason
+
+
+def servo() -> System:
+    own = [Parameter("k", 2.0, low=1.0, high=3.0)]
+    matrix = [["0", "1", "0"], ["-k", "-0.4", "1"], ["k", "0.3", "0"]]
+    return realize(matrix, own, states=2, inputs=["u"], outputs=["y"])
+
+
+def test_a_disk_margin_is_that_of_the_loop_on_a_grid() -> None:
+    """1/|S - 1/2|, S = 1/(1 + L), over values and frequencies."""
+    system = servo()
+    found = worst_case(system, "disk margin", gap=0.005)
+    omega = np.linspace(0.0, 6.0, 4001)
+    margins = []
+    for k in np.linspace(1.0, 3.0, 21):
+        L = (0.3j * omega + k) / ((1j * omega) ** 2 + 0.4j * omega + k)
+        margins.append(1.0 / float(np.max(np.abs(1.0 / (1.0 + L) - 0.5))))
+    assert found.lower <= min(margins)
+    target(found.upper, min(margins), BOUND)
+    assert found.gap <= 0.0051
+    assert verify(system, found) == ""
+    assert verify(system, replace(found, lower=1.01 * found.upper))
+    with pytest.raises(AnalysisError, match="as many inputs as outputs, got 1 and 2"):
+        disk_transfer(random_loop_with_channels(), "f")
+
+
+def test_the_h2_norm_of_an_oscillator() -> None:
+    """x'' + c/m x' + k/m x = f/m: the H2 norm from f to x is 1/sqrt(2 c k)."""
+    loop = random_loop_with_channels()
+    found = worst_case(loop, "H2 norm", "f", "x")
+    target(found.lower, 1.0 / np.sqrt(2.0 * 0.4 * 1.0), CLOSED_FORM)
+    assert (found.worst["k"], found.proved, found.proof) == (1.0, False, None)
+    assert "the largest of" in found.reason
+    assert worst_case(loop, "H2 norm").lower == np.inf  # a direct path
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_slopes_of_the_h2_norm_are_those_of_differences(seed: int) -> None:
+    system, random = random_system(seed, 5, 3), np.random.default_rng(seed)
+    n, N = len(system.A), system.order
+    model = realization(system)._replace(
+        E=random.standard_normal((n, 2)),
+        F=0.0 * random.standard_normal((N, 2)),
+        G=random.standard_normal((2, n)),
+        H=np.zeros((2, N)),
+        J=np.zeros((2, 2)),
+    )
+    delta, h = 0.1 * random.uniform(-1.0, 1.0, len(model.sizes)), 1e-5
+    value, slope = h2_and_slope(model, delta)
+    for k, expected in enumerate(slope()):
+        step = h * np.eye(len(delta))[k]
+        ends = [h2_and_slope(model, delta + side * step)[0] for side in (-1.0, 1.0)]
+        assert abs((ends[1] - ends[0]) / (2.0 * h) - expected) <= 1e3 * STABLE * value
+
+
+def test_a_function_of_a_user_is_climbed() -> None:
+    """-k/m is largest at the smallest k and the largest m; |k - 1.7| inside is found, too."""
+    loop = random_loop_with_channels()
+    found = worst_case(loop, lambda A, B, C, D: float(A[1, 0]))
+    target(found.lower, -1.0 / 1.3, CLOSED_FORM)
+    inner = worst_case(loop, lambda A, B, C, D: -((A[1, 0] + 1.7) ** 2))
+    assert abs(inner.lower) <= STABLE
+    with pytest.raises(AnalysisError, match=r"expected a number from 'wrong', got None at deltas"):
+        worst_case(loop, wrong)  # type: ignore[arg-type]
+    with pytest.raises(AnalysisError, match=r"'real part', .* or a function, got 'real'"):
+        worst_case(loop, "real")
+    static = mbdlft.as_system(np.eye(1), name="unit", inputs=["a"], outputs=["b"])
+    with pytest.raises(AnalysisError, match="has no states, and no poles"):
+        worst_case(static, "damping")
+
+
+def wrong(*_: object) -> None:
+    return None
