@@ -17,17 +17,20 @@ from rich.markup import escape
 from rich.table import Table
 
 from mbdlft import __version__
-from mbdlft.base.errors import AnalysisError, MbdlftError, SceneError, shortened
+from mbdlft.base.errors import AnalysisError, MbdlftError, shortened
 from mbdlft.cli.analysis import margin, verify, wcgain
 from mbdlft.cli.body import body
 from mbdlft.cli.export import export
 from mbdlft.cli.poles import poles
 from mbdlft.cli.report import print_model, report_model
 from mbdlft.cli.response import KINDS, draw, response
+from mbdlft.cli.schema import schema
+from mbdlft.cli.source import values_of
 from mbdlft.cli.sweep import sweep
 from mbdlft.cli.tables import console as _console
 from mbdlft.cli.tables import table as _table
 from mbdlft.cli.urdf import import_robot
+from mbdlft.cli.view import report, view
 from mbdlft.system.model import LFTModel
 
 if TYPE_CHECKING:
@@ -74,6 +77,9 @@ app.command()(sweep)
 app.command()(poles)
 app.command()(response)
 app.command()(export)
+app.command()(view)
+app.command()(report)
+app.command()(schema)
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
@@ -184,11 +190,11 @@ def trim(
     if positions or every or output:
         from mbdlft.cli.tables import print_equilibria
 
-        values = _assignments(assignments or [])
+        values = values_of(assignments or [])
         print_equilibria(load_scene(scene_file), values, starts, output, every=every)
         return
     equations = assemble(load_scene(scene_file))
-    point = solve_trim(equations, _assignments(assignments or []))
+    point = solve_trim(equations, values_of(assignments or []))
     console = _console()
     if point.parameters:
         table = _table(f"{equations.name}: parameters", "parameter", "value >", "unit")
@@ -336,23 +342,6 @@ def _notes(scene: "Scene") -> list[str]:
     if not any(scene.gravity) and not any(scene.acceleration):
         notes.append("note: there is no gravity and no acceleration; both are zero by default.")
     return notes
-
-
-def _assignments(texts: list[str]) -> dict[str, float]:
-    """Values by name of the options --set name=value."""
-    values = {}
-    for text in texts:
-        name, equals, value = text.partition("=")
-        try:
-            values[name.strip()] = float(value)
-        except ValueError:
-            equals = ""
-        if not equals:
-            raise SceneError(
-                f"--set {text}: expected name=value with a number, such as m1=3.2. The unit is that "
-                "of the parameter."
-            )
-    return values
 
 
 def _figures(texts: list[str]) -> list[tuple[str, Path]]:

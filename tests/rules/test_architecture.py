@@ -56,9 +56,9 @@ def test_main_types_and_functions_are_in_their_rooms() -> None:
 
 def test_picture_has_every_room_once_and_few_boxes() -> None:
     picture = PAGE.split("```")[1]
-    boxes = re.findall(r"\[(\w+)\]", picture)
-    assert sorted(boxes) == sorted(ROOMS)
-    assert len(boxes) <= 24
+    boxes = re.findall(r"\[([\w ]+)\]", picture)  # rooms of one floor may share a box
+    assert sorted(room for box in boxes for room in box.split()) == sorted(ROOMS)
+    assert len(boxes) <= 20
     # a room of the upper part stands in the line of its floor
     floors = {
         room: len(CONTRACTS[0]["layers"]) - k
@@ -66,7 +66,7 @@ def test_picture_has_every_room_once_and_few_boxes() -> None:
         for room in map(str.strip, layer.split("|"))
     }
     for line in picture.splitlines():
-        for room in re.findall(r"\[(\w+)\]", line):
+        for room in " ".join(re.findall(r"\[([\w ]+)\]", line)).split():
             assert int(line.split()[0]) == floors[room], line
 
 
