@@ -56,12 +56,12 @@ bench: .venv/bench
 # what the package itself needs
 .venv/run: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	$(INSTALL) -e .
+	$(INSTALL) -e '.[viewer]'
 	touch $@
 
 # what it is checked with, robots and other tools among them
 .venv/test: .venv/run
-	$(INSTALL) -e '.[test,robots,modelica]'
+	$(INSTALL) -e '.[test,robots,modelica,viewer]'
 	touch $@
 
 # other tools that speed and error are compared with

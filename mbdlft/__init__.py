@@ -12,6 +12,7 @@ What most scripts need is here: `load_scene`, `Scene`, `Parameter`, `Angle`, `to
 - `mbdlft.library`: actuators, filters, two-ports
 - `mbdlft.analyze`, `mbdlft.plot`: responses and figures
 - `mbdlft.store`, `mbdlft.batch`: archives and sweeps
+- `mbdlft.viewer`: pages that show a scene; `mbdlft.report`: pages on a model
 - `mbdlft.export`: files for MATLAB, Octave, C and Julia, and matrices on a grid
 - `mbdlft.base`: parameters, samples, signals, errors
 
@@ -36,9 +37,11 @@ if TYPE_CHECKING:
     from mbdlft.multibody import *
     from mbdlft.pipeline import *
     from mbdlft.problem import *
+    from mbdlft.report import *
     from mbdlft.store import *
     from mbdlft.system import *
     from mbdlft.urdf import *
+    from mbdlft.viewer import *
 
 __version__ = "0.1.0"
 
@@ -67,7 +70,9 @@ _NAMESPACES = (
     "library",
     "matrix",
     "modelica",
+    "report",
     "urdf",
+    "viewer",
 )
 _ELSEWHERE = ("lft", "pipeline", "problem")  # rooms that have names of the list above, and no more
 _MODULES = {

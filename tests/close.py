@@ -18,6 +18,8 @@ _ROUNDOFF = (
 )
 
 EVALUATION = 1e-14
+MESH = 4e-2  # extents of meshes that were thinned
+PAGE = 1e-6  # positions in a picture, and loads beside it
 NOTHING = 1e-13  # of the largest entry: what is left of zeros
 EXPORT = 1e-13  # values of files for other tools against `matrices_at`
 MUJOCO = 1e-5  # by finite differences

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
+from mbdlft.base.notebook import heading, table
 
 Complex = NDArray[np.complex128]
 
@@ -160,3 +161,11 @@ class Bounds:
     def __repr__(self) -> str:
         said = "proved" if self.proved else "not proved"
         return f"<{self.kind}: {self.lower:.6g} to {self.upper:.6g}, {said}>"
+
+    def _repr_html_(self) -> str:
+        said = "proved" if self.proved else "not proved"
+        text = heading(f"{self.kind}: {self.lower:.6g} to {self.upper:.6g}, {said}", self.reason)
+        if self.worst:
+            text += heading("", f"worst case, at {self.frequency:.6g} rad/s")
+        rows = ((name, float(v), self.sensitivity.get(name, 0.0)) for name, v in self.worst.items())
+        return text + table(("parameter", "value", "share"), rows)

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from mbdlft import __version__
-from mbdlft.base.errors import MbdlftError, SceneError, shortened
+from mbdlft.base.errors import MbdlftError, shortened
 from mbdlft.cli.analysis import margin, verify, wcgain
 from mbdlft.cli.body import body
 from mbdlft.cli.export import export
@@ -32,10 +32,13 @@ from mbdlft.cli.options import (
 from mbdlft.cli.poles import poles
 from mbdlft.cli.report import print_model, report_model
 from mbdlft.cli.response import response
+from mbdlft.cli.schema import schema
+from mbdlft.cli.source import values_of
 from mbdlft.cli.sweep import sweep
 from mbdlft.cli.tables import console as _console
 from mbdlft.cli.tables import table as _table
 from mbdlft.cli.urdf import import_robot
+from mbdlft.cli.view import report, view
 from mbdlft.system.model import LFTModel
 
 app = typer.Typer(
@@ -57,6 +60,9 @@ app.command()(sweep)
 app.command()(poles)
 app.command()(response)
 app.command()(export)
+app.command()(view)
+app.command()(report)
+app.command()(schema)
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
@@ -137,11 +143,11 @@ def trim(
     if positions or every or output:
         from mbdlft.cli.tables import print_equilibria
 
-        values = _assignments(assignments or [])
+        values = values_of(assignments or [])
         print_equilibria(load_scene(scene_file), values, starts, output, every=every)
         return
     equations = assemble(load_scene(scene_file))
-    point = solve_trim(equations, _assignments(assignments or []))
+    point = solve_trim(equations, values_of(assignments or []))
     console = _console()
     if point.parameters:
         table = _table(f"{equations.name}: parameters", "parameter", "value >", "unit")
@@ -212,20 +218,3 @@ def show(
         _console().print(f"made {made.created} by mbdlft {made.mbdlft}, CasADi {made.casadi}")
     if name is None and sweep_names(archive):
         _console().print(f"sweeps: {', '.join(sweep_names(archive))}", highlight=False)
-
-
-def _assignments(texts: list[str]) -> dict[str, float]:
-    """Values by name of the options --set name=value."""
-    values = {}
-    for text in texts:
-        name, equals, value = text.partition("=")
-        try:
-            values[name.strip()] = float(value)
-        except ValueError:
-            equals = ""
-        if not equals:
-            raise SceneError(
-                f"--set {text}: expected name=value with a number, such as m1=3.2. The unit is that "
-                "of the parameter."
-            )
-    return values

@@ -96,3 +96,26 @@ def stored_system(archive: Path, name: str | None) -> System:
             "linear part with the functions left open."
         )
     return cast(System, model)
+
+
+def values_of(texts: list[str]) -> dict[str, float]:
+    """Values by name of the options --set name=value.
+
+    Raises
+    ------
+    SceneError
+        A text is not a name, = and a number.
+    """
+    values = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        try:
+            values[name.strip()] = float(value)
+        except ValueError:
+            equals = ""
+        if not equals:
+            raise SceneError(
+                f"--set {text}: expected name=value with a number, such as m1=3.2. The unit is that "
+                "of the parameter."
+            )
+    return values

@@ -35,6 +35,7 @@ from .scene import Scene as Scene
 from .scene import Spin as Spin
 from .scene import load_scene as load_scene
 from .scene import scene_from_toml as scene_from_toml
+from .scene import scene_schema as scene_schema
 from .scene import scene_to_toml as scene_to_toml
 from .sensor import Acceleration as Acceleration
 from .sensor import Accelerometer as Accelerometer

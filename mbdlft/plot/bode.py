@@ -14,6 +14,7 @@ from mbdlft.analyze.samples import Names
 from mbdlft.base.array import Array
 from mbdlft.plot.figures import (
     COLORS,
+    SAMPLES,
     check_figure,
     decibels,
     drawn_channels,
@@ -36,6 +37,7 @@ def save_bode(
     model: System,
     seed: int = 0,
     *,
+    most_samples: int = SAMPLES,
     outputs: Names = None,
     inputs: Names = None,
 ) -> None:
@@ -47,6 +49,8 @@ def save_bode(
     model : System or LFTModel
     seed : int
         Seed of the samples.
+    most_samples : int
+        How many there are, at most.
     outputs, inputs : names of channels; all by default
 
     Raises
@@ -57,7 +61,7 @@ def save_bode(
     """
     check_figure(path)
     rows, columns = drawn_channels(model, outputs, inputs, _MOST)
-    values, count = drawn_samples(model, seed)
+    values, count = drawn_samples(model, seed, most_samples)
     picked = values if count else {}
     omega = drawn_frequencies(model, picked)
     samples = frequency_response(model, picked, omega)

@@ -78,10 +78,10 @@ def drawn_channels(
     return rows, columns
 
 
-def drawn_samples(system: System, seed: int) -> tuple[dict[str, Array], int]:
-    """Random samples, and how many: 300, or fewer of a large model; none without parameters."""
+def drawn_samples(system: System, seed: int, most: int = SAMPLES) -> tuple[dict[str, Array], int]:
+    """Random samples, and how many: `most`, or fewer of a large model; none without parameters."""
     each = _EACH * max(1.0, float(len(system.states)) ** 2 * max(1, len(system.inputs)))
-    count = int(max(20, min(SAMPLES, _WORK / each))) if system.parameters else 0
+    count = int(max(min(20, most), min(most, _WORK / each))) if system.parameters else 0
     return random(system.parameters, count, seed), count
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mbdlft.analyze.spectrum import poles
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.samples import grid
-from mbdlft.plot.figures import COLORS, WORST, check_figure, drawn_samples, write_figure
+from mbdlft.plot.figures import COLORS, SAMPLES, WORST, check_figure, drawn_samples, write_figure
 from mbdlft.system.system import System
 
 _STEPS = 201  # values of a parameter
@@ -18,7 +18,11 @@ _ROOM = 0.08  # of the width and height, around the poles
 
 
 def save_pole_map(
-    path: str | Path, model: System, parameter: str | None = None, seed: int = 0
+    path: str | Path,
+    model: System,
+    parameter: str | None = None,
+    seed: int = 0,
+    most_samples: int = SAMPLES,
 ) -> None:
     """Draw poles over a parameter, the others nominal, or those of random samples.
 
@@ -30,6 +34,8 @@ def save_pole_map(
         Its name; the color of a pole is its value. Without it: random samples of all parameters.
     seed : int
         Seed of the samples.
+    most_samples : int
+        How many there are, at most.
 
     Raises
     ------
@@ -60,7 +66,7 @@ def save_pole_map(
         figure.colorbar(drawn, label=f"{parameter} ({unit})")
         title = f"poles over {parameter}, the others nominal"
     elif model.parameters:
-        values, count = drawn_samples(model, seed)
+        values, count = drawn_samples(model, seed, most_samples)
         found = poles(model, values)
         axes.plot(
             found.real.ravel(), found.imag.ravel(), ".", color=COLORS[0], markersize=4.0, alpha=0.5,

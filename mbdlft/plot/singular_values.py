@@ -14,6 +14,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.plot.figures import (
     COLORS,
+    SAMPLES,
     WORST,
     check_figure,
     decibels,
@@ -33,6 +34,7 @@ def save_singular_values(
     model: System,
     seed: int = 0,
     *,
+    most_samples: int = SAMPLES,
     worst: Mapping[str, float] | None = None,
     bound: float | None = None,
 ) -> None:
@@ -47,6 +49,8 @@ def save_singular_values(
     model : System or LFTModel
     seed : int
         Seed of the samples.
+    most_samples : int
+        How many there are, at most.
     worst : mapping of names to physical values, optional
         A worst case to draw, that is known from elsewhere; by default the sample of the highest peak.
     bound : float, optional
@@ -63,7 +67,7 @@ def save_singular_values(
             f"model {model.name!r}: without inputs or outputs there are no singular values to draw. "
             "Choose some in [linearize]."
         )
-    values, count = drawn_samples(model, seed)
+    values, count = drawn_samples(model, seed, most_samples)
     chosen = values if count else {}
     omega = drawn_frequencies(model, chosen)
     samples = decibels(singular_values(frequency_response(model, chosen, omega)))

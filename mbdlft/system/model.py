@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
+from mbdlft.base.notebook import heading
 from mbdlft.base.signal import Signal
 from mbdlft.lft.lft import LFT
 from mbdlft.system.system import System, value_at
@@ -150,6 +151,13 @@ class LFTModel(System):
     trim: Trim
     certificate: Certificate
     provenance: Provenance
+
+    def _repr_html_(self) -> str:
+        c = self.certificate
+        said = "minimal: proved" if c.minimal else f"proved to be needed: {c.order_bound}"
+        said = said if c.exact else "not exact"
+        error = f"largest relative error found: {c.max_relative_error:.1e}"
+        return System._repr_html_(self) + heading("", f"order {self.order}, {said}; {error}")
 
     @property
     def is_proved_regular(self) -> bool:

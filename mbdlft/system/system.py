@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError, unknown_name
+from mbdlft.base.notebook import heading, table
 from mbdlft.base.parameter import Parameter, to_delta
 from mbdlft.base.signal import Signal
 from mbdlft.lft.evaluate import evaluate, evaluate_at
@@ -120,6 +121,12 @@ class System:
         blocks = ", ".join(f"{name} {size}" for name, size in self.lft.blocks)
         kind = type(self).__name__
         return f"<{kind} {self.name!r}: {sizes}; order {self.order}: {blocks or 'no parameters'}>"
+
+    def _repr_html_(self) -> str:
+        sizes = dict(self.lft.blocks)
+        rows = ((p.name, p.nominal, p.low, p.high, p.unit, sizes[p.name]) for p in self.parameters)
+        names = ("parameter", "nominal", "low", "high", "unit", "repetitions")
+        return heading(self.name, self.description) + heading("", repr(self)) + table(names, rows)
 
     @property
     def order(self) -> int:

@@ -145,7 +145,7 @@ def _check_that_it_moves_alike(
 
     Where branches of the motion cross, fewer are, and the linearized constraints let more move than does.
     """
-    gaps = [_open(loop, view) for loop in scene.loops]
+    gaps = [gap_of(loop, view) for loop in scene.loops]
     gap = ca.vertcat(*gaps)
     both = ca.horzcat(gap, ca.jacobian(gap, q))
     _, _, rows = np.linalg.svd(evaluate(ca.substitute(both, q, ca.DM.zeros(q.numel())))[0][:, 1:])
@@ -171,7 +171,7 @@ def _check_that_it_moves_alike(
         )
 
 
-def _open(loop: Loop, view: View) -> ca.SX:
+def gap_of(loop: Loop, view: View) -> ca.SX:
     """Gap of the ports, and of the directions that are held, at displaced positions."""
     view.owner = Loop.where({"name": loop.name})
     body, other = (view.find(port)[0] for port in (loop.parent, loop.child))

@@ -19,6 +19,7 @@ from mbdlft.base.description import (
 from mbdlft.base.errors import SceneError
 from mbdlft.base.expression import BUILTIN_CONSTANTS, FUNCTIONS
 from mbdlft.base.grammar import Literal
+from mbdlft.base.notebook import heading, table
 from mbdlft.base.parameter import Parameter, is_finite
 from mbdlft.base.unit import in_si, parse_unit
 from mbdlft.multibody.body import Body
@@ -163,6 +164,22 @@ class Scene(Description):
                     "from its port and a joint from its signals."
                 )
         return self
+
+    def __repr__(self) -> str:
+        return f"<Scene {self.name!r}: {self._sizes()}>"
+
+    def _repr_html_(self) -> str:
+        text = heading(self.name, self.description) + heading("", self._sizes())
+        ranges = ((p.name, p.nominal, p.low, p.high, p.unit, p.role) for p in self.parameters)
+        text += table(("parameter", "nominal", "low", "high", "unit", "role"), ranges)
+        joined = ((j.name, j.kind, j.parent, j.child) for j in self.joints)
+        return text + table(("joint", "kind", "parent", "child"), joined)
+
+    def _sizes(self) -> str:
+        """How many bodies, joints and so on there are."""
+        parts = ("bodies", "joints", "loads", "sensors", "loops", "parameters")
+        counts = {part: len(getattr(self, part)) for part in parts}
+        return ", ".join(f"{count} {part}" for part, count in counts.items() if count)
 
     def constant_values(self) -> dict[str, float]:
         """Constants in SI units by name, with the built-in ones."""

@@ -1,0 +1,89 @@
+"""The commands `view` and `report`: pages that show a scene, and a model with its evidence."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mbdlft.base.errors import AnalysisError, SceneError
+from mbdlft.cli.source import ARCHIVES, values_of
+from mbdlft.cli.tables import console
+
+if TYPE_CHECKING:
+    from mbdlft.multibody.scene import Scene
+
+_ROBOT = ".urdf"
+Model = Annotated[str | None, typer.Option("--model", help="Model of an archive that has several.")]
+
+
+def view(
+    source: Annotated[
+        Path, typer.Argument(help="Scene (TOML), robot (URDF), or archive (HDF5) of a model.")
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="Page to write; the name of the source by default."),
+    ] = None,
+    assignments: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="name=value at which the page begins; may be repeated."),
+    ] = None,
+    model: Model = None,
+) -> None:
+    """Write a web page that shows a scene, with sliders, loads at equilibrium and moving modes."""
+    from mbdlft.viewer import view as page_of
+
+    if model is not None and source.suffix.lower() not in ARCHIVES:
+        raise AnalysisError(f"--model {model}: {source} is no archive; only an archive has models.")
+    file = _page(output or Path(f"{source.stem}.html"))
+    scene = _scene(source, model)
+    robot = source if source.suffix.lower() == _ROBOT else None
+    page = page_of(scene, values_of(assignments or []), urdf=robot)
+    console().print(f"page: {page.save(file)}", soft_wrap=True)
+
+
+def _scene(source: Path, model: str | None) -> "Scene":
+    """The scene of a file, or that of a model of an archive."""
+    suffix = source.suffix.lower()
+    if suffix == _ROBOT:
+        from mbdlft.urdf import load_urdf
+
+        return load_urdf(source, keep_unphysical=True)[0]  # to look at it is no harm
+    if suffix in ARCHIVES:
+        from mbdlft.store import load
+        from mbdlft.viewer import scene_of
+
+        return scene_of(load(source, model))
+    from mbdlft.multibody.scene import load_scene
+
+    return load_scene(source)
+
+
+def _page(file: Path) -> Path:
+    """The file, if its ending and its folder are those of a page."""
+    if file.suffix.lower() not in (".html", ".htm"):
+        raise SceneError(f"{file}: expected the ending .html of a page, got {file.suffix!r}.")
+    if not file.parent.is_dir():
+        raise SceneError(f"{file}: {file.parent} is not a folder.")
+    return file
+
+
+def report(
+    source: Annotated[
+        Path,
+        typer.Argument(help="Archive (HDF5), or a scene or a matrix (TOML), to be linearized."),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="Page to write; the name of the source by default."),
+    ] = None,
+    model: Model = None,
+) -> None:
+    """Write a page on a model: scene, parameters, what is proved, equilibrium, poles, responses."""
+    from mbdlft.cli.source import load_system
+    from mbdlft.report import model_report
+
+    file = _page(output or Path(f"{source.stem}.html"))
+    system = load_system(source, model)
+    archive = source if source.suffix.lower() in ARCHIVES else None
+    console().print(f"page: {model_report(system, archive).save(file)}", soft_wrap=True)

@@ -1,0 +1,1 @@
+from .page import model_report as model_report

@@ -1,0 +1,269 @@
+"use strict";
+/* The page: parameters and positions, the tree of names, layers, modes. */
+
+(function start() {
+  const data = JSON.parse(document.getElementById("data").textContent);
+  const find = (id) => document.getElementById(id);
+  const make = (tag, text = "", kind = "") => Object.assign(document.createElement(tag), { textContent: text, className: kind });
+  const p = Float64Array.from(data.parameters, (parameter) => parameter.value);
+  const q = new Float64Array(data.coordinates.length);
+  const follow = new Set(data.loops ? data.loops.follow : []);
+  const factors = Float64Array.from(data.coordinates, (one) => one.turns ? 180 / Math.PI : 1);
+  let world = null, shown = -1, mode = null, loads = null, positions = [], readers = [];
+  const short = (value) => (value === 0 ? "0" : Math.abs(value) >= 1e5 || Math.abs(value) < 1e-3 ? value.toExponential(3) : String(Number(value.toPrecision(5))));
+
+  function note(text) {
+    const line = make("p", text, "note");
+    find("notes").append(line);
+    return line;
+  }
+  data.notes.forEach(note);
+  const warning = note("");
+
+  // where everything is ----------------------------------------------------------------------
+
+  function trim() {
+    const u = data.trim ? trimmed(data.trim, p) : null;
+    loads = u && { u, visible: true, sizes: [0, 0], largest: (turns) => loads.sizes[turns ? 1 : 0] };
+    positions = interpret(data.positions, p, q);
+  }
+
+  /** The largest force and the largest torque at equilibrium, to which arrows are scaled. */
+  function measure(vectors) {
+    loads.sizes = [1e-300, 1e-300];
+    data.items.forEach((item) => item.shapes.forEach((shape) => {
+      if (shape.effort === undefined) return;
+      const long = Math.hypot(...vectors.slice(3 * shape.along, 3 * shape.along + 3)), kind = shape.turns || shape.type === "torque" ? 1 : 0;
+      loads.sizes[kind] = Math.max(loads.sizes[kind], Math.abs(loads.u[shape.effort]) * long);
+    }));
+  }
+
+  function place() {
+    let gap = 0;
+    if (data.loops) gap = closeLoops(data.loops, p, q);
+    warning.textContent = gap > 1e-9 * data.size ? "A loop cannot be closed at these positions." : "";
+    const vectors = interpret(data.tape, p, q);
+    if (world) {
+      if (loads) {
+        loads.visible = world.layers.get("equilibrium") !== false;
+        measure(vectors);
+      }
+      world.show(vectors, loads);
+    }
+    return vectors;
+  }
+
+  function update() {
+    place();
+    readers.forEach((read) => read());
+  }
+
+  // sliders ----------------------------------------------------------------------------------
+
+  function slider(where, name, unit, [low, high], value, change, title = "") {
+    const row = make("label", "", "slider"), input = make("input"), reading = make("output");
+    Object.assign(input, { type: "range", min: low, max: high, step: "any", value });
+    row.title = title;
+    row.append(make("span", name), input, reading);
+    input.addEventListener("input", () => change(Number(input.value)));
+    find(where).append(row);
+    return (now, text) => {
+      input.value = now;
+      reading.textContent = `${text ?? short(now)} ${unit === "1" ? "" : unit}`;
+    };
+  }
+
+  function setParameter(k, value) {
+    p[k] = value;
+    trim();
+    nearest();
+    update();
+  }
+
+  data.parameters.forEach((parameter, k) => {
+    const said = `${parameter.low} to ${parameter.high} ${parameter.unit}, nominal ${parameter.nominal}, ${parameter.role}`;
+    const show = slider("parameters", parameter.name, parameter.unit, [parameter.low, parameter.high], p[k], (value) => setParameter(k, value), said);
+    readers.push(() => show(p[k]));
+  });
+  if (!data.parameters.length) find("parameters").append(make("p", "none"));
+
+  data.coordinates.forEach((one, k) => {
+    if (follow.has(k)) return;
+    const unit = one.turns && !one.elastic ? "deg" : one.unit, factor = one.elastic ? 1 : factors[k];
+    const reach = one.elastic ? 0.1 * data.size : one.reach;
+    const show = slider(one.elastic ? "deformations" : "positions", one.name, unit, [-reach, reach], 0, (value) => {
+      stop();
+      q[k] = value;
+      update();
+    }, "displacement from the equilibrium");
+    readers.push(() => show(q[k], short(factor * (q[k] + (one.placed ? positions[k] : 0)))));
+  });
+  find("elastic").hidden = !data.coordinates.some((one) => one.elastic);
+
+  function reset() {
+    stop();
+    q.fill(0);
+    data.parameters.forEach((parameter, k) => { p[k] = parameter.nominal; });
+    trim();
+    nearest();
+    update();
+  }
+  find("reset").addEventListener("click", reset);
+
+  // the tree ---------------------------------------------------------------------------------
+
+  const buttons = [];
+  function pick(number) {
+    const item = data.items[number], info = find("info");
+    buttons.forEach((button, k) => button.classList.toggle("picked", k === number));
+    buttons[number].scrollIntoView({ block: "nearest" });
+    if (world) world.highlight(number);
+    info.replaceChildren(make("h2", `${item.name} (${item.kind})`));
+    item.lines.filter((line) => line).forEach((line) => info.append(make("p", line)));
+    if (loads) {
+      const own = data.trim.efforts.flatMap((effort, k) => effort.name.startsWith(`${item.name}.`) ? [[effort, loads.u[k]]] : []);
+      own.forEach(([effort, value]) => info.append(make("p", `at equilibrium: ${effort.name} = ${short(value)} ${effort.unit}`)));
+    }
+  }
+  const groups = new Map();
+  data.items.forEach((item, number) => {
+    if (!groups.has(item.group)) {
+      const folder = make("details");
+      folder.open = true;
+      folder.append(make("summary", item.group));
+      find("tree").append(folder);
+      groups.set(item.group, folder);
+    }
+    const button = make("button", item.name);
+    button.append(make("small", ` ${item.kind}`));
+    button.addEventListener("click", () => pick(number));
+    groups.get(item.group).append(button);
+    buttons.push(button);
+  });
+
+  // modes ------------------------------------------------------------------------------------
+
+  /** The sample whose values are nearest, in parts of the ranges; modes are known at samples only. */
+  function nearest() {
+    const far = (sample) => Math.hypot(...sample.point.map((value, k) => (value - p[k]) / (data.parameters[k].high - data.parameters[k].low)));
+    let best = -1, least = Infinity;
+    data.modes.forEach((sample, k) => {
+      if (far(sample) < least) [best, least] = [k, far(sample)];
+    });
+    if (best < 0) {
+      find("modes").hidden = true;
+      return;
+    }
+    const at = data.modes[best].point.map((value, k) => `${data.parameters[k].name} = ${short(value)} ${data.parameters[k].unit}`).join(", ");
+    find("sample").textContent = least < 1e-12 ? "Exactly at these values of the parameters." : `Not at these values: at the nearest of ${data.modes.length} samples, ${at}.`;
+    find("there").hidden = least < 1e-12;
+    if (best !== shown) list(best);
+  }
+
+  function list(best) {
+    shown = best;
+    const rows = find("rows");
+    rows.replaceChildren();
+    data.modes[best].modes.forEach((one, k) => {
+      const size = Math.hypot(one.real, one.imag), row = make("tr"), swings = one.imag > 0;
+      row.append(make("td", String(k + 1)), make("td", short(size)), make("td", swings ? short(size / (2 * Math.PI)) : "-"), make("td", size > 0 ? short(-one.real / size) : "-"));
+      if (one.real > 1e-9 * size) row.classList.add("unstable");
+      row.addEventListener("click", () => mode === one ? (stop(), update()) : animate(one, row));
+      rows.append(row);
+    });
+    if (mode) stop();
+  }
+
+  find("there").addEventListener("click", () => {
+    data.modes[shown].point.forEach((value, k) => { p[k] = value; });
+    trim();
+    nearest();
+    update();
+  });
+
+  function stop() {
+    mode = null;
+    find("rows").querySelectorAll("tr").forEach((row) => row.classList.remove("picked"));
+    find("moving").textContent = "";
+  }
+
+  /** Displacements of a mode of the size `amount` at a phase; loops are closed when it is drawn. */
+  function swing(one, amount, phase) {
+    q.fill(0);
+    data.states.forEach((k, i) => { q[k] = amount * (one.shape[0][i] * Math.cos(phase) - one.shape[1][i] * Math.sin(phase)); });
+  }
+
+  function amplitude(one) {
+    q.fill(0);
+    const rest = place(), step = 1e-4;
+    let way = 0, turn = 0;
+    for (const phase of [0, Math.PI / 2]) {
+      swing(one, step, phase);
+      const moved = place();
+      (world ? world.points : []).forEach((k) => { way = Math.max(way, Math.hypot(...[0, 1, 2].map((i) => moved[3 * k + i] - rest[3 * k + i]))); });
+      data.coordinates.forEach((c, k) => { if (c.turns) turn = Math.max(turn, Math.abs(q[k])); });
+    }
+    return step * Math.min(way > 0 ? 0.12 * data.size / way : Infinity, turn > 0 ? 0.5 / turn : Infinity, 1e6);
+  }
+
+  function animate(one, row) {
+    stop();
+    const amount = amplitude(one);
+    mode = one;
+    row.classList.add("picked");
+    const size = Math.hypot(one.real, one.imag);
+    const grows = one.real > 1e-9 * size ? `, grows with ${short(one.real)} rad/s` : one.real < -1e-9 * size ? `, decays with ${short(-one.real)} rad/s` : ", no damping";
+    find("moving").textContent = (one.imag > 0 ? `${short(size)} rad/s, damping ${short(-one.real / size)}` : "does not swing; its shape is shown") + `${grows}. Shown at 0.5 Hz, of a size that can be seen.`;
+    const begin = performance.now();
+    (function frame(now) {
+      if (mode !== one) return;
+      swing(one, amount, Math.PI * (now - begin) / 1000);
+      place();
+      requestAnimationFrame(frame);
+    })(begin);
+  }
+
+  // the picture ------------------------------------------------------------------------------
+
+  try {
+    world = makeWorld(window.viewerLibrary.ThreeJsProvider.THREE, data, find("picture"), pick);
+  } catch (error) {
+    note(`The picture needs WebGL, which this browser does not give: ${error.message}`);
+    find("layers").hidden = find("views").hidden = true;
+  }
+  const hidden = new Set(["frames"]);
+  ["bodies", "meshes", "joints", "loads", "equilibrium", "sensors", "centers of mass", "ports", "frames", "ground", "names"].forEach((layer) => {
+    if (layer === "meshes" && !data.items.some((item) => item.shapes.some((shape) => shape.layer === layer))) return;
+    const row = make("label", "", "layer"), box = make("input");
+    Object.assign(box, { type: "checkbox", checked: !hidden.has(layer) });
+    box.addEventListener("change", () => { world.layer(layer, box.checked); place(); });
+    row.append(box, make("span", { equilibrium: "loads at equilibrium", ground: "ground and gravity" }[layer] ?? layer));
+    find("layers").append(row);
+    if (world) world.layer(layer, box.checked);
+  });
+  [["iso", 0.9, 0.35], ["x", 0, 0], ["y", Math.PI / 2, 0], ["top", -Math.PI / 2, 1.5]].forEach(([name, azimuth, height]) => {
+    const button = make("button", name);
+    button.addEventListener("click", () => { world.view.look(azimuth, height); world.fit(); });
+    find("views").append(button);
+  });
+  trim();
+  nearest();
+  update();
+  if (world) world.fit();
+
+  /* What scripts and tests may ask for. */
+  window.mbdlft = {
+    set(name, value) {
+      const k = data.parameters.findIndex((one) => one.name === name), j = data.coordinates.findIndex((one) => one.name === name);
+      if (k >= 0) setParameter(k, value);
+      else if (j >= 0) { q[j] = value; update(); } else throw new Error(`nothing is called ${name}`);
+    },
+    placement: (body) => world.placement(body),
+    loads: () => loads && Object.fromEntries(data.trim.efforts.map((effort, k) => [effort.name, loads.u[k]])),
+    coordinates: () => Object.fromEntries(data.coordinates.map((one, k) => [one.name, q[k]])),
+    drawn: () => { world.render(); return world.drawn(); },
+    pick: (name) => pick(data.items.findIndex((item) => item.name === name)),
+    look: (azimuth, height) => { world.view.look(azimuth, height); world.fit(); },
+    reset,
+  };
+})();

@@ -1,0 +1,201 @@
+"""Reports of models: what they say is what the model, its certificate and its archive say."""
+
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft.base.errors import AnalysisError
+from mbdlft.bound.evidence import Bounds
+from mbdlft.report import model_report
+from mbdlft.report.content import trim_rows, verdict_sentence, worst_cases
+from mbdlft.system.model import LFTModel
+from mbdlft.viewer.picture import scene_picture
+from tests.close import CLOSED_FORM, target
+
+ROOT = Path(__file__).parents[2]
+
+
+def scene(name: str) -> mbdlft.Scene:
+    return mbdlft.load_scene(ROOT / "scenarios" / f"{name}.toml")
+
+
+def model_of(name: str) -> LFTModel:
+    return mbdlft.to_lft(scene(name), search=0.0, prove=0.0)
+
+
+class Texts(HTMLParser):
+    """The cells of all tables, and tags that are open."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rows: list[list[str]] = []
+        self.tags: set[str] = set()
+        self.cell = False
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        if tag == "tr":
+            self.rows.append([])
+        self.cell = tag in ("td", "th")
+        if self.cell:
+            self.rows[-1].append("")
+
+    def handle_data(self, data: str) -> None:
+        if self.cell:
+            self.rows[-1][-1] += data
+
+    def handle_endtag(self, tag: str) -> None:
+        self.cell = self.cell and tag not in ("td", "th")
+
+
+def read(html: str) -> Texts:
+    found = Texts()
+    found.feed(html)
+    return found
+
+
+def test_the_report_of_the_arm() -> None:
+    """Parameters, repetitions, equilibrium and poles are in its tables."""
+    model = model_of("two_link_arm")
+    html = model_report(model).html
+    found = read(html)
+    rows = {row[0]: row for row in found.rows if row}
+    c = model.certificate
+    for k, p in enumerate(model.parameters):
+        counts = [str(entry[k]) for entry in (c.raw_order, c.order, c.lower_bound)]
+        span = f"{p.low:g} to {p.high:g}"
+        assert rows[p.name][:8] == [p.name, f"{p.nominal:g}", span, p.unit, p.role, *counts]
+    for signal, value in zip(model.trim.signals, model.trim.nominal, strict=True):
+        target(float(rows[signal.name][1]), value, 1e6 * CLOSED_FORM)
+    assert [row[1] for row in found.rows if row[:1] == ["input"]] == [
+        signal.name for signal in model.inputs
+    ]
+    assert "script" not in found.tags
+    assert "unstable at nominal" in html
+
+
+def test_loads_lie_between_the_least_and_the_largest() -> None:
+    """shoulder.torque = g (...) of the arm in closed form is monotone in m3: corners have its ends."""
+    model = model_of("two_link_arm")
+    rows, points = trim_rows(model)
+    assert points == 2 ** len(model.parameters) + 300
+    corners = mbdlft.corners(model.parameters)
+    found = mbdlft.trim_at(model, corners)
+    for row, column in zip(rows, found.T, strict=True):
+        least, largest = float(row.least), float(row.largest)
+        assert least <= float(row.nominal) <= largest
+        scale = float(np.max(np.abs(column)))
+        assert least <= np.min(column) + 1e-5 * scale
+        assert largest >= np.max(column) - 1e-5 * scale
+
+
+def test_the_first_sentence_follows_the_certificate() -> None:
+    model = model_of("pendulum")
+    assert "no fewer do" in verdict_sentence(model)
+    c = replace(model.certificate, order=(3, 2), raw_order=(3, 2))
+    assert "has at least 3" in verdict_sentence(replace(model, certificate=c))
+    c = replace(model.certificate, exact=False, truncation_error=0.1)
+    assert "The model is an approximation." in verdict_sentence(replace(model, certificate=c))
+    matrix = mbdlft.realize(mbdlft.load_matrix(ROOT / "scenarios" / "missile.toml"), search=0.0)
+    assert "equals the matrix at every value" in verdict_sentence(matrix)
+    plain = mbdlft.as_system(mbdlft.state_space([[-1.0]], [[1.0]], [[1.0]], [[0.0]], name="lag"))
+    assert "without evidence" in verdict_sentence(plain)
+
+
+def test_stored_proofs_are_told(tmp_path: Path) -> None:
+    """And analyses of other models of the archive are not."""
+    model = model_of("pendulum")
+    path = tmp_path / "a.h5"
+    found = mbdlft.worst_case_gain(model, "pivot.torque", "pivot.angle", work=2.0)
+    mbdlft.save_analysis(path, model, found)
+    other = mbdlft.as_system(model, name="other")
+    mbdlft.save_analysis(path, other, replace(found, proof=None, proved=False))
+    html = model_report(mbdlft.load(path, "pendulum"), path).html
+    assert f"The gain is at most {found.upper:.6g} for all values" in html
+    assert "is stored in the archive" in html
+    assert ">proved<" in html
+    assert "Nothing is proved." not in html
+    html = model_report(mbdlft.load(path, "other"), path).html
+    assert "Nothing is proved." in html
+    assert ">proved<" not in html
+
+
+@pytest.mark.parametrize(
+    ("kind", "words", "reached"),
+    [
+        ("robust stability", "stable for all values in 1.5 times", "2.5"),
+        ("robust performance", "kept for all values in 1.5 times", "2.5"),
+        ("worst-case gain", "at most 2.5 for all values", "1.5"),
+        ("largest real part", "above 2.5 rad/s", "1.5"),
+        ("smallest damping", "damped less than 1.5,", "2.5"),
+        ("smallest disk margin", "at least 1.5 for all values", "2.5"),
+        ("worst-case H2 norm", "from 1.5 to 2.5", "1.5"),
+    ],
+)
+def test_the_proved_end_is_told_and_the_reached_one(kind: str, words: str, reached: str) -> None:
+    bounds = Bounds(kind, 1.5, 2.5, {"m": 2.0}, {"m": 0.0}, 3.0, True, {}, 0.0)
+    system = model_of("pendulum")
+    (told,) = worst_cases([("a", system, bounds)])
+    assert words in told.sentences[0]
+    assert f"Reached: {reached}, at 3 rad/s" in told.sentences[1]
+    (moving,) = worst_cases([("a", system, replace(bounds, rates={"m": 0.5}))])
+    assert "m 0.5 per second" in moving.sentences[0]
+    (open_,) = worst_cases([("a", system, replace(bounds, proved=False))])
+    assert open_.sentences[0] == "Nothing is proved."
+
+
+def test_models_with_little_to_tell() -> None:
+    """No parameters, no states, no scene, no evidence."""
+    gain = mbdlft.state_space([], [], [], [[2.0]], name="gain")
+    html = model_report(gain).html
+    for words in ("no parameters", "without evidence", "None is stored"):
+        assert words in html
+    assert "<h2>The scene</h2>" not in html
+    assert "<h2>Poles" not in html
+
+
+def test_texts_are_not_markup() -> None:
+    evil = "<script>alert(1)</script>"
+    model = model_of("pendulum")
+    html = model_report(replace(model, description=evil)).html
+    assert evil not in html
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in html
+
+
+def test_what_has_no_report() -> None:
+    with pytest.raises(AnalysisError, match="expected an LFTModel or a System, got str"):
+        model_report("arm.h5")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["four_bar", "solar_arrays", "gimbal", "mast_observatory"])
+def test_pictures_are_drawings(name: str) -> None:
+    """Well-formed, finite, inside of their frame, with the names of the scene."""
+    drawn = scene(name)
+    root = ET.fromstring(scene_picture(drawn))
+    left, top, wide, high = map(float, root.attrib["viewBox"].split())
+    numbers = re.compile(r"-?[\d.]+")
+    for line in root.iter("{http://www.w3.org/2000/svg}polyline"):
+        xy = np.array(numbers.findall(line.attrib["points"]), dtype=float).reshape(-1, 2)
+        assert np.all(xy > [left, top])
+        assert np.all(xy < [left + wide, top + high])
+    said = {text.text for text in root.iter("{http://www.w3.org/2000/svg}text")}
+    names = {joint.name for joint in drawn.joints if joint.kind != "fixed"}
+    assert names <= said
+
+
+def test_an_axis_toward_the_eye_differs_from_one_away() -> None:
+    """A wrong sign of an axis is seen: the arrow points the other way."""
+    pendulum = scene("pendulum")
+    (pivot,) = [joint for joint in pendulum.joints if joint.kind == "revolute"]
+    other = pivot.model_copy(update={"axis": (-1.0, 0.0, 0.0)})
+    turned = pendulum.model_copy(
+        update={"joints": tuple(other if j is pivot else j for j in pendulum.joints)}
+    )
+    for azimuth in (0.0, 0.9):
+        assert scene_picture(pendulum, azimuth, 0.0) != scene_picture(turned, azimuth, 0.0)

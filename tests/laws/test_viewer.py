@@ -1,0 +1,291 @@
+"""Pages of scenes without a browser: tapes, frames, loads and modes against other ways to them."""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import mbdlft
+from mbdlft.base.errors import SceneError
+from mbdlft.multibody.assembly import assemble
+from mbdlft.multibody.scene import scene_from_toml
+from mbdlft.problem.trim import solve_trim
+from mbdlft.viewer import page as page_of_scene
+from mbdlft.viewer.data import view_data
+from mbdlft.viewer.poses import poses
+from mbdlft.viewer.tape import OPERATIONS, tape_of
+from tests.close import CROSS, EVALUATION, FINITE_ELEMENTS, target
+from tests.cross.pinocchio_frames import configuration
+from tests.cross.pinocchio_tree import plant
+from tests.mechanisms import random_mechanism
+
+ROOT = Path(__file__).parents[2]
+# what the operations of a page mean, besides + - * /
+MEANING = {
+    "assign": lambda a: a, "neg": lambda a: -a, "sq": lambda a: a * a, "twice": lambda a: 2 * a,
+    "inv": lambda a: 1 / a, "sqrt": np.sqrt, "sin": np.sin, "cos": np.cos, "tan": np.tan,
+    "atan": np.arctan, "add": lambda a, b: a + b, "sub": lambda a, b: a - b,
+    "mul": lambda a, b: a * b, "div": lambda a, b: a / b,
+}  # fmt: skip
+
+
+def interpret(tape: Mapping[str, Any], *given: Sequence[float]) -> np.ndarray:
+    """The twin of `interpret` in interpret.js."""
+    registers, results = [0.0] * tape["registers"], np.zeros(tape["outputs"])
+    steps = np.array(tape["steps"]).reshape(-1, 4)
+    for code, target_, first, second in steps.tolist():
+        name = OPERATIONS[code]
+        if name == "const":
+            registers[target_] = tape["constants"][first]
+        elif name == "input":
+            registers[target_] = given[first][second]
+        elif name == "output":
+            results[target_] = registers[first]
+        elif name in ("add", "sub", "mul", "div"):
+            registers[target_] = MEANING[name](registers[first], registers[second])
+        else:
+            registers[target_] = MEANING[name](registers[first])
+    return results
+
+
+def test_a_tape_is_its_function() -> None:
+    """All operations, repeated constants, entries that are nowhere, several arguments."""
+    x, y = ca.SX.sym("x", 3), ca.SX.sym("y", 2)
+    parts = [ca.sin(x[0]) + ca.cos(y[1]), x[1] * y[0] - 0.3, -ca.sqrt(x[2]), ca.tan(x[0]) / y[0]]
+    parts += [ca.atan(x[1]), x[2] * x[2], 2 * y[1], 1 / x[0], ca.SX(0), ca.SX(0.3), x[1]]
+    function = ca.Function("all", [x, y], [ca.densify(ca.vertcat(*parts))])
+    at = [0.7, -1.3, 2.1], [0.4, 5.0]
+    target(interpret(tape_of(function).as_data(), *at), function(*at).full().ravel(), EVALUATION)
+
+
+def test_the_page_has_the_operations_of_the_tape() -> None:
+    script = (ROOT / "mbdlft/viewer/assets/interpret.js").read_text(encoding="utf-8")
+    assert re.findall(r"case (\d+):", script) == [str(k) for k in range(len(OPERATIONS))]
+    x = ca.SX.sym("x")
+    with pytest.raises(NotImplementedError, match="'exp' of 'growth'"):
+        tape_of(ca.Function("growth", [x], [ca.exp(x)]))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_frames_of_random_trees(seed: int) -> None:
+    """All kinds of joints, orientations and ports, displaced far, against pinocchio."""
+    scene = random_mechanism(seed)
+    rng = np.random.default_rng(seed)
+    data = view_data(scene)
+    q = rng.uniform(-1.0, 1.0, len(data["coordinates"]))
+    displaced = dict(zip((one["name"] for one in data["coordinates"]), q, strict=True))
+    chosen = mbdlft.random(scene.parameters, 1, seed) if scene.parameters else {}
+    p = [float(chosen[parameter["name"]][0]) for parameter in data["parameters"]]
+    point = {
+        parameter["name"]: value for parameter, value in zip(data["parameters"], p, strict=True)
+    }
+    vectors = interpret(data["tape"], p, q).reshape(-1, 3)
+    tree = plant(scene, point)
+    model = tree.model
+    reached = model.createData()
+    pin.forwardKinematics(model, reached, configuration(scene, tree, displaced))
+    items = {item["name"]: item for item in data["items"] if item["group"] == "bodies"}
+    for body in scene.bodies:
+        if body.name == "ground":
+            continue
+        place = tree.place[body.name]
+        expected = reached.oMi[place.joint] * place.frame
+        (frame,) = [s for s in items[body.name]["shapes"] if s["type"] == "frame"]
+        r, *axes = vectors[frame["at"]]
+        target(r, expected.translation, CROSS, 1.0)
+        target(np.array(axes).T, expected.rotation, CROSS)
+    check_loads(scene, data, p, point)
+
+
+def check_loads(
+    scene: mbdlft.Scene, data: dict[str, Any], p: list[float], point: dict[str, float]
+) -> None:
+    """The equations of the trim in the page, solved here."""
+    trim = solve_trim(assemble(scene), point)
+    n = len(data["trim"]["unknown"])
+    found = interpret(data["trim"]["tape"], p)
+    offset, slopes = found[:n], found[n : n + n * n].reshape(n, n).T
+    if n:
+        target(-np.linalg.solve(slopes, offset), trim.values, CROSS)
+    names = [data["trim"]["efforts"][k]["name"] for k in data["trim"]["unknown"]]
+    assert names == [signal.name for signal in trim.signals]
+
+
+def test_arrows_of_loads_are_forces_on_bodies() -> None:
+    """A thrust turns with its body, a spring pulls its ports together, buoyancy is up."""
+    data = view_data(mbdlft.load_scene(ROOT / "scenarios" / "four_bar.toml"))
+    (item,) = [item for item in data["items"] if item["name"] == "spring"]
+    vectors = interpret(data["tape"], [p["nominal"] for p in data["parameters"]], [0.0] * 3)
+    vectors = vectors.reshape(-1, 3)
+    first, second = (s for s in item["shapes"] if s["type"] == "force")
+    apart = vectors[second["at"]] - vectors[first["at"]]
+    target(vectors[first["along"]], apart, EVALUATION)
+    target(vectors[second["along"]], -apart, EVALUATION)
+    data = view_data(mbdlft.load_scene(ROOT / "scenarios" / "balloon_gondola.toml"))
+    (item,) = [item for item in data["items"] if item["name"] == "lift"]
+    (shape,) = item["shapes"]
+    p = [q["nominal"] for q in data["parameters"]]
+    upright = [0.0] * len(data["coordinates"])
+    tilted = [0.4 if one["turns"] else 0.0 for one in data["coordinates"]]
+    for q in (upright, tilted):
+        along = interpret(data["tape"], p, q).reshape(-1, 3)[shape["along"]]
+        assert along[2] > 0.0
+        target(along[:2], [0.0, 0.0], EVALUATION, along[2])
+
+
+CHAIN = """
+format = "mbdlft-scene/1"
+name = "chain"
+[parameters]
+k = { nominal = 2.0, low = 1.0, high = 3.0, unit = "N/m" }
+[bodies.a]
+kind = "point_mass"
+mass = 1.0
+[bodies.b]
+kind = "point_mass"
+mass = 1.0
+[joints.first]
+kind = "prismatic"
+parent = "ground"
+child = "a"
+axis = [1, 0, 0]
+stiffness = "k"
+[joints.second]
+kind = "prismatic"
+parent = "a"
+child = "b"
+axis = [1, 0, 0]
+stiffness = "k"
+damping = DAMPING
+"""
+
+
+def test_modes_of_a_chain() -> None:
+    """Relative coordinates of two masses: [2 1; 1 1] q'' + k q = 0, omega^2 = k (3 -+ sqrt 5)/2."""
+    data = view_data(scene_from_toml(CHAIN.replace("DAMPING", "0.0")), {"k": 2.5})
+    assert [sample["point"] for sample in data["modes"][:4]] == [[2.5], [2.0], [1.0], [3.0]]
+    for sample in data["modes"]:
+        k = sample["point"][0]
+        squares = k * np.array([(3 - np.sqrt(5)) / 2, (3 + np.sqrt(5)) / 2])
+        target([m["imag"] for m in sample["modes"]], np.sqrt(squares), EVALUATION * 10)
+        assert [m["real"] for m in sample["modes"]] == [0.0, 0.0]
+        # (k - 2 w^2) first = w^2 second
+        for mode, square in zip(sample["modes"], squares, strict=True):
+            first, second = mode["shape"][0]
+            target((k - 2 * square) * first, square * second, FINITE_ELEMENTS)
+    damped = view_data(scene_from_toml(CHAIN.replace("DAMPING", "0.1")))["modes"][0]["modes"]
+    assert all(m["real"] < 0.0 for m in damped)
+
+
+def test_modes_at_zero_are_listed_once_for_each_shape() -> None:
+    free = CHAIN.replace('stiffness = "k"', "", 1).replace("DAMPING", "0.0")
+    for sample in view_data(scene_from_toml(free))["modes"]:
+        still, swinging = sample["modes"]
+        assert (still["real"], still["imag"]) == (0.0, 0.0)
+        assert still["shape"] == [[1.0, 0.0], [0.0, 0.0]]
+        target(swinging["imag"], np.sqrt(2 * sample["point"][0]), EVALUATION * 10)
+
+
+def test_center_line_of_a_beam_ends_at_its_tip() -> None:
+    """Elements and modes; the tip is the frame of the port, which the model itself uses."""
+    for name in ("flexible_manipulator", "mast_observatory", "rotatory_spacecraft"):
+        scene = mbdlft.load_scene(ROOT / "scenarios" / f"{name}.toml")
+        data = view_data(scene)
+        rng = np.random.default_rng(3)
+        q = 0.01 * rng.standard_normal(len(data["coordinates"]))
+        p = [parameter["nominal"] for parameter in data["parameters"]]
+        vectors = interpret(data["tape"], p, q).reshape(-1, 3)
+        curves = 0
+        for item in data["items"]:
+            for shape in item["shapes"]:
+                if shape["type"] == "curve":
+                    curves += 1
+                    (tip,) = [s["at"] for s in item["shapes"] if s.get("label") == "tip"]
+                    target(vectors[shape["points"][-1]], vectors[tip], CROSS)
+        assert curves
+
+
+def test_center_of_mass_of_elastic_bodies() -> None:
+    """The momentum of all bodies is the mass times the velocity of the drawn centers."""
+    scene = mbdlft.load_scene(ROOT / "scenarios" / "solar_arrays.toml")
+    scene = scene.model_copy(
+        update={
+            "sensors": (mbdlft.CenterOfMass(name="all"),),
+            "outputs": ("all.x", "all.y", "all.z"),
+        }
+    )
+    model = mbdlft.to_lft(scene, search=0.0)
+    data = view_data(scene)
+    p = [parameter["nominal"] for parameter in data["parameters"]]
+    shapes = [s for item in data["items"] for s in item["shapes"] if s["type"] == "mass"]
+    total = sum(shape["mass"] for shape in shapes)
+
+    def center(q: np.ndarray) -> np.ndarray:
+        vectors = interpret(data["tape"], p, q).reshape(-1, 3)
+        return sum(shape["mass"] * vectors[shape["at"]] for shape in shapes) / total
+
+    n, step = len(data["coordinates"]), 1e-5
+    slopes = np.array([(center(step * e) - center(-step * e)) / (2 * step) for e in np.eye(n)]).T
+    C = mbdlft.matrices_at(model, {}).C
+    names = [one["name"] for one in data["coordinates"]]
+    columns = [[state.name for state in model.states].index(name) for name in names]
+    target(slopes, C[:, columns], CROSS, 1.0)
+
+
+def test_texts_end_no_element() -> None:
+    evil = "</script><script>alert(1)</script>"
+    text = CHAIN.replace("DAMPING", "0.0").replace(
+        'name = "chain"', f'name = "chain"\ndescription = "{evil}"'
+    )
+    html = mbdlft.view(scene_from_toml(text)).html
+    assert evil not in html
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
+    assert found is not None
+    assert json.loads(found[1])["description"] == evil
+
+
+def test_a_page_asks_for_nothing() -> None:
+    """Own parts have no address; the library has those of its comments only."""
+    for file in (ROOT / "mbdlft/viewer/assets").iterdir():
+        assert "http" not in file.read_text(encoding="utf-8"), file.name
+
+
+def test_a_notebook_shows_a_page() -> None:
+    page = mbdlft.view(scene_from_toml(CHAIN.replace("DAMPING", "0.0")))
+    assert page._repr_html_().startswith('<iframe srcdoc="&lt;!doctype html&gt;')
+    assert re.fullmatch(r"Page\('chain', \d\.\d MB\)", repr(page))
+
+
+def test_the_scene_of_a_model() -> None:
+    scene = mbdlft.load_scene(ROOT / "scenarios" / "pendulum.toml")
+    assert mbdlft.viewer.scene_of(mbdlft.to_lft(scene, search=0.0)) == scene
+
+
+def test_axes_turn_the_way_they_point() -> None:
+    """For each coordinate that turns: a small turn moves the body about the drawn axis."""
+    scene = mbdlft.load_scene(ROOT / "scenarios" / "gimbal.toml")
+    found = poses(scene)
+    p = np.array([parameter.nominal for parameter in found.resolved.parameters])
+    for k, joint in enumerate(scene.joints):
+        child = joint.child.partition(".")[0]
+        (axis,) = found.joints[joint.name].axes
+        function = found.as_function(ca.vec(found.frames[child].R), "turned")
+        along = found.as_function(axis.axis, "axis")(p, 0.0).full().ravel()
+        step = 1e-6 * np.eye(len(scene.joints))[k]
+        before, after = (function(p, at).full().reshape(3, 3).T for at in (0 * step, step))
+        target(pin.log3(after @ before.T) / 1e-6, along, FINITE_ELEMENTS)
+
+
+def test_a_page_without_its_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page_of_scene, "_PACKAGE", "no-such-package")
+    page_of_scene._library.cache_clear()
+    scene = mbdlft.load_scene(ROOT / "scenarios" / "pendulum.toml")
+    with pytest.raises(SceneError, match=r"not installed.*pip install 'mbdlft\[viewer\]'"):
+        mbdlft.view(scene)
+    page_of_scene._library.cache_clear()

@@ -1,0 +1,71 @@
+"""The commands `view` and `report`."""
+
+from pathlib import Path
+
+import pytest
+
+import mbdlft
+from tests.scenarios.test_cli import run
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_view_of_scene_robot_and_archive(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The name of the page is that of the source; an archive has the scene of its model."""
+    arm = mbdlft.load_scene(SCENARIOS / "two_link_arm.toml")
+    mbdlft.save("arm.h5", mbdlft.to_lft(arm, search=0.0, prove=0.0))
+    for source in (SCENARIOS / "pendulum.toml", SCENARIOS / "desk_arm.urdf", Path("arm.h5")):
+        code, said, _ = run(monkeypatch, capsys, "view", str(source))
+        assert (code, said.strip()) == (0, f"page: {source.stem}.html")
+    text = (place / "arm.html").read_text(encoding="utf-8")
+    assert "<title>two_link_arm</title>" in text
+    assert text == mbdlft.view(arm).html
+    page = (place / "desk_arm.html").read_text(encoding="utf-8")
+    assert '"name":"shoulder"' in page
+
+
+def test_values_of_view(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["view", str(SCENARIOS / "pendulum.toml"), "--set", "m=2.5", "-o", "p.html"]
+    assert run(monkeypatch, capsys, *command)[0] == 0
+    text = (place / "p.html").read_text(encoding="utf-8")
+    assert '"value":2.5' in text
+    assert '"point":[0.8,2.5]' in text
+
+
+def test_report_of_an_archive_and_of_a_matrix(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pendulum = mbdlft.load_scene(SCENARIOS / "pendulum.toml")
+    mbdlft.save("p.h5", mbdlft.to_lft(pendulum, search=0.0, prove=0.0))
+    code, said, _ = run(monkeypatch, capsys, "report", "p.h5", "-o", "told.html")
+    assert (code, said.strip()) == (0, "page: told.html")
+    text = (place / "told.html").read_text(encoding="utf-8")
+    assert "None is stored in p.h5" in text
+    code, said, _ = run(monkeypatch, capsys, "report", str(SCENARIOS / "missile.toml"))
+    assert (code, said.strip()) == (0, "page: missile.html")
+
+
+@pytest.mark.usefixtures("place")
+def test_reports_that_cannot_be(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    missile = str(SCENARIOS / "missile.toml")
+    for command, words in (
+        (["report", "nowhere.h5"], "nowhere.h5"),
+        (["report", missile, "-o", "told.pdf"], "expected the ending .html of a page, got '.pdf'"),
+        (["view", missile], "expected 'mbdlft-scene/1', got 'mbdlft-matrix/1'"),
+    ):
+        code, _, said = run(monkeypatch, capsys, *command)
+        assert code == 2
+        assert words in said
+    assert not list(Path().glob("*.html"))
