@@ -7,6 +7,7 @@ What most scripts need is here: `load_scene`, `Scene`, `Parameter`, `Angle`, `to
 - `mbdlft.elastic`: flexible bodies of finite-element data; `mbdlft.urdf`: robots
 - `mbdlft.matrix`: matrices that are rational in parameters
 - `mbdlft.dae`: differential-algebraic models, and linear ones with nonlinear functions of them
+- `mbdlft.modelica`: Modelica models as descriptions of differential-algebraic ones
 - `mbdlft.system`: finished models, and what connects, inverts, truncates them
 - `mbdlft.library`: actuators, filters, two-ports
 - `mbdlft.analyze`, `mbdlft.plot`: responses and figures
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from mbdlft.lft import *
     from mbdlft.library import *
     from mbdlft.matrix import *
+    from mbdlft.modelica import *
     from mbdlft.multibody import *
     from mbdlft.pipeline import *
     from mbdlft.problem import *
@@ -67,6 +69,7 @@ _NAMESPACES = (
     "export",
     "library",
     "matrix",
+    "modelica",
     "report",
     "urdf",
     "viewer",

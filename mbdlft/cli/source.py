@@ -1,21 +1,22 @@
-"""The system in a file: of a scene, of a matrix, or stored in an archive."""
+"""The system in a file: of a scene, of a matrix, of a Modelica model, or stored in an archive."""
 
 import tomllib
 from pathlib import Path
 from typing import cast
 
 from mbdlft.base.errors import AnalysisError, SceneError
+from mbdlft.cli.modelica import Asked, is_modelica, linear_model
 from mbdlft.system.system import System
 
 ARCHIVES = (".h5", ".hdf5")
 
 
 def load_system(file: Path, name: str | None = None) -> System:
-    """The system of an archive, or one that is made of the scene or matrix of a TOML file.
+    """The system of an archive, or one that is made of a scene, a matrix or a Modelica model.
 
     Parameters
     ----------
-    file : an archive (.h5, .hdf5), or a scene or a matrix (TOML)
+    file : an archive (.h5, .hdf5), a scene or a matrix (TOML), or a Modelica model (.mo, .mof)
     name : str, optional
         Which model of an archive that has several.
 
@@ -30,6 +31,8 @@ def load_system(file: Path, name: str | None = None) -> System:
         return stored_system(file, name)
     if name is not None:
         raise AnalysisError(f"--model {name}: {file} is no archive; only an archive has models.")
+    if is_modelica(file):
+        return linear_model(Asked(file), 0.0, None, 0.0, lambda stage: None)[0]
     from mbdlft.matrix import load_matrix
     from mbdlft.multibody.scene import load_scene
     from mbdlft.pipeline import realize, to_lft

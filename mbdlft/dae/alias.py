@@ -4,7 +4,7 @@ What is left is a model of fewer variables; each variable that is gone is a fact
 an input, or a number.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import NamedTuple
@@ -42,12 +42,33 @@ def eliminate_aliases(dae: Dae) -> Reduced:
     """The model without equations of the form x = y, x = -y, x = number.
 
     Of two variables the one stays that is fixed, has a derivative, has a start value, is an output's.
+    What becomes such an equation, as a variable in it is zero, is taken out, too.
 
     Raises
     ------
     StructureError
         Such equations say the same twice, or two things of one variable.
     """
+    found: tuple[Alias, ...] = ()
+    while True:
+        once = _once(dae)
+        if not once.aliases:
+            return Reduced(dae, found)
+        gone = {a.name: a for a in once.aliases}
+        found = (*(_through(a, gone) for a in found), *once.aliases)
+        dae = once.dae
+
+
+def _through(alias: Alias, gone: Mapping[str, Alias]) -> Alias:
+    """An alias of what is itself one now."""
+    if alias.of is None or alias.of not in gone:
+        return alias
+    above = gone[alias.of]
+    return Alias(alias.name, above.of, alias.factor * above.factor)
+
+
+def _once(dae: Dae) -> Reduced:
+    """The model without those equations that are of this form as they stand."""
     classes = _Classes(dae)
     kept = []
     for equation, relation in zip(dae.equations, _relations(dae), strict=True):

@@ -93,7 +93,8 @@ class Registry:
 
     def _row(self, value: Mixed) -> tuple[Row, bool]:
         """Coefficients by signal, and whether all of them are rational numbers."""
-        fractions = all(key == ONE_KEY for key in value.linear) and not value.constant
+        constant = ca.SX(0) if value.constant is None else ca.SX(value.constant)
+        fractions = all(key == ONE_KEY for key in value.linear) and constant.is_zero()
         fractions = fractions and all(is_constant(c) for c in value.terms.values())
         if fractions:
             try:

@@ -106,6 +106,8 @@ class Dae:
     description : str
     text : str
         What the model was read from.
+    units_checked : bool
+        Whether it is known that its units fit, as of a text in which every number has its unit.
     fit_error_bound : float
         Guaranteed bound of the error of coefficients that are fits, in their units; 0.0 for none.
 
@@ -126,6 +128,7 @@ class Dae:
     initial: tuple[Equation, ...] = ()
     description: str = ""
     text: str = field(default="", repr=False)
+    units_checked: bool = False
     fit_error_bound: float = 0.0
 
     def __post_init__(self) -> None:

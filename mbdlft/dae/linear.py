@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
+from fractions import Fraction
 from functools import partial
 
 import casadi as ca
@@ -19,13 +20,16 @@ from mbdlft.dae.separate import Separation
 from mbdlft.dae.structure import Quantity, Structure, in_symbols
 from mbdlft.dae.to_problem import text_of
 from mbdlft.dae.trim import DaeTrim
+from mbdlft.number.exact import decimal
 from mbdlft.problem.compare import entry_scale
 from mbdlft.problem.equations import cosines_sines
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.problem.of_relations import column_of_entries, reference_of_relations
 from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage, TrimRelations
-from mbdlft.sx.constants import in_doubles, is_constant
+from mbdlft.sx.constants import in_doubles, is_constant, is_zero, literal
 from mbdlft.sx.evaluate import evaluate_many
+
+_LEAST = 1e-3
 
 
 def problem_of_trim(at: DaeTrim, stage: Stage = lambda name: nullcontext()) -> Problem:
@@ -165,7 +169,7 @@ class _Linear:
     def trimmed(self) -> TrimRelations | None:
         """What of the equilibrium depends on parameters, as relations that are solved already."""
         at, dae = self.at, self.s.dae
-        chosen = [q for q in self._named() if not is_constant(at.values[q.name])]
+        chosen = [q for q in self._named() if not self._is_number(at.values[q.name])]
         unknown, one = ca.SX.sym("trim", len(chosen)), ca.SX.sym("one")
         rows = []
         for k, q in enumerate(chosen):
@@ -183,6 +187,20 @@ class _Linear:
         )
         signals = tuple(Signal(q.name, q.unit) for q in chosen)
         return TrimRelations(relations, signals, tuple(at.nominal[q.name] for q in chosen))
+
+    def _is_number(self, value: ca.SX) -> bool:
+        """Whether a value has no parameters, or is zero whatever they are, as sums that cancel."""
+        if is_constant(value):
+            return True
+        dae = self.s.dae
+        if any(q.is_angle for q in dae.parameters):
+            return False
+        odd = [decimal(q.nominal) + Fraction(k + 1, 9973) for k, q in enumerate(dae.parameters)]
+        numbers = column_of([ca.SX(literal(x)) for x in odd])
+        try:
+            return is_zero(ca.SX(ca.substitute(ca.SX(value), dae.p, numbers)))
+        except NotRationalError:  # a function of numbers
+            return False
 
     def _named(self) -> list[Quantity]:
         return [q for q in (*self.s.states, *self.s.unknowns, *self.s.inputs) if not q.order]
@@ -211,7 +229,8 @@ def trimmed_points(at: DaeTrim, points: Array) -> Array:
         return found
     rest = [k for k in range(len(around)) if k not in free]
     given = ca.vertcat(symbols[rest], s.dae.p) if rest else s.dae.p
-    system = System(s.residual, symbols[free], given)
+    held = np.array([around[k].variable.nominal for k in rest])
+    system = System(s.residual, symbols[free], given, held)
     sizes = np.array([around[k].variable.nominal for k in free])
     start = np.array([at.nominal[around[k].name] for k in free])
     for row, q in zip(found, p, strict=True):
@@ -237,6 +256,11 @@ def _reference(
     chosen = [names.index(signal.name) for signal in trimmed.signals] if trimmed else []
     own = z[:, chosen]
     size = np.max(np.abs(own), axis=0, initial=0.0)
+    units = np.array([around[k].unit for k in chosen])
+    # one below a thousandth of others in its unit, as of a cosine near zero, is compared with that
+    for unit in set(units):
+        of_unit = units == unit
+        size[of_unit] = np.maximum(size[of_unit], _LEAST * np.max(size[of_unit]))
     scale = entry_scale(values, len(s.states))
     from dataclasses import replace
 

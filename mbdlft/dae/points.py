@@ -33,11 +33,20 @@ class Found(NamedTuple):
 
 
 class System:
-    """0 = residual(z, q): functions of unknowns z (n,) and given values q, in doubles."""
+    """0 = residual(z, q): functions of unknowns z (n,) and given values q, in doubles.
 
-    def __init__(self, residual: ca.SX, unknown: ca.SX, given: ca.SX) -> None:
+    The first of the given values are signals of the sizes `held` (k,): terms of these count in the sizes
+    of equations, too.
+    """
+
+    def __init__(
+        self, residual: ca.SX, unknown: ca.SX, given: ca.SX, held: Array | None = None
+    ) -> None:
         residual = ca.densify(in_doubles(residual))
         jacobian = ca.jacobian(residual, unknown)
+        self.held = np.zeros(0) if held is None else held
+        beside = ca.jacobian(residual, given[: len(self.held)])
+        self.beside = ca.Function("beside", [unknown, given], [beside])
         self.function = ca.Function("residual", [unknown, given], [residual])
         self.slopes = ca.Function("slopes", [unknown, given], [jacobian])
         self.count, self.unknowns = residual.numel(), unknown.numel()
@@ -47,6 +56,14 @@ class System:
 
     def jacobian(self, z: Array, q: Array) -> Array:
         return np.asarray(self.slopes(z, q).full())
+
+    def scale(self, J: Array, z: Array, q: Array, sizes: Array) -> Array:
+        """Sizes (m,) of the terms of each equation, at slopes J (m, n) there."""
+        found = np.max(np.abs(J) * np.maximum(np.abs(z), sizes), axis=1, initial=0.0)
+        if len(self.held):
+            held = np.maximum(np.abs(q[: len(self.held)]), self.held)
+            found = np.maximum(found, np.max(np.abs(self.beside(z, q).full()) * held, axis=1))
+        return np.asarray(np.where(found > 0.0, found, 1.0))
 
 
 def solve(system: System, start: Array, given: Array, sizes: Array) -> Found:
@@ -74,7 +91,7 @@ def _newton(system: System, start: Array, given: Array, sizes: Array) -> Found:
             r, J = system.residual(z, given), system.jacobian(z, given)
         if not (np.all(np.isfinite(r)) and np.all(np.isfinite(J))):
             return Found(z, np.full(system.count, np.inf))
-        scale = _scale(J, z, sizes)
+        scale = system.scale(J, z, given, sizes)
         if polished:
             break
         polished = bool(np.max(np.abs(r) / scale, initial=0.0) <= _CLOSE)  # one more step
@@ -92,7 +109,7 @@ def _newton(system: System, start: Array, given: Array, sizes: Array) -> Found:
         z = z + (1.0 if polished else length) * step
     with np.errstate(all="ignore"):
         r, J = system.residual(z, given), system.jacobian(z, given)
-    return Found(z, np.abs(r) / _scale(J, z, sizes))
+    return Found(z, np.abs(r) / system.scale(J, z, given, sizes))
 
 
 def _smallest_step(J: Array, r: Array) -> Array:
@@ -109,12 +126,6 @@ def _smallest_step(J: Array, r: Array) -> Array:
         ):
             return np.asarray(found)
     return np.asarray(np.linalg.lstsq(J, r, rcond=1e-12)[0])
-
-
-def _scale(J: Array, z: Array, sizes: Array) -> Array:
-    """Sizes (m,) of the terms of each equation."""
-    found = np.max(np.abs(J) * np.maximum(np.abs(z), sizes), axis=1, initial=0.0)
-    return np.asarray(np.where(found > 0.0, found, 1.0))
 
 
 def values_of(expressions: Sequence[ca.SX], arguments: ca.SX, point: Array) -> Array:

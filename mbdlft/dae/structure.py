@@ -5,7 +5,7 @@
     0 = F(unknowns, states, inputs, p),   d/dt state = one of the unknowns, or another state
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Sequence, Sized
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple
@@ -133,7 +133,8 @@ def reduce_index(
     SceneError
         The units of an equation do not fit.
     """
-    check_units(dae)
+    if not dae.units_checked:
+        check_units(dae)
     reduced = eliminate_aliases(dae)
     d = differentiated(reduced.dae)
     if d.input_rates and input_rates == "refused":
@@ -150,8 +151,32 @@ def reduce_index(
     for name in states:
         if _base(name) not in known:
             raise SceneError(f"{dae.owner}, states: " + unknown_name("variable", name, known))
-    dummies = dummy_derivatives(d, free, points.values, states)
+    of = {a.name: a.of for a in reduced.aliases}
+    wanted = [of.get(name) or name for name in states]
+    same = _written_rates(reduced.dae)
+    wanted += [same[name] for name in wanted if name in same]
+    dummies = dummy_derivatives(d, free, points.values, wanted)
     return _assembled(dae, reduced.aliases, d, dummies, inputs, states)
+
+
+def _written_rates(dae: Dae) -> dict[str, str]:
+    """Variables that an equation w = der(x) gives: the names of these derivatives, ``der(x)``."""
+    variables = {v.symbol.element_hash(): v.name for v in dae.variables}
+    rates = {
+        v.derivative.element_hash(): name_of(v.name, 1)
+        for v in dae.variables
+        if v.derivative is not None
+    }
+    found = {}
+    for e in dae.equations:
+        symbols = ca.symvar(e.residual)
+        names = [variables.get(s.element_hash()) for s in symbols]
+        ends = [rates.get(s.element_hash()) for s in symbols]
+        if len(symbols) == 2 and sum(name is not None for name in names) == 1 and any(ends):
+            slopes = ca.densify(ca.jacobian(e.residual, column(symbols)))
+            if slopes.is_constant() and float(slopes[0]) == -float(slopes[1]):
+                found[next(n for n in names if n)] = next(n for n in ends if n)
+    return found
 
 
 def _base(name: str) -> str:
@@ -265,8 +290,10 @@ def _assembled(
     unknowns = [entry for entry in d.symbols if not is_state[entry]]
     names = {quantity[entry].name for entry in states}
     gone = {a.name: a.of for a in aliases}
+    same = _written_rates(dae)
     for name in wanted:
-        if name not in names and gone.get(name) not in names:
+        own = gone.get(name) or name
+        if own not in names and same.get(own) not in names:
             raise StructureError(
                 f"{source.owner}: {name!r} cannot be a state together with the other states that are "
                 f"asked for. The states are {listed(sorted(names))}."
@@ -293,20 +320,21 @@ def report(s: Structure) -> str:
     """What the structure is, in words: index, states, blocks that are solved together."""
     dae = s.source
     lines = [
-        f"{dae.name}: {len(dae.equations)} equations, {len(dae.inputs)} inputs, "
-        f"{len(dae.parameters)} parameters that stay",
-        f"  aliases: {len(s.aliases)} variables are others or numbers; {len(s.dae.variables)} are left",
+        f"{dae.name}: {_counted(dae.equations, 'equation')}, {_counted(dae.inputs, 'input')}, "
+        f"{_counted(dae.parameters, 'parameter')} left in",
+        f"  aliases: {_counted(s.aliases, 'variable')} taken out as others or numbers, "
+        f"{len(s.dae.variables)} left",
         f"  index {s.index}"
         + (
             f": differentiated {listed(f'{place} {n} x' for place, n in s.differentiations)}"
             if s.differentiations
             else ""
         ),
-        f"  {len(s.states)} states: {listed(q.name for q in s.states) or 'none'}",
+        f"  {_counted(s.states, 'state')}: {listed(q.name for q in s.states) or 'none'}",
     ]
     large = [b for b in s.blocks if len(b.rows) > 1]
     lines.append(
-        f"  {len(s.blocks)} blocks, {len(large)} of them of more than one equation"
+        f"  {_counted(s.blocks, 'block')}, {len(large)} of them of more than one equation"
         + (f", the largest of {max(len(b.rows) for b in large)}" if large else "")
     )
     for block in large[:5]:
@@ -314,6 +342,11 @@ def report(s: Structure) -> str:
         unknowns = listed(s.unknowns[j].name for j in block.columns)
         lines.append(f"    {len(block.rows)} equations, {kind}: {unknowns}")
     return "\n".join(lines)
+
+
+def _counted(items: Sized, noun: str) -> str:
+    """Such as "1 input" and "2 inputs"."""
+    return f"{len(items)} {noun}{'' if len(items) == 1 else 's'}"
 
 
 def _is_linear(s: Structure, block: Block) -> bool:

@@ -2,6 +2,7 @@
 
 from contextlib import nullcontext
 from functools import partial
+from keyword import iskeyword
 from typing import NamedTuple
 
 import casadi as ca
@@ -268,7 +269,7 @@ def _identifiers(names: list[str]) -> list[str]:
         plain = plain if plain and not plain[0].isdigit() else f"a_{plain}"
         if name.startswith("omega") and not name.startswith("omega."):
             plain = f"a{name.removeprefix('omega')}"
-        while plain in found:
+        while plain in found or iskeyword(plain):  # formulas are read as Python's own
             plain += "_"
         found.append(plain)
     return found

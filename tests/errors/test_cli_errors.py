@@ -174,7 +174,7 @@ def test_names_with_brackets_are_printed_as_they_are(run, arm, command):
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["check"], "Missing argument 'scene_file'."),
+        (["check"], "Missing argument 'FILE'."),
         (["chek", "arm.toml"], "No such command 'chek'."),
         (["check", "arm.toml", "--fast"], "No such option: --fast"),
     ],

@@ -1,0 +1,213 @@
+"""The commands `check` and `linearize`, for scenes and for Modelica models."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from mbdlft.base.errors import AnalysisError
+from mbdlft.cli.modelica import (
+    SUFFIXES,
+    Asked,
+    check_modelica,
+    is_modelica,
+    linear_model,
+)
+from mbdlft.cli.options import (
+    SEARCH,
+    AsJson,
+    Output,
+    Prove,
+    Search,
+    Seconds,
+    check_paths,
+    write_model,
+)
+from mbdlft.cli.report import report_model
+from mbdlft.cli.response import KINDS, draw
+from mbdlft.cli.tables import console as _console
+from mbdlft.cli.tables import table as _table
+from mbdlft.system.model import LFTModel
+
+if TYPE_CHECKING:
+    from mbdlft.multibody.scene import Scene
+    from mbdlft.problem.trim import TrimPoint
+
+ModelFile = Annotated[
+    Path,
+    typer.Argument(metavar="FILE", help="Scene (TOML), or Modelica model (.mo; .mof: flat text)."),
+]
+TableFile = Annotated[
+    Path | None,
+    typer.Option("--parameters", help="Which parameters of a Modelica model stay: a TOML file."),
+]
+ModelName = Annotated[
+    str | None, typer.Option("--model", help="Which model of a .mo file with several.")
+]
+
+
+def check(file: ModelFile, table_file: TableFile = None, model_name: ModelName = None) -> None:
+    """Check a scene or a Modelica model, and trim it at nominal."""
+    if is_modelica(file):
+        check_modelica(Asked(file, table_file, model_name))
+        return
+    _refuse_options(file, table_file, model_name)
+    from mbdlft.multibody.assembly import assemble
+    from mbdlft.multibody.scene import load_scene
+    from mbdlft.multibody.to_problem import choose_signals
+    from mbdlft.problem.relinearize import relinearize
+    from mbdlft.problem.trim import solve_trim
+
+    scene = load_scene(file)
+    equations = assemble(scene)
+    inputs, outputs = choose_signals(scene, equations)
+    point = solve_trim(equations)
+    relinearize(equations, inputs, outputs, np.array([[p.nominal for p in equations.parameters]]))
+    console = _console()
+    console.print(
+        f"{scene.name}: {len(scene.bodies)} bodies, {len(scene.joints)} joints, "
+        f"{len(equations.x_signals)} states, {len(scene.parameters)} parameters."
+    )
+    if equations.parameters:
+        table = _table("parameters", "name", "unit", "low >", "nominal >", "high >", "role")
+        for p in equations.parameters:
+            table.add_row(p.name, p.unit, f"{p.low:g}", f"{p.nominal:g}", f"{p.high:g}", p.role)
+        console.print(table)
+    console.print(efforts_table(point))
+    for note in _notes(scene):
+        console.print(note)
+    console.print("The scene is usable.")
+
+
+def linearize(
+    file: ModelFile,
+    output: Output = None,
+    as_json: AsJson = False,
+    search: Search = SEARCH,
+    most_seconds: Seconds = None,
+    prove: Prove = 1.0,
+    truncate: Annotated[
+        float | None,
+        typer.Option(help="Relative error that a smaller model may have on the whole range."),
+    ] = None,
+    plot: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Figure to draw, such as fig.png, of singular values; or bode=FILE, poles=FILE, "
+            "step=FILE; may be repeated."
+        ),
+    ] = None,
+    table_file: TableFile = None,
+    model_name: ModelName = None,
+) -> None:
+    """Linearize a scene or a Modelica model, parameters left in, and certify the result."""
+    figures = _figures(plot or [])
+    check_paths(output, figures)
+    asked = Asked(file, table_file, model_name)
+    with Console(stderr=True).status("") as status:
+
+        def show(text: str) -> None:
+            status.update(escape(text))
+
+        if is_modelica(file):
+            if truncate is not None:
+                raise AnalysisError(
+                    "--truncate is for scenes; truncate a finished model in Python."
+                )
+            model, seconds, notes = linear_model(asked, search, most_seconds, prove, show)
+        else:
+            _refuse_options(*asked)
+            model, seconds, notes = _of_scene(file, search, most_seconds, prove, show, truncate)
+        if output is not None:
+            show(f"{model.name}: write")
+            seconds["write"] = write_model(output, model)
+    try:
+        start = time.perf_counter()
+        for kind, figure in figures:
+            draw(kind, figure, model)
+            seconds["plot"] = time.perf_counter() - start
+    finally:  # a figure that fails takes neither the archive nor the table away
+        files = {"archive": output, **{f"figure of {kind}": path for kind, path in figures}}
+        report_model(model, seconds, files, notes, as_json=as_json)
+
+
+def _of_scene(
+    file: Path,
+    search: float,
+    most_seconds: float | None,
+    prove: float,
+    progress: Callable[[str], None],
+    truncate: float | None,
+) -> tuple[LFTModel, dict[str, float], list[str]]:
+    """The linear model of a scene, the seconds of its stages, and notes."""
+    from mbdlft.multibody.scene import load_scene
+    from mbdlft.pipeline.build import build
+
+    start = time.perf_counter()
+    scene = load_scene(file)
+    seconds = {"read": time.perf_counter() - start}
+    built = build(
+        scene,
+        search,
+        seconds=most_seconds,
+        prove=prove,
+        progress=lambda stage: progress(f"{scene.name}: {stage}"),
+        truncate=truncate,
+    )
+    seconds |= {name: value for name, value in built.seconds.items() if name != "total"}
+    notes = _notes(scene)
+    if truncate is not None and built.model.certificate.truncation_error == 0.0:
+        notes.append(f"note: no channel can be left out within {truncate:g}; nothing is truncated.")
+    return built.model, seconds, notes
+
+
+def _refuse_options(file: Path, table_file: Path | None, model_name: str | None) -> None:
+    """Raise an error if a scene comes with what is for Modelica models."""
+    for option, value in (("--parameters", table_file), ("--model", model_name)):
+        if value is not None:
+            raise AnalysisError(
+                f"{option} {value}: it is for Modelica models ({', '.join(SUFFIXES)}); {file} is none."
+            )
+
+
+def efforts_table(point: "TrimPoint") -> Table:
+    """The table of the efforts at a trim point."""
+    table = _table("efforts that hold the equilibrium", "effort", "value >", "unit")
+    for signal, value in zip(point.signals, point.values, strict=True):
+        table.add_row(signal.name, f"{value:.10g}", signal.unit)
+    return table
+
+
+def _notes(scene: "Scene") -> list[str]:
+    """Notes on facts that a user may have overlooked."""
+    from mbdlft.multibody.body import Beam
+    from mbdlft.multibody.body.beam_errors import error_sentence
+    from mbdlft.multibody.scene.quantities import unused_names
+
+    notes = [f"{error_sentence(body)}." for body in scene.bodies if isinstance(body, Beam)]
+    notes += [f"note: {name!r} is declared and not used." for name in unused_names(scene)]
+    if not any(scene.gravity) and not any(scene.acceleration):
+        notes.append("note: there is no gravity and no acceleration; both are zero by default.")
+    return notes
+
+
+def _figures(texts: list[str]) -> list[tuple[str, Path]]:
+    """Kinds and files of the options --plot FILE and --plot KIND=FILE."""
+    found = []
+    for text in texts:
+        kind, equals, file = text.partition("=")
+        if equals and kind in KINDS:
+            found.append((kind, Path(file)))
+        elif equals and not kind.count("/"):
+            raise AnalysisError(
+                f"--plot {text}: unknown figure {kind!r}. Existing: {', '.join(sorted(KINDS))}."
+            )
+        else:
+            found.append(("sigma", Path(text)))
+    return found

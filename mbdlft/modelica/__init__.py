@@ -1,0 +1,5 @@
+"""Modelica models: flat text, or `.mo` files through a compiler, as descriptions of DAEs."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

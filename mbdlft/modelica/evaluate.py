@@ -1,0 +1,326 @@
+"""Expressions of Modelica, evaluated: names are looked up, functions are applied, arrays are indexed."""
+
+from collections.abc import Callable, Mapping
+from fractions import Fraction
+from typing import Any
+
+from mbdlft.base.errors import SceneError
+from mbdlft.modelica import values as v
+from mbdlft.modelica.tree import (
+    Array,
+    Binary,
+    Call,
+    Comprehension,
+    Expression,
+    If,
+    Number,
+    Range,
+    Reference,
+    Text,
+    Truth,
+    Unary,
+    references,
+    spine,
+)
+from mbdlft.modelica.values import Value
+
+_EVENTS = (
+    *("pre", "edge", "change", "sample", "reinit", "initial", "terminal", "delay"),
+    *("spatialDistribution", "div", "mod", "rem"),
+)
+_SAME = (
+    "noEvent",
+    "homotopy",
+    "scalar",
+    "vector",
+    "pure",
+)  # their first argument, for what is here
+_LIBRARY = "Modelica.Math."  # whose functions have the names of those of the language
+_MOST_ENTRIES = 10_000
+_LONG, _MOST_FACTORS = 50, 1000
+
+
+class Evaluator:
+    """Evaluates expressions.
+
+    Parameters
+    ----------
+    lookup : function
+        The value of a name, or None if there is none.
+    derivative : function
+        der of a value.
+    """
+
+    def __init__(
+        self, lookup: Callable[[str], Value | None], derivative: Callable[[Value], Value]
+    ) -> None:
+        self.lookup, self.derivative = lookup, derivative
+        self.indices: dict[str, Value] = {}
+
+    def value(self, expression: Expression) -> Value:
+        """The value of an expression.
+
+        Raises
+        ------
+        SceneError
+            A name is not known, a function is not supported, sizes of arrays do not fit.
+        """
+        match expression:
+            case Number(text):
+                return Fraction(text)
+            case Text(text):
+                return text
+            case Truth(truth):
+                return truth
+            case Reference():
+                return self._reference(expression)
+            case Binary():
+                return self._chain(*spine(expression))
+            case Unary(operator, operand):
+                found = self.value(operand)
+                return v.opposite(found) if operator == "not" else v.negative(found)
+            case Call(function, arguments):
+                return self._call(function, arguments)
+            case If(branches, otherwise):
+                return self._if(branches, otherwise)
+            case Array(entries):
+                return tuple(self.value(entry) for entry in entries)
+            case Range():
+                return self.range_of(expression)
+            case Comprehension(entry, index, values):
+                return tuple(self.with_index(index, values, lambda: self.value(entry)))
+
+    def _chain(self, first: Expression, rest: list[tuple[str, Expression]]) -> Value:
+        """first (operator) right ...; a long sum is added in pairs: CasADi does not take deep graphs."""
+        found = self.value(first)
+        if len(rest) <= _LONG or any(operator not in ("+", "-") for operator, _ in rest):
+            if len(rest) > _MOST_FACTORS:
+                raise SceneError(f"a product has at most {_MOST_FACTORS} factors.")
+            for operator, right in rest:
+                found = v.binary(operator, found, self.value(right))
+            return found
+        terms = [found]
+        for operator, right in rest:
+            term = self.value(right)
+            terms.append(v.negative(term) if operator == "-" else term)
+        while len(terms) > 1:
+            pairs = [v.binary("+", a, b) for a, b in zip(terms[::2], terms[1::2], strict=False)]
+            terms = pairs + terms[2 * len(pairs) :]
+        return terms[0]
+
+    def number(self, expression: Expression) -> Fraction:
+        """The value of an expression that is a number.
+
+        Raises
+        ------
+        SceneError
+            It is none.
+        """
+        value = self.value(expression)
+        found = v.number_of(value)
+        if found is None:
+            raise SceneError(f"expected a number, got {v.described(value)}.")
+        return found
+
+    def whole(self, expression: Expression) -> int:
+        """The value of an expression that is a whole number."""
+        found = self.number(expression)
+        if found.denominator != 1:
+            raise SceneError(f"expected a whole number, got {float(found):g}.")
+        return int(found)
+
+    def size(self, expression: Expression) -> int:
+        """The value of an expression that is the size of an array."""
+        found = self.whole(expression)
+        if not 0 <= found <= _MOST_ENTRIES:
+            raise SceneError(f"expected a size from 0 to {_MOST_ENTRIES}, got {found}.")
+        return found
+
+    def with_index(self, index: str, values: Expression, of: Callable[[], Any]) -> list[Any]:
+        """What `of` gives while an index has each value of a range."""
+        before = dict(self.indices)
+        found = []
+        chosen = self.value(values)
+        if not isinstance(chosen, tuple):
+            raise SceneError(f"expected a range such as 1:3, got {v.described(chosen)}.")
+        for value in chosen:
+            self.indices[index] = value
+            found.append(of())
+        self.indices = before
+        return found
+
+    def range_of(self, expression: Range) -> tuple[Value, ...]:
+        """The numbers of a range."""
+        if expression.first is None or expression.last is None:
+            raise SceneError("':' stands in subscripts only.")
+        step = Fraction(1) if expression.step is None else self.number(expression.step)
+        first, last = self.number(expression.first), self.number(expression.last)
+        if step == 0 or (last - first) / step > _MOST_ENTRIES:
+            raise SceneError(f"a range has at most {_MOST_ENTRIES} entries.")
+        return tuple(first + k * step for k in range(int((last - first) // step) + 1))
+
+    def _reference(self, reference: Reference) -> Value:
+        name, subscripts = reference.name, reference.subscripts
+        if name in self.indices and not subscripts:
+            return self.indices[name]
+        if subscripts and not any(_is_of_array(s) for s in subscripts):
+            whole = ",".join(str(self.whole(s)) for s in subscripts)
+            found = self.lookup(f"{name}[{whole}]")
+            if found is not None:
+                return found
+        found = self.lookup(name)
+        if found is None:
+            raise SceneError(f"{name!r} is not declared.")
+        return self._indexed(name, found, subscripts) if subscripts else found
+
+    def _indexed(self, name: str, value: Value, subscripts: tuple[Expression, ...]) -> Value:
+        first, rest = subscripts[0], subscripts[1:]
+        if not isinstance(value, tuple):
+            raise SceneError(f"{name!r} has more subscripts than dimensions.")
+        size = Number(str(len(value)))
+        (positions,) = self.with_index("end", Array((size,)), lambda: self._positions(first, size))
+        chosen = tuple(self._entry(name, value, k) for k in positions)
+        if rest:
+            chosen = tuple(self._indexed(name, entry, rest) for entry in chosen)
+        return chosen if isinstance(first, Range) else chosen[0]
+
+    def _positions(self, subscript: Expression, size: Number) -> list[int]:
+        """The positions that a subscript names in an array of a size."""
+        if not isinstance(subscript, Range):
+            return [self.whole(subscript)]
+        bounds = subscript if subscript.last is not None else Range(Number("1"), None, size)
+        return [int(k) for k in self.range_of(bounds)]
+
+    def _entry(self, name: str, value: tuple[Value, ...], position: int) -> Value:
+        if not 1 <= position <= len(value):
+            raise SceneError(f"{name!r} has {len(value)} entries, and no entry {position}.")
+        return value[position - 1]
+
+    def _if(
+        self, branches: tuple[tuple[Expression, Expression], ...], otherwise: Expression
+    ) -> Value:
+        made: list[tuple[Value, Expression]] = []
+        for condition, then in branches:
+            found = self.value(condition)
+            if found is True:
+                otherwise = then
+                break
+            if found is not False:
+                made.append((found, then))
+        value = self.value(otherwise)
+        for condition_value, then in reversed(made):
+            value = v.chosen(condition_value, self.value(then), value)
+        return value
+
+    def _call(self, name: str, arguments: tuple[Expression, ...]) -> Value:
+        function = name.removeprefix(_LIBRARY)
+        if function in _SAME and arguments:
+            return self.value(arguments[0])
+        if function == "smooth" and len(arguments) == 2:
+            return self.value(arguments[1])
+        found = [self.value(argument) for argument in arguments]
+        if function == "der" and len(found) == 1:
+            return v.each(self.derivative, found[0])
+        if function in v.UNARY and len(found) == 1:
+            return v.applied(function, found[0])
+        if function in ("floor", "ceil", "integer") and len(found) == 1:
+            return v.rounded(function, found[0])
+        if (function, len(found)) in _OTHERS:
+            try:
+                return _OTHERS[function, len(found)](*found)
+            except (TypeError, IndexError, ValueError, RuntimeError):
+                listed = ", ".join(v.described(value) for value in found)
+                raise SceneError(f"{function} does not take {listed}.") from None
+        if function in ("zeros", "ones", "fill") and found:
+            return _filled(function, found)
+        if function in _EVENTS:
+            raise SceneError(f"{function}() makes or sees events; they are not supported.")
+        raise SceneError(
+            f"the function {name} of {len(found)} arguments is not supported. Supported are the "
+            "functions of the language itself; write its formula into the equation."
+        )
+
+
+def _is_of_array(subscript: Expression) -> bool:
+    """Whether a subscript needs to know the size of the array, or is several."""
+    return isinstance(subscript, Range) or Reference("end") in references(subscript)
+
+
+def _filled(function: str, values: list[Value]) -> Value:
+    found: Value = Fraction(function == "ones")
+    sizes = values
+    if function == "fill":
+        found, sizes = values[0], values[1:]
+    for size in reversed(sizes):
+        number = v.number_of(size)
+        if number is None or not 0 <= number <= _MOST_ENTRIES:
+            raise SceneError(f"{function} of {v.described(size)} entries.")
+        found = (found,) * int(number)
+    return found
+
+
+def _semi_linear(x: Value, above: Value, below: Value) -> Value:
+    at = v.binary(">=", x, Fraction(0))
+    if isinstance(at, bool):
+        return v.binary("*", above if at else below, x)
+    return v.chosen(at, v.binary("*", above, x), v.binary("*", below, x))
+
+
+def _cross(a: Value, b: Value) -> Value:
+    def entry(i: int, j: int) -> Value:
+        return v.binary("-", v.binary("*", a[i], b[j]), v.binary("*", a[j], b[i]))
+
+    return entry(1, 2), entry(2, 0), entry(0, 1)
+
+
+def _skew(a: Value) -> Value:
+    zero = Fraction(0)
+    x, y, z = a
+    return (
+        (zero, v.negative(z), y),
+        (z, zero, v.negative(x)),
+        (v.negative(y), x, zero),
+    )
+
+
+def _identity(size: Value) -> Value:
+    n = int(size)
+    return tuple(tuple(Fraction(i == j) for j in range(n)) for i in range(n))
+
+
+def _diagonal(entries: Value) -> Value:
+    n = len(entries)
+    return tuple(tuple(entries[i] if i == j else Fraction(0) for j in range(n)) for i in range(n))
+
+
+def _extreme_of(*, largest: bool) -> Callable[[Value], Value]:
+    def of(values: Value) -> Value:
+        found = values[0]
+        for entry in values[1:]:
+            found = v.extreme(found, entry, largest=largest)
+        return found
+
+    return of
+
+
+def _size(array: Value, dimension: Value = Fraction(1)) -> Value:
+    for _ in range(int(dimension) - 1):
+        array = array[0]
+    return Fraction(len(array))
+
+
+_OTHERS: Mapping[tuple[str, int], Callable[..., Value]] = {
+    ("max", 2): lambda a, b: v.extreme(a, b, largest=True),
+    ("min", 2): lambda a, b: v.extreme(a, b, largest=False),
+    ("max", 1): _extreme_of(largest=True),
+    ("min", 1): _extreme_of(largest=False),
+    ("atan2", 2): v.arctangent,
+    ("sum", 1): v.total,
+    ("semiLinear", 3): _semi_linear,
+    ("transpose", 1): lambda a: tuple(zip(*a, strict=True)),
+    ("cross", 2): _cross,
+    ("skew", 1): _skew,
+    ("identity", 1): _identity,
+    ("diagonal", 1): _diagonal,
+    ("size", 2): _size,
+}

@@ -1,0 +1,271 @@
+"""Expressions of Modelica text: recursive descent over the words, in the grammar of the language.
+
+expression = "if" expression "then" expression {"elseif" ...} "else" expression
+           | logical [":" logical [":" logical]]
+logical    = conjunction {"or" conjunction}
+conjunction = ["not"] relation {"and" ["not"] relation}
+relation   = sum [("<" | "<=" | ">" | ">=" | "==" | "<>") sum]
+sum        = ["+" | "-"] term {("+" | "-" | ".+" | ".-") term}
+term       = factor {("*" | "/" | ".*" | "./") factor}
+factor     = primary [("^" | ".^") primary]
+primary    = number | text | "true" | "false" | name ["(" arguments ")"]
+           | "(" expression ")" | "{" arguments "}" | "[" arguments {";" arguments} "]"
+"""
+
+import re
+
+from mbdlft.base.errors import SceneError
+from mbdlft.modelica.tokens import Token, tokens
+from mbdlft.modelica.tree import (
+    RELATIONS,
+    Array,
+    Binary,
+    Call,
+    Comprehension,
+    Expression,
+    If,
+    Number,
+    Range,
+    Reference,
+    Text,
+    Truth,
+    Unary,
+)
+
+_ESCAPED = re.compile(r"\\(.)", re.DOTALL)
+_ESCAPES = {"n": "\n", "t": "\t", "r": "\r"}
+_DEEPEST = 60  # of parentheses and of what has them
+
+
+class ExpressionParser:
+    """The words of a text and the place in it; reads expressions."""
+
+    def __init__(
+        self, text: str, source: str, first_line: int = 1, *, statement: bool = False
+    ) -> None:
+        self.source = source
+        self.words = tokens(text, source, first_line, statement=statement)
+        self.place, self.depth = 0, 0
+
+    @property
+    def word(self) -> Token:
+        """The word at the place."""
+        return self.words[self.place]
+
+    def is_at(self, *texts: str) -> bool:
+        """Whether the word is one of these operators or keywords."""
+        return self.word.kind in ("operator", "keyword") and self.word.text in texts
+
+    def take(self) -> Token:
+        """The word, and go on to the next one."""
+        word = self.word
+        if word.kind:
+            self.place += 1
+        return word
+
+    def skip(self, text: str) -> bool:
+        """Go on behind the word if it is this one."""
+        found = self.is_at(text)
+        self.place += found
+        return found
+
+    def expect(self, text: str) -> Token:
+        """The word, which must be this one."""
+        if not self.is_at(text):
+            raise self.error(repr(text))
+        return self.take()
+
+    def error(self, expected: str) -> SceneError:
+        """An error at the word."""
+        word = self.word
+        return SceneError(
+            f"{self.source}, line {word.line}, column {word.column}: expected {expected}, got {word}."
+        )
+
+    def expression(self) -> Expression:
+        """An expression, or a range such as ``1:3``."""
+        self.depth += 1
+        if self.depth > _DEEPEST:
+            raise SceneError(
+                f"{self.source}, line {self.word.line}: an expression is nested more than "
+                f"{_DEEPEST} deep. Write parts of it as variables."
+            )
+        tree = self._if() if self.is_at("if") else self._range()
+        self.depth -= 1
+        return tree
+
+    def _if(self) -> Expression:
+        branches: list[tuple[Expression, Expression]] = []
+        while self.is_at("if" if not branches else "elseif"):
+            self.take()
+            condition = self.expression()
+            self.expect("then")
+            branches.append((condition, self.expression()))
+        self.expect("else")
+        return If(tuple(branches), self.expression())
+
+    def _range(self) -> Expression:
+        first = self._logical()
+        if not self.skip(":"):
+            return first
+        second = self._logical()
+        if self.skip(":"):
+            return Range(first, second, self._logical())
+        return Range(first, None, second)
+
+    def _logical(self) -> Expression:
+        tree = self._conjunction()
+        while self.skip("or"):
+            tree = Binary("or", tree, self._conjunction())
+        return tree
+
+    def _conjunction(self) -> Expression:
+        tree = self._negated()
+        while self.skip("and"):
+            tree = Binary("and", tree, self._negated())
+        return tree
+
+    def _negated(self) -> Expression:
+        return Unary("not", self._relation()) if self.skip("not") else self._relation()
+
+    def _relation(self) -> Expression:
+        tree = self._sum()
+        if self.is_at(*RELATIONS):
+            return Binary(self.take().text, tree, self._sum())
+        return tree
+
+    def _sum(self) -> Expression:
+        sign = self.take().text if self.is_at("+", "-", ".+", ".-") else "+"
+        tree = self._term()
+        if sign in ("-", ".-"):
+            tree = Unary("-", tree)
+        while self.is_at("+", "-", ".+", ".-"):
+            tree = Binary(self.take().text, tree, self._term())
+        return tree
+
+    def _term(self) -> Expression:
+        tree = self._factor()
+        while self.is_at("*", "/", ".*", "./"):
+            tree = Binary(self.take().text, tree, self._factor())
+        return tree
+
+    def _factor(self) -> Expression:
+        tree = self._primary()
+        if self.is_at("^", ".^"):
+            return Binary(self.take().text, tree, self._primary())
+        return tree
+
+    def _primary(self) -> Expression:
+        word = self.word
+        if word.kind == "number":
+            return Number(self.take().text)
+        if word.kind == "text":
+            return Text(self.string())
+        if self.is_at("true", "false"):
+            return Truth(self.take().text == "true")
+        if self.skip("("):
+            tree = self.expression()
+            if self.is_at(","):
+                raise self.error("')': a list of results of a function is not supported")
+            self.expect(")")
+            return tree
+        if self.skip("{"):
+            return self._entries()
+        if self.skip("["):
+            return self._matrix()
+        if self.is_at("der", "initial", "end", "pure"):
+            self.take()
+            return self._call(word) if self.is_at("(") else Reference(word.text)
+        if word.kind == "name" or self.is_at("."):
+            name, subscripts = self.name()
+            if self.is_at("(") and not subscripts:
+                return self._call(word._replace(text=name))
+            return Reference(name, subscripts)
+        raise self.error("a number, a name or '('")
+
+    def _entries(self) -> Expression:
+        """An array behind its brace."""
+        if self.skip("}"):
+            return Array(())
+        entries = [self.expression()]
+        if self.skip("for"):
+            index = self.take().text
+            self.expect("in")
+            made = Comprehension(entries[0], index, self.expression())
+            self.expect("}")
+            return made
+        while self.skip(","):
+            entries.append(self.expression())
+        self.expect("}")
+        return Array(tuple(entries))
+
+    def _matrix(self) -> Expression:
+        """A matrix behind its bracket."""
+        rows: list[Expression] = []
+        while not rows or self.skip(";"):
+            row = [self.expression()]
+            while self.skip(","):
+                row.append(self.expression())
+            rows.append(Array(tuple(row)))
+        self.expect("]")
+        return Array(tuple(rows))
+
+    def _call(self, word: Token) -> Expression:
+        """A call at its parenthesis."""
+        self.expect("(")
+        arguments: list[Expression] = []
+        while not self.is_at(")"):
+            if self.word.kind == "name" and self.words[self.place + 1].text == "=":
+                raise self.error(f"arguments of {word.text!r} by position")
+            arguments.append(self.expression())
+            if not self.skip(","):
+                break
+        self.expect(")")
+        return Call(word.text, tuple(arguments))
+
+    def string(self) -> str:
+        """One or several texts that are joined by ``+``."""
+        text = ""
+        while self.word.kind == "text":
+            text += _ESCAPED.sub(
+                lambda found: _ESCAPES.get(found[1], found[1]), self.take().text[1:-1]
+            )
+            if not (self.is_at("+") and self.words[self.place + 1].kind == "text"):
+                break
+            self.take()
+        return text
+
+    def name(self) -> tuple[str, tuple[Expression, ...]]:
+        """A name with its dots, and the subscripts behind its last part."""
+        text = ""
+        self.skip(".")
+        while True:
+            if self.word.kind != "name":
+                raise self.error("a name")
+            text += unquoted(self.take().text)
+            subscripts = self._subscripts() if self.is_at("[") else ()
+            if not self.skip("."):
+                return text, subscripts
+            text += f"{_written(subscripts, self)}."
+
+    def _subscripts(self) -> tuple[Expression, ...]:
+        self.expect("[")
+        found: list[Expression] = []
+        while not found or self.skip(","):
+            found.append(Range() if self.skip(":") else self.expression())
+        self.expect("]")
+        return tuple(found)
+
+
+def unquoted(name: str) -> str:
+    """A name without the quotes around it."""
+    return name[1:-1] if name.startswith("'") else name
+
+
+def _written(subscripts: tuple[Expression, ...], parser: ExpressionParser) -> str:
+    """Subscripts inside of a name, which are whole numbers in flat text."""
+    if not subscripts:
+        return ""
+    if not all(isinstance(entry, Number) for entry in subscripts):
+        raise parser.error("whole numbers as subscripts inside of a name, as flat text has them")
+    return f"[{','.join(entry.text for entry in subscripts if isinstance(entry, Number))}]"

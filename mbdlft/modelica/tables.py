@@ -1,0 +1,337 @@
+"""The tables of rumoca for a flattened model (`to_dict("flat")`), as a syntax tree.
+
+Only these tables are read, and not the flat text that rumoca writes, which leaves out events. A table or
+an entry that is not known here is an error: nothing is lost on the way.
+"""
+
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+from mbdlft.base.errors import SceneError
+from mbdlft.modelica.sources import Sources
+from mbdlft.modelica.tree import (
+    Array,
+    Binary,
+    Call,
+    Check,
+    Declaration,
+    Equation,
+    Expression,
+    FlatModel,
+    If,
+    Number,
+    Range,
+    Reference,
+    Refused,
+    Text,
+    Truth,
+    Unary,
+)
+
+_OPERATORS = {
+    "Add": "+",
+    "Sub": "-",
+    "Mul": "*",
+    "Div": "/",
+    "Exp": "^",
+    "AddElem": ".+",
+    "SubElem": ".-",
+    "MulElem": ".*",
+    "DivElem": "./",
+    "ExpElem": ".^",
+    "Lt": "<",
+    "Le": "<=",
+    "Gt": ">",
+    "Ge": ">=",
+    "Eq": "==",
+    "Neq": "<>",
+    "And": "and",
+    "Or": "or",
+}
+_READ = {
+    *(
+        "variables",
+        "equations",
+        "assert_equations",
+        "initial_equations",
+        "algorithms",
+        "is_partial",
+    ),
+    *("initial_algorithms", "when_chains", "structured_equations", "initial_structured_equations"),
+    *("initial_assert_equations", "parameter_branch_selections", "enum_literal_ordinals"),
+    *("variable_final_flags", "top_level_input_components", "model_description", "effective_types"),
+    *("predefined_types",),
+}
+# types and origins of what is in the tables above; a function is refused where it is called
+_BESIDE = {
+    *("predefined_string_declaration", "enumeration_types", "type_ids_by_def_id", "functions"),
+    *("enumeration_type_roots", "record_instances", "record_types", "variable_type_names"),
+    *("class_type", "definite_roots", "branches", "optional_edges", "potential_roots"),
+    *("top_level_connectors", "oc_break_edge_scalar_count", "instance_relations"),
+}
+_TYPES = ("real", "integer", "boolean", "string")
+
+
+def model_of_tables(tables: Mapping[str, Any], name: str, sources: Sources) -> FlatModel:
+    """The syntax tree of the tables of a model.
+
+    Raises
+    ------
+    SceneError
+        A table or an entry is not known here, or the model is partial.
+    """
+    return _Reader(tables, name, sources).model()
+
+
+class _Reader:
+    """Reads the tables of one model."""
+
+    def __init__(self, tables: Mapping[str, Any], name: str, sources: Sources) -> None:
+        self.tables, self.name, self.sources = tables, name, sources
+        self.tops = set(tables.get("top_level_input_components", ()))
+        self.entries = tables.get("enum_literal_ordinals", {})
+
+    def model(self) -> FlatModel:
+        """The syntax tree."""
+        strange = [
+            key for key, table in self.tables.items() if table and key not in _READ | _BESIDE
+        ]
+        if strange:
+            raise self._unknown(f"the table {strange[0]!r}")
+        if self.tables["is_partial"]:
+            raise SceneError(f"{self.sources.name}: model {self.name!r} is partial.")
+        for key in ("structured_equations", "initial_structured_equations"):
+            for family in self.tables[key]:
+                if not family["interiors_materialized"]:
+                    raise self._unknown("a loop that is not written out")
+        refused = [
+            *(self._algorithm(a, "the algorithm") for a in self.tables["algorithms"]),
+            *(
+                self._algorithm(a, "the initial algorithm")
+                for a in self.tables["initial_algorithms"]
+            ),
+            *(self._when(chain) for chain in self.tables["when_chains"]),
+        ]
+        checks = (*self.tables["assert_equations"], *self.tables["initial_assert_equations"])
+        return FlatModel(
+            self.name,
+            self.sources.name,
+            tuple(self._declaration(item) for item in self.tables["variables"].values()),
+            (
+                *(self._equation(item) for item in self.tables["equations"]),
+                *(self._check(item) for item in checks),
+            ),
+            tuple(self._equation(item) for item in self.tables["initial_equations"]),
+            tuple(refused),
+            self.tables["model_description"] or "",
+            tuple(self._selections()),
+        )
+
+    def _unknown(self, what: str, span: Any = None) -> SceneError:
+        line = self.sources.line(span)
+        where = f", line {line}" if line else ""
+        return SceneError(
+            f"{self.sources.name}{where}: {what} of the compiler is not known here; give flat text of "
+            "the model instead."
+        )
+
+    # declarations ----------------------------------------------------------------------------
+
+    def _declaration(self, item: Mapping[str, Any]) -> Declaration:
+        span = item["source_span"]
+        attributes: dict[str, Expression] = {
+            key: self._expression(item[key])
+            for key in ("start", "min", "max", "nominal")
+            if item[key] is not None and not _is_default(item, key)
+        }
+        if item["fixed"]:
+            attributes["fixed"] = Truth(all(item["fixed"]))
+        if item["unit"]:
+            attributes["unit"] = Text(item["unit"])
+        if item["state_select"] != "Default":
+            attributes["stateSelect"] = Reference(f"StateSelect.{item['state_select'].lower()}")
+        kind = next(iter(item["variability"])) if isinstance(item["variability"], dict) else ""
+        side = next(iter(item["causality"])) if isinstance(item["causality"], dict) else ""
+        binding = item["binding"]
+        top = "." not in item["name"]
+        return Declaration(
+            item["name"],
+            self._type(item),
+            self.sources.line(span),
+            tuple(Number(str(size)) for size in item["dims"]),
+            kind.lower(),
+            side.lower(),
+            final=bool(self.tables["variable_final_flags"].get(item["name"])),
+            top=top if side != "Input" else item["name"].partition(".")[0] in self.tops or top,
+            attributes=MappingProxyType(attributes),
+            binding=None if binding is None else self._expression(binding),
+            annotation=self.sources.annotation(span),
+            comment=item["description"] or "",
+        )
+
+    def _type(self, item: Mapping[str, Any]) -> str:
+        """The type of a variable, also where it is a type that is made of it."""
+        effective = self.tables["effective_types"].get(str(item["type_id"]), {})
+        canonical = effective.get("canonical_type", item["type_id"])
+        for kind in _TYPES:
+            if self.tables["predefined_types"][kind] == canonical:
+                return kind.capitalize()
+        return "enumeration" if item["is_discrete_type"] else "Real"
+
+    # equations -------------------------------------------------------------------------------
+
+    def _equation(self, item: Mapping[str, Any]) -> Equation:
+        residual, line = item["residual"], self.sources.line(item["span"])
+        difference = residual.get("Binary", {})
+        if difference.get("op") == "Sub":
+            left, right = (self._expression(difference[side]) for side in ("lhs", "rhs"))
+            return Equation(left, right, line)
+        return Equation(self._expression(residual), Number("0"), line)
+
+    def _check(self, item: Mapping[str, Any]) -> Check:
+        message = self._expression(item["message"])
+        return Check(
+            self._expression(item["condition"]),
+            message.text if isinstance(message, Text) else "",
+            self.sources.line(item["span"]),
+        )
+
+    def _algorithm(self, item: Mapping[str, Any], what: str) -> Refused:
+        names = tuple(output["name"] for output in item["outputs"])
+        return Refused(what, names, self.sources.line(item["span"]))
+
+    def _when(self, chain: Mapping[str, Any]) -> Refused:
+        names = dict.fromkeys(_set_by(chain))
+        return Refused("the event 'when'", tuple(names), self.sources.line(_first_span(chain)))
+
+    def _selections(self) -> Iterable[tuple[str, int]]:
+        """Parameters whose values the compiler has used to choose among equations, with lines."""
+        for item in self.tables.get("parameter_branch_selections", ()):
+            for path in item["references"]:
+                yield ".".join(path), self.sources.line(item.get("span"))
+
+    # expressions -----------------------------------------------------------------------------
+
+    def _expression(self, item: Mapping[str, Any]) -> Expression:
+        ((kind, body),) = item.items()
+        match kind:
+            case "Literal":
+                return self._literal(body)
+            case "VarRef":
+                return self._reference(body)
+            case "Binary" if body["op"] in _OPERATORS:
+                left, right = self._chain(body)
+                return Binary(_OPERATORS[body["op"]], left, right)
+            case "Unary" if body["op"] in ("Minus", "Not", "Plus"):
+                operand = self._expression(body["rhs"])
+                if body["op"] == "Plus":
+                    return operand
+                return Unary("-" if body["op"] == "Minus" else "not", operand)
+            case "BuiltinCall":
+                name = body["function"]
+                return Call(name[0].lower() + name[1:], self._all(body["args"]))
+            case "FunctionCall":
+                return Call(body["name"]["name"], self._all(body["args"]))
+            case "If":
+                branches = tuple(
+                    (self._expression(when), self._expression(then))
+                    for when, then in body["branches"]
+                )
+                return If(branches, self._expression(body["else_branch"]))
+            case "Array":
+                return Array(self._all(body["elements"]))
+            case "Range":
+                step = body["step"]
+                return Range(
+                    self._expression(body["start"]),
+                    None if step is None else self._expression(step),
+                    self._expression(body["end"]),
+                )
+            case _:
+                raise self._unknown(f"the expression {kind!r}", body.get("span"))
+
+    def _chain(self, body: Mapping[str, Any]) -> tuple[Expression, Expression]:
+        """Both sides of an operator; long sums nest to the left, and are read in a loop."""
+        pending = [body]
+        while (left := pending[-1]["lhs"]).keys() == {"Binary"}:
+            pending.append(left["Binary"])
+        tree = self._expression(pending[-1]["lhs"])
+        for inner in pending[:0:-1]:
+            if inner["op"] not in _OPERATORS:
+                raise self._unknown(f"the operator {inner['op']!r}", inner.get("span"))
+            tree = Binary(_OPERATORS[inner["op"]], tree, self._expression(inner["rhs"]))
+        return tree, self._expression(body["rhs"])
+
+    def _all(self, items: Iterable[Mapping[str, Any]]) -> tuple[Expression, ...]:
+        return tuple(self._expression(item) for item in items)
+
+    def _literal(self, body: Mapping[str, Any]) -> Expression:
+        ((kind, value),) = body["value"].items()
+        if kind == "Boolean":
+            return Truth(bool(value))
+        if kind == "String":
+            return Text(value)
+        return Number(self.sources.number(body.get("span"), value))
+
+    def _reference(self, body: Mapping[str, Any]) -> Expression:
+        name = body["name"]["name"]
+        if name in self.entries and name not in self.tables["variables"]:
+            return Text(name.rpartition(".")[2].strip("'"))
+        subscripts: list[Expression] = []
+        for item in body["subscripts"]:
+            ((kind, inner),) = item.items() if isinstance(item, dict) else ((item, {}),)
+            if kind == "Index":
+                subscripts.append(Number(str(inner["value"])))
+            elif kind == "Expr":
+                subscripts.append(self._expression(inner["expr"]))
+            elif kind == "Colon":
+                subscripts.append(Range())
+            else:
+                raise self._unknown(f"the subscript {kind!r}", body.get("span"))
+        return Reference(name, tuple(subscripts))
+
+
+def _is_default(item: Mapping[str, Any], key: str) -> bool:
+    """Whether a start is the one that the compiler gives where the model gives none."""
+    if key != "start":
+        return False
+    if isinstance(item["variability"], dict) and item["binding"] is not None:
+        return True  # that of a parameter is its value
+    return bool(item[key].get("Literal", {}).get("span", 0) == item["source_span"])
+
+
+def _set_by(item: Any) -> Iterable[str]:
+    """Names that a `when` sets, anywhere in its table."""
+    if isinstance(item, list):
+        for entry in item:
+            yield from _set_by(entry)
+    elif isinstance(item, dict):
+        for key, entry in item.items():
+            if key == "Reinit":
+                yield str(entry["state"])
+            elif key == "Assign":
+                yield from _target(entry)
+            else:
+                yield from _set_by(entry)
+
+
+def _target(entry: Any) -> Iterable[str]:
+    for key in ("target", "variable", "lhs", "name"):
+        found = entry.get(key) if isinstance(entry, dict) else None
+        while isinstance(found, dict) and "name" in found:
+            found = found["name"]
+        if isinstance(found, str):
+            yield found
+            return
+
+
+def _first_span(item: Any) -> Any:
+    """The first span in a table."""
+    if isinstance(item, dict):
+        if isinstance(item.get("span"), dict):
+            return item["span"]
+        entries: Iterable[Any] = item.values()
+    else:
+        entries = item if isinstance(item, list) else ()
+    return next((span for entry in entries if (span := _first_span(entry))), None)

@@ -1,0 +1,311 @@
+"""Flat Modelica text: one model of declarations and equations, read into a syntax tree.
+
+This is what OpenModelica, Dymola and rumoca write as flat or Base Modelica. What a flat text does not
+have (`connect`, components, `extends`) is an error; what has no place in a linear model (`when`,
+algorithms) is read over and becomes a `Refused` with its names and its line.
+"""
+
+from collections import Counter
+from dataclasses import replace
+
+from mbdlft.base.errors import SceneError
+from mbdlft.modelica.declaration import ADVICE, DeclarationParser
+from mbdlft.modelica.tree import (
+    Check,
+    Choice,
+    Declaration,
+    Equation,
+    Expression,
+    FlatModel,
+    Loop,
+    Reference,
+    Refused,
+    Statement,
+    Text,
+)
+from mbdlft.modelica.write import write
+
+_CLASSES = ("model", "class", "block")
+_SECTIONS = ("public", "protected", "equation", "algorithm", "initial", "end", "annotation")
+
+
+def flat_model(text: str, source: str = "flat Modelica") -> FlatModel:
+    """The syntax tree of a flat Modelica text.
+
+    Parameters
+    ----------
+    text : str
+    source : str
+        What messages call the text, such as the name of its file.
+
+    Raises
+    ------
+    SceneError
+        The text is not flat Modelica; the message gives the line and the column.
+    """
+    try:
+        return _TextParser(text, source).model()
+    except RecursionError:
+        raise SceneError(f"{source}: an expression or a choice is nested too deep.") from None
+
+
+class _TextParser(DeclarationParser):
+    """Reads a model; what is refused is collected in `refused`."""
+
+    def __init__(self, text: str, source: str, first_line: int = 1) -> None:
+        super().__init__(text, source, first_line)
+        self.refused: list[Refused] = []
+        self.equations: list[Statement] = []
+        self.initial: list[Statement] = []
+
+    def model(self) -> FlatModel:
+        """The one model of the text."""
+        packages = []
+        while not self._is_class(_CLASSES):
+            if self.is_at("within"):
+                self._behind_semicolon()
+            elif self.skip("package"):
+                packages.append(self.name()[0])
+                self.comment()
+            elif self._is_class(("function", "record", "type")):
+                self._class()
+            else:
+                raise self.error("a model, such as 'model motor'")
+        self._class_word()
+        name, _ = self.name()
+        comment = self.comment()
+        self._sections()
+        self._end(name)
+        for package in reversed(packages):
+            if self.is_at("annotation"):
+                self.annotation()
+                self.expect(";")
+            self._end(package)
+        if self.word.kind:
+            raise self.error("the end of the text, behind the one model that it has")
+        return FlatModel(
+            name,
+            self.source,
+            tuple(_entries(self.declarations)),
+            tuple(self.equations),
+            tuple(self.initial),
+            tuple(self.refused),
+            comment,
+        )
+
+    # classes and sections --------------------------------------------------------------------
+
+    def _is_class(self, kinds: tuple[str, ...]) -> bool:
+        """Whether a class of these kinds begins here, after words such as ``partial``."""
+        place = self.place
+        while self.words[place].text in ("partial", "pure", "impure", "final", "encapsulated"):
+            place += 1
+        return self.words[place].kind == "keyword" and self.words[place].text in kinds
+
+    def _class_word(self) -> None:
+        """Read the words up to the kind of a class."""
+        while self.take().text not in (*_CLASSES, "function", "record", "type"):
+            pass
+
+    def _class(self) -> None:
+        """Read over a function, a record or a type: what uses it is an error."""
+        self._class_word()
+        name, _ = self.name()
+        if self.is_at("="):  # type Angle = Real(unit = "rad")
+            self._behind_semicolon()
+            return
+        while not self._is_end_of(name):
+            self.not_at_end(f"'end {name};'")
+            self.take()
+        self._end(name)
+
+    def _is_end_of(self, name: str) -> bool:
+        """Whether `end name;` stands at the place, which stays."""
+        if not self.is_at("end") or self.words[self.place + 1].kind != "name":
+            return False
+        first = self.place
+        self.take()
+        found, _ = self.name()
+        self.place = first
+        return found == name
+
+    def _behind_semicolon(self) -> None:
+        while not self.skip(";"):
+            self.not_at_end("';'")
+            self.take()
+
+    def _end(self, name: str) -> None:
+        self.expect("end")
+        first = self.place
+        found = self.name()[0] if self.word.kind == "name" else ""
+        if found != name:
+            self.place = first
+            raise self.error(f"'end {name};'")
+        self.expect(";")
+
+    def _sections(self) -> None:
+        while not self.is_at("end"):
+            self.not_at_end("'end' of the model")
+            if self.is_at("public", "protected"):
+                self.take()
+            elif self.is_at("initial", "equation", "algorithm"):
+                initial = self.skip("initial")
+                if self.is_at("algorithm"):
+                    self._algorithm("initial algorithm" if initial else "algorithm")
+                    continue
+                self.expect("equation")
+                found = self.initial if initial else self.equations
+                while not self._ends_section():
+                    found += self._statement()
+            elif self.is_at("annotation"):
+                self.annotation()
+                self.expect(";")
+            elif self._is_class(("function", "record", "type")):
+                self._class()
+            else:
+                self.declaration()
+
+    def _ends_section(self) -> bool:
+        self.not_at_end("'end' of the model")
+        if self.is_at("initial"):  # may also be the function initial()
+            return self.words[self.place + 1].text in ("equation", "algorithm")
+        return self.is_at(*_SECTIONS)
+
+    def _algorithm(self, what: str) -> None:
+        """Read over a section of an algorithm."""
+        line = self.expect("algorithm").line
+        names: list[str] = []
+        while not self._ends_section() or (
+            self.is_at("end") and self.words[self.place + 1].text in ("if", "for", "while", "when")
+        ):
+            word = self.take()
+            if word.kind == "name" and self.is_at(":=", "["):
+                names.append(word.text)
+            if word.text == "end":
+                self.take()
+        self.refused.append(Refused(f"the {what}", tuple(dict.fromkeys(names)), line))
+
+    # equations -------------------------------------------------------------------------------
+
+    def _statement(self) -> list[Statement]:
+        """One equation, choice or loop; what is refused is collected instead."""
+        line = self.word.line
+        found: Statement
+        if self.is_at("if"):
+            found = self._choice()
+        elif self.is_at("for"):
+            found = self._loop()
+        elif self.is_at("when"):
+            found = self._when()
+        elif self.is_at("connect"):
+            raise SceneError(
+                f"{self.source}, line {line}: connect is no equation of flat text. {ADVICE}"
+            )
+        else:
+            found = self._equation(line)
+        self.comment()
+        self.annotation()
+        self.expect(";")
+        if isinstance(found, Refused):
+            self.refused.append(found)
+            return []
+        return [found]
+
+    def _equation(self, line: int) -> Statement:
+        """left = right, an assert, or a call."""
+        if self.word.kind == "name" and self.word.text in ("assert", "terminate", "reinit"):
+            return self._called(self.take().text, line)
+        left = self.expression()
+        if not self.is_at("="):
+            if isinstance(left, Reference) and not left.subscripts and self.is_at("("):
+                return self._called(left.name, line)
+            raise self.error("'='")
+        self.take()
+        return Equation(left, self.expression(), line)
+
+    def _called(self, name: str, line: int) -> Statement:
+        """An equation that is a call of a function."""
+        self.expect("(")
+        arguments: list[Expression] = []
+        while not self.is_at(")"):
+            if self.word.kind == "name" and self.words[self.place + 1].text == "=":
+                self.take()
+                self.take()
+            arguments.append(self.expression())
+            if not self.skip(","):
+                break
+        self.expect(")")
+        if name == "assert" and len(arguments) >= 2:
+            message = arguments[1].text if isinstance(arguments[1], Text) else ""
+            return Check(arguments[0], message, line)
+        names = [a.name for a in arguments[:1] if isinstance(a, Reference)]
+        return Refused(f"the call of {name}", tuple(names), line)
+
+    def _block(self, *ends: str) -> tuple[Statement, ...]:
+        found: list[Statement] = []
+        while not self.is_at(*ends):
+            self.not_at_end(f"'{ends[-1]}'")
+            found += self._statement()
+        return tuple(found)
+
+    def _choice(self) -> Choice:
+        line = self.word.line
+        branches: list[tuple[Expression, tuple[Statement, ...]]] = []
+        while self.is_at("if" if not branches else "elseif"):
+            self.take()
+            condition = self.expression()
+            self.expect("then")
+            branches.append((condition, self._block("elseif", "else", "end")))
+        otherwise = self._block("end") if self.skip("else") else ()
+        self._close("if")
+        return Choice(tuple(branches), otherwise, line)
+
+    def _loop(self) -> Loop:
+        line = self.expect("for").line
+        index = self.take().text
+        self.expect("in")
+        values = self.expression()
+        if self.is_at(","):
+            raise self.error("'loop': one index for each loop")
+        self.expect("loop")
+        body = self._block("end")
+        self._close("for")
+        return Loop(index, values, body, line)
+
+    def _when(self) -> Refused:
+        """Read over a `when`; its names are those that it sets."""
+        line = self.expect("when").line
+        first = len(self.refused)
+        names: list[str] = []
+        self.expression()
+        self.expect("then")
+        while True:
+            for statement in self._block("elsewhen", "end"):
+                if isinstance(statement, Equation) and isinstance(statement.left, Reference):
+                    names.append(statement.left.name)
+            if not self.skip("elsewhen"):
+                break
+            self.expression()
+            self.expect("then")
+        self._close("when")
+        names += [name for inner in self.refused[first:] for name in inner.names]
+        del self.refused[first:]
+        return Refused("the event 'when'", tuple(dict.fromkeys(names)), line)
+
+    def _close(self, what: str) -> None:
+        self.expect("end")
+        self.expect(what)
+
+
+def _entries(declarations: list[Declaration]) -> list[Declaration]:
+    """The declarations; where x[1], x[2], ... are declared one by one, each is a scalar of that name.
+
+    A single x[3] is an array of three: where entries are declared one by one, there is x[1], too.
+    """
+    counts = Counter(d.name for d in declarations)
+    return [
+        replace(d, name=write(Reference(d.name, d.sizes)), sizes=())
+        if counts[d.name] > 1 and d.sizes
+        else d
+        for d in declarations
+    ]

@@ -1,0 +1,349 @@
+"""From the syntax tree of a flat model to the description of its DAE."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import TypeVar
+
+import casadi as ca
+
+from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.dae.description import Dae, Equation, Output, column
+from mbdlft.modelica import values as v
+from mbdlft.modelica.dimensions import check_units
+from mbdlft.modelica.parameters import read_values
+from mbdlft.modelica.table import ModelicaTable
+from mbdlft.modelica.tree import (
+    Check,
+    Choice,
+    Declaration,
+    Expression,
+    FlatModel,
+    Loop,
+    Reference,
+    Refused,
+    Statement,
+)
+from mbdlft.modelica.tree import Equation as WrittenEquation
+from mbdlft.modelica.values import Value
+from mbdlft.modelica.variables import Variables, names_in
+from mbdlft.modelica.write import flat_text, shorter, write
+
+T = TypeVar("T")
+
+_PREFERRED = (Reference("StateSelect.prefer"), Reference("StateSelect.always"))
+_LISTED = 12  # of what is refused
+
+
+@dataclass(frozen=True, slots=True)
+class ModelicaReport:
+    """The differences between a Modelica model and the DAE that was made of it.
+
+    Attributes
+    ----------
+    sources : tuple of str
+        Variables that a formula of time gave, and that are inputs now.
+    states : tuple of str
+        Variables that the model prefers as states.
+    notes : tuple of str
+        Sentences: parameters that are numbers though they have limits, units that are not known, asserts
+        that are not checked.
+    """
+
+    sources: tuple[str, ...]
+    states: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    def __str__(self) -> str:
+        sources = (
+            f"{name} is a function of time: it is an input, with its value of time 0"
+            for name in self.sources
+        )
+        return "\n".join(f"note: {line}." for line in (*sources, *self.notes))
+
+
+def translate(model: FlatModel, table: ModelicaTable | None = None) -> tuple[Dae, ModelicaReport]:
+    """The description of a flat model.
+
+    Parameters
+    ----------
+    model : FlatModel
+    table : ModelicaTable, optional
+        Which parameters stay, and what else is said beside the model.
+
+    Returns
+    -------
+    dae : Dae
+    report : ModelicaReport
+
+    Raises
+    ------
+    SceneError
+        Something in the model has no place in a linear model (the message lists all of it, with lines), a
+        name is unknown, a value is missing, a time is not that of a source.
+    """
+    _refuse(model)
+    return _Translation(model, table or ModelicaTable()).result()
+
+
+def _refuse(model: FlatModel) -> None:
+    """Raise a SceneError if something has no place in a linear model."""
+    found = list(model.refused)
+    for d in model.declarations:
+        if d.variability in ("parameter", "constant"):
+            continue
+        if d.variability == "discrete" or d.type != "Real":
+            kind = f"{d.variability} {d.type}".strip()
+            found.append(Refused(f"the {kind} variable", (d.name,), d.line))
+    if not found:
+        return
+    found.sort(key=lambda item: item.line)
+    lines = [
+        item.what
+        + (f" in line {item.line}" if item.line else "")
+        + (f" ({', '.join(item.names)})" if item.names else "")
+        for item in found[:_LISTED]
+    ]
+    more = f"; and {len(found) - _LISTED} more" if len(found) > _LISTED else ""
+    raise SceneError(
+        f"{model.source}: model {model.name!r} has what no continuous model has: {'; '.join(lines)}"
+        f"{more}. Take it out, or write equations of Real variables in its place."
+    )
+
+
+class _Translation:
+    """One model on its way."""
+
+    def __init__(self, model: FlatModel, table: ModelicaTable) -> None:
+        self.model, self.table = model, table
+        self.parameters = read_values(model, table, self._of_declaration)
+        symbols = column(self.parameters.symbols.values())
+        for name, line in model.fixed:
+            value = self.parameters.values.get(name)
+            if isinstance(value, ca.SX) and ca.depends_on(value, symbols):
+                raise SceneError(
+                    self._place(
+                        line,
+                        f"equations are chosen by the value of {name!r}, which cannot stay then: keep "
+                        f"it a number ({name} = false in the table), or choose by a signal.",
+                    )
+                )
+        self.variables = Variables(self.parameters, self._of_declaration)
+        self.declared = [
+            d for d in model.declarations if d.variability not in ("parameter", "constant")
+        ]
+
+    def result(self) -> tuple[Dae, ModelicaReport]:
+        """The description and the report."""
+        if self.table.check_units:
+            check_units(self.model, self._place)
+        for d in self.declared:
+            self.variables.declare(d)
+        bound = [
+            WrittenEquation(Reference(d.name), d.binding, d.line)
+            for d in self.declared
+            if d.binding is not None
+        ]
+        equations = self._equations([*bound, *self.model.equations])
+        initial = self._equations(self.model.initial)
+        equations, sources = self._sources(equations)
+        inputs = self._inputs(sources)
+        kept = sorted(self.parameters.kept.items(), key=lambda pair: pair[1].name)
+        by_name = self.variables.by_name
+        dae = Dae(
+            name=self.model.name,
+            variables=tuple(x for x in self.variables.all() if x.name not in inputs),
+            inputs=tuple(by_name[name] for name in inputs),
+            parameters=tuple(parameter for _, parameter in kept),
+            p=column(self.parameters.symbols[name] for name, _ in kept),
+            outputs=tuple(self._outputs()),
+            equations=tuple(equations),
+            initial=tuple(initial),
+            description=self.model.comment,
+            text=flat_text(self.model),
+            units_checked=True,
+        )
+        preferred = tuple(
+            name
+            for d in self.declared
+            if d.attributes.get("stateSelect") in _PREFERRED
+            for name in names_in(self.variables.values[d.name])
+        )
+        return dae, ModelicaReport(tuple(sources), preferred, tuple(self.parameters.notes))
+
+    def _of_declaration(self, d: Declaration) -> str:
+        return self._place(d.line, f"{d.variability or 'variable'} {d.name!r}")
+
+    def _place(self, line: int | None, what: str) -> str:
+        return f"{self.model.source}{f', line {line}' if line else ''}: {what}"
+
+    # equations -------------------------------------------------------------------------------
+
+    def _equations(self, statements: Iterable[Statement]) -> list[Equation]:
+        return [e for statement in statements for e in self._statement(statement)]
+
+    def _statement(self, statement: Statement) -> list[Equation]:
+        match statement:
+            case WrittenEquation():
+                return self._equate(statement)
+            case Loop(index, values, body, line):
+                loop = self.variables.evaluator.with_index
+                runs = self._at(
+                    line, f"for {index}", lambda: loop(index, values, lambda: self._equations(body))
+                )
+                return [e for run in runs for e in run]
+            case Choice():
+                return self._choose(statement)
+            case Check():
+                self._check(statement)
+        return []
+
+    def _at(self, line: int, what: str, do: Callable[[], T]) -> T:
+        """What `do` gives; errors name the line and the text."""
+        try:
+            return do()
+        except SceneError as error:
+            if str(error).startswith(self.model.source):
+                raise
+            raise SceneError(self._place(line, f"{what}: {error}")) from None
+        except RecursionError:
+            raise SceneError(self._place(line, f"{what[:60]}: is nested too deep.")) from None
+
+    def _value(self, line: int, what: str, expression: Expression) -> Value:
+        return self._at(line, what, lambda: self.variables.evaluator.value(expression))
+
+    def _equate(self, written: WrittenEquation) -> list[Equation]:
+        """The equations of one that is written: one for each entry of arrays."""
+        name = shorter(f"{write(written.left)} = {write(written.right)}")
+        left, right = (
+            self._value(written.line, repr(name), side) for side in (written.left, written.right)
+        )
+        pairs = self._at(written.line, repr(name), lambda: list(_pairs(left, right)))
+        return [
+            Equation(
+                name if len(pairs) == 1 else f"{name} [{k + 1}]", residual, written.line or None
+            )
+            for k, residual in enumerate(pairs)
+        ]
+
+    def _check(self, check: Check) -> None:
+        """A claim: it is evaluated where it is one on numbers, and noted otherwise."""
+        text = f"assert({shorter(write(check.condition))})"
+        value = self._value(check.line, text, check.condition)
+        if value is False:
+            raise SceneError(
+                self._place(check.line, f"{text} does not hold. {check.message}".strip())
+            )
+        if value is not True:
+            self.parameters.notes.append(f"{text} in line {check.line} is not checked")
+
+    def _choose(self, choice: Choice) -> list[Equation]:
+        """Equations of the branch whose condition holds, or choices between those of all branches."""
+        made: list[tuple[Value, list[Equation]]] = []
+        body = choice.otherwise
+        for condition, branch in choice.branches:
+            value = self._value(choice.line, f"if {write(condition)}", condition)
+            if value is True:
+                body = branch
+                break
+            if value is not False:
+                made.append((value, self._equations(branch)))
+        found = self._equations(body)
+        for value, equations in reversed(made):
+            if len(equations) != len(found):
+                raise SceneError(
+                    self._place(
+                        choice.line,
+                        f"the branches of 'if' have {len(equations)} and {len(found)} equations, "
+                        "expected equally many.",
+                    )
+                )
+            found = [
+                replace(
+                    a,
+                    name=f"{a.name}, or {b.name}",
+                    residual=v.chosen(value, a.residual, b.residual),
+                )
+                for a, b in zip(equations, found, strict=True)
+            ]
+        return found
+
+    # inputs and outputs ----------------------------------------------------------------------
+
+    def _sources(self, equations: list[Equation]) -> tuple[list[Equation], list[str]]:
+        """Equations without those of sources, and the variables that they gave.
+
+        A source is a variable that a formula of time and parameters gives; it becomes an input, with its
+        value at time 0. Any other use of time is an error.
+        """
+        rest: list[Equation] = []
+        found: list[str] = []
+        rates = column(self.variables.rates.values())
+        for e in equations:
+            if not ca.depends_on(e.residual, self.variables.time):
+                rest.append(e)
+                continue
+            given = self.variables.of(e.residual)
+            slope = ca.jacobian(e.residual, given[0].symbol) if len(given) == 1 else ca.SX(0)
+            plain = slope.is_constant() and abs(float(slope)) == 1.0
+            if not plain or ca.depends_on(e.residual, rates):
+                raise SceneError(
+                    self._place(
+                        e.line,
+                        f"{e.name!r} depends on time. A variable that a formula of time and "
+                        "parameters alone gives, u = f(time), becomes an input; time anywhere else is "
+                        "not supported. Make an input of what it stands for.",
+                    )
+                )
+            x = given[0]
+            at_zero = ca.substitute(e.residual, x.symbol, 0) / -slope
+            start = self.variables.at_nominal(at_zero)
+            self.variables.by_name[x.name] = replace(x, start=start)
+            found.append(x.name)
+        return rest, found
+
+    def _inputs(self, sources: list[str]) -> list[str]:
+        """Names of inputs: what the model itself declares as one, and sources of time."""
+        declared = [
+            name
+            for d in self.declared
+            if d.causality == "input" and d.top and d.binding is None
+            for name in names_in(self.variables.values[d.name])
+        ]
+        names = [*declared, *(name for name in sources if name not in declared)]
+        for name in names:
+            if name in self.variables.rates:
+                raise SceneError(
+                    f"{self.model.source}: der({name}) is that of an input. Take the derivative as the "
+                    "input, and make a state of what it is the derivative of."
+                )
+        return names
+
+    def _outputs(self) -> Iterator[Output]:
+        """What the table or the declarations say to be outputs."""
+        by_name = self.variables.by_name
+        names = [
+            name
+            for d in self.declared
+            if d.causality == "output" and d.top
+            for name in names_in(self.variables.values[d.name])
+        ]
+        for name in names if self.table.outputs is None else self.table.outputs:
+            if name not in by_name:
+                raise SceneError(
+                    f"{self.model.source}: outputs: " + unknown_name("variable", name, by_name)
+                )
+            yield Output(name, by_name[name].symbol, by_name[name].unit)
+
+
+def _pairs(left: Value, right: Value) -> Iterator[ca.SX]:
+    """The residuals of left = right, of each entry of arrays; sums of flows of arrays are equal to 0."""
+    if isinstance(left, tuple) and isinstance(right, Fraction) and right == 0:
+        right = (right,) * len(left)
+    if isinstance(left, tuple) and isinstance(right, tuple) and len(left) == len(right):
+        for a, b in zip(left, right, strict=True):
+            yield from _pairs(a, b)
+        return
+    if isinstance(left, tuple) or isinstance(right, tuple):
+        raise SceneError(f"{v.described(left)} is to be equal to {v.described(right)}.")
+    yield v.to_sx(left) - v.to_sx(right)
