@@ -61,7 +61,7 @@ bench: .venv/bench
 
 # what it is checked with, robots and other tools among them
 .venv/test: .venv/run
-	$(INSTALL) -e '.[test,robots,modelica,viewer]'
+	$(INSTALL) -e '.[test,robots,viewer,modelica]'
 	touch $@
 
 # other tools that speed and error are compared with

@@ -8,6 +8,7 @@ from mbdlft.system.model import Certificate, LFTModel
 
 _EPS = sys.float_info.epsilon
 _MOST_BOXES = 4  # that are listed
+_MATRIX = 'format = "mbdlft-matrix/'  # how the text of a matrix begins, in provenance
 
 
 def order_sentences(model: LFTModel) -> Iterator[str]:
@@ -48,7 +49,11 @@ def largest_error(model: LFTModel) -> str:
     """A sentence on the largest error that was found, and against what."""
     certificate = model.certificate
     # a scene has joints and so a trim; a matrix has none
-    truth = "re-trimming and re-linearizing" if model.trim.signals else "the matrix itself"
+    truth = "the nonlinear equations, linearized with numbers"
+    if model.trim.signals:
+        truth = "re-trimming and re-linearizing"
+    elif _MATRIX in model.provenance.scene[: len(_MATRIX) + 40]:
+        truth = "the matrix itself"
     return (
         f"maximum relative error {certificate.max_relative_error:.1e} against {truth} at "
         f"{certificate.check_points} points and corners"
