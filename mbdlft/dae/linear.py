@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 
@@ -29,7 +30,7 @@ from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage, TrimR
 from mbdlft.sx.constants import in_doubles, is_constant, is_zero, literal
 from mbdlft.sx.evaluate import evaluate_many
 
-_LEAST = 1e-3
+_LEAST = 1e-3  # of the largest trimmed quantity in a unit: a smaller one is compared with that
 
 
 def problem_of_trim(at: DaeTrim, stage: Stage = lambda name: nullcontext()) -> Problem:
@@ -262,8 +263,6 @@ def _reference(
         of_unit = units == unit
         size[of_unit] = np.maximum(size[of_unit], _LEAST * np.max(size[of_unit]))
     scale = entry_scale(values, len(s.states))
-    from dataclasses import replace
-
     return replace(
         exact,
         values=values,
