@@ -25,6 +25,7 @@ _POINTS, _FINE = 32, 8  # steps of a period; of a step, for a motion that is not
 _CLIMBS, _HALVES, _ROUNDS, _BISECTIONS = 25, 4, 3, 40
 _MODES = 4
 _UNIT = 3.0e-5  # units of work of a round, for each state cubed
+_TUNED = (0.1, 0.03, 0.01)  # changes of the period of what was found
 _TURNS = (1.0, 0.93, 1.07, 2.0)  # of half a turn of a mode: periods that are tried
 
 
@@ -68,7 +69,7 @@ def unstable_motion(
     for period, deltas in _starts(model, most):
         size = most
         for _ in range(_ROUNDS):
-            left -= _UNIT * (len(model.A) + 6.0) ** 3
+            left -= _unit(model)
             if left < 0.0:
                 return best
             rates = rates_in(size)
@@ -79,7 +80,30 @@ def unstable_motion(
                 break
             best = found if found.size < best.size else best
             size, deltas = found.size, found.deltas
+    return _tuned(model, rates_in, best, left)
+
+
+def _tuned(
+    model: Realization, rates_in: Callable[[float], Array], best: Motion, left: float
+) -> Motion:
+    """The same motion with another period, as long as a smaller one grows; `left` units of work."""
+    for step in _TUNED:
+        for share in (1.0 + step, 1.0 / (1.0 + step)):
+            while np.isfinite(best.size) and (left := left - _unit(model)) > 0.0:
+                size, period = best.size * (1.0 + step), best.period * share
+                rates = rates_in(size)
+                deltas = best.deltas * (1.0 + step)
+                deltas = _climbed(model, period, deltas, (size, rates * period / _POINTS))
+                found = _on_ray(model, rates, period, deltas)
+                if not found.size < best.size * (1.0 - 1e-4):
+                    break
+                best = found
     return best
+
+
+def _unit(model: Realization) -> float:
+    """Units of work of a round."""
+    return _UNIT * (len(model.A) + 6.0) ** 3
 
 
 def growth(model: Realization, rates: Array, period: float, deltas: Array, fine: int) -> float:

@@ -9,13 +9,13 @@ import pytest
 import mbdlft
 from mbdlft import Inertia, Parameter, PointMass, Prismatic, Revolute, RigidBody, Scene, Spin
 from mbdlft.base.samples import check_points
-from mbdlft.cli.report import _checked_beside
 from mbdlft.lft.lft import LFT
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals, problem_of_scene
 from mbdlft.pipeline.realization import _Check
 from mbdlft.problem.compare import entry_sizes
 from mbdlft.problem.relinearize import relinearize
+from mbdlft.report.sentences import checked_beside
 from tests.close import SCENARIO
 
 M = Parameter("m", 2.0, percent=50, unit="kg")
@@ -75,7 +75,7 @@ def test_what_is_compared_with_its_terms_is_listed(tmp_path: Path) -> None:
     model = replace(model, certificate=replace(model.certificate, by_terms=found.by_terms))
     mbdlft.save(tmp_path / "a.h5", model)
     assert mbdlft.load(tmp_path / "a.h5").certificate == model.certificate
-    said = " ".join(str(part) for part in _checked_beside(model))
+    said = " ".join(str(part) for part in checked_beside(model))
     assert "and compared with these: dj.rate/dt by j.angle" in said
 
 
