@@ -23,7 +23,7 @@ from mbdlft.sx.constants import in_doubles
 from mbdlft.system.system import matrices_at
 from mbdlft.system.theta import ONE, DeltaThetaModel, theta_values
 
-TOLERANCE = 1e-11  # of the integrators, relative; the absolute one is this times the nominal size
+TOLERANCE = 1e-11  # of the integrators, relative and absolute
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +68,8 @@ def simulate(
     initial : mapping of names of states to numbers
         The others have consistent values near their start values.
     tolerance : float
-        Of the integrator.
+        Of the integrator, relative, and absolute in the units of the variables: signals that are far
+        below 1 there need a smaller one.
 
     Raises
     ------

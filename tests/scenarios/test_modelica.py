@@ -49,8 +49,9 @@ def test_linear_models_are_exact(name: str) -> None:
     assert len(model.parameters) >= 1
 
 
+@pytest.mark.parametrize("count", [2, pytest.param(100, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", NAMES)
-def test_functions_beside_the_linear_part_give_the_same_motion(name: str) -> None:
+def test_functions_beside_the_linear_part_give_the_same_motion(name: str, count: int) -> None:
     dae, report, table = flat(name)
     structure = structure_of(dae, report, table)
     form = delta_theta(structure, search=0.0, prove=0.0)
@@ -60,16 +61,17 @@ def test_functions_beside_the_linear_part_give_the_same_motion(name: str) -> Non
         q.name: (q.variable.start or 0.0) + step * np.cos(np.arange(11.0))
         for q, step in zip(structure.inputs, steps, strict=True)
     }
-    drawn = mbdlft.random(dae.parameters, 1, 7)
-    given = {
-        "inputs": inputs,
-        "parameters": {key: float(values[0]) for key, values in drawn.items()},
-        "initial": dict(zip([q.name for q in structure.states], form.initial, strict=True)),
-    }
-    a, b = simulate(structure, times, **given), simulate(form, times, **given)
-    for k in range(a.outputs.shape[1]):
-        assert np.ptp(a.outputs[:, k]) > 0.0
-        target(b.outputs[:, k], a.outputs[:, k], SIMULATED)
+    drawn = mbdlft.random(dae.parameters, count, 7)
+    initial = dict(zip([q.name for q in structure.states], form.initial, strict=True))
+    for sample in range(count):
+        parameters = {key: float(values[sample]) for key, values in drawn.items()}
+        a, b = (
+            simulate(one, times, inputs=inputs, parameters=parameters, initial=initial)
+            for one in (structure, form)
+        )
+        for k in range(a.outputs.shape[1]):
+            assert np.ptp(a.outputs[:, k]) > 0.0
+            target(b.outputs[:, k], a.outputs[:, k], SIMULATED)
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> None:
