@@ -99,7 +99,7 @@ def differences(s: Structure, z: np.ndarray, p: np.ndarray, step: float) -> np.n
     return np.stack(columns, axis=1)
 
 
-# the flows of the servo have corners; it is compared with formulas (tests/reference/test_modelica_models.py)
+# flows of the servo have corners; tests/reference/test_modelica_models.py compares it with formulas
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "hydraulic_servo"])
 def test_linearizations_are_those_of_differences(name: str) -> None:
     """Errors of differences fall with the square of the step, and vanish in the limit (Richardson)."""
