@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, MbdlftError, MbdlftWarning, SceneError
 from mbdlft.base.parameter import Parameter
-from mbdlft.batch.rows import EquationSource, ModelSource, Source, source_of
-from mbdlft.batch.samples import GivenSamples, count_of, points_of, samples_of
+from mbdlft.batch.rows import EquationSource, ModelSource, Source, deltas_at, source_of
+from mbdlft.batch.samples import GivenSamples, RandomSamples, count_of, points_of, samples_of
 from mbdlft.lft.closing import closed
 from mbdlft.lft.evaluate import NATIVE
 from mbdlft.lft.program.cache import user_cache
@@ -27,7 +27,7 @@ from mbdlft.problem.prestress import check_carried
 from mbdlft.problem.straight_line import StraightLine, straight_line
 from mbdlft.problem.trim import RESIDUAL
 from mbdlft.store.sweep import SOLVED, Layout
-from mbdlft.system.model import LFTModel, deltas_of
+from mbdlft.system.model import LFTModel
 
 _WORTH = 50_000  # samples from which on compiling equations takes less than it saves
 _CHUNK, _ENTRIES = 8192, 2**22  # most samples, and numbers of their rows, in memory at a time
@@ -164,9 +164,7 @@ class Compiled:
         """What the program is a function of: physical values, or deltas."""
         if isinstance(self.source, EquationSource):
             return points
-        named = {p.name: points[:, k] for k, p in enumerate(self.parameters)}
-        found = deltas_of(self.source.model, named)
-        return np.broadcast_to(found, (len(points), found.shape[1]))
+        return deltas_at(self.source.model, points)
 
 
 def compile(given: Scene | LFTModel, *, threads: int | None = None) -> Compiled:
@@ -238,10 +236,10 @@ def compiled(source: EquationSource | ModelSource, threads: int | None = None) -
 
 
 def _of_equations(source: EquationSource) -> StraightLine | None:
-    e, states = source.equations, np.array(source.need.states, dtype=np.intp)
-    rows = np.concatenate([states, len(e.states) + np.arange(len(source.outputs))])
-    columns = np.concatenate([states, len(e.states) + np.arange(len(source.inputs))])
-    return straight_line(e, source.inputs, source.outputs, (rows, columns), _LONGEST)
+    e, inputs, outputs = source.equations, source.inputs, source.outputs
+    count = len(e.states)
+    kept = source.need.kept(count + len(outputs), count + len(inputs))
+    return straight_line(e, inputs, outputs, kept, _LONGEST)
 
 
 def _of_model(source: ModelSource) -> StraightLine | None:
@@ -281,7 +279,7 @@ def _by_equations(source: ModelSource, threads: int | None) -> Compiled | None:
 
 def _agrees(found: Compiled, definition: Source) -> bool:
     """Whether the values are those of the definition at some samples: there is no mistake."""
-    points = _probes(found.parameters)
+    points = points_of(RandomSamples(_PROBES, 0), found.parameters, 0, _PROBES)
     (one, *_, first), (two, *_, second) = found.rows(points), definition.rows(points)
     some = (first == SOLVED) & (second == SOLVED)
     if not np.any(some):
@@ -293,14 +291,6 @@ def _agrees(found: Compiled, definition: Source) -> bool:
     least = np.maximum(size, np.sqrt(np.outer(rows, columns)))
     least = np.maximum(least, _ROUNDING * np.max(size, initial=0.0))
     return bool(np.all(np.abs(one - two) <= _AGREED * least))
-
-
-def _probes(parameters: tuple[Parameter, ...]) -> Array:
-    random = np.random.default_rng(0)
-    points = np.empty((_PROBES, len(parameters)))
-    for k, parameter in enumerate(parameters):
-        points[:, k] = random.uniform(parameter.low, parameter.high, _PROBES)
-    return points
 
 
 def fastest(source: EquationSource | ModelSource, count: int) -> Source:

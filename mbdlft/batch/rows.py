@@ -151,8 +151,7 @@ class ModelSource:
     def rows(self, points: Array) -> tuple[Array, Array, Array, Array]:
         """The rows at points (N, n_p), as `Source.rows` describes them."""
         m, count = self.model, len(points)
-        deltas = deltas_of(m, {p.name: points[:, k] for k, p in enumerate(m.parameters)})
-        deltas = np.broadcast_to(deltas, (count, deltas.shape[1]))
+        deltas = deltas_at(m, points)
         matrices = np.full((count, *m.lft.shape), np.nan)
         trim = np.full((count, len(self.layout.trim)), np.nan)
         residual = np.full(count, np.nan)
@@ -172,6 +171,12 @@ class ModelSource:
 
         _halves(fill, np.arange(count))
         return matrices, trim, residual, status
+
+
+def deltas_at(model: LFTModel, points: Array) -> Array:
+    """Deltas (N, n_p) of a model at physical points (N, n_p) in its ranges."""
+    found = deltas_of(model, {p.name: points[:, k] for k, p in enumerate(model.parameters)})
+    return np.broadcast_to(found, (len(points), found.shape[1]))
 
 
 def _as_slice(some: Indices) -> slice | Indices:

@@ -12,6 +12,7 @@ from typing import Any
 import casadi as ca
 
 from mbdlft.base.errors import SceneError
+from mbdlft.dae.operations import FUNCTIONS
 from mbdlft.number.exact import decimal
 from mbdlft.sx.constants import FUNCTIONS as OF_CONSTANTS
 from mbdlft.sx.constants import is_constant, literal, numbers_of, pi_times
@@ -19,21 +20,11 @@ from mbdlft.sx.constants import is_constant, literal, numbers_of, pi_times
 Value = Any  # Fraction, SX (1, 1), bool, str, or a tuple of values
 
 _MOST_POWER, _MOST_PRODUCTS, _MOST_BITS = 1000, 16, 20_000
+_PLAIN = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")
 _EXTENDED: Mapping[str, Callable[[ca.SX], ca.SX]] = {
-    "sin": ca.sin,
-    "cos": ca.cos,
-    "tan": ca.tan,
-    "asin": ca.asin,
-    "acos": ca.acos,
-    "atan": ca.atan,
-    "sinh": ca.sinh,
-    "cosh": ca.cosh,
-    "tanh": ca.tanh,
-    "exp": ca.exp,
-    "log": ca.log,
-    "sqrt": ca.sqrt,
-    "abs": ca.fabs,
-    "sign": ca.sign,
+    **{name: FUNCTIONS[name] for name in _PLAIN},
+    "abs": FUNCTIONS["fabs"],
+    "sign": FUNCTIONS["sign"],
 }
 UNARY = (*_EXTENDED, "log10")
 _ROUNDING: Mapping[str, Callable[[Fraction], int]] = {

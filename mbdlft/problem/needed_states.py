@@ -44,7 +44,7 @@ class Need:
         """[A B ; C D] (N, ., .) of the kept states, from those of all states."""
         if self._keeps_all:
             return matrices
-        rows, columns = self._kept(matrices.shape)
+        rows, columns = self.kept(*matrices.shape[1:])
         found: Array = matrices[:, rows[:, None], columns]
         return found
 
@@ -67,9 +67,10 @@ class Need:
     def _keeps_all(self) -> bool:
         return len(self.states) == len(self.seen)
 
-    def _kept(self, shape: tuple[int, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def kept(self, rows: int, columns: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Rows and columns that are kept of [A B ; C D] with so many."""
         kept, count = np.array(self.states, dtype=np.intp), len(self.seen)
-        return np.r_[kept, count : shape[1]], np.r_[kept, count : shape[2]]
+        return np.r_[kept, count:rows], np.r_[kept, count:columns]
 
 
 def all_states(relations: LinearModel, states: int) -> Need:

@@ -10,7 +10,7 @@ from mbdlft.dae import DaeDraft, from_casadi, reduce_index, trim
 from mbdlft.dae.linear import linearized, trimmed_points
 from mbdlft.pipeline import linearize_dae
 from tests.close import CROSS, finite_difference, target
-from tests.daes import Known, coupled_inertias, example_2, pendulum, random_dae, servo
+from tests.daes import Known, coupled_inertias, differences, example_2, pendulum, random_dae, servo
 
 FREQUENCIES = (0.37, 1.3, 9.0)
 
@@ -112,39 +112,16 @@ def test_linearization_is_of_second_order_in_the_step() -> None:
     s = reduce_index(dae)
     at = trim(s)
     points = np.array([[p.nominal for p in dae.parameters]])
-    z = trimmed_points(at, points)
+    z, p = trimmed_points(at, points), points[0]
     exact = linearized(s, z, points)[0]
     model = linearize_dae(s, search=0.0)
     M = mbdlft.matrices_at(model, {})
     target(np.block([[M.A, M.B], [M.C, M.D]]), exact, CROSS)
-    errors = [np.max(np.abs(_differences(s, z[0], h) - exact)) for h in (0.02, 0.01, 0.005)]
+    errors = [np.max(np.abs(differences(s, z[0], p, h) - exact)) for h in (0.02, 0.01, 0.005)]
     rates = np.log2(np.array(errors[:-1]) / errors[1:])
     assert np.all((rates > 1.9) & (rates < 2.1))
-    extrapolated = (4 * _differences(s, z[0], 1e-3) - _differences(s, z[0], 2e-3)) / 3
+    extrapolated = (4 * differences(s, z[0], p, 1e-3) - differences(s, z[0], p, 2e-3)) / 3
     finite_difference(extrapolated, exact)
-
-
-def _differences(s, z, step):  # type: ignore[no-untyped-def]
-    """Central differences of the rates and outputs of a structure, each point solved again."""
-    from mbdlft.dae.points import System, solve
-    from mbdlft.sx.constants import in_doubles
-
-    n, known = s.unknown.numel(), ca.vertcat(s.x, s.u)
-    system = System(s.residual, s.unknown, ca.vertcat(known, s.dae.p))
-    p = np.array([q.nominal for q in s.dae.parameters])
-    outputs = in_doubles(ca.vertcat(*s.rates, *(y.expression for y in s.dae.outputs)))
-    read = ca.Function("read", [s.unknown, known, s.dae.p], [outputs])
-    columns = []
-    for k in range(known.numel()):
-        ends = []
-        for sign in (1.0, -1.0):
-            at = z[n:].copy()
-            at[k] += sign * step
-            found = solve(system, z[:n], np.concatenate([at, p]), np.ones(n))
-            assert found.is_solution
-            ends.append(read(found.values, at, p).full()[:, 0])
-        columns.append((ends[0] - ends[1]) / (2 * step))
-    return np.stack(columns, axis=1)
 
 
 def test_a_builder_of_casadi() -> None:

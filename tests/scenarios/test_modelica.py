@@ -2,21 +2,18 @@
 
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 import pytest
 
 import mbdlft
 from mbdlft.cli.commands import main
-from mbdlft.dae import Structure, simulate
+from mbdlft.dae import simulate
 from mbdlft.dae.linear import trimmed_points
-from mbdlft.dae.operations import column_of
-from mbdlft.dae.points import System, solve
 from mbdlft.dae.structure import in_symbols
 from mbdlft.modelica import operating_point, structure_of
 from mbdlft.pipeline.build_dae import delta_theta, linearize_dae
-from mbdlft.sx.constants import in_doubles
 from tests.close import EXTRAPOLATED, SCENARIO, SIMULATED, target
+from tests.daes import differences
 from tests.modelica import FLAT, ROOT, SCENARIOS, flat
 
 NAMES = [file.stem for file in SCENARIOS]
@@ -78,25 +75,6 @@ def test_functions_beside_the_linear_part_give_the_same_motion(name: str, count:
         for k in range(a.outputs.shape[1]):
             assert np.ptp(a.outputs[:, k]) > 0.0
             target(b.outputs[:, k], a.outputs[:, k], SIMULATED)
-
-
-def differences(s: Structure, z: np.ndarray, p: np.ndarray, step: float) -> np.ndarray:
-    """Central differences of the rates and outputs by states and inputs, each point solved again."""
-    n, known = s.unknown.numel(), ca.vertcat(s.x, s.u)
-    system = System(s.residual, s.unknown, ca.vertcat(known, s.dae.p))
-    found = in_doubles(column_of([*s.rates, *(y.expression for y in s.dae.outputs)]))
-    read = ca.Function("read", [s.unknown, known, s.dae.p], [found])
-    columns = []
-    for k in range(known.numel()):
-        size, ends = step * max(1.0, abs(z[n + k])), []
-        for sign in (1.0, -1.0):
-            at = z[n:].copy()
-            at[k] += sign * size
-            solved = solve(system, z[:n], np.concatenate([at, p]), np.ones(n))
-            assert solved.is_solution
-            ends.append(read(solved.values, at, p).full()[:, 0])
-        columns.append((ends[0] - ends[1]) / (2.0 * size))
-    return np.stack(columns, axis=1)
 
 
 # flows of the servo have corners; tests/reference/test_modelica_models.py compares it with formulas
