@@ -30,7 +30,7 @@ from mbdlft.cli.options import (
     write_model,
 )
 from mbdlft.cli.report import report_model
-from mbdlft.cli.response import KINDS, draw
+from mbdlft.cli.response import KINDS, OVER, draw
 from mbdlft.cli.tables import console as _console
 from mbdlft.cli.tables import table as _table
 from mbdlft.system.model import LFTModel
@@ -99,8 +99,8 @@ def linearize(
     plot: Annotated[
         list[str] | None,
         typer.Option(
-            help="Figure to draw, such as fig.png, of singular values; or bode=FILE, poles=FILE, "
-            "step=FILE; may be repeated."
+            help="Figure to draw, such as fig.png, of singular values; or bode=FILE, step=FILE, "
+            "order=FILE, poles=FILE, trim=FILE, poles:PARAMETER=FILE; may be repeated."
         ),
     ] = None,
     table_file: TableFile = None,
@@ -130,7 +130,8 @@ def linearize(
     try:
         start = time.perf_counter()
         for kind, figure in figures:
-            draw(kind, figure, model)
+            name, _, over = kind.partition(":")
+            draw(name, figure, model, over=over or None)
             seconds["plot"] = time.perf_counter() - start
     finally:  # a figure that fails takes neither the archive nor the table away
         files = {"archive": output, **{f"figure of {kind}": path for kind, path in figures}}
@@ -198,15 +199,17 @@ def _notes(scene: "Scene") -> list[str]:
 
 
 def _figures(texts: list[str]) -> list[tuple[str, Path]]:
-    """Kinds and files of the options --plot FILE and --plot KIND=FILE."""
+    """Kinds and files of the options --plot FILE, --plot KIND=FILE, --plot KIND:PARAMETER=FILE."""
     found = []
     for text in texts:
         kind, equals, file = text.partition("=")
-        if equals and kind in KINDS:
+        name, colon, over = kind.partition(":")
+        if equals and name in (OVER if colon else KINDS) and bool(colon) == bool(over):
             found.append((kind, Path(file)))
         elif equals and not kind.count("/"):
             raise AnalysisError(
-                f"--plot {text}: unknown figure {kind!r}. Existing: {', '.join(sorted(KINDS))}."
+                f"--plot {text}: unknown figure {kind!r}. Existing: {', '.join(sorted(KINDS))}; over a "
+                f"parameter: {', '.join(f'{name}:PARAMETER' for name in OVER)}."
             )
         else:
             found.append(("sigma", Path(text)))
