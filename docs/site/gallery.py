@@ -79,6 +79,11 @@ def picture_of(name: str) -> str:
     return scene_picture(scene_of_name(name), azimuth, height) + "\n"
 
 
+def trial_picture(path: Path) -> str:
+    """The picture of a scene of docs/trials/, as SVG."""
+    return scene_picture(mbdlft.load_scene(path), 0.6, 0.4) + "\n"
+
+
 def entry(name: str, known: dict[str, tuple[int, int]]) -> str:
     """The paragraph of a mechanism."""
     scene = scene_of_name(name)
@@ -167,9 +172,11 @@ def _entry(
 
 
 def write_gallery() -> None:
-    """Write docs/gallery.md and the pictures beside it."""
+    """Write docs/gallery.md and the pictures beside it, and those of docs/trials.md."""
     folder, known = DOCS / "gallery", orders()
     folder.mkdir(exist_ok=True)
+    for path in sorted((DOCS / "trials").glob("*.toml")):
+        path.with_suffix(".svg").write_text(trial_picture(path), encoding="utf-8")
     parts = [_HEAD]
     for title, names in _GROUPS.items():
         parts.append(f"## {title}\n")
