@@ -31,7 +31,7 @@ test: .venv/test
 	$(BIN)/lint-imports --no-cache
 	$(PYTEST)
 
-test-long: .venv/test mutants
+test-long: .venv/test .venv/docs mutants
 	$(PYTEST) -m long
 	for kernel in $(KERNELS); do OPENBLAS_CORETYPE=$$kernel $(PYTEST) || exit 1; done
 	$(BIN)/python -m tests.attack --minutes 20 --seed 1000
