@@ -4,10 +4,9 @@ import inspect
 from importlib import import_module
 from pathlib import Path
 
-import mbdlft
+from pydantic import BaseModel
 
-_MORE = {"plot": "mbdlft.plot", "fit": "mbdlft.fit", "pipeline": "mbdlft.pipeline",
-         "problem": "mbdlft.problem", "lft": "mbdlft.lft"}  # fmt: skip
+import mbdlft
 
 
 def namespaces() -> dict[str, list[str]]:
@@ -44,7 +43,7 @@ def page(module: str, names: list[str]) -> str:
         if not callable(item):
             directive = "autodata"
         lines += [f"## {name}", "", "```{eval-rst}", f".. {directive}:: {module}.{name}"]
-        if directive == "autoclass":
-            lines.append("   :members:")
+        if directive == "autoclass" and not issubclass(item, BaseModel):
+            lines.append("   :members:")  # descriptions have fields, which are in the signature
         lines += ["```", ""]
     return "\n".join(lines)

@@ -44,12 +44,16 @@ html_css_files = ["site.css"]
 html_theme_options = {"navigation_with_keys": False}
 
 _QUOTED = re.compile(r"(``.+?``|`[^`]+`)")
+_SEVERAL = re.compile(r"^\w+(, \w+)+( :.*)?$")  # one line for several attributes
 _MARKUP = re.compile(r"(?<!\\)([*|])|(?<=\w)(_)(?!\w)")
 
 
 def _escape(app: Any, what: str, name: str, item: Any, options: Any, lines: list[str]) -> None:
     """Stars, bars and last underscores of docstrings are letters; only quoted names are marked."""
     for number, line in enumerate(lines):
+        if _SEVERAL.match(line):  # a space would end the name
+            names, colon, kind = line.partition(" :")
+            line = names.replace(", ", ",") + colon + kind
         parts = _QUOTED.split(line)
         parts[::2] = [_MARKUP.sub(r"\\\1\2", part) for part in parts[::2]]
         lines[number] = "".join(parts)

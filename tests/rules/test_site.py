@@ -15,7 +15,6 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
-_CODE = re.compile(r"```.*?```|`[^`\n]*`", re.DOTALL)
 _NAME = re.compile(r"\bmbdlft\.([a-z_]+(?:\.[A-Za-z_]\w*)*)")
 
 
@@ -61,6 +60,28 @@ def test_names_of_the_package_in_the_text_exist(page: Path) -> None:
         item = getattr(mbdlft, first, None) or import_module(f"mbdlft.{first}")
         for name in rest:
             item = getattr(item, name, None) or import_module(f"{item.__name__}.{name}")
+
+
+def test_functions_and_classes_that_pages_name_are_public() -> None:
+    """Names with capitals or underscores, behind which a parenthesis stands, in the pages for readers."""
+    from docs.site.api import namespaces
+
+    public = {name for names in namespaces().values() for name in names}
+    public |= set(dir(mbdlft.LFTModel))
+    said = re.compile(r"`(?:\w+\.)*([A-Za-z]\w*)\([^`]*`")
+    pages = [DOCS / name for name in ("tutorial.md", "trials.md", "conventions.md", "python.md")]
+    found = [
+        name
+        for page in (*pages, *DOCS.glob("task-*.md"))
+        for name in said.findall(page.read_text())
+    ]
+    for line in (DOCS / "coming-from.md").read_text(encoding="utf-8").splitlines():
+        here = line.split("|")[2] if line.count("|") == 3 else ""
+        found += said.findall(here)
+        found += re.findall(r"`((?:[a-z]+_[a-z_]+|[A-Z]\w+))`", here)
+    keys = {"atan", "sin", "cos", "sqrt", "dae", "array", "actuator_inertia", "EXTSEOUT"}
+    assert len(found) > 60
+    assert set(found) - keys <= public, set(found) - keys - public
 
 
 def test_every_page_is_in_the_table_of_contents() -> None:
