@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from mbdlft.base.errors import AnalysisError
+from mbdlft.base.errors import AnalysisError, MbdlftError
 from mbdlft.cli.modelica import (
     SUFFIXES,
     Asked,
@@ -127,15 +127,29 @@ def linearize(
         if output is not None:
             show(f"{model.name}: write")
             seconds["write"] = write_model(output, model)
+    files = {"archive": output}
     try:
         start = time.perf_counter()
-        for kind, figure in figures:
-            name, _, over = kind.partition(":")
-            draw(name, figure, model, over=over or None)
-            seconds["plot"] = time.perf_counter() - start
+        files |= _drawn(figures, model)
+        seconds |= {"plot": time.perf_counter() - start} if figures else {}
     finally:  # a figure that fails takes neither the archive nor the table away
-        files = {"archive": output, **{f"figure of {kind}": path for kind, path in figures}}
         report_model(model, seconds, files, notes, as_json=as_json)
+
+
+def _drawn(figures: list[tuple[str, Path]], model: LFTModel) -> dict[str, Path | None]:
+    """Draw all figures; then raise the first error, if there was one."""
+    drawn: dict[str, Path | None] = {}
+    failed: list[MbdlftError] = []
+    for kind, figure in figures:
+        name, _, over = kind.partition(":")
+        try:
+            draw(name, figure, model, over=over or None)
+            drawn[f"figure of {kind}"] = figure
+        except MbdlftError as error:
+            failed.append(error)
+    if failed:
+        raise failed[0]
+    return drawn
 
 
 def _of_scene(
