@@ -128,6 +128,10 @@ def modelica_entry(path: Path, known: dict[str, tuple[int, int]]) -> str:
     )
 
 
+def _is_scene(path: Path) -> bool:
+    return "mbdlft-scene" in path.read_text(encoding="utf-8")
+
+
 def _figure(model: mbdlft.LFTModel, name: str) -> None:
     """Singular values of a model with channels and states, otherwise bars of its orders."""
     from mbdlft.plot import save_orders, save_singular_values
@@ -144,6 +148,7 @@ def _figure(model: mbdlft.LFTModel, name: str) -> None:
 
 
 def _size(order: int, bound: int) -> str:
+    """A sentence on an order and its bound."""
     if order == bound:
         return f"Order {order}, proved minimal."
     return f"Order {order}; at least {bound}, proved."
@@ -178,7 +183,10 @@ def write_gallery() -> None:
     for path in sorted((DOCS / "trials").glob("*.toml")):
         path.with_suffix(".svg").write_text(trial_picture(path), encoding="utf-8")
     parts = [_HEAD]
-    for title, names in _GROUPS.items():
+    known_names = {name for names in _GROUPS.values() for name in names}
+    scenes = [path for path in sorted((ROOT / "scenarios").glob("*.toml")) if _is_scene(path)]
+    others = [path.stem for path in scenes if path.stem not in known_names]
+    for title, names in {**_GROUPS, **({"Others": others} if others else {})}.items():
         parts.append(f"## {title}\n")
         for name in names:
             (folder / f"{name}.svg").write_text(picture_of(name), encoding="utf-8")

@@ -115,6 +115,22 @@ def test_pictures_of_the_gallery_are_few_and_those_that_are_shown() -> None:
     assert scenes | models <= {Path(name).stem for name in shown}
 
 
+def test_orders_of_the_gallery_are_those_of_the_table() -> None:
+    from docs.site.gallery import orders
+
+    text = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    entries = {part.partition("\n")[0]: " ".join(part.split()) for part in text.split("\n### ")}
+    found = orders()
+    assert len(found) >= 25
+    for name, (order, bound) in found.items():
+        said = (
+            f"Order {order}, proved minimal."
+            if order == bound
+            else f"Order {order}; at least {bound},"
+        )
+        assert said in entries[name], f"{name}: run python -m docs.site.gallery"
+
+
 def test_pictures_of_mechanisms_are_those_of_the_scenes() -> None:
     """The file of a changed scene or of a changed way to draw is written by the script again."""
     from docs.site.gallery import picture_of
