@@ -52,7 +52,7 @@ def same_everywhere(target: str, *arguments: Any) -> Any:
     Exception
         What the function raises.
     """
-    with _LOCK:
+    with _LOCKS.setdefault(os.getpid(), Lock()):
         was_there = os.getpid() in _PROCESSES
         try:
             is_result, answer = _answer(target, arguments)
@@ -65,8 +65,9 @@ def same_everywhere(target: str, *arguments: Any) -> Any:
     return answer
 
 
-_LOCK = Lock()
-_PROCESSES: dict[int, "subprocess.Popen[bytes]"] = {}  # by this process: a fork has none of its own
+# by this process: a fork begins without them
+_LOCKS: dict[int, Lock] = {}
+_PROCESSES: dict[int, "subprocess.Popen[bytes]"] = {}
 
 
 def _answer(target: str, arguments: tuple[Any, ...]) -> tuple[bool, Any]:
@@ -129,15 +130,16 @@ def settings() -> dict[str, str]:
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:
-    with contextlib.suppress(OSError):
-        process.kill()
-    if _PROCESSES.get(os.getpid()) is process:
-        del _PROCESSES[os.getpid()]
-        for stream in (process.stdin, process.stdout):
-            if stream is not None:
-                with contextlib.suppress(OSError):
-                    stream.close()
-        process.wait()
+    """End a process of this one; a fork that ends leaves it alone."""
+    if _PROCESSES.get(os.getpid()) is not process:
+        return
+    del _PROCESSES[os.getpid()]
+    process.kill()
+    for stream in (process.stdin, process.stdout):
+        if stream is not None:
+            with contextlib.suppress(OSError):
+                stream.close()
+    process.wait()
 
 
 def _send(stream: IO[bytes], message: Any) -> None:

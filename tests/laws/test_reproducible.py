@@ -69,6 +69,25 @@ def test_ctrl_c_ends_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
     assert same_everywhere("os:getpid") != first
 
 
+def test_a_fork_has_its_own() -> None:
+    """It neither speaks to the process of its parent, nor ends it."""
+    program = """
+import atexit, os
+from mbdlft.base.reproducible import same_everywhere
+first = same_everywhere("os:getpid")
+child = os.fork()
+if child == 0:
+    assert same_everywhere("os:getpid") != first
+    atexit._run_exitfuncs()
+    os._exit(0)
+assert os.waitpid(child, 0)[1] == 0
+assert same_everywhere("os:getpid") == first
+"""
+    if not hasattr(os, "fork"):
+        pytest.skip("there are no forks here")
+    subprocess.run([sys.executable, "-W", "ignore", "-c", program], cwd=ROOT, check=True)
+
+
 def test_files_of_the_folder_are_not_imported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
