@@ -52,7 +52,15 @@ def test_numbers_in_the_readme_are_true(workplace: Path) -> None:
 
 
 @pytest.mark.usefixtures("workplace")
-@pytest.mark.parametrize("page", WALKS, ids=lambda page: page.name)
+@pytest.mark.parametrize(
+    "page",
+    [
+        # pandas and the reader of NASTRAN's files take seconds to import
+        pytest.param(page, marks=[pytest.mark.long] if "nastran" in page.name else [])
+        for page in WALKS
+    ],
+    ids=lambda page: page.name,
+)
 def test_pages_can_be_followed_to_their_end(
     page: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
