@@ -12,7 +12,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT
 from mbdlft.number import twofold
-from mbdlft.reduce.reduce import equilibrate
+from mbdlft.number.scale import equilibrate
 
 LOST = 2.0**-40  # of the size of an entry: an error that is worth the work
 _NEGLIGIBLE = (
