@@ -20,6 +20,7 @@ from .response import singular_values as singular_values
 from .result import Bounds as Bounds
 from .sector import SectorBounds as SectorBounds
 from .sector import sector_bounds as sector_bounds
+from .sector import slope_bounds as slope_bounds
 from .singular_value import StructuredSingularValue as StructuredSingularValue
 from .singular_value import structured_singular_value as structured_singular_value
 from .spectrum import poles as poles

@@ -1,5 +1,6 @@
 """A DAE as it is written down in Python: names give symbols, symbols make equations."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,6 +10,7 @@ from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.parameter import Parameter
 from mbdlft.dae.description import Dae, Equation, Output, Variable, column
 from mbdlft.dae.fit import fit_coefficient
+from mbdlft.dae.lookup import Beyond, Interpolation, table_expression
 from mbdlft.dae.operations import with_literals
 from mbdlft.sx.constants import literal
 
@@ -81,6 +83,26 @@ class DaeDraft:
         )
         self._fit_error_bound = max(self._fit_error_bound, found.bound)
         return found.expression
+
+    def table(
+        self,
+        argument: ca.SX,
+        breakpoints: Sequence[float],
+        values: Sequence[float],
+        interpolation: Interpolation = "linear",
+        beyond: Beyond = "lines",
+    ) -> ca.SX:
+        """A function of a variable or an input that has values at breakpoints.
+
+        Arguments and errors as those of `mbdlft.dae.lookup.table_expression`.
+        """
+        argument = ca.SX(argument)
+        if _name_of(argument) not in {*self._variables, *self._inputs}:
+            raise SceneError(
+                f"model {self.name!r}, table of {argument}: the argument is no variable and no input. "
+                "Make a variable of it, with an equation."
+            )
+        return table_expression(argument, breakpoints, values, interpolation, beyond)
 
     def der(self, variable: ca.SX | str) -> ca.SX:
         """The symbol of the derivative of a variable, in its unit per second.

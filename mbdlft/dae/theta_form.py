@@ -24,6 +24,7 @@ from mbdlft.dae.operations import column_of
 from mbdlft.dae.separate import Arrange, Separation
 from mbdlft.dae.states import blocks_of
 from mbdlft.dae.structure import Quantity, Structure
+from mbdlft.dae.tabled import with_tables
 from mbdlft.number.exact import decimal
 from mbdlft.problem.equations import cosines_sines
 from mbdlft.problem.linearize import LinearModel
@@ -128,7 +129,8 @@ class _Form:
                 hint = s.unknowns[block.columns[0]].name
                 if len(block.rows) == 1 and self._defined(i, block.columns[0]):
                     continue
-                rows.append(self.separation.follow(residual, f"equation {place}", hint))
+                row = self.separation.follow(residual, f"equation {place}", hint)
+                rows.append(with_tables(self.separation.registry, row, hint, -1))
             if len(block.rows) > 1 or s.unknowns[block.columns[0]].symbol.element_hash() not in (
                 self.separation.values
             ):
@@ -148,7 +150,8 @@ class _Form:
         value = self.separation.follow(rest, f"equation {place}", quantity.name)
         if not value.is_plain:
             return False
-        self.separation.values[quantity.symbol.element_hash()] = times(value, -1 / slope)
+        value = with_tables(self.separation.registry, times(value, -1 / slope), quantity.name, 1)
+        self.separation.values[quantity.symbol.element_hash()] = value
         return True
 
     def _rates(self, kept: Sequence[Quantity]) -> tuple[list[ca.SX], list[Mixed]]:

@@ -247,7 +247,7 @@ def theta_functions(s: Structure, form: ThetaForm) -> tuple[ThetaFunction, ...]:
     for name, expression, used in form.functions:
         arguments = [form.arguments[a] for a in used]
         names = _identifiers([omega for omega, _, _ in arguments])
-        text = formula_of(expression, [symbol for _, symbol, _ in arguments], names)
+        text, tables = formula_of(expression, [symbol for _, symbol, _ in arguments], names)
         own = [variables.get(omega.removeprefix("omega.")) for omega, _, _ in arguments]
         ranges = [(-np.inf, np.inf) if v is None else (v.minimum, v.maximum) for v in own]
         found.append(
@@ -257,6 +257,7 @@ def theta_functions(s: Structure, form: ThetaForm) -> tuple[ThetaFunction, ...]:
                 tuple(names),
                 text,
                 tuple((float(a), float(b)) for a, b in ranges),
+                tables=tables,
             )
         )
     return tuple(found)
