@@ -120,7 +120,7 @@ class _Piece:
         self, write: Callable[..., str], level: int, parts: Sequence["_Piece"] = ()
     ) -> None:
         self.write, self.level, self.parts = write, level, tuple(parts)
-        self.size = 1 + sum(part.size for part in self.parts)
+        self.size: int = 1 + sum(part.size for part in self.parts)
         self.of: _Piece | None = self
         self.piecewise: Piecewise = ARGUMENT
 
@@ -131,11 +131,13 @@ class _Piece:
         return self.piecewise.table(_TABLE if self.size < _LONG else 2)
 
 
-def formula_of(expression: ca.SX, symbols: Sequence[ca.SX], names: Sequence[str]) -> Formula:
+def formula_of(
+    expression: ca.SX, symbols: Sequence[ca.SX], names: Sequence[str], *, tables: bool = True
+) -> Formula:
     """The formula of a scalar expression of symbols; parts that are used twice have names.
 
-    Parts that are lines or cubic polynomials between breakpoints, three or more, or two where they are
-    long, are tables.
+    With `tables`, parts that are lines or cubic polynomials between breakpoints, three or more, or two
+    where they are long, are tables.
 
     Raises
     ------
@@ -147,12 +149,12 @@ def formula_of(expression: ca.SX, symbols: Sequence[ca.SX], names: Sequence[str]
     arguments = [_Piece(lambda name=name: name, 9) for name in names]
     values = [_constant(number) for number in numbers]
     ((root,),) = fold(function, _RULES, arguments, values)
-    return _written(root, set(names))
+    return _written(root, set(names), tables=tables)
 
 
-def _written(root: _Piece, taken: set[str]) -> Formula:
+def _written(root: _Piece, taken: set[str], *, tables: bool) -> Formula:
     order: list[_Piece] = []
-    tables: dict[Table, str] = {}
+    known: dict[Table, str] = {}
     uses: Counter[int] = Counter()
     seen: set[int] = set()
     pending: list[tuple[_Piece, bool]] = [(root, False)]
@@ -163,9 +165,9 @@ def _written(root: _Piece, taken: set[str]) -> Formula:
         elif id(piece) not in seen:
             seen.add(id(piece))
             pending.append((piece, True))
-            table = piece.table()
+            table = piece.table() if tables else None
             if table is not None and piece.of is not None:
-                name = tables.setdefault(table, f"table{len(tables) + 1}")
+                name = known.setdefault(table, f"table{len(known) + 1}")
                 called = _call(name)(piece.of)
                 piece.write, piece.level, piece.parts = called.write, called.level, called.parts
             for part in piece.parts:
@@ -183,7 +185,7 @@ def _written(root: _Piece, taken: set[str]) -> Formula:
             named.append(f"{name} = {written}")
             written, level = name, 9
         text[id(piece)] = (written, level)
-    return Formula("; ".join([*named, text[id(root)][0]]), tuple(tables))
+    return Formula("; ".join([*named, text[id(root)][0]]), tuple(known))
 
 
 def _wrapped(part: tuple[str, int], least: int) -> str:

@@ -137,6 +137,13 @@ class DeltaThetaModel:
         return self.linear.outputs[: len(self.linear.outputs) - len(self.omega)]
 
 
+def allowed_range(low: float, high: float) -> tuple[float, float]:
+    """A range, and what rounding may leave a value outside of it."""
+    finite = high - low if math.isfinite(high - low) else 0.0
+    margin = _OUTSIDE * (finite + max(abs(x) for x in (low, high, 0.0) if math.isfinite(x)))
+    return low - margin, high + margin
+
+
 def theta_values(
     functions: tuple[ThetaFunction, ...], omega: Mapping[str, ArrayLike], *, check: bool = True
 ) -> dict[str, Array]:
@@ -161,9 +168,8 @@ def theta_values(
             if signal not in omega:
                 raise StructureError(f"{f.name}: " + unknown_name("signal", signal, omega))
             value = np.asarray(omega[signal], dtype=float)
-            finite = high - low if math.isfinite(high - low) else 0.0
-            margin = _OUTSIDE * (finite + max(abs(x) for x in (low, high, 0.0) if math.isfinite(x)))
-            if check and (np.any(value < low - margin) or np.any(value > high + margin)):
+            least, most = allowed_range(low, high)
+            if check and (np.any(value < least) or np.any(value > most)):
                 worst = float(np.ravel(value)[np.argmax(np.abs(np.ravel(value)))])
                 raise AnalysisError(
                     f"function {f.name!r} is evaluated at {signal} = {worst:g}, outside of its range "
