@@ -30,7 +30,7 @@ from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage, TrimR
 from mbdlft.sx.constants import in_doubles, is_constant, is_zero, literal
 from mbdlft.sx.evaluate import evaluate_many
 
-_LEAST = 1e-3  # of the largest trimmed quantity in a unit: a smaller one is compared with that
+_LOOKED_AT = 4  # points at which sizes of trimmed quantities are taken
 
 
 def problem_of_trim(at: DaeTrim, stage: Stage = lambda name: nullcontext()) -> Problem:
@@ -244,6 +244,32 @@ def trimmed_points(at: DaeTrim, points: Array) -> Array:
     return found
 
 
+def trim_sizes(at: DaeTrim, points: Array, z: Array) -> Array:
+    """Sizes (n,) of [unknowns ; states ; inputs] at equilibria z (N, n), with terms that cancel.
+
+    A quantity is as large as what the terms of the equations, alone, make of it: rounding of the terms
+    changes it by so much times the precision. It is not smaller than its largest value.
+    """
+    s = at.structure
+    size = np.max(np.abs(z), axis=0, initial=0.0)
+    around = (*s.unknowns, *s.states, *s.inputs)
+    inputs = {q.name for q in s.inputs} - {*at.free}
+    free = [k for k, q in enumerate(around) if not q.order and q.name not in inputs]
+    both = ca.vertcat(*(q.symbol for q in around), s.dae.p)
+    slopes = ca.Function("slopes", [both], [ca.jacobian(in_doubles(s.residual), both)])
+    nominal = np.array([around[k].variable.nominal for k in free])
+    for row in np.hstack([z, in_symbols(s.dae, points)])[:_LOOKED_AT]:
+        J = slopes(row).full()
+        terms = np.abs(J) @ np.abs(row)  # none where all is zero: nothing is rounded
+        columns = np.maximum(np.abs(row[free]), nominal)
+        own = J[:, free] * columns
+        norm = np.linalg.norm(own, axis=1)
+        norm[norm == 0.0] = 1.0
+        made = columns * (np.abs(np.linalg.pinv(own / norm[:, None])) @ (terms / norm))
+        size[free] = np.maximum(size[free], made)
+    return np.asarray(size)
+
+
 def _reference(
     at: DaeTrim, relations: LinearModel, points: Array, trimmed: TrimRelations | None
 ) -> Reference:
@@ -256,12 +282,7 @@ def _reference(
     names = [q.name for q in around]
     chosen = [names.index(signal.name) for signal in trimmed.signals] if trimmed else []
     own = z[:, chosen]
-    size = np.max(np.abs(own), axis=0, initial=0.0)
-    units = np.array([around[k].unit for k in chosen])
-    # one below a thousandth of others in its unit, as of a cosine near zero, is compared with that
-    for unit in set(units):
-        of_unit = units == unit
-        size[of_unit] = np.maximum(size[of_unit], _LEAST * np.max(size[of_unit]))
+    size = trim_sizes(at, points, z)[chosen]
     scale = entry_scale(values, len(s.states))
     return replace(
         exact,

@@ -15,7 +15,6 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
 from mbdlft.base.parameter import to_internal
-from mbdlft.base.signal import Signal
 from mbdlft.dae.alias import rational
 from mbdlft.dae.arguments import Function
 from mbdlft.dae.exact_rank import singular_part
@@ -386,13 +385,3 @@ class _Form:
             if form.is_symbolic():
                 return f"omega.{form.name()}"
         return f"omega{a + 1}"
-
-
-def signals_of(s: Structure, form: ThetaForm) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
-    """Inputs and outputs of the relations of a form, with units."""
-    inputs = [Signal(q.name, q.unit) for q in s.inputs]
-    inputs += [Signal(ONE, "1")] if form.one.numel() else []
-    inputs += [Signal(name, "1") for name, _, _ in form.functions]
-    outputs = [Signal(y.name, y.unit) for y in s.dae.outputs]
-    outputs += [Signal(name, "1") for name, _, _ in form.arguments]
-    return tuple(inputs), tuple(outputs)

@@ -1,5 +1,6 @@
 """The front end for DAEs: from a structure to the problem that the pipeline solves."""
 
+from collections.abc import Mapping
 from contextlib import nullcontext
 from functools import partial
 from keyword import iskeyword
@@ -14,11 +15,12 @@ from mbdlft.base.parameter import to_internal
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.signal import Signal
 from mbdlft.base.unit import parse_unit
+from mbdlft.dae.form_signals import signals_of
 from mbdlft.dae.points import System, solve
 from mbdlft.dae.separate import Arrange
 from mbdlft.dae.structure import Structure, in_symbols
 from mbdlft.dae.text import formula_of
-from mbdlft.dae.theta_form import ThetaForm, signals_of, theta_form
+from mbdlft.dae.theta_form import ThetaForm, theta_form
 from mbdlft.problem.equations import rows_of
 from mbdlft.problem.of_relations import reference_of_relations
 from mbdlft.problem.problem import Form, Nouns, Problem, Stage
@@ -55,10 +57,11 @@ def problem_of_dae(
         at = consistent_point(s)
         form = theta_form(s, arrange, at)
         check_separation(s, form, at)
-        functions = theta_functions(s, form)
+        inputs, outputs = signals_of(s, form)
+        units = {signal.name: signal.unit for signal in inputs}
+        functions = theta_functions(s, form, units)
     parameters = s.dae.parameters
     points = check_points(parameters, SEED)
-    inputs, outputs = signals_of(s, form)
     n = s.unknown.numel()
     problem = Problem(
         nouns=Nouns(
@@ -240,7 +243,9 @@ class _Closed:
         return float(np.max(np.abs(residual) / np.maximum(scale, _LEAST), initial=0.0))
 
 
-def theta_functions(s: Structure, form: ThetaForm) -> tuple[ThetaFunction, ...]:
+def theta_functions(
+    s: Structure, form: ThetaForm, units: Mapping[str, str]
+) -> tuple[ThetaFunction, ...]:
     """The functions as texts, with ranges of arguments that are variables."""
     variables = {q.name: q.variable for q in (*s.states, *s.unknowns, *s.inputs) if not q.order}
     found = []
@@ -257,7 +262,8 @@ def theta_functions(s: Structure, form: ThetaForm) -> tuple[ThetaFunction, ...]:
                 tuple(names),
                 text,
                 tuple((float(a), float(b)) for a, b in ranges),
-                tables=tables,
+                units[name],
+                tables,
             )
         )
     return tuple(found)
