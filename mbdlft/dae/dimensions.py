@@ -47,7 +47,9 @@ def check_units(dae: Dae) -> None:
             if unit is not None:
                 _add(found, open_unit(unit))
         except SceneError as error:
-            raise SceneError(f"{dae.owner}, {what}: {error}") from None
+            raise SceneError(
+                f"{dae.owner}, {what}: {error} A factor of 1 that has a unit is written d.number(1)."
+            ) from None
 
 
 def open_unit(unit: str) -> _Value:

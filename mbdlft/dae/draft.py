@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from fractions import Fraction
 from typing import Any
 
 import casadi as ca
@@ -12,7 +13,8 @@ from mbdlft.dae.description import Dae, Equation, Output, Variable, column
 from mbdlft.dae.fit import fit_coefficient
 from mbdlft.dae.lookup import Beyond, Interpolation, table_expression
 from mbdlft.dae.operations import with_literals
-from mbdlft.sx.constants import literal
+from mbdlft.number.exact import Constant
+from mbdlft.sx.constants import constant, literal
 
 
 class DaeDraft:
@@ -68,8 +70,13 @@ class DaeDraft:
         return self._parameters[parameter.name][1]
 
     def number(self, value: float) -> ca.SX:
-        """A number that is not rounded when it meets others."""
-        return ca.SX(literal(value))
+        """A number that is not rounded when it meets others, and that may carry a unit, 1, too.
+
+        Of ``1.0 * i`` nothing is left but ``i``, in the unit of i; ``d.number(1) * i`` has any unit.
+        """
+        if value == 1.0:
+            return constant(Constant("rational", Fraction(1)))
+        return -self.number(1.0) if value == -1.0 else ca.SX(literal(value))
 
     def fit(self, coefficient: ca.SX, tolerance: float) -> ca.SX:
         """A rational fit of a coefficient such as sqrt(p), with a guaranteed bound of its error.

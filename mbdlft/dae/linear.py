@@ -30,6 +30,7 @@ from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage, TrimR
 from mbdlft.sx.constants import in_doubles, is_constant, is_zero, literal
 from mbdlft.sx.evaluate import evaluate_many
 
+_AMPLIFIED, _ROUNDING = 1e4, 1e-9  # how much larger than fits errors of the linear model may be
 _LOOKED_AT = 4  # points at which sizes of trimmed quantities are taken
 
 
@@ -64,7 +65,7 @@ def problem_of_trim(at: DaeTrim, stage: Stage = lambda name: nullcontext()) -> P
         forms=(Form(relations),),
         points=points,
         reference=partial(_reference, at, relations, points, trimmed),
-        fit_error_bound=s.source.fit_error_bound,
+        fit_error_bound=max(s.source.fit_error_bound, at.fit_bound),
         singular=lambda number, names: (
             f"the linearized equations do not determine the unknowns at nominal (condition {number:.0e})."
         ),
@@ -104,9 +105,7 @@ class _Linear:
         small = column_of([ca.SX.sym(f"d {q.name}") for q in around])
         outputs = column_of([y.expression for y in s.dae.outputs])
         stacked = ca.vertcat(s.residual, outputs)
-        moved = ca.jtimes(stacked, symbols, small)
-        values = column_of([self.at.values[q.name] for q in around])
-        moved = ca.substitute(moved, symbols, values)
+        moved = self._moved(stacked, symbols, small)
         change = {q.symbol.element_hash(): small[k] for k, q in enumerate(around)}
         rows, kept = self._rows([moved[k] for k in range(len(s.equations))], change)
         count = len(s.equations)
@@ -134,6 +133,17 @@ class _Linear:
             parameters=s.dae.parameters,
             derivatives=len(rates),
         )
+
+    def _moved(self, stacked: ca.SX, symbols: ca.SX, small: ca.SX) -> ca.SX:
+        """What small changes make of expressions, at the equilibrium."""
+        around = (*self.s.unknowns, *self.s.states, *self.s.inputs)
+        values = column_of([self.at.values[q.name] for q in around])
+        if not self.at.slopes:
+            return ca.SX(ca.substitute(ca.jtimes(stacked, symbols, small), symbols, values))
+        J = ca.SX(ca.substitute(ca.jacobian(stacked, symbols), symbols, values))
+        for (i, j), value in self.at.slopes.items():
+            J[i, j] = value
+        return ca.SX(ca.mtimes(J, small))
 
     def _rows(
         self, moved: Sequence[ca.SX], change: Mapping[int, ca.SX]
@@ -278,6 +288,8 @@ def _reference(
     exact = reference_of_relations(relations, points, s.owner)
     z = trimmed_points(at, points)
     values = linearized(s, z, points)
+    if at.fit_bound:
+        return _of_fits(at, exact, values, z, points, trimmed)
     around = (*s.unknowns, *s.states, *s.inputs)
     names = [q.name for q in around]
     chosen = [names.index(signal.name) for signal in trimmed.signals] if trimmed else []
@@ -291,6 +303,41 @@ def _reference(
         trimmed=own,
         trim_scale=np.where(size > 0, size, 1.0),
     )
+
+
+def _of_fits(
+    at: DaeTrim,
+    relations: Reference,
+    truth: Array,
+    z: Array,
+    points: Array,
+    trimmed: TrimRelations | None,
+) -> Reference:
+    """The relations at the fits; that they are near the nonlinear equations is looked at, too.
+
+    Raises
+    ------
+    TrimError
+        The linear model differs from that of the equations by far more than the fits.
+    """
+    s = at.structure
+    around = (*s.unknowns, *s.states, *s.inputs)
+    expressions = in_doubles(column_of([at.values[q.name] for q in around]))
+    fits = ca.Function("fits", [s.dae.p], [ca.densify(expressions)])
+    own = np.array([np.ravel(fits(row).full()) for row in in_symbols(s.dae, points)])
+    size = np.max(np.abs(z), axis=0, initial=0.0)
+    scale = np.maximum(entry_scale(truth, len(s.states)), 1e-300)
+    error = float(np.max(np.abs(relations.values - truth) / scale, initial=0.0))
+    if not error <= max(_AMPLIFIED * at.fit_bound, _ROUNDING):
+        raise TrimError(
+            f"{s.owner}: with fits within {at.fit_bound:.1e} the linear model is {error:.1e} from that "
+            "of the equations: it is nearly singular at this equilibrium. Take a smaller tolerance "
+            "(fit=...)."
+        )
+    names = [q.name for q in around]
+    chosen = [names.index(signal.name) for signal in trimmed.signals] if trimmed else []
+    sizes = size[chosen]
+    return replace(relations, trimmed=own[:, chosen], trim_scale=np.where(sizes > 0, sizes, 1.0))
 
 
 def linearized(s: Structure, z: Array, points: Array) -> Array:
