@@ -102,9 +102,8 @@ def closed_rates(
     read = C[len(model.outputs) :]
     omega = read @ x
     assert not np.any(D[len(model.outputs) :][:, zeta])
-    theta = mbdlft.theta_values(
-        model.functions, dict(zip(model.omega, omega, strict=True)), check=False
-    )
+    names = [s.name for s in model.linear.outputs[len(model.outputs) :]]
+    theta = mbdlft.theta_values(model.functions, dict(zip(names, omega, strict=True)), check=False)
     constant = B[:, [inputs.index("one")]] if model.has_one else 0.0
     return A @ x + B[:, zeta] @ np.array([*theta.values()]) + constant, omega
 
