@@ -48,7 +48,7 @@ def check_units(dae: Dae) -> None:
                 _add(found, open_unit(unit))
         except SceneError as error:
             raise SceneError(
-                f"{dae.owner}, {what}: {error} A factor of 1 that has a unit is written d.number(1)."
+                f"{dae.owner}, {what}: {error} A 1 or 2 that has a unit is written d.number(1)."
             ) from None
 
 

@@ -70,13 +70,14 @@ class DaeDraft:
         return self._parameters[parameter.name][1]
 
     def number(self, value: float) -> ca.SX:
-        """A number that is not rounded when it meets others, and that may carry a unit, 1, too.
+        """A number that is not rounded when it meets others, and that may carry a unit, 1 and 2, too.
 
         Of ``1.0 * i`` nothing is left but ``i``, in the unit of i; ``d.number(1) * i`` has any unit.
         """
-        if value == 1.0:
-            return constant(Constant("rational", Fraction(1)))
-        return -self.number(1.0) if value == -1.0 else ca.SX(literal(value))
+        if abs(value) in (1.0, 2.0):
+            size = constant(Constant("rational", Fraction(abs(value))))
+            return size if value > 0 else -size
+        return ca.SX(literal(value))
 
     def fit(self, coefficient: ca.SX, tolerance: float) -> ca.SX:
         """A rational fit of a coefficient such as sqrt(p), with a guaranteed bound of its error.

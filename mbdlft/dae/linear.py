@@ -11,7 +11,6 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, TrimError, WellPosednessError
-from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.signal import Signal
 from mbdlft.dae.alias import rational
 from mbdlft.dae.mixed import times
@@ -19,14 +18,14 @@ from mbdlft.dae.operations import column_of
 from mbdlft.dae.points import System, solve
 from mbdlft.dae.separate import Separation
 from mbdlft.dae.structure import Quantity, Structure, in_symbols
-from mbdlft.dae.to_problem import text_of
+from mbdlft.dae.to_problem import problem_of
 from mbdlft.dae.trim import DaeTrim
 from mbdlft.number.exact import decimal
 from mbdlft.problem.compare import entry_scale
 from mbdlft.problem.equations import cosines_sines
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.problem.of_relations import column_of_entries, reference_of_relations
-from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage, TrimRelations
+from mbdlft.problem.problem import Problem, Reference, Stage, TrimRelations
 from mbdlft.sx.constants import in_doubles, is_constant, is_zero, literal
 from mbdlft.sx.evaluate import evaluate_many
 
@@ -43,33 +42,20 @@ def problem_of_trim(at: DaeTrim, stage: Stage = lambda name: nullcontext()) -> P
         A coefficient is not, at this equilibrium.
     """
     s = at.structure
-    parameters = s.dae.parameters
-    points = check_points(parameters, SEED)
     with stage("linearize"):
         linear = _Linear(at)
         relations = linear.relations()
     trimmed = linear.trimmed()
-    return Problem(
-        nouns=Nouns(
-            "model",
-            s.dae.name,
-            "the nonlinear equations",
-            "its numbers are so different in size that double precision does not carry them",
-        ),
-        description=s.dae.description,
-        text=s.source.text or text_of(s),
-        states=tuple(Signal(q.name, q.unit) for q in s.states),
-        inputs=tuple(Signal(q.name, q.unit) for q in s.inputs),
-        outputs=tuple(Signal(y.name, y.unit) for y in s.dae.outputs),
-        parameters=parameters,
-        forms=(Form(relations),),
-        points=points,
-        reference=partial(_reference, at, relations, points, trimmed),
-        fit_error_bound=max(s.source.fit_error_bound, at.fit_bound),
-        singular=lambda number, names: (
-            f"the linearized equations do not determine the unknowns at nominal (condition {number:.0e})."
-        ),
-        trim=trimmed,
+    inputs = tuple(Signal(q.name, q.unit) for q in s.inputs)
+    outputs = tuple(Signal(y.name, y.unit) for y in s.dae.outputs)
+    return problem_of(
+        s,
+        relations,
+        (inputs, outputs),
+        partial(_reference, at, relations, trimmed),
+        ("the nonlinear equations", "the linearized equations do"),
+        trimmed,
+        at.fit_bound,
     )
 
 
@@ -281,7 +267,7 @@ def trim_sizes(at: DaeTrim, points: Array, z: Array) -> Array:
 
 
 def _reference(
-    at: DaeTrim, relations: LinearModel, points: Array, trimmed: TrimRelations | None
+    at: DaeTrim, relations: LinearModel, trimmed: TrimRelations | None, points: Array
 ) -> Reference:
     """The nonlinear equations, trimmed and linearized again with numbers at every point."""
     s = at.structure

@@ -1,6 +1,6 @@
 """The front end for DAEs: from a structure to the problem that the pipeline solves."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from functools import partial
 from keyword import iskeyword
@@ -22,8 +22,9 @@ from mbdlft.dae.structure import Structure, in_symbols
 from mbdlft.dae.text import formula_of
 from mbdlft.dae.theta_form import ThetaForm, theta_form
 from mbdlft.problem.equations import rows_of
+from mbdlft.problem.linearize import LinearModel
 from mbdlft.problem.of_relations import reference_of_relations
-from mbdlft.problem.problem import Form, Nouns, Problem, Stage
+from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage, TrimRelations
 from mbdlft.sx.constants import in_doubles
 from mbdlft.system.theta import ThetaFunction
 
@@ -60,33 +61,53 @@ def problem_of_dae(
         inputs, outputs = signals_of(s, form)
         units = {signal.name: signal.unit for signal in inputs}
         functions = theta_functions(s, form, units)
-    parameters = s.dae.parameters
-    points = check_points(parameters, SEED)
     n = s.unknown.numel()
-    problem = Problem(
+    problem = problem_of(
+        s,
+        form.relations,
+        (inputs, outputs),
+        partial(reference_of_relations, form.relations, owner=s.owner),
+        ("the equations", "the linear part does"),
+    )
+    states = tuple(at[n : n + len(s.states)].tolist())
+    zeta = tuple(_Closed(s, form).zeta_at(at[:n], at[n:])[1].tolist())
+    return Separated(problem, functions, bool(form.one.numel()), states, zeta, form.shifted)
+
+
+def problem_of(
+    s: Structure,
+    relations: LinearModel,
+    signals: tuple[tuple[Signal, ...], tuple[Signal, ...]],
+    reference: Callable[[Array], Reference],
+    words: tuple[str, str],
+    trim: TrimRelations | None = None,
+    fit_bound: float = 0.0,
+) -> Problem:
+    """The problem of relations; `words` say what is true, and what is singular where it is."""
+    points = check_points(s.dae.parameters, SEED)
+    truth, singular = words
+    return Problem(
         nouns=Nouns(
             "model",
             s.dae.name,
-            "the equations",
+            truth,
             "its numbers are so different in size that double precision does not carry them",
         ),
         description=s.dae.description,
         text=s.source.text or text_of(s),
         states=tuple(Signal(q.name, q.unit) for q in s.states),
-        inputs=inputs,
-        outputs=outputs,
-        parameters=parameters,
-        forms=(Form(form.relations),),
+        inputs=signals[0],
+        outputs=signals[1],
+        parameters=s.dae.parameters,
+        forms=(Form(relations),),
         points=points,
-        reference=partial(reference_of_relations, form.relations, points, s.owner),
-        fit_error_bound=s.source.fit_error_bound,
+        reference=partial(reference, points),
+        fit_error_bound=max(s.source.fit_error_bound, fit_bound),
         singular=lambda number, names: (
-            f"the linear part does not determine the unknowns at nominal (condition {number:.0e})."
+            f"{singular} not determine the unknowns at nominal (condition {number:.0e})."
         ),
+        trim=trim,
     )
-    states = tuple(at[n : n + len(s.states)].tolist())
-    zeta = tuple(_Closed(s, form).zeta_at(at[:n], at[n:])[1].tolist())
-    return Separated(problem, functions, bool(form.one.numel()), states, zeta, form.shifted)
 
 
 def consistent_point(s: Structure, p: Array | None = None) -> Array:
