@@ -78,7 +78,8 @@ def fitted(
     known = [q for q in around if q.name in values]
     old = column_of([q.symbol for q in known])
     new = column_of([values[q.name] for q in known])
-    rows = ca.SX(ca.substitute(problem.residual[[i for i, _ in left]], old, new))
+    own = [problem.residual[i] for i, _ in left]
+    rows = ca.SX(ca.substitute(column_of(own), old, new))
     places, entries = _slopes(s, old, new)
     if not z and not entries:
         return Fitted({}, {}, 0.0)

@@ -12,7 +12,7 @@ from mbdlft.dae.linear_block import solved_linear
 from mbdlft.modelica import flat_model, modelica_table_from_toml, operating_point, translate
 from mbdlft.pipeline import delta_theta, linearize_dae
 from mbdlft.sx.constants import in_doubles
-from tests.close import target
+from tests.close import CLOSED_FORM, target
 from tests.daes import pendulum
 
 
@@ -58,6 +58,21 @@ def test_fits_of_an_equilibrium_and_of_slopes_there_are_within_the_bound(toleran
     assert np.max(np.abs(C[:, 1, 0] - truth[:, 2, 0])) <= at.fit_bound
     known = values["k"] * np.sqrt(z[:, names.index("h")]) + z[:, names.index("h")] ** 2 / 20
     target(known, np.ones(len(points)), 1e-10)
+
+
+def test_slopes_are_fitted_where_the_equilibrium_is_rational() -> None:
+    """0 = q - k sqrt(h): h = (q/k)^2 is exact, and the slope k/(2 sqrt(h)) = k^2/(2 q) is a root."""
+    d = DaeDraft("outflow")
+    k = d.parameter(Parameter("k", 0.5, percent=20))
+    h, q = d.variable("h", start=4.0), d.input("q", start=1.0)
+    d.equation(d.der(h), equals=q - k * ca.sqrt(h))
+    d.output("h")
+    model = linearize_dae(d.dae(), fit=1e-8)
+    assert 0.0 < model.certificate.fit_error_bound <= 1e-8
+    k_values = np.linspace(0.4, 0.6, 7)
+    A = mbdlft.matrices_at(model, {"k": k_values}).A[:, 0, 0]
+    target(A, -(k_values**2) / 2, 1e-8)
+    target(np.ravel(mbdlft.trim_at(model, {"k": k_values})[..., 0]), k_values**-2.0, CLOSED_FORM)
 
 
 def test_what_is_exact_stays_exact_with_a_tolerance() -> None:
