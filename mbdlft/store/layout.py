@@ -111,6 +111,13 @@ THETA = _wanted(
     "theta/initial: float64 x",
     "theta/zeta_at_start: float64 f",
 )
+TABLES = _wanted(
+    "theta/tables: int64 f",
+    "theta/table/count theta/table/pairs: int64 tables",
+    "theta/table/breakpoint theta/table/value: float64 points",
+    "theta/table/below theta/table/above: float64 tables",
+    "theta/table/slope: float64 pieces 2",
+)
 ROWS = ("samples", "A", "B", "C", "D", "trim/value", "residual", "status")
 _SWEEP = {
     **_ENCODING,
@@ -215,6 +222,8 @@ def check_layout(specs: Mapping[str, Spec], kind: str, version: str) -> None:
         layout |= {**_TRIM_LFT, **(_wanted(*_TRIM_BLOCKS) if version != FIRST else {})}
     if kind == MODEL_TYPE and any(path.startswith("theta/") for path in specs):
         layout |= THETA
+        if any(path.startswith("theta/table") for path in specs):
+            layout |= TABLES
     sizes = {"1": 1, "2": 2, "3": 3, "32": 32}
     for path, wanted in layout.items():
         if path not in specs:

@@ -15,6 +15,7 @@ from .network import connect as connect
 from .system import Parameters as Parameters
 from .system import System as System
 from .system import matrices_at as matrices_at
+from .table import Table as Table
 from .theta import DeltaThetaModel as DeltaThetaModel
 from .theta import ThetaFunction as ThetaFunction
 from .theta import theta_values as theta_values

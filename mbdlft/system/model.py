@@ -62,8 +62,9 @@ class Certificate:
         Guaranteed bound [1] of what truncation changes, over the whole range, as in `truncate`; 0.0 if
         nothing was truncated, inf if a part was and no theorem gives a bound for the whole.
     fit_error_bound : float
-        Guaranteed bound (rad or m) of the error of equilibrium positions that are rational fits, over the
-        whole range; 0.0 if nothing was fitted. The other numbers are then those at the fitted positions.
+        Guaranteed bound of the error of what are rational fits, over the whole range: of positions of a
+        scene (rad or m); of a model of equations relative to the size of each quantity, or in the unit of
+        a coefficient; 0.0 if nothing was fitted. The other numbers are then those at the fits.
     condition : float
         How much larger the relative rounding of the data is in an entry of A, B, C, D at a check point:
         2.2e-16 times this is what no computation in double precision sees, and may be more than
