@@ -103,12 +103,20 @@ def linearize(
             "step=FILE; may be repeated."
         ),
     ] = None,
+    program: Annotated[
+        bool,
+        typer.Option(
+            "--program", help="Store a straight-line program, with which many samples are fast."
+        ),
+    ] = False,
     table_file: TableFile = None,
     model_name: ModelName = None,
 ) -> None:
     """Linearize a scene or a Modelica model, parameters left in, and certify the result."""
     figures = _figures(plot or [])
     check_paths(output, figures)
+    if program and output is None:
+        raise AnalysisError("--program: it is stored in an archive; give one with -o.")
     asked = Asked(file, table_file, model_name)
     with Console(stderr=True).status("") as status:
 
@@ -124,6 +132,10 @@ def linearize(
         else:
             _refuse_options(*asked)
             model, seconds, notes = _of_scene(file, search, most_seconds, prove, show, truncate)
+        if program:
+            from mbdlft.batch import with_program
+
+            model = with_program(model)
         if output is not None:
             show(f"{model.name}: write")
             seconds["write"] = write_model(output, model)

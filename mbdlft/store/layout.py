@@ -111,6 +111,13 @@ THETA = _wanted(
     "theta/initial: float64 x",
     "theta/zeta_at_start: float64 f",
 )
+PROGRAM = _wanted(
+    "program/operation: int8 i",
+    "program/left program/right: int64 i",
+    "program/numbers: float64 number",
+    "program/result: int64 result",
+    "program/pivots: int64 pivot 2",
+)
 ROWS = ("samples", "A", "B", "C", "D", "trim/value", "residual", "status")
 _SWEEP = {
     **_ENCODING,
@@ -215,6 +222,8 @@ def check_layout(specs: Mapping[str, Spec], kind: str, version: str) -> None:
         layout |= {**_TRIM_LFT, **(_wanted(*_TRIM_BLOCKS) if version != FIRST else {})}
     if kind == MODEL_TYPE and any(path.startswith("theta/") for path in specs):
         layout |= THETA
+    if kind == MODEL_TYPE and any(path.startswith("program/") for path in specs):
+        layout |= PROGRAM
     sizes = {"1": 1, "2": 2, "3": 3, "32": 32}
     for path, wanted in layout.items():
         if path not in specs:

@@ -19,6 +19,7 @@ CLASSES = {
     "matrices": 6,
     "expressions": 40,
     "native": 2,
+    "programs": 20,
     "cores": 1,
 }
 SECONDS = 20.0  # of the clock that one attack may take
