@@ -27,7 +27,7 @@ from mbdlft.multibody.scene import Scene, scene_from_toml
 from mbdlft.problem.prestress import check_carried
 from mbdlft.problem.straight_line import StraightLine, straight_line
 from mbdlft.problem.trim import RESIDUAL
-from mbdlft.store.sweep import SOLVED, Layout
+from mbdlft.store.rows import SOLVED, Layout
 from mbdlft.system.model import LFTModel
 
 _WORTH = 50_000  # samples from which on compiling equations takes less than it saves

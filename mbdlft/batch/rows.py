@@ -25,7 +25,7 @@ from mbdlft.problem.needed_states import Need
 from mbdlft.problem.prestress import check_prestress
 from mbdlft.problem.relinearize import linearized
 from mbdlft.problem.trim import balance
-from mbdlft.store.sweep import NO_EQUILIBRIUM, SINGULAR, SOLVED, Layout
+from mbdlft.store.rows import NO_EQUILIBRIUM, SINGULAR, SOLVED, Layout
 from mbdlft.sx.evaluate import MANY
 from mbdlft.system.model import LFTModel, deltas_of
 

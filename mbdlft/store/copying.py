@@ -39,7 +39,7 @@ def copy_all(old: Any, new: Any, replaced: str) -> None:
         check_link(old, name)
         if name != parent:
             old.copy(name, new)
-    inner = new.create_group(parent)
+    inner = new.require_group(parent)
     if parent not in names_of(old):
         return
     group = member(old, parent)
