@@ -32,6 +32,7 @@ from mbdlft.system.model import LFTModel
 
 _WORTH = 50_000  # samples from which on compiling equations takes less than it saves
 _CHUNK, _ENTRIES = 8192, 2**22  # most samples, and numbers of their rows, in memory at a time
+_AT_ONCE = 2**16  # samples whose arguments are in memory at a time
 _LONGEST = LONGEST
 _LONG = 5_000  # instructions of a model: its equations are looked at, which may have fewer
 _PROBES, _AGREED = 16, 1e-6  # samples, and part of a row and column: a mistake is more
@@ -148,9 +149,13 @@ class Compiled:
             return self.source.rows(points)
         count, entries = len(points), int(np.prod(self.line.shape))
         values = np.empty((count, len(self.line.row)))
-        lost = run_natively(
-            self.program, self._arguments(points), self.line.row, values, self.threads
-        )
+        lost = np.zeros(count, dtype=bool)
+        for start in range(0, count, _AT_ONCE):  # deltas and the like stay near a core
+            part = slice(start, start + _AT_ONCE)
+            arguments = self._arguments(points[part])
+            lost[part] = run_natively(
+                self.program, arguments, self.line.row, values[part], self.threads
+            )
         matrices = values[:, :entries].reshape(count, *self.line.shape)
         end = entries + self.line.trims
         trim, left, status = values[:, entries:end], values[:, end:], np.full(count, float(SOLVED))

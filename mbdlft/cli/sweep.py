@@ -69,18 +69,9 @@ def sweep(
     restart: Annotated[
         bool, typer.Option("--restart", help="Throw away what an unfinished sweep has left.")
     ] = False,
-    poles: Annotated[
-        bool, typer.Option("--poles", help="Compute the eigenvalues of A, too.")
-    ] = False,
-    function: Annotated[
-        str | None,
-        typer.Option(
-            "--function", help="MODULE:NAME of a function of samples that gives numbers by name."
-        ),
-    ] = None,
-    float32: Annotated[
-        bool, typer.Option("--float32", help="Store in single precision: half the space, 7 digits.")
-    ] = False,
+    poles: Poles = False,
+    function: OwnFunction = None,
+    float32: Single = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Trim and linearize at many samples; the same command goes on after a kill."""
