@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, MbdlftError, MbdlftWarning, SceneError
 from mbdlft.base.parameter import Parameter
+from mbdlft.batch.remembered import SceneSource, remember, remembered
 from mbdlft.batch.rows import EquationSource, ModelSource, Source, deltas_at, source_of
 from mbdlft.batch.samples import GivenSamples, RandomSamples, count_of, points_of, samples_of
 from mbdlft.lft.closing import closed
@@ -24,7 +25,7 @@ from mbdlft.lft.program.known import LONGEST
 from mbdlft.lft.program.native import NativeProgram, is_available, native, run_natively
 from mbdlft.lft.program.tape import Operand, Pivot, Tape, TooLongError, rows_of_numbers
 from mbdlft.multibody.scene import Scene, scene_from_toml
-from mbdlft.problem.prestress import check_carried
+from mbdlft.problem.prestress import CARRIED, check_carried
 from mbdlft.problem.straight_line import StraightLine, straight_line
 from mbdlft.problem.trim import RESIDUAL
 from mbdlft.store.rows import SOLVED, Layout
@@ -65,7 +66,7 @@ class Compiled:
 
     Attributes
     ----------
-    source : EquationSource or ModelSource
+    source : EquationSource, SceneSource or ModelSource
         The definition.
     line : StraightLine, or None
         The program; None if there is none, and the definition computes all samples.
@@ -78,7 +79,7 @@ class Compiled:
         Whether the program is the one that the model carries.
     """
 
-    source: EquationSource | ModelSource
+    source: EquationSource | SceneSource | ModelSource
     line: StraightLine | None
     program: NativeProgram | None
     reason: str = ""
@@ -90,7 +91,7 @@ class Compiled:
         """What is computed: "equations" of a scene; the "LFT" or the "stored program" of a model."""
         if self.is_stored:
             return "stored program"
-        return "equations" if isinstance(self.source, EquationSource) else "LFT"
+        return "LFT" if isinstance(self.source, ModelSource) else "equations"
 
     @property
     def layout(self) -> Layout:
@@ -165,7 +166,8 @@ class Compiled:
             residual = left[:, 0] / np.where(left[:, 1] > 0.0, left[:, 1], 1.0)
             lost |= ~(residual <= RESIDUAL)
             largest = np.max(np.abs(left[~lost, 2:]), axis=0, initial=0.0)
-            check_carried(self.source.equations, largest[1:], float(largest[0]))
+            if np.any(largest[1:] > CARRIED * largest[0]):
+                check_carried(self.source.equations, largest[1:], float(largest[0]))
         if np.any(lost):
             again = self.source.rows(points[lost])
             matrices[lost], trim[lost], residual[lost], status[lost] = again
@@ -173,7 +175,7 @@ class Compiled:
 
     def _arguments(self, points: Array) -> Array:
         """What the program is a function of: physical values, or deltas."""
-        if isinstance(self.source, EquationSource) or self.is_stored:
+        if not isinstance(self.source, ModelSource) or self.is_stored:
             return points
         return deltas_at(self.source.model, points)
 
@@ -211,7 +213,14 @@ def compile(given: Scene | LFTModel, *, threads: int | None = None) -> Compiled:
         raise SceneError(f"compile: expected a Scene or an LFTModel, got {type(given).__name__}.")
     if threads is not None and (not isinstance(threads, int) or threads < 1):
         raise AnalysisError(f"compile: expected at least 1 thread, got {threads!r}.")
-    found = compiled(source_of(given), threads)
+    found = _again(given, threads) if isinstance(given, Scene) else None
+    if found is not None:
+        return found
+    source = source_of(given)
+    found = compiled(source, threads)
+    if isinstance(given, Scene) and isinstance(source, EquationSource) and not found.reason:
+        assert found.line is not None
+        remember(given, source, found.line)
     if found.reason:
         warnings.warn(
             f"compile: {given.name!r} is computed by numpy: {found.reason}",
@@ -219,6 +228,19 @@ def compile(given: Scene | LFTModel, *, threads: int | None = None) -> Compiled:
             stacklevel=2,
         )
     return found
+
+
+def _again(scene: Scene, threads: int | None) -> Compiled | None:
+    """A scene that was compiled before, without assembling it; None if it was not."""
+    found = remembered(scene) if is_available() else None
+    if found is None:
+        return None
+    source, line = found
+    try:
+        program = native(line.program, len(line.row), user_cache())
+    except Exception:  # it is compiled as if for the first time, and says why
+        return None
+    return Compiled(source, line, program, "", threads)
 
 
 def compiled(source: EquationSource | ModelSource, threads: int | None = None) -> Compiled:

@@ -39,11 +39,16 @@ _ITEMS = ("operation", "left", "right", "numbers", "result", "pivots")
 
 
 def items_of_program(known: ModelProgram) -> Items:
-    """The items of a program.
+    """The items of a program of a model."""
+    return {f"program/{name}": array for name, array in coded(known.program, known.row).items()}
+
+
+def coded(program: Program, row: Array) -> Items:
+    """A program whose entries have the places (0, k) of a row, as arrays.
 
     Operands are registers, or -1 - k for number k.
     """
-    program = compact(known.program)
+    program = compact(program)
     numbers: dict[str, int] = {}
     values: list[float] = []
 
@@ -55,21 +60,21 @@ def items_of_program(known: ModelProgram) -> Items:
             values.append(float(operand))
         return -1 - place
 
-    outcome: list[Operand] = [float(x) for x in known.row]
+    outcome: list[Operand] = [float(x) for x in row]
     for (_, k), register in program.entries:
         outcome[k] = register
     some = program.instructions
-    coded = {
+    integers = {
         "left": [code(one.left) for one in some],
         "right": [code(one.right) for one in some],
         "result": [code(one) for one in outcome],
         "pivots": [list(pivot) for pivot in program.pivots],
     }
-    items: Items = {name: np.array(found, dtype="<i8") for name, found in coded.items()}
+    items: Items = {name: np.array(found, dtype="<i8") for name, found in integers.items()}
     items["pivots"] = items["pivots"].reshape(-1, 2)
     items["operation"] = np.array([OPERATIONS.index(one.operation) for one in some], dtype="i1")
     items["numbers"] = np.array(values, dtype="<f8")
-    return {f"program/{name}": items[name] for name in _ITEMS}
+    return {name: items[name] for name in _ITEMS}
 
 
 def program_of_items(items: Items, inputs: int, lft: LFT, trim: LFT | None) -> ModelProgram | None:
@@ -86,7 +91,9 @@ def program_of_items(items: Items, inputs: int, lft: LFT, trim: LFT | None) -> M
     if "program/operation" not in items:
         return None
     try:
-        return _program(items, inputs, lft, trim)
+        size = lft.M22.size + (trim.M22.size if trim is not None else 0)
+        own = {name: items[f"program/{name}"] for name in _ITEMS}
+        return ModelProgram(*decoded(own, inputs, size), lft, trim)
     except ArchiveError as error:
         written = word(items, "@encoding_version")
         if written in ("1.0", VERSION):
@@ -99,19 +106,23 @@ def program_of_items(items: Items, inputs: int, lft: LFT, trim: LFT | None) -> M
         return None
 
 
-def _program(items: Items, inputs: int, lft: LFT, trim: LFT | None) -> ModelProgram:
+def decoded(items: Items, inputs: int, size: int) -> tuple[Program, Array]:
+    """The program of arrays that `coded` makes, with the row (size,) of its constants.
+
+    Raises
+    ------
+    ArchiveError
+        As `program_of_items`.
+    """
     operation, left, right, result, pivots = (
-        items[f"program/{name}"].astype(np.int64)
-        for name in ("operation", "left", "right", "result", "pivots")
+        items[name].astype(np.int64) for name in ("operation", "left", "right", "result", "pivots")
     )
-    numbers = floats(items, "program/numbers")
-    count = len(operation)
+    numbers, count = floats(items, "numbers"), len(operation)
     if count > LONGEST:
         raise ArchiveError(f"program has {count} instructions, at most {LONGEST} are run.")
     if not np.all(np.isfinite(numbers)):
         raise ArchiveError("program/numbers has a number that is not finite.")
     _check_operations(operation)
-    size = lft.M22.size + (trim.M22.size if trim is not None else 0)
     if len(result) != size:
         raise ArchiveError(
             f"program/result has {len(result)} numbers, the matrices and the trim have {size}."
@@ -123,24 +134,18 @@ def _program(items: Items, inputs: int, lft: LFT, trim: LFT | None) -> ModelProg
     _check_operands("program/result", result, every, len(numbers))
     _check_operands("program/pivots", pivots.ravel(), np.full(pivots.size, inputs + count), 0)
 
-    def operand(k: int) -> Operand:
-        return k if k >= 0 else float(numbers[-1 - k])
-
-    instructions = tuple(
-        Instruction(
-            OPERATIONS[code],
-            inputs + k,
-            operand(one),
-            0.0 if OPERATIONS[code] in ONE_SIDED else operand(two),
-        )
-        for k, (code, one, two) in enumerate(
-            zip(operation.tolist(), left.tolist(), right.tolist(), strict=True)
-        )
-    )
-    row: Array = np.array([0.0 if k >= 0 else numbers[-1 - k] for k in result.tolist()])
-    entries = tuple(((0, k), int(one)) for k, one in enumerate(result.tolist()) if one >= 0)
-    kept = tuple(Pivot(int(one), int(two)) for one, two in pivots.tolist())
-    return ModelProgram(Program(inputs, instructions, entries, kept), row, lft, trim)
+    values = numbers.tolist()
+    names = [OPERATIONS[code] for code in operation.tolist()]
+    lefts = [k if k >= 0 else values[-1 - k] for k in left.tolist()]
+    rights: list[Operand] = [k if k >= 0 else values[-1 - k] for k in right.tolist()]
+    rights = [0.0 if n in ONE_SIDED else k for n, k in zip(names, rights, strict=True)]
+    targets = range(inputs, inputs + count)
+    instructions = tuple(map(Instruction, names, targets, lefts, rights))
+    outcome = result.tolist()
+    row: Array = np.array([0.0 if k >= 0 else values[-1 - k] for k in outcome])
+    entries = tuple(((0, k), one) for k, one in enumerate(outcome) if one >= 0)
+    kept = tuple(Pivot(*pair) for pair in pivots.tolist())
+    return Program(inputs, instructions, entries, kept), row
 
 
 def _check_operations(operation: NDArray[Any]) -> None:
