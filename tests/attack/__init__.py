@@ -15,6 +15,7 @@ CLASSES = {
     "urdf": 60,
     "scenes": 15,
     "kills": 3,
+    "sweeps": 1,
     "writers": 1,
     "matrices": 6,
     "expressions": 40,
