@@ -36,7 +36,16 @@ from mbdlft.batch.samples import (
 )
 from mbdlft.multibody.scene import Scene, scene_from_toml, scene_to_toml
 from mbdlft.store import load, save
-from mbdlft.store.rows import Layout, Places, digests_of, make_rows, pack, places_in, restore
+from mbdlft.store.rows import (
+    Layout,
+    Places,
+    digests_of,
+    make_rows,
+    pack,
+    places_in,
+    reserve,
+    restore,
+)
 from mbdlft.system.model import LFTModel
 
 _SHARD_ROWS, _SHARD_BYTES = 16384, 2**25
@@ -248,6 +257,7 @@ def _make_rows(folder: Path, work: Work) -> None:
     file, fresh = rows_file(folder), folder / "fresh.h5"
     made = make_rows(fresh, work.layout, work.count)
     if not file.exists():
+        reserve(fresh)
         fresh.replace(file)
         return
     restore(file, fresh, made)

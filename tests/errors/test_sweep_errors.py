@@ -70,6 +70,10 @@ def test_shard_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monkey
     with says(ArchiveError, "cannot be written: No space left on device. What is finished stays"):
         mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=1)
     monkeypatch.undo()
+    monkeypatch.setattr(rows.os, "posix_fallocate", full, raising=False)
+    with says(ArchiveError, "cannot be written: No space left on device. What is finished stays"):
+        mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=1)
+    monkeypatch.undo()
     monkeypatch.setattr(rows, "_put", full)
     with says(ArchiveError, "cannot be written: No space left on device. What is finished stays"):
         mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=1)
