@@ -22,7 +22,7 @@ from mbdlft.problem.compare import NEGLIGIBLE
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage
 from mbdlft.problem.transfers import transfers
-from mbdlft.reduce.reduce import or_one
+from mbdlft.reduce.sizes import or_one
 
 _SCALINGS = 10  # of rows and columns; each halves the digits in which they differ
 

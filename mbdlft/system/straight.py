@@ -12,6 +12,7 @@ from mbdlft.lft.evaluate import KNOWN, NATIVE, OWN, evaluate_known, way
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.program.known import is_native
 from mbdlft.lft.program.native import is_available
+from mbdlft.system.digits import needs_digits
 from mbdlft.system.singular import check_regular_at
 
 if TYPE_CHECKING:
@@ -50,7 +51,9 @@ def value_by_program(
         if not model.is_proved_regular:
             check_regular_at(lft, deltas, model.parameters, f"model {model.name!r}")
 
-    return evaluate_known(lft, points, known, physical, check)
+    found = evaluate_known(lft, points, known, physical, check)
+    # the LFT may then be evaluated with more digits than the equations have
+    return None if found is None or needs_digits(lft, points, found) else found
 
 
 def computed_by(model: "System", count: int) -> str:

@@ -22,6 +22,7 @@ from mbdlft.base.signal import Signal
 from mbdlft.lft.evaluate import evaluate, evaluate_at
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.program.known import ModelProgram
+from mbdlft.system.digits import with_digits
 from mbdlft.system.singular import check_regular_at
 from mbdlft.system.straight import value_by_program
 
@@ -388,7 +389,7 @@ def value_at(model: System, lft: LFT, values: Mapping[str, ArrayLike]) -> Array:
             return by_program
         if not model.is_proved_regular:
             check_regular_at(lft, points, model.parameters, f"model {model.name!r}")
-        found = evaluate_at(lft, points)
+        found = with_digits(lft, points, evaluate_at(lft, points))
         return found[0] if single else found
     others = {name: value for name, value in values.items() if name in kinds}
     named = {
