@@ -20,7 +20,7 @@ CLASSES = {
     "matrices": 6,
     "expressions": 40,
     "native": 2,
-    "programs": 20,
+    "programs": 8,
     "cores": 1,
 }
 SECONDS = 20.0  # of the clock that one attack may take

@@ -103,7 +103,7 @@ def test_numbers_of_a_function(
             arm(),
             given,
             tmp_path / "b.h5",
-            workers=2,
+            workers=1,
             function=text,
             poles=True,
             progress=interrupt,
