@@ -12,6 +12,7 @@ from .model import Certificate as Certificate
 from .model import LFTModel as LFTModel
 from .model import trim_at as trim_at
 from .network import connect as connect
+from .straight import computed_by as computed_by
 from .system import Parameters as Parameters
 from .system import System as System
 from .system import matrices_at as matrices_at
