@@ -4,8 +4,13 @@ No test reads or leaves native code in the folder of the user.
 """
 
 import os
+from typing import Any
 
+import pytest
 from hypothesis import HealthCheck, settings
+
+from mbdlft.base.reproducible import NoProcessError
+from mbdlft.pipeline import realization
 
 os.environ["MBDLFT_CACHE"] = ""
 
@@ -18,3 +23,13 @@ settings.register_profile(
 )
 settings.register_profile("deep", max_examples=500, deadline=None, print_blob=True)
 settings.load_profile(os.environ.get("MBDLFT_HYPOTHESIS", "fast"))
+
+
+@pytest.fixture
+def search_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search in this process, where a bug can be planted."""
+
+    def nowhere(*_: Any) -> None:
+        raise NoProcessError
+
+    monkeypatch.setattr(realization, "same_everywhere", nowhere)

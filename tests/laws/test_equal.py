@@ -70,6 +70,7 @@ def test_closing_shows_what_cancels() -> None:
     law_closing_shows_what_cancels()
 
 
+@pytest.mark.usefixtures("search_here")
 def test_planted_search_of_relations_alone_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     right = search._search
 

@@ -42,7 +42,7 @@ def law_pairs() -> None:
         certificate = realize([CONSTANT, OTHER], FOUR, search=work).certificate
         assert certificate.order_bound <= 4
         assert certificate.lower_bound == (1, 1, 1, 1)
-    plain = realize([["-150000"], OTHER], FOUR, search=1.0)
+    plain = realize([["-150000"], OTHER], FOUR, search=2.0)
     assert plain.order == 4
     assert plain.certificate.minimal
 
@@ -51,6 +51,7 @@ def test_pairs_that_rounding_makes_prove_nothing() -> None:
     law_pairs()
 
 
+@pytest.mark.usefixtures("search_here")
 def test_planted_pairs_of_doubles_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reductions and degrees in doubles, and what these show counts without a proof on residues."""
     monkeypatch.setattr(search, "confirmation", lambda *_: None)
@@ -185,6 +186,7 @@ def test_a_parameter_that_is_gone_is_below_its_bound() -> None:
     assert not proof.allows(a + a + b)
 
 
+@pytest.mark.usefixtures("search_here")
 def test_planted_search_below_the_bound_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(search._Proof, "allows", lambda *_: True)
     with pytest.raises(AssertionError):
