@@ -90,8 +90,10 @@ def choose_states(
 ) -> Need:
     """Linear relations of a scene with the states that it asks for."""
     relations = linearize(equations, inputs, outputs)
-    choose = needed_states if scene.states == NEEDED else all_states
-    return choose(relations, len(equations.states))
+    count = len(equations.states)
+    if scene.states == NEEDED:
+        return needed_states(relations, count)
+    return all_states(relations, count, equations.ignorable)
 
 
 def _chosen(

@@ -50,6 +50,8 @@ class Equations:
     equilibrium_signals : Signal (n,)
         Unbalanced effort of each of the n dynamic equations.
     default_inputs, default_outputs : positions of the signals a scene has if it names none
+    ignorable : positions among the states of angles that a linear model leaves out
+        They are in no equation: what turns steadily is symmetric. An output may be one.
     carried : SX (n_c,)
         Wrenches of the elastic bodies whose `prestress` is not said to be negligible; as `output`.
     carried_by : name of the body of each entry of `carried`
@@ -82,6 +84,7 @@ class Equations:
     equilibrium_signals: tuple[Signal, ...]
     default_inputs: tuple[int, ...]
     default_outputs: tuple[int, ...]
+    ignorable: tuple[int, ...]
     carried: ca.SX
     carried_by: tuple[str, ...]
     parameters: tuple[Parameter, ...]

@@ -48,7 +48,10 @@ class Linear(NamedTuple):
 
 @dataclass(frozen=True)
 class Mechanism:
-    """Equations of one scene: `start` at rest without unknowns, `slopes` at the trim."""
+    """Equations of one scene: `start` at rest without unknowns, `slopes` at the trim.
+
+    `turning` has the rates (n,) at equilibrium: joints may turn steadily.
+    """
 
     scene: mbdlft.Scene
     inputs: tuple[Input, ...]
@@ -58,6 +61,7 @@ class Mechanism:
     measures: tuple[Measure, ...]
     start: ca.Function
     slopes: ca.Function
+    turning: ca.Function
 
 
 def mechanism(scene: mbdlft.Scene) -> Mechanism:
@@ -109,7 +113,21 @@ def mechanism(scene: mbdlft.Scene) -> Mechanism:
         for joint in scene.joints
     ]
     states = tuple(name for part in names for name in part)
-    return Mechanism(scene, tuple(inputs), states, imposed, f.count, tuple(measures), start, slopes)
+    turning = ca.SX.zeros(n)
+    for joint in scene.joints:
+        if getattr(joint, "rate", None) is not None:
+            turning[f.first[joint.name]] = f.value(joint.rate)
+    return Mechanism(
+        scene,
+        tuple(inputs),
+        states,
+        imposed,
+        f.count,
+        tuple(measures),
+        start,
+        slopes,
+        ca.Function("turning", [at], [turning]),
+    )
 
 
 def linear_at(m: Mechanism, model: mbdlft.LFTModel, point: dict[str, float]) -> Linear:
@@ -120,6 +138,7 @@ def linear_at(m: Mechanism, model: mbdlft.LFTModel, point: dict[str, float]) -> 
     at = np.array([point[p.name] for p in m.scene.parameters])
     n, nu = m.start.size1_out(0), len(m.inputs)
     none = np.zeros(3 * n)
+    none[n : 2 * n] = m.turning(at).full().ravel()
     count = m.start.size1_out(3)
     e0, by_load, given, gap = (
         part.full() for part in m.start(none, np.zeros(nu), np.zeros(count), at)

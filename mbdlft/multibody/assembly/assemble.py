@@ -27,6 +27,7 @@ from mbdlft.multibody.assembly.placed import Passed, inertial_wrenches, motions,
 from mbdlft.multibody.assembly.regular import is_regular
 from mbdlft.multibody.assembly.resolve import Resolved, in_plane, resolve
 from mbdlft.multibody.assembly.second_order import efforts_by_products, gains_by_products
+from mbdlft.multibody.assembly.steady import body_momenta
 from mbdlft.multibody.assembly.symbols import Symbols, coordinate_owners
 from mbdlft.multibody.assembly.tree import Link, PortJoint, all_bodies
 from mbdlft.multibody.assembly.view import View
@@ -35,6 +36,7 @@ from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS, unseen_name
 from mbdlft.multibody.force import Spring
 from mbdlft.multibody.joint import coordinate_label
+from mbdlft.multibody.joint.move import turning_along
 from mbdlft.multibody.scene.check import check_fit
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
@@ -156,8 +158,11 @@ def _mechanics(r: Resolved) -> _Mechanics:
     efforts = list_efforts(scene, links, values, densities, closure)
     u = ca.SX.sym("u", len(efforts))
     z = ca.SX.sym("multiplier", len(closure.rows))
+    view.momenta = body_momenta(links, values)
     view.motions = motions(view.now, ground_motion(scene, own, load, efforts, u))
     inertial = inertial_wrenches(view.now, view.motions)
+    for name, momentum in view.momenta.items():
+        inertial[name] += turning_along(view.motions.bodies[name], momentum)
     loads = {name: ca.SX(3, 2) for name in inertial}
     for on in acting(scene, links, values, view, closure, u, z):
         if on.body in loads:
@@ -244,12 +249,20 @@ def _equations(m: _Mechanics, passed: Passed) -> Equations:
         ),
         default_inputs=tuple(k for k, effort in enumerate(m.efforts) if effort.is_default),
         default_outputs=displacements,
+        ignorable=tuple(states.index(k) for k in _steady_angles(links) if k in states),
         carried=carried,
         carried_by=carried_by,
         parameters=r.parameters,
         x_bounds=_bounds(scene, coordinate_signals[:n]),
         u_bounds=_bounds(scene, effort_signals),
     )
+
+
+def _steady_angles(links: tuple[Link, ...]) -> list[int]:
+    """Positions among the displacements of the angles of joints with a rate."""
+    owners = [link.owner for link in links if getattr(link.joint, "rate", None) is not None]
+    owned = [owner for owner, _, freedoms, _ in coordinate_owners(links) for _ in freedoms]
+    return [k for k, owner in enumerate(owned) if owner in owners]
 
 
 def _bounds(scene: Scene, signals: Sequence[Signal]) -> tuple[float, ...]:
@@ -288,7 +301,8 @@ def _dynamics(
             effort = needed[k]
             if kind == "joint":
                 effort += quantity_of(own, "stiffness", freedom) * symbols.q[row]
-                effort += quantity_of(own, "damping", freedom) * symbols.v[row]
+                rate = symbols.v[row] + own.get("rate", 0.0)
+                effort += quantity_of(own, "damping", freedom) * rate
             rows.append(effort - given[row])
     return ca.vertcat(*rows)
 
@@ -356,10 +370,11 @@ def _measures(
     signals: list[Signal] = []
     default: list[int] = []
     row = 0
+    steady = _steady_angles(links)
     for _, name, freedoms, kind in coordinate_owners(links):
         for freedom in freedoms:
             if kind != "elastic":
-                default.append(len(entries))
+                default.append(len(entries) + (row in steady))
             for measure, value in zip(
                 freedom.measures, (symbols.q, symbols.v, symbols.a), strict=True
             ):

@@ -23,11 +23,13 @@ from mbdlft.multibody.assembly.closure import Closure
 from mbdlft.multibody.assembly.efforts import Effort, acting, ground_motion, list_efforts
 from mbdlft.multibody.assembly.placed import inertial_wrenches, motions, pass_inward
 from mbdlft.multibody.assembly.resolve import resolve
+from mbdlft.multibody.assembly.steady import body_momenta
 from mbdlft.multibody.assembly.symbols import Symbols, coordinate_owners
 from mbdlft.multibody.assembly.tree import Link, all_bodies
 from mbdlft.multibody.assembly.view import View
 from mbdlft.multibody.force import Spring
 from mbdlft.multibody.joint import Joint, coordinate_label
+from mbdlft.multibody.joint.move import turning_along
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.scene.quantities import Place, owner_name
 from mbdlft.multibody.scene.scene import Scene
@@ -56,6 +58,11 @@ class JointCoordinate:
     is_ball: bool
     is_passive: bool
     is_sprung: bool
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether this angle grows at a steady rate."""
+        return getattr(self.joint, "rate", None) is not None
 
     @property
     def is_imposed(self) -> bool:
@@ -142,8 +149,11 @@ def displace(scene: Scene) -> Displaced:
     efforts = [needed[named.owner] for named in owned if named.kind != "elastic"]
     for k, c, effort in zip(entries, coordinates, ca.vertsplit(ca.vertcat(*efforts)), strict=True):
         if not c.is_imposed:
-            stiffness = quantity_of(values[owner_name(c.joint)], "stiffness", c.freedom)
-            unbalanced.append(effort + stiffness * symbols.q[k] - u[k])
+            own = values[owner_name(c.joint)]
+            held = quantity_of(own, "stiffness", c.freedom) * symbols.q[k]
+            if "rate" in own:  # it turns on against its damper
+                held = own["rate"] * quantity_of(own, "damping", c.freedom)
+            unbalanced.append(effort + held - u[k])
             name = f"{c.joint.name}.{c.freedom.effort.name}"
             row_signals.append(Signal(name, c.freedom.effort.unit))
     declared = [_declared(scene, symbols, values, c) for c in coordinates]
@@ -215,6 +225,8 @@ def _needed_efforts(
     base = ca.SX(ca.vertcat(*(own[f"acceleration.{a}"] for a in AXES))) - view.gravity
     view.motions = motions(view.now, ground_motion(scene, own, ca.sparsify(base), listed, u))
     wrenches = inertial_wrenches(view.now, view.motions)
+    for name, momentum in body_momenta(links, values).items():
+        wrenches[name] += turning_along(view.motions.bodies[name], momentum)
     rows = sum(len(loop.signals()) for loop in scene.loops)
     closure = Closure(tuple(range(rows)), ())
     for acted in acting(scene, links, values, view, closure, u, ca.SX(rows, 1)):
@@ -240,7 +252,9 @@ def _coordinates(
                     freedom,
                     Signal(f"{joint.name}.{measure.name}", measure.unit),
                     is_ball=coordinate_label("position", freedom) not in own,
-                    is_passive=not imposed and coordinate_label("preload", freedom) in own,
+                    is_passive=not imposed
+                    and "rate" not in own
+                    and coordinate_label("preload", freedom) in own,
                     is_sprung=bool(stiffness.nnz()),
                 )
             )
