@@ -135,9 +135,9 @@ def _draw_world(d: Drawing) -> None:
         if any(component != 0 for component in given):
             vector = column(own[f"{key}.{axis}"] for axis in AXES)
             line = f"{key} = [{', '.join(map(str, given))}] m/s^2"
-            d.add("world", key, key, [line], [
-                {"type": "arrow", "at": origin, "along": d.vector(vector), "layer": "ground"}
-            ])  # fmt: skip
+            arrow = {"type": "arrow", "at": origin, "along": d.vector(vector), "layer": "ground"}
+            # nothing to draw of what the trim solves for
+            d.add("world", key, key, [line], [arrow] if vector.nnz() else [])
     if scene.spin:
         line = f"rate = {scene.spin.rate} rad/s"
         axis = d.vector(unit_vector(scene.spin.axis))

@@ -74,13 +74,18 @@ def mechanism(scene: mbdlft.Scene) -> Mechanism:
     if scene.spin:
         spin = ca.SX(np.array(scene.spin.axis) / np.linalg.norm(scene.spin.axis))
         spin = spin * f.value(scene.spin.rate)
-    load = f.vector(scene.gravity) - f.vector(scene.acceleration) - ground
+    unknown = [entry == "unknown" for entry in scene.acceleration]
+    given = (0.0 if hidden else a for a, hidden in zip(scene.acceleration, unknown, strict=True))
+    load = f.vector(scene.gravity) - f.vector(tuple(given)) - ground
 
     inputs, efforts, imposed = _joint_inputs(scene, f)
     power, potential, dissipated, loads = _loads(scene, f)
     symbols = ca.vertcat(efforts, *(symbol for _, symbol in loads), ground)
     inputs += [entry for entry, _ in loads]
-    inputs += [Input(f"ground.acceleration.{axis}", ca.SX(0)) for axis in AXES]
+    inputs += [
+        Input(f"ground.acceleration.{axis}", None if hidden else ca.SX(0))
+        for axis, hidden in zip(AXES, unknown, strict=True)
+    ]
 
     lagrangian = _bodies(scene, f, spin, load) - potential
     momentum = ca.gradient(lagrangian, f.v)

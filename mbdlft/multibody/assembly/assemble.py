@@ -22,6 +22,7 @@ from mbdlft.multibody.assembly.efforts import (
     ground_motion,
     list_efforts,
     static_deflections,
+    uniform_load,
 )
 from mbdlft.multibody.assembly.placed import Passed, inertial_wrenches, motions, pass_inward, place
 from mbdlft.multibody.assembly.regular import is_regular
@@ -111,6 +112,8 @@ class _Mechanics:
     u, z : SX symbols, as in `Equations`
     base, load : SX (3,)
         Acceleration of the frame less gravity: its value, and symbols where it is not zero.
+    field : SX (3,)
+        The same with the components that are unknown.
     inertial, loads : SX (3, 2) by body
         Wrenches that the motions need, and those of the loads, with the other sign.
     """
@@ -123,6 +126,7 @@ class _Mechanics:
     z: ca.SX
     base: ca.SX
     load: ca.SX
+    field: ca.SX
     inertial: Mapping[str, ca.SX]
     loads: Mapping[str, ca.SX]
 
@@ -130,13 +134,13 @@ class _Mechanics:
     def has_weights(self) -> bool:
         """Whether the equilibrium is one under a uniform load, in a tree that does not spin."""
         scene = self.resolved.scene
-        return self.load.nnz() > 0 and not (scene.spin or scene.loops)
+        return self.field.nnz() > 0 and not (scene.spin or scene.loops)
 
     def passed(self) -> Passed:
         """Inward pass of the inertial wrenches and the loads."""
         now, moving = self.view.now, self.view.motions
         if self.has_weights:
-            return pass_weights_inward(now, moving, self.inertial, self.loads, self.load)
+            return pass_weights_inward(now, moving, self.inertial, self.loads, self.field)
         total = {name: self.inertial[name] + self.loads[name] for name in self.inertial}
         return pass_inward(now, moving, total)
 
@@ -167,7 +171,8 @@ def _mechanics(r: Resolved) -> _Mechanics:
     for on in acting(scene, links, values, view, closure, u, z):
         if on.body in loads:
             loads[on.body] -= on.wrench
-    return _Mechanics(r, view, closure, tuple(efforts), u, z, base, load, inertial, loads)
+    field = uniform_load(scene, load, efforts, u)
+    return _Mechanics(r, view, closure, tuple(efforts), u, z, base, load, field, inertial, loads)
 
 
 def _is_regular(m: _Mechanics) -> bool:
@@ -192,7 +197,7 @@ def _second_order(m: _Mechanics) -> Equations | None:
     if not (m.has_weights and gains_by_products(now)):
         return None
     passed = m.passed()
-    efforts = efforts_by_products(now, moving, m.inertial, m.loads, m.load)
+    efforts = efforts_by_products(now, moving, m.inertial, m.loads, m.field)
     return _equations(m, passed._replace(efforts={**passed.efforts, **efforts}))
 
 

@@ -19,7 +19,7 @@ from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.force import BodyWrench, Spring
 from mbdlft.multibody.joint import coordinate_label
 from mbdlft.multibody.scene.quantities import owner_name
-from mbdlft.multibody.scene.scene import Scene
+from mbdlft.multibody.scene.scene import UNKNOWN, Scene
 from mbdlft.problem.equations import rows_of
 from mbdlft.sx.constants import is_constant, literal, numbers_of, unit_vector
 
@@ -72,11 +72,10 @@ def list_efforts(
         found.append(Effort(Signal(f"{load.name}.{load.signal.name}", load.signal.unit), given))
     found += [Effort(signal, 0.0) for link in links for signal in body_inputs(link.child)]
     asked = set(scene.inputs or ())
-    found += [
-        Effort(Signal(name, "m/s^2"), 0.0, is_default=False)
-        for name in GROUND_ACCELERATION
-        if name in asked
-    ]
+    for name, entry in zip(GROUND_ACCELERATION, scene.acceleration, strict=True):
+        if entry == UNKNOWN or name in asked:
+            given = None if entry == UNKNOWN else 0.0
+            found.append(Effort(Signal(name, "m/s^2"), given, is_default=False))
     multipliers = [signal for loop in scene.loops for signal in loop.signals()]
     forces = [Effort(multipliers[k], None, is_input=False, is_default=False) for k in closure.rows]
     return found + deflections + forces
@@ -139,6 +138,15 @@ def force_density(spring: Spring, own: Values, view: View) -> Any:
         )
     length = literal(float(np.sqrt(numbers_of(length2)[0, 0])))
     return own["stiffness"] * (1.0 - own["rest_length"] / length)
+
+
+def uniform_load(scene: Scene, load: ca.SX, listed: Sequence[Effort], u: ca.SX) -> ca.SX:
+    """The acceleration (3,) that makes the weights: `load`, and what the trim solves for."""
+    names = [effort.signal.name for effort in listed]
+    for axis, entry in enumerate(scene.acceleration):
+        if entry == UNKNOWN:
+            load = load + ca.SX.eye(3)[:, axis] * u[names.index(GROUND_ACCELERATION[axis])]
+    return load
 
 
 def ground_motion(

@@ -20,7 +20,7 @@ from mbdlft.base.expression import Call, Expression, Name, evaluate, names, pars
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import Joint
-from mbdlft.multibody.scene.scene import Scene
+from mbdlft.multibody.scene.scene import UNKNOWN, Scene
 
 T = TypeVar("T")
 
@@ -103,7 +103,8 @@ def owners(scene: Scene) -> Iterator[tuple[str, Mapping[str, Expected]]]:
     The owners are the scene itself, its bodies, joints and loads.
     """
     gravity = vector_quantities("gravity", scene.gravity, "m s^-2")
-    acceleration = vector_quantities("acceleration", scene.acceleration, "m s^-2")
+    x, y, z = (0.0 if entry == UNKNOWN else entry for entry in scene.acceleration)
+    acceleration = vector_quantities("acceleration", (x, y, z), "m s^-2")
     spin = {"spin.rate": Expected(scene.spin.rate, "rad/s")} if scene.spin else {}
     yield f"scene {scene.name!r}", gravity | acceleration | spin
     items: list[Body | Joint | Load] = [*scene.bodies, *scene.joints, *scene.loads]
