@@ -50,6 +50,7 @@ class Linear(NamedTuple):
 class Mechanism:
     """Equations of one scene: `start` at rest without unknowns, `slopes` at the trim.
 
+    `moved` has the inputs of coordinates whose displacement and rate are inputs, by their position.
     `turning` has the rates (n,) at equilibrium: joints may turn steadily.
     """
 
@@ -57,6 +58,7 @@ class Mechanism:
     inputs: tuple[Input, ...]
     states: tuple[str, ...]
     imposed: tuple[int, ...]
+    moved: dict[int, tuple[str, str]]
     moving: int
     measures: tuple[Measure, ...]
     start: ca.Function
@@ -82,6 +84,12 @@ def mechanism(scene: mbdlft.Scene) -> Mechanism:
     power, potential, dissipated, loads = _loads(scene, f)
     symbols = ca.vertcat(efforts, *(symbol for _, symbol in loads), ground)
     inputs += [entry for entry, _ in loads]
+    driven = {
+        f.first[joint.name] + k: tuple(f"{joint.name}.{m.name}" for m in freedom.measures[:2])
+        for joint in scene.joints
+        for k, freedom in enumerate(joint.freedoms)
+        if getattr(joint, "imposed", False) == "motion"
+    }
     inputs += [
         Input(f"ground.acceleration.{axis}", None if hidden else ca.SX(0))
         for axis, hidden in zip(AXES, unknown, strict=True)
@@ -127,6 +135,7 @@ def mechanism(scene: mbdlft.Scene) -> Mechanism:
         tuple(inputs),
         states,
         imposed,
+        driven,
         f.count,
         tuple(measures),
         start,
@@ -183,19 +192,23 @@ def linear_at(m: Mechanism, model: mbdlft.LFTModel, point: dict[str, float]) -> 
     outputs, sizes = _outputs(m, model, answer, y_moved, y_u)
 
     # motions that the closures leave, by the states of the model
-    virtual = np.eye(n)[m.moving :]
+    virtual = np.eye(n)[[*m.moved, *range(m.moving, n)]]
     motions = _kernel(np.vstack([G, virtual]))
     names = [signal.name for signal in model.states]
     rows = [m.states.index(name) for name in names]
     half = len(rows) // 2
     motions = motions @ np.linalg.inv(motions[rows[:half]])
     nz = 2 * half
-    lift = np.zeros((2 * n + nu, nz + nu))
-    lift[:n, :half], lift[n : 2 * n, half:nz] = motions, motions
-    lift[2 * n :, nz:] = np.eye(nu)
     listed = [entry.name for entry in m.inputs]
+    listed += [name for names in m.moved.values() for name in names]
+    lift = np.zeros((2 * n + nu, nz + len(listed)))
+    lift[:n, :half], lift[n : 2 * n, half:nz] = motions, motions
+    lift[2 * n :, nz : nz + nu] = np.eye(nu)
+    for k, names in m.moved.items():
+        for order, name in enumerate(names):
+            lift[order * n + k, nz + listed.index(name)] = 1.0
     picked = [*range(nz), *(nz + listed.index(signal.name) for signal in model.inputs)]
-    turning = np.hstack([np.zeros((half, half)), np.eye(half), np.zeros((half, nu))])
+    turning = np.hstack([np.zeros((half, half)), np.eye(half), np.zeros((half, len(listed)))])
     moved = np.vstack([answer[rows[:half]], outputs])
     sizes = np.vstack([np.abs(answer[rows[:half]]), sizes])
     return Linear(

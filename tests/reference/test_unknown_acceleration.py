@@ -85,7 +85,7 @@ def test_nothing_swings_in_free_fall() -> None:
     for point in points_of(scene):
         target(np.ravel(mbdlft.trim_at(model, point)), [-9.81], CLOSED_FORM)
         A = mbdlft.matrices_at(model, point).A
-        assert np.max(np.abs(A[len(A) // 2 :])) < 1e-12
+        target(np.max(np.abs(A[len(A) // 2 :])), 0.0, CLOSED_FORM, 1.0)
 
 
 def thrust_in_space() -> Scene:
@@ -175,4 +175,4 @@ def test_an_equilibrium_is_found_with_it() -> None:
     """The elbow of a thrown arm: positions and the acceleration together."""
     _, free = launcher()
     point = mbdlft.find_equilibrium(free, {"T": 1500.0})
-    assert point.efforts["ground.acceleration.z"] == pytest.approx(1500e3 / 64900.0 - 9.81)
+    target(point.efforts["ground.acceleration.z"], 1500e3 / 64900.0 - 9.81, CLOSED_FORM)

@@ -11,7 +11,6 @@ import numpy as np
 from mbdlft.base.description import AXES, Values
 from mbdlft.base.errors import SceneError
 from mbdlft.base.signal import Freedom, Signal
-from mbdlft.multibody.assembly.aligned import Aligned
 from mbdlft.multibody.assembly.body_signals import body_channels
 from mbdlft.multibody.assembly.closure import Closure, close_loops, constraint
 from mbdlft.multibody.assembly.efforts import (
@@ -24,6 +23,8 @@ from mbdlft.multibody.assembly.efforts import (
     static_deflections,
     uniform_load,
 )
+from mbdlft.multibody.assembly.measures import measures, steady_angles
+from mbdlft.multibody.assembly.moved import moved_coordinates
 from mbdlft.multibody.assembly.placed import Passed, inertial_wrenches, motions, pass_inward, place
 from mbdlft.multibody.assembly.regular import is_regular
 from mbdlft.multibody.assembly.resolve import Resolved, in_plane, resolve
@@ -212,21 +213,20 @@ def _equations(m: _Mechanics, passed: Passed) -> Equations:
     held = [constraint(scene.loops, view, order)[list(m.closure.rows)] for order in range(3)]
     if m.closure.yielding:
         held[0] = ca.substitute(held[0], symbols.q, symbols.q + deflections)
+    moved = moved_coordinates(links, [effort.signal.name for effort in m.efforts])
+    held += [symbols.x[c.coordinate + k * n] - m.u[c.inputs[k]] for c in moved for k in range(2)]
     residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
-    measured, y_signals, displacements = _measures(scene, links, symbols, view, r.aligned)
+    measured, y_signals, displacements = measures(scene, links, symbols, view, r.aligned)
     displacements += tuple(len(y_signals) + k for k in range(len(channels.signals)))
     measured, y_signals = ca.vertcat(measured, channels.outputs), y_signals + channels.signals
     both = without_unseen(scene, ca.vertcat(residual, measured))
     carried, carried_by = _carried(links, view)
     owned = [(o.name, freedom) for o in coordinate_owners(links) for freedom in o.freedoms]
-    coordinate_signals = [
-        Signal(f"{name}.{freedom.measures[k].name}", freedom.measures[k].unit)
-        for k in range(2)
-        for name, freedom in owned
-    ]
+    coordinate_signals = _coordinate_signals(owned)
     effort_signals = [effort.signal for effort in m.efforts]
     check_fit(scene, [*coordinate_signals[:n], *effort_signals])
-    followers = {*m.closure.dependent, *(n + k for k in m.closure.dependent)}
+    followers = {*m.closure.dependent, *(c.coordinate for c in moved)}
+    followers |= {n + k for k in followers}
     states = tuple(k for k in range(2 * n) if k not in followers)
     given = [0.0 if effort.given is None else effort.given for effort in m.efforts]
     return Equations(
@@ -254,7 +254,8 @@ def _equations(m: _Mechanics, passed: Passed) -> Equations:
         ),
         default_inputs=tuple(k for k, effort in enumerate(m.efforts) if effort.is_default),
         default_outputs=displacements,
-        ignorable=tuple(states.index(k) for k in _steady_angles(links) if k in states),
+        ignorable=tuple(states.index(k) for k in steady_angles(links) if k in states),
+        moved=moved,
         carried=carried,
         carried_by=carried_by,
         parameters=r.parameters,
@@ -263,11 +264,13 @@ def _equations(m: _Mechanics, passed: Passed) -> Equations:
     )
 
 
-def _steady_angles(links: tuple[Link, ...]) -> list[int]:
-    """Positions among the displacements of the angles of joints with a rate."""
-    owners = [link.owner for link in links if getattr(link.joint, "rate", None) is not None]
-    owned = [owner for owner, _, freedoms, _ in coordinate_owners(links) for _ in freedoms]
-    return [k for k, owner in enumerate(owned) if owner in owners]
+def _coordinate_signals(owned: Sequence[tuple[str, Freedom]]) -> list[Signal]:
+    """Displacements, then rates, of coordinates of joints and bodies by name."""
+    return [
+        Signal(f"{name}.{freedom.measures[k].name}", freedom.measures[k].unit)
+        for k in range(2)
+        for name, freedom in owned
+    ]
 
 
 def _bounds(scene: Scene, signals: Sequence[Signal]) -> tuple[float, ...]:
@@ -300,7 +303,7 @@ def _dynamics(
         own, needed = values.get(owner, {}), view.passed.efforts[owner]
         for k, freedom in enumerate(freedoms):
             row = len(rows)
-            if kind == "imposed":
+            if kind in ("imposed", "motion"):
                 rows.append(symbols.a[row] - given[row])
                 continue
             effort = needed[k]
@@ -360,39 +363,3 @@ def without_unseen(scene: Scene, relations: ca.SX) -> ca.SX:
             "entries (kg m^2); the products are 0 once xx, yy and zz are all given."
         )
     return ca.substitute(relations, vector, ca.SX.zeros(len(placeholders)))
-
-
-def _measures(
-    scene: Scene, links: tuple[Link, ...], symbols: Symbols, view: View, aligned: Aligned | None
-) -> tuple[ca.SX, tuple[Signal, ...], tuple[int, ...]]:
-    """Outputs: measures of all joints, and the sensors that are asked for.
-
-    Returns
-    -------
-    expressions (n_y,), signals (n_y), positions of the default outputs
-    """
-    entries: list[ca.SX] = []
-    signals: list[Signal] = []
-    default: list[int] = []
-    row = 0
-    steady = _steady_angles(links)
-    for _, name, freedoms, kind in coordinate_owners(links):
-        for freedom in freedoms:
-            if kind != "elastic":
-                default.append(len(entries) + (row in steady))
-            for measure, value in zip(
-                freedom.measures, (symbols.q, symbols.v, symbols.a), strict=True
-            ):
-                entries.append(value[row])
-                signals.append(Signal(f"{name}.{measure.name}", measure.unit))
-            row += 1
-    for sensor in scene.sensors:
-        named = sensor.signals()
-        if scene.outputs is not None and not {s.name for s in named} & set(scene.outputs):
-            continue
-        view.owner = f"sensor {sensor.name!r}"
-        default += range(len(signals), len(signals) + len(named))
-        measured = sensor.measure(view)
-        entries.append(aligned.back(measured) if aligned else measured)
-        signals += named
-    return ca.vertcat(*entries), tuple(signals), tuple(default)

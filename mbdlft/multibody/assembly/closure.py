@@ -112,7 +112,15 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
     # the states are those of joints that are held or driven, and near the ground, where that is well
     # conditioned: columns are compared with a weight, the last one first
     weights = np.array([_PASSIVE if is_passive else 1.0 for is_passive in _passive(view)])
-    _, last = _independent((matrices[0][rows] * weights)[:, ::-1])
+    moved = [owned.kind for owned in coordinate_owners(view.now.links) for _ in owned.freedoms]
+    weights[[kind == "motion" for kind in moved]] = 0.0
+    follow, last = _independent((matrices[0][rows] * weights)[:, ::-1])
+    if follow < rank:
+        raise SceneError(
+            f"scene {scene.name!r}: the loops {', '.join(loop.name for loop in scene.loops)} hold joints "
+            "with imposed = 'motion', which move as their inputs say: nothing else is left that could "
+            "follow. Let another joint give way, or impose an acceleration (imposed = true)."
+        )
     dependent = tuple(sorted(len(weights) - 1 - k for k in last))
     return Closure(tuple(rows), dependent, _yielding(view, matrices[0][rows]))
 

@@ -53,19 +53,20 @@ def list_efforts(
     deflections: list[Effort] = []
     for owner, name, freedoms, kind in coordinate_owners(links):
         for freedom in freedoms:
-            signal = freedom.measures[2] if kind == "imposed" else freedom.effort
+            moved = kind == "motion"  # its three inputs are told apart by what they do
+            signal = freedom.effort if kind in ("joint", "elastic") else freedom.measures[2]
             given = values.get(owner, {}).get(coordinate_label("preload", freedom))
-            given = 0.0 if kind == "imposed" else given
+            given = 0.0 if kind in ("imposed", "motion") else given
             is_input = kind != "elastic"  # the force that holds a static deflection is internal
             named = Signal(f"{name}.{signal.name}", signal.unit)
             if len(found) in closure.yielding:
                 measure = freedom.measures[0]
-                moved = Signal(f"{name}.{measure.name}.static", measure.unit)
+                static = Signal(f"{name}.{measure.name}.static", measure.unit)
                 if is_input:
-                    deflections.append(Effort(moved, None, is_input=False, is_default=False))
+                    deflections.append(Effort(static, None, is_input=False, is_default=False))
                 else:
-                    named = moved
-            found.append(Effort(named, given, is_input=is_input, is_default=is_input))
+                    named = static
+            found.append(Effort(named, given, is_input=is_input, is_default=is_input and not moved))
     for load in scene.loads:
         given = values[owner_name(load)].get(load.magnitude_key)
         given = densities.get(load.name, given)
@@ -76,6 +77,13 @@ def list_efforts(
         if entry == UNKNOWN or name in asked:
             given = None if entry == UNKNOWN else 0.0
             found.append(Effort(Signal(name, "m/s^2"), given, is_default=False))
+    found += [
+        Effort(Signal(f"{name}.{measure.name}", measure.unit), 0.0, is_default=False)
+        for _, name, freedoms, kind in coordinate_owners(links)
+        for freedom in freedoms
+        for measure in freedom.measures[:2]
+        if kind == "motion"
+    ]
     multipliers = [signal for loop in scene.loops for signal in loop.signals()]
     forces = [Effort(multipliers[k], None, is_input=False, is_default=False) for k in closure.rows]
     return found + deflections + forces
