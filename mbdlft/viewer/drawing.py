@@ -327,8 +327,16 @@ def _draw_loop(d: Drawing, loop: Loop) -> None:
         {"type": "joint", "at": points[0], "kind": loop.kind, "layer": "joints"},
         {"type": "line", "points": points, "layer": "joints"},
     ]
-    if loop.axis is not None:
-        body = poses.view.find(loop.parent)[0]
-        along = d.vector(ca.mtimes(poses.frames[body].R, unit_vector(loop.axis)))
-        shapes.append({"type": "turn", "at": points[0], "along": along, "layer": "joints"})
+    own = poses.values.get(poses.view.owner, {})
+    for axis, port in (
+        (loop.axis, loop.parent),
+        (loop.axis1, loop.parent),
+        (loop.axis2, loop.child),
+    ):
+        if axis is not None:
+            unit = unit_vector(axis)
+            unit = unit if port == loop.child else loop.in_parent_axes(unit, own)
+            along = d.vector(ca.mtimes(poses.frames[poses.view.find(port)[0]].R, unit))
+            kind = "arrow" if loop.kind == "prismatic" else "turn"
+            shapes.append({"type": kind, "at": points[0], "along": along, "layer": "joints"})
     d.add("loops", loop.name, loop.kind, [f"{loop.parent} to {loop.child}"], shapes)

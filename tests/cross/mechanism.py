@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 import mbdlft
+from benchmarks.cases.lagrangian import rotation
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.sensor import Sensor
 from tests.cross.frames import Frames
@@ -369,16 +370,24 @@ def _entries(joint, key: str) -> tuple[float | str | None, ...]:
 
 
 def _closure(loop: Loop, f: Frames) -> ca.SX:
-    """Gap of the ports, and directions that are no longer parallel."""
+    """Gap of the ports, and directions that are no longer parallel, in the turned axes of the parent."""
     (parent, a), (child, b) = f.port(loop.parent), f.port(loop.child)
+    tilt = parent
+    for turn in loop.orientation:
+        tilt = tilt @ rotation(np.array(turn.axis) / np.linalg.norm(turn.axis), f.value(turn.angle))
+    turned = tilt[:3, :3].T @ child[:3, :3]
+    axis = None if loop.axis is None else np.array(loop.axis) / np.linalg.norm(loop.axis)
+    across = None if axis is None else ca.SX(np.linalg.svd(axis[None])[2][1:])
     rows = [b - a]
-    turned = parent[:3, :3].T @ child[:3, :3]
-    if loop.kind == "revolute":
-        axis = np.array(loop.axis) / np.linalg.norm(loop.axis)
-        across = np.linalg.svd(axis[None])[2][1:]
-        rows.append(ca.SX(across) @ turned @ ca.SX(axis))
-    elif loop.kind == "fixed":
+    if loop.kind in ("prismatic", "cylindrical"):
+        rows = [across @ (tilt[:3, :3].T @ (b - a))]
+    if loop.kind in ("revolute", "cylindrical"):
+        rows.append(across @ turned @ ca.SX(axis))
+    elif loop.kind in ("fixed", "prismatic"):
         rows.append(ca.vertcat(turned[2, 1], turned[0, 2], turned[1, 0]))
+    elif loop.kind == "universal":
+        first, second = (np.array(v) / np.linalg.norm(v) for v in (loop.axis1, loop.axis2))
+        rows.append(ca.SX(first[None]) @ turned @ ca.SX(second) - float(first @ second))
     return ca.vertcat(*rows)
 
 

@@ -35,6 +35,7 @@ from mbdlft.multibody.joint import Cylindrical, Fixed, Prismatic, Revolute, coor
 from mbdlft.multibody.joint.base import AxisJoint
 from mbdlft.multibody.joint.move import MOMENTUM, ROTOR
 from mbdlft.multibody.joint.planar import plane
+from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate
 from mbdlft.problem.equations import exact_symbols
@@ -338,15 +339,18 @@ class _Finder:
                 if found is None:
                     continue
                 turning, body, name = found
-                axis = loop.axis if loop.kind == "revolute" else None
-                free = loop.kind == "spherical" or (
-                    axis is not None and self._vanishes(ca.cross(turning.axis, unit_vector(axis)))
-                )
+                free = loop.kind == "spherical"
+                if loop.kind in ("revolute", "cylindrical") and loop.axis is not None:
+                    axis = unit_vector(loop.axis)
+                    if port == loop.parent:
+                        axis = loop.in_parent_axes(axis, self.at_rest.values[owner_name(loop)])
+                    free = self._vanishes(ca.cross(turning.axis, axis))
                 if not (free and self._is_on_axis(body, name)):
                     raise SceneError(
                         f"loop {loop.name!r}: {port!r} is on a body that joint {turning.joint.name!r} "
                         f"turns at a steady rate. {_PERIODIC}. A loop may hold it at a port on the axis "
-                        "by the kinds 'spherical', or 'revolute' about the axis: a second bearing."
+                        "by the kinds 'spherical', or 'revolute' and 'cylindrical' about the axis: a "
+                        "second bearing."
                     )
 
 
