@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from mbdlft.base.errors import AnalysisError
+from mbdlft.cli.notes import WARNINGS, warn
 from mbdlft.cli.source import stored_system
 from mbdlft.cli.tables import console
 
@@ -61,9 +62,13 @@ def sweep(
 ) -> None:
     """Trim and linearize at many samples; the same command goes on after a kill."""
     from mbdlft import batch
+    from mbdlft.store import sweep_names
 
     samples = _samples(grid, random, file, seed)
     evaluated = _source(source, model)
+    called = name or evaluated.name
+    if output.exists() and called in sweep_names(output):
+        warn(f"{output}: the sweep {called!r} that is stored there is replaced; --name keeps it.")
     with Console(stderr=True).status("") as status:
         report = batch.sweep(
             evaluated,
@@ -77,7 +82,8 @@ def sweep(
             ),
         )
     if as_json:
-        sys.stdout.write(json.dumps(asdict(report), indent=2) + "\n")
+        found = asdict(report) | {"warnings": list(WARNINGS)}
+        sys.stdout.write(json.dumps(found, indent=2) + "\n")
         return
     _print_report(report, output)
 

@@ -125,6 +125,23 @@ def unused_names(scene: Scene) -> tuple[str, ...]:
     return tuple(name for name in declared if name not in used)
 
 
+def unused_ports(scene: Scene) -> tuple[str, ...]:
+    """Declared ports, ``body.port``, that no joint, load, sensor, loop or inertia names."""
+    named = {
+        port
+        for item in [*scene.joints, *scene.loads, *scene.sensors, *scene.loops]
+        for key in ("parent", "child", "port")
+        if (port := getattr(item, key, None))
+    }
+    abouts = {
+        f"{body.name}.{inertia.about}"
+        for body in scene.bodies
+        if (inertia := getattr(body, "inertia", None)) is not None
+    }
+    declared = (f"{body.name}.{port}" for body in scene.bodies for port in body.ports)
+    return tuple(port for port in declared if port not in named | abouts)
+
+
 def owner_name(item: Body | Joint | Load | Loop) -> str:
     """The words by which error messages name a body, a joint, a load or a loop."""
     return f"{item.noun} {item.name!r}"
