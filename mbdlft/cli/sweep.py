@@ -62,13 +62,10 @@ def sweep(
 ) -> None:
     """Trim and linearize at many samples; the same command goes on after a kill."""
     from mbdlft import batch
-    from mbdlft.store import sweep_names
 
     samples = _samples(grid, random, file, seed)
     evaluated = _source(source, model)
-    called = name or evaluated.name
-    if output.exists() and called in sweep_names(output):
-        warn(f"{output}: the sweep {called!r} that is stored there is replaced; --name keeps it.")
+    _warn_of_rows(output, name or evaluated.name)
     with Console(stderr=True).status("") as status:
         report = batch.sweep(
             evaluated,
@@ -86,6 +83,14 @@ def sweep(
         sys.stdout.write(json.dumps(found, indent=2) + "\n")
         return
     _print_report(report, output)
+
+
+def _warn_of_rows(output: Path, name: str) -> None:
+    """Warn of a stored sweep of this name, which is going to be replaced."""
+    from mbdlft.store import sweep_names
+
+    if output.exists() and name in sweep_names(output):
+        warn(f"{output}: the sweep {name!r} that is stored there is replaced; --name keeps it.")
 
 
 def _print_report(report: "SweepReport", output: Path) -> None:
