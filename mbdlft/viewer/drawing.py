@@ -246,6 +246,10 @@ def _draw_joint(d: Drawing, joint: Joint) -> None:
             own: Shape = {"effort": first + k, "turns": moving.turns, "layer": "equilibrium"}
             shapes.append({"type": "effort", **arrow, **own})
     lines = [f"{joint.parent} to {joint.child}", *_axis_lines(joint), *said(joint.quantities())]
+    if getattr(joint, "rate", None) is not None:
+        lines.append("turns at this rate at equilibrium")
+    if imposed := getattr(joint, "imposed", False):
+        lines.append(f"its {'motion' if imposed == 'motion' else 'acceleration'} is an input")
     d.add("joints", joint.name, joint.kind, lines, shapes)
 
 

@@ -85,6 +85,7 @@ def second_bearing() -> Scene:
                 axis=(1, 0, 0),
                 rate="wheel_rate",
                 damping=0.02,
+                actuator_inertia=0.03,
             ),
         ),
         loops=(

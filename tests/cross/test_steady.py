@@ -24,7 +24,7 @@ from tests.cross.test_mechanism import compare, points_of
 assembling = import_module("mbdlft.multibody.assembly.assemble")
 SCENES: dict[str, Callable[[], mbdlft.Scene]] = {
     "second bearing": second_bearing,
-    **{f"rotors {seed}": (lambda seed=seed: spinning(seed)) for seed in (12, 15)},
+    **{f"rotors {seed}": (lambda seed=seed: spinning(seed)) for seed in (9,)},
 }
 MANY = range(40)
 
@@ -195,8 +195,8 @@ def frame_that_turns(patch: pytest.MonkeyPatch) -> None:
     [
         (other_sense, lambda: check("second bearing")),
         (no_momentum, law_pinocchio),
-        (rotor_without_momentum, lambda: check("rotors 12")),
-        (frame_that_turns, lambda: check("rotors 12")),
+        (rotor_without_momentum, lambda: check("second bearing")),
+        (frame_that_turns, lambda: check("second bearing")),
     ],
 )
 def test_planted_bug_is_found(plant_bug, law, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -60,6 +60,25 @@ def test_gyrostat_precesses_and_is_minimal() -> None:
         target(B[5:, 2:], wheel, CLOSED_FORM)
 
 
+def test_halves_that_are_symmetric_together_are_one_rotor() -> None:
+    """Two bars across each other, welded: each alone would be refused."""
+    whole = gyrostat()
+    bar = Inertia(xx=0.02, yy=0.04, zz="Ja/2")
+    halves = [RigidBody(name=name, mass=2.5, inertia=bar) for name in ("rotor", "other")]
+    weld = mbdlft.Fixed(
+        name="weld", parent="rotor", child="other", axis=(0, 0, 1), position="90*deg"
+    )
+    split = whole.model_copy(
+        update={"bodies": (whole.bodies[0], *halves), "joints": (*whole.joints, weld)}
+    )
+    one, two = (mbdlft.to_lft(scene, search=0.0) for scene in (whole, split))
+    for point in points_of(whole):
+        for a, b in zip(
+            mbdlft.matrices_at(one, point), mbdlft.matrices_at(two, point), strict=True
+        ):
+            target(a, b, CLOSED_FORM)
+
+
 def test_motor_holds_the_rate_against_friction() -> None:
     """The torque at equilibrium is the damping times the rate; an actuator with a gear adds n J W."""
     scene = gyrostat()
