@@ -17,7 +17,7 @@ from mbdlft.analyze.characteristic import Polynomials, Realization, polynomials
 from mbdlft.analyze.margin import cost_of, resistance, too_large
 from mbdlft.analyze.peak import NOTHING, Peak, largest_peak, peak_at, slope_at
 from mbdlft.analyze.pole_migration import smallest_crossing
-from mbdlft.analyze.realization import check_nominal, physical, realization, shares
+from mbdlft.analyze.realization import check_constant, check_nominal, physical, realization, shares
 from mbdlft.analyze.result import GAP, LARGEST, WORK, Bounds, BoxProof, Progress, check_numbers
 from mbdlft.analyze.varying import Rates, Varying, gain_of, rates_of
 from mbdlft.base.errors import WellPosednessError
@@ -131,6 +131,7 @@ def robust_performance(
         A signal is unknown.
     """
     what = "robust_performance"
+    check_constant(system, "robust_performance")
     check_numbers(what, gap=gap, work=work, largest=largest)
     model, proof = _transfer(system, inputs, outputs, leave_out, what)
     gone = tuple(leave_out)
