@@ -44,11 +44,13 @@ The singular values of the linear model around the equilibrium.
 _GROUPS = {
     "Machines on the ground": [
         "pendulum", "double_pendulum_hanging", "double_pendulum_inverted", "two_link_arm", "sagging_arm",
-        "four_bar", "crane", "gimbal", "ur5", "desk_arm", "flexible_manipulator", "piezo_beam",
+        "four_bar", "half_car", "crane", "gimbal", "ur5", "desk_arm", "flexible_manipulator",
+        "piezo_beam",
     ],
     "Aircraft, launchers, balloons": ["balloon_gondola", "launcher_slosh", "launcher_bending"],
     "Satellites": [
-        "solar_arrays", "rotatory_spacecraft", "spinning_satellite", "mast_observatory",
+        "solar_arrays", "rotatory_spacecraft", "spinning_satellite", "control_moment_gyros",
+        "mast_observatory",
     ],
 }  # fmt: skip
 

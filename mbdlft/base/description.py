@@ -118,7 +118,7 @@ def _expected(field: str, owner: type[BaseModel]) -> str:
     if field == "orientation":
         return "a list of rotations, each with axis and angle"
     if field == "imposed":
-        return "true or false"
+        return "true, false or 'motion'"
     if field == "constants":
         return "numbers by name, or tables with value and unit"
     if field in ("inputs", "outputs"):

@@ -19,6 +19,7 @@ from mbdlft.cli.analysis import margin, verify, wcgain
 from mbdlft.cli.body import body
 from mbdlft.cli.export import export
 from mbdlft.cli.linearize import check, efforts_table, linearize
+from mbdlft.cli.notes import WARNINGS, warn
 from mbdlft.cli.options import (
     SEARCH,
     AsJson,
@@ -66,8 +67,8 @@ app.command()(schema)
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    """A warning is one line beside the output."""
-    sys.stderr.write(f"mbdlft: warning: {message}\n")
+    """A warning of Python is shown as those of the commands are."""
+    warn(message)
 
 
 def main() -> None:
@@ -79,6 +80,7 @@ def main() -> None:
             stream.reconfigure(errors="backslashreplace")
     try:
         try:
+            WARNINGS.clear()
             warnings.showwarning = _show_warning
             app()
         finally:

@@ -19,6 +19,7 @@ from mbdlft.cli.modelica import (
     is_modelica,
     linear_model,
 )
+from mbdlft.cli.notes import scene_notes
 from mbdlft.cli.options import (
     SEARCH,
     AsJson,
@@ -36,7 +37,6 @@ from mbdlft.cli.tables import table as _table
 from mbdlft.system.model import LFTModel
 
 if TYPE_CHECKING:
-    from mbdlft.multibody.scene import Scene
     from mbdlft.problem.trim import TrimPoint
 
 ModelFile = Annotated[
@@ -91,8 +91,8 @@ def check(file: ModelFile, table_file: TableFile = None, model_name: ModelName =
             table.add_row(p.name, p.unit, f"{p.low:g}", f"{p.nominal:g}", f"{p.high:g}", p.role)
         console.print(table)
     console.print(efforts_table(point))
-    for note in _notes(scene):
-        console.print(note)
+    for note in scene_notes(scene, point.signals, point.values):
+        console.print(note, highlight=False)
     console.print("The scene is usable.")
 
 
@@ -193,7 +193,8 @@ def _of_scene(
         truncate=truncate,
     )
     seconds |= {name: value for name, value in built.seconds.items() if name != "total"}
-    notes = _notes(scene)
+    trim = built.model.trim
+    notes = scene_notes(scene, trim.signals, [float(value) for value in trim.nominal])
     if truncate is not None and built.model.certificate.truncation_error == 0.0:
         notes.append(f"note: no channel can be left out within {truncate:g}; nothing is truncated.")
     return built.model, seconds, notes
@@ -214,19 +215,6 @@ def efforts_table(point: "TrimPoint") -> Table:
     for signal, value in zip(point.signals, point.values, strict=True):
         table.add_row(signal.name, f"{value:.10g}", signal.unit)
     return table
-
-
-def _notes(scene: "Scene") -> list[str]:
-    """Notes on facts that a user may have overlooked."""
-    from mbdlft.multibody.body import Beam
-    from mbdlft.multibody.body.beam_errors import error_sentence
-    from mbdlft.multibody.scene.quantities import unused_names
-
-    notes = [f"{error_sentence(body)}." for body in scene.bodies if isinstance(body, Beam)]
-    notes += [f"note: {name!r} is declared and not used." for name in unused_names(scene)]
-    if not any(scene.gravity) and not any(scene.acceleration):
-        notes.append("note: there is no gravity and no acceleration; both are zero by default.")
-    return notes
 
 
 def _figures(texts: list[str]) -> list[tuple[str, Path]]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.table import Table
 
+from mbdlft.cli.notes import WARNINGS
 from mbdlft.cli.poles import poles_summary, print_poles
 from mbdlft.cli.tables import console, table
 from mbdlft.report.sentences import (
@@ -31,7 +32,8 @@ def report_model(
     """Print a model that was made, with `notes`, the `seconds` of each stage and the written files."""
     seconds = {**seconds, "total": sum(seconds.values())}
     if as_json:
-        sys.stdout.write(json.dumps(_summary(model, seconds), indent=2) + "\n")
+        beside = {"notes": list(notes), "warnings": list(WARNINGS)}
+        sys.stdout.write(json.dumps(_summary(model, seconds) | beside, indent=2) + "\n")
         return
     print_model(model)
     out = console()

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from mbdlft.base.errors import AnalysisError
+from mbdlft.cli.notes import WARNINGS, warn
 from mbdlft.cli.source import stored_system
 from mbdlft.cli.tables import console
 
@@ -79,6 +80,7 @@ def sweep(
 
     samples = _samples(grid, random, file, seed)
     evaluated = _source(source, model)
+    _warn_of_rows(output, name or evaluated.name)
     with Console(stderr=True).status("") as status:
         report = batch.sweep(
             evaluated,
@@ -95,9 +97,18 @@ def sweep(
             ),
         )
     if as_json:
-        sys.stdout.write(json.dumps(asdict(report), indent=2) + "\n")
+        found = asdict(report) | {"warnings": list(WARNINGS)}
+        sys.stdout.write(json.dumps(found, indent=2) + "\n")
         return
     _print_report(report, output)
+
+
+def _warn_of_rows(output: Path, name: str) -> None:
+    """Warn of a stored sweep of this name, which is going to be replaced."""
+    from mbdlft.store import sweep_names
+
+    if output.exists() and name in sweep_names(output):
+        warn(f"{output}: the sweep {name!r} that is stored there is replaced; --name keeps it.")
 
 
 def _print_report(report: "SweepReport", output: Path) -> None:

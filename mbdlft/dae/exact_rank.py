@@ -1,6 +1,5 @@
 """Ranks of matrices of equations: exact where their numbers are, with names of what is singular."""
 
-import operator
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -9,10 +8,9 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError
-from mbdlft.number.exact import Field, constant_of
 from mbdlft.number.exact_matrix import Residues, null_space
-from mbdlft.sx.constants import constants_in, in_doubles
-from mbdlft.sx.fold import fold, rules
+from mbdlft.sx.constants import in_doubles
+from mbdlft.sx.residues import modulo_prime
 
 _SEED = 20230917  # of the residues that stand for parameters
 _SMALL = (
@@ -49,31 +47,11 @@ def singular_part(
 
 def _by_residues(matrix: ca.SX) -> Singular | None:
     """Modulo a prime above 2^60, with random residues for the parameters."""
-    dense = ca.densify(matrix)
-    constants, numbers = constants_in(dense)
-    known = {s.element_hash() for s in ca.vertsplit(constants)}
-    free = [s for s in ca.symvar(dense) if s.element_hash() not in known]
-    field = Field(numbers)
-    function = ca.Function("matrix", [ca.vertcat(ca.SX(0, 1), *free), constants], [dense])
-    table = rules(
-        lambda value: field.residue(constant_of(value)),
-        add=operator.add,
-        mul=operator.mul,
-        div=operator.truediv,
-    )
-    drawn = np.random.default_rng(_SEED).integers(1, 2**59, len(free))
-    values = fold(
-        function,
-        table,
-        [field.residue(int(x)) for x in drawn],
-        [field.of(number).residue for number in numbers],
-    )
-    n = matrix.shape[0]
-    residues = np.array([int(x) for x in values[0]], dtype=object).reshape(n, n).T
-    right = null_space(residues.astype(np.int64), field.prime)
+    residues, prime = modulo_prime(matrix, _SEED)
+    right = null_space(residues.astype(np.int64), prime)
     if not right.shape[1]:
         return None
-    left = null_space(residues.T.astype(np.int64), field.prime)
+    left = null_space(residues.T.astype(np.int64), prime)
     return Singular(_used(left), _used(right), exact=True)
 
 

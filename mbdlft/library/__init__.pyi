@@ -4,4 +4,11 @@ from .drive import array_drive as array_drive
 from .filter import band_pass as band_pass
 from .filter import delay as delay
 from .filter import low_pass as low_pass
+from .rotors import WHEEL_AXES as WHEEL_AXES
+from .rotors import WheelCluster as WheelCluster
+from .rotors import wheel_cluster as wheel_cluster
+from .slosh import SloshData as SloshData
+from .slosh import SloshTank as SloshTank
+from .slosh import slosh_data as slosh_data
+from .slosh import slosh_tank as slosh_tank
 from .wheel import imbalance as imbalance

@@ -9,6 +9,7 @@ import numpy as np
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.multibody.assembly import assembly
+from mbdlft.multibody.assembly.moved import with_motions
 from mbdlft.multibody.scene import NEEDED, Scene, scene_to_toml
 from mbdlft.problem.compare import reference_of
 from mbdlft.problem.equations import Equations
@@ -74,15 +75,14 @@ def choose_signals(scene: Scene, equations: Equations) -> tuple[list[int], list[
     Raises
     ------
     SceneError
-        A name is unknown.
+        A name is unknown, or a motion that is an input lacks one of the inputs that are felt.
     """
     e = equations
     efforts = {e.u_signals[k].name: k for k in e.inputs}
     measures = {signal.name: k for k, signal in enumerate(e.y_signals)}
-    return (
-        _chosen(scene, "inputs", scene.inputs, efforts, e.default_inputs),
-        _chosen(scene, "outputs", scene.outputs, measures, e.default_outputs),
-    )
+    inputs = _chosen(scene, "inputs", scene.inputs, efforts, e.default_inputs)
+    outputs = _chosen(scene, "outputs", scene.outputs, measures, e.default_outputs)
+    return with_motions(e, inputs, outputs, is_default=scene.inputs is None), outputs
 
 
 def choose_states(
@@ -90,8 +90,10 @@ def choose_states(
 ) -> Need:
     """Linear relations of a scene with the states that it asks for."""
     relations = linearize(equations, inputs, outputs)
-    choose = needed_states if scene.states == NEEDED else all_states
-    return choose(relations, len(equations.states))
+    count = len(equations.states)
+    if scene.states == NEEDED:
+        return needed_states(relations, count)
+    return all_states(relations, count, equations.ignorable)
 
 
 def _chosen(

@@ -16,6 +16,14 @@ WITH_CONSTANTS = {"allow_free": True}  # functions of expressions with constants
 CURVED = 10.0  # of the bound of a fit: what terms of second order may add to what it explains
 
 
+class Moved(NamedTuple):
+    """A coordinate whose motion is an input: its position among the displacements, and the positions in u
+    of its displacement, rate and acceleration (3,)."""
+
+    coordinate: int
+    inputs: tuple[int, int, int]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Equations:
     """0 = residual(xdot, x, z, u, p, cosine, sine, load),  y = output(...).
@@ -28,7 +36,7 @@ class Equations:
     ----------
     residual : SX (2 n + 3 m,)
         n kinematic and n dynamic equations; those of m loop closures for displacements, rates and
-        accelerations.
+        accelerations; then two for each of `moved`.
     output : SX (n_y,)
     xdot, x : SX symbols (2 n,)
         Displacements, then rates, of all joints.
@@ -50,6 +58,9 @@ class Equations:
     equilibrium_signals : Signal (n,)
         Unbalanced effort of each of the n dynamic equations.
     default_inputs, default_outputs : positions of the signals a scene has if it names none
+    ignorable : positions among the states of angles that a linear model leaves out
+        They are in no equation: what turns steadily is symmetric. An output may be one.
+    moved : `Moved` coordinates, whose motion is an input
     carried : SX (n_c,)
         Wrenches of the elastic bodies whose `prestress` is not said to be negligible; as `output`.
     carried_by : name of the body of each entry of `carried`
@@ -82,6 +93,8 @@ class Equations:
     equilibrium_signals: tuple[Signal, ...]
     default_inputs: tuple[int, ...]
     default_outputs: tuple[int, ...]
+    ignorable: tuple[int, ...]
+    moved: tuple[Moved, ...]
     carried: ca.SX
     carried_by: tuple[str, ...]
     parameters: tuple[Parameter, ...]

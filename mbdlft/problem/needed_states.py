@@ -6,7 +6,8 @@ outputs do not depend on is *not seen*; what does not depend on the inputs stays
 Without either, the transfer is the same for every value of the parameters.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -73,10 +74,22 @@ class Need:
         return np.r_[kept, count:rows], np.r_[kept, count:columns]
 
 
-def all_states(relations: LinearModel, states: int) -> Need:
-    """The relations as they are."""
-    every = np.ones(states, dtype=bool)
-    return Need(relations, tuple(range(states)), every, every)
+def all_states(relations: LinearModel, states: int, ignorable: Sequence[int] = ()) -> Need:
+    """The relations as they are, but for those states among `ignorable` that are in none of them."""
+    m, every = relations, np.ones(states, dtype=bool)
+    if not ignorable:
+        return Need(m, tuple(range(states)), every, every)
+    n, known = m.unknown.numel(), m.known.numel()
+    used = np.asarray(_pattern(m).sum(axis=0)).ravel()[n : n + states] > 0
+    seen = np.array([k not in ignorable or bool(used[k]) for k in range(states)])
+    kept, left = np.flatnonzero(seen).tolist(), np.flatnonzero(~seen).tolist()
+    smaller = replace(
+        m,
+        unknown=rows_of(m.unknown, [*kept, *range(states, n), *left]),
+        known=rows_of(m.known, [*kept, *range(states, known)]),
+        derivatives=len(kept),
+    )
+    return Need(smaller, tuple(kept), seen, every)
 
 
 def needed_states(relations: LinearModel, states: int) -> Need:

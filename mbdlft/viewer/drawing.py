@@ -135,9 +135,9 @@ def _draw_world(d: Drawing) -> None:
         if any(component != 0 for component in given):
             vector = column(own[f"{key}.{axis}"] for axis in AXES)
             line = f"{key} = [{', '.join(map(str, given))}] m/s^2"
-            d.add("world", key, key, [line], [
-                {"type": "arrow", "at": origin, "along": d.vector(vector), "layer": "ground"}
-            ])  # fmt: skip
+            arrow = {"type": "arrow", "at": origin, "along": d.vector(vector), "layer": "ground"}
+            # nothing to draw of what the trim solves for
+            d.add("world", key, key, [line], [arrow] if vector.nnz() else [])
     if scene.spin:
         line = f"rate = {scene.spin.rate} rad/s"
         axis = d.vector(unit_vector(scene.spin.axis))
@@ -246,6 +246,10 @@ def _draw_joint(d: Drawing, joint: Joint) -> None:
             own: Shape = {"effort": first + k, "turns": moving.turns, "layer": "equilibrium"}
             shapes.append({"type": "effort", **arrow, **own})
     lines = [f"{joint.parent} to {joint.child}", *_axis_lines(joint), *said(joint.quantities())]
+    if getattr(joint, "rate", None) is not None:
+        lines.append("turns at this rate at equilibrium")
+    if imposed := getattr(joint, "imposed", False):
+        lines.append(f"its {'motion' if imposed == 'motion' else 'acceleration'} is an input")
     d.add("joints", joint.name, joint.kind, lines, shapes)
 
 
@@ -327,8 +331,16 @@ def _draw_loop(d: Drawing, loop: Loop) -> None:
         {"type": "joint", "at": points[0], "kind": loop.kind, "layer": "joints"},
         {"type": "line", "points": points, "layer": "joints"},
     ]
-    if loop.axis is not None:
-        body = poses.view.find(loop.parent)[0]
-        along = d.vector(ca.mtimes(poses.frames[body].R, unit_vector(loop.axis)))
-        shapes.append({"type": "turn", "at": points[0], "along": along, "layer": "joints"})
+    own = poses.values.get(poses.view.owner, {})
+    for axis, port in (
+        (loop.axis, loop.parent),
+        (loop.axis1, loop.parent),
+        (loop.axis2, loop.child),
+    ):
+        if axis is not None:
+            unit = unit_vector(axis)
+            unit = unit if port == loop.child else loop.in_parent_axes(unit, own)
+            along = d.vector(ca.mtimes(poses.frames[poses.view.find(port)[0]].R, unit))
+            kind = "arrow" if loop.kind == "prismatic" else "turn"
+            shapes.append({"type": kind, "at": points[0], "along": along, "layer": "joints"})
     d.add("loops", loop.name, loop.kind, [f"{loop.parent} to {loop.child}"], shapes)

@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 import mbdlft
+from benchmarks.cases.lagrangian import rotation
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.sensor import Sensor
 from tests.cross.frames import Frames
@@ -48,16 +49,22 @@ class Linear(NamedTuple):
 
 @dataclass(frozen=True)
 class Mechanism:
-    """Equations of one scene: `start` at rest without unknowns, `slopes` at the trim."""
+    """Equations of one scene: `start` at rest without unknowns, `slopes` at the trim.
+
+    `moved` has the inputs of coordinates whose displacement and rate are inputs, by their position.
+    `turning` has the rates (n,) at equilibrium: joints may turn steadily.
+    """
 
     scene: mbdlft.Scene
     inputs: tuple[Input, ...]
     states: tuple[str, ...]
     imposed: tuple[int, ...]
+    moved: dict[int, tuple[str, str]]
     moving: int
     measures: tuple[Measure, ...]
     start: ca.Function
     slopes: ca.Function
+    turning: ca.Function
 
 
 def mechanism(scene: mbdlft.Scene) -> Mechanism:
@@ -70,13 +77,24 @@ def mechanism(scene: mbdlft.Scene) -> Mechanism:
     if scene.spin:
         spin = ca.SX(np.array(scene.spin.axis) / np.linalg.norm(scene.spin.axis))
         spin = spin * f.value(scene.spin.rate)
-    load = f.vector(scene.gravity) - f.vector(scene.acceleration) - ground
+    unknown = [entry == "unknown" for entry in scene.acceleration]
+    given = (0.0 if hidden else a for a, hidden in zip(scene.acceleration, unknown, strict=True))
+    load = f.vector(scene.gravity) - f.vector(tuple(given)) - ground
 
     inputs, efforts, imposed = _joint_inputs(scene, f)
     power, potential, dissipated, loads = _loads(scene, f)
     symbols = ca.vertcat(efforts, *(symbol for _, symbol in loads), ground)
     inputs += [entry for entry, _ in loads]
-    inputs += [Input(f"ground.acceleration.{axis}", ca.SX(0)) for axis in AXES]
+    driven = {
+        f.first[joint.name] + k: tuple(f"{joint.name}.{m.name}" for m in freedom.measures[:2])
+        for joint in scene.joints
+        for k, freedom in enumerate(joint.freedoms)
+        if getattr(joint, "imposed", False) == "motion"
+    }
+    inputs += [
+        Input(f"ground.acceleration.{axis}", None if hidden else ca.SX(0))
+        for axis, hidden in zip(AXES, unknown, strict=True)
+    ]
 
     lagrangian = _bodies(scene, f, spin, load) - potential
     momentum = ca.gradient(lagrangian, f.v)
@@ -109,7 +127,22 @@ def mechanism(scene: mbdlft.Scene) -> Mechanism:
         for joint in scene.joints
     ]
     states = tuple(name for part in names for name in part)
-    return Mechanism(scene, tuple(inputs), states, imposed, f.count, tuple(measures), start, slopes)
+    turning = ca.SX.zeros(n)
+    for joint in scene.joints:
+        if getattr(joint, "rate", None) is not None:
+            turning[f.first[joint.name]] = f.value(joint.rate)
+    return Mechanism(
+        scene,
+        tuple(inputs),
+        states,
+        imposed,
+        driven,
+        f.count,
+        tuple(measures),
+        start,
+        slopes,
+        ca.Function("turning", [at], [turning]),
+    )
 
 
 def linear_at(m: Mechanism, model: mbdlft.LFTModel, point: dict[str, float]) -> Linear:
@@ -120,6 +153,7 @@ def linear_at(m: Mechanism, model: mbdlft.LFTModel, point: dict[str, float]) -> 
     at = np.array([point[p.name] for p in m.scene.parameters])
     n, nu = m.start.size1_out(0), len(m.inputs)
     none = np.zeros(3 * n)
+    none[n : 2 * n] = m.turning(at).full().ravel()
     count = m.start.size1_out(3)
     e0, by_load, given, gap = (
         part.full() for part in m.start(none, np.zeros(nu), np.zeros(count), at)
@@ -159,19 +193,23 @@ def linear_at(m: Mechanism, model: mbdlft.LFTModel, point: dict[str, float]) -> 
     outputs, sizes = _outputs(m, model, answer, y_moved, y_u)
 
     # motions that the closures leave, by the states of the model
-    virtual = np.eye(n)[m.moving :]
+    virtual = np.eye(n)[[*m.moved, *range(m.moving, n)]]
     motions = _kernel(np.vstack([G, virtual]))
     names = [signal.name for signal in model.states]
     rows = [m.states.index(name) for name in names]
     half = len(rows) // 2
     motions = motions @ np.linalg.inv(motions[rows[:half]])
     nz = 2 * half
-    lift = np.zeros((2 * n + nu, nz + nu))
-    lift[:n, :half], lift[n : 2 * n, half:nz] = motions, motions
-    lift[2 * n :, nz:] = np.eye(nu)
     listed = [entry.name for entry in m.inputs]
+    listed += [name for names in m.moved.values() for name in names]
+    lift = np.zeros((2 * n + nu, nz + len(listed)))
+    lift[:n, :half], lift[n : 2 * n, half:nz] = motions, motions
+    lift[2 * n :, nz : nz + nu] = np.eye(nu)
+    for k, names in m.moved.items():
+        for order, name in enumerate(names):
+            lift[order * n + k, nz + listed.index(name)] = 1.0
     picked = [*range(nz), *(nz + listed.index(signal.name) for signal in model.inputs)]
-    turning = np.hstack([np.zeros((half, half)), np.eye(half), np.zeros((half, nu))])
+    turning = np.hstack([np.zeros((half, half)), np.eye(half), np.zeros((half, len(listed)))])
     moved = np.vstack([answer[rows[:half]], outputs])
     sizes = np.vstack([np.abs(answer[rows[:half]]), sizes])
     return Linear(
@@ -332,16 +370,24 @@ def _entries(joint, key: str) -> tuple[float | str | None, ...]:
 
 
 def _closure(loop: Loop, f: Frames) -> ca.SX:
-    """Gap of the ports, and directions that are no longer parallel."""
+    """Gap of the ports, and directions that are no longer parallel, in the turned axes of the parent."""
     (parent, a), (child, b) = f.port(loop.parent), f.port(loop.child)
+    tilt = parent
+    for turn in loop.orientation:
+        tilt = tilt @ rotation(np.array(turn.axis) / np.linalg.norm(turn.axis), f.value(turn.angle))
+    turned = tilt[:3, :3].T @ child[:3, :3]
+    axis = None if loop.axis is None else np.array(loop.axis) / np.linalg.norm(loop.axis)
+    across = None if axis is None else ca.SX(np.linalg.svd(axis[None])[2][1:])
     rows = [b - a]
-    turned = parent[:3, :3].T @ child[:3, :3]
-    if loop.kind == "revolute":
-        axis = np.array(loop.axis) / np.linalg.norm(loop.axis)
-        across = np.linalg.svd(axis[None])[2][1:]
-        rows.append(ca.SX(across) @ turned @ ca.SX(axis))
-    elif loop.kind == "fixed":
+    if loop.kind in ("prismatic", "cylindrical"):
+        rows = [across @ (tilt[:3, :3].T @ (b - a))]
+    if loop.kind in ("revolute", "cylindrical"):
+        rows.append(across @ turned @ ca.SX(axis))
+    elif loop.kind in ("fixed", "prismatic"):
         rows.append(ca.vertcat(turned[2, 1], turned[0, 2], turned[1, 0]))
+    elif loop.kind == "universal":
+        first, second = (np.array(v) / np.linalg.norm(v) for v in (loop.axis1, loop.axis2))
+        rows.append(ca.SX(first[None]) @ turned @ ca.SX(second) - float(first @ second))
     return ca.vertcat(*rows)
 
 

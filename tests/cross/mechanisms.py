@@ -18,6 +18,9 @@ _PASSIVE = {
     "spherical": (_TWO, _ONE),
     "revolute": (("planar", "spherical"), _TWO),
     "fixed": (("spherical",), _TWO, _ONE),
+    "prismatic": (("planar", "spherical"), _TWO),
+    "cylindrical": (_TWO, _TWO),
+    "universal": (("planar", "spherical"), _ONE),
 }
 CLASSES = {
     "revolute": mbdlft.Revolute,
@@ -179,6 +182,93 @@ def closed_loop(seed: int) -> Scene:
         ],
         sensors=_sensors("end", joints[0].name),
     )
+
+
+def closed_by(kind: str, seed: int) -> Scene:
+    """A chain closed on the ground by one of the kinds, with an orientation that is a parameter.
+
+    What slides is apart along the axis; its orientation, and that of a universal joint, is a number.
+    For even seeds the ground is then the child, so that the parent moves.
+    """
+    random = np.random.default_rng(9000 + seed)
+    passive = [str(random.choice(choice)) for choice in _PASSIVE[kind]]
+    kinds = [*passive, str(random.choice(KINDS))]
+    given = random.permutation(len(kinds))
+    bodies, joints = _tree(random, [kinds[k] for k in given], 0.8, 0.35, imposing=False)
+    joints = [
+        _with_preload(joint, random) if given[k] < len(passive) else joint
+        for k, joint in enumerate(joints)
+    ]
+    slides = kind in ("prismatic", "cylindrical")
+    varies = not slides and kind != "universal"
+    about, angle = _vector(random, 1.0), "psi" if varies else 0.4
+    axis, second = (1.0, 2.0, -1.0), (2.0, 0.0, 1.0)
+    parameters = tuple(p for p in PARAMETERS if p.name in ("m", "k"))
+    frame = _frame(Scene(name="chain", parameters=parameters, bodies=bodies, joints=joints))
+    to_ground, back = _axis_angle(frame[:3, :3].T)
+    tip = f"{bodies[-1].name}.tip"
+    collar = mbdlft.RigidBody(name="collar", mass=0.2, inertia=mbdlft.Inertia(xx=1, yy=1, zz=1))
+    end = mbdlft.RigidBody(
+        name="end",
+        mass=0.5,
+        center_of_mass=(0.1, 0.0, 0.0),
+        inertia=mbdlft.Inertia(xx=0.02, yy=0.02, zz=0.03),
+    )
+    welds = [
+        mbdlft.Fixed(name="weld", parent=tip, child="collar", axis=to_ground, position=back),
+        mbdlft.Fixed(name="turn", parent="collar", child="end", axis=about, position=angle),
+    ]
+    anchor, ends = frame[:3, 3], {"parent": "ground.anchor", "child": "end"}
+    if slides:
+        unit = np.array(about) / np.linalg.norm(about)
+        skew = np.cross(np.eye(3), unit)
+        R = np.eye(3) + np.sin(0.4) * skew + (1 - np.cos(0.4)) * skew @ skew
+        anchor = anchor - 0.3 * R @ axis
+    turned = Rotation(axis=about, angle=angle)
+    if slides and seed % 2 == 0:
+        ends = {"parent": "end", "child": "ground.anchor"}
+        axis, turned = tuple(R @ axis), Rotation(axis=about, angle=-0.4)
+    ground = mbdlft.Ground(ports={"anchor": tuple(anchor), "wall": _vector(random, 2.0)})
+    axes = {"axis": axis} if kind in mbdlft.multibody.loop.WITH_AXIS else {}
+    if kind == "universal":
+        axes = {"axis1": axis, "axis2": second}
+    return Scene(
+        name=f"closed_by_{kind}_{seed}",
+        gravity=tuple(random.uniform(-6.0, 6.0, 3)),
+        parameters=(*parameters, Angle("psi", 20.0, low=10.0, high=30.0)) if varies else parameters,
+        bodies=(ground, *bodies, collar, end),
+        joints=(*joints, *welds),
+        loops=[
+            Loop(
+                name="pin",
+                kind=kind,
+                **ends,
+                orientation=_in_three(turned),
+                **axes,
+            )
+        ],
+        loads=[
+            mbdlft.Spring(
+                name="stay",
+                parent=f"{bodies[1].name}.side",
+                child="ground.wall",
+                stiffness="k",
+                damping=2.0,
+                rest_length=0.7,
+            )
+        ],
+        sensors=_sensors("end", joints[0].name),
+    )
+
+
+def _in_three(turned: Rotation) -> list[Rotation]:
+    """The same rotation as a turn about x, one about the axis seen from there, and the turn back."""
+    x, y, z = turned.axis
+    return [
+        Rotation(axis=(1.0, 0.0, 0.0), angle="90*deg"),
+        Rotation(axis=(x, z, -y), angle=turned.angle),
+        Rotation(axis=(1.0, 0.0, 0.0), angle="-90*deg"),
+    ]
 
 
 def _inputs(joints, loads) -> list[str]:

@@ -237,10 +237,10 @@ def test_directions_of_a_loop_that_are_not_parallel():
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"axis": None}, "a closure of the kind 'revolute' needs an axis"),
+        ({"axis": None}, "a closure of the kind 'revolute' needs axis"),
         (
             {"kind": "spherical"},
-            "a closure of the kind 'spherical' has no axis; 'revolute' has one.",
+            "a closure of the kind 'spherical' has no axis; cylindrical, prismatic, revolute have",
         ),
         ({"kind": "revolut"}, "unknown kind 'revolut'. Did you mean 'revolute'?"),
         ({"axis": (0, 0, 0)}, "axis has zero length"),

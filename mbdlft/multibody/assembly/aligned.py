@@ -20,7 +20,7 @@ from mbdlft.multibody.force import Buoyancy, Spring
 from mbdlft.multibody.force.base import DirectedLoad
 from mbdlft.multibody.joint import Fixed, Prismatic, Revolute, Rotation
 from mbdlft.multibody.joint.base import AxisJoint
-from mbdlft.multibody.scene.scene import Scene
+from mbdlft.multibody.scene.scene import UNKNOWN, Scene
 
 Evaluate = Callable[[ca.SX], Sequence[Array]]
 _ROUNDING = 16.0 * float(np.finfo(float).eps)
@@ -96,6 +96,7 @@ def _can_be_turned(scene: Scene, values: Mapping[str, Values]) -> bool:
         and all(isinstance(joint, Revolute | Prismatic | Fixed) for joint in scene.joints)
         and all(isinstance(load, DirectedLoad | Buoyancy | Spring) for load in scene.loads)
         and not any(name.startswith("ground.") for name in scene.inputs or ())
+        and UNKNOWN not in scene.acceleration
         and all(label in own for own in inertias for label in _ENTRIES)
     )
 

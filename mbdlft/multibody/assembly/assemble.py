@@ -11,7 +11,6 @@ import numpy as np
 from mbdlft.base.description import AXES, Values
 from mbdlft.base.errors import SceneError
 from mbdlft.base.signal import Freedom, Signal
-from mbdlft.multibody.assembly.aligned import Aligned
 from mbdlft.multibody.assembly.body_signals import body_channels
 from mbdlft.multibody.assembly.closure import Closure, close_loops, constraint
 from mbdlft.multibody.assembly.efforts import (
@@ -22,11 +21,15 @@ from mbdlft.multibody.assembly.efforts import (
     ground_motion,
     list_efforts,
     static_deflections,
+    uniform_load,
 )
+from mbdlft.multibody.assembly.measures import measures, steady_angles
+from mbdlft.multibody.assembly.moved import moved_coordinates
 from mbdlft.multibody.assembly.placed import Passed, inertial_wrenches, motions, pass_inward, place
 from mbdlft.multibody.assembly.regular import is_regular
 from mbdlft.multibody.assembly.resolve import Resolved, in_plane, resolve
 from mbdlft.multibody.assembly.second_order import efforts_by_products, gains_by_products
+from mbdlft.multibody.assembly.steady import body_momenta
 from mbdlft.multibody.assembly.symbols import Symbols, coordinate_owners
 from mbdlft.multibody.assembly.tree import Link, PortJoint, all_bodies
 from mbdlft.multibody.assembly.view import View
@@ -35,6 +38,7 @@ from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS, unseen_name
 from mbdlft.multibody.force import Spring
 from mbdlft.multibody.joint import coordinate_label
+from mbdlft.multibody.joint.move import turning_along
 from mbdlft.multibody.scene.check import check_fit
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
@@ -109,6 +113,8 @@ class _Mechanics:
     u, z : SX symbols, as in `Equations`
     base, load : SX (3,)
         Acceleration of the frame less gravity: its value, and symbols where it is not zero.
+    field : SX (3,)
+        The same with the components that are unknown.
     inertial, loads : SX (3, 2) by body
         Wrenches that the motions need, and those of the loads, with the other sign.
     """
@@ -121,6 +127,7 @@ class _Mechanics:
     z: ca.SX
     base: ca.SX
     load: ca.SX
+    field: ca.SX
     inertial: Mapping[str, ca.SX]
     loads: Mapping[str, ca.SX]
 
@@ -128,13 +135,13 @@ class _Mechanics:
     def has_weights(self) -> bool:
         """Whether the equilibrium is one under a uniform load, in a tree that does not spin."""
         scene = self.resolved.scene
-        return self.load.nnz() > 0 and not (scene.spin or scene.loops)
+        return self.field.nnz() > 0 and not (scene.spin or scene.loops)
 
     def passed(self) -> Passed:
         """Inward pass of the inertial wrenches and the loads."""
         now, moving = self.view.now, self.view.motions
         if self.has_weights:
-            return pass_weights_inward(now, moving, self.inertial, self.loads, self.load)
+            return pass_weights_inward(now, moving, self.inertial, self.loads, self.field)
         total = {name: self.inertial[name] + self.loads[name] for name in self.inertial}
         return pass_inward(now, moving, total)
 
@@ -156,13 +163,17 @@ def _mechanics(r: Resolved) -> _Mechanics:
     efforts = list_efforts(scene, links, values, densities, closure)
     u = ca.SX.sym("u", len(efforts))
     z = ca.SX.sym("multiplier", len(closure.rows))
+    view.momenta = body_momenta(links, values)
     view.motions = motions(view.now, ground_motion(scene, own, load, efforts, u))
     inertial = inertial_wrenches(view.now, view.motions)
+    for name, momentum in view.momenta.items():
+        inertial[name] += turning_along(view.motions.bodies[name], momentum)
     loads = {name: ca.SX(3, 2) for name in inertial}
     for on in acting(scene, links, values, view, closure, u, z):
         if on.body in loads:
             loads[on.body] -= on.wrench
-    return _Mechanics(r, view, closure, tuple(efforts), u, z, base, load, inertial, loads)
+    field = uniform_load(scene, load, efforts, u)
+    return _Mechanics(r, view, closure, tuple(efforts), u, z, base, load, field, inertial, loads)
 
 
 def _is_regular(m: _Mechanics) -> bool:
@@ -187,7 +198,7 @@ def _second_order(m: _Mechanics) -> Equations | None:
     if not (m.has_weights and gains_by_products(now)):
         return None
     passed = m.passed()
-    efforts = efforts_by_products(now, moving, m.inertial, m.loads, m.load)
+    efforts = efforts_by_products(now, moving, m.inertial, m.loads, m.field)
     return _equations(m, passed._replace(efforts={**passed.efforts, **efforts}))
 
 
@@ -202,21 +213,20 @@ def _equations(m: _Mechanics, passed: Passed) -> Equations:
     held = [constraint(scene.loops, view, order)[list(m.closure.rows)] for order in range(3)]
     if m.closure.yielding:
         held[0] = ca.substitute(held[0], symbols.q, symbols.q + deflections)
+    moved = moved_coordinates(links, [effort.signal.name for effort in m.efforts])
+    held += [symbols.x[c.coordinate + k * n] - m.u[c.inputs[k]] for c in moved for k in range(2)]
     residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
-    measured, y_signals, displacements = _measures(scene, links, symbols, view, r.aligned)
+    measured, y_signals, displacements = measures(scene, links, symbols, view, r.aligned)
     displacements += tuple(len(y_signals) + k for k in range(len(channels.signals)))
     measured, y_signals = ca.vertcat(measured, channels.outputs), y_signals + channels.signals
     both = without_unseen(scene, ca.vertcat(residual, measured))
     carried, carried_by = _carried(links, view)
     owned = [(o.name, freedom) for o in coordinate_owners(links) for freedom in o.freedoms]
-    coordinate_signals = [
-        Signal(f"{name}.{freedom.measures[k].name}", freedom.measures[k].unit)
-        for k in range(2)
-        for name, freedom in owned
-    ]
+    coordinate_signals = _coordinate_signals(owned)
     effort_signals = [effort.signal for effort in m.efforts]
     check_fit(scene, [*coordinate_signals[:n], *effort_signals])
-    followers = {*m.closure.dependent, *(n + k for k in m.closure.dependent)}
+    followers = {*m.closure.dependent, *(c.coordinate for c in moved)}
+    followers |= {n + k for k in followers}
     states = tuple(k for k in range(2 * n) if k not in followers)
     given = [0.0 if effort.given is None else effort.given for effort in m.efforts]
     return Equations(
@@ -244,12 +254,23 @@ def _equations(m: _Mechanics, passed: Passed) -> Equations:
         ),
         default_inputs=tuple(k for k, effort in enumerate(m.efforts) if effort.is_default),
         default_outputs=displacements,
+        ignorable=tuple(states.index(k) for k in steady_angles(links) if k in states),
+        moved=moved,
         carried=carried,
         carried_by=carried_by,
         parameters=r.parameters,
         x_bounds=_bounds(scene, coordinate_signals[:n]),
         u_bounds=_bounds(scene, effort_signals),
     )
+
+
+def _coordinate_signals(owned: Sequence[tuple[str, Freedom]]) -> list[Signal]:
+    """Displacements, then rates, of coordinates of joints and bodies by name."""
+    return [
+        Signal(f"{name}.{freedom.measures[k].name}", freedom.measures[k].unit)
+        for k in range(2)
+        for name, freedom in owned
+    ]
 
 
 def _bounds(scene: Scene, signals: Sequence[Signal]) -> tuple[float, ...]:
@@ -282,13 +303,14 @@ def _dynamics(
         own, needed = values.get(owner, {}), view.passed.efforts[owner]
         for k, freedom in enumerate(freedoms):
             row = len(rows)
-            if kind == "imposed":
+            if kind in ("imposed", "motion"):
                 rows.append(symbols.a[row] - given[row])
                 continue
             effort = needed[k]
             if kind == "joint":
                 effort += quantity_of(own, "stiffness", freedom) * symbols.q[row]
-                effort += quantity_of(own, "damping", freedom) * symbols.v[row]
+                rate = symbols.v[row] + own.get("rate", 0.0)
+                effort += quantity_of(own, "damping", freedom) * rate
             rows.append(effort - given[row])
     return ca.vertcat(*rows)
 
@@ -341,38 +363,3 @@ def without_unseen(scene: Scene, relations: ca.SX) -> ca.SX:
             "entries (kg m^2); the products are 0 once xx, yy and zz are all given."
         )
     return ca.substitute(relations, vector, ca.SX.zeros(len(placeholders)))
-
-
-def _measures(
-    scene: Scene, links: tuple[Link, ...], symbols: Symbols, view: View, aligned: Aligned | None
-) -> tuple[ca.SX, tuple[Signal, ...], tuple[int, ...]]:
-    """Outputs: measures of all joints, and the sensors that are asked for.
-
-    Returns
-    -------
-    expressions (n_y,), signals (n_y), positions of the default outputs
-    """
-    entries: list[ca.SX] = []
-    signals: list[Signal] = []
-    default: list[int] = []
-    row = 0
-    for _, name, freedoms, kind in coordinate_owners(links):
-        for freedom in freedoms:
-            if kind != "elastic":
-                default.append(len(entries))
-            for measure, value in zip(
-                freedom.measures, (symbols.q, symbols.v, symbols.a), strict=True
-            ):
-                entries.append(value[row])
-                signals.append(Signal(f"{name}.{measure.name}", measure.unit))
-            row += 1
-    for sensor in scene.sensors:
-        named = sensor.signals()
-        if scene.outputs is not None and not {s.name for s in named} & set(scene.outputs):
-            continue
-        view.owner = f"sensor {sensor.name!r}"
-        default += range(len(signals), len(signals) + len(named))
-        measured = sensor.measure(view)
-        entries.append(aligned.back(measured) if aligned else measured)
-        signals += named
-    return ca.vertcat(*entries), tuple(signals), tuple(default)

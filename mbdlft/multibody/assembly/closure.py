@@ -2,18 +2,21 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import casadi as ca
 import numpy as np
 from scipy.linalg import qr
 
 from mbdlft.base.array import Array
+from mbdlft.base.description import Values
 from mbdlft.base.errors import SceneError
 from mbdlft.multibody.assembly.symbols import coordinate_owners
 from mbdlft.multibody.assembly.view import View
 from mbdlft.multibody.force import BodyWrench
 from mbdlft.multibody.joint import coordinate_label
 from mbdlft.multibody.loop import Loop
+from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import move_wrench
 from mbdlft.problem.equations import CURVED
@@ -51,12 +54,17 @@ def constraint(loops: tuple[Loop, ...], view: View, order: int) -> ca.SX:
     """G w for the small motions w of one order: displacement, velocity or acceleration."""
     rows = []
     for loop in loops:
-        view.owner = Loop.where({"name": loop.name})
+        view.owner, own = owner_name(loop), _own(loop, view)
         body, held = view.small(loop.parent, order)
         other, moved = view.small(loop.child, order)
-        rows.append(view.across(moved.displacement, other, body) - held.displacement)
+        if loop.slides:
+            apart = view.departure(loop.parent, loop.child, order)
+            rows.append(ca.mtimes(loop.held(), loop.in_own_axes(apart, own)))
+        else:
+            rows.append(view.across(moved.displacement, other, body) - held.displacement)
         turned = view.across(moved.rotation, other, body) - held.rotation
-        rows.append(ca.mtimes(loop.turned_rows(), turned))
+        second = second_axis(loop, own, partial(view.across, source=other, target=body))
+        rows.append(ca.mtimes(loop.turned_rows(second), loop.in_own_axes(turned, own)))
     return ca.vertcat(*rows) if rows else ca.SX(0, 1)
 
 
@@ -64,20 +72,39 @@ def reactions(loops: tuple[Loop, ...], view: View, multipliers: ca.SX) -> list[B
     """Wrenches of the multipliers, one for each row of `constraint`, on both bodies of each loop."""
     found, k = [], 0
     for loop in loops:
-        view.owner = Loop.where({"name": loop.name})
-        directions = loop.turned_rows()
-        force = multipliers[k : k + 3]
-        torque = ca.mtimes(directions.T, multipliers[k + 3 : k + 3 + directions.shape[0]])
-        k += 3 + directions.shape[0]
+        view.owner, own = owner_name(loop), _own(loop, view)
         body, at = view.port(loop.parent)
         other, there = view.port(loop.child)
-        pair = ca.horzcat(force, torque)
+        second = second_axis(loop, own, partial(view.across_now, source=other, target=body))
+        directions, held = loop.turned_rows(second), loop.held()
+        forces, torques = held.shape[0], directions.shape[0]
+        force = multipliers[k : k + forces]
+        torque = ca.mtimes(directions.T, multipliers[k + forces : k + forces + torques])
+        k += forces + torques
+        if loop.slides:  # the parent is pushed where the child's port is now
+            force = loop.in_parent_axes(ca.mtimes(held.T, force), own)
+            at = at + view.between(loop.parent, loop.child)
+        pair = ca.horzcat(force, loop.in_parent_axes(torque, own))
         on_child = ca.horzcat(
             *(view.across_now(pair[:, column], body, other) for column in range(2))
         )
         found.append(BodyWrench(body, move_wrench(-pair, at)))
         found.append(BodyWrench(other, move_wrench(on_child, there)))
     return found
+
+
+def _own(loop: Loop, view: View) -> Values:
+    return view.now.values.get(owner_name(loop), {})
+
+
+def second_axis(loop: Loop, own: Values, across: Callable[[ca.SX], ca.SX]) -> ca.SX:
+    """The axis (3,) of the child of a universal closure, in the axes of the closure; of others, nothing.
+
+    `across` gives components in the axes of the parent of a vector in those of the child.
+    """
+    if loop.axis2 is None:
+        return ca.SX(3, 1)
+    return loop.in_own_axes(across(unit_vector(loop.axis2)), own)
 
 
 def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]) -> Closure:
@@ -112,7 +139,15 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
     # the states are those of joints that are held or driven, and near the ground, where that is well
     # conditioned: columns are compared with a weight, the last one first
     weights = np.array([_PASSIVE if is_passive else 1.0 for is_passive in _passive(view)])
-    _, last = _independent((matrices[0][rows] * weights)[:, ::-1])
+    moved = [owned.kind for owned in coordinate_owners(view.now.links) for _ in owned.freedoms]
+    weights[[kind == "motion" for kind in moved]] = 0.0
+    follow, last = _independent((matrices[0][rows] * weights)[:, ::-1])
+    if follow < rank:
+        raise SceneError(
+            f"scene {scene.name!r}: the loops {', '.join(loop.name for loop in scene.loops)} hold joints "
+            "with imposed = 'motion', which move as their inputs say: nothing else is left that could "
+            "follow. Let another joint give way, or impose an acceleration (imposed = true)."
+        )
     dependent = tuple(sorted(len(weights) - 1 - k for k in last))
     return Closure(tuple(rows), dependent, _yielding(view, matrices[0][rows]))
 
@@ -173,19 +208,29 @@ def _check_that_it_moves_alike(
 
 def gap_of(loop: Loop, view: View) -> ca.SX:
     """Gap of the ports, and of the directions that are held, at displaced positions."""
-    view.owner = Loop.where({"name": loop.name})
+    view.owner, own = owner_name(loop), _own(loop, view)
     body, other = (view.find(port)[0] for port in (loop.parent, loop.child))
-    rows = [view.between(loop.parent, loop.child)]
-    held = _held(loop)
-    rows += [view.across_now(held[:, k], body, other) - held[:, k] for k in range(held.shape[1])]
-    return ca.vertcat(*rows)
+    apart = loop.in_own_axes(view.between(loop.parent, loop.child), own)
+    return ca.vertcat(
+        ca.mtimes(loop.held(), apart),
+        _skewed(loop, own, lambda v: view.across_now(v, body, other)),
+    )
 
 
-def _held(loop: Loop) -> ca.SX:
-    """Directions (3, n) that a closure keeps parallel in both bodies."""
-    if loop.axis is not None:
-        return unit_vector(loop.axis)
-    return ca.SX.eye(3) if loop.kind == "fixed" else ca.SX(3, 0)
+def _skewed(loop: Loop, own: Values, across: Callable[[ca.SX], ca.SX]) -> ca.SX:
+    """What directions (n,) that a closure holds differ by in the parent and in the child.
+
+    `across` gives components in the axes of the child of a vector in those of the parent.
+    """
+    if loop.axis1 is not None and loop.axis2 is not None:
+        first, second = unit_vector(loop.axis1), unit_vector(loop.axis2)
+        cosine = ca.dot(across(loop.in_parent_axes(first, own)), second)
+        return cosine - ca.dot(first, second)
+    same = loop.same()
+    parts = [
+        across(loop.in_parent_axes(same[:, k], own)) - same[:, k] for k in range(same.shape[1])
+    ]
+    return ca.vertcat(ca.SX(0, 1), *parts)
 
 
 def _explained(scene: Scene, view: View, matrices: Sequence[Array]) -> Array:
@@ -225,25 +270,30 @@ def _check_that_it_closes(
 
     `explained` (N, rows) are the gaps that fitted positions may leave.
     """
-    view.owner = Loop.where({"name": loop.name})
+    view.owner, own = owner_name(loop), _own(loop, view)
     gaps, reach = view.gaps(loop.parent, loop.child, evaluate)
+    if loop.slides:
+        apart = view.between_at_rest(loop.parent, loop.child)
+        gaps = evaluate(ca.mtimes(loop.held(), loop.in_own_axes(apart, own)))
+    count = loop.held().shape[0]
     widest = max(float(np.linalg.norm(gap)) for gap in gaps)
-    excess = np.max(np.linalg.norm(gaps, axis=(1, 2)) - np.linalg.norm(explained[:, :3], axis=1))
+    allowed = np.linalg.norm(explained[:, :count], axis=1)
+    excess = np.max(np.linalg.norm(gaps, axis=(1, 2)) - allowed)
     if not excess <= _GAP * reach:
         raise SceneError(
             f"loop {loop.name!r}: the ports {loop.parent!r} and {loop.child!r} do not meet: they are "
-            f"{widest:.3g} m apart at nominal or elsewhere in the range. Correct the positions of the "
-            "joints; where a parameter changes the shape of the loop they must follow it."
+            f"{widest:.3g} m apart{' across the axis' if loop.slides else ''} at nominal or elsewhere in "
+            "the range. Correct the positions of the joints; where a parameter changes the shape of the "
+            "loop they must follow it."
         )
     body, other = (view.port(port)[0] for port in (loop.parent, loop.child))
-    held = _held(loop)
-    for k in range(held.shape[1]):
-        turned = evaluate(view.across(held[:, k], body, other) - held[:, k])
-        skewed = max(float(np.max(np.abs(value))) for value in turned)
-        allowed = float(np.max(np.linalg.norm(explained[:, 3:], axis=1)))
-        if not skewed <= _GAP + allowed:
+    turned = _skewed(loop, own, lambda v: view.across(v, body, other))
+    if turned.numel():
+        skewed = max(float(np.max(np.abs(value))) for value in evaluate(turned))
+        largest = float(np.max(np.linalg.norm(explained[:, count:], axis=1)))
+        if not skewed <= _GAP + largest:
             raise SceneError(
                 f"loop {loop.name!r}: a direction that it holds is not the same in {loop.parent!r} and "
                 f"in {loop.child!r}: they differ by {skewed:.3g} rad at nominal or elsewhere in the "
-                "range. Give the joints an orientation that makes them parallel."
+                "range. Give the loop or the joints an orientation that makes them parallel."
             )

@@ -19,7 +19,7 @@ from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.force import BodyWrench, Spring
 from mbdlft.multibody.joint import coordinate_label
 from mbdlft.multibody.scene.quantities import owner_name
-from mbdlft.multibody.scene.scene import Scene
+from mbdlft.multibody.scene.scene import UNKNOWN, Scene
 from mbdlft.problem.equations import rows_of
 from mbdlft.sx.constants import is_constant, literal, numbers_of, unit_vector
 
@@ -53,29 +53,36 @@ def list_efforts(
     deflections: list[Effort] = []
     for owner, name, freedoms, kind in coordinate_owners(links):
         for freedom in freedoms:
-            signal = freedom.measures[2] if kind == "imposed" else freedom.effort
+            moved = kind == "motion"  # its three inputs are told apart by what they do
+            signal = freedom.effort if kind in ("joint", "elastic") else freedom.measures[2]
             given = values.get(owner, {}).get(coordinate_label("preload", freedom))
-            given = 0.0 if kind == "imposed" else given
+            given = 0.0 if kind in ("imposed", "motion") else given
             is_input = kind != "elastic"  # the force that holds a static deflection is internal
             named = Signal(f"{name}.{signal.name}", signal.unit)
             if len(found) in closure.yielding:
                 measure = freedom.measures[0]
-                moved = Signal(f"{name}.{measure.name}.static", measure.unit)
+                static = Signal(f"{name}.{measure.name}.static", measure.unit)
                 if is_input:
-                    deflections.append(Effort(moved, None, is_input=False, is_default=False))
+                    deflections.append(Effort(static, None, is_input=False, is_default=False))
                 else:
-                    named = moved
-            found.append(Effort(named, given, is_input=is_input, is_default=is_input))
+                    named = static
+            found.append(Effort(named, given, is_input=is_input, is_default=is_input and not moved))
     for load in scene.loads:
         given = values[owner_name(load)].get(load.magnitude_key)
         given = densities.get(load.name, given)
         found.append(Effort(Signal(f"{load.name}.{load.signal.name}", load.signal.unit), given))
     found += [Effort(signal, 0.0) for link in links for signal in body_inputs(link.child)]
     asked = set(scene.inputs or ())
+    for name, entry in zip(GROUND_ACCELERATION, scene.acceleration, strict=True):
+        if entry == UNKNOWN or name in asked:
+            given = None if entry == UNKNOWN else 0.0
+            found.append(Effort(Signal(name, "m/s^2"), given, is_default=False))
     found += [
-        Effort(Signal(name, "m/s^2"), 0.0, is_default=False)
-        for name in GROUND_ACCELERATION
-        if name in asked
+        Effort(Signal(f"{name}.{measure.name}", measure.unit), 0.0, is_default=False)
+        for _, name, freedoms, kind in coordinate_owners(links)
+        for freedom in freedoms
+        for measure in freedom.measures[:2]
+        if kind == "motion"
     ]
     multipliers = [signal for loop in scene.loops for signal in loop.signals()]
     forces = [Effort(multipliers[k], None, is_input=False, is_default=False) for k in closure.rows]
@@ -139,6 +146,15 @@ def force_density(spring: Spring, own: Values, view: View) -> Any:
         )
     length = literal(float(np.sqrt(numbers_of(length2)[0, 0])))
     return own["stiffness"] * (1.0 - own["rest_length"] / length)
+
+
+def uniform_load(scene: Scene, load: ca.SX, listed: Sequence[Effort], u: ca.SX) -> ca.SX:
+    """The acceleration (3,) that makes the weights: `load`, and what the trim solves for."""
+    names = [effort.signal.name for effort in listed]
+    for axis, entry in enumerate(scene.acceleration):
+        if entry == UNKNOWN:
+            load = load + ca.SX.eye(3)[:, axis] * u[names.index(GROUND_ACCELERATION[axis])]
+    return load
 
 
 def ground_motion(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from mbdlft.base.description import Values
 from mbdlft.base.parameter import Parameter
 from mbdlft.multibody.assembly.aligned import Aligned, align
+from mbdlft.multibody.assembly.steady import steady
 from mbdlft.multibody.assembly.symbols import Symbols
 from mbdlft.multibody.assembly.tree import Link, tree
 from mbdlft.multibody.scene.check import check
@@ -48,7 +49,10 @@ def resolve(scene: Scene) -> Resolved:
     check(scene)
     parameters = tuple(sorted(scene.parameters, key=lambda parameter: parameter.name))
     symbols = Symbols(scene, parameters, links)
-    return Resolved(scene, links, parameters, symbols, symbols.quantities(scene))
+    values = symbols.quantities(scene)
+    for owner, momenta in steady(scene, links, symbols, values).momenta.items():
+        values[owner] = {**values[owner], **momenta}
+    return Resolved(scene, links, parameters, symbols, values)
 
 
 def in_plane(resolved: Resolved) -> Resolved:

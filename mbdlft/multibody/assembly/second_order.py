@@ -224,7 +224,7 @@ def _along(move: Move, v: ca.SX) -> ca.SX:
 
 def _turns(move: Move) -> Iterator[_Turn]:
     """Axes (3,) and small angles of the displacements of a move that turn what it carries."""
-    if isinstance(move, Hinge):
+    if isinstance(move, Hinge) and not move.steady:
         yield move.axis, move.at.q
     elif isinstance(move, Ball):
         yield from zip(ca.horzsplit(ca.SX.eye(3)), ca.vertsplit(move.at.q), strict=True)

@@ -31,7 +31,7 @@ class Owned(NamedTuple):
     owner: str
     name: str
     freedoms: tuple[Freedom, ...]
-    kind: str  # "joint", "imposed" or "elastic"
+    kind: str  # "joint", "imposed", "motion" or "elastic"
 
 
 def coordinate_owners(links: tuple[Link, ...]) -> list[Owned]:
@@ -40,7 +40,8 @@ def coordinate_owners(links: tuple[Link, ...]) -> list[Owned]:
     for link in links:
         joint, body = link.joint, link.child
         if not isinstance(joint, PortJoint):
-            kind = "imposed" if getattr(joint, "imposed", False) else "joint"
+            imposed = getattr(joint, "imposed", False)
+            kind = "motion" if imposed == "motion" else "imposed" if imposed else "joint"
             found.append(Owned(link.owner, joint.name, joint.freedoms, kind))
         found.append(Owned(owner_name(body), body.name, body.freedoms(), "elastic"))
     return found

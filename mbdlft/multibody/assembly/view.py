@@ -23,6 +23,7 @@ from mbdlft.multibody.assembly.placed import (
 )
 from mbdlft.multibody.assembly.tree import Link, find_port
 from mbdlft.multibody.body import GROUND, Body
+from mbdlft.multibody.joint.move import Hinge
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.sensor import Small
 from mbdlft.multibody.spatial import Coordinate, move_motion
@@ -48,6 +49,7 @@ class View:
         self.now = place(links, bodies, values, coordinates)
         self.coordinates = coordinates
         self.motions = Motions({}, {})
+        self.momenta: Mapping[str, ca.SX] = {}  # (3,) of bodies that turn steadily (N m s)
         self.passed = Passed({}, {}, ca.SX(3, 2))
         self.joints = {link.joint.name: link.child.name for link in links}
         self.owner = ""  # of the port that is asked for, for messages
@@ -132,7 +134,21 @@ class View:
 
     def momentum(self, order: int) -> ca.SX:
         placed, found = self._linear(order)
-        return pass_inward(placed, found, inertial_wrenches(placed, found)).ground
+        total = pass_inward(placed, found, inertial_wrenches(placed, found)).ground
+        if order == 0:
+            return total
+        for link in self.now.links:  # what turns steadily has a momentum that is tilted
+            name = link.child.name
+            rotor = ca.SX(3, 1)
+            for move in placed.moves[name]:
+                if isinstance(move, Hinge) and move.steady:
+                    rotor = move.axis * move.momentum
+            momentum = rotor + self.momenta.get(name, ca.SX(3, 1))
+            if momentum.nnz():
+                _, tilted = self._linear(0)
+                turned = ca.cross(tilted.bodies[name][:, 1], momentum)
+                total += ca.horzcat(ca.SX(3, 1), across(placed, turned, name, GROUND))
+        return total
 
     def mass(self) -> ca.SX:
         total = ca.SX(0)

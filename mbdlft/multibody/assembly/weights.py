@@ -113,7 +113,7 @@ def _before(move: Move, now: Carried, field: ca.SX) -> Carried:
     if now.loads.nnz():
         now = now._replace(loads=move.wrench(now.loads))
     if isinstance(move, Hinge):
-        return _tilted(now, move.axis, move.at.q)
+        return now if move.steady else _tilted(now, move.axis, move.at.q)
     if isinstance(move, Ball):
         for axis, q in zip(ca.horzsplit(ca.SX.eye(3)), ca.vertsplit(move.at.q), strict=True):
             now = _tilted(now, axis, q)

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from mbdlft.base.description import AXES, Values
 from mbdlft.base.parameter import Parameter
@@ -23,17 +22,19 @@ from mbdlft.multibody.assembly.closure import Closure
 from mbdlft.multibody.assembly.efforts import Effort, acting, ground_motion, list_efforts
 from mbdlft.multibody.assembly.placed import inertial_wrenches, motions, pass_inward
 from mbdlft.multibody.assembly.resolve import resolve
+from mbdlft.multibody.assembly.steady import body_momenta
 from mbdlft.multibody.assembly.symbols import Symbols, coordinate_owners
 from mbdlft.multibody.assembly.tree import Link, all_bodies
 from mbdlft.multibody.assembly.view import View
 from mbdlft.multibody.force import Spring
 from mbdlft.multibody.joint import Joint, coordinate_label
+from mbdlft.multibody.joint.move import turning_along
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.scene.quantities import Place, owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate
 from mbdlft.problem.equations import physical_symbols
-from mbdlft.sx.constants import in_doubles
+from mbdlft.sx.constants import in_doubles, unit_vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +57,11 @@ class JointCoordinate:
     is_ball: bool
     is_passive: bool
     is_sprung: bool
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether this angle grows at a steady rate."""
+        return getattr(self.joint, "rate", None) is not None
 
     @property
     def is_imposed(self) -> bool:
@@ -142,8 +148,11 @@ def displace(scene: Scene) -> Displaced:
     efforts = [needed[named.owner] for named in owned if named.kind != "elastic"]
     for k, c, effort in zip(entries, coordinates, ca.vertsplit(ca.vertcat(*efforts)), strict=True):
         if not c.is_imposed:
-            stiffness = quantity_of(values[owner_name(c.joint)], "stiffness", c.freedom)
-            unbalanced.append(effort + stiffness * symbols.q[k] - u[k])
+            own = values[owner_name(c.joint)]
+            held = quantity_of(own, "stiffness", c.freedom) * symbols.q[k]
+            if "rate" in own:  # it turns on against its damper
+                held = own["rate"] * quantity_of(own, "damping", c.freedom)
+            unbalanced.append(effort + held - u[k])
             name = f"{c.joint.name}.{c.freedom.effort.name}"
             row_signals.append(Signal(name, c.freedom.effort.unit))
     declared = [_declared(scene, symbols, values, c) for c in coordinates]
@@ -215,6 +224,8 @@ def _needed_efforts(
     base = ca.SX(ca.vertcat(*(own[f"acceleration.{a}"] for a in AXES))) - view.gravity
     view.motions = motions(view.now, ground_motion(scene, own, ca.sparsify(base), listed, u))
     wrenches = inertial_wrenches(view.now, view.motions)
+    for name, momentum in body_momenta(links, values).items():
+        wrenches[name] += turning_along(view.motions.bodies[name], momentum)
     rows = sum(len(loop.signals()) for loop in scene.loops)
     closure = Closure(tuple(range(rows)), ())
     for acted in acting(scene, links, values, view, closure, u, ca.SX(rows, 1)):
@@ -240,7 +251,9 @@ def _coordinates(
                     freedom,
                     Signal(f"{joint.name}.{measure.name}", measure.unit),
                     is_ball=coordinate_label("position", freedom) not in own,
-                    is_passive=not imposed and coordinate_label("preload", freedom) in own,
+                    is_passive=not imposed
+                    and "rate" not in own
+                    and coordinate_label("preload", freedom) in own,
                     is_sprung=bool(stiffness.nnz()),
                 )
             )
@@ -284,28 +297,36 @@ def _length(spring: Spring, view: View) -> ca.SX:
 def _gaps(loops: tuple[Loop, ...], view: View) -> tuple[list[ca.SX], list[Signal], list[ca.SX]]:
     """Gaps of the loops, one for each multiplier, their signals, and the cosines that must be 1.
 
-    The gap of a `revolute` loop is the part of the child's axis across that of the parent; that of a
-    `fixed` loop is sin(angle) times the axis of the rotation R_pc from the child to the parent.
+    The gap of a loop with one axis is the part of the child's axis across that of the parent; that of one
+    that allows no rotation is sin(angle) times the axis of the rotation from the child to the closure.
     """
     gaps: list[ca.SX] = []
     signals: list[Signal] = []
     alignment: list[ca.SX] = []
     for loop in loops:
-        view.owner = Loop.where({"name": loop.name})
-        gaps.append(view.between(loop.parent, loop.child))
-        signals += [Signal(f"{loop.name}.gap.{axis}", "m") for axis in AXES]
+        view.owner = owner_name(loop)
+        own = view.now.values.get(view.owner, {})
         parent, child = view.find(loop.parent)[0], view.find(loop.child)[0]
-        if loop.axis is not None:
-            axis = ca.SX(np.asarray(loop.axis) / np.linalg.norm(loop.axis))
-            child_axis = view.across_now(axis, child, parent)
-            gaps.append(ca.mtimes(loop.turned_rows(), child_axis))
-            alignment.append(ca.dot(axis, child_axis))
-        elif loop.kind == "fixed":
-            unit = ca.SX.eye(3)
-            R_pc = ca.horzcat(*(view.across_now(unit[:, k], child, parent) for k in range(3)))
-            twice_sine = [R_pc[i, j] - R_pc[j, i] for i, j in ((2, 1), (0, 2), (1, 0))]
+
+        def seen(vectors: ca.SX, child: str = child, parent: str = parent) -> ca.SX:
+            return ca.horzcat(*(view.across_now(v, child, parent) for v in ca.horzsplit(vectors)))
+
+        apart = view.between(loop.parent, loop.child)
+        gaps.append(ca.mtimes(loop.held(), loop.in_own_axes(apart, own)))
+        same = loop.same()
+        turned = loop.in_own_axes(seen(same), own) if same.shape[1] else same
+        if loop.axis1 is not None and loop.axis2 is not None:
+            first, second = unit_vector(loop.axis1), unit_vector(loop.axis2)
+            cosine = ca.dot(first, loop.in_own_axes(seen(second), own))
+            gaps.append(cosine - ca.dot(first, second))
+        elif same.shape[1] == 1:
+            gaps.append(ca.mtimes(loop.turned_rows(ca.SX(3, 1)), turned))
+            alignment.append(ca.dot(same, turned))
+        elif same.shape[1] == 3:
+            twice_sine = [turned[i, j] - turned[j, i] for i, j in ((2, 1), (0, 2), (1, 0))]
             gaps.append(0.5 * ca.vertcat(*twice_sine))
-            alignment.append(0.5 * (ca.trace(R_pc) - 1.0))
-        turned_rows = loop.turned_rows().shape[0]
-        signals += [Signal(f"{loop.name}.gap.{k + 1}", "rad") for k in range(turned_rows)]
+            alignment.append(0.5 * (ca.trace(turned) - 1.0))
+        for multiplier in loop.signals():
+            kind, _, label = multiplier.name.removeprefix(f"{loop.name}.").partition(".")
+            signals.append(Signal(f"{loop.name}.gap.{label}", "m" if kind == "force" else "rad"))
     return gaps, signals, alignment

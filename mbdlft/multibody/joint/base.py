@@ -8,7 +8,7 @@ The coordinates of a joint are displacements from the equilibrium.
 import abc
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import ClassVar, Self, final
+from typing import ClassVar, Literal, Self, final
 
 import casadi as ca
 import numpy as np
@@ -122,10 +122,12 @@ class MovingJoint(Joint, abc.ABC):
     A kind declares `position`, `stiffness`, `damping`, `actuator_inertia` and `preload`: each is a
     quantity if the kind has one coordinate, and a tuple of quantities, one for each coordinate, if it
     has several. `preload` is the effort at equilibrium; where it is left out, the trim solves for it.
-    The model has the effort of a joint as input; for an `imposed` joint, its acceleration.
+    The model has the effort of a joint as input; for an `imposed` joint, its acceleration, and the motion
+    has states. With `imposed` = ``motion``, position, rate and acceleration are three inputs, and the
+    motion has no state.
     """
 
-    imposed: bool = False
+    imposed: bool | Literal["motion"] = False
 
     @model_validator(mode="after")
     def _imposed_has_no_preload(self) -> Self:

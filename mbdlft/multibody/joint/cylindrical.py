@@ -5,7 +5,7 @@ from typing import ClassVar, final
 from mbdlft.base.description import Quantity, Values
 from mbdlft.base.signal import Freedom
 from mbdlft.multibody.joint.base import AxisJoint, MovingJoint, sliding, turning
-from mbdlft.multibody.joint.move import Hinge, Move, Slide, shifted, turned
+from mbdlft.multibody.joint.move import Hinge, Move, Slide, shifted, steady_hinge, turned
 from mbdlft.multibody.spatial import Coordinate
 
 Pair = tuple[Quantity, Quantity]
@@ -33,5 +33,5 @@ class Cylindrical(AxisJoint, MovingJoint):
             *shifted(axis * values["position.position"]),
             Slide(axis, at.part(0), values["actuator_inertia.position"]),
             *turned(axis, values["position.angle"]),
-            Hinge(axis, at.part(1), values["actuator_inertia.angle"]),
+            steady_hinge(Hinge(axis, at.part(1), values["actuator_inertia.angle"]), values),
         )

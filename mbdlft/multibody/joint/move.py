@@ -13,13 +13,18 @@ Motions are (3, 3), wrenches (3, 2). Efforts are those of the recursive Newton-E
 
 import abc
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
 
 import casadi as ca
 
+from mbdlft.base.description import Values
 from mbdlft.multibody.spatial import Coordinate, move_motion, move_wrench, rotate, rotate_back
+
+# labels of the momenta (N m s) along the axis of a joint that turns at a steady rate, alone or with what
+# carries it: of its actuator, and of the bodies that it moves
+ROTOR, MOMENTUM = "momentum.actuator", "momentum.bodies"
 
 
 class Turn(NamedTuple):
@@ -111,18 +116,28 @@ class Hinge(Move):
     with the child: equations (7) to (9) of Kassarian et al. 2023. With another gear ratio the rotor turns
     n times as far as the child, seen from the parent. Its inertia then acts on the parent with the torque
     J (axis . alpha_p + n qddot), and the effort is the torque behind the gear, on the child's side.
+
+    What a `steady` hinge carries is symmetric about the axis and turns at a steady rate beside qdot. Its
+    frame c does not turn with it: R_pc = 1. The rotor has the momentum `momentum` along the axis (N m s),
+    which needs the torque omega_c x axis momentum; that of the child is in `assembly/steady.py`.
     """
 
     axis: ca.SX
     at: Coordinate
     inertia: ca.SX | float = 0.0
     ratio: ca.SX | float = 1.0
+    momentum: ca.SX | float = 0.0
+    steady: bool = False
     degrees_of_freedom = 1
 
     def in_parent_axes(self, vectors: ca.SX) -> ca.SX:
+        if self.steady:
+            return vectors
         return rotate(self.axis, ca.cos(self.at.q), ca.sin(self.at.q), vectors)
 
     def in_child_axes(self, vectors: ca.SX) -> ca.SX:
+        if self.steady:
+            return vectors
         return rotate_back(self.axis, ca.cos(self.at.q), ca.sin(self.at.q), vectors)
 
     def motion(self, motion: ca.SX) -> ca.SX:
@@ -135,6 +150,8 @@ class Hinge(Move):
         if isinstance(self.inertia, float) and self.inertia == 0.0:
             return wrench
         carried = ca.SX(_hinge_actuator()(wrench, motion, self.axis, self.inertia))
+        if self.steady:
+            carried = carried + turning_along(motion, self.axis * self.momentum)
         if not self._is_geared():
             return carried
         # the rotor turns by (n - 1) qdot faster than the child: this additional spin needs a torque where
@@ -263,6 +280,18 @@ class Deformed(Move):
         force, torque = self.in_parent_axes(carried[:, :1]), carried[:, 1]
         torque = torque + 0.5 * ca.cross(self.ball.at.q, torque)
         return self.effort_of(ca.vertcat(force, torque))
+
+
+def steady_hinge(hinge: Hinge, values: Values) -> Hinge:
+    """The hinge itself; a steady one where the quantities of its joint say that it turns steadily."""
+    if ROTOR not in values:
+        return hinge
+    return replace(hinge, momentum=values[ROTOR], steady=True)
+
+
+def turning_along(motion: ca.SX, momentum: ca.SX) -> ca.SX:
+    """Wrench (3, 2) that a body needs to turn a momentum (3,) (N m s) with it: omega x momentum."""
+    return ca.horzcat(ca.SX(3, 1), ca.cross(motion[:, 0], momentum))
 
 
 def turned(axis: ca.SX, turns: tuple[Turn, ...]) -> tuple[Turned, ...]:

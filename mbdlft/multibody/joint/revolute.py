@@ -8,15 +8,17 @@ far as the child, relative to the parent: see `Hinge`.
 """
 
 from collections.abc import Mapping
-from typing import ClassVar, final
+from typing import ClassVar, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import model_validator
 
 from mbdlft.base.description import Expected, Quantity, Values
+from mbdlft.base.errors import SceneError
 from mbdlft.base.signal import Freedom
 from mbdlft.multibody.joint.base import AxisJoint, MovingJoint, turning
-from mbdlft.multibody.joint.move import Hinge, Move, turned
+from mbdlft.multibody.joint.move import Hinge, Move, steady_hinge, turned
 from mbdlft.multibody.spatial import Coordinate
 
 
@@ -27,6 +29,9 @@ class Revolute(AxisJoint, MovingJoint):
     Units: `position` rad, `stiffness` N m/rad, `damping` N m s/rad, `actuator_inertia` kg m^2, `preload`
     N m. `gear_ratio` is the angle of the actuator over that of the joint. `actuator_inertia` is the
     inertia of the rotor itself, in front of the gear; the effort is the torque behind the gear.
+
+    With a `rate` (rad/s) the joint turns steadily at equilibrium: what it carries must be symmetric about
+    its axis, and the model has the deviation from this rate, and no angle unless an output asks for it.
     """
 
     kind: ClassVar[str] = "revolute"
@@ -38,9 +43,24 @@ class Revolute(AxisJoint, MovingJoint):
     actuator_inertia: Quantity = 0.0
     gear_ratio: Quantity = 1.0
     preload: Quantity | None = None
+    rate: Quantity | None = None
+
+    @model_validator(mode="after")
+    def _turns_on(self) -> Self:
+        if self.rate is None:
+            return self
+        for key, reason in (("position", "its angle grows on"), ("stiffness", "a spring winds up")):
+            if getattr(self, key) != 0.0:
+                raise SceneError(
+                    f"{key}: a joint that turns at a steady rate has none, because {reason}; got "
+                    f"{getattr(self, key)!r}. Leave out {key} or rate."
+                )
+        return self
 
     def own_quantities(self) -> dict[str, Expected]:
         quantities = super().own_quantities()
+        if self.rate is not None:
+            quantities["rate"] = Expected(self.rate, "rad/s")
         if self.gear_ratio != 1.0:  # without a gear nothing is multiplied
             quantities["gear_ratio"] = Expected(self.gear_ratio, "1")
         return quantities
@@ -58,5 +78,8 @@ class Revolute(AxisJoint, MovingJoint):
         axis = self.direction()
         return (
             *turned(axis, values["position"]),
-            Hinge(axis, at.part(0), values["actuator_inertia"], values.get("gear_ratio", 1.0)),
+            steady_hinge(
+                Hinge(axis, at.part(0), values["actuator_inertia"], values.get("gear_ratio", 1.0)),
+                values,
+            ),
         )

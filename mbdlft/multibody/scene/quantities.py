@@ -20,7 +20,8 @@ from mbdlft.base.expression import Call, Expression, Name, evaluate, names, pars
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import Joint
-from mbdlft.multibody.scene.scene import Scene
+from mbdlft.multibody.loop import Loop
+from mbdlft.multibody.scene.scene import UNKNOWN, Scene
 
 T = TypeVar("T")
 
@@ -100,14 +101,15 @@ def _summed(first: Mapping[T, int], second: Mapping[T, int]) -> dict[T, int]:
 def owners(scene: Scene) -> Iterator[tuple[str, Mapping[str, Expected]]]:
     """All owners of quantities: their names in words, and their quantities by label.
 
-    The owners are the scene itself, its bodies, joints and loads.
+    The owners are the scene itself, its bodies, joints, loads and loops.
     """
     gravity = vector_quantities("gravity", scene.gravity, "m s^-2")
-    acceleration = vector_quantities("acceleration", scene.acceleration, "m s^-2")
+    x, y, z = (0.0 if entry == UNKNOWN else entry for entry in scene.acceleration)
+    acceleration = vector_quantities("acceleration", (x, y, z), "m s^-2")
     spin = {"spin.rate": Expected(scene.spin.rate, "rad/s")} if scene.spin else {}
     yield f"scene {scene.name!r}", gravity | acceleration | spin
-    items: list[Body | Joint | Load] = [*scene.bodies, *scene.joints, *scene.loads]
-    for item in items:
+    items: list[Body | Joint | Load | Loop] = [*scene.bodies, *scene.joints, *scene.loads]
+    for item in [*items, *scene.loops]:
         yield owner_name(item), item.quantities()
 
 
@@ -123,8 +125,25 @@ def unused_names(scene: Scene) -> tuple[str, ...]:
     return tuple(name for name in declared if name not in used)
 
 
-def owner_name(item: Body | Joint | Load) -> str:
-    """The words by which error messages name a body, a joint or a load."""
+def unused_ports(scene: Scene) -> tuple[str, ...]:
+    """Declared ports, ``body.port``, that no joint, load, sensor, loop or inertia names."""
+    named = {
+        port
+        for item in [*scene.joints, *scene.loads, *scene.sensors, *scene.loops]
+        for key in ("parent", "child", "port")
+        if (port := getattr(item, key, None))
+    }
+    abouts = {
+        f"{body.name}.{inertia.about}"
+        for body in scene.bodies
+        if (inertia := getattr(body, "inertia", None)) is not None
+    }
+    declared = (f"{body.name}.{port}" for body in scene.bodies for port in body.ports)
+    return tuple(port for port in declared if port not in named | abouts)
+
+
+def owner_name(item: Body | Joint | Load | Loop) -> str:
+    """The words by which error messages name a body, a joint, a load or a loop."""
     return f"{item.noun} {item.name!r}"
 
 

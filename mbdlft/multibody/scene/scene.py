@@ -30,6 +30,7 @@ from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.sensor import Sensor
 
 ALL, NEEDED = "all", "needed"  # which states the linear model has
+UNKNOWN = "unknown"  # a component of the acceleration that the trim solves for
 
 
 @final
@@ -90,7 +91,8 @@ class Scene(Description):
     gravity : three numbers or expressions (m/s^2)
         Components in the axes of the ground, which are those of the scene.
     acceleration : three numbers or expressions (m/s^2)
-        Uniform acceleration of the frame of the scene; it acts as minus gravity.
+        Uniform acceleration of the frame of the scene; it acts as minus gravity. A component that is
+        ``unknown`` is solved for by the trim, as an effort is.
     spin : `Spin`, optional
         Steady rotation of the frame of the scene.
     constants : mapping of names to numbers, or to `Constant` with a unit
@@ -157,6 +159,14 @@ class Scene(Description):
         check_unique("joint, load, sensor or loop", [item.name for item in with_signals])
         check_unique("input", self.inputs or ())
         check_unique("output", self.outputs or ())
+        if UNKNOWN in self.acceleration and UNKNOWN in {
+            *(p.name for p in self.parameters),
+            *self.constants,
+        }:
+            raise SceneError(
+                f"acceleration: {UNKNOWN!r} stands for a component that the trim solves for, and a "
+                "parameter or constant has this name. Give that another name."
+            )
         for name in [*(body.name for body in self.bodies), *(item.name for item in with_signals)]:
             if "." in name:
                 raise SceneError(

@@ -1,0 +1,206 @@
+"""Rotors at steady rates against Lagrange's equations around a motion, and against pinocchio.
+
+The reference moves: its rotors turn, with matrices of inertia that turn with them. It knows nothing of
+symmetry, and agrees only because the linear model of what is symmetric does not depend on time.
+"""
+
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import mbdlft
+from mbdlft.multibody.joint.move import Hinge
+from tests import close
+from tests.cross.mechanism import Linear, linear_at, mechanism
+from tests.cross.pinocchio_tree import plant
+from tests.cross.steady_mechanisms import second_bearing, spinning
+from tests.cross.test_mechanism import compare, points_of
+
+assembling = import_module("mbdlft.multibody.assembly.assemble")
+SCENES: dict[str, Callable[[], mbdlft.Scene]] = {
+    "second bearing": second_bearing,
+    **{f"rotors {seed}": (lambda seed=seed: spinning(seed)) for seed in (9,)},
+}
+MANY = range(40)
+
+
+@cache
+def case(name: str) -> tuple[mbdlft.Scene, list[dict[str, float]], list[Linear]]:
+    scene = SCENES[name]()
+    equations, points = mechanism(scene), points_of(scene)
+    model = mbdlft.to_lft(scene, search=0.0)
+    return scene, points, [linear_at(equations, model, point) for point in points]
+
+
+def check(name: str) -> None:
+    scene, points, reference = case(name)
+    compare(mbdlft.to_lft(scene, search=0.0), points, reference)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_rotors_equal_lagrange(name: str) -> None:
+    check(name)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", MANY)
+def test_many_rotors_equal_lagrange(seed: int) -> None:
+    scene = spinning(seed)
+    model, equations, points = mbdlft.to_lft(scene, search=0.0), mechanism(scene), points_of(scene)
+    compare(model, points, [linear_at(equations, model, point) for point in points])
+
+
+def tower() -> mbdlft.Scene:
+    """A gimbal with two rotors across each other on a swing, under gravity, without loads."""
+    wheel = {"xx": 0.06, "yy": 0.06, "zz": "J"}
+    return mbdlft.Scene(
+        name="tower",
+        gravity=(0.5, 0, -9.81),
+        parameters=[
+            mbdlft.Parameter("W", 300.0, percent=40, unit="rpm"),
+            mbdlft.Parameter("J", 0.1, percent=15, unit="kg m^2"),
+            mbdlft.Angle("g", 20.0, low=-50.0, high=60.0),
+        ],
+        bodies=[
+            mbdlft.RigidBody(
+                name="swing",
+                mass=6.0,
+                center_of_mass=(0.1, 0.2, -0.5),
+                inertia=mbdlft.Inertia(xx=0.4, yy=0.5, zz=0.3, xz=0.05),
+                ports={"eye": (0.1, 0.0, -0.8)},
+            ),
+            mbdlft.RigidBody(
+                name="ring", mass=1.0, inertia=mbdlft.Inertia(xx=0.03, yy=0.04, zz=0.05)
+            ),
+            *(
+                mbdlft.RigidBody(
+                    name=name,
+                    mass=2.0,
+                    center_of_mass=(0, 0, 0.05),
+                    inertia=mbdlft.Inertia(**wheel),
+                )
+                for name in ("first", "second")
+            ),
+        ],
+        joints=[
+            mbdlft.Spherical(name="ball", parent="ground", child="swing"),
+            mbdlft.Revolute(
+                name="gimbal", parent="swing.eye", child="ring", axis=(1, 0, 0), position="g"
+            ),
+            mbdlft.Revolute(name="up", parent="ring", child="first", axis=(0, 0, 1), rate="W"),
+            mbdlft.Revolute(
+                name="across",
+                parent="ring",
+                child="second",
+                axis=(0, 0, 1),
+                orientation=[mbdlft.Rotation(axis=(0, 1, 0), angle="90*deg")],
+                rate="-2*W",
+                damping=0.01,
+            ),
+        ],
+        outputs=["up.angle", "across.angle", "gimbal.angle"],
+    )
+
+
+def law_pinocchio() -> None:
+    """[A B] and the trim, with derivatives of the inverse dynamics at velocities that are not zero."""
+    scene = tower()
+    model = mbdlft.to_lft(scene, search=0.0)
+    for point in points_of(scene):
+        tree = plant(scene, point)
+        data = tree.model.createData()
+        tree.model.gravity = pin.Motion(np.array([0.5, 0, -9.81, 0, 0, 0]))
+        rate = point["W"] * 2 * np.pi / 60
+        v = np.zeros(tree.model.nv)
+        v[tree.coordinates["up"]], v[tree.coordinates["across"]] = rate, -2 * rate
+        q, still = np.array(tree.q), np.zeros(tree.model.nv)
+        needed = pin.rnea(tree.model, data, q, v, still).copy()
+        K, D, M = (
+            part.copy() for part in pin.computeRNEADerivatives(tree.model, data, q, v, still)
+        )
+        friction = tree.coordinates["across"][0]
+        D[friction, friction] += 0.01
+        needed[friction] += 0.01 * -2 * rate
+        order = [k for joint in scene.joints for k in tree.coordinates[joint.name]]
+        K, D, M = (part[np.ix_(order, order)] for part in (K, D, M))
+        expected = np.linalg.solve(M, np.hstack([-K, -D, np.eye(len(order))]))
+        A, B, _, _ = mbdlft.matrices_at(model, point)
+        close.target(np.hstack([A, B])[len(order) :], expected, close.CROSS)
+        close.target(np.ravel(mbdlft.trim_at(model, point)), needed[order], close.CROSS)
+
+
+def test_rotors_equal_pinocchio() -> None:
+    law_pinocchio()
+
+
+def test_angles_are_left_out_and_nothing_else_changes() -> None:
+    """Without angles among the outputs the model has two states less: rows and columns of the same."""
+    scene = tower()
+    full = mbdlft.to_lft(scene, search=0.0)
+    less = mbdlft.to_lft(
+        scene.model_copy(update={"outputs": ("gimbal.angle", "up.rate")}), search=0.0
+    )
+    names = [signal.name for signal in full.states]
+    left = [signal.name for signal in less.states]
+    assert sorted(set(names) - set(left)) == ["across.angle", "up.angle"]
+    kept = [names.index(name) for name in left]
+    for point in points_of(scene):
+        A, B, _, _ = mbdlft.matrices_at(full, point)
+        a, b, _, _ = mbdlft.matrices_at(less, point)
+        close.target(np.hstack([a, b]), np.hstack([A[np.ix_(kept, kept)], B[kept]]), close.CROSS)
+        gone = [k for k in range(len(names)) if k not in kept]
+        assert not np.any(A[:, gone])
+
+
+# planted bugs --------------------------------------------------------------------------------
+
+
+def other_sense(patch: pytest.MonkeyPatch) -> None:
+    right = assembling.body_momenta
+    patch.setattr(
+        assembling, "body_momenta", lambda *given: {k: -h for k, h in right(*given).items()}
+    )
+
+
+def no_momentum(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(assembling, "body_momenta", lambda *given: {})
+
+
+def rotor_without_momentum(patch: pytest.MonkeyPatch) -> None:
+    right = Hinge.carried
+
+    def wrong(self, wrench, motion):
+        bare = Hinge(self.axis, self.at, self.inertia, self.ratio)
+        return right(bare, wrench, motion)
+
+    patch.setattr(Hinge, "carried", wrong)
+
+
+def frame_that_turns(patch: pytest.MonkeyPatch) -> None:
+    """Gyroscopic torques, and the wheel tilted by its own angle, too."""
+    patch.setattr(
+        Hinge,
+        "in_parent_axes",
+        lambda self, v: ca.mtimes(ca.SX.eye(3) + 0.1 * ca.skew(self.axis) * self.at.q, v),
+    )
+
+
+@pytest.mark.parametrize(
+    ("plant_bug", "law"),
+    [
+        (other_sense, lambda: check("second bearing")),
+        (no_momentum, law_pinocchio),
+        (rotor_without_momentum, lambda: check("second bearing")),
+        (frame_that_turns, lambda: check("second bearing")),
+    ],
+)
+def test_planted_bug_is_found(plant_bug, law, monkeypatch: pytest.MonkeyPatch) -> None:
+    law()
+    plant_bug(monkeypatch)
+    with pytest.raises(AssertionError):
+        law()

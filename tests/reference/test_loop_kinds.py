@@ -1,0 +1,283 @@
+"""Closures in closed form: slider-crank, Cardan joint, and messages of kinds and axes."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft import Inertia, Loop, Parameter, Prismatic, Revolute, RigidBody, Rotation, Scene
+from mbdlft.base.errors import SceneError
+from mbdlft.multibody.assembly.view import View
+from tests.close import CLOSED_FORM, target
+from tests.cross.test_mechanism import points_of
+
+PISTON = Parameter("m", 0.8, percent=30, unit="kg")
+
+
+def slider_crank(*, cut_at_piston: bool) -> Scene:
+    """A crank of 0.3 m upright, a rod of 0.5 m to a piston at x = 0.4 m; cut at one end or the other."""
+    crank = RigidBody(name="crank", mass=1.0, inertia=Inertia(zz=0.02), ports={"pin": (0, 0.3, 0)})
+    rod = RigidBody(
+        name="rod",
+        mass=0.5,
+        center_of_mass=(0.25, 0, 0),
+        inertia=Inertia(zz=0.01),
+        ports={"end": (0.5, 0, 0)},
+    )
+    piston = RigidBody(name="piston", mass="m", inertia=Inertia(zz=0.001))
+    down = [Rotation(axis=(0, 0, 1), angle="-2*atan(1/3)")]  # cos 4/5, sin -3/5
+    up = [Rotation(axis=(0, 0, 1), angle="2*atan(1/3)")]
+    joints = [
+        Revolute(name="motor", parent="ground", child="crank", axis=(0, 0, 1)),
+        Revolute(
+            name="knee",
+            parent="crank.pin",
+            child="rod",
+            axis=(0, 0, 1),
+            orientation=down,
+            preload=0,
+        ),
+    ]
+    if cut_at_piston:
+        joints += [
+            Revolute(
+                name="wrist",
+                parent="rod.end",
+                child="piston",
+                axis=(0, 0, 1),
+                orientation=up,
+                preload=0,
+            )
+        ]
+        # the bore stands at an angle to the ground, and its axis along x of that frame
+        loop = Loop(name="bore", kind="prismatic", parent="ground", child="piston", axis=(1, 0, 0))
+    else:
+        joints += [
+            Prismatic(
+                name="bore",
+                parent="ground",
+                child="piston",
+                axis=(1, 0, 0),
+                position=0.4,
+                preload=0,
+            )
+        ]
+        loop = Loop(
+            name="wrist",
+            kind="revolute",
+            parent="piston",
+            child="rod.end",
+            axis=(0, 0, 1),
+            orientation=down,
+        )
+    return Scene(
+        name="slider_crank",
+        gravity=(0, -9.81, 0),
+        parameters=[PISTON],
+        bodies=[crank, rod, piston],
+        joints=joints,
+        loops=[loop],
+        sensors=[mbdlft.Position(name="piston_at", port="piston")],
+        inputs=["motor.torque"],
+        outputs=["motor.angle", "piston_at.x"],
+    )
+
+
+@pytest.mark.parametrize("cut_at_piston", [True, False])
+def test_slider_crank(*, cut_at_piston: bool) -> None:
+    """x(q) = -0.3 sin q + sqrt(0.25 - 0.09 cos^2 q), q = 0 upright: inertia, stiffness, and x'."""
+    model = mbdlft.to_lft(slider_crank(cut_at_piston=cut_at_piston), search=0.0)
+    for point in points_of(slider_crank(cut_at_piston=cut_at_piston)):
+        m = point["m"]
+        # rod angle -b with sin b = 0.6 cos q: b' = 0 at q = 0, b'' = -0.6/cos b = -0.75
+        inertia = 0.02 + 0.5 * 0.3**2 + m * 0.3**2
+        # potential 1.0 kg at the axis, rod center at 0.3 cos q - 0.25 sin b = 0.15 cos q
+        stiffness = -0.5 * 9.81 * 0.15
+        A, B, C, _ = mbdlft.matrices_at(model, point)
+        target(A[1, 0], -stiffness / inertia, CLOSED_FORM)
+        target(B[1, 0], 1.0 / inertia, CLOSED_FORM)
+        target(C[1], [-0.3, 0.0], CLOSED_FORM)
+
+
+def boom(kind: str) -> Scene:
+    """A boom, upright, on a hydraulic cylinder between two bodies that move: 0.3 m, 0.4 m and 0.5 m."""
+    slender = Inertia(zz="J")
+    axis = {"axis": (1, 0, 0)}
+    hinge = {"axis": (0, 0, 1), "preload": 0}
+    return Scene(
+        name="boom",
+        gravity=(0, -9.81, 0),
+        parameters=[Parameter("J", 0.05, percent=30, unit="kg m^2"), PISTON],
+        bodies=[
+            mbdlft.Ground(ports={"foot": (0.4, 0, 0)}),
+            RigidBody(
+                name="boom",
+                mass=2.0,
+                center_of_mass=(0.2, 0, 0),
+                inertia=Inertia(zz=0.1),
+                ports={"tip": (0.3, 0, 0)},
+            ),
+            RigidBody(name="cylinder", mass=1.5, center_of_mass=(0.15, 0, 0), inertia=slender),
+            RigidBody(name="rod", mass="m", inertia=Inertia(zz=0.02)),
+        ],
+        joints=[
+            Revolute(
+                name="motor", parent="ground", child="boom", axis=(0, 0, 1), position="90*deg"
+            ),
+            Revolute(
+                name="trunnion",
+                parent="ground.foot",
+                child="cylinder",
+                position="2*atan(3)",
+                **hinge,
+            ),
+            Revolute(
+                name="clevis",
+                parent="boom.tip",
+                child="rod",
+                position="2*atan(3) - 90*deg",
+                **hinge,
+            ),
+        ],
+        loops=[Loop(name="stroke", kind=kind, parent="cylinder", child="rod", **axis)],
+        inputs=["motor.torque"],
+        outputs=["motor.angle", "trunnion.angle"],
+    )
+
+
+def law_boom(kind: str) -> None:
+    """The cylinder turns 0.36 times as fast as the boom: inertias and weights by Lagrange."""
+    slope, curve, sine, cosine = 0.36, 0.1344, 0.6, -0.8  # theta', theta'' by q; theta = 2 atan(3)
+    model = mbdlft.to_lft(boom(kind), search=0.0)
+    for point in points_of(boom(kind)):
+        m, J = point["m"], point["J"]
+        turning = J + 1.5 * 0.15**2 + 0.02
+        inertia = 0.1 + 2.0 * 0.2**2 + m * 0.3**2 + turning * slope**2
+        lifted = 1.5 * 0.15 * (-sine * slope**2 + cosine * curve)
+        stiffness = 9.81 * (-2.0 * 0.2 - m * 0.3 + lifted)
+        A, B, C, _ = mbdlft.matrices_at(model, point)
+        target(A[1, 0], -stiffness / inertia, CLOSED_FORM)
+        target(B[1, 0], 1.0 / inertia, CLOSED_FORM)
+        target(C[1], [slope, 0.0], CLOSED_FORM)
+
+
+@pytest.mark.parametrize("kind", ["prismatic", "cylindrical"])
+def test_boom_on_a_cylinder(kind: str) -> None:
+    law_boom(kind)
+
+
+def test_planted_line_that_does_not_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The cylinder turns, and the line along which the rod slides does not."""
+
+    def wrong(self, a, b, order):
+        (body, near), (other, far) = self.small(a, order), self.small(b, order)
+        return self.across(far.displacement, other, body) - near.displacement
+
+    monkeypatch.setattr(View, "departure", wrong)
+    with pytest.raises((AssertionError, mbdlft.MbdlftError)):
+        law_boom("prismatic")
+
+
+def test_planted_push_at_the_wrong_port(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The cylinder pushed at its trunnion, not where the rod is: then a cylinder feels no rod."""
+    monkeypatch.setattr(View, "between", lambda self, a, b: ca.SX(3, 1))
+    with pytest.raises((AssertionError, mbdlft.MbdlftError)):
+        law_boom("cylindrical")
+
+
+def cardan(kind: str) -> Scene:
+    """Two shafts at the angle b, on bearings, joined by a cross whose first axis is across both."""
+    b = mbdlft.Angle("b", 30.0, low=10.0, high=50.0)
+    shaft = {"mass": 1.0, "inertia": Inertia(xx=1, yy=1, zz="J")}
+    tilt = [Rotation(axis=(1, 0, 0), angle="b")]
+    axes = {"axis1": (1, 0, 0), "axis2": (0, 1, 0)}
+    return Scene(
+        name="cardan",
+        parameters=[b, Parameter("J", 0.6, percent=20, unit="kg m^2")],
+        bodies=[
+            RigidBody(name="driver", mass=1.0, inertia=Inertia(xx=1, yy=1, zz=0.4)),
+            RigidBody(name="driven", **shaft),
+        ],
+        joints=[
+            Revolute(name="motor", parent="ground", child="driver", axis=(0, 0, 1)),
+            Revolute(
+                name="load",
+                parent="ground",
+                child="driven",
+                axis=(0, 0, 1),
+                orientation=tilt,
+                preload=0,
+            ),
+        ],
+        loops=[Loop(name="cross", kind=kind, parent="driver", child="driven", **axes)],
+        inputs=["motor.torque"],
+        outputs=["motor.rate", "load.rate"],
+    )
+
+
+def test_cardan_joint_is_faster_by_the_cosine() -> None:
+    """With the cross across both shafts the driven one turns cos b times as fast (here), which is exact.
+
+    With axis1 = x of the driver and axis2 = y of the driven shaft, n = x cross y' = z'' makes an angle b
+    with the driver and 0 with the driven shaft: w cos b = w'.
+    """
+    model = mbdlft.to_lft(cardan("universal"), search=0.0)
+    assert model.certificate.minimal
+    for point in points_of(cardan("universal")):
+        cosine, J = np.cos(np.radians(point["b"])), point["J"]
+        A, B, C, _ = mbdlft.matrices_at(model, point)
+        target(B[1, 0], 1.0 / (0.4 + J * cosine**2), CLOSED_FORM)
+        target(C[:, 1], [1.0, cosine], CLOSED_FORM)
+        assert not A[1].any()
+
+
+def test_an_equilibrium_is_found_through_a_sliding_loop() -> None:
+    """The crank falls until the rod hangs: the bore is kept, and the loop closes."""
+    scene = slider_crank(cut_at_piston=True)
+    motor = scene.joints[0].model_copy(update={"preload": 0.0})
+    scene = scene.model_copy(update={"joints": (motor, *scene.joints[1:])})
+    point = mbdlft.find_equilibrium(scene)
+    hanging = mbdlft.at_equilibrium(scene, point)
+    assert mbdlft.assemble(hanging).degrees_of_freedom == 3
+    q = point.positions["motor.angle"]
+    target(abs(np.sin(q)), 0.0, CLOSED_FORM**0.5, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"kind": "prismatic"}, "closure of the kind 'prismatic' needs axis"),
+        ({"kind": "spherical", "axis": (0, 0, 1)}, "closure of the kind 'spherical' has no axis"),
+        ({"kind": "universal", "axis1": (0, 0, 1)}, "kind 'universal' needs axis2"),
+        (
+            {"kind": "universal", "axis1": (0, 0, 1), "axis2": (0, 0, -2)},
+            "axis1 and axis2 are parallel",
+        ),
+        ({"kind": "planar"}, "kind 'planar'"),
+    ],
+)
+def test_axes_belong_to_kinds(fields: dict, words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        Loop(name="l", parent="ground", child="b", **fields)
+
+
+def test_ports_of_what_slides_are_on_one_line() -> None:
+    scene = slider_crank(cut_at_piston=True)
+    aside = scene.bodies[2].model_copy(update={"ports": {"edge": (0, 0.1, 0)}})
+    loop = scene.loops[0].model_copy(update={"child": "piston.edge"})
+    wrong = scene.model_copy(update={"bodies": (*scene.bodies[:2], aside), "loops": (loop,)})
+    with pytest.raises(SceneError, match=r"do not meet: they are 0\.1 m apart across the axis"):
+        mbdlft.assemble(wrong)
+
+
+def test_orientation_is_needed_where_axes_differ() -> None:
+    scene = slider_crank(cut_at_piston=True)
+    turned = scene.joints[2].model_copy(update={"orientation": ()})
+    wrong = scene.model_copy(update={"joints": (*scene.joints[:2], turned)})
+    with pytest.raises(SceneError, match="Give the loop or the joints an orientation"):
+        mbdlft.assemble(wrong)
+
+
+def test_loops_go_to_toml_and_back() -> None:
+    for scene in (cardan("universal"), *(slider_crank(cut_at_piston=cut) for cut in (True, False))):
+        assert mbdlft.scene_from_toml(mbdlft.scene_to_toml(scene)) == scene

@@ -1,0 +1,192 @@
+"""Steady joint rates against closed forms: gyrostat, dual-spin satellite, control-moment gyro, top.
+
+Sources: Kane, Likins, Levinson, Spacecraft Dynamics (1983), section 3.6; Hughes, Spacecraft Attitude
+Dynamics (1986), chapters 6 and 7. With the momentum h of a rotor along e and the inertia J of the whole,
+
+    J omega' + omega x (J omega + h e) = torque,        h = J_e W.
+"""
+
+import numpy as np
+
+import mbdlft
+from mbdlft import Inertia, Parameter, Revolute, RigidBody, Rotation, Scene, Spherical, Spin
+from tests.close import CLOSED_FORM, CROSS, target
+from tests.cross.test_mechanism import points_of
+
+RATE = Parameter("W", 2000.0, low=1000.0, high=4000.0, unit="rpm")
+AXIAL = Parameter("Ja", 0.1, percent=20, unit="kg m^2")
+RPM = 2.0 * np.pi / 60.0
+HUB, ACROSS = np.array([3.0, 4.0, 5.0]), 0.06
+
+
+def rotor(axial: str | float = "Ja") -> RigidBody:
+    return RigidBody(name="rotor", mass=5.0, inertia=Inertia(xx=ACROSS, yy=ACROSS, zz=axial))
+
+
+def hub() -> RigidBody:
+    inertia = dict(zip(("xx", "yy", "zz"), map(float, HUB), strict=True))
+    return RigidBody(name="hub", mass=50.0, inertia=Inertia(**inertia))
+
+
+def gyrostat() -> Scene:
+    return Scene(
+        name="gyrostat",
+        parameters=[RATE, AXIAL],
+        bodies=[hub(), rotor()],
+        joints=[
+            Spherical(name="attitude", parent="ground", child="hub"),
+            Revolute(name="wheel", parent="hub", child="rotor", axis=(0, 0, 1), rate="W"),
+        ],
+    )
+
+
+def test_gyrostat_precesses_and_is_minimal() -> None:
+    """J_x w_x' = -h w_y, J_y w_y' = h w_x: W twice, J_e three times, and no angle of the wheel."""
+    model = mbdlft.to_lft(gyrostat(), search=0.0)
+    assert model.certificate.minimal
+    assert dict(zip([p.name for p in model.parameters], model.certificate.order, strict=True)) == {
+        "Ja": 3,
+        "W": 2,
+    }
+    assert [s.name for s in model.states][6:] == ["wheel.rate"]
+    assert [s.name for s in model.outputs][3:] == ["wheel.rate"]
+    for point in points_of(gyrostat()):
+        A, B, _, _ = mbdlft.matrices_at(model, point)
+        h, (Jx, Jy) = point["Ja"] * point["W"] * RPM, HUB[:2] + ACROSS
+        expected = np.zeros((4, 4))
+        expected[0, 1], expected[1, 0] = -h / Jx, h / Jy
+        target(A[3:, 3:], expected, CLOSED_FORM)
+        wheel = np.array([[1.0, -1.0], [-1.0, (HUB[2] + point["Ja"]) / point["Ja"]]]) / HUB[2]
+        target(B[5:, 2:], wheel, CLOSED_FORM)
+
+
+def test_halves_that_are_symmetric_together_are_one_rotor() -> None:
+    """Two bars across each other, welded: each alone would be refused."""
+    whole = gyrostat()
+    bar = Inertia(xx=0.02, yy=0.04, zz="Ja/2")
+    halves = [RigidBody(name=name, mass=2.5, inertia=bar) for name in ("rotor", "other")]
+    weld = mbdlft.Fixed(
+        name="weld", parent="rotor", child="other", axis=(0, 0, 1), position="90*deg"
+    )
+    split = whole.model_copy(
+        update={"bodies": (whole.bodies[0], *halves), "joints": (*whole.joints, weld)}
+    )
+    one, two = (mbdlft.to_lft(scene, search=0.0) for scene in (whole, split))
+    for point in points_of(whole):
+        for a, b in zip(
+            mbdlft.matrices_at(one, point), mbdlft.matrices_at(two, point), strict=True
+        ):
+            target(a, b, CLOSED_FORM)
+
+
+def test_motor_holds_the_rate_against_friction() -> None:
+    """The torque at equilibrium is the damping times the rate; an actuator with a gear adds n J W."""
+    scene = gyrostat()
+    wheel = scene.joints[1].model_copy(
+        update={"damping": 2e-4, "actuator_inertia": 3e-3, "gear_ratio": -30.0}
+    )
+    scene = scene.model_copy(update={"joints": (scene.joints[0], wheel)})
+    model = mbdlft.to_lft(scene, search=0.0)
+    assert "wheel.torque" in [signal.name for signal in model.trim.signals]
+    for point in points_of(scene):
+        W = point["W"] * RPM
+        trim = dict(
+            zip(
+                [s.name for s in model.trim.signals],
+                np.ravel(mbdlft.trim_at(model, point)),
+                strict=True,
+            )
+        )
+        target(trim["wheel.torque"], 2e-4 * W, CLOSED_FORM)
+        A = mbdlft.matrices_at(model, point).A
+        h = (point["Ja"] - 30.0 * 3e-3) * W
+        target(A[3, 4], -h / (HUB[0] + ACROSS), CLOSED_FORM)
+
+
+def test_dual_spin_satellite_nutates() -> None:
+    """A platform that turns with the orbit, and a rotor: the axis nutates at (J_z n + h)/J in space.
+
+    Seen from the frame, which turns with n, that is n less; and the axis of the momentum, which
+    stands still in space, moves by -n.
+    """
+    n = 0.5
+    body = RigidBody(name="hub", mass=1.0, inertia=Inertia(xx=3.0, yy=3.0, zz=5.0))
+    scene = gyrostat().model_copy(
+        update={"bodies": (body, rotor()), "spin": Spin(axis=(0, 0, 1), rate=n)}
+    )
+    model = mbdlft.to_lft(scene, search=0.0)
+    for point in points_of(scene):
+        across, along = 3.0 + ACROSS, 5.0 + point["Ja"]
+        nutation = (along * n + point["Ja"] * point["W"] * RPM) / across  # in space
+        poles = np.sort(np.abs(np.linalg.eigvals(mbdlft.matrices_at(model, point).A)))
+        # rotations about x and y: nutation seen from the frame, and the axis of the momentum
+        expected = np.sort([0.0, 0.0, 0.0, n, n, nutation - n, nutation - n])
+        target(poles, expected, CROSS, nutation)
+
+
+def test_control_moment_gyro_turns_torque() -> None:
+    """The rate of the gimbal needs and gives the torque h qdot across wheel and gimbal."""
+    gimbal = RigidBody(name="frame", mass=1.0, inertia=Inertia(xx=0.05, yy=0.07, zz=0.06))
+    angle = mbdlft.Angle("g", 30.0, low=-60.0, high=80.0)
+    scene = Scene(
+        name="control_moment_gyro",
+        parameters=[RATE, AXIAL, angle],
+        bodies=[hub(), gimbal, rotor()],
+        joints=[
+            Spherical(name="attitude", parent="ground", child="hub"),
+            Revolute(name="gimbal", parent="hub", child="frame", axis=(1, 0, 0), position="g"),
+            Revolute(name="wheel", parent="frame", child="rotor", axis=(0, 0, 1), rate="W"),
+        ],
+    )
+    model = mbdlft.to_lft(scene, search=0.0)
+    for point in points_of(scene):
+        A, B, _, _ = mbdlft.matrices_at(model, point)
+        h, g = point["Ja"] * point["W"] * RPM, np.radians(point["g"])
+        e = np.array([0.0, -np.sin(g), np.cos(g)])
+        torque = np.cross([1.0, 0.0, 0.0], e) * h  # of the rotor on the body, with the other sign
+        mass = np.linalg.inv(B[4:])
+        needed = -mass @ A[4:, 4:]
+        target(needed[:3, 3], torque, CLOSED_FORM, h)
+        target(needed[3, :3], -torque, CLOSED_FORM, h)
+        target(needed[:3, :3], np.cross(np.eye(3), e * h).T, CLOSED_FORM, h)
+
+
+def test_sleeping_top_becomes_stable() -> None:
+    """A top on its point: upright and stable for J_e W > 2 sqrt(J m g l), and not below."""
+    m, length, J, g = 0.5, 0.1, 6e-3, 9.81
+    limit = 2.0 * np.sqrt(J * m * g * length) / 2e-3
+    top = RigidBody(
+        name="top",
+        mass=m,
+        center_of_mass=(0, 0, length),
+        inertia=Inertia(xx=J, yy=J, zz=2e-3, about="origin"),
+    )
+    scene = Scene(
+        name="top",
+        gravity=(0, 0, -g),
+        parameters=[Parameter("W", limit, percent=50, unit="rad/s")],
+        bodies=[RigidBody(name="cap", mass=0.0, inertia=Inertia(xx=0, yy=0, zz=0)), top],
+        joints=[
+            mbdlft.Universal(
+                name="point", parent="ground", child="cap", axis1=(1, 0, 0), axis2=(0, 1, 0)
+            ),
+            Revolute(
+                name="spin",
+                parent="cap",
+                child="top",
+                axis=(0, 0, 3),
+                rate="W",
+                orientation=[Rotation(axis=(0, 0, 1), angle="25*deg")],
+            ),
+        ],
+        inputs=["point.torque.1"],
+        outputs=["point.angle.1"],
+    )
+    model = mbdlft.to_lft(scene, search=0.0)
+    for W in (0.99 * limit, 1.01 * limit):
+        poles = np.linalg.eigvals(model.at(W=W).A)
+        roots = np.roots([J, -2e-3 * W, m * g * length])  # w^2 J - w J_e W + m g l = 0
+        wanted = np.concatenate([1j * roots, -1j * np.conj(roots), [0.0]])
+        found = np.array([wanted[int(np.argmin(np.abs(wanted - pole)))] for pole in poles])
+        target(np.max(np.abs(poles - found)), 0.0, CROSS, np.max(np.abs(wanted)))
+        assert (np.max(poles.real) > 0.1) == (limit > W)

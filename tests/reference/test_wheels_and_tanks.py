@@ -1,0 +1,118 @@
+"""Wheel clusters and slosh tanks against printed numbers and potential theory.
+
+Sources: Dodge, The New "Dynamic Behavior of Liquids in Moving Containers" (2000), table 3.1,
+with d = 2 R: d/(4.4 h) tanh(3.68 h/d), d/3.68 coth(3.68 h/d), m g/(1.19 h) tanh^2(3.68 h/d), and
+h/2 - d/1.84 tanh(1.84 h/d); Markley, Crassidis (2014), section 7.3.4: the fourth wheel of the NASA
+standard at 1/sqrt(3) to each axis.
+"""
+
+import numpy as np
+import pytest
+from scipy.special import jnp_zeros
+
+import mbdlft
+from mbdlft import Inertia, Parameter, PointMass, Prismatic, RigidBody, Scene, Spherical
+from mbdlft.base.errors import SceneError
+from mbdlft.library.slosh import ZERO
+from tests.close import CLOSED_FORM, EVALUATION, published, target
+
+
+def test_constants_are_those_of_the_table() -> None:
+    target(ZERO, jnp_zeros(1, 1)[0], EVALUATION)
+    data = mbdlft.slosh_data(0.5, 40.0)  # d = 1 m, deep: tanh = 1
+    published(1.0 / (40.0 * data.share), "4.4")
+    published(1.0 / data.length, "3.68")
+    published(1.0 / (40.0 * data.share * data.frequency_squared), "1.19")
+    published(1.0 / (20.0 - data.height), "1.84")
+
+
+@pytest.mark.parametrize("acceleration", [None, "a"])
+def test_tank_has_the_frequency_of_the_liquid(acceleration: str | None) -> None:
+    """Held still, w^2 = (a x/R) tanh(x h/R); free on its track, the sum of momenta stays."""
+    R, h, m = 1.5, 2.4, 15e3
+    tank = mbdlft.slosh_tank(
+        "slosh", "stage", radius=R, height=h, mass="m", acceleration=acceleration
+    )
+    a = Parameter("a", 12.0, low=5.0, high=25.0, unit="m/s^2")
+    scene = Scene(
+        name="tank",
+        acceleration=(0, 0, "a"),
+        parameters=[a, Parameter("m", m, percent=30, unit="kg")],
+        bodies=[PointMass(name="stage", mass=5e3), *tank.bodies],
+        joints=[
+            Prismatic(name="track", parent="ground", child="stage", axis=(1, 0, 0), imposed=True),
+            *tank.joints,
+        ],
+        outputs=["slosh.angle.2" if acceleration is None else "slosh_x.position"],
+    )
+    model = mbdlft.to_lft(scene, search=0.0)
+    for values in ({"a": 7.0, "m": 11e3}, {"a": 24.0, "m": 19e3}):
+        poles = np.linalg.eigvals(mbdlft.matrices_at(model, values).A)
+        expected = np.sqrt(values["a"] * ZERO / R * np.tanh(ZERO * h / R))
+        target(np.max(np.abs(poles)), expected, CLOSED_FORM)
+
+
+def test_center_of_the_liquid_is_kept() -> None:
+    tank = mbdlft.slosh_tank("slosh", "stage", radius=1.5, height=2.4, mass=1000.0)
+    data, (rest, _) = mbdlft.slosh_data(1.5, 2.4), tank.bodies
+    moment = (1 - data.share) * rest.center_of_mass[2] + data.share * (1.2 + data.height)
+    target(moment, 1.2, CLOSED_FORM)
+    target(rest.ports["hinge"][2], 1.2 + data.height + data.length, CLOSED_FORM)
+
+
+def test_sizes_are_positive() -> None:
+    with pytest.raises(SceneError, match="positive, got 0 m and 1 m"):
+        mbdlft.slosh_data(0.0, 1.0)
+
+
+def satellite(arrangement: str, count: int) -> tuple[mbdlft.LFTModel, np.ndarray]:
+    wheels = mbdlft.wheel_cluster(
+        "wheel",
+        "hub",
+        arrangement,
+        mass=4.0,
+        axial="J",
+        across="0.6*J",
+        rates=[f"{k + 1}*W" for k in range(count)],
+    )
+    hub = RigidBody(name="hub", mass=300.0, inertia=Inertia(xx=9, yy=11, zz=7))
+    scene = Scene(
+        name="satellite",
+        parameters=[
+            Parameter("W", 200.0, percent=40, unit="rad/s"),
+            Parameter("J", 0.08, percent=10, unit="kg m^2"),
+        ],
+        bodies=[hub, *wheels.bodies],
+        joints=[Spherical(name="attitude", parent="ground", child="hub"), *wheels.joints],
+    )
+    axes = np.array(mbdlft.WHEEL_AXES[arrangement], dtype=float)
+    return mbdlft.to_lft(scene, search=0.0), axes / np.linalg.norm(axes, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize(("arrangement", "count"), [("orthogonal", 3), ("nasa", 4), ("pyramid", 4)])
+def test_cluster_is_that_of_its_axes(arrangement: str, count: int) -> None:
+    """Torques act along -e_k, and the momentum is the sum of J W_k e_k."""
+    model, axes = satellite(arrangement, count)
+    W, J = 230.0, 0.085
+    A, B, _, _ = mbdlft.matrices_at(model, {"W": W, "J": J})
+    # the axial inertia follows the wheels, not the hub
+    hub = np.diag([9.0, 11.0, 7.0]) + 0.6 * J * (count * np.eye(3) - axes.T @ axes)
+    target(B[3:6, 3:], -np.linalg.solve(hub, axes.T), CLOSED_FORM)
+    h = sum(J * (k + 1) * W * e for k, e in enumerate(axes))
+    across = np.cross(np.eye(3), h).T  # columns: e_k x h
+    target(A[3:6, 3:6], -np.linalg.solve(hub, across), CLOSED_FORM)
+
+
+def test_nasa_standard_has_equal_angles() -> None:
+    _, axes = satellite("nasa", 4)
+    published(float(axes[3, 0]), "0.577")
+    assert np.ptp(axes[3]) == 0.0
+
+
+def test_clusters_are_checked() -> None:
+    with pytest.raises(SceneError, match="unknown arrangement 'hexagon'"):
+        mbdlft.wheel_cluster("w", "hub", "hexagon", mass=1, axial=1, across=1)
+    with pytest.raises(SceneError, match="2 rates for 3 wheels"):
+        mbdlft.wheel_cluster("w", "hub", "orthogonal", mass=1, axial=1, across=1, rates=[1, 2])
+    with pytest.raises(SceneError, match="zero length"):
+        mbdlft.wheel_cluster("w", "hub", [(0, 0, 0)], mass=1, axial=1, across=1)

@@ -1,0 +1,114 @@
+"""Notes and warnings of commands: in the text, and in the JSON."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.scenarios.test_cli import run
+
+POLE = """
+format = "mbdlft-scene/1"
+name = "pole"
+gravity = [0, 0, -9.81]
+
+[constants]
+spare = 2.0
+
+[bodies.cart]
+kind = "point_mass"
+mass = 1.0
+
+[bodies.pole]
+kind = "rigid"
+mass = 0.1
+center_of_mass = [0, 0, 0.5]
+inertia = { xx = 0.01 }
+ports.tip = [0, 0, 1]
+ports.eye = [0, 0, 0.9]
+
+[joints.track]
+kind = "prismatic"
+parent = "ground"
+child = "cart"
+axis = [0, 1, 0]
+
+[joints.pivot]
+kind = "revolute"
+parent = "cart"
+child = "pole"
+axis = [1, 0, 0]
+position = "20*deg"
+
+[sensors.seen]
+kind = "position"
+port = "pole.tip"
+
+[linearize]
+inputs = ["track.force"]
+"""
+HELD = "note: pivot.torque holds the equilibrium with -0.1678 N m at nominal, and is no input"
+
+Patch, Capture = pytest.MonkeyPatch, pytest.CaptureFixture[str]
+
+
+def written(tmp_path: Path, text: str = POLE) -> str:
+    file = tmp_path / "pole.toml"
+    file.write_text(text, encoding="utf-8")
+    return str(file)
+
+
+@pytest.mark.parametrize("command", ["check", "linearize"])
+def test_a_leaning_pole_is_held_by_something(
+    command: str, tmp_path: Path, monkeypatch: Patch, capsys: Capture
+) -> None:
+    code, out, _ = run(monkeypatch, capsys, command, written(tmp_path))
+    out = " ".join(out.split())
+    assert code == 0
+    assert HELD in out
+    assert "preload = 0" in out
+    assert "track.force holds" not in out
+    assert "'spare' is declared and not used" in out
+    assert "port 'pole.eye' is declared and not used" in out
+    assert "pole.tip" not in out.partition("note:")[2]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('inputs = ["track.force"]', 'inputs = ["track.force", "pivot.torque"]'),
+        ('position = "20*deg"', "preload = 0"),
+    ],
+)
+def test_no_note_where_all_is_said(
+    old: str, new: str, tmp_path: Path, monkeypatch: Patch, capsys: Capture
+) -> None:
+    code, out, _ = run(monkeypatch, capsys, "check", written(tmp_path, POLE.replace(old, new)))
+    assert code == 0
+    assert "holds the equilibrium" not in out.replace("efforts that hold", "")
+
+
+def test_json_has_notes_and_warnings(tmp_path: Path, monkeypatch: Patch, capsys: Capture) -> None:
+    code, out, _ = run(monkeypatch, capsys, "linearize", written(tmp_path), "--json")
+    found = json.loads(out)
+    assert code == 0
+    assert any(note.startswith(HELD) for note in found["notes"])
+    assert found["warnings"] == []
+
+
+def test_sweep_says_that_it_replaces_rows(
+    tmp_path: Path, monkeypatch: Patch, capsys: Capture
+) -> None:
+    text = (
+        POLE.replace("mass = 0.1", 'mass = "m"')
+        + '[parameters]\nm = { nominal = 0.1, percent = 5, unit = "kg" }\n'
+    )
+    file, archive = written(tmp_path, text), str(tmp_path / "rows.h5")
+    wanted = ("sweep", file, "--random", "3", "-o", archive, "--workers", "1")
+    code, _, err = run(monkeypatch, capsys, *wanted)
+    assert (code, "replaced" in err) == (0, False)
+    code, out, err = run(monkeypatch, capsys, *wanted, "--seed", "1", "--json")
+    assert code == 0
+    assert "mbdlft: warning:" in err
+    assert "the sweep 'pole' that is stored there is replaced" in err
+    assert "is replaced" in json.loads(out)["warnings"][0]
