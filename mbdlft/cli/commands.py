@@ -32,12 +32,12 @@ from mbdlft.cli.options import (
 from mbdlft.cli.poles import poles
 from mbdlft.cli.report import print_model, report_model
 from mbdlft.cli.response import response
+from mbdlft.cli.robot import import_robot
 from mbdlft.cli.schema import schema
-from mbdlft.cli.source import values_of
+from mbdlft.cli.source import scene_in, values_of
 from mbdlft.cli.sweep import sweep
 from mbdlft.cli.tables import console as _console
 from mbdlft.cli.tables import table as _table
-from mbdlft.cli.urdf import import_robot
 from mbdlft.cli.view import report, view
 from mbdlft.system.model import LFTModel
 
@@ -137,16 +137,15 @@ def trim(
 ) -> None:
     """Print the joint efforts that hold the equilibrium, or find the equilibrium."""
     from mbdlft.multibody.assembly import assemble
-    from mbdlft.multibody.scene import load_scene
     from mbdlft.problem.trim import solve_trim
 
     if positions or every or output:
         from mbdlft.cli.tables import print_equilibria
 
         values = values_of(assignments or [])
-        print_equilibria(load_scene(scene_file), values, starts, output, every=every)
+        print_equilibria(scene_in(scene_file), values, starts, output, every=every)
         return
-    equations = assemble(load_scene(scene_file))
+    equations = assemble(scene_in(scene_file))
     point = solve_trim(equations, values_of(assignments or []))
     console = _console()
     if point.parameters:

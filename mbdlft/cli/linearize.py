@@ -31,6 +31,7 @@ from mbdlft.cli.options import (
 )
 from mbdlft.cli.report import report_model
 from mbdlft.cli.response import KINDS, draw
+from mbdlft.cli.source import is_robot, scene_in
 from mbdlft.cli.tables import console as _console
 from mbdlft.cli.tables import table as _table
 from mbdlft.system.model import LFTModel
@@ -41,14 +42,17 @@ if TYPE_CHECKING:
 
 ModelFile = Annotated[
     Path,
-    typer.Argument(metavar="FILE", help="Scene (TOML), or Modelica model (.mo; .mof: flat text)."),
+    typer.Argument(
+        metavar="FILE",
+        help="Scene (TOML), robot (.urdf, .sdf, .xml, .xacro), or Modelica model (.mo, .mof).",
+    ),
 ]
 TableFile = Annotated[
     Path | None,
     typer.Option("--parameters", help="Which parameters of a Modelica model stay: a TOML file."),
 ]
 ModelName = Annotated[
-    str | None, typer.Option("--model", help="Which model of a .mo file with several.")
+    str | None, typer.Option("--model", help="Which model of a .mo or .sdf file with several.")
 ]
 
 
@@ -59,12 +63,11 @@ def check(file: ModelFile, table_file: TableFile = None, model_name: ModelName =
         return
     _refuse_options(file, table_file, model_name)
     from mbdlft.multibody.assembly import assemble
-    from mbdlft.multibody.scene import load_scene
     from mbdlft.multibody.to_problem import choose_signals
     from mbdlft.problem.relinearize import relinearize
     from mbdlft.problem.trim import solve_trim
 
-    scene = load_scene(file)
+    scene = scene_in(file, model_name)
     equations = assemble(scene)
     inputs, outputs = choose_signals(scene, equations)
     point = solve_trim(equations)
@@ -123,7 +126,11 @@ def linearize(
             model, seconds, notes = linear_model(asked, search, most_seconds, prove, show)
         else:
             _refuse_options(*asked)
-            model, seconds, notes = _of_scene(file, search, most_seconds, prove, show, truncate)
+            start = time.perf_counter()
+            scene = scene_in(file, model_name)
+            read = {"read": time.perf_counter() - start}
+            model, seconds, notes = _of_scene(scene, search, most_seconds, prove, show, truncate)
+            seconds = read | seconds
         if output is not None:
             show(f"{model.name}: write")
             seconds["write"] = write_model(output, model)
@@ -138,7 +145,7 @@ def linearize(
 
 
 def _of_scene(
-    file: Path,
+    scene: "Scene",
     search: float,
     most_seconds: float | None,
     prove: float,
@@ -146,12 +153,8 @@ def _of_scene(
     truncate: float | None,
 ) -> tuple[LFTModel, dict[str, float], list[str]]:
     """The linear model of a scene, the seconds of its stages, and notes."""
-    from mbdlft.multibody.scene import load_scene
     from mbdlft.pipeline.build import build
 
-    start = time.perf_counter()
-    scene = load_scene(file)
-    seconds = {"read": time.perf_counter() - start}
     built = build(
         scene,
         search,
@@ -160,7 +163,7 @@ def _of_scene(
         progress=lambda stage: progress(f"{scene.name}: {stage}"),
         truncate=truncate,
     )
-    seconds |= {name: value for name, value in built.seconds.items() if name != "total"}
+    seconds = {name: value for name, value in built.seconds.items() if name != "total"}
     notes = _notes(scene)
     if truncate is not None and built.model.certificate.truncation_error == 0.0:
         notes.append(f"note: no channel can be left out within {truncate:g}; nothing is truncated.")
@@ -170,7 +173,7 @@ def _of_scene(
 def _refuse_options(file: Path, table_file: Path | None, model_name: str | None) -> None:
     """Raise an error if a scene comes with what is for Modelica models."""
     for option, value in (("--parameters", table_file), ("--model", model_name)):
-        if value is not None:
+        if value is not None and not (option == "--model" and is_robot(file)):
             raise AnalysisError(
                 f"{option} {value}: it is for Modelica models ({', '.join(SUFFIXES)}); {file} is none."
             )

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from mbdlft.base.errors import AnalysisError
-from mbdlft.cli.source import stored_system
+from mbdlft.cli.source import scene_in, stored_system
 from mbdlft.cli.tables import console
 
 if TYPE_CHECKING:
@@ -98,14 +98,12 @@ def _print_report(report: "SweepReport", output: Path) -> None:
 
 def _source(file: Path, model: str | None) -> "Scene | LFTModel":
     """The scene of a file, or the model `model` if the file is an archive."""
-    from mbdlft.multibody.scene import load_scene
-
     if file.suffix.lower() in (".h5", ".hdf5"):
         # the sweep refuses what is neither
         return cast("Scene | LFTModel", stored_system(file, model))
     if model is not None:
         raise AnalysisError(f"--model {model}: {file} is a scene; only an archive has models.")
-    return load_scene(file)
+    return scene_in(file)
 
 
 def _samples(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mbdlft.base.errors import AnalysisError, SceneError
-from mbdlft.cli.source import ARCHIVES, values_of
+from mbdlft.cli.source import ARCHIVES, scene_in, values_of
 from mbdlft.cli.tables import console
 
 if TYPE_CHECKING:
@@ -18,7 +18,8 @@ Model = Annotated[str | None, typer.Option("--model", help="Model of an archive 
 
 def view(
     source: Annotated[
-        Path, typer.Argument(help="Scene (TOML), robot (URDF), or archive (HDF5) of a model.")
+        Path,
+        typer.Argument(help="Scene (TOML), robot (URDF, SDF, MJCF), or archive (HDF5) of a model."),
     ],
     output: Annotated[
         Path | None,
@@ -45,18 +46,12 @@ def view(
 def _scene(source: Path, model: str | None) -> "Scene":
     """The scene of a file, or that of a model of an archive."""
     suffix = source.suffix.lower()
-    if suffix == _ROBOT:
-        from mbdlft.urdf import load_urdf
-
-        return load_urdf(source, keep_unphysical=True)[0]  # to look at it is no harm
     if suffix in ARCHIVES:
         from mbdlft.store import load
         from mbdlft.viewer import scene_of
 
         return scene_of(load(source, model))
-    from mbdlft.multibody.scene import load_scene
-
-    return load_scene(source)
+    return scene_in(source, look=True)
 
 
 def _page(file: Path) -> Path:
@@ -71,7 +66,7 @@ def _page(file: Path) -> Path:
 def report(
     source: Annotated[
         Path,
-        typer.Argument(help="Archive (HDF5), or a scene or a matrix (TOML), to be linearized."),
+        typer.Argument(help="Archive (HDF5), or a scene, robot or matrix, to be linearized."),
     ],
     output: Annotated[
         Path | None,
