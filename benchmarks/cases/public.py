@@ -58,11 +58,17 @@ def by_pinocchio_of(file: Path, scene: Scene) -> Answer:
     """From pinocchio, which reads the URDF file itself."""
     text = file.read_text(encoding="utf-8")
     own = efforts_of(scene)
-    plain = {name.replace(".", "_"): name for name in _urdf_joints(text)}
-    rest = by_pinocchio(
-        text, {plain[name]: value for name, value in positions_of(scene).items()}, free=False
-    )
-    names = [own[name.replace(".", "_")] for name in rest.coordinates]
+    try:
+        joints = _urdf_joints(text)
+    except ET.ParseError as error:
+        return f"no XML for others: {error}"
+    plain = {name.replace(".", "_"): name for name in joints}
+    positions = {plain[name]: value for name, value in positions_of(scene).items()}
+    try:
+        rest = by_pinocchio(text, positions, free=False)
+    except (ValueError, RuntimeError) as error:
+        return f"pinocchio: {error}"
+    names = [own.get(name.replace(".", "_"), []) for name in rest.coordinates]
     if any(len(efforts) != 1 for efforts in names) or len(names) != len(rest.M):
         return "joints with several coordinates, which pinocchio orders in its own way"
     return Reference(tuple(efforts for (efforts,) in names), rest.M, rest.K, rest.D)

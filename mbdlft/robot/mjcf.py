@@ -45,7 +45,7 @@ def read_mjcf(file: Path, top: Element, keyframe: str | None = None) -> Robot:
         links[link.name], joints[joint.name] = link, joint
     sensors, rates, unused_sensors = sensors_of(model)
     servos = [name for name, drive in actuators.joints.items() if drive.stiffness or drive.damping]
-    assumed = []
+    assumed = [f"mujoco says: {text}" for text in model.warnings]
     if servos:
         assumed.append(f"servos act as springs and dampers of {', '.join(servos)}")
     if actuators.said:

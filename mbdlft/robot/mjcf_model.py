@@ -20,10 +20,14 @@ _KINDS = {"FREE": "floating", "BALL": "spherical", "SLIDE": "prismatic", "HINGE"
 
 @dataclass(frozen=True)
 class Compiled:
-    """A compiled model: `arrays` is the MjModel, `library` the module mujoco."""
+    """A compiled model: `arrays` is the MjModel, `library` the module mujoco.
+
+    `warnings` is what the compiler says.
+    """
 
     arrays: Any
     library: Any
+    warnings: tuple[str, ...] = ()
 
     def of(self, name: str) -> Any:
         """An array of the model."""
@@ -124,14 +128,20 @@ def compiled(file: Path, top: Element) -> Compiled:
             "MJCF files are compiled by the package mujoco, which is not installed: pip install "
             "'mbdlft[mjcf]'."
         ) from None
+    said: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(said.append)  # without it a log file is written into the folder
     try:
-        model = Compiled(mujoco.MjModel.from_xml_path(str(file)), mujoco)
+        arrays = mujoco.MjModel.from_xml_path(str(file))
+        model = Compiled(arrays, mujoco, tuple(" ".join(text.split()) for text in said))
     except (ValueError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
         raise SceneError(
             f"mujoco cannot compile it: {reason[:500]}. Files that it includes and meshes, whose mass "
             "counts, must be there."
         ) from None
+    finally:
+        mujoco.set_mju_user_warning(before)
     _refuse_not_finite(model)
     return model
 

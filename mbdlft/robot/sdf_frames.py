@@ -152,7 +152,8 @@ def _default(element: Element) -> str:
     """The frame to which a pose is relative if it does not say so."""
     if element.tag == "joint":
         child = element.only("child")
-        return child.text.strip() if child else MODEL
+        name = child.text.strip() if child else ""
+        return name if name not in ("", "world") else MODEL
     if element.tag == "frame":
         return element.attributes.get("attached_to") or MODEL
     return MODEL
