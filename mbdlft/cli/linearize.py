@@ -33,6 +33,7 @@ from mbdlft.cli.report import report_model
 from mbdlft.cli.response import KINDS, draw
 from mbdlft.cli.source import is_robot, scene_in
 from mbdlft.cli.tables import console as _console
+from mbdlft.cli.tables import parameters_data, print_json
 from mbdlft.cli.tables import table as _table
 from mbdlft.system.model import LFTModel
 
@@ -56,10 +57,15 @@ ModelName = Annotated[
 ]
 
 
-def check(file: ModelFile, table_file: TableFile = None, model_name: ModelName = None) -> None:
-    """Check a scene or a Modelica model, and trim it at nominal."""
+def check(
+    file: ModelFile,
+    table_file: TableFile = None,
+    model_name: ModelName = None,
+    as_json: AsJson = False,
+) -> None:
+    """Check a scene, a robot or a Modelica model, and trim it at nominal."""
     if is_modelica(file):
-        check_modelica(Asked(file, table_file, model_name))
+        check_modelica(Asked(file, table_file, model_name), as_json=as_json)
         return
     _refuse_options(file, table_file, model_name)
     from mbdlft.multibody.assembly import assemble
@@ -72,6 +78,19 @@ def check(file: ModelFile, table_file: TableFile = None, model_name: ModelName =
     inputs, outputs = choose_signals(scene, equations)
     point = solve_trim(equations)
     relinearize(equations, inputs, outputs, np.array([[p.nominal for p in equations.parameters]]))
+    if as_json:
+        print_json(
+            {
+                "name": scene.name,
+                "bodies": len(scene.bodies),
+                "joints": len(scene.joints),
+                "states": len(equations.x_signals),
+                "parameters": parameters_data(equations.parameters),
+                "efforts": efforts_data(point),
+                "notes": _notes(scene),
+            }
+        )
+        return
     console = _console()
     console.print(
         f"{scene.name}: {len(scene.bodies)} bodies, {len(scene.joints)} joints, "
@@ -177,6 +196,12 @@ def _refuse_options(file: Path, table_file: Path | None, model_name: str | None)
             raise AnalysisError(
                 f"{option} {value}: it is for Modelica models ({', '.join(SUFFIXES)}); {file} is none."
             )
+
+
+def efforts_data(point: "TrimPoint") -> list[dict[str, object]]:
+    """The efforts at a trim point as plain data."""
+    pairs = zip(point.signals, point.values, strict=True)
+    return [{"name": s.name, "value": value, "unit": s.unit} for s, value in pairs]
 
 
 def efforts_table(point: "TrimPoint") -> Table:

@@ -8,11 +8,19 @@ import typer
 from mbdlft.base.errors import SceneError
 from mbdlft.base.parameter import Angle, Parameter
 from mbdlft.base.unit import ANGLE_UNITS
-from mbdlft.cli.tables import write_scene
+from mbdlft.cli.options import AsJson
+from mbdlft.cli.tables import print_json, write_scene
 
 Texts = list[str] | None
 ModelName = Annotated[
     str | None, typer.Option("--model", help="Which model of an SDF file with several.")
+]
+Declared = Annotated[
+    Texts,
+    typer.Option(
+        "--parameter",
+        help="NAME=LOW,NOMINAL,HIGH,UNIT for --set, such as payload=0,2,5,kg; may be repeated.",
+    ),
 ]
 Vary = Annotated[
     Texts,
@@ -39,13 +47,7 @@ def import_robot(
             "are in SI units; may be repeated.",
         ),
     ] = None,
-    parameters: Annotated[
-        Texts,
-        typer.Option(
-            "--parameter",
-            help="NAME=LOW,NOMINAL,HIGH,UNIT for --set, such as payload=0,2,5,kg; may be repeated.",
-        ),
-    ] = None,
+    parameters: Declared = None,
     vary: Vary = None,
     moving: Annotated[
         Texts,
@@ -63,6 +65,7 @@ def import_robot(
     ] = False,
     model: ModelName = None,
     keyframe: Keyframe = None,
+    as_json: AsJson = False,
 ) -> None:
     """Make a scene of a robot (URDF, SDF, MJCF), and say what was ignored and what was assumed."""
     from mbdlft.robot import load_robot
@@ -80,6 +83,11 @@ def import_robot(
         keyframe=keyframe,
     )
     write_scene(output, scene)
+    if as_json:
+        limits = [limit._asdict() for limit in report.limits]
+        said = {"ignored": report.ignored, "assumed": report.assumed, "limits": limits}
+        print_json({"name": scene.name, "scene": str(output), **said})
+        return
     typer.echo(str(report))
     typer.echo(
         f"{scene.name}: {len(scene.bodies)} bodies, {len(scene.joints)} joints, "

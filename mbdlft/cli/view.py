@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mbdlft.base.errors import AnalysisError, SceneError
+from mbdlft.cli.options import AsJson
 from mbdlft.cli.source import ARCHIVES, scene_in, values_of
-from mbdlft.cli.tables import console
+from mbdlft.cli.tables import print_files
 
 if TYPE_CHECKING:
     from mbdlft.multibody.scene import Scene
@@ -30,6 +31,7 @@ def view(
         typer.Option("--set", help="name=value at which the page begins; may be repeated."),
     ] = None,
     model: Model = None,
+    as_json: AsJson = False,
 ) -> None:
     """Write a web page that shows a scene, with sliders, loads at equilibrium and moving modes."""
     from mbdlft.viewer import view as page_of
@@ -40,7 +42,7 @@ def view(
     scene = _scene(source, model)
     robot = source if source.suffix.lower() == _ROBOT else None
     page = page_of(scene, values_of(assignments or []), urdf=robot)
-    console().print(f"page: {page.save(file)}", soft_wrap=True)
+    print_files(("page", page.save(file)), as_json=as_json)
 
 
 def _scene(source: Path, model: str | None) -> "Scene":
@@ -73,6 +75,7 @@ def report(
         typer.Option("-o", "--output", help="Page to write; the name of the source by default."),
     ] = None,
     model: Model = None,
+    as_json: AsJson = False,
 ) -> None:
     """Write a page on a model: scene, parameters, what is proved, equilibrium, poles, responses."""
     from mbdlft.cli.source import load_system
@@ -81,4 +84,4 @@ def report(
     file = _page(output or Path(f"{source.stem}.html"))
     system = load_system(source, model)
     archive = source if source.suffix.lower() in ARCHIVES else None
-    console().print(f"page: {model_report(system, archive).save(file)}", soft_wrap=True)
+    print_files(("page", model_report(system, archive).save(file)), as_json=as_json)
