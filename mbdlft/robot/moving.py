@@ -62,7 +62,12 @@ def moves_of(robot: Robot, moving: Iterable[str] | None) -> frozenset[str]:
 
 
 def refuse_massless(robot: Robot, values: Values, moves: frozenset[str]) -> None:
-    """Raise a SceneError for a moving joint if all links that move with it are without mass."""
+    """Raise a SceneError for a moving joint if all links that move with it are without mass.
+
+    A loop may move masses on its other side; then the equations say whether they can be solved.
+    """
+    if robot.loops:
+        return
     children: dict[str, list[RobotJoint]] = {}
     for joint in robot.joints.values():
         children.setdefault(joint.parent, []).append(joint)
