@@ -9,6 +9,7 @@ effort of the joint, the input of the scene, is gear gain control up to a consta
 and a damper.
 """
 
+import math
 from typing import NamedTuple
 
 from mbdlft.robot.mjcf_model import Compiled
@@ -45,6 +46,8 @@ def driven(model: Compiled) -> Driven:
         if not axial:
             if transmission != "SITE" or model.of("actuator_trnid")[number][1] >= 0:
                 left_out.append(f"{name} ({transmission.lower()})")
+            else:
+                said.append(f"{name} acts at a site, {_at_site(model, number)} per unit of control")
             continue
         joint = model.joint(target)
         added, gain, known = _drive(model, number)
@@ -63,6 +66,14 @@ def driven(model: Compiled) -> Driven:
             f"laws and states of the actuators {', '.join(lawless)}: what they exert is an input"
         )
     return Driven(joints, tuple(said), tuple(ignored))
+
+
+def _at_site(model: Compiled, number: int) -> str:
+    """The force and the torque of an actuator at a site for one unit of its control."""
+    gear = model.of("actuator_gear")[model.of("actuator_outadr")[number]]
+    gain = float(model.of("actuator_gainprm")[number][0])
+    sizes = ((math.hypot(*gear[:3]), "N"), (math.hypot(*gear[3:]), "N m"))
+    return " and ".join(f"{gain * size:.6g} {unit}" for size, unit in sizes if size)
 
 
 def _drive(model: Compiled, number: int) -> tuple[Drive, float, bool]:

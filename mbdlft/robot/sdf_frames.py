@@ -29,7 +29,8 @@ class Pose(NamedTuple):
 
     def then(self, other: "Pose") -> "Pose":
         """The pose of a frame that is given in this one."""
-        return Pose(self.p + self.R @ other.p, self.R @ other.R)
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused
+            return Pose(self.p + self.R @ other.p, self.R @ other.R)
 
     def inverse(self) -> "Pose":
         """The pose of the other frame in this one."""
@@ -59,11 +60,17 @@ class Frames:
             raise SceneError(
                 f"line {frame.line}: the poses of {', '.join(seen)} are relative to each other."
             )
-        return self.in_model(frame.relative_to, (*seen, name)).then(frame.pose)
+        pose = self.in_model(frame.relative_to, (*seen, name)).then(frame.pose)
+        if not np.all(np.isfinite(pose.p)):
+            raise SceneError(f"line {frame.line}: {name!r} is too far away to be computed with.")
+        return pose
 
     def in_world(self, name: str) -> Pose:
         """The pose of a frame in the world."""
-        return self._frames[_WORLD].pose.then(self.in_model(name))
+        pose = self._frames[_WORLD].pose.then(self.in_model(name))
+        if not np.all(np.isfinite(pose.p)):
+            raise SceneError(f"{name!r} is too far away to be computed with.")
+        return pose
 
     def between(self, a: str, b: str) -> Pose:
         """The pose of the frame b in the frame a."""
@@ -175,9 +182,10 @@ def _pose(pose: Element | None, where: str) -> Pose:
         return Pose(np.zeros(3), np.eye(3))
     if pose.attributes.get("rotation_format", "euler_rpy") == "quat_xyzw":
         *place, x, y, z, w = content_numbers(pose, where, 7)
-        if not any((x, y, z, w)):
-            raise SceneError(f"line {pose.line}: {where}: <pose>: the quaternion is zero.")
-        return Pose(np.array(place), of_quaternion(np.array([w, x, y, z])))
+        try:
+            return Pose(np.array(place), of_quaternion(np.array([w, x, y, z])))
+        except SceneError as error:
+            raise SceneError(f"line {pose.line}: {where}: <pose>: {error}") from None
     *place, roll, pitch, yaw = content_numbers(pose, where, 6)
     degrees = pose.attributes.get("degrees", "false") in ("true", "1")
     unit = np.pi / 180.0 if degrees else 1.0

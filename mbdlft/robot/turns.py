@@ -8,14 +8,26 @@ import math
 import numpy as np
 
 from mbdlft.base.array import Array
+from mbdlft.base.errors import SceneError
 from mbdlft.robot.description import Triple
 
 _STEEP = 1e-9  # cosine of a pitch near 90 deg, where yaw and roll turn about the same axis
 
 
 def of_quaternion(quaternion: Array) -> Array:
-    """The rotation (3, 3) of a quaternion (4,), w first; its length is ignored."""
-    w, x, y, z = np.asarray(quaternion, dtype=float) / np.linalg.norm(quaternion)
+    """The rotation (3, 3) of a quaternion (4,), w first; its length is ignored.
+
+    Raises
+    ------
+    SceneError
+        The quaternion is zero, or not finite.
+    """
+    size = float(np.max(np.abs(quaternion)))
+    if not 0.0 < size < np.inf:
+        listed = " ".join(f"{entry:g}" for entry in quaternion)
+        raise SceneError(f"the quaternion {listed} is no rotation; its length must not be zero.")
+    entries = np.asarray(quaternion, dtype=float) / size  # no overflow
+    w, x, y, z = entries / np.linalg.norm(entries)
     return np.array(
         [
             [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
