@@ -81,8 +81,11 @@ def _urdf_joints(text: str) -> list[str]:
 # MuJoCo --------------------------------------------------------------------------------------
 
 
-def by_mujoco_of(file: Path, scene: Scene) -> Answer:
-    """From differences of the sixth order of what MuJoCo needs to hold the robot."""
+def by_mujoco_of(file: Path, scene: Scene, start: np.ndarray | None = None) -> Answer:
+    """From differences of the sixth order of what MuJoCo needs to hold the robot.
+
+    `start` (nq,) are the coordinates of bodies that are free or on a ball, if not those of the file.
+    """
     import mujoco
 
     if scene.loops:
@@ -90,14 +93,15 @@ def by_mujoco_of(file: Path, scene: Scene) -> Answer:
     model = mujoco.MjModel.from_xml_path(str(file))
     _only_rigid(model)
     data, n = mujoco.MjData(model), model.nv
-    rest = model.qpos0.copy()
+    rest = model.qpos0.copy() if start is None else start.copy()
     labels: list[str] = []
     own, at = efforts_of(scene), positions_of(scene)
     for k in range(model.njnt):
         name = (model.joint(k).name or f"joint_{k}").replace(".", "_")
         labels += own[name]
         if name in at:
-            rest[model.jnt_qposadr[k]] += at[name]
+            address = model.jnt_qposadr[k]
+            rest[address] = model.qpos0[address] + at[name]
 
     def held(q: np.ndarray, v: np.ndarray) -> np.ndarray:
         data.qpos, data.qvel = q, v

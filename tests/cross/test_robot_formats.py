@@ -13,6 +13,7 @@ from benchmarks.public_robots import difference, files, installed, outcome, tabl
 from benchmarks.targets import PUBLIC
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.robot import sdf_frames, sdf_joints
+from tests import random_mjcf
 from tests.close import CLOSED_FORM, PINOCCHIO, target
 from tests.robot_files import as_mjcf, as_sdf, as_urdf, chain
 
@@ -155,6 +156,31 @@ def test_mjcf_equals_mujoco(tmp_path: Path, name: str) -> None:
     file = tmp_path / "robot.xml"
     file.write_text(CASES[name], encoding="utf-8")
     _, error, where = rest_of(file)
+    assert error <= PUBLIC, where
+
+
+SHORT = (20, 24, 36)  # with free bodies, balls, slides
+LONG = [pytest.param(k, marks=pytest.mark.long) for k in range(60) if k not in SHORT]
+
+
+@pytest.mark.parametrize("seed", [*SHORT, *LONG])
+def test_random_mjcf_equals_mujoco_at_a_keyframe(tmp_path: Path, seed: int) -> None:
+    """Bodies that are free and on balls are turned, hinges and slides away from their reference."""
+    import mujoco
+
+    file = tmp_path / "random.xml"
+    text, random = random_mjcf.written(seed), np.random.default_rng(seed)
+    model = mujoco.MjModel.from_xml_string(text)
+    if model.nv == 0:
+        pytest.skip("all bodies are welded")
+    start = model.qpos0 + random.uniform(-1.0, 1.0, model.nq)
+    mujoco.mj_normalizeQuat(model, start)
+    file.write_text(random_mjcf.with_keyframe(text, start), encoding="utf-8")
+    scene, _ = mbdlft.load_robot(file, keyframe="k", right_angle=0.0)
+    scene = Scene(**{**dict(scene), "inputs": None, "outputs": None})
+    reference = by_mujoco_of(file, scene, start)
+    assert not isinstance(reference, str), reference
+    error, where = difference(mbdlft.to_lft(scene, search=0.0), reference)
     assert error <= PUBLIC, where
 
 
