@@ -79,3 +79,51 @@ def test_reference_keyframe_and_axes_of_a_site(tmp_path: Path) -> None:
     # the x axis of the body is minus the y axis of the site
     target(C[x], 0.0 * C[x], CLOSED_FORM, scale=1.0)
     assert abs(C[y, 1]) > 0.05
+
+
+FREE = """<mujoco><worldbody><body name="a" pos="0 0 2"><freejoint name="f"/><geom size=".1"/>
+  <body name="b"><joint name="ball" type="ball"/><geom size=".1" pos="0 0 .3"/></body></body>
+  </worldbody></mujoco>"""
+
+
+def test_free_body_can_be_clamped_and_a_ball_locked(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco", reason="MJCF needs mujoco")
+    file = tmp_path / "free.xml"
+    file.write_text(FREE, encoding="utf-8")
+    scene, report = mbdlft.load_robot(file)
+    assert [joint.kind for joint in scene.joints] == ["free", "spherical"]
+    assert len(scene.loads) == 6
+    assert "hold the free robot" in str(report)
+    scene, _ = mbdlft.load_robot(file, base="fixed")
+    assert [joint.kind for joint in scene.joints] == ["fixed", "spherical"]
+    assert not scene.loads
+    scene, _ = mbdlft.load_robot(file, moving=[])
+    assert [joint.kind for joint in scene.joints] == ["free", "fixed"]
+
+
+def test_root_of_sdf_is_free_unless_it_is_static(tmp_path: Path) -> None:
+    file = tmp_path / "square.sdf"
+    text = square("ball", 0.0).replace("<parent>world</parent>", "<parent>post</parent>")
+    post = '<link name="post"/>'
+    file.write_text(text.replace('<link name="left">', post + '<link name="left">'))
+    scene, report = mbdlft.load_robot(file)
+    assert scene.joints[0].kind == "free"
+    assert scene.loads[0].name == "hold_force_x"
+    assert "links without <inertial> have 1 kg and 1 kg m^2, as SDF says: post" in str(report)
+    static = file.read_text().replace("<link", "<static>true</static><link", 1)
+    file.write_text(static, encoding="utf-8")
+    scene, _ = mbdlft.load_robot(file)
+    assert {joint.kind for joint in scene.joints} == {"fixed"}
+
+
+def test_anchor_is_a_label(tmp_path: Path) -> None:
+    """A joint that stands higher in its child hangs the child lower."""
+    pytest.importorskip("mujoco", reason="MJCF needs mujoco")
+    file = tmp_path / "swing.xml"
+    file.write_text(SWING, encoding="utf-8")
+    length = mbdlft.Parameter("h", 0.1, 0.0, 0.3, unit="m")
+    scene, _ = mbdlft.load_robot(file, parameters=[length], values={"j.anchor.z": "h"})
+    model = mbdlft.to_lft(scene, search=0.0)
+    A, _, _, _ = mbdlft.matrices_at(model, {"h": 0.2})
+    arm, inertia = L + 0.2, M * (L + 0.2) ** 2 + 1e-9
+    target(A[1], [-M * G * arm / inertia, -0.1 / inertia], CLOSED_FORM)
