@@ -105,7 +105,7 @@ def outcome(file: Path) -> Outcome:
 def _comparable(scene: Scene, kind: str) -> Scene:
     """The scene with all inputs; without inertias of links that have no mass, which Drake leaves out."""
     bodies = [
-        body.model_copy(update={"inertia": Inertia(xx=0.0)})
+        body.model_copy(update={"inertia": Inertia(xx=0.0, yy=0.0, zz=0.0)})
         if kind == "SDF" and body.kind == "rigid" and body.mass == 0.0
         else body
         for body in scene.bodies
