@@ -23,7 +23,6 @@ import numpy as np
 import mbdlft
 from benchmarks.cases.public import REFERENCES, Reference
 from benchmarks.targets import PUBLIC
-from mbdlft.multibody.body import Inertia
 from mbdlft.multibody.scene.scene import Scene
 
 PACKAGES = (
@@ -85,7 +84,7 @@ def outcome(file: Path) -> Outcome:
     try:
         with _at_most(_SECONDS):
             scene, _ = mbdlft.robot.load_robot(file, keep_unphysical=True, right_angle=1e-13)
-            scene = _comparable(scene, kind)
+            scene = Scene(**{**dict(scene), "inputs": None, "outputs": None})
             model = mbdlft.to_lft(scene, search=0.0)
             rest = REFERENCES[kind](file, scene)
     except mbdlft.MbdlftError as error:
@@ -100,17 +99,6 @@ def outcome(file: Path) -> Outcome:
         return Outcome(file, kind, "loaded", states, reason="M is singular up to rounding")
     error, where = difference(model, rest)
     return Outcome(file, kind, "equal" if error <= PUBLIC else "differs", states, error, where)
-
-
-def _comparable(scene: Scene, kind: str) -> Scene:
-    """The scene with all inputs; without inertias of links that have no mass, which Drake leaves out."""
-    bodies = [
-        body.model_copy(update={"inertia": Inertia(xx=0.0, yy=0.0, zz=0.0)})
-        if kind == "SDF" and body.kind == "rigid" and body.mass == 0.0
-        else body
-        for body in scene.bodies
-    ]
-    return Scene(**{**dict(scene), "bodies": bodies, "inputs": None, "outputs": None})
 
 
 class _at_most:  # noqa: N801  # read like a word

@@ -179,6 +179,8 @@ def by_drake_of(file: Path, scene: Scene) -> Answer:
         return "Drake is not installed"
     if scene.loops:
         return "loops"
+    if any(body.kind == "rigid" and body.mass == 0.0 and body.inertia.xx for body in scene.bodies):
+        return "a link has an inertia and no mass: Drake leaves it out"
     plant = MultibodyPlant(0.0)
     try:
         parser = Parser(plant)

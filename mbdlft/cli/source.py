@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from mbdlft.multibody.scene import Scene
 
 ARCHIVES = (".h5", ".hdf5")
-ROBOTS = (".urdf", ".sdf", ".xml", ".mjcf", ".xacro")
+ROBOTS = (".urdf", ".sdf", ".world", ".xml", ".mjcf", ".xacro")
 
 
 def is_robot(file: Path) -> bool:

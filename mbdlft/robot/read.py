@@ -47,6 +47,11 @@ def read_robot(path: str | Path, model: str | None = None, keyframe: str | None 
         )
     except SceneError as error:
         raise SceneError(f"{file}: {error}") from None
+    except RecursionError:
+        raise SceneError(
+            f"{file}: its elements are in each other, or follow each other, hundreds of times; expected "
+            "a robot with fewer."
+        ) from None
 
 
 def _refuse_options(top: Element, model: str | None, keyframe: str | None) -> None:

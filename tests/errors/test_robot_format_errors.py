@@ -143,3 +143,21 @@ def test_entities_do_not_grow(tmp_path: Path, text: str) -> None:
     file.write_text(BOMB + text.replace("0 1 0", "&j;"), encoding="utf-8")
     with says(SceneError, "bomb.xml: line "):
         load_robot(file)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<model name="m">' * 3000 + "</model>" * 3000,
+        '<model name="m"><link name="l0"/>'
+        + "".join(
+            f'<link name="l{k}"><pose relative_to="l{k + 1}"/></link>' for k in range(1, 3000)
+        )
+        + '<link name="l3000"/></model>',
+    ],
+)
+def test_deep_sdf(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "deep.sdf"
+    file.write_text(f'<sdf version="1.9">{text}</sdf>', encoding="utf-8")
+    with says(SceneError, "deep.sdf: ", "hundreds of times"):
+        load_robot(file)
