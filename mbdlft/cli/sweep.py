@@ -2,6 +2,7 @@
 
 import json
 import sys
+import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
@@ -11,11 +12,12 @@ from rich.console import Console
 from rich.markup import escape
 
 from mbdlft.base.errors import AnalysisError
+from mbdlft.cli.options import time_left
 from mbdlft.cli.source import scene_in, stored_system
 from mbdlft.cli.tables import console
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from mbdlft.base.array import Array
     from mbdlft.batch import GridSamples, RandomSamples, SweepReport
@@ -72,9 +74,7 @@ def sweep(
             name=name,
             workers=workers,
             restart=restart,
-            progress=lambda done, count: status.update(
-                f"{escape(evaluated.name)}: {done} of {count} samples"
-            ),
+            progress=_teller(evaluated.name, status.update),
         )
     if as_json:
         sys.stdout.write(json.dumps(asdict(report), indent=2) + "\n")
@@ -94,6 +94,19 @@ def _print_report(report: "SweepReport", output: Path) -> None:
         out.print(f"{report.resumed} samples were there from an earlier run")
     out.print(f"seconds: {report.seconds:.3f}")
     out.print(f"archive: {output}", soft_wrap=True)
+
+
+def _teller(name: str, show: "Callable[[str], None]") -> "Callable[[int, int], None]":
+    """What shows how many samples are done, and how long the rest takes."""
+    begun: list[tuple[float, int]] = []  # when, with how many samples of an earlier run
+
+    def told(done: int, count: int) -> None:
+        begun[:] = begun or [(time.perf_counter(), done)]
+        start, before = begun[0]
+        left = time_left(time.perf_counter() - start, done - before, count - before)
+        show(f"{escape(name)}: {done} of {count} samples{left}")
+
+    return told
 
 
 def _source(file: Path, model: str | None) -> "Scene | LFTModel":
