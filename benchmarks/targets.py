@@ -6,6 +6,7 @@ CLOSED_FORM = 1e-12
 FREQUENCY_RESPONSE = 1e-10
 SCENARIO = 1e-11
 PINOCCHIO = 1e-9
+PUBLIC = 1e-9  # robots of other people, against the tools of their formats
 # matrices of a finite-element mesh after solves with them: what their condition leaves
 BALANCE = 1e-8
 

@@ -33,7 +33,7 @@ HALF_RANGE = 30.0  # deg
 
 def scene(path: Path) -> mbdlft.Scene:
     """The robot with its payload and all its joint angles as parameters."""
-    made, _ = mbdlft.load_urdf(
+    made, _ = mbdlft.load_robot(
         path,
         parameters=[
             mbdlft.Parameter("payload", 2.5, 0.0, 5.0, unit="kg"),

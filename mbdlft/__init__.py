@@ -4,7 +4,7 @@ What most scripts need is here: `load_scene`, `Scene`, `Parameter`, `Angle`, `to
 `load`, `sweep`, `matrices_at`. The rest is in namespaces, in the order of the path of the data:
 
 - `mbdlft.multibody`: bodies, joints, loads, sensors, scenes and their equilibria
-- `mbdlft.elastic`: flexible bodies of finite-element data; `mbdlft.urdf`: robots
+- `mbdlft.elastic`: flexible bodies of finite-element data; `mbdlft.robot`: robots
 - `mbdlft.matrix`: matrices that are rational in parameters
 - `mbdlft.dae`: differential-algebraic models, and linear ones with nonlinear functions of them
 - `mbdlft.modelica`: Modelica models as descriptions of differential-algebraic ones
@@ -38,9 +38,9 @@ if TYPE_CHECKING:
     from mbdlft.pipeline import *
     from mbdlft.problem import *
     from mbdlft.report import *
+    from mbdlft.robot import *
     from mbdlft.store import *
     from mbdlft.system import *
-    from mbdlft.urdf import *
     from mbdlft.viewer import *
 
 __version__ = "0.1.0"
@@ -71,7 +71,7 @@ _NAMESPACES = (
     "matrix",
     "modelica",
     "report",
-    "urdf",
+    "robot",
     "viewer",
 )
 _ELSEWHERE = ("lft", "pipeline", "problem")  # rooms that have names of the list above, and no more

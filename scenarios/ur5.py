@@ -16,7 +16,7 @@ from mbdlft import (
     Parameter,
     Scene,
     grid,
-    load_urdf,
+    load_robot,
     matrices_at,
     scene_to_toml,
     to_lft,
@@ -44,7 +44,7 @@ def urdf() -> Path:
 
 def scene(path: Path) -> Scene:
     """The robot with a payload at its tool, scheduled on two joint angles."""
-    robot, report = load_urdf(
+    robot, report = load_robot(
         path,
         parameters=[
             Parameter("payload", 2.5, 0.0, 5.0, unit="kg"),

@@ -71,7 +71,7 @@ def scene_of_name(name: str) -> mbdlft.Scene:
     if name == "sagging_arm":
         return sagging_arm.scene()
     if name == "desk_arm":
-        return mbdlft.urdf.load_urdf(ROOT / "scenarios" / "desk_arm.urdf")[0]
+        return mbdlft.robot.load_robot(ROOT / "scenarios" / "desk_arm.urdf")[0]
     return mbdlft.load_scene(ROOT / "scenarios" / f"{name}.toml")
 
 

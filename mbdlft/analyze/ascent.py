@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import minimize
 
 from mbdlft.base.array import Array
 
@@ -22,6 +21,8 @@ def climb(look: Look, k: float, start: Array) -> None:
     k : float
     start : array (number of deltas,)
     """
+    from scipy.optimize import minimize  # here because it is slow to import
+
     here, (value, slope) = start, look(start)
     for _ in range(_STEPS):  # corners to which the slope points
         if not np.isfinite(value):

@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
-from scipy.optimize import linprog
 
 from mbdlft.analyze.characteristic import Realization
 from mbdlft.analyze.migration import moving_at
@@ -227,6 +226,8 @@ def _fitted(row: Array, size: float, step: float) -> Array:
 
 def _best(slope: Array, size: float, step: float) -> Array:
     """The periodic row within the limits that increases a linear function most."""
+    from scipy.optimize import linprog  # here because it is slow to import
+
     n = len(slope)
     if np.isinf(step) or step >= 2.0 * size:
         return np.asarray(size * np.sign(slope))

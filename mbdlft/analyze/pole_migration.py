@@ -12,7 +12,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linprog
 
 from mbdlft.analyze.characteristic import Realization
 from mbdlft.analyze.migration import moving_at
@@ -218,6 +217,8 @@ def _path(model: Realization, delta: Array, pole: complex, largest: float) -> It
 
 def _program(slope: Array, delta: Array, real: float, radius: float) -> Array:
     """The smallest |x| with real + slope (x - delta) >= 0 and |x - delta| <= radius."""
+    from scipy.optimize import linprog  # here because it is slow to import
+
     q = len(delta)
     sides = np.vstack(
         [

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eig
-from scipy.optimize import minimize
 
 from mbdlft.base.array import Array
 from mbdlft.lft.block import Block
@@ -151,6 +150,8 @@ def _normed(x: Complex) -> Complex:
 
 def _enlarged(M: Complex, parts: Sequence[_Part], unit: Complex) -> SmallDelta:
     """The real positive eigenvalue of M Delta nearest to what Delta begins with, made large."""
+    from scipy.optimize import minimize  # here because it is slow to import
+
     real = [k for k, part in enumerate(parts) if part.block.kind == "real"]
     turns = [k for k, part in enumerate(parts) if part.block.kind != "real"]
     start = np.array([unit[parts[k].w, parts[k].z][0, 0].real for k in real] + [0.0 for _ in turns])

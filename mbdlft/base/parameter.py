@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mbdlft.base.errors import SceneError
+from mbdlft.base.notebook import table
 from mbdlft.base.unit import ANGLE_UNITS, parse_unit
 
 Role = Literal["uncertain", "scheduled", "design", "nonlinear"]
@@ -136,6 +137,10 @@ class Parameter:
         problem = _problem(self)
         if problem:
             raise SceneError(f"{where}: {problem}")
+
+    def _repr_html_(self) -> str:
+        names = ("parameter", "nominal", "low", "high", "unit", "role")
+        return table(names, [(self.name, *(getattr(self, name) for name in names[1:]))])
 
     @property
     def is_angle(self) -> bool:

@@ -6,6 +6,9 @@ from typing import Annotated
 
 import typer
 
+from mbdlft.cli.options import AsJson
+from mbdlft.cli.tables import print_json
+
 
 def body(
     body_file: Annotated[Path, typer.Argument(help="Catalogue body, a TOML file.")],
@@ -15,6 +18,7 @@ def body(
     frequency: Annotated[float | None, typer.Option(help="Highest frequency, rad/s.")] = None,
     effective_mass: Annotated[float | None, typer.Option(help="Fraction of the mass.")] = None,
     damping: Annotated[float | None, typer.Option(help="Damping ratio of all modes.")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Print the table of a catalogue body, to be pasted into a scene file."""
     from mbdlft.elastic.catalogue import body_table, load_body, reduced_body
@@ -29,6 +33,9 @@ def body(
     catalogue_body = load_body(body_file, name, **choices)
     if "data" in table:
         notes.append(effective_masses(reduced_body(body_file, **choices)).table())
+    if as_json:
+        print_json({"toml": body_to_toml(catalogue_body), "notes": notes})
+        return
     comment = "\n".join(notes)
     sys.stdout.write("".join(f"# {line}\n".replace(" \n", "\n") for line in comment.splitlines()))
     sys.stdout.write(f"\n{body_to_toml(catalogue_body)}")

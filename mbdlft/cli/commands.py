@@ -18,7 +18,7 @@ from mbdlft.base.errors import MbdlftError, shortened
 from mbdlft.cli.analysis import margin, verify, wcgain
 from mbdlft.cli.body import body
 from mbdlft.cli.export import export
-from mbdlft.cli.linearize import check, efforts_table, linearize
+from mbdlft.cli.linearize import check, efforts_data, efforts_table, linearize
 from mbdlft.cli.notes import WARNINGS, warn
 from mbdlft.cli.options import (
     SEARCH,
@@ -33,19 +33,20 @@ from mbdlft.cli.options import (
 from mbdlft.cli.poles import poles
 from mbdlft.cli.report import print_model, report_model
 from mbdlft.cli.response import response
+from mbdlft.cli.robot import import_robot
 from mbdlft.cli.schema import schema
-from mbdlft.cli.source import values_of
+from mbdlft.cli.show import archive_data, beside_models
+from mbdlft.cli.source import scene_in, values_of
 from mbdlft.cli.sweep import sweep
 from mbdlft.cli.tables import console as _console
+from mbdlft.cli.tables import print_json
 from mbdlft.cli.tables import table as _table
-from mbdlft.cli.urdf import import_robot
 from mbdlft.cli.view import report, view
 from mbdlft.system.model import LFTModel
 
 app = typer.Typer(
     help="Exact linear models of multibody systems, with their parameters left in.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
@@ -136,20 +137,25 @@ def trim(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Scene to write, at the equilibrium.")
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Print the joint efforts that hold the equilibrium, or find the equilibrium."""
     from mbdlft.multibody.assembly import assemble
-    from mbdlft.multibody.scene import load_scene
     from mbdlft.problem.trim import solve_trim
 
     if positions or every or output:
         from mbdlft.cli.tables import print_equilibria
 
         values = values_of(assignments or [])
-        print_equilibria(load_scene(scene_file), values, starts, output, every=every)
+        scene = scene_in(scene_file)
+        print_equilibria(scene, values, starts, output, every=every, as_json=as_json)
         return
-    equations = assemble(load_scene(scene_file))
+    equations = assemble(scene_in(scene_file))
     point = solve_trim(equations, values_of(assignments or []))
+    if as_json:
+        found = {"parameters": dict(point.parameters), "efforts": efforts_data(point)}
+        print_json({"name": equations.name, **found, "residual": point.residual})
+        return
     console = _console()
     if point.parameters:
         table = _table(f"{equations.name}: parameters", "parameter", "value >", "unit")
@@ -203,10 +209,14 @@ def realize(
 def show(
     archive: Annotated[Path, typer.Argument(help="Archive, an HDF5 file.")],
     name: Annotated[str | None, typer.Option(help="Only the model of this name.")] = None,
+    as_json: AsJson = False,
 ) -> None:
-    """Print what is in an archive."""
-    from mbdlft.store import load, model_names, sweep_names
+    """Print what is in an archive, and from when."""
+    from mbdlft.store import load, model_names
 
+    if as_json:
+        print_json(archive_data(archive, name))
+        return
     for key in [name] if name else model_names(archive):
         model = load(archive, key)
         functions = getattr(model, "functions", ())
@@ -220,5 +230,6 @@ def show(
         _console().print(f"made {made.created} by mbdlft {made.mbdlft}, CasADi {made.casadi}")
         if model.known_program is not None:
             _console().print(f"stored program: {model.known_program.length} instructions")
-    if name is None and sweep_names(archive):
-        _console().print(f"sweeps: {', '.join(sweep_names(archive))}", highlight=False)
+    if name is None:
+        for line in beside_models(archive):
+            _console().print(line, highlight=False, soft_wrap=True)

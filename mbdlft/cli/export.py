@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mbdlft.base.errors import AnalysisError
+from mbdlft.cli.options import AsJson
 from mbdlft.cli.source import ARCHIVES, load_model
-from mbdlft.cli.tables import console
+from mbdlft.cli.tables import print_files
 
 if TYPE_CHECKING:
     from mbdlft.export.grid import Counts
@@ -38,6 +39,7 @@ def export(
             "this one, which may be repeated; the others are nominal.",
         ),
     ] = None,
+    as_json: AsJson = False,
 ) -> None:  # fmt: skip
     """Write a model for another tool, or its matrices on a grid."""
     from mbdlft.export.write import check_suffix, export_model
@@ -47,9 +49,8 @@ def export(
     file, name = _parts(source)
     model = load_model(file, name)
     archive = file if file.suffix.lower() in ARCHIVES else None
-    out = console()
-    for path in export_model(output, model, counts, archive):
-        out.print(f"file: {path}", soft_wrap=True)
+    files = export_model(output, model, counts, archive)
+    print_files(*(("file", path) for path in files), as_json=as_json)
 
 
 def _parts(text: str) -> tuple[Path, str | None]:

@@ -32,16 +32,22 @@ from mbdlft.cli.options import (
 )
 from mbdlft.cli.report import report_model
 from mbdlft.cli.response import KINDS, OVER, draw
+from mbdlft.cli.source import is_robot, scene_in
 from mbdlft.cli.tables import console as _console
+from mbdlft.cli.tables import parameters_data, print_json
 from mbdlft.cli.tables import table as _table
 from mbdlft.system.model import LFTModel
 
 if TYPE_CHECKING:
+    from mbdlft.multibody.scene import Scene
     from mbdlft.problem.trim import TrimPoint
 
 ModelFile = Annotated[
     Path,
-    typer.Argument(metavar="FILE", help="Scene (TOML), or Modelica model (.mo; .mof: flat text)."),
+    typer.Argument(
+        metavar="FILE",
+        help="Scene (TOML), robot (.urdf, .sdf, .xml, .xacro), or Modelica model (.mo, .mof).",
+    ),
 ]
 TableFile = Annotated[
     Path | None,
@@ -59,27 +65,44 @@ Plots = Annotated[
     ),
 ]
 ModelName = Annotated[
-    str | None, typer.Option("--model", help="Which model of a .mo file with several.")
+    str | None, typer.Option("--model", help="Which model of a .mo or .sdf file with several.")
 ]
 
 
-def check(file: ModelFile, table_file: TableFile = None, model_name: ModelName = None) -> None:
-    """Check a scene or a Modelica model, and trim it at nominal."""
+def check(
+    file: ModelFile,
+    table_file: TableFile = None,
+    model_name: ModelName = None,
+    as_json: AsJson = False,
+) -> None:
+    """Check a scene, a robot or a Modelica model, and trim it at nominal."""
     if is_modelica(file):
-        check_modelica(Asked(file, table_file, model_name))
+        check_modelica(Asked(file, table_file, model_name), as_json=as_json)
         return
     _refuse_options(file, table_file, model_name)
     from mbdlft.multibody.assembly import assemble
-    from mbdlft.multibody.scene import load_scene
     from mbdlft.multibody.to_problem import choose_signals
     from mbdlft.problem.relinearize import relinearize
     from mbdlft.problem.trim import solve_trim
 
-    scene = load_scene(file)
+    scene = scene_in(file, model_name)
     equations = assemble(scene)
     inputs, outputs = choose_signals(scene, equations)
     point = solve_trim(equations)
     relinearize(equations, inputs, outputs, np.array([[p.nominal for p in equations.parameters]]))
+    if as_json:
+        print_json(
+            {
+                "name": scene.name,
+                "bodies": len(scene.bodies),
+                "joints": len(scene.joints),
+                "states": len(equations.x_signals),
+                "parameters": parameters_data(equations.parameters),
+                "efforts": efforts_data(point),
+                "notes": scene_notes(scene, point.signals, point.values),
+            }
+        )
+        return
     console = _console()
     console.print(
         f"{scene.name}: {len(scene.bodies)} bodies, {len(scene.joints)} joints, "
@@ -129,7 +152,11 @@ def linearize(
             model, seconds, notes = linear_model(asked, search, most_seconds, prove, show)
         else:
             _refuse_options(*asked)
-            model, seconds, notes = _of_scene(file, search, most_seconds, prove, show, truncate)
+            start = time.perf_counter()
+            scene = scene_in(file, model_name)
+            read = {"read": time.perf_counter() - start}
+            model, seconds, notes = _of_scene(scene, search, most_seconds, prove, show, truncate)
+            seconds = read | seconds
         if program:
             from mbdlft.batch import with_program
 
@@ -170,7 +197,7 @@ def _drawn(figures: list[tuple[str, Path]], model: LFTModel) -> dict[str, Path |
 
 
 def _of_scene(
-    file: Path,
+    scene: "Scene",
     search: float,
     most_seconds: float | None,
     prove: float,
@@ -178,12 +205,8 @@ def _of_scene(
     truncate: float | None,
 ) -> tuple[LFTModel, dict[str, float], list[str]]:
     """The linear model of a scene, the seconds of its stages, and notes."""
-    from mbdlft.multibody.scene import load_scene
     from mbdlft.pipeline.build import build
 
-    start = time.perf_counter()
-    scene = load_scene(file)
-    seconds = {"read": time.perf_counter() - start}
     built = build(
         scene,
         search,
@@ -192,7 +215,7 @@ def _of_scene(
         progress=lambda stage: progress(f"{scene.name}: {stage}"),
         truncate=truncate,
     )
-    seconds |= {name: value for name, value in built.seconds.items() if name != "total"}
+    seconds = {name: value for name, value in built.seconds.items() if name != "total"}
     trim = built.model.trim
     notes = scene_notes(scene, trim.signals, [float(value) for value in trim.nominal])
     if truncate is not None and built.model.certificate.truncation_error == 0.0:
@@ -203,10 +226,16 @@ def _of_scene(
 def _refuse_options(file: Path, table_file: Path | None, model_name: str | None) -> None:
     """Raise an error if a scene comes with what is for Modelica models."""
     for option, value in (("--parameters", table_file), ("--model", model_name)):
-        if value is not None:
+        if value is not None and not (option == "--model" and is_robot(file)):
             raise AnalysisError(
                 f"{option} {value}: it is for Modelica models ({', '.join(SUFFIXES)}); {file} is none."
             )
+
+
+def efforts_data(point: "TrimPoint") -> list[dict[str, object]]:
+    """The efforts at a trim point as plain data."""
+    pairs = zip(point.signals, point.values, strict=True)
+    return [{"name": s.name, "value": value, "unit": s.unit} for s, value in pairs]
 
 
 def efforts_table(point: "TrimPoint") -> Table:

@@ -5,12 +5,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from mbdlft.cli.tables import console
+from mbdlft.cli.tables import console, parameters_data, print_json
 from mbdlft.cli.tables import table as new_table
 from mbdlft.system.model import LFTModel
 
 if TYPE_CHECKING:
     from mbdlft.dae import Dae
+    from mbdlft.dae.trim import DaeTrim
     from mbdlft.modelica import ModelicaReport, ModelicaTable
 
 SUFFIXES = (".mo", ".mof")
@@ -29,12 +30,15 @@ def is_modelica(file: Path) -> bool:
     return file.suffix.lower() in SUFFIXES
 
 
-def check_modelica(asked: Asked) -> None:
+def check_modelica(asked: Asked, *, as_json: bool = False) -> None:
     """Print the structure of a model, its parameters and its equilibrium."""
     from mbdlft.modelica import operating_point
 
     dae, report, table = _read(asked)
     point = operating_point(dae, report, table)
+    if as_json:
+        _print_data(dae, report, point)
+        return
     out = console()
     out.print(str(point.structure), highlight=False)
     if dae.parameters:
@@ -51,6 +55,28 @@ def check_modelica(asked: Asked) -> None:
     for note in str(report).splitlines():
         out.print(note)
     out.print("The model is usable.")
+
+
+def _print_data(dae: "Dae", report: "ModelicaReport", point: "DaeTrim") -> None:
+    """Print what a check finds as one JSON object."""
+    kinds = (("input", point.structure.inputs), ("state", point.structure.states))
+    print_json(
+        {
+            "name": dae.name,
+            "parameters": parameters_data(dae.parameters),
+            "equilibrium": [
+                {
+                    "name": q.name,
+                    "value": point.nominal[q.name],
+                    "unit": q.unit,
+                    "is": "found" if q.name in point.free else kind,
+                }
+                for kind, quantities in kinds
+                for q in quantities
+            ],
+            "notes": str(report).splitlines(),
+        }
+    )
 
 
 def linear_model(

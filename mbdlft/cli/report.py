@@ -4,6 +4,7 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.table import Table
 
@@ -19,6 +20,9 @@ from mbdlft.report.sentences import (
 )
 from mbdlft.system.model import LFTModel
 from mbdlft.system.system import System
+
+if TYPE_CHECKING:
+    from mbdlft.system.theta import DeltaThetaModel
 
 
 def report_model(
@@ -98,6 +102,22 @@ def _parameter_table(model: LFTModel) -> Table:
         span = f"[{p.low:g}, {p.high:g}]"
         rows.add_row(p.name, p.unit, f"{p.nominal:g}", span, p.role, *map(str, repetitions))
     return rows
+
+
+def model_data(model: "System | DeltaThetaModel") -> dict[str, object]:
+    """A stored model as plain data: that of its linear part if it has nonlinear functions."""
+    if not isinstance(model, System):
+        return {**model_data(model.linear), "functions": [str(part) for part in model.functions]}
+    if isinstance(model, LFTModel):
+        found = _summary(model, {})
+        del found["seconds"]
+        made = model.provenance
+        return {**found, "created": made.created, "mbdlft": made.mbdlft, "casadi": made.casadi}
+    signals = {
+        what: [{"name": s.name, "unit": s.unit} for s in getattr(model, what)]
+        for what in ("states", "inputs", "outputs")
+    }
+    return {"name": model.name, **signals, "order": model.order}
 
 
 def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]:

@@ -1,17 +1,55 @@
-"""The system in a file: of a scene, of a matrix, of a Modelica model, or stored in an archive."""
+"""The system in a file: of a scene, a robot, a matrix, a Modelica model, or stored in an archive."""
 
 import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
+
+from rich.console import Console
+from rich.markup import escape
 
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.cli.modelica import Asked, is_modelica, linear_model
 from mbdlft.system.system import System
 
 if TYPE_CHECKING:
+    from mbdlft.multibody.scene import Scene
     from mbdlft.system.theta import DeltaThetaModel
 
 ARCHIVES = (".h5", ".hdf5")
+ROBOTS = (".urdf", ".sdf", ".world", ".xml", ".mjcf", ".xacro")
+
+
+def is_robot(file: Path) -> bool:
+    """Whether a file is one of a robot, by its ending."""
+    return file.suffix.lower() in ROBOTS
+
+
+def scene_in(file: Path, model: str | None = None, *, look: bool = False) -> "Scene":
+    """The scene of a TOML file, or that of a robot, whose report goes to stderr.
+
+    Parameters
+    ----------
+    file : a scene (TOML) or a robot (URDF, SDF, MJCF)
+    model : str, optional
+        Which model of an SDF file that has several.
+    look : bool
+        Whether it is only looked at, so that inertias that no body can have do no harm.
+
+    Raises
+    ------
+    SceneError
+        The file cannot be read, or is no scene and no robot.
+    """
+    if not is_robot(file):
+        from mbdlft.multibody.scene import load_scene
+
+        return load_scene(file)
+    from mbdlft.robot import load_robot
+
+    scene, report = load_robot(file, model=model, keep_unphysical=look)
+    if not look:
+        Console(stderr=True, soft_wrap=True).print(escape(str(report)), highlight=False)
+    return scene
 
 
 def load_model(file: Path, name: str | None = None) -> "System | DeltaThetaModel":
@@ -28,7 +66,7 @@ def load_system(file: Path, name: str | None = None) -> System:
 
     Parameters
     ----------
-    file : an archive (.h5, .hdf5), a scene or a matrix (TOML), or a Modelica model (.mo, .mof)
+    file : an archive (.h5, .hdf5), a scene or a matrix (TOML), a robot, or a Modelica model
     name : str, optional
         Which model of an archive that has several.
 
@@ -46,12 +84,11 @@ def load_system(file: Path, name: str | None = None) -> System:
     if is_modelica(file):
         return linear_model(Asked(file), 0.0, None, 0.0, lambda stage: None)[0]
     from mbdlft.matrix import load_matrix
-    from mbdlft.multibody.scene import load_scene
     from mbdlft.pipeline import realize, to_lft
 
     if _is_matrix(file):
         return realize(load_matrix(file), search=0.0, prove=0.0)
-    return to_lft(load_scene(file), search=0.0, prove=0.0)
+    return to_lft(scene_in(file), search=0.0, prove=0.0)
 
 
 def _is_matrix(file: Path) -> bool:

@@ -2,6 +2,7 @@
 
 import json
 import sys
+import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
@@ -12,11 +13,12 @@ from rich.markup import escape
 
 from mbdlft.base.errors import AnalysisError
 from mbdlft.cli.notes import WARNINGS, warn
-from mbdlft.cli.source import stored_system
+from mbdlft.cli.options import time_left
+from mbdlft.cli.source import scene_in, stored_system
 from mbdlft.cli.tables import console
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from mbdlft.base.array import Array
     from mbdlft.batch import GridSamples, RandomSamples, SweepReport
@@ -92,9 +94,7 @@ def sweep(
             poles=poles,
             function=function,
             float32=float32,
-            progress=lambda done, count: status.update(
-                f"{escape(evaluated.name)}: {done} of {count} samples"
-            ),
+            progress=_teller(evaluated.name, status.update),
         )
     if as_json:
         found = asdict(report) | {"warnings": list(WARNINGS)}
@@ -127,16 +127,27 @@ def _print_report(report: "SweepReport", output: Path) -> None:
     out.print(f"archive: {output}", soft_wrap=True)
 
 
+def _teller(name: str, show: "Callable[[str], None]") -> "Callable[[int, int], None]":
+    """What shows how many samples are done, and how long the rest takes."""
+    begun: list[tuple[float, int]] = []  # when, with how many samples of an earlier run
+
+    def told(done: int, count: int) -> None:
+        begun[:] = begun or [(time.perf_counter(), done)]
+        start, before = begun[0]
+        left = time_left(time.perf_counter() - start, done - before, count - before)
+        show(f"{escape(name)}: {done} of {count} samples{left}")
+
+    return told
+
+
 def _source(file: Path, model: str | None) -> "Scene | LFTModel":
     """The scene of a file, or the model `model` if the file is an archive."""
-    from mbdlft.multibody.scene import load_scene
-
     if file.suffix.lower() in (".h5", ".hdf5"):
         # the sweep refuses what is neither
         return cast("Scene | LFTModel", stored_system(file, model))
     if model is not None:
         raise AnalysisError(f"--model {model}: {file} is a scene; only an archive has models.")
-    return load_scene(file)
+    return scene_in(file)
 
 
 def _samples(

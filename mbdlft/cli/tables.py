@@ -1,7 +1,8 @@
 """Tables of the command line, scene files that it writes, and the table of an equilibrium."""
 
+import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mbdlft.base.errors import MbdlftError, SceneError
+from mbdlft.base.parameter import Parameter
 
 if TYPE_CHECKING:
     from mbdlft.multibody.equilibrium import EquilibriumPoint
@@ -33,8 +35,34 @@ def table(title: str | None, *headings: str) -> Table:
     return rows
 
 
+def print_json(found: object) -> None:
+    """Print plain data as one JSON object."""
+    sys.stdout.write(json.dumps(found, indent=2, ensure_ascii=False) + "\n")
+
+
+def parameters_data(parameters: Iterable[Parameter]) -> list[dict[str, object]]:
+    """Parameters as plain data."""
+    keys = ("name", "unit", "low", "nominal", "high", "role")
+    return [{key: getattr(p, key) for key in keys} for p in parameters]
+
+
+def print_files(*files: tuple[str, Path], as_json: bool) -> None:
+    """Print what files were written, each with what it is."""
+    if as_json:
+        print_json({"files": [str(path) for _, path in files]})
+        return
+    for what, path in files:
+        console().print(f"{what}: {path}", soft_wrap=True)
+
+
 def print_equilibria(
-    scene: "Scene", values: Mapping[str, float], starts: int, output: Path | None, *, every: bool
+    scene: "Scene",
+    values: Mapping[str, float],
+    starts: int,
+    output: Path | None,
+    *,
+    every: bool,
+    as_json: bool,
 ) -> None:
     """Find one equilibrium, or `every` one to which `starts` lead; write the scene at the first one."""
     from mbdlft.multibody.equilibrium import at_equilibrium, find_equilibrium
@@ -43,6 +71,11 @@ def print_equilibria(
         points = find_equilibrium(scene, values, starts=starts, every=True)
     else:
         points = (find_equilibrium(scene, values, starts=starts),)
+    if output is not None:
+        write_scene(output, at_equilibrium(scene, points[0]))
+    if as_json:
+        print_json({"name": scene.name, "equilibria": [_as_data(scene, point) for point in points]})
+        return
     out = console()
     for k, point in enumerate(points, start=1):
         rows = table(f"{scene.name}: equilibrium {k}", "unknown", "value >", "unit")
@@ -53,8 +86,21 @@ def print_equilibria(
         if point.undetermined:
             out.print(f"not determined: {', '.join(point.undetermined)}")
     if output is not None:
-        write_scene(output, at_equilibrium(scene, points[0]))
         out.print(f"scene: {output}", soft_wrap=True)
+
+
+def _as_data(scene: "Scene", point: "EquilibriumPoint") -> dict[str, object]:
+    """An equilibrium as plain data."""
+    found = {**point.positions, **point.efforts}
+    return {
+        "found": [
+            {"name": name, "value": value, "unit": point.units[name]}
+            for name, value in found.items()
+        ],
+        "residual": point.residual,
+        "stability": _stability(scene, point),
+        "not determined": list(point.undetermined),
+    }
 
 
 def write_scene(path: Path, scene: "Scene") -> None:

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mbdlft.base.errors import AnalysisError, SceneError
-from mbdlft.cli.source import ARCHIVES, values_of
-from mbdlft.cli.tables import console
+from mbdlft.cli.options import AsJson
+from mbdlft.cli.source import ARCHIVES, scene_in, values_of
+from mbdlft.cli.tables import print_files
 
 if TYPE_CHECKING:
     from mbdlft.multibody.scene import Scene
@@ -18,7 +19,8 @@ Model = Annotated[str | None, typer.Option("--model", help="Model of an archive 
 
 def view(
     source: Annotated[
-        Path, typer.Argument(help="Scene (TOML), robot (URDF), or archive (HDF5) of a model.")
+        Path,
+        typer.Argument(help="Scene (TOML), robot (URDF, SDF, MJCF), or archive (HDF5) of a model."),
     ],
     output: Annotated[
         Path | None,
@@ -29,6 +31,7 @@ def view(
         typer.Option("--set", help="name=value at which the page begins; may be repeated."),
     ] = None,
     model: Model = None,
+    as_json: AsJson = False,
 ) -> None:
     """Write a web page that shows a scene, with sliders, loads at equilibrium and moving modes."""
     from mbdlft.viewer import view as page_of
@@ -39,24 +42,18 @@ def view(
     scene = _scene(source, model)
     robot = source if source.suffix.lower() == _ROBOT else None
     page = page_of(scene, values_of(assignments or []), urdf=robot)
-    console().print(f"page: {page.save(file)}", soft_wrap=True)
+    print_files(("page", page.save(file)), as_json=as_json)
 
 
 def _scene(source: Path, model: str | None) -> "Scene":
     """The scene of a file, or that of a model of an archive."""
     suffix = source.suffix.lower()
-    if suffix == _ROBOT:
-        from mbdlft.urdf import load_urdf
-
-        return load_urdf(source, keep_unphysical=True)[0]  # to look at it is no harm
     if suffix in ARCHIVES:
         from mbdlft.store import load
         from mbdlft.viewer import scene_of
 
         return scene_of(load(source, model))
-    from mbdlft.multibody.scene import load_scene
-
-    return load_scene(source)
+    return scene_in(source, look=True)
 
 
 def _page(file: Path) -> Path:
@@ -71,13 +68,14 @@ def _page(file: Path) -> Path:
 def report(
     source: Annotated[
         Path,
-        typer.Argument(help="Archive (HDF5), or a scene or a matrix (TOML), to be linearized."),
+        typer.Argument(help="Archive (HDF5), or a scene, robot or matrix, to be linearized."),
     ],
     output: Annotated[
         Path | None,
         typer.Option("-o", "--output", help="Page to write; the name of the source by default."),
     ] = None,
     model: Model = None,
+    as_json: AsJson = False,
 ) -> None:
     """Write a page on a model: scene, parameters, what is proved, equilibrium, poles, responses."""
     from mbdlft.cli.source import load_system
@@ -86,4 +84,4 @@ def report(
     file = _page(output or Path(f"{source.stem}.html"))
     system = load_system(source, model)
     archive = source if source.suffix.lower() in ARCHIVES else None
-    console().print(f"page: {model_report(system, archive).save(file)}", soft_wrap=True)
+    print_files(("page", model_report(system, archive).save(file)), as_json=as_json)

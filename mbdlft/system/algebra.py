@@ -6,7 +6,7 @@ inputs of the whole are those of the part that is reached first, its outputs tho
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from mbdlft.system.evidence import Operation, composed
 from mbdlft.system.names import check_once, positions_of
 from mbdlft.system.system import System
 from mbdlft.system.wiring import plain_wiring
+
+if TYPE_CHECKING:
+    from mbdlft.system.model import LFTModel
 
 
 def combine(a: Any, b: Any, sign: float = 1.0) -> System:
@@ -130,6 +133,12 @@ def append(*items: Any) -> System:
     return composed(parts, wiring, inputs, outputs, Operation("append"))
 
 
+@overload
+def feedback(
+    plant: "LFTModel", controller: "LFTModel | float" = 1.0, sign: int = -1
+) -> "LFTModel": ...
+@overload
+def feedback(plant: Any, controller: Any = 1.0, sign: int = -1) -> System: ...
 def feedback(plant: Any, controller: Any = 1.0, sign: int = -1) -> System:
     """The loop y = P (u + sign K y) of a plant P and a controller K.
 

@@ -15,7 +15,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.content import content_of
 from mbdlft.base.errors import SceneError
-from mbdlft.urdf.elements import Element, name_of, number, parse, triple
+from mbdlft.robot.elements import Element, name_of, number, parse, triple
 
 _MOST = 36_000  # triangles of a page
 _FEWEST = 60  # of a mesh, however many there are

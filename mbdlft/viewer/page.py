@@ -90,7 +90,7 @@ def view(
     """
     if not isinstance(scene, Scene):
         raise SceneError(
-            f"view: expected a Scene, got {type(scene).__name__}. load_scene, load_urdf and "
+            f"view: expected a Scene, got {type(scene).__name__}. load_scene, load_robot and "
             "scene_from_toml make one; scene_of(model) is that of a model."
         )
     library, version = _library()

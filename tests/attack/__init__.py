@@ -13,6 +13,7 @@ CLASSES = {
     "archives": 30,
     "matrix-files": 2,
     "urdf": 60,
+    "robot-formats": 20,
     "scenes": 15,
     "kills": 3,
     "sweeps": 1,

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from mbdlft import MbdlftError
-from mbdlft.urdf import load_urdf
+from mbdlft.robot import load_robot
 from tests.attack.mutations import changed, check_message, damaged
 
 ROBOT = """<?xml version="1.0" encoding="utf-8"?>
@@ -47,7 +47,7 @@ def attack(seed: int, folder: Path) -> str:
     file = folder / "robot.urdf"
     file.write_bytes(data)
     try:
-        load_urdf(file)
+        load_robot(file)
     except MbdlftError as error:
         check_message(error)
         return "refused"

@@ -18,11 +18,14 @@ import pytest
 import mbdlft
 from benchmarks import ur5 as benchmark
 from benchmarks.cases.robots import Rest, by_mujoco, by_pinocchio, edited, robots
-from mbdlft.urdf import make
-from mbdlft.urdf.file import Robot as File
-from mbdlft.urdf.file import RobotJoint, RobotLink, read_robot, read_robot_file
-from mbdlft.urdf.load import RIGHT_ANGLE
-from mbdlft.urdf.values import AXIAL
+from mbdlft.robot import make
+from mbdlft.robot.description import Robot as File
+from mbdlft.robot.description import RobotJoint, RobotLink
+from mbdlft.robot.elements import Element
+from mbdlft.robot.load import RIGHT_ANGLE
+from mbdlft.robot.read import read_robot
+from mbdlft.robot.urdf import read_urdf
+from mbdlft.robot.values import AXIAL
 from scenarios import ur5
 from tests.close import MUJOCO, PINOCCHIO, target
 
@@ -98,7 +101,7 @@ def case(name: str) -> Case:
 def case_of(robot: Robot, right_angle: float = RIGHT_ANGLE) -> Case:
     path = robots() / robot.file
     generator = np.random.default_rng(len(robot.file))
-    axial = [joint for joint in read_robot_file(path).joints.values() if joint.kind in AXIAL]
+    axial = [joint for joint in read_robot(path).joints.values() if joint.kind in AXIAL]
     hinges = [joint.name for joint in axial if joint.kind != "prismatic"]
     chosen = sorted(generator.permutation(hinges)[: robot.angles])
     spans = {joint.name: span(joint) for joint in axial}
@@ -115,7 +118,7 @@ def case_of(robot: Robot, right_angle: float = RIGHT_ANGLE) -> Case:
     if robot.payload:
         parameters.append(mbdlft.Parameter("payload", 2.5, 0.0, 5.0, unit="kg"))
         values[robot.payload] = numbers[robot.payload] = "payload"
-    scene, _ = mbdlft.load_urdf(
+    scene, _ = mbdlft.load_robot(
         path,
         parameters=parameters,
         values=values,
@@ -210,11 +213,11 @@ def not_turned(link: RobotLink, right_angle: float, snapped: list[float]) -> Map
     return link.inertia
 
 
-def without(**fields: Any) -> Callable[[bytes], File]:
+def without(**fields: Any) -> Callable[[Element], File]:
     """The file as read, each joint with other fields."""
 
-    def read(content: bytes) -> File:
-        file = read_robot(content)
+    def read(top: Element) -> File:
+        file = read_urdf(top)
         joints = {name: joint._replace(**fields) for name, joint in file.joints.items()}
         return file._replace(joints=joints)
 
@@ -224,16 +227,16 @@ def without(**fields: Any) -> Callable[[bytes], File]:
 PLANTED: dict[str, tuple[str, str, Any]] = {
     "roll before yaw": ("make._ABOUT", "so101", dict(reversed(make._ABOUT.items()))),
     "inertia in the axes of the inertial": ("values._inertia", "baxter", not_turned),
-    "no damping": ("file.read_robot", "panda", without(damping=0.0)),
-    "axes all x": ("file.read_robot", "ur5", without(axis=(1.0, 0.0, 0.0))),
-    "no lengths": ("file.read_robot", "so101", without(xyz=(0.0, 0.0, 0.0))),
+    "no damping": ("read.read_urdf", "panda", without(damping=0.0)),
+    "axes all x": ("read.read_urdf", "ur5", without(axis=(1.0, 0.0, 0.0))),
+    "no lengths": ("read.read_urdf", "so101", without(xyz=(0.0, 0.0, 0.0))),
 }
 
 
 @pytest.mark.parametrize("bug", PLANTED)
 def test_planted_bug_is_found(bug: str, monkeypatch: pytest.MonkeyPatch) -> None:
     place, name, wrong = PLANTED[bug]
-    monkeypatch.setattr(f"mbdlft.urdf.{place}", wrong)
+    monkeypatch.setattr(f"mbdlft.robot.{place}", wrong)
     with pytest.raises(AssertionError, match="relative error"):
         compare(case_of(ROBOTS[name]), by_pinocchio, 1, PINOCCHIO)
 

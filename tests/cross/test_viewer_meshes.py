@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.cases.robots import robots
 from mbdlft.base.errors import SceneError
-from mbdlft.urdf import load_urdf
+from mbdlft.robot import load_robot
 from mbdlft.viewer.data import view_data
 from mbdlft.viewer.meshes import robot_looks, thinned
 from tests.close import CROSS, MESH, target
@@ -50,7 +50,7 @@ def installed(file: str) -> Path:
 )
 def test_meshes_stand_where_pinocchio_has_them(file: str) -> None:
     path = installed(file)
-    scene, _ = load_urdf(path)
+    scene, _ = load_robot(path)
     data = view_data(scene, urdf=path)
     assert data["notes"] == []
     still = [0.0] * len(data["coordinates"])

@@ -14,7 +14,7 @@ from mbdlft import MbdlftError, SceneError, StructureError, load_scene
 from mbdlft.base import apart, content
 from mbdlft.base.errors import shortened, unknown_name
 from mbdlft.elastic import load_matrices, load_nastran
-from mbdlft.urdf import load_urdf
+from mbdlft.robot import load_robot
 from tests.archive.test_matrix_files import turned
 from tests.errors.scenes import ARM, says
 
@@ -110,7 +110,7 @@ def test_matrix_market(tmp_path: Path) -> None:
 
 
 def test_files_that_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for read in (load_scene, load_urdf):
+    for read in (load_scene, load_robot):
         with says(SceneError, "/dev/zero: cannot be read: it is not a regular file"):
             read("/dev/zero")
     with says(StructureError, f"{tmp_path}: cannot be read: Is a directory"):
@@ -126,7 +126,7 @@ def test_encodings_of_robots(tmp_path: Path, encoding: str) -> None:
     file = tmp_path / "a.urdf"
     file.write_text(f'<?xml version="1.0" encoding="{encoding}"?><robot name="é"/>', "utf-8")
     with says(SceneError, f"{file}: line 1: "):
-        load_urdf(file)
+        load_robot(file)
 
 
 def planted(what: str) -> dict[str, np.ndarray]:

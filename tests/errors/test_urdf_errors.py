@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from mbdlft import Angle, NotRationalError, Parameter, SceneError, load_urdf
+from mbdlft import Angle, NotRationalError, Parameter, SceneError, load_robot
 from tests.errors.robots import ROBOT, written
 from tests.errors.scenes import line_of, says
 
@@ -17,7 +17,7 @@ FIXED = '<joint name="weld" type="fixed"><parent link="{}"/><child link="{}"/></
         ("</link>", "</lnk>", ["line 18: not valid XML: mismatched tag."]),
         (ROBOT, "", ["line 1: not valid XML: no element found."]),
         ("robot", "sdf", ["not valid XML"]),
-        (ROBOT, "<sdf/>", ["line 1: expected a URDF file", "<robot>, got <sdf>", "(SDF, MJCF)"]),
+        (ROBOT, "<svg/>", ["line 1: expected a robot", "<robot> (URDF), <sdf>", "got <svg>."]),
         (ROBOT, '<robot name="r"/>', ["line 1: the robot has no links."]),
         (
             ROBOT,
@@ -114,15 +114,15 @@ FIXED = '<joint name="weld" type="fixed"><parent link="{}"/><child link="{}"/></
 )
 def test_file(tmp_path: Path, old: str, new: str, texts: list[str]) -> None:
     with says(SceneError, *texts):
-        load_urdf(written(tmp_path, old, new))
+        load_robot(written(tmp_path, old, new))
 
 
 def test_errors_of_the_file_name_it(tmp_path: Path) -> None:
     file = written(tmp_path, "</link>", "</lnk>")
     with says(SceneError, str(file), "line 18"):
-        load_urdf(file)
+        load_robot(file)
     with says(SceneError, "missing.urdf: cannot be read: No such file or directory."):
-        load_urdf(tmp_path / "missing.urdf")
+        load_robot(tmp_path / "missing.urdf")
 
 
 def test_joint_that_moves_nothing(tmp_path: Path) -> None:
@@ -137,10 +137,10 @@ def test_joint_that_moves_nothing(tmp_path: Path) -> None:
         "'finger.actuator_inertia'",
         "`moving`",
     ):
-        load_urdf(file)
-    load_urdf(file, moving=["slide", "swing"])
-    load_urdf(file, values={"finger.actuator_inertia": 0.2})
-    load_urdf(
+        load_robot(file)
+    load_robot(file, moving=["slide", "swing"])
+    load_robot(file, values={"finger.actuator_inertia": 0.2})
+    load_robot(
         file,
         parameters=[Parameter("load", 0.5, percent=50, unit="kg")],
         values={"tip.left.mass": "load"},
@@ -216,13 +216,13 @@ def test_joint_that_moves_nothing(tmp_path: Path) -> None:
 )
 def test_request(tmp_path: Path, options: dict, texts: list[str]) -> None:
     with says(SceneError, *texts):
-        load_urdf(written(tmp_path), **options)
+        load_robot(written(tmp_path), **options)
 
 
 def test_floating_joint_cannot_be_locked(tmp_path: Path) -> None:
     file = written(tmp_path, 'name="swing" type="revolute"', 'name="swing" type="floating"')
     with says(SceneError, "moving: the floating joint 'swing' cannot be locked", "fixed joint"):
-        load_urdf(file, moving=["slide"])
+        load_robot(file, moving=["slide"])
 
 
 def test_mimic_joint_that_would_follow_a_fraction_of_an_angle(tmp_path: Path) -> None:
@@ -238,6 +238,6 @@ def test_mimic_joint_that_would_follow_a_fraction_of_an_angle(tmp_path: Path) ->
         "joint 'other', position = '0.5*(a) + 0.01': an angle parameter can be multiplied by an integer",
         "The joint mimics 'finger'; give 'other.position' a value or a parameter of its own.",
     ):
-        load_urdf(file, **follow)
+        load_robot(file, **follow)
     follow["values"] |= {"other.position": 0.0}
-    load_urdf(file, **follow)
+    load_robot(file, **follow)

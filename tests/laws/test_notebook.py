@@ -48,3 +48,9 @@ def test_numbers_have_six_digits() -> None:
 
 def test_a_gain_has_no_table() -> None:
     assert "<table>" not in mbdlft.state_space([], [], [], [[2.0]], name="gain")._repr_html_()
+
+
+def test_parameter_has_its_range() -> None:
+    html = mbdlft.Parameter("m", 2.0, percent=10, unit="kg", role="design")._repr_html_()
+    for cell in ("m", "2", "1.8", "2.2", "kg", "design"):
+        assert f"<td>{cell}</td>" in html

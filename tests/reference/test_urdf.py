@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation as Turn
 
 import mbdlft
-from mbdlft import Angle, Parameter, SceneError, load_urdf
-from mbdlft.urdf import values as values_of
-from mbdlft.urdf.file import RobotLink
+from mbdlft import Angle, Parameter, SceneError, load_robot
+from mbdlft.robot import values as values_of
+from mbdlft.robot.description import RobotLink
 from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.errors.robots import ROBOT, written
 
@@ -34,7 +34,7 @@ def pendulum(folder: Path) -> Path:
 
 
 def test_pendulum_equals_its_closed_form(tmp_path: Path) -> None:
-    scene, _ = load_urdf(
+    scene, _ = load_robot(
         pendulum(tmp_path),
         parameters=[Angle("theta", 20.0, -60.0, 100.0)],
         values={"pivot.position": "theta"},
@@ -53,7 +53,7 @@ def test_pendulum_equals_its_closed_form(tmp_path: Path) -> None:
 
 
 def test_scene_and_report_of_the_crane(tmp_path: Path) -> None:
-    scene, report = load_urdf(written(tmp_path), right_angle=1e-6)
+    scene, report = load_robot(written(tmp_path), right_angle=1e-6)
     bodies = {body.name: body for body in scene.bodies}
     joints = {joint.name: joint for joint in scene.joints}
     assert list(bodies) == ["rail", "carriage", "arm", "tip_left", "tip_right"]
@@ -118,7 +118,7 @@ def compare_inertia(rpy: tuple[float, float, float]) -> None:
 
 def test_units_of_parameters_are_converted(tmp_path: Path) -> None:
     """A length in mm and a mass in g stand where the file has m and kg."""
-    scene, _ = load_urdf(
+    scene, _ = load_robot(
         pendulum(tmp_path),
         parameters=[
             Parameter("drop", 700.0, percent=20, unit="mm"),
@@ -138,7 +138,7 @@ def test_units_of_parameters_are_converted(tmp_path: Path) -> None:
 
 def test_missing_limits_are_told(tmp_path: Path) -> None:
     limit = '<limit lower="0.5" upper="1.5" effort="20" velocity="1"/>'
-    _, report = load_urdf(
+    _, report = load_robot(
         written(tmp_path, limit, '<limit effort="20" velocity="1"/>'),
         values={"swing.position": 3.0},
     )
@@ -154,7 +154,7 @@ def test_a_limit_alone_has_the_other_at_zero(
 ) -> None:
     limit = '<limit lower="0.5" upper="1.5" effort="20" velocity="1"/>'
     file = written(tmp_path, limit, f'<limit {given} effort="20" velocity="1"/>')
-    _, report = load_urdf(file)
+    _, report = load_robot(file)
     assert report.limits[1] == mbdlft.JointLimit("swing", "rad", lower, upper, 20.0, 1.0)
 
 
@@ -165,12 +165,12 @@ def test_locked_joints_hold_their_positions(tmp_path: Path) -> None:
     """A slide locked at a value is the file with its origin moved there, and a fixed joint."""
     parameters = [Parameter("s", 0.5, 0.2, 0.8, unit="m"), Angle("a", 60.0, 40.0, 80.0)]
     positions = {"slide.position": "s", "swing.position": "a", "finger.position": 0.02}
-    scene, _ = load_urdf(
+    scene, _ = load_robot(
         written(tmp_path), parameters=parameters, values=positions, moving=["finger", "other"]
     )
     moved = ROBOT.replace('name="slide" type="prismatic"', 'name="slide" type="fixed"')
     del positions["slide.position"]
-    other, _ = load_urdf(
+    other, _ = load_robot(
         written(tmp_path, text=moved),
         parameters=parameters,
         values=positions | {"slide.origin.x": "-s"},  # y of the joint is -x of the rail
@@ -193,13 +193,13 @@ def test_locked_finger_is_where_it_is_held(tmp_path: Path) -> None:
     along = ROBOT.replace(origin, down, 1)
     text = along.replace('name="finger" type="prismatic"', 'name="finger" type="fixed"')
     positions = {"other.position": 0.03, "swing.position": 0.9}
-    locked, _ = load_urdf(
+    locked, _ = load_robot(
         written(tmp_path, text=along),
         parameters=[finger],
         values=positions | {"finger.position": "f"},
         moving=["swing"],
     )
-    moved, _ = load_urdf(
+    moved, _ = load_robot(
         written(tmp_path, text=text),
         parameters=[finger],
         values=positions | {"finger.origin.z": "-1 - f"},  # x of the joint is -z of the arm
@@ -215,25 +215,25 @@ def test_locked_finger_is_where_it_is_held(tmp_path: Path) -> None:
 def test_mimic_joint_follows_a_parameter(tmp_path: Path) -> None:
     file = written(tmp_path)
     grip = Parameter("grip", 0.05, 0.01, 0.09, unit="m")
-    scene, _ = load_urdf(file, parameters=[grip], values={"finger.position": "grip"})
+    scene, _ = load_robot(file, parameters=[grip], values={"finger.position": "grip"})
     (other,) = (joint for joint in scene.joints if joint.name == "other")
     assert other.position == "0.5*(grip) + 0.01"
     wide = Parameter("grip", 0.05, 0.01, 0.19, unit="m")
     with pytest.raises(SceneError, match=r"joint 'finger'.*leave the limits"):
-        load_urdf(file, parameters=[wide], values={"finger.position": "grip"})
+        load_robot(file, parameters=[wide], values={"finger.position": "grip"})
 
 
 def test_file_in_another_encoding_is_read(tmp_path: Path) -> None:
     file = tmp_path / "robot.urdf"
     text = '<?xml version="1.0" encoding="iso-8859-1"?>\n' + PENDULUM.format(**SIZES)
     file.write_bytes(text.replace('"rod"', '"bâton"').encode("iso-8859-1"))
-    scene, _ = load_urdf(file)
+    scene, _ = load_robot(file)
     assert [body.name for body in scene.bodies] == ["base", "bâton"]
 
 
 def test_link_called_ground_and_a_second_root_joint(tmp_path: Path) -> None:
     text = PENDULUM.format(**SIZES).replace('"base"', '"ground"').replace("pivot", "root_joint")
-    scene, report = load_urdf(written(tmp_path, text=text))
+    scene, report = load_robot(written(tmp_path, text=text))
     assert [body.name for body in scene.bodies] == ["ground_link", "rod"]
     assert [(j.name, j.parent) for j in scene.joints] == [
         ("root_joint_", "ground"),
@@ -250,14 +250,14 @@ def test_free_root_is_held_by_its_weight(tmp_path: Path) -> None:
         "base.inertia.yy": 0.1,
         "base.inertia.zz": 0.1,
     }
-    scene, report = load_urdf(file, base="free", values=values)
+    scene, report = load_robot(file, base="free", values=values)
     model = mbdlft.to_lft(scene, search=0.0)
     trim = {s.name: v for s, v in zip(model.trim.signals, model.trim.nominal, strict=True)}
     target(trim["hold_force_z.force"], 9.81 * (3.0 + SIZES["m"]), CLOSED_FORM)
     assert any("hold the free robot" in line for line in report.assumed)
-    locked, _ = load_urdf(file, base="free", values=values, moving=[])
+    locked, _ = load_robot(file, base="free", values=values, moving=[])
     assert [joint.kind for joint in locked.joints] == ["free", "fixed"]
-    floating, report = load_urdf(file, base="free", values=values, gravity=(0, 0, 0))
+    floating, report = load_robot(file, base="free", values=values, gravity=(0, 0, 0))
     assert floating.loads == ()
     assert not any("hold" in line or "gravity" in line for line in report.assumed)
     exact(mbdlft.to_lft(floating, search=0.0).trim.nominal, [0.0])
@@ -265,7 +265,7 @@ def test_free_root_is_held_by_its_weight(tmp_path: Path) -> None:
 
 def test_planar_joint(tmp_path: Path) -> None:
     text = PENDULUM.format(**SIZES).replace("continuous", "planar")
-    scene, report = load_urdf(written(tmp_path, text=text), values={"pivot.position.x": 0.2})
+    scene, report = load_robot(written(tmp_path, text=text), values={"pivot.position.x": 0.2})
     assert scene.joints[1].kind == "planar"
     assert scene.joints[1].position == (0.2, 0.0, 0.0)
     assert "damping of pivot: give it in the scene" in report.ignored
@@ -273,10 +273,10 @@ def test_planar_joint(tmp_path: Path) -> None:
 
 def test_unphysical_inertias_are_kept_when_asked(tmp_path: Path) -> None:
     file = written(tmp_path, 'ixx="0.1"', 'ixx="0.3"')
-    scene, report = load_urdf(file, keep_unphysical=True)
+    scene, report = load_robot(file, keep_unphysical=True)
     assert "inertias that no body can have are kept: carriage" in report.assumed
     text = mbdlft.scene_to_toml(scene)
     assert "unchecked = true" in text
     assert mbdlft.scene_from_toml(text) == scene
     with pytest.raises(SceneError, match="the mass is negative"):
-        load_urdf(file, keep_unphysical=True, values={"arm.mass": -1.0})
+        load_robot(file, keep_unphysical=True, values={"arm.mass": -1.0})

@@ -370,7 +370,7 @@ def test_version_and_help(
 def test_import_of_a_robot(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The scene that is written is that of `load_urdf`, and the report is printed."""
+    """The scene that is written is that of `load_robot`, and the report is printed."""
     file, scene = written(tmp_path), tmp_path / "crane.toml"
     code, out, err = run(
         monkeypatch, capsys, "import", str(file), "-o", str(scene),
@@ -382,7 +382,7 @@ def test_import_of_a_robot(
     assert "ignored: Coulomb friction of slide: it is not linear" in out
     assert "assumed: links without <inertial> have no mass: rail" in out
     assert "crane: 5 bodies, 5 joints, 3 parameters." in out
-    expected, _ = mbdlft.load_urdf(
+    expected, _ = mbdlft.load_robot(
         file,
         parameters=[
             mbdlft.Parameter("load", 2.0, 1.0, 3.0, unit="kg"),

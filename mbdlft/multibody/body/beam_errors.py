@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from mbdlft.multibody.body.beam import Beam
 from mbdlft.multibody.body.beam_elements import Deformation, products, strain, values_at
@@ -82,6 +81,8 @@ def _free(d: Deformation, tip: str) -> NDArray[np.float64]:
 
 def _exact(d: Deformation, tip: str, number: int) -> float:
     """The exact frequency, over what it is proportional to, of one mode, counted from 1."""
+    from scipy.optimize import brentq  # here because it is slow to import
+
     free = tip == "free"
     if not d.name.startswith("bending"):
         return float((number - 0.5 if free else number) * np.pi)

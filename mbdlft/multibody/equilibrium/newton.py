@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from mbdlft.base.array import Array
 from mbdlft.multibody.equilibrium.unknowns import EquilibriumEquations, project_at
@@ -87,6 +86,8 @@ def _newton(equations: EquilibriumEquations, start: Array) -> Attempt:
 
 def _trust_region(equations: EquilibriumEquations, start: Array) -> Array:
     """The unknowns (n_s,) of least squares of the rows, by scipy's trust region reflective method."""
+    from scipy.optimize import least_squares  # here because it is slow to import
+
     sizes = np.array([unknown.size for unknown in equations.unknowns])
     low = np.array([u.low if u.bounded else -np.inf for u in equations.unknowns]) / sizes
     high = np.array([u.high if u.bounded else np.inf for u in equations.unknowns]) / sizes

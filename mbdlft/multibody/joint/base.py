@@ -111,7 +111,7 @@ class Joint(Description, abc.ABC):
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
         """The condition of physics that fails at one of the sampled values (samples,), or None."""
         for label, value in values.items():
-            if label.startswith("actuator_inertia") and np.min(value) < 0:
+            if label.startswith(("actuator_inertia", "reflected_inertia")) and np.min(value) < 0:
                 return f"the {label} is negative in the range: {float(np.min(value)):g}."
         return None
 

@@ -110,12 +110,14 @@ class Hinge(Move):
 
         omega_c = R_pc' omega_p + axis qdot
         alpha_c = R_pc' alpha_p + (R_pc' omega_p) x axis qdot + axis qddot
-        effort  = axis . tau_c + n J (axis . alpha_c + (n - 1) qddot)
+        effort  = axis . tau_c + n J (axis . alpha_c + (n - 1) qddot) + J_r qddot
 
-    J is the inertia of the actuator, a massless rotor about the axis. With the gear ratio n = 1 it turns
-    with the child: equations (7) to (9) of Kassarian et al. 2023. With another gear ratio the rotor turns
-    n times as far as the child, seen from the parent. Its inertia then acts on the parent with the torque
-    J (axis . alpha_p + n qddot), and the effort is the torque behind the gear, on the child's side.
+    J is the inertia of the actuator, a massless rotor about the axis. With the gear ratio n = 1 it
+    turns with the child: equations (7) to (9) of Kassarian et al. 2023. With another gear ratio the
+    rotor turns n times as far as the child, seen from the parent. Its inertia then acts on the parent
+    with the torque J (axis . alpha_p + n qddot), and the effort is the torque behind the gear, on the
+    child's side. As n grows with J_r = n^2 J, only the `reflected` inertia J_r is left (Featherstone,
+    section 9.6).
 
     What a `steady` hinge carries is symmetric about the axis and turns at a steady rate beside qdot. Its
     frame c does not turn with it: R_pc = 1. The rotor has the momentum `momentum` along the axis (N m s),
@@ -128,6 +130,7 @@ class Hinge(Move):
     ratio: ca.SX | float = 1.0
     momentum: ca.SX | float = 0.0
     steady: bool = False
+    reflected: ca.SX | float = 0.0
     degrees_of_freedom = 1
 
     def in_parent_axes(self, vectors: ca.SX) -> ca.SX:
@@ -163,6 +166,8 @@ class Hinge(Move):
 
     def effort(self, carried: ca.SX, motion: ca.SX) -> ca.SX:
         effort = ca.mtimes(self.axis.T, carried[:, 1])
+        if not (isinstance(self.reflected, float) and self.reflected == 0.0):
+            effort += self.reflected * self.at.a
         if not self._is_geared():
             return effort
         more = self.ratio - 1.0

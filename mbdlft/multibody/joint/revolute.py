@@ -1,10 +1,11 @@
 """A revolute joint: one rotation about an axis.
 
-    effort = axis . tau_c + J axis . alpha_c + stiffness q + damping qdot
+    effort = axis . tau_c + J axis . alpha_c + J_r qddot + stiffness q + damping qdot
 
 tau_c is the torque that the child needs, J the inertia of the actuator, which turns with the child:
 Kassarian et al. 2023, equation (7). An actuator with a gear is a rotor that turns `gear_ratio` times as
-far as the child, relative to the parent: see `Hinge`.
+far as the child, relative to the parent: see `Hinge`. With a high gear only the reflected inertia J_r
+is felt.
 """
 
 from collections.abc import Mapping
@@ -29,6 +30,7 @@ class Revolute(AxisJoint, MovingJoint):
     Units: `position` rad, `stiffness` N m/rad, `damping` N m s/rad, `actuator_inertia` kg m^2, `preload`
     N m. `gear_ratio` is the angle of the actuator over that of the joint. `actuator_inertia` is the
     inertia of the rotor itself, in front of the gear; the effort is the torque behind the gear.
+    `reflected_inertia` (kg m^2) is felt by the joint alone, as that of a rotor behind a high gear.
 
     With a `rate` (rad/s) the joint turns steadily at equilibrium: what it carries must be symmetric about
     its axis, and the model has the deviation from this rate, and no angle unless an output asks for it.
@@ -42,6 +44,7 @@ class Revolute(AxisJoint, MovingJoint):
     damping: Quantity = 0.0
     actuator_inertia: Quantity = 0.0
     gear_ratio: Quantity = 1.0
+    reflected_inertia: Quantity = 0.0
     preload: Quantity | None = None
     rate: Quantity | None = None
 
@@ -63,6 +66,8 @@ class Revolute(AxisJoint, MovingJoint):
             quantities["rate"] = Expected(self.rate, "rad/s")
         if self.gear_ratio != 1.0:  # without a gear nothing is multiplied
             quantities["gear_ratio"] = Expected(self.gear_ratio, "1")
+        if self.reflected_inertia != 0.0:
+            quantities["reflected_inertia"] = Expected(self.reflected_inertia, "kg m^2")
         return quantities
 
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
@@ -79,7 +84,13 @@ class Revolute(AxisJoint, MovingJoint):
         return (
             *turned(axis, values["position"]),
             steady_hinge(
-                Hinge(axis, at.part(0), values["actuator_inertia"], values.get("gear_ratio", 1.0)),
+                Hinge(
+                    axis,
+                    at.part(0),
+                    values["actuator_inertia"],
+                    values.get("gear_ratio", 1.0),
+                    reflected=values.get("reflected_inertia", 0.0),
+                ),
                 values,
             ),
         )

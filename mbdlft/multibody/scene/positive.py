@@ -23,10 +23,10 @@ from mbdlft.multibody.scene.scene import Scene
 from mbdlft.number.interval import FUNCTIONS, Interval, decimal
 from mbdlft.number.sign import BOXES, Sign, not_negative
 
-LABELS = ("mass", "inertia.xx", "inertia.yy", "inertia.zz", "actuator_inertia")
+LABELS = ("mass", "inertia.xx", "inertia.yy", "inertia.zz", "actuator_inertia", "reflected_inertia")
 _KEEPS_SIGN = re.compile(
     r"mass|length|density|area|(shear_)?modulus|I_[yz]|torsion_constant|shear_coefficient"
-    r"|(mass|stiffness)_damping|mode\d+\.(frequency|damping)|actuator_inertia(\..+)?"
+    r"|(mass|stiffness)_damping|mode\d+\.(frequency|damping)|actuator_inertia(\..+)?|reflected_inertia"
 )
 _ROUNDING = 1e-12  # of the size at nominal: what rounding may make negative
 _TINY = 1e-280  # what is zero for all values is not negative

@@ -13,16 +13,18 @@ import numpy as np
 from mbdlft.base.description import AXES, Quantity
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.parameter import Parameter, exact_cosine_sine
-from mbdlft.urdf.file import ENTRIES, Robot, RobotJoint, RobotLink
+from mbdlft.robot.description import ENTRIES, Robot, RobotJoint, RobotLink
 
 Values = dict[str, Quantity]
 
 HINGES = ("revolute", "continuous")
 AXIAL = (*HINGES, "prismatic")  # the types with one coordinate
-SPRINGS = ("stiffness", "damping", "actuator_inertia")
+SPRINGS = ("stiffness", "damping", "actuator_inertia", "reflected_inertia")
+SPRUNG = (*AXIAL, "spherical", "floating")  # those whose coordinates can have springs and dampers
 PLANAR = ("position.x", "position.y", "position.angle")
 TURNS = ("roll", "pitch", "yaw")
-_UNITS = {"mass": "kg", "center_of_mass": "m", "inertia": "kg m^2", "origin": "m"}
+_ROUNDING = 1e-15  # rad: of a reader, which is no difference of the file
+_UNITS = {"mass": "kg", "center_of_mass": "m", "inertia": "kg m^2", "origin": "m", "anchor": "m"}
 
 
 def numbers(robot: Robot, right_angle: float, assumed: list[str]) -> Values:
@@ -44,13 +46,28 @@ def numbers(robot: Robot, right_angle: float, assumed: list[str]) -> Values:
             values[f"{joint.name}.origin.{axis}"] = entry
         for turn, angle in zip(TURNS, joint.rpy, strict=True):
             values[f"{joint.name}.origin.{turn}"] = _angle(angle, right_angle, snapped)
+        values |= {
+            f"{joint.name}.anchor.{axis}": entry
+            for axis, entry in zip(AXES, joint.anchor, strict=True)
+        }
         if joint.kind in AXIAL:
-            values |= {f"{joint.name}.{key}": 0.0 for key in ("position", *SPRINGS)}
-            values[f"{joint.name}.damping"] = joint.damping
+            values[f"{joint.name}.position"] = joint.position
+        if joint.kind in SPRUNG:
+            values |= _springs(joint)
         if joint.kind == "planar":
             values |= {f"{joint.name}.{key}": 0.0 for key in PLANAR}
     _tell(robot, snapped, assumed)
     return values
+
+
+def _springs(joint: RobotJoint) -> Values:
+    """Stiffness, damping and inertia of the actuator of a joint, by label."""
+    values: Values = {"stiffness": joint.stiffness, "damping": joint.damping}
+    if joint.kind in HINGES:
+        values |= {"actuator_inertia": 0.0, "reflected_inertia": joint.reflected_inertia}
+    elif joint.kind != "floating":
+        values["actuator_inertia"] = joint.reflected_inertia
+    return {f"{joint.name}.{key}": value for key, value in values.items()}
 
 
 def _tell(robot: Robot, snapped: list[float], assumed: list[str]) -> None:
@@ -82,7 +99,7 @@ def _angle(angle: float, right_angle: float, snapped: list[float]) -> Quantity:
     difference = abs(angle - quarters * math.pi / 2.0)
     if difference > right_angle:
         return angle
-    if difference > 0.0:
+    if difference > _ROUNDING:
         snapped.append(difference)
     return f"{90 * quarters}*deg" if quarters else 0.0
 
@@ -134,13 +151,13 @@ def varied(label: str, percent: float, file: Mapping[str, Quantity]) -> Paramete
 
 def _unit(label: str) -> str | None:
     """Unit of a mass, an inertia or a length; None for other labels."""
-    match = re.search(r"\.(mass|center_of_mass|inertia|origin)(\.[xyz]{1,2})?$", label)
+    match = re.search(rf"\.({'|'.join(_UNITS)})(\.[xyz]{{1,2}})?$", label)
     return _UNITS[match[1]] if match else None
 
 
 def check_label(what: str, label: str, file: Mapping[str, Quantity]) -> None:
     """Raise a SceneError for a label that the robot does not have."""
-    if label in file or (label.endswith(".preload") and f"{label[:-8]}.stiffness" in file):
+    if label in file or (label.endswith(".preload") and f"{label[:-8]}.position" in file):
         return
     owners = {name for known in file for name in _owners(known)}
     own = [known for known in file if any(known.startswith(f"{name}.") for name in _owners(label))]
@@ -152,7 +169,7 @@ def check_label(what: str, label: str, file: Mapping[str, Quantity]) -> None:
 
 def _owners(label: str) -> Iterable[str]:
     """Possible names of the link or joint of a label; names may have dots, so there can be two."""
-    keys = "mass|center_of_mass|inertia|origin|position|stiffness|damping|actuator_inertia|preload"
+    keys = "|".join((*_UNITS, "position", "preload", *SPRINGS))
     match = re.fullmatch(rf"(.+)\.(?:{keys})(?:\.\w+)?", label)
     return (match[1],) if match else (label.rpartition(".")[0], label.partition(".")[0])
 
@@ -167,16 +184,29 @@ def set_positions(robot: Robot, values: Values, chosen: set[str], assumed: list[
         label = f"{joint.name}.position"
         if label in chosen or joint.kind not in AXIAL or joint.mimic is not None:
             continue
-        if joint.lower is None or joint.upper is None or joint.lower <= 0.0 <= joint.upper:
+        if not outside(joint):
             continue
-        values[label] = middle = 0.5 * (joint.lower + joint.upper)
+        if robot.loops:
+            assumed.append(
+                f"the limits of {joint.name} exclude the place where the file closes its loops; it stays "
+                "there"
+            )
+            continue
+        values[label] = middle = 0.5 * sum(end for end in (joint.lower, joint.upper) if end)
         assumed.append(
-            f"the limits of {joint.name} exclude 0: its position is their middle, {middle:.6g} "
-            f"{'m' if joint.kind == 'prismatic' else 'rad'}"
+            f"the limits of {joint.name} exclude {joint.position:g}: its position is their middle, "
+            f"{middle:.6g} {'m' if joint.kind == 'prismatic' else 'rad'}"
         )
     for joint in robot.joints.values():
         if joint.kind in AXIAL and joint.mimic and f"{joint.name}.position" not in chosen:
             values[f"{joint.name}.position"] = _follow(robot, joint, values, chosen, ())
+
+
+def outside(joint: RobotJoint) -> bool:
+    """Whether the position of a joint in its file is outside of its limits."""
+    if joint.lower is None or joint.upper is None:
+        return False
+    return not joint.lower <= joint.position <= joint.upper
 
 
 def _follow(

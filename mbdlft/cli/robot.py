@@ -1,4 +1,4 @@
-"""The command `import`: it makes a scene of a URDF file."""
+"""The command `import`: it makes a scene of a robot's file."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,13 +8,36 @@ import typer
 from mbdlft.base.errors import SceneError
 from mbdlft.base.parameter import Angle, Parameter
 from mbdlft.base.unit import ANGLE_UNITS
-from mbdlft.cli.tables import write_scene
+from mbdlft.cli.options import AsJson
+from mbdlft.cli.tables import print_json, write_scene
 
 Texts = list[str] | None
+ModelName = Annotated[
+    str | None, typer.Option("--model", help="Which model of an SDF file with several.")
+]
+Declared = Annotated[
+    Texts,
+    typer.Option(
+        "--parameter",
+        help="NAME=LOW,NOMINAL,HIGH,UNIT for --set, such as payload=0,2,5,kg; may be repeated.",
+    ),
+]
+Vary = Annotated[
+    Texts,
+    typer.Option(
+        "--vary",
+        help="LABEL=PERCENT: a parameter around the number of the file, such as "
+        "forearm_link.mass=20; may be repeated.",
+    ),
+]
+Keyframe = Annotated[
+    str | None,
+    typer.Option("--keyframe", help="Keyframe of an MJCF file whose positions are taken."),
+]
 
 
 def import_robot(
-    robot_file: Annotated[Path, typer.Argument(help="Robot, a URDF file.")],
+    robot_file: Annotated[Path, typer.Argument(help="Robot, a URDF, SDF or MJCF file.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Scene to write, a TOML file.")],
     assignments: Annotated[
         Texts,
@@ -24,46 +47,47 @@ def import_robot(
             "are in SI units; may be repeated.",
         ),
     ] = None,
-    parameters: Annotated[
-        Texts,
-        typer.Option(
-            "--parameter",
-            help="NAME=LOW,NOMINAL,HIGH,UNIT for --set, such as payload=0,2,5,kg; may be repeated.",
-        ),
-    ] = None,
-    vary: Annotated[
-        Texts,
-        typer.Option(
-            "--vary",
-            help="LABEL=PERCENT: a parameter around the number of the file, such as "
-            "forearm_link.mass=20; may be repeated.",
-        ),
-    ] = None,
+    parameters: Declared = None,
+    vary: Vary = None,
     moving: Annotated[
         Texts,
         typer.Option("--moving", help="Joint that moves, the others are locked; may be repeated."),
     ] = None,
     free_base: Annotated[
-        bool, typer.Option("--free-base", help="Leave the root free instead of clamping it.")
-    ] = False,
+        bool | None,
+        typer.Option(
+            "--free-base/--fixed-base",
+            help="Leave the root free, or clamp it; by default as the file says.",
+        ),
+    ] = None,
     keep_unphysical: Annotated[
         bool, typer.Option("--keep-unphysical", help="Keep inertias that no body can have.")
     ] = False,
+    model: ModelName = None,
+    keyframe: Keyframe = None,
+    as_json: AsJson = False,
 ) -> None:
-    """Make a scene of a robot (URDF), and say what was ignored and what was assumed."""
-    from mbdlft.urdf import load_urdf
+    """Make a scene of a robot (URDF, SDF, MJCF), and say what was ignored and what was assumed."""
+    from mbdlft.robot import load_robot
 
     percents = dict(_pair("--vary", text) for text in vary or [])
-    scene, report = load_urdf(
+    scene, report = load_robot(
         robot_file,
         parameters=[_parameter(text) for text in parameters or []],
         values=dict(_pair("--set", text) for text in assignments or []),
         vary={label: _number("--vary", label, value) for label, value in percents.items()},
         moving=moving,
-        base="free" if free_base else "fixed",
+        base=None if free_base is None else "free" if free_base else "fixed",
         keep_unphysical=keep_unphysical,
+        model=model,
+        keyframe=keyframe,
     )
     write_scene(output, scene)
+    if as_json:
+        limits = [limit._asdict() for limit in report.limits]
+        said = {"ignored": report.ignored, "assumed": report.assumed, "limits": limits}
+        print_json({"name": scene.name, "scene": str(output), **said})
+        return
     typer.echo(str(report))
     typer.echo(
         f"{scene.name}: {len(scene.bodies)} bodies, {len(scene.joints)} joints, "

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from xml.parsers import expat
 
 from mbdlft.base.errors import SceneError
+from mbdlft.robot.description import Triple
 
-Triple = tuple[float, float, float]
 XACRO = (
     "This is a xacro file or a part of one. Expand it first: xacro robot.urdf.xacro > robot.urdf"
 )
@@ -19,12 +19,13 @@ XACRO = (
 
 @dataclass(slots=True)
 class Element:
-    """One XML element with its line."""
+    """One XML element with its line; `text` is all text between its children."""
 
     tag: str
     attributes: Mapping[str, str]
     line: int
     children: list["Element"] = field(default_factory=list)
+    text: str = ""
 
     def named(self, tag: str) -> list["Element"]:
         """The children with this tag."""
@@ -56,7 +57,12 @@ def parse(content: bytes) -> Element:
         (open_elements[-1].children if open_elements else top).append(element)
         open_elements.append(element)
 
+    def characters(data: str) -> None:
+        open_elements[-1].text += data
+
     parser.StartElementHandler = start
+    parser.CharacterDataHandler = characters
+    parser.buffer_text = True
     parser.EndElementHandler = lambda tag: open_elements.pop()
     try:
         parser.Parse(content, True)  # noqa: FBT003  # the last piece
@@ -98,16 +104,28 @@ def triple(element: Element, key: str, where: str) -> Triple:
 
 def _numbers(element: Element, key: str, where: str, count: int) -> Sequence[float]:
     """The `count` finite numbers of an attribute."""
-    text = element.attributes.get(key)
     place = f"line {element.line}: {where}: <{element.tag}>, {key}"
-    expected = "a finite number" if count == 1 else f"{count} finite numbers"
-    if text is None:
-        raise SceneError(f"{place}: is missing; expected {expected}.")
+    if key not in element.attributes:
+        raise SceneError(f"{place}: is missing; expected {_expected(count)}.")
+    return _finite(element.attributes[key], place, count)
+
+
+def content_numbers(element: Element, where: str, count: int) -> Sequence[float]:
+    """The `count` finite numbers between the tags of an element."""
+    return _finite(element.text.strip(), f"line {element.line}: {where}: <{element.tag}>", count)
+
+
+def _expected(count: int) -> str:
+    return "a finite number" if count == 1 else f"{count} finite numbers"
+
+
+def _finite(text: str, place: str, count: int) -> Sequence[float]:
+    """The `count` finite numbers of a text."""
     try:
         values = [float(part) for part in text.split()]
     except ValueError:
         values = []
     if len(values) != count or not all(math.isfinite(value) for value in values):
         advice = f" {XACRO}" if "${" in text or "$(" in text else ""
-        raise SceneError(f"{place}: expected {expected}, got {text!r}.{advice}")
+        raise SceneError(f"{place}: expected {_expected(count)}, got {text!r}.{advice}")
     return values

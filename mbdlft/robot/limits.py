@@ -38,8 +38,8 @@ def check_limits(scene: Scene, positions: Mapping[JointLimit, Quantity]) -> None
         if limit.lower is None or limit.upper is None:
             continue
         low, high = position_range(scene, limit.joint, Expected(position, limit.unit))
-        slack = _ROUNDING * max(abs(limit.lower), abs(limit.upper))
-        if low < limit.lower - slack or high > limit.upper + slack:
+        below, above = (_ROUNDING * abs(end) for end in (limit.lower, limit.upper))
+        if low < limit.lower - below or high > limit.upper + above:
             raise SceneError(
                 f"joint {limit.joint!r}, position = {position!r}: its values [{_both(low, limit.unit)}, "
                 f"{_both(high, limit.unit)}] leave the limits of the file "

@@ -1,138 +1,52 @@
 """The contents of a URDF file as they are written: links, joints, and counts of other elements."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import NamedTuple
 
-from mbdlft.base.content import content_of
 from mbdlft.base.errors import SceneError, unknown_name
-from mbdlft.urdf.elements import (
+from mbdlft.robot.description import ENTRIES, WORLD, Mimic, Robot, RobotJoint, RobotLink, Triple
+from mbdlft.robot.elements import (
     XACRO,
     Element,
-    Triple,
     name_of,
     number,
     optional_number,
-    parse,
     triple,
 )
+from mbdlft.robot.tree import root_of, unique, unused
 
 JOINT_TYPES = ("continuous", "fixed", "floating", "planar", "prismatic", "revolute")
-ENTRIES = ("xx", "xy", "xz", "yy", "yz", "zz")
 _LINK_PARTS = ("inertial",)
 _JOINT_PARTS = ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic")
 
 
-class RobotLink(NamedTuple):
-    """One link: `mass` (kg), `center` of mass (m) and `inertia` (kg m^2) about it.
-
-    `rpy` (rad) turns the axes of the inertia against those of the link. `line` is the line in the file.
-    """
-
-    name: str
-    line: int
-    inertial: bool
-    mass: float = 0.0
-    center: Triple = (0.0, 0.0, 0.0)
-    rpy: Triple = (0.0, 0.0, 0.0)
-    inertia: Mapping[str, float] = dict.fromkeys(ENTRIES, 0.0)
-
-
-class Mimic(NamedTuple):
-    """The position of a joint follows that of another: multiplier * position of `leader` + offset."""
-
-    leader: str
-    multiplier: float
-    offset: float
-
-
-class RobotJoint(NamedTuple):
-    """One joint.
-
-    The limits of position (`lower`, `upper`, rad or m), `effort` (N m or N) and `velocity` (rad/s or m/s)
-    are None if the file has none.
-    """
-
-    name: str
-    line: int
-    kind: str
-    parent: str
-    child: str
-    xyz: Triple = (0.0, 0.0, 0.0)
-    rpy: Triple = (0.0, 0.0, 0.0)
-    axis: Triple = (1.0, 0.0, 0.0)
-    lower: float | None = None
-    upper: float | None = None
-    effort: float | None = None
-    velocity: float | None = None
-    damping: float = 0.0
-    friction: float = 0.0
-    mimic: Mimic | None = None
-
-
-class Robot(NamedTuple):
-    """A robot: its root link, its links and joints by name, and counts of its other elements by tag."""
-
-    name: str
-    root: str
-    links: Mapping[str, RobotLink]
-    joints: Mapping[str, RobotJoint]
-    others: Mapping[str, int]
-
-
-def read_robot(content: bytes) -> Robot:
-    """Read a robot from the bytes of a URDF file, in the encoding that they declare.
+def read_urdf(top: Element) -> Robot:
+    """Read a robot from the elements of a URDF file; its root is fixed on the ground.
 
     Raises
     ------
     SceneError
-        The file is not XML or not URDF, a number or an element is missing or wrong, a name is unknown
-        or given twice, or the joints are not a tree with one root. The message names the line.
+        It is not URDF, a number or an element is missing or wrong, a name is unknown or given twice, or
+        the joints are not a tree with one root. The message names the line.
     """
-    top = parse(content)
-    _refuse_other_formats(top)
+    _refuse_xacro(top)
     links = [_link(element) for element in top.named("link")]
     joints = [_joint(element) for element in top.named("joint")]
     if not links:
         raise SceneError(f"line {top.line}: the robot has no links.")
-    for what, items in (("link", links), ("joint", joints)):
-        seen: dict[str, int] = {}
-        for item in items:
-            if item.name in seen:
-                raise SceneError(
-                    f"line {item.line}: {what} {item.name!r} is given twice; first in line "
-                    f"{seen[item.name]}."
-                )
-            seen[item.name] = item.line
-    by_name = {link.name: link for link in links}
-    name = top.attributes.get("name", "")
+    by_name, joints_by_name = unique("link", links), unique("joint", joints)
+    base = RobotJoint(
+        unused("root_joint", joints_by_name), 0, "fixed", WORLD, root_of(by_name, joints)
+    )
     return Robot(
-        name=name,
-        root=_root(by_name, joints),
+        name=top.attributes.get("name", ""),
         links=by_name,
-        joints={joint.name: joint for joint in joints},
+        joints={base.name: base, **joints_by_name},
         others=_others(top),
     )
 
 
-def read_robot_file(path: str | Path) -> Robot:
-    """Read a robot from a URDF file; errors name the file."""
-    file = Path(path)
-    content = content_of(file, SceneError)
-    try:
-        return read_robot(content)
-    except SceneError as error:
-        raise SceneError(f"{file}: {error}") from None
-
-
-def _refuse_other_formats(top: Element) -> None:
-    """Raise a SceneError if the document is xacro or not a robot."""
-    if top.tag != "robot":
-        raise SceneError(
-            f"line {top.line}: expected a URDF file, whose first element is <robot>, got <{top.tag}>. "
-            "Convert other formats (SDF, MJCF) to URDF first."
-        )
+def _refuse_xacro(top: Element) -> None:
+    """Raise a SceneError if the document is xacro."""
     for element in (top, *top.children):
         if element.tag.startswith("xacro:"):
             raise SceneError(f"line {element.line}: got <{element.tag}>. {XACRO}")
@@ -248,45 +162,6 @@ def _origin(element: Element, where: str) -> tuple[Triple, Triple]:
         triple(origin, key, where) if key in origin.attributes else zero for key in ("xyz", "rpy")
     )
     return xyz, rpy
-
-
-# the tree ------------------------------------------------------------------------------------
-
-
-def _root(links: Mapping[str, RobotLink], joints: Sequence[RobotJoint]) -> str:
-    """The name of the only link without a parent, from which joints lead to all other links."""
-    above: dict[str, RobotJoint] = {}
-    for joint in joints:
-        for side, name in (("parent", joint.parent), ("child", joint.child)):
-            if name not in links:
-                raise SceneError(
-                    f"line {joint.line}: joint {joint.name!r}, {side}: "
-                    + unknown_name("link", name, links)
-                )
-        if joint.child in above:
-            raise SceneError(
-                f"line {joint.line}: link {joint.child!r} has two parents: it is the child of joints "
-                f"{above[joint.child].name!r} and {joint.name!r}, so the joints close a loop. A robot is "
-                "a tree; remove one of the two."
-            )
-        above[joint.child] = joint
-    roots = [name for name in links if name not in above]
-    for name in links:
-        chain = [name]
-        while chain[-1] in above:
-            chain.append(above[chain[-1]].parent)
-            if chain[-1] in chain[:-1]:
-                loop = " -> ".join(reversed(chain[chain.index(chain[-1]) :]))
-                raise SceneError(
-                    f"line {above[chain[-1]].line}: the joints close a loop: {loop}. A robot is a tree; "
-                    "open the loop at one joint."
-                )
-    if len(roots) > 1:
-        raise SceneError(
-            f"there are {len(roots)} links without a parent: {', '.join(roots)}. A robot is a tree with "
-            "one root; connect the others to it, by a fixed joint if they are clamped on it."
-        )
-    return roots[0]
 
 
 def _others(top: Element) -> Counter[str]:

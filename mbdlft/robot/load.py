@@ -1,0 +1,267 @@
+"""Scenes of robots: links become bodies and joints become joints; a report lists all the rest."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+from mbdlft.base.description import Quantity, Vector
+from mbdlft.base.errors import NotRationalError, SceneError
+from mbdlft.base.parameter import Parameter
+from mbdlft.base.unit import parse_unit
+from mbdlft.multibody.body import GROUND, Body
+from mbdlft.multibody.joint import Joint
+from mbdlft.multibody.scene.check import check
+from mbdlft.multibody.scene.scene import Constant, Scene
+from mbdlft.robot.description import Robot
+from mbdlft.robot.limits import JointLimit, check_limits
+from mbdlft.robot.make import (
+    Making,
+    bodies,
+    holds,
+    joint_of,
+    limits,
+    load_of,
+    loops,
+    sensors,
+    unchecked,
+    unphysical,
+)
+from mbdlft.robot.moving import moves_of, on_the_ground, refuse_massless
+from mbdlft.robot.read import read_robot
+from mbdlft.robot.report import ImportReport, ignored_of
+from mbdlft.robot.values import (
+    Values,
+    check_label,
+    numbers,
+    outside,
+    set_positions,
+    varied,
+)
+
+GRAVITY = (0.0, 0.0, -9.81)
+RIGHT_ANGLE = 1e-8  # rad: files give right angles with about ten digits
+
+
+def load_robot(
+    path: str | Path,
+    *,
+    parameters: Sequence[Parameter] = (),
+    values: Mapping[str, Quantity] | None = None,
+    vary: Mapping[str, float] | None = None,
+    constants: Mapping[str, float | Constant] | None = None,
+    base: Literal["fixed", "free"] | None = None,
+    moving: Iterable[str] | None = None,
+    gravity: Vector | None = None,
+    inputs: Sequence[str] | None = None,
+    outputs: Sequence[str] | None = None,
+    right_angle: float = RIGHT_ANGLE,
+    keep_unphysical: bool = False,
+    model: str | None = None,
+    keyframe: str | None = None,
+) -> tuple[Scene, ImportReport]:
+    """Make a scene of a URDF, SDF or MJCF file, and a report of what was ignored and what was assumed.
+
+    The first element of the file says which format it has: ``<robot>``, ``<sdf>`` or ``<mujoco>``. MJCF
+    files are compiled by the package mujoco; URDF files that are written in xacro are expanded by the
+    package xacro.
+
+    The numbers of the file have labels: ``LINK.mass``, ``LINK.center_of_mass.x``, ``LINK.inertia.xx``
+    (kg m^2, in the axes of the link, about the center of mass), ``JOINT.origin.x`` (m, in the parent),
+    ``JOINT.origin.roll``, ``.pitch`` and ``.yaw`` (rad), and ``JOINT.anchor.x`` (m, in the child). A
+    joint that turns or slides also has ``JOINT.position``, ``.stiffness``, ``.damping``,
+    ``.actuator_inertia``, ``.reflected_inertia`` and ``.preload``. Its position (rad or m) is 0, or the
+    middle of its limits if they exclude 0; the position of a mimic joint follows that of its leader. A
+    position is counted from the place that the file gives to the links.
+
+    Parameters
+    ----------
+    path : file
+    parameters : sequence of `Parameter` and `Angle`
+        Parameters of the model, whose names `values` can use.
+    values : mapping of labels to numbers (SI) or expressions
+        These replace numbers of the file:
+        ``{"tool0.mass": "payload", "elbow_joint.position": "theta3"}``.
+    vary : mapping of labels to percent
+        Each of these numbers becomes a parameter of its own, in a range around the number of the file:
+        ``{"forearm_link.mass": 20}`` makes the parameter ``forearm_link_mass``.
+    constants : mapping of names to numbers, or to `Constant` with a unit
+    base : {"fixed", "free"}, optional
+        Whether the root link is clamped on the ground or free; by default as the file says, which is
+        fixed for URDF. The joint is called ``root_joint`` if the file does not name it. Six loads on a
+        free link, ``hold_force_x`` and so on, hold it against gravity; the trim finds their magnitudes.
+        Replace them in the scene by the loads that really hold it.
+    moving : names of joints, optional
+        The joints that move; the others are locked at their positions. By default all of them move.
+    gravity : three numbers or expressions (m/s^2), optional
+        By default that of the file, or 9.81 m/s^2 against the z axis.
+    inputs, outputs : sequence of str, optional
+        As in `Scene`. By default the inputs are what the actuators of an MJCF file act on.
+    right_angle : float
+        An angle of the file that differs by less than this (rad) from a multiple of a right angle is
+        replaced by this multiple.
+    keep_unphysical : bool
+        Whether to keep inertias that no body can have (a negative moment, or one larger than the sum
+        of the other two) and report them, instead of raising an error.
+    model : str, optional
+        Which model of an SDF file that has several.
+    keyframe : str, optional
+        The keyframe of an MJCF file whose positions are taken.
+
+    Returns
+    -------
+    scene : Scene
+    report : ImportReport
+
+    Raises
+    ------
+    SceneError
+        The file cannot be read or is not a robot (the message names the line), it has what a scene
+        cannot have, a label is unknown, a position leaves the limits of its joint, a joint moves nothing
+        that has a mass, or `Scene` raises an error.
+    NotRationalError
+        A value is not rational in the parameters.
+    """
+    robot = on_the_ground(read_robot(path, model, keyframe), base)
+    assumed = list(robot.assumed)
+    numbers_by_label = numbers(robot, right_angle, assumed)
+    added = {
+        label: varied(label, percent, numbers_by_label) for label, percent in (vary or {}).items()
+    }
+    chosen = _chosen(added, values or {}, numbers_by_label)
+    set_positions(robot, numbers_by_label, set(chosen), assumed)
+    moves = moves_of(robot, moving)
+    refuse_massless(robot, numbers_by_label, moves)
+    making = Making(robot, numbers_by_label, _scene_names(robot, assumed), moves)
+    earth = gravity if gravity is not None else (robot.gravity or GRAVITY)
+    fields: dict[str, Any] = {
+        "name": robot.name or Path(path).stem,
+        "description": f"Imported from {Path(path).name}",
+        "gravity": earth,
+        "constants": constants or {},
+        "parameters": (*parameters, *added.values()),
+    }
+    held = holds(making) if any(earth) else []
+    if held:
+        assumed.append(
+            "forces and torques along the axes of the root, hold_..., hold the free robot"
+        )
+    joints = [joint_of(making, joint) for joint in robot.joints.values()]
+    scene = Scene(
+        **fields,
+        bodies=_checked(bodies(making), Scene(**fields), assumed, keep=keep_unphysical),
+        joints=joints,
+        loads=[*(load_of(making, load) for load in robot.loads), *held],
+        sensors=sensors(making),
+        loops=loops(making),
+        inputs=inputs if inputs is not None else _inputs(making, joints),
+        outputs=outputs if outputs is not None else _outputs(making, joints),
+    )
+    _check(scene, making)
+    check_limits(scene, _to_check(making, set(chosen)))
+    if gravity is None and robot.gravity is None:
+        assumed.append("gravity is 9.81 m/s^2 against the z axis of the ground")
+    return scene, ImportReport(
+        ignored_of(robot, making.moves), tuple(assumed), tuple(limits(making))
+    )
+
+
+def _chosen(
+    added: Mapping[str, Parameter], values: Mapping[str, Quantity], file: Values
+) -> dict[str, Quantity]:
+    """What the user gives for numbers of the file, by label; it replaces them in `file`."""
+    for label in values:
+        check_label("values", label, file)
+        if label in added:
+            raise SceneError(f"{label!r} is both in vary and in values; give it in one of them.")
+    chosen = {label: p.name for label, p in added.items()} | dict(values)
+    file |= chosen
+    return chosen
+
+
+def _to_check(making: Making, chosen: set[str]) -> dict[JointLimit, Quantity]:
+    """The limits to be checked: not those that exclude the place where the file closes its loops."""
+    robot = making.robot
+    stay = {
+        making.names[joint.name]
+        for joint in robot.joints.values()
+        if robot.loops and outside(joint) and f"{joint.name}.position" not in chosen
+    }
+    return {limit: at for limit, at in limits(making).items() if limit.joint not in stay}
+
+
+def _inputs(making: Making, joints: Sequence[Joint]) -> list[str] | None:
+    """Signals of the joints and loads that have an actuator, or None if the file has no actuators."""
+    if making.robot.inputs is None:
+        return None
+    chosen = {making.names[name] for name in making.robot.inputs}
+    efforts = [
+        f"{j.name}.{freedom.effort.name}"
+        for j in joints
+        if j.name in chosen
+        for freedom in j.freedoms
+    ]
+    thrusts = [load for load in making.robot.loads if load.name in making.robot.inputs]
+    return [*efforts, *(f"{making.names[load.name]}.{load.kind}" for load in thrusts)] or None
+
+
+def _outputs(making: Making, joints: Sequence[Joint]) -> list[str] | None:
+    """All positions and sensors, and the rates that are measured; None if none are."""
+    rates = {making.names[name] for name in making.robot.rates}
+    if not rates:
+        return None
+    positions = [f"{j.name}.{f.measures[0].name}" for j in joints for f in j.freedoms]
+    measured = [
+        f"{j.name}.{f.measures[1].name}" for j in joints if j.name in rates for f in j.freedoms
+    ]
+    sensed = [signal.name for sensor in sensors(making) for signal in sensor.signals()]
+    return [*positions, *measured, *sensed]
+
+
+def _checked(made: list[Body], scene: Scene, assumed: list[str], *, keep: bool) -> list[Body]:
+    """The bodies; an inertia that no body can have is an error, or marked as unchecked if `keep`."""
+    nominal = scene.constant_values() | {
+        p.name: p.nominal * parse_unit(p.unit).factor for p in scene.parameters
+    }
+    problems = unphysical(made, nominal)
+    if problems and not keep:
+        name, problem = next(iter(problems.items()))
+        more = f" The same holds for {', '.join([*problems][1:])}." if len(problems) > 1 else ""
+        raise SceneError(
+            f"body {name!r}: {problem} Correct the file or give values to '{name}.inertia.xx', ...; or "
+            "take such inertias as they are: keep_unphysical=True, on the command line "
+            f"--keep-unphysical.{more}"
+        )
+    if problems:
+        assumed.append(f"inertias that no body can have are kept: {', '.join(problems)}")
+    return [unchecked(body) if body.name in problems else body for body in made]
+
+
+def _check(scene: Scene, making: Making) -> None:
+    """Check the scene; an error on the position of a mimic joint says which joint it follows."""
+    try:
+        check(scene)
+    except NotRationalError as error:
+        for joint in making.robot.joints.values():
+            if joint.mimic and f"joint {making.names[joint.name]!r}, position" in str(error):
+                raise NotRationalError(
+                    f"{error} The joint mimics {joint.mimic.leader!r}; give '{joint.name}.position' a "
+                    "value or a parameter of its own."
+                ) from None
+        raise
+
+
+def _scene_names(robot: Robot, assumed: list[str]) -> Mapping[str, str]:
+    """Names of links and joints in the scene, by name in the file.
+
+    They differ from those of the file where a scene cannot have the name: a dot separates a body from
+    its port, and ``ground`` is the name of the ground.
+    """
+    known = [*robot.links, *robot.joints, *(load.name for load in robot.loads)]
+    known += [sensor.name for sensor in robot.sensors] + [loop.name for loop in robot.loops]
+    names = {name: name.replace(".", "_") for name in known}
+    if GROUND in robot.links:
+        names[GROUND] = f"{GROUND}_link"
+    renamed = [f"{old} is {new}" for old, new in names.items() if old != new]
+    if renamed:
+        assumed.append(f"names that a scene cannot have: {', '.join(renamed)}")
+    return names

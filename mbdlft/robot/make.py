@@ -1,0 +1,268 @@
+"""Bodies and joints of a scene, made of a robot and of its numbers by label.
+
+A joint connects its origin, a port of the parent link, with its anchor, a port of the child link; its
+orientation is R_z(yaw) R_y(pitch) R_x(roll).
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbdlft.base.description import AXES, Quantity, Vector
+from mbdlft.multibody.body import GROUND, Body, Ground, Inertia, RigidBody
+from mbdlft.multibody.body.rigid import negative_mass
+from mbdlft.multibody.force import Buoyancy, Force, Load, Torque
+from mbdlft.multibody.joint import (
+    Fixed,
+    Free,
+    Joint,
+    Planar,
+    Prismatic,
+    Revolute,
+    Rotation,
+    Spherical,
+)
+from mbdlft.multibody.loop import Loop
+from mbdlft.multibody.scene.quantities import Place, owner_name, value_at
+from mbdlft.multibody.sensor import Accelerometer, Gyro, Sensor
+from mbdlft.robot.description import ENTRIES, WORLD, Robot, RobotJoint, RobotLink, RobotLoad
+from mbdlft.robot.limits import JointLimit
+from mbdlft.robot.values import AXIAL, HINGES, PLANAR, SPRINGS, Values
+
+_BUILT_IN_PORTS = ("origin", "center_of_mass")
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+_ABOUT = {"yaw": _AXES["z"], "pitch": _AXES["y"], "roll": _AXES["x"]}
+
+
+@dataclass(frozen=True, slots=True)
+class Making:
+    """All data from which the scene is made.
+
+    Attributes
+    ----------
+    robot : Robot
+    values : numbers and expressions by label
+    names : names in the scene by name in the file
+    moves : names of the joints that move
+    """
+
+    robot: Robot
+    values: Values
+    names: Mapping[str, str]
+    moves: frozenset[str]
+
+    def vector(self, label: str) -> Vector:
+        """The three quantities ``label.x``, ``label.y``, ``label.z``."""
+        x, y, z = (self.values[f"{label}.{axis}"] for axis in AXES)
+        return x, y, z
+
+    def body(self, link: str) -> str:
+        """The body of a link, or the ground."""
+        return self.names[link] if link else GROUND
+
+    def port(self, joint: str) -> str:
+        """The port that a joint has on its parent, and on its child if it needs one there."""
+        name = self.names[joint]
+        return f"{name}_port" if name in _BUILT_IN_PORTS else name
+
+    def on_child(self, joint: RobotJoint) -> Vector | None:
+        """The port that a joint has on its child (m); None if it is the origin of the child.
+
+        A locked prismatic joint holds the child at minus its position along the axis from the anchor, so
+        that the anchor is at the position.
+        """
+        anchor = self.vector(f"{joint.name}.anchor")
+        position = self.values.get(f"{joint.name}.position", 0.0)
+        if joint.kind != "prismatic" or joint.name in self.moves or position == 0.0:
+            return anchor if any(anchor) else None
+        length = math.hypot(*joint.axis)
+        x, y, z = (
+            f"{at!r} + {-entry / length!r}*({position})" if entry else at
+            for at, entry in zip(anchor, joint.axis, strict=True)
+        )
+        return x, y, z
+
+    def is_passive(self, joint: RobotJoint) -> bool:
+        """Whether nothing but its spring can hold the joint: it has no drive, where loops are closed.
+
+        Elsewhere the effort that holds a joint is found, so that a robot can stand in any position.
+        """
+        robot = self.robot
+        return bool(robot.loops) and robot.inputs is not None and joint.name not in robot.inputs
+
+    def preload(self, joint: RobotJoint) -> Quantity | None:
+        """The effort of a joint with one coordinate at equilibrium; None if it is to be found."""
+        given = self.values.get(f"{joint.name}.preload")
+        if given is not None or not self.is_passive(joint):
+            return given
+        stiffness, position = (
+            self.values[f"{joint.name}.{key}"] for key in ("stiffness", "position")
+        )
+        if isinstance(stiffness, float | int) and isinstance(position, float | int):
+            return -stiffness * (position - joint.rest)
+        return f"-({stiffness})*(({position}) - {joint.rest!r})"
+
+
+def bodies(making: Making) -> list[Body]:
+    """Bodies of all links, and the ground if it needs ports."""
+    robot = making.robot
+    ports: dict[str, dict[str, Vector]] = {link: {} for link in (WORLD, *robot.links)}
+    for joint in robot.joints.values():
+        place, anchor = making.vector(f"{joint.name}.origin"), making.on_child(joint)
+        if any(place):
+            ports[joint.parent][making.port(joint.name)] = place
+        if anchor:
+            ports[joint.child][making.port(joint.name)] = anchor
+    for loop in robot.loops:
+        ports[loop.parent][f"{making.port(loop.name)}_parent"] = loop.at_parent
+        ports[loop.child][f"{making.port(loop.name)}_child"] = loop.at_child
+    links = [_body(making, link, ports[link.name]) for link in robot.links.values()]
+    return [Ground(ports=ports[WORLD]), *links] if ports[WORLD] else [*links]
+
+
+def _body(making: Making, link: RobotLink, ports: dict[str, Vector]) -> RigidBody:
+    """The body of a link."""
+    entries = {entry: making.values[f"{link.name}.inertia.{entry}"] for entry in ENTRIES}
+    given = {name: entry for name, entry in entries.items() if name[0] == name[1] or entry != 0.0}
+    return RigidBody(
+        name=making.names[link.name],
+        mass=making.values[f"{link.name}.mass"],
+        center_of_mass=making.vector(f"{link.name}.center_of_mass"),
+        inertia=Inertia(**given),
+        ports=ports,
+    )
+
+
+def joint_of(making: Making, joint: RobotJoint) -> Joint:
+    """The joint of the scene for a joint of the robot; a joint that does not move becomes `Fixed`."""
+    parent, child = making.body(joint.parent), making.body(joint.child)
+    if any(making.vector(f"{joint.name}.origin")):
+        parent = f"{parent}.{making.port(joint.name)}"
+    if making.on_child(joint):
+        child = f"{child}.{making.port(joint.name)}"
+    angles = {turn: making.values[f"{joint.name}.origin.{turn}"] for turn in _ABOUT}
+    fields: dict[str, Any] = {
+        "name": making.names[joint.name],
+        "parent": parent,
+        "child": child,
+        "orientation": tuple(
+            Rotation(axis=_ABOUT[turn], angle=angle) for turn, angle in angles.items() if angle
+        ),
+    }
+    moving = joint.name in making.moves
+    springs = {
+        key: making.values[f"{joint.name}.{key}"]
+        for key in SPRINGS
+        if f"{joint.name}.{key}" in making.values
+    }
+    if joint.kind == "fixed" or (joint.kind == "spherical" and not moving):
+        return Fixed(**fields)
+    if joint.kind == "floating":
+        return Free(**fields, **{key: (value,) * 6 for key, value in springs.items()})
+    if joint.kind == "spherical":
+        still = {"preload": (0.0,) * 3} if making.is_passive(joint) else {}
+        return Spherical(**fields, **still, **{key: (value,) * 3 for key, value in springs.items()})
+    fields["axis"] = joint.axis
+    if joint.kind == "planar":
+        return Planar(
+            **fields, position=tuple(making.values[f"{joint.name}.{key}"] for key in PLANAR)
+        )
+    position = making.values[f"{joint.name}.position"]
+    if not moving:
+        return Fixed(**fields, position=position if joint.kind in HINGES else 0.0)
+    fields |= springs | {"preload": making.preload(joint)}
+    return (Revolute if joint.kind in HINGES else Prismatic)(**fields, position=position)
+
+
+def holds(making: Making) -> list[Load]:
+    """Forces and torques on each free link, along its own axes, whose magnitudes the trim finds."""
+    free = [joint.child for joint in making.robot.joints.values() if joint.kind == "floating"]
+    kinds: tuple[type[Force | Torque], ...] = (Force, Torque)
+    return [
+        kind(
+            name=f"{making.names[link]}_hold_{kind.kind}_{axis}"
+            if len(free) > 1
+            else f"hold_{kind.kind}_{axis}",
+            port=making.names[link],
+            direction=direction,
+        )
+        for link in free
+        for kind in kinds
+        for axis, direction in _AXES.items()
+    ]
+
+
+def load_of(making: Making, load: RobotLoad) -> Load:
+    """The load of the scene for a load of the robot; an actuator is at rest."""
+    name, body = making.names[load.name], making.names[load.link]
+    if load.kind == "buoyancy":
+        return Buoyancy(name=name, port=f"{body}.center_of_mass", displaced_mass=load.displaced)
+    kind = Force if load.kind == "force" else Torque
+    return kind(name=name, port=body, direction=load.direction, magnitude=0.0)
+
+
+def sensors(making: Making) -> list[Sensor]:
+    """The sensors of the scene."""
+    kinds = {"accelerometer": Accelerometer, "gyro": Gyro}
+    return [
+        kinds[sensor.kind](name=making.names[sensor.name], port=making.names[sensor.link])
+        for sensor in making.robot.sensors
+    ]
+
+
+def loops(making: Making) -> list[Loop]:
+    """The joints that close loops."""
+    return [
+        Loop(
+            name=making.names[loop.name],
+            kind=loop.kind,
+            parent=f"{making.body(loop.parent)}.{making.port(loop.name)}_parent",
+            child=f"{making.body(loop.child)}.{making.port(loop.name)}_child",
+            axis=loop.axis,
+        )
+        for loop in making.robot.loops
+    ]
+
+
+def limits(making: Making) -> dict[JointLimit, Quantity]:
+    """Limits and positions of the joints that turn or slide, also of locked joints."""
+    return {
+        JointLimit(
+            making.names[joint.name],
+            "m" if joint.kind == "prismatic" else "rad",
+            joint.lower,
+            joint.upper,
+            joint.effort,
+            joint.velocity,
+        ): making.values[f"{joint.name}.position"]
+        for joint in making.robot.joints.values()
+        if joint.kind in AXIAL
+    }
+
+
+def unphysical(links: Iterable[Body], nominal: Mapping[str, Any]) -> dict[str, str]:
+    """Problems by name of the body, for bodies whose inertia no body can have.
+
+    `nominal` are the nominal values of parameters and constants (SI).
+    """
+    problems = {}
+    for body in links:
+        values = {
+            label: np.array([float(value_at(Place(owner_name(body), label), expected, nominal))])
+            for label, expected in body.quantities().items()
+        }
+        problem = body.physical_problem(values)
+        if problem and problem != negative_mass(values["mass"]):
+            problems[body.name] = problem
+    return problems
+
+
+def unchecked(body: Body) -> Body:
+    """The body with its inertia marked as unchecked."""
+    if not isinstance(body, RigidBody):
+        return body
+    inertia = body.inertia.model_copy(update={"unchecked": True})
+    return body.model_copy(update={"inertia": inertia})

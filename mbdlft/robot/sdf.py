@@ -1,0 +1,247 @@
+"""Robots of SDF files: one model, its links, joints, frames and nested models.
+
+Poses are resolved by `mbdlft.robot.sdf_frames`. Of what moves the links, the reader knows the elements
+that docs/robots.md lists; others that do so are refused. Source: SDFormat specification, versions 1.3
+to 1.12.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+
+from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.robot.description import (
+    WORLD,
+    Robot,
+    RobotJoint,
+    RobotLink,
+    RobotLoad,
+    Triple,
+)
+from mbdlft.robot.elements import Element, content_numbers, name_of
+from mbdlft.robot.sdf_frames import Frames, Pose, flag, frames_of, scopes
+from mbdlft.robot.sdf_joints import closing, joints_of
+from mbdlft.robot.sdf_sensors import sensors_of
+from mbdlft.robot.tree import unique, unused
+from mbdlft.robot.turns import angles_of, three
+from mbdlft.robot.values import AXIAL
+
+_USED = {
+    "model": ("link", "joint", "frame", "model", "pose", "static", "include"),
+    "link": ("inertial", "pose", "gravity", "kinematic", "must_be_base_link", "sensor"),
+    "joint": ("parent", "child", "pose", "axis", "axis2"),
+}
+_REFUSED = {
+    "model": ("include", "experimental:params"),
+    "link": ("velocity_decay",),
+    "joint": ("screw_thread_pitch", "thread_pitch", "gearbox_ratio"),
+}
+
+
+def read_sdf(top: Element, model: str | None = None) -> Robot:
+    """Read a robot from the elements of an SDF file; `model` says which one of several.
+
+    Raises
+    ------
+    SceneError
+        A number or an element is missing or wrong, a name is unknown or given twice, or the model has
+        what a scene cannot have. The message names the line.
+    """
+    version = _version(top)
+    chosen, world = _model(top, model)
+    frames = frames_of(chosen, version)
+    elements = [(scope, link) for scope, owner in scopes(chosen) for link in owner.named("link")]
+    _refuse(chosen)
+    links = unique("link", [_link(scope, element, frames) for scope, element in elements])
+    if not links:
+        raise SceneError(f"line {chosen.line}: model {name_of(chosen)!r} has no links.")
+    closed = closing(joints_of(chosen, frames, links, version), frames)
+    joints = closed.tree
+    static = flag(chosen, "static")
+    bases = _bases(links, joints, frames, static)
+    if static:
+        joints = {name: joint._replace(kind="fixed") for name, joint in joints.items()}
+    sensed = sensors_of(elements, frames)
+    for link, joint in (*sensed.places, *closed.sides):
+        links[link.name], bases[joint.name] = link, joint
+    unsaid = [
+        link.name
+        for (_, element), link in zip(elements, links.values(), strict=False)
+        if element.only("inertial") is None
+    ]
+    assumed = []
+    if unsaid:
+        assumed.append(
+            f"links without <inertial> have 1 kg and 1 kg m^2, as SDF says: {', '.join(unsaid)}"
+        )
+    if static:
+        assumed.append("the model is static: none of its joints moves")
+    return Robot(
+        name=name_of(chosen),
+        links=links,
+        joints={**bases, **joints},
+        loads=_weightless(elements, links),
+        sensors=sensed.sensors,
+        loops=closed.loops,
+        gravity=_gravity(world),
+        inputs=_driven(joints),
+        others=_others(chosen),
+        assumed=tuple(assumed),
+    )
+
+
+def _version(top: Element) -> tuple[int, int]:
+    """Major and minor version."""
+    text = top.attributes.get("version", "")
+    major, dot, minor = text.partition(".")
+    if not (dot and major.isdigit() and minor.isdigit() and int(major) == 1):
+        raise SceneError(f"line {top.line}: <sdf>, version: expected 1.3 to 1.12, got {text!r}.")
+    return int(major), int(minor)
+
+
+def _model(top: Element, name: str | None) -> tuple[Element, Element | None]:
+    """The model with a name, or the only one, and the world in which it stands."""
+    places: list[tuple[Element, Element | None]] = [(model, None) for model in top.named("model")]
+    places += [(model, world) for world in top.named("world") for model in world.named("model")]
+    names = [name_of(model) for model, _ in places]
+    if not places:
+        raise SceneError(f"line {top.line}: the file has no <model>.")
+    if name is None:
+        moving = [k for k, (model, _) in enumerate(places) if model.named("joint")]
+        if len(places) > 1 and len(moving) != 1:
+            raise SceneError(
+                f"line {top.line}: the file has {len(places)} models: {', '.join(names)}. Choose one: "
+                "model='...', on the command line --model."
+            )
+        return places[moving[0] if len(places) > 1 else 0]
+    if name not in names:
+        raise SceneError(f"model: {unknown_name('model', name, names)}")
+    return places[names.index(name)]
+
+
+def _refuse(model: Element) -> None:
+    """Raise a SceneError for an element that changes the motion in a way that a scene does not have."""
+    for _, owner in scopes(model):
+        for element in (owner, *owner.named("link"), *owner.named("joint")):
+            for child in element.children:
+                if child.tag in _REFUSED[element.tag] and _acts(child):
+                    raise SceneError(
+                        f"line {child.line}: {element.called()}: <{child.tag}> is not read: it is not a "
+                        "part of a scene. Take it out of the file"
+                        + (", or put what it includes there." if child.tag == "include" else ".")
+                    )
+    for _, owner in scopes(model):
+        for link in owner.named("link"):
+            if flag(link, "kinematic"):
+                raise SceneError(f"line {link.line}: {link.called()}: <kinematic> is not read.")
+
+
+def _acts(element: Element) -> bool:
+    """Whether an element has an effect: one whose numbers are all zero has none."""
+    try:
+        return (
+            any(content_numbers(child, "", 1)[0] for child in element.children)
+            or not element.children
+        )
+    except SceneError:
+        return True
+
+
+def _link(scope: str, element: Element, frames: Frames) -> RobotLink:
+    """The link of an element <link>."""
+    name = f"{scope}{name_of(element)}"
+    where = f"inertial of link {name!r}"
+    inertial = element.only("inertial")
+    ones = {"xx": 1.0, "yy": 1.0, "zz": 1.0, "xy": 0.0, "xz": 0.0, "yz": 0.0}
+    if inertial is None:
+        return RobotLink(name, element.line, inertial=True, mass=1.0, inertia=ones)
+    if inertial.attributes.get("auto", "false") in ("true", "1"):
+        raise SceneError(
+            f"line {inertial.line}: {where}: auto = 'true' asks for the mass of its shapes, which are "
+            "not read. Write <mass> and <inertia>."
+        )
+    if inertial.only("fluid_added_mass"):
+        raise SceneError(f"line {inertial.line}: {where}: <fluid_added_mass> is not read.")
+    mass, inertia = inertial.only("mass"), inertial.only("inertia")
+    pose = frames.own(inertial, where)
+    entries = dict(ones)
+    for child in inertia.children if inertia else ():
+        if child.tag.removeprefix("i") in entries:
+            (entries[child.tag.removeprefix("i")],) = content_numbers(child, where, 1)
+    return RobotLink(
+        name=name,
+        line=element.line,
+        inertial=True,
+        mass=content_numbers(mass, where, 1)[0] if mass else 1.0,
+        center=three(pose.p),
+        rpy=angles_of(pose.R),
+        inertia=entries,
+    )
+
+
+def _bases(
+    links: dict[str, RobotLink],
+    joints: dict[str, RobotJoint],
+    frames: Frames,
+    static: bool,  # noqa: FBT001
+) -> dict[str, RobotJoint]:
+    """Joints from the ground to links that no joint carries: free ones, unless the model is static."""
+    carried = {joint.child for joint in joints.values()}
+    roots = [name for name in links if name not in carried]
+    bases: dict[str, RobotJoint] = {}
+    for root in roots:
+        label = "root_joint" if len(roots) == 1 else f"root_joint_{root}"
+        name = unused(label, {*joints, *bases})
+        at: Pose = frames.in_world(root)
+        kind = "fixed" if static else "floating"
+        bases[name] = RobotJoint(name, 0, kind, WORLD, root, three(at.p), angles_of(at.R))
+    return bases
+
+
+def _driven(joints: dict[str, RobotJoint]) -> tuple[str, ...] | None:
+    """The joints with a drive, if others say that they have none: their largest effort is zero."""
+    passive = [joint.name for joint in joints.values() if joint.effort == 0.0]
+    driven = [
+        joint.name for joint in joints.values() if joint.kind in AXIAL and joint.name not in passive
+    ]
+    return tuple(driven) if passive and driven else None
+
+
+def _weightless(
+    elements: list[tuple[str, Element]], links: dict[str, RobotLink]
+) -> tuple[RobotLoad, ...]:
+    """Loads that hold the links on which gravity does not act."""
+    names = [
+        f"{scope}{name_of(element)}"
+        for scope, element in elements
+        if not flag(element, "gravity", True)  # noqa: FBT003
+    ]
+    return tuple(
+        RobotLoad(f"{name}_weightless", "buoyancy", name, displaced=links[name].mass)
+        for name in names
+        if links[name].mass
+    )
+
+
+def _gravity(world: Element | None) -> Triple | None:
+    """Gravity of the world (m/s^2), or None."""
+    given = world.only("gravity") if world else None
+    if given is None:
+        return None
+    x, y, z = content_numbers(given, "world", 3)
+    return x, y, z
+
+
+def _others(model: Element) -> Counter[str]:
+    """Counts by tag of the elements that say nothing about the dynamics."""
+    counts: Counter[str] = Counter()
+    for _, owner in scopes(model):
+        for element in _owners(owner):
+            counts.update(
+                child.tag for child in element.children if child.tag not in _USED[element.tag]
+            )
+    return counts
+
+
+def _owners(model: Element) -> Iterator[Element]:
+    """A model, its links and its joints."""
+    yield from (model, *model.named("link"), *model.named("joint"))

@@ -1,0 +1,204 @@
+"""Frames of an SDF model: where links, joints, frames and nested models are.
+
+A pose is relative to the frame that it names, or to a default one: of a link or a nested model the
+frame of the model around it, of a joint its child link, of a frame the one that it is attached to.
+Source: SDFormat documentation, Pose frame semantics.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.robot.description import Triple
+from mbdlft.robot.elements import Element, content_numbers, name_of
+from mbdlft.robot.turns import of_angles, of_quaternion
+
+_WORDS = {"true": True, "1": True, "false": False, "0": False}
+MODEL = "__model__"
+_WORLD = ""  # the key of the pose of the model in the world
+
+
+class Pose(NamedTuple):
+    """A place (3,) and a rotation (3, 3) of a frame in another one."""
+
+    p: Array
+    R: Array
+
+    def then(self, other: "Pose") -> "Pose":
+        """The pose of a frame that is given in this one."""
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused
+            return Pose(self.p + self.R @ other.p, self.R @ other.R)
+
+    def inverse(self) -> "Pose":
+        """The pose of the other frame in this one."""
+        return Pose(-self.R.T @ self.p, self.R.T)
+
+
+class Frame(NamedTuple):
+    """A frame: its pose relative to another frame, by name; `line` is that of its element."""
+
+    pose: Pose
+    relative_to: str
+    line: int
+
+
+class Frames:
+    """All frames of a model by name; those of nested models with the names of the models before them."""
+
+    def __init__(self, frames: dict[str, Frame]) -> None:
+        self._frames = frames
+
+    def in_model(self, name: str, seen: tuple[str, ...] = ()) -> Pose:
+        """The pose of a frame in that of the model."""
+        if name == MODEL:
+            return Pose(np.zeros(3), np.eye(3))
+        frame = self._frames[name]
+        if name in seen:
+            raise SceneError(
+                f"line {frame.line}: the poses of {', '.join(seen)} are relative to each other."
+            )
+        pose = self.in_model(frame.relative_to, (*seen, name)).then(frame.pose)
+        if not np.all(np.isfinite(pose.p)):
+            raise SceneError(f"line {frame.line}: {name!r} is too far away to be computed with.")
+        return pose
+
+    def in_world(self, name: str) -> Pose:
+        """The pose of a frame in the world."""
+        pose = self._frames[_WORLD].pose.then(self.in_model(name))
+        if not np.all(np.isfinite(pose.p)):
+            raise SceneError(f"{name!r} is too far away to be computed with.")
+        return pose
+
+    def between(self, a: str, b: str) -> Pose:
+        """The pose of the frame b in the frame a."""
+        if a == b:
+            return Pose(np.zeros(3), np.eye(3))
+        if b != MODEL and self._frames[b].relative_to == a:
+            return self._frames[b].pose
+        return self.in_model(a).inverse().then(self.in_model(b))
+
+    def find(self, name: str, scope: str, where: str) -> str:
+        """The full name of a frame that is named in a scope."""
+        if name == MODEL:
+            return scope.removesuffix("::") or MODEL
+        if scope + name in self._frames:
+            return scope + name
+        known = [known for known in self._frames if known]
+        raise SceneError(f"{where}: {unknown_name('frame', scope + name, known)}")
+
+    def own(self, owner: Element, where: str) -> Pose:
+        """The pose of an element that is relative to the element around it."""
+        pose = owner.only("pose")
+        relative = _relative(pose)
+        if relative:
+            raise SceneError(
+                f"line {pose.line if pose else owner.line}: {where}: <pose>: a pose relative to "
+                f"{relative!r} is not read here; write it relative to the link."
+            )
+        return _pose(pose, where)
+
+
+def scopes(model: Element, scope: str = "") -> Iterator[tuple[str, Element]]:
+    """The model and its nested models, each with what stands before the names inside."""
+    yield scope, model
+    for nested in model.named("model"):
+        yield from scopes(nested, f"{scope}{name_of(nested)}::")
+
+
+def frames_of(model: Element, version: tuple[int, int]) -> Frames:
+    """The frames of a model.
+
+    Raises
+    ------
+    SceneError
+        A pose is wrong, is relative to an unknown frame, or two frames have one name.
+    """
+    placed = model.only("pose")
+    if _relative(placed) not in ("", "world"):
+        raise SceneError(
+            f"line {model.line}: {model.called()}: <pose>: expected one relative to the world."
+        )
+    found = {_WORLD: Frame(_pose(placed, model.called()), MODEL, model.line)}
+    wanted: list[tuple[str, str, str]] = []
+    for scope, owner in scopes(model):
+        for attribute in ("placement_frame", "canonical_link"):
+            if attribute == "placement_frame" and owner.attributes.get(attribute):
+                raise SceneError(f"line {owner.line}: {owner.called()}: {attribute} is not read.")
+        for element in owner.children:
+            if element.tag not in ("link", "joint", "frame", "model"):
+                continue
+            name = scope + name_of(element)
+            if element.tag != "joint" and name_of(element) in (MODEL, "world"):
+                raise SceneError(
+                    f"line {element.line}: the name {name_of(element)!r} means the world or the model "
+                    f"and cannot be that of a {element.tag}. Give it another name."
+                )
+            if name in found:
+                raise SceneError(
+                    f"line {element.line}: the name {name!r} is given twice; first in line "
+                    f"{found[name].line}."
+                )
+            where = f"line {element.line}: {element.called()}"
+            pose = element.only("pose")
+            relative = _relative(pose, version) or _default(element)
+            found[name] = Frame(_pose(pose, element.called()), relative, element.line)
+            wanted.append((name, scope, where))
+    frames = Frames(found)
+    for name, scope, where in wanted:
+        full = frames.find(found[name].relative_to, scope, where)
+        found[name] = found[name]._replace(relative_to=full)
+    for name, _, _ in wanted:
+        frames.in_model(name)
+    return frames
+
+
+def _default(element: Element) -> str:
+    """The frame to which a pose is relative if it does not say so."""
+    if element.tag == "joint":
+        child = element.only("child")
+        name = child.text.strip() if child else ""
+        return name if name not in ("", "world") else MODEL
+    if element.tag == "frame":
+        return element.attributes.get("attached_to") or MODEL
+    return MODEL
+
+
+def _relative(pose: Element | None, version: tuple[int, int] = (1, 7)) -> str:
+    """The frame that a pose names."""
+    if pose is None:
+        return ""
+    older = pose.attributes.get("frame", "")
+    if older and version < (1, 7):
+        return older
+    return pose.attributes.get("relative_to", "")
+
+
+def _pose(pose: Element | None, where: str) -> Pose:
+    """The numbers of a pose: a place (m) and roll, pitch, yaw (rad or deg), or a quaternion x y z w."""
+    if pose is None or not pose.text.strip():
+        return Pose(np.zeros(3), np.eye(3))
+    if pose.attributes.get("rotation_format", "euler_rpy") == "quat_xyzw":
+        *place, x, y, z, w = content_numbers(pose, where, 7)
+        try:
+            return Pose(np.array(place), of_quaternion(np.array([w, x, y, z])))
+        except SceneError as error:
+            raise SceneError(f"line {pose.line}: {where}: <pose>: {error}") from None
+    *place, roll, pitch, yaw = content_numbers(pose, where, 6)
+    degrees = pose.attributes.get("degrees", "false") in ("true", "1")
+    unit = np.pi / 180.0 if degrees else 1.0
+    rpy: Triple = (unit * roll, unit * pitch, unit * yaw)
+    return Pose(np.array(place), of_angles(rpy))
+
+
+def flag(owner: Element, tag: str, default: bool = False) -> bool:  # noqa: FBT001, FBT002
+    """Whether a child says true or false."""
+    child = owner.only(tag)
+    if child is None:
+        return default
+    word = child.text.strip().lower()
+    if word not in _WORDS:
+        raise SceneError(f"line {child.line}: <{tag}>: expected true or false, got {word!r}.")
+    return _WORDS[word]
