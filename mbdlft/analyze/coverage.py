@@ -151,7 +151,7 @@ def shrunk(loop: Loop, largest: float, gap: float, work: float) -> Cover:
 
 def largest_size(
     loop: Loop, M: Complex, most: float, start: Multipliers | None, tolerance: float
-) -> tuple[float, Multipliers | None]:
+) -> tuple[float, Multipliers]:
     """Nearly the largest size up to `most` for which mu <= 1 is proved, and multipliers there; 0: none.
 
     mu of the whole box rises with its size; where all blocks grow, it is proportional to it.
@@ -168,6 +168,7 @@ def largest_size(
     if found.beta <= 1.0:
         return most, found
     low, low_log, high, high_log = 0.0, 0.0, most, float(np.log(found.beta))
+    best = found
     for count in range(_SIZES):
         if low == 0.0:
             k = high * float(np.exp(-max(high_log, tolerance) * 1.05 * 2.0 ** (count // 2)))
@@ -180,12 +181,13 @@ def largest_size(
             break
         found, _ = bound(k, found)
         if found.beta <= 1.0:
+            best = found
             low, low_log = k, float(np.log(max(found.beta, 1e-300)))
         else:
             high, high_log = k, float(np.log(found.beta))
         if low > 0.0 and high / low - 1.0 <= tolerance:
             break
-    return low, found
+    return low, best
 
 
 def _found(

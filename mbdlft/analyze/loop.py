@@ -169,5 +169,14 @@ def inside(loop: Loop, M: Complex, low: Array, high: Array) -> tuple[Complex, Ar
     """
     center, half = (0.5 * (low + high))[loop.owner], (0.5 * (high - low))[loop.owner]
     if np.any(center):
-        M = np.linalg.solve(np.eye(len(M)) - M * center, M)
+        M = np.asarray(np.linalg.solve(np.eye(len(M)) - M * center, M), dtype=complex)
     return half[:, None] * M, half
+
+
+def loop_of_matrix(M: Complex, blocks: Sequence[Block], grows: NDArray[np.bool_]) -> Loop:
+    """A loop without states: its structure, as M (n_z, n_w) is given."""
+    structure = structure_of(blocks)
+    none = np.zeros((structure.size, structure.size))
+    channels = Channels(none[:0, :0], none[:0], none[:, :0], none)
+    check(M.shape == (len(structure.inputs), len(structure.outputs)), "M does not fit its blocks")
+    return Loop(channels, np.ones(structure.size), structure, tuple(blocks), grows)

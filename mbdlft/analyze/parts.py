@@ -1,4 +1,4 @@
-"""A proof for blocks of all kinds: the box of the real parameters is cut where multipliers do not suffice.
+"""A proof for blocks of all kinds: the box of the parameters is cut where multipliers do not suffice.
 
 No model of a part of the box has a pole on the axis, or is singular, if multipliers prove so on intervals
 that cover all frequencies. A half of a part inherits its intervals: only frequencies that are open are
@@ -15,11 +15,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbdlft.analyze.coverage import Cover, Part, covered, covers
 from mbdlft.analyze.crew import Crew
 from mbdlft.analyze.intervals import holds
 from mbdlft.analyze.loop import (
+    Complex,
     Loop,
     ends_of,
     extent_of,
@@ -45,9 +47,7 @@ class Attempt(NamedTuple):
     Attributes
     ----------
     parts : _Node or None
-        The tree of parts, if all are proved.
-    is_wrong : bool
-        Whether a counterexample was found.
+        The tree of parts, if all are proved; None also if a counterexample was found.
     low, high : array (number of blocks,)
         A part that resisted.
     at : float
@@ -56,7 +56,6 @@ class Attempt(NamedTuple):
     """
 
     parts: "_Node | None"
-    is_wrong: bool
     low: Array
     high: Array
     at: float
@@ -103,7 +102,7 @@ def attempt(
     while waiting:
         if used > work:
             part = waiting[-1].part
-            return Attempt(None, False, part.low, part.high, part.at, used)
+            return Attempt(None, part.low, part.high, part.at, used)
         batch, waiting = waiting[-_BATCH:], waiting[:-_BATCH]
         covers_of = crew.map(covered, [(loop, node.part) for node in batch])
         worst = None
@@ -115,20 +114,20 @@ def attempt(
             continue
         center = 0.5 * (worst[0].low + worst[0].high)[real]
         if batches % _OFTEN == 0 and reach(center, worst[1].at):
-            return Attempt(None, True, worst[0].low, worst[0].high, worst[1].at, used)
+            return Attempt(None, worst[0].low, worst[0].high, worst[1].at, used)
         batches += 1
         for node, cover in zip(batch, covers_of, strict=True):
             if not cover.todo:
                 continue
             node.cut = _cut(loop, node.part, cover, real, widths)
             if node.cut < 0:
-                return Attempt(None, False, node.part.low, node.part.high, cover.at, used)
+                return Attempt(None, node.part.low, node.part.high, cover.at, used)
             node.halves = _halves(node, cover)
             waiting += node.halves[::-1]
-    return Attempt(root, False, low, high, np.nan, used)
+    return Attempt(root, low, high, np.nan, used)
 
 
-def _cut(loop: Loop, part: Part, cover: Cover, real: Array, widths: Array) -> int:
+def _cut(loop: Loop, part: Part, cover: Cover, real: NDArray[np.bool_], widths: Array) -> int:
     """The parameter along which a part is cut; -1 if there is none."""
     own = part.high - part.low
     fits_in = np.flatnonzero(real & (own > _SMALLEST * widths))
@@ -148,9 +147,7 @@ def _cut(loop: Loop, part: Part, cover: Cover, real: Array, widths: Array) -> in
     return int(fits_in[int(np.argmin(found))])
 
 
-def _bound(
-    loop: Loop, M: Array, low: Array, high: Array, known: Multipliers, axis: int
-) -> float:
+def _bound(loop: Loop, M: Complex, low: Array, high: Array, known: Multipliers, axis: int) -> float:
     """A bound of mu^2 of a part, with multipliers of the one that it is a half of."""
     scaled_M, half = inside(loop, M, low, high)
     best = np.inf
@@ -169,8 +166,8 @@ def _halves(node: _Node, cover: Cover) -> tuple[_Node, _Node]:
     middle = 0.5 * (part.low[axis] + part.high[axis])
     ends = part.high.copy(), part.low.copy()
     ends[0][axis] = ends[1][axis] = middle
-    more = {"todo": cover.todo, "at": cover.at, "start": cover.last}
-    return _Node(part._replace(high=ends[0], **more)), _Node(part._replace(low=ends[1], **more))
+    inherited = part._replace(todo=cover.todo, at=cover.at, start=cover.last)
+    return _Node(inherited._replace(high=ends[0])), _Node(inherited._replace(low=ends[1]))
 
 
 def proof_of(

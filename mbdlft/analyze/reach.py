@@ -1,6 +1,5 @@
 """The smallest deltas that make a loop singular at some frequency: what bounds a margin from above."""
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -8,10 +7,9 @@ from numpy.typing import NDArray
 
 from mbdlft.analyze.intervals import channels_matrix
 from mbdlft.analyze.loop import Loop
-from mbdlft.analyze.small_delta import SmallDelta, delta_near, small_delta
+from mbdlft.analyze.small_delta import SmallDelta, block_changes, delta_near, small_delta
 from mbdlft.base.array import Array
 
-_LOOKS = 7  # frequencies around the peak at which deltas are looked for
 _MOST = 24  # frequencies of poles
 Complex = NDArray[np.complex128]
 
@@ -49,22 +47,18 @@ def best_near(
     return found if found.bound > best.bound else best
 
 
-def first_reached(loop: Loop, peak: float) -> SmallDelta:
-    """The smallest delta that is found from frequencies of the poles, and from around a peak."""
+def first_reached(loop: Loop) -> SmallDelta:
+    """The smallest delta that is found from frequencies of the poles."""
     best = nothing(loop)
-    for omega in _places(loop.channels.A, peak):
+    for omega in _places(loop.channels.A):
         best = best_near(loop, best, omega)
     return best_near(loop, best, best.omega, starts=3) if best.bound else best
 
 
-def _places(A: Array, peak: float) -> list[float]:
+def _places(A: Array) -> list[float]:
     poles = np.linalg.eigvals(A) if len(A) else np.ones(1)
     order = np.argsort(-poles.real / np.maximum(np.abs(poles), 1e-300), kind="stable")
-    sizes = np.abs(poles[order][:_MOST])
-    is_peak = np.isfinite(peak) and peak > 0.0
-    around = peak * np.geomspace(0.5, 2.0, _LOOKS) if is_peak else np.zeros(0)
-    near: Iterable[float] = np.unique(np.concatenate([sizes, around, [0.0, np.inf]]))
-    return [float(w) for w in near]
+    return [float(w) for w in np.unique([*np.abs(poles[order][:_MOST]), 0.0, np.inf])]
 
 
 def by_name(loop: Loop, delta: Complex) -> dict[str, Any]:
@@ -79,3 +73,9 @@ def by_name(loop: Loop, delta: Complex) -> dict[str, Any]:
         else:
             found[block.name] = complex(part[0, 0]) if block.kind == "complex" else part.copy()
     return found
+
+
+def changes(loop: Loop, found: SmallDelta) -> Array:
+    """How much the bound changes, to first order, as blocks grow by the same part (number of blocks,)."""
+    M = matrix_and_slope(loop, found.omega)[0]
+    return block_changes(M, loop.blocks, loop.grows, found)

@@ -5,11 +5,12 @@ positive number lambda with
 
     M Delta_g v = lambda (I - M Delta_f) v
 
-it is a lower bound; the size of those that grow is 1/lambda. Starts come from the power iteration of Young,
-Doyle (Computation of mu with real and complex uncertainties, CDC 1990) and at random; from each, lambda is
-made as large as it becomes while it stays real, by sequential quadratic programming with exact slopes
+it is a lower bound; the size of those that grow is 1/lambda. Starts come from the power iteration of
+Young, Doyle (Computation of mu with real and complex uncertainties, CDC 1990) and at random; from each,
+lambda is made as large as it becomes while it stays real, by sequential quadratic programming with exact
+slopes, for u'(I - M Delta_f) v = 1:
 
-    d lambda = u' [M dDelta_g + lambda M dDelta_f + dM (Delta_g + lambda Delta_f)] v / (u'(I - M Delta_f) v)
+    d lambda = u' [M dDelta_g + lambda M dDelta_f + dM (Delta_g + lambda Delta_f)] v
 
 in real deltas, phases, the vectors of full blocks (of rank one), and, if it is free, the frequency.
 """
@@ -119,6 +120,24 @@ def delta_near(
         if found.bound > max(best.bound, _CLEAR * size):
             best = found
     return best
+
+
+def block_changes(
+    M: Complex, blocks: Sequence[Block], grows: NDArray[np.bool_], found: SmallDelta
+) -> Array:
+    """Derivatives (number of blocks,) of the bound by the logarithm of the size of each block."""
+    parts, unit = _parts(blocks, grows), found.delta.copy()
+    for part in parts:
+        if part.grows:
+            unit[part.w, part.z] *= found.bound
+    lam, u, v = _eigen(M, unit, parts)
+    p = u @ M
+    return np.array(
+        [
+            ((1.0 if part.grows else lam) * (p[part.w] @ unit[part.w, part.z] @ v[part.z])).real
+            for part in parts
+        ]
+    )
 
 
 def _parts(
@@ -326,9 +345,7 @@ def _sides(M: Complex, delta: Complex, parts: Sequence[_Part]) -> tuple[Complex,
     return M @ grown, np.eye(len(M)) - M @ kept
 
 
-def _eigen(
-    M: Complex, delta: Complex, parts: Sequence[_Part]
-) -> tuple[complex, Complex, Complex]:
+def _eigen(M: Complex, delta: Complex, parts: Sequence[_Part]) -> tuple[complex, Complex, Complex]:
     """The lambda nearest to being real and large, u' over u'(I - M Delta_f) v, and v."""
     left, right = _sides(M, delta, parts)
     values, u, v = eig(left, right, left=True, right=True)

@@ -153,6 +153,8 @@ class Bounds:
         States that do not count.
     rates : mapping of names to bounds of the rates of parameters, in their units per second
         inf where a parameter may move in any way; constant parameters are not named.
+    fixed : tuple of str
+        Blocks of size 1 whatever the margin.
     motion : array (N, 1 + number of deltas), or None
         A periodic motion that is `upper` large and does not come to rest, if no constant values are as
         near: times (s) in the middle of even steps, and the deltas there, in the order of `delta`. Those
@@ -173,6 +175,7 @@ class Bounds:
     leave_out: tuple[str, ...] = ()
     rates: Mapping[str, float] = field(default_factory=dict)
     motion: Array | None = None
+    fixed: tuple[str, ...] = ()
 
     @property
     def gap(self) -> float:
