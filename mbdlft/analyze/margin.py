@@ -110,10 +110,10 @@ def robust_stability(
     moving = rates_of(system, rates, what)
     check_parameters(system, what)
     kept = check_fixed(system, fixed)
-    if set(kept) >= {block.name for block in system.lft.blocks if block.inputs}:
-        raise AnalysisError(f"{what}: expected a block that is not fixed.")
     if moving and kept:
         raise AnalysisError(f"{what}: expected rates or fixed blocks, got both. Fix none.")
+    if set(kept) >= {block.name for block in system.lft.blocks if block.inputs}:
+        raise AnalysisError(f"{what}: expected a block that is not fixed.")
     stay = states_that_stay(system, leave_out)
     check_nominal(system, system.A[np.ix_(stay, stay)], leave_out, what)
     with one_thread(), crew_of(workers, client, what) as crew:
