@@ -257,4 +257,4 @@ def covers(intervals: tuple[Interval, ...]) -> bool:
 def cost_at(loop: Loop) -> float:
     """Units of work of one frequency."""
     n, entries = len(loop.channels.A), 2 * len(loop.structure.rows)
-    return 1e-3 + 40.0 * (entries**2 * 3e-9 + entries**3 * 4e-11) + (2 * n) ** 3 * 5e-9
+    return 4e-3 + 200.0 * (entries**2 * 3e-9 + entries**3 * 4e-11) + (2 * n) ** 3 * 5e-8

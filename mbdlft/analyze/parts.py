@@ -38,6 +38,7 @@ _BATCH = 8
 _SMALLEST = 2.0**-16  # of the box: a part of this size is not cut again
 _FACTORS = (1.0, 2.0, 4.0)  # of D of a parameter that is cut
 _TOLERANCE = 0.02  # of bounds of mu that decide whether a part is cut
+_ROUGH = 3  # parts one in the other at which rounding may fail
 _OFTEN = 4  # batches from one to the next that is looked at for a counterexample
 
 
@@ -64,10 +65,11 @@ class Attempt(NamedTuple):
 
 @dataclass(slots=True)
 class _Node:
-    """A part, what covers it, and its halves."""
+    """A part, what covers it, and its halves; `rough`: parts above it at which rounding failed."""
 
     part: Part
     cover: Cover | None = None
+    rough: int = 0
     cut: int = -1
     halves: "tuple[_Node, _Node] | None" = None
 
@@ -119,7 +121,7 @@ def attempt(
         for node, cover in zip(batch, covers_of, strict=True):
             if not cover.todo:
                 continue
-            node.cut = _cut(loop, node.part, cover, real, widths)
+            node.cut = _cut(loop, node, cover, real, widths)
             if node.cut < 0:
                 return Attempt(None, node.part.low, node.part.high, cover.at, used)
             node.halves = _halves(node, cover)
@@ -127,11 +129,12 @@ def attempt(
     return Attempt(root, low, high, np.nan, used)
 
 
-def _cut(loop: Loop, part: Part, cover: Cover, real: NDArray[np.bool_], widths: Array) -> int:
+def _cut(loop: Loop, node: _Node, cover: Cover, real: NDArray[np.bool_], widths: Array) -> int:
     """The parameter along which a part is cut; -1 if there is none."""
-    own = part.high - part.low
+    part, own = node.part, node.part.high - node.part.low
     fits_in = np.flatnonzero(real & (own > _SMALLEST * widths))
-    if not len(fits_in) or np.isnan(cover.at) or cover.last is None:
+    is_rough = not cover.beta > 1.0 and node.rough >= _ROUGH
+    if not len(fits_in) or np.isnan(cover.at) or cover.last is None or is_rough:
         return -1
     if len(fits_in) == 1 or not cover.beta > 1.0:
         return int(fits_in[np.argmax((own / widths)[fits_in])])
@@ -167,7 +170,9 @@ def _halves(node: _Node, cover: Cover) -> tuple[_Node, _Node]:
     ends = part.high.copy(), part.low.copy()
     ends[0][axis] = ends[1][axis] = middle
     inherited = part._replace(todo=cover.todo, at=cover.at, start=cover.last)
-    return _Node(inherited._replace(high=ends[0])), _Node(inherited._replace(low=ends[1]))
+    rough = node.rough + (not cover.beta > 1.0)
+    low, high = inherited._replace(high=ends[0]), inherited._replace(low=ends[1])
+    return _Node(low, rough=rough), _Node(high, rough=rough)
 
 
 def proof_of(
