@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbdlft.analyze.crew import Crew
+from mbdlft.analyze.crew import ALONE, Crew
 from mbdlft.analyze.realization import physical, shares
 from mbdlft.analyze.result import LARGEST, Bounds, Progress
 from mbdlft.base.array import Array
@@ -25,7 +25,7 @@ class Asked(NamedTuple):
     progress: Progress | None = None
     leave_out: tuple[str, ...] = ()
     largest: float = LARGEST
-    crew: Crew = Crew()
+    crew: Crew = ALONE
 
 
 @dataclass(slots=True)

@@ -8,6 +8,7 @@ box of size k is at most 1/k: then weights say what is asked for.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from mbdlft.analyze.pole_migration import smallest_crossing
 from mbdlft.analyze.realization import check_nominal, realization, states_that_stay
 from mbdlft.analyze.result import GAP, LARGEST, WORK, Bounds, BoxProof, Progress, check_numbers
 from mbdlft.analyze.varying import Rates, Varying, gain_of, rates_of
+from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.threads import one_thread
 from mbdlft.system.names import positions_of
@@ -45,7 +47,7 @@ def worst_case_gain(
     rates: Rates = None,
     leave_out: Sequence[str] = (),
     progress: Progress | None = None,
-    workers: int = 1,
+    workers: int | None = 1,
     client: Any = None,
 ) -> Bounds:
     """Bounds of the largest H-infinity norm from inputs to outputs over the declared box.
@@ -104,7 +106,7 @@ def robust_performance(
     largest: float = LARGEST,
     leave_out: Sequence[str] = (),
     progress: Progress | None = None,
-    workers: int = 1,
+    workers: int | None = 1,
     client: Any = None,
 ) -> Bounds:
     """Bounds of the largest k such that the gain is at most 1/k for all |delta| <= k.
@@ -177,6 +179,10 @@ def _by_multipliers(asked: Asked, chosen: _Chosen, kind: str) -> Bounds:
     return search.result()
 
 
+def _is_above(model: Realization, k: float, gain: float, delta: Array) -> bool:
+    return peak_at(model, k * delta).gain * gain >= 1.0
+
+
 @dataclass(slots=True)
 class _PeakSearch(Search):
     """What the searches for a gain and for a margin of performance share: the best peak so far."""
@@ -192,8 +198,9 @@ class _PeakSearch(Search):
             k,
             found,
             share * self.left,
-            lambda delta: peak_at(self.model, k * delta).gain * gain >= 1.0,
+            partial(_is_above, self.model, k, gain),
             gain,
+            self.asked.crew,
         )
         self.used += outcome.work
         return outcome

@@ -10,6 +10,7 @@ not real parameters, or the polynomial is too large, multipliers take their plac
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from math import prod
 from typing import Any
 
@@ -38,6 +39,7 @@ from mbdlft.analyze.result import (
     check_numbers,
 )
 from mbdlft.analyze.varying import Rates, Varying, margin_of, rates_of
+from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.threads import one_thread
 from mbdlft.system.system import System
@@ -57,7 +59,7 @@ def robust_stability(
     fixed: Sequence[str] = (),
     leave_out: Sequence[str] = (),
     progress: Progress | None = None,
-    workers: int = 1,
+    workers: int | None = 1,
     client: Any = None,
 ) -> Bounds:
     """Bounds of the margin of robust stability, guaranteed for all frequencies and all values.
@@ -89,8 +91,8 @@ def robust_stability(
     progress : function (lower, upper), optional
         Called whenever a bound has changed. If it, or Ctrl-C, raises KeyboardInterrupt, the best bounds
         so far are returned.
-    workers : int
-        Processes for parts of the box; the result does not depend on their number.
+    workers : int, optional
+        Processes for parts of the box; None: one for each core. The result does not depend on it.
     client : distributed.Client, optional
         A Dask cluster that computes instead of processes of this machine (extra `cluster`).
 
@@ -190,7 +192,8 @@ class _MarginSearch(Search):
             k,
             found,
             share * self.left,
-            lambda delta: abscissa(self.model, k * delta) >= 0.0,
+            partial(_is_unstable, self.model, k),
+            crew=self.asked.crew,
         )
         self.used += outcome.work
         return outcome
@@ -206,6 +209,10 @@ class _MarginSearch(Search):
             proved=self.lower > 0.0,
             reason=self.reason if is_open else "",
         )
+
+
+def _is_unstable(model: Realization, k: float, delta: Array) -> bool:
+    return abscissa(model, k * delta) >= 0.0
 
 
 def cost_of(model: Realization) -> float:

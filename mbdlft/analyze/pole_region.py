@@ -1,6 +1,7 @@
 """The largest real part and the smallest damping of the poles over the box: reached, and proved."""
 
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -26,6 +27,14 @@ def worst_poles(asked: Asked, model: Realization, kind: str) -> Bounds:
     return _PoleSearch(asked, model=model, kind=kind).result()
 
 
+def _aim(kind: str) -> Aim:
+    return UNDAMPED if kind == "smallest damping" else RIGHT
+
+
+def _is_beyond(model: Realization, kind: str, goal: float, delta: Array) -> bool:
+    return bool(np.max(_aim(kind).value(moving_at(model, delta)[0].poles)) >= goal)
+
+
 @dataclass(slots=True)
 class _PoleSearch(Search):
     """The worst pole so far and the edge that is proved, as values of the aim, which is to be large."""
@@ -43,7 +52,7 @@ class _PoleSearch(Search):
 
     @property
     def aim(self) -> Aim:
-        return UNDAMPED if self.kind == "smallest damping" else RIGHT
+        return _aim(self.kind)
 
     def look(self, delta: Array) -> complex:
         """The worst pole at deltas, which is kept if none is worse."""
@@ -123,12 +132,9 @@ class _PoleSearch(Search):
         except WellPosednessError as error:
             self.reason = str(error)
             return False
-
-        def is_wrong(delta: Array) -> bool:
-            return bool(self.aim.value(self.look(delta)) >= goal)
-
+        is_wrong = partial(_is_beyond, self.model, self.kind, goal)
         share = _SHARE * self.left
-        outcome = prove(model, 1.0, found, share, is_wrong)
+        outcome = prove(model, 1.0, found, share, is_wrong, crew=self.asked.crew)
         self.used += outcome.work
         if outcome.log is not None:
             self.proof = BoxProof(1.0, outcome.log, shift=model.shift, slope=model.slope)

@@ -45,7 +45,7 @@ def worst_case(
     work: float = WORK,
     leave_out: Sequence[str] = (),
     progress: Progress | None = None,
-    workers: int = 1,
+    workers: int | None = 1,
     client: Any = None,
 ) -> Bounds:
     """The worst value of a property over the declared box, with a proved bound where there is one.

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, SceneError
+from mbdlft.base.pool import Pool
 from mbdlft.batch.cluster import cluster_shards
-from mbdlft.batch.pool import finished_shards
 from mbdlft.batch.samples import GridSamples, RandomSamples, samples_of
 from mbdlft.batch.staging import (
     Work,
@@ -175,7 +175,10 @@ def _computed(
     allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else ()
     processes = workers or len(allowed) or os.cpu_count() or 1
     if min(processes, len(todo)) > 1:
-        yield from finished_shards(folder, todo, processes)
+        kept = "What is finished is kept: the same sweep goes on from it, with fewer workers if you like."
+        what = "sweep", "shard", kept
+        with Pool("mbdlft.batch.worker", folder, min(processes, len(todo)), what) as pool:
+            yield from pool.run(todo)
         return
     for shard in todo:  # starting a process would take longer than computing most shards
         write_shard(folder, shard, rows_at(work.source, points_at(work, shard)))
