@@ -127,7 +127,7 @@ def shrunk(loop: Loop, largest: float, gap: float, work: float) -> Cover:
         k, peak = (size, omega) if size < k else (k, peak)
         if k == 0.0:
             return Cover(k, (), (), ((0.0, np.inf),), omega, np.inf, last, peak, used)
-    k *= 1.0 - 0.5 * gap
+    k *= 1.0 - 0.5 * gap if k < largest else 1.0
     todo: tuple[tuple[float, float], ...] = ((0.0, np.inf),)
     intervals: tuple[Interval, ...] = ()
     multipliers: tuple[Multipliers, ...] = ()
@@ -257,4 +257,4 @@ def covers(intervals: tuple[Interval, ...]) -> bool:
 def cost_at(loop: Loop) -> float:
     """Units of work of one frequency."""
     n, entries = len(loop.channels.A), 2 * len(loop.structure.rows)
-    return 4e-3 + 200.0 * (entries**2 * 3e-9 + entries**3 * 4e-11) + (2 * n) ** 3 * 5e-8
+    return 4e-3 + entries**2 * 1e-7 + entries**3 * 4e-9 + (2 * n) ** 3 * 3e-8

@@ -22,6 +22,7 @@ from mbdlft.lft.block import Block, FullBlock
 from mbdlft.lft.lft import check
 from mbdlft.system.system import System
 
+_MOST_ENTRIES = 250  # of multipliers: more take minutes for the whole of the frequencies
 GAIN = "(gain)"  # name of the block that joins inputs and outputs
 Complex = NDArray[np.complex128]
 
@@ -112,7 +113,7 @@ def check_fixed(system: System, fixed: Iterable[str]) -> tuple[str, ...]:
 
 
 def _balanced(whole: Channels, blocks: tuple[Block, ...], grows: NDArray[np.bool_]) -> Loop:
-    structure = structure_of(blocks)
+    structure = structure_of(_pieces(blocks))
     inputs, outputs, size = structure.inputs, structure.outputs, structure.size
     n = len(whole.A)
     B, C, D = np.zeros((n, size)), np.zeros((size, n)), np.zeros((size, size))
@@ -128,6 +129,24 @@ def _balanced(whole: Channels, blocks: tuple[Block, ...], grows: NDArray[np.bool
     return loop._replace(
         channels=Channels(plain.A, B, C, D * scale / scale[:, None]), scale=np.asarray(scale)
     )
+
+
+def _pieces(blocks: Sequence[Block]) -> list[Block]:
+    """Blocks for multipliers: where full ones are too many, repeated blocks are cut into pieces.
+
+    Multipliers that are zero between the pieces are multipliers of the block, too, and prove less.
+    """
+    most = max((block.size for block in blocks), default=1)
+    while True:
+        pieces: list[Block] = []
+        for block in blocks:
+            whole, rest = divmod(block.size, most) if block.kind != "full" else (0, 0)
+            count = whole + (rest > 0)
+            sizes = [block.size // count + (k < block.size % count) for k in range(count)]
+            pieces += [block] if block.kind == "full" else [block.of_size(size) for size in sizes]
+        if len(structure_of(pieces).rows) <= _MOST_ENTRIES or most == 1:
+            return pieces
+        most -= 1
 
 
 def _frequencies(A: Array) -> list[float]:

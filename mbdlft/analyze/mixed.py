@@ -27,10 +27,10 @@ from mbdlft.analyze.result import Bounds
 from mbdlft.analyze.small_delta import SmallDelta
 from mbdlft.base.array import Array
 
-_MOST_ENTRIES = 1200  # of multipliers: more take minutes for one frequency
 _INSIDE = 1.0 - 1e-15  # a size is not above what was proved, however it was rounded
 _RANGE = 1e6  # times the gain of nominal values: a size below one over that is not looked for
 _SHARE = 0.5  # of the work that is left, for one size
+_INTO_GAP = 0.8  # part of the gap that is left between what is reached and what is tried first
 _REACH = 0.1  # units of work of a search for small deltas
 Signals = tuple[tuple[str, ...], tuple[str, ...]]
 
@@ -73,14 +73,9 @@ class MixedSearch(Search):
                 return
         self._reach_first()
         self.told()
-        entries = len(self.loop.structure.rows)
-        if entries > _MOST_ENTRIES:
-            self.reason = (
-                f"multipliers have {entries} entries, more than the {_MOST_ENTRIES} that are "
-                "carried: fewer repetitions, or fewer parameters, are needed for a proof"
-            )
-            return
-        self.cover = shrunk(self.loop, min(largest, self.upper), self.asked.gap, self.left)
+        gap = self.asked.gap
+        most = min(largest, self.upper * (1.0 - _INTO_GAP * gap))  # wide intervals need some room
+        self.cover = shrunk(self.loop, most, gap, self.left)
         self.used += self.cover.work
         if not self.cover.todo:
             self.lower = self.cover.k * _INSIDE
