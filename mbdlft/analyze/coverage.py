@@ -122,6 +122,8 @@ def shrunk(loop: Loop, largest: float, gap: float, work: float) -> Cover:
     first, cost = first_frequencies(loop.channels.A), cost_at(loop)
     used, last, peak, k = 0.0, None, np.nan, largest
     for omega in looks(first):
+        if used + cost > work:
+            return Cover(0.0, (), (), ((0.0, np.inf),), np.nan, 0.0, last, peak, used)
         size, last = largest_size(loop, matrix_at(loop, omega), k, last, 0.1 * gap)
         used += cost
         k, peak = (size, omega) if size < k else (k, peak)

@@ -179,6 +179,16 @@ class MixedSearch(Search):
         near = f"near {found.at:.4g} rad/s" if not np.isnan(found.at) else "with this work"
         return f"for {what} multipliers prove nothing {near}{f', {ends}' if ends else ''}"
 
+    def _why(self) -> str:
+        """The reason, and whether fewer repetitions would have helped."""
+        full = sum(max(block.inputs, block.outputs) ** 2 for block in self.loop.blocks)
+        if len(self.loop.structure.rows) == full:
+            return self.reason
+        return (
+            f"{self.reason}; multipliers would have {full} entries, and are zero between pieces of the "
+            "repeated blocks: fewer repetitions, or fewer parameters, would prove more"
+        )
+
     def answer(self) -> Bounds:
         system, best, loop = self.asked.system, self.best, self.loop
         if self.follows_poles:
@@ -205,7 +215,7 @@ class MixedSearch(Search):
             self.lower > 0.0,
             shares(list(delta), parts) if np.any(parts) else {},
             self.used,
-            self.reason if is_open else "",
+            self._why() if is_open else "",
             self.proof,
             self.asked.leave_out,
         )
