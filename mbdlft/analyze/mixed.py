@@ -120,7 +120,8 @@ class MixedSearch(Search):
             self._took(first_reached(self.loop))
 
     def _model(self) -> Realization:
-        return realization(self.asked.system, leave_out=self.asked.leave_out)
+        gone = self.asked.leave_out
+        return realization(self.asked.system, leave_out=gone, others_are_zero=True)
 
     def _follow(self, crossing: Crossing) -> None:
         if crossing.size < self.upper:

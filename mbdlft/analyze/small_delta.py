@@ -285,7 +285,7 @@ def _enlarged(at: At, parts: Sequence[_Part], unit: Complex, omega: float | None
     """The real positive lambda nearest to what Delta begins with, made large; omega may move."""
     first = _first(parts, unit)
     ends = np.cumsum([len(x) for x in first])
-    moves = omega is not None and 0.0 < omega < np.inf
+    moves = omega is not None and bool(0.0 < omega < np.inf)
     place = float("nan") if omega is None else omega
     start = np.concatenate([*first, np.zeros(int(moves))])
 
