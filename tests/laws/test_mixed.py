@@ -31,7 +31,7 @@ from mbdlft.analyze.small_delta import delta_near
 from mbdlft.base.array import Array
 from mbdlft.bound.evidence import IntervalProof
 from mbdlft.lft.lft import LFT
-from tests.close import BOUND, STABLE, roundoff, target
+from tests.close import BOUND, MU, STABLE, roundoff, target
 from tests.laws.random_loops import blocks_system, random_system
 from tests.laws.test_margins import random_loop_with_channels
 from tests.reference.robust_cases import of_matrices
@@ -169,7 +169,7 @@ def test_a_gain_of_mixed_blocks_is_known() -> None:
     expected = worst_of_servo(21)
     target(found.lower, expected, STABLE)
     assert expected <= found.upper <= 1.011 * expected
-    assert found.worst["k"] == pytest.approx(1.0, abs=STABLE)
+    target(found.worst["k"], 1.0, STABLE)
     roundoff(abs(found.delta["e"]), 1.0, kappa=1e8)
     assert verify(system, found) == ""
     assert verify(system, replace(found, upper=0.99 * found.upper))
@@ -214,13 +214,14 @@ def test_skew_mu_is_the_worst_case_gain() -> None:
     closed = with_gain_block(system)
     names = [block.name for block in system.lft.blocks]
     skew = structured_singular_value(closed, gain.frequency, fixed=names)
-    target(skew.lower[0], gain.lower, 1e-5)
+    target(skew.lower[0], gain.lower, MU)
     assert skew.lower[0] <= skew.upper[0]
-    target(skew.upper[0], gain.lower, 1e-4)
-    margin = robust_stability(closed, fixed=names, gap=1e-3)
+    target(skew.upper[0], gain.lower, MU)
+    gap = 1e-3
+    margin = robust_stability(closed, fixed=names, gap=gap)
     assert margin.fixed == tuple(names)
-    target(1.0 / margin.upper, gain.lower, 1e-5)
-    target(1.0 / margin.lower, gain.lower, 2e-3)
+    target(1.0 / margin.upper, gain.lower, MU)
+    assert gain.lower <= 1.0 / margin.lower <= gain.lower * (1.0 + 2.0 * gap)
     assert verify(closed, margin) == ""
     assert verify(closed, replace(margin, fixed=()))
 
