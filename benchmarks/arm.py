@@ -35,7 +35,7 @@ from mbdlft.pipeline.build import build
 _MAIN = "from mbdlft.cli.commands import main; main()"
 
 CERTIFICATE_STAGES = ("bound", "check")
-BEGIN, END = "<!-- benchmark begin -->", "<!-- benchmark end -->"
+BEGIN, END = "<!-- {} begin -->", "<!-- {} end -->"
 
 
 class Row(NamedTuple):
@@ -246,12 +246,12 @@ def machine() -> str:
     return f"Measured on {kind}, {versions}, a shared and noisy machine."
 
 
-def write_between(path: Path, text: str) -> None:
-    """Put a text between the two marks of a page."""
-    page = path.read_text(encoding="utf-8")
-    before, _, rest = page.partition(BEGIN)
-    _, _, after = rest.partition(END)
-    path.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8")
+def write_between(path: Path, text: str, what: str = "benchmark") -> None:
+    """Put a text between the two marks of a page that have a name."""
+    page, begin, end = path.read_text(encoding="utf-8"), BEGIN.format(what), END.format(what)
+    before, _, rest = page.partition(begin)
+    _, _, after = rest.partition(end)
+    path.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8")
 
 
 def main() -> None:

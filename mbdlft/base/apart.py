@@ -43,17 +43,15 @@ def arrays_of(
     MbdlftError of the class `error`
         The function raised any error, or did not end within its limits.
     """
-    root = str(Path(__file__).parents[2])
-    path = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
     limits = {"seconds": seconds, "memory": memory}
     try:
         done = subprocess.run(
-            [sys.executable, "-m", "mbdlft.base.apart"],
+            [sys.executable, "-P", "-m", "mbdlft.base.apart"],
             input=json.dumps({"target": target, "arguments": arguments, **limits}).encode(),
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             timeout=_START + _CLOCK * seconds,
-            env={**os.environ, "PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1"},
+            env={**os.environ, "PYTHONPATH": search_path(), "OPENBLAS_NUM_THREADS": "1"},
             check=False,
         )
     except (OSError, TypeError) as failure:
@@ -69,6 +67,12 @@ def arrays_of(
         raise error(_ended(f"exit code {done.returncode}", seconds, memory))
     with np.load(io.BytesIO(body), allow_pickle=False) as found:
         return dict(found)
+
+
+def search_path() -> str:
+    """`PYTHONPATH` for a process that imports this package as this one does."""
+    root = str(Path(__file__).parents[2])
+    return os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
 
 
 def _ended(how: str, seconds: int, memory: int) -> str:

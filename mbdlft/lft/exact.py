@@ -68,3 +68,9 @@ def eliminated(a: ExactLFT, count: int, rows: list[int]) -> ExactLFT:
     rest = M[outside][:, others] + M[outside][:, inner] @ solution
     both = stacked([[rest[:n]], [solution], [rest[n:]]])
     return ExactLFT(both[[*range(n), *(n + k for k in rows)]], a.blocks)
+
+
+def residues_alone(a: ExactLFT) -> ExactLFT:
+    """What decides ranks and zeros, without the balls that carry values: it can go to another process."""
+    M = a.M
+    return ExactLFT(ExactMatrix(M.residues, np.empty((0, 0), object), M.prime), a.blocks)

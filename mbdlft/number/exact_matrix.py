@@ -56,19 +56,30 @@ class ExactMatrix:
         return ExactMatrix(self.residues[index], self.balls[index], self.prime)
 
     def __matmul__(self, other: "ExactMatrix") -> "ExactMatrix":
-        (n, k), m = self.shape, other.shape[1]
-        if 0 in (n, k, m):
-            return zeros(n, m, self.prime)
-        residues = multiplied(self.residues, other.residues, self.prime)
-        return _paired(residues, ball_matrix(self.balls) * ball_matrix(other.balls), self.prime)
+        """Most matrices of models are sparse: rows and columns of zeros take no part."""
+        inner = self.residues.any(axis=0) & other.residues.any(axis=1)
+        left, right = self[:, inner], other[inner]
+        rows, columns = left.residues.any(axis=1), right.residues.any(axis=0)
+        found = zeros(self.shape[0], other.shape[1], self.prime)
+        if not (rows.any() and columns.any()):
+            return found
+        left, right, place = left[rows], right[:, columns], np.ix_(rows, columns)
+        residues = multiplied(left.residues, right.residues, self.prime)
+        found.residues[place] = residues
+        balls = entries_of(ball_matrix(left.balls) * ball_matrix(right.balls))
+        found.balls[place] = _cleared(residues, balls)
+        return found
 
     def __add__(self, other: "ExactMatrix") -> "ExactMatrix":
         residues = (self.residues + other.residues) % self.prime
-        balls = self.balls + other.balls if residues.size else self.balls
+        balls = np.where(self.residues != 0, self.balls, other.balls)
+        both = (self.residues != 0) & (other.residues != 0)
+        balls[both] = self.balls[both] + other.balls[both]
         return ExactMatrix(residues, _cleared(residues, balls), self.prime)
 
     def __neg__(self) -> "ExactMatrix":
-        balls = -self.balls if self.balls.size else self.balls
+        balls, some = self.balls.copy(), self.residues != 0
+        balls[some] = -balls[some]
         return ExactMatrix(-self.residues % self.prime, balls, self.prime)
 
     def solve(self, right: "ExactMatrix") -> "ExactMatrix":

@@ -9,13 +9,14 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
 from mbdlft.base.threads import without_collection
 from mbdlft.lft.exact import ExactLFT, eliminated, transposed
-from mbdlft.lft.lft import LFT, condition, eliminate
+from mbdlft.lft.lft import LFT, condition
 from mbdlft.number.exact import BITS, MOST_BITS, precision
 from mbdlft.number.exact_matrix import TooFewBitsError
 from mbdlft.pipeline.extract import extract
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.problem.problem import Form, Problem
 from mbdlft.reduce.balanced import in_good_coordinates
+from mbdlft.reduce.closed import Closing
 from mbdlft.reduce.exact import reduce_exactly
 from mbdlft.reduce.reduce import in_scales, reduce_order
 from mbdlft.system.points import deltas_at
@@ -143,18 +144,15 @@ def _in_doubles(
     if not n:
         return Candidate(form, channels, relations, relations, None, relations)
     try:
-        closed = closed_relations(form.relations, relations)
+        closed = closing(form.relations).solved(relations)
     except WellPosednessError:
         raise _singular(problem, relations, n) from None
     return Candidate(form, channels, relations, closed, None, reduce_order(closed))
 
 
-def closed_relations(relations: LinearModel, opened: LFT) -> LFT:
-    """The LFT of relations solved for their unknown signals, in doubles, not reduced."""
-    n, outputs = relations.unknown.numel(), relations.output.numel()
-    solved = eliminate(opened, n)
-    rows = [*range(relations.derivatives), *range(n, n + outputs)]
-    return LFT(solved.M11, solved.M12, solved.M21[rows], solved.M22[rows], solved.blocks)
+def closing(relations: LinearModel) -> Closing:
+    """How relations are closed."""
+    return Closing(relations.unknown.numel(), relations.derivatives, relations.output.numel())
 
 
 def _singular(problem: Problem, relations: LFT, n: int) -> WellPosednessError:

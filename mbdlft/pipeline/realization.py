@@ -9,15 +9,17 @@ from functools import cached_property
 import numpy as np
 
 from mbdlft.base.errors import WellPosednessError
+from mbdlft.base.reproducible import NoProcessError, same_everywhere
 from mbdlft.base.samples import SEED
 from mbdlft.bound.degree import Bound, degree_bounds
 from mbdlft.bound.exact import exact_degrees
 from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.exact import residues_alone
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.pipeline.candidates import (
     Candidate,
     candidates,
-    closed_relations,
+    closing,
     reduced_relations,
 )
 from mbdlft.pipeline.certify import (
@@ -30,9 +32,9 @@ from mbdlft.pipeline.certify import (
 )
 from mbdlft.pipeline.near import near_relations
 from mbdlft.pipeline.provenance import provenance
-from mbdlft.pipeline.search import CUT_OFF, Budget, Smallest, find_smallest
+from mbdlft.pipeline.search import CUT_OFF, IN_PROCESS, Budget, Smallest, find_smallest
 from mbdlft.problem.problem import Problem, Reference, Stage, TrimRelations
-from mbdlft.reduce.reduce import reduce_order
+from mbdlft.reduce.reduce import in_scales
 from mbdlft.system.model import LFTModel, Trim
 from mbdlft.system.points import deltas_at
 from mbdlft.system.regular import PROVE
@@ -73,7 +75,7 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
     lft = found[0].lft
     if budget.work > 0.0 and order_bound < lft.order <= _MOST_SEARCHED:
         with stage("search"):
-            smaller, order_bound, is_cut_off = _search(problem, found, degrees, budget)
+            smaller, order_bound, is_cut_off = _search(problem, found, degrees, budget, stage)
             if smaller.order < lft.order and not _loses_digits(smaller, lft, check):
                 lft = smaller
         if is_cut_off:
@@ -153,18 +155,33 @@ def _degree_bounds(candidate: Candidate) -> dict[str, Bound]:
 
 
 def _search(
-    problem: Problem, found: Sequence[Candidate], bound: Mapping[str, int], budget: Budget
+    problem: Problem,
+    found: Sequence[Candidate],
+    bound: Mapping[str, int],
+    budget: Budget,
+    stage: Stage,
 ) -> Smallest:
+    """The search, from LFTs that are the same on every machine, in a process whose arithmetic is."""
     best = found[0]
-    relations = best.form.relations
-    if not relations.unknown.numel():
-        return find_smallest([one.lft for one in found], bound, budget, exact=best.exact)
+    closed, forms = [_in_scales(one) for one in found], list[LFT]()
+    close = truth = None
+    if best.form.relations.unknown.numel():
+        closed, forms = closed[:1], [one.relations for one in found]
+        close, truth = closing(best.form.relations), best.closed
+    exact = residues_alone(best.exact) if best.exact else None
+    target = "mbdlft.pipeline.search:find_smallest"
+    arguments = (closed, dict(bound), budget, forms, close, truth, exact)
+    try:
+        smallest: Smallest = same_everywhere(target, *arguments)
+    except NoProcessError:
+        with stage(IN_PROCESS):
+            smallest = find_smallest(*arguments)
+    return smallest
 
-    def close(opened: LFT) -> LFT:
-        return reduce_order(closed_relations(relations, opened))
 
-    forms = [one.relations for one in found]
-    return find_smallest([best.lft], bound, budget, forms, close, best.closed, best.exact)
+def _in_scales(candidate: Candidate) -> LFT:
+    """A candidate in coordinates that no kernel of linear algebra has a part in, where it is exact."""
+    return candidate.lft if candidate.exact is None else in_scales(candidate.exact.rounded())
 
 
 def _loses_digits(smaller: LFT, lft: LFT, check: _Check) -> bool:

@@ -64,6 +64,7 @@ class Budget(NamedTuple):
 
 
 CUT_OFF = "search was cut off"  # a stage that tells so
+IN_PROCESS = "search in this process: its result may depend on the processor"  # one, too
 
 
 class Smallest(NamedTuple):

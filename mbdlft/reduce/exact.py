@@ -86,12 +86,17 @@ def reachable_bases(M11: Residues, M12: Residues, sizes: list[int], prime: int) 
         space.extend(np.ascontiguousarray(M12[part].T))
         for space, part in zip(spaces, parts, strict=True)
     ]
-    rows: dict[int, Array] = {}  # of M11', by block: they are used in many steps
+    rows: dict[int, tuple[NDArray[np.intp], Array]] = {}  # of M11', by block: used in many steps
     while sources := [k for k, one in enumerate(fresh) if len(one)]:
-        for k in sources:
+        ends = np.cumsum([0, *(len(fresh[k]) for k in sources)]).tolist()
+        candidates = np.zeros((ends[-1], len(M11)), dtype=np.int64)
+        for k, (first, end) in zip(sources, pairwise(ends), strict=True):
             if k not in rows:
-                rows[k] = limbs(M11[:, parts[k]].T)
-        candidates = np.vstack([times(fresh[k], rows[k], prime) for k in sources])
+                used = np.flatnonzero(M11[:, parts[k]].any(axis=1))
+                rows[k] = used, limbs(M11[used, parts[k]].T)
+            used, own = rows[k]
+            if len(used):
+                candidates[first:end, used] = times(fresh[k], own, prime)
         fresh = [
             space.extend(candidates[:, part]) for space, part in zip(spaces, parts, strict=True)
         ]
@@ -99,20 +104,24 @@ def reachable_bases(M11: Residues, M12: Residues, sizes: list[int], prime: int) 
 
 
 def _krylov(a: ExactLFT, spaces: list[Space]) -> list[ExactMatrix]:
-    """The candidates that were taken, (n_k, dimension) for each block."""
+    """The candidates that were taken, (n_k, dimension) for each block; no other is computed."""
     n, parts, prime = a.order, a.parts, a.M.prime
-    candidates = a.M[:n, n:]
-    bases = [zeros(part.stop - part.start, 0, prime) for part in parts]
-    for step in range(max((len(space.taken) for space in spaces), default=0)):
-        fresh = [
-            candidates[part][:, space.taken[step]]
-            for part, space in zip(parts, spaces, strict=True)
-        ]
-        bases = [stacked([[old, new]]) for old, new in zip(bases, fresh, strict=True)]
+    fresh = [a.M[part, n:][:, space.taken[0]] for part, space in zip(parts, spaces, strict=True)]
+    bases = fresh
+    for step in range(1, max((len(space.taken) for space in spaces), default=0)):
         sources = [k for k, one in enumerate(fresh) if one.shape[1]]
-        if not sources:
-            break
-        candidates = stacked([[a.M[:n, parts[k]] @ fresh[k] for k in sources]])
+        ends = np.cumsum([0, *(fresh[k].shape[1] for k in sources)]).tolist()
+        following = []
+        for part, space in zip(parts, spaces, strict=True):
+            taken = np.array(space.taken[step], dtype=int)
+            columns = [zeros(part.stop - part.start, 0, prime)]
+            for k, (first, end) in zip(sources, pairwise(ends), strict=True):
+                own = taken[(taken >= first) & (taken < end)] - first
+                if len(own):
+                    columns.append(a.M[part, parts[k]] @ fresh[k][:, own])
+            following.append(stacked([columns]))
+        fresh = following
+        bases = [stacked([[old, new]]) for old, new in zip(bases, fresh, strict=True)]
     return bases
 
 
@@ -139,12 +148,16 @@ def _compressed(a: ExactLFT) -> ExactLFT:
     ]
     kept = [part.start + row for part, g in zip(parts, graphs, strict=True) for row in g.chosen]
     rest = a.M[[*kept, *range(n, a.M.shape[0])]]
-    columns = [
-        rest[:, part] @ g.basis if len(g.chosen) < part.stop - part.start else rest[:, part]
-        for part, g in zip(parts, graphs, strict=True)
-    ]
+    columns = [_in_basis(rest[:, part], g) for part, g in zip(parts, graphs, strict=True)]
     blocks = [Block(block.name, len(g.chosen)) for block, g in zip(a.blocks, graphs, strict=True)]
     return ExactLFT(stacked([[*columns, rest[:, n:]]]), tuple(blocks))
+
+
+def _in_basis(columns: ExactMatrix, graph: _Graph) -> ExactMatrix:
+    """Columns (m, n_k) times a basis that is the identity in its chosen rows."""
+    others = np.setdiff1d(np.arange(columns.shape[1]), graph.chosen)
+    chosen = columns[:, graph.chosen]
+    return chosen + columns[:, others] @ graph.basis[others] if len(others) else chosen
 
 
 def _graph(space: Space, krylov: ExactMatrix, scale: Array) -> _Graph:

@@ -18,6 +18,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
+from mbdlft.base.apart import search_path
 from mbdlft.base.errors import ArchiveError
 from mbdlft.store.hdf5 import LongTextError
 from mbdlft.store.helper import Answer, Request, perform, receive, send, unpacked
@@ -147,12 +148,14 @@ def _started() -> Any:
     if _helper is not None and _helper[0] == os.getpid() and _helper[1].poll() is None:
         return _helper[1]
     _stop()
-    root = str(Path(__file__).parents[2])
-    path = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
-    single = {"OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": path, "HDF5_USE_FILE_LOCKING": "FALSE"}
+    single = {
+        "OPENBLAS_NUM_THREADS": "1",
+        "PYTHONPATH": search_path(),
+        "HDF5_USE_FILE_LOCKING": "FALSE",
+    }
     try:
         process = subprocess.Popen(
-            [sys.executable, "-m", "mbdlft.store.helper"],
+            [sys.executable, "-P", "-m", "mbdlft.store.helper"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

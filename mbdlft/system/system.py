@@ -21,6 +21,7 @@ from mbdlft.base.parameter import Parameter, to_delta
 from mbdlft.base.signal import Signal
 from mbdlft.lft.evaluate import evaluate, evaluate_at
 from mbdlft.lft.lft import LFT
+from mbdlft.system.digits import with_digits
 from mbdlft.system.singular import check_regular_at
 
 if TYPE_CHECKING:
@@ -378,7 +379,7 @@ def value_at(model: System, lft: LFT, values: Mapping[str, ArrayLike]) -> Array:
     if not kinds:
         if not model.is_proved_regular:
             check_regular_at(lft, points, model.parameters, f"model {model.name!r}")
-        found = evaluate_at(lft, points)
+        found = with_digits(lft, points, evaluate_at(lft, points))
         return found[0] if single else found
     others = {name: value for name, value in values.items() if name in kinds}
     named = {

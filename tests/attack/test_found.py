@@ -83,7 +83,7 @@ def test_planted_bug_is_found(
 
 @pytest.mark.parametrize("what", ["said", "order", "values"])
 def test_kernels_that_differ_are_told(what: str, monkeypatch: Patch, tmp_path: Path) -> None:
-    answer = {"word": "scene", "said": [1], "order": [[2], 2, 0], "searched": False, "error": 0.0}
+    answer = {"word": "scene", "said": [1], "order": [[2], 2, 0], "error": 0.0}
     other = answer | {"values": np.eye(2)[None].tolist()}
     wrong = other | {what: (2.0 * np.eye(2)[None]).tolist()}
     monkeypatch.setattr(cores, "kinds", lambda: ("Prescott", "Haswell"))

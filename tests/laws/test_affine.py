@@ -25,7 +25,7 @@ from mbdlft.lft.lft import (
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.pipeline import search
-from mbdlft.pipeline.candidates import candidates, closed_relations
+from mbdlft.pipeline.candidates import candidates, closing
 from mbdlft.problem.linearize import linearize
 from mbdlft.reduce import affine
 from mbdlft.reduce.affine import is_affine, is_polynomial, move_affine
@@ -121,7 +121,7 @@ def test_closed_relations_of_a_chain_are_kept() -> None:
     problem = problem_of_scene(scene)
     (found,) = candidates(problem, problem.forms)
     a, relations = found.relations, found.form.relations
-    level = finishing(a, lambda one: reduce_order(closed_relations(relations, one)))
+    level = finishing(a, closing(relations))
     moved = move_affine(a, ("L0", "L1", "L2"), ("m0", "m1", "m2"), Work())
     assert moved is not None
     assert level.keeps(Work(), level.exact, moved)
