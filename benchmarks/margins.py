@@ -1,4 +1,4 @@
-"""Margins of scenarios, each in a loop with a PD law: proved bounds, and the seconds of one core that they take.
+"""Margins of scenarios, each in a loop with a PD law: proved bounds, and seconds of one core.
 
     python -m benchmarks.margins [--only ur5] [--write docs/analysis.md]
 

@@ -18,7 +18,7 @@ from mbdlft.analyze.boxes import Outcome, prove
 from mbdlft.analyze.characteristic import Polynomials, Realization, polynomials
 from mbdlft.analyze.crew import crew_of
 from mbdlft.analyze.loop import GAIN, loop_of
-from mbdlft.analyze.margin import cost_of, resistance, too_large
+from mbdlft.analyze.margin import cost_of, is_dear, resistance, too_large
 from mbdlft.analyze.mixed import MixedSearch, Signals
 from mbdlft.analyze.peak import NOTHING, Peak, largest_peak, peak_at, slope_at
 from mbdlft.analyze.pole_migration import smallest_crossing
@@ -82,7 +82,7 @@ def worst_case_gain(
     what = "worst_case_gain"
     check_numbers(what, gap=gap, work=work)
     moving = rates_of(system, rates, what)
-    chosen = _chosen(system, inputs, outputs, leave_out, what)
+    chosen = _chosen(system, inputs, outputs, leave_out, what, work)
     with one_thread(), crew_of(workers, client, what) as crew:
         asked = Asked(system, gap, work, progress, tuple(leave_out), crew=crew)
         if not moving and chosen.model is None:
@@ -135,7 +135,7 @@ def robust_performance(
     """
     what = "robust_performance"
     check_numbers(what, gap=gap, work=work, largest=largest)
-    chosen = _chosen(system, inputs, outputs, leave_out, what)
+    chosen = _chosen(system, inputs, outputs, leave_out, what, work)
     with one_thread(), crew_of(workers, client, what) as crew:
         asked = Asked(system, gap, work, progress, tuple(leave_out), largest, crew)
         if chosen.model is None:
@@ -153,7 +153,7 @@ class _Chosen(NamedTuple):
 
 
 def _chosen(
-    system: System, inputs: Any, outputs: Any, leave_out: Sequence[str], what: str
+    system: System, inputs: Any, outputs: Any, leave_out: Sequence[str], what: str, work: float
 ) -> _Chosen:
     """A transfer that is stable at nominal."""
     own = [s.name for s in system.inputs], [s.name for s in system.outputs]
@@ -163,6 +163,8 @@ def _chosen(
     stay = states_that_stay(system, leave_out, i)
     check_nominal(system, system.A[np.ix_(stay, stay)], leave_out, what)
     model = realization(system, j, i, leave_out) if system.lft.is_plain else None
+    if model is not None and system.order and is_dear(model, work):
+        model = None
     return _Chosen(j, i, names, model)
 
 

@@ -14,6 +14,7 @@ from mbdlft.analyze.characteristic import Realization
 from mbdlft.analyze.coverage import Cover, first_frequencies, looks, shrunk
 from mbdlft.analyze.loop import GAIN, Loop, matrix_at
 from mbdlft.analyze.parts import Attempt, attempt, proof_of
+from mbdlft.analyze.peak import largest_peak
 from mbdlft.analyze.pole_migration import NONE, Crossing, improved, smallest_crossing
 from mbdlft.analyze.reach import (
     best_near,
@@ -118,10 +119,18 @@ class MixedSearch(Search):
             self._follow(smallest_crossing(self._model(), self.asked.largest))
         else:
             self._took(first_reached(self.loop))
+        if self.is_gain and self.inner is not None and self.inner.is_plain:
+            peak = largest_peak(self._model(), 1.0)
+            self._took(best_near(self.loop, self.best, peak.frequency, peak.delta))
 
     def _model(self) -> Realization:
-        gone = self.asked.leave_out
-        return realization(self.asked.system, leave_out=gone, others_are_zero=True)
+        system, gone = self.asked.system, self.asked.leave_out
+        own = [s.name for s in system.inputs], [s.name for s in system.outputs]
+        j, i = (
+            [names.index(name) for name in asked]
+            for names, asked in zip(own, self.signals, strict=True)
+        )
+        return realization(system, j, i, gone, others_are_zero=True)
 
     def _follow(self, crossing: Crossing) -> None:
         if crossing.size < self.upper:

@@ -10,6 +10,7 @@ from mbdlft.analyze.loop import Loop
 from mbdlft.analyze.small_delta import SmallDelta, block_changes, delta_near, small_delta
 from mbdlft.base.array import Array
 
+_CORNERS = 4
 _MOST = 24  # frequencies of poles
 Complex = NDArray[np.complex128]
 
@@ -48,11 +49,18 @@ def best_near(
 
 
 def first_reached(loop: Loop) -> SmallDelta:
-    """The smallest delta that is found from frequencies of the poles."""
+    """The smallest delta that is found from frequencies of the poles, and from corners."""
     best = nothing(loop)
     for omega in _places(loop.channels.A):
         best = best_near(loop, best, omega)
-    return best_near(loop, best, best.omega, starts=3) if best.bound else best
+    if not best.bound:
+        return best
+    best = best_near(loop, best, best.omega, starts=3)
+    count = sum(block.kind == "real" for block in loop.blocks)
+    random = np.random.default_rng(0)
+    for corner in np.sign(random.uniform(-1.0, 1.0, (_CORNERS if count else 0, count))):
+        best = best_near(loop, best, best.omega, corner)
+    return best
 
 
 def _places(A: Array) -> list[float]:

@@ -26,7 +26,7 @@ from scipy.optimize import minimize
 from mbdlft.base.array import Array
 from mbdlft.lft.block import Block
 
-_ITERATIONS, _STARTS, _STEPS = 60, 4, 60
+_ITERATIONS, _STARTS, _STEPS, _TURNS = 60, 4, 60, 8
 _REAL = 1e-7  # imaginary part of an eigenvalue, of its size, that counts as zero
 _ENOUGH = 1e-6  # of a bound that need not be improved
 _CLEAR = 1e-12  # of the norm of M: an eigenvalue below this is zero
@@ -116,6 +116,7 @@ def delta_near(
         if real is not None:
             for value, part in zip(real, _real(parts), strict=True):
                 part.put(unit, value)
+            _turn(M, unit, parts)
         found = _enlarged(at, parts, unit, omega)
         if found.bound > max(best.bound, _CLEAR * size):
             best = found
@@ -218,6 +219,22 @@ def _aligned(
         else:
             found[here] = x * sizes[1] / sizes[0] if to_z else y * sizes[0] / sizes[1]
     return found
+
+
+def _turn(M: Complex, unit: Complex, parts: Sequence[_Part]) -> None:
+    """Turn blocks that are not real so that lambda is positive, and large for the real deltas given."""
+    for _ in range(_TURNS):
+        lam, u, v = _eigen(M, unit, parts, nearly_real=False)
+        p = u @ M
+        for part in parts:
+            a, z = (1.0 if part.grows else lam) * p[part.w], v[part.z]
+            size = float(np.linalg.norm(a) * np.linalg.norm(z))
+            if part.block.kind == "real" or not np.isfinite(size) or size == 0.0:
+                continue
+            if part.block.kind == "complex":
+                part.put(unit, np.conj(_phase(a @ z)))
+            else:
+                part.put(unit, np.outer(a.conj(), z.conj()) / size)
 
 
 def _phase(number: Any) -> complex:
@@ -345,13 +362,16 @@ def _sides(M: Complex, delta: Complex, parts: Sequence[_Part]) -> tuple[Complex,
     return M @ grown, np.eye(len(M)) - M @ kept
 
 
-def _eigen(M: Complex, delta: Complex, parts: Sequence[_Part]) -> tuple[complex, Complex, Complex]:
+def _eigen(
+    M: Complex, delta: Complex, parts: Sequence[_Part], *, nearly_real: bool = True
+) -> tuple[complex, Complex, Complex]:
     """The lambda nearest to being real and large, u' over u'(I - M Delta_f) v, and v."""
     left, right = _sides(M, delta, parts)
     values, u, v = eig(left, right, left=True, right=True)
     far = _FAR * max(float(np.linalg.norm(M)), _TINY)
     sizes = np.where(np.isfinite(values) & (np.abs(values) < far), values, 0.0)
-    chosen = int(np.argmax(sizes.real - 2.0 * np.abs(sizes.imag)))
+    rank = sizes.real - 2.0 * np.abs(sizes.imag) if nearly_real else np.abs(sizes)
+    chosen = int(np.argmax(rank))
     w = u[:, chosen].conj()
     scale = w @ right @ v[:, chosen]
     return complex(sizes[chosen]), w / (scale or _TINY), v[:, chosen]

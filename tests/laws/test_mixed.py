@@ -125,6 +125,14 @@ def test_no_damaged_proof_of_parts_is_accepted() -> None:
     found = robust_stability(system)
     for other in wrong_parts(found):
         assert verify(system, other)
+    whole = blocks_system(3)
+    bounds = robust_stability(whole, gap=0.05)
+    assert isinstance(bounds.proof, IntervalProof)
+    count, zero = bounds.proof.log
+    assert zero == 0
+    full = len(whole.lft.blocks)  # the last one, which nothing can cut
+    cut = replace(bounds.proof, log=(count, full, 0, 0, 0, 0))
+    assert "a block that is not real" in verify(whole, replace(bounds, proof=cut))
 
 
 @pytest.mark.parametrize("seed", [2])
