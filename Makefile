@@ -3,6 +3,7 @@
 # make test-long  tests that run for minutes, all tests as other processors would run them, planted bugs, attacks
 # make attack     damaged, hostile, absurd and random inputs: ATTACK="--minutes 30 --only archives,matrices"
 # make mutants    planted bugs: each must fail a test
+# make docs       the documentation as web pages, out/site/index.html
 # make bench      measure, and write the tables into the README and docs/; print those of the UR5 and of moves between files
 # Each needs Python 3.11 or newer and a package index; everything goes into .venv, and no more than it needs.
 
@@ -17,7 +18,7 @@ PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto
 has = $(shell grep -m 1 -o $(1) /proc/cpuinfo 2>/dev/null)
 KERNELS := Prescott $(if $(call has,avx2),Haswell) $(if $(call has,avx512f),SkylakeX)
 
-.PHONY: run test test-long attack mutants bench clean
+.PHONY: run test test-long attack mutants docs bench clean
 
 run: .venv/run
 	mkdir -p out
@@ -30,7 +31,7 @@ test: .venv/test
 	$(BIN)/lint-imports --no-cache
 	$(PYTEST)
 
-test-long: .venv/test mutants
+test-long: .venv/test .venv/docs mutants
 	$(PYTEST) -m long
 	for kernel in $(KERNELS); do OPENBLAS_CORETYPE=$$kernel $(PYTEST) || exit 1; done
 	$(BIN)/python -m tests.attack --minutes 20 --seed 1000
@@ -40,6 +41,9 @@ mutants: .venv/test
 
 attack: .venv/test
 	$(BIN)/python -m tests.attack $(ATTACK)
+
+docs: .venv/docs
+	$(BIN)/python -m docs.site out/site
 
 bench: .venv/bench
 	$(BIN)/python -m benchmarks.arm --write README.md
@@ -67,6 +71,11 @@ bench: .venv/bench
 # other tools that speed and error are compared with
 .venv/bench: .venv/test
 	$(INSTALL) -e '.[benchmarks]'
+	touch $@
+
+# what makes web pages of docs/
+.venv/docs: .venv/run
+	$(INSTALL) -e '.[docs,viewer]'
 	touch $@
 
 clean:

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from mbdlft.base.errors import AnalysisError
+from mbdlft.base.errors import AnalysisError, MbdlftError
 from mbdlft.cli.modelica import (
     SUFFIXES,
     Asked,
@@ -30,7 +30,7 @@ from mbdlft.cli.options import (
     write_model,
 )
 from mbdlft.cli.report import report_model
-from mbdlft.cli.response import KINDS, draw
+from mbdlft.cli.response import KINDS, OVER, draw
 from mbdlft.cli.tables import console as _console
 from mbdlft.cli.tables import table as _table
 from mbdlft.system.model import LFTModel
@@ -99,8 +99,8 @@ def linearize(
     plot: Annotated[
         list[str] | None,
         typer.Option(
-            help="Figure to draw, such as fig.png, of singular values; or bode=FILE, poles=FILE, "
-            "step=FILE; may be repeated."
+            help="Figure to draw, such as fig.png, of singular values; or bode=FILE, step=FILE, "
+            "order=FILE, poles=FILE, trim=FILE, poles:PARAMETER=FILE; may be repeated."
         ),
     ] = None,
     table_file: TableFile = None,
@@ -127,14 +127,29 @@ def linearize(
         if output is not None:
             show(f"{model.name}: write")
             seconds["write"] = write_model(output, model)
+    files = {"archive": output}
     try:
         start = time.perf_counter()
-        for kind, figure in figures:
-            draw(kind, figure, model)
-            seconds["plot"] = time.perf_counter() - start
+        files |= _drawn(figures, model)
+        seconds |= {"plot": time.perf_counter() - start} if figures else {}
     finally:  # a figure that fails takes neither the archive nor the table away
-        files = {"archive": output, **{f"figure of {kind}": path for kind, path in figures}}
         report_model(model, seconds, files, notes, as_json=as_json)
+
+
+def _drawn(figures: list[tuple[str, Path]], model: LFTModel) -> dict[str, Path | None]:
+    """Draw all figures; then raise the first error, if there was one."""
+    drawn: dict[str, Path | None] = {}
+    failed: list[MbdlftError] = []
+    for kind, figure in figures:
+        name, _, over = kind.partition(":")
+        try:
+            draw(name, figure, model, over=over or None)
+            drawn[f"figure of {kind}"] = figure
+        except MbdlftError as error:
+            failed.append(error)
+    if failed:
+        raise failed[0]
+    return drawn
 
 
 def _of_scene(
@@ -198,15 +213,17 @@ def _notes(scene: "Scene") -> list[str]:
 
 
 def _figures(texts: list[str]) -> list[tuple[str, Path]]:
-    """Kinds and files of the options --plot FILE and --plot KIND=FILE."""
+    """Kinds and files of the options --plot FILE, --plot KIND=FILE, --plot KIND:PARAMETER=FILE."""
     found = []
     for text in texts:
         kind, equals, file = text.partition("=")
-        if equals and kind in KINDS:
+        name, colon, over = kind.partition(":")
+        if equals and name in (OVER if colon else KINDS) and bool(colon) == bool(over):
             found.append((kind, Path(file)))
         elif equals and not kind.count("/"):
             raise AnalysisError(
-                f"--plot {text}: unknown figure {kind!r}. Existing: {', '.join(sorted(KINDS))}."
+                f"--plot {text}: unknown figure {kind!r}. Existing: {', '.join(sorted(KINDS))}; over a "
+                f"parameter: {', '.join(f'{name}:PARAMETER' for name in OVER)}."
             )
         else:
             found.append(("sigma", Path(text)))

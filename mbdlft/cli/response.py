@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from mbdlft.base.array import Array
     from mbdlft.system.system import System
 
-KINDS = ("sigma", "bode", "step", "poles")  # of figures
+KINDS = ("sigma", "bode", "step", "poles", "order", "trim")  # of figures
+OVER = ("poles", "trim")  # kinds that may be over one parameter
 
 
 class Point(NamedTuple):
@@ -65,7 +66,9 @@ def response(
     figure: Annotated[
         Path | None, typer.Option("-o", "--figure", help="Figure to draw, such as fig.png.")
     ] = None,
-    kind: Annotated[str, typer.Option(help="Of the figure: sigma, bode, step or poles.")] = "sigma",
+    kind: Annotated[
+        str, typer.Option(help="Of the figure: sigma, bode, step, poles, order or trim.")
+    ] = "sigma",
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Print norms, the worst of random samples, and values at frequencies."""
@@ -89,12 +92,16 @@ def response(
         console().print(f"figure: {figure}", soft_wrap=True)
 
 
-def draw(kind: str, figure: Path, system: "System", seed: int = 0) -> None:
-    """Draw a figure of one of the `KINDS`."""
+def draw(kind: str, figure: Path, system: "System", seed: int = 0, over: str | None = None) -> None:
+    """Draw a figure of one of the `KINDS`, if need be over a parameter."""
     from mbdlft import plot
 
     if kind == "poles":
-        plot.save_pole_map(figure, system, seed=seed)
+        plot.save_pole_map(figure, system, over, seed)
+    elif kind == "trim":
+        plot.save_trims(figure, system, over, seed)
+    elif kind == "order":
+        plot.save_orders(figure, system)
     elif kind == "bode":
         plot.save_bode(figure, system, seed)
     elif kind == "step":

@@ -193,7 +193,8 @@ def trim_rows(equations: Equations) -> tuple[int, ...]:
         raise TrimError(
             f"scene {e.name!r}: the equilibrium does not determine the trim unknowns "
             f"{', '.join(e.u_signals[k].name for k in doubtful)}: they are redundant, {count - rank} too "
-            "many. Give a value to that many of them (a joint's preload, a load's magnitude)."
+            "many. Give a value to that many of them (a joint's preload, a load's magnitude): a number "
+            'or an expression, such as magnitude = "m*9.81 [m/s^2]/4".'
         )
     return tuple(sorted(int(row) for row in order[:count]))
 

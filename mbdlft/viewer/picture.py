@@ -18,6 +18,8 @@ _COLORS = ("#4477aa", "#aa7711", "#228833", "#aa3377", "#777777", "#cc6677", "#2
 _AXIS, _FORCE, _TORQUE, _SENSOR, _GROUND = "#1f4f9f", "#c0501a", "#9a2a6a", "#107040", "#6a40b0"
 _GROUND_AXES = ("#c02020", "#208020", "#2040c0")
 _SIZE, _MARGIN = 300.0, 40.0  # of the drawing, and around it
+_LETTER, _LINE = 6.4, 11.0  # width of a letter, height of a line
+_HALO = 'paint-order="stroke" stroke="white" stroke-width="2.5"'  # of letters, on what is behind
 
 
 class Stroke(NamedTuple):
@@ -37,6 +39,7 @@ class _Sheet:
     scale: float
     strokes: list[Stroke] = field(default_factory=list)
     ends: list[tuple[float, float]] = field(default_factory=list)
+    names: list[tuple[float, float, float]] = field(default_factory=list)  # left, right, line
 
     def at(self, point: Array) -> tuple[float, float]:
         x, y = self.scale * float(self.right @ point), -self.scale * float(self.above @ point)
@@ -88,12 +91,18 @@ class _Sheet:
         )  # fmt: skip
 
     def label(self, point: Array, text: str, color: str) -> None:
-        """A name beside a point."""
+        """A name beside a point, below those that are there already."""
         x, y = self.at(point)
+        x, y = x + 6.0, y - 6.0
+        end = x + _LETTER * len(text)
+        while any(x < b and a < end and abs(y - line) < _LINE for a, b, line in self.names):
+            y += 1.0
+        self.names.append((x, end, y))
+        self.ends.append((end - _MARGIN + 4.0, y))
         self.strokes.append(
             Stroke(
                 math.inf,
-                f'<text x="{x + 6:.1f}" y="{y - 6:.1f}" fill="{color}">{html.escape(text)}</text>',
+                f'<text x="{x:.1f}" y="{y:.1f}" fill="{color}" {_HALO}>{html.escape(text)}</text>',
             )
         )
 

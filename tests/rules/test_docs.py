@@ -10,10 +10,13 @@ import pytest
 
 import mbdlft
 from tests.close import CLOSED_FORM, target
+from tests.rules.walk import walk
 from tests.scenarios.test_cli import run
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+# pages that are walked through from top to bottom; blocks of the others stand for themselves
+WALKS = [ROOT / "docs" / "tutorial.md", *sorted((ROOT / "docs").glob("task-*.md"))]
+PAGES = [ROOT / "README.md", *sorted({*(ROOT / "docs").glob("*.md")} - {*WALKS})]
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -46,6 +49,37 @@ def test_numbers_in_the_readme_are_true(workplace: Path) -> None:
     assert model.certificate.lower_bound == (1, 2, 1, 2, 2, 4, 4)
     assert model.certificate.max_relative_error < CLOSED_FORM
     assert (workplace / "out" / "arm.h5").exists()
+
+
+@pytest.mark.usefixtures("workplace")
+@pytest.mark.parametrize(
+    "page",
+    [
+        # pandas and the reader of NASTRAN's files take seconds to import
+        pytest.param(page, marks=[pytest.mark.long] if "nastran" in page.name else [])
+        for page in WALKS
+    ],
+    ids=lambda page: page.name,
+)
+def test_pages_can_be_followed_to_their_end(
+    page: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def typed(*arguments: str) -> tuple[int, str, str]:
+        return run(monkeypatch, capsys, *arguments)
+
+    assert walk(page, typed) >= 3
+
+
+def test_a_walk_stops_where_a_page_is_wrong(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    for text, reason in (
+        ("```python\nprint(1.5)\n```\n\n```text\n1.6\n```\n", "is not in"),
+        ("```python\nraise ValueError('here')\n```\n", "here"),
+        ("```sh\nmbdlft nonsense\n```\n", "no such command"),
+    ):
+        page.write_text(text, encoding="utf-8")
+        with pytest.raises((AssertionError, ValueError), match=reason):
+            walk(page, lambda *_: (2, "", "no such command"))
 
 
 WITH_COMMANDS = [page for page in PAGES if blocks(page, "sh")]

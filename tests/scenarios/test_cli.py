@@ -89,6 +89,20 @@ def test_figure_that_fails_takes_neither_table_nor_archive_away(
     assert (code, len(json.loads(out)["points"])) == (2, 2)
 
 
+def test_a_figure_that_fails_takes_no_other_away(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second = tmp_path / "first.png", tmp_path / "second.png"
+    plots = ("--plot", f"trim:theta={first}", "--plot", f"order={second}")
+    code, out, err = run(monkeypatch, capsys, "linearize", ARM, "--search", "0", *plots)
+    assert code == 2
+    assert "unknown parameter 'theta'" in err
+    assert "lower bound 16" in out
+    assert str(first) not in out
+    assert not first.exists()
+    assert second.read_bytes().startswith(PNG)
+
+
 def test_linearize_writes_archive_figure_and_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -300,6 +314,7 @@ def test_check_says_what_is_not_used(
         ("linearize", ARM, "-o", "/no/such/folder/arm.h5"),
         ("linearize", ARM, "--plot", "figure.nonsense"),
         ("linearize", ARM, "--plot", "nonsense=figure.png"),
+        ("linearize", ARM, "--plot", "order:theta1=figure.png"),
         ("poles", "missing.h5"),
         ("poles", "missing.toml"),
         ("poles", ARM, "--model", "arm"),

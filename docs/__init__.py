@@ -1,0 +1,1 @@
+"""Pages of the documentation; `python -m docs.site` makes a site of them."""

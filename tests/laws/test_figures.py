@@ -1,0 +1,97 @@
+"""What figures show is what the model says: bars of the orders, trimmed loads over a parameter."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import mbdlft
+from mbdlft import Angle, Inertia, Parameter, Revolute, RigidBody, Scene
+from mbdlft.plot import save_orders, save_trims
+from mbdlft.plot.orders import _draw
+from mbdlft.plot.trims import trim_curves
+from tests.close import CLOSED_FORM, target
+
+_G = 9.81
+
+
+def held_arm() -> mbdlft.LFTModel:
+    """A link whose joint holds it at the angle theta from the vertical: m g L sin(theta)."""
+    return mbdlft.to_lft(
+        Scene(
+            name="arm",
+            gravity=(0, 0, -_G),
+            parameters=[
+                Parameter("m", 2.0, low=1.0, high=4.0, unit="kg"),
+                Parameter("L", 0.8, low=0.6, high=1.2, unit="m"),
+                Angle("theta", 30.0, low=-20.0, high=80.0),
+            ],
+            bodies=[
+                RigidBody(
+                    name="link", mass="m", center_of_mass=(0, 0, "-L"), inertia=Inertia(xx=0.1)
+                )
+            ],
+            joints=[
+                Revolute(
+                    name="joint", parent="ground", child="link", axis=(1, 0, 0), position="theta"
+                )
+            ],
+        ),
+        search=0.0,
+    )
+
+
+def test_trim_over_an_angle_is_that_of_the_closed_form() -> None:
+    model = held_arm()
+    found = trim_curves(model, "theta")
+    angle = np.radians(found.values)
+    target((found.values[0], found.values[-1]), (-20.0, 80.0), CLOSED_FORM)
+    torque = _G * np.sin(angle)
+    target(found.nominal[:, 0], 1.6 * torque, CLOSED_FORM)
+    largest, least = 4.0 * 1.2, 1.0 * 0.6  # of m L over the box
+    above, below = angle > 0.01, angle < -0.01
+    assert np.all(found.low <= found.nominal)
+    assert np.all(found.nominal <= found.high)
+    slack = 1.0 + CLOSED_FORM
+    assert np.all(found.high[above, 0] <= slack * largest * torque[above])
+    assert np.all(found.high[above, 0] >= 1.3 * 1.6 * torque[above])  # samples do spread
+    assert np.all(found.low[above, 0] * slack >= least * torque[above])
+    assert np.all(found.low[above, 0] <= 0.8 * 1.6 * torque[above])
+    assert np.all(found.high[below, 0] * slack <= least * torque[below])
+
+
+def test_bars_are_the_numbers_of_the_certificate() -> None:
+    model = mbdlft.to_lft(mbdlft.load_scene("scenarios/two_link_arm.toml"), search=0.0)
+    axes = Figure().add_subplot()
+    _draw(axes, model)
+    before, reduced = axes.containers
+    said = model.certificate
+    assert tuple(bar.get_width() for bar in before) == said.raw_order
+    assert tuple(bar.get_width() for bar in reduced) == said.order
+    (lines,) = axes.collections
+    assert tuple(path.vertices[0, 0] for path in lines.get_paths()) == said.lower_bound
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    assert names == list(model.parameters.names)
+    assert [text.get_text() for text in axes.texts][3] == " 3, at least 2"  # m3
+
+
+def test_what_cannot_be_drawn_is_an_error(tmp_path: Path) -> None:
+    model, file = held_arm(), tmp_path / "figure.png"
+    with pytest.raises(mbdlft.AnalysisError, match=r"unknown parameter 'thetaa'.*theta"):
+        save_trims(file, model, "thetaa")
+    passive = mbdlft.realize([["a"]], [Parameter("a", 1.0, percent=10)])
+    with pytest.raises(mbdlft.AnalysisError, match="nothing holds its equilibrium"):
+        save_trims(file, passive)
+    plain = mbdlft.as_system(2.0)
+    for save in (save_trims, save_orders):
+        with pytest.raises(mbdlft.AnalysisError, match="model"):
+            save(file, plain)
+    with pytest.raises(mbdlft.AnalysisError, match="without parameters"):
+        save_orders(file, mbdlft.realize([["2"]], []))
+    assert not file.exists()
+    save_trims(file, model)
+    save_orders(tmp_path / "orders.svg", model)
+    assert file.stat().st_size > 10_000
+    assert math.isclose(model.trim.nominal[0], 1.6 * _G * 0.5, rel_tol=CLOSED_FORM)
