@@ -28,6 +28,11 @@ from benchmarks.speed.truth import Truth, entry_errors, pole_errors, truth
 
 SAMPLES, PROOFS, ROUNDS = 10_000, 200, 5
 TARGET_SECONDS, TARGET_ERROR = 1e-6, 1e-14  # of the LFT of the arm
+MANY, QUICK = (
+    1_000_000,
+    10e-6,
+)  # samples of the last column, and seconds per model: slower ones take minutes
+CALL_BYTES = 5e8  # of the values of a call
 _ROUNDING = 1e-9  # 1/s: a smaller real part is that of an undamped pole
 Row = dict[str, Any]
 
@@ -39,8 +44,9 @@ def measured(
     proofs: int,
     rounds: int,
     candidates: Sequence[Candidate] = CANDIDATES,
+    many: int = 0,
 ) -> list[Row]:
-    """One row for each method: its errors first, then its time.
+    """One row for each method: its errors, then its time, then that of `many` samples if it is quick.
 
     Raises
     ------
@@ -73,11 +79,26 @@ def measured(
             start = time.process_time()
             method(values)
             seconds[row["method"]].append(time.process_time() - start)
-    for row, _, first in ready:
+    for row, method, first in ready:
         each = median(seconds[row["method"]])
         row["seconds_per_model"] = each / samples
         row["build_seconds"] += max(0.0, first - each)  # what is made when it is first asked for
+        if many and row["seconds_per_model"] <= QUICK:
+            row |= {"many": many, "seconds_of_many": of_many(method, system, many, exact.values)}
     return rows
+
+
+def of_many(method: Method, system: System, many: int, values: np.ndarray) -> float:
+    """Seconds per model of many samples, in calls as long as memory allows; the first is not timed."""
+    size = 8 * int(np.prod(values.shape[1:]))
+    call = next(n for n in (10**6, 10**5, 10**4, 10**3, 1) if n * size <= CALL_BYTES or n == 1)
+    call = min(call, many)
+    drawn = system.samples(many, seed=1)
+    method({name: column[:call] for name, column in drawn.items()})
+    start = time.process_time()
+    for first in range(0, many, call):
+        method({name: column[first : first + call] for name, column in drawn.items()})
+    return (time.process_time() - start) / many
 
 
 def errors(candidate: Candidate, found: np.ndarray, exact: Truth) -> Row:
@@ -122,21 +143,27 @@ def beaten(rows: Sequence[Row], own: Sequence[str]) -> list[str]:
 def table(rows: Sequence[Row]) -> str:
     """All rows in Markdown, what the fits miss, and whether the targets are met."""
     lines = [
-        "| system | method | microseconds per model | largest error of an entry | its median "
-        "| largest error of a pole | seconds to prepare |",
-        "|---|---|---|---|---|---|---|",
+        f"| system | method | microseconds per model | of {max(r.get('many', 0) for r in rows)} "
+        "| largest error of an entry | its median | largest error of a pole | seconds to prepare |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for r in rows:
         head = f"| {r['system']} | {r['method']} "
         if "error" not in r:
-            lines.append(f"{head}| - | {r['reason']} | - | - | - |")
+            lines.append(f"{head}| - | - | {r['reason']} | - | - | - |")
             continue
         lines.append(
-            f"{head}| {1e6 * r['seconds_per_model']:.3g} | {r['error']:.1e} | {r['error_median']:.1e} "
-            f"| {r['pole_error']:.1e} | {r['build_seconds']:.2g} |"
+            f"{head}| {1e6 * r['seconds_per_model']:.3g} | {of_many_text(r)} "
+            f"| {r['error']:.1e} | {r['error_median']:.1e} | {r['pole_error']:.1e} "
+            f"| {r['build_seconds']:.2g} |"
         )
     lines += ["", *missed(rows), "", *verdicts(rows), "", machine()]
     return "\n".join(lines)
+
+
+def of_many_text(row: Row) -> str:
+    """Microseconds per model of many samples, or a dash."""
+    return f"{1e6 * row['seconds_of_many']:.3g}" if "many" in row else "-"
 
 
 def groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
@@ -198,6 +225,8 @@ def main() -> None:
     """Print the table; write lines, table and figure if asked."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--samples", type=int, default=SAMPLES)
+    parser.add_argument("--many", type=int, default=MANY, help="0: none")
+    parser.add_argument("--only", help="a part of the name of a system")
     parser.add_argument("--proofs", type=int, default=PROOFS)
     parser.add_argument("--rounds", type=int, default=ROUNDS)
     parser.add_argument("--lines", type=Path, default=Path("docs/speed-error.jsonl"))
@@ -205,8 +234,8 @@ def main() -> None:
     parser.add_argument("--figure", type=Path)
     options = parser.parse_args()
     rows: list[Row] = []
-    for system in systems():
-        rows += measured(system, options.samples, options.proofs, options.rounds)
+    for system in (one for one in systems() if (options.only or "") in one.name):
+        rows += measured(system, options.samples, options.proofs, options.rounds, many=options.many)
     options.lines.write_text(json_lines(rows), encoding="utf-8")
     text = table(rows)
     print(text)

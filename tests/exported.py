@@ -14,7 +14,7 @@ from scipy.io import loadmat, savemat
 import mbdlft
 from mbdlft import LFTModel
 from mbdlft.export import export_model
-from mbdlft.system import System
+from mbdlft.system import DeltaThetaModel, System
 from tests.archive.models import arm, bare, numbers, turned_arm, unused
 from tests.close import exact
 
@@ -73,7 +73,7 @@ def rows_of(model: System, values: dict[str, np.ndarray]) -> np.ndarray:
     return np.stack(columns, axis=1) if columns else np.zeros((SAMPLES, 0))
 
 
-def compiled(model: System, folder: Path) -> Any:
+def compiled(model: System | DeltaThetaModel, folder: Path) -> Any:
     """The library of the exported C, without a warning."""
     if COMPILER is None:
         pytest.skip("there is no C compiler cc")
@@ -110,7 +110,7 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    if getattr(value, "dtype", None) is not None and value.dtype.names:
+    if getattr(value, "dtype", None) is not None and value.dtype.names and value.size == 1:
         return {name: _plain(value[name][0, 0]) for name in value.dtype.names}
     return value
 

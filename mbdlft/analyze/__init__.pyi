@@ -7,6 +7,7 @@ from .frequencies import response_frequencies as response_frequencies
 from .frequencies import unbounded_frequencies as unbounded_frequencies
 from .gain import robust_performance as robust_performance
 from .gain import worst_case_gain as worst_case_gain
+from .loops import with_sectors as with_sectors
 from .margin import robust_stability as robust_stability
 from .migration import Moving as Moving
 from .migration import pole_gradients as pole_gradients
@@ -15,11 +16,14 @@ from .norms import PeakGain as PeakGain
 from .norms import h2_norm as h2_norm
 from .norms import hinf_norm as hinf_norm
 from .recheck import verify as verify
+from .region import SafeRegion as SafeRegion
+from .region import safe_region as safe_region
 from .response import frequency_response as frequency_response
 from .response import singular_values as singular_values
 from .result import Bounds as Bounds
 from .sector import SectorBounds as SectorBounds
 from .sector import sector_bounds as sector_bounds
+from .sector import slope_bounds as slope_bounds
 from .singular_value import StructuredSingularValue as StructuredSingularValue
 from .singular_value import structured_singular_value as structured_singular_value
 from .spectrum import poles as poles

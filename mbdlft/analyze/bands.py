@@ -9,7 +9,12 @@ from mbdlft.analyze.coverage import first_frequencies, looks, middle
 from mbdlft.analyze.intervals import channels_matrix, interval_around
 from mbdlft.analyze.loop import loop_of
 from mbdlft.analyze.multipliers import upper_bound
-from mbdlft.analyze.realization import check_nominal, check_parameters, states_that_stay
+from mbdlft.analyze.realization import (
+    check_constant,
+    check_nominal,
+    check_parameters,
+    states_that_stay,
+)
 from mbdlft.analyze.singular_value import channels_at
 from mbdlft.analyze.small_delta import small_delta
 from mbdlft.base.array import Array
@@ -70,6 +75,7 @@ def mu_bands(
     if not 0.0 < low < high < np.inf:
         raise AnalysisError(f"mu_bands: expected 0 < low < high (rad/s), got {low!r} and {high!r}.")
     check_parameters(system, "mu_bands")
+    check_constant(system, "mu_bands")
     stay = states_that_stay(system, leave_out)
     check_nominal(system, system.A[np.ix_(stay, stay)], leave_out, "mu_bands")
     loop, blocks = loop_of(system, stay), system.lft.blocks

@@ -22,7 +22,12 @@ from mbdlft.analyze.margin import cost_of, is_dear, resistance, too_large
 from mbdlft.analyze.mixed import MixedSearch, Signals
 from mbdlft.analyze.peak import NOTHING, Peak, largest_peak, peak_at, slope_at
 from mbdlft.analyze.pole_migration import smallest_crossing
-from mbdlft.analyze.realization import check_nominal, realization, states_that_stay
+from mbdlft.analyze.realization import (
+    check_constant,
+    check_nominal,
+    realization,
+    states_that_stay,
+)
 from mbdlft.analyze.result import GAP, LARGEST, WORK, Bounds, BoxProof, Progress, check_numbers
 from mbdlft.analyze.varying import Rates, Varying, gain_of, rates_of
 from mbdlft.base.array import Array
@@ -134,6 +139,7 @@ def robust_performance(
         A signal is unknown.
     """
     what = "robust_performance"
+    check_constant(system, "robust_performance")
     check_numbers(what, gap=gap, work=work, largest=largest)
     chosen = _chosen(system, inputs, outputs, leave_out, what, work)
     with one_thread(), crew_of(workers, client, what) as crew:

@@ -121,6 +121,32 @@ def least_gain(form: Form, sizes: Array, states: int) -> float:
     return float(np.sqrt(values[-1])) if values is not None and values[-1] > 0.0 else float("inf")
 
 
+def least_level(form: Form, sizes: Array, P: Array) -> tuple[float, Array, Array] | None:
+    """Nearly the least g, with X and Y, for which y'y - g V'P V and the part of X and Y is negative.
+
+    None if the solver gave up.
+    """
+    import clarabel
+
+    places, N, own = places_of(form), form.V.shape[1], groups_of(form)
+    first, count = int(places.ends[0]), int(places.ends[-1]) + 1
+    level = sparse.csc_matrix(_vectors(-(form.V.T @ P @ form.V)[None]).T)
+    parts = [sparse.hstack([_coefficients(form, sizes, places, 0.0)[:, first:], level])]
+    parts += [_selected(group, places.X, 0, count - first) for group in own]
+    sides = [_vectors((form.y.T @ form.y)[None])[0]]
+    sides += [np.zeros(len(group) * (len(group) + 1) // 2) for group in own]
+    cost = np.zeros(count - first)
+    cost[-1] = 1.0
+    cones = [clarabel.PSDTriangleConeT(size) for size in (N, *map(len, own))]
+    values = _solution(cost, sparse.vstack(parts), -np.concatenate(sides), cones)
+    if values is None or not values[-1] > 0.0:
+        return None
+    found = _unpacked(
+        form, np.concatenate([np.zeros(first), values[:-1], [0.0]]), places, with_gain=False
+    )
+    return None if found is None else (float(values[-1]), found.X, found.Y)
+
+
 def _solution(cost: Array, rows: Any, b: Array, cones: list[Any]) -> Array | None:
     """The x of the least cost with b - rows x in the cones; None if the solver gave up."""
     import clarabel

@@ -137,6 +137,17 @@ def check_parameters(model: System, what: str) -> None:
         )
 
 
+def check_constant(system: System, what: str) -> None:
+    """Raise an AnalysisError if gains of nonlinear functions would be taken as constant."""
+    moving = [p.name for p in system.parameters if p.role == "nonlinear"]
+    if moving:
+        raise AnalysisError(
+            f"{what}: model {system.name!r}: {', '.join(moving)} stand for nonlinear functions, and "
+            "move; this analysis takes parameters as constant, which robust_stability and "
+            "worst_case_gain do not."
+        )
+
+
 def physical(model: System, names: Sequence[str], delta: Array) -> dict[str, float]:
     """Physical values of all parameters by name, those without a delta at nominal."""
     given = dict(zip(names, delta.tolist(), strict=True))

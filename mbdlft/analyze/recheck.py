@@ -55,7 +55,7 @@ def verify(system: System, bounds: Bounds) -> str:
     with one_thread():
         if isinstance(proof, MotionProof):
             return _of_motions(system, bounds, proof)
-        if bounds.rates:
+        if rates_of(system, bounds.rates, "verify"):
             return "the proof is for constant parameters"
         if isinstance(proof, BoxProof):
             if bounds.fixed:

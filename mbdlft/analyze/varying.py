@@ -33,6 +33,8 @@ _MOST = 1e3  # times the gain of constant parameters: larger bounds are not look
 def rates_of(system: System, rates: Rates, what: str) -> dict[str, float]:
     """Bounds of rates by name, in the units of the parameters per second, without those that are 0.
 
+    Gains in the place of nonlinear functions move in any way, whatever is given.
+
     Raises
     ------
     AnalysisError
@@ -52,6 +54,7 @@ def rates_of(system: System, rates: Rates, what: str) -> dict[str, float]:
                 f"{what}: the rate of {name}: expected a bound in {system.parameters[name].unit} per "
                 f"second, 0 for a constant or inf for any motion, got {rate!r}."
             )
+    given |= {p.name: inf for p in system.parameters if p.role == "nonlinear"}
     return {name: float(given[name]) for name in names if given.get(name, 0.0)}
 
 

@@ -20,7 +20,7 @@ from mbdlft.analyze.gramian import h2_and_slope
 from mbdlft.analyze.peak import at_delta
 from mbdlft.analyze.pole_migration import smallest_crossing
 from mbdlft.analyze.pole_region import worst_poles
-from mbdlft.analyze.realization import physical, realization
+from mbdlft.analyze.realization import check_constant, physical, realization
 from mbdlft.analyze.result import GAP, WORK, Bounds, Progress, check_numbers
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
@@ -81,6 +81,7 @@ def worst_case(
     Disk margin: Seiler, Packard, Gahinet, IEEE Control Systems Magazine 40 (2020), of skew 0.
     """
     check_numbers("worst_case", gap=gap, work=work)
+    check_constant(system, "worst_case")
     if isinstance(what, str) and what not in _NAMES:
         raise AnalysisError(
             f"worst_case: expected {', '.join(map(repr, _NAMES))} or a function, got {what!r}."

@@ -95,10 +95,16 @@ def parsed(text: str) -> tuple[tuple[str | None, ast.expr], ...]:
     return tuple(parts)
 
 
-def formula_value(text: str, values: Mapping[str, Any], functions: Functions = NUMPY) -> Any:
+def formula_value(
+    text: str,
+    values: Mapping[str, Any],
+    functions: Functions = NUMPY,
+    part: Callable[[str, Any], Any] = lambda name, value: value,
+) -> Any:
     """The value of a formula, its names being those of `values`.
 
-    A function ``number`` makes numbers of the number system of those in the text.
+    A function ``number`` makes numbers of the number system of those in the text; `part` is told the name
+    and the value of each part, and returns what stands for it from then on.
 
     Raises
     ------
@@ -109,7 +115,7 @@ def formula_value(text: str, values: Mapping[str, Any], functions: Functions = N
     for name, expression in parsed(text):
         result = _value(text, expression, known, functions)
         if name is not None:
-            known[name] = result
+            known[name] = part(name, result)
     return result
 
 

@@ -19,10 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import ANGLE_UNITS, parse_unit
 
-Role = Literal["uncertain", "scheduled", "design"]
+Role = Literal["uncertain", "scheduled", "design", "nonlinear"]
 Substitution = Literal["identity", "half-angle", "quarter-angle"]
 
-ROLES: tuple[str, ...] = get_args(Role)
+ROLES: tuple[str, ...] = get_args(Role)[:3]  # of parameters that somebody declares
 SUBSTITUTIONS: tuple[str, ...] = get_args(Substitution)
 _NEAREST = 1e-8  # least distance of the nominal value from either bound, of the width of the range
 # least distance from a singular point, of the reach: nearer, digits are lost
@@ -62,8 +62,9 @@ class Parameter:
         Distances from the nominal value to high and low, in `unit`; `minus` is `plus` if not given.
     unit : str
         Such as ``"kg m^2"``; ``"1"`` if dimensionless.
-    role : {"uncertain", "scheduled", "design"}
-        Who chooses the value: nature, the operating point, or the engineer.
+    role : {"uncertain", "scheduled", "design", "nonlinear"}
+        Who chooses the value: nature, the operating point, the engineer; or, at each time, a nonlinear
+        function for which it stands (`mbdlft.analyze.with_sectors`).
     substitution : {"identity", "half-angle", "quarter-angle"}
         The map to the internal value; `Angle` chooses it for angles.
     reference : float
@@ -335,7 +336,7 @@ def _problem(parameter: Parameter) -> str | None:
     p = parameter
     if not p.name.isidentifier():
         return "a name is made of letters, digits and underscores and does not start with a digit."
-    if p.role not in ROLES:
+    if p.role not in get_args(Role):
         return f"role is one of {', '.join(ROLES)}; got {p.role!r}."
     if p.substitution not in SUBSTITUTIONS:
         return f"substitution is one of {', '.join(SUBSTITUTIONS)}; got {p.substitution!r}."

@@ -134,10 +134,12 @@ def _start(module: str, folder: Path) -> "subprocess.Popen[str]":
     """Start a worker process."""
     # each worker has one core; several threads of linear algebra would wait for each other
     single = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+    # modules that this process can import, such as that of a user's function
+    found = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     return subprocess.Popen(
         [sys.executable, "-m", module, str(folder)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
-        env={**os.environ, **single},
+        env={**os.environ, **single, **found},
     )

@@ -11,6 +11,7 @@ from typing import Any
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.batch.compiled import fastest
+from mbdlft.batch.extra import Extra
 from mbdlft.batch.rows import Source, source_of
 from mbdlft.batch.staging import Work, points_at, rows_at
 from mbdlft.multibody.scene import Scene, scene_from_toml, scene_to_toml
@@ -40,7 +41,8 @@ def cluster_shards(
 
     def submit(shard: int) -> Any:
         # not pure, so that the cluster does not take the result of an earlier sweep
-        future = client.submit(shard_rows, source, work.count, points_at(work, shard), pure=False)
+        points = points_at(work, shard)
+        future = client.submit(shard_rows, source, work.count, work.extra, points, pure=False)
         number[future] = shard
         return future
 
@@ -66,16 +68,16 @@ def _received(given: str | LFTModel) -> str | LFTModel:
     return given
 
 
-def shard_rows(given: str | LFTModel, count: int, points: Array) -> Array:
+def shard_rows(given: str | LFTModel, count: int, extra: Extra, points: Array) -> Array:
     """Rows (n, width) at the samples `points` (n, n_p) of a shard, for a scene in TOML or a model.
 
     `count` samples are in all shards.
     """
-    return rows_at(_source(given, count), points)
+    return rows_at(*_source(given, count), extra, points)
 
 
 @lru_cache(maxsize=4)
-def _source(given: str | LFTModel, count: int) -> Source:
-    """The source of rows; a worker makes it once for all of its shards."""
-    known = given if isinstance(given, LFTModel) else scene_from_toml(given)
-    return fastest(source_of(known), count)
+def _source(given: str | LFTModel, count: int) -> tuple[Source, int]:
+    """The source of rows, and its chunk; a worker makes it once for all of its shards."""
+    known = source_of(given if isinstance(given, LFTModel) else scene_from_toml(given))
+    return fastest(known, count), known.chunk

@@ -15,23 +15,26 @@ from numpy.typing import ArrayLike, NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, MbdlftError, MbdlftWarning, SceneError
 from mbdlft.base.parameter import Parameter
+from mbdlft.batch.remembered import SceneSource, remember, remembered
 from mbdlft.batch.rows import EquationSource, ModelSource, Source, deltas_at, source_of
 from mbdlft.batch.samples import GivenSamples, RandomSamples, count_of, points_of, samples_of
 from mbdlft.lft.closing import closed
 from mbdlft.lft.evaluate import NATIVE
 from mbdlft.lft.program.cache import user_cache
+from mbdlft.lft.program.known import LONGEST
 from mbdlft.lft.program.native import NativeProgram, is_available, native, run_natively
 from mbdlft.lft.program.tape import Operand, Pivot, Tape, TooLongError, rows_of_numbers
 from mbdlft.multibody.scene import Scene, scene_from_toml
-from mbdlft.problem.prestress import check_carried
+from mbdlft.problem.prestress import CARRIED, check_carried
 from mbdlft.problem.straight_line import StraightLine, straight_line
 from mbdlft.problem.trim import RESIDUAL
-from mbdlft.store.sweep import SOLVED, Layout
+from mbdlft.store.rows import SOLVED, Layout
 from mbdlft.system.model import LFTModel
 
 _WORTH = 50_000  # samples from which on compiling equations takes less than it saves
 _CHUNK, _ENTRIES = 8192, 2**22  # most samples, and numbers of their rows, in memory at a time
-_LONGEST = 200_000  # instructions: more take minutes to compile
+_AT_ONCE = 2**16  # samples whose arguments are in memory at a time
+_LONGEST = LONGEST
 _LONG = 5_000  # instructions of a model: its equations are looked at, which may have fewer
 _PROBES, _AGREED = 16, 1e-6  # samples, and part of a row and column: a mistake is more
 _ROUNDING = 1e-9  # of the largest entry
@@ -63,7 +66,7 @@ class Compiled:
 
     Attributes
     ----------
-    source : EquationSource or ModelSource
+    source : EquationSource, SceneSource or ModelSource
         The definition.
     line : StraightLine, or None
         The program; None if there is none, and the definition computes all samples.
@@ -72,18 +75,23 @@ class Compiled:
         Why there is no native code; empty if there is.
     threads : int, optional
         By default as many as there are cores.
+    is_stored : bool
+        Whether the program is the one that the model carries.
     """
 
-    source: EquationSource | ModelSource
+    source: EquationSource | SceneSource | ModelSource
     line: StraightLine | None
     program: NativeProgram | None
     reason: str = ""
     threads: int | None = None
+    is_stored: bool = False
 
     @property
     def computes(self) -> str:
-        """What is computed: "equations" of a scene, or the "LFT" of a model."""
-        return "equations" if isinstance(self.source, EquationSource) else "LFT"
+        """What is computed: "equations" of a scene; the "LFT" or the "stored program" of a model."""
+        if self.is_stored:
+            return "stored program"
+        return "LFT" if isinstance(self.source, ModelSource) else "equations"
 
     @property
     def layout(self) -> Layout:
@@ -142,9 +150,13 @@ class Compiled:
             return self.source.rows(points)
         count, entries = len(points), int(np.prod(self.line.shape))
         values = np.empty((count, len(self.line.row)))
-        lost = run_natively(
-            self.program, self._arguments(points), self.line.row, values, self.threads
-        )
+        lost = np.zeros(count, dtype=bool)
+        for start in range(0, count, _AT_ONCE):  # deltas and the like stay near a core
+            part = slice(start, start + _AT_ONCE)
+            arguments = self._arguments(points[part])
+            lost[part] = run_natively(
+                self.program, arguments, self.line.row, values[part], self.threads
+            )
         matrices = values[:, :entries].reshape(count, *self.line.shape)
         end = entries + self.line.trims
         trim, left, status = values[:, entries:end], values[:, end:], np.full(count, float(SOLVED))
@@ -154,7 +166,8 @@ class Compiled:
             residual = left[:, 0] / np.where(left[:, 1] > 0.0, left[:, 1], 1.0)
             lost |= ~(residual <= RESIDUAL)
             largest = np.max(np.abs(left[~lost, 2:]), axis=0, initial=0.0)
-            check_carried(self.source.equations, largest[1:], float(largest[0]))
+            if np.any(largest[1:] > CARRIED * largest[0]):
+                check_carried(self.source.equations, largest[1:], float(largest[0]))
         if np.any(lost):
             again = self.source.rows(points[lost])
             matrices[lost], trim[lost], residual[lost], status[lost] = again
@@ -162,7 +175,7 @@ class Compiled:
 
     def _arguments(self, points: Array) -> Array:
         """What the program is a function of: physical values, or deltas."""
-        if isinstance(self.source, EquationSource):
+        if not isinstance(self.source, ModelSource) or self.is_stored:
             return points
         return deltas_at(self.source.model, points)
 
@@ -200,7 +213,14 @@ def compile(given: Scene | LFTModel, *, threads: int | None = None) -> Compiled:
         raise SceneError(f"compile: expected a Scene or an LFTModel, got {type(given).__name__}.")
     if threads is not None and (not isinstance(threads, int) or threads < 1):
         raise AnalysisError(f"compile: expected at least 1 thread, got {threads!r}.")
-    found = compiled(source_of(given), threads)
+    found = _again(given, threads) if isinstance(given, Scene) else None
+    if found is not None:
+        return found
+    source = source_of(given)
+    found = compiled(source, threads)
+    if isinstance(given, Scene) and isinstance(source, EquationSource) and not found.reason:
+        assert found.line is not None
+        remember(given, source, found.line)
     if found.reason:
         warnings.warn(
             f"compile: {given.name!r} is computed by numpy: {found.reason}",
@@ -210,16 +230,33 @@ def compile(given: Scene | LFTModel, *, threads: int | None = None) -> Compiled:
     return found
 
 
+def _again(scene: Scene, threads: int | None) -> Compiled | None:
+    """A scene that was compiled before, without assembling it; None if it was not."""
+    found = remembered(scene) if is_available() else None
+    if found is None:
+        return None
+    source, line = found
+    try:
+        program = native(line.program, len(line.row), user_cache())
+    except Exception:  # it is compiled as if for the first time, and says why
+        return None
+    return Compiled(source, line, program, "", threads)
+
+
 def compiled(source: EquationSource | ModelSource, threads: int | None = None) -> Compiled:
     """A source as native code, if that is possible; `reason` says if not."""
     if not is_available():
         reason = "llvmlite is not installed (pip install 'mbdlft[native]')."
         return Compiled(source, None, None, reason)
-    line = _of_equations(source) if isinstance(source, EquationSource) else _of_model(source)
-    if isinstance(source, ModelSource) and (line is None or len(line.program.instructions) > _LONG):
-        by_equations = _by_equations(source, threads)
-        if by_equations is not None:
-            return by_equations
+    stored = None if isinstance(source, EquationSource) else _stored(source)
+    if isinstance(source, EquationSource):
+        line = of_equations(source)
+    else:
+        line = stored or _of_model(source, _LONGEST)
+        if stored is None and (line is None or len(line.program.instructions) > _LONG):
+            by_equations = _by_equations(source, threads)
+            if by_equations is not None:
+                return by_equations
     if line is None:
         return Compiled(source, None, None, f"its program has more than {_LONGEST} instructions.")
     try:
@@ -227,7 +264,7 @@ def compiled(source: EquationSource | ModelSource, threads: int | None = None) -
     except Exception as error:
         reason = f"LLVM failed: {type(error).__name__}: {str(error)[:200]}"
         return Compiled(source, None, None, reason)
-    found = Compiled(source, line, program, "", threads)
+    found = Compiled(source, line, program, "", threads, stored is not None)
     if not _agrees(found, source):
         return Compiled(
             source, None, None, "its program differs from the definition; please report it."
@@ -235,17 +272,27 @@ def compiled(source: EquationSource | ModelSource, threads: int | None = None) -
     return found
 
 
-def _of_equations(source: EquationSource) -> StraightLine | None:
+def of_equations(source: EquationSource) -> StraightLine | None:
+    """The program of trim and linearization; None if it would be too long, or has no pivots."""
     e, inputs, outputs = source.equations, source.inputs, source.outputs
     count = len(e.states)
     kept = source.need.kept(count + len(outputs), count + len(inputs))
     return straight_line(e, inputs, outputs, kept, _LONGEST)
 
 
-def _of_model(source: ModelSource) -> StraightLine | None:
+def _stored(source: ModelSource) -> StraightLine | None:
+    """The program that a model carries, unless that of its LFT is shorter."""
+    model, known = source.model, source.model.known_program
+    if known is None or _of_model(source, known.length) is not None:
+        return None
+    rows, columns = model.lft.shape
+    return StraightLine(known.program, known.row, (rows, columns), len(known.row) - rows * columns)
+
+
+def _of_model(source: ModelSource, longest: int) -> StraightLine | None:
     """The values of both LFTs of a model, from its deltas."""
     model = source.model
-    tape, outcome = Tape(len(model.parameters), _LONGEST), list[Operand]()
+    tape, outcome = Tape(len(model.parameters), longest), list[Operand]()
     pivots: list[Pivot] = []
     registers = {p.name: k for k, p in enumerate(model.parameters)}
     lfts = [model.lft] if model.trim.lft is None else [model.lft, model.trim.lft]
@@ -264,14 +311,26 @@ def _of_model(source: ModelSource) -> StraightLine | None:
     return StraightLine(program, row, shape, len(outcome) - shape[0] * shape[1])
 
 
-def _by_equations(source: ModelSource, threads: int | None) -> Compiled | None:
-    """The equations of the scene that a model was made from, if their values are those of the model."""
+def equations_of(model: LFTModel) -> EquationSource | None:
+    """The equations of the scene that a model was made from; None if it is not, or not any more, theirs.
+
+    A model that was truncated has other values; one that was connected has other signals.
+    """
+    if not model.certificate.exact:
+        return None
     try:
-        equations = source_of(scene_from_toml(source.model.provenance.scene))
+        equations = source_of(scene_from_toml(model.provenance.scene))
     except MbdlftError:  # it was made from something else
         return None
-    same = equations.layout == source.layout and equations.parameters == source.parameters
-    if not same:
+    same = equations.layout == ModelSource(model).layout
+    same = same and equations.parameters == tuple(model.parameters)
+    return equations if same and isinstance(equations, EquationSource) else None
+
+
+def _by_equations(source: ModelSource, threads: int | None) -> Compiled | None:
+    """The equations of the scene that a model was made from, if their values are those of the model."""
+    equations = equations_of(source.model)
+    if equations is None:
         return None
     found = compiled(equations, threads)
     return None if found.reason or not _agrees(found, source) else found

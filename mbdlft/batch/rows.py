@@ -15,7 +15,8 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.signal import Signal
-from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.evaluate import evaluate_at, evaluate_known
+from mbdlft.lft.lft import LFT
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.scene import Scene
 from mbdlft.multibody.to_problem import choose_signals, choose_states
@@ -24,7 +25,7 @@ from mbdlft.problem.needed_states import Need
 from mbdlft.problem.prestress import check_prestress
 from mbdlft.problem.relinearize import linearized
 from mbdlft.problem.trim import balance
-from mbdlft.store.sweep import NO_EQUILIBRIUM, SINGULAR, SOLVED, Layout
+from mbdlft.store.rows import NO_EQUILIBRIUM, SINGULAR, SOLVED, Layout
 from mbdlft.sx.evaluate import MANY
 from mbdlft.system.model import LFTModel, deltas_of
 
@@ -158,9 +159,9 @@ class ModelSource:
         status = np.full(count, float(SINGULAR))
 
         def fill(some: Indices) -> None:
-            values = evaluate_at(m.lft, deltas[some])
+            values = _values(m, m.lft, points[some], deltas[some])
             if m.trim.lft is not None:
-                trim[some] = evaluate_at(m.trim.lft, deltas[some])[:, :, 0]
+                trim[some] = _values(m, m.trim.lft, points[some], deltas[some])[:, :, 0]
             finite = np.all(np.isfinite(values), axis=(1, 2)) & np.all(
                 np.isfinite(trim[some]), axis=1
             )
@@ -171,6 +172,13 @@ class ModelSource:
 
         _halves(fill, np.arange(count))
         return matrices, trim, residual, status
+
+
+def _values(model: LFTModel, lft: LFT, points: Array, deltas: Array) -> Array:
+    """Values of an LFT of a model at physical points (N, n_p), whose deltas are known, too."""
+    known = model.known_program
+    found = None if known is None else evaluate_known(lft, deltas, known, points)
+    return evaluate_at(lft, deltas) if found is None else found
 
 
 def deltas_at(model: LFTModel, points: Array) -> Array:

@@ -8,26 +8,31 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.base.pool import Pool
 from mbdlft.batch.cluster import cluster_shards
+from mbdlft.batch.compiled import fastest
+from mbdlft.batch.extra import Extra, Function, asked_of
+from mbdlft.batch.rows import source_of
 from mbdlft.batch.samples import GridSamples, RandomSamples, samples_of
 from mbdlft.batch.staging import (
     Work,
+    blocks_of,
     clear,
     missing,
+    places,
     points_at,
     prepare,
-    read_shards,
     rows_at,
+    rows_file,
     write_shard,
 )
 from mbdlft.multibody.scene import Scene, scene_to_toml
 from mbdlft.store.archive import check_file, check_name
-from mbdlft.store.sweep import NO_EQUILIBRIUM, SINGULAR, SOLVED, save_sweep
+from mbdlft.store.rows import FUNCTION_FAILED, NO_EQUILIBRIUM, SINGULAR, SOLVED
+from mbdlft.store.sweep import finish_sweep
 from mbdlft.system.model import LFTModel
 
 
@@ -43,6 +48,9 @@ class SweepReport:
         All samples, and those that were solved.
     not_converged, no_equilibrium : int
         Samples that were not solved; their rows are NaN.
+    failed : int
+        Samples that were solved, but at which the function of the user raised an error, or gave a number
+        that is not finite; these numbers are NaN.
     resumed : int
         Samples that an earlier run had computed.
     seconds : float
@@ -53,6 +61,7 @@ class SweepReport:
     solved: int
     not_converged: int
     no_equilibrium: int
+    failed: int
     resumed: int
     seconds: float
 
@@ -67,6 +76,9 @@ def sweep(
     restart: bool = False,
     progress: Callable[[int, int], None] | None = None,
     client: Any = None,
+    poles: bool = False,
+    function: str | Function | None = None,
+    float32: bool = False,
 ) -> SweepReport:
     """Trim and linearize at many samples: write A, B, C, D at each p_k into /sweeps/<name> of an archive.
 
@@ -92,6 +104,15 @@ def sweep(
         Called with the number of finished samples and the number of all samples.
     client : distributed.Client, optional
         A Dask cluster that computes instead of processes of this machine (extra `cluster`).
+    poles : bool
+        Whether to compute the eigenvalues of A, too.
+    function : function, or str ``module:name``, optional
+        It gets a `SweepPart`, solved samples together, and gives real arrays (N,) by name, each number
+        made of its own sample. Where it raises an error or a number is not finite, the status is 3.
+        Processes import it, so it is in a file of its own.
+    float32 : bool
+        Whether to store all numbers but samples and residuals in single precision: half of the space, and
+        seven digits.
 
     Returns
     -------
@@ -100,11 +121,13 @@ def sweep(
     Raises
     ------
     AnalysisError
-        The samples are wrong, another sweep of this name is not finished, or workers die.
+        The samples are wrong, another sweep of this name is not finished, or workers die. Or the function
+        cannot be imported, raises errors at all of some samples, or does not give what it must.
     TrimError
         The unknown efforts of the scene are redundant, or its elastic bodies carry a load.
     ArchiveError
-        The archive, or the folder beside it, cannot be written.
+        The archive, or the folder beside it, cannot be written; or a number is too large for single
+        precision.
     """
     begun = time.perf_counter()
     if not isinstance(source, Scene | LFTModel):
@@ -116,8 +139,12 @@ def sweep(
     check_file(file)
     parameters = sorted(source.parameters, key=lambda parameter: parameter.name)
     all_samples = samples_of(parameters, samples)
+    extra = Extra(poles=poles, single=float32)
+    if function is not None:
+        definition = source_of(source)
+        extra = asked_of(definition, all_samples, poles=poles, function=function, single=float32)
     folder = file.parent / f".{file.name}.{key}.sweep"
-    work = prepare(folder, source, all_samples, restart=restart)
+    work = prepare(folder, source, all_samples, extra, restart=restart)
     todo = missing(folder, work)
     resumed = work.count - sum(map(work.rows_of, todo))
     done = resumed
@@ -127,34 +154,37 @@ def sweep(
         done += work.rows_of(shard)
         if progress is not None:
             progress(done, work.count)
-    counts = np.zeros(3, dtype=int)
-
-    def counted() -> Iterator[Array]:
-        for rows in read_shards(folder, work):
-            counts[:] += np.bincount(rows[:, -1].astype(int), minlength=3)
-            yield rows
-
-    is_model = isinstance(source, LFTModel)
-    save_sweep(
-        file,
-        key,
-        work.source.layout,
-        work.count,
-        counted(),
-        model=source.name if is_model else "",
-        scene="" if isinstance(source, LFTModel) else scene_to_toml(source),
-        beside=folder,
-    )
-    clear(folder)
+    counts = _put_together(file, key, folder, source, work)
     return SweepReport(
         name=key,
         count=work.count,
         solved=int(counts[SOLVED]),
         not_converged=int(counts[SINGULAR]),
         no_equilibrium=int(counts[NO_EQUILIBRIUM]),
+        failed=int(counts[FUNCTION_FAILED]),
         resumed=resumed,
         seconds=time.perf_counter() - begun,
     )
+
+
+def _put_together(
+    file: Path, key: str, folder: Path, source: Scene | LFTModel, work: Work
+) -> NDArray[np.intp]:
+    """Make the archive of the rows in a folder, which is then gone; how many rows have each status."""
+    counts = np.bincount(places(folder, work).statuses(rows_file(folder)), minlength=4)
+    is_model = isinstance(source, LFTModel)
+    finish_sweep(
+        file,
+        key,
+        work.layout,
+        rows_file(folder),
+        blocks_of(folder, work),
+        work.block_rows,
+        model=source.name if is_model else "",
+        scene="" if isinstance(source, LFTModel) else scene_to_toml(source),
+    )
+    clear(folder)
+    return counts
 
 
 def _computed(
@@ -166,9 +196,10 @@ def _computed(
     client: Any,
 ) -> Iterator[int]:
     """Compute shards and put them into the folder; yield each when it is there."""
+    at = places(folder, work)
     if client is not None:
         for shard, rows in cluster_shards(client, source, work, todo):
-            write_shard(folder, shard, rows)
+            write_shard(folder, work, at, shard, rows)
             yield shard
         return
     # some systems do not tell which cores this process may use
@@ -180,6 +211,8 @@ def _computed(
         with Pool("mbdlft.batch.worker", folder, min(processes, len(todo)), what) as pool:
             yield from pool.run(todo)
         return
+    fast = fastest(work.source, work.count) if todo else work.source
     for shard in todo:  # starting a process would take longer than computing most shards
-        write_shard(folder, shard, rows_at(work.source, points_at(work, shard)))
+        rows = rows_at(fast, work.source.chunk, work.extra, points_at(work, shard))
+        write_shard(folder, work, at, shard, rows)
         yield shard

@@ -1,10 +1,10 @@
-"""The folder of an unfinished sweep, beside its archive: one file for each finished shard.
+"""The folder of an unfinished sweep, beside its archive: the rows, and a note for each finished shard.
 
-A shard is a number of consecutive samples. Its file is complete or does not exist, and its numbers depend
-on the plan of the sweep only: not on the process that computes them, nor on the time. So a sweep that was
-killed continues with the shards that are missing. Behind the numbers of a shard is a SHA-256, and the
-plan has one of itself and one of the source and the samples: what was changed meanwhile is computed
-again, or is an error.
+A shard is a number of consecutive samples. Its rows have their place in the file that becomes the
+archive, and its note has the SHA-256 of each of its blocks: what is not noted, or is not what the note
+says, is computed again. Rows depend on the plan of the sweep only: not on the process that computes them,
+nor on the time. So a sweep that was killed continues with the shards that are missing. The plan has a
+SHA-256 of itself and one of the source and the samples: what was changed meanwhile is an error.
 """
 
 import contextlib
@@ -13,18 +13,19 @@ import json
 import os
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, ArchiveError
 from mbdlft.base.threads import one_thread
-from mbdlft.batch.compiled import fastest
-from mbdlft.batch.rows import Source, source_of
+from mbdlft.batch.extra import Extra, extras, source_digest
+from mbdlft.batch.rows import EquationSource, ModelSource, Source, source_of
 from mbdlft.batch.samples import (
     GivenSamples,
     Samples,
@@ -35,20 +36,47 @@ from mbdlft.batch.samples import (
 )
 from mbdlft.multibody.scene import Scene, scene_from_toml, scene_to_toml
 from mbdlft.store import load, save
-from mbdlft.store.sweep import pack
+from mbdlft.store.rows import (
+    Layout,
+    Places,
+    digests_of,
+    make_rows,
+    pack,
+    places_in,
+    reserve,
+    restore,
+)
 from mbdlft.system.model import LFTModel
 
 _SHARD_ROWS, _SHARD_BYTES = 16384, 2**25
+_BLOCK_ROWS = 4096
 _PLAN, _SCENE, _MODEL, _SAMPLES = "plan.json", "scene.toml", "model.h5", "samples.npy"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Work:
-    """The data from which shards are computed: the source of rows, the samples, and the shards' size."""
+    """The data from which shards are computed.
 
-    source: Source
+    Attributes
+    ----------
+    source : EquationSource or ModelSource
+        The definition; `fastest` of it computes.
+    samples : Samples
+    extra : Extra
+        What is computed besides.
+    block_rows, shard_rows : rows of a block, which has a digest, and of a shard, which has whole blocks
+    """
+
+    source: EquationSource | ModelSource
     samples: Samples
+    extra: Extra
+    block_rows: int
     shard_rows: int
+
+    @property
+    def layout(self) -> Layout:
+        """That of the rows."""
+        return self.extra.layout(self.source.layout)
 
     @property
     def count(self) -> int:
@@ -65,11 +93,13 @@ class Work:
         return min(self.shard_rows, self.count - shard * self.shard_rows)
 
 
-def work_of(given: Scene | LFTModel, samples: Samples) -> Work:
+def work_of(given: Scene | LFTModel, samples: Samples, extra: Extra) -> Work:
     """The work of a sweep in shards of whole chunks, small enough for memory and for regular progress."""
-    source = fastest(source_of(given), count_of(samples))
-    most = min(_SHARD_ROWS, _SHARD_BYTES // (8 * source.layout.width))
-    return Work(source, samples, source.chunk * max(1, most // source.chunk))
+    source = source_of(given)
+    width = extra.layout(source.layout).width
+    block = source.chunk * max(1, min(_BLOCK_ROWS, _SHARD_ROWS) // source.chunk)
+    most = min(_SHARD_ROWS, _SHARD_BYTES // (8 * width))
+    return Work(source, samples, extra, block, block * max(1, most // block))
 
 
 def points_at(work: Work, shard: int) -> Array:
@@ -78,24 +108,37 @@ def points_at(work: Work, shard: int) -> Array:
     return points_of(work.samples, work.source.parameters, start, start + work.rows_of(shard))
 
 
-def rows_at(source: Source, points: Array) -> Array:
+def rows_at(source: Source, chunk: int, extra: Extra, points: Array) -> Array:
     """Rows (n, width) at the samples `points` (n, n_p) of a shard.
 
-    They are computed in chunks of the size that the source asks for, so that every process gets the same
-    numbers.
+    They are computed in chunks of one size, so that every process gets the same numbers.
     """
+    layout = extra.layout(source.layout)
+    rows = np.empty((len(points), layout.width))
     with one_thread():
-        parts = [
-            pack(source.layout, part, *source.rows(part))
-            for part in (
-                points[start : start + source.chunk]
-                for start in range(0, len(points), source.chunk)
-            )
-        ]
-    return np.concatenate(parts)
+        for start in range(0, len(points), chunk):
+            part = points[start : start + chunk]
+            matrices, trim, residual, status = source.rows(part)
+            more = extras(extra, source.layout, part, matrices, trim, status)
+            n = len(layout.states)
+            found = {
+                "samples": part,
+                "A": matrices[:, :n, :n],
+                "B": matrices[:, :n, n:],
+                "C": matrices[:, n:, :n],
+                "D": matrices[:, n:, n:],
+                "trim/value": trim,
+                "residual": residual,
+                "status": status,
+                **more,
+            }
+            pack(layout, found, rows[start : start + chunk])
+    return rows
 
 
-def prepare(folder: Path, given: Scene | LFTModel, samples: Samples, *, restart: bool) -> Work:
+def prepare(
+    folder: Path, given: Scene | LFTModel, samples: Samples, extra: Extra, *, restart: bool
+) -> Work:
     """Make the folder of a sweep, or continue with that of the same sweep.
 
     Raises
@@ -105,11 +148,14 @@ def prepare(folder: Path, given: Scene | LFTModel, samples: Samples, *, restart:
     ArchiveError
         The folder cannot be written.
     """
-    work = work_of(given, samples)
+    work = work_of(given, samples, extra)
     plan = {
         "mbdlft": version("mbdlft"),
         "source": "model" if isinstance(given, LFTModel) else "scene",
         "samples": described(samples),
+        "extra": json.loads(json.dumps(asdict(extra))),
+        "function": source_digest(extra.function),
+        "block_rows": work.block_rows,
         "shard_rows": work.shard_rows,
         "fingerprint": _fingerprint(given, samples),
     }
@@ -119,10 +165,11 @@ def prepare(folder: Path, given: Scene | LFTModel, samples: Samples, *, restart:
         if folder.exists():
             if _read_plan(folder) != plan:
                 raise AnalysisError(
-                    f"{folder}: another sweep of this name is not finished: its scene, samples or "
-                    "version of mbdlft differ. Finish that one, give this one another name, or start "
+                    f"{folder}: another sweep of this name is not finished: its scene, samples, function "
+                    "or version of mbdlft differ. Finish that one, give this one another name, or start "
                     "again (restart=True, --restart), which throws away what was computed."
                 )
+            _make_rows(folder, work)
             return work
         folder.mkdir(parents=True)
         if isinstance(given, LFTModel):
@@ -131,6 +178,7 @@ def prepare(folder: Path, given: Scene | LFTModel, samples: Samples, *, restart:
             (folder / _SCENE).write_text(scene_to_toml(given), encoding="utf-8")
         if isinstance(samples, GivenSamples):
             np.save(folder / _SAMPLES, samples.points)
+        _make_rows(folder, work)
         _put(folder / _PLAN, json.dumps({"digest": _digest(plan), **plan}).encode())
     return work
 
@@ -189,59 +237,95 @@ def opened(folder: Path) -> Work:
         raise _changed(folder / _SAMPLES) from None
     if _fingerprint(given, samples) != plan["fingerprint"]:
         raise _changed(folder)  # the source or the samples
-    return Work(fastest(source_of(given), count_of(samples)), samples, plan["shard_rows"])
+    asked = {**plan["extra"], "names": tuple(plan["extra"]["names"])}
+    source = source_of(given)
+    return Work(source, samples, Extra(**asked), plan["block_rows"], plan["shard_rows"])
+
+
+def rows_file(folder: Path) -> Path:
+    """The file with the rows of a sweep."""
+    return folder / "rows.h5"
+
+
+def places(folder: Path, work: Work) -> Places:
+    """Where rows are in their file."""
+    return places_in(rows_file(folder), work.layout, work.count)
+
+
+def _make_rows(folder: Path, work: Work) -> None:
+    """Make the file of rows; if there is one, it keeps its rows, and the rest of it is made anew."""
+    file, fresh = rows_file(folder), folder / "fresh.h5"
+    made = make_rows(fresh, work.layout, work.count)
+    if not file.exists():
+        reserve(fresh)
+        fresh.replace(file)
+        return
+    restore(file, fresh, made)
+    fresh.unlink()
 
 
 def missing(folder: Path, work: Work) -> list[int]:
-    """Shards that are not finished, or whose file is not what was written."""
-    return [k for k in range(work.shards) if _rows(folder, work, k) is None]
+    """Shards that are not finished, or whose rows are not what was noted."""
+    found, at, file = [], places(folder, work), rows_file(folder)
+    for shard in range(work.shards):
+        noted = _noted(folder, work, shard)
+        if noted is not None:
+            rows = at.read(file, shard * work.shard_rows, work.rows_of(shard))
+            if np.array_equal(digests_of(rows, work.block_rows), noted):
+                continue
+        found.append(shard)
+    return found
 
 
-def write_shard(folder: Path, shard: int, rows: Array) -> None:
-    """Put the rows (n, width) of a shard into its file, which is then complete.
+def write_shard(folder: Path, work: Work, at: Places, shard: int, rows: Array) -> None:
+    """Put the rows (n, width) of a shard to their places, and note that it is finished.
 
     Raises
     ------
     ArchiveError
-        The file cannot be written.
+        They cannot be written.
     """
     with _written(folder):
-        data = rows.astype("<f8").tobytes()
-        _put(_shard(folder, shard), data + _seal(shard, data))
+        at.write(rows_file(folder), shard * work.shard_rows, rows)
+        noted = digests_of(rows, work.block_rows).tobytes()
+        # not forced to the disk: what is noted is compared with the rows
+        _put(_note(folder, shard), noted + _seal(shard, noted), now=False)
 
 
-def _seal(shard: int, data: bytes) -> bytes:
-    """The SHA-256 (32 bytes) of a shard, its number among what goes into it."""
-    return hashlib.sha256(f"{shard}\n".encode() + data).digest()
+def _seal(shard: int, noted: bytes) -> bytes:
+    """The SHA-256 (32 bytes) of the note of a shard, its number among what goes into it."""
+    return hashlib.sha256(f"{shard}\n".encode() + noted).digest()
 
 
-def _rows(folder: Path, work: Work, shard: int) -> Array | None:
-    """The rows (n, width) of a shard; None if they are not there as they were written."""
+def _noted(folder: Path, work: Work, shard: int) -> NDArray[np.uint8] | None:
+    """The digests (., 32) of the blocks of a shard; None if they are not there as they were written."""
     try:
-        image = _shard(folder, shard).read_bytes()
+        image = _note(folder, shard).read_bytes()
     except FileNotFoundError:
         return None
-    data, shape = image[:-32], (work.rows_of(shard), work.source.layout.width)
-    if len(data) != 8 * shape[0] * shape[1] or image[-32:] != _seal(shard, data):
+    noted, blocks = image[:-32], -(-work.rows_of(shard) // work.block_rows)
+    if len(noted) != 32 * blocks or image[-32:] != _seal(shard, noted):
         return None
-    return np.frombuffer(data, dtype="<f8").reshape(shape)
+    return np.frombuffer(noted, dtype=np.uint8).reshape(-1, 32)
 
 
-def read_shards(folder: Path, work: Work) -> Iterator[Array]:
-    """Yield the rows (n, width) of all shards in their order; one shard at a time is in memory.
+def blocks_of(folder: Path, work: Work) -> NDArray[np.uint8]:
+    """The digests (., 32) of all blocks.
 
     Raises
     ------
     ArchiveError
-        The file of a shard is not what was written.
+        The note of a shard is not what was written.
     """
-    for k in range(work.shards):
-        rows = _rows(folder, work, k)
-        if rows is None:
+    found = []
+    for shard in range(work.shards):
+        noted = _noted(folder, work, shard)
+        if noted is None:
             raise ArchiveError(
-                f"{_shard(folder, k)}: is damaged or was changed. The same sweep computes it again."
+                f"{_note(folder, shard)}: is damaged or was changed. The same sweep computes it again."
             )
-        yield rows
+        found.append(noted)
+    return np.concatenate(found)
 
 
 def clear(folder: Path) -> None:
@@ -251,18 +335,19 @@ def clear(folder: Path) -> None:
     shutil.rmtree(folder, ignore_errors=True)
 
 
-def _shard(folder: Path, shard: int) -> Path:
-    """The file of a shard."""
-    return folder / f"shard-{shard:07d}.f8"
+def _note(folder: Path, shard: int) -> Path:
+    """The note of a shard."""
+    return folder / f"shard-{shard:07d}.sha256"
 
 
-def _put(file: Path, image: bytes) -> None:
+def _put(file: Path, image: bytes, *, now: bool = True) -> None:
     """Write a file beside the final one and rename it, so that the final one is always complete."""
     beside = file.with_name(f"{file.name}.{os.getpid()}")
     with beside.open("wb") as stream:
         stream.write(image)
-        stream.flush()
-        os.fsync(stream.fileno())
+        if now:
+            stream.flush()
+            os.fsync(stream.fileno())
     beside.replace(file)
 
 

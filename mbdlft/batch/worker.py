@@ -10,16 +10,19 @@ import sys
 from pathlib import Path
 
 from mbdlft.base.errors import MbdlftError
-from mbdlft.batch.staging import opened, points_at, rows_at, write_shard
+from mbdlft.batch.compiled import fastest
+from mbdlft.batch.staging import opened, places, points_at, rows_at, write_shard
 
 
 def main(folder: Path) -> None:
     """Compute shards until the input ends."""
     try:
         work = opened(folder)
+        source, at = fastest(work.source, work.count), places(folder, work)
         for line in sys.stdin:
             shard = int(line)
-            write_shard(folder, shard, rows_at(work.source, points_at(work, shard)))
+            rows = rows_at(source, work.source.chunk, work.extra, points_at(work, shard))
+            write_shard(folder, work, at, shard, rows)
             _answer({"shard": shard})
     except MbdlftError as error:
         _answer({"error": type(error).__name__, "message": str(error)})

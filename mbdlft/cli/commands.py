@@ -217,5 +217,7 @@ def show(
             continue
         made = model.provenance
         _console().print(f"made {made.created} by mbdlft {made.mbdlft}, CasADi {made.casadi}")
+        if model.known_program is not None:
+            _console().print(f"stored program: {model.known_program.length} instructions")
     if name is None and sweep_names(archive):
         _console().print(f"sweeps: {', '.join(sweep_names(archive))}", highlight=False)

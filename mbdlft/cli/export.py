@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mbdlft.base.errors import AnalysisError
-from mbdlft.cli.source import ARCHIVES, load_system
+from mbdlft.cli.source import ARCHIVES, load_model
 from mbdlft.cli.tables import console
 
 if TYPE_CHECKING:
@@ -45,10 +45,10 @@ def export(
     counts = _counts(grid)
     check_suffix(output, grid=counts is not None)
     file, name = _parts(source)
-    system = load_system(file, name)
+    model = load_model(file, name)
     archive = file if file.suffix.lower() in ARCHIVES else None
     out = console()
-    for path in export_model(output, system, counts, archive):
+    for path in export_model(output, model, counts, archive):
         out.print(f"file: {path}", soft_wrap=True)
 
 

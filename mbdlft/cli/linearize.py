@@ -47,6 +47,17 @@ TableFile = Annotated[
     Path | None,
     typer.Option("--parameters", help="Which parameters of a Modelica model stay: a TOML file."),
 ]
+StoreProgram = Annotated[
+    bool,
+    typer.Option("--program", help="Store a straight-line program, too: many samples are fast."),
+]
+Plots = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="Figure to draw, such as fig.png, of singular values; or bode=FILE, step=FILE, "
+        "order=FILE, poles=FILE, trim=FILE, poles:PARAMETER=FILE; may be repeated."
+    ),
+]
 ModelName = Annotated[
     str | None, typer.Option("--model", help="Which model of a .mo file with several.")
 ]
@@ -96,19 +107,14 @@ def linearize(
         float | None,
         typer.Option(help="Relative error that a smaller model may have on the whole range."),
     ] = None,
-    plot: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Figure to draw, such as fig.png, of singular values; or bode=FILE, step=FILE, "
-            "order=FILE, poles=FILE, trim=FILE, poles:PARAMETER=FILE; may be repeated."
-        ),
-    ] = None,
+    plot: Plots = None,
+    program: StoreProgram = False,
     table_file: TableFile = None,
     model_name: ModelName = None,
 ) -> None:
     """Linearize a scene or a Modelica model, parameters left in, and certify the result."""
     figures = _figures(plot or [])
-    check_paths(output, figures)
+    _check_output(output, figures, program)
     asked = Asked(file, table_file, model_name)
     with Console(stderr=True).status("") as status:
 
@@ -124,6 +130,10 @@ def linearize(
         else:
             _refuse_options(*asked)
             model, seconds, notes = _of_scene(file, search, most_seconds, prove, show, truncate)
+        if program:
+            from mbdlft.batch import with_program
+
+            model = with_program(model)
         if output is not None:
             show(f"{model.name}: write")
             seconds["write"] = write_model(output, model)
@@ -134,6 +144,13 @@ def linearize(
         seconds |= {"plot": time.perf_counter() - start} if figures else {}
     finally:  # a figure that fails takes neither the archive nor the table away
         report_model(model, seconds, files, notes, as_json=as_json)
+
+
+def _check_output(output: Path | None, figures: list[tuple[str, Path]], program: bool) -> None:
+    """Raise an error if it is known before the work that a file cannot be written."""
+    check_paths(output, figures)
+    if program and output is None:
+        raise AnalysisError("--program: it is stored in an archive; give one with -o.")
 
 
 def _drawn(figures: list[tuple[str, Path]], model: LFTModel) -> dict[str, Path | None]:

@@ -2,13 +2,25 @@
 
 import tomllib
 from pathlib import Path
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.cli.modelica import Asked, is_modelica, linear_model
 from mbdlft.system.system import System
 
+if TYPE_CHECKING:
+    from mbdlft.system.theta import DeltaThetaModel
+
 ARCHIVES = (".h5", ".hdf5")
+
+
+def load_model(file: Path, name: str | None = None) -> "System | DeltaThetaModel":
+    """As `load_system`, with nonlinear functions where an archive has them."""
+    if file.suffix.lower() in ARCHIVES:
+        from mbdlft.store import load
+
+        return cast("System | DeltaThetaModel", load(file, name))
+    return load_system(file, name)
 
 
 def load_system(file: Path, name: str | None = None) -> System:

@@ -23,6 +23,24 @@ if TYPE_CHECKING:
     from mbdlft.system.model import LFTModel
 
 
+Grid = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--grid", help="NAME=COUNT evenly spaced values; the others are nominal; may be repeated."
+    ),
+]
+Poles = Annotated[bool, typer.Option("--poles", help="Compute the eigenvalues of A, too.")]
+OwnFunction = Annotated[
+    str | None,
+    typer.Option(
+        "--function", help="MODULE:NAME of a function of samples that gives numbers by name."
+    ),
+]
+Single = Annotated[
+    bool, typer.Option("--float32", help="Store in single precision: half the space, 7 digits.")
+]
+
+
 def sweep(
     source: Annotated[
         Path,
@@ -34,13 +52,7 @@ def sweep(
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Archive to write the sweep into.")
     ],
-    grid: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--grid",
-            help="NAME=COUNT evenly spaced values; the others are nominal; may be repeated.",
-        ),
-    ] = None,
+    grid: Grid = None,
     random: Annotated[
         int | None, typer.Option("--random", help="Number of random samples.")
     ] = None,
@@ -57,6 +69,9 @@ def sweep(
     restart: Annotated[
         bool, typer.Option("--restart", help="Throw away what an unfinished sweep has left.")
     ] = False,
+    poles: Poles = False,
+    function: OwnFunction = None,
+    float32: Single = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Trim and linearize at many samples; the same command goes on after a kill."""
@@ -72,6 +87,9 @@ def sweep(
             name=name,
             workers=workers,
             restart=restart,
+            poles=poles,
+            function=function,
+            float32=float32,
             progress=lambda done, count: status.update(
                 f"{escape(evaluated.name)}: {done} of {count} samples"
             ),
@@ -90,6 +108,8 @@ def _print_report(report: "SweepReport", output: Path) -> None:
         f"converged, {report.no_equilibrium} without equilibrium",
         highlight=False,
     )
+    if report.failed:
+        out.print(f"the function failed at {report.failed} samples", highlight=False)
     if report.resumed:
         out.print(f"{report.resumed} samples were there from an earlier run")
     out.print(f"seconds: {report.seconds:.3f}")

@@ -11,6 +11,7 @@ from scipy.linalg import qr
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, TrimError
 from mbdlft.dae.index import listed
+from mbdlft.dae.linear_block import solved_linear
 from mbdlft.dae.operations import column_of
 from mbdlft.dae.points import Found, System, solve
 from mbdlft.dae.states import blocks_of
@@ -23,7 +24,6 @@ SAME = 1e-9  # relative, of numbers that stand for the same
 _RANK, _ZERO = 1e-9, 1e-12
 _MISSED = 1e-11  # of the terms of an equation
 _MOST_POWER = 4
-_MOST_SOLVED = 6  # unknowns of a linear block with parameters
 
 
 class Balance(NamedTuple):
@@ -70,8 +70,17 @@ def no_equilibrium(
     )
 
 
-def solved_exactly(s: Structure, problem: Balance, solution: Array) -> dict[str, ca.SX]:
-    """Each unknown as an expression of the parameters; `solution` are its values at points."""
+def solved_exactly(
+    s: Structure,
+    problem: Balance,
+    solution: Array,
+    left: list[tuple[int, int]] | None = None,
+) -> dict[str, ca.SX]:
+    """Each unknown as an expression of the parameters; `solution` are its values at points.
+
+    Rows and columns of blocks that have no rational solution, and of those that depend on them, are added
+    to `left`; without it that is an error.
+    """
     found: dict[str, ca.SX] = {}
     pattern = ca.jacobian_sparsity(problem.residual, problem.z) if problem.z.numel() else None
     if pattern is None:
@@ -87,7 +96,19 @@ def solved_exactly(s: Structure, problem: Balance, solution: Array) -> dict[str,
         z = column_of([q.symbol for q in own])
         places = [problem.places[i] for i in block.rows]
         values = solution[:, list(block.columns)]
-        for q, value in zip(own, _block(s, part, z, values, places, own), strict=True):
+        if left is not None and any(
+            ca.depends_on(part, problem.quantities[j].symbol) for _, j in left
+        ):
+            left += zip(block.rows, block.columns, strict=True)
+            continue
+        try:
+            exact = _block(s, part, z, values, places, own)
+        except NotRationalError:
+            if left is None:
+                raise
+            left += zip(block.rows, block.columns, strict=True)
+            continue
+        for q, value in zip(own, exact, strict=True):
             found[q.name] = value
     return found
 
@@ -114,7 +135,7 @@ def _block(
     own: Sequence[Quantity],
 ) -> list[ca.SX]:
     slopes = ca.jacobian(residual, z)
-    n, why = z.numel(), "are not linear in them"
+    n = z.numel()
     if not ca.depends_on(slopes, z):
         offset = ca.substitute(residual, z, ca.SX.zeros(n))
         if not ca.sparsify(offset).nnz():
@@ -123,19 +144,16 @@ def _block(
             return [-offset / slopes]
         if not ca.depends_on(ca.vertcat(residual), s.dae.p):
             return [_number(x, q) for x, q in zip(values[0], own, strict=True)]
-        if n <= _MOST_SOLVED:
-            return _by_cramer(ca.densify(slopes), -offset)
-        if n > _MOST_SOLVED and ca.depends_on(residual, s.dae.p):
-            why = f"are {n} linear equations that are solved together, more than {_MOST_SOLVED}"
+        return solved_linear(slopes, -offset)
     guessed = _guessed(s, residual, z, values, own, places)
     if guessed is not None:
         return guessed
     names = listed(q.name for q in own)
     raise NotRationalError(
         f"{s.owner}, trim: {names} depend on the parameters, and the equations {listed(places)} "
-        f"{why}, so no rational solution was found. Either declare one of them as a "
+        "are not linear in them, so no rational solution was found. Either declare one of them as a "
         "parameter and leave an input free instead (at={'name': 'parameter'}, free=['input']), which "
-        "is exact; or replace the dependence by a rational fit with a guaranteed bound."
+        "is exact; or take rational fits with a guaranteed bound (fit=1e-6)."
     )
 
 
@@ -229,13 +247,3 @@ def _number(value: float, q: Quantity) -> ca.SX:
     short = decimal(float(f"{value:.14g}"))
     near = abs(float(short) - value) <= _ZERO * abs(value) and short.denominator < 10**9
     return ca.SX(literal(short if near else Fraction(repr(float(value)))))
-
-
-def _by_cramer(matrix: ca.SX, right: ca.SX) -> list[ca.SX]:
-    n, whole = matrix.shape[0], ca.det(matrix)
-    found = []
-    for j in range(n):
-        replaced = ca.SX(matrix)
-        replaced[:, j] = right
-        found.append(ca.det(replaced) / whole)
-    return found

@@ -1,5 +1,6 @@
 """Whether the units of the equations of a DAE fit: they are followed with dimensions for numbers."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
@@ -32,28 +33,32 @@ def check_units(dae: Dae) -> None:
         They do not fit; the message names the equation.
     """
     second = Dimension(parse_unit("s").dimension)
-    given = {v.symbol.element_hash(): _of(v.unit) for v in (*dae.variables, *dae.inputs)}
+    given = {v.symbol.element_hash(): open_unit(v.unit) for v in (*dae.variables, *dae.inputs)}
     for v in dae.variables:
         if v.derivative is not None:
-            given[v.derivative.element_hash()] = _over(_of(v.unit), second)
+            given[v.derivative.element_hash()] = _over(open_unit(v.unit), second)
     for p, symbol in zip(dae.parameters, ca.vertsplit(dae.p), strict=True):
-        given[symbol.element_hash()] = _of(p.unit)
+        given[symbol.element_hash()] = open_unit(p.unit)
     parts = [(f"equation {e.place}", e.residual, e.unit) for e in (*dae.equations, *dae.initial)]
     parts += [(f"output {y.name!r}", y.expression, y.unit) for y in dae.outputs]
     for what, expression, unit in parts:
         try:
-            found = _dimension(expression, given)
+            found = dimension_of(expression, given)
             if unit is not None:
-                _add(found, _of(unit))
+                _add(found, open_unit(unit))
         except SceneError as error:
-            raise SceneError(f"{dae.owner}, {what}: {error}") from None
+            raise SceneError(
+                f"{dae.owner}, {what}: {error} A 1 or 2 that has a unit is written d.number(1)."
+            ) from None
 
 
-def _of(unit: str) -> _Value:
+def open_unit(unit: str) -> _Value:
+    """The dimension of a unit; that of "1" is open."""
     return _OPEN if unit == "1" else Dimension(parse_unit(unit).dimension)
 
 
-def _dimension(expression: ca.SX, given: dict[int, _Value]) -> _Value:
+def dimension_of(expression: ca.SX, given: Mapping[int, _Value]) -> _Value:
+    """The dimension of an expression of symbols that have some, by their hashes."""
     constants = {s.element_hash() for s in ca.vertsplit(constants_in(expression)[0])}
     free = ca.symvar(expression)
     values = [_OPEN if s.element_hash() in constants else given[s.element_hash()] for s in free]

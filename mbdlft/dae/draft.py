@@ -1,6 +1,8 @@
 """A DAE as it is written down in Python: names give symbols, symbols make equations."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from fractions import Fraction
 from typing import Any
 
 import casadi as ca
@@ -9,8 +11,10 @@ from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.parameter import Parameter
 from mbdlft.dae.description import Dae, Equation, Output, Variable, column
 from mbdlft.dae.fit import fit_coefficient
+from mbdlft.dae.lookup import Beyond, Interpolation, table_expression
 from mbdlft.dae.operations import with_literals
-from mbdlft.sx.constants import literal
+from mbdlft.number.exact import Constant
+from mbdlft.sx.constants import constant, literal
 
 
 class DaeDraft:
@@ -66,7 +70,13 @@ class DaeDraft:
         return self._parameters[parameter.name][1]
 
     def number(self, value: float) -> ca.SX:
-        """A number that is not rounded when it meets others."""
+        """A number that is not rounded when it meets others, and that may carry a unit, 1 and 2, too.
+
+        Of ``1.0 * i`` nothing is left but ``i``, in the unit of i; ``d.number(1) * i`` has any unit.
+        """
+        if abs(value) in (1.0, 2.0):
+            size = constant(Constant("rational", Fraction(abs(value))))
+            return size if value > 0 else -size
         return ca.SX(literal(value))
 
     def fit(self, coefficient: ca.SX, tolerance: float) -> ca.SX:
@@ -81,6 +91,26 @@ class DaeDraft:
         )
         self._fit_error_bound = max(self._fit_error_bound, found.bound)
         return found.expression
+
+    def table(
+        self,
+        argument: ca.SX,
+        breakpoints: Sequence[float],
+        values: Sequence[float],
+        interpolation: Interpolation = "linear",
+        beyond: Beyond = "lines",
+    ) -> ca.SX:
+        """A function of a variable or an input that has values at breakpoints.
+
+        Arguments and errors as those of `mbdlft.dae.lookup.table_expression`.
+        """
+        argument = ca.SX(argument)
+        if _name_of(argument) not in {*self._variables, *self._inputs}:
+            raise SceneError(
+                f"model {self.name!r}, table of {argument}: the argument is no variable and no input. "
+                "Make a variable of it, with an equation."
+            )
+        return table_expression(argument, breakpoints, values, interpolation, beyond)
 
     def der(self, variable: ca.SX | str) -> ca.SX:
         """The symbol of the derivative of a variable, in its unit per second.

@@ -11,7 +11,6 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, TrimError, WellPosednessError
-from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.signal import Signal
 from mbdlft.dae.alias import rational
 from mbdlft.dae.mixed import times
@@ -19,18 +18,19 @@ from mbdlft.dae.operations import column_of
 from mbdlft.dae.points import System, solve
 from mbdlft.dae.separate import Separation
 from mbdlft.dae.structure import Quantity, Structure, in_symbols
-from mbdlft.dae.to_problem import text_of
+from mbdlft.dae.to_problem import problem_of
 from mbdlft.dae.trim import DaeTrim
 from mbdlft.number.exact import decimal
 from mbdlft.problem.compare import entry_scale
 from mbdlft.problem.equations import cosines_sines
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.problem.of_relations import column_of_entries, reference_of_relations
-from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage, TrimRelations
+from mbdlft.problem.problem import Problem, Reference, Stage, TrimRelations
 from mbdlft.sx.constants import in_doubles, is_constant, is_zero, literal
 from mbdlft.sx.evaluate import evaluate_many
 
-_LEAST = 1e-3  # of the largest trimmed quantity in a unit: a smaller one is compared with that
+_AMPLIFIED, _ROUNDING = 1e4, 1e-9  # how much larger than fits errors of the linear model may be
+_LOOKED_AT = 4  # points at which sizes of trimmed quantities are taken
 
 
 def problem_of_trim(at: DaeTrim, stage: Stage = lambda name: nullcontext()) -> Problem:
@@ -42,33 +42,20 @@ def problem_of_trim(at: DaeTrim, stage: Stage = lambda name: nullcontext()) -> P
         A coefficient is not, at this equilibrium.
     """
     s = at.structure
-    parameters = s.dae.parameters
-    points = check_points(parameters, SEED)
     with stage("linearize"):
         linear = _Linear(at)
         relations = linear.relations()
     trimmed = linear.trimmed()
-    return Problem(
-        nouns=Nouns(
-            "model",
-            s.dae.name,
-            "the nonlinear equations",
-            "its numbers are so different in size that double precision does not carry them",
-        ),
-        description=s.dae.description,
-        text=s.source.text or text_of(s),
-        states=tuple(Signal(q.name, q.unit) for q in s.states),
-        inputs=tuple(Signal(q.name, q.unit) for q in s.inputs),
-        outputs=tuple(Signal(y.name, y.unit) for y in s.dae.outputs),
-        parameters=parameters,
-        forms=(Form(relations),),
-        points=points,
-        reference=partial(_reference, at, relations, points, trimmed),
-        fit_error_bound=s.source.fit_error_bound,
-        singular=lambda number, names: (
-            f"the linearized equations do not determine the unknowns at nominal (condition {number:.0e})."
-        ),
-        trim=trimmed,
+    inputs = tuple(Signal(q.name, q.unit) for q in s.inputs)
+    outputs = tuple(Signal(y.name, y.unit) for y in s.dae.outputs)
+    return problem_of(
+        s,
+        relations,
+        (inputs, outputs),
+        partial(_reference, at, relations, trimmed),
+        ("the nonlinear equations", "the linearized equations do"),
+        trimmed,
+        at.fit_bound,
     )
 
 
@@ -104,9 +91,7 @@ class _Linear:
         small = column_of([ca.SX.sym(f"d {q.name}") for q in around])
         outputs = column_of([y.expression for y in s.dae.outputs])
         stacked = ca.vertcat(s.residual, outputs)
-        moved = ca.jtimes(stacked, symbols, small)
-        values = column_of([self.at.values[q.name] for q in around])
-        moved = ca.substitute(moved, symbols, values)
+        moved = self._moved(stacked, symbols, small)
         change = {q.symbol.element_hash(): small[k] for k, q in enumerate(around)}
         rows, kept = self._rows([moved[k] for k in range(len(s.equations))], change)
         count = len(s.equations)
@@ -134,6 +119,17 @@ class _Linear:
             parameters=s.dae.parameters,
             derivatives=len(rates),
         )
+
+    def _moved(self, stacked: ca.SX, symbols: ca.SX, small: ca.SX) -> ca.SX:
+        """What small changes make of expressions, at the equilibrium."""
+        around = (*self.s.unknowns, *self.s.states, *self.s.inputs)
+        values = column_of([self.at.values[q.name] for q in around])
+        if not self.at.slopes:
+            return ca.SX(ca.substitute(ca.jtimes(stacked, symbols, small), symbols, values))
+        J = ca.SX(ca.substitute(ca.jacobian(stacked, symbols), symbols, values))
+        for (i, j), value in self.at.slopes.items():
+            J[i, j] = value
+        return ca.SX(ca.mtimes(J, small))
 
     def _rows(
         self, moved: Sequence[ca.SX], change: Mapping[int, ca.SX]
@@ -244,24 +240,47 @@ def trimmed_points(at: DaeTrim, points: Array) -> Array:
     return found
 
 
+def trim_sizes(at: DaeTrim, points: Array, z: Array) -> Array:
+    """Sizes (n,) of [unknowns ; states ; inputs] at equilibria z (N, n), with terms that cancel.
+
+    A quantity is as large as what the terms of the equations, alone, make of it: rounding of the terms
+    changes it by so much times the precision. It is not smaller than its largest value.
+    """
+    s = at.structure
+    size = np.max(np.abs(z), axis=0, initial=0.0)
+    around = (*s.unknowns, *s.states, *s.inputs)
+    inputs = {q.name for q in s.inputs} - {*at.free}
+    free = [k for k, q in enumerate(around) if not q.order and q.name not in inputs]
+    both = ca.vertcat(*(q.symbol for q in around), s.dae.p)
+    slopes = ca.Function("slopes", [both], [ca.jacobian(in_doubles(s.residual), both)])
+    nominal = np.array([around[k].variable.nominal for k in free])
+    for row in np.hstack([z, in_symbols(s.dae, points)])[:_LOOKED_AT]:
+        J = slopes(row).full()
+        terms = np.abs(J) @ np.abs(row)  # none where all is zero: nothing is rounded
+        columns = np.maximum(np.abs(row[free]), nominal)
+        own = J[:, free] * columns
+        norm = np.linalg.norm(own, axis=1)
+        norm[norm == 0.0] = 1.0
+        made = columns * (np.abs(np.linalg.pinv(own / norm[:, None])) @ (terms / norm))
+        size[free] = np.maximum(size[free], made)
+    return np.asarray(size)
+
+
 def _reference(
-    at: DaeTrim, relations: LinearModel, points: Array, trimmed: TrimRelations | None
+    at: DaeTrim, relations: LinearModel, trimmed: TrimRelations | None, points: Array
 ) -> Reference:
     """The nonlinear equations, trimmed and linearized again with numbers at every point."""
     s = at.structure
     exact = reference_of_relations(relations, points, s.owner)
     z = trimmed_points(at, points)
     values = linearized(s, z, points)
+    if at.fit_bound:
+        return _of_fits(at, exact, values, z, points, trimmed)
     around = (*s.unknowns, *s.states, *s.inputs)
     names = [q.name for q in around]
     chosen = [names.index(signal.name) for signal in trimmed.signals] if trimmed else []
     own = z[:, chosen]
-    size = np.max(np.abs(own), axis=0, initial=0.0)
-    units = np.array([around[k].unit for k in chosen])
-    # one below a thousandth of others in its unit, as of a cosine near zero, is compared with that
-    for unit in set(units):
-        of_unit = units == unit
-        size[of_unit] = np.maximum(size[of_unit], _LEAST * np.max(size[of_unit]))
+    size = trim_sizes(at, points, z)[chosen]
     scale = entry_scale(values, len(s.states))
     return replace(
         exact,
@@ -270,6 +289,41 @@ def _reference(
         trimmed=own,
         trim_scale=np.where(size > 0, size, 1.0),
     )
+
+
+def _of_fits(
+    at: DaeTrim,
+    relations: Reference,
+    truth: Array,
+    z: Array,
+    points: Array,
+    trimmed: TrimRelations | None,
+) -> Reference:
+    """The relations at the fits; that they are near the nonlinear equations is looked at, too.
+
+    Raises
+    ------
+    TrimError
+        The linear model differs from that of the equations by far more than the fits.
+    """
+    s = at.structure
+    around = (*s.unknowns, *s.states, *s.inputs)
+    expressions = in_doubles(column_of([at.values[q.name] for q in around]))
+    fits = ca.Function("fits", [s.dae.p], [ca.densify(expressions)])
+    own = np.array([np.ravel(fits(row).full()) for row in in_symbols(s.dae, points)])
+    size = np.max(np.abs(z), axis=0, initial=0.0)
+    scale = np.maximum(entry_scale(truth, len(s.states)), 1e-300)
+    error = float(np.max(np.abs(relations.values - truth) / scale, initial=0.0))
+    if not error <= max(_AMPLIFIED * at.fit_bound, _ROUNDING):
+        raise TrimError(
+            f"{s.owner}: with fits within {at.fit_bound:.1e} the linear model is {error:.1e} from that "
+            "of the equations: it is nearly singular at this equilibrium. Take a smaller tolerance "
+            "(fit=...)."
+        )
+    names = [q.name for q in around]
+    chosen = [names.index(signal.name) for signal in trimmed.signals] if trimmed else []
+    sizes = size[chosen]
+    return replace(relations, trimmed=own[:, chosen], trim_scale=np.where(sizes > 0, sizes, 1.0))
 
 
 def linearized(s: Structure, z: Array, points: Array) -> Array:

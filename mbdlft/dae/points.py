@@ -49,13 +49,16 @@ class System:
         self.beside = ca.Function("beside", [unknown, given], [beside])
         self.function = ca.Function("residual", [unknown, given], [residual])
         self.slopes = ca.Function("slopes", [unknown, given], [jacobian])
+        self.places = self.slopes.sparsity_out(0).get_triplet()
         self.count, self.unknowns = residual.numel(), unknown.numel()
 
     def residual(self, z: Array, q: Array) -> Array:
         return np.asarray(self.function(z, q).full()[:, 0])
 
     def jacobian(self, z: Array, q: Array) -> Array:
-        return np.asarray(self.slopes(z, q).full())
+        found = np.zeros((self.count, self.unknowns))  # DM.full() is slow for many entries
+        found[self.places] = self.slopes(z, q).nonzeros()
+        return found
 
     def scale(self, J: Array, z: Array, q: Array, sizes: Array) -> Array:
         """Sizes (m,) of the terms of each equation, at slopes J (m, n) there."""

@@ -238,9 +238,10 @@ def _hoisted(value: Mixed) -> tuple[ca.SX, Mixed]:
         ((key, part),) = value.linear.items()
         if key != ONE_KEY:
             return part.coefficient, Mixed({ONE_KEY: part._replace(coefficient=ca.SX(1))}, None, {})
-    if value.constant is None and not value.linear and len(value.terms) == 1:
-        ((k, factor),) = value.terms.items()
-        return factor, term(k, ca.SX(1))
+    factors = {str(factor): factor for factor in value.terms.values()}
+    if value.constant is None and not value.linear and len(factors) == 1:
+        (factor,) = factors.values()
+        return factor, Mixed({}, None, dict.fromkeys(value.terms, ca.SX(1)))
     return ca.SX(1), value
 
 

@@ -219,7 +219,9 @@ def closed(
     count = len(model.outputs)
     omega = {s.name: read[count + k] for k, s in enumerate(model.linear.outputs[count:])}
     values = [
-        formula_function("theta", f.arguments, f.text)(*(omega[name] for name in f.signals))
+        formula_function("theta", f.arguments, f.text, f.tables)(
+            *(omega[name] for name in f.signals)
+        )
         for f in model.functions
     ]
     return rates, read[:count], column_of([omega[name] for name in model.omega]), column_of(values)

@@ -1,20 +1,26 @@
 """Functions of SX as formulas, and formulas as SX: what an archive keeps of a nonlinear function."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import casadi as ca
 
 from mbdlft.base.errors import NotRationalError
 from mbdlft.base.formula import ARITHMETIC, Functions, formula_value
 from mbdlft.dae.operations import column_of
+from mbdlft.dae.piecewise import ARGUMENT, Piecewise, applied
+from mbdlft.dae.piecewise import constant as always
 from mbdlft.number.exact import Constant, constant_of
 from mbdlft.sx.constants import constants_in, double
 from mbdlft.sx.fold import Rules, fold
+from mbdlft.system.table import Table, named_tables
 
 _SHORT = 12  # characters; longer parts that are used twice get a name
+_TABLE = 3  # breakpoints from which on a part is a table, or two where its text is long:
+_LONG = 16  # operations and operands; a saturation has five
 _BINARY = {"add": ("+", 1), "sub": ("-", 1), "mul": ("*", 2), "div": ("/", 2)}
 _CALLS = {
     **{
@@ -49,7 +55,16 @@ SYMBOLIC: Functions = {
 }
 
 
-def formula_function(name: str, arguments: Sequence[str], text: str) -> ca.Function:
+class Formula(NamedTuple):
+    """A text, and the tables that are called `table1`, `table2` in it."""
+
+    text: str
+    tables: tuple[Table, ...]
+
+
+def formula_function(
+    name: str, arguments: Sequence[str], text: str, tables: Sequence[Table] = ()
+) -> ca.Function:
     """The CasADi function of a formula.
 
     Parameters
@@ -60,25 +75,69 @@ def formula_function(name: str, arguments: Sequence[str], text: str) -> ca.Funct
         Names in the formula; each is a scalar.
     text : str
         As in `mbdlft.base.formula`, such as that of a `ThetaFunction`.
+    tables : sequence of Table
+        What `table1`, `table2` are in the text.
     """
     symbols = [ca.SX.sym(argument) for argument in arguments]
-    value = formula_value(text, dict(zip(arguments, symbols, strict=True)), SYMBOLIC)
+    own = {name: partial(_looked_up, table) for name, table in named_tables(tables).items()}
+    value = formula_value(text, dict(zip(arguments, symbols, strict=True)), {**SYMBOLIC, **own})
     return ca.Function(name, symbols, [value], list(arguments), ["value"])
 
 
-class _Piece:
-    """A part of a formula: how it is written, its binding strength, and how often it is used."""
+def _looked_up(table: Table, argument: ca.SX) -> ca.SX:
+    """A table as SX: pieces are found by halves."""
+    b, v, a = table.breakpoints, table.values, ca.SX(argument)
 
-    __slots__ = ("level", "parts", "write")
+    def piece(k: int) -> ca.SX:
+        h, rise = b[k + 1] - b[k], v[k + 1] - v[k]
+        t = (a - b[k]) / h
+        inside = v[k] + t * rise
+        if table.slopes:
+            left, right = table.slopes[k]
+            inside += t * (1 - t) * ((1 - t) * (h * left - rise) - t * (h * right - rise))
+        return ca.SX(inside)
+
+    def part(first: int, last: int) -> ca.SX:
+        if first == last:
+            return piece(first)
+        middle = (first + last + 1) // 2
+        return ca.SX(ca.if_else(a < b[middle], part(first, middle - 1), part(middle, last)))
+
+    inside = part(0, len(b) - 2)
+    inside = ca.if_else(a < b[0], v[0] + table.below * (a - b[0]), inside)
+    return ca.SX(ca.if_else(a > b[-1], v[-1] + table.above * (a - b[-1]), inside))
+
+
+class _Piece:
+    """A part of a formula: how it is written, its binding strength, and of what it is a polynomial.
+
+    `of` is the part that it is a piecewise polynomial of, itself if there is none; None of a number.
+    """
+
+    __slots__ = ("level", "of", "parts", "piecewise", "size", "write")
 
     def __init__(
         self, write: Callable[..., str], level: int, parts: Sequence["_Piece"] = ()
     ) -> None:
         self.write, self.level, self.parts = write, level, tuple(parts)
+        self.size: int = 1 + sum(part.size for part in self.parts)
+        self.of: _Piece | None = self
+        self.piecewise: Piecewise = ARGUMENT
+
+    def table(self) -> Table | None:
+        """The table that this part is, of another part."""
+        if self.of is None or self.of is self:
+            return None
+        return self.piecewise.table(_TABLE if self.size < _LONG else 2)
 
 
-def formula_of(expression: ca.SX, symbols: Sequence[ca.SX], names: Sequence[str]) -> str:
+def formula_of(
+    expression: ca.SX, symbols: Sequence[ca.SX], names: Sequence[str], *, tables: bool = True
+) -> Formula:
     """The formula of a scalar expression of symbols; parts that are used twice have names.
+
+    With `tables`, parts that are lines or cubic polynomials between breakpoints, three or more, or two
+    where they are long, are tables.
 
     Raises
     ------
@@ -90,11 +149,12 @@ def formula_of(expression: ca.SX, symbols: Sequence[ca.SX], names: Sequence[str]
     arguments = [_Piece(lambda name=name: name, 9) for name in names]
     values = [_constant(number) for number in numbers]
     ((root,),) = fold(function, _RULES, arguments, values)
-    return _written(root, set(names))
+    return _written(root, set(names), tables=tables)
 
 
-def _written(root: _Piece, taken: set[str]) -> str:
+def _written(root: _Piece, taken: set[str], *, tables: bool) -> Formula:
     order: list[_Piece] = []
+    known: dict[Table, str] = {}
     uses: Counter[int] = Counter()
     seen: set[int] = set()
     pending: list[tuple[_Piece, bool]] = [(root, False)]
@@ -105,6 +165,11 @@ def _written(root: _Piece, taken: set[str]) -> str:
         elif id(piece) not in seen:
             seen.add(id(piece))
             pending.append((piece, True))
+            table = piece.table() if tables else None
+            if table is not None and piece.of is not None:
+                name = known.setdefault(table, f"table{len(known) + 1}")
+                called = _call(name)(piece.of)
+                piece.write, piece.level, piece.parts = called.write, called.level, called.parts
             for part in piece.parts:
                 uses[id(part)] += 1
                 pending.append((part, False))
@@ -120,7 +185,7 @@ def _written(root: _Piece, taken: set[str]) -> str:
             named.append(f"{name} = {written}")
             written, level = name, 9
         text[id(piece)] = (written, level)
-    return "; ".join([*named, text[id(root)][0]])
+    return Formula("; ".join([*named, text[id(root)][0]]), tuple(known))
 
 
 def _wrapped(part: tuple[str, int], least: int) -> str:
@@ -164,35 +229,53 @@ def _constant(number: Constant) -> _Piece:
             else repr(float(value))
         )
     else:
-        return _Piece(lambda: f"{value.numerator}/{value.denominator}", 2 if value > 0 else 1)
-    return _Piece(lambda: text, 9 if not text.startswith("-") else 1)
+        text = f"{value.numerator}/{value.denominator}"
+    level = 1 if text.startswith("-") else 2 if "/" in text else 9
+    found = _Piece(lambda: text, level)
+    found.of, found.piecewise = None, always(value)
+    return found
 
 
 def _refused(operation: str, where: str, *operands: Any) -> Any:
     raise NotRationalError(f"{where}: operation {operation!r} has no formula.")
 
 
-_RULES = Rules(
-    _number,
-    {
-        "assign": lambda a: a,
-        "neg": lambda a: _Piece(lambda x: f"-{_wrapped(x, 3)}", 1, [a]),
-        "twice": lambda a: _Piece(lambda x: f"2*{_wrapped(x, 3)}", 2, [a]),
-        "sq": lambda a: _Piece(lambda x: f"{_wrapped(x, 5)}**2", 4, [a]),
-        "inv": lambda a: _Piece(lambda x: f"1/{_wrapped(x, 3)}", 2, [a]),
-        "pow": _power,
-        "constpow": _power,
-        "if_else_zero": lambda a, b: _Piece(lambda x, y: f"where({x[0]}, {y[0]}, 0)", 9, [a, b]),
-        **{name: _binary(sign, level) for name, (sign, level) in _BINARY.items()},
-        **{name: _call(text) for name, text in _CALLS.items()},
-        **{
-            name: (
-                lambda a, b, sign=sign: _Piece(
-                    lambda x, y: f"{_wrapped(x, 1)} {sign} {_wrapped(y, 1)}", 0, [a, b]
-                )
+def _followed(name: str, rule: Callable[..., _Piece]) -> Callable[..., _Piece]:
+    """A rule that also knows what becomes of piecewise polynomials of one part."""
+
+    def apply(*operands: _Piece) -> _Piece:
+        found = rule(*operands)
+        of = {id(part.of): part.of for part in operands if part.of is not None}
+        if len(of) > 1:
+            return found
+        piecewise = applied(name, *(part.piecewise for part in operands))
+        if piecewise is not None:
+            found.of, found.piecewise = next(iter(of.values()), None), piecewise
+        return found
+
+    return apply
+
+
+_OPERATIONS: Mapping[str, Callable[..., _Piece]] = {
+    "assign": lambda a: a,
+    "neg": lambda a: _Piece(lambda x: f"-{_wrapped(x, 3)}", 1, [a]),
+    "twice": lambda a: _Piece(lambda x: f"2*{_wrapped(x, 3)}", 2, [a]),
+    "sq": lambda a: _Piece(lambda x: f"{_wrapped(x, 5)}**2", 4, [a]),
+    "inv": lambda a: _Piece(lambda x: f"1/{_wrapped(x, 3)}", 2, [a]),
+    "pow": _power,
+    "constpow": _power,
+    "if_else_zero": lambda a, b: _Piece(lambda x, y: f"where({x[0]}, {y[0]}, 0)", 9, [a, b]),
+    **{name: _binary(sign, level) for name, (sign, level) in _BINARY.items()},
+    **{name: _call(text) for name, text in _CALLS.items()},
+    **{
+        name: (
+            lambda a, b, sign=sign: _Piece(
+                lambda x, y: f"{_wrapped(x, 1)} {sign} {_wrapped(y, 1)}", 0, [a, b]
             )
-            for name, sign in _COMPARED.items()
-        },
+        )
+        for name, sign in _COMPARED.items()
     },
-    _refused,
+}
+_RULES = Rules(
+    _number, {name: _followed(name, rule) for name, rule in _OPERATIONS.items()}, _refused
 )

@@ -15,7 +15,6 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
 from mbdlft.base.parameter import to_internal
-from mbdlft.base.signal import Signal
 from mbdlft.dae.alias import rational
 from mbdlft.dae.arguments import Function
 from mbdlft.dae.exact_rank import singular_part
@@ -24,6 +23,7 @@ from mbdlft.dae.operations import column_of
 from mbdlft.dae.separate import Arrange, Separation
 from mbdlft.dae.states import blocks_of
 from mbdlft.dae.structure import Quantity, Structure
+from mbdlft.dae.tabled import with_tables
 from mbdlft.number.exact import decimal
 from mbdlft.problem.equations import cosines_sines
 from mbdlft.problem.linearize import LinearModel
@@ -128,7 +128,8 @@ class _Form:
                 hint = s.unknowns[block.columns[0]].name
                 if len(block.rows) == 1 and self._defined(i, block.columns[0]):
                     continue
-                rows.append(self.separation.follow(residual, f"equation {place}", hint))
+                row = self.separation.follow(residual, f"equation {place}", hint)
+                rows.append(with_tables(self.separation.registry, row, hint, -1))
             if len(block.rows) > 1 or s.unknowns[block.columns[0]].symbol.element_hash() not in (
                 self.separation.values
             ):
@@ -148,7 +149,8 @@ class _Form:
         value = self.separation.follow(rest, f"equation {place}", quantity.name)
         if not value.is_plain:
             return False
-        self.separation.values[quantity.symbol.element_hash()] = times(value, -1 / slope)
+        value = with_tables(self.separation.registry, times(value, -1 / slope), quantity.name, 1)
+        self.separation.values[quantity.symbol.element_hash()] = value
         return True
 
     def _rates(self, kept: Sequence[Quantity]) -> tuple[list[ca.SX], list[Mixed]]:
@@ -383,13 +385,3 @@ class _Form:
             if form.is_symbolic():
                 return f"omega.{form.name()}"
         return f"omega{a + 1}"
-
-
-def signals_of(s: Structure, form: ThetaForm) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
-    """Inputs and outputs of the relations of a form, with units."""
-    inputs = [Signal(q.name, q.unit) for q in s.inputs]
-    inputs += [Signal(ONE, "1")] if form.one.numel() else []
-    inputs += [Signal(name, "1") for name, _, _ in form.functions]
-    outputs = [Signal(y.name, y.unit) for y in s.dae.outputs]
-    outputs += [Signal(name, "1") for name, _, _ in form.arguments]
-    return tuple(inputs), tuple(outputs)

@@ -1,5 +1,6 @@
 """The front end for DAEs: from a structure to the problem that the pipeline solves."""
 
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from functools import partial
 from keyword import iskeyword
@@ -14,14 +15,16 @@ from mbdlft.base.parameter import to_internal
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.signal import Signal
 from mbdlft.base.unit import parse_unit
+from mbdlft.dae.form_signals import signals_of
 from mbdlft.dae.points import System, solve
 from mbdlft.dae.separate import Arrange
 from mbdlft.dae.structure import Structure, in_symbols
 from mbdlft.dae.text import formula_of
-from mbdlft.dae.theta_form import ThetaForm, signals_of, theta_form
+from mbdlft.dae.theta_form import ThetaForm, theta_form
 from mbdlft.problem.equations import rows_of
+from mbdlft.problem.linearize import LinearModel
 from mbdlft.problem.of_relations import reference_of_relations
-from mbdlft.problem.problem import Form, Nouns, Problem, Stage
+from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage, TrimRelations
 from mbdlft.sx.constants import in_doubles
 from mbdlft.system.theta import ThetaFunction
 
@@ -55,35 +58,56 @@ def problem_of_dae(
         at = consistent_point(s)
         form = theta_form(s, arrange, at)
         check_separation(s, form, at)
-        functions = theta_functions(s, form)
-    parameters = s.dae.parameters
-    points = check_points(parameters, SEED)
-    inputs, outputs = signals_of(s, form)
+        inputs, outputs = signals_of(s, form)
+        units = {signal.name: signal.unit for signal in inputs}
+        functions = theta_functions(s, form, units)
     n = s.unknown.numel()
-    problem = Problem(
+    problem = problem_of(
+        s,
+        form.relations,
+        (inputs, outputs),
+        partial(reference_of_relations, form.relations, owner=s.owner),
+        ("the equations", "the linear part does"),
+    )
+    states = tuple(at[n : n + len(s.states)].tolist())
+    zeta = tuple(_Closed(s, form).zeta_at(at[:n], at[n:])[1].tolist())
+    return Separated(problem, functions, bool(form.one.numel()), states, zeta, form.shifted)
+
+
+def problem_of(
+    s: Structure,
+    relations: LinearModel,
+    signals: tuple[tuple[Signal, ...], tuple[Signal, ...]],
+    reference: Callable[[Array], Reference],
+    words: tuple[str, str],
+    trim: TrimRelations | None = None,
+    fit_bound: float = 0.0,
+) -> Problem:
+    """The problem of relations; `words` say what is true, and what is singular where it is."""
+    points = check_points(s.dae.parameters, SEED)
+    truth, singular = words
+    return Problem(
         nouns=Nouns(
             "model",
             s.dae.name,
-            "the equations",
+            truth,
             "its numbers are so different in size that double precision does not carry them",
         ),
         description=s.dae.description,
         text=s.source.text or text_of(s),
         states=tuple(Signal(q.name, q.unit) for q in s.states),
-        inputs=inputs,
-        outputs=outputs,
-        parameters=parameters,
-        forms=(Form(form.relations),),
+        inputs=signals[0],
+        outputs=signals[1],
+        parameters=s.dae.parameters,
+        forms=(Form(relations),),
         points=points,
-        reference=partial(reference_of_relations, form.relations, points, s.owner),
-        fit_error_bound=s.source.fit_error_bound,
+        reference=partial(reference, points),
+        fit_error_bound=max(s.source.fit_error_bound, fit_bound),
         singular=lambda number, names: (
-            f"the linear part does not determine the unknowns at nominal (condition {number:.0e})."
+            f"{singular} not determine the unknowns at nominal (condition {number:.0e})."
         ),
+        trim=trim,
     )
-    states = tuple(at[n : n + len(s.states)].tolist())
-    zeta = tuple(_Closed(s, form).zeta_at(at[:n], at[n:])[1].tolist())
-    return Separated(problem, functions, bool(form.one.numel()), states, zeta, form.shifted)
 
 
 def consistent_point(s: Structure, p: Array | None = None) -> Array:
@@ -240,14 +264,16 @@ class _Closed:
         return float(np.max(np.abs(residual) / np.maximum(scale, _LEAST), initial=0.0))
 
 
-def theta_functions(s: Structure, form: ThetaForm) -> tuple[ThetaFunction, ...]:
+def theta_functions(
+    s: Structure, form: ThetaForm, units: Mapping[str, str]
+) -> tuple[ThetaFunction, ...]:
     """The functions as texts, with ranges of arguments that are variables."""
     variables = {q.name: q.variable for q in (*s.states, *s.unknowns, *s.inputs) if not q.order}
     found = []
     for name, expression, used in form.functions:
         arguments = [form.arguments[a] for a in used]
         names = _identifiers([omega for omega, _, _ in arguments])
-        text = formula_of(expression, [symbol for _, symbol, _ in arguments], names)
+        text, tables = formula_of(expression, [symbol for _, symbol, _ in arguments], names)
         own = [variables.get(omega.removeprefix("omega.")) for omega, _, _ in arguments]
         ranges = [(-np.inf, np.inf) if v is None else (v.minimum, v.maximum) for v in own]
         found.append(
@@ -257,6 +283,8 @@ def theta_functions(s: Structure, form: ThetaForm) -> tuple[ThetaFunction, ...]:
                 tuple(names),
                 text,
                 tuple((float(a), float(b)) for a, b in ranges),
+                units[name],
+                tables,
             )
         )
     return tuple(found)

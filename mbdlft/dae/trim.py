@@ -5,7 +5,7 @@ an exact solution, rational in the parameters; a nonlinear one has numbers if th
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
@@ -23,6 +23,7 @@ from mbdlft.dae.balance import (
     solved_exactly,
     start_of,
 )
+from mbdlft.dae.fitted import Fitted, fitted
 from mbdlft.dae.operations import column_of
 from mbdlft.dae.points import System, solve
 from mbdlft.dae.structure import Quantity, Structure, parameter_points
@@ -41,6 +42,10 @@ class DaeTrim:
     nominal : mapping of the same names to floats
     free : names of inputs that were solved for
     given : mapping of names to floats or names of parameters
+    slopes : mapping of (row, column) to SX of the parameters
+        Entries of the Jacobian of [residual ; outputs] that are fits.
+    fit_bound : float
+        Proved bound of the errors of all fits, each relative to the size of its quantity; 0 if exact.
     """
 
     structure: Structure
@@ -48,6 +53,8 @@ class DaeTrim:
     nominal: Mapping[str, float]
     free: tuple[str, ...]
     given: Mapping[str, float | str]
+    slopes: Mapping[tuple[int, int], ca.SX] = field(default_factory=dict)
+    fit_bound: float = 0.0
 
 
 def trim(
@@ -55,6 +62,7 @@ def trim(
     at: Mapping[str, float | str] | None = None,
     free: Sequence[str] = (),
     moving: Sequence[str] = (),
+    fit: float | None = None,
 ) -> DaeTrim:
     """The equilibrium of a structure at given inputs, parameters left in.
 
@@ -68,25 +76,35 @@ def trim(
         As many as other variables are given.
     moving : names of variables that may grow steadily, such as the angle of a shaft that turns
         No equation may depend on them.
+    fit : float, optional
+        Where the equilibrium, or the linear model there, is not rational in the parameters, it is made of
+        rational fits, whose errors are proved to be at most this, relative to the size of each quantity
+        at nominal parameters.
 
     Raises
     ------
     SceneError
         A name is not known.
     TrimError
-        There is no equilibrium, or too much is given.
+        There is no equilibrium, or too much is given; a fit does not meet its tolerance.
     NotRationalError
         The equilibrium is not rational in the parameters; the message says what can be done.
     """
     given = _of_aliases(s, dict(at or {}))
     _check_names(s, given, free)
     problem = _square(s, *_posed(s, given, free, moving), given)
-    found = solved_exactly(s, problem, at_points(s, problem))
-    values: dict[str, ca.SX] = {q.name: found[q.name] for q in problem.quantities}
+    points = at_points(s, problem)
+    left: list[tuple[int, int]] | None = None if fit is None else []
+    values: dict[str, ca.SX] = solved_exactly(s, problem, points, left)
     every = (*s.unknowns, *s.states, *s.inputs)
+    open_ = {problem.quantities[j].name for _, j in left or ()}
     for q in every:
-        if q.name not in values:
+        if q.name not in values and q.name not in open_:
             values[q.name] = ca.SX(0) if _rests(q) else _given_value(s, q, given)
+    fits = Fitted({}, {}, 0.0)
+    if fit is not None:
+        fits = fitted(s, problem, left or [], points[0], values, fit)
+        values |= fits.values
     if moving:
         _check_moving(s, moving, values)
     p = parameter_points(s.dae, 1)[0]
@@ -95,7 +113,7 @@ def trim(
     nominal = {q.name: float(x) for q, x in zip(every, numbers, strict=True)}
     for alias in s.aliases:
         nominal[alias.name] = float(alias.factor) * (nominal[alias.of] if alias.of else 1.0)
-    return DaeTrim(s, values, nominal, tuple(free), given)
+    return DaeTrim(s, values, nominal, tuple(free), given, fits.slopes, fits.bound)
 
 
 def _of_aliases(s: Structure, given: Mapping[str, float | str]) -> dict[str, float | str]:

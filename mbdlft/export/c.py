@@ -1,5 +1,6 @@
 """C99 without dependency: physical parameters to A, B, C, D and the trim, for embedded gain schedules."""
 
+import math
 from string import Template
 from typing import Any
 
@@ -99,7 +100,7 @@ def _parameter_tables(parameters: tuple[Parameter, ...], name: str) -> str:
     lines = []
     for field in ("low", "nominal", "high"):
         numbers = np.array([getattr(p, field) for p in parameters])
-        lines.append(_table(f"const double {name}_{field}", numbers))
+        lines.append(c_table(f"const double {name}_{field}", numbers))
     maps = {
         "divisor": [DIVISORS[p.substitution] if p.is_angle else 0.0 for p in parameters],
         "factor": [parse_unit(p.unit).factor if p.is_angle else 1.0 for p in parameters],
@@ -110,7 +111,7 @@ def _parameter_tables(parameters: tuple[Parameter, ...], name: str) -> str:
     }
     lines.append("\n/* internal = value, or tan((value * factor - reference) / divisor);")
     lines.append("   internal = b0 + gain delta / (1 + a1 delta) */")
-    lines += [_table(f"static const double {key}", np.array(v)) for key, v in maps.items()]
+    lines += [c_table(f"static const double {key}", np.array(v)) for key, v in maps.items()]
     return "\n".join(lines) + "\n"
 
 
@@ -138,7 +139,7 @@ def _value(lft: LFT, function: str) -> str:
     size, n = lft.M22.size, lft.order
     tables, body = [], ["    (void)value;\n"]
     if size:
-        tables = [_table(f"static const double {begin}_M22", lft.M22)]
+        tables = [c_table(f"static const double {begin}_M22", lft.M22)]
         body = ["    size_t k;\n", f"    for (k = 0; k < {size}; k++) {{\n"]
         body += [f"        value[k] = {begin}_M22[k];\n", "    }\n"]
     if not _used(lft):
@@ -147,9 +148,9 @@ def _value(lft: LFT, function: str) -> str:
         inner, first, last, rows, columns = _sides(lft)
         block = np.repeat(np.arange(len(lft.blocks)), [b.size for b in lft.blocks])
         for name, numbers in (("inner", inner), ("first", first), ("last", last)):
-            tables.append(_table(f"static const double {begin}_{name}", numbers))
+            tables.append(c_table(f"static const double {begin}_{name}", numbers))
         for name, numbers in (("block", block), ("row", rows), ("column", columns)):
-            tables.append(_table(f"static const size_t {begin}_{name}", numbers))
+            tables.append(c_table(f"static const size_t {begin}_{name}", numbers))
         m = len(columns)
         body.insert(0, f"    double d[{n}], work[{n * (n + 4)}];\n    size_t pivot[{n}];\n")
         body.append(
@@ -161,7 +162,7 @@ def _value(lft: LFT, function: str) -> str:
     return "\n".join(tables) + f"\n\n{start}{''.join(body)}}}\n"
 
 
-def _table(declaration: str, numbers: NDArray[Any]) -> str:
+def c_table(declaration: str, numbers: NDArray[Any]) -> str:
     """The definition of an array, doubles in 17 digits."""
     whole = np.asarray(numbers).dtype.kind == "i"
     texts = [str(int(x)) if whole else _number(float(x)) for x in np.ravel(numbers)]
@@ -175,5 +176,7 @@ def _table(declaration: str, numbers: NDArray[Any]) -> str:
 
 def _number(x: float) -> str:
     """A double in 17 digits, which are read back as the same double."""
+    if math.isinf(x):
+        return "HUGE_VAL" if x > 0 else "-HUGE_VAL"
     text = f"{x:.17g}"
     return text if "." in text or "e" in text else f"{text}.0"

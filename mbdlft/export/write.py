@@ -13,6 +13,7 @@ from mbdlft.export.names import RESERVED, identifier
 from mbdlft.store.archive import save
 from mbdlft.store.files import target_of
 from mbdlft.system.system import System
+from mbdlft.system.theta import DeltaThetaModel
 
 MODEL_SUFFIXES = (".mat", ".c", ".jl")
 GRID_SUFFIXES = (".mat", ".csv", ".npz")
@@ -23,7 +24,7 @@ _WRITERS = {".mat": grid_mat, ".csv": grid_csv, ".npz": grid_npz}
 
 def export_model(
     path: str | Path,
-    model: System,
+    model: System | DeltaThetaModel,
     counts: Counts | None = None,
     archive: str | Path | None = None,
 ) -> tuple[Path, ...]:
@@ -34,7 +35,9 @@ def export_model(
     path : file
         ``.mat``: the numbers, with a script ``NAME.m`` and a function ``NAME_at.m`` beside it for MATLAB
         and Octave; ``.c``: C99, with a header; ``.jl``: a Julia script that reads an archive.
-    model : LFTModel or System
+    model : LFTModel, System or DeltaThetaModel
+        Of the last, derivatives and outputs with the nonlinear functions, too; for MATLAB in a third
+        file ``NAME_rates.m``.
     counts : int, or mapping of names to int, optional
         Write state matrices at all combinations of so many evenly spaced values of each parameter
         (those that a mapping does not name are nominal) instead of the model: ``.mat``, ``.csv`` or
@@ -58,13 +61,18 @@ def export_model(
         A file cannot be written, or would take the place of one beside `path` that was not exported.
     """
     file = Path(path)
-    if not isinstance(model, System):
+    if not isinstance(model, System | DeltaThetaModel):
         raise StructureError(
-            f"{file}: expected an LFTModel or a System, got {type(model).__name__}. to_lft(scene) makes "
-            "one of a scene."
+            f"{file}: expected an LFTModel, a System or a DeltaThetaModel, got {type(model).__name__}. "
+            "to_lft(scene) makes one of a scene."
         )
     suffix = check_suffix(file, grid=counts is not None)
     if counts is not None:
+        if isinstance(model, DeltaThetaModel):
+            raise StructureError(
+                f"{file}: model {model.name!r} has nonlinear functions, and no matrices on a grid. "
+                "Linearize it around an equilibrium (linearize_dae), or export model.linear."
+            )
         return _written({file: _WRITERS[suffix](model, matrices_on(model, counts))})
     if suffix == ".jl":
         return _written_julia(file, model, archive)
@@ -91,9 +99,10 @@ def check_suffix(file: Path, *, grid: bool) -> str:
     return suffix
 
 
-def _matlab(file: Path, model: System) -> dict[Path, bytes]:
-    """The .mat file, its script and its function."""
+def _matlab(file: Path, model: System | DeltaThetaModel) -> dict[Path, bytes]:
+    """The .mat file, its script and its functions."""
     from mbdlft.export.matlab import evaluation_text, items_of_matlab, matlab_image, script_text
+    from mbdlft.export.theta_matlab import items_of_theta_matlab, rates_text
 
     stem = file.stem
     if not re.fullmatch("[A-Za-z][A-Za-z0-9_]{0,59}", stem) or stem in RESERVED:
@@ -101,24 +110,39 @@ def _matlab(file: Path, model: System) -> dict[Path, bytes]:
             f"{file}: {stem!r} cannot name a script of MATLAB, which is written beside it: ASCII "
             f"letters, digits and underscores, a letter first. Call it {identifier(stem)}.mat."
         )
+    own: dict[Path, bytes] = {}
+    linear: System = model.linear if isinstance(model, DeltaThetaModel) else model
+    if isinstance(model, DeltaThetaModel):
+        items = items_of_theta_matlab(model)
+        own = {file.with_name(f"{stem}_rates.m"): rates_text(model, stem).encode()}
+    else:
+        items = items_of_matlab(linear)
     return {
-        file: matlab_image(items_of_matlab(model)),
-        file.with_suffix(".m"): script_text(model, stem).encode(),
-        file.with_name(f"{stem}_at.m"): evaluation_text(model, stem).encode(),
+        file: matlab_image(items),
+        file.with_suffix(".m"): script_text(linear, stem).encode(),
+        file.with_name(f"{stem}_at.m"): evaluation_text(linear, stem).encode(),
+        **own,
     }
 
 
-def _c(file: Path, model: System) -> dict[Path, bytes]:
+def _c(file: Path, model: System | DeltaThetaModel) -> dict[Path, bytes]:
     """The source and its header."""
     from mbdlft.export.c import c_texts
+    from mbdlft.export.theta_c import theta_c_texts
 
-    source, header = c_texts(model, file.stem)
+    if isinstance(model, DeltaThetaModel):
+        source, header = theta_c_texts(model, file.stem)
+    else:
+        source, header = c_texts(model, file.stem)
     return {file: source.encode(), file.with_suffix(".h"): header.encode()}
 
 
-def _written_julia(file: Path, model: System, archive: str | Path | None) -> tuple[Path, ...]:
+def _written_julia(
+    file: Path, model: System | DeltaThetaModel, archive: str | Path | None
+) -> tuple[Path, ...]:
     """The script, and the archive unless there is one."""
     from mbdlft.export.julia import julia_text
+    from mbdlft.export.theta_julia import theta_julia_text
 
     beside = file.with_suffix(".h5")
     at = Path(archive) if archive is not None else beside
@@ -126,7 +150,10 @@ def _written_julia(file: Path, model: System, archive: str | Path | None) -> tup
         place = os.path.relpath(at.resolve(), file.parent.resolve())
     except ValueError:  # on another drive
         place = str(at.resolve())
-    text = julia_text(model, file.stem, Path(place).as_posix())
+    if isinstance(model, DeltaThetaModel):
+        text = theta_julia_text(model, file.stem, Path(place).as_posix())
+    else:
+        text = julia_text(model, file.stem, Path(place).as_posix())
     if archive is None:
         save(beside, model)
     return (*_written({file: text.encode()}), *((beside,) if archive is None else ()))

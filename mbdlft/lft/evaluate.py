@@ -5,7 +5,7 @@ the zeros (`mbdlft/lft/closing.py`); its pivots are on the diagonal, so samples 
 lost digits are solved for with dense matrices, and all samples are if some of them differ.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -19,8 +19,10 @@ from mbdlft.lft.block import block_value
 from mbdlft.lft.closing import program
 from mbdlft.lft.lft import LFT, check, check_name
 from mbdlft.lft.program.cache import user_cache
+from mbdlft.lft.program.known import ModelProgram, values_by
 from mbdlft.lft.program.native import NativeProgram, is_available, native, run_natively
 from mbdlft.lft.program.run import Plan, plan, run
+from mbdlft.lft.program.tape import Program
 
 MUCH = 4  # times as many columns as rows are worth the digits that the left side may lose
 _CHUNK, _CHUNK_ENTRIES = 512, 2**22  # samples and matrix entries that are held at once
@@ -28,6 +30,10 @@ NATIVE = 400_000  # samples from which on compiling the program takes less than 
 MANY = 1024  # samples from which on a program is worth making
 _LONGEST = 20_000  # instructions; making a program takes microseconds for each
 _PROBES = 32  # samples at which a program is compared with the dense definition
+_DIFFERENT = (
+    1e-9  # of a row and column: what equations and an LFT may differ by as they are rounded
+)
+DENSE, OWN, KNOWN = "dense matrices", "program of the LFT", "stored program"
 _ROUNDING = 64.0 * float(np.finfo(float).eps)  # times the order: what the two may differ by
 
 
@@ -98,16 +104,68 @@ def evaluate_at(a: LFT, points: ArrayLike) -> Array:
         return values
     native_program = _native(a) if len(p) >= NATIVE and is_available() else None
     if native_program is None:
-        lost = run(found, p, values)
+        lost = run(found[1], p, values)
     else:  # bit for bit the same
         lost = run_natively(native_program, p, a.M22.ravel(), values.reshape(len(p), -1))
-    if not _agrees(a, p, values, lost):
+    if not agrees(a, p, values, lost, 0.0):
         lost[:] = True
+    _again(a, p, values, lost)
+    return values
+
+
+def evaluate_known(
+    a: LFT,
+    points: Array,
+    known: ModelProgram,
+    physical: Array,
+    check_lost: Callable[[Array], None] | None = None,
+) -> Array | None:
+    """Values by a program that is known beside the LFT; None if the LFT's own way is shorter.
+
+    Parameters
+    ----------
+    a : LFT
+        One of those that the program belongs to.
+    points : array (N, number of blocks) [1]
+    known : ModelProgram
+    physical : array (N, n_p)
+        The same points in the units of the parameters.
+    check_lost : function, optional
+        Called with the points (n, number of blocks) at which digits were lost.
+
+    Returns
+    -------
+    array (N, n_out, n_in)
+        Samples at which a pivot has lost digits are those of dense matrices. None, too, if samples of
+        these do not agree with dense matrices.
+    """
+    if way(a, len(points), known) != KNOWN:
+        return None
+    values, lost = values_by(known, a, physical)
+    if not agrees(a, points, values, lost):
+        return None
+    if check_lost is not None and np.any(lost):
+        check_lost(points[lost])
+    _again(a, points, values, lost)
+    return values
+
+
+def way(a: LFT, count: int, known: ModelProgram | None = None) -> str:
+    """How so many values are computed: by `DENSE` matrices, the `OWN` program, or a `KNOWN` one."""
+    if count < MANY or a.is_complex or any(block.kind != "real" for block in a.blocks):
+        return DENSE
+    own = _plan(a)
+    if known is not None and (own is None or known.length < len(own[0].instructions)):
+        return KNOWN
+    return DENSE if own is None else OWN
+
+
+def _again(a: LFT, points: Array, values: Array, lost: NDArray[np.bool_]) -> None:
+    """Put the values of dense matrices where digits were lost."""
     if np.any(lost):
         again = np.repeat(a.M22[None], int(np.sum(lost)), axis=0)
-        _dense(a, p[lost], again)
+        _dense(a, points[lost], again)
         values[lost] = again
-    return values
 
 
 def _of_all_kinds(a: LFT, deltas: Mapping[str, Any]) -> Array:
@@ -142,29 +200,39 @@ def values_and_sizes(a: LFT, points: Array) -> tuple[Array, Array]:
 @lru_cache(maxsize=4)
 def _native(a: LFT) -> NativeProgram | None:
     """The program as native code, with the places of the entries in a row; nothing if LLVM fails."""
-    found = program(a, _LONGEST)
+    found = _plan(a)
     assert found is not None
     width = a.shape[1]
-    entries = tuple(((0, i * width + j), register) for (i, j), register in found.entries)
+    entries = tuple(((0, i * width + j), register) for (i, j), register in found[0].entries)
     try:
-        return native(replace(found, entries=entries), a.M22.size, user_cache())
+        return native(replace(found[0], entries=entries), a.M22.size, user_cache())
     except (RuntimeError, OSError):
         return None
 
 
 @lru_cache(maxsize=16)
-def _plan(a: LFT) -> Plan | None:
-    """The program of an LFT, or nothing if dense matrices are faster."""
+def _plan(a: LFT) -> tuple[Program, Plan] | None:
+    """The program of an LFT, and for vectors, or nothing if dense matrices are faster."""
     found = program(a, min(_LONGEST, a.order**2 * (a.order + 12)))
-    return None if found is None else plan(found)
+    return None if found is None else (found, plan(found))
 
 
-def _agrees(a: LFT, points: Array, values: Array, lost: NDArray[np.bool_]) -> bool:
-    """Whether values are the dense ones at some of the points that are not lost, up to rounding."""
+def agrees(
+    a: LFT, points: Array, values: Array, lost: NDArray[np.bool_], different: float = _DIFFERENT
+) -> bool:
+    """Whether values are the dense ones at some of the points that are not lost, up to rounding.
+
+    Entries may be `different`, too, by this part of the largest of their row and column.
+    """
     probes = np.unique(np.linspace(0, len(points) - 1, _PROBES).astype(int))
     probes = probes[~lost[probes]]
     expected, sizes = values_and_sizes(a, points[probes])
-    return bool(np.all(np.abs(values[probes] - expected) <= _ROUNDING * a.order * sizes))
+    within = _ROUNDING * a.order * sizes
+    if different:
+        size = np.max(np.abs(expected), axis=0, initial=0.0)
+        rows, columns = np.max(size, axis=1, initial=0.0), np.max(size, axis=0, initial=0.0)
+        within = within + different * np.maximum(size, np.sqrt(np.outer(rows, columns)))
+    return bool(np.all(np.abs(values[probes] - expected) <= within))
 
 
 def _dense(a: LFT, points: Array, values: Array, *, sized: bool = False) -> Array:

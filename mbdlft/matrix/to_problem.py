@@ -18,11 +18,11 @@ from mbdlft.matrix.resolve import Resolved, resolve
 from mbdlft.matrix.symbolic import written_matrix
 from mbdlft.matrix.toml import matrix_to_toml
 from mbdlft.number.rounding import conditioning
+from mbdlft.number.scale import or_one
 from mbdlft.problem.compare import NEGLIGIBLE
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage
 from mbdlft.problem.transfers import transfers
-from mbdlft.reduce.reduce import or_one
 
 _SCALINGS = 10  # of rows and columns; each halves the digits in which they differ
 

@@ -26,7 +26,7 @@ def operating_point(
     """
     table = table or ModelicaTable()
     structure = structure_of(dae, report, table)
-    return trim(structure, table.at, table.free, table.moving)
+    return trim(structure, table.at, table.free, table.moving, table.fit)
 
 
 def structure_of(

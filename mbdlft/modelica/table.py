@@ -21,6 +21,7 @@
     at = { "load.phi" = 0.3 }
     free = ["voltage"]
     moving = []
+    fit = 1e-6
 """
 
 from collections.abc import Mapping
@@ -55,6 +56,8 @@ class ModelicaTable:
         Variables that are to be states, where there is a choice.
     at, free, moving
         As in `mbdlft.dae.trim`: what the equilibrium is at, inputs that it gives, what may grow.
+    fit : float or None
+        As in `mbdlft.dae.trim`: the tolerance of fits, where the equilibrium is not rational.
     check_units : bool
         Whether units that do not fit are an error.
     """
@@ -69,6 +72,7 @@ class ModelicaTable:
     at: Mapping[str, float | str] = field(default_factory=lambda: MappingProxyType({}))
     free: tuple[str, ...] = ()
     moving: tuple[str, ...] = ()
+    fit: float | None = None
     check_units: bool = True
 
 
@@ -122,6 +126,7 @@ def _table(table: dict[str, Any]) -> ModelicaTable:
         sections["values"],
         **_lists(sections),
         at=_at(sections["trim"].get("at", {})),
+        fit=_fit(sections["trim"].get("fit")),
         check_units=table.get("check_units", True),
     )
 
@@ -130,16 +135,24 @@ def _lists(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, tuple[str, ..
     """Lists of names of the sections that have some."""
     found = {}
     for section, keys in _LISTS.items():
-        known = (*keys, "at") if section == "trim" else keys
+        known = (*keys, "at", "fit") if section == "trim" else keys
         for key, names in sections[section].items():
             if key not in known:
                 raise SceneError(f"{section}: " + unknown_name("key", key, known))
-            if key == "at":
+            if key in ("at", "fit"):
                 continue
             if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
                 raise SceneError(f"{section}: {key}: expected a list of names, got {names!r}.")
             found[key] = tuple(names)
     return found
+
+
+def _fit(given: Any) -> float | None:
+    """The tolerance of fits."""
+    is_number = isinstance(given, int | float) and not isinstance(given, bool)
+    if given is not None and not (is_number and 0.0 < given < 1.0):
+        raise SceneError(f"trim: fit: expected a tolerance between 0 and 1, got {given!r}.")
+    return None if given is None else float(given)
 
 
 def _at(given: Any) -> Mapping[str, float | str]:

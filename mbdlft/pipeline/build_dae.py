@@ -70,6 +70,7 @@ def linearize_dae(
     at: Mapping[str, float | str] | None = None,
     free: Sequence[str] = (),
     *,
+    fit: float | None = None,
     search: float = SEARCH,
     seconds: float | None = None,
     prove: float = PROVE,
@@ -81,7 +82,7 @@ def linearize_dae(
     ----------
     model : Dae, Structure, or DaeTrim
         Of the last the equilibrium is known; the others are trimmed.
-    at, free
+    at, free, fit
         As in `trim`.
     search, seconds, prove
         As in `to_lft`.
@@ -101,5 +102,5 @@ def linearize_dae(
             with clock.stage("structure"):
                 structure = model if isinstance(model, Structure) else reduce_index(model)
             with clock.stage("trim"):
-                model = trim(structure, at, free)
+                model = trim(structure, at, free, fit=fit)
         return realization(problem_of_trim(model, clock.stage), budget, clock.stage, prove)

@@ -10,7 +10,7 @@ from mbdlft.base.errors import TrimError
 from mbdlft.problem.equations import Equations, load_value, physical_symbols
 from mbdlft.sx.evaluate import evaluate_many
 
-_CARRIED = 1e-9  # of the loads of the scene: a smaller wrench through a body is rounding
+CARRIED = 1e-9  # of the loads of the scene: a smaller wrench through a body is rounding
 
 
 def check_prestress(equations: Equations, points: Array, efforts: Array) -> None:
@@ -37,7 +37,7 @@ def check_carried(equations: Equations, largest: Array, load: float) -> None:
         A wrench is more than rounding of the loads.
     """
     e = equations
-    loaded = np.flatnonzero(largest > _CARRIED * load)
+    loaded = np.flatnonzero(largest > CARRIED * load)
     if len(loaded):
         body = e.carried_by[int(loaded[0])]
         raise TrimError(

@@ -18,7 +18,8 @@ from scipy.linalg import qr
 from mbdlft.base.array import Array
 from mbdlft.lft.evaluate import evaluate
 from mbdlft.lft.lft import LFT, Block, constant, fix, select, stack_columns, stack_rows, transpose
-from mbdlft.reduce.reduce import equilibrate, reduce_order
+from mbdlft.number.scale import equilibrate
+from mbdlft.reduce.reduce import reduce_order
 from mbdlft.reduce.work import Work, product, reduction, solutions
 
 _POINTS = 24

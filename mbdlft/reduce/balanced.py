@@ -19,7 +19,8 @@ from mbdlft.base.array import Array
 from mbdlft.lft.exact import ExactLFT
 from mbdlft.lft.lft import LFT
 from mbdlft.number.exact_matrix import Balls, TooFewBitsError, ball_matrix, balls_of, entries_of
-from mbdlft.reduce.reduce import channel_scales, in_scales, or_one
+from mbdlft.number.scale import or_one
+from mbdlft.reduce.reduce import channel_scales, in_scales
 
 _SWEEPS, _ROUNDS = 3, 5
 _WIDE = 2.0**-40  # of the largest value: the radius of one that is known well enough

@@ -28,9 +28,10 @@ from mbdlft.lft.lft import (
     stack_diagonal,
     transpose,
 )
+from mbdlft.number.scale import equilibrate
 from mbdlft.reduce.affine import at_one_side, close_block, open_block
 from mbdlft.reduce.independent import independent
-from mbdlft.reduce.reduce import equilibrate, reduce_order
+from mbdlft.reduce.reduce import reduce_order
 from mbdlft.reduce.work import Work, reduction, solutions
 
 _INDEPENDENT = 1e-7  # of the length of a column: what is left of it beside those before

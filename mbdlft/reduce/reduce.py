@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from itertools import accumulate, pairwise
 from math import sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,18 +109,6 @@ def channel_scales(M11: Array, M12: Array, M21: Array) -> Array:
     """Powers of two (n,) with which what enters and what leaves each channel has one size."""
     coupled = M11 - np.diag(np.diagonal(M11))  # no scale changes the diagonal
     return _channel_scales(coupled, M12, M21, _MOST_SWEEPS)[0]
-
-
-def equilibrate(values: NDArray[Any]) -> tuple[Array, Array]:
-    """Factors of rows and columns that bring the largest entries to one."""
-    size = np.max(np.abs(values), axis=0, initial=0.0)
-    rows = 1.0 / or_one(np.max(size, axis=1, initial=0.0))
-    return rows, 1.0 / or_one(np.max(size * rows[:, None], axis=0, initial=0.0))
-
-
-def or_one(size: Array) -> Array:
-    """Sizes to divide by: 1 for zero."""
-    return np.where(size > 0.0, size, 1.0)
 
 
 def _channel_scales(M11: Array, M12: Array, M21: Array, sweeps: int) -> tuple[Array, Array, Array]:

@@ -8,7 +8,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.lft.evaluate import evaluate_at, values_and_sizes
 from mbdlft.lft.lft import LFT
-from mbdlft.reduce.reduce import equilibrate, or_one
+from mbdlft.number.scale import equilibrate, or_one
 from mbdlft.reduce.work import Work, singular_values, solutions
 
 _POINTS = 64

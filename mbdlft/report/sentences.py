@@ -8,6 +8,7 @@ from mbdlft.system.model import Certificate, LFTModel
 
 _EPS = sys.float_info.epsilon
 _MOST_BOXES = 4  # that are listed
+_SCENE = 'format = "mbdlft-scene/'  # in the text of a scene, in provenance
 _MATRIX = 'format = "mbdlft-matrix/'  # how the text of a matrix begins, in provenance
 
 
@@ -32,10 +33,14 @@ def order_sentences(model: LFTModel) -> Iterator[str]:
                 "typical sizes, on the whole range"
             )
         if certificate.fit_error_bound > 0.0:
-            yield (
-                f"not exact: positions are fits, within {_upward(certificate.fit_error_bound)} rad or m "
-                "of the equilibrium, on the whole range"
-            )
+            within = f"within {_upward(certificate.fit_error_bound)}"
+            if _SCENE in model.provenance.scene:
+                what = f"positions are fits, {within} rad or m of the equilibrium"
+            else:
+                what = (
+                    f"it has fits, {within} of the sizes of quantities, or in units of coefficients"
+                )
+            yield f"not exact: {what}, on the whole range"
     if any(certificate.doubtful):
         unclear = ", ".join(
             f"{p.name} {count}"

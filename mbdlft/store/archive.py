@@ -100,14 +100,13 @@ def rewrite(
     fill: Callable[[Any], None],
     replaced: str,
     *,
-    large: bool = False,
-    beside: Path | None = None,
+    made: Path | None = None,
 ) -> None:
     """Put a new archive in place of a file: the old contents, with the group that `fill` writes.
 
-    The group `replaced` of the old contents is left out. A `large` archive is written to the disk piece
-    by piece, in the folder `beside` (by default that of the file) until it is complete; any other
-    archive is made in memory first. Other writers of the file wait.
+    The group `replaced` of the old contents is left out. If there is a file `made`, it has that group
+    already, on the same disk; the rest is put into it, and it is moved to its place. Otherwise an archive
+    is made in memory first if the old one is not large. Other writers of the file wait.
 
     Raises
     ------
@@ -119,25 +118,30 @@ def rewrite(
     if target.exists():
         content_of(file)  # a folder is no place for a lock, and needs none
     with locked(target):
-        if not (large or _size(target) > LARGE):
+        if made is None and _size(target) <= LARGE:
             image = BytesIO()
             _make(file, target, image, fill, replaced)
             put(target, sealed(image.getvalue()))
             return
 
         def make(path: Path) -> None:
-            _make(file, target, path, fill, replaced)
+            _make(file, target, path, fill, replaced, mode="w" if made is None else "r+")
             if path.stat().st_size <= LARGE:
                 seal_file(path)
 
-        put(target, make, beside)
+        put(target, make, made)
 
 
 def _make(
-    file: Path, old: Path, new: BytesIO | Path, fill: Callable[[Any], None], replaced: str
+    file: Path,
+    old: Path,
+    new: BytesIO | Path,
+    fill: Callable[[Any], None],
+    replaced: str,
+    mode: str = "w",
 ) -> None:
     """Make a new archive of the old one, if there is one; `file` is its name in messages."""
-    with h5py.File(new, "w", libver=("v110", "v110")) as archive:  # metadata with checksums
+    with h5py.File(new, mode, libver=("v110", "v110")) as archive:  # metadata with checksums
         if old.exists():
             _copy(file, old, archive, replaced)
         for name, text in (

@@ -13,7 +13,7 @@ from mbdlft.store.items import Items
 
 
 def write_items(group: Any, items: Items) -> None:
-    """Write items into an empty group, numbers and texts as they are, bytes compressed."""
+    """Write items into an empty group, numbers and texts as they are, bytes and programs compressed."""
     for path, values in items.items():
         owner, at, name = path.partition("@")
         kind = h5py.string_dtype("utf-8", values.dtype.itemsize)
@@ -22,7 +22,9 @@ def write_items(group: Any, items: Items) -> None:
             target = group.require_group(owner) if owner else group
             target.attrs.create(name, values.astype(stored), dtype=stored)
         else:
-            packed = {"compression": "gzip"} if values.dtype == np.uint8 and values.size else {}
+            is_program = path.startswith("program/")
+            long = values.size and (values.dtype == np.uint8 or is_program)
+            packed = {"compression": "gzip", "shuffle": is_program} if long else {}
             group.create_dataset(path, data=values.astype(stored), dtype=stored, **packed)
 
 
@@ -37,7 +39,7 @@ def copy_all(old: Any, new: Any, replaced: str) -> None:
         check_link(old, name)
         if name != parent:
             old.copy(name, new)
-    inner = new.create_group(parent)
+    inner = new.require_group(parent)
     if parent not in names_of(old):
         return
     group = member(old, parent)

@@ -115,11 +115,11 @@ def _remove_leftovers(file: Path) -> None:
                 path.unlink(missing_ok=True)
 
 
-def put(file: Path, image: bytes | Callable[[Path], None], beside: Path | None = None) -> None:
+def put(file: Path, image: bytes | Callable[[Path], None], made: Path | None = None) -> None:
     """Put a complete file in place of the old one, or leave the old one as it is.
 
-    `image` is the content of the file, or a function that writes it to a path. The new file is made in
-    the folder `beside`, by default that of the file.
+    `image` is the content of the file, or a function that writes it to a path: that of a new file beside
+    the old one, or of the file `made`, which has a part of the content already and stays if this fails.
 
     Raises
     ------
@@ -128,20 +128,25 @@ def put(file: Path, image: bytes | Callable[[Path], None], beside: Path | None =
     """
     temporary: Path | None = None
     try:
-        handle, temporary_name = tempfile.mkstemp(
-            prefix=f".{file.name}.", suffix=_ENDING, dir=beside or file.parent
-        )
-        temporary = Path(temporary_name)
+        if made is None:
+            handle, temporary_name = tempfile.mkstemp(
+                prefix=f".{file.name}.", suffix=_ENDING, dir=file.parent
+            )
+            temporary = Path(temporary_name)
+        else:
+            handle = os.open(made, os.O_RDWR | getattr(os, "O_BINARY", 0))
+        new = temporary or made
+        assert new is not None
         with os.fdopen(handle, "r+b") as stream:
             if isinstance(image, bytes):
                 stream.write(image)
                 stream.flush()
             else:
-                image(temporary)
+                image(new)
             os.fsync(stream.fileno())
         mode = file.stat().st_mode & 0o777 if file.exists() else 0o666 & ~_umask()
-        temporary.chmod(mode)
-        temporary.replace(file)
+        new.chmod(mode)
+        new.replace(file)
     except (OSError, RuntimeError) as error:
         if isinstance(error, ArchiveError):
             raise

@@ -35,6 +35,7 @@ FAILURES = (
 _LONG_TEXT = "text of variable length"
 _NUMBERS = (
     (h5t.IEEE_F64LE, "float64"),
+    (h5t.IEEE_F32LE, "float32"),
     (h5t.STD_I64LE, "int64"),
     (h5t.STD_I8LE, "int8"),
     (h5t.STD_U8LE, "uint8"),

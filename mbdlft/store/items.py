@@ -19,7 +19,7 @@ Items = dict[str, NDArray[Any]]
 DIGEST = "@digest"
 TEXT = "text"
 # names of the types in digests and messages, by the character and the size of numpy's
-TYPES = {"f8": "float64", "i8": "int64", "i1": "int8", "u1": "uint8", "b1": "bool"}
+TYPES = {"f8": "float64", "f4": "float32", "i8": "int64", "i1": "int8", "u1": "uint8", "b1": "bool"}
 
 
 class Spec(NamedTuple):

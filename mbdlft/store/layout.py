@@ -111,7 +111,24 @@ THETA = _wanted(
     "theta/initial: float64 x",
     "theta/zeta_at_start: float64 f",
 )
-ROWS = ("samples", "A", "B", "C", "D", "trim/value", "residual", "status")
+TABLES = _wanted(
+    "theta/tables: int64 f",
+    "theta/table/count theta/table/pairs: int64 tables",
+    "theta/table/breakpoint theta/table/value: float64 points",
+    "theta/table/below theta/table/above: float64 tables",
+    "theta/table/slope: float64 pieces 2",
+)
+PROGRAM = _wanted(
+    "program/operation: int8 i",
+    "program/left program/right: int64 i",
+    "program/numbers: float64 number",
+    "program/result: int64 result",
+    "program/pivots: int64 pivot 2",
+)
+ROWS = (
+    *("samples", "A", "B", "C", "D", "trim/value", "residual", "status"),
+    *("poles/real", "poles/imaginary", "function/value"),
+)
 _SWEEP = {
     **_ENCODING,
     **_SIGNALS,
@@ -119,15 +136,21 @@ _SWEEP = {
         "@model?: text",
         "trim/name trim/unit: text t",
         "samples: float64 N p",
-        "A: float64 N x x",
-        "B: float64 N x u",
-        "C: float64 N y x",
-        "D: float64 N y u",
-        "trim/value: float64 N t",
+        "A: float N x x",
+        "B: float N x u",
+        "C: float N y x",
+        "D: float N y u",
+        "trim/value: float N t",
         "residual: float64 N",
         "status: int8 N",
     ),
 }
+_FLOATS = (
+    "float64",
+    "float32",
+)  # where a layout says float; all such items of a group have one type
+_POLES = _wanted("poles/real poles/imaginary: float N x")
+_FUNCTION = _wanted("function/name: text f", "function/value: float N f")
 BLOCK_ROWS = "@block_rows"
 _SWEEP_1_1 = {
     **_SWEEP,
@@ -215,6 +238,15 @@ def check_layout(specs: Mapping[str, Spec], kind: str, version: str) -> None:
         layout |= {**_TRIM_LFT, **(_wanted(*_TRIM_BLOCKS) if version != FIRST else {})}
     if kind == MODEL_TYPE and any(path.startswith("theta/") for path in specs):
         layout |= THETA
+        if any(path.startswith("theta/table") for path in specs):
+            layout |= TABLES
+    if kind == MODEL_TYPE and any(path.startswith("program/") for path in specs):
+        layout |= PROGRAM
+    if kind == SWEEP_TYPE:
+        for name, more in (("poles/", _POLES), ("function/", _FUNCTION)):
+            layout |= more if any(path.startswith(name) for path in specs) else {}
+    number = specs["A"].type if kind == SWEEP_TYPE and "A" in specs else ""
+    number = number if number in _FLOATS else _FLOATS[0]
     sizes = {"1": 1, "2": 2, "3": 3, "32": 32}
     for path, wanted in layout.items():
         if path not in specs:
@@ -222,9 +254,10 @@ def check_layout(specs: Mapping[str, Spec], kind: str, version: str) -> None:
                 raise ArchiveError(f"is not whole: {_called(path)} is missing.")
             continue
         kind_found, shape = specs[path]
-        if kind_found != wanted.type:
+        expected_kind = number if wanted.type == "float" else wanted.type
+        if kind_found != expected_kind:
             raise ArchiveError(
-                f"{_called(path)} has the type {kind_found}, expected {wanted.type}."
+                f"{_called(path)} has the type {kind_found}, expected {expected_kind}."
             )
         if len(shape) == len(wanted.sizes):
             for name, size in zip(wanted.sizes, shape, strict=True):

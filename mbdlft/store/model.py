@@ -25,6 +25,7 @@ from mbdlft.store.items import (
     words,
 )
 from mbdlft.store.layout import MODEL_TYPE, SYSTEM_TYPE, VERSION
+from mbdlft.store.program import items_of_program, program_of_items
 from mbdlft.store.theta import items_of_theta, theta_of_items
 from mbdlft.system.model import LFTModel, Provenance, Trim
 from mbdlft.system.system import Parameters, System
@@ -65,6 +66,8 @@ def items_of_model(model: System | DeltaThetaModel) -> Items:
     items |= _items_of_parameters(model.parameters)
     if isinstance(model, LFTModel):
         items |= _items_of_evidence(model)
+        if model.known_program is not None:
+            items |= items_of_program(model.known_program)
     items |= functions
     items[DIGEST] = text(digest(items))
     return items
@@ -181,9 +184,11 @@ def _system(items: Items, name: str) -> System:
     if word(items, "@encoding_type") == SYSTEM_TYPE:
         return System(**common)
     sizes = tuple(block.size for block in blocks if block.kind == "real")
+    trim = _trim(items, parameters)
     return LFTModel(
         **common,
-        trim=_trim(items, parameters),
+        trim=trim,
+        program=program_of_items(items, len(parameters), lft, trim.lft),
         certificate=certificate_of(items, sizes),
         provenance=Provenance(
             scene=long_text(items, "provenance/scene", "provenance@scene"),

@@ -1,12 +1,12 @@
 """Sweeps in an archive: /sweeps/<name>, numeric trims and linearizations of many samples.
 
-A row of a sweep is [samples, A, B, C, D, trim, residual, status], matrices row by row.
+A row of a sweep is [samples, A, B, C, D, trim, residual, status, poles, values of functions], matrices
+row by row.
 """
 
 import hashlib
-from collections.abc import Iterable
-from dataclasses import dataclass
-from itertools import pairwise
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,63 +15,23 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import ArchiveError
-from mbdlft.base.signal import Signal
 from mbdlft.store.archive import LIMIT, check_name, names_in, read_one, rewrite
 from mbdlft.store.copying import write_items
 from mbdlft.store.hdf5 import Part
 from mbdlft.store.helper import Request, said_of
-from mbdlft.store.items import DIGEST, Items, check_digest, digest, text, texts, word
+from mbdlft.store.items import DIGEST, Items, check_digest, digest, text, texts, word, words
 from mbdlft.store.layout import BLOCK_ROWS, ROWS, SWEEP_TYPE, VERSION
 from mbdlft.store.model import characters, signals_of
+from mbdlft.store.rows import FUNCTION_FAILED, GROUP, NO_EQUILIBRIUM, SOLVED, Layout
 
-SOLVED, SINGULAR, NO_EQUILIBRIUM = 0, 1, 2
 MEANINGS = (
     "0: solved; 1: not converged, the efforts or accelerations cannot be solved for; "
     "2: no equilibrium, the efforts do not hold it"
 )
-_CHUNK_BYTES, _CHUNK_ROWS = 2**19, 4096
-_BLOCK_ROWS = 4096
+_FUNCTION_MEANING = "; 3: solved, but the function of the user failed"
 _MATRICES = ("A", "B", "C", "D")
 _SIGNALS = ("parameters", "states", "inputs", "outputs", "trim")
-
-
-@dataclass(frozen=True, slots=True)
-class Layout:
-    """Names and units of the numbers in each row of a sweep."""
-
-    parameters: tuple[Signal, ...]
-    states: tuple[Signal, ...]
-    inputs: tuple[Signal, ...]
-    outputs: tuple[Signal, ...]
-    trim: tuple[Signal, ...]
-
-    @property
-    def matrix_shape(self) -> tuple[int, int]:
-        """Shape of [A B ; C D]."""
-        return (
-            len(self.states) + len(self.outputs),
-            len(self.states) + len(self.inputs),
-        )
-
-    @property
-    def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Shape of each dataset in one sample, in the order of a row."""
-        x, u, y = len(self.states), len(self.inputs), len(self.outputs)
-        return {
-            "samples": (len(self.parameters),),
-            "A": (x, x),
-            "B": (x, u),
-            "C": (y, x),
-            "D": (y, u),
-            "trim/value": (len(self.trim),),
-            "residual": (),
-            "status": (),
-        }
-
-    @property
-    def width(self) -> int:
-        """Number of entries of a row."""
-        return sum(int(np.prod(shape)) for shape in self.shapes.values())
+_OF_FUNCTION = "function/value"
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -89,8 +49,12 @@ class Sweep:
     residual : array (N,)
         Residual of the trim, relative to the largest effort; for a model, the error in its certificate.
     status : int8 array (N,)
-        0 solved, 1 not converged, 2 no equilibrium.
+        0 solved, 1 not converged, 2 no equilibrium, 3 solved, but the function of the user failed.
     model : name of the model in the same archive, or "" for a scene
+    poles : complex array (N, nx), or None
+        Eigenvalues of A, sorted by their real, then their imaginary parts.
+    values : mapping of names to arrays (N,)
+        What the function of the user has computed.
     """
 
     name: str
@@ -104,52 +68,40 @@ class Sweep:
     residual: Array
     status: NDArray[np.int8]
     model: str
+    poles: NDArray[np.complex128] | None = None
+    values: Mapping[str, Array] = field(default_factory=dict)
 
 
-def pack(
-    layout: Layout, samples: Array, matrices: Array, trim: Array, residual: Array, status: Array
-) -> Array:
-    """Rows (N, width) of samples (N, n_p), [A B ; C D] (N, ., .), trim (N, nt), residual, status (N,)."""
-    n, count = len(layout.states), len(samples)
-    parts = (
-        samples,
-        matrices[:, :n, :n], matrices[:, :n, n:], matrices[:, n:, :n], matrices[:, n:, n:],
-        trim, residual, status,
-    )  # fmt: skip
-    return np.concatenate([np.asarray(part).reshape(count, -1) for part in parts], axis=1)
-
-
-def unpack(layout: Layout, rows: Array) -> dict[str, Array]:
-    """The datasets (N, ...) by name that rows (N, width) consist of."""
-    shapes = layout.shapes
-    ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes.values())])
-    return {
-        name: rows[:, start:stop].reshape(len(rows), *shape)
-        for (name, shape), (start, stop) in zip(shapes.items(), pairwise(ends), strict=True)
-    }
-
-
-def save_sweep(
+def finish_sweep(
     path: str | Path,
     name: str,
     layout: Layout,
-    count: int,
-    parts: Iterable[Array],
+    rows: Path,
+    blocks: NDArray[np.uint8],
+    block_rows: int,
     *,
     model: str = "",
     scene: str = "",
-    beside: Path | None = None,
 ) -> None:
-    """Write a sweep of `count` rows, which come in parts (n, width), into an archive.
+    """Make an archive of a file of rows (`make_rows`), and put it in place of an archive.
 
-    The other contents of the file stay; a sweep of this name is replaced. One part at a time is in
-    memory. The new file is in the folder `beside` until it is complete, so that the archive is complete
-    or unchanged.
+    The other contents of the archive stay; a sweep of this name is replaced. The archive is complete or
+    unchanged.
+
+    Parameters
+    ----------
+    path : file
+    name : name of the sweep
+    layout : Layout
+    rows : file, on the same disk; it is moved
+    blocks : array (., 32)
+        The SHA-256 of each `block_rows` rows.
+    model, scene : name of the model, or text of the scene
 
     Raises
     ------
     ArchiveError
-        The parts do not have `count` rows, or `save` would raise an error.
+        `save` would raise an error.
     """
     file = Path(path)
     check_name(file, "sweep", name)
@@ -157,34 +109,23 @@ def save_sweep(
         items = _head(layout, model, scene)
     except ArchiveError as error:
         raise ArchiveError(f"{file}: {said_of(f'sweep {name!r}', str(error))}") from None
+    meaning = text(MEANINGS + _FUNCTION_MEANING * bool(layout.functions))
+    items |= {BLOCK_ROWS: np.array(block_rows, dtype="<i8"), "blocks": blocks}
+    items[DIGEST] = text(digest({**items, "status@meaning": meaning}))
 
     def fill(archive: Any) -> None:
-        group = archive.require_group("sweeps").create_group(name)
-        _make_rows(group, layout, count)
-        kind = text(MEANINGS)
-        write_items(group["status"], {"@meaning": kind})
-        items["status@meaning"] = kind
-        blocks, start = _Blocks(), 0
-        for part in parts:
-            for key, values in unpack(layout, part).items():
-                if values.size:
-                    group[key][start : start + len(part)] = values
-            blocks.add(part)
-            start += len(part)
-        if start != count:
-            raise ArchiveError(f"{file}: sweep {name!r}: expected {count} rows, got {start}.")
-        items["blocks"] = blocks.digests()
-        items[DIGEST] = text(digest(items))
-        del items["status@meaning"]
+        archive.require_group("sweeps")
+        archive.move(GROUP, f"sweeps/{name}")
+        group = archive["sweeps"][name]
+        write_items(group["status"], {"@meaning": meaning})
         write_items(group, items)
 
-    rewrite(file, fill, f"sweeps/{name}", large=True, beside=beside)
+    rewrite(file, fill, f"sweeps/{name}", made=rows)
 
 
 def _head(layout: Layout, model: str, scene: str) -> Items:
-    """All items of a sweep but its rows."""
+    """Names and units of a sweep."""
     items: Items = {"@encoding_type": text(SWEEP_TYPE), "@encoding_version": text(VERSION)}
-    items[BLOCK_ROWS] = np.array(_BLOCK_ROWS, dtype="<i8")
     if model:
         items["@model"] = text(model)
     if scene:
@@ -192,43 +133,9 @@ def _head(layout: Layout, model: str, scene: str) -> Items:
     for what in _SIGNALS:
         items[f"{what}/name"] = texts([signal.name for signal in getattr(layout, what)])
         items[f"{what}/unit"] = texts([signal.unit for signal in getattr(layout, what)])
+    if layout.functions:
+        items["function/name"] = texts(layout.functions)
     return items
-
-
-def _make_rows(group: Any, layout: Layout, count: int) -> None:
-    """The empty datasets of `count` rows."""
-    for key, shape in layout.shapes.items():
-        kind = "i1" if key == "status" else "<f8"
-        size = max(1, int(np.prod(shape))) * np.dtype(kind).itemsize
-        rows = max(1, min(count, _CHUNK_ROWS, _CHUNK_BYTES // size))
-        chunks = (rows, *shape) if all(shape) else None
-        group.create_dataset(
-            key, (count, *shape), dtype=kind, chunks=chunks, fletcher32=chunks is not None
-        )
-
-
-class _Blocks:
-    """The SHA-256 of each block of rows, which come in parts."""
-
-    def __init__(self) -> None:
-        self._done: list[bytes] = []
-        self._open, self._rows = hashlib.sha256(), 0
-
-    def add(self, rows: Array) -> None:
-        """Take the next rows (n, width)."""
-        while len(rows):
-            part = rows[: _BLOCK_ROWS - self._rows]
-            self._open.update(part.astype("<f8").tobytes())
-            self._rows += len(part)
-            rows = rows[len(part) :]
-            if self._rows == _BLOCK_ROWS:
-                self._done.append(self._open.digest())
-                self._open, self._rows = hashlib.sha256(), 0
-
-    def digests(self) -> NDArray[np.uint8]:
-        """One digest (32,) for each block."""
-        done = [*self._done, *([self._open.digest()] if self._rows else [])]
-        return np.frombuffer(b"".join(done), dtype=np.uint8).reshape(-1, 32)
 
 
 def sweep_names(path: str | Path) -> tuple[str, ...]:
@@ -295,8 +202,8 @@ def _check_blocks(items: Items, first: int, count: int) -> None:
     wanted = items["blocks"]
     if len(wanted) != -(-count // size):
         raise ArchiveError(f"blocks: expected {-(-count // size)} digests, got {len(wanted)}.")
-    read = len(items["status"])
-    parts = [np.asarray(items[key]).reshape(read, -1).astype("<f8") for key in ROWS]
+    read, keys = len(items["status"]), [key for key in ROWS if key in items]
+    parts = [np.asarray(items[key]).reshape(read, -1).astype("<f8") for key in keys]
     rows = np.concatenate(parts, axis=1)
     for start in range(0, read, size):
         found = hashlib.sha256(rows[start : start + size].tobytes()).digest()
@@ -308,22 +215,37 @@ def _check_blocks(items: Items, first: int, count: int) -> None:
             )
 
 
+def _layout(items: Items) -> Layout:
+    """Names and units of a sweep that was read."""
+    return Layout(
+        **{what: signals_of(items, what) for what in _SIGNALS},
+        poles="poles/real" in items,
+        functions=tuple(words(items, "function/name")) if _OF_FUNCTION in items else (),
+        single=items["A"].dtype.itemsize == 4,
+    )
+
+
 def _sweep(items: Items, name: str, rows: slice) -> Sweep:
     """Some of the rows that were read."""
-    layout = Layout(**{what: signals_of(items, what) for what in _SIGNALS})
+    layout = _layout(items)
     status = items["status"]
-    if np.any((status < SOLVED) | (status > NO_EQUILIBRIUM)):
+    last = FUNCTION_FAILED if layout.functions else NO_EQUILIBRIUM
+    if np.any((status < SOLVED) | (status > last)):
         raise ArchiveError("status has a number that means nothing.")
-    solved = status == SOLVED
-    for key in ROWS[:-1]:
+    for key in layout.shapes:
+        if key == "status":
+            continue
         values = items[key].reshape(len(status), -1)
         good = np.isfinite(values).all(axis=1)
         nothing = np.isnan(values).all(axis=1)
+        solved = (status == SOLVED) | ((status == FUNCTION_FAILED) & (key != _OF_FUNCTION))
         if not np.all(good if key == "samples" else np.where(solved, good, nothing)):
             raise ArchiveError(
                 f"{key} does not agree with status: rows that are solved have numbers, others NaN."
             )
-    chosen = {key: items[key][rows] for key in ROWS}
+    chosen = {key: items[key][rows] for key in layout.shapes}
+    functions = chosen[_OF_FUNCTION].T if layout.functions else ()
+    poles = chosen["poles/real"] + 1j * chosen["poles/imaginary"] if layout.poles else None
     return Sweep(
         name=name,
         layout=layout,
@@ -332,5 +254,7 @@ def _sweep(items: Items, name: str, rows: slice) -> Sweep:
         residual=chosen["residual"],
         status=chosen["status"],
         model=word(items, "@model"),
+        poles=poles,
+        values=dict(zip(layout.functions, functions, strict=True)),
         **{key: chosen[key] for key in _MATRICES},
     )

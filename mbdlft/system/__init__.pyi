@@ -12,9 +12,11 @@ from .model import Certificate as Certificate
 from .model import LFTModel as LFTModel
 from .model import trim_at as trim_at
 from .network import connect as connect
+from .straight import computed_by as computed_by
 from .system import Parameters as Parameters
 from .system import System as System
 from .system import matrices_at as matrices_at
+from .table import Table as Table
 from .theta import DeltaThetaModel as DeltaThetaModel
 from .theta import ThetaFunction as ThetaFunction
 from .theta import theta_values as theta_values

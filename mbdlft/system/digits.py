@@ -12,7 +12,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT
 from mbdlft.number import twofold
-from mbdlft.reduce.reduce import equilibrate
+from mbdlft.number.scale import equilibrate
 
 LOST = 2.0**-40  # of the size of an entry: an error that is worth the work
 _NEGLIGIBLE = (
@@ -28,13 +28,19 @@ def with_digits(a: LFT, points: Array, values: Array) -> Array:
 
     `values` are those in doubles. What is lost is seen at the points that are farthest from zero.
     """
-    if not a.order or a.is_complex or not len(points) or len(points) * a.order**3 > _MOST:
+    if not needs_digits(a, points, values):
         return values
+    spread = np.repeat(points, [block.size for block in a.blocks], axis=1)
+    return np.array([_in_twice(a, deltas) for deltas in spread])
+
+
+def needs_digits(a: LFT, points: Array, values: Array) -> bool:
+    """Whether values in doubles lose digits that are worth their work."""
+    if not a.order or a.is_complex or not len(points) or len(points) * a.order**3 > _MOST:
+        return False
     far = {int(np.argmax(size)) for size in (np.max(np.abs(points), 1), np.sum(np.abs(points), 1))}
     spread = np.repeat(points, [block.size for block in a.blocks], axis=1)
-    if not any(lost(a, spread[k], values[k]) > LOST for k in far):
-        return values
-    return np.array([_in_twice(a, deltas) for deltas in spread])
+    return any(lost(a, spread[k], values[k]) > LOST for k in far)
 
 
 def lost(a: LFT, deltas: Array, value: Array) -> float:

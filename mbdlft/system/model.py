@@ -1,7 +1,7 @@
 """The certified model: a system with the evidence that it is right and small. numpy only."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from numpy.typing import ArrayLike
 
@@ -10,6 +10,7 @@ from mbdlft.base.errors import StructureError
 from mbdlft.base.notebook import heading
 from mbdlft.base.signal import Signal
 from mbdlft.lft.lft import LFT
+from mbdlft.lft.program.known import ModelProgram
 from mbdlft.system.system import System, value_at
 from mbdlft.system.system import deltas_of as deltas_of
 from mbdlft.system.system import matrices_at as matrices_at
@@ -62,8 +63,9 @@ class Certificate:
         Guaranteed bound [1] of what truncation changes, over the whole range, as in `truncate`; 0.0 if
         nothing was truncated, inf if a part was and no theorem gives a bound for the whole.
     fit_error_bound : float
-        Guaranteed bound (rad or m) of the error of equilibrium positions that are rational fits, over the
-        whole range; 0.0 if nothing was fitted. The other numbers are then those at the fitted positions.
+        Guaranteed bound of the error of what are rational fits, over the whole range: of positions of a
+        scene (rad or m); of a model of equations relative to the size of each quantity, or in the unit of
+        a coefficient; 0.0 if nothing was fitted. The other numbers are then those at the fits.
     condition : float
         How much larger the relative rounding of the data is in an entry of A, B, C, D at a check point:
         2.2e-16 times this is what no computation in double precision sees, and may be more than
@@ -145,12 +147,14 @@ class Provenance:
 class LFTModel(System):
     """A system with evidence: what holds its equilibrium, what is proved and checked, where it is from.
 
-    Fields are those of `System` and the three below.
+    Fields are those of `System`, the three below, and the straight-line program of its values, if it is
+    known (`with_program`).
     """
 
     trim: Trim
     certificate: Certificate
     provenance: Provenance
+    program: ModelProgram | None = field(default=None, kw_only=True)
 
     def _repr_html_(self) -> str:
         c = self.certificate
@@ -158,6 +162,12 @@ class LFTModel(System):
         said = said if c.exact else "not exact"
         error = f"largest relative error found: {c.max_relative_error:.1e}"
         return System._repr_html_(self) + heading("", f"order {self.order}, {said}; {error}")
+
+    @property
+    def known_program(self) -> ModelProgram | None:
+        """Its program; that of a model that this one was made from is not its own."""
+        found = self.program
+        return found if found is not None and found.is_of(self.lft, self.trim.lft) else None
 
     @property
     def is_proved_regular(self) -> bool:

@@ -21,8 +21,10 @@ from mbdlft.base.parameter import Parameter, to_delta
 from mbdlft.base.signal import Signal
 from mbdlft.lft.evaluate import evaluate, evaluate_at
 from mbdlft.lft.lft import LFT
+from mbdlft.lft.program.known import ModelProgram
 from mbdlft.system.digits import with_digits
 from mbdlft.system.singular import check_regular_at
+from mbdlft.system.straight import value_by_program
 
 if TYPE_CHECKING:
     from control import StateSpace
@@ -138,6 +140,11 @@ class System:
     def is_proved_regular(self) -> bool:
         """Whether every value in the ranges is proved to have matrices; an `LFTModel` knows."""
         return False
+
+    @property
+    def known_program(self) -> ModelProgram | None:
+        """A straight-line program of its values; an `LFTModel` may have one."""
+        return None
 
     @property
     def A(self) -> Array:
@@ -377,6 +384,9 @@ def value_at(model: System, lft: LFT, values: Mapping[str, ArrayLike]) -> Array:
     points = deltas_of(model, physical)
     single = all(np.ndim(value) == 0 for value in physical.values())
     if not kinds:
+        by_program = value_by_program(model, lft, values, points)
+        if by_program is not None:
+            return by_program
         if not model.is_proved_regular:
             check_regular_at(lft, points, model.parameters, f"model {model.name!r}")
         found = with_digits(lft, points, evaluate_at(lft, points))

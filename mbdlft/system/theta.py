@@ -12,15 +12,17 @@ models with uncertain parameters (2009), equations (1)-(6) and (38)-(43).
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, unknown_name
-from mbdlft.base.formula import formula_value
+from mbdlft.base.formula import NUMPY, Functions, formula_value
 from mbdlft.base.signal import Signal
 from mbdlft.system.model import LFTModel
+from mbdlft.system.table import Table, named_tables
 
 ONE = "one"  # the name of the constant input 1
 _OUTSIDE = 1e-9  # of the width of a range: what rounding may leave a value outside
@@ -43,6 +45,8 @@ class ThetaFunction:
     ranges : tuple of (low, high)
         Of the arguments, where the function may be evaluated; infinite if nothing is known.
     unit : str
+    tables : tuple of Table
+        What `table1`, `table2` are in the text.
     """
 
     name: str
@@ -51,10 +55,18 @@ class ThetaFunction:
     text: str
     ranges: tuple[tuple[float, float], ...]
     unit: str = "1"
+    tables: tuple[Table, ...] = ()
 
     def __str__(self) -> str:
         used = ", ".join(self.arguments)
-        return f"{self.name}({used}) = {self.text}"
+        shown = [f"{name}: {table}" for name, table in named_tables(self.tables).items()]
+        behind = f" [{'; '.join(shown)}]" if shown else ""
+        return f"{self.name}({used}) = {self.text}{behind}"
+
+    def __call__(self, *values: Any, functions: Functions = NUMPY) -> Any:
+        """The value at arguments, in any number system that has the functions; tables are of numpy."""
+        known = dict(zip(self.arguments, values, strict=True))
+        return formula_value(self.text, known, {**named_tables(self.tables), **functions})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,6 +137,13 @@ class DeltaThetaModel:
         return self.linear.outputs[: len(self.linear.outputs) - len(self.omega)]
 
 
+def allowed_range(low: float, high: float) -> tuple[float, float]:
+    """A range, and what rounding may leave a value outside of it."""
+    finite = high - low if math.isfinite(high - low) else 0.0
+    margin = _OUTSIDE * (finite + max(abs(x) for x in (low, high, 0.0) if math.isfinite(x)))
+    return low - margin, high + margin
+
+
 def theta_values(
     functions: tuple[ThetaFunction, ...], omega: Mapping[str, ArrayLike], *, check: bool = True
 ) -> dict[str, Array]:
@@ -149,14 +168,13 @@ def theta_values(
             if signal not in omega:
                 raise StructureError(f"{f.name}: " + unknown_name("signal", signal, omega))
             value = np.asarray(omega[signal], dtype=float)
-            finite = high - low if math.isfinite(high - low) else 0.0
-            margin = _OUTSIDE * (finite + max(abs(x) for x in (low, high, 0.0) if math.isfinite(x)))
-            if check and (np.any(value < low - margin) or np.any(value > high + margin)):
+            least, most = allowed_range(low, high)
+            if check and (np.any(value < least) or np.any(value > most)):
                 worst = float(np.ravel(value)[np.argmax(np.abs(np.ravel(value)))])
                 raise AnalysisError(
                     f"function {f.name!r} is evaluated at {signal} = {worst:g}, outside of its range "
                     f"[{low:g}, {high:g}]. Widen the range of the variable, or keep the signal inside."
                 )
             values[argument] = value
-        found[f.name] = np.asarray(formula_value(f.text, values), dtype=float)
+        found[f.name] = np.asarray(f(*(values[name] for name in f.arguments)), dtype=float)
     return found

@@ -19,6 +19,7 @@ from mbdlft import (
     Signal,
     scene_from_toml,
     to_lft,
+    with_program,
 )
 from mbdlft.system.model import Provenance, Trim
 from tests.close import exact
@@ -31,6 +32,12 @@ MATRICES = ("A", "B_w", "B_u", "C_z", "D_zw", "D_zu", "C_y", "D_yw", "D_yu")
 def arm() -> LFTModel:
     """The two-link arm: seven parameters, two of them angles."""
     return to_lft(scene_from_toml(ARM), search=0.0)
+
+
+@cache
+def carried() -> LFTModel:
+    """The arm with the straight-line program of its equations."""
+    return replace(with_program(arm()), name="carried")
 
 
 @cache
@@ -139,8 +146,12 @@ def same(a: LFTModel, b: LFTModel) -> None:
         _same_bits(getattr(a, name), getattr(b, name))
     assert a.lft.blocks == b.lft.blocks
     for item in fields(LFTModel):
-        if item.name not in ("lft", "trim"):
+        if item.name not in ("lft", "trim", "program"):
             assert getattr(a, item.name) == getattr(b, item.name), item.name
+    assert (a.program is None) == (b.program is None)
+    if a.program is not None and b.program is not None:
+        assert a.program.program == b.program.program
+        _same_bits(a.program.row, b.program.row)
     assert a.trim.signals == b.trim.signals
     _same_bits(np.array(a.trim.nominal), np.array(b.trim.nominal))
     assert (a.trim.lft is None) == (b.trim.lft is None)

@@ -147,7 +147,7 @@ HOSTILE = {
     type_in_the_group: "kind is a type and not data",
     no_value: "nothing has no value",
     big_endian: "A has the type >f8, expected float64",
-    single: "A has the type float32, expected float64",
+    single: "the dataset 'A' has the type float32, expected float64",
     long_text: "states/name is text of variable length, expected text of fixed length",
     at: "A@b: a name with '@' cannot be that of an item",
     at_attribute: "@a@b: a name with '@' cannot be that of an item",

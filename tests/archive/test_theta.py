@@ -10,7 +10,7 @@ import pytest
 import mbdlft
 from mbdlft import ArchiveError
 from mbdlft.cli import commands
-from mbdlft.dae import formula_function
+from mbdlft.dae import DaeDraft, formula_function
 from mbdlft.pipeline import delta_theta
 from tests.archive.plain_digest import edit
 from tests.close import CLOSED_FORM, target
@@ -93,3 +93,36 @@ def test_commands_show_functions_and_do_not_leave_them_out(
         else:
             assert stopped.value.code == 2
             assert "has 2 nonlinear functions, and is not linear" in captured.err
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("tables", np.array([2]), "theta/tables: expected 1 together"),
+        ("table/count", np.array([3]), "theta/table/count: expected 4 together"),
+        ("table/pairs", np.array([2]), "theta/table/pairs: expected 3 together"),
+        (
+            "table/breakpoint",
+            np.array([0.0, 1.0, 1.0, 2.0]),
+            "number 1: the breakpoints .* increase",
+        ),
+        ("table/value", np.array([0.0, np.nan, 1.0, 2.0]), "not finite"),
+        ("table/slope", np.zeros((3, 3)), "theta/table/slope"),
+        ("table/below", None, "theta/table/below"),
+    ],
+)
+def test_tables_that_do_not_agree(tmp_path: Path, name: str, value: object, message: str) -> None:
+    d = DaeDraft("curve")
+    x = d.variable("x")
+    d.equation(d.der(x), equals=-d.table(x, [0, 1, 2, 3], [0, 2, 3, 7], "cubic"))
+    d.output("x")
+    mbdlft.save(tmp_path / "a.h5", delta_theta(d.dae(), search=0.0))
+
+    def change(group):  # type: ignore[no-untyped-def]
+        del group[f"theta/{name}"]
+        if value is not None:
+            group[f"theta/{name}"] = value
+
+    edit(tmp_path / "a.h5", change, "models/curve")
+    with pytest.raises(ArchiveError, match=message):
+        mbdlft.load(tmp_path / "a.h5")

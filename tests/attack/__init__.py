@@ -15,10 +15,12 @@ CLASSES = {
     "urdf": 60,
     "scenes": 15,
     "kills": 3,
+    "sweeps": 1,
     "writers": 1,
     "matrices": 6,
     "expressions": 40,
     "native": 2,
+    "programs": 8,
     "cores": 1,
 }
 SECONDS = 20.0  # of the clock that one attack may take

@@ -19,14 +19,14 @@ SECONDS_OF_HELPER = 3
 
 @cache
 def whole() -> bytes:
-    """An archive with two models, a system and a sweep."""
+    """An archive with three models, one with a straight-line program, a system and a sweep."""
     import tempfile
 
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "a.h5"
         mbdlft.save(file, models.strange(4), "strange")
         mbdlft.save(file, mixed())
-        mbdlft.save(file, models.bare())
+        mbdlft.save(file, models.carried())
         mbdlft.sweep(models.strange(1, (1,)), RandomSamples(20), file, name="rows", workers=1)
         return file.read_bytes()
 
@@ -80,7 +80,11 @@ def _expected(old: bool) -> list[tuple[str, object]]:
     from dataclasses import replace
 
     strange = replace(models.strange(4), name="strange")
-    return [("strange", strange), ("mixed", mixed()), ("bare", models.bare())]
+    return [
+        ("strange", strange),
+        ("mixed", mixed()),
+        ("carried", models.carried()),
+    ]
 
 
 def _objects(source: bytes, folder: Path, random: np.random.Generator) -> bytes:

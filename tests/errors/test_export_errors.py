@@ -38,7 +38,9 @@ def test_unknown_names_of_files(name: str, counts: int | None, words: str, tmp_p
 
 
 def test_what_is_no_model(tmp_path: Path) -> None:
-    with pytest.raises(StructureError, match="expected an LFTModel or a System, got str"):
+    with pytest.raises(
+        StructureError, match="expected an LFTModel, a System or a DeltaThetaModel, got str"
+    ):
         export_model(tmp_path / "a.c", "arm")  # type: ignore[arg-type]
 
 

@@ -8,11 +8,14 @@ import pytest
 import mbdlft
 from mbdlft import ArchiveError, MbdlftError, RandomSamples
 from mbdlft.batch import staging
+from mbdlft.store import archive
+from mbdlft.store import sweep as sweep_file
 from tests.archive import models
 from tests.close import exact
 from tests.errors.scenes import cart, says
 
-SHARD = "shard-0000000.f8"
+SHARD = "shard-0000000.sha256"
+ROWS = "rows.h5"
 
 
 class Stop(Exception):  # noqa: N818
@@ -37,7 +40,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 CHANGES = {
-    "flipped": lambda data: data[:100] + bytes([data[100] ^ 1]) + data[101:],
+    "flipped": lambda data: data[:20] + bytes([data[20] ^ 1]) + data[21:],
     "cut": lambda data: data[:-8],
     "empty": lambda data: b"",
     "longer": lambda data: data + bytes(8),
@@ -45,33 +48,105 @@ CHANGES = {
 }
 
 
+def resumed(file: Path, given: object) -> int:
+    """Samples that were there when the sweep goes on; then it is as if it had not been interrupted."""
+    report = mbdlft.sweep(models.arm(), given, file, name="s", workers=1)
+    whole = file.with_name("whole.h5")
+    mbdlft.sweep(models.arm(), given, whole, name="s", workers=1)
+    exact(mbdlft.load_sweep(file).A, mbdlft.load_sweep(whole).A)
+    assert not file.with_name(f".{file.name}.s.sweep").exists()
+    return report.resumed
+
+
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
 def test_a_shard_is_computed_again(tmp_path: Path, change: object) -> None:
     file, given = tmp_path / "a.h5", RandomSamples(9000)
-    folder = started(file, models.arm(), given, shards=2)
-    shard = folder / SHARD
-    shard.write_bytes(change(shard.read_bytes()))  # type: ignore[operator]
-    report = mbdlft.sweep(models.arm(), given, file, name="s", workers=1)
-    assert report.resumed == 4096
-    mbdlft.sweep(models.arm(), given, tmp_path / "b.h5", name="s", workers=1)
-    exact(mbdlft.load_sweep(file).A, mbdlft.load_sweep(tmp_path / "b.h5").A)
+    note = started(file, models.arm(), given, shards=2) / SHARD
+    note.write_bytes(change(note.read_bytes()))  # type: ignore[operator]
+    assert resumed(file, given) == 4096
 
 
-def test_a_shard_in_the_place_of_another(tmp_path: Path) -> None:
+def test_a_note_in_the_place_of_another(tmp_path: Path) -> None:
     file, given = tmp_path / "a.h5", RandomSamples(12000)
     folder = started(file, models.arm(), given, shards=2)
     (folder / SHARD).write_bytes((folder / SHARD.replace("0.", "1.")).read_bytes())
+    with says(ArchiveError, f"{folder / SHARD}: is damaged or was changed"):
+        staging.blocks_of(folder, staging.opened(folder))
     assert mbdlft.sweep(models.arm(), given, file, name="s", workers=1).resumed == 4096
 
 
-def test_a_shard_that_changes_while_it_is_put_together(tmp_path: Path) -> None:
+@pytest.mark.parametrize("key", ["samples", "A", "trim/value", "status"])
+def test_rows_that_were_changed_are_computed_again(tmp_path: Path, key: str) -> None:
+    """As after the power failed: the note is on the disk, and the rows are not."""
+    file, given = tmp_path / "a.h5", RandomSamples(9000)
+    folder = started(file, models.arm(), given, shards=2)
+    start = staging.places(folder, staging.opened(folder)).starts[key]
+    with (folder / ROWS).open("r+b") as stream:
+        stream.seek(start)
+        stream.write(b"\x01\x02")
+    assert resumed(file, given) == 4096
+
+
+@pytest.mark.parametrize("damage", ["all but the rows", "cut", "empty", "longer", "gone"])
+def test_the_file_of_rows_is_made_anew_but_its_rows(tmp_path: Path, damage: str) -> None:
+    """As after a kill while the archive was put together: HDF5 cannot open the file."""
+    file, given = tmp_path / "a.h5", RandomSamples(9000)
+    folder = started(file, models.arm(), given, shards=2)
+    rows, data = folder / ROWS, (folder / ROWS).read_bytes()
+    match damage:
+        case "all but the rows":
+            at = staging.places(folder, staging.opened(folder))
+            image = bytearray(len(data))
+            for key, start in at.starts.items():
+                image[start : start + at.sizes[key]] = data[start : start + at.sizes[key]]
+            rows.write_bytes(image)
+        case "cut":
+            rows.write_bytes(data[: len(data) // 2])
+        case "longer":
+            rows.write_bytes(data + b"x" * 99_999)
+        case "empty":
+            rows.write_bytes(b"")
+        case _:
+            rows.unlink()
+    assert resumed(file, given) == (8192 if damage in ("all but the rows", "longer") else 0)
+
+
+def test_a_kill_while_the_archive_is_put_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At each thing that is written into the file: the old archive stays, and no sample is lost."""
+    file, given = tmp_path / "a.h5", RandomSamples(9000)
+    mbdlft.save(file, models.arm())
+    before = file.read_bytes()
+    for k, step in enumerate(("copy_all", "write_items", "seal_file")):
+
+        def stop(*_: object, **__: object) -> None:
+            raise Stop
+
+        with monkeypatch.context() as patch:
+            patch.setattr(sweep_file if step == "write_items" else archive, step, stop)
+            with pytest.raises(Stop):
+                mbdlft.sweep(models.arm(), given, file, name="s", workers=1)
+        assert file.read_bytes() == before
+        rows = tmp_path / ".a.h5.s.sweep" / ROWS
+        data = rows.read_bytes()  # as the process was killed before the file was closed
+        rows.write_bytes(data[:40] + b"\xff" * 8 + data[48:])
+        if k:
+            report = mbdlft.sweep(models.arm(), given, file, name="s", workers=1)
+            assert report.resumed == 9000
+            assert mbdlft.model_names(file) == ("two_link_arm",)
+            mbdlft.save(file, models.arm())
+            before = file.read_bytes()
+
+
+def test_a_note_that_changes_while_the_archive_is_put_together(tmp_path: Path) -> None:
     folder = started(tmp_path / "a.h5", models.arm(), RandomSamples(9000))
     work = staging.opened(folder)
     (folder / SHARD).write_bytes(b"x")
     with says(
         ArchiveError, f"{folder / SHARD}: is damaged or was changed. The same sweep computes"
     ):
-        next(iter(staging.read_shards(folder, work)))
+        staging.blocks_of(folder, work)
 
 
 @pytest.mark.parametrize("change", [CHANGES["flipped"], CHANGES["cut"], CHANGES["empty"]])

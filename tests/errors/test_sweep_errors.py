@@ -8,7 +8,7 @@ import pytest
 import mbdlft
 from mbdlft import AnalysisError, ArchiveError, GridSamples, Parameter, RandomSamples, SceneError
 from mbdlft.batch import staging
-from mbdlft.store.sweep import save_sweep
+from mbdlft.store import rows
 from tests.errors.scenes import cart, says
 
 
@@ -69,13 +69,17 @@ def test_shard_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(staging.os, "fsync", full)
     with says(ArchiveError, "cannot be written: No space left on device. What is finished stays"):
         mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=1)
-
-
-def test_rows_that_are_missing(tmp_path: Path) -> None:
-    layout = staging.source_of(scene()).layout
-    with says(ArchiveError, "sweep 's': expected 3 rows, got 2"):
-        save_sweep(tmp_path / "a.h5", "s", layout, 3, [np.zeros((2, layout.width))])
-    assert not list(tmp_path.iterdir())
+    monkeypatch.undo()
+    monkeypatch.setattr(rows.os, "posix_fallocate", full, raising=False)
+    with says(ArchiveError, "cannot be written: No space left on device. What is finished stays"):
+        mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=1)
+    monkeypatch.undo()
+    monkeypatch.setattr(rows, "_put", full)
+    with says(ArchiveError, "cannot be written: No space left on device. What is finished stays"):
+        mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=1)
+    monkeypatch.undo()
+    mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=1)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
 
 
 def test_error_of_a_worker_is_that_of_the_sweep(

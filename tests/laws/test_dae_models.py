@@ -187,7 +187,7 @@ def test_functions_of_sx_become_texts() -> None:
         a / (b * (a / (b + 1))),
         (a + b) ** 4,
     ):
-        text = formula_of(expression, [a, b], ["a", "b"])
+        text, _ = formula_of(expression, [a, b], ["a", "b"])
         points = np.random.default_rng(0).uniform(0.5, 2, (2, 20))
         expected = np.array(ca.Function("f", [a, b], [expression])(*points)).ravel()
         found = formula_value(text, dict(zip("ab", points, strict=True)), NUMPY)

@@ -14,7 +14,7 @@ from benchmarks import elastic_transfers
 from benchmarks.cases.hub import hub
 from benchmarks.elastic_transfers import Case, measured
 from mbdlft.lft.evaluate import evaluate_at
-from mbdlft.reduce.reduce import equilibrate
+from mbdlft.number.scale import equilibrate
 from mbdlft.system import digits, system
 from mbdlft.system.digits import lost, with_digits
 from scenarios import two_link_arm

@@ -234,7 +234,7 @@ def test_killed_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     command = [sys.executable, "-c", RUN, str(SCENE), str(file), str(count)]
     with subprocess.Popen(command, cwd=ROOT) as process:
         stop = time.monotonic() + SECONDS
-        while not list(folder.glob("shard-*.f8")) and time.monotonic() < stop:
+        while not list(folder.glob("shard-*.sha256")) and time.monotonic() < stop:
             time.sleep(0.005)
         time.sleep(random.uniform(0.0, 0.3))
         process.send_signal(signal.SIGKILL)
@@ -265,8 +265,10 @@ def test_restart_forgets_what_is_there(tmp_path: Path, monkeypatch: pytest.Monke
     with pytest.raises(KeyboardInterrupt):
         mbdlft.sweep(arm(), given, file, workers=1, progress=interrupt)
     (folder,) = tmp_path.glob(".a.h5.two_link_arm.sweep")
-    shard = staging.read_shards(folder, staging.opened(folder))
-    staging.write_shard(folder, 0, 0.0 * next(shard))  # planted: zeros, which a resumed sweep takes
+    work = staging.opened(folder)
+    at = staging.places(folder, work)
+    zeros = 0.0 * at.read(staging.rows_file(folder), 0, 4096)
+    staging.write_shard(folder, work, at, 0, zeros)  # planted: zeros, which a resumed sweep takes
     assert mbdlft.sweep(arm(), given, file, workers=1).resumed == 4096
     assert not np.any(mbdlft.load_sweep(file, stop=4096).A)
     with pytest.raises(KeyboardInterrupt):

@@ -89,6 +89,22 @@ def test_figure_that_fails_takes_neither_table_nor_archive_away(
     assert (code, len(json.loads(out)["points"])) == (2, 2)
 
 
+def test_linearize_stores_a_program(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    archive = tmp_path / "arm.h5"
+    command = ("linearize", ARM, "--search", "0", "--program")
+    code, _, err = run(monkeypatch, capsys, *command)
+    assert code == 2
+    assert "--program: it is stored in an archive; give one with -o" in err
+    code, _, _ = run(monkeypatch, capsys, *command, "-o", str(archive))
+    assert code == 0
+    model = mbdlft.load(archive)
+    assert model.known_program is not None
+    _, out, _ = run(monkeypatch, capsys, "show", str(archive))
+    assert f"stored program: {model.known_program.length} instructions" in out
+
+
 def test_a_figure_that_fails_takes_no_other_away(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

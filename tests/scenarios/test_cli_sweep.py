@@ -55,6 +55,33 @@ def test_model_of_an_archive(
     assert "sweeps: two_link_arm" in out
 
 
+def test_poles_and_a_function_in_single_precision(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "my_margin.py").write_text(
+        "import numpy as np\ndef lag(part):\n"
+        "    return {'lag': np.sqrt(part.samples['m1'] - 2.5)}\n",
+        encoding="utf-8",
+    )
+    archive = tmp_path / "a.h5"
+    (tmp_path / "arm.toml").write_bytes(Path(ARM).read_bytes())
+    monkeypatch.chdir(tmp_path)
+    command = ("sweep", "arm.toml", "--grid", "m1=5", "-o", str(archive), "--poles", "--float32")
+    code, out, err = run(monkeypatch, capsys, *command, "--function", "my_margin:lag")
+    assert (code, err) == (0, "")
+    found = mbdlft.load_sweep(archive)
+    m1 = found.samples[:, [p.name for p in found.layout.parameters].index("m1")]
+    failed = int(np.sum(m1 < 2.5))
+    assert failed > 0
+    assert f"the function failed at {failed} samples" in out
+    exact(np.isnan(found.values["lag"]), found.status == 3)
+    assert found.A.dtype == np.float32
+    assert found.poles is not None
+    code, _, err = run(monkeypatch, capsys, *command, "--function", "my_margin:leg")
+    assert code == 2
+    assert "unknown name 'leg'" in err
+
+
 @pytest.mark.parametrize(
     ("options", "text"),
     [

@@ -1,4 +1,4 @@
-"""A folder of native code, by content: the text it was compiled from, and the processor.
+"""A folder of native code and of programs, by content: the text it was made from, and the processor.
 
 Native code is run as it is read, so a folder or a file that others may write to is not used. Each file
 begins with the digest of its key and its code, and is written beside its place and then moved there:
@@ -23,9 +23,9 @@ class Cache:
 
     folder: Path
 
-    def get(self, key: str) -> bytes | None:
+    def get(self, key: str, kind: str = "o") -> bytes | None:
         """The code of a key; None if it is not there, is damaged, or others may have written it."""
-        path = self._path(key)
+        path = self._path(key, kind)
         try:
             if not (_is_private(self.folder) and _is_private(path)):
                 return None
@@ -35,7 +35,7 @@ class Cache:
         code = found[_DIGEST:]
         return code if code and found[:_DIGEST] == _digest(key, code) else None
 
-    def put(self, key: str, code: bytes) -> bool:
+    def put(self, key: str, code: bytes, kind: str = "o") -> bool:
         """Keep code; whether that was possible."""
         try:
             self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -45,7 +45,7 @@ class Cache:
             try:
                 with os.fdopen(handle, "wb") as file:
                     file.write(_digest(key, code) + code)
-                Path(name).replace(self._path(key))
+                Path(name).replace(self._path(key, kind))
             except BaseException:
                 Path(name).unlink(missing_ok=True)
                 raise
@@ -53,8 +53,8 @@ class Cache:
             return False
         return True
 
-    def _path(self, key: str) -> Path:
-        return self.folder / f"{key}.o"
+    def _path(self, key: str, kind: str) -> Path:
+        return self.folder / f"{key}.{kind}"
 
 
 def user_cache() -> Cache | None:

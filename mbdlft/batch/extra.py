@@ -1,0 +1,331 @@
+"""What a sweep computes besides trims and linearizations: poles, and numbers of a user's own function.
+
+The function gets many samples at once, and each of its numbers depends on one of them. Samples are
+halved until those at which it raises an error are alone: their rows have the status 3.
+"""
+
+import contextlib
+import hashlib
+import inspect
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError, unknown_name
+from mbdlft.batch.rows import Source
+from mbdlft.batch.samples import Samples, count_of, points_of
+from mbdlft.store.rows import FUNCTION_FAILED, SOLVED, Layout
+
+_PROBES = 8  # samples at which a function is called to learn what it gives
+_SAME = 1e-6  # of the largest: what a number may depend on the samples beside it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SweepPart:
+    """Some samples of a sweep, all of them solved, as a function of the user gets them.
+
+    Attributes
+    ----------
+    samples : mapping of names to arrays (N,), in the units of the parameters
+    A, B, C, D : arrays (N, nx, nx), (N, nx, nu), (N, ny, nx), (N, ny, nu)
+    trim : array (N, nt)
+    layout : names and units of states, inputs, outputs, trim
+    """
+
+    samples: Mapping[str, Array]
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    trim: Array
+    layout: Layout
+
+    @property
+    def poles(self) -> NDArray[np.complex128]:
+        """Eigenvalues of A (N, nx), sorted by their real, then their imaginary parts."""
+        return poles_of(self.A)
+
+    def at(self, some: Any) -> "SweepPart":
+        """Some of the samples."""
+        return replace(
+            self,
+            samples={name: column[some] for name, column in self.samples.items()},
+            **{key: getattr(self, key)[some] for key in ("A", "B", "C", "D", "trim")},
+        )
+
+
+Function = Callable[[SweepPart], Mapping[str, ArrayLike]]
+
+
+@dataclass(frozen=True, slots=True)
+class Extra:
+    """What is asked for besides: as it is written into the plan of a sweep, and sent to workers.
+
+    Attributes
+    ----------
+    poles : bool
+    function : str
+        ``module:name``, or nothing.
+    names : tuple of str
+        Names of the numbers that the function gives.
+    single : bool
+        Whether numbers are stored in single precision.
+    """
+
+    poles: bool = False
+    function: str = ""
+    names: tuple[str, ...] = ()
+    single: bool = False
+
+    def layout(self, layout: Layout) -> Layout:
+        """The layout of rows with this."""
+        return replace(layout, poles=self.poles, functions=self.names, single=self.single)
+
+
+def poles_of(A: Array) -> NDArray[np.complex128]:
+    """Eigenvalues (N, nx) of A (N, nx, nx), sorted by their real, then their imaginary parts."""
+    return np.sort(np.linalg.eigvals(A).astype(complex), axis=-1)
+
+
+def name_of(function: str | Function | None) -> str:
+    """``module:name`` of a function, which other processes can import.
+
+    Raises
+    ------
+    AnalysisError
+        It is no function, or cannot be imported by this name.
+    """
+    if function is None:
+        return ""
+    if isinstance(function, str):
+        function_of(function)
+        return function
+    if not callable(function):
+        raise AnalysisError(
+            f"sweep: expected a function or 'module:name', got {type(function).__name__}."
+        )
+    text = f"{getattr(function, '__module__', '')}:{getattr(function, '__qualname__', '')}"
+    found: object = None
+    if not text.startswith("__main__:"):
+        with contextlib.suppress(AnalysisError):
+            found = function_of(text)
+    if found is not function:
+        raise AnalysisError(
+            f"sweep: the function {text} cannot be imported by other processes, nor when the sweep goes "
+            "on after a kill. Put it into a file of its own, NAME.py, and import it from there."
+        )
+    return text
+
+
+def function_of(text: str) -> Function:
+    """The function ``module:name``; modules are looked for in the working folder, too.
+
+    Raises
+    ------
+    AnalysisError
+        There is none.
+    """
+    module, _, name = text.partition(":")
+    if not (module and name) or not module.replace(".", "").isidentifier():
+        raise AnalysisError(f"sweep: expected a function as module:name, got {text!r}.")
+    here = str(Path.cwd())
+    if here not in sys.path and "" not in sys.path:
+        sys.path.insert(0, here)
+    try:
+        found: Any = import_module(module)
+    except Exception as error:
+        raise AnalysisError(
+            f"sweep: function {text}: the module {module} cannot be imported: "
+            f"{type(error).__name__}: {error}. Modules of the working folder are found."
+        ) from None
+    for part in name.split("."):
+        if not hasattr(found, part):
+            known = [key for key, one in vars(found).items() if callable(one) and key[0] != "_"]
+            raise AnalysisError(f"sweep: function {text}: " + unknown_name("name", part, known))
+        found = getattr(found, part)
+    if not callable(found):
+        raise AnalysisError(f"sweep: {text} is no function, but {type(found).__name__}.")
+    return found  # type: ignore[no-any-return]
+
+
+def source_digest(text: str) -> str:
+    """A digest of the file of a function: a sweep goes on with the same one only."""
+    if not text:
+        return ""
+    try:
+        source = inspect.getsource(sys.modules[function_of(text).__module__])
+    except (OSError, TypeError, KeyError):
+        return "unknown"
+    return hashlib.sha256(source.encode()).hexdigest()
+
+
+def asked_of(
+    source: Source,
+    samples: Samples,
+    *,
+    poles: bool,
+    function: str | Function | None,
+    single: bool,
+) -> Extra:
+    """Check what is asked for; the function is called at some samples to learn the names of its numbers.
+
+    Raises
+    ------
+    AnalysisError
+        There is no such function, it raises an error at all of some samples, does not give numbers by
+        name, or what it gives at a sample depends on others.
+    """
+    text = name_of(function)
+    if not text:
+        return Extra(poles=poles, single=single)
+    call, part = function_of(text), _probed(source, samples, text)
+    together, alone, raised = _called(call, part), list[dict[str, Array]](), ""
+    for k in range(len(part.A)):
+        one = part.at(slice(k, k + 1))
+        found = _called(call, one)
+        if isinstance(found, Exception):
+            at = ", ".join(f"{name} = {column[0]:g}" for name, column in one.samples.items())
+            raised = f"{type(found).__name__}: {found} at {at}"
+            continue
+        alone.append(checked(text, found, 1))
+    if not alone:
+        raise AnalysisError(
+            f"sweep: function {text} raised {raised}, and at all others of some samples."
+        )
+    names = tuple(alone[0])
+    if any(tuple(one) != names for one in alone):
+        raise AnalysisError(
+            f"sweep: function {text} gives {list(names)} at one sample, and other names at another."
+        )
+    if not isinstance(together, Exception):
+        _check_independent(text, checked(text, together, len(part.A)), alone)
+    return Extra(poles=poles, function=text, names=names, single=single)
+
+
+def _probed(source: Source, samples: Samples, text: str) -> SweepPart:
+    """Some samples of a sweep that are solved."""
+    count = count_of(samples)
+    for probes in (_PROBES, 32 * _PROBES):
+        rows = np.unique(np.linspace(0, count - 1, probes).astype(int))
+        points = np.concatenate(
+            [points_of(samples, source.parameters, int(k), int(k) + 1) for k in rows]
+        )
+        matrices, trim, _, status = source.rows(points)
+        some = np.flatnonzero(status == SOLVED)[:_PROBES]
+        if len(some):
+            return part_of(source.layout, points[some], matrices[some], trim[some])
+    raise AnalysisError(
+        f"sweep: function {text} cannot be tried: none of {len(rows)} samples is solved."
+    )
+
+
+def part_of(layout: Layout, points: Array, matrices: Array, trim: Array) -> SweepPart:
+    """Samples (n, n_p), [A B ; C D] and trim, all of them solved, as functions get them."""
+    for array in (points, matrices, trim):
+        array.flags.writeable = False  # a function may be called again with a part of them
+    n = len(layout.states)
+    return SweepPart(
+        {signal.name: points[:, k] for k, signal in enumerate(layout.parameters)},
+        matrices[:, :n, :n],
+        matrices[:, :n, n:],
+        matrices[:, n:, :n],
+        matrices[:, n:, n:],
+        trim,
+        layout,
+    )
+
+
+def _called(call: Function, part: SweepPart) -> Any:
+    """What a function gives, or the error that it raises."""
+    try:
+        with np.errstate(all="ignore"):
+            return call(part)
+    except Exception as error:
+        return error
+
+
+def checked(text: str, found: Any, count: int, names: tuple[str, ...] = ()) -> dict[str, Array]:
+    """Numbers (count,) by name, as a function must give them.
+
+    Raises
+    ------
+    AnalysisError
+        It gives something else.
+    """
+    what = f"sweep: function {text}"
+    if not isinstance(found, Mapping) or not found or not all(isinstance(k, str) for k in found):
+        raise AnalysisError(
+            f"{what}: expected arrays by name, such as {{'bandwidth': ...}}, got {type(found).__name__}."
+        )
+    if names and tuple(found) != names:
+        raise AnalysisError(f"{what}: gives {list(found)}, and {list(names)} at other samples.")
+    numbers = {}
+    for name, values in found.items():
+        array = np.asarray(values)
+        if array.shape != (count,) or array.dtype.kind not in "fiub":
+            raise AnalysisError(
+                f"{what}: expected {name!r} as {count} real numbers, one for each sample, shape "
+                f"({count},), got {array.dtype} of shape {array.shape}."
+            )
+        numbers[name] = array.astype(float)
+    return numbers
+
+
+def _check_independent(
+    text: str, together: dict[str, Array], alone: list[dict[str, Array]]
+) -> None:
+    """Raise an AnalysisError if what a function gives at a sample depends on the other samples."""
+    if len(alone) != len(next(iter(together.values()))):
+        return
+    for name, values in together.items():
+        each = np.array([one[name][0] for one in alone])
+        size = np.max(np.abs(each[np.isfinite(each)]), initial=0.0)
+        if not np.allclose(values, each, rtol=0.0, atol=_SAME * size, equal_nan=True):
+            raise AnalysisError(
+                f"sweep: function {text}: {name!r} at a sample depends on the samples beside it: "
+                f"{values.tolist()} together, {each.tolist()} one by one. Use arrays along their first "
+                "axis only."
+            )
+
+
+def extras(
+    extra: Extra, layout: Layout, points: Array, matrices: Array, trim: Array, status: Array
+) -> dict[str, Array]:
+    """Poles and numbers of the function, as datasets (N, ...); where it fails, `status` becomes 3."""
+    found, count = dict[str, Array](), len(points)
+    solved = np.flatnonzero(status == SOLVED)
+    if extra.poles:
+        n = len(layout.states)
+        poles = np.full((count, n), complex(np.nan, np.nan))
+        poles[solved] = poles_of(matrices[solved, :n, :n])
+        found |= {"poles/real": poles.real, "poles/imaginary": poles.imag}
+    if extra.function:
+        values = np.full((count, len(extra.names)), np.nan)
+        part = part_of(layout, points[solved], matrices[solved], trim[solved])
+        values[solved] = _values(extra, function_of(extra.function), part)
+        failed = solved[~np.all(np.isfinite(values[solved]), axis=1)]
+        values[failed], status[failed] = np.nan, FUNCTION_FAILED
+        found["function/value"] = values
+    return found
+
+
+def _values(extra: Extra, call: Function, part: SweepPart) -> Array:
+    """Numbers (n, functions); NaN where the function raises an error."""
+    count = len(part.A)
+    if not count:
+        return np.empty((0, len(extra.names)))
+    found = _called(call, part)
+    if not isinstance(found, Exception):
+        numbers = checked(extra.function, found, count, extra.names)
+        return np.stack(list(numbers.values()), axis=1)
+    if count == 1:
+        return np.full((1, len(extra.names)), np.nan)
+    halves = (slice(0, count // 2), slice(count // 2, count))
+    return np.concatenate([_values(extra, call, part.at(half)) for half in halves])

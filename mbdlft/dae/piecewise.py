@@ -1,0 +1,271 @@
+"""Functions of one argument that are polynomials between breakpoints, exact: how tables are found.
+
+A sum of max(0, a - b_k), a chain of `if`, a saturation: with rational numbers all of them are polynomials
+of the argument on intervals, with values at the breakpoints that are known, too.
+"""
+
+from collections.abc import Callable, Mapping
+from fractions import Fraction
+from functools import partial
+from typing import NamedTuple
+
+import casadi as ca
+
+from mbdlft.number.exact import constant_of
+from mbdlft.sx.constants import constants_in
+from mbdlft.sx.fold import Rules, fold
+from mbdlft.system.table import Table
+
+Polynomial = tuple[Fraction, ...]  # coefficients from the constant on, without zeros at the end
+_MOST_BREAKS, _MOST_DEGREE = 512, 3
+
+
+class Piecewise(NamedTuple):
+    """Polynomials (n + 1,) between breakpoints (n,), and the values at these."""
+
+    breaks: tuple[Fraction, ...]
+    pieces: tuple[Polynomial, ...]
+    at: tuple[Fraction, ...]
+
+    def table(self, least: int = 2) -> Table | None:
+        """The table that this is, if it is continuous, has lines beyond its ends, and enough points."""
+        f = _simple(self)
+        ends = (f.pieces[0], f.pieces[-1])
+        if len(f.breaks) < max(least, 2) or any(len(p) > 2 for p in ends):
+            return None
+        for b, value, left, right in zip(f.breaks, f.at, f.pieces, f.pieces[1:], strict=False):
+            if not _value(left, b) == value == _value(right, b):
+                return None
+        inner = f.pieces[1:-1]
+        slopes: tuple[tuple[float, float], ...] = ()
+        if any(len(p) > 2 for p in inner):
+            pairs = zip(inner, f.breaks, f.breaks[1:], strict=False)
+            slopes = tuple((float(_slope(p, a)), float(_slope(p, b))) for p, a, b in pairs)
+        below, above = (float(_slope(p, Fraction(0))) for p in ends)
+        found = tuple(map(float, f.breaks))
+        if len({*found}) < len(found):
+            return None
+        return Table(found, tuple(map(float, f.at)), below, above, slopes)
+
+
+def constant(value: Fraction) -> Piecewise:
+    """A number."""
+    return Piecewise((), (_trimmed([value]),), ())
+
+
+ARGUMENT = Piecewise((), ((Fraction(0), Fraction(1)),), ())
+
+
+def applied(operation: str, *operands: Piecewise) -> Piecewise | None:
+    """What an operation of CasADi makes of functions of one argument; None if it is no such function."""
+    rule = _RULES.get(operation)
+    found = rule(*operands) if rule is not None else None
+    if found is None or len(found.breaks) > _MOST_BREAKS:
+        return None
+    return None if any(len(p) > _MOST_DEGREE + 1 for p in found.pieces) else found
+
+
+def _trimmed(coefficients: list[Fraction]) -> Polynomial:
+    while coefficients and not coefficients[-1]:
+        coefficients.pop()
+    return tuple(coefficients)
+
+
+def _value(p: Polynomial, at: Fraction) -> Fraction:
+    found = Fraction(0)
+    for c in reversed(p):
+        found = found * at + c
+    return found
+
+
+def _slope(p: Polynomial, at: Fraction) -> Fraction:
+    return _value(tuple(k * c for k, c in enumerate(p))[1:], at)
+
+
+def _plus(a: Polynomial, b: Polynomial) -> Polynomial:
+    size = max(len(a), len(b))
+    zero = Fraction(0)
+    return _trimmed(
+        [(a[k] if k < len(a) else zero) + (b[k] if k < len(b) else zero) for k in range(size)]
+    )
+
+
+def _product(a: Polynomial, b: Polynomial) -> Polynomial:
+    found = [Fraction(0)] * (len(a) + len(b))
+    for j, x in enumerate(a):
+        for k, y in enumerate(b):
+            found[j + k] += x * y
+    return _trimmed(found)
+
+
+def _simple(f: Piecewise) -> Piecewise:
+    """Without breakpoints at which nothing changes."""
+    breaks, pieces, at = [], [f.pieces[0]], []
+    for b, value, p in zip(f.breaks, f.at, f.pieces[1:], strict=True):
+        if p == pieces[-1] and _value(p, b) == value:
+            continue
+        breaks.append(b)
+        at.append(value)
+        pieces.append(p)
+    return Piecewise(tuple(breaks), tuple(pieces), tuple(at))
+
+
+def _refined(f: Piecewise, breaks: tuple[Fraction, ...]) -> Piecewise:
+    """The same with more breakpoints."""
+    pieces, at, k = [f.pieces[0]], [], 0
+    for b in breaks:
+        if k < len(f.breaks) and f.breaks[k] == b:
+            at.append(f.at[k])
+            k += 1
+        else:
+            at.append(_value(f.pieces[k], b))
+        pieces.append(f.pieces[k])
+    return Piecewise(breaks, tuple(pieces), tuple(at))
+
+
+def _together(a: Piecewise, b: Piecewise) -> tuple[Piecewise, Piecewise]:
+    if a.breaks == b.breaks:
+        return a, b
+    breaks = tuple(sorted({*a.breaks, *b.breaks}))
+    return _refined(a, breaks), _refined(b, breaks)
+
+
+def _add(a: Piecewise, b: Piecewise) -> Piecewise:
+    a, b = _together(a, b)
+    pieces = tuple(map(_plus, a.pieces, b.pieces))
+    return Piecewise(a.breaks, pieces, tuple(x + y for x, y in zip(a.at, b.at, strict=True)))
+
+
+def _times(a: Piecewise, b: Piecewise) -> Piecewise:
+    a, b = _together(a, b)
+    pieces = tuple(map(_product, a.pieces, b.pieces))
+    return Piecewise(a.breaks, pieces, tuple(x * y for x, y in zip(a.at, b.at, strict=True)))
+
+
+def _negative(a: Piecewise) -> Piecewise:
+    return _times(constant(Fraction(-1)), a)
+
+
+def _minus(a: Piecewise, b: Piecewise) -> Piecewise:
+    return _add(a, _negative(b))
+
+
+def _over(a: Piecewise, b: Piecewise) -> Piecewise | None:
+    if b.breaks or len(b.pieces[0]) != 1:
+        return None
+    return _times(a, constant(1 / b.pieces[0][0]))
+
+
+def _power(a: Piecewise, b: Piecewise) -> Piecewise | None:
+    if b.breaks or len(b.pieces[0]) > 1:
+        return None
+    exponent = b.pieces[0][0] if b.pieces[0] else Fraction(0)
+    if exponent.denominator != 1 or not 0 <= exponent <= _MOST_DEGREE:
+        return None
+    found = constant(Fraction(1))
+    for _ in range(int(exponent)):
+        found = _times(found, a)
+    return found
+
+
+def _compared(holds: Callable[[Fraction], bool]) -> Callable[..., Piecewise | None]:
+    """1 where a condition on a - b holds, 0 elsewhere; its polynomials are lines, so signs are known."""
+
+    def rule(a: Piecewise, b: Piecewise) -> Piecewise | None:
+        d = _minus(a, b)
+        if any(len(p) > 2 for p in d.pieces):
+            return None
+        roots = {-p[0] / p[1] for p in d.pieces if len(p) == 2}
+        d = _refined(d, tuple(sorted({*d.breaks, *roots})))
+        ends = (None, *d.breaks), (*d.breaks, None)
+        inside = [_inside(a, b) for a, b in zip(*ends, strict=True)]
+        one = (Fraction(1),)
+        return Piecewise(
+            d.breaks,
+            tuple(
+                one if holds(_value(p, x)) else () for p, x in zip(d.pieces, inside, strict=True)
+            ),
+            tuple(Fraction(int(holds(x))) for x in d.at),
+        )
+
+    return rule
+
+
+def _inside(a: Fraction | None, b: Fraction | None) -> Fraction:
+    """A number between two others, or beyond one."""
+    if a is None:
+        return Fraction(0) if b is None else b - 1
+    return a + 1 if b is None else (a + b) / 2
+
+
+def _is_condition(f: Piecewise) -> bool:
+    return {*f.pieces} <= {(), (Fraction(1),)} and {*f.at} <= {0, 1}
+
+
+def _chosen(condition: Piecewise | None, a: Piecewise) -> Piecewise | None:
+    """a where a condition holds, 0 elsewhere."""
+    return _times(condition, a) if condition is not None and _is_condition(condition) else None
+
+
+def _opposite(condition: Piecewise) -> Piecewise | None:
+    return _minus(constant(Fraction(1)), condition) if _is_condition(condition) else None
+
+
+_less, _least = _compared(lambda x: x < 0), _compared(lambda x: x <= 0)
+
+
+def _smaller(a: Piecewise, b: Piecewise) -> Piecewise | None:
+    """The smaller one: b + (a - b where it is negative)."""
+    found = _chosen(_less(a, b), _minus(a, b))
+    return None if found is None else _add(b, found)
+
+
+def _larger(a: Piecewise, b: Piecewise) -> Piecewise | None:
+    found = _smaller(_negative(a), _negative(b))
+    return None if found is None else _negative(found)
+
+
+_RULES: Mapping[str, Callable[..., Piecewise | None]] = {
+    "assign": lambda a: a,
+    "add": _add,
+    "sub": _minus,
+    "mul": _times,
+    "div": _over,
+    "neg": _negative,
+    "twice": lambda a: _add(a, a),
+    "sq": lambda a: _times(a, a),
+    "constpow": _power,
+    "pow": _power,
+    "lt": _less,
+    "le": _least,
+    "not": _opposite,
+    "and": lambda a, b: _chosen(a, b) if _is_condition(b) else None,
+    "if_else_zero": _chosen,
+    "fmin": _smaller,
+    "fmax": _larger,
+    "fabs": lambda a: _larger(a, _negative(a)),
+}
+
+
+def piecewise_of(expression: ca.SX, argument: ca.SX) -> Piecewise | None:
+    """An expression as polynomials of a symbol; None if it is none, or has another symbol."""
+    constants, numbers = constants_in(expression)
+    if any(number.kind != "rational" for number in numbers):
+        return None
+    known = {s.element_hash() for s in ca.vertsplit(ca.vertcat(argument, constants))}
+    if any(s.element_hash() not in known for s in ca.symvar(expression)):
+        return None
+    function = ca.Function("piecewise", [argument, constants], [ca.densify(expression)])
+
+    def follow(name: str, *operands: Piecewise | None) -> Piecewise | None:
+        own = [part for part in operands if part is not None]
+        return applied(name, *own) if len(own) == len(operands) else None
+
+    table = Rules(
+        lambda value: constant(constant_of(value)),
+        {name: partial(follow, name) for name in _RULES},
+        lambda operation, where, *operands: None,
+    )
+    values = [constant(number.argument) for number in numbers]
+    ((found,),) = fold(function, table, [ARGUMENT], values)
+    return found if isinstance(found, Piecewise) else None

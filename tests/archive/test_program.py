@@ -1,0 +1,326 @@
+"""The straight-line program of a model in an archive: used where it is shorter, and compared.
+
+1. a reader without mbdlft, mbdlft and the LFT have the same values; so has a process without CasADi
+2. it belongs to one LFT: what is made of the model has none
+3. samples at which digits are lost, or a program that has other values, are computed by the LFT
+4. a program that does anything but arithmetic on what is there is an ArchiveError
+"""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft import ArchiveError, LFTModel, MbdlftWarning, StructureError
+from mbdlft.batch.rows import ModelSource
+from mbdlft.lft import evaluate
+from mbdlft.lft.program import known
+from mbdlft.lft.program.tape import Pivot
+from mbdlft.store import program as stored
+from mbdlft.system.system import deltas_of
+from tests.archive import models, plain_program
+from tests.archive.plain_digest import edit, put_text
+from tests.close import exact, roundoff
+from tests.errors.scenes import cart, says
+
+COUNT = 1500
+NAMES = ("A", "B", "C", "D")
+CASES: dict[str, Callable[[], LFTModel]] = {
+    "carried": models.carried,
+    "turned arm": lambda: mbdlft.with_program(models.turned_arm()),
+    "unused": lambda: mbdlft.with_program(models.unused()),
+    "numbers": lambda: mbdlft.with_program(models.numbers()),
+}
+
+
+def written(folder: Path, model: LFTModel) -> Path:
+    mbdlft.save(folder / "a.h5", model)
+    return folder / "a.h5"
+
+
+def dense(model: LFTModel, values: dict[str, np.ndarray]) -> np.ndarray:
+    deltas = deltas_of(model, values)
+    return evaluate.values_and_sizes(model.lft, deltas)[0]
+
+
+def matrix_of(matrices: Any) -> np.ndarray:
+    A, B, C, D = matrices[:4]
+    return np.block([[A, B], [C, D]])
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_three_readers_agree(tmp_path: Path, name: str) -> None:
+    model = CASES[name]()
+    file = written(tmp_path, model)
+    found = mbdlft.load(file)
+    models.same(found, model)
+    values = mbdlft.random(model.parameters, COUNT, 3)
+    plain = plain_program.matrices(file, model.name, values)
+    assert not np.any(plain[-1])
+    roundoff(matrix_of(plain), dense(model, values), kappa=1e3)
+    if values:
+        assert mbdlft.computed_by(found, COUNT).startswith("stored program")
+        roundoff(matrix_of(mbdlft.matrices_at(found, values)), matrix_of(plain), kappa=10.0)
+        trim = mbdlft.trim_at(replace(model, program=None), values)
+        roundoff(mbdlft.trim_at(found, values), trim, kappa=1e3)
+        roundoff(plain[-2], trim, kappa=1e3)
+        rows = ModelSource(found).rows(np.stack(list(values.values()), axis=1))
+        exact(rows[0], matrix_of(mbdlft.matrices_at(found, values)))
+    mbdlft.save(file, found)
+    mbdlft.save(tmp_path / "b.h5", model)
+    with h5py.File(file) as one, h5py.File(tmp_path / "b.h5") as two:
+        group = f"models/{model.name}"
+        assert one[group].attrs["digest"] == two[group].attrs["digest"]
+
+
+READER = """
+import sys
+
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("casadi", "scipy", "flint", "pydantic", "control"):
+            raise ImportError(name)
+
+sys.meta_path.insert(0, Blocked())
+import mbdlft
+model = mbdlft.load(sys.argv[1])
+values = mbdlft.random(model.parameters, 1500, 3)
+print(mbdlft.computed_by(model, 1500))
+print(float(mbdlft.matrices_at(model, values).A[-1, 2, 0]).hex())
+"""
+
+
+def test_without_casadi(tmp_path: Path) -> None:
+    model = models.carried()
+    command = [sys.executable, "-W", "error", "-c", READER, str(written(tmp_path, model))]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = mbdlft.matrices_at(model, mbdlft.random(model.parameters, COUNT, 3))
+    assert done.stdout.split("\n")[:2] == ["stored program", float(found.A[-1, 2, 0]).hex()]
+
+
+def test_native_code_has_the_bits_of_numpy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("llvmlite")
+    monkeypatch.setenv("MBDLFT_CACHE", str(tmp_path / "cache"))
+    model = models.carried()
+    values = mbdlft.random(model.parameters, COUNT, 3)
+    expected = mbdlft.matrices_at(model, values)
+    monkeypatch.setattr(known, "NATIVE", COUNT)
+    assert mbdlft.computed_by(model, COUNT) == "stored program, native"
+    for part, other in zip(mbdlft.matrices_at(model, values), expected, strict=True):
+        exact(part, other)
+    assert len(list((tmp_path / "cache").iterdir())) == 1
+    made = mbdlft.compile(model, threads=1)
+    assert (made.computes, made.reason) == ("stored program", "")
+    roundoff(matrix_of(made(values)), matrix_of(expected), kappa=10.0)
+    roundoff(made(values).trim, mbdlft.trim_at(model, values), kappa=10.0)
+
+
+def test_the_shorter_way_is_taken() -> None:
+    model = models.carried()
+    assert mbdlft.computed_by(model, 3) == "dense matrices"
+    assert mbdlft.computed_by(models.arm(), COUNT) == "program of the LFT"
+    found = model.program
+    assert found is not None
+    long = replace(
+        found,
+        program=replace(
+            found.program, instructions=found.program.instructions + found.program.instructions * 9
+        ),
+    )
+    other = replace(model, program=long)
+    assert mbdlft.computed_by(other, COUNT) == "program of the LFT"
+    assert mbdlft.compile(other, threads=1).computes == "LFT"
+    with says(StructureError, "computed_by: expected a number of samples, got -1"):
+        mbdlft.computed_by(model, -1)
+
+
+def test_what_is_made_of_a_model_has_no_program() -> None:
+    model = models.carried()
+    low = model.parameters["m1"].nominal
+    made = {
+        "range": model.with_range(m1=(low, low * 1.01)),
+        "truncated": mbdlft.truncate(model, 0.2),
+        "negative": -model,
+        "series": model * 2.0,
+        "other": replace(model, lft=replace(model.lft, M22=2.0 * model.lft.M22)),
+    }
+    for name, one in made.items():
+        assert one.known_program is None, name
+        if isinstance(one, LFTModel):
+            with says(StructureError, "with_program: ", "it is not the model" * (name != "other")):
+                mbdlft.with_program(one)
+            values = mbdlft.random(one.parameters, COUNT)
+            roundoff(matrix_of(mbdlft.matrices_at(one, values)), dense(one, values), kappa=100.0)
+    assert replace(model, name="other").known_program is model.program
+    with says(StructureError, "with_program: expected an LFTModel, got Scene"):
+        mbdlft.with_program(cart())  # type: ignore[arg-type]
+
+
+def test_other_values_than_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = models.arm()
+    other = replace(model, lft=replace(model.lft, M22=2.0 * model.lft.M22))
+    with says(StructureError, "the equations of its scene have other values than the model"):
+        mbdlft.with_program(other)
+    monkeypatch.setattr("mbdlft.batch.compiled._LONGEST", 3)
+    with says(StructureError, "no program of at most 200000 instructions"):
+        mbdlft.with_program(model)
+
+
+def changed(model: LFTModel, **parts: object) -> LFTModel:
+    found = model.program
+    assert found is not None
+    return replace(model, program=replace(found, program=replace(found.program, **parts)))
+
+
+def test_samples_that_are_lost_are_those_of_the_lft() -> None:
+    """A pivot m1 beside 32 max(m1, nominal of m2): small where m1 is."""
+    model = models.carried()
+    values = mbdlft.random(model.parameters, COUNT, 3)
+    program = model.program.program  # type: ignore[union-attr]
+    m1 = model.parameters.names.index("m1")
+    size = program.inputs + len(program.instructions)
+    middle = float(np.median(values["m1"]))
+    instructions = (*program.instructions, ("multiply", size, 0, 0.0))
+    instructions = (*instructions, ("add", size + 1, size, 32.0 * middle))
+    tape = [type(program.instructions[0])(*one) for one in instructions]
+    other = changed(model, instructions=tuple(tape), pivots=(Pivot(m1, size + 1),))
+    found = matrix_of(mbdlft.matrices_at(other, values))
+    plain = matrix_of(mbdlft.matrices_at(model, values))
+    lost = values["m1"] < middle
+    assert 0.3 < np.mean(lost) < 0.7
+    exact(found[~lost], plain[~lost])
+    exact(found[lost], dense(model, values)[lost])
+
+
+def test_wrong_values_are_seen(tmp_path: Path) -> None:
+    """A file with a right digest whose program computes something else: the matrices are right."""
+    model = models.carried()
+    file = written(tmp_path, model)
+    edit(file, lambda g: g["program/operation"].__setitem__(-1, 5), "models/carried")
+    edit(file, lambda g: g["program/numbers"].__setitem__(slice(None), 2.0), "models/carried")
+    found = mbdlft.load(file)
+    assert found.program is not None
+    assert found.program.program != model.program.program  # type: ignore[union-attr]
+    values = mbdlft.random(model.parameters, COUNT)
+    roundoff(matrix_of(mbdlft.matrices_at(found, values)), dense(model, values), kappa=100.0)
+
+
+def test_where_digits_are_lost_the_lft_may_be_singular(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There, and only there, it is asked; a model that is proved regular is not."""
+    model = models.carried()
+    program = model.program.program  # type: ignore[union-attr]
+    size = program.inputs + len(program.instructions)
+    zero = type(program.instructions[0])("subtract", size, 0, 0)
+    none = changed(model, instructions=(*program.instructions, zero), pivots=(Pivot(size, 0),))
+    values = mbdlft.random(model.parameters, COUNT, 3)
+    asked: list[int] = []
+
+    def singular(_: object, deltas: np.ndarray, *__: object) -> None:
+        asked.append(len(deltas))
+        raise mbdlft.WellPosednessError("singular")
+
+    monkeypatch.setattr("mbdlft.system.straight.check_regular_at", singular)
+    mbdlft.matrices_at(none, values)
+    assert not asked
+    sampled = replace(model.certificate, well_posed="sampled")
+    mbdlft.matrices_at(replace(model, certificate=sampled), values)
+    assert not asked
+    with pytest.raises(mbdlft.WellPosednessError, match="singular"):
+        mbdlft.matrices_at(replace(none, certificate=sampled), values)
+    assert asked == [COUNT]
+
+
+def put(name: str, at: object, value: object) -> Callable[[Any], None]:
+    return lambda group: group[f"program/{name}"].__setitem__(at, value)
+
+
+def resized(name: str, value: np.ndarray) -> Callable[[Any], None]:
+    def change(group: Any) -> None:
+        del group[f"program/{name}"]
+        group[f"program/{name}"] = value
+
+    return change
+
+
+HUGE = 200_001
+HOSTILE: dict[str, tuple[Callable[[Any], None], str]] = {
+    "code": (
+        put("operation", 4, 9),
+        "instruction 4 has the code 9, which is unknown; known are 0 to 8",
+    ),
+    "negative code": (put("operation", 0, -1), "instruction 0 has the code -1"),
+    "itself": (
+        put("left", 3, 7 + 3),
+        "program/left: entry 3 is 10, register 10, and only registers",
+    ),
+    "cycle": (put("right", 0, 100), "program/right: entry 0 is 100, register 100"),
+    "far": (put("left", 0, 2**62), "program/left: entry 0 is 4611686018427387904"),
+    "no number": (
+        put("left", 0, -(2**63)),
+        "program/left: entry 0 is -9223372036854775808, number",
+    ),
+    "result": (put("result", 0, 10**6), "program/result: entry 0 is 1000000, register 1000000"),
+    "pivot": (put("pivots", (0, 1), -1), "program/pivots: entry 1 is -1, number 0 of 0"),
+    "not finite": (put("numbers", 0, np.inf), "program/numbers has a number that is not finite"),
+    "short": (
+        resized("result", np.zeros(3, np.int64)),
+        "program/result has 3 numbers, the matrices",
+    ),
+    "lengths": (resized("left", np.zeros(3, np.int64)), "'program/left' has shape (3,), expected"),
+    "type": (resized("numbers", np.zeros(3, np.int64)), "'program/numbers' has the type int64"),
+    "missing": (
+        lambda g: g.__delitem__("program/pivots"),
+        "the dataset 'program/pivots' is missing",
+    ),
+    "a part": (lambda g: g.__delitem__("program/operation"), "'program/operation' is missing"),
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_hostile_programs(tmp_path: Path, case: str) -> None:
+    change, text = HOSTILE[case]
+    file = written(tmp_path, models.carried())
+    edit(file, change, "models/carried")
+    with says(ArchiveError, f"{file}: model 'carried'", text):
+        mbdlft.load(file)
+
+
+def test_a_program_that_is_too_long(tmp_path: Path) -> None:
+    file = written(tmp_path, models.carried())
+
+    def change(group: Any) -> None:
+        for name, kind in (("operation", np.int8), ("left", np.int64), ("right", np.int64)):
+            resized(name, np.zeros(HUGE, kind))(group)
+
+    edit(file, change, "models/carried")
+    with says(ArchiveError, f"program has {HUGE} instructions, at most 200000 are run"):
+        mbdlft.load(file)
+
+
+def test_a_program_of_a_newer_version_is_left_out(tmp_path: Path) -> None:
+    file = written(tmp_path, models.carried())
+    edit(file, put("operation", 0, 40), "models/carried")
+    edit(file, lambda g: put_text(g, "encoding_version", "1.2"), "models/carried")
+    with pytest.warns(MbdlftWarning, match="of version 1.2 is left out, and its LFT evaluated"):
+        found = mbdlft.load(file)
+    assert found.program is None
+    models.same(found, replace(models.carried(), program=None))
+
+
+def test_one_sided_operations_have_no_right_side(tmp_path: Path) -> None:
+    """Whatever a file has there: numpy and native code compute the same."""
+    file = written(tmp_path, models.carried())
+    with h5py.File(file) as archive:
+        codes = archive["models/carried/program/operation"][()]
+    some = np.flatnonzero(np.isin(codes, [stored.OPERATIONS.index(k) for k in stored.ONE_SIDED]))
+    assert len(some) > 3
+    edit(file, put("right", some, 1), "models/carried")
+    models.same(mbdlft.load(file), models.carried())
