@@ -7,8 +7,8 @@ import numpy as np
 
 from mbdlft.analyze.coverage import first_frequencies, looks, middle
 from mbdlft.analyze.intervals import channels_matrix, interval_around
-from mbdlft.analyze.multiplier_margin import channels_of
-from mbdlft.analyze.multipliers import structure_of, upper_bound
+from mbdlft.analyze.loop import loop_of
+from mbdlft.analyze.multipliers import upper_bound
 from mbdlft.analyze.realization import (
     check_constant,
     check_nominal,
@@ -78,8 +78,8 @@ def mu_bands(
     check_constant(system, "mu_bands")
     stay = states_that_stay(system, leave_out)
     check_nominal(system, system.A[np.ix_(stay, stay)], leave_out, "mu_bands")
-    structure, blocks = structure_of(system.lft.blocks), system.lft.blocks
-    channels, _ = channels_of(system, stay, structure)
+    loop, blocks = loop_of(system, stay), system.lft.blocks
+    channels, structure = loop.channels, loop.structure
     first = first_frequencies(channels.A)
     with one_thread():
         known = [

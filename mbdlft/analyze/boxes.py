@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mbdlft.analyze.characteristic import Polynomials, Realization, is_stable_at
+from mbdlft.analyze.crew import ALONE, Crew
 from mbdlft.analyze.exclusion import Piece, excludes, fixed, halves, spreads, turn_of
 from mbdlft.base.array import Array
 
@@ -28,6 +29,9 @@ _NARROWEST = 2.0**-44  # interval of t that is not cut again
 _SLOW = 0.35  # of the change along a delta: less change along t is not a reason to cut t
 _MOST_PIECES = 200  # open pieces of a box: with more, none is cut along t any more
 _CALL = 2000  # coefficients that a call costs
+_FIRST = 1.0  # units of work that are done before boxes are given to others
+_BATCH = 8  # boxes that are given to others at a time
+_SHARE = 0.5  # of the work that is left, for one of them
 
 
 class Box(NamedTuple):
@@ -72,7 +76,7 @@ def prove(
     work: float,
     is_wrong: Check,
     gain: float = 0.0,
-    tick: Callable[[], None] = lambda: None,
+    crew: Crew = ALONE,
 ) -> Outcome:
     """Try to prove that all models of the box |delta| <= k are stable, and of a gain below 1/gain.
 
@@ -84,27 +88,55 @@ def prove(
     work : float
         Units of work.
     is_wrong : function of deltas (number of deltas,), of the unit box
-        Whether they are a counterexample.
+        Whether they are a counterexample. Processes get it: a function of a module, or a part of one.
     gain : float
         One over the bound; 0 for stability only.
-    tick : function
-        Called before each box.
+    crew : Crew
+        Who looks at boxes that wait when the first unit of work is used up.
     """
-    left, log, frequency = work * UNIT, [], np.nan
-    waiting = [_root(found)]
+    first, rest = _explored(model, k, found.scale, _root(found), min(work, _FIRST), is_wrong, gain)
+    if not rest or work <= _FIRST:
+        return first
+    log, used, frequency = list(rest[0]), first.work, first.frequency
+    waiting = list(rest[1])
     while waiting:
-        tick()
-        box = waiting.pop()
-        pieces, cost = _refined(box.pieces, gain, patient=not np.any(box.half))
-        box, left = box._replace(pieces=pieces), left - cost
+        batch, waiting = waiting[: -_BATCH - 1 : -1], waiting[:-_BATCH]
+        share = _SHARE * max(work - used, 0.0)
+        tasks = [(model, k, found.scale, box, share, is_wrong, gain) for box in batch]
+        outcomes = [outcome for outcome, _ in crew.map(_explored, tasks)]
+        used += sum(outcome.work for outcome in outcomes)
+        for outcome in outcomes:
+            if outcome.log is None:
+                failed: Outcome = outcome._replace(work=used)
+                return failed
+            log += outcome.log
+            if not np.isnan(outcome.frequency):
+                frequency = outcome.frequency
+    return Outcome(tuple(log), None, first.open_box, used, frequency)
+
+
+_Rest = tuple[tuple[int, ...], tuple[Box, ...]]
+
+
+def _explored(
+    model: Realization, k: float, scale: float, box: Box, work: float, is_wrong: Check, gain: float
+) -> tuple[Outcome, _Rest | None]:
+    """What comes of a part of the box; and where it ended for want of work: cuts, and boxes that wait."""
+    left, log, frequency = work * UNIT, list[int](), np.nan
+    waiting = [box]
+    while waiting:
+        whole = waiting.pop()
+        pieces, cost = _refined(whole.pieces, gain, patient=not np.any(whole.half))
+        box, left = whole._replace(pieces=pieces), left - cost
+        used = work - left / UNIT
         if not pieces:
             log.append(LEAF)
             if _needs_look(box) and not is_stable_at(model, k * box.center):
-                return Outcome(None, box.center, box, work - left / UNIT, frequency)
+                return Outcome(None, box.center, box, used, frequency), None
             continue
-        frequency = _frequency(pieces, found.scale)
+        frequency = _frequency(pieces, scale)
         if is_wrong(box.center):
-            return Outcome(None, box.center, box, work - left / UNIT, frequency)
+            return Outcome(None, box.center, box, used, frequency), None
         faces = () if gain else tuple(_faces(box))
         for axis, side in faces:
             log.append(3 * axis + (2 if side < 0 else 3))
@@ -113,11 +145,13 @@ def prove(
             waiting.append(box)
             continue
         widest = _widest(box)
-        if widest is None or left < 0.0:
-            return Outcome(None, None, box, work - left / UNIT, frequency)
+        if widest is None:
+            return Outcome(None, None, box, used, frequency), None
+        if left < 0.0:
+            return Outcome(None, None, box, used, frequency), (tuple(log), (*waiting, whole))
         log.append(3 * widest + 1)
         waiting += reversed(_cut(box, widest))
-    return Outcome(tuple(log), None, box, work - left / UNIT, frequency)
+    return Outcome(tuple(log), None, box, work - left / UNIT, frequency), None
 
 
 def replayed(

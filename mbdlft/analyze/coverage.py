@@ -1,92 +1,212 @@
-"""A bound of mu for all frequencies: multipliers and the intervals on which they prove it."""
+"""Multipliers and intervals that cover all frequencies, for one part of the box."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from mbdlft.analyze.intervals import Channels, channels_matrix, interval_around
+from mbdlft.analyze.intervals import interval_around
+from mbdlft.analyze.loop import (
+    Complex,
+    Loop,
+    ends_of,
+    extent_of,
+    inside,
+    matrix_at,
+)
 from mbdlft.analyze.multipliers import Structure, upper_bound
 from mbdlft.base.array import Array
-from mbdlft.bound.evidence import Interval, IntervalProof, Multipliers
+from mbdlft.bound.evidence import Interval, Multipliers
 
 _STEPS = 2000  # frequencies that are looked at, at most
 _LOOKS = 12
 _NARROW = 1e-10  # of a frequency: an interval below this is not cut again
+_SIZES = 40  # sizes that are tried for the largest one at a frequency
+_NOTHING = 1e-9  # of the largest size: less is nothing
 
 
-class Sweep(NamedTuple):
-    """What came of a sweep.
+class Cover(NamedTuple):
+    """Intervals that multipliers prove for a part of the box, and what they leave.
 
     Attributes
     ----------
-    proof : IntervalProof or None
+    k : float
+        The size for which they hold: that which was asked for, or less if it may shrink.
+    intervals, multipliers : tuples
+        The latter for balanced channels.
+    todo : tuple of (low, high)
+        Frequencies that are left (rad/s); none: the part is proved.
+    at : float
+        Where multipliers were not found (rad/s); NaN: work was used up.
+    beta : float
+        The bound of mu there; 0 if it was rounding that failed.
+    last : Multipliers or None
+        Those with which another search may start: G is over the squares of half sizes.
+    peak : float
+        Where the size is smallest (rad/s); NaN if nothing was looked at.
     work : float
-        Newton steps and eigenvalues, as units of work.
-    open_at : float
-        A frequency at which nothing could be proved (rad/s); NaN if there is none.
-    frequency : float
-        Where the bound is largest.
     """
 
-    proof: IntervalProof | None
+    k: float
+    intervals: tuple[Interval, ...]
+    multipliers: tuple[Multipliers, ...]
+    todo: tuple[tuple[float, float], ...]
+    at: float
+    beta: float
+    last: Multipliers | None
+    peak: float
     work: float
-    open_at: float
-    frequency: float
 
 
-def swept(
-    system: Channels,
-    structure: Structure,
-    gap: float,
-    work: float,
-    floor: float,
-    tick: Callable[[], None] = lambda: None,
-) -> Sweep:
-    """Bound mu for all frequencies, within `gap` of the best of its multipliers at one of them.
+class Part(NamedTuple):
+    """A part of the box: ends of all blocks (number of blocks,), and the frequencies that are open.
 
-    Below `floor` bounds are not told apart.
+    Attributes
+    ----------
+    low, high : array
+    todo : tuple of (low, high), rad/s
+    at : float
+        Where to begin (rad/s); NaN: at the poles.
+    start : Multipliers or None
+        As `last` of a `Cover`.
+    work : float
+        Units that may be used.
+    tolerance : float
+        Of the bounds of mu.
     """
-    todo, first = [(0.0, np.inf)], first_frequencies(system.A)
-    beta, peak, used, last = floor, np.nan, 0.0, None
+
+    low: Array
+    high: Array
+    todo: tuple[tuple[float, float], ...]
+    at: float
+    start: Multipliers | None
+    work: float
+    tolerance: float
+
+
+def covered(loop: Loop, part: Part) -> Cover:
+    """Prove a part of the box at the frequencies that are open, until one resists."""
+    first, todo = first_frequencies(loop.channels.A), list(part.todo)
+    extent, cost = extent_of(loop, part.low, part.high), cost_at(loop)
     kept: list[tuple[Interval, Multipliers]] = []
-    cost = _cost(len(system.A), structure)
-    for omega in looks(first):
-        M, _ = channels_matrix(system, omega)
-        last = upper_bound(M, structure, start=last, tolerance=0.1 * gap, enough=beta)
-        used += cost
-        if last.beta > beta:
-            beta, peak = last.beta, omega
-    beta *= 1.0 + 0.5 * gap
+    last, used, at, beta = part.start, 0.0, np.nan, 0.0
     for _ in range(_STEPS):
-        if not todo:
-            return Sweep(_covered(beta, kept), used, np.nan, peak)
-        tick()
-        used += cost
-        if used > work:
-            return Sweep(None, used, todo[-1][0], peak)
+        if not todo or used + cost > part.work:
+            break
         low, high = todo.pop()
-        omega = middle(low, high, first)
-        M, _ = channels_matrix(system, omega)
-        found = upper_bound(M, structure, start=last, tolerance=0.02 * gap, enough=beta)
-        last = found
-        if found.beta > beta:
-            found = upper_bound(M, structure, start=last, tolerance=0.02 * gap)
-            beta, peak = max(found.beta * (1.0 + 0.5 * gap), beta), omega
-            found = upper_bound(M, structure, start=last, tolerance=0.02 * gap, enough=beta)
-        found, interval = found._replace(beta=beta), None
-        for again in (False, True):
-            if again:  # from the beginning: multipliers of far frequencies may be extreme
-                found = upper_bound(M, structure, tolerance=0.02 * gap, enough=beta)
-                found = last = found._replace(beta=beta)
-            interval = interval_around(system, found, omega)
+        omega = part.at if low < part.at < high else middle(low, high, first)
+        used += cost
+        M, half = inside(loop, matrix_at(loop, omega), part.low, part.high)
+        interval = None
+        for start in (last, None):  # from the beginning: those of far frequencies may be extreme
+            last, found = _found(M, half, loop.structure, start, part.tolerance)
+            beta = last.beta
+            if beta > 1.0:
+                break
+            interval = interval_around(loop.channels, found, omega, extent)
             if interval is not None and interval.high - interval.low > _NARROW * omega:
                 break
-        else:
-            return Sweep(None, used, omega, peak)
+            interval = None
+        if interval is None:
+            at = omega
+            beta = beta if beta > 1.0 else 0.0
+            todo.append((low, high))
+            break
         kept.append((interval, found))
         todo += _rest(low, high, interval)
-    return Sweep(None, used, todo[-1][0] if todo else np.nan, peak)
+    ends = tuple(interval for interval, _ in kept), tuple(found for _, found in kept)
+    return Cover(np.nan, *ends, tuple(todo), at, beta, last, np.nan, used)
+
+
+def shrunk(loop: Loop, largest: float, gap: float, work: float) -> Cover:
+    """The whole box, as large as its multipliers prove within a part `gap` at one of the frequencies."""
+    first, cost = first_frequencies(loop.channels.A), cost_at(loop)
+    used, last, peak, k = 0.0, None, np.nan, largest
+    for omega in looks(first):
+        if used + cost > work:
+            return Cover(0.0, (), (), ((0.0, np.inf),), np.nan, 0.0, last, peak, used)
+        size, last = largest_size(loop, matrix_at(loop, omega), k, last, 0.1 * gap)
+        used += cost
+        k, peak = (size, omega) if size < k else (k, peak)
+        if k == 0.0:
+            return Cover(k, (), (), ((0.0, np.inf),), omega, np.inf, last, peak, used)
+    k *= 1.0 - 0.5 * gap if k < largest else 1.0
+    todo: tuple[tuple[float, float], ...] = ((0.0, np.inf),)
+    intervals: tuple[Interval, ...] = ()
+    multipliers: tuple[Multipliers, ...] = ()
+    while True:
+        part = Part(*ends_of(loop, k), todo, np.nan, last, work - used, 0.02 * gap)
+        found = covered(loop, part)
+        used += found.work
+        intervals, multipliers = intervals + found.intervals, multipliers + found.multipliers
+        found = found._replace(
+            k=k, intervals=intervals, multipliers=multipliers, work=used, peak=peak
+        )
+        if not found.todo or not found.beta > 1.0 or used + cost > work:
+            return found
+        size, last = largest_size(loop, matrix_at(loop, found.at), k, found.last, 0.02 * gap)
+        used += cost
+        if size == 0.0:
+            return found._replace(k=0.0)
+        size = min(size, k * (1.0 - 0.1 * gap))
+        k, peak, todo = size * (1.0 - 0.5 * gap), found.at, found.todo
+
+
+def largest_size(
+    loop: Loop, M: Complex, most: float, start: Multipliers | None, tolerance: float
+) -> tuple[float, Multipliers]:
+    """Nearly the largest size up to `most` for which mu <= 1 is proved, and multipliers there; 0: none.
+
+    mu of the whole box rises with its size; where all blocks grow, it is proportional to it.
+    """
+
+    def bound(k: float, near: Multipliers | None) -> tuple[Multipliers, Multipliers]:
+        scaled, half = inside(loop, M, *ends_of(loop, k))
+        return _found(scaled, half, loop.structure, near, tolerance, enough=0.0)
+
+    if np.all(loop.grows):
+        found, _ = bound(1.0, start)
+        return min(1.0 / max(found.beta, 1e-300), most), found._replace(beta=1.0)
+    found, _ = bound(most, start)
+    if found.beta <= 1.0:
+        return most, found
+    low, low_log, high, high_log = 0.0, 0.0, most, float(np.log(found.beta))
+    best = found
+    for count in range(_SIZES):
+        if low == 0.0:
+            k = high * float(np.exp(-max(high_log, tolerance) * 1.05 * 2.0 ** (count // 2)))
+        elif count % 3 == 2:
+            k = float(np.sqrt(low * high))
+        else:
+            share = low_log / (low_log - high_log)
+            k = low * (high / low) ** float(np.clip(share, 0.02, 0.98))
+        if k < _NOTHING * most:
+            break
+        found, _ = bound(k, found)
+        if found.beta <= 1.0:
+            best = found
+            low, low_log = k, float(np.log(max(found.beta, 1e-300)))
+        else:
+            high, high_log = k, float(np.log(found.beta))
+        if low > 0.0 and high / low - 1.0 <= tolerance:
+            break
+    return low, best
+
+
+def _found(
+    M: Complex,
+    half: Array,
+    structure: Structure,
+    start: Multipliers | None,
+    tolerance: float,
+    enough: float = 1.0,
+) -> tuple[Multipliers, Multipliers]:
+    """Multipliers of a matrix whose rows were multiplied by half sizes: for size 1, and as they are."""
+    if start is not None:
+        start = start._replace(G=start.G * half[:, None])
+    found = upper_bound(M, structure, start=start, tolerance=tolerance, enough=enough)
+    positive = np.where(half > 0.0, half, 1.0)
+    unit = found._replace(G=found.G / positive[:, None])
+    return unit, found._replace(beta=1.0, G=found.G * half[:, None])
 
 
 def looks(first: Array) -> Array:
@@ -126,15 +246,6 @@ def middle(low: float, high: float, first: Array) -> float:
     return 2.0 * low if np.isinf(high) else float(np.sqrt(low * high))
 
 
-def _covered(beta: float, kept: list[tuple[Interval, Multipliers]]) -> IntervalProof:
-    order = sorted(kept, key=lambda pair: pair[0].low)
-    return IntervalProof(
-        beta,
-        tuple(interval for interval, _ in order),
-        tuple(found._replace(beta=beta) for _, found in order),
-    )
-
-
 def covers(intervals: tuple[Interval, ...]) -> bool:
     """Whether intervals in the order of their lower ends cover [0, inf]."""
     reached = 0.0
@@ -145,7 +256,7 @@ def covers(intervals: tuple[Interval, ...]) -> bool:
     return bool(reached == np.inf)
 
 
-def _cost(n: int, structure: Structure) -> float:
+def cost_at(loop: Loop) -> float:
     """Units of work of one frequency."""
-    entries = 2 * len(structure.rows)
-    return 1e-3 + 40.0 * (entries**2 * 3e-9 + entries**3 * 4e-11) + (2 * n) ** 3 * 5e-9
+    n, entries = len(loop.channels.A), 2 * len(loop.structure.rows)
+    return 4e-3 + entries**2 * 1e-7 + entries**3 * 4e-9 + (2 * n) ** 3 * 3e-8

@@ -6,20 +6,31 @@ below by the gain at deltas that an ascent with exact slopes finds, and from abo
 box of size k is at most 1/k: then weights say what is asked for.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from mbdlft.analyze.anytime import Asked, Search
 from mbdlft.analyze.boxes import Outcome, prove
 from mbdlft.analyze.characteristic import Polynomials, Realization, polynomials
-from mbdlft.analyze.margin import cost_of, resistance, too_large
+from mbdlft.analyze.crew import crew_of
+from mbdlft.analyze.loop import GAIN, loop_of
+from mbdlft.analyze.margin import cost_of, is_dear, resistance, too_large
+from mbdlft.analyze.mixed import MixedSearch, Signals
 from mbdlft.analyze.peak import NOTHING, Peak, largest_peak, peak_at, slope_at
 from mbdlft.analyze.pole_migration import smallest_crossing
-from mbdlft.analyze.realization import check_constant, check_nominal, physical, realization, shares
+from mbdlft.analyze.realization import (
+    check_constant,
+    check_nominal,
+    realization,
+    states_that_stay,
+)
 from mbdlft.analyze.result import GAP, LARGEST, WORK, Bounds, BoxProof, Progress, check_numbers
 from mbdlft.analyze.varying import Rates, Varying, gain_of, rates_of
+from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.threads import one_thread
 from mbdlft.system.names import positions_of
@@ -41,6 +52,8 @@ def worst_case_gain(
     rates: Rates = None,
     leave_out: Sequence[str] = (),
     progress: Progress | None = None,
+    workers: int | None = 1,
+    client: Any = None,
 ) -> Bounds:
     """Bounds of the largest H-infinity norm from inputs to outputs over the declared box.
 
@@ -55,15 +68,8 @@ def worst_case_gain(
         Signals of the transfer; all, if not given. The gain has the units of these signals.
     gap : float
         The part of the gain by which its bounds may differ.
-    work : float
-        Units of work, each at most about a second of one core. With less, the bounds are farther apart.
-    rates : mapping of names to numbers, or number for all, optional
+    work, rates, leave_out, progress, workers, client
         As for `robust_stability`.
-    leave_out : sequence of str
-        States on which nothing else depends: their poles do not count.
-    progress : function (lower, upper), optional
-        Called whenever a bound has changed. If it, or Ctrl-C, raises KeyboardInterrupt, the best bounds
-        so far are returned.
 
     Returns
     -------
@@ -81,16 +87,18 @@ def worst_case_gain(
     what = "worst_case_gain"
     check_numbers(what, gap=gap, work=work)
     moving = rates_of(system, rates, what)
-    model, proof = _transfer(system, inputs, outputs, leave_out, what)
-    gone = tuple(leave_out)
-    with one_thread():
-        search = _GainSearch(system, model, proof, gap, work, progress, gone)
+    chosen = _chosen(system, inputs, outputs, leave_out, what, work)
+    with one_thread(), crew_of(workers, client, what) as crew:
+        asked = Asked(system, gap, work, progress, tuple(leave_out), crew=crew)
+        if not moving and chosen.model is None:
+            return _by_multipliers(asked, chosen, "worst-case gain")
+        model = chosen.model or realization(system, chosen.inputs, chosen.outputs, leave_out)
+        search = _GainSearch(asked, model=model, signals=chosen.names)
         if not moving:
             return search.result()
         search.reach()
-        signals = proof(1.0, (), 0.0)
-        names = signals.inputs, signals.outputs
-        return gain_of(Varying(system, model, moving, gap, work, progress, names), search.answer())
+        varying = Varying(system, model, moving, gap, work, progress, chosen.names)
+        return gain_of(varying, search.answer())
 
 
 def robust_performance(
@@ -103,6 +111,8 @@ def robust_performance(
     largest: float = LARGEST,
     leave_out: Sequence[str] = (),
     progress: Progress | None = None,
+    workers: int | None = 1,
+    client: Any = None,
 ) -> Bounds:
     """Bounds of the largest k such that the gain is at most 1/k for all |delta| <= k.
 
@@ -112,10 +122,8 @@ def robust_performance(
         Nominally stable, with weights at its inputs and outputs: a gain of 1 is what is asked for.
     inputs, outputs : name, number, slice, or list of these, optional
         Signals of the transfer; all, if not given.
-    gap, work, leave_out, progress
-        As for `worst_case_gain`.
-    largest : float
-        Margins above this are not told apart.
+    gap, work, largest, leave_out, progress, workers, client
+        As for `robust_stability`.
 
     Returns
     -------
@@ -133,67 +141,94 @@ def robust_performance(
     what = "robust_performance"
     check_constant(system, "robust_performance")
     check_numbers(what, gap=gap, work=work, largest=largest)
-    model, proof = _transfer(system, inputs, outputs, leave_out, what)
-    gone = tuple(leave_out)
-    with one_thread():
-        return _PerformanceSearch(system, model, proof, gap, work, progress, gone, largest).result()
+    chosen = _chosen(system, inputs, outputs, leave_out, what, work)
+    with one_thread(), crew_of(workers, client, what) as crew:
+        asked = Asked(system, gap, work, progress, tuple(leave_out), largest, crew)
+        if chosen.model is None:
+            return _by_multipliers(asked, chosen, "robust performance")
+        return _PerformanceSearch(asked, model=chosen.model, signals=chosen.names).result()
 
 
-def _transfer(
-    system: System, inputs: Any, outputs: Any, leave_out: Sequence[str], what: str
-) -> tuple[Realization, Callable[[float, tuple[int, ...], float], BoxProof]]:
-    """The transfer, stable at nominal, and what makes a proof of its k, log and gain."""
+class _Chosen(NamedTuple):
+    """Signals of a transfer, and its model; None if multipliers are the way to prove it."""
+
+    inputs: list[int]
+    outputs: list[int]
+    names: Signals
+    model: Realization | None
+
+
+def _chosen(
+    system: System, inputs: Any, outputs: Any, leave_out: Sequence[str], what: str, work: float
+) -> _Chosen:
+    """A transfer that is stable at nominal."""
     own = [s.name for s in system.inputs], [s.name for s in system.outputs]
     j = positions_of(inputs, own[0], f"{what}: inputs of {system.name}")
     i = positions_of(outputs, own[1], f"{what}: outputs of {system.name}")
     names = tuple(own[0][k] for k in j), tuple(own[1][k] for k in i)
-    model = realization(system, j, i, leave_out)
-    check_nominal(system, model.A, leave_out, what)
-    return model, lambda k, log, gain: BoxProof(k, log, gain, *names)
+    stay = states_that_stay(system, leave_out, i)
+    check_nominal(system, system.A[np.ix_(stay, stay)], leave_out, what)
+    model = realization(system, j, i, leave_out) if system.lft.is_plain else None
+    if model is not None and system.order and is_dear(model, work):
+        model = None
+    return _Chosen(j, i, names, model)
+
+
+def _by_multipliers(asked: Asked, chosen: _Chosen, kind: str) -> Bounds:
+    """Bounds of a gain, or of the margin of performance, of a system with blocks of all kinds."""
+    system = asked.system
+    stay = states_that_stay(system, asked.leave_out, chosen.outputs)
+    loop = loop_of(system, stay, (), chosen.inputs, chosen.outputs)
+    inner = None
+    if kind == "worst-case gain":
+        grows = np.array([block.name == GAIN for block in loop.blocks], dtype=bool)
+        loop, inner = loop._replace(grows=grows), loop_of(system, stay)
+    search = MixedSearch(asked, loop=loop, kind=kind, signals=chosen.names, inner=inner)
+    return search.result()
+
+
+def _is_above(model: Realization, k: float, gain: float, delta: Array) -> bool:
+    return peak_at(model, k * delta).gain * gain >= 1.0
 
 
 @dataclass(slots=True)
-class _GainSearch:
-    """The bounds so far, and the work that is left."""
+class _PeakSearch(Search):
+    """What the searches for a gain and for a margin of performance share: the best peak so far."""
 
-    system: System
-    model: Realization
-    proof_of: Callable[[float, tuple[int, ...], float], BoxProof]
-    gap: float
-    work: float
-    progress: Progress | None
-    leave_out: tuple[str, ...]
+    model: Realization = field(kw_only=True)
+    signals: Signals = field(kw_only=True)
     best: Peak = NOTHING
-    upper: float = np.inf
-    proof: BoxProof | None = None
-    used: float = 0.0
-    reason: str = ""
 
-    def result(self) -> Bounds:
-        try:
-            self.search()
-        except KeyboardInterrupt:
-            self.reason = "it was interrupted"
-        return self.answer()
+    def tried(self, k: float, found: Polynomials, gain: float, share: float) -> Outcome:
+        """What comes of the box of size k and a bound of the gain, one over `gain`."""
+        outcome = prove(
+            self.model,
+            k,
+            found,
+            share * self.left,
+            partial(_is_above, self.model, k, gain),
+            gain,
+            self.asked.crew,
+        )
+        self.used += outcome.work
+        return outcome
 
-    def told(self) -> None:
-        if self.progress is not None:
-            self.progress(self.best.gain, self.upper)
+    def said(self, kind: str, *, proved: bool, reason: str) -> Bounds:
+        names, best = self.model.names, self.best
+        finite = len(best.delta) == len(names) and np.isfinite(best.gain) and best.gain > 0.0
+        parts = best.delta * slope_at(self.model, best) if finite else np.zeros(len(names))
+        worst = names, best.delta, best.frequency
+        return self.bounds(kind, worst, parts, proved=proved, reason=reason)
 
-    def reach(self) -> None:
-        """The largest gain that a search finds."""
-        crossing = smallest_crossing(self.model, 1.0)
-        if np.isfinite(crossing.size):
-            self.best = Peak(np.inf, crossing.frequency, crossing.delta)
-            self.reason = "the system is unstable at the worst case"
-            return
-        self.best = largest_peak(self.model, 1.0)
-        self.told()
+
+@dataclass(slots=True)
+class _GainSearch(_PeakSearch):
+    """The largest gain; `lower` is that of the best peak."""
 
     def search(self) -> None:
         self.reach()
         self.reason = self.reason or too_large(self.model)
-        if self.reason or not np.isfinite(self.best.gain):
+        if self.reason or not np.isfinite(self.lower):
             return
         self.used += cost_of(self.model)
         try:
@@ -203,95 +238,59 @@ class _GainSearch:
             return
         self.lower_upper(found)
 
+    def reach(self) -> None:
+        """The largest gain that a search finds."""
+        crossing = smallest_crossing(self.model, 1.0)
+        if np.isfinite(crossing.size):
+            self.took(Peak(np.inf, crossing.frequency, crossing.delta))
+            self.reason = "the system is unstable at the worst case"
+            return
+        self.took(largest_peak(self.model, 1.0))
+        self.told()
+
+    def took(self, best: Peak) -> None:
+        self.best, self.lower = best, best.gain
+
     def lower_upper(self, found: Polynomials) -> None:
         """Prove bounds that are nearer and nearer to the largest gain that was reached."""
-        distance = 0.5 * self.gap
-        while self.upper * (1.0 - self.gap) > self.best.gain and np.isfinite(self.best.gain):
-            goal = max(self.best.gain, 1e-300) * (1.0 + distance)
-            if goal >= self.upper or self.used >= self.work:
-                self.reason = self.reason or f"the work of {self.work:g} units was used up"
+        gap = self.asked.gap
+        distance = 0.5 * gap
+        while self.upper * (1.0 - gap) > self.lower and np.isfinite(self.lower):
+            goal = max(self.lower, 1e-300) * (1.0 + distance)
+            if goal >= self.upper or self.used >= self.asked.work:
+                self.reason = self.used_up()
                 return
-            outcome = self.tried(found, goal)
+            outcome = self.tried(1.0, found, 1.0 / goal, _SHARE)
             if outcome.log is not None:
-                self.proof = self.proof_of(1.0, outcome.log, 1.0 / goal)
+                self.proof = BoxProof(1.0, outcome.log, 1.0 / goal, *self.signals)
                 self.upper = goal * _OUTSIDE
-                distance = 0.5 * self.gap
+                distance = 0.5 * gap
             elif outcome.counterexample is not None:
-                self.best = largest_peak(self.model, 1.0, (outcome.counterexample,))
+                self.took(largest_peak(self.model, 1.0, (outcome.counterexample,)))
             else:
                 distance *= _WIDER * _WIDER
                 self.reason = resistance(outcome, 1.0, self.model)
             self.told()
 
-    def tried(self, found: Polynomials, goal: float) -> Outcome:
-        outcome = prove(
-            self.model,
-            1.0,
-            found,
-            _SHARE * (self.work - self.used),
-            lambda delta: peak_at(self.model, delta).gain >= goal,
-            1.0 / goal,
-        )
-        self.used += outcome.work
-        return outcome
-
     def answer(self) -> Bounds:
-        names, best = self.model.names, self.best
-        known = len(best.delta) == len(names) and not np.isnan(best.frequency)
-        finite = known and np.isfinite(best.gain) and best.gain > 0.0
-        parts = best.delta * slope_at(self.model, best) if finite else np.zeros(len(names))
-        is_open = not self.upper * (1.0 - self.gap) <= best.gain or not finite
-        return Bounds(
-            "worst-case gain",
-            best.gain,
-            self.upper,
-            physical(self.system, names, best.delta) if known else {},
-            dict(zip(names, best.delta.tolist(), strict=True)) if known else {},
-            best.frequency,
-            bool(np.isfinite(self.upper)),
-            shares(names, parts),
-            self.used,
-            self.reason if is_open else "",
-            self.proof,
-            self.leave_out,
-        )
+        is_open = not self.upper * (1.0 - self.asked.gap) <= self.lower or self.lower == 0.0
+        proved = bool(np.isfinite(self.upper))
+        reason = self.reason if is_open or np.isinf(self.lower) else ""
+        return self.said("worst-case gain", proved=proved, reason=reason)
 
 
 @dataclass(slots=True)
-class _PerformanceSearch:
-    """The bounds so far, and the work that is left."""
+class _PerformanceSearch(_PeakSearch):
+    """The margin of performance."""
 
-    system: System
-    model: Realization
-    proof_of: Callable[[float, tuple[int, ...], float], BoxProof]
-    gap: float
-    work: float
-    progress: Progress | None
-    leave_out: tuple[str, ...]
-    largest: float
-    lower: float = 0.0
-    upper: float = np.inf
-    best: Peak = NOTHING
-    proof: BoxProof | None = None
-    used: float = 0.0
-    reason: str = ""
+    def search(self) -> None:
+        self.reach()
+        self.told()
+        self.raise_lower()
 
-    def result(self) -> Bounds:
-        try:
-            self.reached()
-            self.told()
-            self.raise_lower()
-        except KeyboardInterrupt:
-            self.reason = "it was interrupted"
-        return self.answer()
-
-    def told(self) -> None:
-        if self.progress is not None:
-            self.progress(self.lower, self.upper)
-
-    def reached(self) -> None:
+    def reach(self) -> None:
         """The smallest k found at which the gain somewhere on the box is at least 1/k."""
-        stable = min(smallest_crossing(self.model, self.largest).size, self.largest)
+        stable = min(smallest_crossing(self.model, self.asked.largest).size, self.asked.largest)
         low, high = 0.0, stable
         for _ in range(_BISECTIONS):
             k = 0.5 * (low + high)
@@ -301,62 +300,32 @@ class _PerformanceSearch:
                 self.best = peak
             else:
                 low = k
-            if high - low <= 0.02 * self.gap * high:
+            if high - low <= 0.02 * self.asked.gap * high:
                 return
 
     def raise_lower(self) -> None:
         """Prove boxes of sizes nearer and nearer to what was reached."""
-        self.reason, high = too_large(self.model), np.inf
-        while not self.reason and self.lower < min(self.upper, self.largest) * (1.0 - self.gap):
-            k = min(self.upper, self.largest) * (1.0 - 0.5 * self.gap)
-            k = k if k < high else self.lower + 0.7 * (high - self.lower)
-            cost = cost_of(self.model)
-            if self.used + cost > self.work or k <= self.lower * (1.0 + 0.1 * self.gap):
-                self.reason = f"the work of {self.work:g} units was used up"
+        self.reason, high, cost = too_large(self.model), np.inf, cost_of(self.model)
+        while not self.reason and not self.is_closed:
+            k = self.next_size(high)
+            if self.used + cost > self.asked.work or not k:
+                self.reason = self.used_up()
                 return
             self.used += cost
-            outcome = self.tried(k)
-            if outcome is not None and outcome.log is not None:
-                self.lower, self.proof = k, self.proof_of(k, outcome.log, k)
-            elif outcome is not None and outcome.counterexample is not None:
+            try:
+                found = polynomials(self.model, k)
+            except WellPosednessError:
+                high = k
+                continue
+            outcome = self.tried(k, found, k, _SHARE if self.lower else _SHARE * _SHARE)
+            if outcome.log is not None:
+                self.lower, self.proof = k, BoxProof(k, outcome.log, k, *self.signals)
+            elif outcome.counterexample is not None:
                 self.upper, self.best = k, peak_at(self.model, k * outcome.counterexample)
             else:
                 high = k
             self.told()
 
-    def tried(self, k: float) -> Outcome | None:
-        try:
-            found = polynomials(self.model, k)
-        except WellPosednessError:
-            return None
-        share = _SHARE if self.lower else _SHARE * _SHARE
-        outcome = prove(
-            self.model,
-            k,
-            found,
-            share * (self.work - self.used),
-            lambda delta: peak_at(self.model, k * delta).gain * k >= 1.0,
-            k,
-        )
-        self.used += outcome.work
-        return outcome
-
     def answer(self) -> Bounds:
-        names, best = self.model.names, self.best
-        known = len(best.delta) == len(names) and bool(np.isfinite(self.upper))
-        finite = known and np.isfinite(best.gain) and best.gain > 0.0
-        parts = best.delta * slope_at(self.model, best) if finite else np.zeros(len(names))
-        return Bounds(
-            "robust performance",
-            self.lower,
-            self.upper,
-            physical(self.system, names, best.delta) if known else {},
-            dict(zip(names, best.delta.tolist(), strict=True)) if known else {},
-            best.frequency,
-            self.lower > 0.0,
-            shares(names, parts),
-            self.used,
-            self.reason,
-            self.proof,
-            self.leave_out,
-        )
+        proved = self.lower > 0.0
+        return self.said("robust performance", proved=proved, reason=self.reason)

@@ -1,10 +1,17 @@
 """Intervals of frequency on which multipliers prove a bound of mu: no grid.
 
-With multipliers D, G and beta, let F(omega) = M'D M + j (G M - M'G) - beta^2 D, M = M(j omega). For
-stable A, F(omega) is singular exactly where N - j omega E is, with
+With multipliers D, G and beta, let M = M(j omega) and
+
+    F(omega) = M' p D M + M' (q D - jG) + (q D + jG) M - beta^2 D.
+
+p and q are numbers for each block. A real delta between a and b has (delta - a)(b - delta) >= 0, which is
+p = -a b, q = (a + b)/2, beta = 1: the multipliers of its part of the box, with no need to move the system
+there. Other blocks, of norm s, have p = s^2 and q = 0.
+
+For stable A, F(omega) is singular exactly where N - j omega E is, with
 
     N = [ A  0  B ; -Q11  -A'  -Q12 ; Q12'  B'  R ],    E = diag(I, I, 0),
-    [Q11 Q12; Q12' R] = T' [D, -jG; jG, -beta^2 D] T,   T = [C D_zw; 0 I],
+    [Q11 Q12; Q12' R] = T' [p D, q D - jG; q D + jG, -beta^2 D] T,   T = [C D_zw; 0 I],
 
 whose eigenvalues are those of a Hamiltonian matrix. If F < 0 at one frequency, then F < 0 on the interval
 around it up to the next eigenvalue on the imaginary axis; R < 0 is F < 0 at infinity. Doyle, Packard,
@@ -38,6 +45,23 @@ class Channels(NamedTuple):
     D: Array
 
 
+class Extent(NamedTuple):
+    """p and q of each channel (m,), the same in a block."""
+
+    p: Array
+    q: Array
+
+
+class _Middle(NamedTuple):
+    """p D, q D - jG, beta^2 D, and sizes of entries of the first two that rounding is relative to."""
+
+    first: Complex
+    mixed: Complex
+    last: Complex
+    first_size: Array
+    mixed_size: Array
+
+
 def channels_matrix(system: Channels, omega: float) -> tuple[Complex, Array]:
     """M(j omega) (m, m), and a bound of the error of each of its columns in the 2-norm."""
     n = len(system.A)
@@ -60,21 +84,31 @@ def channels_matrix(system: Channels, omega: float) -> tuple[Complex, Array]:
     return system.D + system.C @ X, error * (1.0 + 1e-9)
 
 
-def is_negative_at(system: Channels, found: Multipliers, omega: float) -> bool:
-    """Whether F(omega) < 0 and D > 0 are proved."""
-    D, G, beta = found.D, found.G, found.beta
+def _middle(found: Multipliers, extent: Extent | None) -> _Middle:
+    D, G = found.D, found.G
+    p, q = (np.ones(len(D)), np.zeros(len(D))) if extent is None else extent
+    first, turned = p[:, None] * D, q[:, None] * D
+    sizes = np.abs(turned) + np.abs(G)
+    return _Middle(first, turned - 1j * G, found.beta * found.beta * D, np.abs(first), sizes)
+
+
+def is_negative_at(
+    system: Channels, found: Multipliers, omega: float, extent: Extent | None = None
+) -> bool:
+    """Whether F(omega) < 0 and D > 0 are proved; p = 1 and q = 0 without an extent."""
+    D, middle = found.D, _middle(found, extent)
     M, columns = channels_matrix(system, omega)
     if not np.all(np.isfinite(columns)):
         return False
-    GM = 1j * G @ M
-    F = M.conj().T @ D @ M + GM + GM.conj().T - beta * beta * D
+    LM = middle.mixed.conj().T @ M
+    F = M.conj().T @ middle.first @ M + LM + LM.conj().T - middle.last
     m = len(D)
     sizes = np.abs(M) + columns
     off = np.outer(np.ones(m), columns)  # of each entry of M, as the norm of its column
-    twice = np.abs(D) @ off
-    error = sizes.T @ twice + twice.T @ sizes + np.abs(G) @ off + off.T @ np.abs(G)
-    half = np.abs(G) @ sizes
-    terms = sizes.T @ np.abs(D) @ sizes + half + half.T + beta * beta * np.abs(D)
+    twice, half = middle.first_size @ off, middle.mixed_size @ off
+    error = sizes.T @ twice + twice.T @ sizes + half + half.T
+    half = middle.mixed_size @ sizes
+    terms = sizes.T @ middle.first_size @ sizes + half + half.T + np.abs(middle.last)
     error = error + 8.0 * (m + 8) * _EPS * terms
     scale = 1.0 / np.sqrt(np.maximum(-np.diagonal(F).real, 1e-300))
     if not np.all(np.diagonal(F).real < 0.0):
@@ -98,14 +132,16 @@ def _largest(F: Complex) -> float:
     return float(np.linalg.eigvalsh(0.5 * (F + F.conj().T))[-1])
 
 
-def interval_around(system: Channels, found: Multipliers, omega: float) -> Interval | None:
+def interval_around(
+    system: Channels, found: Multipliers, omega: float, extent: Extent | None = None
+) -> Interval | None:
     """The largest interval that is proved, with omega in it; None if F(omega) < 0 is not proved."""
-    if not is_negative_at(system, found, omega):
+    if not is_negative_at(system, found, omega, extent):
         return None
     if not len(system.A):
         return Interval(0.0, omega, np.inf)
-    at_infinity = is_negative_at(system, found, np.inf)
-    discs = _discs(system, found)
+    at_infinity = is_negative_at(system, found, np.inf, extent)
+    discs = _discs(system, found, extent)
     if discs is None:
         return Interval(omega, omega, omega)
     centers, radii = discs
@@ -122,20 +158,24 @@ def interval_around(system: Channels, found: Multipliers, omega: float) -> Inter
     return Interval(low, omega, high) if low < omega < high else Interval(omega, omega, omega)
 
 
-def holds(system: Channels, found: Multipliers, interval: Interval) -> bool:
+def holds(
+    system: Channels, found: Multipliers, interval: Interval, extent: Extent | None = None
+) -> bool:
     """Whether multipliers prove their bound on an interval, all of it."""
-    again = interval_around(system, found, interval.at)
+    again = interval_around(system, found, interval.at, extent)
     if again is None or not interval.low <= interval.at <= interval.high:
         return False
     low, high = again.low * (1.0 - 0.5 * _SLACK), again.high * (1.0 + 0.5 * _SLACK)
     return low <= interval.low and interval.high <= high
 
 
-def _discs(system: Channels, found: Multipliers) -> tuple[Complex, Array] | None:
+def _discs(
+    system: Channels, found: Multipliers, extent: Extent | None
+) -> tuple[Complex, Array] | None:
     """Discs outside of which N - s E is not singular; None if rounding is too large."""
     A, B, C, D = system
     n, m = B.shape
-    form, form_error = _form(C, D, found)
+    form, form_error = _form(C, D, _middle(found, extent))
     Q11, Q12, R = form[:n, :n], form[:n, n:], form[n:, n:]
     N = np.block([[A, np.zeros((n, n)), B], [-Q11, -A.T, -Q12], [Q12.conj().T, B.T, R]])
     N_error = np.zeros(N.shape)
@@ -198,12 +238,14 @@ def balance(H: Complex | Array) -> Array:
     return np.asarray(scale)
 
 
-def _form(C: Array, D: Array, found: Multipliers) -> tuple[Complex, Array]:
+def _form(C: Array, D: Array, parts: _Middle) -> tuple[Complex, Array]:
     """[Q11 Q12; Q12' R], and bounds of the errors of its entries."""
     m, n = C.shape
     T = np.block([[C, D], [np.zeros((m, n)), np.eye(m)]])
-    square = found.beta * found.beta
-    middle = np.block([[found.D, -1j * found.G], [1j * found.G, -square * found.D]])
+    middle = np.block([[parts.first, parts.mixed], [parts.mixed.conj().T, -parts.last]])
+    sizes = np.block(
+        [[parts.first_size, parts.mixed_size], [parts.mixed_size.T, np.abs(parts.last)]]
+    )
     form = T.T @ middle @ T
-    error = 8.0 * (2 * m + 4) * _EPS * (np.abs(T).T @ np.abs(middle) @ np.abs(T))
+    error = 8.0 * (2 * m + 4) * _EPS * (np.abs(T).T @ sizes @ np.abs(T))
     return 0.5 * (form + form.conj().T), error

@@ -5,25 +5,28 @@ posed, for all |delta_j| < k. It is bounded from above by deltas with a pole on 
 are found by following poles, and from below by a proof for the box of size k
 (`mbdlft.analyze.boxes`). Both are for every frequency; there is no grid. Where Delta has blocks that are
 not real parameters, or the polynomial is too large, multipliers take their place
-(`mbdlft.analyze.multiplier_margin`).
+(`mbdlft.analyze.mixed`).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from math import prod
+from typing import Any
 
 import numpy as np
 
+from mbdlft.analyze.anytime import Asked, Search
 from mbdlft.analyze.boxes import Outcome, prove
 from mbdlft.analyze.characteristic import Realization, polynomials
-from mbdlft.analyze.multiplier_margin import by_multipliers
-from mbdlft.analyze.pole_migration import Crossing, abscissa, improved, smallest_crossing
+from mbdlft.analyze.crew import crew_of
+from mbdlft.analyze.loop import check_fixed, loop_of
+from mbdlft.analyze.mixed import MixedSearch
+from mbdlft.analyze.pole_migration import NONE, Crossing, abscissa, improved, smallest_crossing
 from mbdlft.analyze.realization import (
     check_nominal,
     check_parameters,
-    physical,
     realization,
-    shares,
     states_that_stay,
 )
 from mbdlft.analyze.result import (
@@ -36,13 +39,13 @@ from mbdlft.analyze.result import (
     check_numbers,
 )
 from mbdlft.analyze.varying import Rates, Varying, margin_of, rates_of
-from mbdlft.base.errors import WellPosednessError
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.threads import one_thread
 from mbdlft.system.system import System
 
 _MOST_COEFFICIENTS = 4e6  # of a polynomial in memory
 _DEAR = 20.0  # units of work: above this a polynomial costs more than multipliers
-_LOWER = 0.7  # a target that was not proved is taken nearer to what is: this part of the way
 _SHARE = 0.5  # of the work that is left, for one target
 
 
@@ -53,8 +56,11 @@ def robust_stability(
     work: float = WORK,
     largest: float = LARGEST,
     rates: Rates = None,
+    fixed: Sequence[str] = (),
     leave_out: Sequence[str] = (),
     progress: Progress | None = None,
+    workers: int | None = 1,
+    client: Any = None,
 ) -> Bounds:
     """Bounds of the margin of robust stability, guaranteed for all frequencies and all values.
 
@@ -76,12 +82,19 @@ def robust_stability(
     rates : mapping of names to numbers, or number for all, optional
         Bounds of how fast parameters move, in their units per second: 0, the default, for constants; inf
         for any motion.
+    fixed : sequence of str
+        Parameters and blocks that stay within their declared ranges: the margin is how many times the
+        ranges of the others may grow (skew mu).
     leave_out : sequence of str
         States on which nothing else depends, such as positions that no loop measures: their poles do
         not count.
     progress : function (lower, upper), optional
         Called whenever a bound has changed. If it, or Ctrl-C, raises KeyboardInterrupt, the best bounds
         so far are returned.
+    workers : int, optional
+        Processes for parts of the box; None: one for each core. The result does not depend on it.
+    client : distributed.Client, optional
+        A Dask cluster that computes instead of processes of this machine (extra `cluster`).
 
     Returns
     -------
@@ -94,68 +107,61 @@ def robust_stability(
         The nominal model is unstable, or has a pole on the axis, which the message names; there is no
         parameter; the model is too large; a rate is of no parameter, or no bound.
     """
-    check_numbers("robust_stability", gap=gap, work=work, largest=largest)
-    moving = rates_of(system, rates, "robust_stability")
-    check_parameters(system, "robust_stability")
+    what = "robust_stability"
+    check_numbers(what, gap=gap, work=work, largest=largest)
+    moving = rates_of(system, rates, what)
+    check_parameters(system, what)
+    kept = check_fixed(system, fixed)
+    if moving and kept:
+        raise AnalysisError(f"{what}: expected rates or fixed blocks, got both. Fix none.")
+    if set(kept) >= {block.name for block in system.lft.blocks if block.inputs}:
+        raise AnalysisError(f"{what}: expected a block that is not fixed.")
     stay = states_that_stay(system, leave_out)
-    check_nominal(system, system.A[np.ix_(stay, stay)], leave_out, "robust_stability")
-    gone = tuple(leave_out)
-    with one_thread():
+    check_nominal(system, system.A[np.ix_(stay, stay)], leave_out, what)
+    with one_thread(), crew_of(workers, client, what) as crew:
+        asked = Asked(system, gap, work, progress, tuple(leave_out), largest, crew)
         if moving:
             model = realization(system, leave_out=leave_out)
-            search = _Search(system, model, gap, work, largest, progress, gone)
-            search.best = smallest_crossing(model, largest)
-            asked = Varying(system, model, moving, gap, work, progress)
-            return margin_of(asked, search.answer(), largest)
-        if system.lft.is_plain:
+            search = _MarginSearch(asked, model=model)
+            search.took(smallest_crossing(model, largest))
+            varying = Varying(system, model, moving, gap, work, progress)
+            return margin_of(varying, search.answer(), largest)
+        if system.lft.is_plain and not kept:
             model = realization(system, leave_out=leave_out)
-            if not too_large(model) and cost_of(model) <= min(_DEAR, work):
-                return _Search(system, model, gap, work, largest, progress, gone).result()
-        return by_multipliers(system, stay, gap, work, largest, progress, gone)
+            if not is_dear(model, work):
+                return _MarginSearch(asked, model=model).result()
+        return MixedSearch(
+            asked, loop=loop_of(system, stay, kept), kind="robust stability"
+        ).result()
 
 
 @dataclass(slots=True)
-class _Search:
-    """The bounds so far, and the work that is left."""
+class _MarginSearch(Search):
+    """The margin of a system with parameters only; `upper` is the size of the best crossing."""
 
-    system: System
-    model: Realization
-    gap: float
-    work: float
-    largest: float
-    progress: Progress | None
-    leave_out: tuple[str, ...]
-    lower: float = 0.0
-    best: Crossing = field(init=False)
-    proof: BoxProof | None = None
-    used: float = 0.0
-    reason: str = ""
+    model: Realization = field(kw_only=True)
+    best: Crossing = NONE
 
-    def result(self) -> Bounds:
-        self.best = Crossing(np.inf, np.zeros(len(self.model.sizes)), np.nan, np.zeros(0))
-        try:
-            self.best = smallest_crossing(self.model, self.largest)
-            self.told()
-            self.raise_lower()
-        except KeyboardInterrupt:
-            self.reason = "it was interrupted"
-        return self.answer()
+    def search(self) -> None:
+        self.reach()
+        self.raise_lower()
 
-    def told(self) -> None:
-        if self.progress is not None:
-            self.progress(self.lower, self.best.size)
+    def reach(self) -> None:
+        """The nearest crossing that a search finds."""
+        self.took(smallest_crossing(self.model, self.asked.largest))
+        self.told()
+
+    def took(self, best: Crossing) -> None:
+        self.best, self.upper = best, best.size
 
     def raise_lower(self) -> None:
         """Prove boxes of sizes nearer and nearer to the best crossing."""
         cost = cost_of(self.model)
         high = np.inf  # a size that was not proved
-        while True:
-            goal = min(self.best.size, self.largest) * (1.0 - 0.5 * self.gap)
-            if self.lower >= min(self.best.size, self.largest) * (1.0 - self.gap):
-                return
-            k = goal if goal < high else self.lower + _LOWER * (high - self.lower)
-            if self.used + cost > self.work or k <= self.lower * (1.0 + 0.1 * self.gap):
-                self.reason = self.reason or f"the work of {self.work:g} units was used up"
+        while not self.is_closed:
+            k = self.next_size(high)
+            if self.used + cost > self.asked.work or not k:
+                self.reason = self.used_up()
                 return
             outcome = self.tried(k, cost)
             if outcome is None:
@@ -163,12 +169,12 @@ class _Search:
             elif outcome.log is not None:
                 self.lower, self.proof = k, BoxProof(k, outcome.log)
             else:
-                before, point = self.best.size, outcome.counterexample
+                before, point = self.upper, outcome.counterexample
                 if point is None:
                     point = outcome.open_box.center
                     self.reason = resistance(outcome, k, self.model)
-                self.best = improved(self.model, k * point, self.best, self.largest)
-                if not self.best.size < before:
+                self.took(improved(self.model, k * point, self.best, self.asked.largest))
+                if not self.upper < before:
                     high = k
             self.told()
 
@@ -185,37 +191,39 @@ class _Search:
             self.model,
             k,
             found,
-            share * max(self.work - self.used, 0.0),
-            lambda delta: abscissa(self.model, k * delta) >= 0.0,
+            share * self.left,
+            partial(_is_unstable, self.model, k),
+            crew=self.asked.crew,
         )
         self.used += outcome.work
         return outcome
 
     def answer(self) -> Bounds:
         names, best = self.model.names, self.best
-        known = np.isfinite(best.size)
         parts = best.delta * best.slope if len(best.slope) == len(names) else np.zeros(len(names))
-        is_open = known and self.lower < best.size * (1.0 - self.gap)
-        return Bounds(
+        is_open = self.lower < self.upper * (1.0 - self.asked.gap)
+        return self.bounds(
             "robust stability",
-            self.lower,
-            best.size,
-            physical(self.system, names, best.delta) if known else {},
-            dict(zip(names, best.delta.tolist(), strict=True)) if known else {},
-            best.frequency,
-            self.lower > 0.0,
-            shares(names, parts) if known else {},
-            self.used,
-            self.reason if is_open or not known else "",
-            self.proof,
-            self.leave_out,
+            (names, best.delta, best.frequency),
+            parts,
+            proved=self.lower > 0.0,
+            reason=self.reason if is_open else "",
         )
+
+
+def _is_unstable(model: Realization, k: float, delta: Array) -> bool:
+    return abscissa(model, k * delta) >= 0.0
 
 
 def cost_of(model: Realization) -> float:
     """Units of work of the Bernstein coefficients of a box."""
     nodes = prod(size + 1 for size in model.sizes) * (1 + model.J.size)
     return float(nodes * (6e-5 + 4e-7 * len(model.A) ** 3))
+
+
+def is_dear(model: Realization, work: float) -> bool:
+    """Whether a polynomial is too large, or costs more than multipliers, or than there is."""
+    return bool(too_large(model)) or cost_of(model) > min(_DEAR, work)
 
 
 def too_large(model: Realization) -> str:

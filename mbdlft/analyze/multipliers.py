@@ -185,10 +185,10 @@ def upper_bound(
         D = start.D + _BLEND * float(np.trace(start.D).real) / n * X
         G = start.G / size
     M, enough = M / size, enough / size
-    best = _best_square(M, D, G)
+    best = best_square(M, D, G)
     if best >= 1.0:
         D, G = X, 0.0 * X
-        best = _best_square(M, D, G)
+        best = best_square(M, D, G)
     square = best + 0.3 * max(abs(best), 1e-3)
     found = (best, D, G)
     for _ in range(_CENTERS):
@@ -226,13 +226,13 @@ def _ahead(
     move = np.zeros_like(X)
     move[i, j] = step[: len(i)] + 1j * step[len(i) :]
     D, G = _parts(X, beta)
-    found = (_best_square(M, D, G), D, G)
+    found = (best_square(M, D, G), D, G)
     length = beta - float(np.sqrt(max(found[0], 0.0)))
     while length < beta:
         new = X - length * move
         D, G = _parts(new, beta - length)
         try:
-            best = _best_square(M, D, G)
+            best = best_square(M, D, G)
         except LinAlgError:
             break
         if best >= found[0]:
@@ -247,7 +247,7 @@ def _parts(X: Complex, beta: float) -> tuple[Complex, Complex]:
     return 0.5 * (X + X.conj().T), 0.5j * beta * (X - X.conj().T)
 
 
-def _best_square(M: Complex, D: Complex, G: Complex) -> float:
+def best_square(M: Complex, D: Complex, G: Complex) -> float:
     """The smallest beta^2 that D and G prove."""
     GM = 1j * G @ M
     A = M.conj().T @ D @ M + GM + GM.conj().T

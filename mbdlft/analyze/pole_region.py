@@ -1,18 +1,18 @@
 """The largest real part and the smallest damping of the poles over the box: reached, and proved."""
 
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
+from mbdlft.analyze.anytime import Asked, Search
 from mbdlft.analyze.boxes import prove
 from mbdlft.analyze.characteristic import Realization, is_stable_at, polynomials
 from mbdlft.analyze.margin import cost_of, resistance, too_large
 from mbdlft.analyze.migration import RIGHT, UNDAMPED, Aim, moving_at, push_right
-from mbdlft.analyze.realization import physical, shares
-from mbdlft.analyze.result import Bounds, BoxProof, Progress
+from mbdlft.analyze.result import Bounds, BoxProof
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
-from mbdlft.system.system import System
 
 _MODES, _CORNERS, _MOST = 8, 8, 60  # searches from the nominal point, from corners; points of each
 _SHARE, _WIDER = 0.5, 4.0
@@ -20,50 +20,39 @@ _NOTHING = 1e-6  # of the largest pole, or of a damping of 1: a gap need not be 
 _INSIDE = 1.0 - 1e-15
 
 
-def worst_poles(
-    system: System,
-    model: Realization,
-    kind: str,
-    gap: float,
-    work: float,
-    leave_out: tuple[str, ...],
-    progress: Progress | None,
-) -> Bounds:
-    """Bounds of the largest real part, or of the smallest damping; arguments as for `worst_case`."""
+def worst_poles(asked: Asked, model: Realization, kind: str) -> Bounds:
+    """Bounds of the largest real part, or of the smallest damping."""
     if not len(model.A):
-        raise AnalysisError(f"worst_case: model {system.name!r} has no states, and no poles.")
-    search = _Search(system, model, kind, gap, work, leave_out, progress)
-    try:
-        search.reach()
-        search.prove()
-    except KeyboardInterrupt:
-        search.reason = "it was interrupted"
-    return search.answer()
+        raise AnalysisError(f"worst_case: model {asked.system.name!r} has no states, and no poles.")
+    return _PoleSearch(asked, model=model, kind=kind).result()
+
+
+def _aim(kind: str) -> Aim:
+    return UNDAMPED if kind == "smallest damping" else RIGHT
+
+
+def _is_beyond(model: Realization, kind: str, goal: float, delta: Array) -> bool:
+    return bool(np.max(_aim(kind).value(moving_at(model, delta)[0].poles)) >= goal)
 
 
 @dataclass(slots=True)
-class _Search:
+class _PoleSearch(Search):
     """The worst pole so far and the edge that is proved, as values of the aim, which is to be large."""
 
-    system: System
-    model: Realization
-    kind: str
-    gap: float
-    work: float
-    leave_out: tuple[str, ...]
-    progress: Progress | None
+    model: Realization = field(kw_only=True)
+    kind: str = field(kw_only=True)
     reached: float = -np.inf
     pole: complex = complex(np.nan)
     delta: Array = field(default_factory=lambda: np.zeros(0))
-    upper: float = np.inf
-    proof: BoxProof | None = None
-    used: float = 0.0
-    reason: str = ""
     said: str = ""
+
+    def search(self) -> None:
+        self.reach()
+        self.prove()
 
     @property
     def aim(self) -> Aim:
-        return UNDAMPED if self.kind == "smallest damping" else RIGHT
+        return _aim(self.kind)
 
     def look(self, delta: Array) -> complex:
         """The worst pole at deltas, which is kept if none is worse."""
@@ -98,9 +87,9 @@ class _Search:
         self.told()
 
     def told(self) -> None:
-        if self.progress is not None:
+        if self.asked.progress is not None:
             found = self.reached, self.upper
-            self.progress(*(found if self.aim is RIGHT else (-self.upper, -self.reached)))
+            self.asked.progress(*(found if self.aim is RIGHT else (-self.upper, -self.reached)))
 
     def region(self, goal: float) -> Realization:
         """The model with the edge of a goal."""
@@ -112,14 +101,14 @@ class _Search:
         """Prove edges that are nearer and nearer to the worst pole."""
         self.reason = too_large(self.model)
         size = float(np.max(np.abs(np.linalg.eigvals(self.model.A)))) if self.aim is RIGHT else 1.0
-        step = distance = 0.5 * self.gap * max(abs(self.reached), _NOTHING * size)
+        step = distance = 0.5 * self.asked.gap * max(abs(self.reached), _NOTHING * size)
         while not self.reason and self.upper - self.reached > 2.0 * step * (1.0 + 1e-9):
             goal, cost = self.reached + distance, cost_of(self.model)
             if not self.is_edge(goal):
                 self.reason = "no damping is below -1, that of an unstable real pole"
                 return
-            if goal >= self.upper or self.used + cost > self.work:
-                self.reason = self.said or f"the work of {self.work:g} units was used up"
+            if goal >= self.upper or self.used + cost > self.asked.work:
+                self.reason = self.said or self.used_up()
                 return
             self.used += cost
             model = self.region(goal)
@@ -143,12 +132,9 @@ class _Search:
         except WellPosednessError as error:
             self.reason = str(error)
             return False
-
-        def is_wrong(delta: Array) -> bool:
-            return bool(self.aim.value(self.look(delta)) >= goal)
-
-        share = _SHARE * max(self.work - self.used, 0.0)
-        outcome = prove(model, 1.0, found, share, is_wrong)
+        is_wrong = partial(_is_beyond, self.model, self.kind, goal)
+        share = _SHARE * self.left
+        outcome = prove(model, 1.0, found, share, is_wrong, crew=self.asked.crew)
         self.used += outcome.work
         if outcome.log is not None:
             self.proof = BoxProof(1.0, outcome.log, shift=model.shift, slope=model.slope)
@@ -166,21 +152,15 @@ class _Search:
         k = int(np.argmin(np.abs(moving.poles - self.pole)))
         slope = self.aim.slope(complex(moving.poles[k]), moving.gradients[k])
         known = bool(np.all(np.isfinite(slope)))
-        bounds = self.reached, self.upper
+        self.lower = self.reached
         if self.aim is UNDAMPED:
-            slope_of_edge = self.proof.slope if self.proof else -np.inf
-            proved = slope_of_edge / float(np.hypot(1.0, slope_of_edge)) if self.proof else -1.0
-            bounds = proved - abs(proved) * (1.0 - _INSIDE), -self.reached
-        return Bounds(
+            edge = self.proof.slope if isinstance(self.proof, BoxProof) else -np.inf
+            proved = edge / float(np.hypot(1.0, edge)) if self.proof else -1.0
+            self.lower, self.upper = proved - abs(proved) * (1.0 - _INSIDE), -self.reached
+        return self.bounds(
             self.kind,
-            *bounds,
-            physical(self.system, names, self.delta),
-            dict(zip(names, self.delta.tolist(), strict=True)),
-            abs(self.pole.imag),
-            self.proof is not None,
-            shares(names, self.delta * slope if known else np.zeros(len(names))),
-            self.used,
-            self.reason,
-            self.proof,
-            self.leave_out,
+            (names, self.delta, abs(self.pole.imag)),
+            self.delta * slope if known else np.zeros(len(names)),
+            proved=self.proof is not None,
+            reason=self.reason,
         )

@@ -1,10 +1,10 @@
 """A stored proof is checked again: no search, no solver, and a margin for all rounding.
 
 Of cuts of a box (`mbdlft.analyze.boxes`), the coefficients of the polynomial are computed anew, in
-balls, and the cuts repeated. Of multipliers (`mbdlft.analyze.intervals`), each has the structure of
-Delta, its matrices are definite, its eigenvalues leave its interval free, and intervals cover all
-frequencies. Of a quadratic form (`mbdlft.analyze.variation`), the form is computed anew, in balls, and is
-definite.
+balls, and the cuts repeated. Of multipliers (`mbdlft.analyze.parts`), each has the structure of Delta,
+its matrices are definite, its eigenvalues leave its interval free, and the intervals of each part cover
+all frequencies. Of a quadratic form (`mbdlft.analyze.variation`), the form is computed anew, in balls,
+and is definite.
 All begin with a proof that the nominal model is stable, by Routh's scheme in balls.
 """
 
@@ -14,10 +14,8 @@ import numpy as np
 
 from mbdlft.analyze.boxes import replayed
 from mbdlft.analyze.characteristic import Realization, is_hurwitz, is_stable_at, polynomials
-from mbdlft.analyze.coverage import covers
-from mbdlft.analyze.intervals import holds
-from mbdlft.analyze.multiplier_margin import channels_of, scaled
-from mbdlft.analyze.multipliers import fits, structure_of
+from mbdlft.analyze.loop import GAIN, loop_of
+from mbdlft.analyze.parts import wrong_in
 from mbdlft.analyze.realization import realization, states_that_stay
 from mbdlft.analyze.varying import checked, rates_of
 from mbdlft.analyze.worst import disk_transfer
@@ -50,7 +48,7 @@ def verify(system: System, bounds: Bounds) -> str:
     proof = bounds.proof
     if proof is None:
         return "there is no proof"
-    if bounds.kind == "smallest disk margin" and not isinstance(proof, IntervalProof):
+    if bounds.kind == "smallest disk margin":
         system = disk_transfer(system, list(proof.inputs), list(proof.outputs))
         upper = 1.0 / bounds.lower if bounds.lower > 0.0 else np.inf
         bounds = replace(bounds, kind="worst-case gain", upper=upper)
@@ -60,6 +58,8 @@ def verify(system: System, bounds: Bounds) -> str:
         if rates_of(system, bounds.rates, "verify"):
             return "the proof is for constant parameters"
         if isinstance(proof, BoxProof):
+            if bounds.fixed:
+                return "the proof is for blocks that all grow"
             return _of_boxes(system, bounds, proof)
         return _of_intervals(system, bounds, proof)
 
@@ -122,22 +122,18 @@ def _of_boxes(system: System, bounds: Bounds, proof: BoxProof) -> str:
 
 
 def _of_intervals(system: System, bounds: Bounds, proof: IntervalProof) -> str:
-    stay = states_that_stay(system, bounds.leave_out)
-    structure = structure_of(system.lft.blocks)
-    channels, scale = channels_of(system, stay, structure)
-    if bounds.kind != "robust stability" or not bounds.lower * proof.beta <= 1.0:
-        return f"the proof is for 1/{proof.beta:g} times the box, and less than what is said"
-    if not is_hurwitz(channels.A):
+    inputs = positions_of(list(proof.inputs), [s.name for s in system.inputs], "verify: inputs")
+    outputs = positions_of(list(proof.outputs), [s.name for s in system.outputs], "verify: outputs")
+    stay = states_that_stay(system, bounds.leave_out, outputs)
+    loop = loop_of(system, stay, proof.fixed, inputs, outputs)
+    fixed, names = set(proof.fixed), {block.name for block in loop.blocks}
+    if bounds.kind == "worst-case gain":
+        is_enough = names - fixed == {GAIN} and bounds.upper * proof.k >= 1.0
+    else:
+        kinds = "robust performance" if GAIN in names else "robust stability"
+        is_enough = bounds.kind == kinds and bounds.lower <= proof.k and fixed == set(bounds.fixed)
+    if not is_enough:
+        return f"the proof is for {proof.k:g} times the box, and less than what is said"
+    if not is_hurwitz(loop.channels.A):
         return "the nominal model is not proved to be stable"
-    if len(proof.intervals) != len(proof.multipliers) or not covers(proof.intervals):
-        return "the intervals do not cover all frequencies"
-    for interval, multipliers in zip(proof.intervals, proof.multipliers, strict=True):
-        same = multipliers.beta == proof.beta and len(multipliers.D) == structure.size
-        if not same or not fits(multipliers, system.lft.blocks):
-            return f"the multipliers near {interval.at:.4g} rad/s are not of the structure of Delta"
-        if not holds(channels, scaled(multipliers, scale), interval):
-            return (
-                f"the multipliers near {interval.at:.4g} rad/s do not prove their bound from "
-                f"{interval.low:.4g} to {interval.high:.4g} rad/s"
-            )
-    return ""
+    return wrong_in(loop, proof)

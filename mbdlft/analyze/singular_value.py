@@ -1,17 +1,24 @@
 """The structured singular value of a system, frequency by frequency."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mbdlft.analyze.coverage import largest_size
+from mbdlft.analyze.loop import check_fixed, ends_of, loop_of_matrix
 from mbdlft.analyze.multipliers import squared, structure_of, upper_bound
-from mbdlft.analyze.small_delta import small_delta
+from mbdlft.analyze.small_delta import SmallDelta, small_delta
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.threads import one_thread
+from mbdlft.bound.evidence import Multipliers
+from mbdlft.lft.block import Block
 from mbdlft.system.system import System
 
+_NOTHING = 1e-6  # of the norm: less is nothing
+_TOLERANCE = 1e-7  # of a skew bound
 Complex = NDArray[np.complex128]
 
 
@@ -23,9 +30,10 @@ class StructuredSingularValue:
     ----------
     frequencies : array (N,), rad/s
     lower : array (N,)
-        1 over the norm of `deltas`; 0 where none was found.
+        1 over the norm of `deltas`, of those blocks that are not fixed; 0 where none was found.
     upper : array (N,)
         Proved at each of the frequencies by its D and G, up to rounding; nothing is said between them.
+        inf: fixed blocks alone may make I - M Delta singular.
     deltas : complex array (N, n_w, n_z)
         Makes I - M Delta singular, where `lower` is not 0.
     D, G : complex arrays (N, n, n)
@@ -40,7 +48,9 @@ class StructuredSingularValue:
     G: Complex
 
 
-def structured_singular_value(system: System, frequencies: ArrayLike) -> StructuredSingularValue:
+def structured_singular_value(
+    system: System, frequencies: ArrayLike, *, fixed: Sequence[str] = ()
+) -> StructuredSingularValue:
     """mu(M(j omega)) = 1/min{||Delta|| : det(I - M Delta) = 0}, M from w to z, at frequencies.
 
     Parameters
@@ -48,6 +58,9 @@ def structured_singular_value(system: System, frequencies: ArrayLike) -> Structu
     system : System or LFTModel
         Delta may have real and complex repeated blocks and full complex ones, mixed.
     frequencies : array (N,), rad/s; infinity is allowed
+    fixed : sequence of str
+        Blocks whose norm stays below 1: the smallest norm of the others is looked for (skew mu). With a
+        full block between inputs and outputs, the only one that is not fixed, mu is the worst-case gain.
 
     Returns
     -------
@@ -68,13 +81,20 @@ def structured_singular_value(system: System, frequencies: ArrayLike) -> Structu
         raise AnalysisError(
             f"structured_singular_value: model {system.name!r} has no parameter and no uncertain block."
         )
-    structure, blocks = structure_of(system.lft.blocks), system.lft.blocks
-    found, last = [], None
+    kept, blocks = check_fixed(system, fixed), system.lft.blocks
+    grows = np.array([block.name not in kept for block in blocks], dtype=bool)
+    if not np.any(grows):
+        raise AnalysisError(
+            f"structured_singular_value: model {system.name!r}: expected a block that is not fixed."
+        )
+    bound = _upper_bound if np.all(grows) else _skew_bound
+    found: list[tuple[Multipliers, SmallDelta]] = []
+    last = None
     with one_thread():
         for w in omega:
             M = channels_at(system, float(w))
-            last = upper_bound(squared(M, structure), structure, start=last)
-            found.append((last, small_delta(M, blocks, last.beta)))
+            last = bound(M, blocks, grows, last)
+            found.append((last, small_delta(M, blocks, last.beta, grows)))
     return StructuredSingularValue(
         omega.astype(float),
         np.array([min(low.bound, high.beta) for high, low in found]),
@@ -83,6 +103,29 @@ def structured_singular_value(system: System, frequencies: ArrayLike) -> Structu
         np.array([high.D for high, _ in found]),
         np.array([high.G for high, _ in found]),
     )
+
+
+def _upper_bound(
+    M: Complex, blocks: Sequence[Block], _: NDArray[np.bool_], last: Multipliers | None
+) -> Multipliers:
+    structure = structure_of(blocks)
+    return upper_bound(squared(M, structure), structure, start=last)
+
+
+def _skew_bound(
+    M: Complex, blocks: Sequence[Block], grows: NDArray[np.bool_], _: Multipliers | None
+) -> Multipliers:
+    """Multipliers for which M'k D M + j(GM - M'G) - D < 0, k = 1 of fixed blocks, 1/beta^2 of others."""
+    loop = loop_of_matrix(M, blocks, grows)
+    size = float(np.linalg.norm(M, 2))
+    whole = squared(M, loop.structure)
+    if size == 0.0:
+        return Multipliers(0.0, np.eye(len(whole), dtype=complex), 0.0 * whole)
+    own = loop.grows[loop.owner]
+    least = _NOTHING * max(float(np.linalg.norm(whole[np.ix_(own, own)], 2)), _NOTHING * size)
+    k, found = largest_size(loop, whole, 1.0 / least, None, _TOLERANCE)
+    half = ends_of(loop, k)[1][loop.owner]
+    return found._replace(beta=1.0 / k if k else np.inf, G=found.G * half[:, None] ** 2)
 
 
 def channels_at(system: System, omega: float) -> Complex:

@@ -1,12 +1,21 @@
-"""Deltas that make I - M Delta singular: lower bounds of the structured singular value of a matrix.
+"""Deltas that make I - M Delta singular: lower bounds of the structured singular value.
 
-A positive eigenvalue of M Delta with ||Delta|| <= 1 is a lower bound: Delta over it makes I - M Delta
-singular. Starts come from the power iteration of Young, Doyle (Computation of mu with real and complex
-uncertainties, CDC 1990) and at random; from each, the eigenvalue is made as large as it becomes while it
-stays real, by sequential quadratic programming with exact slopes d lambda = u'M dDelta v/(u'v).
+Blocks that are fixed have size 1, the others grow: Delta_f and Delta_g/lambda with ||Delta|| <= 1. For a
+positive number lambda with
+
+    M Delta_g v = lambda (I - M Delta_f) v
+
+it is a lower bound; the size of those that grow is 1/lambda. Starts come from the power iteration of
+Young, Doyle (Computation of mu with real and complex uncertainties, CDC 1990) and at random; from each,
+lambda is made as large as it becomes while it stays real, by sequential quadratic programming with exact
+slopes, for u'(I - M Delta_f) v = 1:
+
+    d lambda = u' [M dDelta_g + lambda M dDelta_f + dM (Delta_g + lambda Delta_f)] v
+
+in real deltas, phases, the vectors of full blocks (of rank one), and, if it is free, the frequency.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,12 +25,15 @@ from scipy.linalg import eig
 from mbdlft.base.array import Array
 from mbdlft.lft.block import Block
 
-_ITERATIONS, _STARTS, _STEPS = 60, 4, 60
+_ITERATIONS, _STARTS, _STEPS, _TURNS = 60, 4, 60, 8
 _REAL = 1e-7  # imaginary part of an eigenvalue, of its size, that counts as zero
 _ENOUGH = 1e-6  # of a bound that need not be improved
 _CLEAR = 1e-12  # of the norm of M: an eigenvalue below this is zero
+_FAR = 1e12  # of the norm of M: a larger eigenvalue says that fixed blocks alone are enough
+_TINY = 1e-300
 
 Complex = NDArray[np.complex128]
+At = Callable[[float], tuple[Complex, Complex]]  # M and its derivative by log omega
 
 
 class SmallDelta(NamedTuple):
@@ -30,64 +42,132 @@ class SmallDelta(NamedTuple):
     Attributes
     ----------
     bound : float
-        0, if none was found; `delta` is then 0, too.
+        One over the norm of the blocks that grow; 0, if none was found: `delta` is then 0, too.
     delta : complex array (n_w, n_z)
     residual : float
         Smallest over largest singular value of I - M Delta.
+    omega : float
+        Where M is taken (rad/s); NaN if M was given as a matrix.
     """
 
     bound: float
     delta: Complex
     residual: float
+    omega: float = float("nan")
 
 
 class _Part(NamedTuple):
     block: Block
     z: slice
     w: slice
+    grows: bool
+
+    def put(self, into: Complex, value: Any) -> None:
+        eye = np.eye(self.block.size) if self.block.kind != "full" else 1.0
+        into[self.w, self.z] = value * eye
 
 
-def small_delta(M: Complex, blocks: Sequence[Block], enough: float = np.inf) -> SmallDelta:
+def small_delta(
+    M: Complex,
+    blocks: Sequence[Block],
+    enough: float = np.inf,
+    grows: Sequence[bool] | NDArray[np.bool_] | None = None,
+) -> SmallDelta:
     """The smallest Delta of the blocks that was found to make I - M Delta singular.
 
-    The search ends when its bound is nearly `enough`, such as an upper bound.
+    The search ends when its bound is nearly `enough`, such as an upper bound. Blocks that do not grow
+    are of size 1.
     """
-    parts = _parts(blocks)
-    none = SmallDelta(0.0, np.zeros(M.T.shape, dtype=complex), 1.0)
+    parts = _parts(blocks, grows)
+    best = SmallDelta(0.0, np.zeros(M.T.shape, dtype=complex), 1.0)
     size = float(np.linalg.norm(M, 2)) if M.size else 0.0
     if size == 0.0:
-        return none
-    random, best = np.random.default_rng(0), none
+        return best
+    random = np.random.default_rng(0)
     for _ in range(_STARTS):
         if best.bound >= enough * (1.0 - _ENOUGH):
             break
         for unit in (_iterated(M / size, parts, random), _random(parts, M.shape, random)):
-            found = _enlarged(M, parts, unit)
+            found = _enlarged(lambda _: (M, 0.0 * M), parts, unit, None)
             if found.bound > best.bound and found.bound > _CLEAR * size:
                 best = found
     return best
 
 
-def _parts(blocks: Sequence[Block]) -> list[_Part]:
+def delta_near(
+    at: At,
+    blocks: Sequence[Block],
+    grows: Sequence[bool] | NDArray[np.bool_],
+    omega: float,
+    real: Array | None = None,
+    starts: int = 1,
+) -> SmallDelta:
+    """The same near a frequency, which moves, too; `real` are real deltas of size 1 to begin with."""
+    parts = _parts(blocks, grows)
+    M = at(omega)[0]
+    best = SmallDelta(0.0, np.zeros(M.T.shape, dtype=complex), 1.0, omega)
+    size = float(np.linalg.norm(M, 2)) if M.size else 0.0
+    if size == 0.0:
+        return best
+    random = np.random.default_rng(0)
+    for _ in range(starts):
+        unit = _iterated(M / size, parts, random)
+        if real is not None:
+            for value, part in zip(real, _real(parts), strict=True):
+                part.put(unit, value)
+            _turn(M, unit, parts)
+        found = _enlarged(at, parts, unit, omega)
+        if found.bound > max(best.bound, _CLEAR * size):
+            best = found
+    return best
+
+
+def block_changes(
+    M: Complex, blocks: Sequence[Block], grows: NDArray[np.bool_], found: SmallDelta
+) -> Array:
+    """Derivatives (number of blocks,) of the bound by the logarithm of the size of each block."""
+    parts, unit = _parts(blocks, grows), found.delta.copy()
+    for part in parts:
+        if part.grows:
+            unit[part.w, part.z] *= found.bound
+    lam, u, v = _eigen(M, unit, parts)
+    p = u @ M
+    return np.array(
+        [
+            ((1.0 if part.grows else lam) * (p[part.w] @ unit[part.w, part.z] @ v[part.z])).real
+            for part in parts
+        ]
+    )
+
+
+def _parts(
+    blocks: Sequence[Block], grows: Sequence[bool] | NDArray[np.bool_] | None
+) -> list[_Part]:
     parts, z, w = [], 0, 0
-    for block in blocks:
-        parts.append(_Part(block, slice(z, z + block.inputs), slice(w, w + block.outputs)))
+    for block, grow in zip(blocks, [True] * len(blocks) if grows is None else grows, strict=True):
+        rows, columns = slice(z, z + block.inputs), slice(w, w + block.outputs)
+        parts.append(_Part(block, rows, columns, bool(grow)))
         z, w = z + block.inputs, w + block.outputs
-    return [part for part in parts if part.block.size]
+    return [part for part in parts if part.block.inputs and part.block.outputs]
+
+
+def _real(parts: Sequence[_Part]) -> list[_Part]:
+    return [part for part in parts if part.block.kind == "real"]
 
 
 def _random(parts: Sequence[_Part], shape: tuple[int, int], random: Any) -> Complex:
     """A Delta of norm 1, real deltas at their ends."""
     found = np.zeros((shape[1], shape[0]), dtype=complex)
-    for block, z, w in parts:
+    for part in parts:
+        block = part.block
         if block.kind == "real":
-            found[w, z] = random.choice([-1.0, 1.0]) * np.eye(block.size)
+            part.put(found, random.choice([-1.0, 1.0]))
         elif block.kind == "complex":
-            found[w, z] = np.exp(2j * np.pi * random.uniform()) * np.eye(block.size)
+            part.put(found, np.exp(2j * np.pi * random.uniform()))
         else:
             u, v = (random.standard_normal(2 * n) for n in (block.outputs, block.inputs))
             u, v = (x[::2] + 1j * x[1::2] for x in (u, v))
-            found[w, z] = np.outer(u, v.conj()) / (np.linalg.norm(u) * np.linalg.norm(v))
+            part.put(found, np.outer(u, v.conj()) / (np.linalg.norm(u) * np.linalg.norm(v)))
     return found
 
 
@@ -107,15 +187,15 @@ def _iterated(M: Complex, parts: Sequence[_Part], random: Any) -> Complex:
         w = _normed(M.conj().T @ z)
         b = _aligned(parts, q, a, b, w, n_w, to_z=False)
     found = np.zeros((n_w, n_z), dtype=complex)
-    for k, (block, rows, columns) in enumerate(parts):
-        left, right = w[columns], a[rows]
-        if block.kind == "real":
-            found[columns, rows] = q[k] * np.eye(block.size)
-        elif block.kind == "complex":
-            found[columns, rows] = _phase(np.vdot(right, left)) * np.eye(block.size)
+    for k, part in enumerate(parts):
+        left, right = w[part.w], a[part.z]
+        if part.block.kind == "real":
+            part.put(found, q[k])
+        elif part.block.kind == "complex":
+            part.put(found, _phase(np.vdot(right, left)))
         else:
-            size = max(float(np.linalg.norm(left)) * float(np.linalg.norm(right)), 1e-300)
-            found[columns, rows] = np.outer(left, right.conj()) / size
+            size = max(float(np.linalg.norm(left)) * float(np.linalg.norm(right)), _TINY)
+            part.put(found, np.outer(left, right.conj()) / size)
     return found
 
 
@@ -124,11 +204,11 @@ def _aligned(
 ) -> Complex:
     """z from a and w, or b from them; the real deltas q are moved on the way."""
     found = np.zeros(size, dtype=complex)
-    for k, (block, rows, columns) in enumerate(parts):
+    for k, (block, rows, columns, _) in enumerate(parts):
         x, y = a[rows], w[columns]
         here = rows if to_z else columns
         source = y if to_z else x
-        sizes = max(float(np.linalg.norm(x)), 1e-300), max(float(np.linalg.norm(y)), 1e-300)
+        sizes = max(float(np.linalg.norm(x)), _TINY), max(float(np.linalg.norm(y)), _TINY)
         if block.kind == "real":
             old = float(np.linalg.norm(b[columns])) / sizes[0]
             q[k] = np.clip(np.sign(q[k] or 1.0) * old + float(np.vdot(x, y).real), -1.0, 1.0)
@@ -140,58 +220,129 @@ def _aligned(
     return found
 
 
+def _turn(M: Complex, unit: Complex, parts: Sequence[_Part]) -> None:
+    """Turn blocks that are not real so that lambda is positive, and large for the real deltas given."""
+    for _ in range(_TURNS):
+        lam, u, v = _eigen(M, unit, parts, nearly_real=False)
+        p = u @ M
+        for part in parts:
+            a, z = (1.0 if part.grows else lam) * p[part.w], v[part.z]
+            size = float(np.linalg.norm(a) * np.linalg.norm(z))
+            if part.block.kind == "real" or not np.isfinite(size) or size == 0.0:
+                continue
+            if part.block.kind == "complex":
+                part.put(unit, np.conj(_phase(a @ z)))
+            else:
+                part.put(unit, np.outer(a.conj(), z.conj()) / size)
+
+
 def _phase(number: Any) -> complex:
     return complex(number / abs(number)) if number else 1.0
 
 
 def _normed(x: Complex) -> Complex:
-    return np.asarray(x / max(float(np.linalg.norm(x)), 1e-300))
+    return np.asarray(x / max(float(np.linalg.norm(x)), _TINY))
 
 
-def _enlarged(M: Complex, parts: Sequence[_Part], unit: Complex) -> SmallDelta:
-    """The real positive eigenvalue of M Delta nearest to what Delta begins with, made large."""
-    from scipy.optimize import minimize  # here because it is slow to import
+def _vectors(x: Array, block: Block) -> tuple[Complex, Complex]:
+    """The vectors a and b of a full block a b'/(|a||b|)."""
+    n = block.outputs
+    half = x[: n + block.inputs] + 1j * x[n + block.inputs :]
+    return half[:n], half[n:]
 
-    real = [k for k, part in enumerate(parts) if part.block.kind == "real"]
-    turns = [k for k, part in enumerate(parts) if part.block.kind != "real"]
-    start = np.array([unit[parts[k].w, parts[k].z][0, 0].real for k in real] + [0.0 for _ in turns])
 
-    def delta(x: Array) -> Complex:
-        found = unit.copy()
-        for value, k in zip(x, real + turns, strict=True):
-            _, z, w = parts[k]
-            if k in real:
-                found[w, z] = value * np.eye(parts[k].block.size)
-            else:
-                found[w, z] = unit[w, z] * np.exp(1j * value)
-        return found
+def _first(parts: Sequence[_Part], unit: Complex) -> list[Array]:
+    """The variables of a Delta of norm 1, one array for each part."""
+    found = []
+    for part in parts:
+        here = unit[part.w, part.z]
+        if part.block.kind == "real":
+            found.append(np.array([here[0, 0].real]))
+        elif part.block.kind == "complex":
+            found.append(np.array([np.angle(here[0, 0])]))
+        else:
+            u, _, v = np.linalg.svd(here)
+            whole = np.concatenate([u[:, 0], v[0].conj()])
+            found.append(np.concatenate([whole.real, whole.imag]))
+    return found
+
+
+def _delta_of(parts: Sequence[_Part], x: Sequence[Array], shape: tuple[int, ...]) -> Complex:
+    found = np.zeros(shape, dtype=complex)
+    for part, here in zip(parts, x, strict=True):
+        if part.block.kind == "real":
+            part.put(found, float(np.clip(here[0], -1.0, 1.0)))
+        elif part.block.kind == "complex":
+            part.put(found, np.exp(1j * here[0]))
+        else:
+            a, b = _vectors(here, part.block)
+            size = max(float(np.linalg.norm(a) * np.linalg.norm(b)), _TINY)
+            part.put(found, np.outer(a, b.conj()) / size)
+    return found
+
+
+def _slopes(part: _Part, x: Array, delta: Complex, p: Complex, v: Complex) -> Complex:
+    """Derivatives of p Delta v by the variables of a part."""
+    if part.block.kind == "real":
+        return np.array([p @ v])
+    value = p @ delta @ v
+    if part.block.kind == "complex":
+        return np.array([1j * value])
+    a, b = _vectors(x, part.block)
+    sizes = max(float(np.linalg.norm(a)), _TINY), max(float(np.linalg.norm(b)), _TINY)
+    by_a, by_b = p * (b.conj() @ v) / (sizes[0] * sizes[1]), (p @ a) * v / (sizes[0] * sizes[1])
+    more_a, more_b = value / sizes[0] ** 2, value / sizes[1] ** 2
+    real = [by_a - more_a * a.real, by_b - more_b * b.real]
+    imaginary = [1j * by_a - more_a * a.imag, -1j * by_b - more_b * b.imag]
+    return np.concatenate([*real, *imaginary])
+
+
+def _enlarged(at: At, parts: Sequence[_Part], unit: Complex, omega: float | None) -> SmallDelta:
+    """The real positive lambda nearest to what Delta begins with, made large; omega may move."""
+    first = _first(parts, unit)
+    ends = np.cumsum([len(x) for x in first])
+    moves = omega is not None and bool(0.0 < omega < np.inf)
+    place = float("nan") if omega is None else omega
+    start = np.concatenate([*first, np.zeros(int(moves))])
+
+    def split(x: Array) -> tuple[list[Array], float]:
+        return np.split(x[: ends[-1]], ends[:-1]), place * float(np.exp(x[-1])) if moves else place
 
     def value(x: Array) -> tuple[complex, Complex]:
-        """An eigenvalue, and its derivatives."""
-        D = delta(x)
-        values, left, right = eig(M @ D, left=True, right=True)
-        chosen = int(np.argmax(values.real - 2.0 * np.abs(values.imag)))
-        u, v = left[:, chosen].conj() @ M, right[:, chosen]
-        scale = np.vdot(left[:, chosen], v) or 1e-300
-        slopes = []
-        for k in real + turns:
-            _, z, w = parts[k]
-            step = u[w] @ v[z] if k in real else 1j * (u[w] @ D[w, z] @ v[z])
-            slopes.append(step / scale)
-        return complex(values[chosen]), np.array(slopes)
+        """lambda, and its derivatives."""
+        own, w = split(x)
+        delta, (M, turned) = _delta_of(parts, own, unit.shape), at(w)
+        lam, u, v = _eigen(M, delta, parts)
+        weights = [1.0 if part.grows else lam for part in parts]
+        p = u @ M
+        slopes = [
+            weight * _slopes(part, here, delta[part.w, part.z], p[part.w], v[part.z])
+            for part, here, weight in zip(parts, own, weights, strict=True)
+        ]
+        if moves:
+            moved = np.zeros(delta.shape[0], dtype=complex)
+            for part, weight in zip(parts, weights, strict=True):
+                moved[part.w] = weight * (delta[part.w, part.z] @ v[part.z])
+            slopes.append(np.array([u @ turned @ moved]))
+        return lam, np.concatenate(slopes)
 
-    bounds = [(-1.0, 1.0)] * len(real) + [(None, None)] * len(turns)
-    size = max(abs(value(start)[0]), 1e-12 * float(np.linalg.norm(M)))
+    size = max(abs(value(start)[0]), 1e-12 * float(np.linalg.norm(at(place)[0])))
 
     def objective(x: Array) -> tuple[float, Array]:
         found, slopes = value(x)
         return -found.real / size, -slopes.real / size
 
+    limits: list[tuple[float | None, float | None]] = []
+    for part, x in zip(parts, first, strict=True):
+        limits += [(-1.0, 1.0) if part.block.kind == "real" else (None, None)] * len(x)
+    limits += [(-1.0, 1.0)] * moves
+    from scipy.optimize import minimize  # here because it is slow to import
+
     found = minimize(
         objective,
         start,
         jac=True,
-        bounds=bounds,
+        bounds=limits,
         constraints={
             "type": "eq",
             "fun": lambda x: value(x)[0].imag / size,
@@ -200,19 +351,46 @@ def _enlarged(M: Complex, parts: Sequence[_Part], unit: Complex) -> SmallDelta:
         method="SLSQP",
         options={"maxiter": _STEPS, "ftol": 1e-12},
     )
-    x = np.concatenate([np.clip(found.x[: len(real)], -1.0, 1.0), found.x[len(real) :]])
-    if not np.all(np.isfinite(x)):
-        x = start
-    return _verified(M, delta(x))
+    own, w = split(found.x if np.all(np.isfinite(found.x)) else start)
+    return _verified(at(w)[0], _delta_of(parts, own, unit.shape), parts)._replace(omega=w)
 
 
-def _verified(M: Complex, unit: Complex) -> SmallDelta:
-    """What a Delta of norm at most 1 proves: by its largest real positive eigenvalue."""
-    values = np.linalg.eigvals(M @ unit)
+def _sides(M: Complex, delta: Complex, parts: Sequence[_Part]) -> tuple[Complex, Complex]:
+    """M Delta_g and I - M Delta_f."""
+    grown, kept = delta.copy(), delta.copy()
+    for part in parts:
+        (kept if part.grows else grown)[part.w, part.z] = 0.0
+    return M @ grown, np.eye(len(M)) - M @ kept
+
+
+def _eigen(
+    M: Complex, delta: Complex, parts: Sequence[_Part], *, nearly_real: bool = True
+) -> tuple[complex, Complex, Complex]:
+    """The lambda nearest to being real and large, u' over u'(I - M Delta_f) v, and v."""
+    left, right = _sides(M, delta, parts)
+    values, u, v = eig(left, right, left=True, right=True)
+    far = _FAR * max(float(np.linalg.norm(M)), _TINY)
+    sizes = np.where(np.isfinite(values) & (np.abs(values) < far), values, 0.0)
+    rank = sizes.real - 2.0 * np.abs(sizes.imag) if nearly_real else np.abs(sizes)
+    chosen = int(np.argmax(rank))
+    w = u[:, chosen].conj()
+    scale = w @ right @ v[:, chosen]
+    return complex(sizes[chosen]), w / (scale or _TINY), v[:, chosen]
+
+
+def _verified(M: Complex, unit: Complex, parts: Sequence[_Part]) -> SmallDelta:
+    """What a Delta of norm at most 1 proves: by its largest real positive lambda."""
+    left, right = _sides(M, unit, parts)
+    values = eig(left, right, right=False)
+    far = _FAR * max(float(np.linalg.norm(M)), _TINY)
+    values = values[np.isfinite(values) & (np.abs(values) < far)]
     fits = (values.real > 0.0) & (np.abs(values.imag) <= _REAL * np.abs(values))
     bound = float(np.max(values.real[fits], initial=0.0))
     if bound == 0.0:
         return SmallDelta(0.0, np.zeros_like(unit), 1.0)
-    delta = unit / bound
+    delta = unit.copy()
+    for part in parts:
+        if part.grows:
+            delta[part.w, part.z] /= bound
     sizes = np.linalg.svd(np.eye(len(M)) - M @ delta, compute_uv=False)
     return SmallDelta(bound, delta, float(sizes[-1] / sizes[0]) if sizes[0] else 0.0)

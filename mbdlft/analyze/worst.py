@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from mbdlft.analyze.anytime import Asked
 from mbdlft.analyze.ascent import climb
 from mbdlft.analyze.characteristic import Realization
+from mbdlft.analyze.crew import crew_of
 from mbdlft.analyze.gain import worst_case_gain
 from mbdlft.analyze.gramian import h2_and_slope
 from mbdlft.analyze.peak import at_delta
@@ -43,6 +45,8 @@ def worst_case(
     work: float = WORK,
     leave_out: Sequence[str] = (),
     progress: Progress | None = None,
+    workers: int | None = 1,
+    client: Any = None,
 ) -> Bounds:
     """The worst value of a property over the declared box, with a proved bound where there is one.
 
@@ -55,8 +59,8 @@ def worst_case(
         largest H2 norm; or the largest value of a function of A, B, C, D.
     inputs, outputs : name, number, slice, or list of these, optional
         Signals of the transfer; all, if not given. Poles are those of the system.
-    gap, work, leave_out, progress
-        As for `worst_case_gain`; the gap of poles is relative to their real part or damping.
+    gap, work, leave_out, progress, workers, client
+        As for `robust_stability`; the gap of poles is relative to their real part or damping.
 
     Returns
     -------
@@ -84,12 +88,13 @@ def worst_case(
         )
     if what == "disk margin":
         disk = disk_transfer(system, inputs, outputs)
-        asked: dict[str, Any] = {"gap": gap, "work": work, "leave_out": leave_out}
-        return _inverse(worst_case_gain(disk, **asked, progress=progress))
-    with one_thread():
+        more: dict[str, Any] = {"gap": gap, "work": work, "leave_out": leave_out}
+        more |= {"workers": workers, "client": client}
+        return _inverse(worst_case_gain(disk, **more, progress=_inverted(progress)))
+    with one_thread(), crew_of(workers, client, "worst_case") as crew:
         if isinstance(what, str) and what in POLES:
-            model = realization(system, leave_out=leave_out)
-            return worst_poles(system, model, POLES[what], gap, work, tuple(leave_out), progress)
+            asked = Asked(system, gap, work, progress, tuple(leave_out), crew=crew)
+            return worst_poles(asked, realization(system, leave_out=leave_out), POLES[what])
         j = positions_of(inputs, [s.name for s in system.inputs], "worst_case: inputs")
         i = positions_of(outputs, [s.name for s in system.outputs], "worst_case: outputs")
         model = realization(system, j, i, leave_out)
@@ -123,6 +128,13 @@ def disk_transfer(system: System, inputs: Any = slice(None), outputs: Any = slic
         )
     found: System = 0.5 * np.eye(n) - feedback(loop, np.eye(n))
     return found
+
+
+def _inverted(progress: Progress | None) -> Progress | None:
+    """What tells bounds of a disk margin, of those of a gain."""
+    if progress is None:
+        return None
+    return lambda lower, upper: progress(1.0 / upper, 1.0 / lower if lower else np.inf)
 
 
 def _inverse(gain: Bounds) -> Bounds:

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mbdlft.base.errors import AnalysisError, SceneError
+from mbdlft.base.pool import Pool
 from mbdlft.batch.cluster import cluster_shards
 from mbdlft.batch.compiled import fastest
 from mbdlft.batch.extra import Extra, Function, asked_of
-from mbdlft.batch.pool import finished_shards
 from mbdlft.batch.rows import source_of
 from mbdlft.batch.samples import GridSamples, RandomSamples, samples_of
 from mbdlft.batch.staging import (
@@ -206,7 +206,10 @@ def _computed(
     allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else ()
     processes = workers or len(allowed) or os.cpu_count() or 1
     if min(processes, len(todo)) > 1:
-        yield from finished_shards(folder, todo, processes)
+        kept = "What is finished is kept: the same sweep goes on from it, with fewer workers if you like."
+        what = "sweep", "shard", kept
+        with Pool("mbdlft.batch.worker", folder, min(processes, len(todo)), what) as pool:
+            yield from pool.run(todo)
         return
     fast = fastest(work.source, work.count) if todo else work.source
     for shard in todo:  # starting a process would take longer than computing most shards

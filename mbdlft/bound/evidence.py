@@ -29,12 +29,33 @@ class Interval(NamedTuple):
     high: float
 
 
-class IntervalProof(NamedTuple):
-    """Intervals that cover all frequencies, each with the multipliers that prove mu <= beta there."""
+@dataclass(frozen=True, slots=True, eq=False)
+class IntervalProof:
+    """Parts of the box, and in each intervals of frequency with multipliers (`mbdlft.analyze.parts`).
 
-    beta: float
+    Attributes
+    ----------
+    k : float
+        Size of the blocks that are not fixed.
+    log : tuple of int
+        Two numbers for each part, depth first, the lower half first: how many of the intervals are its
+        own; 0, or 1 + the number of the block that is cut in the middle.
+    intervals : tuple of Interval
+    multipliers : tuple of Multipliers
+        For beta = 1 and the size of the part.
+    fixed : tuple of str
+        Blocks of size 1.
+    inputs, outputs : tuple of str
+        Signals that a full block of performance joins; its size is one over the gain.
+    """
+
+    k: float
+    log: tuple[int, ...]
     intervals: tuple[Interval, ...]
     multipliers: tuple[Multipliers, ...]
+    fixed: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,6 +153,8 @@ class Bounds:
         States that do not count.
     rates : mapping of names to bounds of the rates of parameters, in their units per second
         inf where a parameter may move in any way; constant parameters are not named.
+    fixed : tuple of str
+        Blocks of size 1 whatever the margin.
     motion : array (N, 1 + number of deltas), or None
         A periodic motion that is `upper` large and does not come to rest, if no constant values are as
         near: times (s) in the middle of even steps, and the deltas there, in the order of `delta`. Those
@@ -152,6 +175,7 @@ class Bounds:
     leave_out: tuple[str, ...] = ()
     rates: Mapping[str, float] = field(default_factory=dict)
     motion: Array | None = None
+    fixed: tuple[str, ...] = ()
 
     @property
     def gap(self) -> float:

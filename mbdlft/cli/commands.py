@@ -15,7 +15,7 @@ from rich.markup import escape
 
 from mbdlft import __version__
 from mbdlft.base.errors import MbdlftError, shortened
-from mbdlft.cli.analysis import margin, verify, wcgain
+from mbdlft.cli.analysis import margin, verify, wcgain, worst
 from mbdlft.cli.body import body
 from mbdlft.cli.export import export
 from mbdlft.cli.linearize import check, efforts_data, efforts_table, linearize
@@ -57,6 +57,7 @@ app.command("import")(import_robot)
 app.command()(body)
 app.command()(margin)
 app.command()(wcgain)
+app.command()(worst)
 app.command()(verify)
 app.command()(sweep)
 app.command()(poles)

@@ -50,6 +50,7 @@ _MATRICES = ("D", "G")
 _FORM_NUMBERS = ("k", "gain", "time")
 _FORM_ARRAYS = ("P", "X", "Y", "states", "channels")
 _SIGNALS = ("inputs", "outputs")
+_INSIDE = 1.0 - 1e-15  # a margin is not above 1/beta, however it was rounded
 
 
 def save_analysis(
@@ -160,6 +161,7 @@ def _items_of(bounds: Bounds, model: str, model_digest: str) -> Items:
         "@reason": text(bounds.reason),
         "@proved": np.array(bounds.proved),
         "leave_out": texts(list(bounds.leave_out)),
+        "fixed": texts(list(bounds.fixed)),
     }
     for name in _NUMBERS:
         items[f"@{name}"] = np.array(getattr(bounds, name), dtype="<f8")
@@ -206,7 +208,12 @@ def _items_of_delta(bounds: Bounds) -> Items:
 
 
 def _items_of_intervals(proof: IntervalProof) -> Items:
-    items: Items = {"intervals@beta": np.array(proof.beta, dtype="<f8")}
+    items: Items = {
+        "intervals@k": np.array(proof.k, dtype="<f8"),
+        "intervals/log": np.array(proof.log, dtype="<i8"),
+    }
+    for name in ("fixed", *_SIGNALS):
+        items[f"intervals/{name}"] = texts(list(getattr(proof, name)))
     for name in Interval._fields:
         items[f"intervals/{name}"] = np.array([getattr(i, name) for i in proof.intervals], "<f8")
     for name in _MATRICES:
@@ -247,6 +254,7 @@ def _bounds_of(items: Items) -> Bounds:
         leave_out=tuple(words(items, "leave_out")),
         rates=pairs.get("rates", {}),
         motion=floats(items, "motion") if "motion" in items else None,
+        fixed=tuple(words(items, "fixed")) if "fixed" in items else (),
     )
 
 
@@ -278,7 +286,11 @@ def _delta_of(items: Items) -> dict[str, Any]:
 
 
 def _proof_of(items: Items) -> Proof | None:
-    kinds = {"boxes": (5, 7), "intervals": (8,), "form": (10,)}  # first boxes have no region
+    kinds = {
+        "boxes": (5, 7),
+        "intervals": (8, 12),
+        "form": (10,),
+    }  # first ones have no region, no parts
     found = {
         kind: sum(path.startswith((f"{kind}/", f"{kind}@")) for path in items) for kind in kinds
     }
@@ -302,14 +314,21 @@ def _proof_of(items: Items) -> Proof | None:
             tuple(words(items, "boxes/outputs")),
             *(float(items.get(f"boxes@{name}", 0.0)) for name in ("shift", "slope")),
         )
-    beta = float(items["intervals@beta"])
+    return _intervals_of(items)
+
+
+def _intervals_of(items: Items) -> IntervalProof:
     ends = [floats(items, f"intervals/{name}").tolist() for name in Interval._fields]
     D, G = (
         floats(items, f"intervals/{name}_real") + 1j * floats(items, f"intervals/{name}_imaginary")
         for name in _MATRICES
     )
-    return IntervalProof(
-        beta,
-        tuple(Interval(*row) for row in zip(*ends, strict=True)),
-        tuple(Multipliers(beta, *pair) for pair in zip(D, G, strict=True)),
-    )
+    intervals = tuple(Interval(*row) for row in zip(*ends, strict=True))
+    if "intervals@beta" in items:  # the first files: one part, and a bound of mu
+        beta = float(items["intervals@beta"])
+        multipliers = tuple(Multipliers(1.0, *pair) for pair in zip(D, G / beta**2, strict=True))
+        return IntervalProof(_INSIDE / beta, (len(intervals), 0), intervals, multipliers)
+    multipliers = tuple(Multipliers(1.0, *pair) for pair in zip(D, G, strict=True))
+    names = (tuple(words(items, f"intervals/{name}")) for name in ("fixed", *_SIGNALS))
+    k, log = float(items["intervals@k"]), integers(items, "intervals/log")
+    return IntervalProof(k, log, intervals, multipliers, *names)

@@ -2,6 +2,7 @@
 
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from mbdlft import (
 from mbdlft.bound.evidence import BoxProof, IntervalProof, MotionProof
 from tests.archive.plain_digest import edit
 from tests.close import exact
-from tests.laws.random_loops import mixed_system
+from tests.laws.random_loops import blocks_system, mixed_system
 from tests.laws.test_margins import random_loop_with_channels
 from tests.reference import robust_cases
 
@@ -65,6 +66,39 @@ def test_round_trip(tmp_path: Path) -> None:
         system, found = load_analysis(file, name)
         same(found, bounds)
         assert verify(system, found) == ""
+
+
+def test_parts_fixed_blocks_and_first_files(tmp_path: Path) -> None:
+    """Proofs of parts come back; those of the first files, with a bound of mu, are read as one part."""
+    file, system = tmp_path / "a.h5", blocks_system(2)
+    cut = robust_stability(system)
+    whole = robust_stability(mixed_system(0), gap=0.05)
+    held = robust_stability(random_loop_with_channels(), fixed=["m"])
+    for model, bounds in (
+        (system, cut),
+        (mixed_system(0), whole),
+        (random_loop_with_channels(), held),
+    ):
+        save_analysis(file, model, bounds, "one")
+        found_model, found = load_analysis(file, "one")
+        same(found, bounds)
+        assert verify(found_model, found) == ""
+    assert isinstance(whole.proof, IntervalProof)
+    save_analysis(file, mixed_system(0), whole, "one")
+    beta = (1.0 - 1e-15) / whole.proof.k
+
+    def old(group: Any) -> None:
+        for name in ("log", "fixed", "inputs", "outputs"):
+            del group[f"intervals/{name}"]
+        del group["fixed"]
+        del group["intervals"].attrs["k"]
+        group["intervals"].attrs["beta"] = beta
+        for name in ("G_real", "G_imaginary"):
+            group[f"intervals/{name}"][...] *= beta**2
+
+    edit(file, old, "analyses/one")
+    model, found = load_analysis(file, "one")
+    assert verify(model, found) == ""
 
 
 def test_round_trip_of_motions(tmp_path: Path) -> None:

@@ -75,10 +75,17 @@ def test_signals_are_checked() -> None:
         robust_performance(cart(), "force", "angle")
 
 
-def test_gains_are_of_real_parameters() -> None:
-    system = of_matrices(-np.eye(1), np.eye(1), np.eye(1), np.zeros((1, 1)), ComplexBlock("c", 1))
-    with pytest.raises(StructureError, match="c is a complex block"):
-        worst_case_gain(system)
+def test_fixed_blocks_are_checked() -> None:
+    with pytest.raises(StructureError, match=r"unknown block 'K'\. Did you mean 'k'"):
+        robust_stability(cart(), fixed=["K"])
+    with pytest.raises(StructureError, match="unknown block 'K'"):
+        structured_singular_value(cart(), 1.0, fixed=["K"])
+    with pytest.raises(AnalysisError, match="expected a block that is not fixed"):
+        structured_singular_value(cart(), 1.0, fixed=["k"])
+    with pytest.raises(AnalysisError, match="a block that is not fixed"):
+        robust_stability(cart(), fixed=["k"])
+    with pytest.raises(AnalysisError, match="expected rates or fixed blocks, got both"):
+        robust_stability(cart(), fixed=["k"], rates=1.0)
 
 
 def test_a_frequency_is_a_number_and_no_pole() -> None:
@@ -96,19 +103,19 @@ def test_a_frequency_is_a_number_and_no_pole() -> None:
 def test_too_little_work_is_said() -> None:
     found = robust_stability(cart(), work=1e-6)
     assert not found.proved
-    assert "with this work" in found.reason
+    assert "the work of 1e-06 units was used up" in found.reason
     assert verify(cart(), found) == "there is no proof"
 
 
 def test_too_many_repetitions_are_said() -> None:
-    """Neither a polynomial nor multipliers of this size are carried; what was reached is returned."""
+    """Neither a polynomial nor full multipliers are carried; what was reached is returned."""
     random = np.random.default_rng(0)
     blocks = tuple(Block(f"d{k}", 14) for k in range(8))
     B, C = random.standard_normal((4, 112)), random.standard_normal((112, 4))
     system = of_matrices(-10.0 * np.eye(4), 0.01 * B, C, np.zeros((112, 112)), *blocks)
     found = robust_stability(system, work=0.1)
     assert (found.lower, found.proved) == (0.0, False)
-    assert "multipliers have 1568 entries" in found.reason
+    assert "multipliers would have 1568 entries, and are zero between pieces" in found.reason
     assert np.isfinite(found.upper)
 
 

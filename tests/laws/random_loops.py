@@ -74,3 +74,24 @@ def reached(system: System, rays: int, largest: float, seed: int = 0) -> float:
         if np.any(bad):
             best = float(sizes[int(np.argmax(bad))])
     return best
+
+
+def blocks_system(seed: int, most_states: int = 8) -> System:
+    """A stable system with one to three repeated parameters and a complex, a tall or a wide block."""
+    random = np.random.default_rng(1000 + seed)
+    plain = random_system(seed, most_states, 3)
+    kind, n = KINDS[seed % len(KINDS)], len(plain.A)
+    rows, columns = (int(k) for k in random.integers(1, 4, 2))
+    others = [FullBlock("f", rows, columns), ComplexBlock("e", int(random.integers(1, 3)))]
+    others = others[:1] if seed % 3 == 0 else others[1:] if seed % 3 == 1 else others
+    z = plain.order + sum(block.inputs for block in others)
+    w = plain.order + sum(block.outputs for block in others)
+    B, C = random.standard_normal((n, w)), random.standard_normal((z, n))
+    D = 0.1 * random.standard_normal((z, w)) if kind == "feedthrough" else np.zeros((z, w))
+    size = np.max(np.abs(plain.B_w), axis=1, keepdims=True)
+    B = 0.1 * B * size
+    C = C * np.max(np.abs(plain.C_z), axis=0)
+    B[:, : plain.order], C[: plain.order] = plain.B_w, plain.C_z
+    D[: plain.order, : plain.order] = plain.D_zw
+    blocks = tuple(sorted([*plain.lft.blocks, *others], key=lambda block: block.name))
+    return System("blocks", LFT(D, C, B, plain.A, blocks), plain.states, (), (), plain.parameters)

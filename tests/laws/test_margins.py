@@ -20,9 +20,11 @@ from mbdlft import (
     verify,
     worst_case_gain,
 )
+from mbdlft.analyze.anytime import Asked
 from mbdlft.analyze.characteristic import polynomials
 from mbdlft.analyze.intervals import is_negative_at
-from mbdlft.analyze.multiplier_margin import by_multipliers, channels_of, scaled
+from mbdlft.analyze.loop import ends_of, extent_of, loop_of, scaled
+from mbdlft.analyze.mixed import MixedSearch
 from mbdlft.analyze.multipliers import structure_of, upper_bound
 from mbdlft.analyze.peak import peak_at
 from mbdlft.analyze.realization import realization
@@ -122,21 +124,29 @@ def test_a_face_is_enough_only_if_poles_turn_to_it() -> None:
     assert verify(system, replace(found, lower=0.4, proof=BoxProof(0.4, (leaf,)))) == ""
 
 
+def by_multipliers(system: System, gap: float = 0.02, work: float = 30.0) -> Bounds:
+    """The margin as blocks of all kinds are done."""
+    loop = loop_of(system, range(len(system.states)))
+    asked = Asked(system, gap, work, largest=10.0)
+    return MixedSearch(asked, loop=loop, kind="robust stability").result()
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_multipliers_prove_no_more_than_there_is(seed: int) -> None:
     system = random_system(seed, most_parameters=3)
-    stay = range(len(system.states))
-    found = by_multipliers(system, stay, 0.02, 30.0, 10.0, None)
+    found = by_multipliers(system)
     assert 0.0 < found.lower <= reached(system, 40, 10.0, seed)
     assert found.lower <= robust_stability(system, largest=10.0).upper
     assert verify(system, found) == ""
-    channels, scale = channels_of(system, stay, structure_of(system.lft.blocks))
+    loop = loop_of(system, range(len(system.states)))
     assert isinstance(found.proof, IntervalProof)
+    assert found.proof.log == (len(found.proof.intervals), 0)
+    extent = extent_of(loop, *ends_of(loop, found.proof.k))
     random = np.random.default_rng(seed)
     for interval, multipliers in zip(found.proof.intervals, found.proof.multipliers, strict=True):
         high = min(interval.high, 1e4 * max(interval.at, 1.0))
         for omega in random.uniform(interval.low, high, 4):
-            assert is_negative_at(channels, scaled(multipliers, scale), omega)
+            assert is_negative_at(loop.channels, scaled(multipliers, loop.scale), omega, extent)
 
 
 def test_bands_of_mu_hold_between_their_ends() -> None:
@@ -296,28 +306,37 @@ def damaged(found: Bounds) -> list[Bounds]:
             *(replace(found, proof=replace(proof, log=log)) for log in logs),
         ]
     assert isinstance(proof, IntervalProof)
-    wrong = proof.beta / 1.05
-    lowered = proof._replace(
-        beta=wrong, multipliers=tuple(m._replace(beta=wrong) for m in proof.multipliers)
-    )
-    holes = proof._replace(intervals=proof.intervals[1:], multipliers=proof.multipliers[1:])
+    above = proof.k * 1.05
+    count, *rest = proof.log
+    kept = [k for k, interval in enumerate(proof.intervals) if interval.low > 0.0]
+    holes = tuple(tuple(part[k] for k in kept) for part in (proof.intervals, proof.multipliers))
     whole = proof.intervals[0]._replace(high=np.inf)
-    one = proof._replace(intervals=(whole,), multipliers=proof.multipliers[:1])
     full = tuple(m._replace(D=m.D + 1e-18) for m in proof.multipliers)
-    above = replace(found, lower=1.0 / wrong)
+    larger = tuple(m._replace(beta=1.05) for m in proof.multipliers)
+    named = ("log", "intervals", "multipliers")
+    wrong = [
+        dict(zip(named, ((len(kept), *rest), *holes), strict=True)),
+        {"log": (1, 0), "intervals": (whole,), "multipliers": proof.multipliers[:1]},
+        {"multipliers": full},
+        {"multipliers": larger},
+        {"log": (*proof.log, 0)},
+        {"log": (*proof.log, 0, 0)},
+        {"log": (count, 1)},
+        {"log": (count, 1, 0, 0)},
+        {"log": (count, 99, 0, 0, 0, 0)},
+        {"fixed": ("d0",)},
+    ]
     return [
         more,
-        replace(above, proof=lowered),
-        replace(found, proof=holes),
-        replace(found, proof=one),
-        replace(found, proof=proof._replace(multipliers=full)),
+        replace(found, lower=above, proof=replace(proof, k=above)),
+        *(replace(found, proof=replace(proof, **change)) for change in wrong),
     ]
 
 
 def test_no_damaged_proof_is_accepted() -> None:
     carts, loop = robust_cases.two_carts(), random_system(0, most_parameters=3)
     boxes = robust_stability(carts, gap=1e-5)
-    multipliers = by_multipliers(loop, range(len(loop.states)), 0.02, 30.0, 10.0, None)
+    multipliers = by_multipliers(loop)
     for system, found in ((carts, boxes), (loop, multipliers)):
         assert verify(system, found) == ""
         for other in damaged(found):

@@ -22,7 +22,8 @@ import pytest
 import mbdlft
 from benchmarks.cases.arm import SCENE, closed_form
 from mbdlft import Angle, GridSamples, Parameter, RandomSamples
-from mbdlft.batch import cluster, pool, rows, samples, staging
+from mbdlft.base import pool
+from mbdlft.batch import cluster, rows, samples, staging
 from mbdlft.batch.samples import points_of, samples_of
 from tests.close import CLOSED_FORM, error, exact, roundoff, target
 from tests.errors.scenes import cart, says
@@ -191,8 +192,8 @@ def test_processes_and_a_killed_worker(tmp_path: Path, monkeypatch: pytest.Monke
     mbdlft.sweep(arm(), given, tmp_path / "one.h5", workers=1)
     start, started = pool._start, []
 
-    def short_life(folder: Path) -> subprocess.Popen[str]:
-        process = start(folder)
+    def short_life(module: str, folder: Path) -> subprocess.Popen[str]:
+        process = start(module, folder)
         started.append(process.pid)
         if len(started) == 1:
             process.kill()
@@ -216,7 +217,7 @@ def test_processes_and_a_killed_worker(tmp_path: Path, monkeypatch: pytest.Monke
 def test_workers_that_always_die(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
 
-    def dead(folder: Path) -> subprocess.Popen[str]:
+    def dead(module: str, folder: Path) -> subprocess.Popen[str]:
         pipe = subprocess.PIPE
         return subprocess.Popen([sys.executable, "-c", ""], stdin=pipe, stdout=pipe, text=True)
 

@@ -91,6 +91,51 @@ def test_rates_of_parameters(
     assert "--rate k: expected NAME=BOUND" in err
 
 
+def test_worst_cases(
+    archive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each property, stored beside the model; words for what is proved."""
+    said = {
+        "real-part": "rad/s for all values in the ranges: proved",
+        "damping": "at least 0.10",
+        "disk-margin": "at least",
+        "h2-norm": "nothing is proved",
+    }
+    channel = ("--input", "f", "--output", "x")
+    for what, words in said.items():
+        arguments = ("worst", str(archive), "--of", what, *channel)
+        code, out, _ = run(monkeypatch, capsys, *arguments)
+        assert code == 0
+        assert words in out
+    found = json.loads(run(monkeypatch, capsys, *arguments, "--json")[1])
+    assert set(found) >= KEYS
+    assert found["proved"] is False
+    assert found["frequency"] is None
+    assert mbdlft.analysis_names(archive) == (
+        "matrix: largest real part",
+        "matrix: smallest damping",
+        "matrix: smallest disk margin",
+        "matrix: worst-case H2 norm",
+    )
+    code, _, err = run(monkeypatch, capsys, "worst", str(archive), "--of", "speed")
+    assert code == 2
+    assert "real-part" in err
+
+
+def test_fixed_parameters(
+    archive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ("margin", str(archive), "--fixed", "m")
+    code, out, _ = run(monkeypatch, capsys, *arguments)
+    assert code == 0
+    assert "times the ranges, m in theirs: proved" in " ".join(out.split())
+    found = json.loads(run(monkeypatch, capsys, *arguments, "--json")[1])
+    assert found["fixed"] == ["m"]
+    assert found["lower"] <= 2.0 <= found["upper"] * (1.0 + 1e-9)  # k = 0
+    code, out, _ = run(monkeypatch, capsys, "verify", str(archive))
+    assert (code, out.count(": proved")) == (0, 1)
+
+
 def test_figures_of_bounds(
     archive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

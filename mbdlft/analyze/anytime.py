@@ -1,0 +1,113 @@
+"""What all searches for bounds have in common: the best bounds so far, whenever they end."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mbdlft.analyze.crew import ALONE, Crew
+from mbdlft.analyze.realization import physical, shares
+from mbdlft.analyze.result import LARGEST, Bounds, Progress
+from mbdlft.base.array import Array
+from mbdlft.bound.evidence import Proof
+from mbdlft.system.system import System
+
+_LOWER = 0.7  # a target that was not proved is taken nearer to what is: this part of the way
+
+
+class Asked(NamedTuple):
+    """What is asked for; arguments are those of `robust_stability`."""
+
+    system: System
+    gap: float
+    work: float
+    progress: Progress | None = None
+    leave_out: tuple[str, ...] = ()
+    largest: float = LARGEST
+    crew: Crew = ALONE
+
+
+@dataclass(slots=True)
+class Search:
+    """The bounds so far, and the work that was used.
+
+    A search overrides `search`, which makes the bounds better and may be interrupted at any time, and
+    `answer`.
+    """
+
+    asked: Asked
+    lower: float = 0.0
+    upper: float = float("inf")
+    proof: Proof | None = None
+    used: float = 0.0
+    reason: str = ""
+
+    def result(self) -> Bounds:
+        """The bounds when the search has ended, or was interrupted."""
+        try:
+            self.search()
+        except KeyboardInterrupt:
+            self.reason = "it was interrupted"
+        return self.answer()
+
+    def search(self) -> None:
+        """Make the bounds better."""
+        raise NotImplementedError
+
+    def answer(self) -> Bounds:
+        """The result."""
+        raise NotImplementedError
+
+    def told(self) -> None:
+        """Tell the user how far it is."""
+        if self.asked.progress is not None:
+            self.asked.progress(self.lower, self.upper)
+
+    @property
+    def left(self) -> float:
+        """Units of work that are left."""
+        return max(self.asked.work - self.used, 0.0)
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the gap of a margin is not larger than what was asked for."""
+        return self.lower >= min(self.upper, self.asked.largest) * (1.0 - self.asked.gap)
+
+    def next_size(self, high: float) -> float:
+        """The next size of a margin to be tried, below one that was not proved; 0: none is worth it."""
+        goal = min(self.upper, self.asked.largest) * (1.0 - 0.5 * self.asked.gap)
+        k = goal if goal < high else self.lower + _LOWER * (high - self.lower)
+        return k if k > self.lower * (1.0 + 0.1 * self.asked.gap) else 0.0
+
+    def used_up(self) -> str:
+        """The reason when there is no work left."""
+        return self.reason or f"the work of {self.asked.work:g} units was used up"
+
+    def bounds(
+        self,
+        kind: str,
+        worst: tuple[Sequence[str], Array, float],
+        parts: Array,
+        *,
+        proved: bool,
+        reason: str,
+    ) -> Bounds:
+        """The result with names, deltas and frequency of the worst case, and parts of its change."""
+        names, delta, frequency = worst
+        known = len(delta) == len(names) and not np.isnan(frequency)
+        given: dict[str, Any] = dict(zip(names, delta.tolist(), strict=True)) if known else {}
+        return Bounds(
+            kind,
+            self.lower,
+            self.upper,
+            physical(self.asked.system, names, delta) if known else {},
+            given,
+            frequency,
+            proved,
+            shares(names, parts) if known else {},
+            self.used,
+            reason,
+            self.proof,
+            self.asked.leave_out,
+        )
