@@ -1,4 +1,4 @@
-"""The front end for robots: scenes from URDF files."""
+"""The front end for robots: scenes from URDF, SDF and MJCF files."""
 
 import lazy_loader
 

@@ -250,6 +250,9 @@ def _check(scene: Scene, making: Making) -> None:
         raise
 
 
+load_urdf = load_robot  # its name in earlier versions
+
+
 def _scene_names(robot: Robot, assumed: list[str]) -> Mapping[str, str]:
     """Names of links and joints in the scene, by name in the file.
 
