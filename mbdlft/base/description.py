@@ -144,7 +144,7 @@ def _expected_type(field: FieldInfo | None) -> str:
     for kind in (field.annotation, *get_args(field.annotation)):
         entries = get_args(kind) if get_origin(kind) is tuple else ()
         if len(entries) > 1 and ... not in entries:
-            return f"{len(entries)} " + (
+            return f"a list of {len(entries)} " + (
                 "numbers or expressions" if Quantity in entries else "numbers"
             )
     return "a finite number or an expression"

@@ -183,7 +183,7 @@ class Bounds:
         return 1.0 - self.lower / self.upper if self.upper < float("inf") else 1.0
 
     def __repr__(self) -> str:
-        said = "proved" if self.proved else "not proved"
+        said = "proved" if self.proved else f"not proved{self.reason and ': '}{self.reason}"
         return f"<{self.kind}: {self.lower:.6g} to {self.upper:.6g}, {said}>"
 
     def _repr_html_(self) -> str:

@@ -171,7 +171,13 @@ def coordinate(signal: str) -> str:
     return re.sub(r"\.(torque|force)$", "", signal).replace(".", "_")
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+LARGE = ("talos", "pr2", "baxter")  # others of their kind are there
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.long if name in LARGE else ()) for name in ROBOTS],
+)
 def test_robot_equals_pinocchio(name: str) -> None:
     compare(case(name), by_pinocchio, COUNT, PINOCCHIO)
 

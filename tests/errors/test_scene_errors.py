@@ -64,11 +64,11 @@ def rail(name: str, parent: str, child: str) -> Prismatic:
         ),
         (
             lambda: Free(name="j", parent="ground", child="b", stiffness=[1, 2, 3]),
-            "stiffness: expected 6 numbers or expressions, got [1, 2, 3].",
+            "stiffness: expected a list of 6 numbers or expressions, got [1, 2, 3].",
         ),
         (
             lambda: Mode(frequency=3.0, damping=0.01, participation=[0, 0, 4, -17, 0]),
-            "participation: expected 6 numbers or expressions, got [0, 0, 4, -17, 0].",
+            "participation: expected a list of 6 numbers or expressions, got [0, 0, 4, -17, 0].",
         ),
         (
             lambda: Beam(name="b", length=1, density=1, area=1, elements=0),

@@ -35,6 +35,7 @@ RUNS = {
     "sweep": ["arm.h5", "--random", "3", "-o", "arm.h5"],
     "margin": ["mass.h5", "--work", "1", "--no-save"],
     "wcgain": ["mass.h5", "--work", "1"],
+    "worst": ["mass.h5", "--of", "damping", "--work", "1"],
     "verify": ["mass.h5"],
 }
 
@@ -77,6 +78,12 @@ def test_command_prints_json(
     assert code == 0
     found = json.loads(out, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
     assert found
+
+
+def test_the_package_is_a_command() -> None:
+    command = [sys.executable, "-m", "mbdlft", "--help"]
+    said = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout
+    assert all(name in said for name in COMMANDS)
 
 
 def test_show_says_what_is_stored_and_from_when(

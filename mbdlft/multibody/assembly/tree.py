@@ -19,6 +19,8 @@ from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate
 
+_GROUND_PORTS = ' Declare it: [bodies.ground], kind = "ground", ports.{} = [x, y, z].'
+
 
 @final
 class PortFrame(Body):
@@ -137,9 +139,9 @@ def find_port(bodies: Mapping[str, Body], owner: str, key: str, text: str) -> tu
         raise SceneError(f"{owner}, {key}: " + unknown_name("body", name, bodies))
     body = bodies[name]
     if dot and port not in body.port_names():
-        raise SceneError(
-            f"{owner}, {key}: body {name!r}: " + unknown_name("port", port, body.port_names())
-        )
+        declared = "" if name != GROUND else _GROUND_PORTS.format(port)
+        unknown = unknown_name("port", port, body.port_names())
+        raise SceneError(f"{owner}, {key}: body {name!r}: {unknown}{declared}")
     if isinstance(body, ElasticBody) and port in body.elastic_ports():
         return bodies[text], "origin"
     return body, port if dot else "origin"
