@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from mbdlft.base.signal import Signal
 
 if TYPE_CHECKING:
+    from mbdlft.multibody.joint import Joint
     from mbdlft.multibody.scene import Scene
 
 _NOTHING = 1e-9  # of the largest effort in its unit, or of 1 N or 1 N m: what rounding leaves
@@ -43,13 +44,17 @@ def scene_notes(
 
 
 def _holding(scene: "Scene", trimmed: Sequence[Signal], values: Sequence[float]) -> list[str]:
-    """Efforts of joints that hold the equilibrium and are no inputs: nothing in the model makes them."""
+    """Efforts of joints that hold the equilibrium and are no inputs: nothing in the model makes them.
+
+    Where a joint has a spring, its effort at equilibrium is the static load of the spring.
+    """
     if scene.inputs is None:
         return []
     efforts = {
         f"{joint.name}.{freedom.effort.name}"
         for joint in scene.joints
-        for freedom in joint.freedoms
+        for freedom, stiffness in zip(joint.freedoms, _stiffness(joint), strict=True)
+        if stiffness == 0.0
     }
     largest = {
         signal.unit: max(
@@ -66,3 +71,9 @@ def _holding(scene: "Scene", trimmed: Sequence[Signal], values: Sequence[float])
         and signal.name not in scene.inputs
         and abs(value) > _NOTHING * largest[signal.unit]
     ]
+
+
+def _stiffness(joint: "Joint") -> Sequence[object]:
+    """The stiffness of each coordinate of a joint, as it is declared; 0.0 where there is no spring."""
+    declared = getattr(joint, "stiffness", 0.0)
+    return declared if isinstance(declared, tuple) else (declared,) * len(joint.freedoms)

@@ -78,6 +78,7 @@ def test_a_leaning_pole_is_held_by_something(
     [
         ('inputs = ["track.force"]', 'inputs = ["track.force", "pivot.torque"]'),
         ('position = "20*deg"', "preload = 0"),
+        ('position = "20*deg"', 'position = "20*deg"\nstiffness = 30'),  # its static load
     ],
 )
 def test_no_note_where_all_is_said(
