@@ -207,7 +207,8 @@ class _Closed:
             "theta", [self.symbols], [ca.densify(in_doubles(ca.vertcat(ca.SX(0, 1), *zeta)))]
         )
         fresh = ca.vertcat(ca.SX(0, 1), *self.fresh)
-        residual, output = in_doubles(m.residual), in_doubles(m.output[: len(s.dae.outputs)])
+        residual = in_doubles(m.residual)
+        output = in_doubles(ca.vertcat(ca.SX(0, 1), *ca.vertsplit(m.output)[: len(s.dae.outputs)]))
         true = in_doubles(ca.vertcat(ca.SX(0, 1), *(y.expression for y in s.dae.outputs)))
         # rates that have a symbol of their own
         values = [

@@ -69,6 +69,7 @@ def trim(
     Parameters
     ----------
     s : Structure
+        Of `reduce_index(dae)`.
     at : mapping of names of inputs, states or other variables to numbers or names of parameters
         Inputs that are not given have their start values, or 0. A state that the equilibrium does not
         determine, such as the angle of a free shaft, has its start value, or 0.
@@ -90,6 +91,10 @@ def trim(
     NotRationalError
         The equilibrium is not rational in the parameters; the message says what can be done.
     """
+    if not isinstance(s, Structure):
+        raise SceneError(
+            f"trim: expected a Structure, as reduce_index(dae) returns, got {type(s).__name__}."
+        )
     given = _of_aliases(s, dict(at or {}))
     _check_names(s, given, free)
     problem = _square(s, *_posed(s, given, free, moving), given)

@@ -114,7 +114,7 @@ def _in_digits(model: LinearModel, slopes: ca.SX, points: Array, sizes: "_Sizes"
 
 def column_of_entries(matrix: ca.SX) -> ca.SX:
     """The entries (n, 1) of a sparse matrix that are not structural zeros, by columns."""
-    return ca.vertcat(ca.SX(0, 1), ca.SX(matrix.nz[:])) if matrix.nnz() else ca.SX(0, 1)
+    return ca.vec(ca.SX(matrix.nz[:])) if matrix.nnz() else ca.SX(0, 1)
 
 
 class _Sizes(NamedTuple):
@@ -158,7 +158,7 @@ def _uncancelled(jacobian: Array, terms: Array, sizes: _Sizes, owner: str) -> Ar
 def _balls(model: LinearModel, slopes: ca.SX, points: Array, sizes: _Sizes) -> Iterator[Balls]:
     """[A B ; C D] at physical points, in balls."""
     sparse = ca.sparsify(slopes)
-    constants, numbers = constants_in(ca.SX(sparse.nz[:]))
+    constants, numbers = constants_in(column_of_entries(sparse))
     field = Field(numbers)
     function = ca.Function("digits", [model.p, constants], [sparse])
     given = [field.of(number).ball for number in numbers]

@@ -18,6 +18,7 @@ from mbdlft.base.formula import formula_value
 from mbdlft.dae import DaeDraft, from_casadi, reduce_index, simulate, trim
 from mbdlft.pipeline import delta_theta, linearize_dae
 from mbdlft.system import ThetaFunction
+from tests.close import roundoff
 from tests.daes import example_1, example_2, pendulum
 
 
@@ -270,3 +271,20 @@ def test_builders() -> None:
 def test_formulas_are_parsed_not_run(text: str, match: str) -> None:
     with pytest.raises(SceneError, match=match):
         formula_value(text, {"a": 1.0})
+
+
+def test_a_trim_is_of_a_structure() -> None:
+    d, (x,) = _draft("x")
+    d.equation(d.der(x), "one", equals=1 - x**3)
+    with pytest.raises(SceneError, match=r"trim: expected a Structure, .* got Dae"):
+        trim(d.dae())  # type: ignore[arg-type]
+
+
+def test_a_model_may_have_no_inputs_and_no_outputs() -> None:
+    d, (x,) = _draft("x")
+    d.equation(d.der(x), "one", equals=1 - x**3)
+    structure = reduce_index(d.dae())
+    assert delta_theta(structure, search=0.0).linear.lft.order == 0
+    model = linearize_dae(trim(structure), search=0.0)
+    roundoff(mbdlft.matrices_at(model, {}).A, np.array([[-3.0]]))
+    assert (model.inputs, model.outputs) == ((), ())
