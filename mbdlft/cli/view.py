@@ -7,13 +7,12 @@ import typer
 
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.cli.options import AsJson
-from mbdlft.cli.source import ARCHIVES, scene_in, values_of
+from mbdlft.cli.source import ARCHIVES, is_robot, scene_in, values_of
 from mbdlft.cli.tables import print_files
 
 if TYPE_CHECKING:
     from mbdlft.multibody.scene import Scene
 
-_ROBOT = ".urdf"
 Model = Annotated[str | None, typer.Option("--model", help="Model of an archive that has several.")]
 
 
@@ -30,30 +29,40 @@ def view(
         list[str] | None,
         typer.Option("--set", help="name=value at which the page begins; may be repeated."),
     ] = None,
-    model: Model = None,
+    model: Annotated[
+        str | None, typer.Option(help="Model of an archive, or of an SDF file, that has several.")
+    ] = None,
+    robot: Annotated[
+        Path | None,
+        typer.Option(
+            help="Robot (URDF, SDF, MJCF) of which the scene was made: its shapes are shown."
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Write a web page that shows a scene, with sliders, loads at equilibrium and moving modes."""
     from mbdlft.viewer import view as page_of
 
-    if model is not None and source.suffix.lower() not in ARCHIVES:
-        raise AnalysisError(f"--model {model}: {source} is no archive; only an archive has models.")
     file = _page(output or Path(f"{source.stem}.html"))
     scene = _scene(source, model)
-    robot = source if source.suffix.lower() == _ROBOT else None
-    page = page_of(scene, values_of(assignments or []), urdf=robot)
+    looks = source if robot is None and is_robot(source) else robot
+    shown = model if looks is not None and source == looks else None
+    page = page_of(scene, values_of(assignments or []), robot=looks, model=shown)
     print_files(("page", page.save(file)), as_json=as_json)
 
 
 def _scene(source: Path, model: str | None) -> "Scene":
     """The scene of a file, or that of a model of an archive."""
-    suffix = source.suffix.lower()
-    if suffix in ARCHIVES:
+    if source.suffix.lower() in ARCHIVES:
         from mbdlft.store import load
         from mbdlft.viewer import scene_of
 
         return scene_of(load(source, model))
-    return scene_in(source, look=True)
+    if model is not None and not is_robot(source):
+        raise AnalysisError(
+            f"--model {model}: {source} is no archive and no SDF file; only these have several models."
+        )
+    return scene_in(source, model, look=True)
 
 
 def _page(file: Path) -> Path:

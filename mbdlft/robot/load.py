@@ -8,7 +8,7 @@ from mbdlft.base.description import Quantity, Vector
 from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import parse_unit
-from mbdlft.multibody.body import GROUND, Body
+from mbdlft.multibody.body import Body
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.scene.check import check
 from mbdlft.multibody.scene.scene import Constant, Scene
@@ -29,6 +29,7 @@ from mbdlft.robot.make import (
 from mbdlft.robot.moving import moves_of, on_the_ground, refuse_massless
 from mbdlft.robot.read import read_robot
 from mbdlft.robot.report import ImportReport, ignored_of
+from mbdlft.robot.tree import body_name
 from mbdlft.robot.values import (
     Values,
     check_label,
@@ -262,8 +263,7 @@ def _scene_names(robot: Robot, assumed: list[str]) -> Mapping[str, str]:
     known = [*robot.links, *robot.joints, *(load.name for load in robot.loads)]
     known += [sensor.name for sensor in robot.sensors] + [loop.name for loop in robot.loops]
     names = {name: name.replace(".", "_") for name in known}
-    if GROUND in robot.links:
-        names[GROUND] = f"{GROUND}_link"
+    names |= {link: body_name(link) for link in robot.links}
     renamed = [f"{old} is {new}" for old, new in names.items() if old != new]
     if renamed:
         assumed.append(f"names that a scene cannot have: {', '.join(renamed)}")

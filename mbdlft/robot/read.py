@@ -29,11 +29,8 @@ def read_robot(path: str | Path, model: str | None = None, keyframe: str | None 
         The file cannot be read, is not a robot, or has what a scene cannot have.
     """
     file = Path(path)
-    content = content_of(file, SceneError)
+    top = top_of(file)
     try:
-        top = parse(content)
-        if is_xacro(file, top):
-            top = parse(expanded(file))
         _refuse_options(top, model, keyframe)
         if top.tag == "robot":
             return read_urdf(top)
@@ -52,6 +49,22 @@ def read_robot(path: str | Path, model: str | None = None, keyframe: str | None 
             f"{file}: its elements are in each other, or follow each other, hundreds of times; expected "
             "a robot with fewer."
         ) from None
+
+
+def top_of(file: Path) -> Element:
+    """The first element of a file, expanded if it is written in xacro; errors name the file.
+
+    Raises
+    ------
+    SceneError
+        The file cannot be read, is not XML, or cannot be expanded.
+    """
+    content = content_of(file, SceneError)
+    try:
+        top = parse(content)
+        return parse(expanded(file)) if is_xacro(file, top) else top
+    except SceneError as error:
+        raise SceneError(f"{file}: {error}") from None
 
 
 def _refuse_options(top: Element, model: str | None, keyframe: str | None) -> None:

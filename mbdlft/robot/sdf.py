@@ -46,8 +46,8 @@ def read_sdf(top: Element, model: str | None = None) -> Robot:
         A number or an element is missing or wrong, a name is unknown or given twice, or the model has
         what a scene cannot have. The message names the line.
     """
-    version = _version(top)
-    chosen, world = _model(top, model)
+    version = version_of(top)
+    chosen, world = chosen_model(top, model)
     frames = frames_of(chosen, version)
     elements = [(scope, link) for scope, owner in scopes(chosen) for link in owner.named("link")]
     _refuse(chosen)
@@ -89,7 +89,7 @@ def read_sdf(top: Element, model: str | None = None) -> Robot:
     )
 
 
-def _version(top: Element) -> tuple[int, int]:
+def version_of(top: Element) -> tuple[int, int]:
     """Major and minor version."""
     text = top.attributes.get("version", "")
     major, dot, minor = text.partition(".")
@@ -98,7 +98,7 @@ def _version(top: Element) -> tuple[int, int]:
     return int(major), int(minor)
 
 
-def _model(top: Element, name: str | None) -> tuple[Element, Element | None]:
+def chosen_model(top: Element, name: str | None) -> tuple[Element, Element | None]:
     """The model with a name, or the only one, and the world in which it stands."""
     places: list[tuple[Element, Element | None]] = [(model, None) for model in top.named("model")]
     places += [(model, world) for world in top.named("world") for model in world.named("model")]

@@ -48,8 +48,8 @@ class Frame(NamedTuple):
 class Frames:
     """All frames of a model by name; those of nested models with the names of the models before them."""
 
-    def __init__(self, frames: dict[str, Frame]) -> None:
-        self._frames = frames
+    def __init__(self, frames: dict[str, Frame], version: tuple[int, int]) -> None:
+        self._frames, self._version = frames, version
 
     def in_model(self, name: str, seen: tuple[str, ...] = ()) -> Pose:
         """The pose of a frame in that of the model."""
@@ -92,13 +92,22 @@ class Frames:
     def own(self, owner: Element, where: str) -> Pose:
         """The pose of an element that is relative to the element around it."""
         pose = owner.only("pose")
-        relative = _relative(pose)
+        relative = _relative(pose, self._version)
         if relative:
             raise SceneError(
                 f"line {pose.line if pose else owner.line}: {where}: <pose>: a pose relative to "
                 f"{relative!r} is not read here; write it relative to the link."
             )
         return _pose(pose, where)
+
+    def inside(self, element: Element, link: str, scope: str, where: str) -> Pose:
+        """The pose of an element of a link in the frame of the link; it may name another frame."""
+        pose = element.only("pose")
+        relative, own = _relative(pose, self._version), _pose(pose, where)
+        if not relative:
+            return own
+        line = pose.line if pose else element.line
+        return self.between(link, self.find(relative, scope, f"line {line}: {where}")).then(own)
 
 
 def scopes(model: Element, scope: str = "") -> Iterator[tuple[str, Element]]:
@@ -117,7 +126,7 @@ def frames_of(model: Element, version: tuple[int, int]) -> Frames:
         A pose is wrong, is relative to an unknown frame, or two frames have one name.
     """
     placed = model.only("pose")
-    if _relative(placed) not in ("", "world"):
+    if _relative(placed, version) not in ("", "world"):
         raise SceneError(
             f"line {model.line}: {model.called()}: <pose>: expected one relative to the world."
         )
@@ -146,7 +155,7 @@ def frames_of(model: Element, version: tuple[int, int]) -> Frames:
             relative = _relative(pose, version) or _default(element)
             found[name] = Frame(_pose(pose, element.called()), relative, element.line)
             wanted.append((name, scope, where))
-    frames = Frames(found)
+    frames = Frames(found, version)
     for name, scope, where in wanted:
         full = frames.find(found[name].relative_to, scope, where)
         found[name] = found[name]._replace(relative_to=full)
@@ -166,7 +175,7 @@ def _default(element: Element) -> str:
     return MODEL
 
 
-def _relative(pose: Element | None, version: tuple[int, int] = (1, 7)) -> str:
+def _relative(pose: Element | None, version: tuple[int, int]) -> str:
     """The frame that a pose names."""
     if pose is None:
         return ""

@@ -4,6 +4,7 @@ from collections.abc import Container, Mapping, Sequence
 from typing import TypeVar
 
 from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.multibody.body import GROUND
 from mbdlft.robot.description import RobotJoint, RobotLink
 
 Item = TypeVar("Item", RobotLink, RobotJoint)
@@ -27,6 +28,11 @@ def unused(name: str, taken: Container[str]) -> str:
     while name in taken:
         name += "_"
     return name
+
+
+def body_name(link: str) -> str:
+    """The name of the body of a link in a scene, where a dot separates a body from its port."""
+    return f"{GROUND}_link" if link == GROUND else link.replace(".", "_")
 
 
 def root_of(links: Mapping[str, RobotLink], joints: Sequence[RobotJoint]) -> str:

@@ -49,6 +49,29 @@ def of_angles(rpy: Triple) -> Array:
     return turned
 
 
+def between(a: Array, b: Array) -> Array:
+    """The rotation (3, 3) by the least angle that turns the direction `a` (3,) into that of `b`.
+
+    Raises
+    ------
+    SceneError
+        One of them is zero, or not finite.
+    """
+    with np.errstate(all="ignore"):
+        u, v = (vector / np.max(np.abs(vector)) for vector in (a, b))
+        u, v = u / np.linalg.norm(u), v / np.linalg.norm(v)
+    if not np.isfinite([u, v]).all():
+        raise SceneError("a direction has no length; expected three numbers that are not all zero.")
+    half = u + v
+    if np.linalg.norm(half) < _STEEP:  # opposite: half a turn about any axis across
+        across = np.cross(u, np.eye(3)[np.argmin(np.abs(u))])
+        across /= np.linalg.norm(across)
+        return 2.0 * np.outer(across, across) - np.eye(3)
+    half /= np.linalg.norm(half)
+    # a half turn about a, then one about the direction in the middle
+    return (2.0 * np.outer(half, half) - np.eye(3)) @ (2.0 * np.outer(u, u) - np.eye(3))
+
+
 def angles_of(R: Array) -> Triple:
     """Roll, pitch and yaw (rad) of a rotation (3, 3).
 

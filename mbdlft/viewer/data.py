@@ -11,9 +11,10 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import MbdlftError
 from mbdlft.multibody.assembly import assemble
+from mbdlft.multibody.body import GROUND
 from mbdlft.multibody.scene.scene import Scene
-from mbdlft.viewer.drawing import Drawing, draw
-from mbdlft.viewer.meshes import robot_looks
+from mbdlft.viewer.drawing import Drawing, Item, draw
+from mbdlft.viewer.looks import robot_looks
 from mbdlft.viewer.modes import chosen_point, mode_data, trim_data
 from mbdlft.viewer.poses import Poses, equilibrium_positions, gaps, poses
 from mbdlft.viewer.tape import tape_of
@@ -22,11 +23,14 @@ _POINT = 1e-9  # m: a scene that is smaller is one point
 
 
 def view_data(
-    scene: Scene, values: Mapping[str, float] | None = None, urdf: str | Path | None = None
+    scene: Scene,
+    values: Mapping[str, float] | None = None,
+    robot: str | Path | None = None,
+    model: str | None = None,
 ) -> dict[str, Any]:
     """What the page of a scene shows; `values` are those that its sliders have at the beginning.
 
-    The looks of the links of the file `urdf` are added to the bodies of their names.
+    The looks of the links of the file `robot` are added to the bodies of their names.
 
     A scene without an equilibrium, or without a linear model, is shown without loads and modes; the
     reason is among the `notes`.
@@ -42,7 +46,7 @@ def view_data(
     parameters = found.resolved.parameters
     chosen = chosen_point(parameters, values or {})
     drawing = draw(found, np.array([p.nominal for p in parameters]))
-    notes = _add_looks(drawing, urdf) if urdf is not None else []
+    notes = _add_looks(drawing, robot, model) if robot is not None else []
     positions = equilibrium_positions(found)
     data: dict[str, Any] = {
         "name": scene.name,
@@ -67,22 +71,35 @@ def view_data(
     return data
 
 
-def _add_looks(drawing: Drawing, urdf: str | Path) -> list[str]:
+def _add_looks(drawing: Drawing, robot: str | Path, model: str | None) -> list[str]:
     """Add the meshes and primitives of a robot to its bodies; sentences on what is missing."""
-    looks = robot_looks(urdf)
-    for item in drawing.items:
-        if item["group"] != "bodies":
+    looks = robot_looks(robot, model)
+    bodies = {item["name"]: item for item in drawing.items if _is_body(item)}
+    left = [name for name in looks.shapes if name not in bodies]
+    for name, shapes in looks.shapes.items():
+        if name not in bodies:
             continue
-        for geometry in looks.shapes.get(item["name"], ()):
-            at = drawing.frame(item["name"])
-            shape = {"type": "mesh", "at": at, "geometry": geometry, "layer": "meshes"}
-            item["shapes"].append(shape)
+        at = drawing.frame(name)
+        bodies[name]["shapes"] += [
+            {"type": "mesh", "at": at, "geometry": geometry, "layer": "meshes"}
+            for geometry in shapes
+        ]
+    if left:
+        looks.notes.append(f"The scene has no body for the shapes of {', '.join(left)}.")
     return list(dict.fromkeys(looks.notes))
 
 
+def _is_body(item: Item) -> bool:
+    return item["group"] == "bodies" or (item["group"], item["name"]) == ("world", GROUND)
+
+
 def reach(drawing: Drawing) -> float:
-    """The largest extent of the drawn points at nominal and at equilibrium (m); 1 if there is none."""
+    """The largest extent of what is drawn at nominal and at equilibrium (m); 1 if there is none.
+
+    What stands on the ground as a shape does not count.
+    """
     points = drawing.numbers(ca.horzcat(*_points(drawing))).reshape(-1, 3)
+    points = np.concatenate([points, *_extents(drawing)])
     extent = float(np.max(np.ptp(points, axis=0), initial=0.0))
     return extent if extent > _POINT and math.isfinite(extent) else 1.0
 
@@ -103,6 +120,21 @@ def _points(drawing: Drawing) -> list[ca.SX]:
             whole = shape["type"] in ("stick", "curve", "line", "spring")
             numbers.update(at if whole else [at[0] if isinstance(at, list) else at])
     return [drawing.vectors[number] for number in sorted(numbers)]
+
+
+def _extents(drawing: Drawing) -> list[Array]:
+    """The least and the largest corner of each shape of a link, (2, 3) each."""
+    found = []
+    for item in drawing.items:
+        for shape in item["shapes"]:
+            if shape["type"] == "mesh" and "extent" in shape["geometry"]:
+                low, high = np.array(shape["geometry"]["extent"])
+                vectors = drawing.numbers(ca.horzcat(*(drawing.vectors[k] for k in shape["at"])))
+                r, *axes = vectors.reshape(4, 3)
+                reached = np.abs(np.array(axes)).T @ (0.5 * (high - low))
+                middle = r + np.array(axes).T @ (0.5 * (high + low))
+                found.append(np.array([middle - reached, middle + reached]))
+    return found
 
 
 def _coordinates(found: Poses, positions: list[ca.SX | None], size: float) -> list[dict[str, Any]]:

@@ -62,7 +62,11 @@ class Page:
 
 
 def view(
-    scene: Scene, values: Mapping[str, float] | None = None, *, urdf: str | Path | None = None
+    scene: Scene,
+    values: Mapping[str, float] | None = None,
+    *,
+    robot: str | Path | None = None,
+    model: str | None = None,
 ) -> Page:
     """The page that shows a scene: bodies, joints, loads, sensors; with sliders, and modes that move.
 
@@ -72,8 +76,10 @@ def view(
     values : mapping of names to numbers, optional
         Values of parameters at which the page begins, in their units; the others are nominal. The modes
         there are exact.
-    urdf : file, optional
-        The URDF file that the scene is of: the meshes and primitives of its links are shown, too.
+    robot : file, optional
+        The URDF, SDF or MJCF file that the scene is of: shapes and meshes of its links are shown, too.
+    model : str, optional
+        Which model of an SDF file that has several.
 
     Returns
     -------
@@ -83,8 +89,8 @@ def view(
     Raises
     ------
     SceneError
-        Names, units or the tree of the scene are wrong, the package k3d is missing, or the URDF file
-        cannot be read. Meshes that are not there are notes on the page.
+        Names, units or the tree of the scene are wrong, the package k3d is missing, or the file of
+        the robot cannot be read. Meshes that are not there are notes on the page.
     TrimError
         A name of `values` is unknown, or a value is outside its range.
     """
@@ -94,7 +100,7 @@ def view(
             "scene_from_toml make one; scene_of(model) is that of a model."
         )
     library, version = _library()
-    return Page(scene.name, _filled(view_data(scene, values, urdf), library, version))
+    return Page(scene.name, _filled(view_data(scene, values, robot, model), library, version))
 
 
 def _filled(data: Mapping[str, Any], library: str, version: str) -> str:

@@ -13,7 +13,8 @@ from benchmarks.cases.robots import robots
 from mbdlft.base.errors import SceneError
 from mbdlft.robot import load_robot
 from mbdlft.viewer.data import view_data
-from mbdlft.viewer.meshes import robot_looks, thinned
+from mbdlft.viewer.looks import robot_looks
+from mbdlft.viewer.meshes import thinned
 from tests.close import CROSS, MESH, target
 from tests.laws.test_viewer import interpret
 
@@ -51,7 +52,7 @@ def installed(file: str) -> Path:
 def test_meshes_stand_where_pinocchio_has_them(file: str) -> None:
     path = installed(file)
     scene, _ = load_robot(path)
-    data = view_data(scene, urdf=path)
+    data = view_data(scene, robot=path)
     assert data["notes"] == []
     still = [0.0] * len(data["coordinates"])
     vectors = interpret(data["tape"], [], still).reshape(-1, 3)
@@ -103,15 +104,17 @@ def test_primitives_and_their_places(tmp_path: Path) -> None:
         ('<box size="1 2 3"/>', {"box": [1.0, 2.0, 3.0]}),
         ('<sphere radius="0.5"/>', {"sphere": 0.5}),
         ('<cylinder radius="0.5" length="2"/>', {"cylinder": [0.5, 2.0]}),
+        ('<capsule radius="0.5" length="2"/>', {"capsule": [0.5, 2.0]}),
     ):
         file = written(tmp_path, f"{origin}<geometry>{text}</geometry>")
         (shape,) = robot_looks(file).shapes["a"]
         place = np.array(shape.pop("place")).reshape(4, 4)
+        assert shape.pop("extent")
         assert shape == found
         target(place[:3, :3], pin.rpy.rpyToMatrix(0.1, -0.2, 0.3), CROSS)
         target(place[:, 3], [1.0, 2.0, 3.0, 1.0], CROSS)
-    capsule = written(tmp_path, '<geometry><capsule radius="1" length="2"/></geometry>')
-    assert robot_looks(capsule).shapes == {}
+    unknown = robot_looks(written(tmp_path, '<geometry><cloud radius="1"/></geometry>'))
+    assert unknown == ({}, ["Shapes <cloud> are not shown."])
 
 
 def test_scaled_meshes_and_those_that_cannot_be_read(tmp_path: Path) -> None:

@@ -9,6 +9,8 @@ from tests.scenarios.test_cli import run
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 
+CAPSULE = "<capsule><radius>1</radius><length>2</length></capsule>"
+
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -30,6 +32,34 @@ def test_view_of_scene_robot_and_archive(
     assert text == mbdlft.view(arm).html
     page = (place / "desk_arm.html").read_text(encoding="utf-8")
     assert '"name":"shoulder"' in page
+
+
+def test_view_of_a_robot_and_of_a_scene_with_its_shapes(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One of two models of an SDF file; the scene that was made of it has the same page."""
+    text = '<sdf version="1.9"><world name="w"><gravity>0 0 -3</gravity>'
+    for name, shape in (("a", "<sphere><radius>1</radius></sphere>"), ("b", CAPSULE)):
+        text += (
+            f"<model name='{name}'><link name='l'><visual name='v'><geometry>{shape}</geometry>"
+            "</visual></link><joint name='j' type='prismatic'><parent>world</parent><child>l</child>"
+            "<axis><xyz>0 0 1</xyz></axis></joint></model>"
+        )
+    Path("two.sdf").write_text(text + "</world></sdf>", encoding="utf-8")
+    code, _, said = run(monkeypatch, capsys, "view", "two.sdf")
+    assert (code, "two.sdf: line 1: the file has 2 models: a, b" in said) == (2, True)
+    assert run(monkeypatch, capsys, "view", "two.sdf", "--model", "b")[0] == 0
+    page = (place / "two.html").read_text(encoding="utf-8")
+    assert '"capsule":[1.0,2.0]' in page
+    assert '"sphere"' not in page.partition('id="data"')[2]
+    command = ["import", "two.sdf", "--model", "a", "-o", "a.toml"]
+    assert run(monkeypatch, capsys, *command)[0] == 0
+    assert run(monkeypatch, capsys, "view", "a.toml")[0] == 0
+    assert '"sphere":1.0' not in (place / "a.html").read_text(encoding="utf-8")
+    one = text.partition("<model name='b'>")[0] + "</world></sdf>"
+    Path("one.sdf").write_text(one, encoding="utf-8")
+    assert run(monkeypatch, capsys, "view", "a.toml", "--robot", "one.sdf")[0] == 0
+    assert '"sphere":1.0' in (place / "a.html").read_text(encoding="utf-8")
 
 
 def test_values_of_view(

@@ -259,6 +259,7 @@
       else if (j >= 0) { q[j] = value; update(); } else throw new Error(`nothing is called ${name}`);
     },
     placement: (body) => world.placement(body),
+    box: (body) => world.box(body),
     loads: () => loads && Object.fromEntries(data.trim.efforts.map((effort, k) => [effort.name, loads.u[k]])),
     coordinates: () => Object.fromEntries(data.coordinates.map((one, k) => [one.name, q[k]])),
     drawn: () => { world.render(); return world.drawn(); },

@@ -102,16 +102,21 @@ function shapeMaker(T, size) {
       return found;
     },
     mesh(shape, color) {
-      const given = shape.geometry, material = paint(0xb8bec8, { side: T.DoubleSide, flatShading: !!given.triangles, transparent: true, opacity: 0.55, depthWrite: false });
+      const given = shape.geometry, material = paint(0xb8bec8, { side: T.DoubleSide, flatShading: given.triangles !== undefined, transparent: true, opacity: 0.55, depthWrite: false });
+      const up = (upright) => upright.rotateX(Math.PI / 2); // three.js has its axis along y
       let geometry;
-      if (given.triangles) {
+      if (given.triangles !== undefined) {
         const bytes = Uint8Array.from(atob(given.triangles), (letter) => letter.charCodeAt(0));
         geometry = new T.BufferGeometry();
         geometry.setAttribute("position", new T.BufferAttribute(new Float32Array(bytes.buffer), 3));
         geometry.computeVertexNormals();
       } else if (given.box) geometry = new T.BoxGeometry(...given.box);
-      else if (given.sphere) geometry = new T.SphereGeometry(given.sphere, 24, 16);
-      else geometry = new T.CylinderGeometry(given.cylinder[0], given.cylinder[0], given.cylinder[1], 24).rotateX(Math.PI / 2);
+      else if (given.sphere !== undefined) geometry = new T.SphereGeometry(given.sphere, 24, 16);
+      else if (given.ellipsoid) geometry = new T.SphereGeometry(1, 24, 16).scale(...given.ellipsoid);
+      else if (given.capsule) geometry = up(new T.CapsuleGeometry(...given.capsule, 8, 24));
+      else if (given.cone) geometry = up(new T.ConeGeometry(...given.cone, 24));
+      else if (given.plane) geometry = new T.PlaneGeometry(...given.plane.map((wide) => wide || 10 * size)); // 0 is endless
+      else geometry = up(new T.CylinderGeometry(given.cylinder[0], given.cylinder[0], given.cylinder[1], 24));
       geometry.applyMatrix4(new T.Matrix4().set(...given.place));
       const found = mesh(geometry, material);
       found.matrixAutoUpdate = false;

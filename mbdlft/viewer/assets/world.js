@@ -89,7 +89,7 @@ function makeWorld(T, data, host, picked) {
   }
   const draw = () => { if (!queued) { queued = true; requestAnimationFrame(render); } };
   const up = new T.Vector3(...data.up), view = orbit(T, camera, renderer.domElement, data.size, up, draw);
-  const points = [];
+  const points = [], boxes = [];
   let v = () => new T.Vector3();
   data.items.forEach((item, number) => {
     const color = COLORS.bodies[number % COLORS.bodies.length];
@@ -97,6 +97,7 @@ function makeWorld(T, data, host, picked) {
       const object = make(shape, color);
       object.userData.item = number;
       object.userData.layer = shape.layer;
+      if (shape.geometry && shape.geometry.extent) boxes.push(shape);
       if (shape.type === "frame") frames.set(item.name, object);
       scene.add(object);
       objects.push(object);
@@ -114,6 +115,10 @@ function makeWorld(T, data, host, picked) {
     overlay.append(element);
     const at = () => middle ? v(numbers[0]).clone().add(v(numbers[numbers.length - 1])).multiplyScalar(0.5) : v(numbers[0]);
     labels.push({ element, at, layer });
+  }
+  function cornersOf(shape) {
+    const [r, ...axes] = shape.at.map(v), { extent } = shape.geometry;
+    return [0, 1, 2, 3, 4, 5, 6, 7].map((k) => axes.reduce((at, axis, i) => at.addScaledVector(axis, extent[(k >> i) & 1][i]), r.clone()));
   }
   const lit = (object, on) => object.traverse((part) => {
     if (!part.material) return;
@@ -158,7 +163,15 @@ function makeWorld(T, data, host, picked) {
       draw();
     },
     fit() {
-      view.fit(points.map(v), 0.25 * data.size);
+      view.fit([...points.map(v), ...boxes.flatMap(cornersOf)], 0.25 * data.size);
+    },
+    box(name) { /* of the shapes of a body: the least and the largest corner, in space */
+      const found = new T.Box3();
+      objects.filter((object) => object.userData.layer === "meshes" && data.items[object.userData.item].name === name).forEach((object) => {
+        object.updateWorldMatrix(true, false);
+        found.expandByObject(object, true);
+      });
+      return [found.min.toArray(), found.max.toArray()];
     },
     placement(name) {
       const frame = frames.get(name);
