@@ -21,6 +21,7 @@ from mbdlft.plot.figures import (
     drawn_frequencies,
     drawn_samples,
     mark_unbounded,
+    over_frequency,
     set_heights,
     write_figure,
 )
@@ -102,7 +103,7 @@ def _draw_channel(pair: Iterable[Axes], clouds: tuple[Cloud, Cloud], *, many: bo
             axes.plot([], [], color=COLORS[0], linewidth=2.0, alpha=0.5, label="samples")
         middle = kind(nominal)[0]
         axes.plot(at_nominal[0], middle, color="black", linewidth=1.2, label="nominal")
-        axes.set(xscale="log", xlim=(at_nominal[0, 0], at_nominal[0, -1]))
+        over_frequency(axes, float(at_nominal[0, 0]), float(at_nominal[0, -1]))
         axes.grid(visible=True, which="both", linewidth=0.3, alpha=0.5)
         if kind is _size:
             set_heights(axes, np.concatenate([curves.ravel(), middle]))

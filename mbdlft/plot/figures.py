@@ -20,7 +20,14 @@ COLORS = ("#4477aa", "#cc6677", "#228833", "#aa7711", "#66ccee", "#aa3377")
 WORST = "#d62728"
 _WORK = 4e9  # products that the responses of all samples may take
 _EACH = 500  # frequencies of a sample, about
-_IN_A_DECADE = 100  # frequencies that are evenly spaced
+_IN_A_DECADE, _EVENLY = (
+    100,
+    (100, 500),
+)  # frequencies that are evenly spaced; all of them, in pixels
+_RAISED = str.maketrans(
+    "-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079"
+)
+_DOTS = 150  # in an inch
 _FLOOR = 160.0  # dB below the highest value: what is lower is cut
 _ROOM = 0.04  # of the height of the axes, above and below the curves
 
@@ -52,8 +59,13 @@ def write_figure(figure: Figure, path: str | Path) -> None:
     AnalysisError
         The file cannot be written.
     """
+    figure.set_dpi(_DOTS)
+    engine = figure.get_layout_engine()
+    if engine is not None:  # once, instead of a drawing that nobody sees
+        engine.execute(figure)
+        figure.set_layout_engine("none")
     try:
-        figure.savefig(path, dpi=150)
+        figure.savefig(path, dpi=_DOTS)
     except (OSError, ValueError) as error:
         raise AnalysisError(f"{path}: the figure cannot be written: {error}.") from None
 
@@ -94,7 +106,7 @@ def drawn_frequencies(
     low, high = ends or (None, None)
     two = response_frequencies(system, values, low, high, 2)
     decades = float(np.log10(two[0, -1] / two[0, 0]))
-    points = int(np.clip(_IN_A_DECADE * decades, 100, 1000))
+    points = int(np.clip(_IN_A_DECADE * decades, *_EVENLY))
     return response_frequencies(system, values, float(two[0, 0]), float(two[0, -1]), points)
 
 
@@ -112,6 +124,22 @@ def set_heights(axes: Axes, values: Array) -> None:
     bottom = max(float(np.min(finite)), top - _FLOOR)
     room = max(_ROOM * (top - bottom), 1.0)
     axes.set_ylim(bottom - room, top + room)
+
+
+def over_frequency(axes: Axes, first: float, last: float) -> None:
+    """A logarithmic axis of frequencies; its powers of ten are plain text, which is drawn soon.
+
+    An axis of less than two decades has the labels of matplotlib, also between powers of ten.
+    """
+    axes.set(xscale="log", xlim=(first, last))
+    if last >= 100.0 * first:
+        axes.xaxis.set_major_formatter(lambda value, _: _power(value))
+
+
+def _power(value: float) -> str:
+    """A power of ten with a raised exponent, as text."""
+    exponent = f"{np.log10(value):.0f}" if value > 0.0 else ""
+    return "10" + exponent.translate(_RAISED)
 
 
 def mark_unbounded(axes: Axes, system: System) -> None:

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from mbdlft.analyze import mu_bands
 from mbdlft.bound.evidence import Bounds
-from mbdlft.plot.figures import COLORS, WORST, check_figure, write_figure
+from mbdlft.plot.figures import COLORS, WORST, check_figure, over_frequency, write_figure
 from mbdlft.system.system import System
 
 _DECADES = 1.5  # beyond the poles
@@ -63,7 +63,7 @@ def save_mu(
         label = f"worst case: {1.0 / margin.upper:.4g} at {margin.frequency:.4g} rad/s"
         at = min(max(margin.frequency, low), high)
         axes.plot([at], [1.0 / margin.upper], "o", color=WORST, markersize=5.0, label=label)
-    axes.set(xscale="log", xlim=(low, high))
+    over_frequency(axes, low, high)
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("frequency (rad/s)")
     axes.set_ylabel("structured singular value")

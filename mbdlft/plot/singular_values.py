@@ -21,6 +21,7 @@ from mbdlft.plot.figures import (
     drawn_frequencies,
     drawn_samples,
     mark_unbounded,
+    over_frequency,
     set_heights,
     write_figure,
 )
@@ -78,7 +79,7 @@ def save_singular_values(
         figsize=(8.0 if nominal.shape[2] <= _MOST_INSIDE else 10.0, 5.0), layout="constrained"
     )
     axes = figure.add_subplot()
-    axes.set(xscale="log", xlim=(first, last))
+    over_frequency(axes, first, last)
     if count:
         _draw_cloud(axes, omega, samples)
     for k in range(nominal.shape[2]):  # singular values are sorted, so these curves do not cross

@@ -19,10 +19,15 @@ from mbdlft.report.figures import pole_figure, response_figures
 from mbdlft.system.model import LFTModel
 from mbdlft.system.system import System
 from mbdlft.viewer import Page, scene_of
-from mbdlft.viewer.picture import scene_picture
+from mbdlft.viewer.picture import View, scene_pictures
 
 _FOLDER = Path(__file__).parent / "assets"
-_VIEWS = ((0.0, 0.0, "along x"), (1.5708, 0.0, "along y"), (0.0, 1.5708, "from above"))
+_VIEWS = (
+    (View(0.9, 0.35, names=True), ""),
+    (View(0.0, 0.0, names=False), "along x"),
+    (View(1.5708, 0.0, names=False), "along y"),
+    (View(0.0, 1.5708, names=False), "from above"),
+)
 
 
 def model_report(model: System, archive: str | Path | None = None) -> Page:
@@ -89,12 +94,10 @@ def _pictures(model: System) -> list[tuple[object, str]]:
 
     try:
         scene = scene_of(model)
-        found: list[tuple[object, str]] = [(Markup(scene_picture(scene)), "")]
-        for azimuth, height, said in _VIEWS:
-            found.append((Markup(scene_picture(scene, azimuth, height, names=False)), said))
+        drawn = scene_pictures(scene, [view for view, _ in _VIEWS])
     except MbdlftError:
         return []
-    return found
+    return [(Markup(picture), said) for picture, (_, said) in zip(drawn, _VIEWS, strict=True)]
 
 
 def _analyses(model: System, archive: str | Path | None) -> Sequence[tuple[str, System, Bounds]]:

@@ -125,20 +125,37 @@ def scene_picture(
     SceneError, NotRationalError, WellPosednessError
         As `view`.
     """
+    (found,) = scene_pictures(scene, [View(azimuth, height, names)])
+    return found
+
+
+class View(NamedTuple):
+    """Where the eye is (rad): about the vertical, from x; and above the horizon. Whether with names."""
+
+    azimuth: float
+    height: float
+    names: bool
+
+
+def scene_pictures(scene: Scene, views: Sequence[View]) -> list[str]:
+    """As `scene_picture`, from several sides."""
     found = poses(scene)
     nominal = np.array([p.nominal for p in found.resolved.parameters])
     drawing = draw(found, nominal)
     count = sum(len(owned.freedoms) for owned in found.owned)
     vectors = np.asarray(drawing.function()(nominal, np.zeros(count))).reshape(-1, 3)
-    size = reach(drawing)
-    sheet = _sheet(np.array(up_direction(drawing)), azimuth, height, _SIZE / size)
-    for number, item in enumerate(drawing.items):
-        color = _COLORS[number % len(_COLORS)]
-        for shape in item["shapes"]:
-            _draw_shape(sheet, shape, vectors, color, size)
-        if names:
-            _name(sheet, item, vectors, color)
-    return _finished(sheet, drawing)
+    size, up = reach(drawing), np.array(up_direction(drawing))
+    pictures = []
+    for view in views:
+        sheet = _sheet(up, view.azimuth, view.height, _SIZE / size)
+        for number, item in enumerate(drawing.items):
+            color = _COLORS[number % len(_COLORS)]
+            for shape in item["shapes"]:
+                _draw_shape(sheet, shape, vectors, color, size)
+            if view.names:
+                _name(sheet, item, vectors, color)
+        pictures.append(_finished(sheet, drawing))
+    return pictures
 
 
 def _sheet(up: Array, azimuth: float, height: float, scale: float) -> _Sheet:
