@@ -1,64 +1,136 @@
-"""Seconds and sizes of the pages that `view` and `report` write, for every scenario.
+"""Pages that `view` and `report` write of every scenario: seconds, sizes, and what a browser says.
 
-Run it from the top of the repository: python -m benchmarks.pages [SCENARIO ...]
+Run it from the top of the repository:
 
-The seconds are those of a whole process, and of the processor, as a machine with other work needs longer.
+    python -m benchmarks.pages [NAME ...] [--site FOLDER]
+
+The seconds are those of the processor for a whole process, as a machine with other work needs longer.
+With Chromium each page is opened: messages in its console, files that it misses and requests to the
+network are complaints. `--site` opens the pages of `make docs`, too. The exit code is 1 if a page is
+missed or complains.
 """
 
+import argparse
+import os
 import resource
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple
 
+from benchmarks.cases.browser import Loaded, browser, chromium
+
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 SECONDS, MEGABYTES = 3.0, 6.0  # targets
-_RUN = "import sys; from mbdlft.cli.commands import main; main()"
+_REPORTED_ONLY = "mbdlft-matrix"  # nothing to be seen in space
+_DRAWN = "() => window.mbdlft ? mbdlft.drawn() : 1"
+Load = Callable[[Path], Loaded]
 
 
 class Page(NamedTuple):
-    """A page: seconds of the clock and of the processor, and megabytes."""
+    """A page: seconds of the processor, megabytes, and what the browser complains about."""
 
     seconds: float
-    processor: float
     size: float
+    complaints: tuple[str, ...]
+
+    @property
+    def missed(self) -> bool:
+        """Whether it takes too long, is too large, or complains."""
+        return self.seconds > SECONDS or self.size > MEGABYTES or bool(self.complaints)
+
+    def cells(self) -> list[str]:
+        """The cells of a table."""
+        seconds, size = f"{self.seconds:.1f}", f"{self.size:.1f}"
+        return [
+            seconds + " (missed)" * (self.seconds > SECONDS),
+            size + " (missed)" * (self.size > MEGABYTES),
+            "; ".join(self.complaints) or "none",
+        ]
 
 
-def page(command: str, source: Path, folder: Path) -> Page | str:
+def page(command: str, source: Path, folder: Path, load: Load | None) -> Page | str:
     """The page of a file, or why there is none."""
     output = folder / f"{command}.html"
-    before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    words = [sys.executable, "-c", _RUN, command, str(source), "-o", str(output)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
-    seconds = time.perf_counter() - start
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    words = [sys.executable, "-m", "mbdlft", command, str(source), "-o", str(output)]
+    # as for a user: modules are compiled once
+    around = {
+        name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"
+    }
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=around)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     if done.returncode:
         return done.stderr.strip().splitlines()[-1][:90]
-    return Page(seconds, processor, output.stat().st_size / 1e6)
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    said = () if load is None else opened(output, load)
+    return Page(seconds, output.stat().st_size / 1e6, said)
 
 
-def table(names: Iterable[str]) -> str:
-    """A row for each scenario: seconds of the processor and megabytes of both pages."""
-    lines = ["| scenario | view, s | MB | report, s | MB |", "|---|---|---|---|---|"]
+def opened(file: Path, load: Load) -> tuple[str, ...]:
+    """What a page complains about when it is opened, and drawn."""
+    loaded = load(file)
+    if not loaded.run(_DRAWN):
+        loaded.complaints.append("nothing is drawn")
+    loaded.page.close()
+    return tuple(loaded.complaints)
+
+
+def sources() -> list[Path]:
+    """Every scenario: scenes, robots, matrices and Modelica models."""
+    return sorted(file for file in SCENARIOS.rglob("*") if file.suffix in (".toml", ".urdf", ".mo"))
+
+
+def commands(source: Path) -> tuple[str, ...]:
+    """What writes a page of a file: a matrix has no place in space."""
+    text = source.read_text(encoding="utf-8")
+    return ("report",) if _REPORTED_ONLY in text else ("view", "report")
+
+
+def table(files: Iterable[Path], load: Load | None) -> bool:
+    """Print a row for each page; whether all are as they should be."""
+    good = True
+    print("| scenario | page | s | MB | complaints of the browser |\n|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
-        for name in names:
-            cells = []
-            for command in ("view", "report"):
-                found = page(command, SCENARIOS / name, Path(folder))
-                if isinstance(found, str):
-                    cells += [found, ""]
-                    continue
-                late = " (missed)" if found.processor > SECONDS or found.size > MEGABYTES else ""
-                cells += [f"{found.processor:.1f}{late}", f"{found.size:.1f}"]
-            lines.append(f"| `{Path(name).stem}` | {' | '.join(cells)} |")
-            print(lines[-1], flush=True)
-    return "\n".join(lines)
+        for file in files:
+            for command in commands(file):
+                found = page(command, file, Path(folder), load)
+                cells = [found, "", ""] if isinstance(found, str) else found.cells()
+                good &= not isinstance(found, str) and not found.missed
+                print(f"| `{file.stem}` | {command} | {' | '.join(cells)} |", flush=True)
+    return good
+
+
+def site(folder: Path, load: Load) -> bool:
+    """Open all pages of the documentation; print those that complain, and how many there are."""
+    pages = sorted(folder.rglob("*.html"))
+    wrong = {file: said for file in pages if (said := opened(file, load))}
+    for file, said in wrong.items():
+        print(f"{file}: {'; '.join(said)}")
+    print(f"{len(pages)} pages of {folder}, {len(wrong)} of them with complaints")
+    return bool(pages) and not wrong
+
+
+def main() -> int:
+    """The table, and the site."""
+    parser = argparse.ArgumentParser(description="Pages of every scenario in a browser.")
+    parser.add_argument("names", nargs="*", help="scenarios, such as crane; all by default")
+    parser.add_argument("--site", type=Path, help="pages of make docs, such as out/site")
+    given = parser.parse_args()
+    files = [file for file in sources() if not given.names or file.stem in given.names]
+    with ExitStack() as stack:
+        program = chromium()
+        load = stack.enter_context(browser(program)) if program else None
+        if load is None:
+            print("There is no Chromium: pages are not opened.")
+        good = table(files, load)
+        if given.site is not None:
+            good &= load is not None and site(given.site, load)
+    return 0 if good else 1
 
 
 if __name__ == "__main__":
-    chosen = sys.argv[1:] or sorted(path.name for path in SCENARIOS.glob("*.toml"))
-    table(chosen)
+    sys.exit(main())

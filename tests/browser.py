@@ -1,78 +1,28 @@
-"""A headless Chromium of the distribution, which tests drive; where there is none they are skipped."""
+"""The browser that tests drive; where there is none they are skipped."""
 
 import functools
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-_NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-# software draws: machines of tests have no graphics; root needs no sandbox
-_OPTIONS = [
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-]
-_WIDE, _HIGH = 1300, 800
+from benchmarks.cases import browser as found
+from benchmarks.cases.browser import Loaded as Loaded
 
 
 @functools.cache
 def chromium() -> str:
     """The program; the test that asks for it is skipped where there is none."""
     pytest.importorskip("playwright", reason="playwright is not installed")
-    found = next((path for path in map(shutil.which, _NAMES) if path), None)
-    if found is None:
+    program = found.chromium()
+    if program is None:
         pytest.skip("there is no Chromium; .ci/run installs it")
-    return found
-
-
-class Loaded:
-    """A page in the browser, with what it has complained about."""
-
-    def __init__(self, page: Any) -> None:
-        self.page, self.complaints = page, []
-        page.on("console", lambda message: self.complaints.append(message.text))
-        page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        page.on("request", self._asked)
-
-    def _asked(self, request: Any) -> None:
-        if not request.url.startswith(("file:", "data:", "blob:")):
-            self.complaints.append(f"the page asks for {request.url}")
-
-    def run(self, script: str, *given: Any) -> Any:
-        """The value of a function of JavaScript."""
-        return self.page.evaluate(script, *given)
-
-    def picture(self, path: Path) -> Path:
-        self.page.screenshot(path=path)
-        return path
+    return program
 
 
 @contextmanager
 def browser() -> Iterator[Any]:
     """A function that loads a file as a `Loaded` page; more options start a browser of its own."""
-    program = chromium()
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as tool:
-        running: dict[tuple[str, ...], Any] = {}
-
-        def load(file: Path, *more: str) -> Loaded:
-            if more not in running:
-                running[more] = tool.chromium.launch(
-                    executable_path=program, args=[*_OPTIONS, *more]
-                )
-            page = running[more].new_page(viewport={"width": _WIDE, "height": _HIGH})
-            loaded = Loaded(page)
-            page.goto(file.resolve().as_uri())
-            return loaded
-
-        try:
-            yield load
-        finally:
-            for one in running.values():
-                one.close()
+    with found.browser(chromium()) as load:
+        yield load

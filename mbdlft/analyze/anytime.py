@@ -10,6 +10,7 @@ from mbdlft.analyze.crew import ALONE, Crew
 from mbdlft.analyze.realization import physical, shares
 from mbdlft.analyze.result import LARGEST, Bounds, Progress
 from mbdlft.base.array import Array
+from mbdlft.base.spent import budget
 from mbdlft.bound.evidence import Proof
 from mbdlft.system.system import System
 
@@ -46,7 +47,8 @@ class Search:
     def result(self) -> Bounds:
         """The bounds when the search has ended, or was interrupted."""
         try:
-            self.search()
+            with budget(self.asked.work):
+                self.search()
         except KeyboardInterrupt:
             self.reason = "it was interrupted"
         return self.answer()

@@ -21,6 +21,7 @@ from mbdlft.analyze.characteristic import Polynomials, Realization, is_stable_at
 from mbdlft.analyze.crew import ALONE, Crew
 from mbdlft.analyze.exclusion import Piece, excludes, fixed, halves, spreads, turn_of
 from mbdlft.base.array import Array
+from mbdlft.base.spent import after, tell
 
 UNIT = 2.0e7  # coefficients in a unit of work, at most about a second of one core
 LEAF = 0
@@ -103,7 +104,8 @@ def prove(
         batch, waiting = waiting[: -_BATCH - 1 : -1], waiting[:-_BATCH]
         share = _SHARE * max(work - used, 0.0)
         tasks = [(model, k, found.scale, box, share, is_wrong, gain) for box in batch]
-        outcomes = [outcome for outcome, _ in crew.map(_explored, tasks)]
+        with after(used):
+            outcomes = [outcome for outcome, _ in crew.map(_explored, tasks)]
         used += sum(outcome.work for outcome in outcomes)
         for outcome in outcomes:
             if outcome.log is None:
@@ -129,6 +131,7 @@ def _explored(
         pieces, cost = _refined(whole.pieces, gain, patient=not np.any(whole.half))
         box, left = whole._replace(pieces=pieces), left - cost
         used = work - left / UNIT
+        tell(used)
         if not pieces:
             log.append(LEAF)
             if _needs_look(box) and not is_stable_at(model, k * box.center):

@@ -15,6 +15,7 @@ from mbdlft.analyze.loop import (
 )
 from mbdlft.analyze.multipliers import Structure, upper_bound
 from mbdlft.base.array import Array
+from mbdlft.base.spent import after, tell
 from mbdlft.bound.evidence import Interval, Multipliers
 
 _STEPS = 2000  # frequencies that are looked at, at most
@@ -95,6 +96,7 @@ def covered(loop: Loop, part: Part) -> Cover:
         low, high = todo.pop()
         omega = part.at if low < part.at < high else middle(low, high, first)
         used += cost
+        tell(used)
         M, half = inside(loop, matrix_at(loop, omega), part.low, part.high)
         interval = None
         for start in (last, None):  # from the beginning: those of far frequencies may be extreme
@@ -126,6 +128,7 @@ def shrunk(loop: Loop, largest: float, gap: float, work: float) -> Cover:
             return Cover(0.0, (), (), ((0.0, np.inf),), np.nan, 0.0, last, peak, used)
         size, last = largest_size(loop, matrix_at(loop, omega), k, last, 0.1 * gap)
         used += cost
+        tell(used)
         k, peak = (size, omega) if size < k else (k, peak)
         if k == 0.0:
             return Cover(k, (), (), ((0.0, np.inf),), omega, np.inf, last, peak, used)
@@ -135,7 +138,8 @@ def shrunk(loop: Loop, largest: float, gap: float, work: float) -> Cover:
     multipliers: tuple[Multipliers, ...] = ()
     while True:
         part = Part(*ends_of(loop, k), todo, np.nan, last, work - used, 0.02 * gap)
-        found = covered(loop, part)
+        with after(used):
+            found = covered(loop, part)
         used += found.work
         intervals, multipliers = intervals + found.intervals, multipliers + found.multipliers
         found = found._replace(

@@ -32,6 +32,7 @@ from mbdlft.analyze.result import GAP, LARGEST, WORK, Bounds, BoxProof, Progress
 from mbdlft.analyze.varying import Rates, Varying, gain_of, rates_of
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
+from mbdlft.base.spent import after
 from mbdlft.base.threads import one_thread
 from mbdlft.system.names import positions_of
 from mbdlft.system.system import System
@@ -201,15 +202,16 @@ class _PeakSearch(Search):
 
     def tried(self, k: float, found: Polynomials, gain: float, share: float) -> Outcome:
         """What comes of the box of size k and a bound of the gain, one over `gain`."""
-        outcome = prove(
-            self.model,
-            k,
-            found,
-            share * self.left,
-            partial(_is_above, self.model, k, gain),
-            gain,
-            self.asked.crew,
-        )
+        with after(self.used):
+            outcome = prove(
+                self.model,
+                k,
+                found,
+                share * self.left,
+                partial(_is_above, self.model, k, gain),
+                gain,
+                self.asked.crew,
+            )
         self.used += outcome.work
         return outcome
 

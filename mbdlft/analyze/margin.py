@@ -41,6 +41,7 @@ from mbdlft.analyze.result import (
 from mbdlft.analyze.varying import Rates, Varying, margin_of, rates_of
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
+from mbdlft.base.spent import after
 from mbdlft.base.threads import one_thread
 from mbdlft.system.system import System
 
@@ -187,14 +188,15 @@ class _MarginSearch(Search):
             self.reason = f"at {k:.4g} times the box {error}"
             return None
         share = _SHARE if self.lower else _SHARE * _SHARE
-        outcome = prove(
-            self.model,
-            k,
-            found,
-            share * self.left,
-            partial(_is_unstable, self.model, k),
-            crew=self.asked.crew,
-        )
+        with after(self.used):
+            outcome = prove(
+                self.model,
+                k,
+                found,
+                share * self.left,
+                partial(_is_unstable, self.model, k),
+                crew=self.asked.crew,
+            )
         self.used += outcome.work
         return outcome
 

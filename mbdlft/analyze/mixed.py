@@ -27,6 +27,7 @@ from mbdlft.analyze.realization import physical, realization, shares
 from mbdlft.analyze.result import Bounds
 from mbdlft.analyze.small_delta import SmallDelta
 from mbdlft.base.array import Array
+from mbdlft.base.spent import after
 
 _INSIDE = 1.0 - 1e-15  # a size is not above what was proved, however it was rounded
 _RANGE = 1e6  # times the gain of nominal values: a size below one over that is not looked for
@@ -76,7 +77,8 @@ class MixedSearch(Search):
         self.told()
         gap = self.asked.gap
         most = min(largest, self.upper * (1.0 - _INTO_GAP * gap))  # wide intervals need some room
-        self.cover = shrunk(self.loop, most, gap, self.left)
+        with after(self.used):
+            self.cover = shrunk(self.loop, most, gap, self.left)
         self.used += self.cover.work
         if not self.cover.todo:
             self.lower = self.cover.k * _INSIDE
@@ -153,7 +155,8 @@ class MixedSearch(Search):
             def reach(center: Array, omega: float, k: float = k) -> bool:
                 return self._reach(center, omega, k)
 
-            found = attempt(self.loop, k, share * self.left, near, reach, self.asked.crew)
+            with after(self.used):
+                found = attempt(self.loop, k, share * self.left, near, reach, self.asked.crew)
             self.used += found.work
             if found.parts is not None:
                 self.lower = k * _INSIDE

@@ -32,6 +32,7 @@ from mbdlft.analyze.loop import (
 )
 from mbdlft.analyze.multipliers import best_square, fits
 from mbdlft.base.array import Array
+from mbdlft.base.spent import after
 from mbdlft.bound.evidence import Interval, IntervalProof, Multipliers
 
 _BATCH = 8
@@ -106,7 +107,8 @@ def attempt(
             part = waiting[-1].part
             return Attempt(None, part.low, part.high, part.at, used)
         batch, waiting = waiting[-_BATCH:], waiting[:-_BATCH]
-        covers_of = crew.map(covered, [(loop, node.part) for node in batch])
+        with after(used):
+            covers_of = crew.map(covered, [(loop, node.part) for node in batch])
         worst = None
         for node, cover in zip(batch, covers_of, strict=True):
             node.cover, used = cover, used + cover.work

@@ -13,6 +13,7 @@ from mbdlft.analyze.migration import RIGHT, UNDAMPED, Aim, moving_at, push_right
 from mbdlft.analyze.result import Bounds, BoxProof
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
+from mbdlft.base.spent import after
 
 _MODES, _CORNERS, _MOST = 8, 8, 60  # searches from the nominal point, from corners; points of each
 _SHARE, _WIDER = 0.5, 4.0
@@ -134,7 +135,8 @@ class _PoleSearch(Search):
             return False
         is_wrong = partial(_is_beyond, self.model, self.kind, goal)
         share = _SHARE * self.left
-        outcome = prove(model, 1.0, found, share, is_wrong, crew=self.asked.crew)
+        with after(self.used):
+            outcome = prove(model, 1.0, found, share, is_wrong, crew=self.asked.crew)
         self.used += outcome.work
         if outcome.log is not None:
             self.proof = BoxProof(1.0, outcome.log, shift=model.shift, slope=model.slope)

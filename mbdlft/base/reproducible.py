@@ -19,6 +19,7 @@ import platform
 import struct
 import subprocess
 import sys
+import time
 from importlib import import_module
 from pathlib import Path
 from threading import Lock
@@ -26,9 +27,11 @@ from typing import IO, Any
 
 import numpy as np
 
+from mbdlft.base import spent
 from mbdlft.base.apart import search_path
 
 _KERNELS = {"x86_64": "Prescott", "amd64": "Prescott", "aarch64": "ARMV8", "arm64": "ARMV8"}
+_OFTEN = 0.2  # s
 _LENGTH = struct.Struct("<Q")  # bytes of the message that follows
 
 
@@ -78,6 +81,9 @@ def _answer(target: str, arguments: tuple[Any, ...]) -> tuple[bool, Any]:
     try:
         _send(process.stdin, (target, arguments))
         is_result, answer = _receive(process.stdout)
+        while is_result is None:  # how much is done, in between
+            spent.pass_on(*answer)
+            is_result, answer = _receive(process.stdout)
     except (OSError, EOFError) as error:
         _end(process)
         raise NoProcessError(f"the process that computes {target} ended: {error}") from None
@@ -160,6 +166,18 @@ def _receive(stream: IO[bytes]) -> Any:
     return pickle.loads(image)
 
 
+class _Telling:
+    """It tells the other process how much of a budget is done, not too often."""
+
+    def __init__(self, answers: IO[bytes]) -> None:
+        self.answers, self.last = answers, 0.0
+
+    def __call__(self, done: float, most: float) -> None:
+        if time.monotonic() > self.last + _OFTEN:
+            self.last = time.monotonic()
+            _send(self.answers, (None, (done, most)))
+
+
 def main() -> None:
     """Answer calls of standard input on standard output, until there are no more."""
     calls, answers = sys.stdin.buffer, sys.stdout.buffer
@@ -171,7 +189,8 @@ def main() -> None:
             return
         module, _, name = target.partition(":")
         try:
-            answer = True, getattr(import_module(module), name)(*arguments)
+            with spent.heard(_Telling(answers)):
+                answer = True, getattr(import_module(module), name)(*arguments)
         except Exception as error:  # it is raised where it was asked for
             answer = False, error
         _send(answers, answer)

@@ -28,6 +28,7 @@ from mbdlft.cli.bounds import (
     loop_of,
     number,
 )
+from mbdlft.cli.progress import progress_of
 from mbdlft.cli.response import chosen_channels
 from mbdlft.cli.tables import console
 
@@ -147,21 +148,23 @@ def verify(archive: Archive, as_json: AsJson = False) -> None:
             f"{archive}: there is no analysis to be checked. `mbdlft margin` makes one."
         )
     found = []
-    for name in names:
-        system, bounds = load_analysis(archive, name)
-        start = time.perf_counter()
-        wrong = check(system, bounds)
-        seconds = time.perf_counter() - start
-        found.append(
-            {
-                "name": name,
-                "lower": number(bounds.lower),
-                "upper": number(bounds.upper),
-                "proved": not wrong,
-                "reason": wrong,
-                "seconds": seconds,
-            }
-        )
+    with progress_of(archive.stem) as progress:
+        for count, name in enumerate(names):
+            progress.counted(count, len(names))
+            system, bounds = load_analysis(archive, name)
+            start = time.perf_counter()
+            wrong = check(system, bounds)
+            seconds = time.perf_counter() - start
+            found.append(
+                {
+                    "name": name,
+                    "lower": number(bounds.lower),
+                    "upper": number(bounds.upper),
+                    "proved": not wrong,
+                    "reason": wrong,
+                    "seconds": seconds,
+                }
+            )
     if as_json:
         sys.stdout.write(json.dumps(found, indent=2) + "\n")
     else:

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 
 from mbdlft.base.errors import AnalysisError
+from mbdlft.cli.progress import progress_of
 from mbdlft.cli.source import stored_system
 from mbdlft.cli.tables import console, table
 
@@ -121,12 +121,8 @@ def answer(
 ) -> "Bounds":
     """Search, and say how far it is; store and print what is found."""
     start = time.perf_counter()
-    with Console(stderr=True).status("") as status:
-
-        def told(low: float, high: float) -> None:
-            status.update(f"{low:.4g} to {high:.4g}")
-
-        found = search(system, **asked, progress=told)
+    with progress_of(system.name) as progress:
+        found = search(system, **asked, progress=progress.bounds)
     _report(archive, system, found, time.perf_counter() - start, store=store, as_json=as_json)
     return found
 

@@ -10,8 +10,6 @@ from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
-from rich.console import Console
-from rich.markup import escape
 
 from mbdlft import __version__
 from mbdlft.base.errors import MbdlftError, shortened
@@ -31,6 +29,7 @@ from mbdlft.cli.options import (
     write_model,
 )
 from mbdlft.cli.poles import poles
+from mbdlft.cli.progress import progress_of
 from mbdlft.cli.report import print_model, report_model
 from mbdlft.cli.response import response
 from mbdlft.cli.robot import import_robot
@@ -189,18 +188,18 @@ def realize(
     start = time.perf_counter()
     problem = load_matrix(matrix_file)
     seconds = {"read": time.perf_counter() - start}
-    with Console(stderr=True).status("") as status:
+    with progress_of(problem.name) as progress:
         built = build_matrix(
             problem,
             search,
             seconds=most_seconds,
             prove=prove,
             exact=exact,
-            progress=lambda stage: status.update(f"{escape(problem.name)}: {stage}"),
+            progress=progress.stage,
         )
         seconds |= {name: value for name, value in built.seconds.items() if name != "total"}
         if output is not None:
-            status.update(f"{escape(problem.name)}: write")
+            progress.stage("write")
             seconds["write"] = write_model(output, built.model)
     notes = [f"note: {name!r} is declared and not used." for name in unused_names(problem)]
     report_model(built.model, seconds, {"archive": output}, notes, as_json=as_json)

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from mbdlft.base.errors import AnalysisError, MbdlftError
@@ -30,6 +28,7 @@ from mbdlft.cli.options import (
     check_paths,
     write_model,
 )
+from mbdlft.cli.progress import progress_of
 from mbdlft.cli.report import report_model
 from mbdlft.cli.response import KINDS, OVER, draw
 from mbdlft.cli.source import is_robot, scene_in
@@ -139,11 +138,8 @@ def linearize(
     figures = _figures(plot or [])
     _check_output(output, figures, program)
     asked = Asked(file, table_file, model_name)
-    with Console(stderr=True).status("") as status:
-
-        def show(text: str) -> None:
-            status.update(escape(text))
-
+    with progress_of(file.stem) as progress:
+        show = progress.stage
         if is_modelica(file):
             if truncate is not None:
                 raise AnalysisError(
@@ -162,7 +158,7 @@ def linearize(
 
             model = with_program(model)
         if output is not None:
-            show(f"{model.name}: write")
+            show("write")
             seconds["write"] = write_model(output, model)
     files = {"archive": output}
     try:
@@ -212,7 +208,7 @@ def _of_scene(
         search,
         seconds=most_seconds,
         prove=prove,
-        progress=lambda stage: progress(f"{scene.name}: {stage}"),
+        progress=progress,
         truncate=truncate,
     )
     seconds = {name: value for name, value in built.seconds.items() if name != "total"}

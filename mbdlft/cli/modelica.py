@@ -93,7 +93,7 @@ def linear_model(
     seconds, start = {}, time.perf_counter()
     dae, report, table = _read(asked)
     seconds["read"], start = time.perf_counter() - start, time.perf_counter()
-    progress(f"{dae.name}: structure and trim")
+    progress("structure and trim")
     point = operating_point(dae, report, table)
     seconds["trim"], start = time.perf_counter() - start, time.perf_counter()
     model = linearize_dae(
@@ -101,7 +101,7 @@ def linear_model(
         search=search,
         seconds=most_seconds,
         prove=prove,
-        progress=lambda stage: progress(f"{dae.name}: {stage}"),
+        progress=progress,
     )
     seconds["linearize"] = time.perf_counter() - start
     return model, seconds, str(report).splitlines()

@@ -46,24 +46,6 @@ def check_paths(archive: Path | None, figures: Sequence[tuple[str, Path]] = ()) 
         check_figure(file)
 
 
-def time_left(seconds: float, done: int, count: int) -> str:
-    """Words on the time that the rest takes, if it goes on as in the first `seconds`; none before that.
-
-    `done` of `count` pieces took these seconds.
-    """
-    if done <= 0 or done >= count:
-        return ""
-    left = round(seconds * (count - done) / done)
-    if left < 60:
-        return f", about {left} s left"
-    minutes, hours = left // 60, left // 3600
-    return (
-        f", about {minutes} min left"
-        if left < 3600
-        else f", about {hours} h {minutes % 60} min left"
-    )
-
-
 def write_model(archive: Path, model: LFTModel) -> float:
     """Save a model; return the seconds that this took."""
     from mbdlft.store import save

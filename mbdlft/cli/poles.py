@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mbdlft.cli.progress import progress_of
 from mbdlft.cli.source import load_system, point_of
 from mbdlft.cli.tables import console, table
 
@@ -58,7 +59,8 @@ def poles(
     rows = found.rows()
     channels = bool(system.inputs and system.outputs)
     at_zero = zeros(system, point)[0].tolist() if channels else None
-    verdict = check_stability(system, samples, seed, prove=prove)
+    with progress_of(system.name):
+        verdict = check_stability(system, samples, seed, prove=prove)
     try:
         if as_json:
             said = _summary(system, point, rows, at_zero, verdict, found.stability())

@@ -2,23 +2,20 @@
 
 import json
 import sys
-import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
-from rich.console import Console
-from rich.markup import escape
 
 from mbdlft.base.errors import AnalysisError
 from mbdlft.cli.notes import WARNINGS, warn
-from mbdlft.cli.options import time_left
+from mbdlft.cli.progress import progress_of
 from mbdlft.cli.source import scene_in, stored_system
 from mbdlft.cli.tables import console
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
     from mbdlft.base.array import Array
     from mbdlft.batch import GridSamples, RandomSamples, SweepReport
@@ -83,7 +80,7 @@ def sweep(
     samples = _samples(grid, random, file, seed)
     evaluated = _source(source, model)
     _warn_of_rows(output, name or evaluated.name)
-    with Console(stderr=True).status("") as status:
+    with progress_of(evaluated.name) as progress:
         report = batch.sweep(
             evaluated,
             samples,
@@ -94,7 +91,7 @@ def sweep(
             poles=poles,
             function=function,
             float32=float32,
-            progress=_teller(evaluated.name, status.update),
+            progress=progress.counted,
         )
     if as_json:
         found = asdict(report) | {"warnings": list(WARNINGS)}
@@ -125,19 +122,6 @@ def _print_report(report: "SweepReport", output: Path) -> None:
         out.print(f"{report.resumed} samples were there from an earlier run")
     out.print(f"seconds: {report.seconds:.3f}")
     out.print(f"archive: {output}", soft_wrap=True)
-
-
-def _teller(name: str, show: "Callable[[str], None]") -> "Callable[[int, int], None]":
-    """What shows how many samples are done, and how long the rest takes."""
-    begun: list[tuple[float, int]] = []  # when, with how many samples of an earlier run
-
-    def told(done: int, count: int) -> None:
-        begun[:] = begun or [(time.perf_counter(), done)]
-        start, before = begun[0]
-        left = time_left(time.perf_counter() - start, done - before, count - before)
-        show(f"{escape(name)}: {done} of {count} samples{left}")
-
-    return told
 
 
 def _source(file: Path, model: str | None) -> "Scene | LFTModel":

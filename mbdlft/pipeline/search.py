@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mbdlft.base import spent
 from mbdlft.base.errors import SceneError, WellPosednessError
 from mbdlft.bound.pairs import Pair, allows, confirmation, joint_bound, least_more
 from mbdlft.lft.exact import ExactLFT
@@ -127,8 +128,22 @@ def find_smallest(
     Smallest
         `lft` has the names of the blocks of the smallest of `closed`, in their order.
     """
+    with spent.budget(budget.work):
+        return _found(closed, bound, budget, relations, close, truth, exact)
+
+
+def _found(
+    closed: Sequence[LFT],
+    bound: Mapping[str, int],
+    budget: Budget,
+    relations: Sequence[LFT],
+    close: Callable[[LFT], LFT] | None,
+    truth: LFT | None,
+    exact: ExactLFT | None,
+) -> Smallest:
+    """As `find_smallest`, inside its budget."""
     smallest = min(closed, key=_order)
-    work = Work(budget.work, _is_late(budget.seconds))
+    work = Work(budget.work, _is_late(budget.seconds), spent.tell)
     proof = _Proof(bound, smallest, work, exact)
     if smallest.order <= proof.order_bound or work.is_over:
         return Smallest(smallest, proof.order_bound, work.is_cut_off)

@@ -22,11 +22,18 @@ class Work:
         Units after which the work is over.
     is_late : function
         Another reason to stop, asked for whenever `is_over` is; the result then depends on it.
+    tell : function
+        It is told the units that are spent.
     """
 
-    def __init__(self, most: float = math.inf, is_late: Callable[[], bool] = lambda: False) -> None:
+    def __init__(
+        self,
+        most: float = math.inf,
+        is_late: Callable[[], bool] = lambda: False,
+        tell: Callable[[float], None] = lambda spent: None,
+    ) -> None:
         self.most, self.spent, self.is_cut_off = most, 0.0, False
-        self._is_late = is_late
+        self._is_late, self._tell = is_late, tell
         self._whole: Work | None = None
 
     def part(self, share: float) -> "Work":
@@ -53,13 +60,11 @@ class Work:
 
     def add(self, operations: float) -> None:
         """Count operations, and the call."""
-        units = (operations + _CALL) / UNIT
-        self.spent += units
-        if self._whole is not None:
-            self._whole._add_units(units)
+        self._add_units((operations + _CALL) / UNIT)
 
     def _add_units(self, units: float) -> None:
         self.spent += units
+        self._tell(self.spent)
         if self._whole is not None:
             self._whole._add_units(units)
 

@@ -29,6 +29,7 @@ from scipy.sparse.csgraph import connected_components
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.parameter import Parameter, to_physical
+from mbdlft.base.spent import after, budget, tell
 from mbdlft.lft.lft import LFT
 from mbdlft.system.singular import at_values
 
@@ -81,6 +82,12 @@ def check_work(prove: float) -> None:
 
 def regularity(a: LFT, prove: float = PROVE) -> Regularity:
     """What is known of the determinant of I - M11 Delta of a plain LFT, after so many units of work."""
+    with budget(prove):
+        return _regularity(a, prove)
+
+
+def _regularity(a: LFT, prove: float) -> Regularity:
+    """As `regularity`, inside its budget."""
     owner = np.repeat(np.arange(len(a.blocks)), [block.size for block in a.blocks])
     left, found = prove * _UNIT, []
     for part in _loops(a.M11):
@@ -89,7 +96,8 @@ def regularity(a: LFT, prove: float = PROVE) -> Regularity:
         loop = _Loop(matrix, own, len(used), np.eye(len(part)) + np.abs(matrix))
         if not _is_small(loop):
             loop = _balanced(loop)
-        boxes, zero, left = _examine(loop, left)
+        with after(prove - left / _UNIT):
+            boxes, zero, left = _examine(loop, left)
         if zero is not None:
             point = np.zeros(len(a.blocks))
             point[used] = zero
@@ -171,6 +179,7 @@ def _examine(loop: _Loop, left: float) -> tuple[list[Box], Array | None, float]:
     """Open boxes of a loop, a zero of its determinant, and what is left of the work."""
     centers, halves = np.zeros((1, loop.deltas)), np.ones((1, loop.deltas))
     small: list[Box] = []
+    whole = left
     while len(centers):
         if left < 0.0:
             break
@@ -180,6 +189,7 @@ def _examine(loop: _Loop, left: float) -> tuple[list[Box], Array | None, float]:
         c, h = centers[some], halves[some]
         centers, halves = centers[: some.start], halves[: some.start]
         left -= len(c) * loop.cost
+        tell((whole - left) / _UNIT)
         is_open, slopes, signs = _look(loop, c, h)
         if np.any(signs <= 0.0):
             return [], _crossing(loop, c[int(np.argmin(signs))]), left

@@ -26,6 +26,7 @@ ELASTIC = [
     "flexible_manipulator", "launcher_bending", "mast_observatory", "piezo_beam",
     "rotatory_spacecraft", "solar_arrays",
 ]  # fmt: skip
+OTHERS = ["control_moment_gyros", "half_car"]  # what pinocchio's trees do not have
 _LARGEST = 6_000_000  # bytes of a page
 _DRAWN = 300  # triangles: something is in the picture
 
@@ -156,6 +157,15 @@ def test_texts_of_a_scene_are_not_markup(load: Callable[[Path], Loaded], tmp_pat
     assert loaded.complaints == []
 
 
+def test_pages_of_every_scene_are_looked_at() -> None:
+    scenes = {
+        file.stem
+        for file in (ROOT / "scenarios").glob("*.toml")
+        if "mbdlft-scene" in file.read_text(encoding="utf-8")
+    }
+    assert scenes == {*RIGID, *ELASTIC, *OTHERS}
+
+
 @pytest.mark.long
 def test_a_browser_that_draws_nothing(load: Callable[..., Loaded], tmp_path: Path) -> None:
     """Without WebGL there are no pictures; numbers, names and modes are there, and a note."""
@@ -170,7 +180,7 @@ def test_a_browser_that_draws_nothing(load: Callable[..., Loaded], tmp_path: Pat
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", RIGID + ELASTIC)
+@pytest.mark.parametrize("name", RIGID + ELASTIC + OTHERS)
 def test_pages_of_all_scenarios(name: str, load: Callable[[Path], Loaded], tmp_path: Path) -> None:
     scene = scene_called(name)
     loaded = opened(load, scene, tmp_path)
@@ -185,7 +195,7 @@ def test_pages_of_all_scenarios(name: str, load: Callable[[Path], Loaded], tmp_p
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", RIGID + ELASTIC)
+@pytest.mark.parametrize("name", RIGID + ELASTIC + OTHERS)
 def test_reports_of_all_scenarios(
     name: str, load: Callable[[Path], Loaded], tmp_path: Path
 ) -> None:

@@ -12,7 +12,7 @@ from typer.main import get_command
 
 import mbdlft
 from mbdlft.cli.commands import app
-from mbdlft.cli.options import time_left
+from mbdlft.cli.progress import time_left
 from tests.scenarios.test_cli import run
 
 ROOT = Path(__file__).parents[2]
@@ -128,9 +128,9 @@ def test_help_lists_every_option_with_words() -> None:
     [
         (1.0, 0, 10, ""),
         (1.0, 10, 10, ""),
-        (2.0, 1, 5, ", about 8 s left"),
-        (60.0, 1, 4, ", about 3 min left"),
-        (3600.0, 2, 5, ", about 1 h 30 min left"),
+        (2.0, 1, 5, "about 8 s left"),
+        (60.0, 1, 4, "about 3 min left"),
+        (3600.0, 2, 5, "about 1 h 30 min left"),
     ],
 )
 def test_time_that_is_left(seconds: float, done: int, count: int, words: str) -> None:

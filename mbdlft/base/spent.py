@@ -1,0 +1,77 @@
+"""How much of a budget of work is done: told by whoever works, heard by whoever waits.
+
+A budget is an upper limit: work may end before it. Nothing depends on whether somebody listens.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import NamedTuple
+
+Listener = Callable[[float, float], None]  # units that are done, and the most there may be
+
+
+class _Heard(NamedTuple):
+    """Who listens, what was done before this part of the work, and the most there may be."""
+
+    listener: Listener
+    before: float
+    most: float
+
+
+_HEARD: ContextVar[_Heard | None] = ContextVar("_HEARD", default=None)
+
+
+@contextmanager
+def heard(listener: Listener) -> Iterator[None]:
+    """Whatever works inside tells this function."""
+    token = _HEARD.set(_Heard(listener, 0.0, 0.0))
+    try:
+        yield
+    finally:
+        _HEARD.reset(token)
+
+
+@contextmanager
+def budget(most: float) -> Iterator[None]:
+    """A work of at most so many units begins; that of which it is a part has told its own."""
+    around = _HEARD.get()
+    if around is None or around.most > 0.0:
+        yield
+        return
+    token = _HEARD.set(around._replace(most=most))
+    try:
+        tell(0.0)
+        yield
+    finally:
+        _HEARD.reset(token)
+
+
+@contextmanager
+def after(done: float) -> Iterator[None]:
+    """What is told inside comes after so many units of the work around."""
+    around = _HEARD.get()
+    if around is None:
+        yield
+        return
+    token = _HEARD.set(around._replace(before=around.before + done))
+    try:
+        yield
+    finally:
+        _HEARD.reset(token)
+
+
+def tell(done: float) -> None:
+    """So many units of this part of the work are done."""
+    found = _HEARD.get()
+    if found is not None and found.most > 0.0:
+        found.listener(min(found.before + done, found.most), found.most)
+
+
+def pass_on(done: float, most: float) -> None:
+    """Another process has done so many units of at most so many."""
+    found = _HEARD.get()
+    if found is not None and found.most > 0.0:
+        tell(done)
+    elif found is not None:
+        found.listener(min(done, most), most)
