@@ -43,6 +43,19 @@ if TYPE_CHECKING:
     from mbdlft.system import *
     from mbdlft.viewer import *
 
+if TYPE_CHECKING:  # public names that are also those of modules, which come with the lines above
+    from mbdlft.analyze import poles as poles
+    from mbdlft.analyze import singular_values as singular_values
+    from mbdlft.base import grid as grid
+    from mbdlft.batch import sweep as sweep
+    from mbdlft.dae import from_casadi as from_casadi
+    from mbdlft.dae import simulate as simulate
+    from mbdlft.dae import trim as trim
+    from mbdlft.modelica import translate as translate
+    from mbdlft.store import load as load
+    from mbdlft.system import lft as lft
+    from mbdlft.viewer import view as view
+
 __version__ = "0.1.0"
 
 _FIRST = {

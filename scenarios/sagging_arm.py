@@ -52,7 +52,9 @@ def main() -> None:
             f"m = {mass} kg: {point.positions['hinge.angle']:.4f} rad, decays with {decay:.3f} rad/s"
         )
     there = at_equilibrium(arm, find_equilibrium(arm))
-    print(f"the spring's torque at nominal: {there.joints[0].preload}")
+    hinge = there.joints[0]
+    assert isinstance(hinge, Revolute)
+    print(f"the spring's torque at nominal: {hinge.preload}")
     fitted = fit_positions(arm, ["hinge"], tolerance=1e-4)
     model = to_lft(fitted)
     bound = model.certificate.fit_error_bound

@@ -3,6 +3,7 @@
 import inspect
 from importlib import import_module
 from pathlib import Path
+from pprint import pformat
 
 from pydantic import BaseModel
 
@@ -39,10 +40,12 @@ def page(module: str, names: list[str]) -> str:
     lines = [f"# mbdlft.{_short(module)}", "", first, ""]
     for name in names:
         item = getattr(import_module(module), name)
+        lines += [f"## {name}", ""]
+        if not callable(item):  # numbers and names, which say what they are
+            lines += ["```python", f"{name} = {pformat(item)}", "```", ""]
+            continue
         directive = "autoclass" if inspect.isclass(item) else "autofunction"
-        if not callable(item):
-            directive = "autodata"
-        lines += [f"## {name}", "", "```{eval-rst}", f".. {directive}:: {module}.{name}"]
+        lines += ["```{eval-rst}", f".. {directive}:: {module}.{name}"]
         if directive == "autoclass" and not issubclass(item, BaseModel):
             lines.append("   :members:")  # descriptions have fields, which are in the signature
         lines += ["```", ""]

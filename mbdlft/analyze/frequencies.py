@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from mbdlft.analyze.resolvent import resolvent
 from mbdlft.analyze.samples import Names, samples_at, transfers_at
 from mbdlft.analyze.spectrum import eigenvalues, spectrum, without_integrators
-from mbdlft.base.array import Array
+from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.system.system import StateMatrices, System
 

@@ -4,14 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from mbdlft.analyze.hamiltonian import peak_of
 from mbdlft.analyze.samples import Names, transfers_at
 from mbdlft.analyze.spectrum import spectrum
 from mbdlft.analyze.stability import pole_text
 from mbdlft.analyze.staircase import Plant, scaled, seen
-from mbdlft.base.array import Array
+from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.system.system import System
 

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from mbdlft.analyze.characteristic import Realization
 from mbdlft.analyze.coordinates import turned
@@ -26,7 +25,7 @@ from mbdlft.analyze.inequality import least_level
 from mbdlft.analyze.realization import realization
 from mbdlft.analyze.result import Bounds, MotionProof
 from mbdlft.analyze.variation import form_of, is_negative, scaled, sizes_of
-from mbdlft.base.array import Array
+from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.threads import one_thread
 from mbdlft.system.names import positions_of

@@ -2,9 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
-from numpy.typing import ArrayLike
-
 from mbdlft.analyze.resolvent import balancing
+from mbdlft.base.array import ArrayLike
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.signal import Signal
 from mbdlft.system.system import StateMatrices, System, matrices_at

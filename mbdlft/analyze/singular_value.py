@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from mbdlft.analyze.coverage import largest_size
 from mbdlft.analyze.loop import check_fixed, ends_of, loop_of_matrix
 from mbdlft.analyze.multipliers import squared, structure_of, upper_bound
 from mbdlft.analyze.small_delta import SmallDelta, small_delta
-from mbdlft.base.array import Array
+from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.threads import one_thread
 from mbdlft.bound.evidence import Multipliers

@@ -8,12 +8,11 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from mbdlft.analyze.resolvent import balancing
 from mbdlft.analyze.samples import Names, chosen, samples_at, transfers_at
 from mbdlft.analyze.spectrum import eigenvalues, without_integrators
-from mbdlft.base.array import Array
+from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.parameter import is_finite
 from mbdlft.system.system import System

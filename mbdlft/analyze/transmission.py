@@ -3,10 +3,11 @@
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from mbdlft.analyze.samples import Names, transfers_at
 from mbdlft.analyze.staircase import Plant, finite_zeros, scaled, seen
+from mbdlft.base.array import ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.system.system import System
 

@@ -4,13 +4,24 @@ A record is frozen, and its fields are checked when it is made.
 """
 
 import unicodedata
-from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, NamedTuple, get_args, get_origin
+from collections.abc import Mapping, Sequence
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    NamedTuple,
+    TypeAlias,
+    TypeVar,
+    get_args,
+    get_origin,
+)
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 
 from mbdlft.base.errors import MbdlftError, SceneError, unknown_name
+from mbdlft.base.readable import ReadableSignature
 
 
 def without_controls(text: str, but: str = "") -> str:
@@ -35,8 +46,21 @@ Text = Annotated[str, Field(strict=True, min_length=1)]
 Name = Annotated[Text, AfterValidator(without_controls)]
 Prose = Annotated[str, AfterValidator(lambda text: without_controls(text, "\n\r\t"))]
 Quantity = Number | Text
-Vector = tuple[Quantity, Quantity, Quantity]
-Direction = tuple[Number, Number, Number]
+if TYPE_CHECKING:  # lists are taken, too, and become tuples
+    T = TypeVar("T", covariant=True)
+    Many: TypeAlias = Sequence[T]
+    Vector: TypeAlias = Sequence[Quantity]
+    Direction: TypeAlias = Sequence[Number]
+else:
+
+    class Many:
+        """A tuple of any length."""
+
+        def __class_getitem__(cls, item: Any) -> Any:
+            return tuple[item, ...]
+
+    Vector = tuple[Quantity, Quantity, Quantity]
+    Direction = tuple[Number, Number, Number]
 # values of quantities by label: SX or float, for an angle a tuple of turns
 Values = Mapping[str, Any]
 
@@ -70,6 +94,10 @@ class Description(BaseModel):
             super().__init__(**fields)
         except ValidationError as error:
             raise SceneError(self._message(fields, error)) from None
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        cls.__signature__ = ReadableSignature()  # type: ignore[assignment]
 
     @classmethod
     def where(cls, fields: Mapping[str, Any]) -> str:

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from mbdlft.base.array import ArrayLike
 from mbdlft.base.errors import SceneError
 from mbdlft.base.notebook import table
 from mbdlft.base.unit import ANGLE_UNITS, parse_unit

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from mbdlft.base.array import Array
+from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, MbdlftError, MbdlftWarning, SceneError
 from mbdlft.base.parameter import Parameter
 from mbdlft.batch.remembered import SceneSource, remember, remembered

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from mbdlft.base.array import ArrayLike
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.base.pool import Pool
 from mbdlft.batch.cluster import cluster_shards

@@ -15,9 +15,7 @@ from mbdlft.cli.source import load_system, point_of
 from mbdlft.cli.tables import console, table
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from mbdlft.base.array import Array
+    from mbdlft.base.array import Array, ArrayLike
     from mbdlft.system.system import System
 
 KINDS = ("sigma", "bode", "step", "poles", "order", "trim")  # of figures

@@ -6,9 +6,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 
-from mbdlft.base.array import Array
+from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, SceneError, unknown_name
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.signal import Signal

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from mbdlft.base.description import Quantity
 from mbdlft.base.errors import MbdlftWarning, StructureError
 from mbdlft.elastic.model import ModalModel, modal_model
 from mbdlft.elastic.nodes import Nodes
@@ -25,7 +24,7 @@ def flexible_body(
     modes: int | None = None,
     frequency: float | None = None,
     effective_mass: float | None = None,
-    damping: Quantity | Sequence[Quantity] = 0.0,
+    damping: float | str | Sequence[float | str] = 0.0,
     prestress: str | None = None,
 ) -> FlexibleBody:
     """Make a flexible body of a scene from the matrices of a finite-element model.
@@ -62,7 +61,7 @@ def modal_body(
     name: str,
     model: ModalModel,
     *,
-    damping: Quantity | Sequence[Quantity] = 0.0,
+    damping: float | str | Sequence[float | str] = 0.0,
     prestress: str | None = None,
 ) -> FlexibleBody:
     """Make a flexible body of a scene from a modal model.

@@ -8,9 +8,8 @@ P = reaction / w^2.
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from mbdlft.base.array import Array
+from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import StructureError
 from mbdlft.elastic.model import FASTEST, SLOWEST, ModalModel
 from mbdlft.elastic.rigid import Rigid, mass_matrix

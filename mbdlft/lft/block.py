@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from mbdlft.base.array import Array
+from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import StructureError
 
 

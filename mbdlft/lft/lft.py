@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from mbdlft.base.array import Array
+from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import StructureError, unknown_name
 from mbdlft.lft.block import Block as Block
 from mbdlft.lft.block import block_value, gathered, is_square, matrix_of, misfit, spans

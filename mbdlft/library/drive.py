@@ -1,8 +1,8 @@
 """A solar array drive: motor, gear and the elastic shaft behind it, as pieces of a scene."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
-from mbdlft.base.description import Direction, Quantity
 from mbdlft.multibody.body import Inertia, RigidBody
 from mbdlft.multibody.joint import Revolute, Rotation
 
@@ -19,14 +19,14 @@ def array_drive(
     name: str,
     parent: str,
     child: str,
-    axis: Direction,
+    axis: Sequence[float],
     *,
-    rotor_inertia: Quantity,
-    gear_ratio: Quantity,
-    stiffness: Quantity,
-    damping: Quantity = 0.0,
-    friction: Quantity = 0.0,
-    position: Quantity = 0.0,
+    rotor_inertia: float | str,
+    gear_ratio: float | str,
+    stiffness: float | str,
+    damping: float | str = 0.0,
+    friction: float | str = 0.0,
+    position: float | str = 0.0,
     orientation: tuple[Rotation, ...] = (),
 ) -> ArrayDrive:
     """A motor on `parent`, a gear without backlash, and a shaft with stiffness that carries `child`.

@@ -6,7 +6,7 @@ Equation (7.10) of the two-port models in `tests/reference/flexible.py` for the 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from mbdlft.base.description import Expected, Quantity
+from mbdlft.base.description import Expected
 from mbdlft.base.errors import SceneError
 from mbdlft.base.parameter import Parameter
 from mbdlft.library.block import linear_block
@@ -16,8 +16,8 @@ _MOST = 20
 
 
 def low_pass(
-    bandwidth: Quantity,
-    damping: Quantity | None = None,
+    bandwidth: float | str,
+    damping: float | str | None = None,
     parameters: Sequence[Parameter] = (),
     *,
     name: str = "low_pass",
@@ -60,9 +60,9 @@ def low_pass(
 
 
 def band_pass(
-    low: Quantity,
-    high: Quantity,
-    damping: Quantity = 0.7,
+    low: float | str,
+    high: float | str,
+    damping: float | str = 0.7,
     parameters: Sequence[Parameter] = (),
     *,
     name: str = "band_pass",
@@ -107,7 +107,7 @@ def band_pass(
 
 
 def delay(
-    time: Quantity,
+    time: float | str,
     order: int = 2,
     parameters: Sequence[Parameter] = (),
     *,

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import NamedTuple, TypeVar
 
-from mbdlft.base.description import AXES, Direction, Quantity
+from mbdlft.base.description import AXES
 from mbdlft.base.errors import SceneError
 from mbdlft.multibody.body import Inertia, RigidBody
 from mbdlft.multibody.joint import Revolute
@@ -19,7 +19,7 @@ from mbdlft.number.exact import decimal
 
 T = TypeVar("T")
 
-WHEEL_AXES: dict[str, tuple[Direction, ...]] = {
+WHEEL_AXES: dict[str, tuple[Sequence[float], ...]] = {
     "orthogonal": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
     "nasa": ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)),
     "pyramid": ((1, 0, 1), (0, 1, 1), (-1, 0, 1), (0, -1, 1)),
@@ -36,13 +36,13 @@ class WheelCluster(NamedTuple):
 def wheel_cluster(
     name: str,
     parent: str | Sequence[str],
-    axes: str | Sequence[Direction],
+    axes: str | Sequence[Sequence[float]],
     *,
-    mass: Quantity,
-    axial: Quantity,
-    across: Quantity,
-    rates: Quantity | Sequence[Quantity] = 0.0,
-    damping: Quantity = 0.0,
+    mass: float | str,
+    axial: float | str,
+    across: float | str,
+    rates: float | str | Sequence[float | str] = 0.0,
+    damping: float | str = 0.0,
 ) -> WheelCluster:
     """Wheels ``NAME1``, ``NAME2``, ... on one body, each with a steady rate about its axis.
 
@@ -106,13 +106,13 @@ def _each(name: str, what: str, given: Sequence[T], count: int) -> Sequence[T]:
     return given
 
 
-def _inertia(axis: Direction, axial: Quantity, across: Quantity) -> Inertia:
+def _inertia(axis: Sequence[float], axial: float | str, across: float | str) -> Inertia:
     """About the axis; the entries are written with fractions, which are exact."""
     a = [decimal(entry) for entry in axis]
     square = sum((entry * entry for entry in a), Fraction(0))
     if not square:
         raise SceneError(f"axis has zero length, got {list(axis)}. Give a direction.")
-    entries: dict[str, Quantity] = {}
+    entries: dict[str, float | str] = {}
     for i, first in enumerate(AXES):
         for j, second in enumerate(AXES[i:], start=i):
             share = a[i] * a[j] / square

@@ -15,7 +15,6 @@ Behavior of Liquids in Moving Containers" (2000), table 3.1.
 from math import tanh
 from typing import NamedTuple
 
-from mbdlft.base.description import Quantity
 from mbdlft.base.errors import SceneError
 from mbdlft.multibody.body import Inertia, PointMass, RigidBody
 from mbdlft.multibody.joint import Fixed, Prismatic, Universal
@@ -67,9 +66,9 @@ def slosh_tank(
     *,
     radius: float,
     height: float,
-    mass: Quantity,
-    damping: Quantity = 0.0,
-    acceleration: Quantity | None = None,
+    mass: float | str,
+    damping: float | str = 0.0,
+    acceleration: float | str | None = None,
 ) -> SloshTank:
     """The liquid of a tank that stands along z of its carrier, as a pendulum, or on springs.
 

@@ -3,16 +3,16 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from mbdlft.base.description import Expected, Quantity
+from mbdlft.base.description import Expected
 from mbdlft.base.parameter import Parameter
 from mbdlft.library.block import linear_block
 from mbdlft.system.model import LFTModel
 
 
 def imbalance(
-    static: Quantity,
-    dynamic: Quantity,
-    speed: Quantity,
+    static: float | str,
+    dynamic: float | str,
+    speed: float | str,
     parameters: Sequence[Parameter] = (),
     *,
     name: str = "imbalance",

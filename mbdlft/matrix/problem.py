@@ -5,7 +5,7 @@ from typing import Any, Self, final
 
 from pydantic import InstanceOf, ValidationInfo, field_validator, model_validator
 
-from mbdlft.base.description import Description, Name, Number, Prose, Quantity, Text
+from mbdlft.base.description import Description, Many, Name, Number, Prose, Quantity, Text
 from mbdlft.base.errors import SceneError
 from mbdlft.base.expression import BUILTIN_CONSTANTS, names, parse
 from mbdlft.base.parameter import Parameter, is_finite
@@ -39,12 +39,12 @@ class MatrixProblem(Description):
     name: Name = "matrix"
     description: Prose = ""
     constants: dict[Text, Number | InstanceOf[Constant]] = {}
-    parameters: tuple[InstanceOf[Parameter], ...] = ()
+    parameters: Many[InstanceOf[Parameter]] = ()
     expressions: dict[Text, Quantity] = {}
-    matrix: tuple[tuple[Quantity, ...], ...]
-    states: tuple[Name, ...] = ()
-    inputs: tuple[Name, ...] | None = None
-    outputs: tuple[Name, ...] | None = None
+    matrix: Many[Many[Quantity]]
+    states: Many[Name] = ()
+    inputs: Many[Name] | None = None
+    outputs: Many[Name] | None = None
 
     @classmethod
     def where(cls, fields: Mapping[str, Any]) -> str:

@@ -137,6 +137,6 @@ def _forms(matrix: MatrixProblem, resolved: Resolved, factors: Array) -> Iterato
             entries = form.matrix.T if turned else form.matrix
             known, nothing = ca.SX.sym("input", entries.shape[1]), ca.SX(0, 1)
             relations = LinearModel(
-                nothing, entries @ known, nothing, known, form.q, matrix.parameters
+                nothing, entries @ known, nothing, known, form.q, tuple(matrix.parameters)
             )
             yield Form(relations, is_transposed=turned)

@@ -25,6 +25,7 @@ from mbdlft.base.description import (
     Description,
     Direction,
     Expected,
+    Many,
     Name,
     Text,
     Values,
@@ -60,7 +61,7 @@ class Loop(Description):
     axis: Direction | None = None
     axis1: Direction | None = None
     axis2: Direction | None = None
-    orientation: tuple[InstanceOf[Rotation], ...] = ()
+    orientation: Many[InstanceOf[Rotation]] = ()
 
     @model_validator(mode="after")
     def _kind_and_axes(self) -> Self:

@@ -99,7 +99,7 @@ def choose_states(
 def _chosen(
     scene: Scene,
     what: str,
-    names: tuple[str, ...] | None,
+    names: Sequence[str] | None,
     index: Mapping[str, int],
     default: tuple[int, ...],
 ) -> list[int]:

@@ -17,6 +17,10 @@ from mbdlft.system.regular import PROVE, check_work
 from mbdlft.system.theta import DeltaThetaModel
 
 
+def _nobody(stage: str) -> None:
+    """Is told a stage, and does nothing."""
+
+
 def delta_theta(
     model: Dae | Structure,
     arrange: Arrange = "fewest",
@@ -24,7 +28,7 @@ def delta_theta(
     search: float = SEARCH,
     seconds: float | None = None,
     prove: float = PROVE,
-    progress: Callable[[str], None] = lambda stage: None,
+    progress: Callable[[str], None] | None = None,
 ) -> DeltaThetaModel:
     """The exact Delta-Theta form of a DAE, nothing linearized; its linear part has a certificate.
 
@@ -38,7 +42,7 @@ def delta_theta(
         Functions with as few inputs as possible; or of the signals of the equations as they are.
     search, seconds, prove
         As in `to_lft`.
-    progress : function
+    progress : function, optional
         Is told the name of each stage as it starts.
 
     Raises
@@ -51,7 +55,7 @@ def delta_theta(
     budget = budget_of(search, seconds)
     check_work(prove)
     with one_thread():
-        clock = Clock(progress)
+        clock = Clock(progress or _nobody)
         with clock.stage("structure"):
             structure = model if isinstance(model, Structure) else reduce_index(model)
         separated = problem_of_dae(structure, arrange, clock.stage)
@@ -74,7 +78,7 @@ def linearize_dae(
     search: float = SEARCH,
     seconds: float | None = None,
     prove: float = PROVE,
-    progress: Callable[[str], None] = lambda stage: None,
+    progress: Callable[[str], None] | None = None,
 ) -> LFTModel:
     """The exact linear model of a DAE around an equilibrium, parameters left in, with certificate.
 
@@ -86,7 +90,7 @@ def linearize_dae(
         As in `trim`.
     search, seconds, prove
         As in `to_lft`.
-    progress : function
+    progress : function, optional
         Is told the name of each stage as it starts.
 
     Raises
@@ -97,7 +101,7 @@ def linearize_dae(
     budget = budget_of(search, seconds)
     check_work(prove)
     with one_thread():
-        clock = Clock(progress)
+        clock = Clock(progress or _nobody)
         if not isinstance(model, DaeTrim):
             with clock.stage("structure"):
                 structure = model if isinstance(model, Structure) else reduce_index(model)

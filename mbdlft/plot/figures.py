@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike
 
 from mbdlft.analyze import response_frequencies, unbounded_frequencies
 from mbdlft.analyze.samples import Names, chosen
-from mbdlft.base.array import Array
+from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.samples import random
 from mbdlft.system.system import System

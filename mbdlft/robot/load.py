@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from mbdlft.base.description import Quantity, Vector
+from mbdlft.base.description import Quantity
 from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import parse_unit
@@ -47,12 +47,12 @@ def load_robot(
     path: str | Path,
     *,
     parameters: Sequence[Parameter] = (),
-    values: Mapping[str, Quantity] | None = None,
+    values: Mapping[str, float | str] | None = None,
     vary: Mapping[str, float] | None = None,
     constants: Mapping[str, float | Constant] | None = None,
     base: Literal["fixed", "free"] | None = None,
     moving: Iterable[str] | None = None,
-    gravity: Vector | None = None,
+    gravity: Sequence[float | str] | None = None,
     inputs: Sequence[str] | None = None,
     outputs: Sequence[str] | None = None,
     right_angle: float = RIGHT_ANGLE,

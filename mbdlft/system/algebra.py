@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
+from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
 from mbdlft.base.signal import Signal
 from mbdlft.lft.lft import LFT
-from mbdlft.system.conversion import as_system
+from mbdlft.system.conversion import ControlSystem, as_system
 from mbdlft.system.evidence import Operation, composed
 from mbdlft.system.names import check_once, positions_of
 from mbdlft.system.system import System
@@ -135,7 +136,9 @@ def append(*items: Any) -> System:
 
 @overload
 def feedback(
-    plant: "LFTModel", controller: "LFTModel | float" = 1.0, sign: int = -1
+    plant: "LFTModel",
+    controller: "LFTModel | float | Array | ControlSystem" = 1.0,
+    sign: int = -1,
 ) -> "LFTModel": ...
 @overload
 def feedback(plant: Any, controller: Any = 1.0, sign: int = -1) -> System: ...

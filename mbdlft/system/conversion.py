@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from mbdlft.base.array import ArrayLike
 from mbdlft.base.errors import StructureError
 from mbdlft.base.signal import Signal
 from mbdlft.lft.block import matrix_of
@@ -18,6 +18,17 @@ Names = Sequence[str | Signal] | Mapping[str, str] | None
 
 _STATE_SPACE = ("A", "B", "C", "D", "nstates", "dt")
 _TRANSFER = ("num", "den", "dt")
+
+
+class ControlSystem(Protocol):
+    """What a system of python-control has, and a `System` has not."""
+
+    @property
+    def ninputs(self) -> Any: ...
+    @property
+    def noutputs(self) -> Any: ...
+    @property
+    def nstates(self) -> Any: ...
 
 
 def as_system(

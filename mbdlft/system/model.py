@@ -3,9 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from numpy.typing import ArrayLike
-
-from mbdlft.base.array import Array
+from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import StructureError
 from mbdlft.base.notebook import heading
 from mbdlft.base.signal import Signal

@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from mbdlft.base.array import Array
+from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import StructureError
 from mbdlft.lft.evaluate import KNOWN, NATIVE, OWN, evaluate_known, way
 from mbdlft.lft.lft import LFT

@@ -12,9 +12,8 @@ from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, SupportsIndex, overload
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from mbdlft.base.array import Array
+from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import StructureError, unknown_name
 from mbdlft.base.notebook import heading, table
 from mbdlft.base.parameter import Parameter, to_delta

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from mbdlft.base.array import Array
+from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import StructureError
 
 

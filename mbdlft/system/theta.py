@@ -15,9 +15,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from mbdlft.base.array import Array
+from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, StructureError, unknown_name
 from mbdlft.base.formula import NUMPY, Functions, formula_value
 from mbdlft.base.signal import Signal

@@ -41,7 +41,7 @@ def test_searches_tell_what_they_have_done(name: str) -> None:
         assert done >= 0.5 * best
         best = max(best, done)
     if hasattr(found, "work"):
-        assert best == pytest.approx(min(found.work, told[0][1]), rel=0.3)
+        assert 0.5 * found.work <= best <= 2.0 * found.work + 1e-3
     again = SEARCHES[name](model)
     assert str(again) == str(found)
 

@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -34,7 +35,10 @@ def broken(page: Path) -> list[str]:
             continue
         name, _, section = link.partition("#")
         target = (page.parent / name).resolve() if name else page
-        if not target.exists() or (section and section not in anchors(target)):
+        outside = page.parent == DOCS and not target.is_relative_to(
+            DOCS
+        )  # the site has no such page
+        if outside or not target.exists() or (section and section not in anchors(target)):
             wrong.append(link)
     return wrong
 
@@ -42,6 +46,14 @@ def broken(page: Path) -> list[str]:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_lead_somewhere(page: Path) -> None:
     assert not broken(page)
+
+
+def test_titles_are_not_deeper_than_their_place() -> None:
+    """A section of the second depth is inside one of the first: Sphinx refuses others."""
+    for page in PAGES:
+        text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+        depths = [len(marks) for marks in re.findall(r"^(#+) ", text, re.MULTILINE)]
+        assert all(b <= a + 1 for a, b in pairwise(depths)), page.name
 
 
 def test_broken_links_are_found(tmp_path: Path) -> None:

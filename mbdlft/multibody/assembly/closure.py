@@ -50,7 +50,7 @@ class Closure:
     yielding: tuple[int, ...] = ()
 
 
-def constraint(loops: tuple[Loop, ...], view: View, order: int) -> ca.SX:
+def constraint(loops: Sequence[Loop], view: View, order: int) -> ca.SX:
     """G w for the small motions w of one order: displacement, velocity or acceleration."""
     rows = []
     for loop in loops:
@@ -68,7 +68,7 @@ def constraint(loops: tuple[Loop, ...], view: View, order: int) -> ca.SX:
     return ca.vertcat(*rows) if rows else ca.SX(0, 1)
 
 
-def reactions(loops: tuple[Loop, ...], view: View, multipliers: ca.SX) -> list[BodyWrench]:
+def reactions(loops: Sequence[Loop], view: View, multipliers: ca.SX) -> list[BodyWrench]:
     """Wrenches of the multipliers, one for each row of `constraint`, on both bodies of each loop."""
     found, k = [], 0
     for loop in loops:

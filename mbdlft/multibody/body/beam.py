@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from mbdlft.base.description import Expected, Name, Quantity, Text, Values
+from mbdlft.base.description import Expected, Many, Name, Quantity, Text, Values
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.signal import Freedom
 from mbdlft.multibody.body import beam_loads
@@ -99,7 +99,7 @@ class Beam(ElasticBody):
     elements: Annotated[int, Field(ge=1, le=200, strict=True)] = 4
     modes: Annotated[int, Field(ge=1, le=40, strict=True)] | None = None
     shape_functions: Text = "cubic"
-    deformations: tuple[Text, ...] = DEFORMATIONS
+    deformations: Many[Text] = DEFORMATIONS
     stations: dict[Name, Annotated[int, Field(ge=1, strict=True)]] = {}
 
     @model_validator(mode="after")

@@ -18,6 +18,7 @@ from mbdlft.base.description import (
     AXES,
     Description,
     Expected,
+    Many,
     Quantity,
     Text,
     Values,
@@ -68,7 +69,7 @@ class FlexibleBody(ElasticBody):
     mass: Quantity
     center_of_mass: Vector = (0.0, 0.0, 0.0)
     inertia: InstanceOf[Inertia]
-    modes: tuple[InstanceOf[Mode], ...]
+    modes: Many[InstanceOf[Mode]]
 
     @model_validator(mode="after")
     def _data_are_complete(self) -> Self:

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, InstanceOf, model_validator
 
-from mbdlft.base.description import ANY_UNIT, Description, Expected, Quantity, Text, Values
+from mbdlft.base.description import ANY_UNIT, Description, Expected, Many, Quantity, Text, Values
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.signal import Signal
 from mbdlft.multibody.body.beam import Beam
@@ -108,7 +108,7 @@ class PiezoBeam(Beam):
     kind: ClassVar[str] = "piezo_beam"
 
     thickness: Quantity
-    patches: tuple[InstanceOf[PiezoPatch], ...]
+    patches: Many[InstanceOf[PiezoPatch]]
     common_voltage: bool = False
 
     @model_validator(mode="after")

@@ -294,7 +294,7 @@ def _length(spring: Spring, view: View) -> ca.SX:
     return ca.norm_2(view.between(spring.parent, spring.child))
 
 
-def _gaps(loops: tuple[Loop, ...], view: View) -> tuple[list[ca.SX], list[Signal], list[ca.SX]]:
+def _gaps(loops: Sequence[Loop], view: View) -> tuple[list[ca.SX], list[Signal], list[ca.SX]]:
     """Gaps of the loops, one for each multiplier, their signals, and the cosines that must be 1.
 
     The gap of a loop with one axis is the part of the child's axis across that of the parent; that of one

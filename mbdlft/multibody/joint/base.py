@@ -15,7 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import InstanceOf, field_validator, model_validator
 
-from mbdlft.base.description import Description, Direction, Expected, Name, Quantity, Text, Values
+from mbdlft.base.description import (
+    Description,
+    Direction,
+    Expected,
+    Many,
+    Name,
+    Quantity,
+    Text,
+    Values,
+)
 from mbdlft.base.errors import SceneError
 from mbdlft.base.signal import Freedom, Signal
 from mbdlft.multibody.joint.move import Move, turned
@@ -81,7 +90,7 @@ class Joint(Description, abc.ABC):
     name: Name
     parent: Text
     child: Text
-    orientation: tuple[InstanceOf[Rotation], ...] = ()
+    orientation: Many[InstanceOf[Rotation]] = ()
 
     def own_quantities(self) -> dict[str, Expected]:
         """The quantities of this kind by label, without those of the orientation."""

@@ -9,6 +9,7 @@ from pydantic import Field, InstanceOf, field_validator, model_validator
 from mbdlft.base.description import (
     Description,
     Direction,
+    Many,
     Name,
     Number,
     Prose,
@@ -123,15 +124,15 @@ class Scene(Description):
     acceleration: Vector = (0.0, 0.0, 0.0)
     spin: InstanceOf[Spin] | None = None
     constants: dict[Text, Number | InstanceOf[Constant]] = {}
-    parameters: tuple[InstanceOf[Parameter], ...] = ()
-    bodies: tuple[InstanceOf[Body], ...] = ()
-    joints: tuple[InstanceOf[Joint], ...] = ()
-    loads: tuple[InstanceOf[Load], ...] = ()
-    sensors: tuple[InstanceOf[Sensor], ...] = ()
-    loops: tuple[InstanceOf[Loop], ...] = ()
+    parameters: Many[InstanceOf[Parameter]] = ()
+    bodies: Many[InstanceOf[Body]] = ()
+    joints: Many[InstanceOf[Joint]] = ()
+    loads: Many[InstanceOf[Load]] = ()
+    sensors: Many[InstanceOf[Sensor]] = ()
+    loops: Many[InstanceOf[Loop]] = ()
     fit: InstanceOf[Fit] | None = None
-    inputs: Annotated[tuple[Name, ...] | None, Field(min_length=1)] = None
-    outputs: Annotated[tuple[Name, ...] | None, Field(min_length=1)] = None
+    inputs: Annotated[Many[Name] | None, Field(min_length=1)] = None
+    outputs: Annotated[Many[Name] | None, Field(min_length=1)] = None
     states: str = ALL
 
     @field_validator("constants", mode="before")

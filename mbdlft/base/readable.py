@@ -1,0 +1,57 @@
+"""Signatures of records as a reader writes them: `float | str`, not what checks the values."""
+
+import inspect
+import types
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+
+class Words:
+    """An annotation that `help()` shows as it is."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    def __repr__(self) -> str:
+        return self.text
+
+
+def readable(annotation: Any) -> str:
+    """The types of an annotation, in words: "(float, float, float)", "list of Body", "float | str"."""
+    origin, parts = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return readable(parts[0])
+    if origin in (Union, types.UnionType):
+        return " | ".join(dict.fromkeys(readable(part) for part in parts))
+    if origin is Literal:
+        return " | ".join(repr(part) for part in parts)
+    if origin is tuple and len(parts) == 2 and parts[1] is ...:
+        return f"list of {_inside(parts[0])}"
+    if origin is tuple:
+        return f"({', '.join(readable(part) for part in parts)})"
+    if isinstance(origin, type) and len(parts) == 2:
+        return f"dict of {_inside(parts[0])} to {_inside(parts[1])}"
+    if annotation is type(None):
+        return "None"
+    return annotation.__name__ if isinstance(annotation, type) else str(annotation)
+
+
+def _inside(annotation: Any) -> str:
+    """The types of an annotation inside another one."""
+    text = readable(annotation)
+    return f"({text})" if get_origin(annotation) in (Union, types.UnionType) else text
+
+
+class ReadableSignature:
+    """The `__signature__` of a record, made when it is asked for."""
+
+    def __get__(self, record: Any, kind: Any) -> inspect.Signature:
+        parameters = [
+            inspect.Parameter(
+                name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=inspect.Parameter.empty if field.is_required() else field.get_default(),
+                annotation=Words(readable(field.annotation)),
+            )
+            for name, field in kind.model_fields.items()
+        ]
+        return inspect.Signature(parameters)
