@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from mbdlft.analyze import response_frequencies, unbounded_frequencies
 from mbdlft.analyze.samples import Names, chosen
@@ -59,14 +60,27 @@ def write_figure(figure: Figure, path: str | Path) -> None:
         The file cannot be written.
     """
     figure.set_dpi(_DOTS)
+    _as_they_are(figure)
     engine = figure.get_layout_engine()
-    if engine is not None:  # once, instead of a drawing that nobody sees
-        engine.execute(figure)
-        figure.set_layout_engine("none")
     try:
+        if engine is not None:  # once, instead of a drawing that nobody sees
+            engine.execute(figure)
+            figure.set_layout_engine("none")
         figure.savefig(path, dpi=_DOTS)
     except (OSError, ValueError) as error:
         raise AnalysisError(f"{path}: the figure cannot be written: {error}.") from None
+
+
+def _as_they_are(figure: Figure) -> None:
+    """Titles, labels and legends have names of a user, whose dollars are no mathematics."""
+    texts: list[Text] = []
+    for axes in figure.axes:
+        texts += [axes.title, axes.xaxis.label, axes.yaxis.label, *axes.texts]
+    legends = [axes.get_legend() for axes in figure.axes]
+    for legend in (*legends, *figure.legends):
+        texts += legend.get_texts() if legend is not None else []
+    for text in (*texts, *figure.texts):
+        text.set_parse_math(False)
 
 
 def drawn_channels(

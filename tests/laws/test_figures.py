@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 import mbdlft
 from mbdlft import Angle, Inertia, Parameter, Revolute, RigidBody, Scene
 from mbdlft.plot import save_orders, save_trims
+from mbdlft.plot.figures import over_frequency
 from mbdlft.plot.orders import _draw
 from mbdlft.plot.trims import trim_curves
 from tests.close import CLOSED_FORM, target
@@ -95,3 +96,35 @@ def test_what_cannot_be_drawn_is_an_error(tmp_path: Path) -> None:
     save_orders(tmp_path / "orders.svg", model)
     assert file.stat().st_size > 10_000
     assert math.isclose(model.trim.nominal[0], 1.6 * _G * 0.5, rel_tol=CLOSED_FORM)
+
+
+def test_names_with_dollars_are_no_mathematics(tmp_path: Path) -> None:
+    name = r"$\frac$ of 5 $ and 6 $"
+    scene = mbdlft.Scene(
+        name=name,
+        parameters=[Parameter("k", 2.0, percent=10, unit="N/m")],
+        bodies=[mbdlft.PointMass(name="bob", mass=1.0)],
+        joints=[
+            mbdlft.Prismatic(
+                name=name, parent="ground", child="bob", axis=(1, 0, 0), stiffness="k", damping=0.1
+            )
+        ],
+    )
+    model = mbdlft.to_lft(scene, search=0.0)
+    for kind in ("singular_values", "bode", "step", "pole_map"):
+        file = tmp_path / f"{kind}.svg"
+        getattr(mbdlft.plot, f"save_{kind}")(file, model)
+        assert r"\frac" in file.read_text(encoding="utf-8")
+
+
+def test_powers_of_ten_are_plain_text(tmp_path: Path) -> None:
+    """Over several decades; over less than two the labels of matplotlib have more than powers."""
+    axes = Figure().add_subplot()
+    over_frequency(axes, 0.01, 2e12)
+    label = axes.xaxis.get_major_formatter()
+    assert [label(x) for x in (0.01, 1.0, 1e12)] == ["10\u207b\u00b2", "10\u2070", "10\u00b9\u00b2"]
+    over_frequency(axes, 3.0, 20.0)
+    figure = axes.figure
+    figure.savefig(tmp_path / "short.png")
+    shown = [text.get_text() for text in axes.get_xticklabels(which="minor")]
+    assert sum(bool(text) for text in shown) > 3
