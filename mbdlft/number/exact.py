@@ -16,6 +16,7 @@ them in 70 digits.
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, lru_cache
 from math import gcd, isqrt, pi
@@ -43,13 +44,12 @@ _NEAR = (
 )  # an angle in radians this near to one of nine decimals of a degree is that one
 
 
+@dataclass(slots=True, eq=False, repr=False)
 class Exact(Operators):
     """A real number as a ball and as a residue; it is zero, or equal to another, by its residue."""
 
-    __slots__ = ("ball", "residue")
-
-    def __init__(self, ball: Any, residue: Any) -> None:
-        self.ball, self.residue = ball, residue
+    ball: Any
+    residue: Any
 
     def __bool__(self) -> bool:
         return bool(self.residue != 0)
@@ -177,6 +177,8 @@ class Field:
 
     def rational(self, value: Fraction | int) -> Exact:
         """A fraction as an exact number."""
+        if value == 1:
+            return self.one
         ball = flint.arb(flint.fmpq(value.numerator, value.denominator))
         return Exact(ball, self.residue(value))
 
@@ -195,7 +197,7 @@ class Field:
 
     @cached_property
     def one(self) -> Exact:
-        return self.rational(1)
+        return Exact(flint.arb(1), self.residue(1))
 
     @cached_property
     def zero(self) -> Exact:
