@@ -49,6 +49,7 @@ class SignalGraph:
         self.outputs: list[Scaled] = []
         self.nodes: list[Coefficient] = []
         self._numbers: dict[Coefficient, int] = {}
+        self._constants: dict[int, int] = {}  # numbers of constants by their residues
         self._sums: dict[tuple[tuple[int, int], ...], int] = {}  # residue of a factor, and signal
         self._applied: dict[tuple[int, int], Scaled] = {}
 
@@ -64,7 +65,12 @@ class SignalGraph:
 
     def constant(self, value: Exact) -> int:
         """Number of a constant."""
-        return self.node("constant", self.field.one if value.residue == 1 else value)
+        residue = int(value.residue)
+        if residue not in self._constants:
+            self._constants[residue] = len(self.nodes)
+            one = self.field.one
+            self.nodes.append(Coefficient("constant", (one if residue == 1 else value,)))
+        return self._constants[residue]
 
     def constant_value(self, number: int) -> Exact | None:
         """Value of a coefficient that is a constant, else None."""
@@ -232,4 +238,5 @@ class SignalGraph:
         """A graph of the same inputs and coefficients."""
         graph = SignalGraph(self.inputs, self.field)
         graph.nodes, graph._numbers = list(self.nodes), dict(self._numbers)
+        graph._constants = dict(self._constants)
         return graph
