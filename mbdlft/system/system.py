@@ -298,9 +298,7 @@ class _Algebra(Protocol):
 
 
 def _algebra() -> _Algebra:
-    from mbdlft.system import (
-        algebra,  # here because it needs scipy, and reading an archive does not
-    )
+    from mbdlft.system import algebra  # here: it needs scipy, and reading an archive does not
 
     return algebra
 
