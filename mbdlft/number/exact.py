@@ -38,6 +38,7 @@ _MOST_ROOTS = 12  # each doubles the number of primes that are tried
 _MOST_PRIMES = 2_000_000  # that are tried: for as many square roots as a problem can have
 _FEW_BITS = 2**20  # odd factor of the numerator of a binary fraction
 _SIMPLE, _ROUNDINGS = 10**5, Fraction(2, 2**52)  # most of a denominator, and distance to it
+LARGEST_ANGLE = 1e4  # rad; doubles beyond are not dense enough to tell a billionth of a degree
 _SEED = 12345678910111213141
 _NEAR = (
     4.0 * 2.0**-52
@@ -140,6 +141,8 @@ def sine_of(angle: float) -> Constant:
 
 def _degrees(angle: float) -> Fraction | None:
     """The angle in degrees if it has at most nine decimals there."""
+    if abs(angle) > LARGEST_ANGLE:
+        return None
     found = Fraction(round(angle * 180.0 / pi * 1e9), 10**9)
     near = abs(float(found) * pi / 180.0 - angle) <= _NEAR * max(1.0, abs(angle))
     return found if near else None
