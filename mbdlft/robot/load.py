@@ -13,7 +13,6 @@ from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.scene.check import check
 from mbdlft.multibody.scene.scene import Constant, Scene
 from mbdlft.robot.description import Robot
-from mbdlft.robot.limits import JointLimit, check_limits
 from mbdlft.robot.make import (
     Making,
     bodies,
@@ -28,7 +27,7 @@ from mbdlft.robot.make import (
 )
 from mbdlft.robot.moving import moves_of, on_the_ground, refuse_massless
 from mbdlft.robot.read import read_robot
-from mbdlft.robot.report import ImportReport, ignored_of
+from mbdlft.robot.report import ImportReport, JointLimit, check_limits, ignored_of
 from mbdlft.robot.values import (
     Values,
     check_label,
