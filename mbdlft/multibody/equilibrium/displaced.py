@@ -14,7 +14,7 @@ from typing import Any
 
 import casadi as ca
 
-from mbdlft.base.description import AXES, Values
+from mbdlft.base.description import AXES, Quantity, Values
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.signal import Freedom, Signal
 from mbdlft.multibody.assembly.assemble import without_unseen
@@ -57,6 +57,15 @@ class JointCoordinate:
     is_ball: bool
     is_passive: bool
     is_sprung: bool
+
+    @property
+    def effort(self) -> Signal:
+        """Name and unit of its effort."""
+        return Signal(f"{self.joint.name}.{self.freedom.effort.name}", self.freedom.effort.unit)
+
+    def quantity(self, key: str) -> Quantity:
+        """A quantity of the coordinate, a number or an expression, as the scene gives it."""
+        return self.joint.quantities()[coordinate_label(key, self.freedom)].source
 
     @property
     def is_steady(self) -> bool:
@@ -153,8 +162,7 @@ def displace(scene: Scene) -> Displaced:
             if "rate" in own:  # it turns on against its damper
                 held = own["rate"] * quantity_of(own, "damping", c.freedom)
             unbalanced.append(effort + held - u[k])
-            name = f"{c.joint.name}.{c.freedom.effort.name}"
-            row_signals.append(Signal(name, c.freedom.effort.unit))
+            row_signals.append(c.effort)
     declared = [_declared(scene, symbols, values, c) for c in coordinates]
     gaps, gap_signals, alignment = _gaps(scene.loops, view)
     return Displaced(

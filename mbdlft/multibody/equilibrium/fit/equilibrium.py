@@ -10,10 +10,9 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError, TrimError
 from mbdlft.base.expression import parse
-from mbdlft.multibody.equilibrium.fit.branch import follow, start_branch
 from mbdlft.multibody.equilibrium.fit.prove import Proof, prove
 from mbdlft.multibody.equilibrium.fit.rational import Rational, physical, smallest_fit, text
-from mbdlft.multibody.equilibrium.fit.system import System, system
+from mbdlft.multibody.equilibrium.fit.system import System, follow, start_branch, system
 
 _MARGIN = 0.9  # of the tolerance, for the samples: the error between them may be larger
 _FEWEST = {1: 33, 2: 13, 3: 8}  # samples along each parameter, by the number of parameters
