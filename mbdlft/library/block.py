@@ -37,7 +37,7 @@ def linear_block(
         A quantity has another unit, is not positive, or is not a number or an expression.
     """
     symbols = {p.name: ca.SX.sym(p.name) for p in parameters}
-    in_si = {p.name: parse_unit(p.unit).factor * symbols[p.name] for p in parameters}
+    in_si = {p.name: p.factor * symbols[p.name] for p in parameters}
     values = {}
     for label, expected in quantities.items():
         where = f"{name}, {label} = {expected.source!r}"

@@ -7,7 +7,6 @@ from typing import Any, Literal
 from mbdlft.base.description import Quantity, Vector
 from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.base.parameter import Parameter
-from mbdlft.base.unit import parse_unit
 from mbdlft.multibody.body import GROUND, Body
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.scene.check import check
@@ -218,9 +217,7 @@ def _outputs(making: Making, joints: Sequence[Joint]) -> list[str] | None:
 
 def _checked(made: list[Body], scene: Scene, assumed: list[str], *, keep: bool) -> list[Body]:
     """The bodies; an inertia that no body can have is an error, or marked as unchecked if `keep`."""
-    nominal = scene.constant_values() | {
-        p.name: p.nominal * parse_unit(p.unit).factor for p in scene.parameters
-    }
+    nominal = scene.constant_values() | {p.name: p.nominal * p.factor for p in scene.parameters}
     problems = unphysical(made, nominal)
     if problems and not keep:
         name, problem = next(iter(problems.items()))

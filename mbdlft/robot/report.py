@@ -6,16 +6,15 @@ The limits of joints are in it; the equilibrium must be inside them for every va
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
+from math import atan
 from typing import NamedTuple
 
 import numpy as np
 
 from mbdlft.base.description import Expected, Quantity
 from mbdlft.base.errors import SceneError
-from mbdlft.base.expression import names
-from mbdlft.base.parameter import Parameter
-from mbdlft.base.unit import parse_unit
-from mbdlft.multibody.scene.quantities import Place, angle_at, expression_at, value_at
+from mbdlft.base.expression import evaluate, names
+from mbdlft.multibody.scene.quantities import Place, angle_at, expression_at
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.robot.description import Robot
 from mbdlft.robot.values import AXIAL
@@ -103,38 +102,25 @@ def check_limits(scene: Scene, positions: Mapping[JointLimit, Quantity]) -> None
 
 
 def position_range(scene: Scene, joint: str, expected: Expected) -> tuple[float, float]:
-    """Least and largest equilibrium position (rad or m) over the ranges of the parameters.
+    """Least and largest equilibrium position (rad or m) at the corners of the range of the parameters.
 
-    The range of a sum of angles is exact; other positions are evaluated at the corners.
+    For a sum of angles these are the ends of its range.
     """
     place = Place(f"joint {joint!r}", "position")
-    parameters = {p.name: p for p in scene.parameters}
-    if expected.unit == "rad":
-        angle = angle_at(scene, place, expected)
-        ends = [
-            sorted(count * bound for bound in _bounds(parameters[name]))
-            for name, count in angle.multiples.items()
-        ]
-        return (
-            angle.constant + sum(end[0] for end in ends),
-            angle.constant + sum(end[1] for end in ends),
-        )
-    used = sorted(names(expression_at(place, expected)) & set(parameters))
-    values_at_corners = [
-        float(
-            value_at(
-                place, expected, scene.constant_values() | dict(zip(used, corner, strict=True))
-            )
-        )
-        for corner in product(*(_bounds(parameters[name]) for name in used))
-    ]
-    return min(values_at_corners), max(values_at_corners)
+    expression = expression_at(place, expected)
+    angle = angle_at(scene, place, expected) if expected.unit == "rad" else None
 
+    def position(values: Mapping[str, float]) -> float:
+        if angle is None:
+            return float(evaluate(expression, values))
+        turned = sum(count * values[name] for name, count in angle.multiples.items())
+        halves = angle.arctangents.items()
+        return angle.constant + turned + sum(n * atan(evaluate(r, values)) for r, n in halves)
 
-def _bounds(parameter: Parameter) -> tuple[float, float]:
-    """Low and high of a parameter in SI units."""
-    factor = parse_unit(parameter.unit).factor
-    return parameter.low * factor, parameter.high * factor
+    used = [p for p in scene.parameters if p.name in names(expression)]
+    ends = [[(p.name, end * p.factor) for end in (p.low, p.high)] for p in used]
+    positions = [position(scene.constant_values() | dict(corner)) for corner in product(*ends)]
+    return min(positions), max(positions)
 
 
 def _both(value: float, unit: str) -> str:

@@ -17,7 +17,6 @@ import numpy as np
 
 from mbdlft.base.description import Values
 from mbdlft.base.parameter import Parameter
-from mbdlft.base.unit import parse_unit
 from mbdlft.multibody.assembly.placed import (
     Placed,
     inertial_wrenches,
@@ -79,7 +78,7 @@ class _Range:
         self, parameters: tuple[Parameter, ...], symbols: tuple[ca.SX, ca.SX, ca.SX]
     ) -> None:
         self.parameters, self.symbols = parameters, symbols
-        self.factors = np.array([parse_unit(p.unit).factor for p in parameters])
+        self.factors = np.array([p.factor for p in parameters])
         self.nominal = np.array([p.nominal for p in parameters])
         angles = self.factors * self.nominal
         self.point = (self.nominal, np.cos(angles), np.sin(angles))

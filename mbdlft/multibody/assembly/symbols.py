@@ -12,7 +12,6 @@ from mbdlft.base.errors import SceneError
 from mbdlft.base.expression import evaluate
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.samples import random
-from mbdlft.base.unit import parse_unit
 from mbdlft.multibody.assembly.tree import Link, coordinate_owners, degrees
 from mbdlft.multibody.joint import Turn
 from mbdlft.multibody.scene.quantities import Place, angle_at, owners, value_at
@@ -46,7 +45,7 @@ class Symbols:
         }
         self.names |= {"pi": pi_times(1), "deg": pi_times(Fraction(1, 180))}
         for name, k in self.index.items():
-            factor = parse_unit(parameters[k].unit).factor
+            factor = parameters[k].factor
             self.names[name] = self.p[k] if factor == 1.0 else literal(factor) * self.p[k]
 
     def coordinates(self, links: tuple[Link, ...]) -> dict[str, Coordinate]:
@@ -107,7 +106,7 @@ class Symbols:
         if self.parameters:
             inside = random(self.parameters, _POINTS, 0)
             points += list(np.stack([inside[p.name] for p in self.parameters], axis=1))
-        factors = np.array([parse_unit(parameter.unit).factor for parameter in self.parameters])
+        factors = np.array([parameter.factor for parameter in self.parameters])
         return [
             function(point, np.cos(factors * point), np.sin(factors * point)).full()
             for point in points

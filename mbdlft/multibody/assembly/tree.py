@@ -45,7 +45,7 @@ class PortJoint(Joint):
     kind: ClassVar[str] = "port"
     freedoms: ClassVar[tuple[Freedom, ...]] = ()
 
-    body: InstanceOf[Body]
+    body: InstanceOf[ElasticBody]
     port: Text
 
     def own_moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:

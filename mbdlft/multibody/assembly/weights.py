@@ -99,7 +99,7 @@ def pass_weights_inward(
             now = _before(move, now, field[k + 1])
         needed = ca.vertcat(*own)
         if isinstance(link.joint, PortJoint):
-            needed = efforts[link.owner] + needed + pulled(placed, link, joints[name])
+            needed = efforts[link.owner] + needed + pulled(placed, link.joint, joints[name])
         efforts[link.owner] = needed
         shifted = _shifted(now, placed.arms[name], field[0])
         carried[parent] = _together(carried[parent], shifted)

@@ -235,9 +235,12 @@ class Beam(ElasticBody):
 
     @property
     def can_spin(self) -> bool:
-        return "torsion" not in self.deformations and not self.has_rotary_inertia
+        thin = "torsion" not in self.deformations and not self.has_rotary_inertia
+        return self.has_geometric_stiffness and thin
 
     def unknown_loads(self) -> tuple[int, ...]:
+        if not self.has_geometric_stiffness:
+            return super().unknown_loads()
         return beam_loads.unknown_loads(self.deformations)
 
     @property

@@ -115,10 +115,19 @@ class ElasticBody(Body, abc.ABC):
         """Generalized forces K q (n,) that hold a static deflection q (n,)."""
         return times(self.elastic(values).stiffness, q)
 
+    def pulled(self, port: str, values: Values, force: ca.SX, at: Coordinate) -> ca.SX:
+        """Generalized forces (n,) by which a force along the body at a port stiffens it.
+
+        `force` (3,) is what the body exerts on what is outside, in the axes of the body (N).
+        """
+        return ca.SX(len(self.freedoms()), 1)
+
     def shape(self, port: str, values: Values, vector: ca.SX) -> ca.SX:
+        """Phi q: small displacement and rotation (6,) of a port for coordinates q (n,), `vector`."""
         return times(self.shapes(port, values), vector)
 
     def shape_transposed(self, port: str, values: Values, vector: ca.SX) -> ca.SX:
+        """Phi' w: generalized forces (n,) of a force and torque w (6,) at a port, `vector`."""
         return times_transposed(self.shapes(port, values), vector)
 
 

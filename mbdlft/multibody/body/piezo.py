@@ -142,13 +142,6 @@ class PiezoBeam(Beam):
     def has_geometric_stiffness(self) -> bool:
         return False
 
-    @property
-    def can_spin(self) -> bool:
-        return False
-
-    def unknown_loads(self) -> tuple[int, ...]:
-        return tuple(range(6))
-
     def inputs(self) -> tuple[Signal, ...]:
         return tuple(Signal(f"voltage.{k}", "V") for k in self._channels())
 

@@ -22,7 +22,6 @@ from mbdlft.base.array import Array
 from mbdlft.base.description import Quantity
 from mbdlft.base.errors import NotRationalError, TrimError
 from mbdlft.base.expression import evaluate, parse
-from mbdlft.base.unit import parse_unit
 from mbdlft.multibody.equilibrium.displaced import Displaced, in_physical
 from mbdlft.multibody.force import Spring
 from mbdlft.multibody.scene.scene import Scene
@@ -210,7 +209,7 @@ class _Symbols:
         self.tangents = {k: ca.SX.sym(name) for k, name in tangents.items()}
         self.all_tangents = ca.vertcat(*self.tangents.values())
         self.parameters = {p.name: ca.SX.sym(p.name) for p in scene.parameters}
-        self.factors = {p.name: parse_unit(p.unit).factor for p in scene.parameters}
+        self.factors = {p.name: p.factor for p in scene.parameters}
         self.nominal = {p.name: p.nominal * self.factors[p.name] for p in scene.parameters}
         self.physical = {name: p / self.factors[name] for name, p in self.parameters.items()}
         self.physical |= {name: self.tangents[k] for k, name in tangents.items()}

@@ -100,10 +100,7 @@ def fit_positions(scene: Scene, joints: Sequence[str], tolerance: float) -> Scen
     by_name = {p.name: p for p in scene.parameters}
     nominal_p, low, high = np.array(
         [
-            [
-                getattr(by_name[name], end) * parse_unit(by_name[name].unit).factor
-                for name in system.names
-            ]
+            [getattr(by_name[name], end) * by_name[name].factor for name in system.names]
             for end in ("nominal", "low", "high")
         ]
     )
@@ -204,6 +201,6 @@ def _largest(scene: Scene, source: Quantity, error: float) -> float:
     box = {name: decimal(value) for name, value in scene.constant_values().items()}
     for p in scene.parameters:
         if not p.is_angle:
-            box[p.name] = Interval(p.low, p.high) * parse_unit(p.unit).factor
+            box[p.name] = Interval(p.low, p.high) * p.factor
     size: Interval = evaluate(parse(source), box, decimal, FUNCTIONS)
     return (size * error).largest
