@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.multibody.body.beam_modes import Fixed, exact_modes, fixed, fixed_product, to_double
+from mbdlft.multibody.body.beam_modes import combined, exact_modes
 
 Polynomial = tuple[Fraction, ...]  # coefficients, the constant first
 ONE = (Fraction(1),)
@@ -97,8 +97,7 @@ def cross_products(
     clamped = raw[_clamped(d) :, _clamped(other) :]
     if d.modes is None:
         return np.asarray(clamped, dtype=float)
-    left, right = _modal(d)[0], _modal(other)[0]
-    return to_double(fixed_product(left.T, fixed_product(fixed(clamped), right)))
+    return combined(_modal(d)[0], clamped, _modal(other)[0])
 
 
 @cache
@@ -143,7 +142,7 @@ def size(d: Deformation) -> int:
 
 
 @cache
-def _modal(d: Deformation) -> tuple[Fixed, NDArray[np.float64]]:
+def _modal(d: Deformation) -> tuple[Any, NDArray[np.float64]]:
     """The combinations (n, n) of the polynomials that are modes, and int ddN ddN ds of each (n,)."""
     mass, stiffness = (_raw(d, what, d, what, ONE, 0, None) for what in ("displacement", strain(d)))
     return exact_modes(mass, stiffness)
@@ -232,7 +231,7 @@ def _as_row(d: Deformation, entries: Sequence[Fraction]) -> NDArray[np.float64]:
     row = np.array(entries[_clamped(d) :], dtype=object)
     if d.modes is None:
         return row.astype(float)
-    return to_double(fixed_product(_modal(d)[0].T, fixed(row)))
+    return combined(_modal(d)[0], row[:, None])[:, 0]
 
 
 # pieces --------------------------------------------------------------------------------------
