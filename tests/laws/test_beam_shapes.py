@@ -119,7 +119,8 @@ def integrals_are_exact() -> None:
 
 def test_integrals_are_exact(monkeypatch: pytest.MonkeyPatch) -> None:
     integrals_are_exact()
-    wrong = (*beam_elements._SHEAR_TURNS[:5], (F(0), F(1), F(-2)), *beam_elements._SHEAR_TURNS[6:])
+    turns, bent = beam_elements._SHEAR_TURNS, flint.fmpq_poly([0, 1, -2])
+    wrong = (*turns[:5], bent, *turns[6:])
     monkeypatch.setattr(beam_elements, "_SHEAR_TURNS", wrong)
     for cached in (beam_elements._pieces, products, cross_products):
         cached.cache_clear()
