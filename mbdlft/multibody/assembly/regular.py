@@ -150,13 +150,4 @@ def _efforts_alone(at_rest: Placed, link: Link) -> ca.SX:
 
 def _pivots(H: ca.SX) -> ca.SX:
     """Pivots (n,) of a symmetric matrix (n, n): it is positive definite if they are positive."""
-    found = []
-    for k in range(H.shape[0]):
-        pivot = H[k, k]
-        found.append(pivot)
-        rest = range(k + 1, H.shape[0])
-        rows = {i: H[i, k] / pivot for i in rest}
-        for i in rest:
-            for j in rest:
-                H[i, j] = H[i, j] - rows[i] * H[k, j]
-    return ca.vertcat(*found)
+    return ca.SX(ca.ldl(ca.densify(H), False)[0])  # noqa: FBT003  # in this order
