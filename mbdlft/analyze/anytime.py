@@ -13,6 +13,7 @@ from mbdlft.base.array import Array
 from mbdlft.bound.evidence import Proof
 from mbdlft.system.system import System
 
+SHARE = 0.5  # of the work that is left, for one target
 _LOWER = 0.7  # a target that was not proved is taken nearer to what is: this part of the way
 
 
@@ -32,8 +33,8 @@ class Asked(NamedTuple):
 class Search:
     """The bounds so far, and the work that was used.
 
-    A search overrides `search`, which makes the bounds better and may be interrupted at any time, and
-    `answer`.
+    A search overrides `search`, which makes the bounds better and may be interrupted at any time,
+    `answer`, and `tried` if it calls `raise_lower`.
     """
 
     asked: Asked
@@ -79,6 +80,27 @@ class Search:
         goal = min(self.upper, self.asked.largest) * (1.0 - 0.5 * self.asked.gap)
         k = goal if goal < high else self.lower + _LOWER * (high - self.lower)
         return k if k > self.lower * (1.0 + 0.1 * self.asked.gap) else 0.0
+
+    @property
+    def share(self) -> float:
+        """The part of the work that is left for one size: less of it while nothing is proved."""
+        return SHARE if self.lower else SHARE * SHARE
+
+    def raise_lower(self, cost: float = 0.0) -> None:
+        """Try sizes that are nearer and nearer to `upper`; each costs at least so much work."""
+        high = np.inf  # a size that was not proved
+        while not self.is_closed:
+            k = self.next_size(high)
+            if self.used + cost > self.asked.work or not k:
+                self.reason = self.used_up()
+                return
+            if not self.tried(k):
+                high = k
+            self.told()
+
+    def tried(self, k: float) -> bool:
+        """Try to prove a size; whether that made a bound better."""
+        raise NotImplementedError
 
     def used_up(self) -> str:
         """The reason when there is no work left."""
