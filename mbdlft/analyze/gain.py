@@ -28,8 +28,9 @@ from mbdlft.analyze.realization import (
     states_that_stay,
 )
 from mbdlft.analyze.result import GAP, LARGEST, WORK, Bounds, BoxProof, Progress, check_numbers
-from mbdlft.analyze.varying import Rates, Varying, gain_of, rates_of
+from mbdlft.analyze.varying import MovingGain, Rates, rates_of
 from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError
 from mbdlft.base.threads import one_thread
 from mbdlft.system.names import positions_of
 from mbdlft.system.system import System
@@ -77,7 +78,8 @@ def worst_case_gain(
     Raises
     ------
     AnalysisError
-        The nominal model is unstable, or has a pole on the axis, which the message names.
+        The nominal model is unstable, or has a pole on the axis, which the message names; there are no
+        inputs or no outputs.
     StructureError
         A signal is unknown.
     """
@@ -94,8 +96,8 @@ def worst_case_gain(
         if not moving:
             return search.result()
         search.reach()
-        varying = Varying(system, model, moving, gap, work, progress, chosen.names)
-        return gain_of(varying, search.answer())
+        own: dict[str, Any] = {"model": model, "rates": moving, "signals": chosen.names}
+        return MovingGain(asked, **own, constant=search.answer()).result()
 
 
 def robust_performance(
@@ -131,7 +133,8 @@ def robust_performance(
     Raises
     ------
     AnalysisError
-        The nominal model is unstable, or has a pole on the axis, which the message names.
+        The nominal model is unstable, or has a pole on the axis, which the message names; there are no
+        inputs or no outputs.
     StructureError
         A signal is unknown.
     """
@@ -162,6 +165,11 @@ def _chosen(
     own = [s.name for s in system.inputs], [s.name for s in system.outputs]
     j = positions_of(inputs, own[0], f"{what}: inputs of {system.name}")
     i = positions_of(outputs, own[1], f"{what}: outputs of {system.name}")
+    if not (i and j):
+        raise AnalysisError(
+            f"{what}: model {system.name!r}: without inputs or outputs there is no gain. Choose some "
+            "when the model is made."
+        )
     names = tuple(own[0][k] for k in j), tuple(own[1][k] for k in i)
     stay = states_that_stay(system, leave_out, i)
     check_nominal(system, system.A[np.ix_(stay, stay)], leave_out, what)

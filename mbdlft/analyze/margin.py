@@ -37,7 +37,7 @@ from mbdlft.analyze.result import (
     Progress,
     check_numbers,
 )
-from mbdlft.analyze.varying import Rates, Varying, margin_of, rates_of
+from mbdlft.analyze.varying import MovingMargin, Rates, rates_of
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.threads import one_thread
@@ -119,8 +119,8 @@ def robust_stability(
             model = realization(system, leave_out=leave_out)
             search = _MarginSearch(asked, model=model)
             search.took(smallest_crossing(model, largest))
-            varying = Varying(system, model, moving, gap, work, progress)
-            return margin_of(varying, search.answer(), largest)
+            constant = search.answer()
+            return MovingMargin(asked, model=model, rates=moving, constant=constant).result()
         if system.lft.is_plain and not kept:
             model = realization(system, leave_out=leave_out)
             if not is_dear(model, work):
