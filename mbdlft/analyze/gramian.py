@@ -6,7 +6,6 @@ With A P + P A' + B B' = 0 and A'Q + Q A + C'C = 0, h^2 = tr C P C', and to firs
 """
 
 from collections.abc import Callable
-from itertools import pairwise
 
 import numpy as np
 
@@ -33,15 +32,9 @@ def h2_and_slope(model: Realization, delta: Array) -> tuple[float, Callable[[], 
     value = float(np.sqrt(max(np.trace(C @ P @ C.T), 0.0)))
 
     def slope() -> Array:
-        w = np.repeat(delta, model.sizes)
-        eye = np.eye(len(w))
-        right = np.linalg.solve(eye - model.D * w, np.hstack([model.C, model.F]))
-        both = np.vstack([model.B, model.H])
-        left = np.linalg.solve((eye - w[:, None] * model.D).T, both.T).T
+        left, right = model.out_of(delta), model.into(delta)
         by_entry = np.block([[Q @ P, Q @ B], [C @ P, np.zeros((len(C), B.shape[1]))]])
         parts = np.einsum("ik,ij,kj->k", left, by_entry, right)
-        ends = np.cumsum([0, *model.sizes])
-        sums = [np.sum(parts[a:b]) for a, b in pairwise(ends)]
-        return np.array(sums) / max(value, 1e-300)
+        return np.asarray(model.by_parameter(parts) / max(value, 1e-300))
 
     return value, slope

@@ -8,13 +8,12 @@ What is found is moved along its ray to where the pole crosses.
 """
 
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from mbdlft.analyze.characteristic import Realization
-from mbdlft.analyze.migration import moving_at
+from mbdlft.analyze.migration import by_damping, moving_at
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 
@@ -46,27 +45,19 @@ class Crossing(NamedTuple):
 NONE = Crossing(np.inf, np.zeros(0), np.nan, np.zeros(0))
 
 
-def state_matrix(model: Realization, delta: Array) -> Array:
-    """A(delta); NaN where the model is singular, or beyond a point where it is: det(I - Delta D) <= 0."""
-    w = np.repeat(delta, model.sizes)
-    if is_beyond(model, delta):
-        return np.full_like(model.A, np.nan)
-    loop = np.eye(len(w)) - w[:, None] * model.D
-    return np.asarray(model.A + model.B @ np.linalg.solve(loop, w[:, None] * model.C))
-
-
-def is_beyond(model: Realization, delta: Array) -> bool:
-    """Whether the model is singular, or beyond a point where it is: det(I - Delta D) <= 0."""
-    w = np.repeat(delta, model.sizes)
-    return bool(np.linalg.slogdet(np.eye(len(w)) - w[:, None] * model.D)[0] <= 0.0)
+def state_matrices(model: Realization, deltas: Array) -> Array | None:
+    """A (..., n, n) at deltas; None if one is singular, or beyond such a point: det(I - Delta D) <= 0."""
+    w = model.spread(deltas)[..., None]
+    loop = np.eye(len(model.D)) - w * model.D
+    if np.any(np.linalg.slogdet(loop)[0] <= 0.0):
+        return None
+    return np.asarray(model.A + model.B @ np.linalg.solve(loop, w * model.C))
 
 
 def abscissa(model: Realization, delta: Array) -> float:
-    """The largest real part of the poles; infinite where the model is singular."""
-    if is_beyond(model, delta):
-        return np.inf
-    A = state_matrix(model, delta)
-    return float(np.max(np.linalg.eigvals(A).real, initial=-np.inf))
+    """The largest real part of the poles; infinite where the model is singular, or beyond."""
+    A = state_matrices(model, delta)
+    return np.inf if A is None else float(np.max(np.linalg.eigvals(A).real, initial=-np.inf))
 
 
 def smallest_crossing(model: Realization, largest: float, most: float = np.inf) -> Crossing:
@@ -78,8 +69,7 @@ def smallest_crossing(model: Realization, largest: float, most: float = np.inf) 
     if not q:
         return best
     poles = np.linalg.eigvals(model.A)
-    order = np.argsort(-poles.real / np.maximum(np.abs(poles), 1e-300), kind="stable")
-    starts = [(np.zeros(q), poles[i]) for i in order if poles[i].imag >= 0.0]
+    starts = [(np.zeros(q), poles[i]) for i in by_damping(poles) if poles[i].imag >= 0.0]
     random = np.random.default_rng(0)
     for count, (delta, pole) in enumerate((*starts, *[(None, None)] * _RANDOM)):
         if count >= most:
@@ -122,12 +112,13 @@ def crossing_on_ray(model: Realization, delta: Array, largest: float) -> Crossin
         else:
             low = middle
     end = high * delta
-    if is_beyond(model, end):
-        return Crossing(high * size, end, np.inf, np.zeros(len(delta)))
+    singular = Crossing(high * size, end, np.inf, np.zeros(len(delta)))
+    if state_matrices(model, end) is None:
+        return singular
     try:
         there, _, _ = moving_at(model, end)
     except (np.linalg.LinAlgError, WellPosednessError):
-        return Crossing(high * size, end, np.inf, np.zeros(len(delta)))
+        return singular
     i = int(np.argmax(there.poles.real))
     slope = there.gradients[i].real
     slope = slope if np.all(np.isfinite(slope)) else np.zeros(len(delta))
@@ -135,8 +126,8 @@ def crossing_on_ray(model: Realization, delta: Array, largest: float) -> Crossin
 
 
 def _rightmost(model: Realization, delta: Array) -> complex:
-    A = state_matrix(model, delta)
-    poles = np.linalg.eigvals(A) if len(A) and np.all(np.isfinite(A)) else np.zeros(1)
+    A = state_matrices(model, delta)
+    poles = np.zeros(1) if A is None or not len(A) else np.linalg.eigvals(A)
     return complex(poles[int(np.argmax(poles.real))])
 
 
@@ -158,16 +149,15 @@ def _towards_singular(model: Realization, delta: Array, largest: float, best: Cr
     """
     if not np.any(model.D):
         return best
-    eye, ends = np.eye(len(model.D)), np.cumsum([0, *model.sizes])
     for _ in range(_STEPS):
-        loop = eye - np.repeat(delta, model.sizes)[:, None] * model.D
+        loop = np.eye(len(model.D)) - model.spread(delta)[:, None] * model.D
         if np.linalg.slogdet(loop)[0] <= 0.0:
             found = crossing_on_ray(model, delta, largest)
             best = found if found.size < best.size else best
             delta = 0.5 * delta
             continue
         parts = np.diagonal(np.linalg.solve(loop.T, model.D.T))
-        slope = np.array([np.sum(parts[a:b]) for a, b in pairwise(ends)])  # of -log f
+        slope = model.by_parameter(parts)  # of -log f
         steepness = float(np.sum(np.abs(slope)))
         if steepness == 0.0:
             return best

@@ -148,7 +148,7 @@ def _searched(
 ) -> Bounds:
     """The largest value that a search finds."""
     q = len(model.sizes)
-    value = _h2 if what == "H2 norm" else _by_differences(what)
+    value = h2_and_slope if what == "H2 norm" else _by_differences(what)
     best, points = (-np.inf, np.zeros(q)), 0
 
     def look(delta: Array) -> tuple[float, Callable[[], Array]]:
@@ -186,10 +186,6 @@ def _searched(
 
 
 Value = Callable[[Realization, Array], tuple[float, Callable[[], Array]]]
-
-
-def _h2(model: Realization, delta: Array) -> tuple[float, Callable[[], Array]]:
-    return h2_and_slope(model, delta)
 
 
 def _by_differences(function: Any) -> Value:
