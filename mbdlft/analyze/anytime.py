@@ -1,6 +1,6 @@
 """What all searches for bounds have in common: the best bounds so far, whenever they end."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -109,25 +109,26 @@ class Search:
     def bounds(
         self,
         kind: str,
-        worst: tuple[Sequence[str], Array, float],
+        delta: Mapping[str, Any],
+        frequency: float,
         parts: Array,
         *,
         proved: bool,
         reason: str,
     ) -> Bounds:
-        """The result with names, deltas and frequency of the worst case, and parts of its change."""
-        names, delta, frequency = worst
-        known = len(delta) == len(names) and not np.isnan(frequency)
-        given: dict[str, Any] = dict(zip(names, delta.tolist(), strict=True)) if known else {}
+        """The result with deltas of blocks and frequency of the worst case, and parts of its change."""
+        system = self.asked.system
+        own = [name for name in delta if name in system.parameters.names]
+        values = np.array([float(delta[name]) for name in own])
         return Bounds(
             kind,
             self.lower,
             self.upper,
-            physical(self.asked.system, names, delta) if known else {},
-            given,
+            physical(system, own, values) if own else {},
+            delta,
             frequency,
             proved,
-            shares(names, parts) if known else {},
+            shares(list(delta), parts) if delta and np.any(parts) else {},
             self.used,
             reason,
             self.proof,

@@ -3,9 +3,13 @@
 from dataclasses import dataclass, field
 from math import prod
 
+import numpy as np
+
 from mbdlft.analyze.anytime import SHARE, Search
 from mbdlft.analyze.boxes import Check, Outcome, prove
 from mbdlft.analyze.characteristic import Polynomials, Realization, polynomials
+from mbdlft.analyze.result import Bounds
+from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 
 _MOST_COEFFICIENTS = 4e6  # of a polynomial in memory
@@ -43,6 +47,23 @@ class BoxSearch(Search):
         outcome = prove(model or self.model, k, found, work, is_wrong, gain, crew)
         self.used += outcome.work
         return outcome
+
+    def said(
+        self,
+        kind: str,
+        worst: tuple[Array, float],
+        slope: Array,
+        *,
+        proved: bool,
+        reason: str,
+    ) -> Bounds:
+        """The result with deltas, frequency and slope of the worst case; nothing of what is not known."""
+        names, (delta, frequency) = self.model.names, worst
+        known = len(delta) == len(names) and not np.isnan(frequency)
+        given = dict(zip(names, delta.tolist(), strict=True)) if known else {}
+        has_slope = len(slope) == len(delta) and bool(np.all(np.isfinite(slope)))
+        parts = delta * slope if has_slope else np.zeros(len(delta))
+        return self.bounds(kind, given, frequency, parts, proved=proved, reason=reason)
 
 
 def cost_of(model: Realization) -> float:

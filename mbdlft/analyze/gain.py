@@ -203,12 +203,13 @@ class _PeakSearch(BoxSearch):
     signals: Signals = field(kw_only=True)
     best: Peak = NOTHING
 
-    def said(self, kind: str, *, proved: bool, reason: str) -> Bounds:
-        names, best = self.model.names, self.best
-        finite = len(best.delta) == len(names) and np.isfinite(best.gain) and best.gain > 0.0
-        parts = best.delta * slope_at(self.model, best) if finite else np.zeros(len(names))
-        worst = names, best.delta, best.frequency
-        return self.bounds(kind, worst, parts, proved=proved, reason=reason)
+    def told_of(self, kind: str, *, proved: bool, reason: str) -> Bounds:
+        """The result with the best peak."""
+        best, slope = self.best, np.zeros(0)
+        if len(best.delta) == len(self.model.names) and 0.0 < best.gain < np.inf:
+            slope = slope_at(self.model, best)
+        worst = best.delta, best.frequency
+        return self.said(kind, worst, slope, proved=proved, reason=reason)
 
 
 @dataclass(slots=True)
@@ -263,7 +264,7 @@ class _GainSearch(_PeakSearch):
         is_open = not self.upper * (1.0 - self.asked.gap) <= self.lower or self.lower == 0.0
         proved = bool(np.isfinite(self.upper))
         reason = self.reason if is_open or np.isinf(self.lower) else ""
-        return self.said("worst-case gain", proved=proved, reason=reason)
+        return self.told_of("worst-case gain", proved=proved, reason=reason)
 
 
 @dataclass(slots=True)
@@ -306,4 +307,4 @@ class _PerformanceSearch(_PeakSearch):
 
     def answer(self) -> Bounds:
         reason = "" if self.is_closed else self.reason
-        return self.said("robust performance", proved=self.lower > 0.0, reason=reason)
+        return self.told_of("robust performance", proved=self.lower > 0.0, reason=reason)

@@ -161,15 +161,10 @@ class _MarginSearch(BoxSearch):
         return self.upper < before
 
     def answer(self) -> Bounds:
-        names, best = self.model.names, self.best
-        parts = best.delta * best.slope if len(best.slope) == len(names) else np.zeros(len(names))
-        is_open = self.lower < self.upper * (1.0 - self.asked.gap)
-        return self.bounds(
-            "robust stability",
-            (names, best.delta, best.frequency),
-            parts,
-            proved=self.lower > 0.0,
-            reason=self.reason if is_open else "",
+        is_open, best = self.lower < self.upper * (1.0 - self.asked.gap), self.best
+        worst, reason = (best.delta, best.frequency), self.reason if is_open else ""
+        return self.said(
+            "robust stability", worst, best.slope, proved=self.lower > 0.0, reason=reason
         )
 
 

@@ -24,7 +24,7 @@ from mbdlft.analyze.reach import (
     first_reached,
     nothing,
 )
-from mbdlft.analyze.realization import physical, realization, shares
+from mbdlft.analyze.realization import realization
 from mbdlft.analyze.result import Bounds
 from mbdlft.analyze.small_delta import SmallDelta
 from mbdlft.base.array import Array
@@ -189,7 +189,7 @@ class MixedSearch(Search):
         )
 
     def answer(self) -> Bounds:
-        system, best, loop = self.asked.system, self.best, self.loop
+        best, loop = self.best, self.loop
         if self.follows_poles:
             names = [block.name for block in loop.blocks]
             values = self.crossing.delta
@@ -202,22 +202,9 @@ class MixedSearch(Search):
             delta.pop(GAIN, None)
             parts = changes(loop, best)[: len(delta)] if best.bound else np.zeros(0)
             frequency = best.omega
-        own = [name for name in delta if name in system.parameters.names]
         is_open = not self.is_closed or not self.upper or np.isinf(self.upper)
-        found = Bounds(
-            self.kind,
-            self.lower,
-            self.upper,
-            physical(system, own, np.array([float(delta[name]) for name in own])) if own else {},
-            delta,
-            frequency,
-            self.lower > 0.0,
-            shares(list(delta), parts) if np.any(parts) else {},
-            self.used,
-            self._why() if is_open else "",
-            self.proof,
-            self.asked.leave_out,
-        )
+        why, proved = self._why() if is_open else "", self.lower > 0.0
+        found = self.bounds(self.kind, delta, frequency, parts, proved=proved, reason=why)
         if self.is_gain:
             lower, upper = _turned(self)
             return replace(found, lower=lower, upper=upper)

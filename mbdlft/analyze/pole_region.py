@@ -42,7 +42,7 @@ class _PoleSearch(BoxSearch):
     reached: float = -np.inf
     pole: complex = complex(np.nan)
     delta: Array = field(default_factory=lambda: np.zeros(0))
-    said: str = ""
+    resisted: str = ""
 
     def search(self) -> None:
         self.reach()
@@ -106,7 +106,7 @@ class _PoleSearch(BoxSearch):
                 self.reason = "no damping is below -1, that of an unstable real pole"
                 return
             if goal >= self.upper or self.used + cost > self.asked.work:
-                self.reason = self.said or self.used_up()
+                self.reason = self.resisted or self.used_up()
                 return
             model = self.region(goal)
             if not is_stable_at(model, np.zeros(len(model.sizes))):
@@ -137,24 +137,17 @@ class _PoleSearch(BoxSearch):
             pole = self.look(outcome.counterexample)
             self.look(push_right(self.model, outcome.counterexample, pole, _MOST, self.aim)[0])
         else:
-            self.said = resistance(outcome, 1.0, model)
+            self.resisted = resistance(outcome, 1.0, model)
         return False
 
     def answer(self) -> Bounds:
-        names = self.model.names
         moving = moving_at(self.model, self.delta)[0]
         k = int(np.argmin(np.abs(moving.poles - self.pole)))
         slope = self.aim.slope(complex(moving.poles[k]), moving.gradients[k])
-        known = bool(np.all(np.isfinite(slope)))
         self.lower = self.reached
         if self.aim is UNDAMPED:
             edge = self.proof.slope if isinstance(self.proof, BoxProof) else -np.inf
-            proved = edge / float(np.hypot(1.0, edge)) if self.proof else -1.0
-            self.lower, self.upper = proved - abs(proved) * (1.0 - _INSIDE), -self.reached
-        return self.bounds(
-            self.kind,
-            (names, self.delta, abs(self.pole.imag)),
-            self.delta * slope if known else np.zeros(len(names)),
-            proved=self.proof is not None,
-            reason=self.reason,
-        )
+            least = edge / float(np.hypot(1.0, edge)) if self.proof else -1.0
+            self.lower, self.upper = least - abs(least) * (1.0 - _INSIDE), -self.reached
+        worst, proved = (self.delta, abs(self.pole.imag)), self.proof is not None
+        return self.said(self.kind, worst, slope, proved=proved, reason=self.reason)
