@@ -2,9 +2,8 @@
 
 The slopes of the poles are those of `mbdlft.analyze.migration`.
 The smallest box with a point where the linearized real part reaches 0 is a corner: its deltas are
-s sign(g_k), g the slope of the real part. Steps towards that corner are repeated from every pole; where
-signs change on the way, the optimum is not a corner, and a linear program in a small region is solved.
-What is found is moved along its ray to where the pole crosses.
+s sign(g_k), g the slope of the real part. Steps towards that corner are repeated from every pole. What is
+found is moved along its ray to where the pole crosses.
 """
 
 from collections.abc import Iterator
@@ -17,7 +16,7 @@ from mbdlft.analyze.migration import by_damping, moving_at
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 
-_STEPS, _PROGRAMS, _RANDOM = 12, 12, 6
+_STEPS, _RANDOM = 12, 6
 _BISECTIONS = 60
 _ENDS = 1e-7  # of a step: below this the search has arrived
 
@@ -170,9 +169,9 @@ def _towards_singular(model: Realization, delta: Array, largest: float, best: Cr
 
 
 def _path(model: Realization, delta: Array, pole: complex, largest: float) -> Iterator[Array]:
-    """Deltas to which a pole is followed: corners first, then optima of linear programs."""
+    """Deltas to which a pole is followed: corners, and points on the way to them."""
     signs = np.zeros(len(delta))
-    for step in range(_STEPS + _PROGRAMS):
+    for step in range(_STEPS):
         try:
             (poles, moves), _, _ = moving_at(model, delta)
         except (np.linalg.LinAlgError, WellPosednessError):
@@ -189,42 +188,13 @@ def _path(model: Realization, delta: Array, pole: complex, largest: float) -> It
         size = min((float(slope @ delta) - pole.real) / steepness, largest)
         if size <= 0.0:
             return
-        if step < _STEPS:
-            target = size * np.sign(slope)
-            blend = 1.0 if np.array_equal(np.sign(slope), signs) or step < 3 else 0.5
-            signs = np.sign(slope)
-            new = delta + blend * (target - delta)
-        else:
-            radius = 0.3 * size * 0.7 ** (step - _STEPS)
-            new = _program(slope, delta, pole.real, radius)
+        target = size * np.sign(slope)
+        blend = 1.0 if np.array_equal(np.sign(slope), signs) or step < 3 else 0.5
+        signs = np.sign(slope)
+        new = delta + blend * (target - delta)
         moved = float(np.max(np.abs(new - delta)))
         delta = new
         yield delta
         yield min(1.02 * size, largest) * np.sign(slope)
         if moved <= _ENDS * size:
             return
-
-
-def _program(slope: Array, delta: Array, real: float, radius: float) -> Array:
-    """The smallest |x| with real + slope (x - delta) >= 0 and |x - delta| <= radius."""
-    from scipy.optimize import linprog  # here because it is slow to import
-
-    q = len(delta)
-    sides = np.vstack(
-        [
-            np.append(-slope, 0.0),
-            np.hstack([np.eye(q), -np.ones((q, 1))]),
-            np.hstack([-np.eye(q), -np.ones((q, 1))]),
-        ]
-    )
-    limits = np.concatenate([[real - slope @ delta], np.zeros(2 * q)])
-    found = linprog(
-        np.append(np.zeros(q), 1.0),
-        A_ub=sides,
-        b_ub=limits,
-        bounds=[*((d - radius, d + radius) for d in delta), (0.0, None)],
-        method="highs",
-    )
-    if found.status != 0:
-        return np.asarray(delta + radius * np.sign(slope))
-    return np.asarray(found.x[:q], dtype=float)
