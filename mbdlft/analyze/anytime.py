@@ -1,6 +1,6 @@
-"""What all searches for bounds have in common: the best bounds so far, whenever they end."""
+"""What all searches for bounds have in common: arguments, and the best bounds so far."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -8,13 +8,28 @@ import numpy as np
 
 from mbdlft.analyze.crew import ALONE, Crew
 from mbdlft.analyze.realization import physical, shares
-from mbdlft.analyze.result import LARGEST, Bounds, Progress
 from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError
+from mbdlft.bound.evidence import Bounds as Bounds
 from mbdlft.bound.evidence import Proof
 from mbdlft.system.system import System
 
+GAP, WORK, LARGEST = 0.01, 30.0, 100.0
 SHARE = 0.5  # of the work that is left, for one target
 _LOWER = 0.7  # a target that was not proved is taken nearer to what is: this part of the way
+
+
+Progress = Callable[[float, float], None]
+
+
+def check_numbers(what: str, **numbers: float) -> None:
+    """Raise an AnalysisError unless the gap is below 1 and all are positive and finite."""
+    for name, value in numbers.items():
+        most = 1.0 if name == "gap" else float("inf")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < most:
+            raise AnalysisError(
+                f"{what}: {name}: expected a number between 0 and {most:g}, got {value!r}."
+            )
 
 
 class Asked(NamedTuple):

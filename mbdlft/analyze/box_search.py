@@ -8,9 +8,9 @@ import numpy as np
 from mbdlft.analyze.anytime import SHARE, Search
 from mbdlft.analyze.boxes import Check, Outcome, prove
 from mbdlft.analyze.characteristic import Polynomials, Realization, polynomials
-from mbdlft.analyze.result import Bounds
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
+from mbdlft.bound.evidence import Bounds
 
 _MOST_COEFFICIENTS = 4e6  # of a polynomial in memory
 _DEAR = 20.0  # units of work: above this a polynomial costs more than multipliers

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbdlft.analyze.anytime import Asked
+from mbdlft.analyze.anytime import GAP, LARGEST, WORK, Asked, Progress, check_numbers
 from mbdlft.analyze.box_search import BoxSearch, cost_of, is_dear, resistance, too_large
 from mbdlft.analyze.characteristic import Polynomials, Realization
 from mbdlft.analyze.crew import crew_of
@@ -23,15 +23,15 @@ from mbdlft.analyze.peak import NOTHING, Peak, largest_peak, peak_at, slope_at
 from mbdlft.analyze.pole_migration import smallest_crossing
 from mbdlft.analyze.realization import (
     check_constant,
-    check_nominal,
     realization,
+    stable_states,
     states_that_stay,
 )
-from mbdlft.analyze.result import GAP, LARGEST, WORK, Bounds, BoxProof, Progress, check_numbers
 from mbdlft.analyze.varying import MovingGain, Rates, rates_of
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.threads import one_thread
+from mbdlft.bound.evidence import Bounds, BoxProof
 from mbdlft.system.names import positions_of
 from mbdlft.system.system import System
 
@@ -171,8 +171,7 @@ def _chosen(
             "when the model is made."
         )
     names = tuple(own[0][k] for k in j), tuple(own[1][k] for k in i)
-    stay = states_that_stay(system, leave_out, i)
-    check_nominal(system, system.A[np.ix_(stay, stay)], leave_out, what)
+    stable_states(system, leave_out, what, i)
     model = realization(system, j, i, leave_out) if system.lft.is_plain else None
     if model is not None and system.order and is_dear(model, work):
         model = None

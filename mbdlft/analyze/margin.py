@@ -13,9 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import numpy as np
-
-from mbdlft.analyze.anytime import Asked
+from mbdlft.analyze.anytime import GAP, LARGEST, WORK, Asked, Progress, check_numbers
 from mbdlft.analyze.box_search import BoxSearch, cost_of, is_dear, resistance
 from mbdlft.analyze.characteristic import Realization
 from mbdlft.analyze.crew import crew_of
@@ -23,24 +21,15 @@ from mbdlft.analyze.loop import check_fixed, loop_of
 from mbdlft.analyze.mixed import MixedSearch
 from mbdlft.analyze.pole_migration import NONE, Crossing, abscissa, improved, smallest_crossing
 from mbdlft.analyze.realization import (
-    check_nominal,
     check_parameters,
     realization,
-    states_that_stay,
-)
-from mbdlft.analyze.result import (
-    GAP,
-    LARGEST,
-    WORK,
-    Bounds,
-    BoxProof,
-    Progress,
-    check_numbers,
+    stable_states,
 )
 from mbdlft.analyze.varying import MovingMargin, Rates, rates_of
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.threads import one_thread
+from mbdlft.bound.evidence import Bounds, BoxProof
 from mbdlft.system.system import System
 
 
@@ -111,8 +100,7 @@ def robust_stability(
         raise AnalysisError(f"{what}: expected rates or fixed blocks, got both. Fix none.")
     if set(kept) >= {block.name for block in system.lft.blocks if block.inputs}:
         raise AnalysisError(f"{what}: expected a block that is not fixed.")
-    stay = states_that_stay(system, leave_out)
-    check_nominal(system, system.A[np.ix_(stay, stay)], leave_out, what)
+    stay = stable_states(system, leave_out, what)
     with one_thread(), crew_of(workers, client, what) as crew:
         asked = Asked(system, gap, work, progress, tuple(leave_out), largest, crew)
         if moving:

@@ -25,9 +25,9 @@ from mbdlft.analyze.reach import (
     nothing,
 )
 from mbdlft.analyze.realization import realization
-from mbdlft.analyze.result import Bounds
 from mbdlft.analyze.small_delta import SmallDelta
 from mbdlft.base.array import Array
+from mbdlft.bound.evidence import Bounds
 
 _INSIDE = 1.0 - 1e-15  # a size is not above what was proved, however it was rounded
 _RANGE = 1e6  # times the gain of nominal values: a size below one over that is not looked for

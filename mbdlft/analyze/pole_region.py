@@ -9,9 +9,9 @@ from mbdlft.analyze.anytime import Asked
 from mbdlft.analyze.box_search import BoxSearch, cost_of, resistance, too_large
 from mbdlft.analyze.characteristic import Realization, is_stable_at
 from mbdlft.analyze.migration import RIGHT, UNDAMPED, Aim, moving_at, push_right
-from mbdlft.analyze.result import Bounds, BoxProof
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
+from mbdlft.bound.evidence import Bounds, BoxProof
 
 _MODES, _CORNERS, _MOST = 8, 8, 60  # searches from the nominal point, from corners; points of each
 _WIDER = 4.0

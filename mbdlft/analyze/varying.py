@@ -16,11 +16,11 @@ from mbdlft.analyze.characteristic import Realization
 from mbdlft.analyze.coordinates import modal, turned
 from mbdlft.analyze.inequality import Unknowns, cost_of, least_gain, solved
 from mbdlft.analyze.motion import NONE, Motion, unstable_motion
-from mbdlft.analyze.result import Bounds, MotionProof
 from mbdlft.analyze.variation import form_of, is_negative, is_structured, scaled, sizes_of
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.parameter import Parameter, internal_slope
+from mbdlft.bound.evidence import Bounds, MotionProof
 from mbdlft.system.system import System
 
 Rates = float | Mapping[str, float] | None
