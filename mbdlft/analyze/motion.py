@@ -107,14 +107,19 @@ def _unit(model: Realization) -> float:
 
 
 def growth(model: Realization, rates: Array, period: float, deltas: Array, fine: int) -> float:
-    """log |mu| of a period; inf where the model is singular."""
+    """log |mu| of a period; inf where the model is singular, -inf where a step is beyond all numbers."""
     found = state_matrices(model, _points(deltas, rates, fine))
     if found is None:
         return np.inf
-    Phi = np.eye(len(model.A))
-    for part in expm(found * (period / len(found))):
-        Phi = part @ Phi
-    return float(np.log(np.max(np.abs(np.linalg.eigvals(Phi)))))
+    Phi, total = np.eye(len(model.A)), 0.0
+    with np.errstate(all="ignore"):
+        for part in expm(found * (period / len(found))):
+            Phi = part @ Phi
+            size = float(np.max(np.abs(Phi)))
+            if not 0.0 < size < np.inf:
+                return -np.inf
+            Phi, total = Phi / size, total + float(np.log(size))
+        return total + float(np.log(np.max(np.abs(np.linalg.eigvals(Phi)))))
 
 
 def _points(deltas: Array, rates: Array, fine: int) -> Array:
@@ -156,7 +161,7 @@ def _climbed(
     )
     value = growth(model, any_rate, period, deltas, 1)
     for _ in range(_CLIMBS):
-        slope = _slope(model, period, deltas)
+        slope = _slope(model, period, deltas) if np.isfinite(value) else None
         if slope is None:
             return deltas
         pairs = zip(slope.T, steps, strict=True)
@@ -169,26 +174,27 @@ def _climbed(
         else:
             return deltas
         deltas, value = new, there
-        if not np.isfinite(value):
-            return deltas
     return deltas
 
 
 def _slope(model: Realization, period: float, deltas: Array) -> Array | None:
-    """Derivatives of the growth (points, number of deltas)."""
+    """Derivatives of the growth (points, number of deltas); None where they are beyond all numbers."""
     found = state_matrices(model, deltas)
     if found is None:
         return None
     parts = expm(found * (period / len(found)))
     before = [np.eye(len(model.A))]
-    for part in parts:
-        before.append(part @ before[-1])
-    values, V = np.linalg.eig(before[-1])
+    with np.errstate(all="ignore"):
+        for part in parts:
+            before.append(part @ before[-1])
     try:
+        values, V = np.linalg.eig(before[-1])
         U = np.linalg.inv(V)
     except np.linalg.LinAlgError:
         return None
     k = int(np.argmax(np.abs(values)))
+    if not values[k]:
+        return None
     n = len(model.A)
     K, L = model.into(deltas)[..., :n], model.out_of(deltas)[:, :n]
     row, rows = U[k], []

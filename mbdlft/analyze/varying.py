@@ -265,8 +265,8 @@ class MovingGain(_MotionSearch):
     def search(self) -> None:
         gap, self.lower = self.asked.gap, self.constant.lower
         low, factor = self.lower, 1.0 + 0.5 * gap
-        motion = self.looked(1.0)
-        if motion.size <= 1.0 and np.isfinite(low):
+        motion = self.looked(1.0) if np.isfinite(low) else NONE
+        if motion.size <= 1.0:
             self.reason = "the system is unstable at a motion"
             self.lower, self.motion = inf, motion
             return
