@@ -12,7 +12,7 @@ import numpy as np
 from mbdlft.base.errors import NotRationalError
 from mbdlft.dae.mixed import ONE_KEY, Mixed, times
 from mbdlft.dae.mixed import number as number_of
-from mbdlft.dae.operations import column_of
+from mbdlft.dae.operations import column_of, free_symbols
 from mbdlft.number.exact import Field, constant_of
 from mbdlft.sx.constants import constants_in, is_constant
 from mbdlft.sx.fold import Rule, fold, rules, steps
@@ -106,9 +106,7 @@ class Registry:
     def _collected(self, value: Mixed, *, exactly: bool) -> Row:
         row: Row = {}
         for part in value.linear.values():
-            symbols = ca.symvar(part.form)
-            known = {s.element_hash() for s in ca.vertsplit(constants_in(part.form)[0])}
-            signals = [s for s in symbols if s.element_hash() not in known]
+            signals = free_symbols(part.form)
             slopes = ca.densify(part.coefficient * ca.jacobian(part.form, column_of(signals)))
             for s, x in zip(signals, self._values(slopes, exactly=exactly), strict=True):
                 key = ("signal", s.element_hash())

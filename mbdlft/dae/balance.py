@@ -177,7 +177,7 @@ def _guessed(
         if len(left) == len(own):
             return None
         old = column_of([q.symbol for q in own if q.name in known])
-        rest = ca.substitute(residual, old, column_of(list(known.values())))
+        rest = ca.substitute(residual, old, column_of(known.values()))
         unknown = z[left]
         J = _numbers(ca.jacobian(rest, unknown), z, s.dae.p, values[0], p[0])
         rows = independent(J.T, np.zeros(len(J), dtype=int))
@@ -227,7 +227,7 @@ def _holds(
     s: Structure, residual: ca.SX, z: ca.SX, chosen: Sequence[ca.SX], own: Sequence[Quantity]
 ) -> bool:
     """Whether equations hold at values of the parameters that were not looked at before."""
-    expressions = column_of(list(chosen))
+    expressions = column_of(chosen)
     left = ca.substitute(residual, z, expressions)
     slopes = ca.substitute(ca.jacobian(residual, z), z, expressions)
     parts = [ca.densify(in_doubles(part)) for part in (left, slopes, expressions)]

@@ -10,9 +10,9 @@ from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.base.expression import evaluate
 from mbdlft.base.grammar import parse
 from mbdlft.base.parameter import Parameter
-from mbdlft.dae.operations import column_of
+from mbdlft.dae.operations import column_of, free_symbols
 from mbdlft.multibody.equilibrium.fit import fit_equilibrium
-from mbdlft.sx.constants import constants_in, in_doubles, literal
+from mbdlft.sx.constants import in_doubles, literal
 
 
 class CoefficientFit(NamedTuple):
@@ -56,9 +56,8 @@ def fit_coefficient(
         The tolerance is not met.
     """
     expression = ca.SX(coefficient)
-    own = {s.element_hash() for s in ca.vertsplit(constants_in(expression)[0])}
     known = {s.element_hash(): p for s, p in zip(symbols, parameters, strict=True)}
-    free = [s for s in ca.symvar(expression) if s.element_hash() not in own]
+    free = free_symbols(expression)
     for s in free:
         if s.element_hash() not in known:
             raise SceneError(f"fit of {expression}: {s.name()!r} is no parameter.")

@@ -20,7 +20,7 @@ from mbdlft.dae.balance import Balance
 from mbdlft.dae.operations import column_of
 from mbdlft.dae.structure import Structure
 from mbdlft.multibody.equilibrium.fit import fit_equilibrium
-from mbdlft.sx.constants import constants_in, in_doubles, literal
+from mbdlft.sx.constants import in_doubles, is_constant, literal
 from mbdlft.sx.fold import steps
 
 _RATIONAL = {"input", "output", "const", "assign", "add", "sub", "mul", "div", "neg", "sq", "twice"}
@@ -138,9 +138,7 @@ def _slopes(s: Structure, old: ca.SX, new: ca.SX) -> tuple[list[tuple[int, int]]
 
 def is_rational(expression: ca.SX) -> bool:
     """Whether an expression has + - * / and powers of its symbols only; functions of numbers pass."""
-    own = {s.element_hash() for s in ca.vertsplit(constants_in(expression)[0])}
-    free = [s for s in ca.symvar(expression) if s.element_hash() not in own]
-    if not free:
+    if is_constant(expression):
         return True
     function = ca.Function("f", [column_of(ca.symvar(expression))], [ca.densify(expression)])
     return all(name in _RATIONAL for name, _, _ in steps(function))

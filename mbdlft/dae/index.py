@@ -19,7 +19,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from mbdlft.base.errors import StructureError
-from mbdlft.dae.description import Dae, Variable, column
+from mbdlft.dae.description import Dae, Variable
 from mbdlft.dae.operations import column_of
 
 Pattern = NDArray[np.int64]
@@ -104,7 +104,7 @@ def differentiated(dae: Dae) -> Differentiated:
 
 def _signature(dae: Dae) -> Pattern:
     """Highest order of each variable in each equation; -1 where it does not occur."""
-    residuals = column(e.residual for e in dae.equations)
+    residuals = column_of(e.residual for e in dae.equations)
     found = np.full((len(dae.equations), len(dae.variables)), _ABSENT)
     for order in (0, 1):
         chosen = [
@@ -114,7 +114,7 @@ def _signature(dae: Dae) -> Pattern:
         ]
         if not chosen or not residuals.numel():
             continue
-        pattern = ca.jacobian_sparsity(residuals, column(s for _, s in chosen))
+        pattern = ca.jacobian_sparsity(residuals, column_of(s for _, s in chosen))
         rows, columns = (np.array(part, dtype=int) for part in pattern.get_triplet())
         found[rows, np.array([j for j, _ in chosen])[columns]] = order
     return found
@@ -233,10 +233,10 @@ def _derivatives(
     symbols_now, rates_now = column_of([s for s, _ in moving]), column_of([r for _, r in moving])
     for order in range(1, max(counts, default=0) + 1):
         rows = [i for i, count in enumerate(counts) if count >= order]
-        before = column(found[Row(i, order - 1)] for i in rows)
+        before = column_of(found[Row(i, order - 1)] for i in rows)
         after = ca.jtimes(before, symbols_now, rates_now)
         found |= {Row(i, order): after[k] for k, i in enumerate(rows)}
-    every = column(found.values())
+    every = column_of(found.values())
     used = [
         (dae.inputs[k], order, s)
         for (k, order), s in rates.items()

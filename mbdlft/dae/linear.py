@@ -76,7 +76,7 @@ class _Linear:
             if q.is_angle
         }
         own = [dae.p[k] for k, q in enumerate(dae.parameters) if q.is_angle]
-        values = column_of(list(at.values.values()))
+        values = column_of(at.values.values())
         every = ca.vertcat(
             self.s.residual, *(y.expression for y in dae.outputs), cosine, sine, values
         )
@@ -336,7 +336,7 @@ def linearized(s: Structure, z: Array, points: Array) -> Array:
     """
     around = column_of([q.symbol for q in (*s.unknowns, *s.states, *s.inputs)])
     outputs = column_of([y.expression for y in s.dae.outputs])
-    stacked = ca.vertcat(s.residual, outputs, column_of(list(s.rates)))
+    stacked = ca.vertcat(s.residual, outputs, column_of(s.rates))
     slopes = ca.sparsify(in_doubles(ca.jacobian(stacked, around)))
     where = slopes.sparsity().get_triplet()
     entries = ca.densify(column_of_entries(slopes))

@@ -2,13 +2,13 @@
 
 import math
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import casadi as ca
 
 from mbdlft.base.errors import NotRationalError, SceneError
-from mbdlft.sx.constants import literal
+from mbdlft.sx.constants import is_constant, literal
 from mbdlft.sx.fold import Rule, Rules, fold
 
 FUNCTIONS: Mapping[str, Rule] = {
@@ -80,9 +80,14 @@ def with_literals(expression: ca.SX) -> ca.SX:
     return ca.SX(found[0]) if found else ca.SX(1, 1)
 
 
-def column_of(parts: Sequence[ca.SX]) -> ca.SX:
+def column_of(parts: Iterable[ca.SX]) -> ca.SX:
     """A column (n, 1) of scalars; of none, (0, 1)."""
     return ca.vertcat(ca.SX(0, 1), *parts)
+
+
+def free_symbols(expression: ca.SX) -> list[ca.SX]:
+    """The symbols in an expression that do not stand for constants."""
+    return [s for s in ca.symvar(expression) if not is_constant(s)]
 
 
 def _literal(value: float) -> ca.SX:

@@ -18,6 +18,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
 from mbdlft.dae.exact_rank import singular_part
 from mbdlft.dae.index import Differentiated, Entry, Row, listed, name_of, place_of
+from mbdlft.dae.operations import column_of
 from mbdlft.sx.constants import in_doubles
 
 _RANK = 1e-9  # of the largest pivot: a smaller one is no pivot
@@ -65,10 +66,10 @@ def dummy_derivatives(
     dae, n = d.dae, len(d.dae.equations)
     rows = [Row(i, d.counts[i]) for i in range(n)]
     entries = [Entry(j, d.orders[j]) for j in range(n)]
-    residuals = ca.vertcat(ca.SX(0, 1), *(d.residuals[row] for row in rows))
-    unknown = ca.vertcat(ca.SX(0, 1), *(d.symbols[entry] for entry in entries))
+    residuals = column_of(d.residuals[row] for row in rows)
+    unknown = column_of(d.symbols[entry] for entry in entries)
     jacobian = ca.jacobian(residuals, unknown)
-    free = ca.vertcat(ca.SX(0, 1), *signals)
+    free = column_of(signals)
     own = signals[: len(signals) - len(dae.parameters)]
     values = _Values(jacobian, free, points)
     dummies: set[Entry] = set()
@@ -108,7 +109,7 @@ def _check_regular(
     block: Block,
     entries: Sequence[Entry],
 ) -> None:
-    signals = ca.vertcat(ca.SX(0, 1), *own)
+    signals = column_of(own)
     found = singular_part(part, signals, d.dae.p, points)
     if found is None:
         return

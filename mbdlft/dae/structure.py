@@ -18,9 +18,10 @@ from mbdlft.base.errors import SceneError, StructureError, unknown_name
 from mbdlft.base.samples import random
 from mbdlft.base.unit import parse_unit
 from mbdlft.dae.alias import Alias, eliminate_aliases
-from mbdlft.dae.description import Dae, Variable, column
+from mbdlft.dae.description import Dae, Variable
 from mbdlft.dae.dimensions import check_units
 from mbdlft.dae.index import Differentiated, Entry, differentiated, listed, name_of, place_of
+from mbdlft.dae.operations import column_of
 from mbdlft.dae.points import Found, System, solve
 from mbdlft.dae.states import Block, blocks_of, dummy_derivatives
 
@@ -86,22 +87,22 @@ class Structure:
     @cached_property
     def residual(self) -> ca.SX:
         """All residuals (n, 1)."""
-        return column(residual for _, residual in self.equations)
+        return column_of(residual for _, residual in self.equations)
 
     @cached_property
     def x(self) -> ca.SX:
         """Symbols of the states."""
-        return column(q.symbol for q in self.states)
+        return column_of(q.symbol for q in self.states)
 
     @cached_property
     def unknown(self) -> ca.SX:
         """Symbols of the unknowns."""
-        return column(q.symbol for q in self.unknowns)
+        return column_of(q.symbol for q in self.unknowns)
 
     @cached_property
     def u(self) -> ca.SX:
         """Symbols of the inputs."""
-        return column(q.symbol for q in self.inputs)
+        return column_of(q.symbol for q in self.inputs)
 
     @property
     def owner(self) -> str:
@@ -173,7 +174,7 @@ def _written_rates(dae: Dae) -> dict[str, str]:
         names = [variables.get(s.element_hash()) for s in symbols]
         ends = [rates.get(s.element_hash()) for s in symbols]
         if len(symbols) == 2 and sum(name is not None for name in names) == 1 and any(ends):
-            slopes = ca.densify(ca.jacobian(e.residual, column(symbols)))
+            slopes = ca.densify(ca.jacobian(e.residual, column_of(symbols)))
             if slopes.is_constant() and float(slopes[0]) == -float(slopes[1]):
                 found[next(n for n in names if n)] = next(n for n in ends if n)
     return found
@@ -222,10 +223,10 @@ class _Points:
             [(dae.variables[j].start or 0.0) if not order else 0.0 for j, order in entries]
         )
         sizes = np.array([dae.variables[j].nominal for j, _ in entries])
-        given = column([*(q.symbol for q in self.inputs), *ca.vertsplit(dae.p)])
-        residual = column(d.residuals.values())
+        given = column_of([*(q.symbol for q in self.inputs), *ca.vertsplit(dae.p)])
+        residual = column_of(d.residuals.values())
         u = [q.variable.start or 0.0 if not q.order else 0.0 for q in self.inputs]
-        system = System(residual, column(d.symbols.values()), given)
+        system = System(residual, column_of(d.symbols.values()), given)
         found: list[Array] = []
         for p in parameter_points(dae, _POINTS):
             at = solve(system, start, np.array([*u, *p]), sizes)
@@ -298,7 +299,7 @@ def _assembled(
                 f"{source.owner}: {name!r} cannot be a state together with the other states that are "
                 f"asked for. The states are {listed(sorted(names))}."
             )
-    residual, unknown = column(d.residuals.values()), column(d.symbols[e] for e in unknowns)
+    residual, unknown = column_of(d.residuals.values()), column_of(d.symbols[e] for e in unknowns)
     return Structure(
         source=source,
         dae=dae,

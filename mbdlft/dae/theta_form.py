@@ -272,7 +272,7 @@ class _Form:
         free = ca.vertcat(s.unknown, s.x, s.u, self.internal)
         linear = sum((p.coefficient * p.form for p in value.linear.values()), ca.SX(0))
         linear = linear + (value.constant if value.constant is not None else 0)
-        factors = column_of(list(value.terms.values()))
+        factors = column_of(value.terms.values())
         function = ca.Function("value", [free], [in_doubles(linear), in_doubles(factors)])
         at = self._internal_at()
         total, weights = function(at)

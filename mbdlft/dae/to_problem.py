@@ -16,6 +16,7 @@ from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.signal import Signal
 from mbdlft.base.unit import parse_unit
 from mbdlft.dae.form_signals import signals_of
+from mbdlft.dae.operations import column_of
 from mbdlft.dae.points import System, solve
 from mbdlft.dae.separate import Arrange
 from mbdlft.dae.structure import Structure, in_symbols
@@ -196,20 +197,16 @@ class _Closed:
         zeta = [expression for _, expression, _ in form.functions]
         self.free = ca.vertcat(s.unknown, s.x, s.u, m.p)
         self.zeta, self.symbols = (
-            ca.vertcat(ca.SX(0, 1), *form.zeta),
-            ca.vertcat(ca.SX(0, 1), *symbols),
+            column_of(form.zeta),
+            column_of(symbols),
         )
         given = ca.vertcat(self.free, form.one)
-        self.psi = ca.Function(
-            "psi", [given, self.zeta], [ca.densify(in_doubles(ca.vertcat(ca.SX(0, 1), *psi)))]
-        )
-        self.theta = ca.Function(
-            "theta", [self.symbols], [ca.densify(in_doubles(ca.vertcat(ca.SX(0, 1), *zeta)))]
-        )
-        fresh = ca.vertcat(ca.SX(0, 1), *self.fresh)
+        self.psi = ca.Function("psi", [given, self.zeta], [ca.densify(in_doubles(column_of(psi)))])
+        self.theta = ca.Function("theta", [self.symbols], [ca.densify(in_doubles(column_of(zeta)))])
+        fresh = column_of(self.fresh)
         residual = in_doubles(m.residual)
-        output = in_doubles(ca.vertcat(ca.SX(0, 1), *ca.vertsplit(m.output)[: len(s.dae.outputs)]))
-        true = in_doubles(ca.vertcat(ca.SX(0, 1), *(y.expression for y in s.dae.outputs)))
+        output = in_doubles(column_of(ca.vertsplit(m.output)[: len(s.dae.outputs)]))
+        true = in_doubles(column_of(y.expression for y in s.dae.outputs))
         # rates that have a symbol of their own
         values = [
             s.rates[k]
@@ -217,11 +214,7 @@ class _Closed:
             if q.element_hash() not in own
         ]
         stacked = ca.vertcat(residual, output - self._of_internal(true))
-        stacked = (
-            ca.substitute(stacked, fresh, ca.vertcat(ca.SX(0, 1), *values))
-            if self.fresh
-            else stacked
-        )
+        stacked = ca.substitute(stacked, fresh, column_of(values)) if self.fresh else stacked
         arguments = [given, self.zeta]
         self.residual = ca.Function("relations", arguments, [ca.densify(stacked)])
         self.slopes = ca.Function(
