@@ -74,8 +74,7 @@ def fitted(
         An angle is among the parameters, or an operation cannot be bounded.
     """
     z = [problem.quantities[j] for _, j in left]
-    around = (*s.unknowns, *s.states, *s.inputs)
-    known = [q for q in around if q.name in values]
+    known = [q for q in s.quantities if q.name in values]
     old = column_of([q.symbol for q in known])
     new = column_of([values[q.name] for q in known])
     own = [problem.residual[i] for i, _ in left]
@@ -125,9 +124,8 @@ def fitted(
 
 def _slopes(s: Structure, old: ca.SX, new: ca.SX) -> tuple[list[tuple[int, int]], list[ca.SX]]:
     """Places and values of entries of the Jacobian that are not rational in what is left and p."""
-    around = column_of([q.symbol for q in (*s.unknowns, *s.states, *s.inputs)])
     stacked = ca.vertcat(s.residual, *(y.expression for y in s.dae.outputs))
-    J = ca.SX(ca.sparsify(ca.substitute(ca.jacobian(stacked, around), old, new)))
+    J = ca.SX(ca.sparsify(ca.substitute(ca.jacobian(stacked, s.symbols), old, new)))
     places, entries = [], []
     for i, j in zip(*J.sparsity().get_triplet(), strict=True):
         if not is_rational(J[i, j]):

@@ -16,6 +16,7 @@ import casadi as ca
 
 from mbdlft.base.errors import NotRationalError
 from mbdlft.dae.arguments import Registry, independent
+from mbdlft.dae.description import Dae
 from mbdlft.dae.mixed import (
     NOTHING,
     ONE_KEY,
@@ -29,6 +30,7 @@ from mbdlft.dae.mixed import (
 )
 from mbdlft.dae.operations import ARITHMETIC, FUNCTIONS, column_of, free_symbols
 from mbdlft.number.exact import constant_of
+from mbdlft.problem.equations import cosines_sines
 from mbdlft.sx.constants import FUNCTIONS as EXACT_FUNCTIONS
 from mbdlft.sx.constants import is_constant, literal, numbers_of
 from mbdlft.sx.fold import Rules, fold
@@ -42,26 +44,27 @@ class Separation:
 
     Parameters
     ----------
-    owner : str
-        For messages.
+    dae : Dae
     expressions : SX
         All that will be followed.
-    p : SX symbols (n,)
-        Those of parameters and of internal values of angles.
-    angles : mapping of hashes of symbols of angles to (cosine, sine), SX of internal values
     arrange : {"fewest", "blocks"}
+
+    Attributes
+    ----------
+    internal : SX (n_p,)
+        The symbols of parameters; of angles, those of their internal values.
     """
 
-    def __init__(
-        self,
-        owner: str,
-        expressions: ca.SX,
-        p: ca.SX,
-        angles: dict[int, tuple[ca.SX, ca.SX]],
-        arrange: Arrange,
-    ) -> None:
-        self.owner, self.arrange, self.angles = owner, arrange, angles
-        self.registry = Registry(expressions, p)
+    def __init__(self, dae: Dae, expressions: ca.SX, arrange: Arrange) -> None:
+        self.owner, self.arrange = dae.owner, arrange
+        angles = [k for k, p in enumerate(dae.parameters) if p.is_angle]
+        self.internal = ca.SX(dae.p)
+        for k in angles:
+            self.internal[k] = ca.SX.sym(f"tan({dae.parameters[k].name})")
+        cosine, sine = cosines_sines(dae.parameters, self.internal)
+        self.angles = {dae.p[k].element_hash(): (cosine[k], sine[k]) for k in angles}
+        p = ca.vertcat(self.internal, *(dae.p[k] for k in angles))
+        self.registry = Registry(ca.vertcat(expressions, cosine, sine), p)
         self.coefficients = {s.element_hash() for s in ca.vertsplit(p)}
         self.values: dict[
             int, Mixed

@@ -15,6 +15,7 @@ from mbdlft.base.parameter import to_internal
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.signal import Signal
 from mbdlft.base.unit import parse_unit
+from mbdlft.dae.balance import start_of
 from mbdlft.dae.form_signals import signals_of
 from mbdlft.dae.operations import column_of
 from mbdlft.dae.points import System, solve
@@ -123,9 +124,8 @@ def consistent_point(s: Structure, p: Array | None = None) -> Array:
         None is found.
     """
     quantities = [*s.unknowns, *s.states]
-    start = np.array([q.variable.start or 0.0 if not q.order else 0.0 for q in quantities])
-    sizes = np.array([q.variable.nominal for q in quantities])
-    u = np.array([q.variable.start or 0.0 if not q.order else 0.0 for q in s.inputs])
+    start, sizes = start_of(quantities)
+    u = np.array([q.start for q in s.inputs])
     if p is None:
         nominal = np.array([[parameter.nominal for parameter in s.dae.parameters]])
         p = in_symbols(s.dae, nominal)[0] if s.dae.parameters else np.zeros(0)
@@ -191,7 +191,7 @@ class _Closed:
         self.s = s
         self.p = form.relations.p
         m, own = form.relations, {q.element_hash() for q in ca.vertsplit(s.unknown)}
-        self.fresh = [q for q in ca.vertsplit(m.unknown) if q.element_hash() not in own]
+        fresh = [q for q in ca.vertsplit(m.unknown) if q.element_hash() not in own]
         psi = [expression for _, _, expression in form.arguments]
         symbols = [symbol for _, symbol, _ in form.arguments]
         zeta = [expression for _, expression, _ in form.functions]
@@ -203,7 +203,6 @@ class _Closed:
         given = ca.vertcat(self.free, form.one)
         self.psi = ca.Function("psi", [given, self.zeta], [ca.densify(in_doubles(column_of(psi)))])
         self.theta = ca.Function("theta", [self.symbols], [ca.densify(in_doubles(column_of(zeta)))])
-        fresh = column_of(self.fresh)
         residual = in_doubles(m.residual)
         output = in_doubles(column_of(ca.vertsplit(m.output)[: len(s.dae.outputs)]))
         true = in_doubles(column_of(y.expression for y in s.dae.outputs))
@@ -214,7 +213,7 @@ class _Closed:
             if q.element_hash() not in own
         ]
         stacked = ca.vertcat(residual, output - self._of_internal(true))
-        stacked = ca.substitute(stacked, fresh, column_of(values)) if self.fresh else stacked
+        stacked = ca.substitute(stacked, column_of(fresh), column_of(values))
         arguments = [given, self.zeta]
         self.residual = ca.Function("relations", arguments, [ca.densify(stacked)])
         self.slopes = ca.Function(
@@ -262,7 +261,7 @@ def theta_functions(
     s: Structure, form: ThetaForm, units: Mapping[str, str]
 ) -> tuple[ThetaFunction, ...]:
     """The functions as texts, with ranges of arguments that are variables."""
-    variables = {q.name: q.variable for q in (*s.states, *s.unknowns, *s.inputs) if not q.order}
+    variables = {q.name: q.variable for q in s.quantities if not q.order}
     found = []
     for name, expression, used in form.functions:
         arguments = [form.arguments[a] for a in used]
