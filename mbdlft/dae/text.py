@@ -10,7 +10,7 @@ import casadi as ca
 
 from mbdlft.base.errors import NotRationalError
 from mbdlft.base.formula import ARITHMETIC, Functions, formula_value
-from mbdlft.dae.operations import column_of
+from mbdlft.dae.operations import FUNCTIONS, column_of
 from mbdlft.dae.piecewise import ARGUMENT, Piecewise, applied
 from mbdlft.dae.piecewise import constant as always
 from mbdlft.number.exact import Constant, constant_of
@@ -40,18 +40,8 @@ _COMPARED = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
 # what formulas are for SX
 SYMBOLIC: Functions = {
     **ARITHMETIC,
-    **{name: getattr(ca, name) for name in ("sin", "cos", "tan", "asin", "acos", "atan")},
-    **{name: getattr(ca, name) for name in ("sinh", "cosh", "tanh", "asinh", "acosh", "atanh")},
-    **{name: getattr(ca, name) for name in ("exp", "log", "log1p", "expm1", "sqrt", "sign")},
-    **{name: getattr(ca, name) for name in ("floor", "ceil", "atan2", "hypot", "copysign")},
-    "abs": ca.fabs,
-    "min": ca.fmin,
-    "max": ca.fmax,
-    "mod": ca.fmod,
+    **{text: FUNCTIONS[name] for name, text in _CALLS.items()},
     "where": ca.if_else,
-    "and_": ca.logic_and,
-    "or_": ca.logic_or,
-    "not_": ca.logic_not,
 }
 
 

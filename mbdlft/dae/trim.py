@@ -22,7 +22,7 @@ from mbdlft.dae.balance import (
     solved_exactly,
     start_of,
 )
-from mbdlft.dae.fitted import Fitted, fitted
+from mbdlft.dae.fit import Fitted, fitted
 from mbdlft.dae.operations import column_of
 from mbdlft.dae.points import System, solve, values_of
 from mbdlft.dae.states import independent
