@@ -1,6 +1,7 @@
 """State matrices at all combinations of values of the parameters: LPV models on a grid."""
 
 import csv
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO, StringIO
@@ -165,7 +166,7 @@ def grid_csv(model: System, grid: Grid) -> bytes:
     if grid.trim is not None and isinstance(model, LFTModel):
         names += [s.name for s in model.trim.signals]
         parts.append(grid.trim)
-    twice = sorted({name for name in names if names.count(name) > 1}) if _clash(names) else []
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
         raise StructureError(
             f"model {model.name!r}: the columns of the table clash: {', '.join(twice)} would stand there "
@@ -176,10 +177,6 @@ def grid_csv(model: System, grid: Grid) -> bytes:
     writer.writerow(names)
     writer.writerows([repr(x) for x in row] for row in np.hstack(parts).tolist())
     return stream.getvalue().encode()
-
-
-def _clash(names: list[str]) -> bool:
-    return len(set(names)) < len(names)
 
 
 def grid_mat(model: System, grid: Grid) -> bytes:
