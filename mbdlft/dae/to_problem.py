@@ -11,7 +11,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError
-from mbdlft.base.parameter import to_internal
+from mbdlft.base.parameter import DIVISORS, to_internal
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.signal import Signal
 from mbdlft.base.unit import parse_unit
@@ -226,8 +226,7 @@ class _Closed:
         dae, p = self.s.dae, self.p
         for k, q in enumerate(dae.parameters):
             if q.is_angle:
-                parts = 2.0 if q.substitution == "half-angle" else 4.0
-                angle = q.reference + parts * ca.atan(p[k])
+                angle = q.reference + DIVISORS[q.substitution] * ca.atan(p[k])
                 expression = ca.substitute(expression, dae.p[k], angle)
         return expression
 
