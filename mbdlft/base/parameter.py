@@ -103,12 +103,8 @@ class Parameter:
         reference: float = 0.0,
     ) -> None:
         where = f"parameter {name!r}"
-        for label, text in (
-            ("name", name),
-            ("unit", unit),
-            ("role", role),
-            ("substitution", substitution),
-        ):
+        texts = {"name": name, "unit": unit, "role": role, "substitution": substitution}
+        for label, text in texts.items():
             if not isinstance(text, str):
                 raise SceneError(f"{where}: {label}: expected a text, got {text!r}.")
         numbers = {
@@ -124,16 +120,13 @@ class Parameter:
             if value is not None or label == "nominal":
                 _check_number(where, label, value)
         low, high = _range(where, nominal, low, high, percent, plus, minus)
-        for field, entry in (
-            ("name", name),
-            ("nominal", float(nominal)),
-            ("low", low),
-            ("high", high),
-            ("unit", unit),
-            ("role", role),
-            ("substitution", substitution),
-            ("reference", float(reference)),
-        ):
+        entries = {
+            "nominal": float(nominal),
+            "low": low,
+            "high": high,
+            "reference": float(reference),
+        }
+        for field, entry in {**texts, **entries}.items():
             object.__setattr__(self, field, entry)
         problem = _problem(self)
         if problem:

@@ -153,7 +153,6 @@ class _Classes:
             for k, v in enumerate(dae.variables)
         }
         self.inputs = {v.name for v in dae.inputs}
-        self.saying: dict[str, str] = {}
 
     def root(self, name: str) -> tuple[str | None, Fraction]:
         """What a signal is a factor of; None for the number 1."""

@@ -82,27 +82,30 @@ def simulate(
         raise SceneError("simulate: times are at least two increasing numbers.")
     if isinstance(model, Dae):
         model = reduce_index(model)
-    given = (grid, dict(inputs or {}), dict(parameters or {}), dict(initial or {}), tolerance)
+    asked = _Asked(grid, inputs or {}, parameters or {}, initial or {})
     if isinstance(model, DeltaThetaModel):
-        return _of_theta(model, *given)
-    return _of_structure(model, *given)
+        return _of_theta(model, asked, tolerance)
+    return _of_structure(model, asked, tolerance)
 
 
-def _of_structure(
-    s: Structure,
-    grid: Array,
-    inputs: Mapping[str, ArrayLike],
-    parameters: Mapping[str, float],
-    initial: Mapping[str, float],
-    tolerance: float,
-) -> Simulation:
-    _check_names(s.owner, "parameter", parameters, [p.name for p in s.dae.parameters])
-    physical = np.array([float(parameters.get(p.name, p.nominal)) for p in s.dae.parameters])
+class _Asked(NamedTuple):
+    """Times, and what is given by name: inputs at them, parameters, states at the first."""
+
+    grid: Array
+    inputs: Mapping[str, ArrayLike]
+    parameters: Mapping[str, float]
+    states: Mapping[str, float]
+
+
+def _of_structure(s: Structure, asked: _Asked, tolerance: float) -> Simulation:
+    grid, given = asked.grid, asked.parameters
+    _check_names(s.owner, "parameter", given, [p.name for p in s.dae.parameters])
+    physical = np.array([float(given.get(p.name, p.nominal)) for p in s.dae.parameters])
     p = in_symbols(s.dae, physical[None])[0] if len(physical) else physical
     signals = [Signal(q.name, q.unit) for q in s.inputs]
-    u = _held(s.owner, signals, inputs, grid)
+    u = _held(s.owner, signals, asked)
     at, n, nx = consistent_point(s, p), s.unknown.numel(), len(s.states)
-    x0 = _initial(s.owner, [q.name for q in s.states], at[n : n + nx], initial)
+    x0 = _initial(s.owner, [q.name for q in s.states], at[n : n + nx], asked.states)
     sizes = np.array([q.variable.nominal for q in s.unknowns])
     system = System(s.residual, s.unknown, ca.vertcat(s.x, s.u, s.dae.p))
     start = solve(system, at[:n], np.concatenate([x0, u[0], p]), sizes)
@@ -127,16 +130,9 @@ def _of_structure(
     )
 
 
-def _of_theta(
-    model: DeltaThetaModel,
-    grid: Array,
-    inputs: Mapping[str, ArrayLike],
-    parameters: Mapping[str, float],
-    initial: Mapping[str, float],
-    tolerance: float,
-) -> Simulation:
-    owner = f"model {model.name!r}"
-    s = _started(model, grid, inputs, parameters, initial)
+def _of_theta(model: DeltaThetaModel, asked: _Asked, tolerance: float) -> Simulation:
+    owner, grid = f"model {model.name!r}", asked.grid
+    s = _started(model, asked)
     if not s.found.is_solution:
         raise AnalysisError(
             f"{owner}: no consistent initial values of Theta were found. Give other initial states."
@@ -176,22 +172,16 @@ class _Started(NamedTuple):
     found: Found
 
 
-def _started(
-    model: DeltaThetaModel,
-    grid: Array,
-    inputs: Mapping[str, ArrayLike],
-    parameters: Mapping[str, float],
-    states: Mapping[str, float],
-) -> _Started:
+def _started(model: DeltaThetaModel, asked: _Asked) -> _Started:
     """The form with given states (the others at the start) and values of zeta that belong to them."""
     owner = f"model {model.name!r}"
-    _check_names(owner, "parameter", parameters, [p.name for p in model.linear.parameters])
-    held = _held(owner, model.inputs, inputs, grid)
+    _check_names(owner, "parameter", asked.parameters, [p.name for p in model.linear.parameters])
+    held = _held(owner, model.inputs, asked)
     names = [s.name for s in model.linear.states]
-    x0 = _initial(owner, names, np.array(model.initial or np.zeros(len(names))), states)
+    x0 = _initial(owner, names, np.array(model.initial or np.zeros(len(names))), asked.states)
     x, u = ca.SX.sym("x", len(names)), ca.SX.sym("u", len(model.inputs))
     zeta = ca.SX.sym("zeta", len(model.functions))
-    rates, y, omega, theta = _closed(model, parameters, x, u, zeta)
+    rates, y, omega, theta = _closed(model, asked.parameters, x, u, zeta)
     start = np.array(model.zeta_at_start or np.zeros(zeta.numel()))
     system = System(zeta - theta, zeta, ca.vertcat(x, u))
     found = solve(system, start, np.concatenate([x0, held[0]]), np.maximum(np.abs(start), 1.0))
@@ -219,7 +209,7 @@ def evaluate_form(
     AnalysisError
         Theta has no value there, or an argument is outside of its range.
     """
-    s = _started(model, np.zeros(1), inputs or {}, parameters or {}, states or {})
+    s = _started(model, _Asked(np.zeros(1), inputs or {}, parameters or {}, states or {}))
     if not s.found.is_solution:
         raise AnalysisError(f"model {model.name!r}: Theta has no value near that at the start.")
     parts = [ca.densify(part) for part in (s.rates, s.y, s.omega)]
@@ -362,18 +352,16 @@ def _check_names(owner: str, what: str, given: Iterable[str], names: Sequence[st
             raise SceneError(f"{owner}, simulate: " + unknown_name(what, name, names))
 
 
-def _held(
-    owner: str, signals: Sequence[Signal], inputs: Mapping[str, ArrayLike], grid: Array
-) -> Array:
+def _held(owner: str, signals: Sequence[Signal], asked: _Asked) -> Array:
     names = [s.name for s in signals]
-    _check_names(owner, "input", inputs, names)
-    found = np.zeros((len(grid), len(names)))
+    _check_names(owner, "input", asked.inputs, names)
+    found = np.zeros((len(asked.grid), len(names)))
     for k, name in enumerate(names):
-        values = np.asarray(inputs.get(name, 0.0), dtype=float)
-        if values.shape not in ((), grid.shape):
+        values = np.asarray(asked.inputs.get(name, 0.0), dtype=float)
+        if values.shape not in ((), asked.grid.shape):
             raise SceneError(
                 f"{owner}, simulate: input {name!r} has shape {values.shape}, expected a number or "
-                f"{grid.shape}."
+                f"{asked.grid.shape}."
             )
         found[:, k] = values
     return found

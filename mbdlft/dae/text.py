@@ -10,6 +10,7 @@ import casadi as ca
 
 from mbdlft.base.errors import NotRationalError
 from mbdlft.base.formula import ARITHMETIC, Functions, formula_value
+from mbdlft.dae.lookup import joined
 from mbdlft.dae.operations import FUNCTIONS, column_of
 from mbdlft.dae.piecewise import ARGUMENT, Piecewise, applied
 from mbdlft.dae.piecewise import constant as always
@@ -75,7 +76,7 @@ def formula_function(
 
 
 def _looked_up(table: Table, argument: ca.SX) -> ca.SX:
-    """A table as SX: pieces are found by halves."""
+    """A table as SX."""
     b, v, a = table.breakpoints, table.values, ca.SX(argument)
 
     def piece(k: int) -> ca.SX:
@@ -87,13 +88,7 @@ def _looked_up(table: Table, argument: ca.SX) -> ca.SX:
             inside += t * (1 - t) * ((1 - t) * (h * left - rise) - t * (h * right - rise))
         return ca.SX(inside)
 
-    def part(first: int, last: int) -> ca.SX:
-        if first == last:
-            return piece(first)
-        middle = (first + last + 1) // 2
-        return ca.SX(ca.if_else(a < b[middle], part(first, middle - 1), part(middle, last)))
-
-    inside = part(0, len(b) - 2)
+    inside = joined(a, b[1:-1], [piece(k) for k in range(len(b) - 1)])
     inside = ca.if_else(a < b[0], v[0] + table.below * (a - b[0]), inside)
     return ca.SX(ca.if_else(a > b[-1], v[-1] + table.above * (a - b[-1]), inside))
 
