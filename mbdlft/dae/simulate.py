@@ -1,6 +1,6 @@
 """Simulation of DAEs and of their Delta-Theta form, with IDAS and CVODES of SUNDIALS through CasADi."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, SceneError, unknown_name
+from mbdlft.base.errors import AnalysisError, SceneError, check_known
 from mbdlft.base.signal import Signal
 from mbdlft.dae.description import Dae
 from mbdlft.dae.operations import column_of
@@ -99,7 +99,8 @@ class _Asked(NamedTuple):
 
 def _of_structure(s: Structure, asked: _Asked, tolerance: float) -> Simulation:
     grid, given = asked.grid, asked.parameters
-    _check_names(s.owner, "parameter", given, [p.name for p in s.dae.parameters])
+    names = [p.name for p in s.dae.parameters]
+    check_known("parameter", given, names, f"{s.owner}, simulate")
     physical = np.array([float(given.get(p.name, p.nominal)) for p in s.dae.parameters])
     p = in_symbols(s.dae, physical[None])[0] if len(physical) else physical
     signals = [Signal(q.name, q.unit) for q in s.inputs]
@@ -175,7 +176,8 @@ class _Started(NamedTuple):
 def _started(model: DeltaThetaModel, asked: _Asked) -> _Started:
     """The form with given states (the others at the start) and values of zeta that belong to them."""
     owner = f"model {model.name!r}"
-    _check_names(owner, "parameter", asked.parameters, [p.name for p in model.linear.parameters])
+    known = [p.name for p in model.linear.parameters]
+    check_known("parameter", asked.parameters, known, f"{owner}, simulate")
     held = _held(owner, model.inputs, asked)
     names = [s.name for s in model.linear.states]
     x0 = _initial(owner, names, np.array(model.initial or np.zeros(len(names))), asked.states)
@@ -346,15 +348,9 @@ class _Integrator:
             raise AnalysisError(f"{self.owner}: the simulation does not stay finite.")
 
 
-def _check_names(owner: str, what: str, given: Iterable[str], names: Sequence[str]) -> None:
-    for name in given:
-        if name not in names:
-            raise SceneError(f"{owner}, simulate: " + unknown_name(what, name, names))
-
-
 def _held(owner: str, signals: Sequence[Signal], asked: _Asked) -> Array:
     names = [s.name for s in signals]
-    _check_names(owner, "input", asked.inputs, names)
+    check_known("input", asked.inputs, names, f"{owner}, simulate")
     found = np.zeros((len(asked.grid), len(names)))
     for k, name in enumerate(names):
         values = np.asarray(asked.inputs.get(name, 0.0), dtype=float)
@@ -368,5 +364,5 @@ def _held(owner: str, signals: Sequence[Signal], asked: _Asked) -> Array:
 
 
 def _initial(owner: str, names: Sequence[str], values: Array, given: Mapping[str, float]) -> Array:
-    _check_names(owner, "state", given, names)
+    check_known("state", given, names, f"{owner}, simulate")
     return np.array([float(given.get(name, x)) for name, x in zip(names, values, strict=True)])

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import SceneError, TrimError, unknown_name
+from mbdlft.base.errors import SceneError, TrimError, check_known
 from mbdlft.dae.balance import (
     POINTS,
     SAME,
@@ -143,18 +143,14 @@ def _of_aliases(s: Structure, given: Mapping[str, float | str]) -> dict[str, flo
 
 
 def _check_names(s: Structure, given: Mapping[str, Any], free: Sequence[str]) -> None:
-    names = [q.name for q in s.quantities]
-    inputs = [q.name for q in s.inputs]
-    for name in given:
-        if name not in names:
-            raise SceneError(f"{s.owner}, trim: " + unknown_name("variable", name, names))
-        value = given[name]
-        if isinstance(value, str) and value not in [p.name for p in s.dae.parameters]:
-            known = [p.name for p in s.dae.parameters]
-            raise SceneError(f"{s.owner}, trim, {name}: " + unknown_name("parameter", value, known))
-    for name in free:
-        if name not in inputs:
-            raise SceneError(f"{s.owner}, trim: " + unknown_name("input", name, inputs))
+    where, names = f"{s.owner}, trim", [q.name for q in s.quantities]
+    for name, value in given.items():
+        check_known("variable", [name], names, where)
+        if isinstance(value, str):
+            check_known(
+                "parameter", [value], [p.name for p in s.dae.parameters], f"{where}, {name}"
+            )
+    check_known("input", free, [q.name for q in s.inputs], where)
 
 
 def _check_moving(s: Structure, moving: Sequence[str], values: Mapping[str, ca.SX]) -> None:
@@ -166,9 +162,7 @@ def _check_moving(s: Structure, moving: Sequence[str], values: Mapping[str, ca.S
         A name is not known; an equation changes.
     """
     variables = {v.name: v.symbol for v in s.dae.variables}
-    for name in moving:
-        if name not in variables:
-            raise SceneError(f"{s.owner}, moving: " + unknown_name("variable", name, variables))
+    check_known("variable", moving, variables, f"{s.owner}, moving")
     own = column_of([variables[name] for name in moving])
     rates = [values.get(f"der({name})", ca.SX(0)) for name in moving]
     changes = ca.jtimes(s.residual, own, column_of(rates))

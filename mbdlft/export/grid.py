@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, StructureError, unknown_name
+from mbdlft.base.errors import AnalysisError, StructureError, check_known
 from mbdlft.base.samples import grid as grid_of
 from mbdlft.export.matlab import cells, column, matlab_image, signals
 from mbdlft.export.names import check_plain_model, identifiers
@@ -117,11 +117,7 @@ def _counts_of(model: System, counts: Counts) -> dict[str, int]:
     """Numbers of values by name, of all parameters in their order."""
     names = model.parameters.names
     given = dict(counts) if isinstance(counts, Mapping) else dict.fromkeys(names, counts)
-    for name in given:
-        if name not in names:
-            raise AnalysisError(
-                f"model {model.name!r}: grid: " + unknown_name("parameter", name, names)
-            )
+    check_known("parameter", given, names, f"model {model.name!r}: grid", AnalysisError)
     wrong = [counts] if not isinstance(counts, Mapping) else list(given.values())
     for n in wrong:
         if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
