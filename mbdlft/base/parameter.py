@@ -28,7 +28,8 @@ SUBSTITUTIONS: tuple[str, ...] = get_args(Substitution)
 _NEAREST = 1e-8  # least distance of the nominal value from either bound, of the width of the range
 # least distance from a singular point, of the reach: nearer, digits are lost
 _NEAREST_SINGULAR = 1e-5
-_ANGLE_DIVISOR = {"half-angle": 2.0, "quarter-angle": 4.0}
+# the internal value is the tangent of the angle divided by this
+DIVISORS = {"identity": 1.0, "half-angle": 2.0, "quarter-angle": 4.0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +190,7 @@ def Angle(
     where = f"parameter {name!r}"
     if not isinstance(unit, str) or unit not in ANGLE_UNITS:
         raise SceneError(f"{where}: an angle has unit 'deg' or 'rad', got {unit!r}.")
-    if not isinstance(substitution, str) or substitution not in _ANGLE_DIVISOR:
+    if not isinstance(substitution, str) or substitution not in SUBSTITUTIONS[1:]:
         raise SceneError(
             f"{where}: substitution of an angle is 'half-angle' or 'quarter-angle', "
             f"got {substitution!r}."
@@ -216,14 +217,14 @@ def to_internal(parameter: Parameter, physical: ArrayLike) -> NDArray[np.float64
     if not parameter.is_angle:
         return values
     radians = values * parameter.factor
-    return np.tan((radians - parameter.reference) / _ANGLE_DIVISOR[parameter.substitution])
+    return np.tan((radians - parameter.reference) / DIVISORS[parameter.substitution])
 
 
 def internal_slope(parameter: Parameter, internal: float) -> float:
     """The derivative of the internal value by the physical one, where the internal one is given."""
     if not parameter.is_angle:
         return 1.0
-    factor = parameter.factor / _ANGLE_DIVISOR[parameter.substitution]
+    factor = parameter.factor / DIVISORS[parameter.substitution]
     return factor * (1.0 + internal * internal)
 
 
@@ -272,7 +273,7 @@ def to_physical(parameter: Parameter, delta: ArrayLike) -> NDArray[np.float64]:
     internal = m.b0 + m.gain * values / (1.0 + m.a1 * values)
     if not parameter.is_angle:
         return internal
-    radians = parameter.reference + _ANGLE_DIVISOR[parameter.substitution] * np.arctan(internal)
+    radians = parameter.reference + DIVISORS[parameter.substitution] * np.arctan(internal)
     return radians / parameter.factor
 
 
@@ -362,7 +363,7 @@ def _problem(parameter: Parameter) -> str | None:
             f"{p.unit}: the other end would be mapped with a loss of digits. Move the nominal."
         )
     if p.is_angle:
-        factor, reach = p.factor, np.pi * _ANGLE_DIVISOR[p.substitution] / 2.0
+        factor, reach = p.factor, np.pi * DIVISORS[p.substitution] / 2.0
         farthest = max(abs(p.low * factor - p.reference), abs(p.high * factor - p.reference))
         if farthest >= reach * (1.0 - _NEAREST_SINGULAR):
             center = p.reference / factor

@@ -161,10 +161,8 @@ def _is_felt(e: Equations, relations: LinearModel, moved: Moved, order: int) -> 
     own = {k, n + k, last, last + 1}
     rows = [row for row in range(relations.residual.numel()) if row not in own]
     both = ca.vertcat(rows_of(relations.residual, rows), relations.output)
-    slopes = ca.sparsify(ca.jacobian(both, signal))
-    if not slopes.nnz():
-        return False
-    return bool(np.any(modulo_prime(ca.SX(slopes.nz[:]), _SEED).residues != 0))
+    slopes = ca.jacobian(both, signal)
+    return bool(np.any(modulo_prime(slopes, _SEED).residues != 0))
 
 
 def _trim(equations: Equations, exact: Equations) -> TrimRelations:
