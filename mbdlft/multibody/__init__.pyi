@@ -18,6 +18,7 @@ from .equilibrium import fit_positions as fit_positions
 from .force import Buoyancy as Buoyancy
 from .force import Force as Force
 from .force import Spring as Spring
+from .force import Strut as Strut
 from .force import Torque as Torque
 from .joint import Cylindrical as Cylindrical
 from .joint import Fixed as Fixed

@@ -24,7 +24,7 @@ from mbdlft.base.errors import NotRationalError, TrimError
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.unit import parse_unit
 from mbdlft.multibody.equilibrium.displaced import Displaced, JointCoordinate, in_physical
-from mbdlft.multibody.force import Spring
+from mbdlft.multibody.force import Spring, Strut
 from mbdlft.multibody.joint import coordinate_label
 from mbdlft.multibody.scene.scene import Scene
 
@@ -169,12 +169,18 @@ def _ropes(s: "_Symbols", before: Displaced, after: Displaced, u: ca.SX) -> list
     index = {signal.name: k for k, signal in enumerate(after.u_signals)}
     ropes: list[_Rope] = []
     for load in s.scene.loads:
-        if not isinstance(load, Spring):
+        if not isinstance(load, Spring | Strut):
             continue
-        row = index[f"{load.name}.{Spring.signal.name}"]
+        row = index[f"{load.name}.{load.signal.name}"]
         (length,) = s.at(after, [after.lengths[load.name]])
         if row in after.unknown or not ca.depends_on(length, s.all_tangents):
             continue
+        if isinstance(load, Strut):
+            raise TrimError(
+                f"scene {before.name!r}: the force of the strut {load.name!r} is given, and changes with the "
+                "positions that are fitted. Leave its force out, which the trim then finds, or use a joint "
+                "with a stiffness, whose preload a fit follows."
+            )
         (declared,) = s.at(before, [before.lengths[load.name]])
         k, h = s.value(load.stiffness), s.value(load.force_density or 0.0)
         slack = (k - h) * declared if load.rest_length is None else k * s.value(load.rest_length)

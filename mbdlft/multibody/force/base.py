@@ -32,6 +32,9 @@ class Space(Protocol):
     def between_at_rest(self, a: str, b: str) -> ca.SX:
         """The same vector (3,) at equilibrium (m)."""
 
+    def across_now(self, vector: ca.SX, source: str, target: str) -> ca.SX:
+        """Components (3,) in the axes of the body `target` of a vector in those of the body `source`."""
+
     def departure(self, a: str, b: str, order: int) -> ca.SX:
         """Displacement (order 0) or velocity (1) of b relative to a, (3,), to first order.
 
@@ -79,6 +82,15 @@ class Load(Description, abc.ABC):
         """
 
 
+def with_length(direction: Direction) -> Direction:
+    """The direction (3,); an error if it has none."""
+    if not any(direction):
+        raise SceneError(
+            f"direction has zero length, got {list(direction)}. Give a direction; its length is ignored."
+        )
+    return direction
+
+
 class DirectedLoad(Load, abc.ABC):
     """A force or torque along a direction that is constant in the body or in the scene.
 
@@ -89,15 +101,7 @@ class DirectedLoad(Load, abc.ABC):
     direction: Direction
     frame: Text = "body"
 
-    @field_validator("direction")
-    @classmethod
-    def _has_length(cls, direction: Direction) -> Direction:
-        if not any(direction):
-            raise SceneError(
-                f"direction has zero length, got {list(direction)}. Give a direction; its length is "
-                "ignored."
-            )
-        return direction
+    _has_length = field_validator("direction")(with_length)
 
     @field_validator("frame")
     @classmethod
