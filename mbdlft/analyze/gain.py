@@ -28,7 +28,16 @@ from mbdlft.analyze.realization import (
     realization,
     states_that_stay,
 )
-from mbdlft.analyze.result import GAP, LARGEST, WORK, Bounds, BoxProof, Progress, check_numbers
+from mbdlft.analyze.result import (
+    GAP,
+    LARGEST,
+    UNSTABLE,
+    WORK,
+    Bounds,
+    BoxProof,
+    Progress,
+    check_numbers,
+)
 from mbdlft.analyze.varying import Rates, Varying, gain_of, rates_of
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
@@ -243,7 +252,7 @@ class _GainSearch(_PeakSearch):
         crossing = smallest_crossing(self.model, 1.0)
         if np.isfinite(crossing.size):
             self.took(Peak(np.inf, crossing.frequency, crossing.delta))
-            self.reason = "the system is unstable at the worst case"
+            self.reason = UNSTABLE
             return
         self.took(largest_peak(self.model, 1.0))
         self.told()

@@ -24,7 +24,7 @@ from mbdlft.analyze.reach import (
     nothing,
 )
 from mbdlft.analyze.realization import physical, realization, shares
-from mbdlft.analyze.result import Bounds
+from mbdlft.analyze.result import UNSTABLE, Bounds
 from mbdlft.analyze.small_delta import SmallDelta
 from mbdlft.base.array import Array
 
@@ -108,7 +108,7 @@ class MixedSearch(Search):
             is_unstable = self.best.bound >= 1.0
         if is_unstable:
             self.loop, self.upper = self.inner, 0.0
-            self.reason = "the system is unstable at the worst case"
+            self.reason = UNSTABLE
         else:
             self.best = nothing(self.loop)
         return is_unstable

@@ -8,6 +8,10 @@ from mbdlft.bound.evidence import BoxProof as BoxProof
 from mbdlft.bound.evidence import IntervalProof as IntervalProof
 from mbdlft.bound.evidence import MotionProof as MotionProof
 
+UNSTABLE = (
+    "the system is unstable at the worst case, a value inside the ranges; robust_stability says how much "
+    "of the ranges is stable"
+)
 GAP, WORK, LARGEST = 0.01, 30.0, 100.0
 Progress = Callable[[float, float], None]
 

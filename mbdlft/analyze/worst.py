@@ -21,7 +21,7 @@ from mbdlft.analyze.peak import at_delta
 from mbdlft.analyze.pole_migration import smallest_crossing
 from mbdlft.analyze.pole_region import worst_poles
 from mbdlft.analyze.realization import check_constant, physical, realization
-from mbdlft.analyze.result import GAP, WORK, Bounds, Progress, check_numbers
+from mbdlft.analyze.result import GAP, UNSTABLE, WORK, Bounds, Progress, check_numbers
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.threads import one_thread
@@ -180,7 +180,9 @@ def _searched(
         proved=False,
         sensitivity={},
         work=0.0,
-        reason=f"checked, not proved: the largest of {points} values that a search looked at",
+        reason=UNSTABLE
+        if what == "H2 norm" and np.isinf(best[0])
+        else f"checked, not proved: the largest of {points} values that a search looked at",
         leave_out=leave_out,
     )
 

@@ -30,6 +30,7 @@ from .joint import Rotation as Rotation
 from .joint import Spherical as Spherical
 from .joint import Universal as Universal
 from .loop import Loop as Loop
+from .overlooked import notes as notes
 from .scene import Constant as Constant
 from .scene import Fit as Fit
 from .scene import Scene as Scene

@@ -177,9 +177,9 @@ def _ropes(s: "_Symbols", before: Displaced, after: Displaced, u: ca.SX) -> list
             continue
         if isinstance(load, Strut):
             raise TrimError(
-                f"scene {before.name!r}: the force of the strut {load.name!r} is given, and changes with the "
-                "positions that are fitted. Leave its force out, which the trim then finds, or use a joint "
-                "with a stiffness, whose preload a fit follows."
+                f"scene {before.name!r}: the force of the strut {load.name!r} is given, and changes with "
+                "the positions that are fitted. Leave it out, and the trim finds it, or use a joint with "
+                "a stiffness, whose preload a fit follows."
             )
         (declared,) = s.at(before, [before.lengths[load.name]])
         k, h = s.value(load.stiffness), s.value(load.force_density or 0.0)

@@ -273,7 +273,7 @@ def _declared(
 
 
 def spring_law(spring: Spring | Strut, own: Values, view: View) -> ca.SX | None:
-    """Force density, tension over length (N/m), of a spring at the displaced positions; force of a strut.
+    """Force density, tension over length (N/m), of a displaced spring; force of a strut.
 
     It is k (1 - l0/l) with the rest length l0, or k - (k - h) l_declared/l with the force density h at
     the declared positions; None if the scene gives neither of them. That of a strut is
@@ -296,7 +296,7 @@ def spring_law(spring: Spring | Strut, own: Values, view: View) -> ca.SX | None:
 
 
 def _length(spring: Spring | Strut, view: View) -> ca.SX:
-    """Distance (m) of the ports of a spring at the displaced positions; of a strut along its direction."""
+    """Distance (m) of the ports of a spring when displaced; of a strut along its direction."""
     view.owner = owner_name(spring)
     if isinstance(spring, Strut):
         along = unit_vector(spring.direction)

@@ -28,10 +28,10 @@ def at_equilibrium(scene: Scene, point: EquilibriumPoint) -> Scene:
     """Write the positions of an equilibrium into its scene, as numbers.
 
     A joint with a `stiffness` and a `preload` gets the preload (preload) - (stiffness) q, as its spring
-    is displaced by q at the equilibrium. A spring with a given force density, or a strut with a given force,
-    gets the one that its law has there. A parameter that was an unknown of the search gets the found value as its nominal.
-    Parameters stay parameters. `to_lft` needs an equilibrium for all values of the parameters, so the
-    positions must not depend on them.
+    is displaced by q at the equilibrium. A spring with a given force density, or a strut with a given
+    force, gets the one that its law has there. A parameter that was an unknown of the search gets the
+    found value as its nominal. Parameters stay parameters. `to_lft` needs an equilibrium for all values
+    of the parameters, so the positions must not depend on them.
 
     Parameters
     ----------
