@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+import mbdlft
 from tests.scenarios.test_cli import run
 
 POLE = """
@@ -68,7 +69,7 @@ def test_a_leaning_pole_is_held_by_something(
     assert HELD in out
     assert "preload = 0" in out
     assert "track.force holds" not in out
-    assert "'spare' is declared and not used" in out
+    assert "constant 'spare' is declared and not used" in out
     assert "port 'pole.eye' is declared and not used" in out
     assert "pole.tip" not in out.partition("note:")[2]
 
@@ -95,6 +96,23 @@ def test_json_has_notes_and_warnings(tmp_path: Path, monkeypatch: Patch, capsys:
     assert code == 0
     assert any(note.startswith(HELD) for note in found["notes"])
     assert found["warnings"] == []
+
+
+def test_notes_in_python(tmp_path: Path) -> None:
+    """The same as on the command line; a spring that is pushed is told from one that pulls."""
+    scene = mbdlft.load_scene(written(tmp_path))
+    said = mbdlft.notes(scene)
+    assert [text for text in said if text.startswith(HELD.removeprefix("note: "))]
+    assert "constant 'spare' is declared and not used." in said
+    for height, pushed in ((-1.0, True), (2.5, False)):
+        ground = mbdlft.Ground(ports={"end": (0, 0, height)})
+        spring = mbdlft.Spring(name="s", parent="ground.end", child="b", stiffness=9.0)
+        body = mbdlft.PointMass(name="b", mass=1.0)
+        joint = mbdlft.Prismatic(name="j", parent="ground", child="b", axis=(0, 0, 1), preload=0)
+        on_spring = mbdlft.Scene(
+            name="s", gravity=(0, 0, -9.81), bodies=[ground, body], joints=[joint], loads=[spring]
+        )
+        assert ("spring 's' is pushed together" in " ".join(mbdlft.notes(on_spring))) is pushed
 
 
 def test_sweep_says_that_it_replaces_rows(
