@@ -219,6 +219,11 @@ def _of_scene(
     seconds = {name: value for name, value in built.seconds.items() if name != "total"}
     trim = built.model.trim
     notes = _notes(scene, trim.signals, [float(value) for value in trim.nominal])
+    notes += [
+        f"note: parameter {p.name!r} has no effect on this model."
+        for p, count in zip(built.model.parameters, built.model.certificate.order, strict=True)
+        if count == 0 and not any(f"parameter {p.name!r}" in note for note in notes)
+    ]
     if truncate is not None and built.model.certificate.truncation_error == 0.0:
         notes.append(f"note: no channel can be left out within {truncate:g}; nothing is truncated.")
     return built.model, seconds, notes

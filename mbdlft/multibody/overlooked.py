@@ -18,8 +18,8 @@ _NOTHING = 1e-9  # of the largest effort in its unit, or of 1 N or 1 N m: what r
 def notes(scene: Scene, trimmed: Mapping[Signal, float] | None = None) -> tuple[str, ...]:
     """Say what is easily overlooked in a scene that can be used.
 
-    That are efforts that hold the equilibrium and are no input, springs that are pushed together,
-    names and ports that are not used, a scene without gravity, and how accurate the shapes of beams are.
+    That are efforts that hold the equilibrium and are no input, springs that are pushed together, names,
+    ports and sensors that are not used, a scene without gravity, and errors of the shapes of beams.
     What is probably wrong, such as a negative damping, is a `MbdlftWarning` of `to_lft` instead.
 
     Parameters
@@ -43,9 +43,22 @@ def notes(scene: Scene, trimmed: Mapping[Signal, float] | None = None) -> tuple[
         for name in unused_names(scene)
     ]
     found += [f"port {port!r} is declared and not used." for port in unused_ports(scene)]
+    found += _unseen(scene)
     if not any(scene.gravity) and not any(scene.acceleration):
         found.append("there is no gravity and no acceleration; both are zero by default.")
     return (*found, *_pushed(scene, trimmed), *_holding(scene, trimmed))
+
+
+def _unseen(scene: Scene) -> list[str]:
+    """Sensors of which no signal is an output, where outputs are listed."""
+    if scene.outputs is None:
+        return []
+    seen = {name.partition(".")[0] for name in scene.outputs}
+    return [
+        f"sensor {sensor.name!r} is declared, and none of its signals is an output."
+        for sensor in scene.sensors
+        if sensor.name not in seen
+    ]
 
 
 def _pushed(scene: Scene, trimmed: Mapping[Signal, float]) -> list[str]:

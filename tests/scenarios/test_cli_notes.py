@@ -115,6 +115,23 @@ def test_notes_in_python(tmp_path: Path) -> None:
         assert ("spring 's' is pushed together" in " ".join(mbdlft.notes(on_spring))) is pushed
 
 
+def test_what_is_used_and_changes_nothing(
+    tmp_path: Path, monkeypatch: Patch, capsys: Capture
+) -> None:
+    """A parameter that cancels, a sensor that is no output."""
+    text = POLE.replace("xx = 0.01", 'xx = "0.01 + 0*p"')
+    text += 'outputs = ["pivot.angle"]\n[parameters]\n'
+    text += 'p = { nominal = 1, percent = 5, unit = "kg m^2" }\n'
+    text += "unused = { nominal = 1, percent = 5 }\n"
+    code, out, _ = run(monkeypatch, capsys, "linearize", written(tmp_path, text))
+    out = " ".join(out.split())
+    assert code == 0
+    assert "parameter 'p' has no effect on this model." in out
+    assert "parameter 'unused' is declared and not used." in out
+    assert "parameter 'unused' has no effect" not in out
+    assert "sensor 'seen' is declared, and none of its signals is an output." in out
+
+
 def test_sweep_says_that_it_replaces_rows(
     tmp_path: Path, monkeypatch: Patch, capsys: Capture
 ) -> None:
