@@ -2,12 +2,11 @@
 
 import casadi as ca
 import numpy as np
-import pytest
 
 import mbdlft
 from mbdlft import Free, Ground, PointMass, Prismatic, RigidBody, Scene, Spring, Strut
 from mbdlft.multibody import Inertia, Revolute, at_equilibrium, find_equilibrium, fit_positions
-from tests.close import CLOSED_FORM, MECHANISM, target
+from tests.close import CLOSED_FORM, FITTED, MECHANISM, target
 from tests.errors.scenes import says
 from tests.reference.lagrange import Energies, tilted
 
@@ -41,7 +40,7 @@ def hanging(**strut: object) -> Scene:
 
 def test_a_strut_is_a_spring_along_its_direction() -> None:
     model = mbdlft.to_lft(hanging(), search=0.0)
-    assert mbdlft.trim_at(model, {"m": 1.5})[0] == pytest.approx(1.5 * _G, rel=CLOSED_FORM)
+    target(mbdlft.trim_at(model, {"m": 1.5}), [1.5 * _G], CLOSED_FORM)
     found = model.at(m=1.5, k=600.0)
     target(found.A[1], [-600.0 / 1.5, -7.0 / 1.5], CLOSED_FORM)
     target(found.B[1], [1.0 / 1.5, 1.0 / 1.5], CLOSED_FORM)  # the joint and the strut
@@ -57,8 +56,47 @@ def test_equilibria_on_a_strut() -> None:
     assert isinstance(strut, Strut)
     assert isinstance(strut.force, str)
     assert strut.force.startswith("(0.0) - (k)*(-0.03")
-    with says(mbdlft.TrimError, "strut 's' is given", "Leave it out"):
-        fit_positions(scene, ["z"], tolerance=1e-3)
+    fitted = fit_positions(scene, ["z"], tolerance=1e-4)
+    model = mbdlft.to_lft(fitted, search=0.0)
+    for m, k in ((1.0, 800.0), (3.0, 400.0)):  # the force is the weight wherever the mass sinks to
+        found = model.at(m=m, k=k)
+        target(found.A[1], [-k / m, -7.0 / m], CLOSED_FORM)
+    assert fitted.fit is not None
+    assert 0.0 < fitted.fit.bounds["z.position"] <= 1e-4
+    assert fitted.fit.bounds["s.force"] <= 800.0 * 1e-4
+
+
+def test_a_fit_of_a_lever_on_a_strut() -> None:
+    """sin q m g l = cos q k (sin q - sin q0): the stiffness there follows by hand."""
+    lever = RigidBody(
+        name="l",
+        mass="m",
+        center_of_mass=(0, 0, 0.5),
+        inertia=Inertia(yy=0.1),
+        ports={"t": (0, 0, 1)},
+    )
+    strut = Strut(
+        name="s", parent="ground.w", child="l.t", direction=(1, 0, 0), stiffness=100.0, force=0.0
+    )
+    scene = Scene(
+        name="lever",
+        gravity=(0, 0, -_G),
+        parameters=[mbdlft.Parameter("m", 2.0, percent=20, unit="kg")],
+        bodies=[lever, Ground(ports={"w": (-1, 0, 1)})],
+        joints=[
+            Revolute(name="h", parent="ground", child="l", axis=(0, 1, 0), position=0.3, preload=0)
+        ],
+        loads=[strut],
+    )
+    model = mbdlft.to_lft(fit_positions(scene, ["h"], tolerance=1e-7), search=0.0)
+    for m in (1.6, 2.0, 2.4):
+        point = find_equilibrium(scene, {"m": m})
+        q = point.positions["h.angle"]
+        moment = m * _G * 0.5 * np.sin(q) - 100 * np.cos(q) * (np.sin(q) - np.sin(0.3))
+        assert abs(moment) < MECHANISM
+        slope = m * _G * 0.5 * np.cos(q) + 100 * np.sin(q) * (np.sin(q) - np.sin(0.3))
+        slope -= 100 * np.cos(q) ** 2
+        target(model.at(m=m).A[1, 0], slope / (0.1 + m * 0.25), FITTED)
 
 
 def two_bodies(far: float) -> Scene:
