@@ -65,13 +65,15 @@ def _pushed(scene: Scene, trimmed: Mapping[Signal, float]) -> list[str]:
     """Springs between two ports that carry a load by being pushed together."""
     densities = {signal.name: value for signal, value in trimmed.items()}
     names = [load.name for load in scene.loads if isinstance(load, Spring)]
-    pushed = {name: densities.get(f"{name}.{Spring.signal.name}", 0.0) for name in names}
+    pushed = [
+        name for name in names if densities.get(f"{name}.{Spring.signal.name}", 0.0) < -_NOTHING
+    ]
+    if not pushed:
+        return []
     return [
-        f"spring {name!r} is pushed together at nominal ({density:.4g} N/m of its length): it acts along "
-        "the line between its ports, so it gives way sideways. A spring that something guides, such as a "
-        "tire, is a load of the kind strut, or a joint with a stiffness."
-        for name, density in pushed.items()
-        if density < -_NOTHING
+        f"pushed together at nominal: spring {', '.join(map(repr, pushed))}. A spring acts along the "
+        "line between its ports, so it gives way sideways when it is pushed. One that something guides, "
+        "such as a tire, is a load of the kind strut, or a joint with a stiffness."
     ]
 
 
