@@ -12,6 +12,16 @@ _SAME = (  # words for one thing, of a translation and of a rotation
     ("velocity", "rate", "speed", "angular_velocity"),
     ("acceleration", "angular_acceleration"),
     ("force", "torque", "effort"),
+    ("damping", "friction", "damper"),
+    ("stiffness", "spring"),
+    ("kind", "type"),
+    ("revolute", "hinge", "pin", "continuous"),
+    ("prismatic", "slider", "translational"),
+    ("spherical", "ball"),
+    ("universal", "cardan"),
+    ("fixed", "weld"),
+    ("free", "floating"),
+    ("rigid", "body", "solid"),
 )
 
 
@@ -85,7 +95,7 @@ def _of_the_same_item(name: str, known: list[str]) -> list[str]:
     """
     item, *rest = name.split(".")
     if not rest:
-        return []
+        return [other for same in _SAME if name in same for other in same if other in known][:1]
     meant = [[quantity, *rest] for quantity in _QUANTITIES]
     meant += [[other, *rest[1:]] for same in _SAME if rest[0] in same for other in same]
     return [found for parts in meant if (found := ".".join((item, *parts))) in known][:1]
@@ -101,7 +111,8 @@ def unknown_name(what: str, name: str, existing: Iterable[str]) -> str:
     if len(name) <= _LETTERS:  # comparing takes as long as the product of the lengths
         compared = [known for known in names[:_COMPARED] if len(known) <= _LETTERS]
         nearest = nearest or _of_the_same_item(name, compared)
-        nearest = nearest or get_close_matches(name, compared, n=1, cutoff=0.5)
+        near = get_close_matches(name, compared, n=1, cutoff=0.5)
+        nearest = nearest or [known for known in near if len(name) > 1 or known[0] == name]
     hint = f" Did you mean {nearest[0]!r}?" if nearest else ""
     listed = [_cut(known) for known in names[:_LISTED]]
     if len(names) > _LISTED:

@@ -4,6 +4,7 @@ import pytest
 
 import mbdlft
 from mbdlft.base.errors import unknown_name
+from mbdlft.base.expression import parse
 from mbdlft.base.unit import parse_unit
 from mbdlft.report.content import _said
 from tests.close import CLOSED_FORM, target
@@ -78,6 +79,54 @@ def test_units_that_are_missing(mass: str, unit: str, hint: str) -> None:
     )
     with says(mbdlft.SceneError, "the unit does not fit", hint):
         mbdlft.to_lft(scene)
+
+
+@pytest.mark.parametrize(
+    ("text", "hint"),
+    [
+        ("1 kg", "A unit stands in brackets, '1 [kg]'; a product has a sign, 1*name."),
+        ("0.002 N m s/rad", "A unit stands in brackets, '0.002 [N m s/rad]'"),
+        ("20 deg", "Degrees are written 20*deg."),
+        ("20°", "Degrees are written 20*deg."),
+        ("2l", "A product has a sign: 2*l."),
+    ],
+)
+def test_numbers_with_something_behind(text: str, hint: str) -> None:
+    with says(mbdlft.SceneError, "of constants.", hint):
+        parse(text)
+    with pytest.raises(mbdlft.SceneError, match=r"of constants\.$"):
+        parse("a b")
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "meant"),
+    [
+        ("hinge", ("fixed", "revolute", "planar"), "revolute"),
+        ("friction", ("orientation", "damping"), "damping"),
+        ("angle", ("damping", "position"), "position"),
+    ],
+)
+def test_other_words(name: str, known: tuple[str, ...], meant: str) -> None:
+    assert f"Did you mean {meant!r}?" in unknown_name("key", name, known)
+    assert "Did you mean" not in unknown_name("name", "g", ("deg", "l"))
+
+
+def test_motions_of_bodies_are_those_of_sensors() -> None:
+    body = mbdlft.PointMass(name="cart", mass=1.0, ports={"top": (0, 0, 1)})
+    for output, port in (("top.x", "cart.top"), ("cart.x", "cart")):
+        scene = mbdlft.Scene(
+            name="s",
+            bodies=[body],
+            joints=[mbdlft.Prismatic(name="j", parent="ground", child="cart", axis=(1, 0, 0))],
+            outputs=[output],
+        )
+        with says(mbdlft.SceneError, f"signal {output!r}", f"port = {port!r} has the outputs"):
+            mbdlft.to_lft(scene)
+
+
+def test_texts_stand_in_quotes() -> None:
+    with says(mbdlft.SceneError, "not valid TOML: ", "Texts stand in quotes"):
+        mbdlft.scene_from_toml("mass = m")
 
 
 def test_a_rocket_accelerates() -> None:
