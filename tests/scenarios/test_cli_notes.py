@@ -134,6 +134,19 @@ def test_what_is_used_and_changes_nothing(
     assert "sensor 'seen' is declared, and none of its signals is an output." in out
 
 
+@pytest.mark.filterwarnings("always::mbdlft.base.errors.MbdlftWarning")
+@pytest.mark.parametrize("command", ["check", "trim", "poles", "response", "linearize"])
+def test_json_of_every_command_has_warnings(
+    command: str, tmp_path: Path, monkeypatch: Patch, capsys: Capture
+) -> None:
+    text = POLE.replace('position = "20*deg"', "preload = 0\ndamping = -2.0")
+    code, out, err = run(monkeypatch, capsys, command, written(tmp_path, text), "--json")
+    said = "joint 'pivot': damping is negative in the range: -2 N m s/rad."
+    assert code == 0
+    assert f"mbdlft: warning: {said}" in err
+    assert json.loads(out)["warnings"][0] == said
+
+
 def test_sweep_says_that_it_replaces_rows(
     tmp_path: Path, monkeypatch: Patch, capsys: Capture
 ) -> None:
