@@ -75,6 +75,14 @@ def test_signals_are_checked() -> None:
         robust_performance(cart(), "force", "angle")
 
 
+@pytest.mark.parametrize("function", [worst_case_gain, robust_performance])
+def test_a_gain_needs_inputs_and_outputs(function: Callable[..., object]) -> None:
+    alone = realize([["-k"]], [K], states=1, inputs=[], outputs=[], search=0.0)
+    for what in (alone, mbdlft.as_system(cart())[[], :]):
+        with pytest.raises(AnalysisError, match="without inputs or outputs there is no gain"):
+            function(what)
+
+
 def test_fixed_blocks_are_checked() -> None:
     with pytest.raises(StructureError, match=r"unknown block 'K'\. Did you mean 'k'"):
         robust_stability(cart(), fixed=["K"])
