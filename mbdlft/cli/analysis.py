@@ -1,7 +1,5 @@
 """The commands `margin`, `wcgain`, `worst`, `verify`: guarantees for a model, and their proofs."""
 
-import json
-import sys
 import time
 from enum import StrEnum
 from pathlib import Path
@@ -30,7 +28,7 @@ from mbdlft.cli.bounds import (
 )
 from mbdlft.cli.progress import progress_of
 from mbdlft.cli.response import chosen_channels
-from mbdlft.cli.tables import console
+from mbdlft.cli.tables import console, print_json
 
 
 class Property(StrEnum):
@@ -166,7 +164,7 @@ def verify(archive: Archive, as_json: AsJson = False) -> None:
                 }
             )
     if as_json:
-        sys.stdout.write(json.dumps(found, indent=2) + "\n")
+        print_json(found)
     else:
         for entry in found:
             said = "proved" if entry["proved"] else f"NOT PROVED: {entry['reason']}"

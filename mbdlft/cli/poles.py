@@ -1,8 +1,6 @@
 """The command `poles`: damping table, transmission zeros, and what is known of stability."""
 
-import json
 import math
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +10,7 @@ import typer
 
 from mbdlft.cli.progress import progress_of
 from mbdlft.cli.source import load_system, point_of
-from mbdlft.cli.tables import console, table
+from mbdlft.cli.tables import console, print_json, table
 
 if TYPE_CHECKING:
     from mbdlft.analyze import ModeRow, StabilityVerdict
@@ -64,7 +62,7 @@ def poles(
     try:
         if as_json:
             said = _summary(system, point, rows, at_zero, verdict, found.stability())
-            sys.stdout.write(json.dumps(said, indent=2) + "\n")
+            print_json(said)
         else:
             _print(system, point, rows, at_zero, verdict)
     finally:  # a figure that fails takes nothing away

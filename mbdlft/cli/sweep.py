@@ -1,7 +1,5 @@
 """The command `sweep`: it writes numeric trims and linearizations at many samples into an archive."""
 
-import json
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
@@ -9,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from mbdlft.base.errors import AnalysisError
-from mbdlft.cli.notes import WARNINGS, warn
+from mbdlft.cli.notes import warn
 from mbdlft.cli.progress import progress_of
 from mbdlft.cli.source import scene_in, stored_system
-from mbdlft.cli.tables import console
+from mbdlft.cli.tables import console, print_json
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -94,8 +92,7 @@ def sweep(
             progress=progress.counted,
         )
     if as_json:
-        found = asdict(report) | {"warnings": list(WARNINGS)}
-        sys.stdout.write(json.dumps(found, indent=2) + "\n")
+        print_json(asdict(report))
         return
     _print_report(report, output)
 
