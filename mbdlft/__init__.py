@@ -52,6 +52,7 @@ if TYPE_CHECKING:  # public names that are also those of modules, which come wit
     from mbdlft.dae import simulate as simulate
     from mbdlft.dae import trim as trim
     from mbdlft.modelica import translate as translate
+    from mbdlft.multibody import notes as notes
     from mbdlft.store import load as load
     from mbdlft.system import lft as lft
     from mbdlft.viewer import view as view
