@@ -195,7 +195,14 @@ def evaluate_form(
     rates, y, omega, theta = closed(model, parameters or {}, x, u, zeta)
     start = np.array(model.zeta_at_start or np.zeros(zeta.numel()))
     system = System(zeta - theta, zeta, ca.vertcat(x, u))
-    found = solve(system, start, np.concatenate([x0, u0]), np.maximum(np.abs(start), 1.0))
+    given = np.concatenate([x0, u0])
+    found = solve(system, start, given, np.maximum(np.abs(start), 1.0))
+    if not found.is_solution:
+        # functions of functions: as many evaluations as there are functions give all of them
+        function, start = ca.Function("theta", [zeta, x, u], [ca.densify(theta)]), found.values
+        for _ in model.functions:
+            start = np.ravel(function(start, x0, u0).full())
+        found = solve(system, start, given, np.maximum(np.abs(start), 1.0))
     if not found.is_solution:
         raise AnalysisError(f"{owner}: Theta has no value near that at the start.")
     read = ca.Function("read", [x, u, zeta], [ca.densify(part) for part in (rates, y, omega)])
