@@ -31,7 +31,7 @@ from mbdlft.analyze.realization import (
 from mbdlft.analyze.result import GAP, LARGEST, WORK, Bounds, BoxProof, Progress, check_numbers
 from mbdlft.analyze.varying import Rates, Varying, gain_of, rates_of
 from mbdlft.base.array import Array
-from mbdlft.base.errors import WellPosednessError
+from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.threads import one_thread
 from mbdlft.system.names import positions_of
 from mbdlft.system.system import System
@@ -39,6 +39,7 @@ from mbdlft.system.system import System
 _SHARE = 0.5  # of the work that is left, for one bound
 _WIDER = 2.0  # factor of the distance of a bound that resisted from the gain that was reached
 _BISECTIONS = 40
+_ZERO = 1e-300  # a gain that is proved to be smaller is not looked at any more
 _OUTSIDE = 1.0 + 1e-15  # a bound is not below 1 over what was proved, however that was rounded
 
 
@@ -80,7 +81,8 @@ def worst_case_gain(
     Raises
     ------
     AnalysisError
-        The nominal model is unstable, or has a pole on the axis, which the message names.
+        The nominal model is unstable, or has a pole on the axis, which the message names; or there are
+        no inputs or outputs.
     StructureError
         A signal is unknown.
     """
@@ -134,7 +136,8 @@ def robust_performance(
     Raises
     ------
     AnalysisError
-        The nominal model is unstable, or has a pole on the axis, which the message names.
+        The nominal model is unstable, or has a pole on the axis, which the message names; or there are
+        no inputs or outputs.
     StructureError
         A signal is unknown.
     """
@@ -166,6 +169,11 @@ def _chosen(
     j = positions_of(inputs, own[0], f"{what}: inputs of {system.name}")
     i = positions_of(outputs, own[1], f"{what}: outputs of {system.name}")
     names = tuple(own[0][k] for k in j), tuple(own[1][k] for k in i)
+    for kind, some in (("input", j), ("output", i)):
+        if not some:
+            raise AnalysisError(
+                f"{what}: model {system.name!r}: without {kind}s there is no gain. Choose some."
+            )
     stay = states_that_stay(system, leave_out, i)
     check_nominal(system, system.A[np.ix_(stay, stay)], leave_out, what)
     model = realization(system, j, i, leave_out) if system.lft.is_plain else None
@@ -255,8 +263,8 @@ class _GainSearch(_PeakSearch):
         """Prove bounds that are nearer and nearer to the largest gain that was reached."""
         gap = self.asked.gap
         distance = 0.5 * gap
-        while self.upper * (1.0 - gap) > self.lower and np.isfinite(self.lower):
-            goal = max(self.lower, 1e-300) * (1.0 + distance)
+        while self.upper * (1.0 - gap) > max(self.lower, _ZERO) and np.isfinite(self.lower):
+            goal = max(self.lower, _ZERO) * (1.0 + distance)
             if goal >= self.upper or self.used >= self.asked.work:
                 self.reason = self.used_up()
                 return

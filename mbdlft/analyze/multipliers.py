@@ -339,7 +339,8 @@ def _newton_step(H: Array, g: Array, basis: Array | None) -> tuple[Array, float]
     """-H^-1 g in the entries, and how much the objective falls along it."""
     if basis is not None:
         H, g = basis.T @ H @ basis, basis.T @ g
-    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
+    # rounding may make one of them negative
+    scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diagonal(H)), 1e-300))
     scaled, lift = scale[:, None] * H * scale, _LIFT
     while True:
         try:
