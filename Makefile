@@ -53,6 +53,8 @@ bench: .venv/bench
 	$(BIN)/python -m benchmarks.scaling --write docs/scaling.md --figure docs/scaling.png
 	XLA_FLAGS="--xla_cpu_multi_thread_eigen=false" $(BIN)/python -m benchmarks.speed_error --write docs/speed-error.md --figure docs/speed-error.png
 	$(BIN)/python -m benchmarks.needs --write docs/needs.md
+	$(BIN)/python -m benchmarks.scenarios --write docs/scenarios.md
+	$(BIN)/python -m benchmarks.margins --write docs/analysis.md
 	$(BIN)/python -m benchmarks.ur5
 	$(BIN)/python -m benchmarks.equations
 	$(BIN)/python -m benchmarks.moves

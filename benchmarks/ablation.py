@@ -4,10 +4,14 @@ Run it from the top of the repository:
 
     python -m benchmarks.ablation [--work 2.5] [--write docs/ablation.md]
 
-Results depend on the work alone, not on the machine or its load.
+Results depend on the work alone, not on the machine or its load. A search runs in a process of its own,
+in which nothing can be left out; here it runs in this process, which begins again with the same
+settings of the libraries of numbers.
 """
 
 import argparse
+import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -18,7 +22,8 @@ import mbdlft
 from benchmarks.arm import write_between
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES
-from mbdlft.pipeline import search
+from mbdlft.base.reproducible import NoProcessError, settings
+from mbdlft.pipeline import realization, search
 from mbdlft.system.model import LFTModel
 
 _LINKS = (2, 3, 4)
@@ -61,9 +66,14 @@ def _of_scene(scene: mbdlft.Scene) -> Make:
     return lambda work: mbdlft.to_lft(scene, search=work)
 
 
+def _nowhere(*_: Any) -> None:
+    raise NoProcessError
+
+
 def measure(work: float, left_out: dict[str, Any]) -> dict[str, Result]:
     """Each case with some parts of the search replaced by nothing."""
     with ExitStack() as stack:
+        stack.enter_context(patch.object(realization, "same_everywhere", _nowhere))
         for name, nothing in left_out.items():
             stack.enter_context(patch.object(search, name, nothing))
         models = {name: make(work) for name, make in cases()}
@@ -102,6 +112,10 @@ def main() -> None:
     parser.add_argument("--work", type=float, default=2.5)
     parser.add_argument("--write", type=Path)
     arguments = parser.parse_args()
+    chosen = settings()
+    if not chosen.items() <= os.environ.items():  # libraries read them when they are imported
+        command = [sys.executable, "-W", "ignore", "-m", "benchmarks.ablation", *sys.argv[1:]]
+        os.execve(sys.executable, command, {**os.environ, **chosen})
     results = {name: measure(arguments.work, left_out) for name, left_out in _LEFT_OUT.items()}
     text = table(results, arguments.work)
     print(text)

@@ -356,7 +356,8 @@ def _problem(parameter: Parameter) -> str | None:
     if not np.all(np.isfinite([p.nominal, p.low, p.high, p.reference])):
         return f"values must be finite, got nominal {p.nominal}, low {p.low}, high {p.high}."
     if p.low >= p.high:
-        return f"low must be less than high, got low = {p.low} {p.unit}, high = {p.high} {p.unit}."
+        low, high = (f"{x} {p.unit}".removesuffix(" 1") for x in (p.low, p.high))
+        return f"low must be less than high, got low = {low}, high = {high}."
     if not p.low < p.nominal < p.high:
         return (
             f"the nominal must lie strictly inside the range, got nominal = {p.nominal}, "

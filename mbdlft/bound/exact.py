@@ -6,6 +6,8 @@ that are reachable and observable. A rank modulo a prime, at special values of t
 above the true one. So the bound is proved; a chance of about 1e-15 is that it could be larger.
 """
 
+from functools import lru_cache
+
 import numpy as np
 
 from mbdlft.lft.exact import ExactLFT
@@ -23,11 +25,12 @@ def exact_degrees(a: ExactLFT, seed: int = 0) -> dict[str, int]:
     return found
 
 
+@lru_cache(maxsize=1)  # pairs and triples of the same LFT are asked for one after the other
 def at_random(a: ExactLFT, seed: int = 0) -> Residues:
     """[M11 M12 ; M21 M22] in the distances of the deltas from random residues.
 
     With w' = (Delta - D) z, z = M11 (w' + D z) + M12 u. What belongs to some of the deltas is the LFT in
-    these, the others at their values.
+    these, the others at their values. That of the transposed LFT is the transpose.
     """
     random, M, n, prime = np.random.default_rng(seed), a.M.residues, a.order, a.M.prime
     at = random.integers(1, prime, len(a.blocks), dtype=np.int64)
@@ -35,7 +38,9 @@ def at_random(a: ExactLFT, seed: int = 0) -> Residues:
     loop = np.asarray((np.eye(n, dtype=object) - M[:n, :n] * values) % prime, dtype=np.int64)
     z = solved(loop, M[:n], prime)
     outside = np.asarray(M[n:, :n] * values % prime, dtype=np.int64)
-    return np.vstack([z, (M[n:] + multiplied(outside, z, prime)) % prime])
+    found = np.vstack([z, (M[n:] + multiplied(outside, z, prime)) % prime])
+    found.setflags(write=False)
+    return found
 
 
 def some(M: Residues, own: Residues, n: int) -> Residues:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mbdlft.bound.exact import at_random, minimal, some
-from mbdlft.lft.exact import ExactLFT, transposed
+from mbdlft.lft.exact import ExactLFT
 from mbdlft.number.exact_matrix import (
     Residues,
     multiplied,
@@ -113,7 +113,6 @@ def is_constant(
 
 
 def _function(a: ExactLFT, names: Sequence[str], work: Work, *, is_transposed: bool) -> _Function:
-    a = transposed(a) if is_transposed else a
     sizes = {block.name: block.size for block in a.blocks}
     own = np.concatenate(
         [
@@ -124,7 +123,8 @@ def _function(a: ExactLFT, names: Sequence[str], work: Work, *, is_transposed: b
     )
     order = [block.name for block in a.blocks if block.name in names]
     prime = a.M.prime
-    M, counts = minimal(some(at_random(a), own, a.order), [sizes[name] for name in order], prime)
+    given = at_random(a).T if is_transposed else at_random(a)
+    M, counts = minimal(some(given, own, a.order), [sizes[name] for name in order], prime)
     n = sum(counts)
     # inputs and outputs that are combinations of others do not matter
     _, columns = row_echelon(M[:n, n:], prime)

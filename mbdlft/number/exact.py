@@ -16,6 +16,7 @@ them in 70 digits.
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, lru_cache
 from math import gcd, isqrt, pi
@@ -37,19 +38,19 @@ _MOST_ROOTS = 12  # each doubles the number of primes that are tried
 _MOST_PRIMES = 2_000_000  # that are tried: for as many square roots as a problem can have
 _FEW_BITS = 2**20  # odd factor of the numerator of a binary fraction
 _SIMPLE, _ROUNDINGS = 10**5, Fraction(2, 2**52)  # most of a denominator, and distance to it
+LARGEST_ANGLE = 1e4  # rad; doubles beyond are not dense enough to tell a billionth of a degree
 _SEED = 12345678910111213141
 _NEAR = (
     4.0 * 2.0**-52
 )  # an angle in radians this near to one of nine decimals of a degree is that one
 
 
+@dataclass(slots=True, eq=False, repr=False)
 class Exact(Operators):
     """A real number as a ball and as a residue; it is zero, or equal to another, by its residue."""
 
-    __slots__ = ("ball", "residue")
-
-    def __init__(self, ball: Any, residue: Any) -> None:
-        self.ball, self.residue = ball, residue
+    ball: Any
+    residue: Any
 
     def __bool__(self) -> bool:
         return bool(self.residue != 0)
@@ -140,6 +141,8 @@ def sine_of(angle: float) -> Constant:
 
 def _degrees(angle: float) -> Fraction | None:
     """The angle in degrees if it has at most nine decimals there."""
+    if abs(angle) > LARGEST_ANGLE:
+        return None
     found = Fraction(round(angle * 180.0 / pi * 1e9), 10**9)
     near = abs(float(found) * pi / 180.0 - angle) <= _NEAR * max(1.0, abs(angle))
     return found if near else None
@@ -177,6 +180,8 @@ class Field:
 
     def rational(self, value: Fraction | int) -> Exact:
         """A fraction as an exact number."""
+        if value == 1:
+            return self.one
         ball = flint.arb(flint.fmpq(value.numerator, value.denominator))
         return Exact(ball, self.residue(value))
 
@@ -195,7 +200,7 @@ class Field:
 
     @cached_property
     def one(self) -> Exact:
-        return self.rational(1)
+        return Exact(flint.arb(1), self.residue(1))
 
     @cached_property
     def zero(self) -> Exact:

@@ -148,7 +148,7 @@ def from_rows(rows: Sequence[Mapping[int, Exact]], width: int, prime: int) -> Ex
     found = zeros(len(rows), width, prime)
     for k, row in enumerate(rows):
         for column, value in row.items():
-            if value:
+            if value.residue:
                 found.residues[k, column] = int(value.residue)
                 found.balls[k, column] = value.ball
     return found

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from mbdlft.base.errors import MbdlftError
-from mbdlft.number.exact import Constant
+from mbdlft.number.exact import LARGEST_ANGLE, Constant
 from mbdlft.pipeline.candidates import Candidate, candidates
 from mbdlft.problem.problem import Problem
 from mbdlft.sx.constants import constant, constants_in, double, is_zero
@@ -103,6 +103,8 @@ def neighbors(numbers: Sequence[Constant]) -> dict[Constant, Signed]:
 
 def _special(number: Constant) -> Iterator[Signed]:
     """Numbers next to a number that people mean, the simplest first."""
+    if number.in_radians and abs(number.argument) > LARGEST_ANGLE:
+        return
     if number.in_radians:
         degrees = round(float(number.argument) * 180.0 / pi / _STEP) * _STEP
         yield Signed(1, Constant(number.kind, Fraction(degrees)))

@@ -137,8 +137,9 @@ def without_zeros(column: ca.SX) -> ca.SX:
     values = numbers_of(column)[:, 0]
     found = ca.SX(*column.shape)
     for k, value in enumerate(values):
-        if abs(value) > _CERTAIN or not _vanishes(ca.SX(column[k])):
-            found[k] = column[k]
+        entry = ca.SX(column[k])
+        if abs(value) > _CERTAIN or not (entry.is_zero() or _vanishes(entry)):
+            found[k] = entry
     return found
 
 

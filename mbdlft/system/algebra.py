@@ -6,6 +6,7 @@ inputs of the whole are those of the part that is reached first, its outputs tho
 
 from collections.abc import Sequence
 from itertools import pairwise
+from numbers import Number
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
@@ -272,9 +273,13 @@ def _is_matrix(item: Any) -> bool:
     return not isinstance(item, System | LFT) and not hasattr(item, "dt")
 
 
+def _is_number(item: Any) -> bool:
+    return isinstance(item, Number) or (isinstance(item, np.ndarray) and item.ndim == 0)
+
+
 def _of_shape(item: Any, other: Any) -> System:
     """An operand of a sum; a number is a matrix of the shape of the other operand."""
-    if np.ndim(item) == 0 and _is_matrix(item) and isinstance(other, System):
+    if _is_number(item) and isinstance(other, System):
         return as_system(np.full((len(other.outputs), len(other.inputs)), item))
     return as_system(item)
 
@@ -282,13 +287,13 @@ def _of_shape(item: Any, other: Any) -> System:
 def _beside(item: Any, before: Sequence[Signal] | None, after: Sequence[Signal] | None) -> System:
     """A part between signals: a number multiplies all of them, a matrix takes names of those that fit."""
     near = before or after
-    if np.ndim(item) == 0 and _is_matrix(item) and near is not None:
+    if _is_number(item) and near is not None:
         if before is not None and after is not None and len(before) != len(after):
             raise StructureError(
                 f"the number {item} stands between {len(before)} signals ({_listed(before)}) and "
                 f"{len(after)} ({_listed(after)}); give a matrix."
             )
-        item = item * np.eye(len(near))
+        item = np.where(np.eye(len(near)), item, 0.0)
     made = as_system(item)
     if not _is_matrix(item):
         return made

@@ -128,12 +128,17 @@ def _converted(item: Any) -> System:
     if all(hasattr(item, label) for label in _STATE_SPACE):
         return _of_control(item)
     try:
-        return _static(matrix_of(item), 0, "gain")
+        matrix = matrix_of(item)
+        if item is None:
+            raise TypeError
     except (TypeError, ValueError):
         raise StructureError(
             "expected a System, an LFTModel, a continuous python-control system, a number or a matrix, "
             f"got {type(item).__name__}."
         ) from None
+    if not np.all(np.isfinite(matrix)):
+        raise StructureError(f"a gain needs finite numbers, got {item!r}.")
+    return _static(matrix, 0, "gain")
 
 
 def _of_control(item: Any) -> System:

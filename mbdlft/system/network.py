@@ -105,10 +105,11 @@ def _one(entries: Sequence[tuple[str, Signal]], name: str, what: str) -> int:
         every = [f"{owner}.{signal.name}" for owner, signal in entries]
         raise StructureError("connect: " + unknown_name(what, name, every))
     if len(found) > 1:
-        several = ", ".join(f"{entries[k][0]}.{entries[k][1].name}" for k in found)
-        raise StructureError(
-            f"connect: the {what} {name!r} is not one signal. Say which: {several}."
-        )
+        several = [f"{entries[k][0]}.{entries[k][1].name}" for k in found]
+        says = f"Say which: {', '.join(several)}."
+        if len(set(several)) < len(several):
+            says = "Two systems have one name: as_system(item, name=...) gives another one."
+        raise StructureError(f"connect: the {what} {name!r} is not one signal. {says}")
     return found[0]
 
 

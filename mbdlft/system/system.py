@@ -219,6 +219,9 @@ class System:
     def __rmul__(self, other: Any) -> "System":
         return _algebra().chain([self, other])
 
+    def __truediv__(self, number: float) -> "System":
+        return self * (1.0 / number)
+
     __matmul__, __rmatmul__ = __mul__, __rmul__
 
     def with_range(
@@ -295,9 +298,7 @@ class _Algebra(Protocol):
 
 
 def _algebra() -> _Algebra:
-    from mbdlft.system import (
-        algebra,  # here because it needs scipy, and reading an archive does not
-    )
+    from mbdlft.system import algebra  # here: it needs scipy, and reading an archive does not
 
     return algebra
 

@@ -45,6 +45,11 @@ FULL = as_system(delta(FullBlock("D", 1)), name="unknown")
             lambda: as_system("gain"),
             "expected a System, an LFTModel, a continuous python-control sys",
         ),
+        (lambda: feedback(ONE, "k"), "or a matrix, got str."),
+        (lambda: ONE + "k", "or a matrix, got str."),
+        (lambda: ONE * None, "or a matrix, got NoneType."),
+        (lambda: ONE * np.nan, "a gain needs finite numbers, got array([[nan]])."),
+        (lambda: feedback(ONE, [[np.inf]]), "a gain needs finite numbers, got [[inf]]."),
         (
             lambda: as_system(delta("k")),
             "an LFT with the real deltas k has no ranges: give them as",
@@ -177,6 +182,10 @@ LOOP = [["a", "u"], ["e", "r", "-c"]]
         (
             lambda: connect([ONE, as_system(ONE, name="two")], inputs=["e"], outputs=["u"]),
             "connect: the output 'u' is not one signal. Say which: one.u, two.u.",
+        ),
+        (
+            lambda: connect([ONE, ONE], inputs=["e"], outputs=["u"]),
+            "connect: the output 'u' is not one signal. Two systems have one name: as_system(item, na",
         ),
     ],
 )

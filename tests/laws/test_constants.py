@@ -13,6 +13,7 @@ from fractions import Fraction
 from functools import cache
 
 import casadi as ca
+import flint
 import numpy as np
 import pytest
 from hypothesis import given
@@ -118,6 +119,16 @@ def law_unit(direction: Sequence[float]) -> None:
 )
 def test_directions(direction: tuple[float, float, float]) -> None:
     law_unit(direction)
+
+
+@pytest.mark.parametrize("angle", [1e20, 1e299, -1.7e308])
+def test_an_angle_of_any_size(angle: float) -> None:
+    entry = f"cos({angle!r})*a + sin({angle!r})"
+    model = realize([[entry]], [Parameter("a", 1.0, 0.5, 1.5)], search=0.0)
+    with precision(4000):
+        written = flint.arb(repr(angle))
+        expected = float(written.cos() + written.sin())
+    roundoff(model.lft.M22, [[expected]])
 
 
 def test_directions_of_rational_length_are_rational() -> None:

@@ -30,7 +30,7 @@ from mbdlft.number.exact_matrix import ExactMatrix, rough_values
 from mbdlft.pipeline import candidates, realization
 from mbdlft.pipeline.extract import close as closing
 from mbdlft.pipeline.extract import tape
-from mbdlft.pipeline.extract.dependence import Row
+from mbdlft.pipeline.extract.noncommuting import Row
 from mbdlft.reduce.reduce import channel_scales
 from tests.close import CLOSED_FORM, exact, target
 from tests.extracted import exactly

@@ -19,6 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbdlft
+from benchmarks import ablation
 from benchmarks.cases.arm import NAMES, closed_form, state_and_input
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES
@@ -308,3 +309,13 @@ def test_a_limit_in_seconds_cuts_off() -> None:
     assert cut.is_cut_off
     assert cut.lft is plain
     assert not find_smallest([plain], bound, Budget(0.05)).is_cut_off
+
+
+def test_what_is_left_out_of_the_search_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search runs in a process of its own, where nothing can be left out from here."""
+    lamp = mbdlft.load_scene("scenarios/four_bar.toml")
+    made = [("lamp", lambda work: mbdlft.to_lft(lamp, search=work))]
+    monkeypatch.setattr(ablation, "cases", lambda: iter(made))
+    asked: list[LFT] = []
+    ablation.measure(0.3, {"_moved": lambda a, work: asked.append(a) or iter(())})
+    assert asked

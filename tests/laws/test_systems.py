@@ -177,8 +177,8 @@ CASES: dict[str, tuple[Callable[[], System], Callable[..., Any], tuple[System, .
         (CART["load", "gust"], SPRING),
     ),
     "sum": (
-        lambda: SPRING - CART["position", "force"] + ONE,
-        lambda cart, spring: spring - cart + ONE,
+        lambda: SPRING - CART["position", "force"] / 2.0 + ONE,
+        lambda cart, spring: spring - 0.5 * cart + ONE,
         (CART["position", "force"], SPRING),
     ),
     "lft": (

@@ -22,11 +22,11 @@ from mbdlft.lft.lft import LFT
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals
 from mbdlft.number.exact import BITS, Exact, precision
-from mbdlft.pipeline.extract import dependence, extract
+from mbdlft.pipeline.extract import extract
 from mbdlft.pipeline.extract import noncommuting as words
 from mbdlft.pipeline.extract.close import close
-from mbdlft.pipeline.extract.dependence import Dependence, Row
 from mbdlft.pipeline.extract.graph import Scaled, SignalGraph
+from mbdlft.pipeline.extract.noncommuting import Dependence, Row
 from mbdlft.problem.linearize import linearize
 from mbdlft.reduce.reduce import reduce_order
 from tests.close import roundoff
@@ -239,12 +239,12 @@ def test_combinations_are_found_where_the_rank_says_so() -> None:
 
 def test_planted_echelon_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rows are subtracted with factors that are a little too large."""
-    right = dependence.subtract
+    right = words.subtract
 
     def wrong(row: Row, other: Row, factor: Exact) -> list[int]:
         return right(row, other, number(1.25) * factor)
 
-    monkeypatch.setattr(dependence, "subtract", wrong)
+    monkeypatch.setattr(words, "subtract", wrong)
     with pytest.raises(AssertionError):
         all_combinations()
 

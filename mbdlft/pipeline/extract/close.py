@@ -19,16 +19,18 @@ from mbdlft.lft.block import Block
 from mbdlft.lft.exact import ExactLFT
 from mbdlft.number.exact import Exact, Field, decimal
 from mbdlft.number.exact_matrix import ExactMatrix, Residues, from_rows, identity
-from mbdlft.pipeline.extract.dependence import Row, subtract
 from mbdlft.pipeline.extract.graph import SignalGraph
 from mbdlft.pipeline.extract.noncommuting import (
     Item,
+    Row,
     Term,
     Words,
+    add,
     condensed,
     opened,
     reached,
     smallest,
+    subtract,
 )
 
 
@@ -117,7 +119,7 @@ class _Channels:
         outputs = [self._added(terms) for terms in self.words.outputs[self.quotients :]]
         inner = [self.rows[self.quotients + item] for item in self.order]
         for k, item in enumerate(self.order):
-            if self.a1[item]:
+            if self.a1[item].residue:
                 subtract(inner[k], {k: self.field.one}, self.a1[item])
         width = self.count + self.inputs
         return ExactLFT(from_rows([*inner, *outputs], width, self.field.prime), self.blocks)
@@ -132,16 +134,17 @@ class _Channels:
         """A sum without its terms in b0 z and y of unknowns, by columns of [w', inputs]."""
         total: Row = {}
         for factor, number in terms:
-            at, through = number - self.inputs, -factor
+            at = number - self.inputs
             if at < 0:
-                subtract(total, {self.count + number: self.field.one}, through)
+                add(total, {self.count + number: self.field.one}, factor)
                 continue
             if at >= self.quotients:
                 item = at - self.quotients
-                subtract(total, {self.column[item]: self.gain[item]}, through)
-                through = through * self.b0[item]
-            if at not in unknowns and through:
-                subtract(total, self.rows[at], through)
+                add(total, {self.column[item]: self.gain[item]}, factor)
+                if at not in unknowns and self.b0[item].residue:
+                    add(total, self.rows[at], factor * self.b0[item])
+            elif at not in unknowns:
+                add(total, self.rows[at], factor)
         return total
 
     def _inverse(self, matrix: ExactMatrix) -> ExactMatrix:

@@ -49,7 +49,8 @@ class SignalGraph:
         self.outputs: list[Scaled] = []
         self.nodes: list[Coefficient] = []
         self._numbers: dict[Coefficient, int] = {}
-        self._sums: dict[tuple[Scaled, ...], int] = {}
+        self._constants: dict[int, int] = {}  # numbers of constants by their residues
+        self._sums: dict[tuple[tuple[int, int], ...], int] = {}  # residue of a factor, and signal
         self._applied: dict[tuple[int, int], Scaled] = {}
 
     # coefficients ---------------------------------------------------------------------------
@@ -64,7 +65,12 @@ class SignalGraph:
 
     def constant(self, value: Exact) -> int:
         """Number of a constant."""
-        return self.node("constant", value)
+        residue = int(value.residue)
+        if residue not in self._constants:
+            self._constants[residue] = len(self.nodes)
+            one = self.field.one
+            self.nodes.append(Coefficient("constant", (one if residue == 1 else value,)))
+        return self._constants[residue]
 
     def constant_value(self, number: int) -> Exact | None:
         """Value of a coefficient that is a constant, else None."""
@@ -88,16 +94,18 @@ class SignalGraph:
         for factor, index in terms:
             if index >= 0:
                 merged[index] = merged[index] + factor if index in merged else factor
-        kept = [Scaled(factor, index) for index, factor in sorted(merged.items()) if factor]
+        kept = [Scaled(factor, k) for k, factor in sorted(merged.items()) if factor.residue]
         if not kept:
             return self.zero
         if len(kept) == 1:
             return kept[0]
         first = kept[0].factor
-        key = tuple(Scaled(factor / first, index) for factor, index in kept)
+        if first is not self.field.one:
+            kept = [Scaled(factor / first, index) for factor, index in kept]
+        key = tuple((int(factor.residue), index) for factor, index in kept)
         if key not in self._sums:
             self._sums[key] = self._new()
-            self.equations.append((self._sums[key], key))
+            self.equations.append((self._sums[key], tuple(kept)))
         return Scaled(first, self._sums[key])
 
     def apply(self, number: int, signal: Scaled) -> Scaled:
@@ -112,8 +120,12 @@ class SignalGraph:
 
     def scaled(self, factor: Exact, signal: Scaled) -> Scaled:
         """A number times a signal."""
-        is_zero = not factor or signal.number < 0
-        return self.zero if is_zero else Scaled(factor * signal.factor, signal.number)
+        one = self.field.one
+        if factor is one:
+            return signal
+        if not factor.residue or signal.number < 0:
+            return self.zero
+        return Scaled(factor if signal.factor is one else factor * signal.factor, signal.number)
 
     def _apply(self, number: int, signal: Scaled) -> Scaled:
         operation, arguments = self.nodes[number]
@@ -172,9 +184,9 @@ class SignalGraph:
         x, y = self.constant_value(a), self.constant_value(b)
         if x is not None and y is not None:
             return self.constant(x + y)
-        if x is not None and not x:
+        if x is not None and not x.residue:
             return b
-        return a if y is not None and not y else self.node("add", a, b)
+        return a if y is not None and not y.residue else self.node("add", a, b)
 
     def multiply(self, a: Element, b: Element) -> Element:
         """Product of a coefficient with a signal or another coefficient."""
@@ -193,8 +205,8 @@ class SignalGraph:
         if x is not None and y is not None:
             return self.constant(x * y)
         for value, other in ((x, b), (y, a)):
-            if value is not None and (not value or value == self.field.one):
-                return other if value else self.constant(value)
+            if value is not None and (value is self.field.one or not value.residue):
+                return other if value.residue else self.constant(value)
         return self.node("multiply", a, b)
 
     def quotient(self, a: Element, b: Element) -> Element:
@@ -214,7 +226,7 @@ class SignalGraph:
         return self.node("divide", a, b)
 
     def _over(self, signal: Scaled, divisor: Exact) -> Scaled:
-        if not divisor:
+        if not divisor.residue:
             raise WellPosednessError("a divisor is zero, whatever the parameters are.")
         return self.scaled(self.field.one / divisor, signal)
 
@@ -226,4 +238,5 @@ class SignalGraph:
         """A graph of the same inputs and coefficients."""
         graph = SignalGraph(self.inputs, self.field)
         graph.nodes, graph._numbers = list(self.nodes), dict(self._numbers)
+        graph._constants = dict(self._constants)
         return graph

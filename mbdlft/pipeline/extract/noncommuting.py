@@ -17,13 +17,14 @@ A quotient y, b y = s, is a letter of its own in the first round, y = (1/b) s: e
 by one divisor are found. In the second round, y is an input and b y - s an output.
 """
 
+import heapq
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mbdlft.number.exact import Exact, Field
-from mbdlft.pipeline.extract.dependence import Dependence, Row, subtract
 from mbdlft.pipeline.extract.graph import Scaled, SignalGraph
 
+Row = dict[int, Exact]  # entries by column, none of them zero
 # factor, and the number of a signal
 Term = tuple[Exact, int]
 
@@ -73,12 +74,9 @@ def reached(words: Words, *, all_kept: bool = False) -> Words:
             used[number] -= 1
             if not used[number]:
                 held[number] = None
-            if not values:
-                if len(terms) == 1 and factor == one:
-                    return found
-                values = {k: factor * value for k, value in found.items()}
-                continue
-            subtract(values, found, -factor)
+            if len(terms) == 1 and factor is one:
+                return found
+            add(values, found, factor)
         return values
 
     for number, (letter, terms) in enumerate(words.items, start=words.inputs):
@@ -134,9 +132,9 @@ def condensed(graph: SignalGraph) -> SignalGraph:
     items: list[Item] = [Item(None, ())] * (graph.size - graph.inputs)
     for signal, terms in graph.equations:
         items[signal - graph.inputs] = Item(None, _given(*terms))
+    letters = {k: graph.node("parameter", float(k)) for k in {k for _, k, _ in graph.channels}}
     for signal, parameter, z in graph.channels:
-        letter = graph.node("parameter", float(parameter))
-        items[signal - graph.inputs] = Item(letter, _given(z))
+        items[signal - graph.inputs] = Item(letters[parameter], _given(z))
     for signal, divisor, z in graph.quotients:
         items[signal - graph.inputs] = Item(-1 - divisor, _given(z))
     outputs = [_given(output) for output in graph.outputs]
@@ -182,3 +180,90 @@ def opened(graph: SignalGraph) -> Words:
     ]
     outputs = [*loops, *(terms(output) for output in graph.outputs)]
     return Words(first, items, outputs, graph.field)
+
+
+class Dependence:
+    """Rows that are independent, by number, in a form in which the next one is compared with them.
+
+    Most rows are the first with an entry in some column: they are independent of all before, and that
+    column is theirs. Subtracted from the youngest to the oldest, they leave nothing in their columns.
+    What is then left of the other rows, `rests`, is in echelon form.
+    """
+
+    def __init__(self) -> None:
+        self.rows: dict[int, Row] = {}
+        self.seen: set[int] = set()
+        self.owner: dict[int, tuple[int, int]] = {}  # of a column: place by age, and number
+        self.rests: list[tuple[int, int, Row, Row]] = []  # pivot, number, what is left, factors
+
+    def combination(self, number: int, row: Row) -> Row | None:
+        """Factors of earlier rows that add up to this one; None if there are none: then it is added.
+
+        Parameters
+        ----------
+        number : of this row
+        row : entries by column
+        """
+        new = row.keys() - self.seen
+        if new:
+            own = max(new)
+            self.owner[own] = (len(self.owner), number)
+        else:
+            left, factors = self._subtracted(row)
+            if not left:
+                return factors
+            self.rests.append((max(left), number, left, factors))
+        self.rows[number] = row
+        self.seen.update(row)
+        return None
+
+    def _subtracted(self, row: Row) -> tuple[Row, Row]:
+        """What is left of a row, and factors of the rows that were subtracted."""
+        owner, left = self.owner, dict(row)
+        factors: Row = {}
+        waiting = [(-owner[c][0], c) for c in row if c in owner]
+        heapq.heapify(waiting)
+        while waiting:
+            _, column = heapq.heappop(waiting)
+            if column not in left:  # met twice, or cancelled
+                continue
+            number = owner[column][1]
+            entries = self.rows[number]
+            factors[number] = factor = left[column] / entries[column]
+            for c in subtract(left, entries, factor):
+                if c in owner:
+                    heapq.heappush(waiting, (-owner[c][0], c))
+        for pivot, number, rest, made_of in self.rests:
+            if pivot in left:
+                factor = left[pivot] / rest[pivot]
+                subtract(left, rest, factor)
+                subtract(factors, made_of, factor)
+                factors[number] = factor
+        return left, factors
+
+
+def subtract(row: Row, other: Row, factor: Exact) -> list[int]:
+    """Subtract a multiple of another row in place; columns that are new."""
+    return _add(row, other, -factor.ball, -factor.residue)
+
+
+def add(row: Row, other: Row, factor: Exact) -> list[int]:
+    """Add a multiple of another row in place; columns that are new."""
+    return _add(row, other, factor.ball, factor.residue)
+
+
+def _add(row: Row, other: Row, ball: Any, residue: Any) -> list[int]:
+    # the two parts of the numbers are written out: this is where most of the time goes
+    new = []
+    for column, entry in other.items():
+        before = row.get(column)
+        if before is None:
+            row[column] = Exact(ball * entry.ball, residue * entry.residue)
+            new.append(column)
+            continue
+        left = before.residue + residue * entry.residue
+        if left != 0:
+            row[column] = Exact(before.ball + ball * entry.ball, left)
+        else:
+            del row[column]
+    return new

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 import casadi as ca
@@ -83,7 +84,7 @@ def _graph_rules(graph: SignalGraph, names: list[str]) -> Rules:
         )
 
     return rules(
-        lambda value: graph.constant(graph.field.rational(constant_of(value))),
+        cache(lambda value: graph.constant(graph.field.rational(constant_of(value)))),
         add=graph.add,
         mul=graph.multiply,
         div=graph.quotient,
