@@ -13,7 +13,7 @@ from mbdlft.lft.lft import LFT
 from mbdlft.pipeline import candidates, realization
 from mbdlft.pipeline.certify import Checked
 from mbdlft.reduce.reduce import reduce_order
-from tests.attack import analyses, cores, expressions, matrices, scenes
+from tests.attack import analyses, cores, equations, expressions, matrices, scenes
 from tests.extracted import exactly
 
 Patch = pytest.MonkeyPatch
@@ -85,6 +85,7 @@ def crossings_too_near(patch: Patch) -> None:
         (literals_in_doubles, expressions.attack, range(60)),
         (a_wrong_entry, expressions.attack, range(60)),
         (a_wrong_entry, scenes.attack, range(60)),
+        (a_wrong_entry, equations.attack, range(3)),
     ],
 )
 def test_planted_bug_is_found(
