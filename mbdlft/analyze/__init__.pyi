@@ -1,10 +1,9 @@
+from .anytime import Bounds as Bounds
 from .bands import MuBands as MuBands
 from .bands import mu_bands as mu_bands
 from .damping import DampingTable as DampingTable
 from .damping import ModeRow as ModeRow
 from .damping import damping_table as damping_table
-from .frequencies import response_frequencies as response_frequencies
-from .frequencies import unbounded_frequencies as unbounded_frequencies
 from .gain import robust_performance as robust_performance
 from .gain import worst_case_gain as worst_case_gain
 from .loops import with_sectors as with_sectors
@@ -19,8 +18,9 @@ from .recheck import verify as verify
 from .region import SafeRegion as SafeRegion
 from .region import safe_region as safe_region
 from .response import frequency_response as frequency_response
+from .response import response_frequencies as response_frequencies
 from .response import singular_values as singular_values
-from .result import Bounds as Bounds
+from .response import unbounded_frequencies as unbounded_frequencies
 from .sector import SectorBounds as SectorBounds
 from .sector import sector_bounds as sector_bounds
 from .sector import slope_bounds as slope_bounds
@@ -29,11 +29,11 @@ from .singular_value import structured_singular_value as structured_singular_val
 from .spectrum import poles as poles
 from .stability import StabilityVerdict as StabilityVerdict
 from .stability import check_stability as check_stability
+from .staircase import zeros as zeros
 from .time_response import TimeResponse as TimeResponse
 from .time_response import impulse_response as impulse_response
 from .time_response import initial_response as initial_response
 from .time_response import response_times as response_times
 from .time_response import step_response as step_response
-from .transmission import zeros as zeros
 from .worst import disk_transfer as disk_transfer
 from .worst import worst_case as worst_case

@@ -1,6 +1,6 @@
-"""What all searches for bounds have in common: the best bounds so far, whenever they end."""
+"""What all searches for bounds have in common: arguments, and the best bounds so far."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -8,12 +8,28 @@ import numpy as np
 
 from mbdlft.analyze.crew import ALONE, Crew
 from mbdlft.analyze.realization import physical, shares
-from mbdlft.analyze.result import LARGEST, Bounds, Progress
 from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError
+from mbdlft.bound.evidence import Bounds as Bounds
 from mbdlft.bound.evidence import Proof
 from mbdlft.system.system import System
 
+GAP, WORK, LARGEST = 0.01, 30.0, 100.0
+SHARE = 0.5  # of the work that is left, for one target
 _LOWER = 0.7  # a target that was not proved is taken nearer to what is: this part of the way
+
+
+Progress = Callable[[float, float], None]
+
+
+def check_numbers(what: str, **numbers: float) -> None:
+    """Raise an AnalysisError unless the gap is below 1 and all are positive and finite."""
+    for name, value in numbers.items():
+        most = 1.0 if name == "gap" else float("inf")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < most:
+            raise AnalysisError(
+                f"{what}: {name}: expected a number between 0 and {most:g}, got {value!r}."
+            )
 
 
 class Asked(NamedTuple):
@@ -32,8 +48,8 @@ class Asked(NamedTuple):
 class Search:
     """The bounds so far, and the work that was used.
 
-    A search overrides `search`, which makes the bounds better and may be interrupted at any time, and
-    `answer`.
+    A search overrides `search`, which makes the bounds better and may be interrupted at any time,
+    `answer`, and `tried` if it calls `raise_lower`.
     """
 
     asked: Asked
@@ -80,6 +96,27 @@ class Search:
         k = goal if goal < high else self.lower + _LOWER * (high - self.lower)
         return k if k > self.lower * (1.0 + 0.1 * self.asked.gap) else 0.0
 
+    @property
+    def share(self) -> float:
+        """The part of the work that is left for one size: less of it while nothing is proved."""
+        return SHARE if self.lower else SHARE * SHARE
+
+    def raise_lower(self, cost: float = 0.0) -> None:
+        """Try sizes that are nearer and nearer to `upper`; each costs at least so much work."""
+        high = np.inf  # a size that was not proved
+        while not self.is_closed:
+            k = self.next_size(high)
+            if self.used + cost > self.asked.work or not k:
+                self.reason = self.used_up()
+                return
+            if not self.tried(k):
+                high = k
+            self.told()
+
+    def tried(self, k: float) -> bool:
+        """Try to prove a size; whether that made a bound better."""
+        raise NotImplementedError
+
     def used_up(self) -> str:
         """The reason when there is no work left."""
         return self.reason or f"the work of {self.asked.work:g} units was used up"
@@ -87,25 +124,26 @@ class Search:
     def bounds(
         self,
         kind: str,
-        worst: tuple[Sequence[str], Array, float],
+        delta: Mapping[str, Any],
+        frequency: float,
         parts: Array,
         *,
         proved: bool,
         reason: str,
     ) -> Bounds:
-        """The result with names, deltas and frequency of the worst case, and parts of its change."""
-        names, delta, frequency = worst
-        known = len(delta) == len(names) and not np.isnan(frequency)
-        given: dict[str, Any] = dict(zip(names, delta.tolist(), strict=True)) if known else {}
+        """The result with deltas of blocks and frequency of the worst case, and parts of its change."""
+        system = self.asked.system
+        own = [name for name in delta if name in system.parameters.names]
+        values = np.array([float(delta[name]) for name in own])
         return Bounds(
             kind,
             self.lower,
             self.upper,
-            physical(self.asked.system, names, delta) if known else {},
-            given,
+            physical(system, own, values) if own else {},
+            delta,
             frequency,
             proved,
-            shares(names, parts) if known else {},
+            shares(list(delta), parts) if delta and np.any(parts) else {},
             self.used,
             reason,
             self.proof,

@@ -11,9 +11,8 @@ from mbdlft.analyze.loop import loop_of
 from mbdlft.analyze.multipliers import upper_bound
 from mbdlft.analyze.realization import (
     check_constant,
-    check_nominal,
     check_parameters,
-    states_that_stay,
+    stable_states,
 )
 from mbdlft.analyze.singular_value import channels_at
 from mbdlft.analyze.small_delta import small_delta
@@ -76,8 +75,7 @@ def mu_bands(
         raise AnalysisError(f"mu_bands: expected 0 < low < high (rad/s), got {low!r} and {high!r}.")
     check_parameters(system, "mu_bands")
     check_constant(system, "mu_bands")
-    stay = states_that_stay(system, leave_out)
-    check_nominal(system, system.A[np.ix_(stay, stay)], leave_out, "mu_bands")
+    stay = stable_states(system, leave_out, "mu_bands")
     loop, blocks = loop_of(system, stay), system.lft.blocks
     channels, structure = loop.channels, loop.structure
     first = first_frequencies(channels.A)

@@ -12,7 +12,7 @@ enough, if its own middle is stable. No open frequency may be infinite, where po
 What was cut and fixed is a list of integers, with which `replayed` repeats the proof without a search.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -131,13 +131,14 @@ def _explored(
         used = work - left / UNIT
         if not pieces:
             log.append(LEAF)
-            if _needs_look(box) and not is_stable_at(model, k * box.center):
+            if _is_face(box) and not is_stable_at(model, k * box.center):
                 return Outcome(None, box.center, box, used, frequency), None
             continue
         frequency = _frequency(pieces, scale)
         if is_wrong(box.center):
             return Outcome(None, box.center, box, used, frequency), None
-        faces = () if gain else tuple(_faces(box))
+        sides = [] if gain else [(int(k), _side(box, int(k))) for k in np.flatnonzero(box.half)]
+        faces = [(axis, side) for axis, side in sides if side]
         for axis, side in faces:
             log.append(3 * axis + (2 if side < 0 else 3))
             box = _on_face(box, axis, side)
@@ -167,7 +168,7 @@ def replayed(
         box = box._replace(pieces=pieces)
         axis, kind = divmod(step - 1, 3)
         if step == LEAF:
-            if pieces or (_needs_look(box) and not is_stable_at(model, k * box.center)):
+            if pieces or (_is_face(box) and not is_stable_at(model, k * box.center)):
                 return False
         elif not 0 <= axis < len(box.center) or box.half[axis] == 0.0:
             return False
@@ -216,27 +217,17 @@ def _is_worth_cutting(piece: Piece, *, patient: bool) -> bool:
     return float(along_t) > _SLOW * max(map(float, deltas), default=0.0)
 
 
-def _needs_look(box: Box) -> bool:
-    """Whether the middle of a box without zeros must be looked at: it is a face."""
+def _is_face(box: Box) -> bool:
+    """Whether a box without zeros says nothing before its middle is looked at."""
     return not np.all(box.half)
-
-
-def _faces(box: Box) -> Iterator[tuple[int, int]]:
-    """Deltas of which one face is enough, and the side of that."""
-    if any(piece.high == 1.0 for piece in box.pieces):
-        return
-    for axis in np.flatnonzero(box.half):
-        side = _side(box, int(axis))
-        if side:
-            yield int(axis), side
 
 
 def _side(box: Box, axis: int) -> int:
     """The side to which all open pieces turn; 0 if there is none."""
     side = 0
+    if any(piece.high == 1.0 for piece in box.pieces):
+        return 0
     for piece in box.pieces:
-        if piece.high == 1.0:
-            return 0
         turn = turn_of(piece, axis)
         if turn == 0 or turn == -side:
             return 0

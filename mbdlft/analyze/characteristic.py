@@ -14,7 +14,8 @@ All numbers up to the coefficients are balls of FLINT: the doubles of the system
 the error of each coefficient is known.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import pairwise
 from math import comb, prod
 from typing import Any, NamedTuple
 
@@ -64,6 +65,32 @@ class Realization(NamedTuple):
     def coefficients(self) -> int:
         """Number of Bernstein coefficients of the characteristic polynomial."""
         return prod(size + 1 for size in self.sizes) * (len(self.A) + 1)
+
+    def spread(self, delta: Array) -> Array:
+        """The diagonal of Delta (..., N) at deltas (..., number of deltas)."""
+        return np.repeat(delta, self.sizes, axis=-1)
+
+    def into(self, delta: Array) -> Array:
+        """(I - D Delta)^-1 [C F], (..., N, n + n_u): what states and inputs do to z.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            The loop is singular.
+        """
+        loop = np.eye(len(self.D)) - self.D * self.spread(delta)[..., None, :]
+        return np.asarray(np.linalg.solve(loop, np.hstack([self.C, self.F])))
+
+    def out_of(self, delta: Array) -> Array:
+        """[B; H] (I - Delta D)^-1, (..., n + n_y, N): what additions to w do; errors as of `into`."""
+        loop = np.eye(len(self.D)) - self.spread(delta)[..., None] * self.D
+        return np.asarray(np.linalg.solve(loop.mT, np.vstack([self.B, self.H]).T).mT)
+
+    def by_parameter(self, terms: NDArray[Any]) -> NDArray[Any]:
+        """Sums (..., number of deltas) of terms (..., N), one for each channel."""
+        ends = np.cumsum([0, *self.sizes])
+        sums = [np.sum(terms[..., a:b], axis=-1) for a, b in pairwise(ends)]
+        return np.stack(sums, axis=-1) if sums else terms[..., :0]
 
 
 class Polynomials(NamedTuple):
@@ -117,35 +144,25 @@ def polynomials(model: Realization, k: float) -> Polynomials:
 
 
 def is_stable_at(model: Realization, delta: Sequence[float] | Array) -> bool:
-    """Whether all poles at these deltas are proved to lie in the region, by Routh's scheme."""
-    bits = _BITS
-    while bits <= _MOST_BITS:
-        with flint.ctx.workprec(bits):
-            found = _routh(_straightened(_at(model, delta), model.slope))
-        if found is not None:
-            return found
-        bits *= 2
-    return False
+    """Whether all poles at these deltas are proved to lie in the region."""
+    return _is_proved(lambda: _straightened(_at(model, delta), model.slope))
 
 
 def is_hurwitz(A: Array) -> bool:
     """Whether all eigenvalues of a matrix are proved to have negative real parts."""
-    n = len(A)
-    z = np.zeros
-    alone = Realization(
-        (),
-        (),
-        A,
-        z((n, 0)),
-        z((0, n)),
-        z((0, 0)),
-        z((n, 0)),
-        z((0, 0)),
-        z((0, n)),
-        z((0, 0)),
-        z((0, 0)),
-    )
-    return is_stable_at(alone, [])
+    return _is_proved(lambda: list(_matrix(A).charpoly().coeffs()))
+
+
+def _is_proved(coefficients: Callable[[], list[Any] | None]) -> bool:
+    """Whether a polynomial is Hurwitz, by Routh's scheme with as many bits as that needs."""
+    bits = _BITS
+    while bits <= _MOST_BITS:
+        with flint.ctx.workprec(bits):
+            found = _routh(coefficients())
+        if found is not None:
+            return found
+        bits *= 2
+    return False
 
 
 def _powers(count: int, slope: float) -> tuple[NDArray[np.complex128], float]:

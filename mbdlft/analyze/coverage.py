@@ -13,6 +13,7 @@ from mbdlft.analyze.loop import (
     inside,
     matrix_at,
 )
+from mbdlft.analyze.migration import by_damping
 from mbdlft.analyze.multipliers import Structure, upper_bound
 from mbdlft.base.array import Array
 from mbdlft.bound.evidence import Interval, Multipliers
@@ -232,8 +233,7 @@ def first_frequencies(A: Array) -> Array:
     """Frequencies at which to begin: those of the poles, the least damped first."""
     poles = np.linalg.eigvals(A) if len(A) else np.zeros(0)
     poles = poles[poles.imag >= 0.0]
-    order = np.argsort(-poles.real / np.maximum(np.abs(poles), 1e-300), kind="stable")
-    return np.abs(poles[order])
+    return np.abs(poles[by_damping(poles)])
 
 
 def middle(low: float, high: float, first: Array) -> float:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -66,7 +66,7 @@ class DampingTable:
     def damping(self) -> Array:
         """Damping ratios [1]: -real part / size; nan for poles at zero."""
         with np.errstate(invalid="ignore"):
-            return np.asarray(-self.poles.real / np.abs(self.poles))
+            return np.asarray(0.0 - self.poles.real / np.abs(self.poles))
 
     @property
     def time_constant(self) -> Array:
@@ -87,11 +87,11 @@ class DampingTable:
             There is no such sample.
         """
         found = spectrum(self.A[self._checked(sample)])
-        return tuple(
-            _row(complex(pole), on_axis=bool(on_axis))
-            for pole, on_axis in zip(found.cleaned, found.on_axis, strict=True)
-            if pole.imag >= 0.0 or np.conj(pole) not in found.cleaned
-        )
+        kept = (found.cleaned.imag >= 0.0) | ~np.isin(found.cleaned.conj(), found.cleaned)
+        table = replace(self, poles=found.cleaned[kept])
+        columns = table.natural_frequency, table.frequency, table.damping, table.time_constant
+        rows = zip(table.poles, *columns, found.on_axis[kept], strict=True)
+        return tuple(ModeRow(*(value.item() for value in row)) for row in rows)
 
     def __str__(self) -> str:
         head = (
@@ -142,16 +142,3 @@ def cells(row: ModeRow) -> tuple[str, str, str, str, str]:
     size, hertz = f"{row.natural_frequency:.6g}", f"{row.frequency:.6g}"
     first = f"{real:.6g}{pair}"
     return first.ljust(24), size.ljust(16), hertz.ljust(10), damping.ljust(9), growth
-
-
-def _row(pole: complex, *, on_axis: bool) -> ModeRow:
-    """The row of a pole."""
-    size = abs(pole)
-    return ModeRow(
-        pole,
-        size,
-        size / (2.0 * math.pi),
-        -pole.real / size + 0.0 if size else math.nan,
-        -1.0 / pole.real if pole.real else math.inf,
-        on_axis,
-    )

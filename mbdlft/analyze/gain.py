@@ -13,30 +13,28 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbdlft.analyze.anytime import Asked, Search
-from mbdlft.analyze.boxes import Outcome, prove
-from mbdlft.analyze.characteristic import Polynomials, Realization, polynomials
+from mbdlft.analyze.anytime import GAP, LARGEST, WORK, Asked, Progress, check_numbers
+from mbdlft.analyze.box_search import BoxSearch, cost_of, is_dear, resistance, too_large
+from mbdlft.analyze.characteristic import Polynomials, Realization
 from mbdlft.analyze.crew import crew_of
 from mbdlft.analyze.loop import GAIN, loop_of
-from mbdlft.analyze.margin import cost_of, is_dear, resistance, too_large
 from mbdlft.analyze.mixed import MixedSearch, Signals
 from mbdlft.analyze.peak import NOTHING, Peak, largest_peak, peak_at, slope_at
 from mbdlft.analyze.pole_migration import smallest_crossing
 from mbdlft.analyze.realization import (
     check_constant,
-    check_nominal,
     realization,
+    stable_states,
     states_that_stay,
 )
-from mbdlft.analyze.result import GAP, LARGEST, WORK, Bounds, BoxProof, Progress, check_numbers
-from mbdlft.analyze.varying import Rates, Varying, gain_of, rates_of
+from mbdlft.analyze.varying import MovingGain, Rates, rates_of
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, WellPosednessError
+from mbdlft.base.errors import AnalysisError
 from mbdlft.base.threads import one_thread
+from mbdlft.bound.evidence import Bounds, BoxProof
 from mbdlft.system.names import positions_of
 from mbdlft.system.system import System
 
-_SHARE = 0.5  # of the work that is left, for one bound
 _WIDER = 2.0  # factor of the distance of a bound that resisted from the gain that was reached
 _BISECTIONS = 40
 _ZERO = 1e-300  # a gain that is proved to be smaller is not looked at any more
@@ -81,8 +79,8 @@ def worst_case_gain(
     Raises
     ------
     AnalysisError
-        The nominal model is unstable, or has a pole on the axis, which the message names; or there are
-        no inputs or outputs.
+        The nominal model is unstable, or has a pole on the axis, which the message names; there are no
+        inputs or no outputs.
     StructureError
         A signal is unknown.
     """
@@ -99,8 +97,8 @@ def worst_case_gain(
         if not moving:
             return search.result()
         search.reach()
-        varying = Varying(system, model, moving, gap, work, progress, chosen.names)
-        return gain_of(varying, search.answer())
+        own: dict[str, Any] = {"model": model, "rates": moving, "signals": chosen.names}
+        return MovingGain(asked, **own, constant=search.answer()).result()
 
 
 def robust_performance(
@@ -136,8 +134,8 @@ def robust_performance(
     Raises
     ------
     AnalysisError
-        The nominal model is unstable, or has a pole on the axis, which the message names; or there are
-        no inputs or outputs.
+        The nominal model is unstable, or has a pole on the axis, which the message names; there are no
+        inputs or no outputs.
     StructureError
         A signal is unknown.
     """
@@ -168,14 +166,13 @@ def _chosen(
     own = [s.name for s in system.inputs], [s.name for s in system.outputs]
     j = positions_of(inputs, own[0], f"{what}: inputs of {system.name}")
     i = positions_of(outputs, own[1], f"{what}: outputs of {system.name}")
+    if not (i and j):
+        raise AnalysisError(
+            f"{what}: model {system.name!r}: without inputs or outputs there is no gain. Choose some "
+            "when the model is made."
+        )
     names = tuple(own[0][k] for k in j), tuple(own[1][k] for k in i)
-    for kind, some in (("input", j), ("output", i)):
-        if not some:
-            raise AnalysisError(
-                f"{what}: model {system.name!r}: without {kind}s there is no gain. Choose some."
-            )
-    stay = states_that_stay(system, leave_out, i)
-    check_nominal(system, system.A[np.ix_(stay, stay)], leave_out, what)
+    stable_states(system, leave_out, what, i)
     model = realization(system, j, i, leave_out) if system.lft.is_plain else None
     if model is not None and system.order and is_dear(model, work):
         model = None
@@ -200,33 +197,19 @@ def _is_above(model: Realization, k: float, gain: float, delta: Array) -> bool:
 
 
 @dataclass(slots=True)
-class _PeakSearch(Search):
+class _PeakSearch(BoxSearch):
     """What the searches for a gain and for a margin of performance share: the best peak so far."""
 
-    model: Realization = field(kw_only=True)
     signals: Signals = field(kw_only=True)
     best: Peak = NOTHING
 
-    def tried(self, k: float, found: Polynomials, gain: float, share: float) -> Outcome:
-        """What comes of the box of size k and a bound of the gain, one over `gain`."""
-        outcome = prove(
-            self.model,
-            k,
-            found,
-            share * self.left,
-            partial(_is_above, self.model, k, gain),
-            gain,
-            self.asked.crew,
-        )
-        self.used += outcome.work
-        return outcome
-
-    def said(self, kind: str, *, proved: bool, reason: str) -> Bounds:
-        names, best = self.model.names, self.best
-        finite = len(best.delta) == len(names) and np.isfinite(best.gain) and best.gain > 0.0
-        parts = best.delta * slope_at(self.model, best) if finite else np.zeros(len(names))
-        worst = names, best.delta, best.frequency
-        return self.bounds(kind, worst, parts, proved=proved, reason=reason)
+    def told_of(self, kind: str, *, proved: bool, reason: str) -> Bounds:
+        """The result with the best peak."""
+        best, slope = self.best, np.zeros(0)
+        if len(best.delta) == len(self.model.names) and 0.0 < best.gain < np.inf:
+            slope = slope_at(self.model, best)
+        worst = best.delta, best.frequency
+        return self.said(kind, worst, slope, proved=proved, reason=reason)
 
 
 @dataclass(slots=True)
@@ -238,13 +221,9 @@ class _GainSearch(_PeakSearch):
         self.reason = self.reason or too_large(self.model)
         if self.reason or not np.isfinite(self.lower):
             return
-        self.used += cost_of(self.model)
-        try:
-            found = polynomials(self.model, 1.0)
-        except WellPosednessError as error:
-            self.reason = str(error)
-            return
-        self.lower_upper(found)
+        found = self.expanded(1.0)
+        if found is not None:
+            self.lower_upper(found)
 
     def reach(self) -> None:
         """The largest gain that a search finds."""
@@ -268,7 +247,8 @@ class _GainSearch(_PeakSearch):
             if goal >= self.upper or self.used >= self.asked.work:
                 self.reason = self.used_up()
                 return
-            outcome = self.tried(1.0, found, 1.0 / goal, _SHARE)
+            is_wrong = partial(_is_above, self.model, 1.0, 1.0 / goal)
+            outcome = self.cut(1.0, found, is_wrong, 1.0 / goal)
             if outcome.log is not None:
                 self.proof = BoxProof(1.0, outcome.log, 1.0 / goal, *self.signals)
                 self.upper = goal * _OUTSIDE
@@ -284,7 +264,7 @@ class _GainSearch(_PeakSearch):
         is_open = not self.upper * (1.0 - self.asked.gap) <= self.lower or self.lower == 0.0
         proved = bool(np.isfinite(self.upper))
         reason = self.reason if is_open or np.isinf(self.lower) else ""
-        return self.said("worst-case gain", proved=proved, reason=reason)
+        return self.told_of("worst-case gain", proved=proved, reason=reason)
 
 
 @dataclass(slots=True)
@@ -294,7 +274,9 @@ class _PerformanceSearch(_PeakSearch):
     def search(self) -> None:
         self.reach()
         self.told()
-        self.raise_lower()
+        self.reason = too_large(self.model)
+        if not self.reason:
+            self.raise_lower(cost_of(self.model))
 
     def reach(self) -> None:
         """The smallest k found at which the gain somewhere on the box is at least 1/k."""
@@ -311,29 +293,18 @@ class _PerformanceSearch(_PeakSearch):
             if high - low <= 0.02 * self.asked.gap * high:
                 return
 
-    def raise_lower(self) -> None:
-        """Prove boxes of sizes nearer and nearer to what was reached."""
-        self.reason, high, cost = too_large(self.model), np.inf, cost_of(self.model)
-        while not self.reason and not self.is_closed:
-            k = self.next_size(high)
-            if self.used + cost > self.asked.work or not k:
-                self.reason = self.used_up()
-                return
-            self.used += cost
-            try:
-                found = polynomials(self.model, k)
-            except WellPosednessError:
-                high = k
-                continue
-            outcome = self.tried(k, found, k, _SHARE if self.lower else _SHARE * _SHARE)
-            if outcome.log is not None:
-                self.lower, self.proof = k, BoxProof(k, outcome.log, k, *self.signals)
-            elif outcome.counterexample is not None:
-                self.upper, self.best = k, peak_at(self.model, k * outcome.counterexample)
-            else:
-                high = k
-            self.told()
+    def tried(self, k: float) -> bool:
+        found = self.expanded(k)
+        if found is None:
+            return False
+        is_wrong = partial(_is_above, self.model, k, k)
+        outcome = self.cut(k, found, is_wrong, k, share=self.share)
+        if outcome.log is not None:
+            self.lower, self.proof = k, BoxProof(k, outcome.log, k, *self.signals)
+        elif outcome.counterexample is not None:
+            self.upper, self.best = k, peak_at(self.model, k * outcome.counterexample)
+        return outcome.log is not None or outcome.counterexample is not None
 
     def answer(self) -> Bounds:
-        proved = self.lower > 0.0
-        return self.said("robust performance", proved=proved, reason=self.reason)
+        reason = "" if self.is_closed else self.reason
+        return self.told_of("robust performance", proved=self.lower > 0.0, reason=reason)

@@ -9,44 +9,28 @@ not real parameters, or the polynomial is too large, multipliers take their plac
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
-from math import prod
 from typing import Any
 
-import numpy as np
-
-from mbdlft.analyze.anytime import Asked, Search
-from mbdlft.analyze.boxes import Outcome, prove
-from mbdlft.analyze.characteristic import Realization, polynomials
+from mbdlft.analyze.anytime import GAP, LARGEST, WORK, Asked, Progress, check_numbers
+from mbdlft.analyze.box_search import BoxSearch, cost_of, is_dear, resistance
+from mbdlft.analyze.characteristic import Realization
 from mbdlft.analyze.crew import crew_of
 from mbdlft.analyze.loop import check_fixed, loop_of
 from mbdlft.analyze.mixed import MixedSearch
 from mbdlft.analyze.pole_migration import NONE, Crossing, abscissa, improved, smallest_crossing
 from mbdlft.analyze.realization import (
-    check_nominal,
     check_parameters,
     realization,
-    states_that_stay,
+    stable_states,
 )
-from mbdlft.analyze.result import (
-    GAP,
-    LARGEST,
-    WORK,
-    Bounds,
-    BoxProof,
-    Progress,
-    check_numbers,
-)
-from mbdlft.analyze.varying import Rates, Varying, margin_of, rates_of
+from mbdlft.analyze.varying import MovingMargin, Rates, rates_of
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, WellPosednessError
+from mbdlft.base.errors import AnalysisError
 from mbdlft.base.threads import one_thread
+from mbdlft.bound.evidence import Bounds, BoxProof
 from mbdlft.system.system import System
-
-_MOST_COEFFICIENTS = 4e6  # of a polynomial in memory
-_DEAR = 20.0  # units of work: above this a polynomial costs more than multipliers
-_SHARE = 0.5  # of the work that is left, for one target
 
 
 def robust_stability(
@@ -116,16 +100,15 @@ def robust_stability(
         raise AnalysisError(f"{what}: expected rates or fixed blocks, got both. Fix none.")
     if set(kept) >= {block.name for block in system.lft.blocks if block.inputs}:
         raise AnalysisError(f"{what}: expected a block that is not fixed.")
-    stay = states_that_stay(system, leave_out)
-    check_nominal(system, system.A[np.ix_(stay, stay)], leave_out, what)
+    stay = stable_states(system, leave_out, what)
     with one_thread(), crew_of(workers, client, what) as crew:
         asked = Asked(system, gap, work, progress, tuple(leave_out), largest, crew)
         if moving:
             model = realization(system, leave_out=leave_out)
             search = _MarginSearch(asked, model=model)
             search.took(smallest_crossing(model, largest))
-            varying = Varying(system, model, moving, gap, work, progress)
-            return margin_of(varying, search.answer(), largest)
+            constant = search.answer()
+            return MovingMargin(asked, model=model, rates=moving, constant=constant).result()
         if system.lft.is_plain and not kept:
             model = realization(system, leave_out=leave_out)
             if not is_dear(model, work):
@@ -136,115 +119,42 @@ def robust_stability(
 
 
 @dataclass(slots=True)
-class _MarginSearch(Search):
+class _MarginSearch(BoxSearch):
     """The margin of a system with parameters only; `upper` is the size of the best crossing."""
 
-    model: Realization = field(kw_only=True)
     best: Crossing = NONE
 
     def search(self) -> None:
-        self.reach()
-        self.raise_lower()
-
-    def reach(self) -> None:
-        """The nearest crossing that a search finds."""
         self.took(smallest_crossing(self.model, self.asked.largest))
         self.told()
+        self.raise_lower(cost_of(self.model))
 
     def took(self, best: Crossing) -> None:
         self.best, self.upper = best, best.size
 
-    def raise_lower(self) -> None:
-        """Prove boxes of sizes nearer and nearer to the best crossing."""
-        cost = cost_of(self.model)
-        high = np.inf  # a size that was not proved
-        while not self.is_closed:
-            k = self.next_size(high)
-            if self.used + cost > self.asked.work or not k:
-                self.reason = self.used_up()
-                return
-            outcome = self.tried(k, cost)
-            if outcome is None:
-                high = k
-            elif outcome.log is not None:
-                self.lower, self.proof = k, BoxProof(k, outcome.log)
-            else:
-                before, point = self.upper, outcome.counterexample
-                if point is None:
-                    point = outcome.open_box.center
-                    self.reason = resistance(outcome, k, self.model)
-                self.took(improved(self.model, k * point, self.best, self.asked.largest))
-                if not self.upper < before:
-                    high = k
-            self.told()
-
-    def tried(self, k: float, cost: float) -> Outcome | None:
-        """What comes of the box of size k; None if the model is singular in it."""
-        self.used += cost
-        try:
-            found = polynomials(self.model, k)
-        except WellPosednessError as error:
-            self.reason = f"at {k:.4g} times the box {error}"
-            return None
-        share = _SHARE if self.lower else _SHARE * _SHARE
-        outcome = prove(
-            self.model,
-            k,
-            found,
-            share * self.left,
-            partial(_is_unstable, self.model, k),
-            crew=self.asked.crew,
-        )
-        self.used += outcome.work
-        return outcome
+    def tried(self, k: float) -> bool:
+        found = self.expanded(k)
+        if found is None:
+            return False
+        is_wrong = partial(_is_unstable, self.model, k)
+        outcome = self.cut(k, found, is_wrong, share=self.share)
+        if outcome.log is not None:
+            self.lower, self.proof = k, BoxProof(k, outcome.log)
+            return True
+        before, point = self.upper, outcome.counterexample
+        if point is None:
+            point = outcome.open_box.center
+            self.reason = resistance(outcome, k, self.model)
+        self.took(improved(self.model, k * point, self.best, self.asked.largest))
+        return self.upper < before
 
     def answer(self) -> Bounds:
-        names, best = self.model.names, self.best
-        parts = best.delta * best.slope if len(best.slope) == len(names) else np.zeros(len(names))
-        is_open = self.lower < self.upper * (1.0 - self.asked.gap)
-        return self.bounds(
-            "robust stability",
-            (names, best.delta, best.frequency),
-            parts,
-            proved=self.lower > 0.0,
-            reason=self.reason if is_open else "",
+        is_open, best = self.lower < self.upper * (1.0 - self.asked.gap), self.best
+        worst, reason = (best.delta, best.frequency), self.reason if is_open else ""
+        return self.said(
+            "robust stability", worst, best.slope, proved=self.lower > 0.0, reason=reason
         )
 
 
 def _is_unstable(model: Realization, k: float, delta: Array) -> bool:
     return abscissa(model, k * delta) >= 0.0
-
-
-def cost_of(model: Realization) -> float:
-    """Units of work of the Bernstein coefficients of a box."""
-    nodes = prod(size + 1 for size in model.sizes) * (1 + model.J.size)
-    return float(nodes * (6e-5 + 4e-7 * len(model.A) ** 3))
-
-
-def is_dear(model: Realization, work: float) -> bool:
-    """Whether a polynomial is too large, or costs more than multipliers, or than there is."""
-    return bool(too_large(model)) or cost_of(model) > min(_DEAR, work)
-
-
-def too_large(model: Realization) -> str:
-    """Why a model cannot be proved this way, or nothing."""
-    count = model.coefficients * (1 + model.J.size)
-    if count <= _MOST_COEFFICIENTS:
-        return ""
-    return (
-        f"the characteristic polynomial has {count:.2g} coefficients, more than the "
-        f"{_MOST_COEFFICIENTS:.2g} that are carried"
-    )
-
-
-def resistance(outcome: Outcome, k: float, model: Realization) -> str:
-    """What resisted a proof, and where."""
-    box = outcome.open_box
-    ends = ", ".join(
-        f"{name} in [{k * (c - h):.3g}, {k * (c + h):.3g}]"
-        for name, c, h in zip(model.names, box.center, box.half, strict=True)
-    )
-    return (
-        f"at {k:.4g} times the box, neither stability nor an unstable point was found with this work "
-        f"for deltas {ends}, near {outcome.frequency:.4g} rad/s"
-    )

@@ -9,7 +9,6 @@ moves by u' L_k K_k v / (u' v).
 """
 
 from collections.abc import Callable, Mapping
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -73,6 +72,11 @@ RIGHT = Aim(np.real, lambda _, gradient: gradient.real)
 UNDAMPED = Aim(_undamping, _undamping_slope)
 
 
+def by_damping(poles: NDArray[Any]) -> NDArray[np.int64]:
+    """The order of poles, those of least damping first."""
+    return np.argsort(-UNDAMPED.value(poles), kind="stable")
+
+
 def pole_gradients(system: System, values: Mapping[str, float] | None = None) -> Moving:
     """Poles at one point, and their derivatives by the normalized parameters.
 
@@ -121,26 +125,21 @@ def moving_at(model: Realization, delta: Array) -> tuple[Moving, Complex, Comple
     """
     import scipy.linalg  # here because it is slow to import
 
-    w, n = np.repeat(delta, model.sizes), len(model.A)
-    eye = np.eye(len(w))
+    n = len(model.A)
     try:
-        K = np.linalg.solve(eye - model.D * w, model.C)
-        L = np.linalg.solve((eye - w[:, None] * model.D).T, model.B.T).T
+        K, L = model.into(delta)[:, :n], model.out_of(delta)[:n]
     except np.linalg.LinAlgError:
         raise WellPosednessError("it is singular at one of the points of the search.") from None
     if not n:
         none = np.zeros((0, 0), dtype=complex)
         return Moving(none.ravel(), np.zeros((0, len(delta)), dtype=complex)), none, none
-    A = model.A + (model.B * w) @ K
+    A = model.A + (model.B * model.spread(delta)) @ K
     found, left, right = scipy.linalg.eig(A, left=True, check_finite=False)
     with np.errstate(all="ignore"):
         terms = (
             (np.conj(left.T) @ L) * (K @ right).T / np.sum(np.conj(left) * right, axis=0)[:, None]
         )
-    ends = np.cumsum([0, *model.sizes])
-    sums = [terms[:, a:b].sum(axis=1) for a, b in pairwise(ends)]
-    gradients = np.stack(sums, axis=1) if sums else np.zeros((n, 0), dtype=complex)
-    return Moving(found, gradients), left, right
+    return Moving(found, model.by_parameter(terms)), left, right
 
 
 def push_right(

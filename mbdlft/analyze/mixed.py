@@ -6,6 +6,7 @@ or, for parameters only, that move a pole to the axis. A gain is one over such a
 """
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -23,14 +24,13 @@ from mbdlft.analyze.reach import (
     first_reached,
     nothing,
 )
-from mbdlft.analyze.realization import physical, realization, shares
-from mbdlft.analyze.result import Bounds
+from mbdlft.analyze.realization import realization
 from mbdlft.analyze.small_delta import SmallDelta
 from mbdlft.base.array import Array
+from mbdlft.bound.evidence import Bounds
 
 _INSIDE = 1.0 - 1e-15  # a size is not above what was proved, however it was rounded
 _RANGE = 1e6  # times the gain of nominal values: a size below one over that is not looked for
-_SHARE = 0.5  # of the work that is left, for one size
 _INTO_GAP = 0.8  # part of the gap that is left between what is reached and what is tried first
 _REACH = 0.1  # units of work of a search for small deltas
 Signals = tuple[tuple[str, ...], tuple[str, ...]]
@@ -49,7 +49,7 @@ class MixedSearch(Search):
     inner: Loop | None = None
     best: SmallDelta = field(init=False)
     crossing: Crossing = NONE
-    cover: Cover | None = None
+    cover: Cover = field(init=False)
 
     @property
     def is_gain(self) -> bool:
@@ -85,7 +85,7 @@ class MixedSearch(Search):
         if not self.follows_poles and not self.is_closed and np.isfinite(self.cover.peak):
             self._took(best_near(self.loop, self.best, self.cover.peak, starts=3))
             self.told()
-        self._raise_lower(self.cover)
+        self.raise_lower()
 
     def _largest_of_gain(self) -> float:
         """One over a gain that is nothing."""
@@ -140,30 +140,19 @@ class MixedSearch(Search):
         if found.bound > self.best.bound and 1.0 / found.bound <= self.asked.largest:
             self.best, self.upper = found, 1.0 / found.bound
 
-    def _raise_lower(self, near: Cover) -> None:
-        high = np.inf
-        while not self.is_closed:
-            k = self.next_size(high)
-            if not self.left or not k:
-                self.reason = self.used_up()
-                return
-            share = _SHARE if self.lower else _SHARE * _SHARE
-            before = self.upper
+    def tried(self, k: float) -> bool:
+        before, work, reach = self.upper, self.share * self.left, partial(self._reach, k)
+        found = attempt(self.loop, k, work, self.cover, reach, self.asked.crew)
+        self.used += found.work
+        if found.parts is not None:
+            self.lower = k * _INSIDE
+            self.proof = proof_of(self.loop, k, found.parts, self.signals)
+            return True
+        if not self.upper < before:
+            self.reason = self._resistance(found, k)
+        return self.upper < before
 
-            def reach(center: Array, omega: float, k: float = k) -> bool:
-                return self._reach(center, omega, k)
-
-            found = attempt(self.loop, k, share * self.left, near, reach, self.asked.crew)
-            self.used += found.work
-            if found.parts is not None:
-                self.lower = k * _INSIDE
-                self.proof = proof_of(self.loop, k, found.parts, self.signals)
-            elif not self.upper < before:
-                high = k
-                self.reason = self._resistance(found, k)
-            self.told()
-
-    def _reach(self, center: Array, omega: float, k: float) -> bool:
+    def _reach(self, k: float, center: Array, omega: float) -> bool:
         """Look for a small delta near a part that resists; whether it is in the box of size k."""
         self.used += _REACH
         if self.follows_poles:
@@ -200,7 +189,7 @@ class MixedSearch(Search):
         )
 
     def answer(self) -> Bounds:
-        system, best, loop = self.asked.system, self.best, self.loop
+        best, loop = self.best, self.loop
         if self.follows_poles:
             names = [block.name for block in loop.blocks]
             values = self.crossing.delta
@@ -213,22 +202,9 @@ class MixedSearch(Search):
             delta.pop(GAIN, None)
             parts = changes(loop, best)[: len(delta)] if best.bound else np.zeros(0)
             frequency = best.omega
-        own = [name for name in delta if name in system.parameters.names]
         is_open = not self.is_closed or not self.upper or np.isinf(self.upper)
-        found = Bounds(
-            self.kind,
-            self.lower,
-            self.upper,
-            physical(system, own, np.array([float(delta[name]) for name in own])) if own else {},
-            delta,
-            frequency,
-            self.lower > 0.0,
-            shares(list(delta), parts) if np.any(parts) else {},
-            self.used,
-            self._why() if is_open else "",
-            self.proof,
-            self.asked.leave_out,
-        )
+        why, proved = self._why() if is_open else "", self.lower > 0.0
+        found = self.bounds(self.kind, delta, frequency, parts, proved=proved, reason=why)
         if self.is_gain:
             lower, upper = _turned(self)
             return replace(found, lower=lower, upper=upper)

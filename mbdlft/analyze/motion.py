@@ -17,7 +17,8 @@ import numpy as np
 from scipy.linalg import expm
 
 from mbdlft.analyze.characteristic import Realization
-from mbdlft.analyze.migration import moving_at
+from mbdlft.analyze.migration import by_damping, moving_at
+from mbdlft.analyze.pole_migration import state_matrices
 from mbdlft.base.array import Array
 
 _POINTS, _FINE = 32, 8  # steps of a period; of a step, for a motion that is not in steps
@@ -106,14 +107,19 @@ def _unit(model: Realization) -> float:
 
 
 def growth(model: Realization, rates: Array, period: float, deltas: Array, fine: int) -> float:
-    """log |mu| of a period; inf where the model is singular."""
-    found = _states(model, _points(deltas, rates, fine))
+    """log |mu| of a period; inf where the model is singular, -inf where a step is beyond all numbers."""
+    found = state_matrices(model, _points(deltas, rates, fine))
     if found is None:
         return np.inf
-    Phi = np.eye(len(model.A))
-    for part in expm(found * (period / len(found))):
-        Phi = part @ Phi
-    return float(np.log(np.max(np.abs(np.linalg.eigvals(Phi)))))
+    Phi, total = np.eye(len(model.A)), 0.0
+    with np.errstate(all="ignore"):
+        for part in expm(found * (period / len(found))):
+            Phi = part @ Phi
+            size = float(np.max(np.abs(Phi)))
+            if not 0.0 < size < np.inf:
+                return -np.inf
+            Phi, total = Phi / size, total + float(np.log(size))
+        return total + float(np.log(np.max(np.abs(np.linalg.eigvals(Phi)))))
 
 
 def _points(deltas: Array, rates: Array, fine: int) -> Array:
@@ -128,23 +134,13 @@ def _points(deltas: Array, rates: Array, fine: int) -> Array:
     return np.where(np.isinf(rates), np.repeat(deltas, fine, axis=0), lines)
 
 
-def _states(model: Realization, deltas: Array) -> Array | None:
-    """A (points, n, n); None where the model is singular."""
-    w = np.repeat(deltas, model.sizes, axis=1)
-    loop = np.eye(len(model.D)) - w[:, :, None] * model.D
-    if np.any(np.linalg.slogdet(loop)[0] <= 0.0):
-        return None
-    return np.asarray(model.A + model.B @ np.linalg.solve(loop, w[:, :, None] * model.C))
-
-
 def _starts(model: Realization, most: float) -> list[tuple[float, Array]]:
     """Periods and motions that push at half the turn of a mode."""
     here, _, _ = moving_at(model, np.zeros(len(model.sizes)))
     kept = np.flatnonzero(here.poles.imag >= 0.0)
-    damping = -here.poles[kept].real / np.abs(here.poles[kept])
     turn = 2.0 * np.pi * (np.arange(_POINTS) + 0.5) / _POINTS
     found = []
-    for k in kept[np.argsort(damping, kind="stable")][:_MODES]:
+    for k in kept[by_damping(here.poles[kept])][:_MODES]:
         pole, slope = here.poles[k], here.gradients[k]
         side = np.sign(slope.imag if pole.imag else slope.real)
         for share in _TURNS:
@@ -165,7 +161,7 @@ def _climbed(
     )
     value = growth(model, any_rate, period, deltas, 1)
     for _ in range(_CLIMBS):
-        slope = _slope(model, period, deltas)
+        slope = _slope(model, period, deltas) if np.isfinite(value) else None
         if slope is None:
             return deltas
         pairs = zip(slope.T, steps, strict=True)
@@ -178,32 +174,29 @@ def _climbed(
         else:
             return deltas
         deltas, value = new, there
-        if not np.isfinite(value):
-            return deltas
     return deltas
 
 
 def _slope(model: Realization, period: float, deltas: Array) -> Array | None:
-    """Derivatives of the growth (points, number of deltas)."""
-    found = _states(model, deltas)
+    """Derivatives of the growth (points, number of deltas); None where they are beyond all numbers."""
+    found = state_matrices(model, deltas)
     if found is None:
         return None
     parts = expm(found * (period / len(found)))
     before = [np.eye(len(model.A))]
-    for part in parts:
-        before.append(part @ before[-1])
-    values, V = np.linalg.eig(before[-1])
+    with np.errstate(all="ignore"):
+        for part in parts:
+            before.append(part @ before[-1])
     try:
+        values, V = np.linalg.eig(before[-1])
         U = np.linalg.inv(V)
     except np.linalg.LinAlgError:
         return None
     k = int(np.argmax(np.abs(values)))
-    w = np.repeat(deltas, model.sizes, axis=1)
-    eye = np.eye(len(model.D))
-    K = np.linalg.solve(
-        eye - model.D * w[:, None, :], np.broadcast_to(model.C, (len(w), *model.C.shape))
-    )
-    L = model.B @ np.linalg.inv(eye - w[:, :, None] * model.D)
+    if not values[k]:
+        return None
+    n = len(model.A)
+    K, L = model.into(deltas)[..., :n], model.out_of(deltas)[:, :n]
     row, rows = U[k], []
     for part in parts[::-1]:
         rows.append(row)
@@ -211,8 +204,7 @@ def _slope(model: Realization, period: float, deltas: Array) -> Array | None:
     lefts = np.array(rows[::-1])
     rights = np.array([middle @ V[:, k] for middle in before[1:]])
     terms = np.einsum("ti,tij->tj", lefts, L) * np.einsum("tji,ti->tj", K, rights) / values[k]
-    ends = np.cumsum([0, *model.sizes])[:-1]
-    return np.asarray(np.add.reduceat(terms.real, ends, axis=1)) * (period / len(found))
+    return np.asarray(model.by_parameter(terms.real) * (period / len(found)))
 
 
 def _fitted(row: Array, size: float, step: float) -> Array:

@@ -21,10 +21,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, eigh
+from scipy.linalg import LinAlgError, eigh
 
 from mbdlft.base.array import Array
 from mbdlft.bound.evidence import Multipliers
+from mbdlft.bound.gain import newton_step
 from mbdlft.lft.block import Block
 
 Complex = NDArray[np.complex128]
@@ -33,8 +34,6 @@ _NEWTON, _CENTERS = 25, 80
 _CENTERED = 0.05  # Newton decrement squared at which a center is near enough
 _STEP = 0.1  # of the way from the best beta^2 of the multipliers back to the one of the center
 _ENOUGH = 0.1  # of the fall that the slope promises
-_LIFT = 1e-13  # of the curvature: the least that is added to it
-_RAISE = 10.0
 _BLEND = 1e-2  # of the mean of D, that multipliers get with which a search starts
 # weights of |X|^2/2: so that parts that do nothing are bounded; so that all are of moderate size
 _SMALL, _MODERATE = 1e-8, 1e-3
@@ -339,16 +338,6 @@ def _newton_step(H: Array, g: Array, basis: Array | None) -> tuple[Array, float]
     """-H^-1 g in the entries, and how much the objective falls along it."""
     if basis is not None:
         H, g = basis.T @ H @ basis, basis.T @ g
-    # rounding may make one of them negative
-    scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diagonal(H)), 1e-300))
-    scaled, lift = scale[:, None] * H * scale, _LIFT
-    while True:
-        try:
-            factor = cho_factor(scaled + lift * np.eye(len(H)), check_finite=False)
-        except LinAlgError:
-            lift *= _RAISE
-            continue
-        step = -scale * cho_solve(factor, scale * g, check_finite=False)
-        break
+    step = newton_step(H, g)
     fall = float(-g @ step)
     return (step if basis is None else basis @ step), fall

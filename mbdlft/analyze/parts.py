@@ -140,12 +140,8 @@ def _cut(loop: Loop, node: _Node, cover: Cover, real: NDArray[np.bool_], widths:
         return int(fits_in[np.argmax((own / widths)[fits_in])])
     M, found = matrix_at(loop, cover.at), []
     for axis in fits_in:
-        middle = 0.5 * (part.low[axis] + part.high[axis])
-        bounds = []
-        for side in (part.low, part.high):
-            low, high = part.low.copy(), part.high.copy()
-            (high if side is part.low else low)[axis] = middle
-            bounds.append(_bound(loop, M, low, high, cover.last, int(axis)))
+        both = _cut_in_two(part.low, part.high, int(axis))
+        bounds = [_bound(loop, M, low, high, cover.last, int(axis)) for low, high in both]
         found.append(max(bounds) + 1e-9 * min(bounds))
     return int(fits_in[int(np.argmin(found))])
 
@@ -165,14 +161,20 @@ def _bound(loop: Loop, M: Complex, low: Array, high: Array, known: Multipliers, 
 
 def _halves(node: _Node, cover: Cover) -> tuple[_Node, _Node]:
     """Both halves of a part, the lower first, with the frequencies that are open."""
-    part, axis = node.part, node.cut
-    middle = 0.5 * (part.low[axis] + part.high[axis])
-    ends = part.high.copy(), part.low.copy()
-    ends[0][axis] = ends[1][axis] = middle
-    inherited = part._replace(todo=cover.todo, at=cover.at, start=cover.last)
+    inherited = node.part._replace(todo=cover.todo, at=cover.at, start=cover.last)
     rough = node.rough + (not cover.beta > 1.0)
-    low, high = inherited._replace(high=ends[0]), inherited._replace(low=ends[1])
-    return _Node(low, rough=rough), _Node(high, rough=rough)
+    first, second = (
+        _Node(inherited._replace(low=low, high=high), rough=rough)
+        for low, high in _cut_in_two(node.part.low, node.part.high, node.cut)
+    )
+    return first, second
+
+
+def _cut_in_two(low: Array, high: Array, axis: int) -> tuple[tuple[Array, Array], ...]:
+    """Ends of both halves along a block, the lower first."""
+    below, above = high.copy(), low.copy()
+    below[axis] = above[axis] = 0.5 * (low[axis] + high[axis])
+    return (low, below), (above, high)
 
 
 def proof_of(
@@ -230,8 +232,5 @@ def wrong_in(loop: Loop, proof: IntervalProof) -> str:
         axis = cut - 1
         if not 0 <= axis < len(loop.blocks) or loop.blocks[axis].kind != "real":
             return "a part is cut along a block that is not real"
-        middle = 0.5 * (low[axis] + high[axis])
-        ends = high.copy(), low.copy()
-        ends[0][axis] = ends[1][axis] = middle
-        waiting += [(ends[1], high, known), (low, ends[0], known)]
+        waiting += [(*ends, known) for ends in _cut_in_two(low, high, axis)[::-1]]
     return "the list of parts is not whole" if waiting or used != len(proof.intervals) else ""

@@ -7,7 +7,6 @@ at the frequency of the peak, u and v the singular vectors of G.
 """
 
 from collections.abc import Callable
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -45,15 +44,13 @@ NOTHING = Peak(0.0, np.nan, np.zeros(0))
 
 def at_delta(model: Realization, delta: Array) -> Plant | None:
     """A, B, C, D from u to y at some deltas; None where the model is singular."""
-    w = np.repeat(delta, model.sizes)
     n = len(model.A)
-    right = np.hstack([model.C, model.F])
     try:
-        W = np.linalg.solve(np.eye(len(w)) - w[:, None] * model.D, w[:, None] * right)
+        right = model.into(delta)
     except np.linalg.LinAlgError:
         return None
     whole = np.block([[model.A, model.E], [model.G, model.J]])
-    whole = whole + np.vstack([model.B, model.H]) @ W
+    whole = whole + (np.vstack([model.B, model.H]) * model.spread(delta)) @ right
     return Plant(whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:])
 
 
@@ -72,7 +69,7 @@ def peak_at(model: Realization, delta: Array) -> Peak:
 def slope_at(model: Realization, peak: Peak) -> Array:
     """Derivatives of the gain at the frequency of a peak by the deltas."""
     n, N = len(model.A), len(model.D)
-    w = np.repeat(peak.delta, model.sizes)
+    w = model.spread(peak.delta)
     B, C = np.hstack([model.B, model.E]), np.vstack([model.C, model.G])
     D = np.block([[model.D, model.F], [model.H, model.J]])
     M: Complex = D.astype(complex)
@@ -84,8 +81,7 @@ def slope_at(model: Realization, peak: Peak) -> Array:
     G = M[N:, N:] + (M[N:, :N] * w) @ right
     u, _, v = np.linalg.svd(G)
     parts = ((u[:, 0].conj() @ left) * (right @ v[0].conj())).real
-    ends = np.cumsum([0, *model.sizes])
-    return np.array([np.sum(parts[a:b]) for a, b in pairwise(ends)])
+    return model.by_parameter(parts)
 
 
 def largest_peak(model: Realization, k: float, more: tuple[Array, ...] = ()) -> Peak:

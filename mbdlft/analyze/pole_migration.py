@@ -2,23 +2,21 @@
 
 The slopes of the poles are those of `mbdlft.analyze.migration`.
 The smallest box with a point where the linearized real part reaches 0 is a corner: its deltas are
-s sign(g_k), g the slope of the real part. Steps towards that corner are repeated from every pole; where
-signs change on the way, the optimum is not a corner, and a linear program in a small region is solved.
-What is found is moved along its ray to where the pole crosses.
+s sign(g_k), g the slope of the real part. Steps towards that corner are repeated from every pole. What is
+found is moved along its ray to where the pole crosses.
 """
 
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from mbdlft.analyze.characteristic import Realization
-from mbdlft.analyze.migration import moving_at
+from mbdlft.analyze.migration import by_damping, moving_at
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 
-_STEPS, _PROGRAMS, _RANDOM = 12, 12, 6
+_STEPS, _RANDOM = 12, 6
 _BISECTIONS = 60
 _ENDS = 1e-7  # of a step: below this the search has arrived
 
@@ -46,27 +44,19 @@ class Crossing(NamedTuple):
 NONE = Crossing(np.inf, np.zeros(0), np.nan, np.zeros(0))
 
 
-def state_matrix(model: Realization, delta: Array) -> Array:
-    """A(delta); NaN where the model is singular, or beyond a point where it is: det(I - Delta D) <= 0."""
-    w = np.repeat(delta, model.sizes)
-    if is_beyond(model, delta):
-        return np.full_like(model.A, np.nan)
-    loop = np.eye(len(w)) - w[:, None] * model.D
-    return np.asarray(model.A + model.B @ np.linalg.solve(loop, w[:, None] * model.C))
-
-
-def is_beyond(model: Realization, delta: Array) -> bool:
-    """Whether the model is singular, or beyond a point where it is: det(I - Delta D) <= 0."""
-    w = np.repeat(delta, model.sizes)
-    return bool(np.linalg.slogdet(np.eye(len(w)) - w[:, None] * model.D)[0] <= 0.0)
+def state_matrices(model: Realization, deltas: Array) -> Array | None:
+    """A (..., n, n) at deltas; None if one is singular, or beyond such a point: det(I - Delta D) <= 0."""
+    w = model.spread(deltas)[..., None]
+    loop = np.eye(len(model.D)) - w * model.D
+    if np.any(np.linalg.slogdet(loop)[0] <= 0.0):
+        return None
+    return np.asarray(model.A + model.B @ np.linalg.solve(loop, w * model.C))
 
 
 def abscissa(model: Realization, delta: Array) -> float:
-    """The largest real part of the poles; infinite where the model is singular."""
-    if is_beyond(model, delta):
-        return np.inf
-    A = state_matrix(model, delta)
-    return float(np.max(np.linalg.eigvals(A).real, initial=-np.inf))
+    """The largest real part of the poles; infinite where the model is singular, or beyond."""
+    A = state_matrices(model, delta)
+    return np.inf if A is None else float(np.max(np.linalg.eigvals(A).real, initial=-np.inf))
 
 
 def smallest_crossing(model: Realization, largest: float, most: float = np.inf) -> Crossing:
@@ -78,8 +68,7 @@ def smallest_crossing(model: Realization, largest: float, most: float = np.inf) 
     if not q:
         return best
     poles = np.linalg.eigvals(model.A)
-    order = np.argsort(-poles.real / np.maximum(np.abs(poles), 1e-300), kind="stable")
-    starts = [(np.zeros(q), poles[i]) for i in order if poles[i].imag >= 0.0]
+    starts = [(np.zeros(q), poles[i]) for i in by_damping(poles) if poles[i].imag >= 0.0]
     random = np.random.default_rng(0)
     for count, (delta, pole) in enumerate((*starts, *[(None, None)] * _RANDOM)):
         if count >= most:
@@ -122,12 +111,13 @@ def crossing_on_ray(model: Realization, delta: Array, largest: float) -> Crossin
         else:
             low = middle
     end = high * delta
-    if is_beyond(model, end):
-        return Crossing(high * size, end, np.inf, np.zeros(len(delta)))
+    singular = Crossing(high * size, end, np.inf, np.zeros(len(delta)))
+    if state_matrices(model, end) is None:
+        return singular
     try:
         there, _, _ = moving_at(model, end)
     except (np.linalg.LinAlgError, WellPosednessError):
-        return Crossing(high * size, end, np.inf, np.zeros(len(delta)))
+        return singular
     i = int(np.argmax(there.poles.real))
     slope = there.gradients[i].real
     slope = slope if np.all(np.isfinite(slope)) else np.zeros(len(delta))
@@ -135,8 +125,8 @@ def crossing_on_ray(model: Realization, delta: Array, largest: float) -> Crossin
 
 
 def _rightmost(model: Realization, delta: Array) -> complex:
-    A = state_matrix(model, delta)
-    poles = np.linalg.eigvals(A) if len(A) and np.all(np.isfinite(A)) else np.zeros(1)
+    A = state_matrices(model, delta)
+    poles = np.zeros(1) if A is None or not len(A) else np.linalg.eigvals(A)
     return complex(poles[int(np.argmax(poles.real))])
 
 
@@ -158,16 +148,15 @@ def _towards_singular(model: Realization, delta: Array, largest: float, best: Cr
     """
     if not np.any(model.D):
         return best
-    eye, ends = np.eye(len(model.D)), np.cumsum([0, *model.sizes])
     for _ in range(_STEPS):
-        loop = eye - np.repeat(delta, model.sizes)[:, None] * model.D
+        loop = np.eye(len(model.D)) - model.spread(delta)[:, None] * model.D
         if np.linalg.slogdet(loop)[0] <= 0.0:
             found = crossing_on_ray(model, delta, largest)
             best = found if found.size < best.size else best
             delta = 0.5 * delta
             continue
         parts = np.diagonal(np.linalg.solve(loop.T, model.D.T))
-        slope = np.array([np.sum(parts[a:b]) for a, b in pairwise(ends)])  # of -log f
+        slope = model.by_parameter(parts)  # of -log f
         steepness = float(np.sum(np.abs(slope)))
         if steepness == 0.0:
             return best
@@ -180,9 +169,9 @@ def _towards_singular(model: Realization, delta: Array, largest: float, best: Cr
 
 
 def _path(model: Realization, delta: Array, pole: complex, largest: float) -> Iterator[Array]:
-    """Deltas to which a pole is followed: corners first, then optima of linear programs."""
+    """Deltas to which a pole is followed: corners, and points on the way to them."""
     signs = np.zeros(len(delta))
-    for step in range(_STEPS + _PROGRAMS):
+    for step in range(_STEPS):
         try:
             (poles, moves), _, _ = moving_at(model, delta)
         except (np.linalg.LinAlgError, WellPosednessError):
@@ -199,42 +188,13 @@ def _path(model: Realization, delta: Array, pole: complex, largest: float) -> It
         size = min((float(slope @ delta) - pole.real) / steepness, largest)
         if size <= 0.0:
             return
-        if step < _STEPS:
-            target = size * np.sign(slope)
-            blend = 1.0 if np.array_equal(np.sign(slope), signs) or step < 3 else 0.5
-            signs = np.sign(slope)
-            new = delta + blend * (target - delta)
-        else:
-            radius = 0.3 * size * 0.7 ** (step - _STEPS)
-            new = _program(slope, delta, pole.real, radius)
+        target = size * np.sign(slope)
+        blend = 1.0 if np.array_equal(np.sign(slope), signs) or step < 3 else 0.5
+        signs = np.sign(slope)
+        new = delta + blend * (target - delta)
         moved = float(np.max(np.abs(new - delta)))
         delta = new
         yield delta
         yield min(1.02 * size, largest) * np.sign(slope)
         if moved <= _ENDS * size:
             return
-
-
-def _program(slope: Array, delta: Array, real: float, radius: float) -> Array:
-    """The smallest |x| with real + slope (x - delta) >= 0 and |x - delta| <= radius."""
-    from scipy.optimize import linprog  # here because it is slow to import
-
-    q = len(delta)
-    sides = np.vstack(
-        [
-            np.append(-slope, 0.0),
-            np.hstack([np.eye(q), -np.ones((q, 1))]),
-            np.hstack([-np.eye(q), -np.ones((q, 1))]),
-        ]
-    )
-    limits = np.concatenate([[real - slope @ delta], np.zeros(2 * q)])
-    found = linprog(
-        np.append(np.zeros(q), 1.0),
-        A_ub=sides,
-        b_ub=limits,
-        bounds=[*((d - radius, d + radius) for d in delta), (0.0, None)],
-        method="highs",
-    )
-    if found.status != 0:
-        return np.asarray(delta + radius * np.sign(slope))
-    return np.asarray(found.x[:q], dtype=float)

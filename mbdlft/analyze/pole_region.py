@@ -5,17 +5,16 @@ from functools import partial
 
 import numpy as np
 
-from mbdlft.analyze.anytime import Asked, Search
-from mbdlft.analyze.boxes import prove
-from mbdlft.analyze.characteristic import Realization, is_stable_at, polynomials
-from mbdlft.analyze.margin import cost_of, resistance, too_large
+from mbdlft.analyze.anytime import Asked
+from mbdlft.analyze.box_search import BoxSearch, cost_of, resistance, too_large
+from mbdlft.analyze.characteristic import Realization, is_stable_at
 from mbdlft.analyze.migration import RIGHT, UNDAMPED, Aim, moving_at, push_right
-from mbdlft.analyze.result import Bounds, BoxProof
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
+from mbdlft.bound.evidence import Bounds, BoxProof
 
 _MODES, _CORNERS, _MOST = 8, 8, 60  # searches from the nominal point, from corners; points of each
-_SHARE, _WIDER = 0.5, 4.0
+_WIDER = 4.0
 _NOTHING = 1e-6  # of the largest pole, or of a damping of 1: a gap need not be smaller
 _INSIDE = 1.0 - 1e-15
 
@@ -36,15 +35,14 @@ def _is_beyond(model: Realization, kind: str, goal: float, delta: Array) -> bool
 
 
 @dataclass(slots=True)
-class _PoleSearch(Search):
+class _PoleSearch(BoxSearch):
     """The worst pole so far and the edge that is proved, as values of the aim, which is to be large."""
 
-    model: Realization = field(kw_only=True)
     kind: str = field(kw_only=True)
     reached: float = -np.inf
     pole: complex = complex(np.nan)
     delta: Array = field(default_factory=lambda: np.zeros(0))
-    said: str = ""
+    resisted: str = ""
 
     def search(self) -> None:
         self.reach()
@@ -108,15 +106,14 @@ class _PoleSearch(Search):
                 self.reason = "no damping is below -1, that of an unstable real pole"
                 return
             if goal >= self.upper or self.used + cost > self.asked.work:
-                self.reason = self.said or self.used_up()
+                self.reason = self.resisted or self.used_up()
                 return
-            self.used += cost
             model = self.region(goal)
             if not is_stable_at(model, np.zeros(len(model.sizes))):
                 self.reason = "the nominal poles are not proved to be left of the edge"
                 return
             before = self.reached
-            if self.tried(model, goal):
+            if self.is_proved(model, goal):
                 self.upper, distance = goal, step
             elif self.reached <= before:
                 distance *= _WIDER
@@ -125,17 +122,14 @@ class _PoleSearch(Search):
     def is_edge(self, goal: float) -> bool:
         return self.aim is RIGHT or -1.0 < goal < 1.0
 
-    def tried(self, model: Realization, goal: float) -> bool:
+    def is_proved(self, model: Realization, goal: float) -> bool:
         """Whether an edge is proved."""
-        try:
-            found = polynomials(model, 1.0)
-        except WellPosednessError as error:
-            self.reason = str(error)
+        found = self.expanded(1.0, model)
+        if found is None:
             return False
-        is_wrong = partial(_is_beyond, self.model, self.kind, goal)
-        share = _SHARE * self.left
-        outcome = prove(model, 1.0, found, share, is_wrong, crew=self.asked.crew)
-        self.used += outcome.work
+        outcome = self.cut(
+            1.0, found, partial(_is_beyond, self.model, self.kind, goal), model=model
+        )
         if outcome.log is not None:
             self.proof = BoxProof(1.0, outcome.log, shift=model.shift, slope=model.slope)
             return True
@@ -143,24 +137,17 @@ class _PoleSearch(Search):
             pole = self.look(outcome.counterexample)
             self.look(push_right(self.model, outcome.counterexample, pole, _MOST, self.aim)[0])
         else:
-            self.said = resistance(outcome, 1.0, model)
+            self.resisted = resistance(outcome, 1.0, model)
         return False
 
     def answer(self) -> Bounds:
-        names = self.model.names
         moving = moving_at(self.model, self.delta)[0]
         k = int(np.argmin(np.abs(moving.poles - self.pole)))
         slope = self.aim.slope(complex(moving.poles[k]), moving.gradients[k])
-        known = bool(np.all(np.isfinite(slope)))
         self.lower = self.reached
         if self.aim is UNDAMPED:
             edge = self.proof.slope if isinstance(self.proof, BoxProof) else -np.inf
-            proved = edge / float(np.hypot(1.0, edge)) if self.proof else -1.0
-            self.lower, self.upper = proved - abs(proved) * (1.0 - _INSIDE), -self.reached
-        return self.bounds(
-            self.kind,
-            (names, self.delta, abs(self.pole.imag)),
-            self.delta * slope if known else np.zeros(len(names)),
-            proved=self.proof is not None,
-            reason=self.reason,
-        )
+            least = edge / float(np.hypot(1.0, edge)) if self.proof else -1.0
+            self.lower, self.upper = least - abs(least) * (1.0 - _INSIDE), -self.reached
+        worst, proved = (self.delta, abs(self.pole.imag)), self.proof is not None
+        return self.said(self.kind, worst, slope, proved=proved, reason=self.reason)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from mbdlft.analyze.intervals import channels_matrix
 from mbdlft.analyze.loop import Loop
+from mbdlft.analyze.migration import by_damping
 from mbdlft.analyze.small_delta import SmallDelta, block_changes, delta_near, small_delta
 from mbdlft.base.array import Array
 
@@ -65,8 +66,7 @@ def first_reached(loop: Loop) -> SmallDelta:
 
 def _places(A: Array) -> list[float]:
     poles = np.linalg.eigvals(A) if len(A) else np.ones(1)
-    order = np.argsort(-poles.real / np.maximum(np.abs(poles), 1e-300), kind="stable")
-    return [float(w) for w in np.unique([*np.abs(poles[order][:_MOST]), 0.0, np.inf])]
+    return [float(w) for w in np.unique([*np.abs(poles[by_damping(poles)][:_MOST]), 0.0, np.inf])]
 
 
 def by_name(loop: Loop, delta: Complex) -> dict[str, Any]:

@@ -103,14 +103,24 @@ def _check_unneeded(
                 )
 
 
-def check_nominal(model: System, A: Array, leave_out: Sequence[str], what: str) -> None:
-    """Raise an AnalysisError that names the pole unless A, at delta = 0, is proved to be stable."""
-    if not len(A):
-        return
+def stable_states(
+    model: System, leave_out: Sequence[str], what: str, outputs: Sequence[int] = ()
+) -> list[int]:
+    """As `states_that_stay`, of a model whose nominal is stable.
+
+    Raises
+    ------
+    AnalysisError
+        It is not proved to be, and the message names the pole; or as `states_that_stay`.
+    """
+    stay = states_that_stay(model, leave_out, outputs)
+    A = model.A[np.ix_(stay, stay)]
+    if not stay:
+        return stay
     poles, shapes = np.linalg.eig(A)
     if np.max(poles.real) < 0.0 and is_hurwitz(A):
-        return
-    states = [state.name for state in model.states if state.name not in leave_out]
+        return stay
+    states = [model.states[k].name for k in stay]
     worst = int(np.argmax(poles.real))
     pole, size = poles[worst], float(np.max(np.abs(poles)))
     moving = np.abs(shapes[:, worst])

@@ -24,11 +24,11 @@ from mbdlft.analyze.characteristic import Realization
 from mbdlft.analyze.coordinates import turned
 from mbdlft.analyze.inequality import least_level
 from mbdlft.analyze.realization import realization
-from mbdlft.analyze.result import Bounds, MotionProof
 from mbdlft.analyze.variation import form_of, is_negative, scaled, sizes_of
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.threads import one_thread
+from mbdlft.bound.evidence import Bounds, MotionProof
 from mbdlft.system.names import positions_of
 from mbdlft.system.system import System
 

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from mbdlft.analyze.coverage import largest_size
 from mbdlft.analyze.loop import check_fixed, ends_of, loop_of_matrix
 from mbdlft.analyze.multipliers import squared, structure_of, upper_bound
+from mbdlft.analyze.realization import check_parameters
 from mbdlft.analyze.small_delta import SmallDelta, small_delta
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
@@ -77,10 +78,7 @@ def structured_singular_value(
         raise AnalysisError(
             f"model {system.name!r}: frequencies: expected numbers (rad/s), got {frequencies!r}."
         )
-    if not system.order:
-        raise AnalysisError(
-            f"structured_singular_value: model {system.name!r} has no parameter and no uncertain block."
-        )
+    check_parameters(system, "structured_singular_value")
     kept, blocks = check_fixed(system, fixed), system.lft.blocks
     grows = np.array([block.name not in kept for block in blocks], dtype=bool)
     if not np.any(grows):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbdlft.analyze.margin import robust_stability
-from mbdlft.analyze.migration import push_right
+from mbdlft.analyze.migration import by_damping, push_right
 from mbdlft.analyze.pole_migration import smallest_crossing
 from mbdlft.analyze.realization import realization
 from mbdlft.analyze.samples import samples_at
@@ -194,8 +194,7 @@ def _weakest(seen: Spectrum) -> list[complex]:
     """Poles to start with: those of least damping, one of each pair; none that is on the axis at zero."""
     sizes = np.abs(seen.poles)
     kept = seen.poles[(seen.poles.imag >= 0.0) & (sizes > 0.0)]
-    damping = -kept.real / np.abs(kept)
-    return [complex(pole) for pole in kept[np.argsort(damping, kind="stable")][:_MODES]]
+    return [complex(pole) for pole in kept[by_damping(kept)][:_MODES]]
 
 
 def _physical(system: System, delta: Array) -> Array:

@@ -6,26 +6,27 @@ taken with Delta(t) in the place of Delta.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import inf, isinf
 
 import numpy as np
 
+from mbdlft.analyze.anytime import Search
 from mbdlft.analyze.characteristic import Realization
 from mbdlft.analyze.coordinates import modal, turned
 from mbdlft.analyze.inequality import Unknowns, cost_of, least_gain, solved
 from mbdlft.analyze.motion import NONE, Motion, unstable_motion
-from mbdlft.analyze.result import Bounds, MotionProof, Progress
 from mbdlft.analyze.variation import form_of, is_negative, is_structured, scaled, sizes_of
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.parameter import Parameter, internal_slope
+from mbdlft.bound.evidence import Bounds, MotionProof
 from mbdlft.system.system import System
 
 Rates = float | Mapping[str, float] | None
 _OUTSIDE = 1.0 + 1e-12  # a bound of a rate is not below it, however that was rounded
 _LEAST = 1e-3  # of the other bound: margins below this are not looked for
-_SHARE = 0.2  # of the work, for motions
+_MOTIONS = 0.2  # of the work
 _FACTOR = 1.25  # of a bound of a gain that is tried after one that was not proved
 _MOST = 1e3  # times the gain of constant parameters: larger bounds are not looked for
 
@@ -93,28 +94,28 @@ def _ends_of_rate(p: Parameter, rate: float, k: float) -> tuple[float, float]:
 
 
 @dataclass(slots=True)
-class Varying:
-    """What is asked of a system whose parameters move, and the work that is left.
+class _MotionSearch(Search):
+    """Bounds for parameters that move, of those of constant ones.
 
     Attributes
     ----------
     model : Realization
     rates : mapping of names to bounds
-    gap, work : float
-    progress : function (lower, upper)
+    constant : Bounds
+    signals : names of inputs and outputs of a gain
+    motion : Motion
+        One that does not come to rest, if it is smaller than constant values that are unstable.
+
+    A search overrides `is_open`, too: whether the gap is larger than what was asked for.
     """
 
-    system: System
-    model: Realization
-    rates: Mapping[str, float]
-    gap: float
-    work: float
-    progress: Progress | None
+    model: Realization = field(kw_only=True)
+    rates: Mapping[str, float] = field(kw_only=True)
+    constant: Bounds = field(kw_only=True)
     signals: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
-    used: float = 0.0
-    reason: str = ""
+    motion: Motion = NONE
 
-    def proof(self, k: float, gain: float = 0.0) -> MotionProof | None:
+    def proof_of(self, k: float, gain: float = 0.0) -> MotionProof | None:
         """A proof for deltas in [-k, k]; None if none is found."""
         states, _, channels, time = modal(self.model)
         model, bounds, near, (u, y) = self._near(k, gain)
@@ -143,7 +144,7 @@ class Varying:
         """The model, rates of its deltas, the model near to 1 in size, and powers of two of u and y."""
         states, back, channels, time = modal(self.model)
         model = scaled(self.model if gain else _alone(self.model), channels, time)
-        bounds = delta_rates(self.system, model.names, self.rates, k) / time
+        bounds = delta_rates(self.asked.system, model.names, self.rates, k) / time
         near = turned(model, states, back)
         u, y = _powers(near, gain)
         near = near._replace(
@@ -151,23 +152,61 @@ class Varying:
         )
         return model, bounds, near, (u, y)
 
-    def allowed(self, k: float) -> Array:
-        """Rates of deltas (1/s) that are allowed everywhere in the box."""
-        return delta_rates(self.system, self.model.names, self.rates, k, allowed=True)
+    def looked(self, most: float) -> Motion:
+        """The smallest motion found with |delta| <= most that does not come to rest."""
+
+        def allowed(k: float) -> Array:
+            names = self.model.names
+            return delta_rates(self.asked.system, names, self.rates, k, allowed=True)
+
+        return unstable_motion(self.model, allowed, most, _MOTIONS * self.asked.work)
 
     def is_carried(self) -> bool:
         """Whether the inequality can be solved with the work; the reason says why not."""
-        bounds = delta_rates(self.system, self.model.names, self.rates, 0.0)
+        bounds = delta_rates(self.asked.system, self.model.names, self.rates, 0.0)
         form = form_of(self.model, bounds)
         entries, cost = form.V.shape[1], cost_of(form)
-        if cost <= self.work:
+        if cost <= self.asked.work:
             return True
         self.reason = (
             f"a matrix inequality of {len(self.model.A)} states and {entries} signals in all costs "
-            f"{cost:.3g} units of work, more than the {self.work:g} that are given. Give more, or take "
-            "parameters that hardly move as constant, or those that move fast as moving in any way"
+            f"{cost:.3g} units of work, more than the {self.asked.work:g} that are given. Give more, or "
+            "take parameters that hardly move as constant, or those that move fast as moving in any way"
         )
         return False
+
+    @property
+    def is_open(self) -> bool:
+        raise NotImplementedError
+
+    def answer(self) -> Bounds:
+        """The result; without a motion, the worst case is that of constant values."""
+        why = self.reason or self.constant.reason
+        found = replace(
+            self.constant,
+            lower=self.lower,
+            upper=self.upper,
+            proved=self.proof is not None,
+            proof=self.proof,
+            work=self.constant.work + self.used,
+            reason=(why or "no more is proved by a quadratic form of this kind")
+            if self.is_open
+            else "",
+            rates=self.rates,
+        )
+        if np.isinf(self.motion.size):
+            return found
+        count = len(self.motion.deltas)
+        times = self.motion.period * (np.arange(count) + 0.5) / count
+        extent = np.max(np.abs(self.motion.deltas), axis=0).tolist()
+        return replace(
+            found,
+            motion=np.hstack([times[:, None], self.motion.deltas]),
+            worst={},
+            delta=dict(zip(self.model.names, extent, strict=True)),
+            frequency=2.0 * np.pi / self.motion.period,
+            sensitivity={},
+        )
 
 
 def _alone(model: Realization) -> Realization:
@@ -186,118 +225,72 @@ def _powers(model: Realization, gain: float) -> tuple[float, float]:
     return float(u), float(2.0 ** -np.round(np.log2(gain * u)))
 
 
-def margin_of(asked: Varying, constant: Bounds, largest: float) -> Bounds:
-    """Bounds of the margin of parameters that move; `constant` are those of constant ones."""
-    model = asked.model
-    lower, proof, upper, motion = 0.0, None, constant.upper, NONE
-    try:
-        at = min(upper, largest)
-        motion = unstable_motion(model, asked.allowed, at, _SHARE * asked.work)
-        upper = min(upper, motion.size)
-        high = 2.0 * min(upper, largest)
-        if asked.progress is not None:
-            asked.progress(lower, upper)
-        while asked.is_carried() and lower < min(high, upper, largest) * (1.0 - asked.gap):
-            k = _next(lower, high, min(upper, largest) * (1.0 - 0.5 * asked.gap))
-            if asked.used > asked.work:
-                asked.reason = f"the work of {asked.work:g} units was used up"
-                break
-            if k < _LEAST * min(upper, largest):
-                asked.reason = f"no quadratic form was found for {high:.3g} times the box"
-                break
-            found = asked.proof(k)
-            lower, proof, high = (k, found, high) if found else (lower, proof, k)
-            if asked.progress is not None:
-                asked.progress(lower, upper)
-    except KeyboardInterrupt:
-        asked.reason = "it was interrupted"
-    return _margin(asked, constant, lower, proof, motion if motion.size <= upper else NONE)
+@dataclass(slots=True)
+class MovingMargin(_MotionSearch):
+    """The margin of parameters that move."""
+
+    def search(self) -> None:
+        largest, gap = self.asked.largest, self.asked.gap
+        self.upper = self.constant.upper
+        motion = self.looked(min(self.upper, largest))
+        if motion.size < self.upper:
+            self.upper, self.motion = motion.size, motion
+        self.told()
+        most = min(self.upper, largest)
+        high = np.inf  # a size that was not proved
+        while self.is_carried() and self.lower < min(high, most) * (1.0 - gap):
+            k = min(most * (1.0 - 0.5 * gap), 0.5 * (self.lower + high))
+            if not self.left:
+                self.reason = self.used_up()
+                return
+            if k < _LEAST * most:
+                self.reason = f"no quadratic form was found for {high:.3g} times the box"
+                return
+            found = self.proof_of(k)
+            if found is None:
+                high = k
+            else:
+                self.lower, self.proof = k, found
+            self.told()
+
+    @property
+    def is_open(self) -> bool:
+        return self.lower < self.upper * (1.0 - self.asked.gap)
 
 
-def _next(lower: float, high: float, goal: float) -> float:
-    """The next size to be tried between one that is proved and one that was not."""
-    if high > goal:
-        return goal
-    return 0.5 * high if lower == 0.0 else 0.5 * (lower + high)
+@dataclass(slots=True)
+class MovingGain(_MotionSearch):
+    """The energy gain of parameters that move in the box."""
 
-
-def _margin(
-    asked: Varying, constant: Bounds, lower: float, proof: MotionProof | None, motion: Motion
-) -> Bounds:
-    """The result; without a motion, the worst case is that of constant values."""
-    upper = min(constant.upper, motion.size)
-    is_open = lower < upper * (1.0 - asked.gap)
-    why = asked.reason or "no more is proved by a quadratic form of this kind"
-    cycle = None
-    if motion.size < constant.upper:
-        count = len(motion.deltas)
-        times = motion.period * (np.arange(count) + 0.5) / count
-        cycle = np.hstack([times[:, None], motion.deltas])
-    names = asked.model.names
-    extent = np.max(np.abs(cycle[:, 1:]), axis=0).tolist() if cycle is not None else []
-    return replace(
-        constant,
-        lower=lower,
-        upper=upper,
-        proved=lower > 0.0,
-        proof=proof,
-        work=constant.work + asked.used,
-        reason=why if is_open else "",
-        rates=asked.rates,
-        motion=cycle,
-        worst=constant.worst if cycle is None else {},
-        delta=constant.delta if cycle is None else dict(zip(names, extent, strict=True)),
-        frequency=constant.frequency if cycle is None else 2.0 * np.pi / motion.period,
-        sensitivity=constant.sensitivity if cycle is None else {},
-    )
-
-
-def gain_of(asked: Varying, constant: Bounds) -> Bounds:
-    """Bounds of the energy gain of parameters that move in the box; `constant`: of constant ones."""
-    low, upper, proof, factor = constant.lower, inf, None, 1.0 + 0.5 * asked.gap
-    model = asked.model
-    try:
-        motion = unstable_motion(model, asked.allowed, 1.0, _SHARE * asked.work)
-        if motion.size <= 1.0 and np.isfinite(low):
-            asked.reason = "the system is unstable at a motion"
-            return _unbounded(asked, constant, motion)
-        if np.isfinite(low) and asked.is_carried() and not asked.proof(1.0):
+    def search(self) -> None:
+        gap, self.lower = self.asked.gap, self.constant.lower
+        low, factor = self.lower, 1.0 + 0.5 * gap
+        motion = self.looked(1.0) if np.isfinite(low) else NONE
+        if motion.size <= 1.0:
+            self.reason = "the system is unstable at a motion"
+            self.lower, self.motion = inf, motion
+            return
+        if np.isfinite(low) and self.is_carried() and not self.proof_of(1.0):
             low = inf
-            asked.reason = "for these rates stability of the whole box is not proved"
-        elif np.isfinite(low) and low > 0.0 and asked.is_carried():
-            estimate = asked.least(low)
+            self.reason = "for these rates stability of the whole box is not proved"
+        elif np.isfinite(low) and low > 0.0 and self.is_carried():
+            estimate = self.least(low)
             low = max(low, estimate) if np.isfinite(estimate) else low
-        while 0.0 < low < upper * (1.0 - asked.gap) and np.isfinite(low) and asked.is_carried():
-            goal = low * factor if isinf(upper) else float(np.sqrt(low * upper))
-            if asked.used > asked.work or goal > _MOST * constant.lower:
-                asked.reason = asked.reason or f"no bound below {goal:.3g} was found with this work"
-                break
-            found = asked.proof(1.0, goal)
+        while 0.0 < low < self.upper * (1.0 - gap) and np.isfinite(low) and self.is_carried():
+            goal = low * factor if isinf(self.upper) else float(np.sqrt(low * self.upper))
+            if not self.left or goal > _MOST * self.lower:
+                self.reason = self.reason or f"no bound below {goal:.3g} was found with this work"
+                return
+            found = self.proof_of(1.0, goal)
             if found:
-                proof, upper = found, goal * _OUTSIDE
+                self.proof, self.upper = found, goal * _OUTSIDE
             else:
                 low, factor = goal, max(factor * factor, _FACTOR)
-            if asked.progress is not None:
-                asked.progress(constant.lower, upper)
-    except KeyboardInterrupt:
-        asked.reason = "it was interrupted"
-    is_open = not upper * (1.0 - asked.gap) <= constant.lower
-    why = asked.reason or "no more is proved by a quadratic form of this kind"
-    return replace(
-        constant,
-        upper=upper,
-        proved=bool(np.isfinite(upper)),
-        proof=proof,
-        work=constant.work + asked.used,
-        reason=why if is_open else "",
-        rates=asked.rates,
-    )
+            self.told()
 
-
-def _unbounded(asked: Varying, constant: Bounds, motion: Motion) -> Bounds:
-    """The result where a motion in the box does not come to rest."""
-    found = _margin(asked, replace(constant, upper=inf), 0.0, None, motion)
-    return replace(found, lower=inf, upper=inf, proved=False)
+    @property
+    def is_open(self) -> bool:
+        return isinf(self.lower) or not self.upper * (1.0 - self.asked.gap) <= self.lower
 
 
 def checked(

@@ -11,20 +11,19 @@ from typing import Any
 
 import numpy as np
 
-from mbdlft.analyze.anytime import Asked
+from mbdlft.analyze.anytime import GAP, WORK, Asked, Progress, check_numbers
 from mbdlft.analyze.ascent import climb
 from mbdlft.analyze.characteristic import Realization
 from mbdlft.analyze.crew import crew_of
 from mbdlft.analyze.gain import worst_case_gain
-from mbdlft.analyze.gramian import h2_and_slope
 from mbdlft.analyze.peak import at_delta
 from mbdlft.analyze.pole_migration import smallest_crossing
 from mbdlft.analyze.pole_region import worst_poles
 from mbdlft.analyze.realization import check_constant, physical, realization
-from mbdlft.analyze.result import GAP, WORK, Bounds, Progress, check_numbers
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.threads import one_thread
+from mbdlft.bound.evidence import Bounds
 from mbdlft.system.algebra import feedback
 from mbdlft.system.names import positions_of
 from mbdlft.system.system import System
@@ -148,7 +147,7 @@ def _searched(
 ) -> Bounds:
     """The largest value that a search finds."""
     q = len(model.sizes)
-    value = _h2 if what == "H2 norm" else _by_differences(what)
+    value = h2_and_slope if what == "H2 norm" else _by_differences(what)
     best, points = (-np.inf, np.zeros(q)), 0
 
     def look(delta: Array) -> tuple[float, Callable[[], Array]]:
@@ -188,8 +187,34 @@ def _searched(
 Value = Callable[[Realization, Array], tuple[float, Callable[[], Array]]]
 
 
-def _h2(model: Realization, delta: Array) -> tuple[float, Callable[[], Array]]:
-    return h2_and_slope(model, delta)
+def h2_and_slope(model: Realization, delta: Array) -> tuple[float, Callable[[], Array]]:
+    """The H2 norm, infinite with a direct path or without stability, and its slope by the deltas.
+
+    With A P + P A' + B B' = 0 and A'Q + Q A + C'C = 0, h^2 = tr C P C', and to first order
+    d h^2 = 2 tr(Q dA P) + 2 tr(Q dB B') + 2 tr(dC P C').
+    """
+    import scipy.linalg  # here because it is slow to import
+
+    plant = at_delta(model, delta)
+    none = np.zeros(len(delta))
+    if plant is None or np.any(plant.D):
+        return np.inf, lambda: none
+    A, B, C, _ = plant
+    if not len(A):
+        return 0.0, lambda: none
+    if not np.max(np.linalg.eigvals(A).real) < 0.0:
+        return np.inf, lambda: none
+    P = scipy.linalg.solve_continuous_lyapunov(A, -B @ B.T)
+    Q = scipy.linalg.solve_continuous_lyapunov(A.T, -C.T @ C)
+    value = float(np.sqrt(max(np.trace(C @ P @ C.T), 0.0)))
+
+    def slope() -> Array:
+        left, right = model.out_of(delta), model.into(delta)
+        by_entry = np.block([[Q @ P, Q @ B], [C @ P, np.zeros((len(C), B.shape[1]))]])
+        parts = np.einsum("ik,ij,kj->k", left, by_entry, right)
+        return np.asarray(model.by_parameter(parts) / max(value, 1e-300))
+
+    return value, slope
 
 
 def _by_differences(function: Any) -> Value:

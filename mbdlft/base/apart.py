@@ -82,18 +82,36 @@ def _ended(how: str, seconds: int, memory: int) -> str:
     )
 
 
-def _limit(seconds: int, memory: int) -> None:
-    """Limit the time and memory of this process, where the system can."""
-    with contextlib.suppress(ImportError, OSError, ValueError, IndexError):
-        import resource
+def limit_process(seconds: float, memory: int, *, for_good: bool) -> None:
+    """Limit what this process may use from now on, where the system can; it leaves no image when it dies.
 
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        used = resource.getrusage(resource.RUSAGE_SELF)
-        most = int(used.ru_utime + used.ru_stime) + 1 + seconds
-        resource.setrlimit(resource.RLIMIT_CPU, (most, most))
+    `seconds` are of the processor, `memory` is in bytes. Limits that are not `for_good` can be changed.
+    """
+    try:
+        import resource
+    except ImportError:
+        return
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    limits = {resource.RLIMIT_CPU: int(used.ru_utime + used.ru_stime + seconds) + 1}
+    with contextlib.suppress(OSError, ValueError, IndexError):
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-        most = pages * os.sysconf("SC_PAGE_SIZE") + memory
-        resource.setrlimit(resource.RLIMIT_AS, (most, most))
+        limits[resource.RLIMIT_AS] = pages * os.sysconf("SC_PAGE_SIZE") + memory
+    with contextlib.suppress(OSError, ValueError):
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    for what, most in limits.items():
+        with contextlib.suppress(OSError, ValueError):
+            last = most if for_good else resource.getrlimit(what)[1]
+            resource.setrlimit(what, (most, last))
+
+
+def end_process(process: "subprocess.Popen[bytes]") -> None:
+    """End a process, and close the streams to and from it."""
+    process.kill()
+    for stream in (process.stdin, process.stdout):
+        if stream is not None:
+            with contextlib.suppress(OSError):
+                stream.close()
+    process.wait()
 
 
 def main() -> None:
@@ -103,7 +121,7 @@ def main() -> None:
     sys.stdout = sys.stderr  # libraries may print
     module, _, name = asked["target"].partition(":")
     function = getattr(import_module(module), name)
-    _limit(asked["seconds"], asked["memory"])
+    limit_process(asked["seconds"], asked["memory"], for_good=True)
     try:
         image = io.BytesIO()
         np.savez(image, **function(**asked["arguments"]))

@@ -13,6 +13,15 @@ from pydantic.fields import FieldInfo
 from mbdlft.base.errors import MbdlftError, SceneError, unknown_name
 
 
+def with_length(direction: "Direction", what: str = "axis") -> "Direction":
+    """The direction, or a SceneError if its length is zero; `what` names it there."""
+    if not any(direction):
+        raise SceneError(
+            f"{what} has zero length, got {list(direction)}. Give a direction; its length is ignored."
+        )
+    return direction
+
+
 def without_controls(text: str, but: str = "") -> str:
     """The text itself, if it can be printed and stored.
 
@@ -37,6 +46,7 @@ Prose = Annotated[str, AfterValidator(lambda text: without_controls(text, "\n\r\
 Quantity = Number | Text
 Vector = tuple[Quantity, Quantity, Quantity]
 Direction = tuple[Number, Number, Number]
+Axis = Annotated[Direction, AfterValidator(with_length)]
 # values of quantities by label: SX or float, for an angle a tuple of turns
 Values = Mapping[str, Any]
 

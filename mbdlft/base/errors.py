@@ -1,7 +1,7 @@
 """The exception classes. The message of an error says where it is, what was expected, and what to try."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from difflib import get_close_matches
 
 _LONGEST, _END = 2000, 400  # bytes of a message, and of its end, where the advice is
@@ -69,6 +69,19 @@ def _middle_out(word: str) -> str:
 
 def _cut(name: str) -> str:
     return name if len(name) <= _LETTERS else f"{name[:_LETTERS]}..."
+
+
+def check_known(
+    what: str,
+    given: Iterable[str],
+    existing: Collection[str],
+    where: str,
+    error: type[MbdlftError] = SceneError,
+) -> None:
+    """Raise an error of the class `error` for a name that does not exist; arguments as `unknown_name`."""
+    for name in given:
+        if name not in existing:
+            raise error(f"{where}: {unknown_name(what, name, existing)}")
 
 
 def unknown_name(what: str, name: str, existing: Iterable[str]) -> str:

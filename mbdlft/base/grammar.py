@@ -155,7 +155,6 @@ class _Parser:
         )
 
     def _sum(self) -> Expression:
-        """The tree of a sum of the grammar."""
         self.depth += 1
         if self.depth > _MAX_DEPTH:
             raise SceneError(
@@ -170,7 +169,6 @@ class _Parser:
         return tree
 
     def _term(self) -> Expression:
-        """The tree of a term of the grammar."""
         tree = self._factor()
         while self.token in ("*", "/"):
             operator = self.token
@@ -179,7 +177,6 @@ class _Parser:
         return tree
 
     def _factor(self) -> Expression:
-        """The tree of a factor of the grammar."""
         negative = False
         while self.token in ("+", "-"):
             negative ^= self.token == "-"
@@ -188,7 +185,6 @@ class _Parser:
         return Negative(tree) if negative else tree
 
     def _power(self) -> Expression:
-        """The tree of a power of the grammar."""
         base = self._atom()
         if self.token not in ("^", "**"):
             return base
@@ -208,7 +204,6 @@ class _Parser:
         return Power(base, exponent)
 
     def _atom(self) -> Expression:
-        """The tree of a atom of the grammar."""
         kind, token = self.kind, self.token
         if kind == "number":
             self._check_size(token)

@@ -28,7 +28,8 @@ SUBSTITUTIONS: tuple[str, ...] = get_args(Substitution)
 _NEAREST = 1e-8  # least distance of the nominal value from either bound, of the width of the range
 # least distance from a singular point, of the reach: nearer, digits are lost
 _NEAREST_SINGULAR = 1e-5
-_ANGLE_DIVISOR = {"half-angle": 2.0, "quarter-angle": 4.0}
+# the internal value is the tangent of the angle divided by this
+DIVISORS = {"identity": 1.0, "half-angle": 2.0, "quarter-angle": 4.0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,12 +103,8 @@ class Parameter:
         reference: float = 0.0,
     ) -> None:
         where = f"parameter {name!r}"
-        for label, text in (
-            ("name", name),
-            ("unit", unit),
-            ("role", role),
-            ("substitution", substitution),
-        ):
+        texts = {"name": name, "unit": unit, "role": role, "substitution": substitution}
+        for label, text in texts.items():
             if not isinstance(text, str):
                 raise SceneError(f"{where}: {label}: expected a text, got {text!r}.")
         numbers = {
@@ -123,16 +120,8 @@ class Parameter:
             if value is not None or label == "nominal":
                 _check_number(where, label, value)
         low, high = _range(where, nominal, low, high, percent, plus, minus)
-        for field, entry in (
-            ("name", name),
-            ("nominal", float(nominal)),
-            ("low", low),
-            ("high", high),
-            ("unit", unit),
-            ("role", role),
-            ("substitution", substitution),
-            ("reference", float(reference)),
-        ):
+        sizes = {"nominal": float(nominal), "low": low, "high": high, "reference": float(reference)}
+        for field, entry in (*texts.items(), *sizes.items()):
             object.__setattr__(self, field, entry)
         problem = _problem(self)
         if problem:
@@ -146,6 +135,11 @@ class Parameter:
     def is_angle(self) -> bool:
         """Whether this is an angle, whose internal value is the tangent of a part of it."""
         return self.substitution != "identity"
+
+    @property
+    def factor(self) -> float:
+        """Its unit in SI units, or in rad: what a value is multiplied with."""
+        return parse_unit(self.unit).factor
 
     @property
     def map(self) -> BilinearMap:
@@ -196,7 +190,7 @@ def Angle(
     where = f"parameter {name!r}"
     if not isinstance(unit, str) or unit not in ANGLE_UNITS:
         raise SceneError(f"{where}: an angle has unit 'deg' or 'rad', got {unit!r}.")
-    if not isinstance(substitution, str) or substitution not in _ANGLE_DIVISOR:
+    if not isinstance(substitution, str) or substitution not in SUBSTITUTIONS[1:]:
         raise SceneError(
             f"{where}: substitution of an angle is 'half-angle' or 'quarter-angle', "
             f"got {substitution!r}."
@@ -222,15 +216,15 @@ def to_internal(parameter: Parameter, physical: ArrayLike) -> NDArray[np.float64
     values = np.asarray(physical, dtype=float)
     if not parameter.is_angle:
         return values
-    radians = values * parse_unit(parameter.unit).factor
-    return np.tan((radians - parameter.reference) / _ANGLE_DIVISOR[parameter.substitution])
+    radians = values * parameter.factor
+    return np.tan((radians - parameter.reference) / DIVISORS[parameter.substitution])
 
 
 def internal_slope(parameter: Parameter, internal: float) -> float:
     """The derivative of the internal value by the physical one, where the internal one is given."""
     if not parameter.is_angle:
         return 1.0
-    factor = parse_unit(parameter.unit).factor / _ANGLE_DIVISOR[parameter.substitution]
+    factor = parameter.factor / DIVISORS[parameter.substitution]
     return factor * (1.0 + internal * internal)
 
 
@@ -279,8 +273,8 @@ def to_physical(parameter: Parameter, delta: ArrayLike) -> NDArray[np.float64]:
     internal = m.b0 + m.gain * values / (1.0 + m.a1 * values)
     if not parameter.is_angle:
         return internal
-    radians = parameter.reference + _ANGLE_DIVISOR[parameter.substitution] * np.arctan(internal)
-    return radians / parse_unit(parameter.unit).factor
+    radians = parameter.reference + DIVISORS[parameter.substitution] * np.arctan(internal)
+    return radians / parameter.factor
 
 
 def is_finite(value: object) -> bool:
@@ -369,7 +363,7 @@ def _problem(parameter: Parameter) -> str | None:
             f"{p.unit}: the other end would be mapped with a loss of digits. Move the nominal."
         )
     if p.is_angle:
-        factor, reach = parse_unit(p.unit).factor, np.pi * _ANGLE_DIVISOR[p.substitution] / 2.0
+        factor, reach = p.factor, np.pi * DIVISORS[p.substitution] / 2.0
         farthest = max(abs(p.low * factor - p.reference), abs(p.high * factor - p.reference))
         if farthest >= reach * (1.0 - _NEAREST_SINGULAR):
             center = p.reference / factor

@@ -11,7 +11,6 @@ One process is started when it is needed first, and kept; it ends with this one.
 """
 
 import atexit
-import contextlib
 import io
 import os
 import pickle
@@ -26,7 +25,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from mbdlft.base.apart import search_path
+from mbdlft.base.apart import end_process, search_path
 
 _KERNELS = {"x86_64": "Prescott", "amd64": "Prescott", "aarch64": "ARMV8", "arm64": "ARMV8"}
 _LENGTH = struct.Struct("<Q")  # bytes of the message that follows
@@ -134,12 +133,7 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
     if _PROCESSES.get(os.getpid()) is not process:
         return
     del _PROCESSES[os.getpid()]
-    process.kill()
-    for stream in (process.stdin, process.stdout):
-        if stream is not None:
-            with contextlib.suppress(OSError):
-                stream.close()
-    process.wait()
+    end_process(process)
 
 
 def _send(stream: IO[bytes], message: Any) -> None:

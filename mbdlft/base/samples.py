@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, unknown_name
+from mbdlft.base.errors import AnalysisError, check_known
 from mbdlft.base.parameter import Parameter
 
 SEED = 0  # of the points at which models are checked
@@ -79,10 +79,7 @@ def grid(parameters: Sequence[Parameter], counts: Mapping[str, int]) -> dict[str
         2^22 points.
     """
     _check_parameters("grid", parameters)
-    for name in counts:
-        if name not in {p.name for p in parameters}:
-            known = [p.name for p in parameters]
-            raise AnalysisError("grid: " + unknown_name("parameter", name, known))
+    check_known("parameter", counts, [p.name for p in parameters], "grid", AnalysisError)
     if any(not isinstance(n, int | np.integer) or n < 1 for n in counts.values()):
         raise AnalysisError(
             f"grid: counts must be whole numbers of at least 1, got {dict(counts)}."

@@ -134,15 +134,8 @@ class Compiled:
         assert isinstance(given, GivenSamples)
         points = points_of(given, self.parameters, 0, count_of(given))
         matrices, trim, _, status = self.rows(points)
-        n = len(self.layout.states)
-        return Linearizations(
-            matrices[:, :n, :n],
-            matrices[:, :n, n:],
-            matrices[:, n:, :n],
-            matrices[:, n:, n:],
-            trim,
-            status.astype(np.int64),
-        )
+        parts = self.layout.parts(matrices)
+        return Linearizations(**parts, trim=trim, status=status.astype(np.int64))
 
     def rows(self, points: Array) -> tuple[Array, Array, Array, Array]:
         """The rows at points (N, n_p), as `Source.rows` describes them."""

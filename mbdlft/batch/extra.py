@@ -94,7 +94,7 @@ def poles_of(A: Array) -> NDArray[np.complex128]:
     return np.sort(np.linalg.eigvals(A).astype(complex), axis=-1)
 
 
-def name_of(function: str | Function | None) -> str:
+def name_of(function: str | Function) -> str:
     """``module:name`` of a function, which other processes can import.
 
     Raises
@@ -102,8 +102,6 @@ def name_of(function: str | Function | None) -> str:
     AnalysisError
         It is no function, or cannot be imported by this name.
     """
-    if function is None:
-        return ""
     if isinstance(function, str):
         function_of(function)
         return function
@@ -171,7 +169,7 @@ def asked_of(
     samples: Samples,
     *,
     poles: bool,
-    function: str | Function | None,
+    function: str | Function,
     single: bool,
 ) -> Extra:
     """Check what is asked for; the function is called at some samples to learn the names of its numbers.
@@ -183,8 +181,6 @@ def asked_of(
         name, or what it gives at a sample depends on others.
     """
     text = name_of(function)
-    if not text:
-        return Extra(poles=poles, single=single)
     call, part = function_of(text), _probed(source, samples, text)
     together, alone, raised = _called(call, part), list[dict[str, Array]](), ""
     for k in range(len(part.A)):
@@ -230,16 +226,8 @@ def part_of(layout: Layout, points: Array, matrices: Array, trim: Array) -> Swee
     """Samples (n, n_p), [A B ; C D] and trim, all of them solved, as functions get them."""
     for array in (points, matrices, trim):
         array.flags.writeable = False  # a function may be called again with a part of them
-    n = len(layout.states)
-    return SweepPart(
-        {signal.name: points[:, k] for k, signal in enumerate(layout.parameters)},
-        matrices[:, :n, :n],
-        matrices[:, :n, n:],
-        matrices[:, n:, :n],
-        matrices[:, n:, n:],
-        trim,
-        layout,
-    )
+    samples = {signal.name: points[:, k] for k, signal in enumerate(layout.parameters)}
+    return SweepPart(samples, **layout.parts(matrices), trim=trim, layout=layout)
 
 
 def _called(call: Function, part: SweepPart) -> Any:

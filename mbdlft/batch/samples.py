@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, unknown_name
+from mbdlft.base.errors import AnalysisError, check_known
 from mbdlft.base.parameter import Parameter
 
 _OUTSIDE = 1e-9  # how far rounding may put a value outside of its range, of the width of the range
@@ -76,8 +76,9 @@ def samples_of(
     AnalysisError
         A name is unknown, there are no samples, or a value is outside its range.
     """
+    names = [p.name for p in parameters]
     if isinstance(given, GridSamples):
-        _check_names("grid", parameters, given.counts)
+        check_known("parameter", given.counts, names, "sweep, grid", AnalysisError)
         if not given.counts or any(count < 1 for count in given.counts.values()):
             raise AnalysisError(
                 f"sweep: a grid needs a number of values of at least 1 for some parameters, got "
@@ -95,7 +96,7 @@ def samples_of(
             "sweep: expected GridSamples, RandomSamples or a mapping of names to arrays, got "
             f"{type(given).__name__}."
         )
-    _check_names("samples", parameters, given)
+    check_known("parameter", given, names, "sweep, samples", AnalysisError)
     return GivenSamples(_points(parameters, given))
 
 
@@ -182,14 +183,6 @@ def read_samples(path: str | Path) -> dict[str, Array]:
             f"{table.shape[1]} columns."
         )
     return {name: table[:, k] for k, name in enumerate(names)}
-
-
-def _check_names(what: str, parameters: Sequence[Parameter], given: Mapping[str, Any]) -> None:
-    """Raise an AnalysisError for a name that is not that of a parameter."""
-    known = [p.name for p in parameters]
-    for name in given:
-        if name not in known:
-            raise AnalysisError(f"sweep, {what}: " + unknown_name("parameter", name, known))
 
 
 def _points(parameters: Sequence[Parameter], given: Mapping[str, ArrayLike]) -> Array:

@@ -120,13 +120,9 @@ def rows_at(source: Source, chunk: int, extra: Extra, points: Array) -> Array:
             part = points[start : start + chunk]
             matrices, trim, residual, status = source.rows(part)
             more = extras(extra, source.layout, part, matrices, trim, status)
-            n = len(layout.states)
             found = {
                 "samples": part,
-                "A": matrices[:, :n, :n],
-                "B": matrices[:, :n, n:],
-                "C": matrices[:, n:, :n],
-                "D": matrices[:, n:, n:],
+                **layout.parts(matrices),
                 "trim/value": trim,
                 "residual": residual,
                 "status": status,

@@ -162,7 +162,7 @@ def _span(
     axes = {name: draw(2 * n + degrees[name] + _EXTRA) for name, n in lengths.items()}
     grid = [dict(zip(axes, at, strict=True)) for at in product(*axes.values())]
     monomials = _monomials(grid, lengths, prime)  # of u, on the grid
-    high = _high_modes(axes, lengths, prime)
+    high, low = _modes(axes, lengths, prime)
     # one random direction and value of the first delta each time: enough of them tell functions apart
     points, left = [], []
     for own in draw(degrees[first] + _EXTRA):
@@ -173,7 +173,6 @@ def _span(
     powers = np.tile(monomials, (degrees[first] + _EXTRA, 1))
     all_Hu = _times(seen, powers, prime)
     all_y = _times(np.array(left), powers, prime)
-    low = _low_modes(axes, lengths, prime)
     E = np.zeros((len(points), 0), dtype=np.int64)
     for k, alpha in enumerate(draw(2 * degrees[first] + 2)):
         value = H.at([{first: alpha, **at} for at in grid])
@@ -243,18 +242,14 @@ def _kronecker(a: Residues, b: Residues, prime: int) -> Residues:
     return np.asarray(blocks.reshape(len(a) * len(b), -1))
 
 
-def _is_low(axes: Mapping[str, list[int]], lengths: Mapping[str, int]) -> list[bool]:
+def _modes(
+    axes: Mapping[str, list[int]], lengths: Mapping[str, int], prime: int
+) -> tuple[Residues, Residues]:
+    """From values on the grid to coefficients beyond the degrees of u, zero for it; to the others."""
     places = product(*(range(len(nodes)) for nodes in axes.values()))
-    return [all(k < n for k, n in zip(one, lengths.values(), strict=True)) for one in places]
-
-
-def _high_modes(axes: Mapping[str, list[int]], lengths: Mapping[str, int], prime: int) -> Residues:
-    """Values on the grid to coefficients that are zero for polynomials of the degrees of u."""
-    return np.asarray(_interpolation(axes, prime)[~np.array(_is_low(axes, lengths))])
-
-
-def _low_modes(axes: Mapping[str, list[int]], lengths: Mapping[str, int], prime: int) -> Residues:
-    return np.asarray(_interpolation(axes, prime)[np.array(_is_low(axes, lengths))])
+    below = [all(k < n for k, n in zip(one, lengths.values(), strict=True)) for one in places]
+    is_low, all_modes = np.array(below), _interpolation(axes, prime)
+    return all_modes[~is_low], all_modes[is_low]
 
 
 def _seen(values: Residues, left: Residues, prime: int) -> Residues:

@@ -229,7 +229,7 @@ def _center(form: _Form, X: Array, g: float, weight: float) -> tuple[Array, floa
             slope[count] = weight - np.trace(P[-m:, -m:])
             H[count, count] = np.sum(P[-m:, -m:] ** 2)
             H[count, :count] = H[:count, count] = -(UP[:, -m:] @ VP[:, -m:].T)[i, j]
-        step = _newton_step(H, slope)
+        step = newton_step(H, slope)
         fall = float(-slope @ step)
         move = np.zeros_like(X)
         move[i, j] = step[:count]
@@ -248,7 +248,7 @@ def _center(form: _Form, X: Array, g: float, weight: float) -> tuple[Array, floa
     return X, g, P
 
 
-def _newton_step(H: Array, slope: Array) -> Array:
+def newton_step(H: Array, slope: Array) -> Array:
     """-H^-1 slope. A skew part that does nothing leaves H singular, so it is lifted until it is not."""
     if not np.all(np.diagonal(H) > 0.0):
         return np.zeros(len(H))  # rounding has eaten the curvature: there is nothing more to gain

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import casadi as ca
 
 from mbdlft.base.errors import StructureError
-from mbdlft.dae.description import Dae, Equation, Variable, column
+from mbdlft.dae.description import Dae, Equation, Variable
+from mbdlft.dae.operations import column_of
 from mbdlft.number.exact import constant_of
 from mbdlft.sx.constants import constants_in, is_constant, literal
 
@@ -90,8 +91,8 @@ class _Relation(NamedTuple):
 def _relations(dae: Dae) -> Iterator[_Relation | None]:
     """What each equation says if it is that of an alias."""
     signals = [*dae.variables, *dae.inputs]
-    every = column([*(v.symbol for v in signals), *ca.vertsplit(dae.xdot), *ca.vertsplit(dae.p)])
-    residuals = column(e.residual for e in dae.equations)
+    every = column_of([*(v.symbol for v in signals), *ca.vertsplit(dae.xdot), *ca.vertsplit(dae.p)])
+    residuals = column_of(e.residual for e in dae.equations)
     pattern = ca.jacobian_sparsity(residuals, every).T
     starts, rows = pattern.colind(), pattern.row()
     for k, equation in enumerate(dae.equations):
@@ -103,7 +104,7 @@ def _relations(dae: Dae) -> Iterator[_Relation | None]:
 
 
 def _relation(residual: ca.SX, used: Sequence[Variable]) -> _Relation | None:
-    symbols = column(v.symbol for v in used)
+    symbols = column_of(v.symbol for v in used)
     slopes = ca.densify(ca.jacobian(residual, symbols))
     factors = [rational(slopes[k]) for k in range(len(used))]
     offset = rational(ca.substitute(residual, symbols, ca.SX.zeros(len(used))))
@@ -152,7 +153,6 @@ class _Classes:
             for k, v in enumerate(dae.variables)
         }
         self.inputs = {v.name for v in dae.inputs}
-        self.saying: dict[str, str] = {}
 
     def root(self, name: str) -> tuple[str | None, Fraction]:
         """What a signal is a factor of; None for the number 1."""
@@ -231,7 +231,7 @@ def _substituted(dae: Dae, kept: Sequence[Equation], aliases: Sequence[Alias]) -
         new.append(rate if factor == 1 else times * rate)
     parts = [*(e.residual for e in kept), *(e.residual for e in dae.initial)]
     parts += [y.expression for y in dae.outputs]
-    found = iter(ca.vertsplit(ca.substitute(column(parts), column(old), column(new))))
+    found = iter(ca.vertsplit(ca.substitute(column_of(parts), column_of(old), column_of(new))))
     return replace(
         dae,
         variables=tuple(stays[v.name] for v in dae.variables if v.name in stays),

@@ -7,12 +7,13 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 import casadi as ca
+import flint
 import numpy as np
 
 from mbdlft.base.errors import NotRationalError
 from mbdlft.dae.mixed import ONE_KEY, Mixed, times
 from mbdlft.dae.mixed import number as number_of
-from mbdlft.dae.operations import column_of
+from mbdlft.dae.operations import column_of, free_symbols
 from mbdlft.number.exact import Field, constant_of
 from mbdlft.sx.constants import constants_in, is_constant
 from mbdlft.sx.fold import Rule, fold, rules, steps
@@ -106,9 +107,7 @@ class Registry:
     def _collected(self, value: Mixed, *, exactly: bool) -> Row:
         row: Row = {}
         for part in value.linear.values():
-            symbols = ca.symvar(part.form)
-            known = {s.element_hash() for s in ca.vertsplit(constants_in(part.form)[0])}
-            signals = [s for s in symbols if s.element_hash() not in known]
+            signals = free_symbols(part.form)
             slopes = ca.densify(part.coefficient * ca.jacobian(part.form, column_of(signals)))
             for s, x in zip(signals, self._values(slopes, exactly=exactly), strict=True):
                 key = ("signal", s.element_hash())
@@ -158,29 +157,16 @@ def independent(arguments: Sequence[Argument]) -> list[tuple[Fraction, ...]] | N
 
     Each row has a factor for each argument; those of dependent arguments are zero.
     """
-    if len(arguments) < 2 or any(a.row is None for a in arguments):
+    rows = [argument.row for argument in arguments if argument.row is not None]
+    if len(arguments) < 2 or len(rows) < len(arguments):
         return None
-    pivots: list[tuple[Any, Row, list[Fraction]]] = []
-    found: list[tuple[Fraction, ...]] = []
-    dependent = False
-    for k, argument in enumerate(arguments):
-        row, by = dict(argument.row or {}), [Fraction(0)] * len(arguments)
-        for key, other, made in pivots:
-            factor = row.get(key, Fraction(0))
-            if factor:
-                row = {
-                    j: row.get(j, Fraction(0)) - factor * other.get(j, Fraction(0))
-                    for j in {*row, *other}
-                }
-                by = [b + factor * m for b, m in zip(by, made, strict=True)]
-        row = {key: x for key, x in row.items() if x}
-        if not row:
-            dependent = True
-            found.append(tuple(by))
-            continue
-        key = min(row, key=str)
-        lead = row[key]
-        own = [(Fraction(int(j == k)) - by[j]) / lead for j in range(len(arguments))]
-        pivots.append((key, {j: x / lead for j, x in row.items()}, own))
-        found.append(tuple(Fraction(int(j == k)) for j in range(len(arguments))))
-    return found if dependent else None
+    signals = sorted({key for row in rows for key in row}, key=str)
+    entries = [row.get(key, Fraction(0)) for key in signals for row in rows]
+    exact = [flint.fmpq(x.numerator, x.denominator) for x in entries]
+    reduced, rank = flint.fmpq_mat(len(signals), len(rows), exact).rref()
+    if rank == len(rows):
+        return None
+    factors = [[Fraction(int(x.p), int(x.q)) for x in row] for row in reduced.tolist()[:rank]]
+    pivots = {next(k for k, x in enumerate(row) if x): row for row in factors}
+    nothing = [Fraction(0)] * len(rows)
+    return list(zip(*(pivots.get(k, nothing) for k in range(len(rows))), strict=True))

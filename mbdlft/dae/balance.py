@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import qr
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, TrimError
@@ -14,14 +13,14 @@ from mbdlft.dae.index import listed
 from mbdlft.dae.linear_block import solved_linear
 from mbdlft.dae.operations import column_of
 from mbdlft.dae.points import Found, System, solve
-from mbdlft.dae.states import blocks_of
+from mbdlft.dae.states import blocks_of, independent
 from mbdlft.dae.structure import Quantity, Structure, parameter_points
 from mbdlft.number.exact import decimal
 from mbdlft.sx.constants import in_doubles, literal
 
 POINTS = 8  # of the parameters at which a solution is looked at
 SAME = 1e-9  # relative, of numbers that stand for the same
-_RANK, _ZERO = 1e-9, 1e-12
+_ZERO = 1e-12
 _MISSED = 1e-11  # of the terms of an equation
 _MOST_POWER = 4
 
@@ -35,24 +34,9 @@ class Balance(NamedTuple):
     z: ca.SX
 
 
-def independent(matrix: Array, classes: Array) -> list[int]:
-    """Independent columns, of the lowest classes first."""
-    rest, chosen = matrix, []
-    for kind in sorted(set(classes.tolist())):
-        columns = np.flatnonzero(classes == kind)
-        if not len(columns) or not len(rest):
-            continue
-        q, triangle, order = qr(rest[:, columns], pivoting=True)
-        pivots = np.abs(np.diag(triangle))
-        count = int(np.sum(pivots > _RANK * max(1.0, np.max(pivots, initial=0.0))))
-        chosen += [int(columns[k]) for k in order[:count]]
-        rest = q[:, count:].T @ rest
-    return sorted(chosen)
-
-
-def start_of(s: Structure, unknown: Sequence[Quantity]) -> tuple[Array, Array]:
+def start_of(unknown: Sequence[Quantity]) -> tuple[Array, Array]:
     """Start values and sizes (n,) of unknowns."""
-    start = np.array([(q.variable.start or 0.0) if not q.order else 0.0 for q in unknown])
+    start = np.array([q.start for q in unknown])
     return start, np.array([q.variable.nominal for q in unknown])
 
 
@@ -115,7 +99,7 @@ def solved_exactly(
 
 def at_points(s: Structure, problem: Balance) -> Array:
     """Numbers (points, unknowns) at nominal and at other values of the parameters."""
-    start, sizes = start_of(s, problem.quantities)
+    start, sizes = start_of(problem.quantities)
     system = System(problem.residual, problem.z, s.dae.p)
     rows: list[Array] = []
     for p in parameter_points(s.dae, POINTS):
@@ -177,7 +161,7 @@ def _guessed(
         if len(left) == len(own):
             return None
         old = column_of([q.symbol for q in own if q.name in known])
-        rest = ca.substitute(residual, old, column_of(list(known.values())))
+        rest = ca.substitute(residual, old, column_of(known.values()))
         unknown = z[left]
         J = _numbers(ca.jacobian(rest, unknown), z, s.dae.p, values[0], p[0])
         rows = independent(J.T, np.zeros(len(J), dtype=int))
@@ -227,7 +211,7 @@ def _holds(
     s: Structure, residual: ca.SX, z: ca.SX, chosen: Sequence[ca.SX], own: Sequence[Quantity]
 ) -> bool:
     """Whether equations hold at values of the parameters that were not looked at before."""
-    expressions = column_of(list(chosen))
+    expressions = column_of(chosen)
     left = ca.substitute(residual, z, expressions)
     slopes = ca.substitute(ca.jacobian(residual, z), z, expressions)
     parts = [ca.densify(in_doubles(part)) for part in (left, slopes, expressions)]

@@ -5,7 +5,7 @@ Nothing is solved or differentiated here. Values are in the units that are writt
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -13,7 +13,7 @@ import casadi as ca
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import parse_unit
-from mbdlft.sx.constants import constants_in
+from mbdlft.dae.operations import column_of, free_symbols
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,7 +155,7 @@ class Dae:
     @property
     def xdot(self) -> ca.SX:
         """Symbols of the derivatives that occur, in the order of the variables."""
-        return column(v.derivative for v in self.variables if v.derivative is not None)
+        return column_of(v.derivative for v in self.variables if v.derivative is not None)
 
     def variable(self, name: str) -> Variable:
         """The variable or input of a name.
@@ -169,11 +169,6 @@ class Dae:
         if name not in by_name:
             raise SceneError(f"{self.owner}: " + unknown_name("variable", name, by_name))
         return by_name[name]
-
-
-def column(parts: Iterable[ca.SX]) -> ca.SX:
-    """A column (n, 1) of scalars; of none, (0, 1)."""
-    return ca.vertcat(ca.SX(0, 1), *parts)
 
 
 def symbols_of(dae: Dae) -> list[ca.SX]:
@@ -220,9 +215,8 @@ def _check_expression(dae: Dae, what: str, expression: ca.SX, known: set[int]) -
             f"{dae.owner}, {what}: has shape {expression.shape}, expected one entry. Write one equation "
             "for each."
         )
-    constants = {s.element_hash() for s in ca.vertsplit(constants_in(expression)[0])}
-    for symbol in ca.symvar(expression):
-        if symbol.element_hash() not in known | constants:
+    for symbol in free_symbols(expression):
+        if symbol.element_hash() not in known:
             names = [s.name() for s in symbols_of(dae)]
             raise SceneError(
                 f"{dae.owner}, {what}: "

@@ -7,9 +7,10 @@ import casadi as ca
 
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import dimension_name, parse_unit
-from mbdlft.dae.description import Dae, column
+from mbdlft.dae.description import Dae
+from mbdlft.dae.operations import column_of
 from mbdlft.number.dimension import FUNCTIONS, Dimension
-from mbdlft.sx.constants import constants_in
+from mbdlft.sx.constants import is_constant
 from mbdlft.sx.fold import Rules, fold, rules
 
 
@@ -59,10 +60,9 @@ def open_unit(unit: str) -> _Value:
 
 def dimension_of(expression: ca.SX, given: Mapping[int, _Value]) -> _Value:
     """The dimension of an expression of symbols that have some, by their hashes."""
-    constants = {s.element_hash() for s in ca.vertsplit(constants_in(expression)[0])}
     free = ca.symvar(expression)
-    values = [_OPEN if s.element_hash() in constants else given[s.element_hash()] for s in free]
-    function = ca.Function("units", [column(free)], [ca.densify(expression)])
+    values = [_OPEN if is_constant(s) else given[s.element_hash()] for s in free]
+    function = ca.Function("units", [column_of(free)], [ca.densify(expression)])
     ((found,),) = fold(function, _RULES, values)
     return found
 

@@ -9,10 +9,10 @@ import casadi as ca
 
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.parameter import Parameter
-from mbdlft.dae.description import Dae, Equation, Output, Variable, column
+from mbdlft.dae.description import Dae, Equation, Output, Variable
 from mbdlft.dae.fit import fit_coefficient
 from mbdlft.dae.lookup import Beyond, Interpolation, table_expression
-from mbdlft.dae.operations import with_literals
+from mbdlft.dae.operations import column_of, with_literals
 from mbdlft.number.exact import Constant
 from mbdlft.sx.constants import constant, literal, shown
 
@@ -181,7 +181,7 @@ class DaeDraft:
             tuple(self._variables.values()),
             tuple(self._inputs.values()),
             tuple(parameter for parameter, _ in pairs),
-            column(symbol for _, symbol in pairs),
+            column_of(symbol for _, symbol in pairs),
             tuple(self._outputs),
             tuple(self._equations),
             tuple(self._initial),

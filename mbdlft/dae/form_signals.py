@@ -33,9 +33,7 @@ def signals_of(s: Structure, form: ThetaForm) -> tuple[tuple[Signal, ...], tuple
 
 def _units(s: Structure, form: ThetaForm) -> tuple[list[str], list[str]]:
     """Units of zeta and of omega."""
-    known: dict[int, str] = {
-        q.symbol.element_hash(): q.unit for q in (*s.unknowns, *s.states, *s.inputs)
-    }
+    known: dict[int, str] = {q.symbol.element_hash(): q.unit for q in s.quantities}
     known |= {rate.element_hash(): _rate(q.unit) for q, rate in zip(s.states, s.rates, strict=True)}
     symbols = ca.vertsplit(form.relations.p)
     known |= {

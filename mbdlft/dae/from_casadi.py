@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 import casadi as ca
 import numpy as np
 
-from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.errors import SceneError, check_known
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import parse_unit
-from mbdlft.dae.description import Dae, Equation, Output, Variable, column
-from mbdlft.dae.operations import with_literals
+from mbdlft.dae.description import Dae, Equation, Output, Variable
+from mbdlft.dae.operations import column_of, with_literals
 from mbdlft.sx.constants import literal
 
 
@@ -57,7 +57,7 @@ def from_casadi(
         tuple(variables),
         tuple(own.variable(n, symbols["u"][k]) for k, n in enumerate(names["u"])),
         tuple(own.parameters[name] for name in ordered),
-        column(symbols["p"][names["p"].index(name)] for name in ordered),
+        column_of(symbols["p"][names["p"].index(name)] for name in ordered),
         tuple(Output(n, with_literals(y[k]), own.unit(n)) for k, n in enumerate(builder.y())),
         (
             *(
@@ -83,9 +83,7 @@ class _Builder:
         if builder.has_t():
             raise SceneError(f"{self.owner}: depends on time. Make an input of what depends on it.")
         names = list(builder.p())
-        for name in given:
-            if name not in names:
-                raise SceneError(f"{self.owner}: " + unknown_name("parameter", name, names))
+        check_known("parameter", given, names, self.owner)
         self.parameters = dict(given)
         for name in names:
             low, high = float(builder.min(name)), float(builder.max(name))

@@ -15,11 +15,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from mbdlft.base.errors import StructureError
-from mbdlft.dae.description import Dae, Variable, column
+from mbdlft.dae.description import Dae, Variable
 from mbdlft.dae.operations import column_of
 
 Pattern = NDArray[np.int64]
@@ -104,7 +102,7 @@ def differentiated(dae: Dae) -> Differentiated:
 
 def _signature(dae: Dae) -> Pattern:
     """Highest order of each variable in each equation; -1 where it does not occur."""
-    residuals = column(e.residual for e in dae.equations)
+    residuals = column_of(e.residual for e in dae.equations)
     found = np.full((len(dae.equations), len(dae.variables)), _ABSENT)
     for order in (0, 1):
         chosen = [
@@ -114,7 +112,7 @@ def _signature(dae: Dae) -> Pattern:
         ]
         if not chosen or not residuals.numel():
             continue
-        pattern = ca.jacobian_sparsity(residuals, column(s for _, s in chosen))
+        pattern = ca.jacobian_sparsity(residuals, column_of(s for _, s in chosen))
         rows, columns = (np.array(part, dtype=int) for part in pattern.get_triplet())
         found[rows, np.array([j for j, _ in chosen])[columns]] = order
     return found
@@ -142,13 +140,9 @@ def _structurally_singular(dae: Dae, sigma: Pattern) -> StructureError:
 
 def _named_parts(dae: Dae, sigma: Pattern) -> str:
     """What is over- and underdetermined, by Dulmage and Mendelsohn."""
-    pattern = csr_array(sigma != _ABSENT)
-    matched = maximum_bipartite_matching(pattern, perm_type="column")  # of each row
-    of_column = {int(j): i for i, j in enumerate(matched) if j >= 0}
-    over = _reached(sigma, [i for i, j in enumerate(matched) if j < 0], of_column)
-    turned = {i: j for j, i in of_column.items()}
-    free = [j for j in range(sigma.shape[1]) if j not in of_column]
-    few = _reached(sigma.T, free, turned)
+    places = (found.tolist() for found in np.nonzero(sigma != _ABSENT))
+    _, rows, columns, _, _, *coarse = ca.Sparsity.triplet(*sigma.shape, *places).btf()
+    over, few = sorted(rows[: coarse[0][2]]), sorted(columns[coarse[1][2] :])
     parts = []
     if few:
         own = {i for j in few for i in np.flatnonzero(sigma[:, j] != _ABSENT)}
@@ -163,18 +157,6 @@ def _named_parts(dae: Dae, sigma: Pattern) -> str:
             f"{listed(dae.variables[j].name for j in sorted(many)) or 'no unknown'}."
         )
     return " ".join(parts)
-
-
-def _reached(sigma: Pattern, start: Sequence[int], of_column: dict[int, int]) -> list[int]:
-    """Rows that alternating paths lead to from rows without a match."""
-    found, pending = set(start), list(start)
-    while pending:
-        for j in np.flatnonzero(sigma[pending.pop()] != _ABSENT):
-            row = of_column.get(int(j))
-            if row is not None and row not in found:
-                found.add(row)
-                pending.append(row)
-    return sorted(found)
 
 
 def listed(names: Iterable[object]) -> str:
@@ -233,10 +215,10 @@ def _derivatives(
     symbols_now, rates_now = column_of([s for s, _ in moving]), column_of([r for _, r in moving])
     for order in range(1, max(counts, default=0) + 1):
         rows = [i for i, count in enumerate(counts) if count >= order]
-        before = column(found[Row(i, order - 1)] for i in rows)
+        before = column_of(found[Row(i, order - 1)] for i in rows)
         after = ca.jtimes(before, symbols_now, rates_now)
         found |= {Row(i, order): after[k] for k, i in enumerate(rows)}
-    every = column(found.values())
+    every = column_of(found.values())
     used = [
         (dae.inputs[k], order, s)
         for (k, order), s in rates.items()

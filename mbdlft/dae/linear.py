@@ -22,7 +22,6 @@ from mbdlft.dae.to_problem import problem_of
 from mbdlft.dae.trim import DaeTrim
 from mbdlft.number.exact import decimal
 from mbdlft.problem.compare import entry_scale
-from mbdlft.problem.equations import cosines_sines
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.problem.of_relations import column_of_entries, reference_of_relations
 from mbdlft.problem.problem import Problem, Reference, Stage, TrimRelations
@@ -65,34 +64,20 @@ class _Linear:
     def __init__(self, at: DaeTrim) -> None:
         self.at, self.s = at, at.structure
         dae = self.s.dae
-        self.internal = ca.SX(dae.p)
-        for k, q in enumerate(dae.parameters):
-            if q.is_angle:
-                self.internal[k] = ca.SX.sym(f"tan({q.name})")
-        cosine, sine = cosines_sines(dae.parameters, self.internal)
-        angles = {
-            dae.p[k].element_hash(): (cosine[k], sine[k])
-            for k, q in enumerate(dae.parameters)
-            if q.is_angle
-        }
-        own = [dae.p[k] for k, q in enumerate(dae.parameters) if q.is_angle]
-        values = column_of(list(at.values.values()))
         every = ca.vertcat(
-            self.s.residual, *(y.expression for y in dae.outputs), cosine, sine, values
+            self.s.residual, *(y.expression for y in dae.outputs), *at.values.values()
         )
-        p = column_of([*ca.vertsplit(self.internal), *own])
-        self.separation = Separation(dae.owner, every, p, angles, "fewest")
+        self.separation = Separation(dae, every, "fewest")
+        self.internal = self.separation.internal
 
     def relations(self) -> LinearModel:
         """Linear relations with small changes of unknowns, states and inputs."""
         s = self.s
-        around = (*s.unknowns, *s.states, *s.inputs)
-        symbols = column_of([q.symbol for q in around])
-        small = column_of([ca.SX.sym(f"d {q.name}") for q in around])
+        small = column_of([ca.SX.sym(f"d {q.name}") for q in s.quantities])
         outputs = column_of([y.expression for y in s.dae.outputs])
         stacked = ca.vertcat(s.residual, outputs)
-        moved = self._moved(stacked, symbols, small)
-        change = {q.symbol.element_hash(): small[k] for k, q in enumerate(around)}
+        moved = self._moved(stacked, small)
+        change = {q.symbol.element_hash(): small[k] for k, q in enumerate(s.quantities)}
         rows, kept = self._rows([moved[k] for k in range(len(s.equations))], change)
         count = len(s.equations)
         outputs_ = [
@@ -120,10 +105,9 @@ class _Linear:
             derivatives=len(rates),
         )
 
-    def _moved(self, stacked: ca.SX, symbols: ca.SX, small: ca.SX) -> ca.SX:
+    def _moved(self, stacked: ca.SX, small: ca.SX) -> ca.SX:
         """What small changes make of expressions, at the equilibrium."""
-        around = (*self.s.unknowns, *self.s.states, *self.s.inputs)
-        values = column_of([self.at.values[q.name] for q in around])
+        symbols, values = self.s.symbols, _expressions(self.at)
         if not self.at.slopes:
             return ca.SX(ca.substitute(ca.jtimes(stacked, symbols, small), symbols, values))
         J = ca.SX(ca.substitute(ca.jacobian(stacked, symbols), symbols, values))
@@ -215,29 +199,36 @@ def trimmed_points(at: DaeTrim, points: Array) -> Array:
         There is no equilibrium near the nominal one at a point.
     """
     s = at.structure
-    around = (*s.unknowns, *s.states, *s.inputs)
-    symbols = column_of([q.symbol for q in around])
-    expressions = column_of([at.values[q.name] for q in around])
-    exact = ca.Function("trim", [s.dae.p], [ca.densify(in_doubles(expressions))])
-    free = [k for k in range(len(around)) if ca.symvar(in_doubles(expressions[k]))]
-    p = in_symbols(s.dae, points)
-    found = np.array([exact(row).full()[:, 0] for row in p])
+    expressions = _expressions(at)
+    free = [k for k in range(expressions.numel()) if ca.symvar(in_doubles(expressions[k]))]
+    found, p = _exact_values(at, points), in_symbols(s.dae, points)
     if not free:
         return found
-    rest = [k for k in range(len(around)) if k not in free]
-    given = ca.vertcat(symbols[rest], s.dae.p) if rest else s.dae.p
-    held = np.array([around[k].variable.nominal for k in rest])
-    system = System(s.residual, symbols[free], given, held)
-    sizes = np.array([around[k].variable.nominal for k in free])
-    start = np.array([at.nominal[around[k].name] for k in free])
+    rest = [k for k in range(expressions.numel()) if k not in free]
+    given = ca.vertcat(s.symbols[rest], s.dae.p) if rest else s.dae.p
+    sizes = np.array([q.variable.nominal for q in s.quantities])
+    system = System(s.residual, s.symbols[free], given, sizes[rest])
+    start = np.array([at.nominal[s.quantities[k].name] for k in free])
     for row, q in zip(found, p, strict=True):
-        now = solve(system, start, np.concatenate([row[rest], q]), sizes)
+        now = solve(system, start, np.concatenate([row[rest], q]), sizes[free])
         if not now.is_solution:
             raise TrimError(
                 f"{s.owner}: no equilibrium was found at a point of the parameter range."
             )
         row[free] = now.values
     return found
+
+
+def _expressions(at: DaeTrim) -> ca.SX:
+    """Values of [unknowns ; states ; inputs] as expressions of the parameters."""
+    return column_of(at.values[q.name] for q in at.structure.quantities)
+
+
+def _exact_values(at: DaeTrim, points: Array) -> Array:
+    """Numbers (N, n) of these expressions at physical points."""
+    dae = at.structure.dae
+    function = ca.Function("trim", [dae.p], [ca.densify(in_doubles(_expressions(at)))])
+    return np.array([function(row).full()[:, 0] for row in in_symbols(dae, points)])
 
 
 def trim_sizes(at: DaeTrim, points: Array, z: Array) -> Array:
@@ -248,12 +239,11 @@ def trim_sizes(at: DaeTrim, points: Array, z: Array) -> Array:
     """
     s = at.structure
     size = np.max(np.abs(z), axis=0, initial=0.0)
-    around = (*s.unknowns, *s.states, *s.inputs)
     inputs = {q.name for q in s.inputs} - {*at.free}
-    free = [k for k, q in enumerate(around) if not q.order and q.name not in inputs]
-    both = ca.vertcat(*(q.symbol for q in around), s.dae.p)
+    free = [k for k, q in enumerate(s.quantities) if not q.order and q.name not in inputs]
+    both = ca.vertcat(s.symbols, s.dae.p)
     slopes = ca.Function("slopes", [both], [ca.jacobian(in_doubles(s.residual), both)])
-    nominal = np.array([around[k].variable.nominal for k in free])
+    nominal = np.array([s.quantities[k].variable.nominal for k in free])
     for row in np.hstack([z, in_symbols(s.dae, points)])[:_LOOKED_AT]:
         J = slopes(row).full()
         terms = np.abs(J) @ np.abs(row)  # none where all is zero: nothing is rounded
@@ -269,37 +259,9 @@ def trim_sizes(at: DaeTrim, points: Array, z: Array) -> Array:
 def _reference(
     at: DaeTrim, relations: LinearModel, trimmed: TrimRelations | None, points: Array
 ) -> Reference:
-    """The nonlinear equations, trimmed and linearized again with numbers at every point."""
-    s = at.structure
-    exact = reference_of_relations(relations, points, s.owner)
-    z = trimmed_points(at, points)
-    values = linearized(s, z, points)
-    if at.fit_bound:
-        return _of_fits(at, exact, values, z, points, trimmed)
-    around = (*s.unknowns, *s.states, *s.inputs)
-    names = [q.name for q in around]
-    chosen = [names.index(signal.name) for signal in trimmed.signals] if trimmed else []
-    own = z[:, chosen]
-    size = trim_sizes(at, points, z)[chosen]
-    scale = entry_scale(values, len(s.states))
-    return replace(
-        exact,
-        values=values,
-        scale=np.maximum(scale, 0.0),
-        trimmed=own,
-        trim_scale=np.where(size > 0, size, 1.0),
-    )
+    """The nonlinear equations, trimmed and linearized again with numbers at every point.
 
-
-def _of_fits(
-    at: DaeTrim,
-    relations: Reference,
-    truth: Array,
-    z: Array,
-    points: Array,
-    trimmed: TrimRelations | None,
-) -> Reference:
-    """The relations at the fits; that they are near the nonlinear equations is looked at, too.
+    Where the equilibrium is a fit, the relations at the fits; that they are near is looked at, too.
 
     Raises
     ------
@@ -307,23 +269,26 @@ def _of_fits(
         The linear model differs from that of the equations by far more than the fits.
     """
     s = at.structure
-    around = (*s.unknowns, *s.states, *s.inputs)
-    expressions = in_doubles(column_of([at.values[q.name] for q in around]))
-    fits = ca.Function("fits", [s.dae.p], [ca.densify(expressions)])
-    own = np.array([np.ravel(fits(row).full()) for row in in_symbols(s.dae, points)])
-    size = np.max(np.abs(z), axis=0, initial=0.0)
-    scale = np.maximum(entry_scale(truth, len(s.states)), 1e-300)
-    error = float(np.max(np.abs(relations.values - truth) / scale, initial=0.0))
-    if not error <= max(_AMPLIFIED * at.fit_bound, _ROUNDING):
-        raise TrimError(
-            f"{s.owner}: with fits within {at.fit_bound:.1e} the linear model is {error:.1e} from that "
-            "of the equations: it is nearly singular at this equilibrium. Take a smaller tolerance "
-            "(fit=...)."
-        )
-    names = [q.name for q in around]
+    found = reference_of_relations(relations, points, s.owner)
+    z = trimmed_points(at, points)
+    values = linearized(s, z, points)
+    scale = entry_scale(values, len(s.states))
+    if at.fit_bound:
+        error = float(np.max(np.abs(found.values - values) / scale, initial=0.0))
+        if not error <= max(_AMPLIFIED * at.fit_bound, _ROUNDING):
+            raise TrimError(
+                f"{s.owner}: with fits within {at.fit_bound:.1e} the linear model is {error:.1e} from "
+                "that of the equations: it is nearly singular at this equilibrium. Take a smaller "
+                "tolerance (fit=...)."
+            )
+        own, sizes = _exact_values(at, points), np.max(np.abs(z), axis=0, initial=0.0)
+    else:
+        found = replace(found, values=values, scale=scale)
+        own, sizes = z, trim_sizes(at, points, z)
+    names = [q.name for q in s.quantities]
     chosen = [names.index(signal.name) for signal in trimmed.signals] if trimmed else []
-    sizes = size[chosen]
-    return replace(relations, trimmed=own[:, chosen], trim_scale=np.where(sizes > 0, sizes, 1.0))
+    sizes = sizes[chosen]
+    return replace(found, trimmed=own[:, chosen], trim_scale=np.where(sizes > 0, sizes, 1.0))
 
 
 def linearized(s: Structure, z: Array, points: Array) -> Array:
@@ -334,13 +299,12 @@ def linearized(s: Structure, z: Array, points: Array) -> Array:
     WellPosednessError
         The equations do not determine the unknowns there.
     """
-    around = column_of([q.symbol for q in (*s.unknowns, *s.states, *s.inputs)])
     outputs = column_of([y.expression for y in s.dae.outputs])
-    stacked = ca.vertcat(s.residual, outputs, column_of(list(s.rates)))
-    slopes = ca.sparsify(in_doubles(ca.jacobian(stacked, around)))
+    stacked = ca.vertcat(s.residual, outputs, column_of(s.rates))
+    slopes = ca.sparsify(in_doubles(ca.jacobian(stacked, s.symbols)))
     where = slopes.sparsity().get_triplet()
     entries = ca.densify(column_of_entries(slopes))
-    function = ca.Function("slopes", [around, s.dae.p], [entries])
+    function = ca.Function("slopes", [s.symbols, s.dae.p], [entries])
     n = s.unknown.numel()
     found = []
     (every,) = evaluate_many(function, z, in_symbols(s.dae, points))

@@ -67,8 +67,8 @@ def table_expression(
     ends = (Fraction(0), Fraction(0)) if beyond == "constant" else (pieces[0][1], chord)
     every = [(exact[0][1], ends[0]), *pieces, (exact[-1][1], ends[1])]
     origins = [exact[0][0], *(x for x, _ in exact)]
-    cuts = [x for x, _ in exact]
-    return _joined(
+    cuts = [literal(x) for x, _ in exact]
+    return joined(
         argument, cuts, [_local(argument, o, p) for o, p in zip(origins, every, strict=True)]
     )
 
@@ -104,11 +104,11 @@ def _local(argument: ca.SX, origin: Fraction, coefficients: Sequence[Fraction]) 
     return ca.SX(found)
 
 
-def _joined(argument: ca.SX, cuts: Sequence[Fraction], parts: Sequence[ca.SX]) -> ca.SX:
+def joined(argument: ca.SX, cuts: Sequence[float | ca.SX], parts: Sequence[ca.SX]) -> ca.SX:
     """The part between each two cuts, found by halves."""
     if not cuts:
         return parts[0]
     k = len(cuts) // 2
-    left = _joined(argument, cuts[:k], parts[: k + 1])
-    right = _joined(argument, cuts[k + 1 :], parts[k + 1 :])
-    return ca.SX(ca.if_else(argument < literal(cuts[k]), left, right))
+    left = joined(argument, cuts[:k], parts[: k + 1])
+    right = joined(argument, cuts[k + 1 :], parts[k + 1 :])
+    return ca.SX(ca.if_else(argument < cuts[k], left, right))

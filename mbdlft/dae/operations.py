@@ -2,48 +2,22 @@
 
 import math
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import casadi as ca
 
 from mbdlft.base.errors import NotRationalError, SceneError
-from mbdlft.sx.constants import literal
+from mbdlft.sx.constants import is_constant, literal
 from mbdlft.sx.fold import Rule, Rules, fold
 
 FUNCTIONS: Mapping[str, Rule] = {
-    "sin": ca.sin,
-    "cos": ca.cos,
-    "tan": ca.tan,
-    "asin": ca.asin,
-    "acos": ca.acos,
-    "atan": ca.atan,
-    "sinh": ca.sinh,
-    "cosh": ca.cosh,
-    "tanh": ca.tanh,
-    "asinh": ca.asinh,
-    "acosh": ca.acosh,
-    "atanh": ca.atanh,
-    "exp": ca.exp,
-    "log": ca.log,
-    "log1p": ca.log1p,
-    "expm1": ca.expm1,
-    "sqrt": ca.sqrt,
-    "fabs": ca.fabs,
-    "sign": ca.sign,
-    "floor": ca.floor,
-    "ceil": ca.ceil,
-    "fmin": ca.fmin,
-    "fmax": ca.fmax,
-    "atan2": ca.atan2,
-    "fmod": ca.fmod,
-    "hypot": ca.hypot,
-    "copysign": ca.copysign,
+    **{name: getattr(ca, name) for name in ("sin", "cos", "tan", "asin", "acos", "atan")},
+    **{name: getattr(ca, name) for name in ("sinh", "cosh", "tanh", "asinh", "acosh", "atanh")},
+    **{name: getattr(ca, name) for name in ("exp", "log", "log1p", "expm1", "sqrt", "fabs")},
+    **{name: getattr(ca, name) for name in ("sign", "floor", "ceil", "fmin", "fmax", "atan2")},
+    **{name: getattr(ca, name) for name in ("fmod", "hypot", "copysign", "lt", "le", "eq", "ne")},
     "if_else_zero": lambda a, b: ca.if_else(a, b, 0.0),
-    "lt": ca.lt,
-    "le": ca.le,
-    "eq": ca.eq,
-    "ne": ca.ne,
     "and": ca.logic_and,
     "or": ca.logic_or,
     "not": ca.logic_not,
@@ -80,9 +54,14 @@ def with_literals(expression: ca.SX) -> ca.SX:
     return ca.SX(found[0]) if found else ca.SX(1, 1)
 
 
-def column_of(parts: Sequence[ca.SX]) -> ca.SX:
+def column_of(parts: Iterable[ca.SX]) -> ca.SX:
     """A column (n, 1) of scalars; of none, (0, 1)."""
     return ca.vertcat(ca.SX(0, 1), *parts)
+
+
+def free_symbols(expression: ca.SX) -> list[ca.SX]:
+    """The symbols in an expression that do not stand for constants."""
+    return [s for s in ca.symvar(expression) if not is_constant(s)]
 
 
 def _literal(value: float) -> ca.SX:

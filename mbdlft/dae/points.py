@@ -9,6 +9,7 @@ from scipy.sparse import bmat, csc_matrix, identity
 from scipy.sparse.linalg import splu
 
 from mbdlft.base.array import Array
+from mbdlft.dae.operations import column_of
 from mbdlft.sx.constants import in_doubles
 
 _STEPS, _HALVINGS = 60, 12
@@ -133,6 +134,6 @@ def _smallest_step(J: Array, r: Array) -> Array:
 
 def values_of(expressions: Sequence[ca.SX], arguments: ca.SX, point: Array) -> Array:
     """Values (n,) of expressions at a point."""
-    stacked = ca.vertcat(ca.SX(0, 1), *expressions)
+    stacked = column_of(expressions)
     function = ca.Function("values", [arguments], [ca.densify(in_doubles(stacked))])
     return np.asarray(function(point).full()[:, 0])

@@ -16,6 +16,7 @@ import casadi as ca
 
 from mbdlft.base.errors import NotRationalError
 from mbdlft.dae.arguments import Registry, independent
+from mbdlft.dae.description import Dae
 from mbdlft.dae.mixed import (
     NOTHING,
     ONE_KEY,
@@ -27,10 +28,11 @@ from mbdlft.dae.mixed import (
     term,
     times,
 )
-from mbdlft.dae.operations import ARITHMETIC, FUNCTIONS, column_of
+from mbdlft.dae.operations import ARITHMETIC, FUNCTIONS, column_of, free_symbols
 from mbdlft.number.exact import constant_of
+from mbdlft.problem.equations import cosines_sines
 from mbdlft.sx.constants import FUNCTIONS as EXACT_FUNCTIONS
-from mbdlft.sx.constants import constants_in, is_constant, literal, numbers_of
+from mbdlft.sx.constants import is_constant, literal, numbers_of
 from mbdlft.sx.fold import Rules, fold
 
 Arrange = Literal["fewest", "blocks"]
@@ -42,26 +44,27 @@ class Separation:
 
     Parameters
     ----------
-    owner : str
-        For messages.
+    dae : Dae
     expressions : SX
         All that will be followed.
-    p : SX symbols (n,)
-        Those of parameters and of internal values of angles.
-    angles : mapping of hashes of symbols of angles to (cosine, sine), SX of internal values
     arrange : {"fewest", "blocks"}
+
+    Attributes
+    ----------
+    internal : SX (n_p,)
+        The symbols of parameters; of angles, those of their internal values.
     """
 
-    def __init__(
-        self,
-        owner: str,
-        expressions: ca.SX,
-        p: ca.SX,
-        angles: dict[int, tuple[ca.SX, ca.SX]],
-        arrange: Arrange,
-    ) -> None:
-        self.owner, self.arrange, self.angles = owner, arrange, angles
-        self.registry = Registry(expressions, p)
+    def __init__(self, dae: Dae, expressions: ca.SX, arrange: Arrange) -> None:
+        self.owner, self.arrange = dae.owner, arrange
+        angles = [k for k, p in enumerate(dae.parameters) if p.is_angle]
+        self.internal = ca.SX(dae.p)
+        for k in angles:
+            self.internal[k] = ca.SX.sym(f"tan({dae.parameters[k].name})")
+        cosine, sine = cosines_sines(dae.parameters, self.internal)
+        self.angles = {dae.p[k].element_hash(): (cosine[k], sine[k]) for k in angles}
+        p = ca.vertcat(self.internal, *(dae.p[k] for k in angles))
+        self.registry = Registry(ca.vertcat(expressions, cosine, sine), p)
         self.coefficients = {s.element_hash() for s in ca.vertsplit(p)}
         self.values: dict[
             int, Mixed
@@ -79,9 +82,8 @@ class Separation:
         """
         self.place, self.hint = place, hint
         free = ca.symvar(expression)
-        known = {s.element_hash() for s in ca.vertsplit(constants_in(expression)[0])}
         function = ca.Function("equation", [column_of(free)], [ca.densify(expression)])
-        elements = [self._element(s, is_number=s.element_hash() in known) for s in free]
+        elements = [self._element(s) for s in free]
         table = Rules(
             lambda value: coefficient(number(constant_of(value))), self._operations, self._refused
         )
@@ -89,9 +91,9 @@ class Separation:
         self._check_angles(found)
         return found
 
-    def _element(self, symbol: ca.SX, *, is_number: bool) -> Mixed:
+    def _element(self, symbol: ca.SX) -> Mixed:
         key = symbol.element_hash()
-        if is_number or key in self.coefficients:
+        if is_constant(symbol) or key in self.coefficients:
             return coefficient(symbol)
         return self.values.get(key) or signal(symbol)
 
@@ -215,8 +217,7 @@ class Separation:
 
     def _of_signals(self, form: ca.SX) -> ca.SX:
         """A linear form with arguments in place of its signals."""
-        known = {s.element_hash() for s in ca.vertsplit(constants_in(form)[0])}
-        signals = [s for s in ca.symvar(form) if s.element_hash() not in known]
+        signals = free_symbols(form)
         symbols = [self.registry.argument(signal(s))[0] for s in signals]
         return ca.SX(ca.substitute(form, column_of(signals), column_of(symbols)))
 
@@ -252,5 +253,5 @@ def _hoisted(value: Mixed) -> tuple[ca.SX, Mixed]:
 
 
 def _names(values: Sequence[ca.SX]) -> str:
-    names = sorted({s.name() for value in values for s in ca.symvar(value) if not is_constant(s)})
+    names = sorted({s.name() for value in values for s in free_symbols(value)})
     return ", ".join(names)

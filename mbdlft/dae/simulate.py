@@ -2,19 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, SceneError, unknown_name
-from mbdlft.base.parameter import Parameter
+from mbdlft.base.errors import AnalysisError, SceneError, check_known
 from mbdlft.base.signal import Signal
 from mbdlft.dae.description import Dae
 from mbdlft.dae.operations import column_of
-from mbdlft.dae.points import System, solve
+from mbdlft.dae.points import Found, System, solve
 from mbdlft.dae.states import blocks_of
 from mbdlft.dae.structure import Structure, in_symbols, reduce_index
 from mbdlft.dae.text import formula_function
@@ -83,26 +82,31 @@ def simulate(
         raise SceneError("simulate: times are at least two increasing numbers.")
     if isinstance(model, Dae):
         model = reduce_index(model)
-    given = (grid, dict(inputs or {}), dict(parameters or {}), dict(initial or {}), tolerance)
+    asked = _Asked(grid, inputs or {}, parameters or {}, initial or {})
     if isinstance(model, DeltaThetaModel):
-        return _of_theta(model, *given)
-    return _of_structure(model, *given)
+        return _of_theta(model, asked, tolerance)
+    return _of_structure(model, asked, tolerance)
 
 
-def _of_structure(
-    s: Structure,
-    grid: Array,
-    inputs: Mapping[str, ArrayLike],
-    parameters: Mapping[str, float],
-    initial: Mapping[str, float],
-    tolerance: float,
-) -> Simulation:
-    physical = _point(s.owner, s.dae.parameters, parameters)
+class _Asked(NamedTuple):
+    """Times, and what is given by name: inputs at them, parameters, states at the first."""
+
+    grid: Array
+    inputs: Mapping[str, ArrayLike]
+    parameters: Mapping[str, float]
+    states: Mapping[str, float]
+
+
+def _of_structure(s: Structure, asked: _Asked, tolerance: float) -> Simulation:
+    grid, given = asked.grid, asked.parameters
+    names = [p.name for p in s.dae.parameters]
+    check_known("parameter", given, names, f"{s.owner}, simulate")
+    physical = np.array([float(given.get(p.name, p.nominal)) for p in s.dae.parameters])
     p = in_symbols(s.dae, physical[None])[0] if len(physical) else physical
     signals = [Signal(q.name, q.unit) for q in s.inputs]
-    u = _held(s.owner, signals, inputs, grid)
+    u = _held(s.owner, signals, asked)
     at, n, nx = consistent_point(s, p), s.unknown.numel(), len(s.states)
-    x0 = _initial(s.owner, [q.name for q in s.states], at[n : n + nx], initial)
+    x0 = _initial(s.owner, [q.name for q in s.states], at[n : n + nx], asked.states)
     sizes = np.array([q.variable.nominal for q in s.unknowns])
     system = System(s.residual, s.unknown, ca.vertcat(s.x, s.u, s.dae.p))
     start = solve(system, at[:n], np.concatenate([x0, u[0], p]), sizes)
@@ -127,41 +131,70 @@ def _of_structure(
     )
 
 
-def _of_theta(
-    model: DeltaThetaModel,
-    grid: Array,
-    inputs: Mapping[str, ArrayLike],
-    parameters: Mapping[str, float],
-    initial: Mapping[str, float],
-    tolerance: float,
-) -> Simulation:
-    owner = f"model {model.name!r}"
-    _point(owner, model.linear.parameters, parameters)
-    names = [s.name for s in model.linear.states]
-    u = _held(owner, model.inputs, inputs, grid)
-    x0 = _initial(owner, names, np.array(model.initial or np.zeros(len(names))), initial)
-    x, v = ca.SX.sym("x", len(names)), ca.SX.sym("u", len(model.inputs))
-    zeta = ca.SX.sym("zeta", len(model.functions))
-    rates, y, omega, theta = closed(model, parameters, x, v, zeta)
-    start = np.array(model.zeta_at_start or np.zeros(zeta.numel()))
-    system = System(zeta - theta, zeta, ca.vertcat(x, v))
-    found = solve(system, start, np.concatenate([x0, u[0]]), np.maximum(np.abs(start), 1.0))
-    if not found.is_solution:
+def _of_theta(model: DeltaThetaModel, asked: _Asked, tolerance: float) -> Simulation:
+    owner, grid = f"model {model.name!r}", asked.grid
+    s = _started(model, asked)
+    if not s.found.is_solution:
         raise AnalysisError(
             f"{owner}: no consistent initial values of Theta were found. Give other initial states."
         )
-    dae = {"x": x, "z": zeta, "u": v, "ode": rates, "alg": zeta - theta}
-    states, zetas = _integrated(owner, dae, grid, x0, found.values, u, np.zeros(0), tolerance)
-    function = ca.Function("y", [x, v, zeta], [ca.densify(y), ca.densify(omega)])
-    values, arguments = function.map(len(grid))(states.T, u.T, zetas.T)
+    algebraic = s.zeta - s.theta
+    dae = {"x": s.x, "z": s.zeta, "u": s.u, "ode": s.rates, "alg": algebraic}
+    states, zetas = _integrated(
+        owner, dae, grid, s.x0, s.found.values, s.held, np.zeros(0), tolerance
+    )
+    function = ca.Function("y", [s.x, s.u, s.zeta], [ca.densify(s.y), ca.densify(s.omega)])
+    values, arguments = function.map(len(grid))(states.T, s.held.T, zetas.T)
     theta_values(model.functions, dict(zip(model.omega, arguments.full(), strict=True)))
     return Simulation(
         grid,
         states,
         np.asarray(values.full().T),
-        tuple(names),
-        tuple(s.name for s in model.outputs),
+        tuple(x.name for x in model.linear.states),
+        tuple(y.name for y in model.outputs),
     )
+
+
+class _Started(NamedTuple):
+    """A Delta-Theta form at values of the parameters, as SX of x, u and zeta, and where it starts.
+
+    `held` (N, n_u) are the inputs at the times, `found` the values of zeta at the first.
+    """
+
+    x: ca.SX
+    u: ca.SX
+    zeta: ca.SX
+    rates: ca.SX
+    y: ca.SX
+    omega: ca.SX
+    theta: ca.SX
+    held: Array
+    x0: Array
+    found: Found
+
+
+def _started(model: DeltaThetaModel, asked: _Asked) -> _Started:
+    """The form with given states (the others at the start) and values of zeta that belong to them."""
+    owner = f"model {model.name!r}"
+    known = [p.name for p in model.linear.parameters]
+    check_known("parameter", asked.parameters, known, f"{owner}, simulate")
+    held = _held(owner, model.inputs, asked)
+    names = [s.name for s in model.linear.states]
+    x0 = _initial(owner, names, np.array(model.initial or np.zeros(len(names))), asked.states)
+    x, u = ca.SX.sym("x", len(names)), ca.SX.sym("u", len(model.inputs))
+    zeta = ca.SX.sym("zeta", len(model.functions))
+    rates, y, omega, theta = _closed(model, asked.parameters, x, u, zeta)
+    start = np.array(model.zeta_at_start or np.zeros(zeta.numel()))
+    system = System(zeta - theta, zeta, ca.vertcat(x, u))
+    given = np.concatenate([x0, held[0]])
+    found = solve(system, start, given, np.maximum(np.abs(start), 1.0))
+    if not found.is_solution:
+        # functions of functions: as many evaluations as there are functions give all of them
+        function, start = ca.Function("theta", [zeta, x, u], [ca.densify(theta)]), found.values
+        for _ in model.functions:
+            start = np.ravel(function(start, x0, held[0]).full())
+        found = solve(system, start, given, np.maximum(np.abs(start), 1.0))
+    return _Started(x, u, zeta, rates, y, omega, theta, held, x0, found)
 
 
 def evaluate_form(
@@ -185,34 +218,19 @@ def evaluate_form(
     AnalysisError
         Theta has no value there, or an argument is outside of its range.
     """
-    owner = f"model {model.name!r}"
-    _point(owner, model.linear.parameters, parameters or {})
-    names = [s.name for s in model.linear.states]
-    x0 = _initial(owner, names, np.array(model.initial or np.zeros(len(names))), states or {})
-    u0 = _held(owner, model.inputs, inputs or {}, np.zeros(1))[0]
-    x, u = ca.SX.sym("x", len(names)), ca.SX.sym("u", len(u0))
-    zeta = ca.SX.sym("zeta", len(model.functions))
-    rates, y, omega, theta = closed(model, parameters or {}, x, u, zeta)
-    start = np.array(model.zeta_at_start or np.zeros(zeta.numel()))
-    system = System(zeta - theta, zeta, ca.vertcat(x, u))
-    given = np.concatenate([x0, u0])
-    found = solve(system, start, given, np.maximum(np.abs(start), 1.0))
-    if not found.is_solution:
-        # functions of functions: as many evaluations as there are functions give all of them
-        function, start = ca.Function("theta", [zeta, x, u], [ca.densify(theta)]), found.values
-        for _ in model.functions:
-            start = np.ravel(function(start, x0, u0).full())
-        found = solve(system, start, given, np.maximum(np.abs(start), 1.0))
-    if not found.is_solution:
-        raise AnalysisError(f"{owner}: Theta has no value near that at the start.")
-    read = ca.Function("read", [x, u, zeta], [ca.densify(part) for part in (rates, y, omega)])
-    values = [np.ravel(part.full()).tolist() for part in read(x0, u0, found.values)]
+    s = _started(model, _Asked(np.zeros(1), inputs or {}, parameters or {}, states or {}))
+    if not s.found.is_solution:
+        raise AnalysisError(f"model {model.name!r}: Theta has no value near that at the start.")
+    parts = [ca.densify(part) for part in (s.rates, s.y, s.omega)]
+    read = ca.Function("read", [s.x, s.u, s.zeta], parts)
+    values = [np.ravel(part.full()).tolist() for part in read(s.x0, s.held[0], s.found.values)]
     theta_values(model.functions, dict(zip(model.omega, values[2], strict=True)))
-    outputs = [s.name for s in model.outputs]
+    names = [x.name for x in model.linear.states]
+    outputs = [y.name for y in model.outputs]
     return dict(zip(names, values[0], strict=True)), dict(zip(outputs, values[1], strict=True))
 
 
-def closed(
+def _closed(
     model: DeltaThetaModel, parameters: Mapping[str, float], x: ca.SX, u: ca.SX, zeta: ca.SX
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     """Rates, outputs, omega and Theta(omega) at values of the parameters, as SX of x, u, zeta."""
@@ -337,35 +355,21 @@ class _Integrator:
             raise AnalysisError(f"{self.owner}: the simulation does not stay finite.")
 
 
-def _point(owner: str, parameters: Sequence[Parameter], values: Mapping[str, float]) -> Array:
-    names = [p.name for p in parameters]
-    for name in values:
-        if name not in names:
-            raise SceneError(f"{owner}, simulate: " + unknown_name("parameter", name, names))
-    return np.array([float(values.get(p.name, p.nominal)) for p in parameters])
-
-
-def _held(
-    owner: str, signals: Sequence[Signal], inputs: Mapping[str, ArrayLike], grid: Array
-) -> Array:
+def _held(owner: str, signals: Sequence[Signal], asked: _Asked) -> Array:
     names = [s.name for s in signals]
-    for name in inputs:
-        if name not in names:
-            raise SceneError(f"{owner}, simulate: " + unknown_name("input", name, names))
-    found = np.zeros((len(grid), len(names)))
+    check_known("input", asked.inputs, names, f"{owner}, simulate")
+    found = np.zeros((len(asked.grid), len(names)))
     for k, name in enumerate(names):
-        values = np.asarray(inputs.get(name, 0.0), dtype=float)
-        if values.shape not in ((), grid.shape):
+        values = np.asarray(asked.inputs.get(name, 0.0), dtype=float)
+        if values.shape not in ((), asked.grid.shape):
             raise SceneError(
                 f"{owner}, simulate: input {name!r} has shape {values.shape}, expected a number or "
-                f"{grid.shape}."
+                f"{asked.grid.shape}."
             )
         found[:, k] = values
     return found
 
 
 def _initial(owner: str, names: Sequence[str], values: Array, given: Mapping[str, float]) -> Array:
-    for name in given:
-        if name not in names:
-            raise SceneError(f"{owner}, simulate: " + unknown_name("state", name, names))
+    check_known("state", given, names, f"{owner}, simulate")
     return np.array([float(given.get(name, x)) for name, x in zip(names, values, strict=True)])

@@ -8,6 +8,7 @@ derivatives, SIAM J. Sci. Comput. 14 (1993).
 """
 
 from collections.abc import Callable, Collection, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import casadi as ca
@@ -18,9 +19,11 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
 from mbdlft.dae.exact_rank import singular_part
 from mbdlft.dae.index import Differentiated, Entry, Row, listed, name_of, place_of
+from mbdlft.dae.operations import column_of
 from mbdlft.sx.constants import in_doubles
 
 _RANK = 1e-9  # of the largest pivot: a smaller one is no pivot
+_KEPT = 3  # the class of variables that are no derivatives: none of them becomes algebraic
 
 
 class Block(NamedTuple):
@@ -65,12 +68,17 @@ def dummy_derivatives(
     dae, n = d.dae, len(d.dae.equations)
     rows = [Row(i, d.counts[i]) for i in range(n)]
     entries = [Entry(j, d.orders[j]) for j in range(n)]
-    residuals = ca.vertcat(ca.SX(0, 1), *(d.residuals[row] for row in rows))
-    unknown = ca.vertcat(ca.SX(0, 1), *(d.symbols[entry] for entry in entries))
+    residuals = column_of(d.residuals[row] for row in rows)
+    unknown = column_of(d.symbols[entry] for entry in entries)
     jacobian = ca.jacobian(residuals, unknown)
-    free = ca.vertcat(ca.SX(0, 1), *signals)
+    free = column_of(signals)
     own = signals[: len(signals) - len(dae.parameters)]
-    values = _Values(jacobian, free, points)
+
+    @cache
+    def matrices() -> list[Array]:
+        function = ca.Function("jacobian", [free], [in_doubles(jacobian)])
+        return [function(point).full() for point in points()]
+
     dummies: set[Entry] = set()
     for block in blocks_of(jacobian.sparsity()):
         part = jacobian[list(block.rows), list(block.columns)]
@@ -78,25 +86,10 @@ def dummy_derivatives(
         if not alone:
             _check_regular(d, part, own, points, [rows[i] for i in block.rows], block, entries)
         if any(d.counts[i] for i in block.rows):
-            at = [m[np.ix_(block.rows, block.columns)] for m in values.matrices]
+            at = [m[np.ix_(block.rows, block.columns)] for m in matrices()]
             chosen = [(rows[i].order) for i in block.rows]
             dummies |= _selected(d, at, chosen, [entries[j] for j in block.columns], wanted)
     return dummies
-
-
-class _Values:
-    """The Jacobian at the points, once it is needed."""
-
-    def __init__(self, jacobian: ca.SX, free: ca.SX, points: Callable[[], Sequence[Array]]) -> None:
-        self.jacobian, self.free, self.points = jacobian, free, points
-        self._found: list[Array] | None = None
-
-    @property
-    def matrices(self) -> list[Array]:
-        if self._found is None:
-            function = ca.Function("jacobian", [self.free], [in_doubles(self.jacobian)])
-            self._found = [function(point).full() for point in self.points()]
-        return self._found
 
 
 def _check_regular(
@@ -108,7 +101,7 @@ def _check_regular(
     block: Block,
     entries: Sequence[Entry],
 ) -> None:
-    signals = ca.vertcat(ca.SX(0, 1), *own)
+    signals = column_of(own)
     found = singular_part(part, signals, d.dae.p, points)
     if found is None:
         return
@@ -171,30 +164,34 @@ def _columns(
 def _class(d: Differentiated, entry: Entry, wanted: Collection[str]) -> int:
     """Lower classes become algebraic first: what is asked for stays, then what has a name of its own."""
     if entry.order == 0:
-        return 3
+        return _KEPT
     if name_of(d.dae.variables[entry.variable].name, entry.order - 1) in wanted:
         return 2
     return 0 if entry.order > 1 else 1
 
 
 def _by_pivots(matrix: Array, classes: Array, count: int) -> list[int] | None:
-    """Pivot columns of the lowest classes that give the full rank."""
+    """Pivot columns of the lowest classes, but the last, that give the full rank."""
     rows = np.max(np.abs(matrix), axis=1, keepdims=True)
-    rest = matrix / np.where(rows > 0, rows, 1.0)
-    size = max(1.0, float(np.max(np.abs(rest), initial=0.0)))
-    chosen: list[int] = []
-    for kind in range(3):
+    columns = np.flatnonzero(classes < _KEPT)
+    scaled = matrix[:, columns] / np.where(rows > 0, rows, 1.0)
+    chosen = [int(columns[k]) for k in independent(scaled, classes[columns])]
+    return chosen if len(chosen) == count else None
+
+
+def independent(matrix: Array, classes: Array) -> list[int]:
+    """Independent columns, of the lowest classes first."""
+    rest, chosen = matrix, []
+    for kind in sorted(set(classes.tolist())):
         columns = np.flatnonzero(classes == kind)
-        if not len(columns) or len(chosen) == count:
-            continue
-        q, triangle, order = qr(rest[:, columns], mode="full", pivoting=True)
-        pivots = np.abs(np.diag(triangle))
-        new = int(np.sum(pivots > _RANK * size))
-        chosen += [int(columns[k]) for k in order[:new]]
-        rest = q[:, new:].T @ rest
-        if len(rest) == 0:
+        if not len(rest):
             break
-    return sorted(chosen) if len(chosen) == count else None
+        q, triangle, order = qr(rest[:, columns], pivoting=True)
+        pivots = np.abs(np.diag(triangle))
+        count = int(np.sum(pivots > _RANK * max(1.0, np.max(pivots, initial=0.0))))
+        chosen += [int(columns[k]) for k in order[:count]]
+        rest = q[:, count:].T @ rest
+    return sorted(chosen)
 
 
 def _smallest(matrix: Array) -> float:

@@ -7,7 +7,7 @@
 
 from collections.abc import Collection, Sequence, Sized
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property, partial
 from typing import Literal, NamedTuple
 
 import casadi as ca
@@ -18,9 +18,10 @@ from mbdlft.base.errors import SceneError, StructureError, unknown_name
 from mbdlft.base.samples import random
 from mbdlft.base.unit import parse_unit
 from mbdlft.dae.alias import Alias, eliminate_aliases
-from mbdlft.dae.description import Dae, Variable, column
+from mbdlft.dae.description import Dae, Variable
 from mbdlft.dae.dimensions import check_units
 from mbdlft.dae.index import Differentiated, Entry, differentiated, listed, name_of, place_of
+from mbdlft.dae.operations import column_of
 from mbdlft.dae.points import Found, System, solve
 from mbdlft.dae.states import Block, blocks_of, dummy_derivatives
 
@@ -44,6 +45,11 @@ class Quantity(NamedTuple):
     unit: str
     variable: Variable
     order: int
+
+    @property
+    def start(self) -> float:
+        """The value that solving begins with: that of the variable, of derivatives zero."""
+        return 0.0 if self.order else self.variable.start or 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,22 +92,32 @@ class Structure:
     @cached_property
     def residual(self) -> ca.SX:
         """All residuals (n, 1)."""
-        return column(residual for _, residual in self.equations)
+        return column_of(residual for _, residual in self.equations)
 
     @cached_property
     def x(self) -> ca.SX:
         """Symbols of the states."""
-        return column(q.symbol for q in self.states)
+        return column_of(q.symbol for q in self.states)
 
     @cached_property
     def unknown(self) -> ca.SX:
         """Symbols of the unknowns."""
-        return column(q.symbol for q in self.unknowns)
+        return column_of(q.symbol for q in self.unknowns)
 
     @cached_property
     def u(self) -> ca.SX:
         """Symbols of the inputs."""
-        return column(q.symbol for q in self.inputs)
+        return column_of(q.symbol for q in self.inputs)
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """[unknowns ; states ; inputs]."""
+        return (*self.unknowns, *self.states, *self.inputs)
+
+    @cached_property
+    def symbols(self) -> ca.SX:
+        """Symbols of [unknowns ; states ; inputs]."""
+        return ca.vertcat(self.unknown, self.x, self.u)
 
     @property
     def owner(self) -> str:
@@ -146,7 +162,7 @@ def reduce_index(
         )
     inputs = _inputs(d)
     free = [*d.symbols.values(), *(q.symbol for q in inputs), *ca.vertsplit(reduced.dae.p)]
-    points = _Points(d, inputs)
+    points = cache(partial(_consistent_points, d, inputs))
     known = {v.name for v in dae.variables}
     for name in states:
         if _base(name) not in known:
@@ -155,7 +171,7 @@ def reduce_index(
     wanted = [of.get(name) or name for name in states]
     same = _written_rates(reduced.dae)
     wanted += [same[name] for name in wanted if name in same]
-    dummies = dummy_derivatives(d, free, points.values, wanted)
+    dummies = dummy_derivatives(d, free, points, wanted)
     return _assembled(dae, reduced.aliases, d, dummies, inputs, states)
 
 
@@ -173,7 +189,7 @@ def _written_rates(dae: Dae) -> dict[str, str]:
         names = [variables.get(s.element_hash()) for s in symbols]
         ends = [rates.get(s.element_hash()) for s in symbols]
         if len(symbols) == 2 and sum(name is not None for name in names) == 1 and any(ends):
-            slopes = ca.densify(ca.jacobian(e.residual, column(symbols)))
+            slopes = ca.densify(ca.jacobian(e.residual, column_of(symbols)))
             if slopes.is_constant() and float(slopes[0]) == -float(slopes[1]):
                 found[next(n for n in names if n)] = next(n for n in ends if n)
     return found
@@ -202,38 +218,26 @@ def rate_unit(unit: str, order: int = 1) -> str:
     return f"{unit}/{power}"
 
 
-class _Points:
-    """Consistent points at nominal and at some other values of the parameters, once they are needed."""
-
-    def __init__(self, d: Differentiated, inputs: Sequence[Quantity]) -> None:
-        self.d, self.inputs = d, inputs
-        self._found: list[Array] | None = None
-
-    def values(self) -> list[Array]:
-        """Values of all symbols, inputs and parameters at each."""
-        if self._found is None:
-            self._found = self._solved()
-        return self._found
-
-    def _solved(self) -> list[Array]:
-        d, dae = self.d, self.d.dae
-        entries = list(d.symbols)
-        start = np.array(
-            [(dae.variables[j].start or 0.0) if not order else 0.0 for j, order in entries]
-        )
-        sizes = np.array([dae.variables[j].nominal for j, _ in entries])
-        given = column([*(q.symbol for q in self.inputs), *ca.vertsplit(dae.p)])
-        residual = column(d.residuals.values())
-        u = [q.variable.start or 0.0 if not q.order else 0.0 for q in self.inputs]
-        system = System(residual, column(d.symbols.values()), given)
-        found: list[Array] = []
-        for p in parameter_points(dae, _POINTS):
-            at = solve(system, start, np.array([*u, *p]), sizes)
-            if not found and not at.is_solution:
-                raise _inconsistent(d, at)
-            if at.is_solution:
-                found.append(np.concatenate([at.values, u, p]))
-        return found
+def _consistent_points(d: Differentiated, inputs: Sequence[Quantity]) -> list[Array]:
+    """Values of all symbols, inputs and parameters, at nominal and at some other parameters."""
+    dae = d.dae
+    entries = list(d.symbols)
+    start = np.array(
+        [(dae.variables[j].start or 0.0) if not order else 0.0 for j, order in entries]
+    )
+    sizes = np.array([dae.variables[j].nominal for j, _ in entries])
+    given = column_of([*(q.symbol for q in inputs), *ca.vertsplit(dae.p)])
+    residual = column_of(d.residuals.values())
+    u = [q.start for q in inputs]
+    system = System(residual, column_of(d.symbols.values()), given)
+    found: list[Array] = []
+    for p in parameter_points(dae, _POINTS):
+        at = solve(system, start, np.array([*u, *p]), sizes)
+        if not found and not at.is_solution:
+            raise _inconsistent(d, at)
+        if at.is_solution:
+            found.append(np.concatenate([at.values, u, p]))
+    return found
 
 
 def parameter_points(dae: Dae, count: int) -> list[Array]:
@@ -298,7 +302,7 @@ def _assembled(
                 f"{source.owner}: {name!r} cannot be a state together with the other states that are "
                 f"asked for. The states are {listed(sorted(names))}."
             )
-    residual, unknown = column(d.residuals.values()), column(d.symbols[e] for e in unknowns)
+    residual, unknown = column_of(d.residuals.values()), column_of(d.symbols[e] for e in unknowns)
     return Structure(
         source=source,
         dae=dae,

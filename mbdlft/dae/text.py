@@ -10,7 +10,8 @@ import casadi as ca
 
 from mbdlft.base.errors import NotRationalError
 from mbdlft.base.formula import ARITHMETIC, Functions, formula_value
-from mbdlft.dae.operations import column_of
+from mbdlft.dae.lookup import joined
+from mbdlft.dae.operations import FUNCTIONS, column_of
 from mbdlft.dae.piecewise import ARGUMENT, Piecewise, applied
 from mbdlft.dae.piecewise import constant as always
 from mbdlft.number.exact import Constant, constant_of
@@ -40,18 +41,8 @@ _COMPARED = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
 # what formulas are for SX
 SYMBOLIC: Functions = {
     **ARITHMETIC,
-    **{name: getattr(ca, name) for name in ("sin", "cos", "tan", "asin", "acos", "atan")},
-    **{name: getattr(ca, name) for name in ("sinh", "cosh", "tanh", "asinh", "acosh", "atanh")},
-    **{name: getattr(ca, name) for name in ("exp", "log", "log1p", "expm1", "sqrt", "sign")},
-    **{name: getattr(ca, name) for name in ("floor", "ceil", "atan2", "hypot", "copysign")},
-    "abs": ca.fabs,
-    "min": ca.fmin,
-    "max": ca.fmax,
-    "mod": ca.fmod,
+    **{text: FUNCTIONS[name] for name, text in _CALLS.items()},
     "where": ca.if_else,
-    "and_": ca.logic_and,
-    "or_": ca.logic_or,
-    "not_": ca.logic_not,
 }
 
 
@@ -85,7 +76,7 @@ def formula_function(
 
 
 def _looked_up(table: Table, argument: ca.SX) -> ca.SX:
-    """A table as SX: pieces are found by halves."""
+    """A table as SX."""
     b, v, a = table.breakpoints, table.values, ca.SX(argument)
 
     def piece(k: int) -> ca.SX:
@@ -97,13 +88,7 @@ def _looked_up(table: Table, argument: ca.SX) -> ca.SX:
             inside += t * (1 - t) * ((1 - t) * (h * left - rise) - t * (h * right - rise))
         return ca.SX(inside)
 
-    def part(first: int, last: int) -> ca.SX:
-        if first == last:
-            return piece(first)
-        middle = (first + last + 1) // 2
-        return ca.SX(ca.if_else(a < b[middle], part(first, middle - 1), part(middle, last)))
-
-    inside = part(0, len(b) - 2)
+    inside = joined(a, b[1:-1], [piece(k) for k in range(len(b) - 1)])
     inside = ca.if_else(a < b[0], v[0] + table.below * (a - b[0]), inside)
     return ca.SX(ca.if_else(a > b[-1], v[-1] + table.above * (a - b[-1]), inside))
 

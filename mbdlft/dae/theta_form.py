@@ -25,7 +25,6 @@ from mbdlft.dae.states import blocks_of
 from mbdlft.dae.structure import Quantity, Structure
 from mbdlft.dae.tabled import with_tables
 from mbdlft.number.exact import decimal
-from mbdlft.problem.equations import cosines_sines
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.sx.constants import in_doubles, is_constant
 from mbdlft.system.theta import ONE
@@ -79,23 +78,13 @@ class _Form:
     def __init__(self, s: Structure, arrange: Arrange, at: Array) -> None:
         self.s, self.arrange, self.at = s, arrange, at
         dae = s.dae
-        self.internal = ca.SX(dae.p)
-        angles = {}
         if ONE in {q.name for q in s.inputs}:
             raise StructureError(
                 f"{s.owner}: an input has the name {ONE!r}, which is that of the constant 1. Rename it."
             )
-        for k, parameter in enumerate(dae.parameters):
-            if parameter.is_angle:
-                self.internal[k] = ca.SX.sym(f"tan({parameter.name})")
-        cosine, sine = cosines_sines(dae.parameters, self.internal)
-        for k, parameter in enumerate(dae.parameters):
-            if parameter.is_angle:
-                angles[dae.p[k].element_hash()] = (cosine[k], sine[k])
-        own = [dae.p[k] for k, p in enumerate(dae.parameters) if p.is_angle]
-        every = ca.vertcat(s.residual, *(y.expression for y in dae.outputs), cosine, sine)
-        p = column_of([*ca.vertsplit(self.internal), *own])
-        self.separation = Separation(dae.owner, every, p, angles, arrange)
+        every = ca.vertcat(s.residual, *(y.expression for y in dae.outputs))
+        self.separation = Separation(dae, every, arrange)
+        self.internal = self.separation.internal
         self.one = ca.SX.sym("one")
         self.zetas: dict[int, ca.SX] = {}  # of functions that are used, with what was moved out
         self.symbols: dict[int, ca.SX] = {}
@@ -191,27 +180,19 @@ class _Form:
 
     def _closed(self, rows: Sequence[Mixed], unknown: ca.SX) -> list[ca.SX]:
         """Relations that determine the unknowns; what they need is moved out of functions."""
-        for widely in (False, True):
+        for attempt in range(3):
             self.zetas, self.symbols, self.psi = {}, {}, {}
-            residual = column_of([self._sx(m) for m in rows])
-            jacobian = ca.jacobian(residual, unknown)
-            singular = self._singular(jacobian)
+            residual = [self._sx(m) for m in rows]
+            singular = self._singular(ca.jacobian(column_of(residual), unknown))
             if singular is None:
-                return [residual[k] for k in range(residual.numel())]
-            chosen = range(len(rows)) if widely else singular
-            before = len(self.slopes)
-            self._move([rows[i] for i in chosen], unknown)
-            if len(self.slopes) == before and widely:
-                break
-        self.zetas, self.symbols, self.psi = {}, {}, {}
-        residual = column_of([self._sx(m) for m in rows])
-        if self._singular(ca.jacobian(residual, unknown)) is not None:
-            raise StructureError(
-                f"{self.s.owner}: the linear part does not determine the unknowns, also with the slopes "
-                "of the nonlinear functions at the initial point. Give start values where the model is "
-                "not singular."
-            )
-        return [residual[k] for k in range(residual.numel())]
+                return residual
+            # of the singular rows first, then of all
+            self._move([rows[i] for i in (range(len(rows)) if attempt else singular)], unknown)
+        raise StructureError(
+            f"{self.s.owner}: the linear part does not determine the unknowns, also with the slopes "
+            "of the nonlinear functions at the initial point. Give start values where the model is "
+            "not singular."
+        )
 
     def _singular(self, jacobian: ca.SX) -> tuple[int, ...] | None:
         """Rows that do not determine the unknowns; of a structural block first."""
@@ -221,15 +202,15 @@ class _Form:
             return tuple(range(n))
         for block in blocks_of(pattern):
             part = jacobian[list(block.rows), list(block.columns)]
-            found = singular_part(part, ca.SX(0, 1), self.internal, self._points)
+            # residues do not decide all coefficients
+            found = singular_part(part, ca.SX(0, 1), self.internal, lambda: [self._nominal()])
             if found is not None:
                 return tuple(block.rows[i] for i in found.rows)
         return None
 
-    def _points(self) -> list[Array]:
-        """Nominal values of the parameters, for coefficients that residues do not decide."""
-        parameters = self.s.dae.parameters
-        return [np.array([float(to_internal(p, p.nominal)) for p in parameters])]
+    def _nominal(self) -> Array:
+        """Internal values of the nominal parameters."""
+        return np.array([float(to_internal(p, p.nominal)) for p in self.s.dae.parameters])
 
     def _move(self, rows: Sequence[Mixed], unknown: ca.SX) -> None:
         """Take the slopes at the initial point out of functions of these rows that act on unknowns."""
@@ -265,17 +246,14 @@ class _Form:
 
     def _value(self, argument: int) -> float:
         """The value of an argument at the initial point."""
-        return self._value_of(self.separation.registry.arguments[argument].value)
-
-    def _value_of(self, value: Mixed) -> float:
         s, registry = self.s, self.separation.registry
-        free = ca.vertcat(s.unknown, s.x, s.u, self.internal)
+        value = registry.arguments[argument].value
+        free = ca.vertcat(s.symbols, self.internal)
         linear = sum((p.coefficient * p.form for p in value.linear.values()), ca.SX(0))
         linear = linear + (value.constant if value.constant is not None else 0)
-        factors = column_of(list(value.terms.values()))
+        factors = column_of(value.terms.values())
         function = ca.Function("value", [free], [in_doubles(linear), in_doubles(factors)])
-        at = self._internal_at()
-        total, weights = function(at)
+        total, weights = function(np.concatenate([self.at[: s.symbols.numel()], self._nominal()]))
         found = float(total)
         for k, weight in zip(value.terms, np.ravel(weights.full()), strict=True):
             f = registry.functions[k]
@@ -283,12 +261,6 @@ class _Form:
             own = ca.Function("f", [symbols], [in_doubles(f.expression)])
             found += weight * float(own(np.array([self._value(a) for a in f.arguments])))
         return found
-
-    def _internal_at(self) -> Array:
-        parameters = self.s.dae.parameters
-        count = len(parameters)
-        internal = [float(to_internal(p, p.nominal)) for p in parameters]
-        return np.concatenate([self.at[: len(self.at) - count], internal])
 
     def _sx(self, value: Mixed) -> ca.SX:
         """A value as an expression linear in signals, one and zeta."""

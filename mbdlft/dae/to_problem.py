@@ -11,11 +11,13 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError
-from mbdlft.base.parameter import to_internal
+from mbdlft.base.parameter import DIVISORS, to_internal
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.signal import Signal
 from mbdlft.base.unit import parse_unit
+from mbdlft.dae.balance import start_of
 from mbdlft.dae.form_signals import signals_of
+from mbdlft.dae.operations import column_of
 from mbdlft.dae.points import System, solve
 from mbdlft.dae.separate import Arrange
 from mbdlft.dae.structure import Structure, in_symbols
@@ -122,9 +124,8 @@ def consistent_point(s: Structure, p: Array | None = None) -> Array:
         None is found.
     """
     quantities = [*s.unknowns, *s.states]
-    start = np.array([q.variable.start or 0.0 if not q.order else 0.0 for q in quantities])
-    sizes = np.array([q.variable.nominal for q in quantities])
-    u = np.array([q.variable.start or 0.0 if not q.order else 0.0 for q in s.inputs])
+    start, sizes = start_of(quantities)
+    u = np.array([q.start for q in s.inputs])
     if p is None:
         nominal = np.array([[parameter.nominal for parameter in s.dae.parameters]])
         p = in_symbols(s.dae, nominal)[0] if s.dae.parameters else np.zeros(0)
@@ -190,26 +191,21 @@ class _Closed:
         self.s = s
         self.p = form.relations.p
         m, own = form.relations, {q.element_hash() for q in ca.vertsplit(s.unknown)}
-        self.fresh = [q for q in ca.vertsplit(m.unknown) if q.element_hash() not in own]
+        fresh = [q for q in ca.vertsplit(m.unknown) if q.element_hash() not in own]
         psi = [expression for _, _, expression in form.arguments]
         symbols = [symbol for _, symbol, _ in form.arguments]
         zeta = [expression for _, expression, _ in form.functions]
         self.free = ca.vertcat(s.unknown, s.x, s.u, m.p)
         self.zeta, self.symbols = (
-            ca.vertcat(ca.SX(0, 1), *form.zeta),
-            ca.vertcat(ca.SX(0, 1), *symbols),
+            column_of(form.zeta),
+            column_of(symbols),
         )
         given = ca.vertcat(self.free, form.one)
-        self.psi = ca.Function(
-            "psi", [given, self.zeta], [ca.densify(in_doubles(ca.vertcat(ca.SX(0, 1), *psi)))]
-        )
-        self.theta = ca.Function(
-            "theta", [self.symbols], [ca.densify(in_doubles(ca.vertcat(ca.SX(0, 1), *zeta)))]
-        )
-        fresh = ca.vertcat(ca.SX(0, 1), *self.fresh)
+        self.psi = ca.Function("psi", [given, self.zeta], [ca.densify(in_doubles(column_of(psi)))])
+        self.theta = ca.Function("theta", [self.symbols], [ca.densify(in_doubles(column_of(zeta)))])
         residual = in_doubles(m.residual)
-        output = in_doubles(ca.vertcat(ca.SX(0, 1), *ca.vertsplit(m.output)[: len(s.dae.outputs)]))
-        true = in_doubles(ca.vertcat(ca.SX(0, 1), *(y.expression for y in s.dae.outputs)))
+        output = in_doubles(column_of(ca.vertsplit(m.output)[: len(s.dae.outputs)]))
+        true = in_doubles(column_of(y.expression for y in s.dae.outputs))
         # rates that have a symbol of their own
         values = [
             s.rates[k]
@@ -217,11 +213,7 @@ class _Closed:
             if q.element_hash() not in own
         ]
         stacked = ca.vertcat(residual, output - self._of_internal(true))
-        stacked = (
-            ca.substitute(stacked, fresh, ca.vertcat(ca.SX(0, 1), *values))
-            if self.fresh
-            else stacked
-        )
+        stacked = ca.substitute(stacked, column_of(fresh), column_of(values))
         arguments = [given, self.zeta]
         self.residual = ca.Function("relations", arguments, [ca.densify(stacked)])
         self.slopes = ca.Function(
@@ -234,8 +226,7 @@ class _Closed:
         dae, p = self.s.dae, self.p
         for k, q in enumerate(dae.parameters):
             if q.is_angle:
-                parts = 2.0 if q.substitution == "half-angle" else 4.0
-                angle = q.reference + parts * ca.atan(p[k])
+                angle = q.reference + DIVISORS[q.substitution] * ca.atan(p[k])
                 expression = ca.substitute(expression, dae.p[k], angle)
         return expression
 
@@ -269,7 +260,7 @@ def theta_functions(
     s: Structure, form: ThetaForm, units: Mapping[str, str]
 ) -> tuple[ThetaFunction, ...]:
     """The functions as texts, with ranges of arguments that are variables."""
-    variables = {q.name: q.variable for q in (*s.states, *s.unknowns, *s.inputs) if not q.order}
+    variables = {q.name: q.variable for q in s.quantities if not q.order}
     found = []
     for name, expression, used in form.functions:
         arguments = [form.arguments[a] for a in used]

@@ -12,20 +12,20 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import SceneError, TrimError, unknown_name
+from mbdlft.base.errors import SceneError, TrimError, check_known
 from mbdlft.dae.balance import (
     POINTS,
     SAME,
     Balance,
     at_points,
-    independent,
     no_equilibrium,
     solved_exactly,
     start_of,
 )
-from mbdlft.dae.fitted import Fitted, fitted
+from mbdlft.dae.fit import Fitted, fitted
 from mbdlft.dae.operations import column_of
-from mbdlft.dae.points import System, solve
+from mbdlft.dae.points import System, solve, values_of
+from mbdlft.dae.states import independent
 from mbdlft.dae.structure import Quantity, Structure, parameter_points
 from mbdlft.sx.constants import in_doubles, literal
 
@@ -101,11 +101,10 @@ def trim(
     points = at_points(s, problem)
     left: list[tuple[int, int]] | None = None if fit is None else []
     values: dict[str, ca.SX] = solved_exactly(s, problem, points, left)
-    every = (*s.unknowns, *s.states, *s.inputs)
     open_ = {problem.quantities[j].name for _, j in left or ()}
-    for q in every:
+    for q in s.quantities:
         if q.name not in values and q.name not in open_:
-            values[q.name] = ca.SX(0) if _rests(q) else _given_value(s, q, given)
+            values[q.name] = ca.SX(0) if q.order else _given_value(s, q, given)
     fits = Fitted({}, {}, 0.0)
     if fit is not None:
         fits = fitted(s, problem, left or [], points[0], values, fit)
@@ -113,9 +112,8 @@ def trim(
     if moving:
         _check_moving(s, moving, values)
     p = parameter_points(s.dae, 1)[0]
-    stacked = column_of([values[q.name] for q in every])
-    numbers = ca.Function("trim", [s.dae.p], [ca.densify(in_doubles(stacked))])(p).full()[:, 0]
-    nominal = {q.name: float(x) for q, x in zip(every, numbers, strict=True)}
+    numbers = values_of([values[q.name] for q in s.quantities], s.dae.p, p)
+    nominal = {q.name: float(x) for q, x in zip(s.quantities, numbers, strict=True)}
     for alias in s.aliases:
         nominal[alias.name] = float(alias.factor) * (nominal[alias.of] if alias.of else 1.0)
     return DaeTrim(s, values, nominal, tuple(free), given, fits.slopes, fits.bound)
@@ -145,18 +143,14 @@ def _of_aliases(s: Structure, given: Mapping[str, float | str]) -> dict[str, flo
 
 
 def _check_names(s: Structure, given: Mapping[str, Any], free: Sequence[str]) -> None:
-    names = [q.name for q in (*s.unknowns, *s.states, *s.inputs)]
-    inputs = [q.name for q in s.inputs]
-    for name in given:
-        if name not in names:
-            raise SceneError(f"{s.owner}, trim: " + unknown_name("variable", name, names))
-        value = given[name]
-        if isinstance(value, str) and value not in [p.name for p in s.dae.parameters]:
-            known = [p.name for p in s.dae.parameters]
-            raise SceneError(f"{s.owner}, trim, {name}: " + unknown_name("parameter", value, known))
-    for name in free:
-        if name not in inputs:
-            raise SceneError(f"{s.owner}, trim: " + unknown_name("input", name, inputs))
+    where, names = f"{s.owner}, trim", [q.name for q in s.quantities]
+    for name, value in given.items():
+        check_known("variable", [name], names, where)
+        if isinstance(value, str):
+            check_known(
+                "parameter", [value], [p.name for p in s.dae.parameters], f"{where}, {name}"
+            )
+    check_known("input", free, [q.name for q in s.inputs], where)
 
 
 def _check_moving(s: Structure, moving: Sequence[str], values: Mapping[str, ca.SX]) -> None:
@@ -168,44 +162,28 @@ def _check_moving(s: Structure, moving: Sequence[str], values: Mapping[str, ca.S
         A name is not known; an equation changes.
     """
     variables = {v.name: v.symbol for v in s.dae.variables}
-    for name in moving:
-        if name not in variables:
-            raise SceneError(f"{s.owner}, moving: " + unknown_name("variable", name, variables))
-    every = (*s.unknowns, *s.states, *s.inputs)
+    check_known("variable", moving, variables, f"{s.owner}, moving")
     own = column_of([variables[name] for name in moving])
-    rates = column_of([values.get(f"der({name})", ca.SX(0)) for name in moving])
-    changes = ca.jtimes(s.residual, own, rates)
-    symbols = column_of([q.symbol for q in every if q.variable.name not in moving or q.order])
-    at = [values[q.name] for q in every if q.variable.name not in moving or q.order]
-    left = in_doubles(ca.substitute(changes, symbols, column_of(at)))
-    sizes = np.array(
-        [
-            abs(float(x))
-            for x in ca.DM(ca.substitute(in_doubles(rates), s.dae.p, parameter_points(s.dae, 1)[0]))
-            .full()
-            .ravel()
-        ]
-        + [1.0]
-    )
+    rates = [values.get(f"der({name})", ca.SX(0)) for name in moving]
+    changes = ca.jtimes(s.residual, own, column_of(rates))
+    held = [q for q in s.quantities if q.variable.name not in moving or q.order]
+    symbols, at = column_of(q.symbol for q in held), column_of(values[q.name] for q in held)
+    left = in_doubles(ca.substitute(changes, symbols, at))
+    size = np.max(np.abs(values_of(rates, s.dae.p, parameter_points(s.dae, 1)[0])), initial=1.0)
     function = ca.Function("changes", [own, s.dae.p], [ca.densify(left)])
     drawn = np.random.default_rng(0)
     for p in parameter_points(s.dae, POINTS):
         change = function(drawn.standard_normal(len(moving)), p).full()[:, 0]
         worst = int(np.argmax(np.abs(change))) if len(change) else 0
-        if len(change) and abs(change[worst]) > SAME * np.max(sizes):
+        if len(change) and abs(change[worst]) > SAME * size:
             raise TrimError(
                 f"{s.owner}: {', '.join(moving)} cannot move in an equilibrium: equation "
                 f"{s.equations[worst][0]} changes."
             )
 
 
-def _rests(q: Quantity) -> bool:
-    """Whether this is a derivative that is zero at rest; those of inputs are, too."""
-    return q.order > 0
-
-
 def _given_value(s: Structure, q: Quantity, given: Mapping[str, float | str]) -> ca.SX:
-    value = given.get(q.name, (q.variable.start or 0.0) if not q.order else 0.0)
+    value = given.get(q.name, q.start)
     if isinstance(value, str):
         names = [p.name for p in s.dae.parameters]
         return ca.SX(s.dae.p[names.index(value)])
@@ -219,11 +197,10 @@ def _posed(
     moving: Sequence[str],
 ) -> tuple[ca.SX, list[str], list[Quantity]]:
     """Equations with rates of zero and what is given, and what is unknown in them."""
-    every = (*s.unknowns, *s.states, *s.inputs)
     inputs = {q.name for q in s.inputs}
     unknown, old, new = [], [], []
-    for q in every:
-        if _rests(q) and not (q.order == 1 and q.variable.name in moving):
+    for q in s.quantities:
+        if q.order and not (q.order == 1 and q.variable.name in moving):
             old.append(q.symbol)
             new.append(ca.SX(0))
         elif q.name in given or (q.name in inputs and q.name not in free):
@@ -246,7 +223,7 @@ def _square(
     """As many equations as unknowns: what is not determined is held, what holds anyway is left out."""
     z = column_of([q.symbol for q in unknown])
     points = parameter_points(s.dae, POINTS)
-    start, sizes = start_of(s, unknown)
+    start, sizes = start_of(unknown)
     system = System(residual, z, s.dae.p)
     at = solve(system, start, points[0], sizes)
     if not at.is_solution:
@@ -254,7 +231,9 @@ def _square(
     J = system.jacobian(at.values, points[0]) * sizes
     rows = np.max(np.abs(J), axis=1, keepdims=True, initial=0.0)
     J = J / np.where(rows > 0, rows, 1.0)
-    columns = independent(J, _preference(s, unknown))
+    # states are held before other variables are
+    states = {q.name for q in s.states}
+    columns = independent(J, np.array([int(q.name in states) for q in unknown], dtype=int))
     held = [q for k, q in enumerate(unknown) if k not in columns]
     kept = independent(J[:, columns].T, np.zeros(len(J), dtype=int))
     if held:
@@ -270,12 +249,6 @@ def _square(
     )
     _check_others(s, problem, residual, places, points, given)
     return problem
-
-
-def _preference(s: Structure, unknown: Sequence[Quantity]) -> Array:
-    """States are held before other variables are."""
-    states = {q.name for q in s.states}
-    return np.array([1 if q.name in states else 0 for q in unknown], dtype=int)
 
 
 def _check_others(
@@ -295,7 +268,7 @@ def _check_others(
     """
     if problem.residual.numel() == residual.numel():
         return
-    start, sizes = start_of(s, problem.quantities)
+    start, sizes = start_of(problem.quantities)
     system = System(residual, problem.z, s.dae.p)
     for p in points:
         at = solve(system, start, p, sizes)

@@ -1,6 +1,7 @@
 """The lowest modes of K phi = w^2 M phi, K positive definite, M possibly singular."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ _INDEFINITE = 1e-9
 MASSLESS = 1e-13  # a 1/w^2 below this part of the largest counts as zero: no mass moves
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class Modes:
     """The lowest modes of a structure.
 
@@ -28,10 +30,9 @@ class Modes:
     complete : whether these are all modes that the structure has
     """
 
-    def __init__(self, frequencies: Array, shapes: Array, *, complete: bool) -> None:
-        self.frequencies = frequencies
-        self.shapes = shapes
-        self.complete = complete
+    frequencies: Array
+    shapes: Array
+    complete: bool
 
     def __len__(self) -> int:
         return len(self.frequencies)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import matrix_balance
 
 from mbdlft.base.errors import StructureError
-from mbdlft.base.parameter import Parameter
+from mbdlft.base.parameter import DIVISORS, Parameter
 from mbdlft.base.unit import parse_unit
 from mbdlft.export.c_text import (
     DELTAS,
@@ -22,7 +22,7 @@ from mbdlft.export.c_text import (
     TRIM,
     TRIM_DECLARATION,
 )
-from mbdlft.export.matlab import DIVISORS, table_of
+from mbdlft.export.matlab import table_of
 from mbdlft.export.names import check_plain_model, identifier, identifiers, one_line
 from mbdlft.lft.lft import LFT
 from mbdlft.system.model import LFTModel

@@ -1,6 +1,6 @@
 """Functions of Theta in other languages: each as statements, its value, and its slopes."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import casadi as ca
@@ -9,7 +9,7 @@ from mbdlft.base.formula import formula_value
 from mbdlft.dae.operations import column_of
 from mbdlft.dae.text import SYMBOLIC, formula_of
 from mbdlft.system.table import named_tables
-from mbdlft.system.theta import ThetaFunction
+from mbdlft.system.theta import DeltaThetaModel, ThetaFunction
 
 
 class Language(NamedTuple):
@@ -19,7 +19,7 @@ class Language(NamedTuple):
     ----------
     functions : mapping
         As those of `mbdlft.base.formula`, of texts.
-    argument : function of the number of an argument, from 0 on
+    argument : function of the number of an argument in omega, from 0 on
     table : function of the number of a table in all of the model, from 0 on, the text of an argument, and
         whether the slope is asked for
     """
@@ -47,10 +47,18 @@ class _Parts(NamedTuple):
     value: ca.SX
 
 
-def body_of(function: ThetaFunction, first_table: int, language: Language) -> Body:
-    """A function of Theta in a language; its tables are numbered from `first_table` on."""
+def bodies_of(model: DeltaThetaModel, language: Language) -> Iterator[tuple[list[int], Body]]:
+    """The functions of Theta in a language, each with the numbers of its arguments in omega."""
+    omega, first = list(model.omega), 0
+    for function in model.functions:
+        own = [omega.index(name) for name in function.signals]
+        yield own, _body(function, [language.argument(k) for k in own], first, language)
+        first += len(function.tables)
+
+
+def _body(function: ThetaFunction, names: list[str], first_table: int, language: Language) -> Body:
+    """A function of arguments of these names; its tables are numbered from `first_table` on."""
     parts = _parts(function)
-    names = [language.argument(k) for k in range(len(parts.arguments))]
     symbols = [*parts.arguments]
     statements: list[tuple[str, str]] = []
     for k, (number, argument) in enumerate(parts.tables):

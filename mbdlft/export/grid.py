@@ -1,6 +1,7 @@
 """State matrices at all combinations of values of the parameters: LPV models on a grid."""
 
 import csv
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO, StringIO
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, StructureError, unknown_name
+from mbdlft.base.errors import AnalysisError, StructureError, check_known
 from mbdlft.base.samples import grid as grid_of
 from mbdlft.export.matlab import cells, column, matlab_image, signals
 from mbdlft.export.names import check_plain_model, identifiers
@@ -116,11 +117,7 @@ def _counts_of(model: System, counts: Counts) -> dict[str, int]:
     """Numbers of values by name, of all parameters in their order."""
     names = model.parameters.names
     given = dict(counts) if isinstance(counts, Mapping) else dict.fromkeys(names, counts)
-    for name in given:
-        if name not in names:
-            raise AnalysisError(
-                f"model {model.name!r}: grid: " + unknown_name("parameter", name, names)
-            )
+    check_known("parameter", given, names, f"model {model.name!r}: grid", AnalysisError)
     wrong = [counts] if not isinstance(counts, Mapping) else list(given.values())
     for n in wrong:
         if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
@@ -165,7 +162,7 @@ def grid_csv(model: System, grid: Grid) -> bytes:
     if grid.trim is not None and isinstance(model, LFTModel):
         names += [s.name for s in model.trim.signals]
         parts.append(grid.trim)
-    twice = sorted({name for name in names if names.count(name) > 1}) if _clash(names) else []
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
         raise StructureError(
             f"model {model.name!r}: the columns of the table clash: {', '.join(twice)} would stand there "
@@ -176,10 +173,6 @@ def grid_csv(model: System, grid: Grid) -> bytes:
     writer.writerow(names)
     writer.writerows([repr(x) for x in row] for row in np.hstack(parts).tolist())
     return stream.getvalue().encode()
-
-
-def _clash(names: list[str]) -> bool:
-    return len(set(names)) < len(names)
 
 
 def grid_mat(model: System, grid: Grid) -> bytes:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.parameter import Parameter, to_internal
+from mbdlft.base.parameter import DIVISORS, Parameter, to_internal
 from mbdlft.base.signal import Signal
 from mbdlft.base.unit import parse_unit
 from mbdlft.export.matlab_text import EVALUATION, SCRIPT
@@ -18,7 +18,6 @@ from mbdlft.system.model import LFTModel
 from mbdlft.system.system import System
 
 _MATRICES = ("A", "B_w", "B_u", "C_z", "D_zw", "D_zu", "C_y", "D_yw", "D_yu")
-DIVISORS = {"identity": 1.0, "half-angle": 2.0, "quarter-angle": 4.0}
 _TANGENT = {"identity": "", "half-angle": "tan_half_", "quarter-angle": "tan_quarter_"}
 _HEADER = 116  # bytes of text at the beginning of a file of version 5
 

@@ -6,7 +6,7 @@ from string import Template
 import numpy as np
 
 from mbdlft.export.c import c_table, c_texts
-from mbdlft.export.formulas import Body, C, Language, body_of
+from mbdlft.export.formulas import Body, C, Language, bodies_of
 from mbdlft.export.names import identifier
 from mbdlft.export.theta_c_text import DECLARATION, EVALUATION, SOURCE
 from mbdlft.export.theta_parts import listed, places_of
@@ -25,11 +25,8 @@ def theta_c_texts(model: DeltaThetaModel, stem: str) -> tuple[str, str]:
     places = places_of(model, "C")
     source, header = c_texts(model.linear, stem)
     linear = model.linear
-    height, width = (
-        len(linear.states) + len(linear.outputs),
-        len(linear.states) + len(linear.inputs),
-    )
     n = len(linear.states)
+    height, width = n + len(linear.outputs), n + len(linear.inputs)
     entries = {
         "name": identifier(model.name),
         "np": len(linear.parameters),
@@ -67,9 +64,10 @@ def theta_c_texts(model: DeltaThetaModel, stem: str) -> tuple[str, str]:
     ]
     behind = Template(SOURCE).substitute(tables="\n".join(arrays), start="\n".join(start))
     behind = behind if tables else "\n".join(["", *arrays, *start, ""])
-    bodies = _theta(model, places.arguments)
     header = header.replace(_MARK, Template(DECLARATION).substitute(entries) + _MARK, 1)
-    return "\n".join([source, behind, bodies, Template(EVALUATION).substitute(entries)]), header
+    return "\n".join(
+        [source, behind, _theta(model), Template(EVALUATION).substitute(entries)]
+    ), header
 
 
 _MARK = "\n#ifdef __cplusplus\n}"
@@ -87,7 +85,7 @@ def _points(k: int, table: Table) -> list[str]:
     return found
 
 
-def _theta(model: DeltaThetaModel, arguments: Sequence[Sequence[int]]) -> str:
+def _theta(model: DeltaThetaModel) -> str:
     """The function of all values and slopes."""
     tables = [table for f in model.functions for table in f.tables]
 
@@ -96,17 +94,16 @@ def _theta(model: DeltaThetaModel, arguments: Sequence[Sequence[int]]) -> str:
         points = f"table{number}_b, table{number}_v, table{number}_ends, {inner}"
         return f"table_value({points}, {len(tables[number].values)}, {argument}, {int(is_slope)})"
 
-    count, first = len(model.omega), 0
+    count = len(model.omega)
     lines = ["static void theta(const double *omega, double *zeta, double *slopes)", "{"]
     lines += [
         "    size_t k;",
-        f"    for (k = 0; slopes != NULL && k < {len(arguments) * count}; k++) {{",
+        f"    for (k = 0; slopes != NULL && k < {len(model.functions) * count}; k++) {{",
     ]
     lines += ["        slopes[k] = 0.0;", "    }"]
-    for row, (function, own) in enumerate(zip(model.functions, arguments, strict=True)):
-        language = Language(C, lambda j, own=own: f"omega[{own[j]}]", look_up)  # type: ignore[misc]
-        lines += _block(body_of(function, first, language), row, count, own)
-        first += len(function.tables)
+    language = Language(C, lambda k: f"omega[{k}]", look_up)
+    for row, (own, body) in enumerate(bodies_of(model, language)):
+        lines += _block(body, row, count, own)
     return "\n".join([*lines, "}"]) + "\n"
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from string import Template
 
-from mbdlft.export.formulas import JULIA, Language, body_of, number
+from mbdlft.export.formulas import JULIA, Language, bodies_of, number
 from mbdlft.export.julia import julia_text
 from mbdlft.export.theta_parts import listed, places_of
 from mbdlft.system.theta import DeltaThetaModel
@@ -111,7 +111,7 @@ def theta_julia_text(model: DeltaThetaModel, stem: str, archive: str) -> str:
         tables=", ".join(written),
         nz=len(places.zeta),
         no=len(places.omega),
-        bodies="\n".join(_bodies(model, places.arguments)),
+        bodies="\n".join(_bodies(model)),
         **{
             key: f"Int[{', '.join(str(k + 1) for k in getattr(places, key))}]"
             for key in ("u", "one", "zeta", "y", "omega")
@@ -129,12 +129,10 @@ def _look_up(place: int, argument: str, is_slope: bool) -> str:  # noqa: FBT001
     return f"table_value(TABLES[{place + 1}], {argument}, {'true' if is_slope else 'false'})"
 
 
-def _bodies(model: DeltaThetaModel, arguments: Sequence[Sequence[int]]) -> list[str]:
-    lines, first = [], 0
-    for row, (function, own) in enumerate(zip(model.functions, arguments, strict=True), start=1):
-        language = Language(JULIA, lambda j, own=own: f"omega[{own[j] + 1}]", _look_up)  # type: ignore[misc]
-        body = body_of(function, first, language)
-        first += len(function.tables)
+def _bodies(model: DeltaThetaModel) -> list[str]:
+    lines = []
+    language = Language(JULIA, lambda k: f"omega[{k + 1}]", _look_up)
+    for row, (own, body) in enumerate(bodies_of(model, language), start=1):
         lines.append("    let")
         lines += [f"        {name} = {text}" for name, text in body.statements]
         lines.append(f"        zeta[{row}] = {body.value}")

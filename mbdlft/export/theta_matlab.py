@@ -1,12 +1,11 @@
 """MATLAB and Octave: an m-file with the derivatives and outputs of a Delta-Theta form."""
 
-from collections.abc import Sequence
 from string import Template
 from typing import Any
 
 import numpy as np
 
-from mbdlft.export.formulas import MATLAB, Language, body_of
+from mbdlft.export.formulas import MATLAB, Language, bodies_of
 from mbdlft.export.matlab import cells, column, items_of_matlab
 from mbdlft.export.names import one_line
 from mbdlft.export.theta_parts import Places, listed, places_of
@@ -199,7 +198,7 @@ def rates_text(model: DeltaThetaModel, stem: str) -> str:
         table=listed(model, "%   "),
         nz=len(places.zeta),
         no=len(places.omega),
-        bodies="\n".join(_bodies(model, places.arguments)),
+        bodies="\n".join(_bodies(model)),
     )
 
 
@@ -207,12 +206,10 @@ def _look_up(number: int, argument: str, is_slope: bool) -> str:  # noqa: FBT001
     return f"table_value(table({number + 1}), {argument}, {'true' if is_slope else 'false'})"
 
 
-def _bodies(model: DeltaThetaModel, arguments: Sequence[Sequence[int]]) -> list[str]:
-    lines, first = [], 0
-    for row, (function, own) in enumerate(zip(model.functions, arguments, strict=True), start=1):
-        language = Language(MATLAB, lambda j, own=own: f"omega({own[j] + 1})", _look_up)  # type: ignore[misc]
-        body = body_of(function, first, language)
-        first += len(function.tables)
+def _bodies(model: DeltaThetaModel) -> list[str]:
+    lines = []
+    language = Language(MATLAB, lambda k: f"omega({k + 1})", _look_up)
+    for row, (own, body) in enumerate(bodies_of(model, language), start=1):
         lines += [f"  {name} = {text};" for name, text in body.statements]
         lines.append(f"  zeta({row}) = {body.value};")
         lines += [

@@ -16,8 +16,6 @@ class Places(NamedTuple):
         Inputs; `one` is empty without the constant 1.
     y, omega : lists of int
         Outputs.
-    arguments : list of lists of int
-        Numbers of the arguments of each function in omega.
     low, high : lists of float
         Of omega, where all functions may be evaluated, with what rounding may add.
     """
@@ -27,7 +25,6 @@ class Places(NamedTuple):
     zeta: list[int]
     y: list[int]
     omega: list[int]
-    arguments: list[list[int]]
     low: list[float]
     high: list[float]
 
@@ -58,7 +55,6 @@ def places_of(model: DeltaThetaModel, what: str) -> Places:
         [inputs.index(name) for name in model.zeta],
         [outputs.index(s.name) for s in model.outputs],
         [outputs.index(name) for name in omega],
-        [[omega.index(name) for name in f.signals] for f in model.functions],
         low,
         high,
     )

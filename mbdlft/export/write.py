@@ -11,7 +11,7 @@ from mbdlft.base.errors import ArchiveError, StructureError
 from mbdlft.export.grid import Counts, grid_csv, grid_mat, grid_npz, matrices_on
 from mbdlft.export.names import RESERVED, identifier
 from mbdlft.store.archive import save
-from mbdlft.store.files import target_of
+from mbdlft.store.files import permissions_of, target_of
 from mbdlft.system.system import System
 from mbdlft.system.theta import DeltaThetaModel
 
@@ -184,7 +184,7 @@ def _written(images: Mapping[Path, bytes]) -> tuple[Path, ...]:
                 stream.write(image)
                 stream.flush()
                 os.fsync(stream.fileno())
-            Path(name).chmod(target.stat().st_mode & 0o777 if target.exists() else _mode())
+            Path(name).chmod(permissions_of(target))
         for temporary, target in made:
             temporary.replace(target)
     except OSError as error:
@@ -204,10 +204,3 @@ def _is_ours(file: Path) -> bool:
     """Whether a text was written by an export."""
     with file.open("rb") as stream:
         return _SIGNED in stream.read(_HEAD)
-
-
-def _mode() -> int:
-    """Permissions of new files of this process."""
-    mask = os.umask(0)
-    os.umask(mask)
-    return 0o666 & ~mask

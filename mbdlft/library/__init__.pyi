@@ -1,9 +1,10 @@
+from .block import band_pass as band_pass
+from .block import delay as delay
+from .block import imbalance as imbalance
+from .block import low_pass as low_pass
 from .body_ports import two_port as two_port
 from .drive import ArrayDrive as ArrayDrive
 from .drive import array_drive as array_drive
-from .filter import band_pass as band_pass
-from .filter import delay as delay
-from .filter import low_pass as low_pass
 from .rotors import WHEEL_AXES as WHEEL_AXES
 from .rotors import WheelCluster as WheelCluster
 from .rotors import wheel_cluster as wheel_cluster
@@ -11,4 +12,3 @@ from .slosh import SloshData as SloshData
 from .slosh import SloshTank as SloshTank
 from .slosh import slosh_data as slosh_data
 from .slosh import slosh_tank as slosh_tank
-from .wheel import imbalance as imbalance

@@ -283,11 +283,6 @@ def _skew(a: Value) -> Value:
     )
 
 
-def _identity(size: Value) -> Value:
-    n = int(size)
-    return tuple(tuple(Fraction(i == j) for j in range(n)) for i in range(n))
-
-
 def _diagonal(entries: Value) -> Value:
     n = len(entries)
     return tuple(tuple(entries[i] if i == j else Fraction(0) for j in range(n)) for i in range(n))
@@ -320,7 +315,7 @@ _OTHERS: Mapping[tuple[str, int], Callable[..., Value]] = {
     ("transpose", 1): lambda a: tuple(zip(*a, strict=True)),
     ("cross", 2): _cross,
     ("skew", 1): _skew,
-    ("identity", 1): _identity,
+    ("identity", 1): lambda size: _diagonal((Fraction(1),) * int(size)),
     ("diagonal", 1): _diagonal,
     ("size", 2): _size,
 }

@@ -71,14 +71,7 @@ def load_modelica(
 def compiled_model(
     file: Path, model: str | None = None, roots: Sequence[str | Path] | None = None
 ) -> FlatModel:
-    """The flat model of a Modelica file, by the compiler rumoca.
-
-    Parameters
-    ----------
-    file : file
-    model : str, optional
-        Which model of the file.
-    roots : folders of libraries, optional
+    """The flat model of a Modelica file, by the compiler rumoca; arguments as those of `load_modelica`.
 
     Raises
     ------

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.errors import SceneError, check_known
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import ANGLE_UNITS
 from mbdlft.modelica.evaluate import Evaluator
@@ -72,9 +72,7 @@ def read_values(
             if d.name in declared:
                 raise SceneError(f"{place(d)}: it is declared twice.")
             declared[d.name] = d
-    for name in (*table.parameters, *table.values):
-        if name not in declared:
-            raise SceneError(f"{model.source}: " + unknown_name("parameter", name, declared))
+    check_known("parameter", (*table.parameters, *table.values), declared, model.source)
     found = Parameters({}, {}, {}, [])
     evaluator = Evaluator(found.values.get, _no_derivative)
     for name in _ordered(declared, place):
@@ -187,7 +185,8 @@ def _keep(
             f"{float(limits['high']):g}. Move one of them, or keep it a number: {name} = false in the "
             "table."
         )
-    fields = {"nominal": value, **limits, **_annotated(d, evaluator)}
+    annotated = {key: evaluator.value(entry) for key, entry in d.annotation.items()}
+    fields: dict[str, Any] = {"nominal": value, **limits, **annotated}
     given = dict(entry) if isinstance(entry, Mapping) else {}
     if given.keys() & {"percent", "plus", "minus", "low", "high"}:
         for key in ("low", "high", "percent", "plus", "minus"):
@@ -213,11 +212,6 @@ def _limits(d: Declaration, evaluator: Evaluator) -> dict[str, Fraction]:
     return {
         key: limit for key, limit in zip(("low", "high"), limits, strict=True) if limit is not None
     }
-
-
-def _annotated(d: Declaration, evaluator: Evaluator) -> dict[str, Any]:
-    """Keys of the annotation."""
-    return {key: evaluator.value(entry) for key, entry in d.annotation.items()}
 
 
 def _unit(name: str, d: Declaration, fields: Mapping[str, Any], notes: list[str]) -> str:

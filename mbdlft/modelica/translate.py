@@ -8,7 +8,8 @@ from typing import TypeVar
 import casadi as ca
 
 from mbdlft.base.errors import SceneError, unknown_name
-from mbdlft.dae.description import Dae, Equation, Output, column
+from mbdlft.dae.description import Dae, Equation, Output
+from mbdlft.dae.operations import column_of
 from mbdlft.modelica import values as v
 from mbdlft.modelica.dimensions import check_units
 from mbdlft.modelica.parameters import read_values
@@ -117,7 +118,7 @@ class _Translation:
     def __init__(self, model: FlatModel, table: ModelicaTable) -> None:
         self.model, self.table = model, table
         self.parameters = read_values(model, table, self._of_declaration)
-        symbols = column(self.parameters.symbols.values())
+        symbols = column_of(self.parameters.symbols.values())
         for name, line in model.fixed:
             value = self.parameters.values.get(name)
             if isinstance(value, ca.SX) and ca.depends_on(value, symbols):
@@ -155,7 +156,7 @@ class _Translation:
             variables=tuple(x for x in self.variables.all() if x.name not in inputs),
             inputs=tuple(by_name[name] for name in inputs),
             parameters=tuple(parameter for _, parameter in kept),
-            p=column(self.parameters.symbols[name] for name, _ in kept),
+            p=column_of(self.parameters.symbols[name] for name, _ in kept),
             outputs=tuple(self._outputs()),
             equations=tuple(equations),
             initial=tuple(initial),
@@ -278,7 +279,7 @@ class _Translation:
         """
         rest: list[Equation] = []
         found: list[str] = []
-        rates = column(self.variables.rates.values())
+        rates = column_of(self.variables.rates.values())
         for e in equations:
             if not ca.depends_on(e.residual, self.variables.time):
                 rest.append(e)

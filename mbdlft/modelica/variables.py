@@ -8,7 +8,8 @@ from fractions import Fraction
 import casadi as ca
 
 from mbdlft.base.errors import SceneError
-from mbdlft.dae.description import Variable, column
+from mbdlft.dae.description import Variable
+from mbdlft.dae.operations import column_of
 from mbdlft.modelica import values as v
 from mbdlft.modelica.evaluate import Evaluator
 from mbdlft.modelica.parameters import Parameters, declared_unit, nominal_values
@@ -92,7 +93,7 @@ class Variables:
             raise SceneError(f"it depends on the variable {x.name}.")
         nominal = nominal_values(self.parameters) | {"time": Fraction(0)}
         symbols = ca.symvar(expression)
-        function = ca.Function("nominal", [column(symbols)], [expression])
+        function = ca.Function("nominal", [column_of(symbols)], [expression])
         return float(function([float(nominal[symbol.name()]) for symbol in symbols]))
 
     def _symbols(

@@ -28,12 +28,13 @@ from mbdlft.base.description import (
     Name,
     Text,
     Values,
+    with_length,
 )
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.signal import Signal
-from mbdlft.multibody.joint.base import Rotation, unit_vector, with_length
+from mbdlft.multibody.joint.base import Rotation, unit_vector
 from mbdlft.multibody.joint.move import Move, turned
-from mbdlft.multibody.joint.planar import plane
+from mbdlft.multibody.joint.one_axis import plane
 
 KINDS = ("cylindrical", "fixed", "prismatic", "revolute", "spherical", "universal")
 WITH_AXIS = ("cylindrical", "prismatic", "revolute")
@@ -79,7 +80,7 @@ class Loop(Description):
                     f"{', '.join(WITH_AXIS)} have an axis, universal has axis1 and axis2."
                 )
             if given is not None:
-                with_length(key, given)
+                with_length(given, key)
         two = self.axis1 is not None and self.axis2 is not None
         if two and not np.any(np.cross(self.axis1 or (), self.axis2 or ())):
             raise SceneError("axis1 and axis2 are parallel: a universal joint turns about two.")

@@ -49,11 +49,6 @@ def column(entries: Iterable[ca.SX | float]) -> ca.SX:
     return result
 
 
-def skew(a: ca.SX) -> ca.SX:
-    """Matrix of the cross product: skew(a) b = a x b; a (3,), result (3, 3)."""
-    return ca.skew(a)
-
-
 def rotate(axis: ca.SX, cosine: ca.SX | float, sine: ca.SX | float, vectors: ca.SX) -> ca.SX:
     """R v for each column v of `vectors` (3, n), with the rotation R about the unit vector `axis` (3,).
 
@@ -75,7 +70,7 @@ def _rotate(columns: int) -> ca.Function:
     cosine, sine = ca.SX.sym("cosine"), ca.SX.sym("sine")
     parallel = ca.mtimes(axis, ca.mtimes(axis.T, vectors))
     perpendicular = vectors - parallel
-    rotated = parallel + cosine * perpendicular + sine * ca.mtimes(skew(axis), vectors)
+    rotated = parallel + cosine * perpendicular + sine * ca.mtimes(ca.skew(axis), vectors)
     return ca.Function("rotate", [axis, cosine, sine, vectors], [rotated])
 
 

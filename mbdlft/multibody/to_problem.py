@@ -4,19 +4,22 @@ from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from functools import partial
 
+import casadi as ca
 import numpy as np
 
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.multibody.assembly import assembly
-from mbdlft.multibody.assembly.moved import with_motions
 from mbdlft.multibody.scene import NEEDED, Scene, scene_to_toml
 from mbdlft.problem.compare import reference_of
-from mbdlft.problem.equations import Equations
-from mbdlft.problem.linearize import linearize, trim_relations
+from mbdlft.problem.equations import Equations, Moved, rows_of
+from mbdlft.problem.linearize import LinearModel, linearize, trim_relations
 from mbdlft.problem.needed_states import Need, all_states, needed_states
 from mbdlft.problem.problem import Form, Nouns, Problem, Stage, TrimRelations
 from mbdlft.problem.trim import trim_efforts
+from mbdlft.sx.residues import modulo_prime
+
+_SEED = 20261124  # of the residues that stand for parameters
 
 
 def problem_of_scene(scene: Scene, stage: Stage = lambda name: nullcontext()) -> Problem:
@@ -82,7 +85,7 @@ def choose_signals(scene: Scene, equations: Equations) -> tuple[list[int], list[
     measures = {signal.name: k for k, signal in enumerate(e.y_signals)}
     inputs = _chosen(scene, "inputs", scene.inputs, efforts, e.default_inputs)
     outputs = _chosen(scene, "outputs", scene.outputs, measures, e.default_outputs)
-    return with_motions(e, inputs, outputs, is_default=scene.inputs is None), outputs
+    return _with_motions(e, inputs, outputs, is_default=scene.inputs is None), outputs
 
 
 def choose_states(
@@ -110,6 +113,56 @@ def _chosen(
                 f"scene {scene.name!r}, {what}: " + unknown_name("signal", name, index)
             )
     return list(default) if names is None else [index[name] for name in names]
+
+
+def _with_motions(
+    equations: Equations, inputs: Sequence[int], outputs: Sequence[int], *, is_default: bool
+) -> list[int]:
+    """The inputs with those of the motions that are felt, where the user names none.
+
+    A road moves a wheel through the tire: its springs feel the displacement of the patch under it, its
+    dampers the rate, and what stands on the patch by a joint feels the acceleration. The three are one
+    motion. So a model has all of them that are felt: what lacks one answers another motion.
+
+    Raises
+    ------
+    SceneError
+        The inputs have a part of a motion, and lack another part that is felt.
+    """
+    e, chosen = equations, list(inputs)
+    if not e.moved:
+        return chosen
+    every = sorted({*chosen, *(k for moved in e.moved for k in moved.inputs)})
+    relations = linearize(e, every, outputs)
+    for moved in e.moved:
+        felt = [k for order, k in enumerate(moved.inputs) if _is_felt(e, relations, moved, order)]
+        if is_default:
+            chosen += felt
+            continue
+        missing = [e.u_signals[k].name for k in felt if k not in chosen]
+        asked = [e.u_signals[k].name for k in moved.inputs if k in chosen]
+        if asked and missing:
+            raise SceneError(
+                f"scene {e.name!r}, inputs: {', '.join(asked)} moves something that also feels "
+                f"{', '.join(missing)}: springs and outputs feel the position, dampers the rate, and "
+                "masses that stand on the joint the acceleration. Add "
+                f"{', '.join(missing)} to the inputs, the derivatives of the same motion; or use "
+                "imposed = true, whose only input is the acceleration."
+            )
+    return chosen
+
+
+def _is_felt(e: Equations, relations: LinearModel, moved: Moved, order: int) -> bool:
+    """Whether anything but its own equations has the displacement (order 0) of a coordinate, its rate (1)
+    or its acceleration (2)."""
+    n, k = e.degrees_of_freedom, moved.coordinate
+    signal = (e.x[k], e.x[n + k], e.xdot[n + k])[order]
+    last = e.residual.numel() - 2 * len(e.moved) + 2 * e.moved.index(moved)
+    own = {k, n + k, last, last + 1}
+    rows = [row for row in range(relations.residual.numel()) if row not in own]
+    both = ca.vertcat(rows_of(relations.residual, rows), relations.output)
+    slopes = ca.jacobian(both, signal)
+    return bool(np.any(modulo_prime(slopes, _SEED).residues != 0))
 
 
 def _trim(equations: Equations, exact: Equations) -> TrimRelations:

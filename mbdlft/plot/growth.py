@@ -1,7 +1,6 @@
 """How a worst case grows with the box of the parameters: bounds as steps."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -81,8 +80,8 @@ def _of_size(model: System, size: float) -> System:
     """The system whose deltas are these over a size."""
     lft = model.lft
     scaled = LFT(size * lft.M11, size * lft.M12, lft.M21, lft.M22, lft.blocks)
-    plain = System(model.name, scaled, model.states, model.inputs, model.outputs, model.parameters)
-    return replace(plain, name=f"{model.name}, {size:.4g} times the box")
+    name = f"{model.name}, {size:.4g} times the box"
+    return System(name, scaled, model.states, model.inputs, model.outputs, model.parameters)
 
 
 def _draw(

@@ -166,9 +166,7 @@ def _tapes(exact: Equations, inputs: tuple[int, ...], outputs: tuple[int, ...]) 
 def _tape(argument: ca.SX, expressions: ca.SX | Sequence[ca.SX]) -> _Tape:
     parts = [expressions] if isinstance(expressions, ca.SX) else expressions
     sparse = [ca.sparsify(e) for e in parts]
-    constants, numbers = constants_in(
-        ca.vertcat(ca.SX(0, 1), *(ca.vec(ca.SX(e.nz[:])) for e in sparse if e.nnz()))
-    )
+    constants, numbers = constants_in(ca.veccat(*sparse))
     field = Field(numbers)
     function = ca.Function("digits", [argument, constants], sparse)
     return _Tape(function, [field.of(number).ball for number in numbers])

@@ -158,7 +158,7 @@ def _uncancelled(jacobian: Array, terms: Array, sizes: _Sizes, owner: str) -> Ar
 def _balls(model: LinearModel, slopes: ca.SX, points: Array, sizes: _Sizes) -> Iterator[Balls]:
     """[A B ; C D] at physical points, in balls."""
     sparse = ca.sparsify(slopes)
-    constants, numbers = constants_in(column_of_entries(sparse))
+    constants, numbers = constants_in(sparse)
     field = Field(numbers)
     function = ca.Function("digits", [model.p, constants], [sparse])
     given = [field.of(number).ball for number in numbers]

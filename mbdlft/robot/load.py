@@ -7,13 +7,11 @@ from typing import Any, Literal
 from mbdlft.base.description import Quantity, Vector
 from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.base.parameter import Parameter
-from mbdlft.base.unit import parse_unit
 from mbdlft.multibody.body import GROUND, Body
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.scene.check import check
 from mbdlft.multibody.scene.scene import Constant, Scene
 from mbdlft.robot.description import Robot
-from mbdlft.robot.limits import JointLimit, check_limits
 from mbdlft.robot.make import (
     Making,
     bodies,
@@ -28,7 +26,7 @@ from mbdlft.robot.make import (
 )
 from mbdlft.robot.moving import moves_of, on_the_ground, refuse_massless
 from mbdlft.robot.read import read_robot
-from mbdlft.robot.report import ImportReport, ignored_of
+from mbdlft.robot.report import ImportReport, JointLimit, check_limits, ignored_of
 from mbdlft.robot.values import (
     Values,
     check_label,
@@ -219,9 +217,7 @@ def _outputs(making: Making, joints: Sequence[Joint]) -> list[str] | None:
 
 def _checked(made: list[Body], scene: Scene, assumed: list[str], *, keep: bool) -> list[Body]:
     """The bodies; an inertia that no body can have is an error, or marked as unchecked if `keep`."""
-    nominal = scene.constant_values() | {
-        p.name: p.nominal * parse_unit(p.unit).factor for p in scene.parameters
-    }
+    nominal = scene.constant_values() | {p.name: p.nominal * p.factor for p in scene.parameters}
     problems = unphysical(made, nominal)
     if problems and not keep:
         name, problem = next(iter(problems.items()))

@@ -11,18 +11,15 @@ from mbdlft.base.errors import SceneError
 from mbdlft.robot.description import (
     WORLD,
     Mimic,
-    RobotJoint,
-    RobotLink,
     RobotLoad,
     RobotLoop,
     RobotSensor,
 )
-from mbdlft.robot.loops import aligned
 from mbdlft.robot.mjcf_model import Compiled
-from mbdlft.robot.tree import unused
-from mbdlft.robot.turns import angles_of, of_quaternion, three
+from mbdlft.robot.tree import Side, aligned, unused, welded
+from mbdlft.robot.turns import of_quaternion, three
 
-Sites = dict[int, tuple[RobotLink, RobotJoint]]
+Sites = dict[int, Side]
 _INERTIAL = {"ACCELEROMETER": "accelerometer", "GYRO": "gyro"}
 
 
@@ -59,18 +56,11 @@ def site_link(model: Compiled, number: int) -> str:
     return unused(f"{model.name_of('SITE', number)}_site", model.body_names)
 
 
-def _site(model: Compiled, number: int) -> tuple[RobotLink, RobotJoint]:
-    name = site_link(model, number)
-    joint = RobotJoint(
-        name=unused(f"weld_{name}", model.joint_names),
-        line=0,
-        kind="fixed",
-        parent=model.body(int(model.of("site_bodyid")[number])),
-        child=name,
-        xyz=three(model.of("site_pos")[number]),
-        rpy=angles_of(of_quaternion(model.of("site_quat")[number])),
-    )
-    return RobotLink(name, 0, inertial=True), joint
+def _site(model: Compiled, number: int) -> Side:
+    name, body = site_link(model, number), model.body(int(model.of("site_bodyid")[number]))
+    weld = unused(f"weld_{name}", model.joint_names)
+    R = of_quaternion(model.of("site_quat")[number])
+    return welded(name, weld, body, model.of("site_pos")[number], R)
 
 
 def sensors_of(model: Compiled) -> tuple[tuple[RobotSensor, ...], tuple[str, ...], tuple[str, ...]]:
@@ -139,18 +129,18 @@ def mimics_of(model: Compiled) -> dict[str, Mimic]:
 
 def loops_of(
     model: Compiled,
-) -> tuple[tuple[RobotLoop, ...], tuple[tuple[RobotLink, RobotJoint], ...]]:
+) -> tuple[tuple[RobotLoop, ...], tuple[Side, ...]]:
     """The loops that equalities of the types connect and weld close, and the links that they stand on."""
     loops: list[RobotLoop] = []
-    sides: list[tuple[RobotLink, RobotJoint]] = []
+    sides: list[Side] = []
     for word, kind in (("CONNECT", "spherical"), ("WELD", "fixed")):
         for k in _active(model, word):
             name = unused(model.name_of("EQUALITY", k), model.joint_names)
             (a, at_a), (b, at_b), R = _ends(model, k, word)
             ends = (_body(model, a), _body(model, b), three(at_a), three(at_b))
-            loop, side = aligned(RobotLoop(name, kind, *ends), R, model.body_names)
+            loop, own = aligned(RobotLoop(name, kind, *ends), R, model.body_names)
             loops.append(loop)
-            sides += [side] if side else []
+            sides += own
     return tuple(loops), tuple(sides)
 
 

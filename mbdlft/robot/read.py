@@ -9,7 +9,6 @@ from mbdlft.robot.elements import Element, parse
 from mbdlft.robot.mjcf import read_mjcf
 from mbdlft.robot.sdf import read_sdf
 from mbdlft.robot.urdf import read_urdf
-from mbdlft.robot.xacro import expanded, is_xacro
 
 
 def read_robot(path: str | Path, model: str | None = None, keyframe: str | None = None) -> Robot:
@@ -32,8 +31,8 @@ def read_robot(path: str | Path, model: str | None = None, keyframe: str | None 
     content = content_of(file, SceneError)
     try:
         top = parse(content)
-        if is_xacro(file, top):
-            top = parse(expanded(file))
+        if _is_xacro(file, top):
+            top = parse(_expanded(file))
         _refuse_options(top, model, keyframe)
         if top.tag == "robot":
             return read_urdf(top)
@@ -62,3 +61,33 @@ def _refuse_options(top: Element, model: str | None, keyframe: str | None) -> No
     ):
         if given is not None and top.tag != tag:
             raise SceneError(f"{option} = {given!r}: only {name} file has this, got <{top.tag}>.")
+
+
+def _is_xacro(file: Path, top: Element) -> bool:
+    """Whether a file is one of xacro, by its name: expressions of such a file are evaluated by Python."""
+    return file.suffix.lower() == ".xacro" and top.tag == "robot"
+
+
+def _expanded(file: Path) -> bytes:
+    """The URDF text of a xacro file, with the default values of its arguments.
+
+    Raises
+    ------
+    SceneError
+        The package is not installed, or cannot expand the file.
+    """
+    try:
+        import xacro
+    except ImportError:
+        raise SceneError(
+            "xacro files are expanded by the package xacro, which is not installed: pip install "
+            "'mbdlft[xacro]'."
+        ) from None
+    try:
+        return bytes(xacro.process_file(str(file)).toxml(encoding="utf-8"))
+    except Exception as error:  # expressions of the file raise what they like
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise SceneError(
+            f"xacro cannot expand it: {reason[:500]}. Files that it includes must be there; packages "
+            "that it finds with $(find ...) need the package index of ROS."
+        ) from None

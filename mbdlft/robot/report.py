@@ -1,10 +1,40 @@
-"""The report of an import: what the scene does not have of the file, and the file not of the scene."""
+"""The report of an import: what the scene does not have of the file, and the file not of the scene.
 
+The limits of joints are in it; the equilibrium must be inside them for every value of the parameters.
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
+from math import atan
+from typing import NamedTuple
 
+import numpy as np
+
+from mbdlft.base.description import Expected, Quantity
+from mbdlft.base.errors import SceneError
+from mbdlft.base.expression import evaluate, names
+from mbdlft.multibody.scene.quantities import Place, angle_at, expression_at
+from mbdlft.multibody.scene.scene import Scene
 from mbdlft.robot.description import Robot
-from mbdlft.robot.limits import JointLimit
 from mbdlft.robot.values import AXIAL
+
+_ROUNDING = 1e-12  # a position may leave a limit by this part of it
+
+
+class JointLimit(NamedTuple):
+    """Limits of a joint; None where the file has none.
+
+    `lower` and `upper` limit the position in `unit` (rad or m), `effort` the effort (N m or N) and `rate`
+    the velocity (rad/s or m/s).
+    """
+
+    joint: str
+    unit: str
+    lower: float | None
+    upper: float | None
+    effort: float | None
+    rate: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,3 +83,48 @@ def ignored_of(robot: Robot, moves: frozenset[str]) -> tuple[str, ...]:
     if planar:
         ignored.append(f"damping of {', '.join(planar)}: give it in the scene")
     return tuple(ignored)
+
+
+def check_limits(scene: Scene, positions: Mapping[JointLimit, Quantity]) -> None:
+    """Raise a SceneError for the first joint whose position leaves its limits for some parameters."""
+    for limit, position in positions.items():
+        if limit.lower is None or limit.upper is None:
+            continue
+        low, high = position_range(scene, limit.joint, Expected(position, limit.unit))
+        below, above = (_ROUNDING * abs(end) for end in (limit.lower, limit.upper))
+        if low < limit.lower - below or high > limit.upper + above:
+            raise SceneError(
+                f"joint {limit.joint!r}, position = {position!r}: its values [{_both(low, limit.unit)}, "
+                f"{_both(high, limit.unit)}] leave the limits of the file "
+                f"[{_both(limit.lower, limit.unit)}, {_both(limit.upper, limit.unit)}]. Narrow the range "
+                "of its parameters, or change the limits in the file."
+            )
+
+
+def position_range(scene: Scene, joint: str, expected: Expected) -> tuple[float, float]:
+    """Least and largest equilibrium position (rad or m) at the corners of the range of the parameters.
+
+    For a sum of angles these are the ends of its range.
+    """
+    place = Place(f"joint {joint!r}", "position")
+    expression = expression_at(place, expected)
+    angle = angle_at(scene, place, expected) if expected.unit == "rad" else None
+
+    def position(values: Mapping[str, float]) -> float:
+        if angle is None:
+            return float(evaluate(expression, values))
+        turned = sum(count * values[name] for name, count in angle.multiples.items())
+        halves = angle.arctangents.items()
+        return angle.constant + turned + sum(n * atan(evaluate(r, values)) for r, n in halves)
+
+    used = [p for p in scene.parameters if p.name in names(expression)]
+    ends = [[(p.name, end * p.factor) for end in (p.low, p.high)] for p in used]
+    positions = [position(scene.constant_values() | dict(corner)) for corner in product(*ends)]
+    return min(positions), max(positions)
+
+
+def _both(value: float, unit: str) -> str:
+    """A value as a text for a message, with that in degrees if it is an angle."""
+    if unit != "rad":
+        return f"{value:.6g} {unit}"
+    return f"{value:.6g} rad = {np.degrees(value):.6g} deg"

@@ -6,7 +6,7 @@ to 1.12.
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.robot.description import (
@@ -15,13 +15,13 @@ from mbdlft.robot.description import (
     RobotJoint,
     RobotLink,
     RobotLoad,
+    RobotSensor,
     Triple,
 )
 from mbdlft.robot.elements import Element, content_numbers, name_of
 from mbdlft.robot.sdf_frames import Frames, Pose, flag, frames_of, scopes
 from mbdlft.robot.sdf_joints import closing, joints_of
-from mbdlft.robot.sdf_sensors import sensors_of
-from mbdlft.robot.tree import unique, unused
+from mbdlft.robot.tree import Side, unique, unused, welded
 from mbdlft.robot.turns import angles_of, three
 from mbdlft.robot.values import AXIAL
 
@@ -60,8 +60,8 @@ def read_sdf(top: Element, model: str | None = None) -> Robot:
     bases = _bases(links, joints, frames, static)
     if static:
         joints = {name: joint._replace(kind="fixed") for name, joint in joints.items()}
-    sensed = sensors_of(elements, frames)
-    for link, joint in (*sensed.places, *closed.sides):
+    places, sensors = _sensors(elements, frames)
+    for link, joint in (*places, *closed.sides):
         links[link.name], bases[joint.name] = link, joint
     unsaid = [
         link.name
@@ -80,7 +80,7 @@ def read_sdf(top: Element, model: str | None = None) -> Robot:
         links=links,
         joints={**bases, **joints},
         loads=_weightless(elements, links),
-        sensors=sensed.sensors,
+        sensors=sensors,
         loops=closed.loops,
         gravity=_gravity(world),
         inputs=_driven(joints),
@@ -176,6 +176,27 @@ def _link(scope: str, element: Element, frames: Frames) -> RobotLink:
         rpy=angles_of(pose.R),
         inertia=entries,
     )
+
+
+def _sensors(
+    elements: Sequence[tuple[str, Element]], frames: Frames
+) -> tuple[list[Side], tuple[RobotSensor, ...]]:
+    """An accelerometer and a gyro for each sensor of the type imu, each on a link of its own."""
+    places: list[Side] = []
+    sensors: list[RobotSensor] = []
+    taken: list[str] = []
+    for scope, element in elements:
+        for sensor in element.named("sensor"):
+            if sensor.attributes.get("type") != "imu":
+                continue
+            name = unused(scope + name_of(sensor), taken)
+            taken.append(name)
+            at = frames.own(sensor, f"sensor {name!r}")
+            link, parent = f"{name}_site", scope + name_of(element)
+            places.append(welded(link, f"weld_{link}", parent, at.p, at.R, sensor.line))
+            sensors.append(RobotSensor(f"{name}_acceleration", "accelerometer", link))
+            sensors.append(RobotSensor(f"{name}_rate", "gyro", link))
+    return places, tuple(sensors)
 
 
 def _bases(

@@ -5,7 +5,7 @@ another one; before version 1.5 it is in the axes of the model.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,9 +14,8 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.robot.description import WORLD, Mimic, RobotJoint, RobotLink, RobotLoop
 from mbdlft.robot.elements import Element, content_numbers, name_of
-from mbdlft.robot.loops import aligned
 from mbdlft.robot.sdf_frames import Frames, flag, scopes
-from mbdlft.robot.tree import unique
+from mbdlft.robot.tree import Side, aligned, unique
 from mbdlft.robot.turns import angles_of, three
 
 KINDS = {
@@ -206,7 +205,7 @@ class Closed(NamedTuple):
 
     tree: Joints
     loops: tuple[RobotLoop, ...]
-    sides: tuple[tuple[RobotLink, RobotJoint], ...]
+    sides: tuple[Side, ...]
 
 
 def closing(joints: Joints, frames: Frames) -> Closed:
@@ -219,11 +218,11 @@ def closing(joints: Joints, frames: Frames) -> Closed:
     """
     tree: Joints = {}
     loops: list[RobotLoop] = []
-    sides: list[tuple[RobotLink, RobotJoint]] = []
+    sides: list[Side] = []
+    carried: Joints = {}
     for joint in joints.values():
-        carried = {other.child: other for other in tree.values()}
         if joint.child not in carried and joint.child not in _above(joint.parent, carried):
-            tree[joint.name] = joint
+            tree[joint.name] = carried[joint.child] = joint
             continue
         if joint.kind not in _LOOPS or joint.stiffness or joint.damping:
             raise SceneError(
@@ -235,20 +234,15 @@ def closing(joints: Joints, frames: Frames) -> Closed:
         kind = _LOOPS[joint.kind]
         axis = three(R @ np.array(joint.axis)) if kind == "revolute" else None
         ends = (joint.parent, joint.child, joint.xyz, joint.anchor)
-        loop, side = aligned(RobotLoop(joint.name, kind, *ends, axis), R, joints)
+        loop, own = aligned(RobotLoop(joint.name, kind, *ends, axis), R, joints)
         loops.append(loop)
-        sides += [side] if side else []
+        sides += own
     return Closed(tree, tuple(loops), tuple(sides))
 
 
 def _above(link: str, carried: Mapping[str, RobotJoint]) -> Sequence[str]:
     """A link and those that carry it."""
-
-    def up() -> Iterator[str]:
-        at = link
-        yield at
-        while at in carried:
-            at = carried[at].parent
-            yield at
-
-    return [*up()]
+    found = [link]
+    while found[-1] in carried:
+        found.append(carried[found[-1]].parent)
+    return found

@@ -1,11 +1,16 @@
-"""The tree of links and joints: unique names, and its root."""
+"""The tree of links and joints: unique names, its root, and links without mass that are added to it."""
 
 from collections.abc import Container, Mapping, Sequence
 from typing import TypeVar
 
-from mbdlft.base.errors import SceneError, unknown_name
-from mbdlft.robot.description import RobotJoint, RobotLink
+import numpy as np
 
+from mbdlft.base.array import Array
+from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.robot.description import ZERO, RobotJoint, RobotLink, RobotLoop
+from mbdlft.robot.turns import angles_of, three
+
+Side = tuple[RobotLink, RobotJoint]
 Item = TypeVar("Item", RobotLink, RobotJoint)
 
 
@@ -63,3 +68,23 @@ def root_of(links: Mapping[str, RobotLink], joints: Sequence[RobotJoint]) -> str
             "one root; connect the others to it, by a fixed joint if they are clamped on it."
         )
     return roots[0]
+
+
+def welded(link: str, weld: str, parent: str, place: Array, R: Array, line: int = 0) -> Side:
+    """A link without mass at a place (3,) of its parent, with the axes R (3, 3), and the joint `weld`."""
+    joint = RobotJoint(weld, line, "fixed", parent, link, three(place), angles_of(R))
+    return RobotLink(link, line, inertial=True), joint
+
+
+def aligned(loop: RobotLoop, R_pc: Array, taken: Container[str]) -> tuple[RobotLoop, list[Side]]:
+    """The loop, on a link without mass that is welded to its child and has the axes of its parent.
+
+    R_pc (3, 3) are the axes of the child in those of the parent. A loop of the kind ``spherical``, or
+    one between equal axes, stays as it is; then there is no link.
+    """
+    if loop.kind == "spherical" or np.array_equal(R_pc, np.eye(3)):
+        return loop, []
+    name = unused(f"{loop.name}_side", taken)
+    at = np.array(loop.at_child)
+    side = welded(name, unused(f"weld_{name}", taken), loop.child, at, R_pc.T)
+    return loop._replace(child=name, at_child=ZERO), [side]

@@ -21,13 +21,14 @@ from mbdlft.store.archive import (
     load,
     model_names,
     names_in,
+    naming,
     read_one,
     rewrite,
     save,
 )
 from mbdlft.store.copying import write_items
 from mbdlft.store.hdf5 import Part
-from mbdlft.store.helper import Request, said_of
+from mbdlft.store.helper import Request
 from mbdlft.store.items import (
     DIGEST,
     Items,
@@ -84,10 +85,8 @@ def save_analysis(
             f"{file}: the model {system.name!r} is another one than the one that was analyzed. Save the "
             "analysis in another file, or give the system another name."
         )
-    try:
+    with naming(file, f"analysis {key!r}"):
         items = _items_of(bounds, system.name, model_digest)
-    except ArchiveError as error:
-        raise ArchiveError(f"{file}: {said_of(f'analysis {key!r}', str(error))}") from None
 
     def fill(archive: Any) -> None:
         write_items(archive.require_group("analyses").create_group(key), items)
@@ -173,13 +172,11 @@ def _items_of(bounds: Bounds, model: str, model_digest: str) -> Items:
         items[f"{name}/value"] = np.array(list(pairs.values()), dtype="<f8")
     items |= _items_of_delta(bounds)
     if isinstance(bounds.proof, BoxProof):
-        items["boxes@k"] = np.array(bounds.proof.k, dtype="<f8")
-        items["boxes@gain"] = np.array(bounds.proof.gain, dtype="<f8")
-        items["boxes@shift"] = np.array(bounds.proof.shift, dtype="<f8")
-        items["boxes@slope"] = np.array(bounds.proof.slope, dtype="<f8")
+        for name in ("k", "gain", "shift", "slope"):
+            items[f"boxes@{name}"] = np.array(getattr(bounds.proof, name), dtype="<f8")
         items["boxes/log"] = np.array(bounds.proof.log, dtype="<i8")
-        items["boxes/inputs"] = texts(list(bounds.proof.inputs))
-        items["boxes/outputs"] = texts(list(bounds.proof.outputs))
+        for name in _SIGNALS:
+            items[f"boxes/{name}"] = texts(list(getattr(bounds.proof, name)))
     elif isinstance(bounds.proof, MotionProof):
         items |= _items_of_form(bounds.proof)
     elif bounds.proof is not None:

@@ -5,7 +5,8 @@ place, under a lock. So a file is complete or unchanged, whatever fails, and no 
 another.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib.metadata import version
 from io import BytesIO
 from pathlib import Path
@@ -52,12 +53,19 @@ def save(path: str | Path, model: System | DeltaThetaModel, name: str | None = N
         )
     key = model.name if name is None else name
     check_name(file, "model", key)
-    try:
+    with naming(file, f"model {key!r}"):
         items = items_of_model(model)
         model_of_items(items, key)  # what could not be read again is not written
-    except ArchiveError as error:
-        raise ArchiveError(f"{file}: {said_of(f'model {key!r}', str(error))}") from None
     rewrite(file, lambda new: write_items(new["models"].create_group(key), items), f"models/{key}")
+
+
+@contextmanager
+def naming(file: Path, what: str) -> Iterator[None]:
+    """In this context an ArchiveError gets the name of the file, and what it is about."""
+    try:
+        yield
+    except ArchiveError as error:
+        raise ArchiveError(f"{file}: {said_of(what, str(error))}") from None
 
 
 def check_name(file: Path, kind: str, name: str) -> None:
@@ -224,10 +232,8 @@ def read_one(
         raise ArchiveError(f"{file}: expected the name of a {request.kind}, got {shown}.")
     answer = ask(file, request, isolated=isolated)
     (key,) = answer.names
-    try:
+    with naming(file, f"{request.kind} {key!r}"):
         return make(answer.part, key)
-    except ArchiveError as error:
-        raise ArchiveError(f"{file}: {said_of(f'{request.kind} {key!r}', str(error))}") from None
 
 
 def model_names(path: str | Path) -> tuple[str, ...]:

@@ -34,31 +34,27 @@ def copy_all(old: Any, new: Any, replaced: str) -> None:
     HDF5 does not reuse the space of a group that is deleted, so the new file is made by copying.
     """
     parent, _, left_out = replaced.partition("/")
-    _copy_attributes(old, new)
-    for name in names_of(old):
-        check_link(old, name)
-        if name != parent:
-            old.copy(name, new)
+    _copy(old, new, parent)
     inner = new.require_group(parent)
     if parent not in names_of(old):
         return
     group = member(old, parent)
     if not isinstance(group, h5py.Group):
         raise ArchiveError(f"/{parent} is not a group.")
-    _copy_attributes(group, inner)
-    for name in names_of(group):
-        check_link(group, name)
-        if name != left_out:
-            group.copy(name, inner)
+    _copy(group, inner, left_out)
 
 
-def _copy_attributes(old: Any, new: Any) -> None:
-    """Copy the attributes of a group, their types unchanged; the digest of a group goes with it."""
+def _copy(old: Any, new: Any, left_out: str) -> None:
+    """Copy the members of a group but one, and its attributes, their types unchanged."""
     for name in attribute_names(old):
         found = h5a.open(old.id, name.encode("utf-8"))
         if found.get_type().get_class() == h5t.REFERENCE:
             raise ArchiveError(f"attribute {name!r} of {old.name} leads to another place.")
         new.attrs.create(name, old.attrs[name], dtype=found.dtype)
+    for name in names_of(old):
+        check_link(old, name)
+        if name != left_out:
+            old.copy(name, new)
 
 
 def image_of_copy(archive: Any, replaced: str) -> bytes:

@@ -144,8 +144,7 @@ def put(file: Path, image: bytes | Callable[[Path], None], made: Path | None = N
             else:
                 image(new)
             os.fsync(stream.fileno())
-        mode = file.stat().st_mode & 0o777 if file.exists() else 0o666 & ~_umask()
-        new.chmod(mode)
+        new.chmod(permissions_of(file))
         new.replace(file)
     except (OSError, RuntimeError) as error:
         if isinstance(error, ArchiveError):
@@ -160,8 +159,10 @@ def put(file: Path, image: bytes | Callable[[Path], None], made: Path | None = N
                 temporary.unlink(missing_ok=True)
 
 
-def _umask() -> int:
-    """Permissions that new files of this process do not get."""
+def permissions_of(file: Path) -> int:
+    """Permissions of a file; those of new files of this process if it does not exist."""
+    if file.exists():
+        return file.stat().st_mode & 0o777
     mask = os.umask(0)
     os.umask(mask)
-    return mask
+    return 0o666 & ~mask

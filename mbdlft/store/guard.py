@@ -18,7 +18,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from mbdlft.base.apart import search_path
+from mbdlft.base.apart import end_process, search_path
 from mbdlft.base.errors import ArchiveError
 from mbdlft.store.hdf5 import LongTextError
 from mbdlft.store.helper import Answer, Request, perform, receive, send, unpacked
@@ -177,13 +177,8 @@ def _stop() -> None:
         return
     owner, process = _helper
     _helper = None
-    if owner != os.getpid():
-        return
-    process.kill()
-    for stream in (process.stdin, process.stdout):
-        with contextlib.suppress(OSError):
-            stream.close()
-    process.wait()
+    if owner == os.getpid():
+        end_process(process)
 
 
 atexit.register(_stop)

@@ -14,6 +14,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.base.apart import limit_process
 from mbdlft.base.errors import ArchiveError, unknown_name
 from mbdlft.store.copying import image_of_copy
 from mbdlft.store.hdf5 import (
@@ -174,30 +175,8 @@ def unpacked(head: dict[str, Any], stream: BinaryIO) -> Answer:
     return Answer(tuple(head["names"]), Part(items, *head["rows"]))
 
 
-def _limit(size: int, allowed: int) -> None:
-    """Limit the time of the processor and the memory for the next request, where the system can."""
-    try:
-        import resource
-    except ImportError:
-        return
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    seconds = int(used.ru_utime + used.ru_stime + _SECONDS + size / _BYTES_PER_SECOND) + 1
-    with contextlib.suppress(OSError, ValueError):
-        resource.setrlimit(
-            resource.RLIMIT_CPU, (seconds, resource.getrlimit(resource.RLIMIT_CPU)[1])
-        )
-    with contextlib.suppress(OSError, ValueError, IndexError):
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-        most = pages * os.sysconf("SC_PAGE_SIZE") + 3 * (allowed + size) + _ROOM
-        resource.setrlimit(resource.RLIMIT_AS, (most, resource.getrlimit(resource.RLIMIT_AS)[1]))
-
-
 def serve(requests: BinaryIO, answers: BinaryIO) -> None:
     """Answer requests until there are no more."""
-    with contextlib.suppress(ImportError, OSError, ValueError):
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     while (head := receive(requests)) is not None:
         request = Request(**{**head["request"], "kinds": tuple(head["request"]["kinds"])})
         image: bytes | Path = Path(os.fsdecode(bytes.fromhex(head["path"])))
@@ -205,7 +184,11 @@ def serve(requests: BinaryIO, answers: BinaryIO) -> None:
             image = requests.read(head["size"])
         size = len(image) if isinstance(image, bytes) else image.stat().st_size
         try:
-            _limit(size, request.limit)
+            seconds, memory = (
+                _SECONDS + size / _BYTES_PER_SECOND,
+                3 * (request.limit + size) + _ROOM,
+            )
+            limit_process(seconds, memory, for_good=False)
             reply, bodies = packed(perform(request, image))
         except ArchiveError as error:
             reply, bodies = {"error": str(error)}, []

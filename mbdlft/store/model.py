@@ -61,7 +61,7 @@ def items_of_model(model: System | DeltaThetaModel) -> Items:
     for name in _MATRICES:
         items[name] = _numbers(name, getattr(model, name))
     for name in ("states", "inputs", "outputs"):
-        items |= _items_of_signals(name, getattr(model, name))
+        items |= items_of_signals(name, getattr(model, name))
     items |= _items_of_blocks("delta", model.lft, model.parameters)
     items |= _items_of_parameters(model.parameters)
     if isinstance(model, LFTModel):
@@ -74,7 +74,7 @@ def items_of_model(model: System | DeltaThetaModel) -> Items:
 
 
 def _items_of_evidence(model: LFTModel) -> Items:
-    items = _items_of_signals("trim", model.trim.signals)
+    items = items_of_signals("trim", model.trim.signals)
     items["trim/nominal"] = _numbers("trim/nominal", model.trim.nominal)
     lft = model.trim.lft
     if lft is not None:
@@ -111,7 +111,8 @@ def _row(m: BilinearMap) -> tuple[float, float, float]:
     return (m.b0, m.b1, m.a1)
 
 
-def _items_of_signals(group: str, signals: Sequence[Signal]) -> Items:
+def items_of_signals(group: str, signals: Sequence[Signal]) -> Items:
+    """Names and units of the signals of a group such as ``states``."""
     return {
         f"{group}/name": texts([signal.name for signal in signals]),
         f"{group}/unit": texts([signal.unit for signal in signals]),

@@ -62,6 +62,17 @@ class Layout:
             len(self.states) + len(self.inputs),
         )
 
+    def parts(self, matrices: Array) -> dict[str, Array]:
+        """A, B, C, D (N, ., .) by name, of [A B ; C D] (N, ., .): views of them."""
+        n = len(self.states)
+        above, below = matrices[:, :n], matrices[:, n:]
+        return {
+            "A": above[:, :, :n],
+            "B": above[:, :, n:],
+            "C": below[:, :, :n],
+            "D": below[:, :, n:],
+        }
+
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Shape of each dataset in one sample, in the order of a row."""

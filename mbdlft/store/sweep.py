@@ -4,7 +4,6 @@ A row of a sweep is [samples, A, B, C, D, trim, residual, status, poles, values 
 row by row.
 """
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,14 +14,14 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import ArchiveError
-from mbdlft.store.archive import LIMIT, check_name, names_in, read_one, rewrite
+from mbdlft.store.archive import LIMIT, check_name, names_in, naming, read_one, rewrite
 from mbdlft.store.copying import write_items
 from mbdlft.store.hdf5 import Part
-from mbdlft.store.helper import Request, said_of
+from mbdlft.store.helper import Request
 from mbdlft.store.items import DIGEST, Items, check_digest, digest, text, texts, word, words
 from mbdlft.store.layout import BLOCK_ROWS, ROWS, SWEEP_TYPE, VERSION
-from mbdlft.store.model import characters, signals_of
-from mbdlft.store.rows import FUNCTION_FAILED, GROUP, NO_EQUILIBRIUM, SOLVED, Layout
+from mbdlft.store.model import characters, items_of_signals, signals_of
+from mbdlft.store.rows import FUNCTION_FAILED, GROUP, NO_EQUILIBRIUM, SOLVED, Layout, digests_of
 
 MEANINGS = (
     "0: solved; 1: not converged, the efforts or accelerations cannot be solved for; "
@@ -105,10 +104,8 @@ def finish_sweep(
     """
     file = Path(path)
     check_name(file, "sweep", name)
-    try:
+    with naming(file, f"sweep {name!r}"):
         items = _head(layout, model, scene)
-    except ArchiveError as error:
-        raise ArchiveError(f"{file}: {said_of(f'sweep {name!r}', str(error))}") from None
     meaning = text(MEANINGS + _FUNCTION_MEANING * bool(layout.functions))
     items |= {BLOCK_ROWS: np.array(block_rows, dtype="<i8"), "blocks": blocks}
     items[DIGEST] = text(digest({**items, "status@meaning": meaning}))
@@ -131,8 +128,7 @@ def _head(layout: Layout, model: str, scene: str) -> Items:
     if scene:
         items["provenance/scene"] = characters(scene)
     for what in _SIGNALS:
-        items[f"{what}/name"] = texts([signal.name for signal in getattr(layout, what)])
-        items[f"{what}/unit"] = texts([signal.unit for signal in getattr(layout, what)])
+        items |= items_of_signals(what, getattr(layout, what))
     if layout.functions:
         items["function/name"] = texts(layout.functions)
     return items
@@ -205,9 +201,8 @@ def _check_blocks(items: Items, first: int, count: int) -> None:
     read, keys = len(items["status"]), [key for key in ROWS if key in items]
     parts = [np.asarray(items[key]).reshape(read, -1).astype("<f8") for key in keys]
     rows = np.concatenate(parts, axis=1)
-    for start in range(0, read, size):
-        found = hashlib.sha256(rows[start : start + size].tobytes()).digest()
-        if found != wanted[(first + start) // size].tobytes():
+    for start, found in zip(range(0, read, size), digests_of(rows, size), strict=True):
+        if not np.array_equal(found, wanted[(first + start) // size]):
             raise ArchiveError(
                 f"is damaged or was changed: rows {first + start} to "
                 f"{min(first + start + size, first + read) - 1} do not have their digest. Write it "

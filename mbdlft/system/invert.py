@@ -12,6 +12,8 @@ bounds stay.
 from collections.abc import Sequence
 from typing import TypeVar, cast
 
+import numpy as np
+
 from mbdlft.base.errors import StructureError, WellPosednessError, unknown_name
 from mbdlft.base.signal import Signal
 from mbdlft.system.evidence import Operation, check_exact, composed
@@ -72,10 +74,7 @@ def invert_channels(model: S, channels: Sequence[str]) -> S:
 def _exchanged(model: System, pairs: Sequence[tuple[int, int]]) -> Wiring:
     """Wiring of one part in which y_i is given and u_i is read."""
     wiring = plain_wiring([model], len(model.inputs), len(model.outputs))
-    for k in range(len(model.inputs)):
-        wiring.E[k, k] = 1.0
-    for k in range(len(model.outputs)):
-        wiring.F[k, k] = 1.0
+    wiring.E[:], wiring.F[:] = np.eye(len(model.inputs)), np.eye(len(model.outputs))
     for given, output in pairs:
         wiring.Ku[given, given], wiring.Ky[given, output], wiring.E[given, given] = 0.0, 1.0, -1.0
         wiring.F[output, output], wiring.G[output, given] = 0.0, 1.0

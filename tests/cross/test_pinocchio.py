@@ -125,8 +125,8 @@ def fluid_with_the_frame(load, values, magnitude, space):
     return [BodyWrench(body, move_wrench(ca.horzcat(force, ca.SX(3, 1)), r))]
 
 
-def always_follows(direction, frame, body, space):
-    return ca.SX(np.array(direction) / np.linalg.norm(direction))
+def always_follows(load, body, space):
+    return ca.SX(np.array(load.direction) / np.linalg.norm(load.direction))
 
 
 def own_axes(joint, values, at):
@@ -199,11 +199,11 @@ def both(*conditions: Callable[[mbdlft.Scene], bool]) -> Callable[[mbdlft.Scene]
 
 PLANTED = {
     "a force of the scene follows the body": (
-        patched(mbdlft.multibody.force.force, "directed", always_follows),
+        patched(mbdlft.Force, "unit", always_follows),
         directed("force"),
     ),
     "a torque of the scene follows the body": (
-        patched(mbdlft.multibody.force.torque, "directed", always_follows),
+        patched(mbdlft.Torque, "unit", always_follows),
         directed("torque"),
     ),
     "buoyancy turns with the body": (
@@ -244,9 +244,9 @@ PLANTED = {
     ),
     "axes of a plane exchanged": (
         patched(
-            mbdlft.multibody.joint.planar,
+            mbdlft.multibody.joint.one_axis,
             "plane",
-            lambda normal, plane=mbdlft.multibody.joint.planar.plane: plane(normal)[::-1],
+            lambda normal, plane=mbdlft.multibody.joint.one_axis.plane: plane(normal)[::-1],
         ),
         has("planar"),
     ),

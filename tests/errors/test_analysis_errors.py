@@ -22,7 +22,7 @@ from mbdlft import (
     unbounded_frequencies,
     zeros,
 )
-from mbdlft.analyze import hamiltonian, norms, spectrum, stability, transmission
+from mbdlft.analyze import hamiltonian, norms, spectrum, stability, staircase
 from mbdlft.analyze.migration import push_right
 from mbdlft.analyze.realization import realization
 from mbdlft.plot import save_bode, save_pole_map, save_singular_values, save_step
@@ -203,7 +203,7 @@ def test_eigenvalues_that_are_not_found(model, monkeypatch):
     monkeypatch.setattr(spectrum.np.linalg, "eigvals", fails)
     with says(AnalysisError, "model 'spring': the eigenvalues of A were not found."):
         poles(model)
-    monkeypatch.setattr(transmission, "finite_zeros", fails)
+    monkeypatch.setattr(staircase, "finite_zeros", fails)
     with says(AnalysisError, "zeros: the eigenvalues of a reduced pencil were not found."):
         zeros(model)
 

@@ -204,6 +204,13 @@ def test_joint_that_moves_nothing(tmp_path: Path) -> None:
         ),
         (
             {
+                "parameters": [Parameter("t", 0.5, 0.3, 1.0)],
+                "values": {"swing.position": "2*atan(t)"},
+            },
+            ["position = '2*atan(t)': its values [0.582914 rad", "1.5708 rad = 90 deg] leave"],
+        ),
+        (
+            {
                 "parameters": [Parameter("s", 0.0, plus=4.0, unit="m")],
                 "values": {"slide.position": "0.5 + s"},
             },

@@ -3,10 +3,12 @@
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 
+import flint
 import numpy as np
 import pytest
 
 import mbdlft
+from mbdlft.base.errors import AnalysisError
 from mbdlft.multibody.body import Beam, beam_elements, beam_modes
 from mbdlft.multibody.body.beam_elements import (
     LINEAR,
@@ -117,7 +119,8 @@ def integrals_are_exact() -> None:
 
 def test_integrals_are_exact(monkeypatch: pytest.MonkeyPatch) -> None:
     integrals_are_exact()
-    wrong = (*beam_elements._SHEAR_TURNS[:5], (F(0), F(1), F(-2)), *beam_elements._SHEAR_TURNS[6:])
+    turns, bent = beam_elements._SHEAR_TURNS, flint.fmpq_poly([0, 1, -2])
+    wrong = (*turns[:5], bent, *turns[6:])
     monkeypatch.setattr(beam_elements, "_SHEAR_TURNS", wrong)
     for cached in (beam_elements._pieces, products, cross_products):
         cached.cache_clear()
@@ -166,11 +169,11 @@ def modes_are_orthogonal() -> None:
             beam_elements._raw(d, what, d, what, ONE, 0, None) for what in ("displacement", "bend")
         )
         X, values = beam_modes.exact_modes(M, K)
-        product = beam_modes.fixed_product
-        unit = product(X.T, product(beam_modes.fixed(M), X))
-        one = 1 << beam_modes.BITS
-        off = unit - one * np.eye(len(X), dtype=int).astype(object)
-        assert max(abs(entry) for entry in off.ravel()) < one >> 200
+        with flint.ctx.workprec(1024):
+            unit = X.transpose() * beam_modes._rational(M) * X
+            for i in range(len(M)):
+                for j in range(len(M)):
+                    assert abs(unit[i, j] - int(i == j)) < flint.arb(2) ** -200
         roundoff(np.diag(products(d, "bend")), values)
         assert np.all(np.diff(values) > 0.0)
         assert size(d) == len(values)
@@ -178,7 +181,12 @@ def modes_are_orthogonal() -> None:
 
 def test_modes_are_orthogonal(monkeypatch: pytest.MonkeyPatch) -> None:
     modes_are_orthogonal()
-    monkeypatch.setattr(beam_modes, "_MOST", 1)
+    monkeypatch.setattr(beam_modes, "BITS", (64, 512))  # too few bits are seen
+    modes_are_orthogonal()
+    monkeypatch.setattr(beam_modes, "BITS", (64,))
+    with pytest.raises(AnalysisError, match="64 bits do not tell them apart"):
+        modes_are_orthogonal()
+    monkeypatch.setattr(beam_modes, "DIGITS", -1000)  # any width is narrow
     with pytest.raises(AssertionError):
         modes_are_orthogonal()
 

@@ -275,8 +275,8 @@ def test_position_that_is_rational_is_fitted_as_such() -> None:
 @pytest.mark.parametrize("bug", ["spring", "bound", "angle"])
 def test_planted_bugs_are_caught(bug: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if bug == "spring":
-        right = conditions.quantity
-        monkeypatch.setattr(conditions, "quantity", lambda c, key: f"1.01*({right(c, key)})")
+        right = conditions._Symbols.value
+        monkeypatch.setattr(conditions._Symbols, "value", lambda s, x: 1.01 * right(s, x))
     elif bug == "bound":
         fit = fitted.fit_equilibrium
 

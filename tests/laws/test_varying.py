@@ -18,7 +18,7 @@ from mbdlft import (
     verify,
     worst_case_gain,
 )
-from mbdlft.analyze.motion import unstable_motion
+from mbdlft.analyze.motion import growth, unstable_motion
 from mbdlft.analyze.realization import realization
 from mbdlft.analyze.variation import is_positive
 from mbdlft.analyze.varying import delta_rates
@@ -237,3 +237,18 @@ def test_bounds_of_rates_are_those_of_the_map() -> None:
 
 def replace_parameters(system: System, own: tuple[Parameter, ...]) -> System:
     return System(system.name, system.lft, system.states, (), (), Parameters(own))
+
+
+def test_what_grows_beyond_all_numbers_for_a_while_may_fall() -> None:
+    """xdot = (10^4 d - 1) x + u grows over a period if the mean of d is above 10^-4, and only then."""
+    d = Parameter("d", 0.0, low=-1.0, high=1.0)
+    system = realize([["-1+10000*d", "1"], ["1", "0"]], [d], states=1, inputs=["u"], outputs=["y"])
+    found = worst_case_gain(system, rates=np.inf)
+    assert np.isinf(found.lower)
+    assert not found.proved
+    model, none = realization(system), np.array([np.inf])
+    wave = 0.5 * np.sin(2.0 * np.pi * (np.arange(32) + 0.5) / 32)[:, None]
+    for mean in (0.0, 2e-4):
+        roundoff(growth(model, none, 3.0, wave + mean, 1), 3.0 * (1e4 * mean - 1.0), kappa=1e6)
+    assert growth(model, none, 1e4, wave, 1) == -np.inf
+    assert unstable_motion(model, lambda _: none, 1.0, 1.0).size >= 1e-4

@@ -16,10 +16,9 @@ from mbdlft import (
     worst_case,
 )
 from mbdlft.analyze.characteristic import is_stable_at
-from mbdlft.analyze.gramian import h2_and_slope
 from mbdlft.analyze.margin import cost_of
 from mbdlft.analyze.realization import realization
-from mbdlft.analyze.worst import disk_transfer
+from mbdlft.analyze.worst import disk_transfer, h2_and_slope
 from mbdlft.bound.evidence import BoxProof
 from tests.close import BOUND, CLOSED_FORM, STABLE, roundoff, target
 from tests.laws.random_loops import random_system, state_matrices

@@ -17,9 +17,9 @@ from mbdlft.base.description import AXES, Direction, Values
 from mbdlft.multibody.body import Ground, PointMass, RigidBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS
 from mbdlft.multibody.force import Buoyancy, Spring
-from mbdlft.multibody.force.base import DirectedLoad
+from mbdlft.multibody.force.kinds import DirectedLoad
 from mbdlft.multibody.joint import Fixed, Prismatic, Revolute, Rotation
-from mbdlft.multibody.joint.base import AxisJoint
+from mbdlft.multibody.joint.one_axis import AxisJoint
 from mbdlft.multibody.scene.scene import UNKNOWN, Scene
 
 Evaluate = Callable[[ca.SX], Sequence[Array]]

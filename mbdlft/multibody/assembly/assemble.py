@@ -3,15 +3,13 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from mbdlft.base.description import AXES, Values
 from mbdlft.base.errors import SceneError
-from mbdlft.base.signal import Freedom, Signal
-from mbdlft.multibody.assembly.body_signals import body_channels
+from mbdlft.base.signal import Signal
 from mbdlft.multibody.assembly.closure import Closure, close_loops, constraint
 from mbdlft.multibody.assembly.efforts import (
     Effort,
@@ -20,24 +18,29 @@ from mbdlft.multibody.assembly.efforts import (
     force_density,
     ground_motion,
     list_efforts,
+    moved_coordinates,
     static_deflections,
     uniform_load,
 )
-from mbdlft.multibody.assembly.measures import measures, steady_angles
-from mbdlft.multibody.assembly.moved import moved_coordinates
+from mbdlft.multibody.assembly.measures import body_channels, measures, steady_angles
 from mbdlft.multibody.assembly.placed import Passed, inertial_wrenches, motions, pass_inward, place
 from mbdlft.multibody.assembly.regular import is_regular
 from mbdlft.multibody.assembly.resolve import Resolved, in_plane, resolve
 from mbdlft.multibody.assembly.second_order import efforts_by_products, gains_by_products
 from mbdlft.multibody.assembly.steady import body_momenta
-from mbdlft.multibody.assembly.symbols import Symbols, coordinate_owners
-from mbdlft.multibody.assembly.tree import Link, PortJoint, all_bodies
+from mbdlft.multibody.assembly.symbols import Symbols
+from mbdlft.multibody.assembly.tree import (
+    Link,
+    PortJoint,
+    all_bodies,
+    coordinate_owners,
+    degrees,
+)
 from mbdlft.multibody.assembly.view import View
 from mbdlft.multibody.assembly.weights import pass_weights_inward
 from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS, unseen_name
 from mbdlft.multibody.force import Spring
-from mbdlft.multibody.joint import coordinate_label
 from mbdlft.multibody.joint.move import turning_along
 from mbdlft.multibody.scene.check import check_fit
 from mbdlft.multibody.scene.quantities import owner_name
@@ -216,13 +219,11 @@ def _equations(m: _Mechanics, passed: Passed) -> Equations:
     moved = moved_coordinates(links, [effort.signal.name for effort in m.efforts])
     held += [symbols.x[c.coordinate + k * n] - m.u[c.inputs[k]] for c in moved for k in range(2)]
     residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
-    measured, y_signals, displacements = measures(scene, links, symbols, view, r.aligned)
-    displacements += tuple(len(y_signals) + k for k in range(len(channels.signals)))
-    measured, y_signals = ca.vertcat(measured, channels.outputs), y_signals + channels.signals
+    measured, y_signals, default = measures(scene, links, symbols, view, r.aligned, channels)
     both = without_unseen(scene, ca.vertcat(residual, measured))
     carried, carried_by = _carried(links, view)
-    owned = [(o.name, freedom) for o in coordinate_owners(links) for freedom in o.freedoms]
-    coordinate_signals = _coordinate_signals(owned)
+    every = degrees(links)
+    coordinate_signals = [degree.measure(order) for order in range(2) for degree in every]
     effort_signals = [effort.signal for effort in m.efforts]
     check_fit(scene, [*coordinate_signals[:n], *effort_signals])
     followers = {*m.closure.dependent, *(c.coordinate for c in moved)}
@@ -249,11 +250,9 @@ def _equations(m: _Mechanics, passed: Passed) -> Equations:
         x_signals=tuple(coordinate_signals[k] for k in states),
         u_signals=tuple(effort_signals),
         y_signals=y_signals,
-        equilibrium_signals=tuple(
-            Signal(f"{name}.{freedom.effort.name}", freedom.effort.unit) for name, freedom in owned
-        ),
+        equilibrium_signals=tuple(degree.effort for degree in every),
         default_inputs=tuple(k for k, effort in enumerate(m.efforts) if effort.is_default),
-        default_outputs=displacements,
+        default_outputs=default,
         ignorable=tuple(states.index(k) for k in steady_angles(links) if k in states),
         moved=moved,
         carried=carried,
@@ -262,15 +261,6 @@ def _equations(m: _Mechanics, passed: Passed) -> Equations:
         x_bounds=_bounds(scene, coordinate_signals[:n]),
         u_bounds=_bounds(scene, effort_signals),
     )
-
-
-def _coordinate_signals(owned: Sequence[tuple[str, Freedom]]) -> list[Signal]:
-    """Displacements, then rates, of coordinates of joints and bodies by name."""
-    return [
-        Signal(f"{name}.{freedom.measures[k].name}", freedom.measures[k].unit)
-        for k in range(2)
-        for name, freedom in owned
-    ]
 
 
 def _bounds(scene: Scene, signals: Sequence[Signal]) -> tuple[float, ...]:
@@ -298,20 +288,18 @@ def _dynamics(
     given: ca.SX,
 ) -> ca.SX:
     """Efforts needed minus those `given` (n,); for an imposed joint its acceleration minus the input."""
+    needed = ca.vertcat(*(view.passed.efforts[owned.owner] for owned in coordinate_owners(links)))
     rows: list[ca.SX] = []
-    for owner, _, freedoms, kind in coordinate_owners(links):
-        own, needed = values.get(owner, {}), view.passed.efforts[owner]
-        for k, freedom in enumerate(freedoms):
-            row = len(rows)
-            if kind in ("imposed", "motion"):
-                rows.append(symbols.a[row] - given[row])
-                continue
-            effort = needed[k]
-            if kind == "joint":
-                effort += quantity_of(own, "stiffness", freedom) * symbols.q[row]
-                rate = symbols.v[row] + own.get("rate", 0.0)
-                effort += quantity_of(own, "damping", freedom) * rate
-            rows.append(effort - given[row])
+    for row, degree in enumerate(degrees(links)):
+        if degree.kind in ("imposed", "motion"):
+            rows.append(symbols.a[row] - given[row])
+            continue
+        effort, own = needed[row], values.get(degree.owner, {})
+        if degree.kind == "joint":
+            effort += own.get(degree.label("stiffness"), 0.0) * symbols.q[row]
+            rate = symbols.v[row] + own.get("rate", 0.0)
+            effort += own.get(degree.label("damping"), 0.0) * rate
+        rows.append(effort - given[row])
     return ca.vertcat(*rows)
 
 
@@ -326,11 +314,6 @@ def _carried(links: tuple[Link, ...], view: View) -> tuple[ca.SX, tuple[str, ...
             wrenches.append(rows_of(ca.vec(view.passed.joints[link.child.name]), rows))
             names += [body.name] * len(rows)
     return ca.vertcat(ca.SX(0, 1), *wrenches), tuple(names)
-
-
-def quantity_of(own: Values, key: str, freedom: Freedom) -> Any:
-    """Value of a quantity of one coordinate; zero if the joint has none."""
-    return own.get(coordinate_label(key, freedom), 0.0)
 
 
 def without_unseen(scene: Scene, relations: ca.SX) -> ca.SX:

@@ -11,10 +11,9 @@ from scipy.linalg import qr
 from mbdlft.base.array import Array
 from mbdlft.base.description import Values
 from mbdlft.base.errors import SceneError
-from mbdlft.multibody.assembly.symbols import coordinate_owners
+from mbdlft.multibody.assembly.tree import degrees
 from mbdlft.multibody.assembly.view import View
 from mbdlft.multibody.force import BodyWrench
-from mbdlft.multibody.joint import coordinate_label
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
@@ -139,8 +138,7 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
     # the states are those of joints that are held or driven, and near the ground, where that is well
     # conditioned: columns are compared with a weight, the last one first
     weights = np.array([_PASSIVE if is_passive else 1.0 for is_passive in _passive(view)])
-    moved = [owned.kind for owned in coordinate_owners(view.now.links) for _ in owned.freedoms]
-    weights[[kind == "motion" for kind in moved]] = 0.0
+    weights[[degree.kind == "motion" for degree in degrees(view.now.links)]] = 0.0
     follow, last = _independent((matrices[0][rows] * weights)[:, ::-1])
     if follow < rank:
         raise SceneError(
@@ -154,15 +152,9 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
 
 def _yielding(view: View, held: Array) -> tuple[int, ...]:
     """The coordinates that `Closure` calls so, from independent constraints (m, n) at nominal."""
-    elastic, passive, k = [], [], 0
-    for owned in coordinate_owners(view.now.links):
-        own = view.now.values.get(owned.owner, {})
-        for freedom in owned.freedoms:
-            if owned.kind == "elastic":
-                elastic.append(k)
-            elif coordinate_label("preload", freedom) in own:
-                passive.append(k)
-            k += 1
+    every = degrees(view.now.links)
+    elastic = [k for k, degree in enumerate(every) if degree.kind == "elastic"]
+    passive = [k for k, is_passive in enumerate(_passive(view)) if is_passive and k not in elastic]
     rank, chosen = _independent(held[:, passive]) if passive else (0, [])
     if rank == len(held) or not elastic:
         return ()
@@ -236,23 +228,18 @@ def _skewed(loop: Loop, own: Values, across: Callable[[ca.SX], ca.SX]) -> ca.SX:
 def _explained(scene: Scene, view: View, matrices: Sequence[Array]) -> Array:
     """Gaps (N, rows) that the bounds of fitted positions allow at the points of the matrices."""
     bounds = scene.fit.bounds if scene.fit else {}
-    names: list[str] = []
-    for link in view.now.links:
-        names += [f"{link.joint.name}.{f.measures[0].name}" for f in link.joint.freedoms]
-        names += [f"{link.child.name}.{f.measures[0].name}" for f in link.child.freedoms()]
-    errors = np.array([bounds.get(name, 0.0) for name in names])
+    every = degrees(view.now.links)
+    errors = np.array([bounds.get(degree.measure(0).name, 0.0) for degree in every])
     errors = errors * (1.0 + CURVED * np.max(errors, initial=0.0))
     return np.asarray(np.abs(np.array(matrices)) @ errors)
 
 
 def _passive(view: View) -> list[bool]:
     """Whether the effort of each coordinate is given, so that nothing holds it."""
-    found = []
-    for link in view.now.links:
-        values = view.now.values[link.owner]
-        found += [coordinate_label("preload", freedom) in values for freedom in link.joint.freedoms]
-        found += [True for _ in link.child.freedoms()]
-    return found
+    return [
+        degree.kind == "elastic" or degree.label("preload") in view.now.values[degree.owner]
+        for degree in degrees(view.now.links)
+    ]
 
 
 def _independent(columns: Array) -> tuple[int, list[int]]:

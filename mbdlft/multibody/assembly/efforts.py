@@ -10,17 +10,15 @@ from mbdlft.base.array import Array
 from mbdlft.base.description import AXES, Values
 from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.base.signal import Signal
-from mbdlft.multibody.assembly.body_signals import body_inputs
 from mbdlft.multibody.assembly.closure import Closure, reactions
-from mbdlft.multibody.assembly.symbols import coordinate_owners
-from mbdlft.multibody.assembly.tree import Link
+from mbdlft.multibody.assembly.measures import body_inputs
+from mbdlft.multibody.assembly.tree import Link, coordinate_owners, degrees
 from mbdlft.multibody.assembly.view import View
 from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.force import BodyWrench, Spring
-from mbdlft.multibody.joint import coordinate_label
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import UNKNOWN, Scene
-from mbdlft.problem.equations import rows_of
+from mbdlft.problem.equations import Moved, rows_of
 from mbdlft.sx.constants import is_constant, literal, numbers_of, unit_vector
 
 _APART = 1e-9  # of the reach of its ports: a spring that is shorter has no direction
@@ -51,22 +49,20 @@ def list_efforts(
     """
     found: list[Effort] = []
     deflections: list[Effort] = []
-    for owner, name, freedoms, kind in coordinate_owners(links):
-        for freedom in freedoms:
-            moved = kind == "motion"  # its three inputs are told apart by what they do
-            signal = freedom.effort if kind in ("joint", "elastic") else freedom.measures[2]
-            given = values.get(owner, {}).get(coordinate_label("preload", freedom))
-            given = 0.0 if kind in ("imposed", "motion") else given
-            is_input = kind != "elastic"  # the force that holds a static deflection is internal
-            named = Signal(f"{name}.{signal.name}", signal.unit)
-            if len(found) in closure.yielding:
-                measure = freedom.measures[0]
-                static = Signal(f"{name}.{measure.name}.static", measure.unit)
-                if is_input:
-                    deflections.append(Effort(static, None, is_input=False, is_default=False))
-                else:
-                    named = static
-            found.append(Effort(named, given, is_input=is_input, is_default=is_input and not moved))
+    for degree in degrees(links):
+        moved = degree.kind == "motion"  # its three inputs are told apart by what they do
+        imposed = degree.kind in ("imposed", "motion")
+        given = 0.0 if imposed else values.get(degree.owner, {}).get(degree.label("preload"))
+        is_input = degree.kind != "elastic"  # the force that holds a static deflection is internal
+        named = degree.measure(2) if imposed else degree.effort
+        if len(found) in closure.yielding:
+            measure = degree.measure(0)
+            static = Signal(f"{measure.name}.static", measure.unit)
+            if is_input:
+                deflections.append(Effort(static, None, is_input=False, is_default=False))
+            else:
+                named = static
+        found.append(Effort(named, given, is_input=is_input, is_default=is_input and not moved))
     for load in scene.loads:
         given = values[owner_name(load)].get(load.magnitude_key)
         given = densities.get(load.name, given)
@@ -78,15 +74,27 @@ def list_efforts(
             given = None if entry == UNKNOWN else 0.0
             found.append(Effort(Signal(name, "m/s^2"), given, is_default=False))
     found += [
-        Effort(Signal(f"{name}.{measure.name}", measure.unit), 0.0, is_default=False)
-        for _, name, freedoms, kind in coordinate_owners(links)
-        for freedom in freedoms
-        for measure in freedom.measures[:2]
-        if kind == "motion"
+        Effort(degree.measure(order), 0.0, is_default=False)
+        for degree in degrees(links)
+        for order in range(2)
+        if degree.kind == "motion"
     ]
     multipliers = [signal for loop in scene.loops for signal in loop.signals()]
     forces = [Effort(multipliers[k], None, is_input=False, is_default=False) for k in closure.rows]
     return found + deflections + forces
+
+
+def moved_coordinates(links: tuple[Link, ...], inputs: Sequence[str]) -> tuple[Moved, ...]:
+    """Coordinates of joints with ``imposed = "motion"``; `inputs` are the names of the entries of u.
+
+    Displacement, rate and acceleration of such a joint are three inputs, and no state.
+    """
+    found: list[Moved] = []
+    for k, degree in enumerate(degrees(links)):
+        if degree.kind == "motion":
+            first, second, third = (inputs.index(degree.measure(k).name) for k in range(3))
+            found.append(Moved(k, (first, second, third)))
+    return tuple(found)
 
 
 def static_deflections(
@@ -98,9 +106,9 @@ def static_deflections(
     that of its deflection, -K q, else it is the entry of u itself.
     """
     efforts: list[ca.SX] = []
-    k, moved = 0, ca.SX(sum(len(owned.freedoms) for owned in coordinate_owners(links)), 1)
+    k, moved = 0, ca.SX(len(degrees(links)), 1)
     last = u.numel() - len(closure.rows)
-    joints = [k for k in closure.yielding]
+    joints = [*closure.yielding]
     bodies = {link.child.name: link.child for link in links}
     for owned in coordinate_owners(links):
         part = slice(k, k := k + len(owned.freedoms))
@@ -181,12 +189,10 @@ def acting(
     z: ca.SX,
 ) -> list[BodyWrench]:
     """Wrenches on bodies of all loads and loop closures."""
-    k = sum(len(named.freedoms) for named in coordinate_owners(links))
     found: list[BodyWrench] = []
-    for load in scene.loads:
+    for k, load in enumerate(scene.loads, start=len(degrees(links))):
         view.owner = owner_name(load)
         found += load.wrenches(values[view.owner], u[k], view)
-        k += 1
     count = sum(len(loop.signals()) for loop in scene.loops)
     multipliers = ca.SX(count, 1)
     for position, row in enumerate(closure.rows):

@@ -150,17 +150,16 @@ def pass_inward(placed: Placed, found: Motions, needed: Mapping[str, ca.SX]) -> 
             wrench = move.wrench(wrench)
         efforts = ca.vertcat(*own)
         if isinstance(link.joint, PortJoint):
-            efforts = collected[link.owner] + efforts + pulled(placed, link, joints[name])
+            efforts = collected[link.owner] + efforts + pulled(placed, link.joint, joints[name])
         collected[link.owner] = efforts
         total[link.parent.name] += move_wrench(wrench, placed.arms[name])
     return Passed(collected, joints, total[GROUND])
 
 
-def pulled(placed: Placed, link: Link, wrench: ca.SX) -> ca.SX:
+def pulled(placed: Placed, joint: PortJoint, wrench: ca.SX) -> ca.SX:
     """Generalized forces (n,) by which the wrench (3, 2) through a port stiffens its body."""
-    values, name = placed.values.get(link.owner, {}), link.parent.name
-    port = link.joint.port if isinstance(link.joint, PortJoint) else ""
-    return link.parent.pulled(port, values, wrench[:, 0], placed.elastic[name])
+    body, values = joint.body, placed.values.get(owner_name(joint.body), {})
+    return body.pulled(joint.port, values, wrench[:, 0], placed.elastic[body.name])
 
 
 def chain(placed: Placed, body: str) -> list[str]:

@@ -17,7 +17,6 @@ import numpy as np
 
 from mbdlft.base.description import Values
 from mbdlft.base.parameter import Parameter
-from mbdlft.base.unit import parse_unit
 from mbdlft.multibody.assembly.placed import (
     Placed,
     inertial_wrenches,
@@ -79,7 +78,7 @@ class _Range:
         self, parameters: tuple[Parameter, ...], symbols: tuple[ca.SX, ca.SX, ca.SX]
     ) -> None:
         self.parameters, self.symbols = parameters, symbols
-        self.factors = np.array([parse_unit(p.unit).factor for p in parameters])
+        self.factors = np.array([p.factor for p in parameters])
         self.nominal = np.array([p.nominal for p in parameters])
         angles = self.factors * self.nominal
         self.point = (self.nominal, np.cos(angles), np.sin(angles))
@@ -151,13 +150,4 @@ def _efforts_alone(at_rest: Placed, link: Link) -> ca.SX:
 
 def _pivots(H: ca.SX) -> ca.SX:
     """Pivots (n,) of a symmetric matrix (n, n): it is positive definite if they are positive."""
-    found = []
-    for k in range(H.shape[0]):
-        pivot = H[k, k]
-        found.append(pivot)
-        rest = range(k + 1, H.shape[0])
-        rows = {i: H[i, k] / pivot for i in rest}
-        for i in rest:
-            for j in rest:
-                H[i, j] = H[i, j] - rows[i] * H[k, j]
-    return ca.vertcat(*found)
+    return ca.SX(ca.ldl(ca.densify(H), False)[0])  # noqa: FBT003  # in this order

@@ -17,7 +17,7 @@ each angle and length meets each hinge once; the torque c q x ... of `weights`, 
 To the first order in the displacements this is `pass_weights_inward`: docs/method.md, "Weights".
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import casadi as ca
@@ -26,21 +26,20 @@ from mbdlft.multibody.assembly.placed import Motions, Placed
 from mbdlft.multibody.assembly.tree import Link
 from mbdlft.multibody.assembly.weights import (
     Tilt,
+    Turning,
     added,
     constant_axis,
     is_parallel,
     load_fields,
     turned_tilts,
+    turns_of,
 )
 from mbdlft.multibody.body import GROUND, PointMass, RigidBody
-from mbdlft.multibody.joint.move import Ball, Hinge, Move, Shifted, Slide, Turned
+from mbdlft.multibody.joint.move import Move, Shifted, Slide, Turned
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.spatial import move_wrench
 
 _LEAST, _MOST = 3, 64  # hinges on the way to a body: fewer gain nothing, more take long
-
-
-_Turn = tuple[ca.SX, ca.SX]  # axis (3,) and small angle of a displacement
 
 
 class _Carried(NamedTuple):
@@ -87,7 +86,7 @@ def gains_by_products(placed: Placed) -> bool:
         for move in placed.moves[name]:
             if isinstance(move, Turned) and axis is not None:
                 axis = constant_axis(move, axis, move.in_child_axes)
-            for own, _ in _turns(move):
+            for own, _ in turns_of(move):
                 planar = planar and (count == 0 or (axis is not None and is_parallel(axis, own)))
                 count, axis = count + 1, own
         counts[name], last[name] = count, axis
@@ -130,7 +129,7 @@ def efforts_by_products(
             if move.degrees_of_freedom:
                 force, _ = now.felt(field)
                 wrench = ca.horzcat(force, now.inertial[:, 1]) + now.loads
-                products = [tree.product(link, k, axis) for axis, _ in _turns(move)]
+                products = [tree.product(link, k, axis) for axis, _ in turns_of(move)]
                 effort = move.effort(wrench, motion)
                 own.insert(0, effort - ca.vertcat(*products) if products else effort)
             now = _before(move, now, field, tree.turns[name][k])
@@ -158,7 +157,7 @@ class _Tree:
         self.masses: dict[str, ca.SX] = {}
         self.centers: dict[str, ca.SX] = {}
         self.outward: dict[str, list[Link]] = {}
-        self.turns: dict[str, list[list[_Turn]]] = {}
+        self.turns: dict[str, list[list[Turning]]] = {}
         upright = {GROUND: True}
         for link in placed.links:
             name = link.child.name
@@ -176,15 +175,15 @@ class _Tree:
                 )
             self.heights[name] = heights
 
-    def _felt(self, link: Link, *, upright: bool) -> tuple[list[list[_Turn]], bool]:
+    def _felt(self, link: Link, *, upright: bool) -> tuple[list[list[Turning]], bool]:
         """Turns of the moves of a link that the load feels, and whether it has felt none up to there.
 
         Hinges along the load with only such ones inside of them turn nothing that it feels.
         """
         name = link.child.name
-        found: list[list[_Turn]] = []
+        found: list[list[Turning]] = []
         for move, field in zip(self.placed.moves[name], self.fields[name][1:], strict=True):
-            turns = list(_turns(move))
+            turns = list(turns_of(move))
             across = (ca.sparsify(ca.cross(axis, field)) for axis, _ in turns)
             upright = upright and not any(vector.nnz() for vector in across)
             found.append([] if upright else turns)
@@ -222,15 +221,7 @@ def _along(move: Move, v: ca.SX) -> ca.SX:
     return ca.dot(move.r, v) if isinstance(move, Shifted) else ca.SX(0)
 
 
-def _turns(move: Move) -> Iterator[_Turn]:
-    """Axes (3,) and small angles of the displacements of a move that turn what it carries."""
-    if isinstance(move, Hinge) and not move.steady:
-        yield move.axis, move.at.q
-    elif isinstance(move, Ball):
-        yield from zip(ca.horzsplit(ca.SX.eye(3)), ca.vertsplit(move.at.q), strict=True)
-
-
-def _before(move: Move, now: _Carried, field: ca.SX, turns: Sequence[_Turn]) -> _Carried:
+def _before(move: Move, now: _Carried, field: ca.SX, turns: Sequence[Turning]) -> _Carried:
     """What is carried before a move, from what is carried after it.
 
     `field` is the load (3,) after it, `turns` is what the load feels of it.

@@ -32,9 +32,8 @@ from mbdlft.multibody.assembly.tree import Link, all_bodies
 from mbdlft.multibody.body import PointMass, RigidBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS, unseen_name
 from mbdlft.multibody.joint import Cylindrical, Fixed, Prismatic, Revolute, coordinate_label
-from mbdlft.multibody.joint.base import AxisJoint
 from mbdlft.multibody.joint.move import MOMENTUM, ROTOR
-from mbdlft.multibody.joint.planar import plane
+from mbdlft.multibody.joint.one_axis import AxisJoint, plane
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate

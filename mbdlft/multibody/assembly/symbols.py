@@ -1,7 +1,7 @@
 """The symbols of a scene: coordinates, parameters, and quantities in terms of them."""
 
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -12,11 +12,9 @@ from mbdlft.base.errors import SceneError
 from mbdlft.base.expression import evaluate
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.samples import random
-from mbdlft.base.signal import Freedom
-from mbdlft.base.unit import parse_unit
-from mbdlft.multibody.assembly.tree import Link, PortJoint
+from mbdlft.multibody.assembly.tree import Link, coordinate_owners, degrees
 from mbdlft.multibody.joint import Turn
-from mbdlft.multibody.scene.quantities import Place, angle_at, owner_name, owners, value_at
+from mbdlft.multibody.scene.quantities import Place, angle_at, owners, value_at
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate
 from mbdlft.problem.equations import rows_of
@@ -25,35 +23,13 @@ from mbdlft.sx.constants import FUNCTIONS, cosine_sine, in_doubles, literal, pi_
 _POINTS = 16  # random points at which loops are checked, beside nominal
 
 
-class Owned(NamedTuple):
-    """Coordinates of a joint or of an elastic body."""
-
-    owner: str
-    name: str
-    freedoms: tuple[Freedom, ...]
-    kind: str  # "joint", "imposed", "motion" or "elastic"
-
-
-def coordinate_owners(links: tuple[Link, ...]) -> list[Owned]:
-    """Joints and bodies from the ground outward; each body after the joint that holds it."""
-    found = []
-    for link in links:
-        joint, body = link.joint, link.child
-        if not isinstance(joint, PortJoint):
-            imposed = getattr(joint, "imposed", False)
-            kind = "motion" if imposed == "motion" else "imposed" if imposed else "joint"
-            found.append(Owned(link.owner, joint.name, joint.freedoms, kind))
-        found.append(Owned(owner_name(body), body.name, body.freedoms(), "elastic"))
-    return found
-
-
 class Symbols:
     """The symbols of one assembly."""
 
     def __init__(
         self, scene: Scene, parameters: tuple[Parameter, ...], links: tuple[Link, ...]
     ) -> None:
-        n = sum(len(named.freedoms) for named in coordinate_owners(links))
+        n = len(degrees(links))
         if n == 0:
             raise SceneError(f"scene {scene.name!r}: all joints are fixed, so nothing moves.")
         self.x = ca.SX.sym("x", 2 * n)
@@ -69,7 +45,7 @@ class Symbols:
         }
         self.names |= {"pi": pi_times(1), "deg": pi_times(Fraction(1, 180))}
         for name, k in self.index.items():
-            factor = parse_unit(parameters[k].unit).factor
+            factor = parameters[k].factor
             self.names[name] = self.p[k] if factor == 1.0 else literal(factor) * self.p[k]
 
     def coordinates(self, links: tuple[Link, ...]) -> dict[str, Coordinate]:
@@ -130,7 +106,7 @@ class Symbols:
         if self.parameters:
             inside = random(self.parameters, _POINTS, 0)
             points += list(np.stack([inside[p.name] for p in self.parameters], axis=1))
-        factors = np.array([parse_unit(parameter.unit).factor for parameter in self.parameters])
+        factors = np.array([parameter.factor for parameter in self.parameters])
         return [
             function(point, np.cos(factors * point), np.sin(factors * point)).full()
             for point in points

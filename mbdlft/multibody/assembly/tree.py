@@ -4,16 +4,16 @@ from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import ClassVar, final
+from typing import ClassVar, NamedTuple, final
 
 import casadi as ca
 from pydantic import InstanceOf
 
 from mbdlft.base.description import Text, Values
 from mbdlft.base.errors import SceneError, unknown_name
-from mbdlft.base.signal import Freedom
+from mbdlft.base.signal import Freedom, Signal
 from mbdlft.multibody.body import GROUND, Body, ElasticBody, Ground
-from mbdlft.multibody.joint import Joint, Move
+from mbdlft.multibody.joint import Joint, Move, coordinate_label
 from mbdlft.multibody.joint.move import Deformed, shifted
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
@@ -45,7 +45,7 @@ class PortJoint(Joint):
     kind: ClassVar[str] = "port"
     freedoms: ClassVar[tuple[Freedom, ...]] = ()
 
-    body: InstanceOf[Body]
+    body: InstanceOf[ElasticBody]
     port: Text
 
     def own_moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
@@ -73,6 +73,60 @@ class Link:
     def __post_init__(self) -> None:
         item = self.parent if isinstance(self.joint, PortJoint) else self.joint
         object.__setattr__(self, "owner", owner_name(item))
+
+
+class Owned(NamedTuple):
+    """Coordinates of a joint or of an elastic body."""
+
+    owner: str
+    name: str
+    freedoms: tuple[Freedom, ...]
+    kind: str  # "joint", "imposed", "motion" or "elastic"
+
+
+def coordinate_owners(links: tuple[Link, ...]) -> list[Owned]:
+    """Joints and bodies from the ground outward; each body after the joint that holds it."""
+    found = []
+    for link in links:
+        joint, body = link.joint, link.child
+        if not isinstance(joint, PortJoint):
+            imposed = getattr(joint, "imposed", False)
+            kind = "motion" if imposed == "motion" else "imposed" if imposed else "joint"
+            found.append(Owned(link.owner, joint.name, joint.freedoms, kind))
+        found.append(Owned(owner_name(body), body.name, body.freedoms(), "elastic"))
+    return found
+
+
+class Degree(NamedTuple):
+    """One coordinate of a joint or of an elastic body; `kind` is that of `Owned`."""
+
+    owner: str
+    name: str
+    freedom: Freedom
+    kind: str
+
+    def measure(self, order: int) -> Signal:
+        """The displacement (order 0), rate (1) or acceleration (2)."""
+        measure = self.freedom.measures[order]
+        return Signal(f"{self.name}.{measure.name}", measure.unit)
+
+    @property
+    def effort(self) -> Signal:
+        """The effort."""
+        return Signal(f"{self.name}.{self.freedom.effort.name}", self.freedom.effort.unit)
+
+    def label(self, key: str) -> str:
+        """Label of one of its quantities, such as ``stiffness``."""
+        return coordinate_label(key, self.freedom)
+
+
+def degrees(links: tuple[Link, ...]) -> list[Degree]:
+    """All coordinates, in the order of `coordinate_owners`."""
+    return [
+        Degree(owned.owner, owned.name, freedom, owned.kind)
+        for owned in coordinate_owners(links)
+        for freedom in owned.freedoms
+    ]
 
 
 def tree(scene: Scene) -> tuple[Link, ...]:

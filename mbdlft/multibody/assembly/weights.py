@@ -14,7 +14,7 @@ torque are added up. To the first order in q that is `pass_inward`, but the prod
 that needs fewer channels: docs/method.md, "Weights".
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from typing import NamedTuple
 
@@ -28,6 +28,8 @@ from mbdlft.multibody.joint.move import Ball, Hinge, Move, Shifted, Slide, Turne
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.spatial import move_wrench
 from mbdlft.sx.constants import is_constant, is_zero, numbers_of, without_zeros
+
+Turning = tuple[ca.SX, ca.SX]  # axis (3,) and small angle of a displacement
 
 
 class Tilt(NamedTuple):
@@ -99,7 +101,7 @@ def pass_weights_inward(
             now = _before(move, now, field[k + 1])
         needed = ca.vertcat(*own)
         if isinstance(link.joint, PortJoint):
-            needed = efforts[link.owner] + needed + pulled(placed, link, joints[name])
+            needed = efforts[link.owner] + needed + pulled(placed, link.joint, joints[name])
         efforts[link.owner] = needed
         shifted = _shifted(now, placed.arms[name], field[0])
         carried[parent] = _together(carried[parent], shifted)
@@ -112,11 +114,10 @@ def _before(move: Move, now: Carried, field: ca.SX) -> Carried:
         return _shifted(now, move.r, field)
     if now.loads.nnz():
         now = now._replace(loads=move.wrench(now.loads))
-    if isinstance(move, Hinge):
-        return now if move.steady else _tilted(now, move.axis, move.at.q)
-    if isinstance(move, Ball):
-        for axis, q in zip(ca.horzsplit(ca.SX.eye(3)), ca.vertsplit(move.at.q), strict=True):
-            now = _tilted(now, axis, q)
+    if isinstance(move, Hinge | Ball):
+        for axis, q in turns_of(move):  # before a displacement q
+            tilt = Tilt(axis, now.mass * q, now.moment * q)
+            now = now._replace(tilts=added(now.tilts, tilt))
         return now
     if isinstance(move, Slide):
         torque = ca.cross(move.offset(), now.mass * field)
@@ -128,10 +129,12 @@ def _before(move: Move, now: Carried, field: ca.SX) -> Carried:
     return now._replace(inertial=inertial, moment=moment, tilts=kept)
 
 
-def _tilted(now: Carried, axis: ca.SX, q: ca.SX) -> Carried:
-    """Before a displacement q about an axis (3,)."""
-    tilt = Tilt(axis, now.mass * q, now.moment * q)
-    return now._replace(tilts=added(now.tilts, tilt))
+def turns_of(move: Move) -> Iterator[Turning]:
+    """Axes (3,) and small angles of the displacements of a move that turn what it carries."""
+    if isinstance(move, Hinge) and not move.steady:
+        yield move.axis, move.at.q
+    elif isinstance(move, Ball):
+        yield from zip(ca.horzsplit(ca.SX.eye(3)), ca.vertsplit(move.at.q), strict=True)
 
 
 def added(tilts: tuple[Tilt, ...], *more: Tilt) -> tuple[Tilt, ...]:

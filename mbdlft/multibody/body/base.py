@@ -112,21 +112,6 @@ class Body(Description, abc.ABC):
         """Outputs (m,) for the inputs and coordinates of the body."""
         return ca.SX(0, 1)
 
-    def shape(self, port: str, values: Values, vector: ca.SX) -> ca.SX:
-        """Phi q: small displacement and rotation (6,) of a port for coordinates q (n,), `vector`."""
-        raise NotImplementedError(f"{self.kind} is not elastic")
-
-    def shape_transposed(self, port: str, values: Values, vector: ca.SX) -> ca.SX:
-        """Phi' w: generalized forces (n,) of a force and torque w (6,) at a port, `vector`."""
-        raise NotImplementedError(f"{self.kind} is not elastic")
-
-    def pulled(self, port: str, values: Values, force: ca.SX, at: Coordinate) -> ca.SX:
-        """Generalized forces (n,) by which a force along the body at a port stiffens it.
-
-        `force` (3,) is what the body exerts on what is outside, in the axes of the body (N).
-        """
-        return ca.SX(len(self.freedoms()), 1)
-
     def total_mass(self, values: Values) -> ca.SX:
         """Mass of the body (kg)."""
         return ca.SX(values.get("mass", 0.0))

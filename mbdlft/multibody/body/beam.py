@@ -190,6 +190,11 @@ class Beam(ElasticBody):
             blocks.append((name, d, slice(k, k := k + size(d))))
         return blocks
 
+    @property
+    def _count(self) -> int:
+        """Number n of coordinates."""
+        return int(self.blocks()[-1][2].stop)
+
     def freedoms(self) -> tuple[Freedom, ...]:
         freedoms = []
         for name, _, part in self.blocks():
@@ -201,19 +206,19 @@ class Beam(ElasticBody):
         return tuple(freedoms)
 
     def elastic(self, values: Values) -> Elastic:
-        n = len(self.freedoms())
+        n = self._count
         mass: list[Term] = []
         stiffness: list[Term] = []
         participation: list[Term] = []
         L, rho, A = (values[key] for key in ("length", "density", "area"))
         for name, d, part in self.blocks():
             line = rho * self._polar(values) * L if name == "torsion" else rho * A * L
-            mass.append(Term(line, square(n, part, products(d, "displacement"))))
-            stiffness += self._stiffness(name, d, n, part, values)
+            mass.append(Term(line, self._placed(part, products(d, "displacement"))))
+            stiffness += self._stiffness(name, d, part, values)
             participation += self._participation(name, d, part, line, L)
             if name.startswith("bending") and self.has_rotary_inertia:
                 inertia = rho * values[_AREA[name]]
-                mass.append(Term(inertia / L, square(n, part, products(d, "turn"))))
+                mass.append(Term(inertia / L, self._placed(part, products(d, "turn"))))
                 turn = _ROW[name][1] * moments(d, "turn")
                 participation.append(Term(inertia, _row(n, part, _TURNED[name], turn)))
         damping = [Term(values["mass_damping"] * factor, matrix) for factor, matrix in mass]
@@ -230,9 +235,12 @@ class Beam(ElasticBody):
 
     @property
     def can_spin(self) -> bool:
-        return "torsion" not in self.deformations and not self.has_rotary_inertia
+        thin = "torsion" not in self.deformations and not self.has_rotary_inertia
+        return self.has_geometric_stiffness and thin
 
     def unknown_loads(self) -> tuple[int, ...]:
+        if not self.has_geometric_stiffness:
+            return super().unknown_loads()
         return beam_loads.unknown_loads(self.deformations)
 
     @property
@@ -285,7 +293,7 @@ class Beam(ElasticBody):
 
         `line` is the mass of the whole beam per unit of s: kg, or kg m^2 for torsion.
         """
-        n, (row, sign) = len(self.freedoms()), _ROW[name]
+        n, (row, sign) = self._count, _ROW[name]
         terms = [Term(line, _row(n, part, row, moments(d, "displacement", ONE, *span)))]
         if name.startswith("bending"):
             first = sign * moments(d, "displacement", LINEAR, *span)
@@ -294,14 +302,14 @@ class Beam(ElasticBody):
 
     def _placed(self, part: slice, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
         """A matrix (n, n) of the coordinates of the body, zero but for `matrix` in the slice `part`."""
-        return square(len(self.freedoms()), part, matrix)
+        whole = np.zeros((self._count, self._count))
+        whole[part, part] = matrix
+        return whole
 
-    def _stiffness(
-        self, name: str, d: Deformation, n: int, part: slice, values: Values
-    ) -> list[Term]:
+    def _stiffness(self, name: str, d: Deformation, part: slice, values: Values) -> list[Term]:
         """The terms of K (n, n) of one deformation."""
         L = values["length"]
-        strained = square(n, part, products(d, strain(d)))
+        strained = self._placed(part, products(d, strain(d)))
         if name == "axial":
             return [Term(values["modulus"] * values["area"] / L, strained)]
         if name == "torsion":
@@ -309,7 +317,7 @@ class Beam(ElasticBody):
         terms = [Term(values["modulus"] * values[_AREA[name]] / (L * L * L), strained)]
         if self._has_shear(name):
             rigidity = values["shear_coefficient"] * values["shear_modulus"] * values["area"]
-            terms.append(Term(rigidity / L, square(n, part, products(d, "shear"))))
+            terms.append(Term(rigidity / L, self._placed(part, products(d, "shear"))))
         return terms
 
     def _polar(self, values: Values) -> Any:
@@ -317,7 +325,7 @@ class Beam(ElasticBody):
         return values["I_y"] + values["I_z"]
 
     def shapes(self, port: str, values: Values) -> Sequence[Term]:
-        n, node = len(self.freedoms()), self._node(port)
+        n, node = self._count, self._node(port)
         plain, turned = np.zeros((6, n)), np.zeros((6, n))
         for name, d, part in self.blocks():
             row, sign = _ROW[name]
@@ -350,23 +358,7 @@ class Beam(ElasticBody):
             lowest = float(np.min(value))
             if lowest < 0.0 or (lowest == 0.0 and "damping" not in key):
                 return f"{key} is not positive in the range: {lowest:g} {_UNITS[key]}."
-        return elastic_problem(self, values, self.rigid_mass(values))
-
-    def rigid_mass(self, values: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-        """Mass matrices (samples, 6, 6) of the undeformed body about its origin."""
-        L, mass = values["length"], values["density"] * values["area"] * values["length"]
-        rigid = np.zeros((len(mass), 6, 6))
-        rigid[:, [0, 1, 2], [0, 1, 2]] = mass[:, None]
-        rigid[:, 1, 5] = rigid[:, 5, 1] = 0.5 * mass * L
-        rigid[:, 2, 4] = rigid[:, 4, 2] = -0.5 * mass * L
-        rigid[:, 4, 4] = rigid[:, 5, 5] = mass * L**2 / 3.0
-        if self.has_rotary_inertia:
-            for key, k, name in (("I_y", 4, "bending_z"), ("I_z", 5, "bending_y")):
-                if name in self.deformations:
-                    rigid[:, k, k] += values["density"] * values[key] * L
-        if "torsion" in self.deformations:
-            rigid[:, 3, 3] = values["density"] * self._polar(values) * L
-        return rigid
+        return elastic_problem(self, values)
 
 
 _NEEDED: dict[str, tuple[str, ...]] = {
@@ -379,13 +371,6 @@ _AREA = {"bending_y": "I_z", "bending_z": "I_y"}  # the moment of area of each b
 # row of the displacement or rotation among the six directions, and the sign of a rotation by the slope
 _ROW = {"axial": (0, 1.0), "torsion": (3, 1.0), "bending_y": (1, 1.0), "bending_z": (2, -1.0)}
 _TURNED = {"bending_y": 5, "bending_z": 4}  # row of the rotation: th_z = dv/dx, th_y = -dw/dx
-
-
-def square(n: int, part: slice, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A matrix (n, n) of zeros with `matrix` in the rows and columns `part`."""
-    whole = np.zeros((n, n))
-    whole[part, part] = matrix
-    return whole
 
 
 def _row(n: int, part: slice, row: int, entries: NDArray[np.float64]) -> NDArray[np.float64]:

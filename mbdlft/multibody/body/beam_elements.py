@@ -3,7 +3,7 @@
 A deformation (axial, torsion or bending) is a function w(s) of s = x/L in [0, 1], zero at s = 0, and for
 bending a turn t(s), which is L times the rotation of the section, zero at s = 0 too. Without shear,
 t = dw/ds. Every function is made of polynomials on pieces between nodes, with fractions as coefficients,
-and every integral is exact until it is rounded once. ds = 1/n for n elements. Coordinates are
+by FLINT, and every integral is exact until it is rounded once. ds = 1/n for n elements. Coordinates are
 
     elements   axial, torsion: w at the nodes (linear functions)
                bending, cubic: w and ds dw/ds at the nodes; quintic: also ds^2 d2w/ds2
@@ -18,18 +18,19 @@ from collections.abc import Sequence
 from fractions import Fraction
 from functools import cache
 from itertools import pairwise
-from math import comb
 from typing import Any, NamedTuple
 
+import flint
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.multibody.body.beam_modes import Fixed, exact_modes, fixed, fixed_product, to_double
+from mbdlft.multibody.body.beam_modes import combined, exact_modes
 
-Polynomial = tuple[Fraction, ...]  # coefficients, the constant first
+Polynomial = tuple[Fraction, ...]  # a weight: coefficients, the constant first
 ONE = (Fraction(1),)
 LINEAR = (Fraction(0), Fraction(1))  # s
 _HALF = Fraction(1, 2)
+_Functions = tuple[flint.fmpq_poly, ...]
 
 
 class Deformation(NamedTuple):
@@ -57,14 +58,14 @@ class _Piece(NamedTuple):
     `displacement` is w, `slope` dw/ds, `turn` t, `bend` dt/ds, `shear` dw/ds - t; all by one coordinate.
     """
 
-    start: Fraction
-    length: Fraction
+    start: flint.fmpq
+    length: flint.fmpq
     first: int
-    displacement: tuple[Polynomial, ...]
-    slope: tuple[Polynomial, ...]
-    turn: tuple[Polynomial, ...]
-    bend: tuple[Polynomial, ...]
-    shear: tuple[Polynomial, ...]
+    displacement: _Functions
+    slope: _Functions
+    turn: _Functions
+    bend: _Functions
+    shear: _Functions
 
 
 @cache
@@ -96,9 +97,8 @@ def cross_products(
     raw = _raw(d, what, other, what_other, weight, first, last)
     clamped = raw[_clamped(d) :, _clamped(other) :]
     if d.modes is None:
-        return np.asarray(clamped, dtype=float)
-    left, right = _modal(d)[0], _modal(other)[0]
-    return to_double(fixed_product(left.T, fixed_product(fixed(clamped), right)))
+        return clamped
+    return combined(_modal(d)[0], clamped, _modal(other)[0])
 
 
 @cache
@@ -107,25 +107,24 @@ def moments(
 ) -> NDArray[np.float64]:
     """Integrals (n,) of weight(s) f_i ds between two nodes."""
     begin, end = _between(d, first, last)
-    total = [Fraction(0)] * _count(d)
+    total = [flint.fmpq(0)] * _count(d)
     for piece in _pieces(d):
         if not begin <= piece.start < end:
             continue
         local = _in_piece(weight, piece)
         for k, f in enumerate(getattr(piece, what)):
-            own = sum((c * _moment(f, power) for power, c in enumerate(local)), Fraction(0))
-            total[piece.first + k] += own * piece.length
+            total[piece.first + k] += _integral(local * f) * piece.length
     return _as_row(d, total)
 
 
 @cache
 def values_at(d: Deformation, what: str, node: int) -> NDArray[np.float64]:
     """Values (n,) of ``displacement`` or ``turn`` at a node from 1 to `elements`."""
-    at, row = Fraction(node, d.elements), [Fraction(0)] * _count(d)
+    at, row = flint.fmpq(node, d.elements), [flint.fmpq(0)] * _count(d)
     piece = next(p for p in _pieces(d) if p.start < at <= p.start + p.length)
     x = (at - piece.start) / piece.length
     for k, f in enumerate(getattr(piece, what)):
-        row[piece.first + k] = sum((c * x**i for i, c in enumerate(f)), Fraction(0))
+        row[piece.first + k] = f(x)
     return _as_row(d, row)
 
 
@@ -143,7 +142,7 @@ def size(d: Deformation) -> int:
 
 
 @cache
-def _modal(d: Deformation) -> tuple[Fixed, NDArray[np.float64]]:
+def _modal(d: Deformation) -> tuple[Any, NDArray[np.float64]]:
     """The combinations (n, n) of the polynomials that are modes, and int ddN ddN ds of each (n,)."""
     mass, stiffness = (_raw(d, what, d, what, ONE, 0, None) for what in ("displacement", strain(d)))
     return exact_modes(mass, stiffness)
@@ -163,10 +162,8 @@ def _raw(
 ) -> NDArray[Any]:
     """As `cross_products`, with the coordinates that are clamped; exact for modes."""
     begin, end = _between(d, first, last)
-    dtype = float if d.modes is None else object
-    total = np.zeros((_count(d), _count(other)), dtype=dtype)
-    if dtype is object:
-        total = total + Fraction(0)
+    rounded = _doubles if d.modes is None else np.asarray
+    total = rounded(np.full((_count(d), _count(other)), flint.fmpq(0)))
     known: dict[tuple[int, int, int], NDArray[Any]] = {}
     for left, right in zip(_pieces(d), _pieces(other), strict=True):
         if not begin <= left.start < end:
@@ -174,65 +171,43 @@ def _raw(
         f, g = getattr(left, what), getattr(right, what_other)
         rows = slice(left.first, left.first + len(f))
         columns = slice(right.first, right.first + len(g))
-        for power, c in enumerate(_in_piece(weight, left)):
+        for power, c in enumerate(_in_piece(weight, left).coeffs()):
             key = (id(f), id(g), power)
             if key not in known:
-                exact = [[_moment(_times(a, b), power) for b in g] for a in f]
-                known[key] = np.array(exact, dtype=object).astype(dtype)
-            factor = c * left.length
-            total[rows, columns] += known[key] * (factor if dtype is object else float(factor))
+                exact = [[_integral(a * b * _X**power) for b in g] for a in f]
+                known[key] = rounded(np.array(exact, dtype=object))
+            total[rows, columns] += known[key] * rounded(np.array([c * left.length]))
     return total
 
 
-def _between(d: Deformation, first: int, last: int | None) -> tuple[Fraction, Fraction]:
+def _between(d: Deformation, first: int, last: int | None) -> tuple[flint.fmpq, flint.fmpq]:
     """Positions s of two nodes; the tip where there is no last one."""
-    return Fraction(first, d.elements), Fraction(d.elements if last is None else last, d.elements)
+    end = d.elements if last is None else last
+    return flint.fmpq(first, d.elements), flint.fmpq(end, d.elements)
 
 
-def _moment(f: Polynomial, power: int) -> Fraction:
-    """The integral of x^power f(x) over [0, 1]."""
-    return sum((c / (k + power + 1) for k, c in enumerate(f)), Fraction(0))
+def _integral(f: flint.fmpq_poly) -> flint.fmpq:
+    """The integral of f(x) over [0, 1]."""
+    return f.integral()(1)
 
 
-def _times(f: Polynomial, g: Polynomial) -> Polynomial:
-    product = [Fraction(0)] * (len(f) + len(g) - 1)
-    for i, a in enumerate(f):
-        for j, b in enumerate(g):
-            product[i + j] += a * b
-    return tuple(product)
-
-
-def _slope(f: Polynomial, length: Fraction) -> Polynomial:
-    """df/ds of f(x), s = start + length x."""
-    return tuple(k * c / length for k, c in enumerate(f))[1:] or (Fraction(0),)
-
-
-def _less(f: Polynomial, g: Polynomial) -> Polynomial:
-    n = max(len(f), len(g))
-    a, b = ((*h, *[Fraction(0)] * (n - len(h))) for h in (f, g))
-    return tuple(p - q for p, q in zip(a, b, strict=True))
-
-
-def _in_piece(f: Polynomial, piece: _Piece) -> Polynomial:
+def _in_piece(f: Polynomial, piece: _Piece) -> flint.fmpq_poly:
     """The polynomial f(s) as one of x."""
-    return _moved(f, piece.start, piece.length)
+    (whole,) = _polynomials(f)
+    return whole(flint.fmpq_poly([piece.start, piece.length]))
 
 
-def _moved(f: Polynomial, start: Fraction, length: Fraction) -> Polynomial:
-    """f(start + length x) as a polynomial of x."""
-    moved = [Fraction(0)] * len(f)
-    for k, c in enumerate(f):
-        for j in range(k + 1):
-            moved[j] += c * comb(k, j) * start ** (k - j) * length**j
-    return tuple(moved)
+def _doubles(entries: NDArray[Any]) -> NDArray[np.float64]:
+    """Exact entries, each rounded once."""
+    return np.array([int(e.p) / int(e.q) for e in entries.ravel()]).reshape(entries.shape)
 
 
-def _as_row(d: Deformation, entries: Sequence[Fraction]) -> NDArray[np.float64]:
+def _as_row(d: Deformation, entries: Sequence[flint.fmpq]) -> NDArray[np.float64]:
     """Entries of all coordinates as those (n,) of the free ones, in modal form if there are modes."""
     row = np.array(entries[_clamped(d) :], dtype=object)
     if d.modes is None:
-        return row.astype(float)
-    return to_double(fixed_product(_modal(d)[0].T, fixed(row)))
+        return _doubles(row)
+    return combined(_modal(d)[0], row[:, None])[:, 0]
 
 
 # pieces --------------------------------------------------------------------------------------
@@ -267,26 +242,18 @@ def _clamped(d: Deformation) -> int:
 def _pieces(d: Deformation) -> tuple[_Piece, ...]:
     if d.modes is not None:
         return _modal_pieces(d)
-    ds = Fraction(1, d.elements)
-    w = _element(d)
-    if _bends(d) and d.functions == "shear":
-        turn = tuple(tuple(c / ds for c in t) for t in _SHEAR_TURNS)
-    else:
-        turn = tuple(_slope(f, ds) for f in w)
-    one = _piece(Fraction(0), ds, w, turn)
+    ds = flint.fmpq(1, d.elements)
+    shear = _bends(d) and d.functions == "shear"
+    turn = tuple(t / ds for t in _SHEAR_TURNS) if shear else None
+    one = _piece(flint.fmpq(0), ds, _element(d), turn)
     return tuple(one._replace(start=k * ds, first=k * _per_element(d)) for k in range(d.elements))
 
 
-def _piece(
-    start: Fraction,
-    length: Fraction,
-    w: tuple[Polynomial, ...],
-    turn: tuple[Polynomial, ...] | None,
-) -> _Piece:
-    slope = tuple(_slope(f, length) for f in w)
+def _piece(start: flint.fmpq, length: flint.fmpq, w: _Functions, turn: _Functions | None) -> _Piece:
+    slope = tuple(f.derivative() / length for f in w)
     turn = slope if turn is None else turn
-    bend = tuple(_slope(f, length) for f in turn)
-    shear = tuple(_less(f, g) for f, g in zip(slope, turn, strict=True))
+    bend = tuple(f.derivative() / length for f in turn)
+    shear = tuple(f - g for f, g in zip(slope, turn, strict=True))
     return _Piece(start, length, 0, w, slope, turn, bend, shear)
 
 
@@ -294,31 +261,32 @@ def _modal_pieces(d: Deformation) -> tuple[_Piece, ...]:
     """Powers of s, and powers of s - a beyond each station a."""
     assert d.modes is not None
     lowest = 2 if _bends(d) else 1
-    ends = [Fraction(k, d.elements) for k in (0, *d.breaks, d.elements)]
+    ends = [flint.fmpq(k, d.elements) for k in (0, *d.breaks, d.elements)]
     found = []
     for start, end in pairwise(ends):
         length = end - start
-        powers = [(Fraction(0), k) for k in range(lowest, lowest + d.modes)]
+        powers = [(flint.fmpq(0), k) for k in range(lowest, lowest + d.modes)]
         powers += [(a, k) for a in ends[1:-1] for k in range(lowest, 2 * lowest)]
         w = tuple(
-            _moved((*[Fraction(0)] * k, Fraction(1)), start - a, length)
-            if a <= start
-            else (Fraction(0),)
+            flint.fmpq_poly([start - a, length]) ** k if a <= start else flint.fmpq_poly([])
             for a, k in powers
         )
         found.append(_piece(start, length, w, None))
     return tuple(found)
 
 
-def _polynomials(*rows: Sequence[int | Fraction]) -> tuple[Polynomial, ...]:
-    return tuple(tuple(map(Fraction, row)) for row in rows)
+def _polynomials(*rows: Sequence[int | Fraction]) -> _Functions:
+    return tuple(
+        flint.fmpq_poly([flint.fmpq(c.numerator, c.denominator) for c in row]) for row in rows
+    )
 
 
-def _element(d: Deformation) -> tuple[Polynomial, ...]:
+def _element(d: Deformation) -> _Functions:
     """Functions w(x) on one element."""
     return _LINEAR if not _bends(d) else _BENDING[d.functions]
 
 
+_X = flint.fmpq_poly([0, 1])
 _LINEAR = _polynomials((1, -1), (0, 1))
 _CUBIC = _polynomials((1, 0, -3, 2), (0, 1, -2, 1), (0, 0, 3, -2), (0, 0, -1, 1))
 _QUINTIC = _polynomials(

@@ -1,91 +1,75 @@
 """Modes of matrices of exact numbers, to many more digits than double precision has.
 
 Polynomials up to a high degree are nearly dependent, and a spectrum of many decades loses the digits of
-its small end. Numbers are therefore integers times 2^-`BITS`, and a start in double precision is refined
-by the iteration of Ogita and Aishima (2018), here for M and K, which doubles the number of digits.
+its small end. So FLINT encloses the modes in balls, with more bits until all are narrow.
 """
 
-from fractions import Fraction
+from typing import Any
 
+import flint
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
-BITS = 512
-_ENOUGH = 1 << (BITS - 160)  # a correction below 2^-160 is beyond every double
-_MOST = 12  # the start has a few digits; each step doubles them
+from mbdlft.base.errors import AnalysisError
 
-Fixed = NDArray[np.object_]  # of integers, times 2^-BITS
+DIGITS = 400  # behind the point; products of modes cancel up to some 200 of them
+BITS = (512, 1024, 2048, 4096, 8192)
 
-
-def fixed(matrix: NDArray[np.object_]) -> Fixed:
-    """A matrix of fractions as integers times 2^-BITS."""
-    scaled = [round(Fraction(entry) * (1 << BITS)) for entry in matrix.ravel()]
-    return np.array(scaled, dtype=object).reshape(matrix.shape)
+Modes = tuple[Any, NDArray[np.float64]]
 
 
-def fixed_product(a: Fixed, b: Fixed) -> Fixed:
-    """The product of two matrices."""
-    return np.asarray((a @ b) >> BITS)
-
-
-def to_double(matrix: Fixed) -> NDArray[np.float64]:
-    """Each entry rounded once."""
-    rounded = [float(Fraction(entry, 1 << BITS)) for entry in matrix.ravel()]
-    return np.array(rounded).reshape(matrix.shape)
-
-
-def exact_modes(
-    mass: NDArray[np.object_], stiffness: NDArray[np.object_]
-) -> tuple[Fixed, NDArray[np.float64]]:
-    """X (n, n) with X' M X = 1 and X' K X = diag(values), and the values (n,), ascending.
+def exact_modes(mass: NDArray[np.object_], stiffness: NDArray[np.object_]) -> Modes:
+    """X (n, n), of FLINT, with X' M X = 1 and X' K X = diag(values), and the values (n,), ascending.
 
     Parameters
     ----------
     mass, stiffness : (n, n) of Fraction, symmetric and positive definite, with distinct values
+
+    Raises
+    ------
+    AnalysisError
+        Two values are not told apart.
     """
-    M, K = fixed(mass), fixed(stiffness)
-    X = _start(mass, M, K)
-    one = 1 << BITS
-    n = len(X)
-    for _ in range(_MOST):
-        R = -fixed_product(X.T, fixed_product(M, X))
-        S = fixed_product(X.T, fixed_product(K, X))
-        R[range(n), range(n)] += one
-        values = [(S[i, i] << BITS) // (one - R[i, i]) for i in range(n)]
-        E = np.empty((n, n), dtype=object)
-        for i in range(n):
-            for j in range(n):
-                coupled = S[i, j] + ((values[j] * R[i, j]) >> BITS)
-                E[i, j] = R[i, i] >> 1 if i == j else (coupled << BITS) // (values[j] - values[i])
-        X = X + fixed_product(X, E)
-        if max(abs(entry) for entry in E.ravel()) < _ENOUGH:
-            break
-    # phi and -phi are the same mode: at the end it is positive, as the sum of its coefficients says
-    sign = np.array([1 if sum(column) >= 0 else -1 for column in X.T], dtype=object)
-    return X * sign, to_double(np.array(values, dtype=object))
+    M, K = _rational(mass), _rational(stiffness)
+    for bits in BITS:
+        with flint.ctx.workprec(bits):
+            found = _enclosed(M, K)
+        if found is not None:
+            return found
+    raise AnalysisError(f"modes of {len(mass)} shapes: {BITS[-1]} bits do not tell them apart.")
 
 
-def _start(mass: NDArray[np.object_], M: Fixed, K: Fixed) -> Fixed:
-    """Modes in double precision, after an orthogonalization M = L D L' in exact numbers."""
-    n = len(mass)
-    rest = np.array(mass, dtype=object)
-    back = np.array([[Fraction(int(i == j)) for j in range(n)] for i in range(n)], dtype=object)
-    pivots = []
-    for k in range(n):  # elimination; `back` becomes L^-1
-        pivots.append(rest[k, k])
-        for i in range(k + 1, n):
-            factor = rest[i, k] / rest[k, k]
-            rest[i] = rest[i] - factor * rest[k]
-            back[i] = back[i] - factor * back[k]
-    scaled = np.array([entry / Fraction(float(p) ** 0.5) for p, row in zip(pivots, back, strict=True)
-                       for entry in row], dtype=object)  # fmt: skip
-    basis = fixed(scaled.reshape(n, n).T)
-    inner = [to_double(fixed_product(basis.T, fixed_product(part, basis))) for part in (M, K)]
-    size = 1.0 / np.sqrt(np.diag(inner[1]))
-    weighed = [part * np.outer(size, size) for part in inner]
-    # the inverse problem: its large values are the low modes, which are the accurate ones
-    values, vectors = scipy.linalg.eigh(*weighed)
-    vectors = size[:, None] * vectors[:, ::-1] / np.sqrt(values[::-1])
-    doubles = np.array([Fraction(entry) for entry in vectors.ravel()], dtype=object)
-    return fixed_product(basis, fixed(doubles.reshape(n, n)))
+def _enclosed(M: Any, K: Any) -> Modes | None:
+    """As `exact_modes`; None if there are too few bits."""
+    try:
+        inverses, vectors = flint.acb_mat(K.solve(M)).eig(right=True)
+    except ValueError:  # two of them are not told apart
+        return None
+    n, values = M.nrows(), [float(1 / inverse.real) for inverse in inverses]
+    modes = []
+    for k in np.argsort(values):
+        phi = flint.arb_mat(n, 1, [vectors[i, int(k)].real for i in range(n)])
+        phi = phi * (1 / (phi.transpose() * M * phi)[0, 0].sqrt())
+        # phi and -phi are the same mode: it is positive, as the sum of its coefficients says
+        modes.append((phi if sum(phi.entries()).mid() >= 0 else -phi).entries())
+    X = flint.arb_mat(modes).transpose()
+    if max(entry.rad() for entry in X.entries()) > flint.arb(2) ** -DIGITS:
+        return None
+    return X, np.sort(values)
+
+
+def combined(
+    left: Any, matrix: NDArray[np.object_], right: Any | None = None
+) -> NDArray[np.float64]:
+    """X' A Y of fractions A (n, m), with X and Y of `exact_modes`; each entry is rounded once."""
+    with flint.ctx.workprec(BITS[-1]):
+        found = left.transpose() * _rational(matrix)
+        found = found if right is None else found * right
+    entries = [float(entry) for entry in found.entries()]
+    return np.array(entries).reshape(found.nrows(), found.ncols())
+
+
+def _rational(matrix: NDArray[np.object_]) -> Any:
+    """A matrix (n, m) of fractions as one of FLINT."""
+    entries = [flint.fmpq(entry.numerator, entry.denominator) for entry in matrix.ravel()]
+    return flint.fmpq_mat(len(matrix), matrix.shape[1], entries)

@@ -115,10 +115,19 @@ class ElasticBody(Body, abc.ABC):
         """Generalized forces K q (n,) that hold a static deflection q (n,)."""
         return times(self.elastic(values).stiffness, q)
 
+    def pulled(self, port: str, values: Values, force: ca.SX, at: Coordinate) -> ca.SX:
+        """Generalized forces (n,) by which a force along the body at a port stiffens it.
+
+        `force` (3,) is what the body exerts on what is outside, in the axes of the body (N).
+        """
+        return ca.SX(len(self.freedoms()), 1)
+
     def shape(self, port: str, values: Values, vector: ca.SX) -> ca.SX:
+        """Phi q: small displacement and rotation (6,) of a port for coordinates q (n,), `vector`."""
         return times(self.shapes(port, values), vector)
 
     def shape_transposed(self, port: str, values: Values, vector: ca.SX) -> ca.SX:
+        """Phi' w: generalized forces (n,) of a force and torque w (6,) at a port, `vector`."""
         return times_transposed(self.shapes(port, values), vector)
 
 
@@ -159,16 +168,35 @@ def dense(terms: Sequence[Term], samples: int) -> NDArray[np.float64]:
     return np.asarray(total, dtype=float)
 
 
-def elastic_problem(
-    body: ElasticBody, values: Mapping[str, NDArray[np.float64]], rigid: NDArray[np.float64]
-) -> str | None:
+def elastic_problem(body: ElasticBody, values: Mapping[str, NDArray[np.float64]]) -> str | None:
     """The condition of physics that fails at one of the samples, or None.
 
     M and K must be positive definite, D and the residual mass matrix, rigid minus P M^-1 P', positive
-    semidefinite. `rigid` (samples, 6, 6) is the mass matrix of the undeformed body about its origin.
+    semidefinite.
     """
     with np.errstate(all="ignore"):
-        return _elastic_problem(body.elastic(values), rigid)
+        return _elastic_problem(body.elastic(values), _rigid_mass(body, values))
+
+
+def _rigid_mass(
+    body: ElasticBody, values: Mapping[str, NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """Mass matrices (samples, 6, 6) of the undeformed body about its origin.
+
+    Their columns are the wrenches that unit accelerations of the body need.
+    """
+    symbols = {name: ca.SX.sym(name) for name in values}
+    alpha, acceleration = ca.SX.sym("alpha", 3), ca.SX.sym("acceleration", 3)
+    motion = ca.horzcat(ca.SX(3, 1), alpha, acceleration)
+    wrench = ca.vec(body.rigid_wrench(motion, symbols))
+    mass = ca.jacobian(wrench, ca.vertcat(acceleration, alpha))
+    unseen = [s for s in ca.symvar(mass) if s.name() not in symbols]
+    mass = ca.substitute(mass, ca.vertcat(ca.SX(0, 1), *unseen), ca.SX.zeros(len(unseen)))
+    function = ca.Function("mass", [ca.vertcat(*symbols.values())], [ca.densify(mass)])
+    samples = max(np.size(value) for value in values.values())
+    table = np.stack([np.broadcast_to(values[name], (samples,)) for name in symbols])
+    masses: NDArray[np.float64] = function(table).full().reshape(6, samples, 6).transpose(1, 0, 2)
+    return masses
 
 
 def _elastic_problem(e: Elastic, rigid: NDArray[np.float64]) -> str | None:

@@ -22,7 +22,6 @@ from mbdlft.base.description import (
     Text,
     Values,
     Vector,
-    vector_quantities,
 )
 from mbdlft.base.errors import SceneError
 from mbdlft.base.signal import Freedom
@@ -33,7 +32,8 @@ from mbdlft.multibody.body.elastic import (
     elastic_freedom,
     elastic_problem,
 )
-from mbdlft.multibody.body.rigid import Inertia, RigidBody, inertia_entries, newton_euler
+from mbdlft.multibody.body.rigid import Inertia, RigidBody
+from mbdlft.multibody.spatial import Coordinate
 
 Six = tuple[Quantity, Quantity, Quantity, Quantity, Quantity, Quantity]
 _DIRECTIONS = (*AXES, *(f"r{axis}" for axis in AXES))
@@ -92,14 +92,7 @@ class FlexibleBody(ElasticBody):
         return self
 
     def own_quantities(self) -> dict[str, Expected]:
-        quantities = {
-            "mass": Expected(self.mass, "kg"),
-            **vector_quantities("center_of_mass", self.center_of_mass, "m"),
-            **{
-                f"inertia.{name}": Expected(value, "kg m^2")
-                for name, value in self.inertia.given().items()
-            },
-        }
+        quantities = self._undeformed().own_quantities()
         for k, mode in enumerate(self.modes, start=1):
             quantities[f"mode{k}.frequency"] = Expected(mode.frequency, "rad/s")
             quantities[f"mode{k}.damping"] = Expected(mode.damping, "1")
@@ -153,34 +146,23 @@ class FlexibleBody(ElasticBody):
                 terms.append(Term(entry, only))
         return [Term(1.0, numbers), *terms]
 
-    def rigid_wrench(self, motion: ca.SX, values: Values) -> ca.SX:
-        center, point = (self._position(label, values) for label in ("center_of_mass", None))
-        inertia = inertia_entries(self.name, values)
-        return ca.SX(newton_euler()(motion, values["mass"], point, center - point, inertia))
-
-    def _position(self, label: str | None, values: Values) -> ca.SX:
-        """Position (3,) with this label; of the point of the inertia for None."""
-        if label is None:
-            label = self._about()
-        if label is None:
-            return ca.SX(3, 1)
-        return ca.SX(ca.vertcat(*(values[f"{label}.{axis}"] for axis in AXES)))
-
-    def _about(self) -> str | None:
-        """Label of the point about which the inertia is given; None for the origin."""
-        about = self.inertia.about
-        return about if about == "center_of_mass" else self.port_label(about)
-
-    def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
-        rigid = RigidBody(
+    def _undeformed(self) -> RigidBody:
+        """The body without its modes."""
+        return RigidBody(
             name=self.name,
             mass=self.mass,
             center_of_mass=self.center_of_mass,
             inertia=self.inertia,
             ports=self.ports,
         )
-        problem = rigid.physical_problem(values) or self._frequency_problem(values)
-        return problem or elastic_problem(self, values, _mass_matrix(self, values))
+
+    def rigid_wrench(self, motion: ca.SX, values: Values) -> ca.SX:
+        none = ca.SX(0, 1)
+        return self._undeformed().wrench(motion, values, ca.SX(3, 1), Coordinate(none, none, none))
+
+    def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
+        problem = self._undeformed().physical_problem(values) or self._frequency_problem(values)
+        return problem or elastic_problem(self, values)
 
     def _frequency_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
         """A sentence if the frequency of a mode is not positive at one of the samples (samples,)."""
@@ -192,28 +174,3 @@ class FlexibleBody(ElasticBody):
                     "stiffness is not positive definite."
                 )
         return None
-
-
-def _mass_matrix(
-    body: FlexibleBody, values: Mapping[str, NDArray[np.float64]]
-) -> NDArray[np.float64]:
-    """Mass matrices (samples, 6, 6) of the undeformed body about its origin.
-
-    Their columns are the wrenches that unit accelerations of the body need.
-    """
-    columns = []
-    for k in range(6):
-        motion = ca.SX(3, 3)
-        motion[k % 3, 2 if k < 3 else 1] = 1.0
-        columns.append(motion)
-    names = sorted(values)
-    symbols = {name: ca.SX.sym(name) for name in names}
-    wrenches = ca.horzcat(*(ca.vec(body.rigid_wrench(motion, symbols)) for motion in columns))
-    unseen = [s for s in ca.symvar(wrenches) if s.name() not in symbols]
-    if unseen:
-        wrenches = ca.substitute(wrenches, ca.vertcat(*unseen), ca.SX.zeros(len(unseen)))
-    function = ca.Function("mass", [ca.vertcat(*symbols.values())], [ca.densify(wrenches)])
-    samples = max(np.size(value) for value in values.values())
-    table = np.stack([np.broadcast_to(values[name], (samples,)) for name in symbols])
-    masses: NDArray[np.float64] = function(table).full().reshape(6, samples, 6).transpose(1, 0, 2)
-    return masses

@@ -142,13 +142,6 @@ class PiezoBeam(Beam):
     def has_geometric_stiffness(self) -> bool:
         return False
 
-    @property
-    def can_spin(self) -> bool:
-        return False
-
-    def unknown_loads(self) -> tuple[int, ...]:
-        return tuple(range(6))
-
     def inputs(self) -> tuple[Signal, ...]:
         return tuple(Signal(f"voltage.{k}", "V") for k in self._channels())
 
@@ -207,7 +200,7 @@ class PiezoBeam(Beam):
     def _coupling(self, values: Values) -> list[Term]:
         """The terms of K_v (n, number of patches)."""
         terms: list[Term] = []
-        n, parts = len(self.freedoms()), {name: (d, part) for name, d, part in self.blocks()}
+        n, parts = self._count, {name: (d, part) for name, d, part in self.blocks()}
         for k, patch in enumerate(self.patches):
             p = self._of(k, values)
             piezo = p["d31"] * p["modulus"] * p["width"]
@@ -276,7 +269,7 @@ class PiezoBeam(Beam):
         They couple the axial coordinates with those of bending along y, and the other way round.
         """
         parts = {name: (d, part) for name, d, part in self.blocks()}
-        n = len(self.freedoms())
+        n = self._count
         coupling = np.zeros((n, n))
         (axial, rows), (bending, columns) = parts["axial"], parts["bending_y"]
         integrals = cross_products(axial, "slope", bending, "bend", ONE, *self._span(k))
@@ -325,11 +318,4 @@ class PiezoBeam(Beam):
                     f"patch{k + 1}: permittivity - d31^2 modulus, that at constant strain, is not "
                     f"positive in the range: {lowest:.3g} F/m. A patch would give energy without end."
                 )
-        rigid = plain.rigid_mass(values)
-        L = values["length"]
-        for mass, first, second in self._lumps(values):
-            rigid[:, [0, 1, 2], [0, 1, 2]] += np.broadcast_to(mass, L.shape)[:, None]
-            rigid[:, [1, 5], [5, 1]] += (mass * first * L)[:, None]
-            rigid[:, [2, 4], [4, 2]] -= (mass * first * L)[:, None]
-            rigid[:, [4, 5], [4, 5]] += (mass * second * L**2)[:, None]
-        return elastic_problem(self, values, rigid)
+        return elastic_problem(self, values)

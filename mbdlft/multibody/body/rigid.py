@@ -1,4 +1,6 @@
-"""A rigid body: the Newton-Euler equations about the point where its inertia is given.
+"""Bodies that do not deform: rigid bodies, point masses, and the ground.
+
+Of a rigid body, the Newton-Euler equations about the point where its inertia is given are
 
     force     = m (a_P + alpha x d + omega x (omega x d)),    d = r_PC
     torque_P  = J_P alpha + omega x J_P omega + m d x a_P
@@ -21,13 +23,14 @@ from mbdlft.base.description import (
     AXES,
     Description,
     Expected,
+    Name,
     Quantity,
     Values,
     Vector,
     vector_quantities,
 )
 from mbdlft.base.errors import SceneError, unknown_name
-from mbdlft.multibody.body.base import Body
+from mbdlft.multibody.body.base import GROUND, Body
 from mbdlft.multibody.spatial import Coordinate, column, move_motion, move_wrench
 
 DIAGONAL = ("xx", "yy", "zz")
@@ -117,6 +120,37 @@ class RigidBody(Body):
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
         problem = negative_mass(values["mass"])
         return problem if self.inertia.unchecked else problem or _inertia_problem(self, values)
+
+
+@final
+class PointMass(Body):
+    """A mass (kg) at the origin of the body frame."""
+
+    kind: ClassVar[str] = "point_mass"
+    mass: Quantity
+
+    def own_quantities(self) -> dict[str, Expected]:
+        return {"mass": Expected(self.mass, "kg")}
+
+    def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
+        """Wrench (3, 2) of Newton's law, force = m a at the origin, moved to the inboard port."""
+        acceleration = move_motion(motion, -inboard)[:, 2]
+        return move_wrench(ca.horzcat(values["mass"] * acceleration, ca.SX(3, 1)), -inboard)
+
+    def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
+        return negative_mass(values["mass"])
+
+
+@final
+class Ground(Body):
+    """The ground; a scene describes it only to give it ports, from the origin of the scene frame (m)."""
+
+    kind: ClassVar[str] = GROUND
+    name: Name = GROUND
+
+    def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
+        """Zero: the ground does not move, so it needs no wrench."""
+        return ca.SX(3, 2)
 
 
 @cache

@@ -22,10 +22,8 @@ from mbdlft.base.array import Array
 from mbdlft.base.description import Quantity
 from mbdlft.base.errors import NotRationalError, TrimError
 from mbdlft.base.expression import evaluate, parse
-from mbdlft.base.unit import parse_unit
-from mbdlft.multibody.equilibrium.displaced import Displaced, JointCoordinate, in_physical
+from mbdlft.multibody.equilibrium.displaced import Displaced, in_physical
 from mbdlft.multibody.force import Spring
-from mbdlft.multibody.joint import coordinate_label
 from mbdlft.multibody.scene.scene import Scene
 
 _RANK = 1e-9  # a pivot below this part of the largest is zero: other efforts do the same
@@ -58,11 +56,6 @@ class Conditions:
     tangents: tuple[int, ...]
     angles: tuple[int, ...]
     springs: Mapping[str, float]
-
-
-def quantity(coordinate: JointCoordinate, key: str) -> Quantity:
-    """A quantity of one coordinate of a joint, a number or an expression, as the scene gives it."""
-    return coordinate.joint.quantities()[coordinate_label(key, coordinate.freedom)].source
 
 
 def conditions(
@@ -159,8 +152,8 @@ def _sprung_joints(
         if c.freedom.turns:
             half = halves[k] = ca.SX.sym("half")
         q = nominal[k] + 2.0 * half - declared[k]
-        effort = index[f"{c.joint.name}.{c.freedom.effort.name}"]
-        u[effort] -= s.value(quantity(c, "stiffness")) * q
+        effort = index[c.effort.name]
+        u[effort] -= s.value(c.quantity("stiffness")) * q
     return halves
 
 
@@ -216,7 +209,7 @@ class _Symbols:
         self.tangents = {k: ca.SX.sym(name) for k, name in tangents.items()}
         self.all_tangents = ca.vertcat(*self.tangents.values())
         self.parameters = {p.name: ca.SX.sym(p.name) for p in scene.parameters}
-        self.factors = {p.name: parse_unit(p.unit).factor for p in scene.parameters}
+        self.factors = {p.name: p.factor for p in scene.parameters}
         self.nominal = {p.name: p.nominal * self.factors[p.name] for p in scene.parameters}
         self.physical = {name: p / self.factors[name] for name, p in self.parameters.items()}
         self.physical |= {name: self.tangents[k] for k, name in tangents.items()}

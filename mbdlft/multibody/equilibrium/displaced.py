@@ -14,17 +14,17 @@ from typing import Any
 
 import casadi as ca
 
-from mbdlft.base.description import AXES, Values
+from mbdlft.base.description import AXES, Quantity, Values
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.signal import Freedom, Signal
-from mbdlft.multibody.assembly.assemble import quantity_of, without_unseen
+from mbdlft.multibody.assembly.assemble import without_unseen
 from mbdlft.multibody.assembly.closure import Closure
 from mbdlft.multibody.assembly.efforts import Effort, acting, ground_motion, list_efforts
 from mbdlft.multibody.assembly.placed import inertial_wrenches, motions, pass_inward
 from mbdlft.multibody.assembly.resolve import resolve
 from mbdlft.multibody.assembly.steady import body_momenta
-from mbdlft.multibody.assembly.symbols import Symbols, coordinate_owners
-from mbdlft.multibody.assembly.tree import Link, all_bodies
+from mbdlft.multibody.assembly.symbols import Symbols
+from mbdlft.multibody.assembly.tree import Link, all_bodies, coordinate_owners, degrees
 from mbdlft.multibody.assembly.view import View
 from mbdlft.multibody.force import Spring
 from mbdlft.multibody.joint import Joint, coordinate_label
@@ -57,6 +57,15 @@ class JointCoordinate:
     is_ball: bool
     is_passive: bool
     is_sprung: bool
+
+    @property
+    def effort(self) -> Signal:
+        """Name and unit of its effort."""
+        return Signal(f"{self.joint.name}.{self.freedom.effort.name}", self.freedom.effort.unit)
+
+    def quantity(self, key: str) -> Quantity:
+        """A quantity of the coordinate, a number or an expression, as the scene gives it."""
+        return self.joint.quantities()[coordinate_label(key, self.freedom)].source
 
     @property
     def is_steady(self) -> bool:
@@ -139,12 +148,12 @@ def displace(scene: Scene) -> Displaced:
     u = ca.SX.sym("u", len(listed))
     needed = _needed_efforts(scene, links, values, view, listed, u)
 
-    owned = coordinate_owners(links)
-    moving = [named.kind != "elastic" for named in owned for _ in named.freedoms]
+    moving = [degree.kind != "elastic" for degree in degrees(links)]
     entries = [k for k, moves in enumerate(moving) if moves]
     coordinates = _coordinates(links, values)
     unbalanced: list[ca.SX] = []
     row_signals: list[Signal] = []
+    owned = coordinate_owners(links)
     efforts = [needed[named.owner] for named in owned if named.kind != "elastic"]
     for k, c, effort in zip(entries, coordinates, ca.vertsplit(ca.vertcat(*efforts)), strict=True):
         if not c.is_imposed:
@@ -153,8 +162,7 @@ def displace(scene: Scene) -> Displaced:
             if "rate" in own:  # it turns on against its damper
                 held = own["rate"] * quantity_of(own, "damping", c.freedom)
             unbalanced.append(effort + held - u[k])
-            name = f"{c.joint.name}.{c.freedom.effort.name}"
-            row_signals.append(Signal(name, c.freedom.effort.unit))
+            row_signals.append(c.effort)
     declared = [_declared(scene, symbols, values, c) for c in coordinates]
     gaps, gap_signals, alignment = _gaps(scene.loops, view)
     return Displaced(
@@ -258,6 +266,11 @@ def _coordinates(
                 )
             )
     return tuple(coordinates)
+
+
+def quantity_of(own: Values, key: str, freedom: Freedom) -> Any:
+    """Value of a quantity of one coordinate; zero if the joint has none."""
+    return own.get(coordinate_label(key, freedom), 0.0)
 
 
 def _declared(

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -12,18 +11,17 @@ from mbdlft.base.errors import TrimError, unknown_name
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import dimension_name, parse_unit
-from mbdlft.multibody.equilibrium.conditions import Conditions, conditions, quantity
+from mbdlft.multibody.equilibrium.conditions import Conditions, conditions
 from mbdlft.multibody.equilibrium.displaced import Displaced, displace
 from mbdlft.multibody.equilibrium.find import find_equilibrium
 from mbdlft.multibody.equilibrium.fit import EquilibriumFit, fit_equilibrium
 from mbdlft.multibody.equilibrium.write import (
     declared_positions,
     length_unit,
-    put_entry,
+    with_entry,
     within_a_turn,
 )
 from mbdlft.multibody.force import Spring
-from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.scene import Fit, Scene
 from mbdlft.number.interval import FUNCTIONS, Interval, decimal
 
@@ -102,10 +100,7 @@ def fit_positions(scene: Scene, joints: Sequence[str], tolerance: float) -> Scen
     by_name = {p.name: p for p in scene.parameters}
     nominal_p, low, high = np.array(
         [
-            [
-                getattr(by_name[name], end) * parse_unit(by_name[name].unit).factor
-                for name in system.names
-            ]
+            [getattr(by_name[name], end) * by_name[name].factor for name in system.names]
             for end in ("nominal", "low", "high")
         ]
     )
@@ -146,16 +141,13 @@ def _fitted(
         half, error = angles.get(k, tangents[k]), width[i]
         if k in angles:
             error = width[count + system.angles.index(k)]
-        stiffness = quantity(c, "stiffness")
+        stiffness = c.quantity("stiffness")
         displaced = f"{float(nominal[k] - declared[k])!r} + 2*({half})"
         if unit := length_unit(scene, c, stiffness):
             displaced = f"1.0{unit}*({displaced})"
-        text = f"({quantity(c, 'preload')}) - ({stiffness})*({displaced})"
-        update: dict[str, Any] = {}
-        put_entry(joints[c.joint.name], update, "preload", _entry(c.joint, before, k), text)
-        joints[c.joint.name] = joints[c.joint.name].model_copy(update=update)
-        signal = f"{c.joint.name}.{c.freedom.effort.name}"
-        bounds[signal] = _largest(scene, stiffness, float(error))
+        text = f"({c.quantity('preload')}) - ({stiffness})*({displaced})"
+        joints[c.joint.name] = with_entry(joints[c.joint.name], "preload", c.freedom, text)
+        bounds[c.effort.name] = _largest(scene, stiffness, float(error))
     loads = list(scene.loads)
     for i, (name, size) in enumerate(system.springs.items(), start=count + turning):
         k = next(k for k, load in enumerate(loads) if load.name == name)
@@ -190,11 +182,6 @@ def _fresh(scene: Scene, k: int) -> str:
     return name
 
 
-def _entry(joint: Joint, d: Displaced, k: int) -> int:
-    """Position of a coordinate among those of its joint."""
-    return [i for i, c in enumerate(d.coordinates) if c.joint.name == joint.name].index(k)
-
-
 def _with_positions(
     scene: Scene, d: Displaced, nominal: Mapping[int, float], expressions: Mapping[int, str]
 ) -> Scene:
@@ -205,9 +192,7 @@ def _with_positions(
         text = f"{nominal[k]!r} + 2*({expression})"
         if c.freedom.turns:
             text = f"{within_a_turn(nominal[k])!r} + 2*atan({expression})"
-        update: dict[str, Any] = {}
-        put_entry(joints[c.joint.name], update, "position", _entry(c.joint, d, k), text)
-        joints[c.joint.name] = joints[c.joint.name].model_copy(update=update)
+        joints[c.joint.name] = with_entry(joints[c.joint.name], "position", c.freedom, text)
     return scene.model_copy(update={"joints": tuple(joints.values())})
 
 
@@ -216,6 +201,6 @@ def _largest(scene: Scene, source: Quantity, error: float) -> float:
     box = {name: decimal(value) for name, value in scene.constant_values().items()}
     for p in scene.parameters:
         if not p.is_angle:
-            box[p.name] = Interval(p.low, p.high) * parse_unit(p.unit).factor
+            box[p.name] = Interval(p.low, p.high) * p.factor
     size: Interval = evaluate(parse(source), box, decimal, FUNCTIONS)
     return (size * error).largest

@@ -59,7 +59,7 @@ def solve_from(equations: EquilibriumEquations, start: Array) -> Attempt:
 
 def _newton(equations: EquilibriumEquations, start: Array) -> Attempt:
     """Newton's iteration from `start` (n_s,), with steps halved until the rows get smaller."""
-    sizes = np.array([unknown.size for unknown in equations.unknowns])
+    sizes = equations.steps
     s, at, count = start, project_at(equations, start), 1
     while count < _STEPS and np.isfinite(at.rows).all() and equations.unknowns:
         step = np.linalg.lstsq(at.slopes, -at.rows, rcond=_RANK)[0]
@@ -69,7 +69,7 @@ def _newton(equations: EquilibriumEquations, start: Array) -> Attempt:
         part = min(1.0, _LONGEST / longest)
         before = np.linalg.norm(at.rows)
         while part >= _SHORTEST:
-            trial = _inside(equations, s + part * step * sizes)
+            trial = np.clip(s + part * step * sizes, *equations.ends)
             there = project_at(equations, trial)
             count += 1
             if np.isfinite(there.rows).all() and np.linalg.norm(there.rows) < before:
@@ -88,9 +88,8 @@ def _trust_region(equations: EquilibriumEquations, start: Array) -> Array:
     """The unknowns (n_s,) of least squares of the rows, by scipy's trust region reflective method."""
     from scipy.optimize import least_squares  # here because it is slow to import
 
-    sizes = np.array([unknown.size for unknown in equations.unknowns])
-    low = np.array([u.low if u.bounded else -np.inf for u in equations.unknowns]) / sizes
-    high = np.array([u.high if u.bounded else np.inf for u in equations.unknowns]) / sizes
+    sizes = equations.steps
+    low, high = equations.ends / sizes
     margin = np.where(np.isfinite(high - low), 1e-6 * (high - low), 0.0)
     begin = np.clip(start / sizes, low + margin, high - margin)
     far = np.full(len(equations.sizes), 1e6)  # where the equations are not finite: never a step
@@ -104,13 +103,6 @@ def _trust_region(equations: EquilibriumEquations, start: Array) -> Array:
 
     minimum = least_squares(rows, begin, slopes, bounds=(low, high), max_nfev=_TRIALS, xtol=1e-12)
     return np.asarray(minimum.x * sizes)
-
-
-def _inside(equations: EquilibriumEquations, s: Array) -> Array:
-    """The point (n_s,) nearest to s within the bounds that the user gave."""
-    low = np.array([u.low if u.bounded else -np.inf for u in equations.unknowns])
-    high = np.array([u.high if u.bounded else np.inf for u in equations.unknowns])
-    return np.clip(s, low, high)
 
 
 def _within(equations: EquilibriumEquations, s: Array) -> bool:

@@ -80,6 +80,17 @@ class EquilibriumEquations:
     alignment: ca.Function
     sizes: Array
 
+    @property
+    def steps(self) -> Array:
+        """Typical change (n_s,) of each unknown."""
+        return np.array([unknown.size for unknown in self.unknowns])
+
+    @property
+    def ends(self) -> Array:
+        """Lowest and highest values (2, n_s) that the user allows, infinite without bounds."""
+        ends = [(u.low, u.high) if u.bounded else (-np.inf, np.inf) for u in self.unknowns]
+        return np.array(ends).reshape(-1, 2).T
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Projected:
@@ -161,7 +172,7 @@ def project_at(equations: EquilibriumEquations, s: Array) -> Projected:
     w = -(right.T @ ((basis.T @ offset) / values)) / column
     rows, by_s = (part.full() for part in equations.slopes(s, w))
     rows, by_s = rows[:, 0] / equations.sizes, by_s / equations.sizes[:, None]
-    by_s = by_s * np.array([unknown.size for unknown in equations.unknowns])
+    by_s = by_s * equations.steps
     return Projected(w, rows - basis @ (basis.T @ rows), by_s - basis @ (basis.T @ by_s))
 
 
@@ -171,9 +182,7 @@ def whole_slopes(equations: EquilibriumEquations, s: Array, w: Array) -> Array:
     _, by_s = (part.full() for part in equations.slopes(s, w))
     by_w = by_w / equations.sizes[:, None]
     column = np.max(np.abs(by_w), axis=0, initial=0.0)
-    by_s = (
-        by_s / equations.sizes[:, None] * np.array([unknown.size for unknown in equations.unknowns])
-    )
+    by_s = by_s / equations.sizes[:, None] * equations.steps
     return np.hstack([by_s, by_w / np.where(column > 0, column, 1.0)])
 
 
@@ -308,7 +317,7 @@ def _row_sizes(equations: EquilibriumEquations, reach: float, rng: np.random.Gen
         offset = equations.offset(s)[0].full()[:, 0]
         if np.isfinite(projected.rows).all() and np.isfinite(offset).all():
             slopes = np.abs(equations.slopes(s, projected.w)[1].full())
-            slopes = slopes * [unknown.size for unknown in equations.unknowns]
+            slopes = slopes * equations.steps
             sizes = np.maximum(sizes, np.abs(offset))
             sizes = np.maximum(sizes, np.max(slopes, axis=1, initial=0.0))
     units = [signal.unit for signal in equations.displaced.row_signals]

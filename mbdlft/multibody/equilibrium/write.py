@@ -9,6 +9,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.description import Quantity
 from mbdlft.base.errors import TrimError
 from mbdlft.base.parameter import Parameter
+from mbdlft.base.signal import Freedom
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.equilibrium.displaced import (
     Displaced,
@@ -18,7 +19,7 @@ from mbdlft.multibody.equilibrium.displaced import (
 )
 from mbdlft.multibody.equilibrium.find import EquilibriumPoint
 from mbdlft.multibody.force import Spring
-from mbdlft.multibody.joint import Joint, Rotation, coordinate_label
+from mbdlft.multibody.joint import Joint, Rotation
 from mbdlft.multibody.scene import Constant, Scene
 from mbdlft.multibody.scene.check import has_unit
 from mbdlft.problem.relinearize import relinearize
@@ -166,43 +167,33 @@ def _moved(
     declared: Array,
 ) -> Joint:
     """The joint with new positions, by index of the coordinate; `declared` (n,) are the old ones."""
-    update: dict[str, Any] = {}
-    entries = [(k, c) for k, c in enumerate(coordinates) if c.joint.name == joint.name]
-    expected = joint.quantities()
-
-    for index, (k, c) in enumerate(entries):
-        if k not in positions or c.is_ball:
+    for k, position in positions.items():
+        c = coordinates[k]
+        if c.is_ball:
             continue
-        put_entry(
-            joint,
-            update,
-            "position",
-            index,
-            within_a_turn(positions[k]) if c.freedom.turns else positions[k],
-        )
+        place = within_a_turn(position) if c.freedom.turns else position
+        joint = with_entry(joint, "position", c.freedom, place)
         if c.is_sprung and c.is_passive:
-            preload = expected[coordinate_label("preload", c.freedom)].source
-            stiffness = expected[coordinate_label("stiffness", c.freedom)].source
-            q = positions[k] - declared[k]
+            preload, stiffness = c.quantity("preload"), c.quantity("stiffness")
             unit = length_unit(scene, c, stiffness)
-            relaxed = _relaxed(preload, stiffness, float(q), unit)
-            put_entry(joint, update, "preload", index, relaxed)
-    vector = np.array([positions[k] for k, c in entries if c.is_ball and k in positions])
+            relaxed = _relaxed(preload, stiffness, float(position - declared[k]), unit)
+            joint = with_entry(joint, "preload", c.freedom, relaxed)
+    vector = np.array([position for k, position in positions.items() if coordinates[k].is_ball])
     angle = float(np.linalg.norm(vector)) if len(vector) else 0.0
-    if angle > 0.0:
-        x, y, z = (float(entry) for entry in vector / angle)
-        update["orientation"] = (*joint.orientation, Rotation(axis=(x, y, z), angle=angle))
-    return joint.model_copy(update=update)
+    if not angle > 0.0:
+        return joint
+    x, y, z = (float(entry) for entry in vector / angle)
+    orientation = (*joint.orientation, Rotation(axis=(x, y, z), angle=angle))
+    return joint.model_copy(update={"orientation": orientation})
 
 
-def put_entry(joint: Joint, update: dict[str, Any], key: str, index: int, value: Quantity) -> None:
-    """Put the new value of one entry of a quantity of a joint into `update`, the changed fields."""
+def with_entry(joint: Joint, key: str, freedom: Freedom, value: Quantity) -> Joint:
+    """The joint with a new value of one quantity of one coordinate."""
     if len(joint.freedoms) == 1:
-        update[key] = value
-        return
-    entries = list(update.get(key, getattr(joint, key)))
-    entries[index] = value
-    update[key] = tuple(entries)
+        return joint.model_copy(update={key: value})
+    entries = list(getattr(joint, key))
+    entries[joint.freedoms.index(freedom)] = value
+    return joint.model_copy(update={key: tuple(entries)})
 
 
 def within_a_turn(angle: float) -> float:

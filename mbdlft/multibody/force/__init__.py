@@ -1,10 +1,10 @@
-"""Kinds of loads, one file each. A new kind is one file and one line in `KINDS`."""
+"""Kinds of loads. A new kind is one class and one line in `KINDS`."""
 
 from mbdlft.multibody.force.base import BodyWrench as BodyWrench
 from mbdlft.multibody.force.base import Load as Load
-from mbdlft.multibody.force.buoyancy import Buoyancy as Buoyancy
-from mbdlft.multibody.force.force import Force as Force
-from mbdlft.multibody.force.spring import Spring as Spring
-from mbdlft.multibody.force.torque import Torque as Torque
+from mbdlft.multibody.force.kinds import Buoyancy as Buoyancy
+from mbdlft.multibody.force.kinds import Force as Force
+from mbdlft.multibody.force.kinds import Spring as Spring
+from mbdlft.multibody.force.kinds import Torque as Torque
 
 KINDS: dict[str, type[Load]] = {cls.kind: cls for cls in (Buoyancy, Force, Spring, Torque)}

@@ -4,10 +4,8 @@ import abc
 from typing import ClassVar, NamedTuple, Protocol
 
 import casadi as ca
-from pydantic import field_validator
 
-from mbdlft.base.description import Description, Direction, Expected, Name, Text, Values
-from mbdlft.base.errors import SceneError
+from mbdlft.base.description import Description, Expected, Name, Values
 from mbdlft.base.signal import Signal
 
 
@@ -63,9 +61,10 @@ class Load(Description, abc.ABC):
 
     name: Name
 
-    @abc.abstractmethod
     def quantities(self) -> dict[str, Expected]:
         """All quantities by label, each as it was given and with the unit that its value must have."""
+        given = getattr(self, self.magnitude_key)
+        return {} if given is None else {self.magnitude_key: Expected(given, self.signal.unit)}
 
     @abc.abstractmethod
     def ports(self) -> dict[str, str]:
@@ -77,37 +76,3 @@ class Load(Description, abc.ABC):
 
         `values` has one SX or float per label.
         """
-
-
-class DirectedLoad(Load, abc.ABC):
-    """A force or torque along a direction that is constant in the body or in the scene.
-
-    `frame` is ``body`` if the direction turns with the body of `port`, ``ground`` if it does not.
-    """
-
-    port: Text
-    direction: Direction
-    frame: Text = "body"
-
-    @field_validator("direction")
-    @classmethod
-    def _has_length(cls, direction: Direction) -> Direction:
-        if not any(direction):
-            raise SceneError(
-                f"direction has zero length, got {list(direction)}. Give a direction; its length is "
-                "ignored."
-            )
-        return direction
-
-    @field_validator("frame")
-    @classmethod
-    def _is_known(cls, frame: str) -> str:
-        if frame not in ("body", "ground"):
-            raise SceneError(
-                f"frame: expected 'body' (it turns with the body) or 'ground' (it keeps its direction), "
-                f"got {frame!r}."
-            )
-        return frame
-
-    def ports(self) -> dict[str, str]:
-        return {"port": self.port}

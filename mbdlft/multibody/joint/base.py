@@ -13,9 +13,18 @@ from typing import ClassVar, Literal, Self, final
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import InstanceOf, field_validator, model_validator
+from pydantic import InstanceOf, model_validator
 
-from mbdlft.base.description import Description, Direction, Expected, Name, Quantity, Text, Values
+from mbdlft.base.description import (
+    Axis,
+    Description,
+    Direction,
+    Expected,
+    Name,
+    Quantity,
+    Text,
+    Values,
+)
 from mbdlft.base.errors import SceneError
 from mbdlft.base.signal import Freedom, Signal
 from mbdlft.multibody.joint.move import Move, turned
@@ -58,13 +67,8 @@ class Rotation(Description):
 
     noun: ClassVar[str] = "orientation"
 
-    axis: Direction
+    axis: Axis
     angle: Quantity
-
-    @field_validator("axis")
-    @classmethod
-    def _has_length(cls, axis: Direction) -> Direction:
-        return with_length("axis", axis)
 
 
 class Joint(Description, abc.ABC):
@@ -168,34 +172,6 @@ def _entries(given: Quantity | tuple[Quantity, ...]) -> tuple[Quantity, ...]:
 def coordinate_label(key: str, freedom: Freedom) -> str:
     """Label of a quantity of one coordinate: ``stiffness``, or ``stiffness.x``."""
     return f"{key}.{freedom.label}" if freedom.label else key
-
-
-class AxisJoint(Joint, abc.ABC):
-    """A joint about or along one axis.
-
-    The components of `axis` are the same in the frames of both ports, as the joint turns about it or
-    does not turn; they are taken after the `orientation`.
-    """
-
-    axis: Direction
-
-    @field_validator("axis")
-    @classmethod
-    def _has_length(cls, axis: Direction) -> Direction:
-        return with_length("axis", axis)
-
-    def direction(self) -> ca.SX:
-        """The axis with unit length (3,); a zero component is a structural zero of the SX."""
-        return unit_vector(self.axis)
-
-
-def with_length(what: str, axis: Direction) -> Direction:
-    """The direction, or a SceneError if its length is zero."""
-    if not np.any(axis):
-        raise SceneError(
-            f"{what} has zero length, got {list(axis)}. Give a direction; its length is ignored."
-        )
-    return axis
 
 
 @lru_cache(maxsize=256)  # a scene has few directions, and each is used many times

@@ -23,7 +23,6 @@ from mbdlft.base.expression import (
     walk,
     write,
 )
-from mbdlft.base.parameter import Parameter
 from mbdlft.base.signal import Signal
 from mbdlft.base.unit import dimension_name, parse_unit
 from mbdlft.multibody.body import Body
@@ -194,11 +193,6 @@ def _at_all(samples: Mapping[str, Any], value: Any) -> NDArray[np.float64]:
     return np.broadcast_to(value, (1,) if longest is None else longest.shape)
 
 
-def _si_bounds(parameter: Parameter) -> tuple[float, float]:
-    factor = parse_unit(parameter.unit).factor
-    return parameter.low * factor, parameter.high * factor
-
-
 def _samples(
     scene: Scene, owner: str, quantities: Mapping[str, Expected]
 ) -> Mapping[str, NDArray[np.float64] | float]:
@@ -224,8 +218,7 @@ def _samples(
         sides = generator.integers(0, 2, (_CORNERS, len(active))).astype(float)
     weights = np.vstack([sides, generator.random((_RANDOM, len(active)))])
     for k, p in enumerate(active):
-        low, high = _si_bounds(p)
-        nominal = p.nominal * parse_unit(p.unit).factor
+        nominal, low, high = p.nominal * p.factor, p.low * p.factor, p.high * p.factor
         values[p.name] = np.concatenate([[nominal], low + weights[:, k] * (high - low)])
     return values
 
@@ -301,7 +294,7 @@ def _check_denominators(scene: Scene, place: Place, expression: Expression) -> N
         return
     plain = {p.name: p for p in scene.parameters if not p.is_angle}
     constants = {name: decimal(value) for name, value in scene.constant_values().items()}
-    factors = {name: parse_unit(p.unit).factor for name, p in plain.items()}
+    factors = {name: p.factor for name, p in plain.items()}
     for denominator in found_in:
         used = sorted(names(denominator) & set(plain))
         if not used:

@@ -15,7 +15,6 @@ from mbdlft.base.description import AXES
 from mbdlft.base.errors import SceneError
 from mbdlft.base.expression import Binary, Expression, Number, evaluate, names
 from mbdlft.base.parameter import Parameter
-from mbdlft.base.unit import parse_unit
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.scene.quantities import Place, expression_at, owner_name
@@ -80,7 +79,7 @@ def _sign(
     boxes: int,
 ) -> Sign:
     """By intervals over the whole range, if they are enough; else by parts."""
-    factors = {name: parse_unit(p.unit).factor for name, p in parameters.items()}
+    factors = {name: p.factor for name, p in parameters.items()}
     bounds = {name: (p.low, p.high) for name, p in parameters.items()}
     slack = _ROUNDING * condition.size + _TINY
 
@@ -118,7 +117,7 @@ def _conditions(scene: Scene, item: Body | Joint) -> Iterator[Condition]:
     nominal = dict(scene.constant_values())
     for p in scene.parameters:
         if not p.is_angle:
-            nominal[p.name] = p.nominal * parse_unit(p.unit).factor
+            nominal[p.name] = p.nominal * p.factor
 
     def size(expression: Expression) -> float:
         return abs(float(evaluate(expression, nominal)))

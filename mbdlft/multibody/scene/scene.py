@@ -7,8 +7,8 @@ from typing import Annotated, Any, ClassVar, Self, final
 from pydantic import Field, InstanceOf, field_validator, model_validator
 
 from mbdlft.base.description import (
+    Axis,
     Description,
-    Direction,
     Name,
     Number,
     Prose,
@@ -25,7 +25,6 @@ from mbdlft.base.unit import in_si, parse_unit
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import Joint
-from mbdlft.multibody.joint.base import with_length
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.sensor import Sensor
 
@@ -49,13 +48,8 @@ class Spin(Description):
 
     noun: ClassVar[str] = "spin"
 
-    axis: Direction
+    axis: Axis
     rate: Quantity
-
-    @field_validator("axis")
-    @classmethod
-    def _has_length(cls, axis: Direction) -> Direction:
-        return with_length("axis", axis)
 
 
 @final

@@ -17,7 +17,7 @@ from mbdlft.base.content import content_of
 from mbdlft.base.description import Description
 from mbdlft.base.errors import MbdlftError, SceneError, unknown_name
 from mbdlft.base.parameter import SUBSTITUTIONS, Angle, Parameter
-from mbdlft.base.unit import ANGLE_UNITS, parse_unit
+from mbdlft.base.unit import ANGLE_UNITS
 from mbdlft.multibody.body import KINDS as BODIES
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.force import KINDS as LOADS
@@ -341,7 +341,7 @@ def _parameter_table(parameter: Parameter) -> dict[str, Any]:
     table["role"] = p.role
     if p.is_angle:
         table["substitution"] = p.substitution
-        table["reference"] = _in_unit(p.reference, parse_unit(p.unit).factor)
+        table["reference"] = _in_unit(p.reference, p.factor)
     return table
 
 

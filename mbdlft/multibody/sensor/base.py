@@ -5,7 +5,7 @@ from typing import ClassVar, NamedTuple, Protocol
 
 import casadi as ca
 
-from mbdlft.base.description import AXES, Description, Name, Text
+from mbdlft.base.description import AXES, Description, Name
 from mbdlft.base.signal import Signal
 
 
@@ -68,16 +68,6 @@ class Sensor(Description, abc.ABC):
     @abc.abstractmethod
     def measure(self, view: View) -> ca.SX:
         """The measured quantity (n,), one entry for each component."""
-
-
-class PortSensor(Sensor, abc.ABC):
-    """A sensor of a vector at one port.
-
-    The components are in the axes of `frame`: the ground, or a body as it is placed at equilibrium.
-    """
-
-    port: Text
-    frame: Text = "ground"
 
 
 def by_axis(unit: str, prefix: str = "") -> tuple[Signal, ...]:

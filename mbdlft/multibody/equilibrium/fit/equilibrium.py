@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Sequence, Sized
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -10,10 +11,9 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError, TrimError
 from mbdlft.base.expression import parse
-from mbdlft.multibody.equilibrium.fit.branch import follow, start_branch
 from mbdlft.multibody.equilibrium.fit.prove import Proof, prove
 from mbdlft.multibody.equilibrium.fit.rational import Rational, physical, smallest_fit, text
-from mbdlft.multibody.equilibrium.fit.system import System, system
+from mbdlft.multibody.equilibrium.fit.system import System, follow, start_branch, system
 
 _MARGIN = 0.9  # of the tolerance, for the samples: the error between them may be larger
 _FEWEST = {1: 33, 2: 13, 3: 8}  # samples along each parameter, by the number of parameters
@@ -49,6 +49,17 @@ class EquilibriumFit:
     def __call__(self, p: Array) -> Array:
         """Values (N, n) at p (N, q)."""
         return np.stack([function(p) for function in self.functions], axis=1)
+
+
+class _Task(NamedTuple):
+    """What is asked for: the arguments of `fit_equilibrium`."""
+
+    nominal: Array
+    low: Array
+    high: Array
+    start: Array
+    tolerance: float
+    most_pieces: int
 
 
 def fit_equilibrium(
@@ -98,31 +109,15 @@ def fit_equilibrium(
     nominal, low, high, start = (
         np.asarray(value, dtype=float).reshape(-1) for value in (nominal, low, high, start)
     )
+    task = _Task(nominal, low, high, start, tolerance, most_pieces)
     names = tuple(names or (f"p{k + 1}" for k in range(len(nominal))))
-    _check(residual, nominal, low, high, start, tolerance, names)
+    _check(residual, task, names)
     with np.errstate(all="ignore"):  # what is not finite is refused by name
-        return _fit(
-            system(residual, names),
-            nominal,
-            low,
-            high,
-            start,
-            tolerance,
-            largest_degree,
-            most_pieces,
-        )
+        return _fit(system(residual, names), task, largest_degree)
 
 
-def _fit(
-    s: System,
-    nominal: Array,
-    low: Array,
-    high: Array,
-    start: Array,
-    tolerance: float,
-    largest_degree: int,
-    most_pieces: int,
-) -> EquilibriumFit:
+def _fit(s: System, task: _Task, largest_degree: int) -> EquilibriumFit:
+    nominal, low, high, start, tolerance, most_pieces = task
     root = start_branch(s, nominal, start)
     center, half = 0.5 * (low + high), 0.5 * (high - low)
     extra = np.zeros((0, len(low)))
@@ -158,7 +153,7 @@ def _fit(
                 functions = [None if len(p) else f for p, f in zip(poles, ready, strict=True)]
                 continue
             if not len(proof.exceptions):
-                raise _not_proved(s, proof, proof.stuck, nominal, root, tolerance, most_pieces)
+                raise _not_proved(s, proof, proof.stuck, task, root)
             exact = follow(s, nominal, root, proof.exceptions)
             errors = np.max(np.abs([f(proof.exceptions) for f in ready] - exact.T), axis=1)
             extra = np.vstack([extra, proof.exceptions])
@@ -166,7 +161,7 @@ def _fit(
             functions = [f if is_near else None for f, is_near in zip(ready, near, strict=True)]
             if None not in functions:
                 stuck = proof.exceptions[0]
-                raise _not_proved(s, proof, stuck, nominal, root, tolerance, most_pieces)
+                raise _not_proved(s, proof, stuck, task, root)
     raise TrimError(
         f"equilibrium of {s.name!r}: no rational fit up to degree {largest_degree} is within "
         f"{tolerance:g}; the errors came down to {', '.join(f'{e:.1e}' for e in best)}. Use a larger "
@@ -199,39 +194,26 @@ def _samples(variables: int, degree: int) -> int:
 
 
 def _not_proved(
-    s: System,
-    proof: Proof,
-    stuck: Array | None,
-    nominal: Array,
-    root: Array,
-    tolerance: float,
-    most_pieces: int,
+    s: System, proof: Proof, stuck: Array | None, task: _Task, root: Array
 ) -> TrimError:
     """What stopped a proof although no error above the tolerance was found."""
     if stuck is not None:
-        follow(s, nominal, root, stuck[None])  # raises if the branch ends on the way
+        follow(s, task.nominal, root, stuck[None])  # raises if the branch ends on the way
         return TrimError(
             f"equilibrium of {s.name!r}: nothing can be proved near {s.at(stuck)}: df/dt is singular "
             "there or nearly so (a fold or a bifurcation), or double precision does not carry the "
-            f"tolerance {tolerance:g}. Use a smaller range or a larger tolerance."
+            f"tolerance {task.tolerance:g}. Use a smaller range or a larger tolerance."
         )
     return TrimError(
-        f"equilibrium of {s.name!r}: the bound {tolerance:g} is proved on "
-        f"{100 * proof.share:.3g} % of the box only, with {most_pieces} pieces; no error above "
+        f"equilibrium of {s.name!r}: the bound {task.tolerance:g} is proved on "
+        f"{100 * proof.share:.3g} % of the box only, with {task.most_pieces} pieces; no error above "
         f"{', '.join(f'{e:.1e}' for e in proof.found)} was found. Use more pieces, a larger "
         "tolerance or a smaller range."
     )
 
 
-def _check(
-    residual: ca.Function,
-    nominal: Array,
-    low: Array,
-    high: Array,
-    start: Array,
-    tolerance: float,
-    names: tuple[str, ...],
-) -> None:
+def _check(residual: ca.Function, task: _Task, names: tuple[str, ...]) -> None:
+    nominal, low, high, start, tolerance, _ = task
     n, q = residual.numel_in(0), residual.numel_in(1)
     what = f"equilibrium of {residual.name()!r}: "
     sizes: dict[str, Sized] = {"nominal": nominal, "low": low, "high": high, "names": names}

@@ -1,0 +1,166 @@
+"""All kinds of loads: a force, a torque, buoyancy, and a spring with a damper between two ports.
+
+A thrust turns with its body, a constant pull does not. Buoyancy is the weight of the displaced fluid,
+against gravity, at the center of buoyancy. Of a spring,
+
+    f_a = h r + ((k - h) r'dr + c r'dr_dot) r / (r'r)
+
+f_a is the force on the port a, r the vector from a to the other port b, dr its change from the
+equilibrium; k is the stiffness, c the damping. The force density h is the tension over the length at
+equilibrium. With h, the geometric stiffness h and the elastic stiffness (k - h) r r'/(r'r) are rational
+in the parameters: the length, a square root, does not appear.
+"""
+
+import abc
+from functools import partial
+from typing import Annotated, ClassVar, Self, final
+
+import casadi as ca
+from pydantic import AfterValidator, field_validator, model_validator
+
+from mbdlft.base.description import Direction, Expected, Quantity, Text, Values, with_length
+from mbdlft.base.errors import SceneError
+from mbdlft.base.signal import Signal
+from mbdlft.multibody.force.base import BodyWrench, Load, Space
+from mbdlft.multibody.spatial import move_wrench
+from mbdlft.sx.constants import unit_vector
+
+
+class DirectedLoad(Load, abc.ABC):
+    """A force or torque along a direction that is constant in the body or in the scene.
+
+    `frame` is ``body`` if the direction turns with the body of `port`, ``ground`` if it does not.
+    """
+
+    magnitude_key: ClassVar[str] = "magnitude"
+
+    port: Text
+    direction: Annotated[Direction, AfterValidator(partial(with_length, what="direction"))]
+    frame: Text = "body"
+    magnitude: Quantity | None = None
+
+    @field_validator("frame")
+    @classmethod
+    def _is_known(cls, frame: str) -> str:
+        if frame not in ("body", "ground"):
+            raise SceneError(
+                f"frame: expected 'body' (it turns with the body) or 'ground' (it keeps its direction), "
+                f"got {frame!r}."
+            )
+        return frame
+
+    def ports(self) -> dict[str, str]:
+        return {"port": self.port}
+
+    def unit(self, body: str, space: Space) -> ca.SX:
+        """Unit vector (3,) along the direction, in the axes of its body."""
+        unit = unit_vector(self.direction)
+        return unit if self.frame == "body" else space.outward(unit, body)
+
+
+@final
+class Force(DirectedLoad):
+    """A force of `magnitude` (N) along `direction` at `port`.
+
+    `frame` is ``body`` (the force turns with the body) or ``ground`` (it keeps its direction).
+    """
+
+    kind: ClassVar[str] = "force"
+    signal: ClassVar[Signal] = Signal("force", "N")
+
+    def wrenches(self, values: Values, magnitude: ca.SX, space: Space) -> list[BodyWrench]:
+        body, r = space.port(self.port)
+        force = self.unit(body, space) * magnitude
+        return [BodyWrench(body, move_wrench(ca.horzcat(force, ca.SX(3, 1)), r))]
+
+
+@final
+class Torque(DirectedLoad):
+    """A torque of `magnitude` (N m) about `direction` on the body of `port`.
+
+    `frame` is ``body`` (the torque turns with the body) or ``ground`` (it keeps its direction).
+    """
+
+    kind: ClassVar[str] = "torque"
+    signal: ClassVar[Signal] = Signal("torque", "N m")
+
+    def wrenches(self, values: Values, magnitude: ca.SX, space: Space) -> list[BodyWrench]:
+        body, _ = space.port(self.port)
+        torque = self.unit(body, space) * magnitude
+        return [BodyWrench(body, ca.horzcat(ca.SX(3, 1), torque))]
+
+
+@final
+class Buoyancy(Load):
+    """A force of minus `displaced_mass` times gravity at `port`, the center of buoyancy.
+
+    `displaced_mass` (kg) is the density of the fluid times the displaced volume.
+    """
+
+    kind: ClassVar[str] = "buoyancy"
+    signal: ClassVar[Signal] = Signal("displaced_mass", "kg")
+    magnitude_key: ClassVar[str] = "displaced_mass"
+
+    port: Text
+    displaced_mass: Quantity | None = None
+
+    def ports(self) -> dict[str, str]:
+        return {"port": self.port}
+
+    def wrenches(self, values: Values, magnitude: ca.SX, space: Space) -> list[BodyWrench]:
+        body, r = space.port(self.port)
+        force = -space.outward(space.gravity, body) * magnitude
+        return [BodyWrench(body, move_wrench(ca.horzcat(force, ca.SX(3, 1)), r))]
+
+
+@final
+class Spring(Load):
+    """A spring with `stiffness` (N/m) and a damper with `damping` (N s/m) between two ports.
+
+    `force_density` (N/m), tension over length, gives the tension at equilibrium. `rest_length` (m) may
+    give it instead if the distance of the ports at equilibrium does not depend on parameters. With
+    neither of them the trim solves for the force density.
+    """
+
+    kind: ClassVar[str] = "spring"
+    signal: ClassVar[Signal] = Signal("force_density", "N/m")
+    magnitude_key: ClassVar[str] = "force_density"
+
+    parent: Text
+    child: Text
+    stiffness: Quantity = 0.0
+    damping: Quantity = 0.0
+    force_density: Quantity | None = None
+    rest_length: Quantity | None = None
+
+    @model_validator(mode="after")
+    def _one_law(self) -> Self:
+        if self.force_density is not None and self.rest_length is not None:
+            raise SceneError(
+                "give rest_length or force_density, not both: each says what the tension is at "
+                "equilibrium."
+            )
+        return self
+
+    def ports(self) -> dict[str, str]:
+        return {"parent": self.parent, "child": self.child}
+
+    def quantities(self) -> dict[str, Expected]:
+        own = {
+            "stiffness": Expected(self.stiffness, "N/m"),
+            "damping": Expected(self.damping, "N s/m"),
+        }
+        length = self.rest_length
+        rest = {} if length is None else {"rest_length": Expected(length, "m")}
+        return own | super().quantities() | rest
+
+    def wrenches(self, values: Values, magnitude: ca.SX, space: Space) -> list[BodyWrench]:
+        wrenches = []
+        for a, b in ((self.parent, self.child), (self.child, self.parent)):
+            body, at = space.port(a)
+            r = space.between_at_rest(a, b)
+            along = (values["stiffness"] - magnitude) * ca.dot(r, space.departure(a, b, 0))
+            along = space.elastic * along + values["damping"] * ca.dot(r, space.departure(a, b, 1))
+            force = space.between(a, b) * magnitude + r * (along / ca.dot(r, r))
+            wrenches.append(BodyWrench(body, move_wrench(ca.horzcat(force, ca.SX(3, 1)), at)))
+        return wrenches
