@@ -57,6 +57,7 @@ BENCHMARK = 5e-3  # frequencies that NAFEMS publishes
 # how much a guaranteed bound may be above a largest value that is known
 BOUND = 0.02
 MU = 1e-6  # structured singular values
+FITTED = 1e-5  # stiffnesses at positions that are fitted to 1e-7
 FIT_BOUND = 0.2
 
 

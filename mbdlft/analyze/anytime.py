@@ -14,6 +14,10 @@ from mbdlft.bound.evidence import Bounds as Bounds
 from mbdlft.bound.evidence import Proof
 from mbdlft.system.system import System
 
+UNSTABLE = (
+    "the system is unstable at the worst case, a value inside the ranges; robust_stability says how much "
+    "of the ranges is stable"
+)
 GAP, WORK, LARGEST = 0.01, 30.0, 100.0
 SHARE = 0.5  # of the work that is left, for one target
 _LOWER = 0.7  # a target that was not proved is taken nearer to what is: this part of the way

@@ -13,7 +13,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbdlft.analyze.anytime import GAP, LARGEST, WORK, Asked, Progress, check_numbers
+from mbdlft.analyze.anytime import (
+    GAP,
+    LARGEST,
+    UNSTABLE,
+    WORK,
+    Asked,
+    Progress,
+    check_numbers,
+)
 from mbdlft.analyze.box_search import BoxSearch, cost_of, is_dear, resistance, too_large
 from mbdlft.analyze.characteristic import Polynomials, Realization
 from mbdlft.analyze.crew import crew_of
@@ -230,7 +238,7 @@ class _GainSearch(_PeakSearch):
         crossing = smallest_crossing(self.model, 1.0)
         if np.isfinite(crossing.size):
             self.took(Peak(np.inf, crossing.frequency, crossing.delta))
-            self.reason = "the system is unstable at the worst case"
+            self.reason = UNSTABLE
             return
         self.took(largest_peak(self.model, 1.0))
         self.told()

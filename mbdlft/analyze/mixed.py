@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from mbdlft.analyze.anytime import Search
+from mbdlft.analyze.anytime import UNSTABLE, Search
 from mbdlft.analyze.characteristic import Realization
 from mbdlft.analyze.coverage import Cover, first_frequencies, looks, shrunk
 from mbdlft.analyze.loop import GAIN, Loop, matrix_at
@@ -108,7 +108,7 @@ class MixedSearch(Search):
             is_unstable = self.best.bound >= 1.0
         if is_unstable:
             self.loop, self.upper = self.inner, 0.0
-            self.reason = "the system is unstable at the worst case"
+            self.reason = UNSTABLE
         else:
             self.best = nothing(self.loop)
         return is_unstable

@@ -47,7 +47,7 @@ def verify(system: System, bounds: Bounds) -> str:
     """
     proof = bounds.proof
     if proof is None:
-        return "there is no proof"
+        return f"there is no proof{bounds.reason and ': '}{bounds.reason}"
     if bounds.kind == "smallest disk margin":
         system = disk_transfer(system, list(proof.inputs), list(proof.outputs))
         upper = 1.0 / bounds.lower if bounds.lower > 0.0 else np.inf

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdlft.analyze.anytime import GAP, WORK, Asked, Progress, check_numbers
+from mbdlft.analyze.anytime import GAP, UNSTABLE, WORK, Asked, Progress, check_numbers
 from mbdlft.analyze.ascent import climb
 from mbdlft.analyze.characteristic import Realization
 from mbdlft.analyze.crew import crew_of
@@ -179,7 +179,9 @@ def _searched(
         proved=False,
         sensitivity={},
         work=0.0,
-        reason=f"checked, not proved: the largest of {points} values that a search looked at",
+        reason=UNSTABLE
+        if what == "H2 norm" and np.isinf(best[0])
+        else f"checked, not proved: the largest of {points} values that a search looked at",
         leave_out=leave_out,
     )
 

@@ -6,6 +6,23 @@ from difflib import get_close_matches
 
 _LONGEST, _END = 2000, 400  # bytes of a message, and of its end, where the advice is
 _LISTED, _COMPARED, _LETTERS = 40, 1000, 100  # names listed, compared; their letters
+_QUANTITIES = ("position", "rotation", "angle", "force", "torque")  # with components
+_SAME = (  # words for one thing, of a translation and of a rotation
+    ("position", "angle", "rotation", "displacement", "theta", "q"),
+    ("velocity", "rate", "speed", "angular_velocity"),
+    ("acceleration", "angular_acceleration"),
+    ("force", "torque", "effort"),
+    ("damping", "friction", "damper"),
+    ("stiffness", "spring"),
+    ("kind", "type"),
+    ("revolute", "hinge", "pin", "continuous"),
+    ("prismatic", "slider", "translational"),
+    ("spherical", "ball"),
+    ("universal", "cardan"),
+    ("fixed", "weld"),
+    ("free", "floating"),
+    ("rigid", "body", "solid"),
+)
 
 
 class MbdlftError(Exception):
@@ -71,6 +88,19 @@ def _cut(name: str) -> str:
     return name if len(name) <= _LETTERS else f"{name[:_LETTERS]}..."
 
 
+def _of_the_same_item(name: str, known: list[str]) -> list[str]:
+    """The signal of the same item that was meant by a name ``ITEM.quantity.component``, if there is one.
+
+    ``flight.x`` is the x of its position; ``road.rate``, of what slides, is its velocity.
+    """
+    item, *rest = name.split(".")
+    if not rest:
+        return [other for same in _SAME if name in same for other in same if other in known][:1]
+    meant = [[quantity, *rest] for quantity in _QUANTITIES]
+    meant += [[other, *rest[1:]] for same in _SAME if rest[0] in same for other in same]
+    return [found for parts in meant if (found := ".".join((item, *parts))) in known][:1]
+
+
 def check_known(
     what: str,
     given: Iterable[str],
@@ -91,11 +121,11 @@ def unknown_name(what: str, name: str, existing: Iterable[str]) -> str:
     """
     names = sorted(existing)
     nearest = [known for known in names if known.lower() == name.lower()]
-    if (
-        not nearest and len(name) <= _LETTERS
-    ):  # comparing takes as long as the product of the lengths
+    if len(name) <= _LETTERS:  # comparing takes as long as the product of the lengths
         compared = [known for known in names[:_COMPARED] if len(known) <= _LETTERS]
-        nearest = get_close_matches(name, compared, n=1, cutoff=0.5)
+        nearest = nearest or _of_the_same_item(name, compared)
+        near = get_close_matches(name, compared, n=1, cutoff=0.5)
+        nearest = nearest or [known for known in near if len(name) > 1 or known[0] == name]
     hint = f" Did you mean {nearest[0]!r}?" if nearest else ""
     listed = [_cut(known) for known in names[:_LISTED]]
     if len(names) > _LISTED:

@@ -151,7 +151,22 @@ class _Parser:
         return SceneError(
             f"expression {self.text!r}, column {self.column}: expected {expected}, got {got}. "
             "Expressions are made of + - * / ^ with integer powers, parentheses, names, numbers "
-            f"and {', '.join(FUNCTIONS)} of constants."
+            f"and {', '.join(FUNCTIONS)} of constants.{self._meant()}"
+        )
+
+    def _meant(self) -> str:
+        """What a name or a degree sign right behind a number may stand for."""
+        before, rest = self.text[: self.column - 1].strip(), self.text[self.column - 1 :].strip()
+        if not _TOKEN.fullmatch(before) or not before[-1:].isdigit():
+            return ""
+        if rest in ("deg", "°"):
+            return f" Degrees are written {before}*deg."
+        try:
+            parse_unit(rest)
+        except SceneError:
+            return f" A product has a sign: {before}*{rest}." if self.kind == "name" else ""
+        return (
+            f" A unit stands in brackets, '{before} [{rest}]'; a product has a sign, {before}*name."
         )
 
     def _sum(self) -> Expression:

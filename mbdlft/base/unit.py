@@ -93,6 +93,39 @@ _SYMBOLS = {name: _exact(name) for name in _BASE} | {
 }
 _TOKEN = re.compile(r"\s*(?:([A-Za-zµ%]+|1)(?:\s*\^\s*(-?\d)(?!\d))?|([*/·]))")
 
+# what people write for a symbol; the text that takes its place may be a product
+_WORDS = {
+    **dict.fromkeys(("metre", "meter"), "m"),
+    **dict.fromkeys(("second", "sec"), "s"),
+    **dict.fromkeys(("gram", "gramme"), "g"),
+    **dict.fromkeys(("tonne", "ton"), "t"),
+    **dict.fromkeys(("minute", "mn"), "min"),
+    **dict.fromkeys(("hour", "hr"), "h"),
+    **dict.fromkeys(("radian", "rad", "rd"), "rad"),
+    **dict.fromkeys(("degree", "°"), "deg"),
+    **dict.fromkeys(("turn", "revolution", "cycle"), "rev"),
+    **dict.fromkeys(("hertz", "hz"), "Hz"),
+    **{"newton": "N", "pascal": "Pa", "pa": "Pa", "joule": "J", "watt": "W", "nm": "N m"},
+    **{
+        "volt": "V",
+        "ampere": "A",
+        "amp": "A",
+        "kelvin": "K",
+        "ohm": "Ohm",
+        "kg": "kg",
+        "percent": "%",
+    },
+    **{"newtonmeter": "N m", "kilo": "kg", "dimensionles": "1", "none": "1"},
+}
+_PREFIX_WORDS = {
+    "": "",
+    "kilo": "k",
+    "mega": "M",
+    "milli": "m",
+    "micro": "u",
+    "centi": "c",
+    "nano": "n",
+}
 _MORE_DIGITS = 60  # those of factors, and of what has no end, such as 1/60
 ANGLE_UNITS = ("deg", "rad")
 
@@ -122,11 +155,7 @@ def parse_unit(text: str) -> Unit:
             divide = operator == "/"
             continue
         if symbol is None or symbol not in _SYMBOLS:
-            raise SceneError(
-                f"unit {text!r}: "
-                + unknown_name("symbol", str(symbol), _BASE)
-                + f" Most of them take the prefixes {' '.join(_PREFIX)}."
-            )
+            raise _unknown(text, str(symbol))
         power = int(exponent or 1)
         unit = unit * _SYMBOLS[symbol] ** (-power if divide else power)
         divide = False
@@ -142,6 +171,20 @@ def in_si(number: str, unit: Unit) -> str:
     exact = Fraction(repr(unit.factor)) if unit.exact is None else unit.exact
     with localcontext(Context(prec=len(number) + _MORE_DIGITS)):
         return str(Decimal(number) * exact.numerator / exact.denominator)
+
+
+def _unknown(text: str, symbol: str) -> SceneError:
+    """An error for a symbol that is none; of words, plurals and other spellings it says the symbol."""
+    word = symbol.lower().removesuffix("s")
+    for prefix, letter in _PREFIX_WORDS.items():
+        if word.removeprefix(prefix) in _WORDS and word != prefix:
+            meant = letter * (word not in _WORDS) + _WORDS.get(
+                word, _WORDS[word.removeprefix(prefix)]
+            )
+            return SceneError(f"unit {text!r}: unknown symbol {symbol!r}. Did you mean {meant!r}?")
+    near = [known for known in _BASE if len(symbol) > 2 or known.lower() == symbol.lower()]
+    said = unknown_name("symbol", symbol, near or ["kg", "m", "s", "N", "rad", "deg", "Hz"])
+    return SceneError(f"unit {text!r}: {said} Most of them take the prefixes {' '.join(_PREFIX)}.")
 
 
 def _unreadable(text: str, rest: str) -> SceneError:

@@ -1,7 +1,5 @@
 """The commands `margin`, `wcgain`, `worst`, `verify`: guarantees for a model, and their proofs."""
 
-import json
-import sys
 import time
 from enum import StrEnum
 from pathlib import Path
@@ -29,7 +27,7 @@ from mbdlft.cli.bounds import (
     number,
 )
 from mbdlft.cli.response import chosen_channels
-from mbdlft.cli.tables import console
+from mbdlft.cli.tables import console, print_json
 
 
 class Property(StrEnum):
@@ -163,7 +161,7 @@ def verify(archive: Archive, as_json: AsJson = False) -> None:
             }
         )
     if as_json:
-        sys.stdout.write(json.dumps(found, indent=2) + "\n")
+        print_json(found)
     else:
         for entry in found:
             said = "proved" if entry["proved"] else f"NOT PROVED: {entry['reason']}"

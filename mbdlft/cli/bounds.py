@@ -1,8 +1,6 @@
 """What commands of analyses share: loops made of files; how bounds are stored and told."""
 
-import json
 import math
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +11,7 @@ from rich.console import Console
 
 from mbdlft.base.errors import AnalysisError
 from mbdlft.cli.source import stored_system
-from mbdlft.cli.tables import console, table
+from mbdlft.cli.tables import console, print_json, table
 
 if TYPE_CHECKING:
     from mbdlft.bound.evidence import Bounds
@@ -140,7 +138,7 @@ def _report(
 
         save_analysis(archive, system, found)
     if as_json:
-        sys.stdout.write(json.dumps(_as_json(found, seconds), indent=2) + "\n")
+        print_json(_as_json(found, seconds))
         return
     out = console()
     out.print(f"{system.name}, {found.kind}:", highlight=False)

@@ -1,7 +1,7 @@
 """The commands `check` and `linearize`, for scenes and for Modelica models."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,7 +19,6 @@ from mbdlft.cli.modelica import (
     is_modelica,
     linear_model,
 )
-from mbdlft.cli.notes import scene_notes
 from mbdlft.cli.options import (
     SEARCH,
     AsJson,
@@ -39,6 +38,7 @@ from mbdlft.cli.tables import table as _table
 from mbdlft.system.model import LFTModel
 
 if TYPE_CHECKING:
+    from mbdlft.base.signal import Signal
     from mbdlft.multibody.scene import Scene
     from mbdlft.problem.trim import TrimPoint
 
@@ -90,6 +90,7 @@ def check(
     inputs, outputs = choose_signals(scene, equations)
     point = solve_trim(equations)
     relinearize(equations, inputs, outputs, np.array([[p.nominal for p in equations.parameters]]))
+    said = _notes(scene, point.signals, point.values)
     if as_json:
         print_json(
             {
@@ -99,7 +100,7 @@ def check(
                 "states": len(equations.x_signals),
                 "parameters": parameters_data(equations.parameters),
                 "efforts": efforts_data(point),
-                "notes": scene_notes(scene, point.signals, point.values),
+                "notes": said,
             }
         )
         return
@@ -114,7 +115,7 @@ def check(
             table.add_row(p.name, p.unit, f"{p.low:g}", f"{p.nominal:g}", f"{p.high:g}", p.role)
         console.print(table)
     console.print(efforts_table(point))
-    for note in scene_notes(scene, point.signals, point.values):
+    for note in said:
         console.print(note, highlight=False)
     console.print("The scene is usable.")
 
@@ -217,10 +218,22 @@ def _of_scene(
     )
     seconds = {name: value for name, value in built.seconds.items() if name != "total"}
     trim = built.model.trim
-    notes = scene_notes(scene, trim.signals, [float(value) for value in trim.nominal])
+    notes = _notes(scene, trim.signals, [float(value) for value in trim.nominal])
+    notes += [
+        f"note: parameter {p.name!r} has no effect on this model."
+        for p, count in zip(built.model.parameters, built.model.certificate.order, strict=True)
+        if count == 0 and not any(f"parameter {p.name!r}" in note for note in notes)
+    ]
     if truncate is not None and built.model.certificate.truncation_error == 0.0:
         notes.append(f"note: no channel can be left out within {truncate:g}; nothing is truncated.")
     return built.model, seconds, notes
+
+
+def _notes(scene: "Scene", signals: Sequence["Signal"], values: Sequence[float]) -> list[str]:
+    """Lines with the notes on a scene; `signals` were unknown in the trim, with nominal `values`."""
+    from mbdlft.multibody.overlooked import notes
+
+    return [f"note: {text}" for text in notes(scene, dict(zip(signals, values, strict=True)))]
 
 
 def _refuse_options(file: Path, table_file: Path | None, model_name: str | None) -> None:
@@ -242,7 +255,7 @@ def efforts_table(point: "TrimPoint") -> Table:
     """The table of the efforts at a trim point."""
     table = _table("efforts that hold the equilibrium", "effort", "value >", "unit")
     for signal, value in zip(point.signals, point.values, strict=True):
-        table.add_row(signal.name, f"{value:.10g}", signal.unit)
+        table.add_row(signal.name, f"{value + 0.0:.10g}", signal.unit)
     return table
 
 

@@ -1,8 +1,6 @@
 """The command `poles`: damping table, transmission zeros, and what is known of stability."""
 
-import json
 import math
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mbdlft.cli.source import load_system, point_of
-from mbdlft.cli.tables import console, table
+from mbdlft.cli.tables import console, print_json, table
 
 if TYPE_CHECKING:
     from mbdlft.analyze import ModeRow, StabilityVerdict
@@ -62,7 +60,7 @@ def poles(
     try:
         if as_json:
             said = _summary(system, point, rows, at_zero, verdict, found.stability())
-            sys.stdout.write(json.dumps(said, indent=2) + "\n")
+            print_json(said)
         else:
             _print(system, point, rows, at_zero, verdict)
     finally:  # a figure that fails takes nothing away

@@ -1,16 +1,13 @@
 """The printed form of a model: one JSON object, or tables and sentences on what is proved."""
 
-import json
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from mbdlft.cli.notes import WARNINGS
 from mbdlft.cli.poles import poles_summary, print_poles
-from mbdlft.cli.tables import console, table
+from mbdlft.cli.tables import console, print_json, table
 from mbdlft.report.sentences import (
     checked_beside,
     conditioning,
@@ -36,8 +33,7 @@ def report_model(
     """Print a model that was made, with `notes`, the `seconds` of each stage and the written files."""
     seconds = {**seconds, "total": sum(seconds.values())}
     if as_json:
-        beside = {"notes": list(notes), "warnings": list(WARNINGS)}
-        sys.stdout.write(json.dumps(_summary(model, seconds) | beside, indent=2) + "\n")
+        print_json(_summary(model, seconds) | {"notes": list(notes)})
         return
     print_model(model)
     out = console()

@@ -1,8 +1,6 @@
 """The command `response`: norms, peaks and values at frequencies, at nominal and over samples."""
 
-import json
 import math
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -12,7 +10,7 @@ import typer
 
 from mbdlft.base.errors import AnalysisError
 from mbdlft.cli.source import load_system, point_of
-from mbdlft.cli.tables import console, table
+from mbdlft.cli.tables import console, print_json, table
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -82,7 +80,7 @@ def response(
     values = _values_at(system, point, samples, seed, frequencies or [])
     try:
         if as_json:
-            sys.stdout.write(json.dumps(_summary(system, points, values), indent=2) + "\n")
+            print_json(_summary(system, points, values))
         else:
             _print(system, points, values)
     finally:  # a figure that fails takes nothing away

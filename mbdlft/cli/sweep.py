@@ -1,7 +1,5 @@
 """The command `sweep`: it writes numeric trims and linearizations at many samples into an archive."""
 
-import json
-import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
@@ -12,10 +10,10 @@ from rich.console import Console
 from rich.markup import escape
 
 from mbdlft.base.errors import AnalysisError
-from mbdlft.cli.notes import WARNINGS, warn
+from mbdlft.cli.notes import warn
 from mbdlft.cli.options import time_left
 from mbdlft.cli.source import scene_in, stored_system
-from mbdlft.cli.tables import console
+from mbdlft.cli.tables import console, print_json
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -97,8 +95,7 @@ def sweep(
             progress=_teller(evaluated.name, status.update),
         )
     if as_json:
-        found = asdict(report) | {"warnings": list(WARNINGS)}
-        sys.stdout.write(json.dumps(found, indent=2) + "\n")
+        print_json(asdict(report))
         return
     _print_report(report, output)
 

@@ -12,6 +12,7 @@ from rich.text import Text
 
 from mbdlft.base.errors import MbdlftError, SceneError
 from mbdlft.base.parameter import Parameter
+from mbdlft.cli.notes import WARNINGS
 
 if TYPE_CHECKING:
     from mbdlft.multibody.equilibrium import EquilibriumPoint
@@ -36,7 +37,9 @@ def table(title: str | None, *headings: str) -> Table:
 
 
 def print_json(found: object) -> None:
-    """Print plain data as one JSON object."""
+    """Print plain data as one JSON object, with the warnings that the command has shown."""
+    if isinstance(found, dict):
+        found = {**found, "warnings": list(WARNINGS)}
     sys.stdout.write(json.dumps(found, indent=2, ensure_ascii=False) + "\n")
 
 

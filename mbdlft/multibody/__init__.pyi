@@ -18,6 +18,7 @@ from .equilibrium import fit_positions as fit_positions
 from .force import Buoyancy as Buoyancy
 from .force import Force as Force
 from .force import Spring as Spring
+from .force import Strut as Strut
 from .force import Torque as Torque
 from .joint import Cylindrical as Cylindrical
 from .joint import Fixed as Fixed
@@ -29,6 +30,7 @@ from .joint import Rotation as Rotation
 from .joint import Spherical as Spherical
 from .joint import Universal as Universal
 from .loop import Loop as Loop
+from .overlooked import notes as notes
 from .scene import Constant as Constant
 from .scene import Fit as Fit
 from .scene import Scene as Scene

@@ -110,9 +110,24 @@ def _chosen(
     for name in names or ():
         if name not in index:
             raise SceneError(
-                f"scene {scene.name!r}, {what}: " + unknown_name("signal", name, index)
+                f"scene {scene.name!r}, {what}: {unknown_name('signal', name, index)}"
+                f"{_of_a_body(scene, name) if what == 'outputs' else ''}"
             )
     return list(default) if names is None else [index[name] for name in names]
+
+
+def _of_a_body(scene: Scene, name: str) -> str:
+    """What to do for an output that is named like a body or one of its ports."""
+    item = name.partition(".")[0]
+    ports = [f"{body.name}.{port}" for body in scene.bodies for port in ("origin", *body.ports)]
+    port = next((port for port in ports if item in port.split(".")), "")
+    if not port:
+        return ""
+    port = port.removesuffix(".origin")
+    return (
+        f" What a body does is told by a sensor: [sensors.NAME] with kind = 'position' and "
+        f"port = {port!r} has the outputs NAME.x, NAME.y, NAME.z."
+    )
 
 
 def _with_motions(

@@ -23,6 +23,7 @@ from mbdlft.problem.trim import trim_efforts
 from mbdlft.sx.evaluate import evaluate_in_chunks, evaluate_many
 from mbdlft.sx.sizes import term_sizes
 
+_TAKES_PART = 0.1  # of a unit vector: a signal that is named in a message
 _FLOOR = 1e-2  # of the load (and the inertia it acts on): the size below which terms have cancelled
 
 
@@ -125,8 +126,9 @@ def _linear(e: Equations, unknown: int, known: int, jacobian: Array) -> Linear:
         )
     except np.linalg.LinAlgError:
         raise WellPosednessError(
-            f"scene {e.name!r}: the mass matrix is singular at a point of the parameter range. Keep "
-            "masses and inertias away from zero."
+            f"scene {e.name!r}: the mass matrix is singular at a point of the parameter range: nothing "
+            f"with enough inertia moves with {_idle(e, jacobian[:, :unknown, :unknown])}. Keep masses "
+            "and inertias away from zero, or give the joints an actuator_inertia."
         ) from None
     read, by_unknown = (
         jacobian[:, unknown:, unknown : unknown + known],
@@ -136,6 +138,14 @@ def _linear(e: Equations, unknown: int, known: int, jacobian: Array) -> Linear:
         read = read + by_unknown @ solved
     matrices = np.concatenate([solved[:, : len(e.states)], read], axis=1)
     return Linear(matrices, jacobian, solved)
+
+
+def _idle(e: Equations, matrices: Array) -> str:
+    """Names of the rates that take part in what the most singular of matrices (N, n, n) does not see."""
+    worst = min(matrices, key=lambda matrix: float(np.linalg.svd(matrix, compute_uv=False)[-1]))
+    sizes = np.abs(np.linalg.svd(worst)[2][-1])
+    taken = zip(e.x_signals, sizes, strict=False)
+    return ", ".join(signal.name for signal, size in taken if size > _TAKES_PART) or "the loops"
 
 
 def _solved(matrix: Array, right: Array) -> Array:

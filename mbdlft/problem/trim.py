@@ -193,7 +193,8 @@ def trim_rows(equations: Equations) -> tuple[int, ...]:
         raise TrimError(
             f"scene {e.name!r}: the equilibrium does not determine the trim unknowns "
             f"{', '.join(e.u_signals[k].name for k in doubtful)}: they are redundant, {count - rank} too "
-            "many. Give a value to that many of them (a joint's preload, a load's magnitude): a number "
+            "many. Give a value to that many of them (a joint's preload, a load's magnitude, a spring's "
+            "force_density, a strut's force): a number "
             'or an expression, such as magnitude = "m*9.81 [m/s^2]/4".'
         )
     return tuple(sorted(int(row) for row in order[:count]))
@@ -346,8 +347,10 @@ def _unbalanced(e: Equations, points: Array, residual: Array, worst: int) -> str
         f"scene {e.name!r}: no equilibrium{' at ' + where if where else ''}: {signal.name} misses "
         f"{size:.4g} {signal.unit}"
         f"{' with the trim unknowns ' + _names(e) if e.unknown else ', and nothing is unknown'}. "
-        "Leave out a preload or a load's magnitude that can balance it, or change the position "
-        "(find_equilibrium gives one). Where the position itself depends on parameters: (a) declare "
-        "the angle as a parameter and let the trim solve for a load or preload, which is exact, or (b) "
-        "fit the position by a rational function with a guaranteed bound (fit_positions)."
+        "Leave out a preload or a load's magnitude that can balance it, change the position "
+        "(find_equilibrium gives one), or, where the whole accelerates as a rocket does, make a "
+        "component of the scene's acceleration 'unknown'. Where the position itself depends on "
+        "parameters: (a) declare the angle as a parameter and let the trim solve for a load or preload, "
+        "which is exact, or (b) fit the position by a rational function with a guaranteed bound "
+        "(fit_positions)."
     )

@@ -234,6 +234,9 @@ def _said(bounds: Bounds) -> list[str]:
     if bounds.proved:
         said = [sentence.format(low=low, high=high, how=how)]
     reached = bounds.lower if from_above else bounds.upper
+    infinite = from_above and not bounds.proved and math.isinf(reached)
+    if infinite:
+        said = ["It is infinite: there is no bound to prove."]
     if bounds.worst and math.isfinite(reached):
         said.append(
             f"Reached: {short(reached)}, at {short(bounds.frequency)} rad/s, at these values."
@@ -241,7 +244,7 @@ def _said(bounds: Bounds) -> list[str]:
     if bounds.motion is not None:
         said.append(f"A motion of {high} times the ranges that does not come to rest is stored.")
     if bounds.reason:
-        said.append(f"Why not more: {bounds.reason}")
+        said.append(f"{'Why' if infinite else 'Why not more'}: {bounds.reason.rstrip('.')}.")
     if bounds.leave_out:
         said.append(f"States that do not count: {', '.join(bounds.leave_out)}.")
     if bounds.proof is not None:

@@ -14,7 +14,7 @@ from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.multibody.assembly.tree import PortFrame
 from mbdlft.multibody.body import GROUND, Beam, Body, ElasticBody, RigidBody
 from mbdlft.multibody.body.elastic import times
-from mbdlft.multibody.force import Load, Spring
+from mbdlft.multibody.force import Load, Spring, Strut
 from mbdlft.multibody.force.kinds import DirectedLoad
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.loop import Loop
@@ -270,7 +270,7 @@ def _draw_load(d: Drawing, load: Load, effort: int) -> None:
     """
     wrenches = load_wrenches(d.poses, load)
     shapes: list[Shape] = []
-    if isinstance(load, Spring):
+    if isinstance(load, Spring | Strut):
         points = [d.vector(wrench.point) for wrench in wrenches]
         shapes.append({"type": "spring", "points": points, "layer": "loads"})
     for wrench in wrenches:
@@ -285,9 +285,10 @@ def _draw_load(d: Drawing, load: Load, effort: int) -> None:
                 )
     port = ", ".join(f"{key} {port}" for key, port in load.ports().items())
     lines = [port, *said(load.quantities())]
-    if isinstance(load, DirectedLoad):
+    if isinstance(load, DirectedLoad | Strut):
         direction = ", ".join(f"{float(entry):g}" for entry in load.direction)
-        lines.insert(1, f"direction = [{direction}] of {load.frame}")
+        of = load.frame if isinstance(load, DirectedLoad) else load.parent
+        lines.insert(1, f"direction = [{direction}] of {of}")
     d.add("loads", load.name, load.kind, lines, shapes)
 
 

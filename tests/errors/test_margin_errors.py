@@ -112,7 +112,7 @@ def test_too_little_work_is_said() -> None:
     found = robust_stability(cart(), work=1e-6)
     assert not found.proved
     assert "the work of 1e-06 units was used up" in found.reason
-    assert verify(cart(), found) == "there is no proof"
+    assert verify(cart(), found) == f"there is no proof: {found.reason}"
 
 
 def test_too_many_repetitions_are_said() -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+import mbdlft
 from tests.scenarios.test_cli import run
 
 POLE = """
@@ -68,7 +69,7 @@ def test_a_leaning_pole_is_held_by_something(
     assert HELD in out
     assert "preload = 0" in out
     assert "track.force holds" not in out
-    assert "'spare' is declared and not used" in out
+    assert "constant 'spare' is declared and not used" in out
     assert "port 'pole.eye' is declared and not used" in out
     assert "pole.tip" not in out.partition("note:")[2]
 
@@ -95,6 +96,55 @@ def test_json_has_notes_and_warnings(tmp_path: Path, monkeypatch: Patch, capsys:
     assert code == 0
     assert any(note.startswith(HELD) for note in found["notes"])
     assert found["warnings"] == []
+
+
+def test_notes_in_python(tmp_path: Path) -> None:
+    """The same as on the command line; a spring that is pushed is told from one that pulls."""
+    scene = mbdlft.load_scene(written(tmp_path))
+    said = mbdlft.notes(scene)
+    assert [text for text in said if text.startswith(HELD.removeprefix("note: "))]
+    assert "constant 'spare' is declared and not used." in said
+    for height, pushed in ((-1.0, True), (2.5, False)):
+        ground = mbdlft.Ground(ports={"end": (0, 0, height)})
+        spring = mbdlft.Spring(name="s", parent="ground.end", child="b", stiffness=9.0)
+        body = mbdlft.PointMass(name="b", mass=1.0)
+        joint = mbdlft.Prismatic(name="j", parent="ground", child="b", axis=(0, 0, 1), preload=0)
+        on_spring = mbdlft.Scene(
+            name="s", gravity=(0, 0, -9.81), bodies=[ground, body], joints=[joint], loads=[spring]
+        )
+        assert (
+            "pushed together at nominal: spring 's'" in " ".join(mbdlft.notes(on_spring))
+        ) is pushed
+
+
+def test_what_is_used_and_changes_nothing(
+    tmp_path: Path, monkeypatch: Patch, capsys: Capture
+) -> None:
+    """A parameter that cancels, a sensor that is no output."""
+    text = POLE.replace("xx = 0.01", 'xx = "0.01 + 0*p"')
+    text += 'outputs = ["pivot.angle"]\n[parameters]\n'
+    text += 'p = { nominal = 1, percent = 5, unit = "kg m^2" }\n'
+    text += "unused = { nominal = 1, percent = 5 }\n"
+    code, out, _ = run(monkeypatch, capsys, "linearize", written(tmp_path, text))
+    out = " ".join(out.split())
+    assert code == 0
+    assert "parameter 'p' has no effect on this model." in out
+    assert "parameter 'unused' is declared and not used." in out
+    assert "parameter 'unused' has no effect" not in out
+    assert "sensor 'seen' is declared, and none of its signals is an output." in out
+
+
+@pytest.mark.filterwarnings("always::mbdlft.base.errors.MbdlftWarning")
+@pytest.mark.parametrize("command", ["check", "trim", "poles", "response", "linearize"])
+def test_json_of_every_command_has_warnings(
+    command: str, tmp_path: Path, monkeypatch: Patch, capsys: Capture
+) -> None:
+    text = POLE.replace('position = "20*deg"', "preload = 0\ndamping = -2.0")
+    code, out, err = run(monkeypatch, capsys, command, written(tmp_path, text), "--json")
+    said = "joint 'pivot': damping is negative in the range: -2 N m s/rad."
+    assert code == 0
+    assert f"mbdlft: warning: {said}" in err
+    assert json.loads(out)["warnings"][0] == said
 
 
 def test_sweep_says_that_it_replaces_rows(

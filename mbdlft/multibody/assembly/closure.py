@@ -250,6 +250,15 @@ def _independent(columns: Array) -> tuple[int, list[int]]:
     return rank, sorted(int(k) for k in order[:rank])
 
 
+def _gap_at_nominal(loop: Loop, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]) -> str:
+    """Where the two ports are at nominal, in the axes of the ground."""
+    places = [
+        ", ".join(f"{x:.4g}" for x in evaluate(view.between_at_rest("ground", port))[0][:, 0])
+        for port in (loop.parent, loop.child)
+    ]
+    return f", at [{places[0]}] and [{places[1]}] m of the ground at nominal"
+
+
 def _check_that_it_closes(
     loop: Loop, view: View, evaluate: Callable[[ca.SX], Sequence[Array]], explained: Array
 ) -> None:
@@ -270,8 +279,8 @@ def _check_that_it_closes(
         raise SceneError(
             f"loop {loop.name!r}: the ports {loop.parent!r} and {loop.child!r} do not meet: they are "
             f"{widest:.3g} m apart{' across the axis' if loop.slides else ''} at nominal or elsewhere in "
-            "the range. Correct the positions of the joints; where a parameter changes the shape of the "
-            "loop they must follow it."
+            f"the range{_gap_at_nominal(loop, view, evaluate)}. Correct the positions of the joints; "
+            "where a parameter changes the shape of the loop they must follow it."
         )
     body, other = (view.port(port)[0] for port in (loop.parent, loop.child))
     turned = _skewed(loop, own, lambda v: view.across(v, body, other))

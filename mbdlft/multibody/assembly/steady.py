@@ -292,7 +292,8 @@ class _Finder:
                         "not turn."
                     )
                 direction = getattr(load, "direction", None)
-                if direction is None or load.frame == "ground":  # type: ignore[attr-defined]
+                turns = port == load.ports().get("parent", port)  # a strut turns with its parent
+                if direction is None or getattr(load, "frame", "") == "ground" or not turns:
                     continue
                 if not self._vanishes(ca.cross(turning.axis, unit_vector(direction))):
                     raise SceneError(

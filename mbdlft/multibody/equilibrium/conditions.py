@@ -23,7 +23,7 @@ from mbdlft.base.description import Quantity
 from mbdlft.base.errors import NotRationalError, TrimError
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.multibody.equilibrium.displaced import Displaced, in_physical
-from mbdlft.multibody.force import Spring
+from mbdlft.multibody.force import Spring, Strut
 from mbdlft.multibody.scene.scene import Scene
 
 _RANK = 1e-9  # a pivot below this part of the largest is zero: other efforts do the same
@@ -120,7 +120,10 @@ def conditions(
 
 
 class _Rope(NamedTuple):
-    """A spring whose force density is size * density, with its law and the nominal of the unknown."""
+    """A spring whose force density, or a strut whose force, is size * density, with its law.
+
+    `nominal` is the value of the unknown `density` there.
+    """
 
     name: str
     size: float
@@ -162,22 +165,28 @@ def _ropes(s: "_Symbols", before: Displaced, after: Displaced, u: ca.SX) -> list
     index = {signal.name: k for k, signal in enumerate(after.u_signals)}
     ropes: list[_Rope] = []
     for load in s.scene.loads:
-        if not isinstance(load, Spring):
+        if not isinstance(load, Spring | Strut):
             continue
-        row = index[f"{load.name}.{Spring.signal.name}"]
+        row = index[f"{load.name}.{load.signal.name}"]
         (length,) = s.at(after, [after.lengths[load.name]])
         if row in after.unknown or not ca.depends_on(length, s.all_tangents):
             continue
         (declared,) = s.at(before, [before.lengths[load.name]])
-        k, h = s.value(load.stiffness), s.value(load.force_density or 0.0)
-        slack = (k - h) * declared if load.rest_length is None else k * s.value(load.rest_length)
+        k = s.value(load.stiffness)
         size = abs(s.at_nominal(k)) or 1.0
-        density = ca.SX.sym("density")
-        law = density * length - (k * length - slack) / size
-        u[row] = size * density
-        ropes.append(
-            _Rope(load.name, size, density, law, s.at_nominal((k - slack / length) / size))
-        )
+        if isinstance(load, Strut):  # its force takes the place of a density
+            force = s.value(load.force or 0.0) - k * (length - declared)
+            unknown = ca.SX.sym("force")
+            law, nominal = unknown - force / size, s.at_nominal(force / size)
+        else:
+            h = s.value(load.force_density or 0.0)
+            fixed = load.rest_length is not None
+            slack = k * s.value(load.rest_length or 0.0) if fixed else (k - h) * declared
+            unknown = ca.SX.sym("density")
+            law = unknown * length - (k * length - slack) / size
+            nominal = s.at_nominal((k - slack / length) / size)
+        u[row] = size * unknown
+        ropes.append(_Rope(load.name, size, unknown, law, nominal))
     return ropes
 
 

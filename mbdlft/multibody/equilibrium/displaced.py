@@ -26,7 +26,7 @@ from mbdlft.multibody.assembly.steady import body_momenta
 from mbdlft.multibody.assembly.symbols import Symbols
 from mbdlft.multibody.assembly.tree import Link, all_bodies, coordinate_owners, degrees
 from mbdlft.multibody.assembly.view import View
-from mbdlft.multibody.force import Spring
+from mbdlft.multibody.force import Spring, Strut
 from mbdlft.multibody.joint import Joint, coordinate_label
 from mbdlft.multibody.joint.move import turning_along
 from mbdlft.multibody.loop import Loop
@@ -103,8 +103,8 @@ class Displaced:
     coordinates : JointCoordinate (n,)
     declared : SX (n,)
         Declared positions (rad, m), functions of p; zero for rotation vectors.
-    lengths : SX by name of the spring
-        Length at the displaced positions (m), a function of q and p.
+    lengths : SX by name of the spring or strut
+        Length at the displaced positions (m), of a strut along its direction, a function of q and p.
     arms : SX (3, number of arms)
         Vectors from port to port in bodies and joints (m); they tell the size of the scene.
     parameters : sorted by name
@@ -141,7 +141,7 @@ def displace(scene: Scene) -> Displaced:
     resolved = resolve(scene)
     links, symbols, values = resolved.links, resolved.symbols, resolved.values
     view = _view_at_rest(scene, symbols, links, values)
-    springs = [load for load in scene.loads if isinstance(load, Spring)]
+    springs = [load for load in scene.loads if isinstance(load, Spring | Strut)]
     laws = {load.name: spring_law(load, values[owner_name(load)], view) for load in springs}
     every = Closure(tuple(range(sum(len(loop.signals()) for loop in scene.loops))), ())
     listed = list_efforts(scene, links, values, laws, every)
@@ -285,13 +285,20 @@ def _declared(
     return values[owner][label]
 
 
-def spring_law(spring: Spring, own: Values, view: View) -> ca.SX | None:
-    """Force density, tension over length (N/m), of a spring at the displaced positions.
+def spring_law(spring: Spring | Strut, own: Values, view: View) -> ca.SX | None:
+    """Force density, tension over length (N/m), of a displaced spring; force of a strut.
 
     It is k (1 - l0/l) with the rest length l0, or k - (k - h) l_declared/l with the force density h at
-    the declared positions; None if the scene gives neither of them.
+    the declared positions; None if the scene gives neither of them. That of a strut is
+    f0 - k (s - s_declared) with the force f0 at the declared positions.
     """
     view.owner = owner_name(spring)
+    if isinstance(spring, Strut):
+        if spring.force is None:
+            return None
+        at_rest = view.between_at_rest(spring.parent, spring.child)
+        declared = ca.dot(unit_vector(spring.direction), at_rest)
+        return ca.SX(own["force"] - own["stiffness"] * (_length(spring, view) - declared))
     if spring.rest_length is None and spring.force_density is None:
         return None
     length = _length(spring, view)
@@ -301,9 +308,12 @@ def spring_law(spring: Spring, own: Values, view: View) -> ca.SX | None:
     return ca.SX(own["stiffness"] - (own["stiffness"] - own["force_density"]) * declared / length)
 
 
-def _length(spring: Spring, view: View) -> ca.SX:
-    """Distance of the ports of a spring at the displaced positions (m)."""
+def _length(spring: Spring | Strut, view: View) -> ca.SX:
+    """Distance (m) of the ports of a spring when displaced; of a strut along its direction."""
     view.owner = owner_name(spring)
+    if isinstance(spring, Strut):
+        along = unit_vector(spring.direction)
+        return ca.SX(ca.dot(along, view.between(spring.parent, spring.child)))
     return ca.norm_2(view.between(spring.parent, spring.child))
 
 

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -151,10 +152,13 @@ def _fitted(
     loads = list(scene.loads)
     for i, (name, size) in enumerate(system.springs.items(), start=count + turning):
         k = next(k for k, load in enumerate(loads) if load.name == name)
-        density = f"{size!r}*({found.expressions[i]})"
-        spring = {"force_density": density, "rest_length": None}
+        spring: dict[str, Any] = {loads[k].magnitude_key: f"{size!r}*({found.expressions[i]})"}
+        if isinstance(loads[k], Spring):
+            spring["rest_length"] = None
         loads[k] = loads[k].model_copy(update=spring)
-        bounds[f"{name}.{Spring.signal.name}"] = (Interval.of(size) * float(found.bound[i])).largest
+        bounds[f"{name}.{loads[k].signal.name}"] = (
+            Interval.of(size) * float(found.bound[i])
+        ).largest
     update = {
         "joints": tuple(joints.values()),
         "loads": tuple(loads),

@@ -18,7 +18,7 @@ from mbdlft.multibody.equilibrium.displaced import (
     in_physical,
 )
 from mbdlft.multibody.equilibrium.find import EquilibriumPoint
-from mbdlft.multibody.force import Spring
+from mbdlft.multibody.force import Spring, Strut
 from mbdlft.multibody.joint import Joint, Rotation
 from mbdlft.multibody.scene import Constant, Scene
 from mbdlft.multibody.scene.check import has_unit
@@ -29,10 +29,10 @@ def at_equilibrium(scene: Scene, point: EquilibriumPoint) -> Scene:
     """Write the positions of an equilibrium into its scene, as numbers.
 
     A joint with a `stiffness` and a `preload` gets the preload (preload) - (stiffness) q, as its spring
-    is displaced by q at the equilibrium. A spring with a given force density gets the force density that
-    its law has there. A parameter that was an unknown of the search gets the found value as its nominal.
-    Parameters stay parameters. `to_lft` needs an equilibrium for all values of the parameters, so the
-    positions must not depend on them.
+    is displaced by q at the equilibrium. A spring with a given force density, or a strut with a given
+    force, gets the one that its law has there. A parameter that was an unknown of the search gets the
+    found value as its nominal. Parameters stay parameters. `to_lft` needs an equilibrium for all values
+    of the parameters, so the positions must not depend on them.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def at_equilibrium(scene: Scene, point: EquilibriumPoint) -> Scene:
         }
         joints.append(_moved(scene, joint, d.coordinates, own, declared) if own else joint)
     loads = [
-        load.model_copy(update={"force_density": densities[load.name]})
+        load.model_copy(update={load.magnitude_key: densities[load.name]})
         if load.name in densities
         else load
         for load in scene.loads
@@ -113,7 +113,11 @@ def _declared(
     d: Displaced, scene: Scene, point: EquilibriumPoint
 ) -> tuple[Array, dict[str, Quantity]]:
     """Declared positions (n,) (rad, m), and the force densities of springs at the point, by name."""
-    springs = [s for s in scene.loads if isinstance(s, Spring) and s.force_density is not None]
+    springs = [
+        load
+        for load in scene.loads
+        if isinstance(load, Spring | Strut) and getattr(load, load.magnitude_key) is not None
+    ]
     lengths = ca.SX(ca.vertcat(*(d.lengths[spring.name] for spring in springs)))
     symbols, expressions = in_physical(d, [d.declared, lengths])
     function = ca.Function("declared", [symbols, d.q], expressions)
@@ -124,6 +128,13 @@ def _declared(
     )
     return declared, {
         spring.name: _density(spring, float(a / b))
+        if isinstance(spring, Spring)
+        else _relaxed(
+            spring.force or 0.0,
+            spring.stiffness,
+            float(b - a),
+            " [m]" if has_unit(scene, spring.stiffness) else "",
+        )
         for spring, a, b in zip(springs, before, after, strict=True)
     }
 

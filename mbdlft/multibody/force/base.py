@@ -30,6 +30,9 @@ class Space(Protocol):
     def between_at_rest(self, a: str, b: str) -> ca.SX:
         """The same vector (3,) at equilibrium (m)."""
 
+    def across_now(self, vector: ca.SX, source: str, target: str) -> ca.SX:
+        """Components (3,) in the axes of the body `target` of a vector in those of the body `source`."""
+
     def departure(self, a: str, b: str, order: int) -> ca.SX:
         """Displacement (order 0) or velocity (1) of b relative to a, (3,), to first order.
 

@@ -24,7 +24,7 @@ from mbdlft.base.expression import (
     write,
 )
 from mbdlft.base.signal import Signal
-from mbdlft.base.unit import dimension_name, parse_unit
+from mbdlft.base.unit import Exponents, dimension_name, parse_unit
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import Joint
@@ -44,10 +44,7 @@ from mbdlft.number.interval import FUNCTIONS, Interval, decimal, find_zero
 
 _RANDOM, _CORNERS = 64, 4096
 _ROUNDING = 1e-12
-_HINT = (
-    " A number that multiplies a value with a unit is a plain factor. Where the factor has a unit, "
-    "write it behind the number, such as 2.0 [kg/m]*l, or declare a constant with that unit."
-)
+_NONE: Exponents = (0, 0, 0, 0, 0)
 
 
 def check(scene: Scene) -> None:
@@ -272,8 +269,32 @@ def _check_dimension(
     if isinstance(value, Dimension) and value.exponents not in (None, wanted):
         raise SceneError(
             f"{place} = {expected.source!r}: the unit does not fit: expected {expected.unit}, "
-            f"got {dimension_name(value.exponents)}.{_HINT if _has_factor(expression) else ''}"
+            f"got {dimension_name(value.exponents)}."
+            + _missing_unit(expected, expression, dimensions, value.exponents or _NONE)
         )
+
+
+def _missing_unit(
+    expected: Expected, expression: Expression, dimensions: Mapping[str, Any], got: Exponents
+) -> str:
+    """What may have been forgotten: the unit of a parameter, or that of a factor."""
+    wanted = parse_unit(expected.unit).dimension
+    rest = tuple(a - b for a, b in zip(wanted, got, strict=True))
+    missing, plain = dimension_name(rest), Dimension(_NONE)
+    bare = sorted(name for name in names(expression) if dimensions[name] == plain)
+    if bare:
+        found, unit = " and ".join(map(repr, bare)), expected.unit if not any(got) else missing
+        return (
+            f" {found} {'have' if bare[1:] else 'has'} no unit: declare "
+            f"{'one of them' if bare[1:] else 'it'} with unit = {unit!r}, or give a number a unit, "
+            f"such as 1 [{unit}]*{bare[0]}."
+        )
+    if _has_factor(expression):
+        return (
+            " A number that multiplies a value with a unit is a plain factor. Where the factor has a "
+            f"unit, write it behind the number, such as 2.0 [{missing}], or declare a constant with it."
+        )
+    return ""
 
 
 def _has_factor(expression: Expression) -> bool:

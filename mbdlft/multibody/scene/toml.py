@@ -156,7 +156,9 @@ def read_table(text: str, read: Callable[[dict[str, Any]], T]) -> T:
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also numbers of thousands of digits
-        raise SceneError(f"not valid TOML: {error}") from None
+        quotes = ' Texts stand in quotes, names and expressions, too: mass = "2*m".'
+        hint = quotes if "Invalid value" in str(error) else ""
+        raise SceneError(f"not valid TOML: {error}.{hint}") from None
     try:
         return read(table)
     except SceneError as error:

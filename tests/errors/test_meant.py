@@ -1,0 +1,168 @@
+"""Messages say what was meant: signals, units, factors without units, equilibria of what accelerates."""
+
+import pytest
+
+import mbdlft
+from mbdlft.base.errors import unknown_name
+from mbdlft.base.expression import parse
+from mbdlft.base.unit import parse_unit
+from mbdlft.report.content import _said
+from tests.close import CLOSED_FORM, target
+from tests.errors.scenes import says
+
+SIGNALS = (
+    *("flight.rate.x", "flight.position.x", "flight.rotation.x"),
+    *("road.position", "road.velocity", "pivot.angle", "pivot.rate", "push.force"),
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("flight.x", "flight.position.x"),
+        ("road.rate", "road.velocity"),
+        ("pivot.position", "pivot.angle"),
+        ("pivot.theta", "pivot.angle"),
+        ("pivot.velocity", "pivot.rate"),
+        ("push.effort", "push.force"),
+        ("flight.velocity.x", "flight.rate.x"),
+        ("fligt.rate.x", "flight.rate.x"),
+        ("Pivot.Angle", "pivot.angle"),
+    ],
+)
+def test_signals(name: str, meant: str) -> None:
+    assert f"Did you mean {meant!r}?" in unknown_name("signal", name, SIGNALS)
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        ("metre", "m"),
+        ("Meters/s", "m"),
+        ("kilometres", "km"),
+        ("kilograms", "kg"),
+        ("Nm", "N m"),
+        ("degrees", "deg"),
+        ("rad/sec", "s"),
+        ("KG", "kg"),
+        ("newton/m", "N"),
+        ("kNN", "N"),
+    ],
+)
+def test_units(text: str, meant: str) -> None:
+    with says(mbdlft.SceneError, f"unit {text!r}: unknown symbol", f"Did you mean {meant!r}?"):
+        parse_unit(text)
+
+
+def test_units_that_are_none() -> None:
+    with pytest.raises(mbdlft.SceneError, match=r"unknown symbol 'lb'\. Existing"):
+        parse_unit("lb")
+
+
+@pytest.mark.parametrize(
+    ("mass", "unit", "hint"),
+    [
+        ("m", "1", "'m' has no unit: declare it with unit = 'kg', or give a number a unit"),
+        ("m*l", "1", "'m' has no unit: declare it with unit = 'kg m^-1'"),
+        ("2*l", "kg", "write it behind the number, such as 2.0 [kg m^-1], or declare"),
+        ("l*l", "kg", "expected kg, got m^2."),
+    ],
+)
+def test_units_that_are_missing(mass: str, unit: str, hint: str) -> None:
+    m = mbdlft.Parameter("m", 2.0, percent=10, unit=unit)
+    l_ = mbdlft.Parameter("l", 2.0, percent=10, unit="m")
+    scene = mbdlft.Scene(
+        name="s",
+        parameters=[m, l_],
+        bodies=[mbdlft.PointMass(name="b", mass=mass)],
+        joints=[mbdlft.Prismatic(name="j", parent="ground", child="b", axis=(1, 0, 0))],
+    )
+    with says(mbdlft.SceneError, "the unit does not fit", hint):
+        mbdlft.to_lft(scene)
+
+
+@pytest.mark.parametrize(
+    ("text", "hint"),
+    [
+        ("1 kg", "A unit stands in brackets, '1 [kg]'; a product has a sign, 1*name."),
+        ("0.002 N m s/rad", "A unit stands in brackets, '0.002 [N m s/rad]'"),
+        ("20 deg", "Degrees are written 20*deg."),
+        ("20°", "Degrees are written 20*deg."),
+        ("2l", "A product has a sign: 2*l."),
+    ],
+)
+def test_numbers_with_something_behind(text: str, hint: str) -> None:
+    with says(mbdlft.SceneError, "of constants.", hint):
+        parse(text)
+    with pytest.raises(mbdlft.SceneError, match=r"of constants\.$"):
+        parse("a b")
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "meant"),
+    [
+        ("hinge", ("fixed", "revolute", "planar"), "revolute"),
+        ("friction", ("orientation", "damping"), "damping"),
+        ("angle", ("damping", "position"), "position"),
+    ],
+)
+def test_other_words(name: str, known: tuple[str, ...], meant: str) -> None:
+    assert f"Did you mean {meant!r}?" in unknown_name("key", name, known)
+    assert "Did you mean" not in unknown_name("name", "g", ("deg", "l"))
+
+
+def test_motions_of_bodies_are_those_of_sensors() -> None:
+    body = mbdlft.PointMass(name="cart", mass=1.0, ports={"top": (0, 0, 1)})
+    for output, port in (("top.x", "cart.top"), ("cart.x", "cart")):
+        scene = mbdlft.Scene(
+            name="s",
+            bodies=[body],
+            joints=[mbdlft.Prismatic(name="j", parent="ground", child="cart", axis=(1, 0, 0))],
+            outputs=[output],
+        )
+        with says(mbdlft.SceneError, f"signal {output!r}", f"port = {port!r} has the outputs"):
+            mbdlft.to_lft(scene)
+
+
+def test_texts_stand_in_quotes() -> None:
+    with says(mbdlft.SceneError, "not valid TOML: ", "Texts stand in quotes"):
+        mbdlft.scene_from_toml("mass = m")
+
+
+def test_a_rocket_accelerates() -> None:
+    rocket = mbdlft.Scene(
+        name="rocket",
+        gravity=(0, 0, -9.81),
+        bodies=[mbdlft.PointMass(name="b", mass=2.0)],
+        joints=[mbdlft.Prismatic(name="up", parent="ground", child="b", axis=(0, 0, 1), preload=0)],
+        loads=[mbdlft.Force(name="thrust", port="b", direction=(0, 0, 1), magnitude=50.0)],
+    )
+    with says(mbdlft.TrimError, "up.force misses", "the scene's acceleration 'unknown'"):
+        mbdlft.to_lft(rocket)
+    flying = rocket.model_copy(update={"acceleration": (0.0, 0.0, "unknown")})
+    found = mbdlft.trim_at(mbdlft.to_lft(flying, search=0.0), {})
+    target(found, [50.0 / 2.0 - 9.81], CLOSED_FORM)
+
+
+def test_why_a_gain_is_infinite() -> None:
+    """A damper that may be negative: the reason is in the result, and in what verify says."""
+    d = mbdlft.Parameter("d", 1.0, low=-0.5, high=2.5, unit="N s/m")
+    scene = mbdlft.Scene(
+        name="s",
+        parameters=[d],
+        bodies=[mbdlft.PointMass(name="b", mass=1.0)],
+        joints=[
+            mbdlft.Prismatic(
+                name="j", parent="ground", child="b", axis=(1, 0, 0), stiffness=1.0, damping="d"
+            )
+        ],
+    )
+    with pytest.warns(mbdlft.MbdlftWarning, match="damping is negative"):
+        model = mbdlft.to_lft(scene, search=0.0)
+    for found in (mbdlft.worst_case_gain(model), mbdlft.worst_case(model, "H2 norm")):
+        assert found.lower == float("inf")
+        assert "unstable at the worst case, a value inside the ranges" in found.reason
+        assert mbdlft.verify(model, found) == f"there is no proof: {found.reason}"
+
+        said = " ".join(_said(found))
+        assert "It is infinite: there is no bound to prove. Why: the system is unstable" in said
