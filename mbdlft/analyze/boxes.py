@@ -178,8 +178,10 @@ def replayed(
         elif kind == 0:
             waiting += reversed(_cut(box, axis))
         else:
+            # faces of one box are found together: behind the first, the others may have no zeros left,
+            # and then the middle of any face speaks for all
             side = -1 if kind == 1 else 1
-            if gain or _side(box, axis) != side:
+            if gain or (pieces and _side(box, axis) != side):
                 return False
             waiting.append(_on_face(box, axis, side))
     return not waiting

@@ -12,6 +12,7 @@ from mbdlft.number.operators import Operators
 from mbdlft.system.table import Table, named_tables
 
 _LIBRARY = 2.0**-50  # functions of the library are right to some units in the last place
+_FLAT = 350.0  # beyond it 1/cosh^2 is below 1e-303
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,22 +23,24 @@ class Dual(Operators):
     slope: Interval
 
     @staticmethod
-    def of(number: "Dual | float") -> "Dual":
-        """A number does not depend on the argument."""
+    def of(number: "Dual | float | None") -> "Dual":
+        """A number does not depend on the argument; None, a condition that is not known, jumps."""
+        if number is None:
+            return Dual(Interval(0.0, 1.0), UNKNOWN)
         return number if isinstance(number, Dual) else Dual(decimal(float(number)), _ZERO)
 
-    def __add__(self, other: "Dual | float") -> "Dual":
+    def __add__(self, other: "Dual | float | None") -> "Dual":
         o = Dual.of(other)
         return Dual(self.value + o.value, self.slope + o.slope)
 
     def __neg__(self) -> "Dual":
         return Dual(-self.value, -self.slope)
 
-    def __mul__(self, other: "Dual | float") -> "Dual":
+    def __mul__(self, other: "Dual | float | None") -> "Dual":
         o = Dual.of(other)
         return Dual(self.value * o.value, self.slope * o.value + self.value * o.slope)
 
-    def __truediv__(self, other: "Dual | float") -> "Dual":
+    def __truediv__(self, other: "Dual | float | None") -> "Dual":
         o = Dual.of(other)
         value = self.value / o.value
         return Dual(value, (self.slope - value * o.slope) / o.value)
@@ -83,6 +86,20 @@ def _cosh(a: Interval) -> Interval:
     return outward(max(1.0, low - _LIBRARY * low), high + _LIBRARY * high)
 
 
+def _bell(a: Interval) -> Interval:
+    """1/cosh^2, without its overflow."""
+    least, most = (
+        1.0 / _square(_cosh(Interval.of(min(x, _FLAT)))) for x in (a.largest, a.smallest)
+    )
+    return Interval(least.low if a.largest <= _FLAT else 0.0, most.high)
+
+
+def _hypotenuse(first: Any, second: Any) -> Dual:
+    a, b = Dual.of(first), Dual.of(second)
+    square = DUAL["**"]
+    return Dual.of(DUAL["sqrt"](square(a, 2.0) + square(b, 2.0)))
+
+
 def _power(a: Any, exponent: Any) -> Dual:
     power = Dual.of(exponent).value
     if power.low != power.high or power.low != int(power.low):
@@ -119,10 +136,9 @@ def joined(a: Interval, b: Interval) -> Interval:
 
 def _where(condition: Any, first: Any, second: Any) -> Dual:
     a, b = Dual.of(first), Dual.of(second)
-    if condition is True:
-        return a
-    if condition is False:
-        return b
+    known = _truth(condition)
+    if known is not None:
+        return a if known else b
     return Dual(joined(a.value, b.value), UNKNOWN)  # the function may jump
 
 
@@ -141,8 +157,29 @@ def _less(a: Any, b: Any) -> bool | None:
     return False if first.low >= second.high else None
 
 
-def _not(condition: bool | None) -> bool | None:  # noqa: FBT001
-    return None if condition is None else not condition
+def _equal(a: Any, b: Any) -> bool | None:
+    """Whether a = b on the whole box; None if that is not known."""
+    first, second = Dual.of(a).value, Dual.of(b).value
+    if first.high < second.low or second.high < first.low:
+        return False
+    return True if first.low == first.high == second.low == second.high else None
+
+
+def _truth(condition: Any) -> bool | None:
+    """A number is true where it is not zero."""
+    return condition if isinstance(condition, bool | None) else _not(_equal(condition, 0.0))
+
+
+def _not(condition: Any) -> bool | None:
+    known = _truth(condition)
+    return None if known is None else not known
+
+
+def _and(first: Any, second: Any) -> bool | None:
+    a, b = _truth(first), _truth(second)
+    if a is False or b is False:
+        return False
+    return True if a and b else None
 
 
 DUAL: Mapping[str, Callable[..., Any]] = {
@@ -157,7 +194,11 @@ DUAL: Mapping[str, Callable[..., Any]] = {
     ">": lambda a, b: _less(b, a),
     "<=": lambda a, b: _not(_less(b, a)),
     ">=": lambda a, b: _not(_less(a, b)),
+    "==": _equal,
+    "!=": lambda a, b: _not(_equal(a, b)),
     "not_": _not,
+    "and_": _and,
+    "or_": lambda a, b: _not(_and(_not(a), _not(b))),
     "where": _where,
     "abs": _size,
     "sign": _sign,
@@ -172,7 +213,9 @@ DUAL: Mapping[str, Callable[..., Any]] = {
     "log": _chained(_monotone(math.log), lambda a: 1.0 / a),
     "sinh": _chained(_sinh, _cosh),
     "cosh": _chained(_cosh, _sinh),
-    "tanh": _chained(_tanh, lambda a: 1.0 / _square(_cosh(a))),
+    "tanh": _chained(_tanh, _bell),
+    "asinh": _chained(_monotone(math.asinh), lambda a: 1.0 / _sqrt(1.0 + _square(a))),
+    "hypot": _hypotenuse,
 }
 
 

@@ -45,6 +45,7 @@ from mbdlft.system.system import System
 
 _WIDER = 2.0  # factor of the distance of a bound that resisted from the gain that was reached
 _BISECTIONS = 40
+_ZERO = 1e-300  # a gain that is proved to be smaller is not looked at any more
 _OUTSIDE = 1.0 + 1e-15  # a bound is not below 1 over what was proved, however that was rounded
 
 
@@ -249,8 +250,8 @@ class _GainSearch(_PeakSearch):
         """Prove bounds that are nearer and nearer to the largest gain that was reached."""
         gap = self.asked.gap
         distance = 0.5 * gap
-        while self.upper * (1.0 - gap) > self.lower and np.isfinite(self.lower):
-            goal = max(self.lower, 1e-300) * (1.0 + distance)
+        while self.upper * (1.0 - gap) > max(self.lower, _ZERO) and np.isfinite(self.lower):
+            goal = max(self.lower, _ZERO) * (1.0 + distance)
             if goal >= self.upper or self.used >= self.asked.work:
                 self.reason = self.used_up()
                 return

@@ -122,7 +122,18 @@ def slope_bounds(
     -------
     tuple of (low, high)
         Infinite where the function may jump.
+
+    Raises
+    ------
+    AnalysisError
+        The ranges are not those of the arguments, or one is not finite.
     """
+    ends = [end for low, high in ranges for end in (low, high)]
+    if len(ranges) != len(function.arguments) or not all(map(math.isfinite, ends)):
+        raise AnalysisError(
+            f"slopes of {function.name!r}: expected a finite range of each of the arguments "
+            f"{', '.join(function.arguments)}, got {list(ranges)}."
+        )
     parts = max(1, int(max(1, boxes) ** (1.0 / len(ranges))))
     grids = [np.linspace(low, high, parts + 1).tolist() for low, high in ranges]
     own = dual_functions(function.tables)

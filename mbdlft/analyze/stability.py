@@ -115,7 +115,7 @@ def check_stability(
         ((k, seen) for k, seen in [(0, nominal), *looked]), key=lambda pair: _badness(pair[1])
     )
     values = physical[best]
-    if parameters and there.stability != "unstable":
+    if parameters and len(system.states) and there.stability != "unstable":
         starts = [(np.zeros(len(names)), pole) for pole in _weakest(nominal)]
         starts += [
             (delta, complex(found[k][np.argmax(found[k].real)]))

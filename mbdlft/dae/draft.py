@@ -14,7 +14,7 @@ from mbdlft.dae.fit import fit_coefficient
 from mbdlft.dae.lookup import Beyond, Interpolation, table_expression
 from mbdlft.dae.operations import column_of, with_literals
 from mbdlft.number.exact import Constant
-from mbdlft.sx.constants import constant, literal
+from mbdlft.sx.constants import constant, literal, shown
 
 
 class DaeDraft:
@@ -192,7 +192,7 @@ class DaeDraft:
     def _made(
         self, residual: Any, name: str | None, equals: Any, line: int | None, unit: str | None
     ) -> Equation:
-        text = f"{residual} = {'0' if isinstance(equals, float) and equals == 0.0 else equals}"
+        text = f"{shown(ca.SX(residual))} = {shown(ca.SX(equals))}"
         left, right = with_literals(ca.SX(residual)), with_literals(ca.SX(equals))
         return Equation(name or text, left - right, line, unit)
 

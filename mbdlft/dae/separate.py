@@ -123,6 +123,12 @@ class Separation:
                 for a, b in (operands, operands[::-1]):
                     if b.is_coefficient:
                         return NOTHING if b.constant is None else times(a, b.constant)
+            case "if_else_zero" if operands[0].is_coefficient:
+                condition = operands[0].constant
+                if condition is None:
+                    return NOTHING
+                if is_constant(condition):
+                    return operands[1] if numbers_of(condition)[0, 0] else NOTHING
             case "div" if operands[1].is_coefficient:
                 return self._over(operands[0], operands[1])
         if all(m.is_coefficient for m in operands):

@@ -185,7 +185,14 @@ def _started(model: DeltaThetaModel, asked: _Asked) -> _Started:
     rates, y, omega, theta = _closed(model, asked.parameters, x, u, zeta)
     start = np.array(model.zeta_at_start or np.zeros(zeta.numel()))
     system = System(zeta - theta, zeta, ca.vertcat(x, u))
-    found = solve(system, start, np.concatenate([x0, held[0]]), np.maximum(np.abs(start), 1.0))
+    given = np.concatenate([x0, held[0]])
+    found = solve(system, start, given, np.maximum(np.abs(start), 1.0))
+    if not found.is_solution:
+        # functions of functions: as many evaluations as there are functions give all of them
+        function, start = ca.Function("theta", [zeta, x, u], [ca.densify(theta)]), found.values
+        for _ in model.functions:
+            start = np.ravel(function(start, x0, held[0]).full())
+        found = solve(system, start, given, np.maximum(np.abs(start), 1.0))
     return _Started(x, u, zeta, rates, y, omega, theta, held, x0, found)
 
 

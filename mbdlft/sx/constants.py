@@ -98,6 +98,13 @@ def in_doubles(expression: ca.SX) -> ca.SX:
     return ca.SX(ca.substitute(expression, symbols, values))
 
 
+def shown(expression: ca.SX) -> str:
+    """The text of an expression, its constants as decimals."""
+    symbols, numbers = constants_in(expression)
+    texts = ca.vertcat(*(ca.SX.sym(f"{double(number):.15g}") for number in numbers))
+    return str(ca.substitute(expression, symbols, texts) if numbers else expression)
+
+
 def numbers_of(expression: ca.SX) -> Array:
     """Values of an expression of constants only; shape of the expression."""
     return np.asarray(ca.evalf(in_doubles(ca.SX(expression))).full())

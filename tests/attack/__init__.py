@@ -23,5 +23,7 @@ CLASSES = {
     "native": 2,
     "programs": 8,
     "cores": 1,
+    "analyses": 9,
+    "equations": 2,
 }
 SECONDS = 20.0  # of the clock that one attack may take

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mbdlft.analyze import boxes, margin
 from mbdlft.base import grammar, unit
 from mbdlft.lft.lft import LFT
 from mbdlft.pipeline import candidates, realization
 from mbdlft.pipeline.certify import Checked
 from mbdlft.reduce.reduce import reduce_order
-from tests.attack import cores, expressions, matrices, scenes
+from tests.attack import analyses, cores, equations, expressions, matrices, scenes
 from tests.extracted import exactly
 
 Patch = pytest.MonkeyPatch
@@ -58,9 +59,25 @@ def a_wrong_entry(patch: Patch) -> None:
     patch.setattr(realization, "measure_error", lambda *_: Checked(0.0, 3, 0.0, (), ()))
 
 
+def nothing_vanishes(patch: Patch) -> None:
+    patch.setattr(boxes, "excludes", lambda piece, gain: True)
+
+
+def crossings_too_near(patch: Patch) -> None:
+    right = margin.smallest_crossing
+
+    def wrong(*arguments: Any) -> Any:
+        found = right(*arguments)
+        return found._replace(size=0.9 * found.size, delta=0.9 * found.delta)
+
+    patch.setattr(margin, "smallest_crossing", wrong)
+
+
 @pytest.mark.parametrize(
     ("bug", "attack", "seeds"),
     [
+        (nothing_vanishes, analyses.attack, range(3)),
+        (crossings_too_near, analyses.attack, range(3)),
         (literals_in_doubles, matrices.attack, range(0, 18, 6)),
         (reduction_in_doubles, matrices.attack, range(3, 21, 6)),
         (a_wrong_entry, matrices.attack, range(3)),
@@ -68,6 +85,7 @@ def a_wrong_entry(patch: Patch) -> None:
         (literals_in_doubles, expressions.attack, range(60)),
         (a_wrong_entry, expressions.attack, range(60)),
         (a_wrong_entry, scenes.attack, range(60)),
+        (a_wrong_entry, equations.attack, range(3)),
     ],
 )
 def test_planted_bug_is_found(

@@ -259,6 +259,39 @@ def test_an_equilibrium_that_is_rational_stays_in_the_model() -> None:
     assert model.certificate.minimal
 
 
+@pytest.mark.parametrize(("at", "slope"), [(0.3, 0.6), (-0.3, 0.7), (1.7, 2.0)])
+def test_conditions_of_numbers_are_decided(at: float, slope: float) -> None:
+    """A choice and a table at an equilibrium that is a decimal."""
+    d = DaeDraft("chosen")
+    p = d.parameter(Parameter("p", 2.0, percent=20))
+    x, u = d.variable("x"), d.input("u")
+    chosen = ca.if_else(x > 0.1, x * x, d.number(0.7) * x)
+    beyond = d.table(x, [-1.0, 1.1, 2.0], [5.0, 5.0, 3.56], "linear")
+    d.equation(d.der(x), equals=u - p * chosen - beyond)
+    d.output("x")
+    model = linearize_dae(trim(reduce_index(d.dae()), {"x": at}, free=["u"]))
+    steep = -1.6 if at > 1.1 else 0.0
+    slope = 3.4 if at > 1.1 else slope
+    A = mbdlft.matrices_at(model, {"p": [1.7, 2.2]}).A[:, 0, 0]
+    target(A, -np.array([1.7, 2.2]) * slope - steep, CLOSED_FORM)
+
+
+def test_functions_of_functions_have_values() -> None:
+    """They are so steep that Newton's method for all of them at once finds nothing."""
+    d, values = DaeDraft("nested"), np.linspace(-2.0, 2.0, 9)
+    x = d.variable("x")
+    inner, known = x, values
+    for k in range(4):
+        outer = d.variable(f"v{k}")
+        d.equation(outer, equals=ca.sin(20 * inner) + inner * inner)
+        inner, known = outer, np.sin(20 * known) + known * known
+    d.equation(d.der(x), equals=-inner)
+    d.output("y", inner)
+    form = delta_theta(d.dae(), "blocks", search=0.0)
+    for at, value in zip(values, known, strict=True):
+        target(evaluate_form(form, {"x": at})[1]["y"], value, SIMULATED)
+
+
 def test_an_angle_can_be_a_parameter_and_an_input_free() -> None:
     s = reduce_index(_lever())
     at = trim(s, {"q": "theta"}, free=["tau"])

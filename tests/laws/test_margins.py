@@ -117,11 +117,11 @@ def test_a_face_is_enough_only_if_poles_turn_to_it() -> None:
         (0.9, (lower, leaf)),
         (0.9, (upper, leaf)),
         (0.9, (leaf,)),
-        (0.4, (lower, leaf)),
     ):
         claim = replace(found, lower=k, proof=BoxProof(k, log))
         assert verify(system, claim)
-    assert verify(system, replace(found, lower=0.4, proof=BoxProof(0.4, (leaf,)))) == ""
+    for log in ((leaf,), (lower, leaf)):  # without zeros, any model speaks for all
+        assert verify(system, replace(found, lower=0.4, proof=BoxProof(0.4, log))) == ""
 
 
 def by_multipliers(system: System, gap: float = 0.02, work: float = 30.0) -> Bounds:

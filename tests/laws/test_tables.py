@@ -11,6 +11,7 @@ from scipy.interpolate import PchipInterpolator
 import mbdlft
 from mbdlft.analyze import sector_bounds, slope_bounds
 from mbdlft.base import Parameter
+from mbdlft.base.errors import AnalysisError
 from mbdlft.dae import DaeDraft, evaluate_form, formula_function
 from mbdlft.dae.piecewise import piecewise_of
 from mbdlft.pipeline import delta_theta
@@ -147,3 +148,37 @@ def test_slopes_by_several_arguments() -> None:
 def test_a_table_at_points() -> None:
     table = Table((0.0, 1.0), (2.0, 4.0), -1.0, 0.5)
     exact(table([-1.0, 0.0, 0.25, 1.0, 3.0]), [3.0, 2.0, 2.5, 4.0, 5.0])
+
+
+@pytest.mark.parametrize(
+    ("text", "slopes"),
+    [
+        ("tanh(a/0.001)", (0.0, 1000.0)),  # 1/cosh^2 of 2000 would overflow
+        ("asinh(a)", (1.0 / np.sqrt(5.0), 1.0)),
+        ("hypot(a, 1)", (-2.0 / np.sqrt(5.0), 2.0 / np.sqrt(5.0))),
+        ("where(and_(a < 5, not_(a == 7)), a, 0)", (1.0, 1.0)),
+    ],
+)
+def test_slopes_of_functions(text: str, slopes: tuple[float, float]) -> None:
+    found = sector_bounds(ThetaFunction("f", ("s",), ("a",), text, FREE), -2.0, 2.0).slope
+    assert found[0] <= slopes[0]
+    assert found[1] >= slopes[1]
+    target(found, slopes, 1e-2 * slopes[1])
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["where(a == 0, 1, a)", "(0 < a)*2", "where(not_(a), 1, 0)", "where(or_(a < -1, 1 < a), 1, a)"],
+)
+def test_conditions_that_change_may_jump(text: str) -> None:
+    found = sector_bounds(ThetaFunction("f", ("s",), ("a",), text, FREE), -2.0, 2.0)
+    exact(found.slope, [-np.inf, np.inf])
+    assert found.values[0] <= 0.0
+    assert found.values[1] >= 1.0
+
+
+@pytest.mark.parametrize("ranges", [[(-np.inf, 1.0)], [(0.0, 1.0), (0.0, 1.0)]])
+def test_slopes_need_a_finite_range_of_each_argument(ranges: list[tuple[float, float]]) -> None:
+    f = ThetaFunction("f", ("s",), ("a",), "a**2", FREE)
+    with pytest.raises(AnalysisError, match="expected a finite range of each of the arguments a"):
+        slope_bounds(f, ranges)
