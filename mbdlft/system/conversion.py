@@ -148,7 +148,7 @@ def _converted(item: Any) -> System:
             f"got {type(item).__name__}."
         ) from None
     if not np.all(np.isfinite(matrix)):
-        raise StructureError(f"a gain needs finite numbers, got {item!r}.")
+        raise StructureError(f"a gain needs finite numbers, got {matrix.tolist()}.")
     return _static(matrix, 0, "gain")
 
 

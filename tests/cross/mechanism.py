@@ -317,6 +317,13 @@ def _loads(scene: mbdlft.Scene, f: Frames) -> tuple[ca.SX, ca.SX, ca.SX, list[tu
                 potential += 0.5 * k * (length - relaxed) ** 2
             potential += size * relaxed * length
             dissipated += 0.5 * f.value(item.damping) * f.rate(length) ** 2
+        elif item.kind == "strut":
+            frame, at = f.port(item.parent)
+            along = frame[:3, :3] @ ca.SX(np.array(item.direction) / np.linalg.norm(item.direction))
+            length = ca.dot(along, f.port(item.child)[1] - at)
+            away = length - ca.substitute(length, f.q, ca.SX.zeros(f.q.numel()))
+            potential += 0.5 * f.value(item.stiffness) * away**2 - size * away
+            dissipated += 0.5 * f.value(item.damping) * f.rate(length) ** 2
         elif item.kind == "buoyancy":
             potential += size * ca.dot(f.vector(scene.gravity), f.port(item.port)[1])
         else:

@@ -99,6 +99,15 @@ def open_tree(seed: int) -> Scene:
             force_density=-4.0,
         ),
         mbdlft.Buoyancy(name="float", port=f"{last}.side", displaced_mass="0.4*m"),
+        mbdlft.Strut(
+            name="leg",
+            parent=f"{bodies[0].name}.tip",
+            child=f"{last}.side",
+            direction=_vector(np.random.default_rng(3000 + seed), 1.0),
+            stiffness="0.5*k",
+            damping=3.0,
+            force="m*one_g",
+        ),
     ]
     return Scene(
         name=f"tree_{seed}",

@@ -48,7 +48,7 @@ FULL = as_system(delta(FullBlock("D", 1)), name="unknown")
         (lambda: feedback(ONE, "k"), "or a matrix, got str."),
         (lambda: ONE + "k", "or a matrix, got str."),
         (lambda: ONE * None, "or a matrix, got NoneType."),
-        (lambda: ONE * np.nan, "a gain needs finite numbers, got array([[nan]])."),
+        (lambda: ONE * np.nan, "a gain needs finite numbers, got [[nan]]."),
         (lambda: feedback(ONE, [[np.inf]]), "a gain needs finite numbers, got [[inf]]."),
         (
             lambda: as_system(delta("k")),
