@@ -58,7 +58,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
             )
         ],
     )
-    mbdlft.save(folder / "mass.h5", mbdlft.to_lft(mass, search=0.0))
+    model = mbdlft.to_lft(mass, search=0.0)
+    mbdlft.save(folder / "mass.h5", model)
+    mbdlft.save_analysis(folder / "mass.h5", model, mbdlft.robust_stability(model))
     return folder
 
 
