@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbdlft.analyze.margin import robust_stability
-from mbdlft.analyze.migration import by_damping, push_right
+from mbdlft.analyze.migration import push_right
 from mbdlft.analyze.pole_migration import smallest_crossing
 from mbdlft.analyze.realization import realization
 from mbdlft.analyze.samples import samples_at
@@ -22,7 +22,7 @@ from mbdlft.system.system import System
 SAMPLES = 300
 _CORNERS = 128  # tried at most; more are drawn at random
 _LOOKED_AT = 30  # samples whose poles farthest right are looked at more closely
-_MODES, _SAMPLES = 6, 3  # from which searches start
+_SAMPLES = 3  # from which searches start
 _BEYOND, _GAP = 1.02, 0.005  # times the ranges: a proof of more is not asked for; and their gap
 _MOST, _WORK = 400, 4e9  # points of all searches, and their operations
 _PATH = 40  # points of a search for a pole on the axis
@@ -73,8 +73,8 @@ def check_stability(
     """Look for values of the parameters at which a system is unstable, or for a proof that none are.
 
     Tried are nominal values, random samples, corners of the box, and what searches with exact gradients
-    of the poles reach from the least damped modes at nominal and from the worst samples. That none is
-    found is no proof, and the verdict says so. With `prove`, `robust_stability` looks for one.
+    of the poles reach from the worst of these. That none is found is no proof, and the verdict says so.
+    With `prove`, `robust_stability` looks for one.
 
     Parameters
     ----------
@@ -116,8 +116,7 @@ def check_stability(
     )
     values = physical[best]
     if parameters and len(system.states) and there.stability != "unstable":
-        starts = [(np.zeros(len(names)), pole) for pole in _weakest(nominal)]
-        starts += [
+        starts = [
             (delta, complex(found[k][np.argmax(found[k].real)]))
             for k, delta in zip(
                 ranked[:_SAMPLES], deltas_at(parameters, physical[ranked[:_SAMPLES]]), strict=True
@@ -188,13 +187,6 @@ def _badness(seen: Spectrum) -> tuple[bool, float]:
     """Unstable ones are worse than others; then how far right the pole farthest right is known to be."""
     known = seen.poles.real[~seen.on_axis]
     return seen.stability == "unstable", float(np.max(known, initial=-np.inf))
-
-
-def _weakest(seen: Spectrum) -> list[complex]:
-    """Poles to start with: those of least damping, one of each pair; none that is on the axis at zero."""
-    sizes = np.abs(seen.poles)
-    kept = seen.poles[(seen.poles.imag >= 0.0) & (sizes > 0.0)]
-    return [complex(pole) for pole in kept[by_damping(kept)][:_MODES]]
 
 
 def _physical(system: System, delta: Array) -> Array:
