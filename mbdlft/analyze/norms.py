@@ -7,8 +7,7 @@ import numpy as np
 
 from mbdlft.analyze.hamiltonian import peak_of
 from mbdlft.analyze.samples import Names, transfers_at
-from mbdlft.analyze.spectrum import spectrum
-from mbdlft.analyze.stability import pole_text
+from mbdlft.analyze.spectrum import pole_text, spectrum
 from mbdlft.analyze.staircase import Plant, scaled, seen
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError

@@ -133,3 +133,9 @@ def without_integrators(system: System, found: NDArray[np.complex128]) -> NDArra
     small = _ZERO * max(float(np.max(np.abs(seen.poles), initial=0.0)), 1e-300)
     zero = (sizes <= small) & (np.arange(sizes.shape[1]) < np.sum(seen.at_zero))
     return found[~zero & (sizes > 0.0)]
+
+
+def pole_text(pole: complex) -> str:
+    """A pole, or a pair, with its unit."""
+    pair = f" +- {abs(pole.imag):.6g}j" if pole.imag else ""
+    return f"{pole.real:.6g}{pair} rad/s"

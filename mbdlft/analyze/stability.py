@@ -10,7 +10,7 @@ from mbdlft.analyze.migration import push_right
 from mbdlft.analyze.pole_migration import smallest_crossing
 from mbdlft.analyze.realization import realization
 from mbdlft.analyze.samples import samples_at
-from mbdlft.analyze.spectrum import Spectrum, Stability, eigenvalues, spectrum
+from mbdlft.analyze.spectrum import Spectrum, Stability, eigenvalues, pole_text, spectrum
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.parameter import to_physical
@@ -231,12 +231,6 @@ def _verdict(
         points,
         sentence,
     )
-
-
-def pole_text(pole: complex) -> str:
-    """A pole, or a pair, with its unit."""
-    pair = f" +- {abs(pole.imag):.6g}j" if pole.imag else ""
-    return f"{pole.real:.6g}{pair} rad/s"
 
 
 def _listed(seen: Spectrum) -> str:

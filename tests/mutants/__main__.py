@@ -1,4 +1,4 @@
-"""Plant each bug of `planted.toml` in a copy of the repository, and see that its tests fail.
+"""Plant each bug of `planted/` in a copy of the repository, and see that its tests fail.
 
     python -m tests.mutants [--only WORD] [--jobs N] [--no-baseline]
 
@@ -6,6 +6,17 @@ A bug is a text that occurs once in a file of the package, and what takes its pl
 its tests run and one of them fails; it *survived* if they pass. Everything else is an error: a text that
 is no longer found or is found twice, a program that cannot be imported, a test that does not exist.
 First all named tests are run without any bug: they must pass.
+
+A room of the package has one list, `planted/ROOM.toml`, with a table for each of its files:
+
+    ["room/file.py"]
+    tests = "tests that must fail, below tests/"
+    bugs = [
+      ['text', 'replacement'],
+      ['text', 'replacement', 'other tests'],
+    ]
+
+Where a text has changed, follow it; where a bug is no bug any more, take it out.
 """
 
 import argparse
@@ -25,7 +36,7 @@ from queue import SimpleQueue
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[2]
-LIST = Path(__file__).with_name("planted.toml")
+LISTS = Path(__file__).with_name("planted")
 COPIED = ("bodies", "benchmarks", "docs", "mbdlft", "scenarios", "tests")
 LOOSE = ("README.md", "pyproject.toml")
 KILLED, SURVIVED = "killed", "survived"
@@ -50,12 +61,12 @@ class Outcome(NamedTuple):
 
 
 def planted() -> list[Bug]:
-    """All bugs of the list, in its order."""
-    table = tomllib.loads(LIST.read_text(encoding="utf-8"))
+    """All bugs of the lists, in their order."""
     return [
-        Bug(file, old, new, own[0] if own else entry["tests"])
-        for file, entry in table.items()
-        for old, new, *own in entry["bugs"]
+        Bug(file, old, new, tests[0] if tests else entry["tests"])
+        for path in sorted(LISTS.glob("*.toml"))
+        for file, entry in tomllib.loads(path.read_text(encoding="utf-8")).items()
+        for old, new, *tests in entry["bugs"]
     ]
 
 
