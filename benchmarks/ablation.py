@@ -23,7 +23,8 @@ from benchmarks.arm import write_between
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES
 from mbdlft.base.reproducible import NoProcessError, settings
-from mbdlft.pipeline import realization, search
+from mbdlft.order import search
+from mbdlft.pipeline import realization
 from mbdlft.system.model import LFTModel
 
 _LINKS = (2, 3, 4)

@@ -20,8 +20,8 @@ import numpy as np
 import mbdlft
 from benchmarks.arm import machine, write_between
 from benchmarks.cases.hub import hub
+from mbdlft.exact.numbers import precision
 from mbdlft.multibody.to_problem import problem_of_scene
-from mbdlft.number.exact import precision
 from mbdlft.problem.in_digits import transfers_of
 
 OMEGA = np.geomspace(0.1, 1e4, 6)  # rad/s

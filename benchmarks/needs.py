@@ -27,7 +27,7 @@ from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals, choose_states
 from mbdlft.pipeline.build import build
 from mbdlft.pipeline.certify import ACCEPTED
-from mbdlft.sx.constants import in_doubles
+from mbdlft.problem.sx.constants import in_doubles
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 LINKS = 10

@@ -23,13 +23,13 @@ from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES, Case, points
 from benchmarks.cases.rewrite import exact_values, rewritten
 from benchmarks.targets import SCENARIO
+from mbdlft.exact.numbers import BITS, precision
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.multibody.assembly import assemble
-from mbdlft.number.exact import BITS, precision
+from mbdlft.order.reduction import reduce_exactly
+from mbdlft.order.reduction_in_doubles import in_scales
 from mbdlft.pipeline.extract import extract
 from mbdlft.problem.linearize import linearize
-from mbdlft.reduce.exact import reduce_exactly
-from mbdlft.reduce.reduce import in_scales
 
 _SEARCH = 20.0  # s; it ends at the bound, or when nothing new is found
 _CHECKED = 200

@@ -10,9 +10,9 @@ What most scripts need is here: `load_scene`, `Scene`, `Parameter`, `Angle`, `to
 - `mbdlft.modelica`: Modelica models as descriptions of differential-algebraic ones
 - `mbdlft.system`: finished models, and what connects, inverts, truncates them
 - `mbdlft.library`: actuators, filters, two-ports
-- `mbdlft.analyze`, `mbdlft.plot`: responses and figures
-- `mbdlft.store`, `mbdlft.batch`: archives and sweeps
-- `mbdlft.viewer`: pages that show a scene; `mbdlft.report`: pages on a model
+- `mbdlft.analyze`: responses at samples, and what is proved on all values
+- `mbdlft.archive`, `mbdlft.batch`: archives and sweeps
+- `mbdlft.show`: figures, pages that show a scene, reports on a model
 - `mbdlft.export`: files for MATLAB, Octave, C and Julia, and matrices on a grid
 - `mbdlft.base`: parameters, samples, signals, errors
 
@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mbdlft.analyze import *
+    from mbdlft.archive import *
     from mbdlft.base import *
     from mbdlft.batch import *
     from mbdlft.dae import *
@@ -37,15 +38,12 @@ if TYPE_CHECKING:
     from mbdlft.multibody import *
     from mbdlft.pipeline import *
     from mbdlft.problem import *
-    from mbdlft.report import *
     from mbdlft.robot import *
-    from mbdlft.store import *
+    from mbdlft.show import *
     from mbdlft.system import *
-    from mbdlft.viewer import *
 
 if TYPE_CHECKING:  # public names that are also those of modules, which come with the lines above
-    from mbdlft.analyze import poles as poles
-    from mbdlft.analyze import singular_values as singular_values
+    from mbdlft.archive import load as load
     from mbdlft.base import grid as grid
     from mbdlft.batch import sweep as sweep
     from mbdlft.dae import from_casadi as from_casadi
@@ -53,9 +51,9 @@ if TYPE_CHECKING:  # public names that are also those of modules, which come wit
     from mbdlft.dae import trim as trim
     from mbdlft.modelica import translate as translate
     from mbdlft.multibody import notes as notes
-    from mbdlft.store import load as load
+    from mbdlft.analyze import poles as poles
+    from mbdlft.show import view as view
     from mbdlft.system import lft as lft
-    from mbdlft.viewer import view as view
 
 __version__ = "0.1.0"
 
@@ -63,11 +61,11 @@ _FIRST = {
     "Angle": "base",
     "Parameter": "base",
     "Scene": "multibody",
-    "load": "store",
+    "load": "archive",
     "load_scene": "multibody",
     "matrices_at": "system",
     "realize": "pipeline",
-    "save": "store",
+    "save": "archive",
     "sweep": "batch",
     "to_lft": "pipeline",
 }
@@ -75,7 +73,7 @@ _NAMESPACES = (
     "base",
     "multibody",
     "system",
-    "store",
+    "archive",
     "analyze",
     "batch",
     "dae",
@@ -84,18 +82,16 @@ _NAMESPACES = (
     "library",
     "matrix",
     "modelica",
-    "report",
     "robot",
-    "viewer",
+    "show",
 )
 _ELSEWHERE = ("lft", "pipeline", "problem")  # rooms that have names of the list above, and no more
 _MODULES = {
-    "plot": "mbdlft.plot",
     "fit": "mbdlft.multibody.equilibrium.fit",
     "lft": "mbdlft.lft",  # the function of this name is mbdlft.system.lft only
 }
 
-__all__ = sorted([*_FIRST, *_NAMESPACES, "plot"])
+__all__ = sorted([*_FIRST, *_NAMESPACES])
 
 
 def __getattr__(name: str) -> Any:

@@ -10,7 +10,7 @@ from mbdlft.base import Parameter
 from mbdlft.dae import Dae, DaeDraft, Structure
 from mbdlft.dae.operations import column_of
 from mbdlft.dae.points import System, solve
-from mbdlft.sx.constants import in_doubles
+from mbdlft.problem.sx.constants import in_doubles
 
 GRAVITY = 9.81
 

@@ -6,15 +6,15 @@ from fractions import Fraction
 import numpy as np
 
 from mbdlft.base.parameter import BilinearMap
-from mbdlft.bound.degree import degree_bounds
+from mbdlft.exact.matrices import ExactMatrix, from_rows
+from mbdlft.exact.numbers import BITS, Field, precision
 from mbdlft.lft.exact import ExactLFT
 from mbdlft.lft.lft import LFT
-from mbdlft.number.exact import BITS, Field, precision
-from mbdlft.number.exact_matrix import ExactMatrix, from_rows
+from mbdlft.order.degree import degree_bounds
+from mbdlft.order.reduction import reduce_exactly
+from mbdlft.order.reduction_in_doubles import in_scales
 from mbdlft.pipeline.extract import extract
 from mbdlft.problem.linearize import LinearModel
-from mbdlft.reduce.exact import reduce_exactly
-from mbdlft.reduce.reduce import in_scales
 
 FIELD = Field()
 

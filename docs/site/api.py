@@ -13,7 +13,7 @@ import mbdlft
 def namespaces() -> dict[str, list[str]]:
     """Modules with the public names that they list."""
     modules = [f"mbdlft.{name}" for name in mbdlft._NAMESPACES]
-    modules += ["mbdlft.plot", "mbdlft.multibody.equilibrium.fit"]
+    modules += ["mbdlft.multibody.equilibrium.fit"]
     modules += [f"mbdlft.{name}" for name in mbdlft._ELSEWHERE]
     return {module: sorted(import_module(module).__all__) for module in modules}
 

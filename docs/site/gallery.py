@@ -17,7 +17,7 @@ from PIL import Image
 import mbdlft
 from mbdlft.base.parameter import Parameter
 from mbdlft.modelica import ModelicaTable, load_modelica, load_modelica_table, operating_point
-from mbdlft.viewer.picture import scene_picture
+from mbdlft.show.viewer.picture import scene_picture
 from scenarios import sagging_arm
 
 ROOT = Path(__file__).parents[2]
@@ -136,7 +136,7 @@ def _is_scene(path: Path) -> bool:
 
 def _figure(model: mbdlft.LFTModel, name: str) -> None:
     """Singular values of a model with channels and states, otherwise bars of its orders."""
-    from mbdlft.plot import save_orders, save_singular_values
+    from mbdlft.show import save_orders, save_singular_values
 
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "figure.png"

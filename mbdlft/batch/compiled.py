@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.archive.rows import SOLVED, Layout
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, MbdlftError, MbdlftWarning, SceneError
 from mbdlft.base.parameter import Parameter
@@ -28,7 +29,6 @@ from mbdlft.multibody.scene import Scene, scene_from_toml
 from mbdlft.problem.prestress import CARRIED, check_carried
 from mbdlft.problem.straight_line import StraightLine, straight_line
 from mbdlft.problem.trim import RESIDUAL
-from mbdlft.store.rows import SOLVED, Layout
 from mbdlft.system.model import LFTModel
 
 _WORTH = 50_000  # samples from which on compiling equations takes less than it saves

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.archive.rows import FUNCTION_FAILED, SOLVED, Layout
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.batch.rows import Source
 from mbdlft.batch.samples import Samples, count_of, points_of
-from mbdlft.store.rows import FUNCTION_FAILED, SOLVED, Layout
 
 _PROBES = 8  # samples at which a function is called to learn what it gives
 _SAME = 1e-6  # of the largest: what a number may depend on the samples beside it

@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from mbdlft.archive.program import coded, decoded
+from mbdlft.archive.rows import Layout
 from mbdlft.base.array import Array
 from mbdlft.base.errors import ArchiveError
 from mbdlft.base.parameter import Parameter
@@ -26,8 +28,6 @@ from mbdlft.lft.program.cache import key_of, user_cache
 from mbdlft.multibody.scene import Scene, scene_to_toml
 from mbdlft.problem.equations import Equations
 from mbdlft.problem.straight_line import StraightLine
-from mbdlft.store.program import coded, decoded
-from mbdlft.store.rows import Layout
 
 _FORM = "1"
 _NOT_READ = (ArchiveError, ValueError, KeyError, TypeError, OSError, zipfile.BadZipFile, EOFError)

@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.archive.rows import NO_EQUILIBRIUM, SINGULAR, SOLVED, Layout
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import Parameter
@@ -24,9 +25,8 @@ from mbdlft.problem.equations import Equations
 from mbdlft.problem.needed_states import Need
 from mbdlft.problem.prestress import check_prestress
 from mbdlft.problem.relinearize import linearized
+from mbdlft.problem.sx.evaluate import MANY
 from mbdlft.problem.trim import balance
-from mbdlft.store.rows import NO_EQUILIBRIUM, SINGULAR, SOLVED, Layout
-from mbdlft.sx.evaluate import MANY
 from mbdlft.system.model import LFTModel, deltas_of
 
 Indices = NDArray[np.intp]

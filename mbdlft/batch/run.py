@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.archive.archive import check_file, check_name
+from mbdlft.archive.rows import FUNCTION_FAILED, NO_EQUILIBRIUM, SINGULAR, SOLVED
+from mbdlft.archive.sweep import finish_sweep
 from mbdlft.base.array import ArrayLike
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.base.pool import Pool
@@ -31,9 +34,6 @@ from mbdlft.batch.staging import (
     write_shard,
 )
 from mbdlft.multibody.scene import Scene, scene_to_toml
-from mbdlft.store.archive import check_file, check_name
-from mbdlft.store.rows import FUNCTION_FAILED, NO_EQUILIBRIUM, SINGULAR, SOLVED
-from mbdlft.store.sweep import finish_sweep
 from mbdlft.system.model import LFTModel
 
 

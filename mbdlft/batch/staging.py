@@ -21,6 +21,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.archive.archive import load, save
+from mbdlft.archive.rows import (
+    Layout,
+    Places,
+    digests_of,
+    make_rows,
+    pack,
+    places_in,
+    reserve,
+    restore,
+)
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, ArchiveError
 from mbdlft.base.threads import one_thread
@@ -35,17 +46,6 @@ from mbdlft.batch.samples import (
     points_of,
 )
 from mbdlft.multibody.scene import Scene, scene_from_toml, scene_to_toml
-from mbdlft.store import load, save
-from mbdlft.store.rows import (
-    Layout,
-    Places,
-    digests_of,
-    make_rows,
-    pack,
-    places_in,
-    reserve,
-    restore,
-)
 from mbdlft.system.model import LFTModel
 
 _SHARD_ROWS, _SHARD_BYTES = 16384, 2**25

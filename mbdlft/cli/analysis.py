@@ -60,7 +60,7 @@ def margin(
     as_json: AsJson = False,
 ) -> None:
     """Bounds of the margin of robust stability, proved for all frequencies and values."""
-    from mbdlft.analyze.margin import robust_stability
+    from mbdlft.robust.margin import robust_stability
 
     _check(figure)
     system = loop_of(archive, model, controller)
@@ -68,7 +68,7 @@ def margin(
     asked |= {"workers": workers, "fixed": fixed or ()}
     found = answer(archive, system, robust_stability, asked, store=not no_save, as_json=as_json)
     if figure is not None:
-        from mbdlft.plot import save_mu
+        from mbdlft.show.figures.mu import save_mu
 
         save_mu(figure, system, found, leave_out=leave_out or ())
 
@@ -89,7 +89,7 @@ def wcgain(
     as_json: AsJson = False,
 ) -> None:
     """Bounds of the largest gain over the declared ranges, proved for all frequencies and values."""
-    from mbdlft.analyze.gain import worst_case_gain
+    from mbdlft.robust.gain import worst_case_gain
 
     _check(figure)
     system = loop_of(archive, model, controller)
@@ -100,7 +100,7 @@ def wcgain(
         archive, system, worst_case_gain, channels | asked, store=not no_save, as_json=as_json
     )
     if figure is not None:
-        from mbdlft.plot import save_singular_values
+        from mbdlft.show.figures.singular_values import save_singular_values
 
         bound = found.upper if found.proved else None
         shown = chosen_channels(system, outputs, inputs)
@@ -122,7 +122,7 @@ def worst(
     as_json: AsJson = False,
 ) -> None:
     """The worst real part, damping, disk margin or H2 norm over the ranges, with proved bounds."""
-    from mbdlft.analyze.worst import worst_case
+    from mbdlft.robust.worst import worst_case
 
     system = loop_of(archive, model, controller)
     property_of = {"h2-norm": "H2 norm"}.get(what, what.replace("-", " "))
@@ -137,8 +137,8 @@ def worst(
 
 def verify(archive: Archive, as_json: AsJson = False) -> None:
     """Check every stored proof again, without a search."""
-    from mbdlft.analyze.recheck import verify as check
-    from mbdlft.store import analysis_names, load_analysis
+    from mbdlft.archive.analysis import analysis_names, load_analysis
+    from mbdlft.robust.recheck import verify as check
 
     names = analysis_names(archive)
     if not names:
@@ -190,6 +190,6 @@ def _rates(texts: list[str] | None) -> dict[str, float]:
 def _check(figure: Path | None) -> None:
     """Raise an error if it is known before the work that a figure cannot be written."""
     if figure is not None:
-        from mbdlft.plot import check_figure
+        from mbdlft.show.figures.figures import check_figure
 
         check_figure(figure)

@@ -14,7 +14,7 @@ from mbdlft.cli.source import stored_system
 from mbdlft.cli.tables import console, print_json, table
 
 if TYPE_CHECKING:
-    from mbdlft.bound.evidence import Bounds
+    from mbdlft.robust.evidence import Bounds
     from mbdlft.system.system import System
 
 _WITH = " with "  # in the name of a loop
@@ -61,7 +61,7 @@ NoSave = Annotated[bool, typer.Option("--no-save", help="Do not store the result
 
 def loop_of(archive: Path, model: str | None, controller: Path | None) -> "System":
     """The model of an archive, closed through a controller if there is one."""
-    from mbdlft.store import model_names
+    from mbdlft.archive.archive import model_names
     from mbdlft.system import as_system, feedback
 
     names = model_names(archive)
@@ -130,7 +130,7 @@ def _report(
 ) -> None:
     """Store a result, and print it."""
     if store:
-        from mbdlft.store import save_analysis
+        from mbdlft.archive.analysis import save_analysis
 
         save_analysis(archive, system, found)
     if as_json:

@@ -212,7 +212,7 @@ def show(
     as_json: AsJson = False,
 ) -> None:
     """Print what is in an archive, and from when."""
-    from mbdlft.store import load, model_names
+    from mbdlft.archive.archive import load, model_names
 
     if as_json:
         print_json(archive_data(archive, name))

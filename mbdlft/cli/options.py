@@ -31,24 +31,24 @@ Prove = Annotated[
         min=0.0, help="Work to prove that the model is regular in the whole range, about seconds."
     ),
 ]
-SEARCH = 4.0  # equal to SEARCH of mbdlft.pipeline.search, which is slow to import
+SEARCH = 4.0  # equal to SEARCH of mbdlft.order.search, which is slow to import
 
 
 def check_paths(archive: Path | None, figures: Sequence[tuple[str, Path]] = ()) -> None:
     """Raise an error if it is known before the work that one of the files cannot be written."""
     if archive is not None:
-        from mbdlft.store.archive import check_file
+        from mbdlft.archive.archive import check_file
 
         check_file(archive)
     for _, file in figures:
-        from mbdlft.plot import check_figure
+        from mbdlft.show.figures.figures import check_figure
 
         check_figure(file)
 
 
 def write_model(archive: Path, model: LFTModel) -> float:
     """Save a model; return the seconds that this took."""
-    from mbdlft.store import save
+    from mbdlft.archive.archive import save
 
     start = time.perf_counter()
     save(archive, model)

@@ -13,7 +13,8 @@ from mbdlft.cli.source import load_system, point_of
 from mbdlft.cli.tables import console, print_json, table
 
 if TYPE_CHECKING:
-    from mbdlft.analyze import ModeRow, StabilityVerdict
+    from mbdlft.response.damping import ModeRow
+    from mbdlft.robust.stability import StabilityVerdict
     from mbdlft.system.system import System
 
 _SHORT = 8  # rows of the table that comes with a model
@@ -45,10 +46,12 @@ def poles(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Print poles with their damping, transmission zeros, and whether values make it unstable."""
-    from mbdlft.analyze import check_stability, damping_table, zeros
+    from mbdlft.response.damping import damping_table
+    from mbdlft.response.staircase import zeros
+    from mbdlft.robust.stability import check_stability
 
     if figure is not None:
-        from mbdlft.plot import check_figure
+        from mbdlft.show.figures.figures import check_figure
 
         check_figure(figure)
     system = load_system(source, model)
@@ -67,7 +70,7 @@ def poles(
             _print(system, point, rows, at_zero, verdict)
     finally:  # a figure that fails takes nothing away
         if figure is not None:
-            from mbdlft.plot import save_pole_map
+            from mbdlft.show.figures.pole_map import save_pole_map
 
             save_pole_map(figure, system, over, seed)
     if figure is not None and not as_json:
@@ -76,7 +79,7 @@ def poles(
 
 def print_poles(system: "System") -> None:
     """Print a short table of the poles at nominal, and a line if it is not stable there."""
-    from mbdlft.analyze import damping_table
+    from mbdlft.response.damping import damping_table
 
     if not system.states:
         return
@@ -103,7 +106,7 @@ def print_stability(stability: str, rows: "Sequence[ModeRow]") -> None:
 
 def poles_summary(system: "System") -> dict[str, object]:
     """Poles at nominal as plain data, for JSON."""
-    from mbdlft.analyze import damping_table
+    from mbdlft.response.damping import damping_table
 
     found = damping_table(system)
     return {"poles": [_plain(row) for row in found.rows()], "stability": found.stability()}
@@ -133,7 +136,7 @@ def _print(
 
 def _print_rows(rows: "Sequence[ModeRow]", title: str, most: int | None) -> None:
     """A table of modes, equal ones in one row; the slowest ones if not all have room."""
-    from mbdlft.analyze.damping import cells
+    from mbdlft.response.damping import cells
 
     texts = Counter(tuple(cell.strip() for cell in cells(row)) for row in rows)
     rows_of_table = table(

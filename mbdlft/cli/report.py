@@ -8,7 +8,7 @@ from rich.table import Table
 
 from mbdlft.cli.poles import poles_summary, print_poles
 from mbdlft.cli.tables import console, print_json, table
-from mbdlft.report.sentences import (
+from mbdlft.show.report.sentences import (
     checked_beside,
     conditioning,
     largest_error,

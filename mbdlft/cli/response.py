@@ -90,27 +90,27 @@ def response(
 
 def draw(kind: str, figure: Path, system: "System", seed: int = 0, over: str | None = None) -> None:
     """Draw a figure of one of the `KINDS`, if need be over a parameter."""
-    from mbdlft import plot
+    from mbdlft import show
 
     if kind == "poles":
-        plot.save_pole_map(figure, system, over, seed)
+        show.save_pole_map(figure, system, over, seed)
     elif kind == "trim":
-        plot.save_trims(figure, system, over, seed)
+        show.save_trims(figure, system, over, seed)
     elif kind == "order":
-        plot.save_orders(figure, system)
+        show.save_orders(figure, system)
     elif kind == "bode":
-        plot.save_bode(figure, system, seed)
+        show.save_bode(figure, system, seed)
     elif kind == "step":
-        plot.save_step(figure, system, seed)
+        show.save_step(figure, system, seed)
     else:
-        plot.save_singular_values(figure, system, seed)
+        show.save_singular_values(figure, system, seed)
 
 
 def chosen_channels(
     system: "System", outputs: list[str] | None, inputs: list[str] | None
 ) -> "System":
     """The system with some of its outputs and inputs; all states stay."""
-    from mbdlft.analyze.samples import chosen
+    from mbdlft.response.samples import chosen
 
     rows = chosen(system.name, "output", outputs, system.outputs, "responses")
     columns = chosen(system.name, "input", inputs, system.inputs, "responses")
@@ -129,15 +129,15 @@ def _check(figure: Path | None, kind: str, frequencies: list[float] | None) -> N
                 f"--at {omega:g}: expected a positive finite frequency (rad/s), such as 1.5."
             )
     if figure is not None:
-        from mbdlft.plot import check_figure
+        from mbdlft.show.figures.figures import check_figure
 
         check_figure(figure)
 
 
 def _point_of(system: "System", what: str, values: Mapping[str, float]) -> Point:
     """Norms at one point."""
-    from mbdlft.analyze import h2_norm, hinf_norm
-    from mbdlft.analyze.response import peaks
+    from mbdlft.response.frequency import peaks
+    from mbdlft.response.norms import h2_norm, hinf_norm
 
     peak = hinf_norm(system, values)
     try:
@@ -156,8 +156,8 @@ def _point_of(system: "System", what: str, values: Mapping[str, float]) -> Point
 
 def _worst(system: "System", samples: int, seed: int) -> dict[str, float] | None:
     """The sample of the highest peak; nothing without parameters or samples."""
-    from mbdlft.analyze.response import peaks
     from mbdlft.base.samples import random
+    from mbdlft.response.frequency import peaks
 
     if not (samples and system.parameters):
         return None
@@ -168,7 +168,7 @@ def _worst(system: "System", samples: int, seed: int) -> dict[str, float] | None
 
 def _largest(system: "System", values: "Mapping[str, ArrayLike]") -> "tuple[Array, Array]":
     """Frequencies (N, F) of samples, and the largest singular values at them."""
-    from mbdlft.analyze import frequency_response, response_frequencies, singular_values
+    from mbdlft.response.frequency import frequency_response, response_frequencies, singular_values
 
     omega = response_frequencies(system, values)
     return omega, singular_values(frequency_response(system, values, omega))[..., 0]
@@ -178,8 +178,8 @@ def _values_at(
     system: "System", point: dict[str, float], samples: int, seed: int, frequencies: list[float]
 ) -> list[dict[str, Any]]:
     """Size and phase of each channel at frequencies, and the range of the size over samples."""
-    from mbdlft.analyze import frequency_response
     from mbdlft.base.samples import random
+    from mbdlft.response.frequency import frequency_response
 
     if not frequencies:
         return []
@@ -208,7 +208,7 @@ def _values_at(
 
 def _print(system: "System", points: list[Point], values: list[dict[str, Any]]) -> None:
     """Tables, and sentences on what is infinite."""
-    from mbdlft.analyze.response import gain_unit
+    from mbdlft.response.frequency import gain_unit
 
     out = console()
     rows = table(

@@ -9,7 +9,7 @@ from mbdlft.cli.report import model_data
 
 def beside_models(archive: Path) -> list[str]:
     """A line for the sweeps, and one for each stored analysis."""
-    from mbdlft.store import sweep_names
+    from mbdlft.archive.sweep import sweep_names
 
     sweeps = ", ".join(sweep_names(archive))
     lines = [f"sweeps: {sweeps}"] if sweeps else []
@@ -23,7 +23,8 @@ def beside_models(archive: Path) -> list[str]:
 
 def archive_data(archive: Path, name: str | None) -> dict[str, Any]:
     """All models, or the one with a name, with their dates; sweeps and analyses by name."""
-    from mbdlft.store import load, model_names, sweep_names
+    from mbdlft.archive.archive import load, model_names
+    from mbdlft.archive.sweep import sweep_names
 
     models = [model_data(load(archive, key)) for key in ([name] if name else model_names(archive))]
     if name:
@@ -37,7 +38,7 @@ def archive_data(archive: Path, name: str | None) -> dict[str, Any]:
 
 def _analyses(archive: Path) -> list[dict[str, Any]]:
     """Name, kind and bounds of each stored analysis."""
-    from mbdlft.store import analysis_names, load_analysis
+    from mbdlft.archive.analysis import analysis_names, load_analysis
 
     found = []
     for name in analysis_names(archive):

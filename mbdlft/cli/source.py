@@ -55,7 +55,7 @@ def scene_in(file: Path, model: str | None = None, *, look: bool = False) -> "Sc
 def load_model(file: Path, name: str | None = None) -> "System | DeltaThetaModel":
     """As `load_system`, with nonlinear functions where an archive has them."""
     if file.suffix.lower() in ARCHIVES:
-        from mbdlft.store import load
+        from mbdlft.archive.archive import load
 
         return cast("System | DeltaThetaModel", load(file, name))
     return load_system(file, name)
@@ -134,7 +134,7 @@ def stored_system(archive: Path, name: str | None) -> System:
     ArchiveError
         It cannot be read.
     """
-    from mbdlft.store import load
+    from mbdlft.archive.archive import load
     from mbdlft.system.theta import DeltaThetaModel
 
     model = load(archive, name)

@@ -99,7 +99,7 @@ def sweep(
 
 def _warn_of_rows(output: Path, name: str) -> None:
     """Warn of a stored sweep of this name, which is going to be replaced."""
-    from mbdlft.store import sweep_names
+    from mbdlft.archive.sweep import sweep_names
 
     if output.exists() and name in sweep_names(output):
         warn(f"{output}: the sweep {name!r} that is stored there is replaced; --name keeps it.")

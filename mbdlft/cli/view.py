@@ -41,7 +41,7 @@ def view(
     as_json: AsJson = False,
 ) -> None:
     """Write a web page that shows a scene, with sliders, loads at equilibrium and moving modes."""
-    from mbdlft.viewer import view as page_of
+    from mbdlft.show.viewer.page import view as page_of
 
     file = _page(output or Path(f"{source.stem}.html"))
     scene = _scene(source, model)
@@ -54,8 +54,8 @@ def view(
 def _scene(source: Path, model: str | None) -> "Scene":
     """The scene of a file, or that of a model of an archive."""
     if source.suffix.lower() in ARCHIVES:
-        from mbdlft.store import load
-        from mbdlft.viewer import scene_of
+        from mbdlft.archive.archive import load
+        from mbdlft.show.viewer.page import scene_of
 
         return scene_of(load(source, model))
     if model is not None and not is_robot(source):
@@ -88,7 +88,7 @@ def report(
 ) -> None:
     """Write a page on a model: scene, parameters, what is proved, equilibrium, poles, responses."""
     from mbdlft.cli.source import load_system
-    from mbdlft.report import model_report
+    from mbdlft.show.report.page import model_report
 
     file = _page(output or Path(f"{source.stem}.html"))
     system = load_system(source, model)

@@ -14,8 +14,8 @@ import casadi as ca
 from mbdlft.base.errors import StructureError
 from mbdlft.dae.description import Dae, Equation, Variable
 from mbdlft.dae.operations import column_of
-from mbdlft.number.exact import constant_of
-from mbdlft.sx.constants import constants_in, is_constant, literal
+from mbdlft.exact.numbers import constant_of
+from mbdlft.problem.sx.constants import constants_in, is_constant, literal
 
 
 class Alias(NamedTuple):

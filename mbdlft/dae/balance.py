@@ -15,8 +15,8 @@ from mbdlft.dae.operations import column_of
 from mbdlft.dae.points import Found, System, solve
 from mbdlft.dae.states import blocks_of, independent
 from mbdlft.dae.structure import Quantity, Structure, parameter_points
-from mbdlft.number.exact import decimal
-from mbdlft.sx.constants import in_doubles, literal
+from mbdlft.exact.numbers import decimal
+from mbdlft.problem.sx.constants import in_doubles, literal
 
 POINTS = 8  # of the parameters at which a solution is looked at
 SAME = 1e-9  # relative, of numbers that stand for the same

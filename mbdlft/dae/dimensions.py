@@ -9,9 +9,9 @@ from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import dimension_name, parse_unit
 from mbdlft.dae.description import Dae
 from mbdlft.dae.operations import column_of
-from mbdlft.number.dimension import FUNCTIONS, Dimension
-from mbdlft.sx.constants import is_constant
-from mbdlft.sx.fold import Rules, fold, rules
+from mbdlft.exact.dimension import FUNCTIONS, Dimension
+from mbdlft.problem.sx.constants import is_constant
+from mbdlft.problem.sx.fold import Rules, fold, rules
 
 
 class _Any:

@@ -13,8 +13,8 @@ from mbdlft.dae.description import Dae, Equation, Output, Variable
 from mbdlft.dae.fit import fit_coefficient
 from mbdlft.dae.lookup import Beyond, Interpolation, table_expression
 from mbdlft.dae.operations import column_of, with_literals
-from mbdlft.number.exact import Constant
-from mbdlft.sx.constants import constant, literal, shown
+from mbdlft.exact.numbers import Constant
+from mbdlft.problem.sx.constants import constant, literal, shown
 
 
 class DaeDraft:

@@ -8,9 +8,9 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError
-from mbdlft.number.exact_matrix import Residues, null_space
-from mbdlft.sx.constants import in_doubles
-from mbdlft.sx.residues import modulo_prime
+from mbdlft.exact.matrices import Residues, null_space
+from mbdlft.problem.sx.constants import in_doubles
+from mbdlft.problem.sx.residues import modulo_prime
 
 _SEED = 20230917  # of the residues that stand for parameters
 _SMALL = (

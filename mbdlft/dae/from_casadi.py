@@ -11,7 +11,7 @@ from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import parse_unit
 from mbdlft.dae.description import Dae, Equation, Output, Variable
 from mbdlft.dae.operations import column_of, with_literals
-from mbdlft.sx.constants import literal
+from mbdlft.problem.sx.constants import literal
 
 
 def from_casadi(

@@ -5,7 +5,7 @@ from fractions import Fraction
 import casadi as ca
 
 from mbdlft.dae.alias import rational
-from mbdlft.sx.constants import is_constant
+from mbdlft.problem.sx.constants import is_constant
 
 _SMALL = Fraction(1, 8)
 _MOST_CRAMER = 6  # unknowns; more are eliminated by entries with parameters, too

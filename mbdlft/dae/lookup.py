@@ -10,8 +10,8 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError
-from mbdlft.number.exact import decimal
-from mbdlft.sx.constants import literal
+from mbdlft.exact.numbers import decimal
+from mbdlft.problem.sx.constants import literal
 
 Interpolation = Literal["linear", "cubic"]
 Beyond = Literal["lines", "constant"]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from mbdlft.dae.alias import rational
-from mbdlft.sx.constants import is_constant, literal
+from mbdlft.problem.sx.constants import is_constant, literal
 
 ONE_KEY = "1"
 

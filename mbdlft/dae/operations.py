@@ -8,8 +8,8 @@ from typing import Any
 import casadi as ca
 
 from mbdlft.base.errors import NotRationalError, SceneError
-from mbdlft.sx.constants import is_constant, literal
-from mbdlft.sx.fold import Rule, Rules, fold
+from mbdlft.problem.sx.constants import is_constant, literal
+from mbdlft.problem.sx.fold import Rule, Rules, fold
 
 FUNCTIONS: Mapping[str, Rule] = {
     **{name: getattr(ca, name) for name in ("sin", "cos", "tan", "asin", "acos", "atan")},

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from mbdlft.number.exact import constant_of
-from mbdlft.sx.constants import constants_in
-from mbdlft.sx.fold import Rules, fold
+from mbdlft.exact.numbers import constant_of
+from mbdlft.problem.sx.constants import constants_in
+from mbdlft.problem.sx.fold import Rules, fold
 from mbdlft.system.table import Table
 
 Polynomial = tuple[Fraction, ...]  # coefficients from the constant on, without zeros at the end

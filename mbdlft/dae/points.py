@@ -10,7 +10,7 @@ from scipy.sparse.linalg import splu
 
 from mbdlft.base.array import Array
 from mbdlft.dae.operations import column_of
-from mbdlft.sx.constants import in_doubles
+from mbdlft.problem.sx.constants import in_doubles
 
 _STEPS, _HALVINGS = 60, 12
 _CLOSE = 1e-11  # of the size of the terms of an equation

@@ -29,11 +29,11 @@ from mbdlft.dae.mixed import (
     times,
 )
 from mbdlft.dae.operations import ARITHMETIC, FUNCTIONS, column_of, free_symbols
-from mbdlft.number.exact import constant_of
+from mbdlft.exact.numbers import constant_of
 from mbdlft.problem.equations import cosines_sines
-from mbdlft.sx.constants import FUNCTIONS as EXACT_FUNCTIONS
-from mbdlft.sx.constants import is_constant, literal, numbers_of
-from mbdlft.sx.fold import Rules, fold
+from mbdlft.problem.sx.constants import FUNCTIONS as EXACT_FUNCTIONS
+from mbdlft.problem.sx.constants import is_constant, literal, numbers_of
+from mbdlft.problem.sx.fold import Rules, fold
 
 Arrange = Literal["fewest", "blocks"]
 _PRODUCTS = ("mul", "div")

@@ -20,7 +20,7 @@ from mbdlft.base.errors import StructureError
 from mbdlft.dae.exact_rank import singular_part
 from mbdlft.dae.index import Differentiated, Entry, Row, listed, name_of, place_of
 from mbdlft.dae.operations import column_of
-from mbdlft.sx.constants import in_doubles
+from mbdlft.problem.sx.constants import in_doubles
 
 _RANK = 1e-9  # of the largest pivot: a smaller one is no pivot
 _KEPT = 3  # the class of variables that are no derivatives: none of them becomes algebraic

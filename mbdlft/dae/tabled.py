@@ -5,7 +5,7 @@ import casadi as ca
 from mbdlft.dae.arguments import Registry
 from mbdlft.dae.mixed import ONE_KEY, Mixed, plus, term, times
 from mbdlft.dae.piecewise import piecewise_of
-from mbdlft.sx.constants import is_constant
+from mbdlft.problem.sx.constants import is_constant
 
 
 def with_tables(registry: Registry, value: Mixed, hint: str, sign: int) -> Mixed:

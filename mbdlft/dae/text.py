@@ -14,9 +14,9 @@ from mbdlft.dae.lookup import joined
 from mbdlft.dae.operations import FUNCTIONS, column_of
 from mbdlft.dae.piecewise import ARGUMENT, Piecewise, applied
 from mbdlft.dae.piecewise import constant as always
-from mbdlft.number.exact import Constant, constant_of
-from mbdlft.sx.constants import constants_in, double
-from mbdlft.sx.fold import Rules, fold
+from mbdlft.exact.numbers import Constant, constant_of
+from mbdlft.problem.sx.constants import constants_in, double
+from mbdlft.problem.sx.fold import Rules, fold
 from mbdlft.system.table import Table, named_tables
 
 _SHORT = 12  # characters; longer parts that are used twice get a name

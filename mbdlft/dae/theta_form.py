@@ -24,9 +24,9 @@ from mbdlft.dae.separate import Arrange, Separation
 from mbdlft.dae.states import blocks_of
 from mbdlft.dae.structure import Quantity, Structure
 from mbdlft.dae.tabled import with_tables
-from mbdlft.number.exact import decimal
+from mbdlft.exact.numbers import decimal
 from mbdlft.problem.linearize import LinearModel
-from mbdlft.sx.constants import in_doubles, is_constant
+from mbdlft.problem.sx.constants import in_doubles, is_constant
 from mbdlft.system.theta import ONE
 
 _NEGLIGIBLE = 1e-6  # of the largest slope of a function: what may be rounding

@@ -27,7 +27,7 @@ from mbdlft.problem.equations import rows_of
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.problem.of_relations import reference_of_relations
 from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage, TrimRelations
-from mbdlft.sx.constants import in_doubles
+from mbdlft.problem.sx.constants import in_doubles
 from mbdlft.system.theta import ThetaFunction
 
 _SEPARATED = 1e-9  # of the terms of an equation

@@ -27,7 +27,7 @@ from mbdlft.dae.operations import column_of
 from mbdlft.dae.points import System, solve, values_of
 from mbdlft.dae.states import independent
 from mbdlft.dae.structure import Quantity, Structure, parameter_points
-from mbdlft.sx.constants import in_doubles, literal
+from mbdlft.problem.sx.constants import in_doubles, literal
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,11 +7,11 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
+from mbdlft.archive.archive import save
+from mbdlft.archive.files import permissions_of, target_of
 from mbdlft.base.errors import ArchiveError, StructureError
 from mbdlft.export.grid import Counts, grid_csv, grid_mat, grid_npz, matrices_on
 from mbdlft.export.names import RESERVED, identifier
-from mbdlft.store.archive import save
-from mbdlft.store.files import permissions_of, target_of
 from mbdlft.system.system import System
 from mbdlft.system.theta import DeltaThetaModel
 

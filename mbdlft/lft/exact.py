@@ -5,9 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from mbdlft.exact.matrices import ExactMatrix, stacked
 from mbdlft.lft.block import Block
 from mbdlft.lft.lft import LFT
-from mbdlft.number.exact_matrix import ExactMatrix, stacked
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,9 +4,9 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
-from mbdlft.number import twofold
-from mbdlft.number.rounding import cleaned, solution_size
-from mbdlft.number.twofold import Twofold
+from mbdlft.exact import twofold
+from mbdlft.exact.rounding import cleaned, solution_size
+from mbdlft.exact.twofold import Twofold
 
 _WELL_CONDITIONED = 2.0**10  # double precision is enough: the square of this leaves ten digits
 

@@ -24,8 +24,8 @@ from mbdlft.multibody.force import Force, Torque
 from mbdlft.multibody.joint import Free
 from mbdlft.multibody.scene import Constant, Scene
 from mbdlft.multibody.sensor import Acceleration, AngularAcceleration, JointWrench
+from mbdlft.order.search import SEARCH
 from mbdlft.pipeline.build import to_lft
-from mbdlft.pipeline.search import SEARCH
 from mbdlft.system.model import LFTModel
 
 DIRECTIONS = (*AXES, *(f"r{axis}" for axis in AXES))

@@ -13,9 +13,9 @@ from typing import NamedTuple, TypeVar
 
 from mbdlft.base.description import AXES
 from mbdlft.base.errors import SceneError
+from mbdlft.exact.numbers import decimal
 from mbdlft.multibody.body import Inertia, RigidBody
 from mbdlft.multibody.joint import Revolute
-from mbdlft.number.exact import decimal
 
 T = TypeVar("T")
 

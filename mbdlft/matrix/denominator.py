@@ -8,9 +8,9 @@ from mbdlft.base.errors import SceneError, WellPosednessError
 from mbdlft.base.expression import Expression, denominators, evaluate, write
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import parse_unit
+from mbdlft.exact.interval import FUNCTIONS, Interval, decimal, find_zero
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, cosine_name, entry_place, matrix_values, sine_name
-from mbdlft.number.interval import FUNCTIONS, Interval, decimal, find_zero
 
 _LEAST, _MOST = 1e-150, 1e150  # their squares are floats
 

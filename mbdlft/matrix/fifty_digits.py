@@ -16,10 +16,10 @@ from mbdlft.base.errors import SceneError, WellPosednessError
 from mbdlft.base.expression import FUNCTIONS, Call, Number, evaluate
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import parse_unit
+from mbdlft.exact.numbers import precision
+from mbdlft.exact.operators import Operators
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, cosine_name, entry_place, matrix_values, sine_name
-from mbdlft.number.exact import precision
-from mbdlft.number.operators import Operators
 from mbdlft.problem.in_digits import transfers_of
 
 _BITS_OF_A_DIGIT = 3.33

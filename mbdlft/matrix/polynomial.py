@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.errors import MbdlftError
+from mbdlft.exact.numbers import decimal
+from mbdlft.exact.operators import Operators
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import MatrixForm, Resolved, matrix_values
-from mbdlft.number.exact import decimal
-from mbdlft.number.operators import Operators
-from mbdlft.sx.constants import literal
+from mbdlft.problem.sx.constants import literal
 
 _MOST_TERMS, _MOST_DEGREE = 1000, 128
 

@@ -24,8 +24,8 @@ from mbdlft.matrix.resolve import (
     sine_name,
 )
 from mbdlft.problem.equations import cosines_sines
-from mbdlft.sx.constants import FUNCTIONS, literal, pi_times
-from mbdlft.sx.fold import Rules, fold, rules
+from mbdlft.problem.sx.constants import FUNCTIONS, literal, pi_times
+from mbdlft.problem.sx.fold import Rules, fold, rules
 
 _DEEPEST = 12  # nesting beyond which a part of an expression gets a name
 

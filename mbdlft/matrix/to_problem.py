@@ -10,6 +10,8 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.samples import SEED, check_points
+from mbdlft.exact.rounding import conditioning
+from mbdlft.exact.scale import or_one
 from mbdlft.matrix.denominator import check_denominators
 from mbdlft.matrix.fifty_digits import transfers_in_digits, values_in_digits
 from mbdlft.matrix.polynomial import expanded_matrix
@@ -17,8 +19,6 @@ from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.matrix.resolve import Resolved, resolve
 from mbdlft.matrix.symbolic import written_matrix
 from mbdlft.matrix.toml import matrix_to_toml
-from mbdlft.number.rounding import conditioning
-from mbdlft.number.scale import or_one
 from mbdlft.problem.compare import NEGLIGIBLE
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage

@@ -16,6 +16,7 @@ import casadi as ca
 from mbdlft.base.errors import SceneError, check_known
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import ANGLE_UNITS
+from mbdlft.exact.numbers import decimal
 from mbdlft.modelica.evaluate import Evaluator
 from mbdlft.modelica.table import ModelicaTable
 from mbdlft.modelica.tree import (
@@ -32,7 +33,6 @@ from mbdlft.modelica.unit import unit_of
 from mbdlft.modelica.values import Value, described, number_of
 from mbdlft.modelica.write import write
 from mbdlft.multibody.scene.toml import read_parameters
-from mbdlft.number.exact import decimal
 
 _NO_LIMIT = Fraction(10) ** 30  # libraries write 1e60 for what has no limit
 _NAME = re.compile(r"\W+")

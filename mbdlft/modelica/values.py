@@ -13,9 +13,9 @@ import casadi as ca
 
 from mbdlft.base.errors import SceneError
 from mbdlft.dae.operations import FUNCTIONS
-from mbdlft.number.exact import decimal
-from mbdlft.sx.constants import FUNCTIONS as OF_CONSTANTS
-from mbdlft.sx.constants import is_constant, literal, numbers_of, pi_times
+from mbdlft.exact.numbers import decimal
+from mbdlft.problem.sx.constants import FUNCTIONS as OF_CONSTANTS
+from mbdlft.problem.sx.constants import is_constant, literal, numbers_of, pi_times
 
 Value = Any  # Fraction, SX (1, 1), bool, str, or a tuple of values
 

@@ -15,7 +15,7 @@ from mbdlft.modelica.evaluate import Evaluator
 from mbdlft.modelica.parameters import Parameters, declared_unit, nominal_values
 from mbdlft.modelica.tree import Declaration, Truth
 from mbdlft.modelica.values import Value
-from mbdlft.sx.constants import in_doubles
+from mbdlft.problem.sx.constants import in_doubles
 
 
 class Variables:

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from mbdlft.sx.constants import numbers_of
+from mbdlft.problem.sx.constants import numbers_of
 
 
 class Coordinate(NamedTuple):

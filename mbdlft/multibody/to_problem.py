@@ -16,8 +16,8 @@ from mbdlft.problem.equations import Equations, Moved, rows_of
 from mbdlft.problem.linearize import LinearModel, linearize, trim_relations
 from mbdlft.problem.needed_states import Need, all_states, needed_states
 from mbdlft.problem.problem import Form, Nouns, Problem, Stage, TrimRelations
+from mbdlft.problem.sx.residues import modulo_prime
 from mbdlft.problem.trim import trim_efforts
-from mbdlft.sx.residues import modulo_prime
 
 _SEED = 20261124  # of the residues that stand for parameters
 

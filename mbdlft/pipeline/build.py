@@ -9,14 +9,14 @@ from typing import Any
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.threads import one_thread
-from mbdlft.bound.exact import exact_degrees
 from mbdlft.matrix import MatrixProblem, matrix_problem
 from mbdlft.matrix.to_problem import problem_of_matrix
 from mbdlft.multibody.scene import Scene
 from mbdlft.multibody.to_problem import problem_of_scene
+from mbdlft.order.exact_degree import exact_degrees
+from mbdlft.order.search import SEARCH, budget_of
 from mbdlft.pipeline.candidates import candidates
 from mbdlft.pipeline.realization import realization
-from mbdlft.pipeline.search import SEARCH, budget_of
 from mbdlft.system.model import LFTModel
 from mbdlft.system.regular import PROVE, check_work
 from mbdlft.system.truncation import check_tolerance

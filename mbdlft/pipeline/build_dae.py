@@ -9,9 +9,9 @@ from mbdlft.dae.separate import Arrange
 from mbdlft.dae.structure import Structure, reduce_index
 from mbdlft.dae.to_problem import problem_of_dae
 from mbdlft.dae.trim import DaeTrim, trim
+from mbdlft.order.search import SEARCH, budget_of
 from mbdlft.pipeline.build import Clock
 from mbdlft.pipeline.realization import realization
-from mbdlft.pipeline.search import SEARCH, budget_of
 from mbdlft.system.model import LFTModel
 from mbdlft.system.regular import PROVE, check_work
 from mbdlft.system.theta import DeltaThetaModel

@@ -8,17 +8,17 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
 from mbdlft.base.threads import without_collection
+from mbdlft.exact.matrices import TooFewBitsError
+from mbdlft.exact.numbers import BITS, MOST_BITS, precision
 from mbdlft.lft.exact import ExactLFT, eliminated, transposed
 from mbdlft.lft.lft import LFT, condition
-from mbdlft.number.exact import BITS, MOST_BITS, precision
-from mbdlft.number.exact_matrix import TooFewBitsError
+from mbdlft.order.balanced import in_good_coordinates
+from mbdlft.order.closed import Closing
+from mbdlft.order.reduction import reduce_exactly
+from mbdlft.order.reduction_in_doubles import in_scales, reduce_order
 from mbdlft.pipeline.extract import extract
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.problem.problem import Form, Problem
-from mbdlft.reduce.balanced import in_good_coordinates
-from mbdlft.reduce.closed import Closing
-from mbdlft.reduce.exact import reduce_exactly
-from mbdlft.reduce.reduce import in_scales, reduce_order
 from mbdlft.system.points import deltas_at
 
 _MOST_EXACT = 1500  # channels after the reduction of words: exact numbers take gigabytes for more

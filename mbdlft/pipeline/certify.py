@@ -8,9 +8,9 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.parameter import Parameter
-from mbdlft.bound.degree import Bound
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.triangle import values_at, vanishes
+from mbdlft.order.degree import Bound
 from mbdlft.problem.problem import Nouns, Problem, Reference
 from mbdlft.problem.transfers import frequencies_of, largest_of_rows, transfers
 from mbdlft.system.model import Certificate

@@ -15,10 +15,10 @@ from typing import NamedTuple
 import casadi as ca
 
 from mbdlft.base.errors import MbdlftError
-from mbdlft.number.exact import LARGEST_ANGLE, Constant
+from mbdlft.exact.numbers import LARGEST_ANGLE, Constant
 from mbdlft.pipeline.candidates import Candidate, candidates
 from mbdlft.problem.problem import Problem
-from mbdlft.sx.constants import constant, constants_in, double, is_zero
+from mbdlft.problem.sx.constants import constant, constants_in, double, is_zero
 
 _MOST = 400  # channels before reduction: a second look at more takes long
 _PART, _PART_OF_AXIS = 1e-9, 1e-5  # of itself, of its length: a number is near another one

@@ -11,11 +11,13 @@ import numpy as np
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.reproducible import NoProcessError, same_everywhere
 from mbdlft.base.samples import SEED
-from mbdlft.bound.degree import Bound, degree_bounds
-from mbdlft.bound.exact import exact_degrees
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.exact import residues_alone
 from mbdlft.lft.lft import LFT, with_blocks
+from mbdlft.order.degree import Bound, degree_bounds
+from mbdlft.order.exact_degree import exact_degrees
+from mbdlft.order.reduction_in_doubles import in_scales
+from mbdlft.order.search import CUT_OFF, IN_PROCESS, Budget, Smallest, find_smallest
 from mbdlft.pipeline.candidates import (
     Candidate,
     candidates,
@@ -32,9 +34,7 @@ from mbdlft.pipeline.certify import (
 )
 from mbdlft.pipeline.near import near_relations
 from mbdlft.pipeline.provenance import provenance
-from mbdlft.pipeline.search import CUT_OFF, IN_PROCESS, Budget, Smallest, find_smallest
 from mbdlft.problem.problem import Problem, Reference, Stage, TrimRelations
-from mbdlft.reduce.reduce import in_scales
 from mbdlft.system.model import LFTModel, Trim
 from mbdlft.system.points import deltas_at
 from mbdlft.system.regular import PROVE
@@ -169,7 +169,7 @@ def _search(
         closed, forms = closed[:1], [one.relations for one in found]
         close, truth = closing(best.form.relations), best.closed
     exact = residues_alone(best.exact) if best.exact else None
-    target = "mbdlft.pipeline.search:find_smallest"
+    target = "mbdlft.order.search:find_smallest"
     arguments = (closed, dict(bound), budget, forms, close, truth, exact)
     try:
         smallest: Smallest = same_everywhere(target, *arguments)

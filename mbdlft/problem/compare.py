@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.number.rounding import conditioning
+from mbdlft.exact.rounding import conditioning
 from mbdlft.problem.equations import Equations, split
 from mbdlft.problem.in_digits import matrices_in_digits, transfers_in_digits
 from mbdlft.problem.needed_states import Need

@@ -10,7 +10,7 @@ import casadi as ca
 from mbdlft.base.parameter import Parameter, cosine_sine_parts
 from mbdlft.base.signal import Signal
 from mbdlft.base.unit import parse_unit
-from mbdlft.sx.constants import cosine_sine, in_doubles
+from mbdlft.problem.sx.constants import cosine_sine, in_doubles
 
 WITH_CONSTANTS = {"allow_free": True}  # functions of expressions with constants of `sx.constants`
 CURVED = 10.0  # of the bound of a fit: what terms of second order may add to what it explains

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.unit import parse_unit
-from mbdlft.number.exact import Field, constant_of, precision
-from mbdlft.number.exact_matrix import entries_of
+from mbdlft.exact.matrices import entries_of
+from mbdlft.exact.numbers import Field, constant_of, precision
 from mbdlft.problem.equations import Equations, rounded, split
 from mbdlft.problem.relinearize import slopes_at_trim
+from mbdlft.problem.sx.constants import constants_in, literal, pi_times
+from mbdlft.problem.sx.fold import fold, rules
 from mbdlft.problem.trim import relations_at_rest, trim_rows
-from mbdlft.sx.constants import constants_in, literal, pi_times
-from mbdlft.sx.fold import fold, rules
 
 _BITS = 200  # 50 digits and what solving takes
 

@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 from mbdlft.base.array import Array
 from mbdlft.problem.equations import rows_of
 from mbdlft.problem.linearize import LinearModel
-from mbdlft.sx.constants import in_doubles
+from mbdlft.problem.sx.constants import in_doubles
 
 Mask = NDArray[np.bool_]
 

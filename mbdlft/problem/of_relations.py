@@ -13,18 +13,18 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import Parameter, to_internal
 from mbdlft.base.unit import parse_unit
-from mbdlft.number.exact import Field, constant_of, precision
-from mbdlft.number.exact_matrix import entries_of
-from mbdlft.number.rounding import conditioning
+from mbdlft.exact.matrices import entries_of
+from mbdlft.exact.numbers import Field, constant_of, precision
+from mbdlft.exact.rounding import conditioning
 from mbdlft.problem.compare import NEGLIGIBLE, entry_scale
 from mbdlft.problem.in_digits import Balls, transfers_of
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.problem.problem import Reference
+from mbdlft.problem.sx.constants import constants_in, in_doubles
+from mbdlft.problem.sx.evaluate import evaluate_many
+from mbdlft.problem.sx.fold import fold, rules
+from mbdlft.problem.sx.sizes import term_sizes
 from mbdlft.problem.transfers import Complex, implicit_transfers
-from mbdlft.sx.constants import constants_in, in_doubles
-from mbdlft.sx.evaluate import evaluate_many
-from mbdlft.sx.fold import fold, rules
-from mbdlft.sx.sizes import term_sizes
 
 _TOGETHER = 16  # points at a time: matrices of many equations are large
 _BITS = 200  # 50 digits and what solving takes

@@ -8,7 +8,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import TrimError
 from mbdlft.problem.equations import Equations, load_value, physical_symbols
-from mbdlft.sx.evaluate import evaluate_many
+from mbdlft.problem.sx.evaluate import evaluate_many
 
 CARRIED = 1e-9  # of the loads of the scene: a smaller wrench through a body is rounding
 

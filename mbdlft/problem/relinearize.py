@@ -19,9 +19,9 @@ from mbdlft.problem.equations import (
     rows_of,
     split,
 )
+from mbdlft.problem.sx.evaluate import evaluate_in_chunks, evaluate_many
+from mbdlft.problem.sx.sizes import term_sizes
 from mbdlft.problem.trim import trim_efforts
-from mbdlft.sx.evaluate import evaluate_in_chunks, evaluate_many
-from mbdlft.sx.sizes import term_sizes
 
 _TAKES_PART = 0.1  # of a unit vector: a signal that is named in a message
 _FLOOR = 1e-2  # of the load (and the inertia it acts on): the size below which terms have cancelled

@@ -21,9 +21,9 @@ from mbdlft.lft.program.tape import Operand, Pivot, Program, Tape, TooLongError,
 from mbdlft.problem.equations import Equations, split
 from mbdlft.problem.prestress import carried_function
 from mbdlft.problem.relinearize import slope_function
+from mbdlft.problem.sx.evaluate import evaluate_many, program_rules
+from mbdlft.problem.sx.fold import fold
 from mbdlft.problem.trim import relation_function, trim_rows
-from mbdlft.sx.evaluate import evaluate_many, program_rules
-from mbdlft.sx.fold import fold
 
 _PROBES = 16  # samples at which pivots are chosen
 

@@ -13,7 +13,7 @@ from scipy.linalg import qr
 from mbdlft.base.array import Array
 from mbdlft.base.errors import TrimError, unknown_name
 from mbdlft.base.signal import Signal
-from mbdlft.number.rounding import cleaned
+from mbdlft.exact.rounding import cleaned
 from mbdlft.problem.equations import (
     CURVED,
     Equations,
@@ -23,8 +23,8 @@ from mbdlft.problem.equations import (
     physical_symbols,
 )
 from mbdlft.problem.prestress import check_prestress
-from mbdlft.sx.evaluate import evaluate_many
-from mbdlft.sx.sizes import term_sizes
+from mbdlft.problem.sx.evaluate import evaluate_many
+from mbdlft.problem.sx.sizes import term_sizes
 
 RESIDUAL = 1e-9
 _RANK = 1e-13  # an unknown whose effect is that of others up to this part is redundant

@@ -10,9 +10,9 @@ matter, (I - M11 Delta)^-1 M12 is solved for again with residuals of twice the p
 import numpy as np
 
 from mbdlft.base.array import Array
+from mbdlft.exact import twofold
+from mbdlft.exact.scale import equilibrate
 from mbdlft.lft.lft import LFT
-from mbdlft.number import twofold
-from mbdlft.number.scale import equilibrate
 
 LOST = 2.0**-40  # of the size of an entry: an error that is worth the work
 _NEGLIGIBLE = (

@@ -16,7 +16,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.lft.lft import LFT, constant, eliminate, select, stack_diagonal
 from mbdlft.lft.opening import as_plain, of_kinds
-from mbdlft.reduce.reduce import reduce_order
+from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.system.system import System
 
 _SHARE = 0.1  # of a direction that a loop does not determine: signals above it are named

@@ -20,7 +20,7 @@ from mbdlft import (
     worst_case,
     worst_case_gain,
 )
-from mbdlft.bound.evidence import BoxProof, IntervalProof, MotionProof
+from mbdlft.robust.evidence import BoxProof, IntervalProof, MotionProof
 from tests.archive.plain_digest import edit
 from tests.close import exact
 from tests.laws.random_loops import blocks_system, mixed_system

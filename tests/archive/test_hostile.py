@@ -12,7 +12,7 @@ import pytest
 
 import mbdlft
 from mbdlft import ArchiveError, load, load_sweep, model_names, save
-from mbdlft.store import guard, helper
+from mbdlft.archive import guard, helper
 from tests.archive import models
 from tests.archive.plain_digest import as_words, digest, edit, put_text
 from tests.errors.scenes import says
@@ -317,7 +317,7 @@ def test_helper_that_does_not_start(file, monkeypatch):
 
 def test_helper_is_one_process_and_ends(file):
     program = (
-        "import sys, mbdlft; from mbdlft.store import guard\n"
+        "import sys, mbdlft; from mbdlft.archive import guard\n"
         "for _ in range(3): mbdlft.load(sys.argv[1], isolated=True)\n"
         "print(guard._helper[1].pid)"
     )

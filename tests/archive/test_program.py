@@ -19,11 +19,11 @@ import pytest
 
 import mbdlft
 from mbdlft import ArchiveError, LFTModel, MbdlftWarning, StructureError
+from mbdlft.archive import program as stored
 from mbdlft.batch.rows import ModelSource
 from mbdlft.lft import evaluate
 from mbdlft.lft.program import known
 from mbdlft.lft.program.tape import Pivot
-from mbdlft.store import program as stored
 from mbdlft.system.system import deltas_of
 from tests.archive import models, plain_program
 from tests.archive.plain_digest import edit, put_text

@@ -10,7 +10,7 @@ import pytest
 
 import mbdlft
 from mbdlft import RandomSamples
-from mbdlft.store import archive, copying, guard, hdf5
+from mbdlft.archive import archive, copying, guard, hdf5
 from tests.archive import models
 from tests.archive.models import contents, same
 from tests.close import exact

@@ -9,9 +9,9 @@ import pytest
 
 import mbdlft.cli.commands
 from mbdlft import ArchiveError, Certificate, LFTModel, load, matrices_at, save
+from mbdlft.archive.certificate import rests_on
 from mbdlft.lft.block import Block, ComplexBlock, FullBlock
 from mbdlft.lft.lft import LFT
-from mbdlft.store.certificate import rests_on
 from mbdlft.system.system import Parameters, System
 from tests.archive import models
 from tests.archive.plain_digest import as_words, edit

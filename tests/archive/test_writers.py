@@ -12,7 +12,7 @@ import pytest
 
 import mbdlft
 from mbdlft import ArchiveError, load, load_sweep, model_names, save
-from mbdlft.store import files
+from mbdlft.archive import files
 from tests.archive import models
 from tests.archive.plain_digest import digest
 from tests.close import CLOSED_FORM, exact, target
@@ -59,7 +59,7 @@ def test_two_writers_lose_nothing(tmp_path: Path) -> None:
 def test_lock_of_a_dead_process(tmp_path: Path) -> None:
     file = tmp_path / "a.h5"
     program = (
-        "import sys, time\nfrom pathlib import Path\nfrom mbdlft.store.files import locked\n"
+        "import sys, time\nfrom pathlib import Path\nfrom mbdlft.archive.files import locked\n"
         "with locked(Path(sys.argv[1])):\n    print('inside', flush=True)\n    time.sleep(600)"
     )
     with subprocess.Popen(

@@ -11,10 +11,10 @@ import numpy as np
 
 import mbdlft
 from mbdlft import Block, MbdlftError, Parameter, Signal, System
-from mbdlft.analyze.pole_migration import abscissa
-from mbdlft.analyze.realization import realization
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT
+from mbdlft.robust.pole_migration import abscissa
+from mbdlft.robust.realization import realization
 
 KINDS = (
     "plain",

@@ -8,7 +8,7 @@ import numpy as np
 
 import mbdlft
 from mbdlft import ArchiveError, RandomSamples
-from mbdlft.store import guard
+from mbdlft.archive import guard
 from tests.archive import models
 from tests.archive.test_systems import mixed, same_system
 from tests.attack.mutations import damaged

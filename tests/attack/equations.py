@@ -13,7 +13,7 @@ import mbdlft
 from mbdlft import MbdlftError, Parameter
 from mbdlft.base.array import Array
 from mbdlft.dae import Dae, DaeDraft, evaluate_form, reduce_index, trim
-from mbdlft.sx.constants import in_doubles
+from mbdlft.problem.sx.constants import in_doubles
 from tests.close import SIMULATED
 
 POINTS = 4

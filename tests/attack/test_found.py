@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbdlft.analyze import boxes, margin
 from mbdlft.base import grammar, unit
 from mbdlft.lft.lft import LFT
+from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.pipeline import candidates, realization
 from mbdlft.pipeline.certify import Checked
-from mbdlft.reduce.reduce import reduce_order
+from mbdlft.robust import boxes, margin
 from tests.attack import analyses, cores, equations, expressions, matrices, scenes
 from tests.extracted import exactly
 

@@ -12,9 +12,9 @@ import pytest
 from benchmarks.cases.robots import robots
 from mbdlft.base.errors import SceneError
 from mbdlft.robot import load_robot
-from mbdlft.viewer.data import view_data
-from mbdlft.viewer.looks import robot_looks
-from mbdlft.viewer.meshes import thinned
+from mbdlft.show.viewer.data import view_data
+from mbdlft.show.viewer.looks import robot_looks
+from mbdlft.show.viewer.meshes import thinned
 from tests.close import CROSS, MESH, target
 from tests.laws.test_viewer import interpret
 

@@ -11,10 +11,10 @@ import mbdlft
 from mbdlft.base.errors import SceneError
 from mbdlft.robot import load_robot
 from mbdlft.robot.turns import between
-from mbdlft.viewer.data import reach, view_data
-from mbdlft.viewer.drawing import draw
-from mbdlft.viewer.looks import robot_looks
-from mbdlft.viewer.poses import poses
+from mbdlft.show.viewer.data import reach, view_data
+from mbdlft.show.viewer.drawing import draw
+from mbdlft.show.viewer.looks import robot_looks
+from mbdlft.show.viewer.poses import poses
 from tests import random_mjcf
 from tests.browser import browser
 from tests.close import CROSS, PAGE, target

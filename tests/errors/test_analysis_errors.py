@@ -22,10 +22,11 @@ from mbdlft import (
     unbounded_frequencies,
     zeros,
 )
-from mbdlft.analyze import hamiltonian, norms, spectrum, stability, staircase
-from mbdlft.analyze.migration import push_right
-from mbdlft.analyze.realization import realization
-from mbdlft.plot import save_bode, save_pole_map, save_singular_values, save_step
+from mbdlft.response import hamiltonian, norms, spectrum, staircase
+from mbdlft.robust import stability
+from mbdlft.robust.migration import push_right
+from mbdlft.robust.realization import realization
+from mbdlft.show import save_bode, save_pole_map, save_singular_values, save_step
 from tests.errors.scenes import says
 from tests.oscillators import oscillator, plain, random_system, spring_and_mass
 

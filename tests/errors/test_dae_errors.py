@@ -39,7 +39,7 @@ def test_numerically_singular_is_named_not_solved() -> None:
 def test_singular_for_all_parameters_with_irrational_numbers() -> None:
     d, (a, b) = _draft("a", "b")
     p = d.parameter(Parameter("p", 2.0, percent=10))
-    root = ca.SX(mbdlft.sx.constants.root(2.0))
+    root = ca.SX(mbdlft.problem.sx.constants.root(2.0))
     d.equation(root * a + p * b, "one", equals=1)
     d.equation(2 * a + root * p * b, "two", equals=2)
     with pytest.raises(StructureError, match="'one', 'two' depend on each other"):

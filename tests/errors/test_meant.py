@@ -6,7 +6,7 @@ import mbdlft
 from mbdlft.base.errors import unknown_name
 from mbdlft.base.expression import parse
 from mbdlft.base.unit import parse_unit
-from mbdlft.report.content import _said
+from mbdlft.show.report.content import _said
 from tests.close import CLOSED_FORM, target
 from tests.errors.scenes import says
 

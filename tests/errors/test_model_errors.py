@@ -34,9 +34,9 @@ from mbdlft import (
     trim_at,
 )
 from mbdlft.multibody.body import Inertia
-from mbdlft.plot import save_singular_values
 from mbdlft.problem.linearize import trim_relations
 from mbdlft.problem.relinearize import relinearize
+from mbdlft.show import save_singular_values
 from tests.errors.scenes import ARM, cart, says
 
 MASSES = [Parameter("mass", 1, 0.5, 2, unit="kg"), Parameter("load", 1, 0.5, 2, unit="kg")]

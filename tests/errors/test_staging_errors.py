@@ -7,9 +7,9 @@ import pytest
 
 import mbdlft
 from mbdlft import ArchiveError, MbdlftError, RandomSamples
+from mbdlft.archive import archive
+from mbdlft.archive import sweep as sweep_file
 from mbdlft.batch import staging
-from mbdlft.store import archive
-from mbdlft.store import sweep as sweep_file
 from tests.archive import models
 from tests.close import exact
 from tests.errors.scenes import cart, says

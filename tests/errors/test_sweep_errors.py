@@ -7,8 +7,8 @@ import pytest
 
 import mbdlft
 from mbdlft import AnalysisError, ArchiveError, GridSamples, Parameter, RandomSamples, SceneError
+from mbdlft.archive import rows
 from mbdlft.batch import staging
-from mbdlft.store import rows
 from tests.errors.scenes import cart, says
 
 

@@ -9,12 +9,12 @@ import pytest
 import mbdlft
 from mbdlft.base.errors import ArchiveError, SceneError, TrimError, WellPosednessError
 from mbdlft.cli.view import _scene
-from mbdlft.viewer.data import view_data
-from mbdlft.viewer.drawing import draw
-from mbdlft.viewer.modes import _modes
-from mbdlft.viewer.page import _filled
-from mbdlft.viewer.picture import scene_picture
-from mbdlft.viewer.poses import poses
+from mbdlft.show.viewer.data import view_data
+from mbdlft.show.viewer.drawing import draw
+from mbdlft.show.viewer.modes import _modes
+from mbdlft.show.viewer.page import _filled
+from mbdlft.show.viewer.picture import scene_picture
+from mbdlft.show.viewer.poses import poses
 from tests.scenarios.test_cli import run
 
 ROOT = Path(__file__).parents[2]
@@ -88,9 +88,9 @@ def test_a_model_without_a_scene() -> None:
     matrix = mbdlft.load_matrix(ROOT / "scenarios" / "missile.toml")
     model = mbdlft.realize(matrix, search=0.0)
     with pytest.raises(SceneError, match="was not made of one scene alone"):
-        mbdlft.viewer.scene_of(model)
+        mbdlft.show.scene_of(model)
     with pytest.raises(SceneError, match="a float has no scene"):
-        mbdlft.viewer.scene_of(1.0)
+        mbdlft.show.scene_of(1.0)
 
 
 def test_a_page_that_cannot_be_written(tmp_path: Path) -> None:

@@ -24,13 +24,12 @@ from mbdlft.lft.lft import (
 )
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import problem_of_scene
-from mbdlft.pipeline import search
+from mbdlft.order import affine, search
+from mbdlft.order.affine import is_affine, is_polynomial, move_affine
+from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.work import Work
 from mbdlft.pipeline.candidates import candidates, closing
 from mbdlft.problem.linearize import linearize
-from mbdlft.reduce import affine
-from mbdlft.reduce.affine import is_affine, is_polynomial, move_affine
-from mbdlft.reduce.reduce import reduce_order
-from mbdlft.reduce.work import Work
 from tests.close import roundoff
 from tests.extracted import extracted
 from tests.laws.turned import forces_turned_on_the_way

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from scipy.linalg import schur
 
 import mbdlft
-from mbdlft.bound import degree as bound
-from mbdlft.bound.degree import Bound, degree_bounds
 from mbdlft.lft.lft import LFT, Block, constant, delta, inverse, stack_diagonal, with_blocks
 from mbdlft.multibody.assembly import assemble
+from mbdlft.order import degree as bound
+from mbdlft.order.degree import Bound, degree_bounds
+from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.problem.linearize import linearize
-from mbdlft.reduce.reduce import reduce_order
 from tests.extracted import extracted, lower_bound
 from tests.laws.lfts import padded
 

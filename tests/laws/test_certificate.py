@@ -7,15 +7,15 @@ import pytest
 
 import mbdlft
 from mbdlft.base.samples import check_points
-from mbdlft.bound.degree import Bound
 from mbdlft.lft.lft import LFT, delta
 from mbdlft.matrix.to_problem import problem_of_matrix
 from mbdlft.multibody.to_problem import problem_of_scene
+from mbdlft.order.degree import Bound
 from mbdlft.pipeline import realization
 from mbdlft.pipeline.certify import Checked, certificate, values_at_points
 from mbdlft.pipeline.realization import _Check
 from mbdlft.problem.problem import Problem
-from mbdlft.sx.sizes import term_sizes
+from mbdlft.problem.sx.sizes import term_sizes
 from scenarios import two_link_arm
 from tests.close import SCENARIO, exact, roundoff
 

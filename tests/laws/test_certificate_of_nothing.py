@@ -15,7 +15,7 @@ from mbdlft.multibody.to_problem import choose_signals, problem_of_scene
 from mbdlft.pipeline.realization import _Check
 from mbdlft.problem.compare import entry_sizes
 from mbdlft.problem.relinearize import relinearize
-from mbdlft.report.sentences import checked_beside
+from mbdlft.show.report.sentences import checked_beside
 from tests.close import SCENARIO
 
 M = Parameter("m", 2.0, percent=50, unit="kg")

@@ -7,7 +7,7 @@ import pytest
 
 import mbdlft
 from mbdlft.cli.commands import main
-from mbdlft.number.rounding import conditioning
+from mbdlft.exact.rounding import conditioning
 from tests.close import EPS, conditioned, exact
 
 G = 9.81

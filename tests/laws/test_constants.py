@@ -24,9 +24,9 @@ from mbdlft import Parameter, realize
 from mbdlft.base import grammar
 from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.base.expression import Number, evaluate, parse
-from mbdlft.number.exact import BITS, Constant, precision
-from mbdlft.sx import constants as module
-from mbdlft.sx.constants import (
+from mbdlft.exact.numbers import BITS, Constant, precision
+from mbdlft.problem.sx import constants as module
+from mbdlft.problem.sx.constants import (
     FUNCTIONS,
     cosine_sine,
     in_doubles,

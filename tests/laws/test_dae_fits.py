@@ -11,7 +11,7 @@ from mbdlft.dae.linear import linearized, trim_sizes, trimmed_points
 from mbdlft.dae.linear_block import solved_linear
 from mbdlft.modelica import flat_model, modelica_table_from_toml, operating_point, translate
 from mbdlft.pipeline import delta_theta, linearize_dae
-from mbdlft.sx.constants import in_doubles
+from mbdlft.problem.sx.constants import in_doubles
 from tests.close import CLOSED_FORM, target
 from tests.daes import pendulum
 

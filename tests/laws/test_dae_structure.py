@@ -58,7 +58,7 @@ def test_index_is_that_of_casadi() -> None:
             "dx_impl": ca.vertcat(*(v.derivative for v in x)),
             "z": ca.vertcat(*(v.symbol for v in z)),
             "p": ca.vertcat(dae.p, *ca.symvar(free)[:0]),
-            "alg": ca.SX(mbdlft.sx.constants.in_doubles(free)),
+            "alg": ca.SX(mbdlft.problem.sx.constants.in_doubles(free)),
         }
         _, stats = ca.dae_reduce_index(given, {})
         assert reduce_index(dae).index == stats["index"]

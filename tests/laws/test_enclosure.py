@@ -23,9 +23,9 @@ from mbdlft.base.expression import (
     evaluate,
     parse,
 )
+from mbdlft.exact import interval, taylor
+from mbdlft.exact.interval import FUNCTIONS, Interval
 from mbdlft.matrix import denominator
-from mbdlft.number import interval, taylor
-from mbdlft.number.interval import FUNCTIONS, Interval
 from tests.close import EPS, roundoff
 
 SIZES = [0.0, 5e-324, 2.5e-308, 1e-200, 1e-16, 0.1, 0.7, 1.0, 3.0, 22.0, 1e16, 1e200, 1.7e308]

@@ -8,10 +8,11 @@ import pytest
 
 import mbdlft
 from mbdlft.lft.lft import LFT, Block, constant, delta, stack_rows
-from mbdlft.pipeline import realization, search
-from mbdlft.reduce import same_value as equal
-from mbdlft.reduce.same_value import Truth, is_same, part_of_largest
-from mbdlft.reduce.work import Work
+from mbdlft.order import same_value as equal
+from mbdlft.order import search
+from mbdlft.order.same_value import Truth, is_same, part_of_largest
+from mbdlft.order.work import Work
+from mbdlft.pipeline import realization
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 import mbdlft
 from mbdlft import Angle, MatrixProblem, Parameter, exact_lower_bound
-from mbdlft.bound import exact
+from mbdlft.exact.matrices import Residues
 from mbdlft.lft.lft import constant, delta, inverse
-from mbdlft.number.exact_matrix import Residues
-from mbdlft.reduce import exact as exact_spaces
+from mbdlft.order import exact_degree as exact
+from mbdlft.order import reduction as exact_spaces
 from tests.extracted import exactly
 from tests.laws.lfts import lfts
 from tests.laws.loewner import degrees as degrees_by_ranks

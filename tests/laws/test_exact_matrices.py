@@ -15,12 +15,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbdlft.lft.evaluate import evaluate
-from mbdlft.lft.exact import ExactLFT, eliminated, transposed
-from mbdlft.lft.lft import LFT, Block, eliminate, transpose
-from mbdlft.number import exact_matrix as module
-from mbdlft.number.exact import BITS, Constant, Field, precision
-from mbdlft.number.exact_matrix import (
+from mbdlft.exact import matrices as module
+from mbdlft.exact.matrices import (
     ExactMatrix,
     TooFewBitsError,
     identity,
@@ -34,6 +30,10 @@ from mbdlft.number.exact_matrix import (
     times,
     zeros,
 )
+from mbdlft.exact.numbers import BITS, Constant, Field, precision
+from mbdlft.lft.evaluate import evaluate
+from mbdlft.lft.exact import ExactLFT, eliminated, transposed
+from mbdlft.lft.lft import LFT, Block, eliminate, transpose
 from tests.close import exact, roundoff
 from tests.extracted import FIELD, exact_matrix, exactly
 from tests.laws.lfts import lfts, points

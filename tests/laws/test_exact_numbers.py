@@ -19,8 +19,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mbdlft.base.errors import AnalysisError
-from mbdlft.number import exact as module
-from mbdlft.number.exact import (
+from mbdlft.exact import numbers as module
+from mbdlft.exact.numbers import (
     BITS,
     Constant,
     Exact,
@@ -31,7 +31,7 @@ from mbdlft.number.exact import (
     precision,
     sine_of,
 )
-from mbdlft.sx.constants import double
+from mbdlft.problem.sx.constants import double
 from tests.close import roundoff
 
 FIELD = Field()

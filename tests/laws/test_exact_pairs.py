@@ -13,17 +13,17 @@ import pytest
 
 import mbdlft
 from benchmarks.cases.orders import CASES
-from mbdlft.bound import exact_pairs as module
-from mbdlft.bound.exact import exact_degrees
-from mbdlft.bound.exact_pairs import is_constant, more_needed
-from mbdlft.bound.pairs import Triple, confirmation, joint_bound, pair_bounds
+from mbdlft.exact.matrices import Residues
+from mbdlft.exact.numbers import BITS, precision
 from mbdlft.lft.exact import ExactLFT
 from mbdlft.lft.lft import LFT
 from mbdlft.matrix.to_problem import problem_of_matrix
-from mbdlft.number.exact import BITS, precision
-from mbdlft.number.exact_matrix import Residues
+from mbdlft.order import exact_pairs as module
+from mbdlft.order.exact_degree import exact_degrees
+from mbdlft.order.exact_pairs import is_constant, more_needed
+from mbdlft.order.pairs import Triple, confirmation, joint_bound, pair_bounds
+from mbdlft.order.work import Work
 from mbdlft.pipeline.candidates import candidates
-from mbdlft.reduce.work import Work
 from tests.extracted import lower_bound
 from tests.laws.test_joint_bound import TWO_LETTERS, Word, words, words_of_two_letters
 from tests.laws.test_joint_bound import known as known_in_doubles

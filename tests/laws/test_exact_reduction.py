@@ -14,14 +14,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mbdlft.exact.matrices import Residues, rank
+from mbdlft.exact.numbers import BITS, precision
 from mbdlft.lft.evaluate import evaluate
 from mbdlft.lft.exact import ExactLFT
 from mbdlft.lft.lft import LFT, Block
-from mbdlft.number.exact import BITS, precision
-from mbdlft.number.exact_matrix import Residues, rank
-from mbdlft.reduce import exact as module
-from mbdlft.reduce.exact import Space, reachable_bases, reduce_exactly
-from mbdlft.reduce.reduce import reduce_order
+from mbdlft.order import reduction as module
+from mbdlft.order.reduction import Space, reachable_bases, reduce_exactly
+from mbdlft.order.reduction_in_doubles import reduce_order
 from tests.close import roundoff
 from tests.extracted import FIELD, exact_matrix, exactly
 from tests.laws.lfts import lfts, points

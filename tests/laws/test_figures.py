@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 
 import mbdlft
 from mbdlft import Angle, Inertia, Parameter, Revolute, RigidBody, Scene
-from mbdlft.plot import save_orders, save_trims
-from mbdlft.plot.figures import over_frequency
-from mbdlft.plot.orders import _draw
-from mbdlft.plot.trims import trim_curves
+from mbdlft.show import save_orders, save_trims
+from mbdlft.show.figures.figures import over_frequency
+from mbdlft.show.figures.orders import _draw
+from mbdlft.show.figures.trims import trim_curves
 from tests.close import CLOSED_FORM, target
 
 _G = 9.81
@@ -113,7 +113,7 @@ def test_names_with_dollars_are_no_mathematics(tmp_path: Path) -> None:
     model = mbdlft.to_lft(scene, search=0.0)
     for kind in ("singular_values", "bode", "step", "pole_map"):
         file = tmp_path / f"{kind}.svg"
-        getattr(mbdlft.plot, f"save_{kind}")(file, model)
+        getattr(mbdlft.show, f"save_{kind}")(file, model)
         assert r"\frac" in file.read_text(encoding="utf-8")
 
 

@@ -14,6 +14,7 @@ import pytest
 
 from mbdlft.base.errors import TrimError
 from mbdlft.base.expression import evaluate, names, parse
+from mbdlft.exact import taylor
 from mbdlft.multibody.equilibrium.fit import (
     EquilibriumFit,
     equilibrium,
@@ -21,8 +22,7 @@ from mbdlft.multibody.equilibrium.fit import (
     prove,
     rational,
 )
-from mbdlft.number import taylor
-from mbdlft.sx.fold import arithmetic, fold
+from mbdlft.problem.sx.fold import arithmetic, fold
 from tests.close import FIT_BOUND, exact, roundoff
 
 mpmath.mp.dps = 50

@@ -10,16 +10,16 @@ import pytest
 import mbdlft
 from mbdlft.base.errors import NotRationalError
 from mbdlft.base.expression import evaluate, parse
+from mbdlft.exact import interval, taylor
+from mbdlft.exact.interval import Interval
+from mbdlft.exact.numbers import BITS, precision
 from mbdlft.matrix.symbolic import matrix_problem
 from mbdlft.multibody.equilibrium.fit.system import _ARRAYS
-from mbdlft.number import interval, taylor
-from mbdlft.number.exact import BITS, precision
-from mbdlft.number.interval import Interval
 from mbdlft.pipeline.extract.close import close
 from mbdlft.pipeline.extract.tape import walk
-from mbdlft.sx import sizes
-from mbdlft.sx.evaluate import MANY, evaluate_many, vectors
-from mbdlft.sx.fold import Rules, arithmetic, fold, rules, steps
+from mbdlft.problem.sx import sizes
+from mbdlft.problem.sx.evaluate import MANY, evaluate_many, vectors
+from mbdlft.problem.sx.fold import Rules, arithmetic, fold, rules, steps
 from tests.close import EPS, exact, roundoff
 
 NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}

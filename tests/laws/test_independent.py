@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 import mbdlft
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows, transpose
+from mbdlft.order import independent as module
+from mbdlft.order.independent import independent
+from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.work import Work
 from mbdlft.pipeline.build import build
-from mbdlft.reduce import independent as module
-from mbdlft.reduce.independent import independent
-from mbdlft.reduce.reduce import reduce_order
-from mbdlft.reduce.work import Work
 from tests.close import SCENARIO, roundoff, target
 from tests.strategies import random_scene
 

@@ -21,9 +21,6 @@ from hypothesis import strategies as st
 import mbdlft
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES, Case
-from mbdlft.bound import pairs as joint
-from mbdlft.bound import sections
-from mbdlft.bound.pairs import Pair, Triple, joint_bound, least_more
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import (
     LFT,
@@ -36,8 +33,11 @@ from mbdlft.lft.lft import (
     transpose,
 )
 from mbdlft.multibody.assembly import assemble
+from mbdlft.order import pairs as joint
+from mbdlft.order import sections
+from mbdlft.order.pairs import Pair, Triple, joint_bound, least_more
+from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.problem.linearize import linearize
-from mbdlft.reduce.reduce import reduce_order
 from tests.close import roundoff
 from tests.extracted import extracted, lower_bound
 

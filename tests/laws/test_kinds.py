@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from mbdlft import LFT, Block, ComplexBlock, FullBlock, StructureError
-from mbdlft.bound.degree import degree_bounds
-from mbdlft.bound.gain import gain_bound
 from mbdlft.lft import evaluate as evaluating
 from mbdlft.lft import lft as algebra
 from mbdlft.lft.evaluate import evaluate, evaluate_at
+from mbdlft.lft.gain_bound import gain_bound
 from mbdlft.lft.lft import constant, delta, fix
 from mbdlft.lft.triangle import values_at
-from mbdlft.reduce.reduce import reduce_order
+from mbdlft.order.degree import degree_bounds
+from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.system.truncation import truncate_lft
 from tests.close import exact, roundoff
 from tests.errors.scenes import says

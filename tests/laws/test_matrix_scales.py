@@ -23,15 +23,15 @@ import pytest
 
 import mbdlft
 from mbdlft import Angle, Parameter, realize
+from mbdlft.exact.matrices import ExactMatrix, rough_values
 from mbdlft.lft.exact import ExactLFT
 from mbdlft.matrix import fifty_digits, polynomial, symbolic, to_problem
 from mbdlft.matrix.to_problem import problem_of_matrix
-from mbdlft.number.exact_matrix import ExactMatrix, rough_values
+from mbdlft.order.reduction_in_doubles import channel_scales
 from mbdlft.pipeline import candidates, realization
 from mbdlft.pipeline.extract import close as closing
 from mbdlft.pipeline.extract import tape
 from mbdlft.pipeline.extract.noncommuting import Row
-from mbdlft.reduce.reduce import channel_scales
 from tests.close import CLOSED_FORM, exact, target
 from tests.extracted import exactly
 from tests.laws.loewner import degrees

@@ -14,15 +14,15 @@ import numpy as np
 import pytest
 
 from mbdlft.base.threads import one_thread
-from mbdlft.bound.pairs import joint_bound
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, Block
-from mbdlft.reduce import min_rank as module
-from mbdlft.reduce import refit as newton
-from mbdlft.reduce.affine import open_block
-from mbdlft.reduce.min_rank import lower_ranks
-from mbdlft.reduce.refit import refit
-from mbdlft.reduce.work import Work
+from mbdlft.order import min_rank as module
+from mbdlft.order import refit as newton
+from mbdlft.order.affine import open_block
+from mbdlft.order.min_rank import lower_ranks
+from mbdlft.order.pairs import joint_bound
+from mbdlft.order.refit import refit
+from mbdlft.order.work import Work
 from tests.close import roundoff
 from tests.extracted import lower_bound
 from tests.laws.test_refit import KAPPA, chain_in_space, in_other_units

@@ -17,7 +17,7 @@ from mbdlft.modelica.expression import ExpressionParser
 from mbdlft.modelica.tree import Array, Binary, Call, Expression, If, Number, Reference, Unary
 from mbdlft.modelica.unit import unit_of
 from mbdlft.modelica.write import write
-from mbdlft.sx.constants import in_doubles
+from mbdlft.problem.sx.constants import in_doubles
 from tests.close import exact, roundoff
 from tests.modelica import FLAT
 

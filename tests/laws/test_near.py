@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import mbdlft
-from mbdlft.number.exact import Constant
+from mbdlft.exact.numbers import Constant
 from mbdlft.pipeline.near import Signed, neighbors
 from tests.close import ELASTIC
 

@@ -13,7 +13,7 @@ from mbdlft import (
     verify,
     worst_case_gain,
 )
-from mbdlft.bound.evidence import BoxProof
+from mbdlft.robust.evidence import BoxProof
 from tests.reference.robust_cases import of_matrices
 
 

@@ -18,9 +18,9 @@ from hypothesis import strategies as st
 
 import mbdlft
 from mbdlft import Angle, Constant, MatrixProblem, Parameter, realize
+from mbdlft.exact.interval import FUNCTIONS, Interval
 from mbdlft.matrix import denominator, symbolic, to_problem
 from mbdlft.matrix.resolve import MatrixForm
-from mbdlft.number.interval import FUNCTIONS, Interval
 from tests.archive.models import same
 from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.laws.test_exact import entries

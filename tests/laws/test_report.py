@@ -11,11 +11,11 @@ import pytest
 
 import mbdlft
 from mbdlft.base.errors import AnalysisError
-from mbdlft.bound.evidence import Bounds
-from mbdlft.report import model_report
-from mbdlft.report.content import trim_rows, verdict_sentence, worst_cases
+from mbdlft.robust.evidence import Bounds
+from mbdlft.show import model_report
+from mbdlft.show.report.content import trim_rows, verdict_sentence, worst_cases
+from mbdlft.show.viewer.picture import scene_picture
 from mbdlft.system.model import LFTModel
-from mbdlft.viewer.picture import scene_picture
 from tests.close import CLOSED_FORM, target
 
 ROOT = Path(__file__).parents[2]

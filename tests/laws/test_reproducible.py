@@ -24,8 +24,8 @@ from mbdlft.base import reproducible
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.reproducible import NoProcessError, same_everywhere, settings
 from mbdlft.lft.lft import constant
+from mbdlft.order.search import IN_PROCESS
 from mbdlft.pipeline.build import build
-from mbdlft.pipeline.search import IN_PROCESS
 from tests.attack.cores import kinds
 
 ROOT = Path(__file__).parents[2]

@@ -20,9 +20,9 @@ from mbdlft import (
     step_response,
     unbounded_frequencies,
 )
-from mbdlft.analyze import resolvent
-from mbdlft.analyze.response import peaks
-from mbdlft.plot.figures import mark_unbounded
+from mbdlft.response import resolvent
+from mbdlft.response.frequency import peaks
+from mbdlft.show.figures.figures import mark_unbounded
 from mbdlft.system.system import StateMatrices
 from tests.close import CLOSED_FORM, NORM, PEAK, RESPONSE, exact, roundoff, target
 from tests.oscillators import (

@@ -9,11 +9,11 @@ import pytest
 
 import mbdlft
 from mbdlft.base.array import Array
-from mbdlft.bound.degree import degree_bounds
 from mbdlft.lft.evaluate import evaluate, evaluate_at
 from mbdlft.lft.lft import LFT, Block
-from mbdlft.reduce import reduce
-from mbdlft.reduce.reduce import reduce_order
+from mbdlft.order import reduction_in_doubles as reduce
+from mbdlft.order.degree import degree_bounds
+from mbdlft.order.reduction_in_doubles import reduce_order
 from tests.close import roundoff
 from tests.extracted import lower_bound
 from tests.laws.lfts import padded

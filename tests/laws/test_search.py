@@ -26,14 +26,13 @@ from benchmarks.cases.orders import CASES
 from mbdlft.base.threads import one_thread
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows
-from mbdlft.pipeline import search
-from mbdlft.pipeline.search import Budget, find_smallest
-from mbdlft.reduce import bases
-from mbdlft.reduce.bases import rewritten
-from mbdlft.reduce.independent import independent
-from mbdlft.reduce.reduce import reduce_order
-from mbdlft.reduce.same_value import Truth, is_same, part_of_largest
-from mbdlft.reduce.work import Work
+from mbdlft.order import bases, search
+from mbdlft.order.bases import rewritten
+from mbdlft.order.independent import independent
+from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.same_value import Truth, is_same, part_of_largest
+from mbdlft.order.search import Budget, find_smallest
+from mbdlft.order.work import Work
 from mbdlft.system.model import LFTModel
 from scenarios import two_link_arm
 from tests.close import CLOSED_FORM, SCENARIO, roundoff, target

@@ -23,7 +23,7 @@ from mbdlft.lft.lft import (
     transpose,
     with_blocks,
 )
-from mbdlft.reduce.reduce import reduce_order
+from mbdlft.order.reduction_in_doubles import reduce_order
 from tests.close import roundoff
 from tests.extracted import lower_bound
 

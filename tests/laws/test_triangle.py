@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mbdlft.lft import triangle
 from mbdlft.lft.evaluate import evaluate_at
 from mbdlft.lft.lft import LFT, Block
-from mbdlft.reduce.circles import pole_distance
+from mbdlft.order.circles import pole_distance
 from tests.close import exact, roundoff
 from tests.laws.lfts import lfts
 

@@ -17,8 +17,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbdlft
-from mbdlft.bound.gain import gain_bound, restrict
 from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.gain_bound import gain_bound, restrict
 from mbdlft.lft.lft import (
     LFT,
     Block,
@@ -29,8 +29,8 @@ from mbdlft.lft.lft import (
     stack_diagonal,
     stack_rows,
 )
+from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.pipeline.build import build
-from mbdlft.reduce.reduce import reduce_order
 from mbdlft.system import truncation
 from mbdlft.system.truncation import truncate_lft, typical_sizes
 from tests.archive.models import arm, same

@@ -13,11 +13,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mbdlft.exact import twofold
 from mbdlft.lft import lft as algebra
 from mbdlft.lft import solve
 from mbdlft.lft.evaluate import evaluate
 from mbdlft.lft.lft import constant, delta
-from mbdlft.number import twofold
 from tests.close import EPS, conditioned
 
 seeds = st.integers(0, 1000)

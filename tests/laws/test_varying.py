@@ -18,12 +18,12 @@ from mbdlft import (
     verify,
     worst_case_gain,
 )
-from mbdlft.analyze.motion import growth, unstable_motion
-from mbdlft.analyze.realization import realization
-from mbdlft.analyze.variation import is_positive
-from mbdlft.analyze.varying import delta_rates
 from mbdlft.base.parameter import to_delta, to_physical
-from mbdlft.bound.evidence import MotionProof
+from mbdlft.robust.evidence import MotionProof
+from mbdlft.robust.motion import growth, unstable_motion
+from mbdlft.robust.realization import realization
+from mbdlft.robust.variation import is_positive
+from mbdlft.robust.varying import delta_rates
 from tests.close import BOUND, STABLE, roundoff, target
 from tests.laws.random_loops import random_system, reached, state_matrices
 from tests.laws.test_margins import random_loop_with_channels

@@ -16,10 +16,10 @@ from mbdlft.base.errors import SceneError
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.scene import scene_from_toml
 from mbdlft.problem.trim import solve_trim
-from mbdlft.viewer import page as page_of_scene
-from mbdlft.viewer.data import view_data
-from mbdlft.viewer.poses import poses
-from mbdlft.viewer.tape import OPERATIONS, tape_of
+from mbdlft.show.viewer import page as page_of_scene
+from mbdlft.show.viewer.data import view_data
+from mbdlft.show.viewer.poses import poses
+from mbdlft.show.viewer.tape import OPERATIONS, tape_of
 from tests.close import CROSS, EVALUATION, FINITE_ELEMENTS, target
 from tests.cross.pinocchio_frames import configuration
 from tests.cross.pinocchio_tree import plant
@@ -264,7 +264,7 @@ def test_a_notebook_shows_a_page() -> None:
 
 def test_the_scene_of_a_model() -> None:
     scene = mbdlft.load_scene(ROOT / "scenarios" / "pendulum.toml")
-    assert mbdlft.viewer.scene_of(mbdlft.to_lft(scene, search=0.0)) == scene
+    assert mbdlft.show.scene_of(mbdlft.to_lft(scene, search=0.0)) == scene
 
 
 def test_axes_turn_the_way_they_point() -> None:

@@ -17,18 +17,18 @@ from hypothesis import strategies as st
 
 from benchmarks.scaling import scene
 from mbdlft.base.parameter import BilinearMap
+from mbdlft.exact.numbers import BITS, Exact, precision
 from mbdlft.lft.evaluate import evaluate
 from mbdlft.lft.lft import LFT
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals
-from mbdlft.number.exact import BITS, Exact, precision
+from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.pipeline.extract import extract
 from mbdlft.pipeline.extract import noncommuting as words
 from mbdlft.pipeline.extract.close import close
 from mbdlft.pipeline.extract.graph import Scaled, SignalGraph
 from mbdlft.pipeline.extract.noncommuting import Dependence, Row
 from mbdlft.problem.linearize import linearize
-from mbdlft.reduce.reduce import reduce_order
 from tests.close import roundoff
 from tests.extracted import FIELD
 

@@ -15,11 +15,11 @@ from mbdlft import (
     verify,
     worst_case,
 )
-from mbdlft.analyze.characteristic import is_stable_at
-from mbdlft.analyze.margin import cost_of
-from mbdlft.analyze.realization import realization
-from mbdlft.analyze.worst import disk_transfer, h2_and_slope
-from mbdlft.bound.evidence import BoxProof
+from mbdlft.robust.characteristic import is_stable_at
+from mbdlft.robust.evidence import BoxProof
+from mbdlft.robust.margin import cost_of
+from mbdlft.robust.realization import realization
+from mbdlft.robust.worst import disk_transfer, h2_and_slope
 from tests.close import BOUND, CLOSED_FORM, STABLE, roundoff, target
 from tests.laws.random_loops import random_system, state_matrices
 from tests.laws.test_margins import arm_loop, random_loop_with_channels

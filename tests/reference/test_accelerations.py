@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 import mbdlft
+from mbdlft.exact.matrices import ExactMatrix, rough_values
+from mbdlft.exact.rounding import cleaned
 from mbdlft.lft.exact import ExactLFT, eliminated
-from mbdlft.number.exact_matrix import ExactMatrix, rough_values
-from mbdlft.number.rounding import cleaned
 from mbdlft.pipeline import candidates
 from tests.close import ACCELERATION
 from tests.reference.chain_of_beams import accelerations, response_in_many_digits, scene

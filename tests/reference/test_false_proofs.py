@@ -7,9 +7,10 @@ import mbdlft
 from mbdlft import Constant, Parameter, realize
 from mbdlft.lft.lft import delta
 from mbdlft.matrix.to_problem import problem_of_matrix
-from mbdlft.pipeline import candidates, search
-from mbdlft.reduce.reduce import reduce_order
-from mbdlft.reduce.work import Work
+from mbdlft.order import search
+from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.work import Work
+from mbdlft.pipeline import candidates
 from tests.close import CLOSED_FORM, target
 from tests.extracted import exactly
 from tests.laws.test_exact_pairs import known as matrix_of_pairs

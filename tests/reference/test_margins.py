@@ -10,11 +10,11 @@ from mbdlft import (
     robust_stability,
     structured_singular_value,
 )
-from mbdlft.analyze.boxes import replayed
-from mbdlft.analyze.characteristic import polynomials
-from mbdlft.analyze.multipliers import structure_of, upper_bound
-from mbdlft.analyze.realization import realization
-from mbdlft.analyze.singular_value import channels_at
+from mbdlft.robust.boxes import replayed
+from mbdlft.robust.characteristic import polynomials
+from mbdlft.robust.multipliers import structure_of, upper_bound
+from mbdlft.robust.realization import realization
+from mbdlft.robust.singular_value import channels_at
 from tests.close import MU, published, target
 from tests.reference import robust_cases as cases
 

@@ -13,6 +13,7 @@ import pytest
 from mbdlft.base.description import Expected, Quantity, Values
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.signal import Freedom, Signal
+from mbdlft.exact.operators import Operators
 from mbdlft.multibody import body, force, joint, scene_from_toml, scene_to_toml, sensor
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.force import BodyWrench, Load
@@ -22,9 +23,8 @@ from mbdlft.multibody.joint.move import Move, Slide, shifted
 from mbdlft.multibody.sensor import Sensor
 from mbdlft.multibody.sensor.base import View
 from mbdlft.multibody.spatial import Coordinate, move_motion, move_wrench
-from mbdlft.number.operators import Operators
 from mbdlft.pipeline import to_lft
-from mbdlft.sx.fold import arithmetic, fold
+from mbdlft.problem.sx.fold import arithmetic, fold
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 import mbdlft
 from mbdlft.base.readable import readable
 
-NAMESPACES = (*mbdlft._NAMESPACES, *mbdlft._ELSEWHERE, "plot")
+NAMESPACES = (*mbdlft._NAMESPACES, *mbdlft._ELSEWHERE)
 # what checks values, addresses, what numpy and pydantic make of a type
 _MACHINERY = re.compile(
     r"0x|<function|lambda|Annotated|Strict|InstanceOf|FieldInfo|_array_like|SX\("

@@ -58,7 +58,7 @@ def test_no_folder_has_the_name_of_a_public_function() -> None:
 
 
 def test_few_names_are_shown_and_unknown_ones_are_errors() -> None:
-    assert set(dir(mbdlft)) == {*mbdlft._FIRST, *mbdlft._NAMESPACES, "plot"}
+    assert set(dir(mbdlft)) == {*mbdlft._FIRST, *mbdlft._NAMESPACES}
     with pytest.raises(AttributeError, match="has no attribute 'to_lfx'"):
         mbdlft.to_lfx  # noqa: B018
 

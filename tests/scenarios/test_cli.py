@@ -10,7 +10,7 @@ import pytest
 import mbdlft
 from mbdlft.cli import commands as cli
 from mbdlft.cli.commands import main
-from mbdlft.pipeline import search
+from mbdlft.order import search
 from tests.close import CLOSED_FORM, roundoff
 from tests.errors.robots import written
 
@@ -76,7 +76,7 @@ def test_figure_that_fails_takes_neither_table_nor_archive_away(
     def fails(*_: object, **__: object) -> None:
         raise mbdlft.AnalysisError("the figure cannot be drawn.")
 
-    monkeypatch.setattr("mbdlft.plot.singular_values.frequency_response", fails)
+    monkeypatch.setattr("mbdlft.show.figures.singular_values.frequency_response", fails)
     command = ("linearize", ARM, "--search", "0", "-o", str(archive), "--plot", str(figure))
     code, out, err = run(monkeypatch, capsys, *command)
     assert (code, err) == (2, "mbdlft: the figure cannot be drawn.\n")

@@ -8,7 +8,7 @@ import pytest
 from scipy.io import savemat
 
 import mbdlft
-from mbdlft.plot import save_growth
+from mbdlft.show import save_growth
 from tests.laws.test_margins import random_loop_with_channels
 from tests.scenarios.test_cli import run
 

@@ -12,7 +12,7 @@ from benchmarks.cases.orders import CASES
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.body import ElasticBody
 from mbdlft.problem.linearize import linearize
-from mbdlft.sx.constants import in_doubles
+from mbdlft.problem.sx.constants import in_doubles
 from scenarios import two_link_arm
 from tests.close import ELASTIC, SCENARIO, exact
 

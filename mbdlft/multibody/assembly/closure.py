@@ -19,7 +19,7 @@ from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import move_wrench
 from mbdlft.problem.equations import CURVED
-from mbdlft.sx.constants import unit_vector
+from mbdlft.problem.sx.constants import unit_vector
 
 _GAP = 1e-9  # of the lengths of the scene: ports farther apart do not meet
 _PASSIVE = 10.0  # weight of a coordinate that nothing holds among those that may follow

@@ -19,7 +19,7 @@ from mbdlft.multibody.force import BodyWrench, Spring
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import UNKNOWN, Scene
 from mbdlft.problem.equations import Moved, rows_of
-from mbdlft.sx.constants import is_constant, literal, numbers_of, unit_vector
+from mbdlft.problem.sx.constants import is_constant, literal, numbers_of, unit_vector
 
 _APART = 1e-9  # of the reach of its ports: a spring that is shorter has no direction
 GROUND_ACCELERATION = tuple(f"ground.acceleration.{axis}" for axis in AXES)

@@ -17,6 +17,7 @@ import numpy as np
 
 from mbdlft.base.description import Values
 from mbdlft.base.parameter import Parameter
+from mbdlft.exact.interval import FUNCTIONS, Interval, decimal, find_zero
 from mbdlft.multibody.assembly.placed import (
     Placed,
     inertial_wrenches,
@@ -28,9 +29,8 @@ from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.body.rigid import PRODUCTS
 from mbdlft.multibody.scene.positive import LABELS
 from mbdlft.multibody.scene.quantities import owner_name
-from mbdlft.number.interval import FUNCTIONS, Interval, decimal, find_zero
-from mbdlft.sx.constants import in_doubles, is_constant
-from mbdlft.sx.fold import arithmetic, fold
+from mbdlft.problem.sx.constants import in_doubles, is_constant
+from mbdlft.problem.sx.fold import arithmetic, fold
 
 _RULES = arithmetic(decimal, FUNCTIONS)
 _PRODUCTS = tuple(f"inertia.{name}" for name in PRODUCTS)

@@ -18,7 +18,7 @@ from mbdlft.multibody.scene.quantities import Place, angle_at, owners, value_at
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate
 from mbdlft.problem.equations import rows_of
-from mbdlft.sx.constants import FUNCTIONS, cosine_sine, in_doubles, literal, pi_times
+from mbdlft.problem.sx.constants import FUNCTIONS, cosine_sine, in_doubles, literal, pi_times
 
 _POINTS = 16  # random points at which loops are checked, beside nominal
 

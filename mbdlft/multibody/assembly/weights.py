@@ -27,7 +27,7 @@ from mbdlft.multibody.body import GROUND
 from mbdlft.multibody.joint.move import Ball, Hinge, Move, Shifted, Slide, Turned
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.spatial import move_wrench
-from mbdlft.sx.constants import is_constant, is_zero, numbers_of, without_zeros
+from mbdlft.problem.sx.constants import is_constant, is_zero, numbers_of, without_zeros
 
 Turning = tuple[ca.SX, ca.SX]  # axis (3,) and small angle of a displacement
 

@@ -34,7 +34,7 @@ from mbdlft.multibody.scene.quantities import Place, owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate
 from mbdlft.problem.equations import physical_symbols
-from mbdlft.sx.constants import in_doubles, unit_vector
+from mbdlft.problem.sx.constants import in_doubles, unit_vector
 
 
 @dataclass(frozen=True, slots=True)

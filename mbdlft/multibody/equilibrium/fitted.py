@@ -12,6 +12,7 @@ from mbdlft.base.errors import TrimError, unknown_name
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import dimension_name, parse_unit
+from mbdlft.exact.interval import FUNCTIONS, Interval, decimal
 from mbdlft.multibody.equilibrium.conditions import Conditions, conditions
 from mbdlft.multibody.equilibrium.displaced import Displaced, displace
 from mbdlft.multibody.equilibrium.find import find_equilibrium
@@ -24,7 +25,6 @@ from mbdlft.multibody.equilibrium.write import (
 )
 from mbdlft.multibody.force import Spring
 from mbdlft.multibody.scene import Fit, Scene
-from mbdlft.number.interval import FUNCTIONS, Interval, decimal
 
 _NAME = re.compile(r"(?<![\w.])[^\W\d]\w*")
 _TANGENT = 1e3  # range of the tangents while they are symbols; nothing depends on it

@@ -32,7 +32,7 @@ from mbdlft.base.errors import SceneError
 from mbdlft.base.signal import Signal
 from mbdlft.multibody.force.base import BodyWrench, Load, Space
 from mbdlft.multibody.spatial import move_wrench
-from mbdlft.sx.constants import unit_vector
+from mbdlft.problem.sx.constants import unit_vector
 
 
 class DirectedLoad(Load, abc.ABC):

@@ -30,7 +30,7 @@ from mbdlft.base.errors import SceneError
 from mbdlft.base.signal import Freedom, Signal
 from mbdlft.multibody.joint.move import Move, turned
 from mbdlft.multibody.spatial import Coordinate
-from mbdlft.sx import constants
+from mbdlft.problem.sx import constants
 
 
 def turning(label: str = "", suffix: str = "", *, of: str = "angle") -> Freedom:

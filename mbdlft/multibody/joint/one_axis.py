@@ -25,11 +25,11 @@ from pydantic import model_validator
 from mbdlft.base.description import Axis, Direction, Expected, Quantity, Values
 from mbdlft.base.errors import SceneError
 from mbdlft.base.signal import Freedom
+from mbdlft.exact.numbers import decimal
 from mbdlft.multibody.joint.base import Joint, MovingJoint, sliding, turning, unit_vector
 from mbdlft.multibody.joint.move import Hinge, Move, Slide, shifted, steady_hinge, turned
 from mbdlft.multibody.spatial import Coordinate
-from mbdlft.number.exact import decimal
-from mbdlft.sx import constants
+from mbdlft.problem.sx import constants
 
 Pair = tuple[Quantity, Quantity]
 Triple = tuple[Quantity, Quantity, Quantity]

@@ -25,6 +25,9 @@ from mbdlft.base.expression import (
 )
 from mbdlft.base.signal import Signal
 from mbdlft.base.unit import Exponents, dimension_name, parse_unit
+from mbdlft.exact.dimension import FUNCTIONS as DIMENSIONS
+from mbdlft.exact.dimension import Dimension
+from mbdlft.exact.interval import FUNCTIONS, Interval, decimal, find_zero
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import Joint
@@ -38,9 +41,6 @@ from mbdlft.multibody.scene.quantities import (
     value_at,
 )
 from mbdlft.multibody.scene.scene import Constant, Scene
-from mbdlft.number.dimension import FUNCTIONS as DIMENSIONS
-from mbdlft.number.dimension import Dimension
-from mbdlft.number.interval import FUNCTIONS, Interval, decimal, find_zero
 
 _RANDOM, _CORNERS = 64, 4096
 _ROUNDING = 1e-12

@@ -15,12 +15,12 @@ from mbdlft.base.description import AXES
 from mbdlft.base.errors import SceneError
 from mbdlft.base.expression import Binary, Expression, Number, evaluate, names
 from mbdlft.base.parameter import Parameter
+from mbdlft.exact.interval import FUNCTIONS, Interval, decimal
+from mbdlft.exact.sign import BOXES, Sign, not_negative
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.scene.quantities import Place, expression_at, owner_name
 from mbdlft.multibody.scene.scene import Scene
-from mbdlft.number.interval import FUNCTIONS, Interval, decimal
-from mbdlft.number.sign import BOXES, Sign, not_negative
 
 LABELS = ("mass", "inertia.xx", "inertia.yy", "inertia.zz", "actuator_inertia", "reflected_inertia")
 _KEEPS_SIGN = re.compile(

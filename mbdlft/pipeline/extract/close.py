@@ -15,10 +15,10 @@ from scipy.sparse.csgraph import connected_components
 
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import BilinearMap
+from mbdlft.exact.matrices import ExactMatrix, Residues, from_rows, identity
+from mbdlft.exact.numbers import Exact, Field, decimal
 from mbdlft.lft.block import Block
 from mbdlft.lft.exact import ExactLFT
-from mbdlft.number.exact import Exact, Field, decimal
-from mbdlft.number.exact_matrix import ExactMatrix, Residues, from_rows, identity
 from mbdlft.pipeline.extract.graph import SignalGraph
 from mbdlft.pipeline.extract.noncommuting import (
     Item,

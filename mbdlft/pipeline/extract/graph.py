@@ -15,7 +15,7 @@ Numbers are exact, so terms that cancel leave nothing, and sums that are multipl
 from typing import Any, NamedTuple
 
 from mbdlft.base.errors import NotRationalError, WellPosednessError
-from mbdlft.number.exact import Exact, Field
+from mbdlft.exact.numbers import Exact, Field
 
 
 class Coefficient(NamedTuple):

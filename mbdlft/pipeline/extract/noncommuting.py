@@ -21,7 +21,7 @@ import heapq
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from mbdlft.number.exact import Exact, Field
+from mbdlft.exact.numbers import Exact, Field
 from mbdlft.pipeline.extract.graph import Scaled, SignalGraph
 
 Row = dict[int, Exact]  # entries by column, none of them zero

@@ -9,13 +9,13 @@ import casadi as ca
 
 from mbdlft.base.errors import NotRationalError, StructureError
 from mbdlft.base.parameter import BilinearMap
+from mbdlft.exact.numbers import Constant, Field, constant_of
 from mbdlft.lft.exact import ExactLFT
-from mbdlft.number.exact import Constant, Field, constant_of
 from mbdlft.pipeline.extract.close import close
 from mbdlft.pipeline.extract.graph import Element, Scaled, SignalGraph
 from mbdlft.problem.linearize import LinearModel
-from mbdlft.sx.constants import constants_in
-from mbdlft.sx.fold import Rules, fold, rules
+from mbdlft.problem.sx.constants import constants_in
+from mbdlft.problem.sx.fold import Rules, fold, rules
 
 
 class Extraction(NamedTuple):

@@ -20,10 +20,10 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.expression import Expression, evaluate
+from mbdlft.exact import taylor
+from mbdlft.exact.taylor import Space, Taylor
 from mbdlft.multibody.equilibrium.fit.system import System, newton
-from mbdlft.number import taylor
-from mbdlft.number.taylor import Space, Taylor
-from mbdlft.sx.fold import arithmetic, fold
+from mbdlft.problem.sx.fold import arithmetic, fold
 
 _ORDERS = {1: 12, 2: 8, 3: 7, 4: 5}  # of the residual, by the number of parameters; measured
 _JACOBIAN_ORDER = 2

@@ -1,0 +1,261 @@
+"""Archives as files: reading and listing their models, and writing them safely.
+
+A new archive is made in memory (a large one on the disk), written beside the old one and put in its
+place, under a lock. So a file is complete or unchanged, whatever fails, and no writer loses the work of
+another.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
+from io import BytesIO
+from pathlib import Path
+from typing import Any, TypeVar
+
+import h5py
+
+from mbdlft.archive.copying import copy_all, write_items
+from mbdlft.archive.files import locked, put, target_of
+from mbdlft.archive.guard import LARGE, ask, content_of, seal_file, sealed
+from mbdlft.archive.hdf5 import FAILURES, FORMAT, VERSION, Part, check_format, opened
+from mbdlft.archive.helper import Request, said_of
+from mbdlft.archive.model import KINDS, items_of_model, model_of_items
+from mbdlft.base.errors import ArchiveError
+from mbdlft.system.system import System
+from mbdlft.system.theta import DeltaThetaModel
+
+Made = TypeVar("Made")
+LIMIT = 2**30  # bytes that reading may need, unless the caller allows more
+
+
+def save(path: str | Path, model: System | DeltaThetaModel, name: str | None = None) -> None:
+    """Write a model or a system into an archive under /models/<name>; other contents of the file stay.
+
+    Parameters
+    ----------
+    path : file, made if it does not exist
+        If it is a link, the file to which it leads is written.
+    model : LFTModel, System, or DeltaThetaModel
+    name : str, optional
+        The name of the model by default; a model of that name is replaced.
+
+    Raises
+    ------
+    ArchiveError
+        The file exists and is not an archive of this major version, or something in it cannot be read
+        and so would be lost, or it cannot be written. The old file is then unchanged.
+    """
+    file = Path(path)
+    if not isinstance(model, System | DeltaThetaModel):
+        raise ArchiveError(
+            f"{file}: expected an LFTModel or a System, got {type(model).__name__}. to_lft(scene) makes "
+            "one of a scene."
+        )
+    key = model.name if name is None else name
+    check_name(file, "model", key)
+    with naming(file, f"model {key!r}"):
+        items = items_of_model(model)
+        model_of_items(items, key)  # what could not be read again is not written
+    rewrite(file, lambda new: write_items(new["models"].create_group(key), items), f"models/{key}")
+
+
+@contextmanager
+def naming(file: Path, what: str) -> Iterator[None]:
+    """In this context an ArchiveError gets the name of the file, and what it is about."""
+    try:
+        yield
+    except ArchiveError as error:
+        raise ArchiveError(f"{file}: {said_of(what, str(error))}") from None
+
+
+def check_name(file: Path, kind: str, name: str) -> None:
+    """Raise an error unless the name can be that of a group of an archive.
+
+    Raises
+    ------
+    ArchiveError
+        The name is empty or very long, or has a slash or a zero byte.
+    """
+    usable = isinstance(name, str) and bool(name) and name != "." and not set(name) & {"/", "\0"}
+    try:
+        usable = usable and len(name.encode("utf-8")) < 2**12
+    except UnicodeEncodeError:
+        usable = False
+    if not usable:
+        raise ArchiveError(
+            f"{file}: {str(name)[:200]!r} cannot name a {kind}; a name is UTF-8 text without '/' and "
+            "zero bytes, of less than 4096 bytes."
+        )
+
+
+def check_file(file: Path) -> None:
+    """Raise an error if it is known before the work that an archive cannot be written here.
+
+    Raises
+    ------
+    ArchiveError
+        The file exists and is not an archive of this major version, or its folder does not exist.
+    """
+    if file.exists():
+        names_in(file, "models")
+    elif not target_of(file).parent.is_dir():
+        parent = target_of(file).parent
+        raise ArchiveError(f"{file}: cannot be written: {parent} is not a folder.")
+
+
+def rewrite(
+    file: Path,
+    fill: Callable[[Any], None],
+    replaced: str,
+    *,
+    made: Path | None = None,
+) -> None:
+    """Put a new archive in place of a file: the old contents, with the group that `fill` writes.
+
+    The group `replaced` of the old contents is left out. If there is a file `made`, it has that group
+    already, on the same disk; the rest is put into it, and it is moved to its place. Otherwise an archive
+    is made in memory first if the old one is not large. Other writers of the file wait.
+
+    Raises
+    ------
+    ArchiveError
+        The file exists and is not an archive of this major version, or something in it cannot be read,
+        or it cannot be written. The old file is then unchanged.
+    """
+    target = target_of(file)
+    if target.exists():
+        content_of(file)  # a folder is no place for a lock, and needs none
+    with locked(target):
+        if made is None and _size(target) <= LARGE:
+            image = BytesIO()
+            _make(file, target, image, fill, replaced)
+            put(target, sealed(image.getvalue()))
+            return
+
+        def make(path: Path) -> None:
+            _make(file, target, path, fill, replaced, mode="w" if made is None else "r+")
+            if path.stat().st_size <= LARGE:
+                seal_file(path)
+
+        put(target, make, made)
+
+
+def _make(
+    file: Path,
+    old: Path,
+    new: BytesIO | Path,
+    fill: Callable[[Any], None],
+    replaced: str,
+    mode: str = "w",
+) -> None:
+    """Make a new archive of the old one, if there is one; `file` is its name in messages."""
+    with h5py.File(new, mode, libver=("v110", "v110")) as archive:  # metadata with checksums
+        if old.exists():
+            _copy(file, old, archive, replaced)
+        for name, text in (
+            ("format", FORMAT),
+            ("format_version", VERSION),
+            ("generator", f"mbdlft {version('mbdlft')}"),
+        ):
+            kind = h5py.string_dtype("utf-8", len(text))
+            archive.attrs.create(name, text.encode(), dtype=kind)
+        archive.require_group("models")
+        fill(archive)
+
+
+def _copy(file: Path, old: Path, new: Any, replaced: str) -> None:
+    """Copy an archive but one group, if all of it can be read."""
+    image = content_of(old)
+    parent, _, name = replaced.partition("/")
+    try:
+        ask(old, Request("copy", parent, name=name))  # where the library may fail
+    except ArchiveError as error:
+        raise ArchiveError(
+            str(error).replace(f"{old}: ", f"{file}: ", 1) + " Nothing is written."
+        ) from None
+    try:
+        with opened(image) as archive:
+            check_format(archive)
+            copy_all(archive, new, replaced)
+    except ArchiveError as error:
+        raise ArchiveError(f"{file}: {error} Nothing is written.") from None
+    except FAILURES as error:
+        raise ArchiveError(
+            f"{file}: something in it cannot be read, and would be lost: {error}. Nothing is written."
+        ) from None
+
+
+def load(
+    path: str | Path, name: str | None = None, *, limit: int = LIMIT, isolated: bool = False
+) -> Any:
+    """Read a model or a system from an archive.
+
+    Parameters
+    ----------
+    path : file
+    name : str, optional
+        May be left out if the archive has one model.
+    limit : int
+        Most bytes that the arrays of the model may need.
+    isolated : bool
+        Whether to read in another process also what this library has written and nobody has changed:
+        for files of people who may mean harm.
+
+    Returns
+    -------
+    LFTModel; or System, if it was stored without evidence; or DeltaThetaModel
+
+    Raises
+    ------
+    ArchiveError
+        The file is missing, truncated, changed, foreign or newer, or the model is missing or incomplete,
+        or its numbers do not agree.
+    """
+    request = Request("read", "models", "model", name, KINDS, limit)
+    return read_one(
+        Path(path), request, lambda part, key: model_of_items(part.items, key), isolated=isolated
+    )
+
+
+def read_one(
+    file: Path, request: Request, make: Callable[[Part, str], Made], *, isolated: bool = False
+) -> Made:
+    """What is made of one member of an archive and of its name.
+
+    Raises
+    ------
+    ArchiveError
+        As `load`; or `make` raises one, and then the member is named.
+    """
+    if request.name is not None and not isinstance(request.name, str):
+        shown = repr(request.name)[:60]
+        raise ArchiveError(f"{file}: expected the name of a {request.kind}, got {shown}.")
+    answer = ask(file, request, isolated=isolated)
+    (key,) = answer.names
+    with naming(file, f"{request.kind} {key!r}"):
+        return make(answer.part, key)
+
+
+def model_names(path: str | Path) -> tuple[str, ...]:
+    """Names of the models in an archive, sorted.
+
+    Parameters
+    ----------
+    path : file
+
+    Raises
+    ------
+    ArchiveError
+        The file is missing, truncated, foreign or newer, or its models cannot be listed.
+    """
+    return names_in(Path(path), "models")
+
+
+def names_in(file: Path, parent: str) -> tuple[str, ...]:
+    """Sorted names of the members of a group of an archive."""
+    return ask(file, Request("names", parent)).names
+
+
+def _size(file: Path) -> int:
+    """Size of a file in bytes; 0 if it does not exist."""
+    return file.stat().st_size if file.exists() else 0

@@ -1,0 +1,267 @@
+"""Matrices of exact numbers: residues decide ranks and zeros, balls carry values; FLINT computes both."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import flint
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError
+from mbdlft.exact.numbers import Exact
+
+Residues = NDArray[np.int64]
+Balls = NDArray[np.object_]
+
+_ENOUGH_BITS = 58  # of an entry, for a double that is its nearest or next to it
+_NOTHING = flint.arb(0)
+_LIMB, _MOST_SUMMED = 21, 2047  # bits, and how many products of them have a sum that a double holds
+_FEW = 1000  # products, for which FLINT is faster
+
+
+class TooFewBitsError(AnalysisError):
+    """Balls have become too wide for doubles; they need more bits."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExactMatrix:
+    """A matrix (n, m) as residues modulo `prime` and as balls.
+
+    Attributes
+    ----------
+    residues : int64 array (n, m), 0 <= entry < prime
+    balls : object array (n, m) of arb; exactly zero where the residue is
+    prime : int
+    """
+
+    residues: Residues
+    balls: Balls
+    prime: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        n, m = self.residues.shape
+        return n, m
+
+    @property
+    def T(self) -> "ExactMatrix":
+        """The transpose."""
+        return ExactMatrix(self.residues.T, self.balls.T, self.prime)
+
+    def __getitem__(self, index: Any) -> "ExactMatrix":
+        """Some of the rows and columns, as of an array."""
+        return ExactMatrix(self.residues[index], self.balls[index], self.prime)
+
+    def __matmul__(self, other: "ExactMatrix") -> "ExactMatrix":
+        """Most matrices of models are sparse: rows and columns of zeros take no part."""
+        inner = self.residues.any(axis=0) & other.residues.any(axis=1)
+        left, right = self[:, inner], other[inner]
+        rows, columns = left.residues.any(axis=1), right.residues.any(axis=0)
+        found = zeros(self.shape[0], other.shape[1], self.prime)
+        if not (rows.any() and columns.any()):
+            return found
+        left, right, place = left[rows], right[:, columns], np.ix_(rows, columns)
+        residues = multiplied(left.residues, right.residues, self.prime)
+        found.residues[place] = residues
+        balls = entries_of(ball_matrix(left.balls) * ball_matrix(right.balls))
+        found.balls[place] = _cleared(residues, balls)
+        return found
+
+    def __add__(self, other: "ExactMatrix") -> "ExactMatrix":
+        residues = (self.residues + other.residues) % self.prime
+        balls = np.where(self.residues != 0, self.balls, other.balls)
+        both = (self.residues != 0) & (other.residues != 0)
+        balls[both] = self.balls[both] + other.balls[both]
+        return ExactMatrix(residues, _cleared(residues, balls), self.prime)
+
+    def __neg__(self) -> "ExactMatrix":
+        balls, some = self.balls.copy(), self.residues != 0
+        balls[some] = -balls[some]
+        return ExactMatrix(-self.residues % self.prime, balls, self.prime)
+
+    def solve(self, right: "ExactMatrix") -> "ExactMatrix":
+        """self^-1 right.
+
+        Raises
+        ------
+        ZeroDivisionError
+            The matrix is singular.
+        TooFewBitsError
+            It is not, but too near to it for the bits of the balls.
+        """
+        n, m = right.shape
+        if n == 0 or m == 0:
+            return zeros(n, m, self.prime)
+        matrix = _residue_matrix(self.residues, self.prime)
+        residues = _residues(matrix.solve(_residue_matrix(right.residues, self.prime)))
+        try:
+            balls = ball_matrix(self.balls).solve(ball_matrix(right.balls))
+        except ZeroDivisionError:
+            raise TooFewBitsError("the balls of a matrix contain a singular one.") from None
+        return _paired(residues, balls, self.prime)
+
+    def values(self) -> Array:
+        """The nearest doubles (n, m), or those next to them; 0.0 exactly where the residue is.
+
+        Raises
+        ------
+        TooFewBitsError
+            A ball is too wide.
+        """
+        found = np.zeros(self.shape)
+        for place in zip(*np.nonzero(self.residues), strict=True):
+            ball = self.balls[place]
+            if ball.rel_accuracy_bits() < _ENOUGH_BITS:
+                raise TooFewBitsError(f"a ball of radius {float(ball.rad()):.1e} is too wide.")
+            found[place] = float(ball.mid())
+        return found
+
+
+def rough_values(a: ExactMatrix) -> Array:
+    """Doubles (n, m) of any accuracy, for the choice of scales and pivots."""
+    found = np.zeros(a.shape)
+    some = a.residues != 0
+    found[some] = [float(ball) for ball in a.balls[some]]
+    return found
+
+
+def zeros(n: int, m: int, prime: int) -> ExactMatrix:
+    """A matrix of zeros."""
+    balls = np.full((n, m), _NOTHING, dtype=object)
+    return ExactMatrix(np.zeros((n, m), dtype=np.int64), balls, prime)
+
+
+def identity(n: int, prime: int) -> ExactMatrix:
+    """The identity."""
+    found = zeros(n, n, prime)
+    diagonal = np.arange(n)
+    found.residues[diagonal, diagonal] = 1
+    found.balls[diagonal, diagonal] = flint.arb(1)
+    return found
+
+
+def from_rows(rows: Sequence[Mapping[int, Exact]], width: int, prime: int) -> ExactMatrix:
+    """A matrix of sparse rows: numbers by column."""
+    found = zeros(len(rows), width, prime)
+    for k, row in enumerate(rows):
+        for column, value in row.items():
+            if value.residue:
+                found.residues[k, column] = int(value.residue)
+                found.balls[k, column] = value.ball
+    return found
+
+
+def stacked(parts: Sequence[Sequence[ExactMatrix]]) -> ExactMatrix:
+    """A matrix of blocks, as `numpy.block` of at least one."""
+    residues = np.vstack([np.hstack([part.residues for part in row]) for row in parts])
+    balls = np.vstack([np.hstack([part.balls for part in row]) for row in parts])
+    return ExactMatrix(residues, balls, parts[0][0].prime)
+
+
+def multiplied(a: Residues, b: Residues, prime: int) -> Residues:
+    """a b modulo a prime."""
+    if 0 in (*a.shape, b.shape[1]):
+        return np.zeros((len(a), b.shape[1]), dtype=np.int64)
+    if a.size * b.shape[1] < _FEW:
+        return _residues(_residue_matrix(a, prime) * _residue_matrix(b, prime))
+    return times(a, limbs(b), prime)
+
+
+def limbs(a: Residues) -> Array:
+    """Residues as three doubles each, 2^42 x + 2^21 y + z: (3, n, m); for several products with them."""
+    mask = 2**_LIMB - 1
+    return np.array([a & mask, (a >> _LIMB) & mask, a >> 2 * _LIMB], dtype=float)
+
+
+def times(a: Residues, b: Array, prime: int) -> Residues:
+    """a b modulo a prime, for the `limbs` of b; a and b share fewer than 2048 rows and columns.
+
+    Sums of products of 21 bits are exact in doubles. They are put together from above: r 2^21 - q P, with
+    the quotient q in doubles, is right modulo 2^64, and small.
+    """
+    if a.shape[1] > _MOST_SUMMED:
+        half = a.shape[1] // 2
+        first, second = (
+            times(a[:, :half], b[:, :half], prime),
+            times(a[:, half:], b[:, half:], prime),
+        )
+        return np.asarray((first + second) % prime)
+    C = np.matmul(limbs(a)[:, None], b).astype(np.int64)
+    found: Residues = C[2, 2] % prime
+    for total in (C[1, 2] + C[2, 1], C[0, 2] + C[1, 1] + C[2, 0], C[0, 1] + C[1, 0], C[0, 0]):
+        quotient = (found * (2.0**_LIMB / prime)).astype(np.int64)
+        found = ((found << _LIMB) - quotient * prime + total) % prime
+    return found
+
+
+def solved(a: Residues, b: Residues, prime: int) -> Residues:
+    """a^-1 b modulo a prime; a ZeroDivisionError if a is singular."""
+    if 0 in b.shape:
+        return np.zeros(b.shape, dtype=np.int64)
+    return _residues(_residue_matrix(a, prime).solve(_residue_matrix(b, prime)))
+
+
+def rank(a: Residues, prime: int) -> int:
+    """The rank modulo a prime."""
+    return int(_residue_matrix(a, prime).rank()) if a.size else 0
+
+
+def null_space(a: Residues, prime: int) -> Residues:
+    """Independent columns (columns of a, nullity) that span the null space modulo a prime."""
+    rows, pivots = row_echelon(a, prime)
+    free = [k for k in range(a.shape[1]) if k not in set(pivots)]
+    found = np.zeros((a.shape[1], len(free)), dtype=np.int64)
+    found[free, np.arange(len(free))] = 1
+    found[pivots] = -rows[:, free] % prime
+    return found
+
+
+def row_echelon(a: Residues, prime: int) -> tuple[Residues, list[int]]:
+    """The reduced echelon form of the rows, without rows of zeros, and the columns of its pivots."""
+    if not a.size:
+        return a[:0], []
+    matrix, count = _residue_matrix(a, prime).rref()
+    rows = _residues(matrix)[:count]
+    return rows, [int(k) for k in np.argmax(rows != 0, axis=1)] if count else []
+
+
+def _residue_matrix(a: Residues, prime: int) -> Any:
+    n, m = a.shape
+    return flint.nmod_mat(n, m, a.ravel().tolist(), prime)
+
+
+def _residues(matrix: Any) -> Residues:
+    entries = np.array(list(map(int, matrix.entries())), dtype=np.int64)
+    return entries.reshape(matrix.nrows(), matrix.ncols())
+
+
+def balls_of(a: Array) -> Balls:
+    """Doubles (n, m) as balls."""
+    found = np.empty(a.size, dtype=object)
+    found[:] = [flint.arb(x) for x in a.ravel().tolist()]
+    return found.reshape(a.shape)
+
+
+def entries_of(matrix: Any) -> Balls:
+    """The entries of a matrix of FLINT, as they are, in an array."""
+    found = np.empty(matrix.nrows() * matrix.ncols(), dtype=object)
+    found[:] = matrix.entries()
+    return found.reshape(matrix.nrows(), matrix.ncols())
+
+
+def ball_matrix(a: Balls) -> Any:
+    """The matrix of FLINT."""
+    n, m = a.shape
+    return flint.arb_mat(n, m, a.ravel().tolist())
+
+
+def _paired(residues: Residues, matrix: Any, prime: int) -> ExactMatrix:
+    return ExactMatrix(residues, _cleared(residues, entries_of(matrix)), prime)
+
+
+def _cleared(residues: Residues, balls: Balls) -> Balls:
+    balls[residues == 0] = _NOTHING
+    return balls

@@ -1,0 +1,166 @@
+"""Coordinates of the channels in which an LFT keeps its digits when it is evaluated in doubles.
+
+w = T w', one T for each delta, leaves the value as it is. What enters and what leaves the channels of a
+delta,
+
+    P = [M11 M12] [M11 M12]',    Q = [M11 ; M21]' [M11 ; M21]    (rows and columns of the delta),
+
+become equal and diagonal, as Gramians do in a balanced realization (Moore 1981). Channels of beams with
+their lengths as parameters lose eight digits otherwise: I - M11 Delta then has a condition of 1e7, and of
+2 after this. T is a matrix of doubles; what it makes of the LFT is computed in balls and rounded once.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.exact.matrices import Balls, TooFewBitsError, ball_matrix, balls_of, entries_of
+from mbdlft.exact.scale import or_one
+from mbdlft.lft.exact import ExactLFT
+from mbdlft.lft.lft import LFT
+from mbdlft.order.reduction_in_doubles import channel_scales, in_scales
+
+_SWEEPS, _ROUNDS = 3, 5
+_WIDE = 2.0**-40  # of the largest value: the radius of one that is known well enough
+_LEAST = 1e-13  # of the trace: a direction that is smaller is taken for that large
+
+
+def in_good_coordinates(a: ExactLFT, deltas: Array, most: float) -> LFT:
+    """The LFT in doubles; in balanced coordinates if its values are nearer to the exact ones in these.
+
+    Parameters
+    ----------
+    a : ExactLFT
+    deltas : array (N, number of blocks)
+        Where conditions are looked at.
+    most : float
+        Condition up to which the channels stay as they are, with their zeros.
+    """
+    rough = a.rounded()
+    plain = in_scales(rough)
+    if _condition(plain, deltas) <= most:
+        return plain
+    found = [plain, *_balanced(a, rough, deltas, most)]
+    truth = _values(a, deltas[-1:])
+    return min(found, key=lambda one: _error(one, truth, deltas[-1:]))
+
+
+def _values(a: ExactLFT, deltas: Array) -> Array:
+    """Values (N, ., .) at some deltas, computed in balls."""
+    n, sizes, balls = a.order, [block.size for block in a.blocks], a.M.balls
+    found = []
+    for at in deltas:
+        delta = balls_of(np.repeat(at, sizes))
+        loop = -balls[:n, :n] * delta
+        loop[np.arange(n), np.arange(n)] += 1
+        try:
+            z = ball_matrix(loop).solve(ball_matrix(balls[:n, n:]))
+        except ZeroDivisionError:
+            raise TooFewBitsError("A loop is not invertible in balls.") from None
+        found.append(rough_balls(ball_matrix(balls[n:, :n] * delta) * z, balls[n:, n:]))
+    return np.array(found)
+
+
+def _error(one: LFT, truth: Array, deltas: Array) -> float:
+    """Largest error of an entry of the value at some deltas, relative to its largest size there.
+
+    It is infinite where doubles do not tell the loop from a singular one.
+    """
+    spread = np.repeat(deltas, [block.size for block in one.blocks], axis=1)[:, None, :]
+    try:
+        inner = np.linalg.solve(np.eye(one.order) - one.M11 * spread, one.M12)
+    except np.linalg.LinAlgError:
+        return float("inf")
+    size = or_one(np.max(np.abs(truth), axis=0))
+    return float(np.max(np.abs(one.M22 + (one.M21 * spread) @ inner - truth) / size))
+
+
+def _condition(a: LFT, deltas: Array) -> float:
+    """Largest condition of I - M11 Delta at some deltas."""
+    if not a.order:
+        return 1.0
+    spread = np.repeat(deltas, [block.size for block in a.blocks], axis=1)
+    return float(np.max(np.linalg.cond(np.eye(a.order) - a.M11 * spread[:, None, :])))
+
+
+def _balanced(a: ExactLFT, rough: LFT, deltas: Array, most: float) -> Iterator[LFT]:
+    """The LFT in better and better coordinates, until its condition at `deltas` is not above `most`.
+
+    `rough` is the LFT, rounded. Where it has nothing but rounding for what matters least, so has T; the
+    next T, of what this one makes in balls, then sees it.
+    """
+    n, M = a.order, a.M.balls
+    for _ in range(_ROUNDS):
+        scale = channel_scales(rough.M11, rough.M12, rough.M21)
+        M = _in_coordinates(M, _transformation(in_scales(rough)) / scale[:, None], a.parts)
+        values = np.array([float(x) for x in M.ravel()]).reshape(M.shape)
+        rough = LFT(values[:n, :n], values[:n, n:], values[n:, :n], rough.M22, a.blocks)
+        yield rough
+        if _condition(rough, deltas) <= most:
+            return
+
+
+def _in_coordinates(M: Balls, T: Array, parts: Sequence[slice]) -> Balls:
+    """[M11 M12 ; M21 M22] in coordinates T (n, n), block diagonal."""
+    M = M.copy()
+    for part in parts:
+        if part.start == part.stop:
+            continue
+        block = ball_matrix(balls_of(T[part, part]))
+        try:
+            inverse = block.inv()
+        except ZeroDivisionError:
+            raise TooFewBitsError(
+                "the balls of a change of coordinates contain a singular one."
+            ) from None
+        M[part] = entries_of(inverse * ball_matrix(M[part]))
+        M[:, part] = entries_of(ball_matrix(M[:, part]) * block)
+    return M
+
+
+def _transformation(a: LFT) -> Array:
+    """T (n, n), block diagonal, for an LFT whose channels are scaled."""
+    M11: Array = a.M11
+    M12, M21 = a.M12, a.M21
+    total: Array = np.eye(a.order)
+    for _ in range(_SWEEPS):
+        inputs = or_one(np.linalg.norm(M12, axis=0))
+        outputs = or_one(np.linalg.norm(M21, axis=1))[:, None]
+        T: Array = np.eye(a.order)
+        for part in a.slices().values():
+            into = np.hstack([M11[part], M12[part] / inputs])
+            out = np.vstack([M11[:, part], M21[:, part] / outputs])
+            T[part, part] = _of_block(into @ into.T, out.T @ out)
+        M11 = np.asarray(np.linalg.solve(T, M11 @ T), dtype=float)
+        M12 = np.asarray(np.linalg.solve(T, M12), dtype=float)
+        M21 = np.asarray(M21 @ T, dtype=float)
+        total = np.asarray(total @ T, dtype=float)
+    return total
+
+
+def _of_block(P: Array, Q: Array) -> Array:
+    """T with T^-1 P T^-1' = T' Q T, diagonal."""
+    size = len(P)
+    P = P + _LEAST * (np.trace(P) or 1.0) * np.eye(size)
+    Q = Q + _LEAST * (np.trace(Q) or 1.0) * np.eye(size)
+    L, R = np.linalg.cholesky(P), np.linalg.cholesky(Q)
+    _, values, right = np.linalg.svd(R.T @ L)
+    return np.asarray(L @ right.T / np.sqrt(values))
+
+
+def rough_balls(product: Any, constant: Any) -> Array:
+    """The sum of a matrix of FLINT and an array of balls, in doubles.
+
+    Raises
+    ------
+    TooFewBitsError
+        A ball is wide beside the largest entry.
+    """
+    total = (entries_of(product) + constant).ravel()
+    found = np.array([float(x) for x in total])
+    widest = max((float(x.rad()) for x in total), default=0.0)
+    if not widest <= _WIDE * np.max(np.abs(found), initial=0.0):
+        raise TooFewBitsError(f"a value is known up to {widest:.1e} only.")
+    return found.reshape(constant.shape)

@@ -1,0 +1,329 @@
+"""Lower bound on the repetitions of each delta: McMillan degrees, from Loewner matrices.
+
+Fix all deltas but one at generic values. In that one, z, what is left is
+
+    H(z) = H(0) + z C (I - z A)^-1 B,
+
+and every exact LFT of the same matrix repeats that delta at least as often as the McMillan degree of H.
+For points lambda_a, mu_b and directions l_a, r_b the Loewner matrix
+
+    L_ab = l_a' (H(lambda_a) - H(mu_b)) r_b / (lambda_a - mu_b)
+         = l_a' C (I - lambda_a A)^-1 (I - mu_b A)^-1 B r_b
+
+has a rank that is not above the McMillan degree, and equal to it for generic points and directions.
+The points stand on a circle, lambda and mu in turn: there L is close to a unitary transformation of the
+Hankel matrix. Where that leaves a doubt they stand on rings about the poles.
+
+Rounding: if L is known up to an error E, sigma_k(L) > ||E|| proves rank >= k (Weyl). E is measured on a
+twin: the same matrix from data in which every entry is moved by what may be wrong with it, far more than
+rounding. Directions are scaled such that the error is of one size in all rows and columns of L;
+so what is nothing but rounding counts as nothing, and what is small but accurate counts.
+
+Antoulas, Anderson: On the scalar rational interpolation problem, 1986. Mayo, Antoulas: A framework for
+the solution of the generalized realization problem, 2007. Weyl: Golub, Van Loan: Matrix computations,
+section 8.6.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import rsf2csf, schur
+
+from mbdlft.base.array import Array
+from mbdlft.lft.lft import LFT, check_plain
+from mbdlft.lft.triangle import solve_loops
+from mbdlft.order.reduction_in_doubles import balance
+
+_POINTS = 3  # generic values of the other deltas; the next are for what is doubtful at the first
+_UNCERTAIN = 2.0**-44  # of the size of an entry of the LFT, what may be wrong with it
+_UNLUCKY = (
+    2.0**-46
+)  # of the terms of an entry of L: its error is no less, whatever cancels in the twin
+_CLEAR = 64.0  # a singular value counts from this many times the error on; the error is one sample
+_ROUNDING = (
+    1.0 / 16.0
+)  # below this part of the error it is rounding; between the two it is in doubt
+_MORE_POINTS = 2  # on the circle than the degree needs
+_CENTER = 0.6  # of the range of a delta, where generic values are taken
+_INSIDE = 0.9  # radius of the circle over the distance of the nearest pole
+_CLOSE = 0.3  # of the distance of a pole from zero: others that near are in one ring with it
+_SCALINGS = 3  # of rows and columns, until the error is of one size
+_RINGS = (0.5, 0.2)  # radii of rings over the distance to the next
+_AROUND = 1.5  # times the distance of the poles from their center, a ring has at least
+_FAR = 1e-3  # of the largest reciprocal of a pole: smaller ones are poles at infinity
+
+
+class Bound(NamedTuple):
+    """Repetitions of a delta that are proved to be needed, and whether rounding may hide more.
+
+    `doubtful` is the number of singular values that are neither clear nor clearly rounding; they do not
+    count.
+    """
+
+    degree: int
+    doubtful: int
+
+
+class _Realization(NamedTuple):
+    """A, B, C of H(0) + C Z (I - A Z)^-1 B, with Z the deltas; H(0) has no part in degrees."""
+
+    A: NDArray[Any]
+    B: NDArray[Any]
+    C: NDArray[Any]
+
+
+def degree_bounds(a: LFT, twin: LFT | None = None, seed: int = 0) -> dict[str, Bound]:
+    """Proved minima of the repetitions of each delta in any exact LFT of the same matrix.
+
+    When a numerical rank is not clear, the smaller value is given, and what rounding may hide.
+
+    Parameters
+    ----------
+    a : LFT
+    twin : LFT, optional
+        The same matrix with the error that `a` may have, in any number of channels: what became of
+        `moved` data in the computation that gave `a`. By default `a` itself, moved.
+    seed : int
+        Of the generic values, points and directions.
+
+    Returns
+    -------
+    dict of names to Bound
+    """
+    check_plain(a, "the lower bound")
+    random = np.random.default_rng(seed)
+    bounds = {block.name: Bound(0, block.size) for block in a.blocks}
+    pair = (a, moved(a, seed) if twin is None else twin)
+    realizations = [_realization(item) for item in pair]
+    for _ in range(_POINTS):
+        values = {block.name: random.uniform(-_CENTER, _CENTER) for block in a.blocks}
+        open_names = [name for name, bound in bounds.items() if bound.doubtful]
+        if not open_names:
+            break
+        with np.errstate(all="ignore"):  # what overflows is not finite, and proves nothing
+            centers = [_spread(item, values) for item in pair]
+            parts = [item.slices() for item in pair]
+            channels = [
+                np.concatenate([_channels(part[name]) for name in open_names]) for part in parts
+            ]
+            expanded = [
+                _expand(*item) for item in zip(realizations, centers, channels, strict=True)
+            ]
+            for name in open_names:
+                alone = [
+                    _alone(one, part[name], np.searchsorted(among, part[name].start), values[name])
+                    for one, part, among in zip(expanded, parts, channels, strict=True)
+                ]
+                if all(np.all(np.isfinite(item.A)) for item in alone):
+                    try:
+                        first, second = (_triangular(item) for item in alone)
+                        found = _bound(first, second, random)
+                    except np.linalg.LinAlgError:  # without an end; it proves nothing
+                        continue
+                    bounds[name] = max(bounds[name], found, key=preference)
+    return bounds
+
+
+def moved(a: LFT, seed: int = 0, error: float = 0.0) -> LFT:
+    """An LFT with every entry moved by what may be wrong with it, far more than rounding.
+
+    `error` is what is known to be wrong with its values [1], if that is more. With channels and signals
+    scaled, an entry is taken for a sum of terms of the size of its row and of its column. One that is
+    zero is zero by structure.
+    """
+    core, inputs, outputs = balance(a)
+    n = a.order
+    exact = np.block([[core.M11, core.M12], [core.M21, a.M22 / outputs[:, None] / inputs]])
+    rows, columns = (np.sqrt(np.sum(exact**2, axis=axis)) for axis in (1, 0))
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], exact.shape)
+    part = max(_UNCERTAIN, error)
+    M = exact + np.where(exact != 0.0, part * np.minimum(rows[:, None], columns) * signs, 0.0)
+    M[n:] *= outputs[:, None]
+    M[:, n:] *= inputs
+    return LFT(M[:n, :n], M[:n, n:], M[n:, :n], M[n:, n:], a.blocks)
+
+
+def _realization(a: LFT) -> _Realization:
+    """The LFT with its channels scaled; signals keep their units."""
+    core, inputs, outputs = balance(a)
+    return _Realization(core.M11, core.M12 * inputs, core.M21 * outputs[:, None])
+
+
+def _spread(a: LFT, values: Mapping[str, float]) -> Array:
+    """The value of the delta of each channel (n)."""
+    return np.repeat([values[b.name] for b in a.blocks], [b.size for b in a.blocks])
+
+
+def _channels(part: slice) -> NDArray[np.int64]:
+    return np.arange(part.start, part.stop)
+
+
+def _expand(one: _Realization, center: Array, channels: NDArray[np.int64] | slice) -> _Realization:
+    """The same in the distances of all deltas from a center (n); columns of A and C of some channels."""
+    C = one.C[:, channels]
+    try:
+        solved = solve_loops(one.A, center, channels, one.B)
+    except np.linalg.LinAlgError:  # the center is a pole
+        solved = np.full((len(center), C.shape[1] + one.B.shape[1]), np.nan)
+    A = solved[:, : C.shape[1]]
+    return _Realization(A, solved[:, C.shape[1] :], C + (one.C * center) @ A)
+
+
+def _alone(one: _Realization, part: slice, first: int, center: float) -> _Realization:
+    """One delta with the others at the center; it is itself counted from 0 again.
+
+    `first` is its first column of A and C.
+    """
+    columns = slice(first, first + part.stop - part.start)
+    alone = _Realization(one.A[part, columns], one.B[part], one.C[:, columns])
+    return _expand(alone, np.full(len(alone.A), -center), slice(None))
+
+
+def _triangular(one: _Realization) -> _Realization:
+    """The same in coordinates in which A is upper triangular.
+
+    The iteration of LAPACK for complex matrices may turn in a circle, where that for real ones ends.
+    """
+    try:
+        A, Q = schur(one.A, output="complex")
+    except np.linalg.LinAlgError:
+        A, Q = rsf2csf(*schur(one.A))
+    return _Realization(A, Q.conj().T @ one.B, one.C @ Q)
+
+
+def _bound(one: _Realization, twin: _Realization, random: np.random.Generator) -> Bound:
+    """What the first points without a doubt prove, or else the best ones."""
+    found = []
+    for points in _points(one.A, random):
+        found.append(_degree(one, twin, points, random))
+        if not found[-1].doubtful:
+            break
+    return max(found, key=preference)
+
+
+def preference(bound: Bound) -> tuple[int, int]:
+    """The largest degree is proved; one point that shows it clearly is enough."""
+    return bound.degree, -bound.doubtful
+
+
+def _points(A: NDArray[Any], random: np.random.Generator) -> Iterator[NDArray[Any]]:
+    """Points lambda, mu in turn: circles with all poles outside, the unit circle, rings about the poles.
+
+    On the second circle powers of z A do not vanish. Rings show poles of high order and poles that are
+    close to each other, which are felt little from afar.
+    """
+    count = len(A) + _MORE_POINTS
+    poles, norm = float(np.max(np.abs(np.diagonal(A)))), float(np.linalg.norm(A, 2))
+    for size in (poles, norm):
+        yield _circle(_INSIDE / size if size > _UNCERTAIN else 1.0, count, random)
+    yield _circle(1.0, count, random)
+    for part in _RINGS:
+        rings = _rings(np.diagonal(A), part)
+        circles = [c + _circle(radius, m + _MORE_POINTS, random) for c, radius, m in rings]
+        yield np.concatenate(circles)
+
+
+def _circle(radius: float, count: int, random: np.random.Generator) -> NDArray[Any]:
+    angles = (np.arange(2 * count) + random.uniform()) * np.pi / count
+    return np.asarray(radius * np.exp(1j * angles))
+
+
+def _rings(reciprocals: NDArray[Any], part: float) -> list[tuple[complex, float, int]]:
+    """Center and radius of circles, each about poles that are close to each other, and their number.
+
+    The poles are given by their reciprocals; the radius is a part of the distance to the next ones. Those
+    at infinity are inside of the largest circle, seen from there.
+    """
+    near = np.abs(reciprocals) > _FAR * np.max(np.abs(reciprocals))
+    poles = 1.0 / reciprocals[near]
+    groups: list[NDArray[Any]] = []
+    while len(poles):
+        close = np.abs(poles - poles[0]) <= _CLOSE * np.abs(poles[0])
+        groups.append(poles[close])
+        poles = poles[~close]
+    centers = np.array([np.mean(group) for group in groups])
+    rings = []
+    for k, group in enumerate(groups):
+        away = np.append(np.delete(np.abs(centers - centers[k]), k), np.abs(centers[k]))
+        spread = np.max(np.abs(group - centers[k]))
+        radius = max(part * float(np.min(away)), _AROUND * float(spread))
+        rings.append((complex(centers[k]), radius, len(group)))
+    if not np.all(near):
+        largest = 2.0 * float(np.max(np.abs(centers), initial=0.0)) or 1.0
+        rings.append((0j, largest, int(np.sum(~near))))
+    return rings
+
+
+def _degree(
+    one: _Realization, twin: _Realization, points: NDArray[Any], random: np.random.Generator
+) -> Bound:
+    """What the Loewner matrix at points lambda, mu in turn proves."""
+    most, count = len(one.A), len(points) // 2
+    rows, columns = _noise_scales(*_sizes(one, twin, points[:: max(1, count // 2)]))
+    left = rows[:, None] * random.standard_normal((len(rows), count))
+    right = columns[:, None] * random.standard_normal((len(columns), count))
+    factors = [
+        (_left(item, points[::2], item.C.T @ left).T, _right(item, points[1::2], item.B @ right))
+        for item in (one, twin)
+    ]
+    L, other = (X @ Y for X, Y in factors)
+    # where terms cancel, so may their errors in one twin
+    rounding = _UNLUCKY * (np.abs(factors[0][0]) @ np.abs(factors[0][1]))
+    for _ in range(_SCALINGS):
+        rows, columns = _noise_scales(np.abs(L), np.maximum(np.abs(other - L), rounding))
+        L, other, rounding = (rows[:, None] * item * columns for item in (L, other, rounding))
+    if not (np.all(np.isfinite(L)) and np.all(np.isfinite(other))):
+        return Bound(0, most)
+    values = np.linalg.svd(L, compute_uv=False)
+    noise = max(np.linalg.norm(other - L, 2), np.linalg.norm(rounding, 2))
+    degree = min(most, int(np.sum(values > _CLEAR * noise)))
+    possible = min(most, int(np.sum(values > _ROUNDING * noise)))
+    return Bound(degree, possible - degree)
+
+
+def _sizes(one: _Realization, twin: _Realization, points: NDArray[Any]) -> tuple[Array, Array]:
+    """Largest size and error, over some points, of the entries (n_out, n_in) of the derivative of H."""
+    first, second = (_derivatives(item, points) for item in (one, twin))
+    return np.max(np.abs(first), axis=0), np.max(np.abs(second - first), axis=0)
+
+
+def _derivatives(one: _Realization, points: NDArray[Any]) -> NDArray[Any]:
+    """C (I - z A)^-2 B at each point z, (number of points, n_out, n_in)."""
+    left, right = (
+        solve(one, np.repeat(points, columns.shape[1]), np.tile(columns, len(points)))
+        .reshape(len(columns), len(points), columns.shape[1])
+        .swapaxes(0, 1)
+        for solve, columns in ((_left, one.C.T), (_right, one.B))
+    )
+    return np.asarray(left.swapaxes(1, 2) @ right)
+
+
+def _noise_scales(size: Array, error: Array) -> tuple[Array, Array]:
+    """Scales of rows and columns that give errors a mean square of one; 0 where all is zero."""
+    error = np.maximum(error, _UNCERTAIN * size)
+    rows = _reciprocal(np.sqrt(np.mean(error**2, axis=1)))
+    columns = _reciprocal(np.sqrt(np.mean((rows[:, None] * error) ** 2, axis=0)))
+    return rows, columns
+
+
+def _reciprocal(values: Array) -> Array:
+    used = values != 0.0
+    return np.where(used, 1.0 / np.where(used, values, 1.0), 0.0)
+
+
+def _right(one: _Realization, points: NDArray[Any], columns: NDArray[Any]) -> NDArray[Any]:
+    """(I - z_k A)^-1 c_k for each point z_k and column c_k (n, number of points)."""
+    X = columns.astype(complex)
+    for i in reversed(range(len(X))):
+        X[i] = (X[i] + points * (one.A[i, i + 1 :] @ X[i + 1 :])) / (1.0 - points * one.A[i, i])
+    return X
+
+
+def _left(one: _Realization, points: NDArray[Any], columns: NDArray[Any]) -> NDArray[Any]:
+    """(I - z_k A')^-1 c_k for each point z_k and column c_k (n, number of points)."""
+    X = columns.astype(complex)
+    for i in range(len(X)):
+        X[i] = (X[i] + points * (one.A[:i, i] @ X[:i])) / (1.0 - points * one.A[i, i])
+    return X

@@ -1,0 +1,207 @@
+"""n-D reduction of an LFT of exact numbers: as `reduce_order`, but every rank is decided exactly.
+
+The subspaces S_k, the smallest with range(M12_k) in S_k and M11_kj S_j in S_k, are found on residues.
+The candidates that are kept there are kept in balls, too; in these, a basis of S_k is the identity in
+some channels, w = T w[chosen]. No vector is made orthonormal: balls have the bits.
+"""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.base.array import Array
+from mbdlft.exact.matrices import (
+    ExactMatrix,
+    Residues,
+    identity,
+    limbs,
+    multiplied,
+    rough_values,
+    row_echelon,
+    stacked,
+    times,
+    zeros,
+)
+from mbdlft.lft.block import Block
+from mbdlft.lft.exact import ExactLFT, transposed
+from mbdlft.order.reduction_in_doubles import channel_scales
+
+_MOST_FACTOR, _MOST_EXCHANGES = 2.0, 4
+
+
+def reduce_exactly(a: ExactLFT) -> ExactLFT:
+    """The LFT of equal value whose order is minimal for deltas that do not commute."""
+    return transposed(_compressed(transposed(_compressed(a))))
+
+
+class Space:
+    """A subspace that grows: its reduced echelon form, and which candidates were taken at each step.
+
+    Attributes
+    ----------
+    basis : residues (dimension, n)
+        The identity in the columns `pivots`.
+    taken : list of lists
+        For each step, numbers of the candidates that were independent of all before.
+    """
+
+    def __init__(self, size: int, prime: int) -> None:
+        self.size, self.prime = size, prime
+        self.basis: Residues = np.zeros((0, size), dtype=np.int64)
+        self.pivots: list[int] = []
+        self.taken: list[list[int]] = []
+
+    def extend(self, candidates: Residues) -> Residues:
+        """Add candidates (count, n); those that were independent."""
+        used = np.flatnonzero(np.any(candidates != 0, axis=1))
+        if len(self.pivots) == self.size or not len(used):
+            self.taken.append([])
+            return candidates[:0]
+        rest = candidates[used]
+        if self.pivots:
+            inside = multiplied(rest[:, self.pivots], self.basis, self.prime)
+            rest = (rest - inside) % self.prime
+            some = np.any(rest != 0, axis=1)
+            used, rest = used[some], rest[some]
+        _, which = row_echelon(np.ascontiguousarray(rest.T), self.prime)
+        taken = used[which]
+        self.taken.append(taken.tolist())
+        if len(which):
+            fresh, pivots = row_echelon(rest[which], self.prime)
+            if self.pivots:
+                inside = multiplied(self.basis[:, pivots], fresh, self.prime)
+                self.basis = (self.basis - inside) % self.prime
+            self.basis = np.vstack([self.basis, fresh])
+            self.pivots += pivots
+        return candidates[taken]
+
+
+def reachable_bases(M11: Residues, M12: Residues, sizes: list[int], prime: int) -> list[Space]:
+    """The smallest subspaces S_k with range(M12_k) in S_k and M11_kj S_j in S_k."""
+    parts = _parts(sizes)
+    spaces = [Space(size, prime) for size in sizes]
+    fresh = [
+        space.extend(np.ascontiguousarray(M12[part].T))
+        for space, part in zip(spaces, parts, strict=True)
+    ]
+    rows: dict[int, tuple[NDArray[np.intp], Array]] = {}  # of M11', by block: used in many steps
+    while sources := [k for k, one in enumerate(fresh) if len(one)]:
+        ends = np.cumsum([0, *(len(fresh[k]) for k in sources)]).tolist()
+        candidates = np.zeros((ends[-1], len(M11)), dtype=np.int64)
+        for k, (first, end) in zip(sources, pairwise(ends), strict=True):
+            if k not in rows:
+                used = np.flatnonzero(M11[:, parts[k]].any(axis=1))
+                rows[k] = used, limbs(M11[used, parts[k]].T)
+            used, own = rows[k]
+            if len(used):
+                candidates[first:end, used] = times(fresh[k], own, prime)
+        fresh = [
+            space.extend(candidates[:, part]) for space, part in zip(spaces, parts, strict=True)
+        ]
+    return spaces
+
+
+def _krylov(a: ExactLFT, spaces: list[Space]) -> list[ExactMatrix]:
+    """The candidates that were taken, (n_k, dimension) for each block; no other is computed."""
+    n, parts, prime = a.order, a.parts, a.M.prime
+    fresh = [a.M[part, n:][:, space.taken[0]] for part, space in zip(parts, spaces, strict=True)]
+    bases = fresh
+    for step in range(1, max((len(space.taken) for space in spaces), default=0)):
+        sources = [k for k, one in enumerate(fresh) if one.shape[1]]
+        ends = np.cumsum([0, *(fresh[k].shape[1] for k in sources)]).tolist()
+        following = []
+        for part, space in zip(parts, spaces, strict=True):
+            taken = np.array(space.taken[step], dtype=int)
+            columns = [zeros(part.stop - part.start, 0, prime)]
+            for k, (first, end) in zip(sources, pairwise(ends), strict=True):
+                own = taken[(taken >= first) & (taken < end)] - first
+                if len(own):
+                    columns.append(a.M[part, parts[k]] @ fresh[k][:, own])
+            following.append(stacked([columns]))
+        fresh = following
+        bases = [stacked([[old, new]]) for old, new in zip(bases, fresh, strict=True)]
+    return bases
+
+
+class _Graph(NamedTuple):
+    """A basis (n_k, d) that is the identity in the rows `chosen`, sorted."""
+
+    chosen: NDArray[np.int64]
+    basis: ExactMatrix
+
+
+def _compressed(a: ExactLFT) -> ExactLFT:
+    """Restrict each delta to its reachable subspace."""
+    n, parts, prime = a.order, a.parts, a.M.prime
+    residues = a.M.residues
+    sizes = [block.size for block in a.blocks]
+    spaces = reachable_bases(residues[:n, :n], residues[:n, n:], sizes, prime)
+    if [len(space.pivots) for space in spaces] == sizes:
+        return a
+    M = rough_values(a.M)
+    scale = channel_scales(M[:n, :n], M[:n, n:], M[n:, :n])
+    graphs = [
+        _graph(space, krylov, scale[part])
+        for space, krylov, part in zip(spaces, _krylov(a, spaces), parts, strict=True)
+    ]
+    kept = [part.start + row for part, g in zip(parts, graphs, strict=True) for row in g.chosen]
+    rest = a.M[[*kept, *range(n, a.M.shape[0])]]
+    columns = [_in_basis(rest[:, part], g) for part, g in zip(parts, graphs, strict=True)]
+    blocks = [Block(block.name, len(g.chosen)) for block, g in zip(a.blocks, graphs, strict=True)]
+    return ExactLFT(stacked([[*columns, rest[:, n:]]]), tuple(blocks))
+
+
+def _in_basis(columns: ExactMatrix, graph: _Graph) -> ExactMatrix:
+    """Columns (m, n_k) times a basis that is the identity in its chosen rows."""
+    others = np.setdiff1d(np.arange(columns.shape[1]), graph.chosen)
+    chosen = columns[:, graph.chosen]
+    return chosen + columns[:, others] @ graph.basis[others] if len(others) else chosen
+
+
+def _graph(space: Space, krylov: ExactMatrix, scale: Array) -> _Graph:
+    """A basis of a subspace in coordinates that are channels, with factors of moderate size.
+
+    `scale` (n,) is that of the channels, in which they have one size.
+    """
+    n, d = krylov.shape
+    if d in (0, n):
+        return _Graph(np.arange(d), identity(n, space.prime)[:, :d])
+    first = np.array(space.pivots)
+    basis = _over_rows(krylov, first)
+    rows = _best_rows(scale[:, None] * rough_values(basis) / scale[first], first)
+    try:
+        other = basis if np.array_equal(rows, first) else _over_rows(basis, rows)
+    except ZeroDivisionError:  # doubles chose rows that depend on each other
+        rows, other = first, basis
+    order = np.argsort(rows)
+    return _Graph(rows[order], other[:, order])
+
+
+def _over_rows(basis: ExactMatrix, rows: NDArray[np.int64]) -> ExactMatrix:
+    """The basis of the same space that is the identity in some rows."""
+    return basis[rows].T.solve(basis.T).T
+
+
+def _best_rows(basis: Array, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Rows in which a basis has no factors above `_MOST_FACTOR`, from those in which it is the identity.
+
+    Each exchange of a row multiplies the determinant of the chosen rows by such a factor.
+    """
+    rows, basis = rows.copy(), basis.copy()
+    for _ in range(_MOST_EXCHANGES * len(rows)):
+        row, column = np.unravel_index(np.argmax(np.abs(basis)), basis.shape)
+        if abs(basis[row, column]) <= _MOST_FACTOR:
+            break
+        rows[column] = row
+        basis[:, column] /= basis[row, column]
+        rest = basis[row].copy()
+        rest[column] = 0.0
+        basis -= np.outer(basis[:, column], rest)
+    return rows
+
+
+def _parts(sizes: list[int]) -> list[slice]:
+    ends = np.cumsum([0, *sizes]).tolist()
+    return [slice(a, b) for a, b in pairwise(ends)]

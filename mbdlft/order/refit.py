@@ -1,0 +1,298 @@
+"""One repetition less of one delta, by Newton's method on the values.
+
+With M = [A B ; C D], Y = [C Delta (I - A Delta)^-1, I] and W = [Delta (I - A Delta)^-1 B ; I] a change dM
+changes the value to first order by Y dM W. The entries of M in the rows and columns of one delta are
+the unknowns, all others stay: a direction of that delta is left out, and the unknowns are fitted to the
+values until the difference is rounding (Levenberg 1944, Marquardt 1963). LFTs between the degree
+and what n-D reduction finds can belong to a continuous family: of Theorem 2 (docs/method.md), by the
+lines where its quotient lives.
+
+The products Y dM W of a row i and a column b have the scalar products
+
+    Re sum over points of (Y^H Y)_ij (conj(W) W^T)_bc,
+
+so the normal equations are sums of Kronecker products, whatever the number of inputs and outputs.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from mbdlft.base.array import Array
+from mbdlft.lft.lft import LFT, Block
+from mbdlft.order.circles import (
+    CircleValues,
+    Complex,
+    Fit,
+    circle_values,
+    fit_of,
+    scaled,
+    unscaled,
+)
+from mbdlft.order.min_rank import above_bound, lower_ranks
+from mbdlft.order.work import Work, product
+
+_CLOSE = 2  # forms so much larger than the smallest are looked at
+_RANKS = 0.5  # of the work, at most, for affine deltas alone
+_ENTRIES = 670  # of a matrix whose null space takes about a fifth of a second
+_MOST_ENTRIES = 2400  # of one with more, fewer starts and fewer of them come to an end
+_TURNS = 4  # directions that are left out, for each repetition above the bound
+_MOST_UNKNOWNS, _MOST_ANEW = 3000, 1000  # more take seconds a step, or have too many false ends
+_SPREAD = 0.5  # of the entries of a start from anywhere, over the root of their number
+_STEPS, _STALLED, _GAIN = 200, 10, 1.2  # at most; so many without this gain are the last
+_NOISE = 0.01  # of the entries: starts where nothing vanishes by chance
+_DAMPING = 1e-2  # at first, over the difference
+_EASED, _RAISED = 0.25, 5.0  # the damping after a step, and after one that gains nothing
+_LEAST_DAMPING, _RIDGE = 1e-9, 1e-15
+_ROUNDING = 1e-15  # of the values: nothing to gain below
+_EXACT = 1e-12  # a difference that is only rounding
+_RAISES = 10
+_PASSES = 20  # over the normal equations, beside their sums
+
+
+def refit(
+    forms: Sequence[LFT],
+    bound: Mapping[str, int],
+    least: int,
+    keeps: Callable[[LFT], bool],
+    seed: int,
+    work: Work,
+) -> LFT:
+    """The smallest of some LFTs of one value, and of those that have repetitions less.
+
+    Parameters
+    ----------
+    forms : LFTs of one value
+        Those not much larger than the smallest are taken in turn; each has its part of the work.
+    bound : mapping of names to the lower bounds of the repetitions
+    least : int
+        Order that ends it.
+    keeps : function of an LFT
+        Whether it has the value.
+    seed : int
+    work : Work
+    """
+    forms = sorted(forms, key=lambda form: form.order)
+    close = [form for form in forms if form.order <= forms[0].order + _CLOSE]
+    if work.is_over:
+        return close[0]
+    entries = int(min(_MOST_ENTRIES, _ENTRIES * work.left ** (1.0 / 3.0)))
+    of_ranks = work.part(_RANKS)
+    lower = partial(_lower, bound=bound, least=least, entries=entries, seed=seed + 1, work=of_ranks)
+    for k, form in enumerate(close):
+        close[k] = _followed(form, lower, least, keeps, of_ranks)
+        if close[k].order <= least:
+            return close[k]
+    for k, form in enumerate(close):
+        own = work.part(1.0 / (len(close) - k))
+        less = partial(one_less, bound=bound, tries=_TURNS, seed=seed, work=own)
+        close[k] = _followed(form, less, least, keeps, own)
+        if close[k].order <= least:
+            return close[k]
+    return min(close, key=lambda form: form.order)
+
+
+def _followed(
+    a: LFT,
+    candidates: Callable[[LFT], Iterator[LFT]],
+    least: int,
+    keeps: Callable[[LFT], bool],
+    work: Work,
+) -> LFT:
+    """The last of the LFTs that come one from the other, by the first candidate that keeps the value."""
+    smaller: LFT | None = a
+    while smaller is not None:
+        a = smaller
+        if a.order <= least or work.is_over:
+            break
+        smaller = next((one for one in candidates(a) if keeps(one)), None)
+    return a
+
+
+def _lower(
+    a: LFT,
+    bound: Mapping[str, int],
+    least: int,
+    entries: int,
+    seed: int,
+    work: Work,
+) -> Iterator[LFT]:
+    """Of smaller rank, as they are found and then without what their channels feed to themselves."""
+    random, sizes = np.random.default_rng(seed), dict(a.blocks)
+    for candidate in lower_ranks(a, bound, least, entries, seed, work):
+        yield candidate
+        (part,) = (
+            candidate.slices()[name] for name, size in candidate.blocks if size < sizes[name]
+        )
+        unknowns = (part.stop - part.start) * (2 * candidate.order + sum(a.shape))
+        if unknowns > _MOST_UNKNOWNS or work.is_over:
+            continue
+        try:
+            truth = circle_values(a, unknowns, random, work)
+            start = fit_of(scaled(candidate, truth), candidate.blocks, truth, work)
+            fit = _descend(start, candidate.blocks, part, truth, work)
+        except (LinAlgError, np.linalg.LinAlgError):  # a pole at one of the points
+            continue
+        if fit.size < _EXACT:
+            yield unscaled(fit.M, candidate.blocks, a, truth)
+
+
+def one_less(a: LFT, bound: Mapping[str, int], tries: int, seed: int, work: Work) -> Iterator[LFT]:
+    """LFTs of equal value with one repetition less, as far as they are found.
+
+    Parameters
+    ----------
+    a : LFT
+    bound : mapping of names to the lower bounds of the repetitions
+        A delta that meets its bound is left as it is; those far above it come first.
+    tries : int
+        Directions that are left out, by chance, for each repetition above the bound.
+    seed : int
+    work : Work
+        Asked before each step whether it is over.
+
+    Yields
+    ------
+    LFT
+        Equal to `a` up to rounding on circles around delta = 0; to be compared with it.
+    """
+    random, more, sizes = np.random.default_rng(seed), above_bound(a, bound), dict(a.blocks)
+    names = sorted(more, key=lambda name: bound[name] / sizes[name])
+    turns = [name for name in names for _ in range(more[name])]
+    for _, name, fit in itertools.product(range(tries), turns, (_near, _anew)):
+        if work.is_over:
+            return
+        try:
+            fitted = fit(a, name, random, work)
+        except (LinAlgError, np.linalg.LinAlgError):  # a pole at one of the points
+            continue
+        if fitted is not None:
+            yield fitted
+
+
+def _near(a: LFT, name: str, random: np.random.Generator, work: Work) -> LFT | None:
+    """From the LFT itself: without a direction of a delta, whose rows and columns are the unknowns."""
+    part = a.slices()[name]
+    last = part.stop - 1
+    unknowns = (last - part.start) * (2 * a.order + sum(a.shape))
+    if unknowns > _MOST_UNKNOWNS:
+        return None
+    truth = circle_values(a, unknowns, random, work)
+    M = scaled(a, truth)
+    turn = np.linalg.qr(random.standard_normal((last + 1 - part.start,) * 2))[0]
+    M[part] = turn.T @ M[part]
+    M[:, part] = M[:, part] @ turn
+    M = np.delete(np.delete(M, last, axis=0), last, axis=1)
+    return _fitted(a, name, truth, M, slice(part.start, last), random, work)
+
+
+def _anew(a: LFT, name: str, random: np.random.Generator, work: Work) -> LFT | None:
+    """From anywhere, with all of M but D as unknowns: for few of them."""
+    n = a.order - 1
+    unknowns = n * (n + sum(a.shape))
+    if unknowns > _MOST_ANEW:
+        return None
+    truth = circle_values(a, unknowns, random, work)
+    outputs, inputs = truth.values.shape[1:]
+    M = _SPREAD / math.sqrt(n) * random.standard_normal((n + outputs, n + inputs))
+    M[n:, n:] = 0.0
+    return _fitted(a, name, truth, M, slice(0, n), random, work)
+
+
+def _fitted(
+    a: LFT,
+    name: str,
+    truth: CircleValues,
+    M: Array,
+    part: slice,
+    random: np.random.Generator,
+    work: Work,
+) -> LFT | None:
+    """With one repetition of a delta less, from a start M; None if the values are not met."""
+    kept = tuple(Block(block.name, block.size - (block.name == name)) for block in a.blocks)
+    n = a.order - 1
+    unknown = np.zeros(M.shape, dtype=bool)
+    unknown[part], unknown[:, part] = True, True
+    unknown[n:, n:] = False
+    noise = _NOISE * math.sqrt(np.mean(M**2)) * random.standard_normal(M.shape)
+    start = fit_of(M + np.where(unknown, noise, 0.0), kept, truth, work)
+    fit = _descend(start, kept, part, truth, work)
+    return unscaled(fit.M, kept, a, truth) if fit.size < _EXACT else None
+
+
+def _descend(
+    fit: Fit, kept: tuple[Block, ...], part: slice, truth: CircleValues, work: Work
+) -> Fit:
+    """Newton's method, damped, until nothing is gained."""
+    damping, sizes = _DAMPING, [fit.size]
+    for _ in range(_STEPS):
+        if work.is_over or fit.size < _ROUNDING:
+            break
+        normal, slope = _normal_equations(fit, part, work)
+        for _ in range(_RAISES):
+            ridge = damping * fit.size + _RIDGE
+            try:
+                work.add(product(len(normal), len(normal), len(normal)) / 3.0)
+                factor = cho_factor(normal + ridge * np.eye(len(normal)), check_finite=False)
+                after = fit_of(
+                    fit.M - _spread(cho_solve(factor, slope), fit, part), kept, truth, work
+                )
+            except (LinAlgError, np.linalg.LinAlgError):
+                damping *= _RAISED
+                continue
+            if after.size < fit.size:
+                break
+            damping *= _RAISED
+        else:
+            break
+        fit, damping = after, max(_EASED * damping, _LEAST_DAMPING)
+        sizes.append(fit.size)
+        if len(sizes) > _STALLED and sizes[-_STALLED] < _GAIN * fit.size:
+            break
+    return fit
+
+
+def _normal_equations(fit: Fit, part: slice, work: Work) -> tuple[Array, Array]:
+    """J^T J and J^T r for the rows `part` of M, all columns, then its columns, all other rows."""
+    Y, W = fit.Y, fit.W
+    others = np.delete(np.arange(Y.shape[2]), part)
+    rows, columns = (Y[:, :, part], W), (Y[:, :, others], W[:, part])
+    blocks = [[_products(one, two) for two in (rows, columns)] for one in (rows, columns)]
+    slopes = [
+        np.sum(_adjoint(y) @ fit.difference @ _adjoint(w), axis=0).real.ravel()
+        for y, w in (rows, columns)
+    ]
+    points, unknowns = len(Y), sum(y.shape[2] * w.shape[1] for y, w in (rows, columns))
+    work.add(product(2 * points + _PASSES, unknowns, unknowns))
+    scale = 1.0 / fit.difference.size
+    return np.block(blocks) * scale, np.concatenate(slopes) * scale
+
+
+def _products(one: tuple[Complex, Complex], two: tuple[Complex, Complex]) -> Array:
+    """Re sum of (Y1^H Y2)_ij (conj(W1) W2^T)_bc, as a matrix of (i, b) by (j, c)."""
+    left = _adjoint(one[0]) @ two[0]
+    right = np.conj(one[1]) @ np.swapaxes(two[1], 1, 2)
+    (_, i, j), (_, b, c) = left.shape, right.shape
+    first = np.concatenate([left.real, -left.imag]).reshape(-1, i * j)
+    second = np.concatenate([right.real, right.imag]).reshape(-1, b * c)
+    return np.asarray((first.T @ second).reshape(i, j, b, c).swapaxes(1, 2).reshape(i * b, j * c))
+
+
+def _adjoint(values: NDArray[Any]) -> NDArray[Any]:
+    return np.asarray(np.conj(np.swapaxes(values, 1, 2)))
+
+
+def _spread(step: Array, fit: Fit, part: slice) -> Array:
+    """A step of the unknowns, as a change of M."""
+    change = np.zeros_like(fit.M)
+    count = part.stop - part.start
+    change[part] = step[: count * fit.M.shape[1]].reshape(count, -1)
+    others = np.delete(np.arange(len(fit.M)), part)
+    change[others, part] = step[count * fit.M.shape[1] :].reshape(len(others), count)
+    return change

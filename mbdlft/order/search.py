@@ -1,0 +1,380 @@
+"""The search for a smaller LFT of the same value, and for a better lower bound on its order.
+
+n-D reduction takes a product of deltas as a word. Deltas commute, and four steps use it: affine deltas
+are moved to one side of the others (`affine`), channels with dependent functions are left out
+(`independent`), and repetitions of one delta are left out by the smallest rank of a matrix
+(`min_rank`) and by Newton's method on the values (`refit`). In between, pairs and triples of deltas
+(`mbdlft.order.pairs`) show how small the order can be, so that the search knows when it is over.
+"""
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from mbdlft.base import spent
+from mbdlft.base.errors import SceneError, WellPosednessError
+from mbdlft.lft.exact import ExactLFT
+from mbdlft.lft.lft import LFT, with_blocks
+from mbdlft.order.affine import is_affine, is_polynomial, move_affine
+from mbdlft.order.bases import rewritten
+from mbdlft.order.independent import independent
+from mbdlft.order.pairs import Pair, allows, confirmation, joint_bound, least_more
+from mbdlft.order.refit import refit
+from mbdlft.order.same_value import (
+    FITTED,
+    SAME,
+    Truth,
+    is_same,
+    part_of_either,
+    part_of_largest,
+    part_of_row_and_column,
+)
+from mbdlft.order.work import Work, reduction
+
+SEARCH = 4.0  # units of work; a small part of it is enough where the order meets the bound at once
+_FEW, _MOST = 0.3, 0.8  # of the work for the relations; the rest is for the closed LFT
+_LARGE = 120  # channels: refits take long and find little, so the bound by pairs comes first
+_FAR = 3  # a form this much larger than the smallest is not started from
+_OF_PROOFS = 0.5  # of the work that is left, for one look at all pairs and triples
+_QUICK = 0.1  # of the work: the bound by pairs is asked for again if it took less
+_GROWTH = 2  # of the order, that LFTs on the way may have
+_REFITS, _WALKS = 0.4, 0.4  # of what is left of the work, in turn
+_VAIN = 100  # other ways to write a value that are tried in vain, in a row
+_CLOSE, _POOL = 3, 8  # forms that are kept: less than so much larger, and so many
+_ATTEMPTS = 12  # walks and refits of each level, with other random choices
+
+
+class Budget(NamedTuple):
+    """What a search may cost.
+
+    Attributes
+    ----------
+    work : float
+        Units of work; one is about what one core does in a second. The result of a search depends on
+        this number alone, not on the machine and its load.
+    seconds : float, optional
+        Upper limit of the time (s); a search that it cuts off says so.
+    """
+
+    work: float
+    seconds: float | None = None
+
+
+CUT_OFF = "search was cut off"  # a stage that tells so
+IN_PROCESS = "search in this process: its result may depend on the processor"  # one, too
+
+
+class Smallest(NamedTuple):
+    """The smallest LFT that was found, and the least order that any LFT of the same value can have.
+
+    `is_cut_off` says whether the limit in seconds ended the search before its work was done.
+    """
+
+    lft: LFT
+    order_bound: int
+    is_cut_off: bool = False
+
+
+def budget_of(search: float, seconds: float | None = None) -> Budget:
+    """The budget of a search.
+
+    Raises
+    ------
+    SceneError
+        One of the two is not a size.
+    """
+    if not isinstance(search, int | float) or not search >= 0.0:
+        raise SceneError(f"search: expected units of work, 0 for no search, got {search!r}.")
+    if seconds is not None and (not isinstance(seconds, int | float) or not seconds >= 0.0):
+        raise SceneError(f"seconds: expected a time (s), or None for no limit, got {seconds!r}.")
+    return Budget(search, seconds)
+
+
+def find_smallest(
+    closed: Sequence[LFT],
+    bound: Mapping[str, int],
+    budget: Budget,
+    relations: Sequence[LFT] = (),
+    close: Callable[[LFT], LFT] | None = None,
+    truth: LFT | None = None,
+    exact: ExactLFT | None = None,
+) -> Smallest:
+    """The smallest LFT of equal value that is found within a budget, and the best bound on its order.
+
+    Parameters
+    ----------
+    closed : LFTs of one value, with the same blocks but for their sizes
+        Ways to write the model. Different ones lead to different results; with work 0 the smallest of
+        them is the result.
+    bound : mapping of names to the lower bounds of the repetitions
+    budget : Budget
+    relations : LFTs of one value, with the same blocks but for their sizes
+        What the model was closed from, if it was: there masses and lengths are polynomial, and closing
+        them can hide that parameters cancel.
+    close : function of an LFT
+        The model, reduced, from LFTs like `relations`; required with them.
+    truth : LFT
+        The closed model before it was reduced; it shows which entries are only what is left of terms
+        that cancel. By default the smallest of `closed`.
+    exact : ExactLFT, optional
+        The model in exact numbers: bounds by pairs count only if residues prove them.
+
+    Returns
+    -------
+    Smallest
+        `lft` has the names of the blocks of the smallest of `closed`, in their order.
+    """
+    with spent.budget(budget.work):
+        return _found(closed, bound, budget, relations, close, truth, exact)
+
+
+def _found(
+    closed: Sequence[LFT],
+    bound: Mapping[str, int],
+    budget: Budget,
+    relations: Sequence[LFT],
+    close: Callable[[LFT], LFT] | None,
+    truth: LFT | None,
+    exact: ExactLFT | None,
+) -> Smallest:
+    """As `find_smallest`, inside its budget."""
+    smallest = min(closed, key=_order)
+    work = Work(budget.work, _is_late(budget.seconds), spent.tell)
+    proof = _Proof(bound, smallest, work, exact)
+    if smallest.order <= proof.order_bound or work.is_over:
+        return Smallest(smallest, proof.order_bound, work.is_cut_off)
+    level = _level_of_closed(smallest, truth, proof)
+    # dependent channels are seen in a moment, so they go before anything takes its share of the work
+    best = _smaller(smallest, [independent(smallest, work)], level, work)
+    if best.order > _LARGE:
+        proof.improve(best)
+    if relations and best.order > proof.order_bound:
+        assert close is not None
+        share = _FEW if best.order < min(form.order for form in relations) else _MOST
+        opened = _level_of_relations(_comparable(relations)[0], close, truth, proof)
+        found = close(_search(relations, opened, proof, work.part(share)))
+        best = found if found.order < best.order and proof.allows(found) else best
+    if best.order > proof.order_bound and not work.is_over:
+        forms = [best, *(form for form in closed if form is not best)]
+        best = min(best, _search(forms, level, proof, work), key=_order)
+    if best.order < smallest.order:
+        smallest = with_blocks(best, [block.name for block in smallest.blocks])
+    return Smallest(smallest, proof.order_bound, work.is_cut_off)
+
+
+def _is_late(seconds: float | None) -> Callable[[], bool]:
+    """Whether so many seconds have passed since this call."""
+    if seconds is None:
+        return lambda: False
+    until = time.monotonic() + seconds
+    return lambda: time.monotonic() > until
+
+
+class _Proof:
+    """The best lower bound on the order: by pairs, for ever smaller LFTs as long as it is quick."""
+
+    def __init__(
+        self, bound: Mapping[str, int], source: LFT, work: Work, exact: ExactLFT | None
+    ) -> None:
+        self.bound, self.order_bound = bound, sum(bound.values())
+        self._source, self._work, self._left = source, work, _QUICK * work.most
+        self._order = source.order + 1
+        self._confirmed = confirmation(exact, bound, work) if exact else None
+        # looks at results do not take from the search, but have an end, too
+        self._pairs: list[Pair] = []
+        self._looked = confirmation(exact, bound, Work(work.most)) if exact else None
+
+    def allows(self, one: LFT) -> bool:
+        """Whether an LFT is not smaller than residues prove: such a one is near the value, not equal."""
+        if self._looked is None:
+            return True
+        sizes = dict(one.blocks)
+        more = {name: sizes.get(name, 0) - least for name, least in self.bound.items()}
+        below = any(size < 0 for size in more.values())
+        if below or one.order < self.order_bound:
+            return False
+        if one.order >= self._source.order:
+            return True
+        for first, second in combinations([name for name in more if self.bound[name]], 2):
+            if more[first] and more[second]:
+                continue  # no pair excludes that
+            for is_transposed in (False, True):
+                pair = self._looked(Pair(first, second, 1, 1, is_transposed))
+                if isinstance(pair, Pair) and not allows(pair, more):
+                    self._pairs.append(pair)
+                    least = sum(least_more(list(self.bound), self._pairs).values())
+                    self.order_bound = max(self.order_bound, sum(self.bound.values()) + least)
+                    return False
+        return True
+
+    def improve(self, closed: LFT) -> None:
+        """Look for a better bound if `closed` is smaller than the LFT that it was looked for before."""
+        if closed.order >= self._order or self._left <= 0.0 or self._work.is_over:
+            return
+        before, self._order = self._work.spent, closed.order
+        part = self._work.part(_OF_PROOFS)
+        proved = joint_bound(closed, self.bound, part, self._source, self._confirmed)
+        self.order_bound = max(self.order_bound, proved)
+        self._left -= self._work.spent - before
+
+
+class _Check(NamedTuple):
+    """What a candidate is compared with, as it is or closed, and the largest relative difference."""
+
+    truth: Truth
+    largest: float
+    is_closed: bool = True
+
+
+class _Level(NamedTuple):
+    """The relations, or the closed LFTs: what the candidates of a search are compared with.
+
+    `exact` is for what algebra makes; `fitted` for what Newton's method makes, where entries that are
+    zero are rounding.
+    """
+
+    exact: tuple[_Check, ...]
+    fitted: tuple[_Check, ...]
+    close: Callable[[LFT], LFT]
+    proof: _Proof
+
+    def keeps(self, work: Work, checks: Sequence[_Check], candidate: LFT) -> bool:
+        """Whether a candidate has the value."""
+        if not self.proof.allows(candidate):
+            return False
+        for truth, largest, is_closed in checks:
+            one = candidate
+            if is_closed:
+                work.add(reduction(candidate.order))
+                one = self.close(candidate)
+                if not self.proof.allows(one):
+                    return False
+            if not is_same(one, truth, work, largest):
+                return False
+        return True
+
+
+def _level_of_closed(form: LFT, truth: LFT | None, proof: _Proof) -> _Level:
+    """Of the smallest closed LFT, and of the one before reduction."""
+    rounded = Truth(lambda: form, part_of_either)
+    if truth is None:
+        exact = _Check(Truth(lambda: form, part_of_largest), SAME)
+        return _Level((exact,), (_Check(rounded, FITTED),), _itself, proof)
+    given = Truth(lambda: truth, part_of_either)
+    fitted = (_Check(rounded, SAME), _Check(given, FITTED))
+    return _Level((_Check(given, SAME),), fitted, _itself, proof)
+
+
+def _level_of_relations(
+    form: LFT, close: Callable[[LFT], LFT], truth: LFT | None, proof: _Proof
+) -> _Level:
+    """Of the smallest LFT of the relations; closing makes rounding larger, so results are closed too."""
+    plain = Truth(lambda: form, part_of_largest)
+    rounded = Truth(lambda: form, part_of_either)
+    given = Truth(lambda: close(form) if truth is None else truth, part_of_row_and_column)
+    return _Level(
+        (_Check(plain, SAME, is_closed=False), _Check(given, SAME)),
+        (_Check(rounded, SAME, is_closed=False), _Check(given, FITTED)),
+        close,
+        proof,
+    )
+
+
+def _itself(one: LFT) -> LFT:
+    return one
+
+
+def _order(one: LFT) -> int:
+    return one.order
+
+
+def _smaller(best: LFT, candidates: Iterable[LFT], level: _Level, work: Work) -> LFT:
+    """The smallest of some LFTs that are made by algebra and have the value."""
+    for candidate in candidates:
+        if candidate.order < best.order and level.keeps(work, level.exact, candidate):
+            best = candidate
+    return best
+
+
+def _comparable(forms: Sequence[LFT]) -> list[LFT]:
+    """Forms without empty blocks, the smallest first, in its deltas; none is far larger."""
+    forms = sorted((_without_empty(form) for form in forms), key=_order)
+    names = [block.name for block in forms[0].blocks]  # the least that the value depends on
+    near = [form for form in forms if form.order <= _FAR * forms[0].order]
+    return [form for form in near if [block.name for block in form.blocks] == names]
+
+
+def _without_empty(a: LFT) -> LFT:
+    return LFT(a.M11, a.M12, a.M21, a.M22, tuple(block for block in a.blocks if block.size))
+
+
+def _search(forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work) -> LFT:
+    """The smallest LFT of equal value that is found from some, at the latest when it meets the bound."""
+    forms = _comparable(forms)
+    for form in _other_forms(forms, work):
+        if form.order < forms[0].order and level.keeps(work, level.exact, form):
+            forms.insert(0, form)
+    best = forms[0]
+    for attempt in range(_ATTEMPTS):
+        if best.order > proof.order_bound:
+            proof.improve(level.close(best))
+        if best.order <= proof.order_bound or work.is_over:
+            break
+        of_refits = work.part(_REFITS)
+        keeps = partial(level.keeps, of_refits, level.fitted)
+        best = refit(forms, proof.bound, proof.order_bound, keeps, attempt, of_refits)
+        forms = _wandered([best, *forms], level, proof, work.part(_WALKS), attempt)
+        best = forms[0]
+    return best
+
+
+def _wandered(
+    forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work, seed: int
+) -> list[LFT]:
+    """Some forms and other ways to write the value, the smallest first, one for each sizes of the blocks.
+
+    Each is made from one that is there. Those with other sizes lead to other results, so what is not
+    much larger than the smallest stays.
+    """
+    random, tried = np.random.default_rng(seed), 0
+    pool = {form.blocks: form for form in forms[::-1]}
+    best = min(pool.values(), key=_order)
+    while tried < _VAIN and best.order > proof.order_bound and not work.is_over:
+        start = list(pool.values())[int(random.integers(len(pool)))] if tried % 2 else best
+        tried += 1
+        for form in rewritten(start, best.order, random, work):
+            near = form.order < best.order + _CLOSE and form.blocks not in pool
+            if near and level.keeps(work, level.exact, form):
+                pool[form.blocks] = form
+        kept = sorted(pool.values(), key=_order)[:_POOL]
+        tried = 0 if kept[0].order < best.order else tried
+        best, pool = kept[0], {form.blocks: form for form in kept}
+    return sorted(pool.values(), key=_order)
+
+
+def _other_forms(forms: Sequence[LFT], work: Work) -> Iterator[LFT]:
+    """Forms without dependent channels, and the first with its affine deltas moved."""
+    for form in forms:
+        if not work.is_over:
+            yield independent(form, work)
+    yield from _moved(forms[0], work)
+
+
+def _moved(a: LFT, work: Work) -> Iterator[LFT]:
+    """Forms of the same value with the affine deltas moved: inside of other polynomial ones, or not."""
+    names = [block.name for block in a.blocks]
+    affine = [name for name in names if not work.is_over and is_affine(a, name, work)]
+    if not affine:
+        return
+    others = [name for name in names if name not in affine and is_polynomial(a, name)]
+    for outside in (others, ()):
+        try:
+            moved = move_affine(a, outside, affine, work, _GROWTH * a.order + 30)
+        except WellPosednessError:
+            continue
+        if moved is not None:
+            yield moved

@@ -1,0 +1,193 @@
+"""Numbers in CasADi SX that are not rounded: symbols that stand for constants until floats are asked for.
+
+SX folds constants in doubles, where 0.1 0.7 is not 0.07. So a number of a scene enters its expressions as
+a symbol, one for each number, unless it is a short binary fraction, with which doubles are exact.
+`constants_in` finds the symbols again, and `in_doubles` puts the nearest doubles in their places.
+"""
+
+import math
+import operator
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from functools import cache, partial
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import NotRationalError, SceneError
+from mbdlft.exact.numbers import (
+    Constant,
+    Field,
+    constant_of,
+    cosine_of,
+    decimal,
+    sine_of,
+)
+from mbdlft.problem.sx.fold import Rules, fold, rules
+
+_PREFIX = "constant "
+_PLAIN, _MOST_PLAIN = 64, 2**20  # denominator and size of numbers that stay doubles
+_CERTAIN = 1e-6  # a value of order one that is larger is no rounding: no need to look
+_COUNT: list[Constant] = []  # all that have symbols, by the number in the name of the symbol
+
+
+def literal(value: float | Fraction) -> float | ca.SX:
+    """A number as it is written, for expressions."""
+    exact = value if isinstance(value, Fraction) else decimal(value)
+    if _PLAIN % exact.denominator == 0 and abs(exact) < _MOST_PLAIN:
+        return float(exact)
+    return constant(Constant("rational", exact))
+
+
+def cosine_sine(angle: float) -> tuple[float | ca.SX, float | ca.SX]:
+    """Cosine and sine of an angle (rad)."""
+    cosine, sine = cosine_of(angle), sine_of(angle)
+    if not cosine.in_radians and cosine.argument % 90 == 0:
+        return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[int(cosine.argument // 90) % 4]
+    return constant(cosine), constant(sine)
+
+
+def root(value: float | Fraction) -> float | ca.SX:
+    """The square root of a number that is not negative."""
+    exact = value if isinstance(value, Fraction) else decimal(value)
+    top, bottom = math.isqrt(exact.numerator), math.isqrt(exact.denominator)
+    if top * top == exact.numerator and bottom * bottom == exact.denominator:
+        return literal(Fraction(top, bottom))
+    return constant(Constant("root", exact))
+
+
+def unit_vector(direction: Sequence[float | Fraction]) -> ca.SX:
+    """A direction (3,) with unit length; a zero component is a structural zero."""
+    exact = [x if isinstance(x, Fraction) else decimal(x) for x in direction]
+    largest = max(exact, key=abs)
+    # parallel directions have the same numbers
+    along = tuple(x / largest for x in exact)
+    length = root(sum((x * x for x in along), Fraction(0)))
+    sign, found = 1.0 if largest > 0 else -1.0, ca.SX(3, 1)
+    exact_length = _rational(length)
+    for k, x in enumerate(along):
+        if x and exact_length is None:
+            found[k] = sign * constant(Constant("unit", Fraction(k), direction=along))
+        elif x and exact_length is not None:
+            found[k] = sign * literal(x / exact_length)
+    return found
+
+
+@cache
+def constant(value: Constant) -> ca.SX:
+    """The symbol of a constant; there is one for each."""
+    _COUNT.append(value)
+    return ca.SX.sym(f"{_PREFIX}{len(_COUNT) - 1}")
+
+
+def constants_in(expression: ca.SX) -> tuple[ca.SX, tuple[Constant, ...]]:
+    """The symbols (n,) of the constants in an expression, and what they are."""
+    symbols = [s for s in ca.symvar(expression) if s.name().startswith(_PREFIX)]
+    numbers = tuple(_COUNT[int(s.name().removeprefix(_PREFIX))] for s in symbols)
+    return ca.vertcat(ca.SX(0, 1), *symbols), numbers
+
+
+def in_doubles(expression: ca.SX) -> ca.SX:
+    """An expression with the nearest doubles in place of its constants."""
+    symbols, numbers = constants_in(expression)
+    if not numbers:
+        return expression
+    values = ca.SX(ca.DM([double(number) for number in numbers]))
+    return ca.SX(ca.substitute(expression, symbols, values))
+
+
+def shown(expression: ca.SX) -> str:
+    """The text of an expression, its constants as decimals."""
+    symbols, numbers = constants_in(expression)
+    texts = ca.vertcat(*(ca.SX.sym(f"{double(number):.15g}") for number in numbers))
+    return str(ca.substitute(expression, symbols, texts) if numbers else expression)
+
+
+def numbers_of(expression: ca.SX) -> Array:
+    """Values of an expression of constants only; shape of the expression."""
+    return np.asarray(ca.evalf(in_doubles(ca.SX(expression))).full())
+
+
+def is_constant(expression: ca.SX) -> bool:
+    """Whether an expression depends on nothing but constants."""
+    return all(s.name().startswith(_PREFIX) for s in ca.symvar(expression))
+
+
+@cache
+def double(value: Constant) -> float:
+    """The double next to a constant."""
+    argument = float(value.argument)
+    if value.kind == "rational":
+        return argument
+    if value.kind == "root":
+        return math.sqrt(argument)
+    if value.kind == "pi":
+        return math.pi * argument
+    if value.kind == "unit":
+        direction = [float(x) for x in value.direction]
+        return direction[int(argument)] / math.sqrt(sum(x * x for x in direction))
+    angle = argument if value.in_radians else math.radians(argument)
+    return math.cos(angle) if value.kind == "cosine" else math.sin(angle)
+
+
+def without_zeros(column: ca.SX) -> ca.SX:
+    """A column of constants (n,), with structural zeros for entries that are zero exactly."""
+    values = numbers_of(column)[:, 0]
+    found = ca.SX(*column.shape)
+    for k, value in enumerate(values):
+        entry = ca.SX(column[k])
+        if abs(value) > _CERTAIN or not (entry.is_zero() or _vanishes(entry)):
+            found[k] = entry
+    return found
+
+
+def is_zero(column: ca.SX) -> bool:
+    """Whether all entries of a column of constants are zero, exactly."""
+    return without_zeros(column).nnz() == 0
+
+
+def _table(number: Callable[[float], Any]) -> Rules:
+    return rules(number, add=operator.add, mul=operator.mul, div=operator.truediv)
+
+
+def _vanishes(expression: ca.SX) -> bool:
+    symbols, numbers = constants_in(expression)
+    function = ca.Function("constant", [symbols], [ca.densify(expression)])
+    field = Field(numbers)
+    table = _table(lambda value: field.rational(constant_of(value)))
+    ((value,),) = fold(function, table, [field.of(number) for number in numbers])
+    return not value
+
+
+def _rational(expression: float | ca.SX) -> Fraction | None:
+    """The value of an expression of rational constants, or None."""
+    symbols, numbers = constants_in(ca.SX(expression))
+    if any(number.kind != "rational" for number in numbers) or not is_constant(ca.SX(expression)):
+        return None
+    function = ca.Function("constant", [symbols], [ca.densify(ca.SX(expression))])
+    ((value,),) = fold(function, _table(constant_of), [number.argument for number in numbers])
+    return Fraction(value)
+
+
+def _applied(function: str, value: float | ca.SX) -> float | ca.SX:
+    """A function of a constant."""
+    if not is_constant(ca.SX(value)):
+        raise NotRationalError(f"{function} takes constants only.")
+    exact, near = _rational(value), float(numbers_of(ca.SX(value))[0, 0])
+    if function == "sqrt":
+        if near < 0.0:
+            raise SceneError(f"sqrt of the negative number {near:g}.")
+        return root(near if exact is None else exact)
+    if function in ("sin", "cos"):
+        return cosine_sine(near)[function == "sin"]
+    return literal(math.atan(near))
+
+
+FUNCTIONS = {name: partial(_applied, name) for name in ("sqrt", "sin", "cos", "atan")}
+
+
+def pi_times(factor: Fraction | int) -> ca.SX:
+    """A multiple of pi."""
+    return constant(Constant("pi", Fraction(factor)))

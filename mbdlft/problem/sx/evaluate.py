@@ -1,0 +1,177 @@
+"""Values of a CasADi function at many points.
+
+For few points the function is called. For many its instructions are run one after the other, each on a
+vector of points, as those of an LFT are (`mbdlft/lft/program/run.py`): that does without the zeros of
+dense results and without the calls of a virtual machine.
+"""
+
+from collections.abc import Iterator
+from functools import lru_cache
+from itertools import pairwise, starmap
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import NotRationalError
+from mbdlft.lft.program.run import Plan, plan, run
+from mbdlft.lft.program.tape import (
+    COSINE,
+    DIVIDE,
+    MULTIPLY,
+    ROOT,
+    SINE,
+    SIZE,
+    SUBTRACT,
+    Program,
+    Tape,
+)
+from mbdlft.problem.sx.fold import Rule, Rules, fold, rules
+
+MANY = 256  # points from which on making vectors of them is worth it
+_LONGEST = 50_000  # instructions; reading one takes some microseconds
+_SHORTEST, _NEAR = 64, 2**17  # points of a chunk, and numbers of one
+
+
+class Vectors(NamedTuple):
+    """A function whose arguments are columns, as a program for vectors of points.
+
+    Attributes
+    ----------
+    plan : Plan
+        Its entries are those that depend on arguments.
+    places : int array (number of these,)
+        Where they stand in all results one behind the other, row by row.
+    constant : array (numbers in all results,)
+        The other entries; 0 where one depends on arguments.
+    """
+
+    plan: Plan
+    places: NDArray[np.intp]
+    constant: Array
+
+
+def evaluate_many(function: ca.Function, points: Array, *others: Array) -> list[Array]:
+    """Values of a function of column vectors at many points, each (N, rows, columns); all are dense."""
+    found = vectors(function) if len(points) >= MANY else None
+    if found is None:
+        return _called(function, points, *others)
+    values = np.tile(found.constant, (len(points), 1))
+    values[:, found.places] = _varying(found, points, *others).T
+    return _parts(function, values)
+
+
+def _called(function: ca.Function, *points: Array) -> list[Array]:
+    """Values by calls; matrices of CasADi become those of numpy through buffers, not by entries."""
+    assert all(function.sparsity_out(k).is_dense() for k in range(function.n_out()))
+    # CasADi's matrices are by columns
+    shapes = [function.size_out(k)[::-1] for k in range(function.n_out())]
+    found = [np.empty((len(points[0]), *shape)) for shape in shapes]
+    arguments = [np.empty(part.shape[1]) for part in points]
+    results = [np.empty(shape) for shape in shapes]
+    buffer: Any = function.buffer()
+    memory, call = buffer
+    for k, argument in enumerate(arguments):
+        memory.set_arg(k, argument.data)
+    for k, result in enumerate(results):
+        memory.set_res(k, result.ravel().data)
+    for k in range(len(points[0])):
+        for argument, part in zip(arguments, points, strict=True):
+            argument[:] = part[k]
+        call()
+        for values, result in zip(found, results, strict=True):
+            values[k] = result
+    return [values.transpose(0, 2, 1) for values in found]
+
+
+def evaluate_in_chunks(
+    function: ca.Function, points: Array, *others: Array
+) -> Iterator[tuple[slice, list[Array]]]:
+    """As `evaluate_many`, for chunks of points whose values stay near a core.
+
+    The values are overwritten by those of the next chunk.
+    """
+    count = len(points)
+    found = vectors(function) if count >= MANY else None
+    if found is None:
+        yield slice(0, count), evaluate_many(function, points, *others)
+        return
+    varying = _varying(found, points, *others)
+    size = max(_SHORTEST, _NEAR // max(1, len(found.constant)))
+    values = np.tile(found.constant, (min(size, count), 1))
+    for start in range(0, count, size):
+        part = slice(start, min(start + size, count))
+        now = values[: part.stop - start]
+        now[:, found.places] = varying[:, part].T
+        yield part, _parts(function, now)
+
+
+def _varying(found: Vectors, points: Array, *others: Array) -> Array:
+    """Entries that depend on arguments, (number of entries, N)."""
+    values = np.empty((len(found.places), len(points)))
+    run(found.plan, np.hstack([points, *others]), values.T[:, None, :])
+    return values
+
+
+def _parts(function: ca.Function, values: Array) -> list[Array]:
+    """The results (N, rows, columns) in values that stand one behind the other (N, all)."""
+    shapes = [function.size_out(k) for k in range(function.n_out())]
+    parts = np.split(values, np.cumsum([rows * columns for rows, columns in shapes])[:-1], axis=1)
+    return [part.reshape(len(values), *shape) for part, shape in zip(parts, shapes, strict=True)]
+
+
+@lru_cache(maxsize=8)  # a sweep asks for the same ones again and again
+def vectors(function: ca.Function) -> Vectors | None:
+    """The program of a function of SX; nothing if it is long, or has an operation without one here."""
+    count = function.n_instructions() if function.is_a("SXFunction") else _LONGEST + 1
+    if count > _LONGEST or not all(
+        function.sparsity_in(k).is_dense() for k in range(function.n_in())
+    ):
+        return None
+    starts = np.cumsum([0, *(function.numel_in(k) for k in range(function.n_in()))]).tolist()
+    tape = Tape(starts[-1], _LONGEST)
+    try:
+        results = fold(function, program_rules(tape), *starmap(range, pairwise(starts)))
+    except NotRationalError:
+        return None
+    constant = np.zeros(sum(function.numel_out(k) for k in range(function.n_out())))
+    entries: dict[int, int] = {}
+    start = 0
+    for k, result in enumerate(results):
+        for place, value in zip(_row_by_row(function.sparsity_out(k)), result, strict=True):
+            if isinstance(value, float):
+                constant[start + place] = value
+            else:
+                entries[start + place] = value
+        start += function.numel_out(k)
+    columns = tuple(((0, k), register) for k, register in enumerate(entries.values()))
+    found = Program(tape.inputs, tuple(tape.instructions), columns, ())
+    return Vectors(plan(found), np.array(list(entries), dtype=np.intp), constant)
+
+
+def program_rules(tape: Tape) -> Rules:
+    """Registers of a program, and numbers, as a number system: each operation is written down."""
+
+    def written(operation: str) -> Rule:
+        return lambda a, b=0.0: tape.put(operation, a, b)
+
+    return rules(
+        float,
+        add=tape.add,
+        sub=written(SUBTRACT),
+        mul=written(MULTIPLY),
+        div=written(DIVIDE),
+        neg=lambda a: tape.put(SUBTRACT, 0.0, a),
+        fabs=written(SIZE),
+        sqrt=written(ROOT),
+        cos=written(COSINE),
+        sin=written(SINE),
+    )
+
+
+def _row_by_row(sparsity: ca.Sparsity) -> list[int]:
+    """Places of the entries of a matrix, which CasADi has column by column, in its rows."""
+    rows, columns = sparsity.get_triplet()
+    return [i * sparsity.size2() + j for i, j in zip(rows, columns, strict=True)]

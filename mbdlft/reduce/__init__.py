@@ -1,1 +1,0 @@
-"""Smaller LFTs of the same value: n-D reduction, and the search that uses that deltas commute."""

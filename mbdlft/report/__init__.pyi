@@ -1,1 +1,0 @@
-from .page import model_report as model_report

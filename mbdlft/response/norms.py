@@ -1,0 +1,190 @@
+"""H2 and H-infinity norms at samples of the parameters, with checks, or why they are infinite."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbdlft.base.array import Array, ArrayLike
+from mbdlft.base.errors import AnalysisError
+from mbdlft.response.hamiltonian import peak_of
+from mbdlft.response.samples import Names, transfers_at
+from mbdlft.response.spectrum import pole_text, spectrum
+from mbdlft.response.staircase import Plant, scaled, seen
+from mbdlft.system.system import System
+
+_APART = 1e-3  # of the norm: Gramians from both sides that differ by more are wrong
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PeakGain:
+    """H-infinity norms of N samples, the largest singular value of G(j omega) over all frequencies.
+
+    Attributes
+    ----------
+    lower : array (N,), in the unit of the gain: a singular value at `frequency`
+    upper : array (N,): a level that no singular value reaches, as no eigenvalue of the Hamiltonian
+        matrix is on the axis; checked, not proved: it holds up to rounding
+    frequency : array (N,), rad/s; inf if the gain is largest at infinity
+    reason : tuple of N texts, empty where the norm is finite
+        Which pole makes it infinite.
+    """
+
+    lower: Array
+    upper: Array
+    frequency: Array
+    reason: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class H2Norm:
+    """H2 norms of N samples: the root of the integral of the squared impulse responses.
+
+    Attributes
+    ----------
+    value : array (N,), in the unit of the gain times (rad/s)^(1/2)
+    error : array (N,) [1]
+        Relative difference of the norm by states (C P C') and by costates (B' Q B), which are equal.
+    reason : tuple of N texts, empty where the norm is finite
+    """
+
+    value: Array
+    error: Array
+    reason: tuple[str, ...]
+
+
+def hinf_norm(
+    system: System,
+    values: Mapping[str, ArrayLike] | None = None,
+    *,
+    outputs: Names = None,
+    inputs: Names = None,
+    tolerance: float = 1e-6,
+) -> PeakGain:
+    """H-infinity norm at samples of the parameters, between two bounds.
+
+    gamma is above all singular values if and only if the Hamiltonian matrix of gamma has no eigenvalue on
+    the imaginary axis (Boyd, Balakrishnan, Kabamba 1989); midpoints between those that are there give the
+    next gamma (Bruinsma, Steinbuch 1990).
+
+    Parameters
+    ----------
+    system : System or LFTModel
+    values : mapping of names to physical values, numbers or arrays (N,); the others are nominal
+    outputs, inputs : names of channels; all by default
+    tolerance : float [1]
+        Relative distance of the bounds, unless rounding needs more.
+
+    Returns
+    -------
+    PeakGain
+        Infinite with a pole on or right of the axis that the inputs reach and the outputs see.
+
+    Raises
+    ------
+    AnalysisError
+        There are no inputs or no outputs, or the tolerance is not between 1e-10 and 1.
+    StructureError, WellPosednessError
+        As `matrices_at`.
+    """
+    if not 1e-10 <= tolerance < 1.0:
+        raise AnalysisError(
+            f"model {system.name!r}: hinf_norm: expected a tolerance from 1e-10 to 1, got {tolerance!r}."
+        )
+    matrices = transfers_at(system, values, outputs, inputs, "gains")
+    found = [_peak(Plant(*each), tolerance) for each in zip(*matrices, strict=True)]
+    lower, upper, frequency, reason = zip(*found, strict=True)
+    return PeakGain(np.array(lower), np.array(upper), np.array(frequency), tuple(reason))
+
+
+def h2_norm(
+    system: System,
+    values: Mapping[str, ArrayLike] | None = None,
+    *,
+    outputs: Names = None,
+    inputs: Names = None,
+) -> H2Norm:
+    """H2 norm at samples of the parameters: the root of tr(C P C'), with A P + P A' + B B' = 0.
+
+    Parameters
+    ----------
+    system : System or LFTModel
+    values : mapping of names to physical values, numbers or arrays (N,); the others are nominal
+    outputs, inputs : names of channels; all by default
+
+    Returns
+    -------
+    H2Norm
+        Infinite with a direct path D, or with a pole on or right of the axis that the inputs reach and
+        the outputs see.
+
+    Raises
+    ------
+    AnalysisError
+        There are no inputs or no outputs, or the two ways to compute it differ by a thousandth.
+    StructureError, WellPosednessError
+        As `matrices_at`.
+    """
+    found = []
+    for each in zip(*transfers_at(system, values, outputs, inputs, "norms"), strict=True):
+        value, error, reason = _h2(Plant(*each))
+        if error > _APART:
+            raise AnalysisError(
+                f"model {system.name!r}: h2_norm: two ways to compute it differ by {error:.1e} of it: a "
+                "pole is too near to the imaginary axis for double precision. Add damping."
+            )
+        found.append((value, error, reason))
+    values_found, errors, reasons = zip(*found, strict=True)
+    return H2Norm(np.array(values_found), np.array(errors), tuple(reasons))
+
+
+def _seen_if_needed(plant: Plant) -> tuple[Plant, str]:
+    """A system without poles on or right of the axis, or why there is none."""
+    poles = spectrum(plant.A)
+    if poles.stability == "stable":
+        return plant, ""
+    least = _least(plant)
+    poles = spectrum(least.A)
+    if poles.stability == "stable":
+        return least, ""
+    how = (
+        "right of the imaginary axis" if poles.stability == "unstable" else "on the imaginary axis"
+    )
+    return least, f"the pole {pole_text(poles.worst)} is {how}"
+
+
+def _least(plant: Plant) -> Plant:
+    """The part that the channels see, with channels as they were."""
+    balanced, rows, columns = scaled(plant)
+    part = seen(balanced)
+    return Plant(part.A, part.B / columns, part.C / rows, plant.D)
+
+
+def _peak(plant: Plant, tolerance: float) -> tuple[float, float, float, str]:
+    """Lower and upper bound of a norm, the frequency, and why it is infinite."""
+    plant, reason = _seen_if_needed(plant)
+    if reason:
+        return np.inf, np.inf, abs(spectrum(plant.A).worst.imag), reason
+    return peak_of(plant, tolerance)
+
+
+def _h2(plant: Plant) -> tuple[float, float, str]:
+    """A norm, the relative difference of two ways to it, and why it is infinite."""
+    import scipy.linalg  # here because it is slow to import
+
+    if np.any(plant.D):
+        return np.inf, 0.0, "the direct path D is not zero"
+    plant, reason = _seen_if_needed(plant)
+    if reason:
+        return np.inf, 0.0, reason
+    A, B, C, _ = plant
+    if not len(A):
+        return 0.0, 0.0, ""
+    Ah, Bh, Ch = (np.conj(matrix.T) for matrix in (A, B, C))
+    P = scipy.linalg.solve_continuous_lyapunov(A, -B @ Bh)
+    Q = scipy.linalg.solve_continuous_lyapunov(Ah, -Ch @ C)
+    by_states, by_costates = (float(np.trace(product).real) for product in (C @ P @ Ch, Bh @ Q @ B))
+    mean = 0.5 * (by_states + by_costates)
+    if mean <= 0.0:
+        return 0.0, 0.0 if by_states == by_costates == 0.0 else np.inf, ""
+    return float(np.sqrt(mean)), abs(by_states - by_costates) / (2.0 * mean), ""

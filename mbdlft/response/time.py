@@ -1,0 +1,232 @@
+"""Step, impulse and initial responses at samples of the parameters, by the matrix exponential.
+
+x(t + h) = exp(A h) x(t) is exact for every step h, of integrators, stiff systems and undamped ones;
+with a constant input, A is bordered by B (Van Loan, IEEE Transactions on Automatic Control 1978).
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from mbdlft.base.array import Array, ArrayLike
+from mbdlft.base.errors import AnalysisError, unknown_name
+from mbdlft.base.parameter import is_finite
+from mbdlft.response.resolvent import balancing
+from mbdlft.response.samples import Names, chosen, samples_at, transfers_at
+from mbdlft.response.spectrum import eigenvalues, without_integrators
+from mbdlft.system.system import System
+
+_POINTS, _MOST_POINTS = 400, 5000  # of times that are chosen here
+_SETTLED = 5.0  # time constants until little is left: 0.7 %
+_PERIODS, _IN_A_PERIOD = 12.0, 16.0  # of the slowest oscillation, if it decays later; points
+_GROWS = 1e-3  # what grows by less than this until the end does not grow
+_EVEN = 1e-9  # of a step: times as evenly spaced as this are so
+_ENTRIES = 2**22  # numbers of all states at all times that are held at once
+
+
+class TimeResponse(NamedTuple):
+    """Responses of N samples.
+
+    Attributes
+    ----------
+    times : array (T,), s
+    values : array (N, T, ny, nu) by inputs, or (N, T, ny) from an initial state
+        In the unit of the output over that of the input; an impulse has the unit of the input times s.
+    """
+
+    times: Array
+    values: Array
+
+
+def step_response(
+    system: System,
+    values: Mapping[str, ArrayLike] | None = None,
+    times: ArrayLike | None = None,
+    *,
+    outputs: Names = None,
+    inputs: Names = None,
+) -> TimeResponse:
+    """Outputs after each input goes from 0 to 1 at t = 0: D + C times the integral of exp(A s) B.
+
+    Parameters
+    ----------
+    system : System or LFTModel
+    values : mapping of names to physical values, numbers or arrays (N,); the others are nominal
+    times : array (T,), s, rising, not negative
+        By default some 400 until the slowest mode has decayed, or 12 of its periods.
+    outputs, inputs : names of channels; all by default
+
+    Returns
+    -------
+    TimeResponse
+        `values` (N, T, ny, nu).
+
+    Raises
+    ------
+    AnalysisError
+        Times do not rise or are negative; there are no inputs or no outputs; it grows beyond all numbers.
+    StructureError, WellPosednessError
+        As `matrices_at`.
+    """
+    A, B, C, D = transfers_at(system, values, outputs, inputs, "responses")
+    found = _times(system, A, times)
+    n, m = B.shape[1:]
+    below = np.zeros((len(A), m, n + m))
+    bordered = np.concatenate([np.concatenate([A, B], axis=2), below], axis=1)
+    start = np.broadcast_to(np.concatenate([np.zeros((n, m)), np.eye(m)]), (len(A), n + m, m))
+    return TimeResponse(
+        found, _moved(system, bordered, start, np.concatenate([C, D], axis=2), found)
+    )
+
+
+def impulse_response(
+    system: System,
+    values: Mapping[str, ArrayLike] | None = None,
+    times: ArrayLike | None = None,
+    *,
+    outputs: Names = None,
+    inputs: Names = None,
+) -> TimeResponse:
+    """Outputs after an impulse of area 1 at each input: C exp(A t) B; that of D at t = 0 is left out.
+
+    Parameters, returns and errors are those of `step_response`; `system`, `values`, `times`, `outputs`,
+    `inputs`.
+    """
+    A, B, C, _ = transfers_at(system, values, outputs, inputs, "responses")
+    found = _times(system, A, times)
+    return TimeResponse(found, _moved(system, A, B, C, found))
+
+
+def initial_response(
+    system: System,
+    state: Mapping[str, float],
+    values: Mapping[str, ArrayLike] | None = None,
+    times: ArrayLike | None = None,
+    *,
+    outputs: Names = None,
+) -> TimeResponse:
+    """Outputs from an initial state without inputs: C exp(A t) x(0).
+
+    Parameters
+    ----------
+    system : System or LFTModel
+    state : mapping of names of states to numbers, in their units; the others are zero
+    values, times, outputs : as of `step_response`
+
+    Returns
+    -------
+    TimeResponse
+        `values` (N, T, ny), in the units of the outputs.
+
+    Raises
+    ------
+    AnalysisError
+        As `step_response`; a state is unknown or not a finite number.
+    StructureError, WellPosednessError
+        As `matrices_at`.
+    """
+    names = [signal.name for signal in system.states]
+    x = np.zeros(len(names))
+    for name, value in state.items():
+        if name not in names:
+            raise AnalysisError(f"model {system.name!r}: " + unknown_name("state", name, names))
+        if not is_finite(value):
+            raise AnalysisError(
+                f"model {system.name!r}: state {name}: expected a finite number, got {value!r}."
+            )
+        x[names.index(name)] = value
+    rows = chosen(system.name, "output", outputs, system.outputs, "responses")
+    A, _, C, _ = samples_at(system, values)
+    found = _times(system, A, times)
+    start = np.broadcast_to((x / balancing(system.A))[:, None], (len(A), len(x), 1))
+    return TimeResponse(found, _moved(system, A, start, C[:, rows], found)[..., 0])
+
+
+def response_times(system: System, values: Mapping[str, ArrayLike] | None = None) -> Array:
+    """Times (T,), s, from 0 until the slowest mode of all samples has decayed, or 12 of its periods.
+
+    What grows does so by 5 of its time constants at most.
+
+    Parameters
+    ----------
+    system : System or LFTModel
+    values : mapping of names to physical values, numbers or arrays (N,); the others are nominal
+    """
+    return _times(system, samples_at(system, values).A, None)
+
+
+def _times(system: System, A: Array, times: ArrayLike | None) -> Array:
+    """Checked times, or those that suit the poles of A (N, nx, nx)."""
+    if times is None:
+        poles = without_integrators(system, eigenvalues(A, system.name))
+        size, real, turning = np.abs(poles), np.abs(poles.real), np.abs(poles.imag)
+        with np.errstate(divide="ignore"):
+            periods = np.where(turning > 0.5 * size, 2.0 * np.pi * _PERIODS / turning, np.inf)
+            needed = np.minimum(_SETTLED / real, periods)
+        end = float(np.max(needed, initial=0.0)) or 1.0
+        fastest_growth = float(np.max(poles.real, initial=0.0))
+        end = min(end, _SETTLED / fastest_growth) if fastest_growth > _GROWS / end else end
+        fastest = float(np.max(turning[real < turning], initial=0.0)) / (2.0 * np.pi)
+        count = int(min(_MOST_POINTS, max(_POINTS, end * fastest * _IN_A_PERIOD)))
+        return np.linspace(0.0, end, count + 1)
+    found = np.atleast_1d(np.asarray(times))
+    rising = (
+        found.dtype.kind in "iuf"
+        and found.ndim == 1
+        and len(found) > 0
+        and np.all(np.isfinite(found))
+        and found[0] >= 0.0
+        and np.all(np.diff(found) > 0.0)
+    )
+    if not rising:
+        raise AnalysisError(
+            f"model {system.name!r}: times: expected rising finite times (s), the first not negative, "
+            f"got {times!r}."
+        )
+    return found.astype(float)
+
+
+def _moved(system: System, A: Array, start: Array, readout: Array, times: Array) -> Array:
+    """readout exp(A t) start at all times, (N, T, ny, m)."""
+    found = np.empty((len(A), len(times), readout.shape[1], start.shape[2]))
+    if np.iscomplexobj(A) or np.iscomplexobj(readout) or np.iscomplexobj(start):
+        raise AnalysisError(
+            f"model {system.name!r}: responses in time are those of real matrices, and some are complex."
+        )
+    each = max(1, _ENTRIES // max(1, len(times) * A.shape[1] * start.shape[2]))
+    with np.errstate(all="ignore"):  # what grows beyond all numbers is an error below
+        for k in range(0, len(A), each):
+            part = slice(k, k + each)
+            states = _states(A[part], start[part], times)
+            found[part] = readout[part, None] @ states
+    if not np.all(np.isfinite(found)):
+        raise AnalysisError(
+            f"model {system.name!r}: the response grows beyond the largest number before "
+            f"{times[-1]:g} s. Give shorter times."
+        )
+    return found
+
+
+def _states(A: Array, start: Array, times: Array) -> Array:
+    """exp(A t) start at all times, (N, T, n, m)."""
+    from scipy.linalg import expm  # here because it is slow to import
+
+    states = np.empty((len(A), len(times), *start.shape[1:]))
+    states[:, 0] = expm(A * times[0]) @ start if times[0] else start
+    steps = np.diff(times)
+    if not len(steps):
+        return states
+    even = (times[-1] - times[0]) / len(steps)
+    if np.all(np.abs(times - times[0] - even * np.arange(len(times))) <= _EVEN * even):
+        # all that is known is moved at once, by as many steps
+        power, known = expm(A * even), 1
+        while known < len(times):
+            more = min(known, len(times) - known)
+            states[:, known : known + more] = power[:, None] @ states[:, :more]
+            known += more
+            power = power @ power
+        return states
+    for k, step in enumerate(steps):
+        states[:, k + 1] = expm(A * step) @ states[:, k]
+    return states

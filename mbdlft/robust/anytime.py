@@ -1,0 +1,157 @@
+"""What all searches for bounds have in common: arguments, and the best bounds so far."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError
+from mbdlft.base.spent import budget
+from mbdlft.robust.crew import ALONE, Crew
+from mbdlft.robust.evidence import Bounds as Bounds
+from mbdlft.robust.evidence import Proof
+from mbdlft.robust.realization import physical, shares
+from mbdlft.system.system import System
+
+UNSTABLE = (
+    "the system is unstable at the worst case, a value inside the ranges; robust_stability says how much "
+    "of the ranges is stable"
+)
+GAP, WORK, LARGEST = 0.01, 30.0, 100.0
+SHARE = 0.5  # of the work that is left, for one target
+_LOWER = 0.7  # a target that was not proved is taken nearer to what is: this part of the way
+
+
+Progress = Callable[[float, float], None]
+
+
+def check_numbers(what: str, **numbers: float) -> None:
+    """Raise an AnalysisError unless the gap is below 1 and all are positive and finite."""
+    for name, value in numbers.items():
+        most = 1.0 if name == "gap" else float("inf")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < most:
+            raise AnalysisError(
+                f"{what}: {name}: expected a number between 0 and {most:g}, got {value!r}."
+            )
+
+
+class Asked(NamedTuple):
+    """What is asked for; arguments are those of `robust_stability`."""
+
+    system: System
+    gap: float
+    work: float
+    progress: Progress | None = None
+    leave_out: tuple[str, ...] = ()
+    largest: float = LARGEST
+    crew: Crew = ALONE
+
+
+@dataclass(slots=True)
+class Search:
+    """The bounds so far, and the work that was used.
+
+    A search overrides `search`, which makes the bounds better and may be interrupted at any time,
+    `answer`, and `tried` if it calls `raise_lower`.
+    """
+
+    asked: Asked
+    lower: float = 0.0
+    upper: float = float("inf")
+    proof: Proof | None = None
+    used: float = 0.0
+    reason: str = ""
+
+    def result(self) -> Bounds:
+        """The bounds when the search has ended, or was interrupted."""
+        try:
+            with budget(self.asked.work):
+                self.search()
+        except KeyboardInterrupt:
+            self.reason = "it was interrupted"
+        return self.answer()
+
+    def search(self) -> None:
+        """Make the bounds better."""
+        raise NotImplementedError
+
+    def answer(self) -> Bounds:
+        """The result."""
+        raise NotImplementedError
+
+    def told(self) -> None:
+        """Tell the user how far it is."""
+        if self.asked.progress is not None:
+            self.asked.progress(self.lower, self.upper)
+
+    @property
+    def left(self) -> float:
+        """Units of work that are left."""
+        return max(self.asked.work - self.used, 0.0)
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the gap of a margin is not larger than what was asked for."""
+        return self.lower >= min(self.upper, self.asked.largest) * (1.0 - self.asked.gap)
+
+    def next_size(self, high: float) -> float:
+        """The next size of a margin to be tried, below one that was not proved; 0: none is worth it."""
+        goal = min(self.upper, self.asked.largest) * (1.0 - 0.5 * self.asked.gap)
+        k = goal if goal < high else self.lower + _LOWER * (high - self.lower)
+        return k if k > self.lower * (1.0 + 0.1 * self.asked.gap) else 0.0
+
+    @property
+    def share(self) -> float:
+        """The part of the work that is left for one size: less of it while nothing is proved."""
+        return SHARE if self.lower else SHARE * SHARE
+
+    def raise_lower(self, cost: float = 0.0) -> None:
+        """Try sizes that are nearer and nearer to `upper`; each costs at least so much work."""
+        high = np.inf  # a size that was not proved
+        while not self.is_closed:
+            k = self.next_size(high)
+            if self.used + cost > self.asked.work or not k:
+                self.reason = self.used_up()
+                return
+            if not self.tried(k):
+                high = k
+            self.told()
+
+    def tried(self, k: float) -> bool:
+        """Try to prove a size; whether that made a bound better."""
+        raise NotImplementedError
+
+    def used_up(self) -> str:
+        """The reason when there is no work left."""
+        return self.reason or f"the work of {self.asked.work:g} units was used up"
+
+    def bounds(
+        self,
+        kind: str,
+        delta: Mapping[str, Any],
+        frequency: float,
+        parts: Array,
+        *,
+        proved: bool,
+        reason: str,
+    ) -> Bounds:
+        """The result with deltas of blocks and frequency of the worst case, and parts of its change."""
+        system = self.asked.system
+        own = [name for name in delta if name in system.parameters.names]
+        values = np.array([float(delta[name]) for name in own])
+        return Bounds(
+            kind,
+            self.lower,
+            self.upper,
+            physical(system, own, values) if own else {},
+            delta,
+            frequency,
+            proved,
+            shares(list(delta), parts) if delta and np.any(parts) else {},
+            self.used,
+            reason,
+            self.proof,
+            self.asked.leave_out,
+        )

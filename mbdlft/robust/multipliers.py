@@ -1,0 +1,343 @@
+"""Multipliers D and G for one complex matrix: upper bounds of the structured singular value.
+
+det(I - M Delta) = 0 needs w = Delta M w for some w. With z = M w, each block gives z'D z - w'D w >= 0 for
+D = D' > 0 that commutes with it, and a real repeated block z'G w = w'G z for G = G'. So mu(M) <= beta if
+
+    F = M'D M + j (G M - M'G) - beta^2 D < 0.
+
+Fan, Tits, Doyle, IEEE TAC 36 (1991). With X = D - jG/beta, one full complex matrix for a real repeated
+block, this is
+
+    S(X) = -F = -1/2 [ (M - beta)'X (M + beta) + (M + beta)'X'(M - beta) ] > 0,    X + X' > 0.
+
+X is Hermitian for a complex repeated block and a multiple of I for a full one, which is made square by
+rows or columns of zeros in M. For fixed (D, G) the best beta^2 is an eigenvalue; X moves to the
+analytic center for a beta a little above it, and so on (method of centers: Boyd, El Ghaoui, Linear
+Algebra and its Applications 188 (1993); Newton's method: Boyd, Vandenberghe, Convex Optimization, 9.5).
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, eigh
+
+from mbdlft.base.array import Array
+from mbdlft.lft.block import Block
+from mbdlft.lft.gain_bound import newton_step
+from mbdlft.robust.evidence import Multipliers
+
+Complex = NDArray[np.complex128]
+
+_NEWTON, _CENTERS = 25, 80
+_CENTERED = 0.05  # Newton decrement squared at which a center is near enough
+_STEP = 0.1  # of the way from the best beta^2 of the multipliers back to the one of the center
+_ENOUGH = 0.1  # of the fall that the slope promises
+_BLEND = 1e-2  # of the mean of D, that multipliers get with which a search starts
+# weights of |X|^2/2: so that parts that do nothing are bounded; so that all are of moderate size
+_SMALL, _MODERATE = 1e-8, 1e-3
+_SHRINK = 40
+
+
+class Structure(NamedTuple):
+    """The unknown entries of X for blocks, which are square.
+
+    Attributes
+    ----------
+    size : int
+        Of M, when zeros have made blocks square.
+    rows, columns : int array (n_entries,)
+        Places of the entries of X inside blocks.
+    basis : array (2 n_entries, m), or None
+        Real parts and imaginary parts of these entries, of each unknown; None: they are the unknowns.
+    inputs, outputs : int array
+        Where the rows and columns of M go.
+    real : bool array (size,)
+        Whether a channel belongs to a real block.
+    """
+
+    size: int
+    rows: NDArray[np.int64]
+    columns: NDArray[np.int64]
+    basis: Array | None
+    inputs: NDArray[np.int64]
+    outputs: NDArray[np.int64]
+    real: NDArray[np.bool_]
+
+
+def structure_of(blocks: Sequence[Block]) -> Structure:
+    """The unknowns for the blocks of Delta, in their order."""
+    inputs: list[int] = []
+    outputs: list[int] = []
+    rows: list[NDArray[np.int64]] = []
+    columns: list[NDArray[np.int64]] = []
+    real: list[bool] = []
+    kinds: list[tuple[str, int, int]] = []  # kind, first entry, size
+    start = 0
+    for block in blocks:
+        size = max(block.inputs, block.outputs)
+        inputs += range(start, start + block.inputs)
+        outputs += range(start, start + block.outputs)
+        i, j = np.divmod(np.arange(size * size), max(size, 1))
+        kinds.append((block.kind, sum(map(len, rows)), size))
+        rows.append(start + i)
+        columns.append(start + j)
+        real += [block.kind == "real"] * size
+        start += size
+    none = np.zeros(0, dtype=np.int64)
+    count = sum(map(len, rows))
+    basis = None if all(kind == "real" for kind, _, _ in kinds) else _basis(kinds, count)
+    return Structure(
+        start,
+        np.concatenate([*rows, none]),
+        np.concatenate([*columns, none]),
+        basis,
+        np.array(inputs, dtype=np.int64),
+        np.array(outputs, dtype=np.int64),
+        np.array(real, dtype=bool),
+    )
+
+
+def _basis(kinds: Sequence[tuple[str, int, int]], count: int) -> Array:
+    """Columns of real and imaginary parts of entries, one for each real unknown."""
+    found = []
+
+    def add(*places: tuple[int, float]) -> None:
+        column = np.zeros(2 * count)
+        for place, value in places:
+            column[place] = value
+        found.append(column)
+
+    for kind, first, size in kinds:
+        at = first + np.arange(size * size).reshape(size, size)
+        if kind == "full":
+            add(*((int(at[i, i]), 1.0) for i in range(size)))
+        elif kind == "real":
+            for place in at.ravel():
+                add((int(place), 1.0))
+                add((count + int(place), 1.0))
+        else:
+            for i in range(size):
+                add((int(at[i, i]), 1.0))
+                for j in range(i):
+                    add((int(at[i, j]), 1.0), (int(at[j, i]), 1.0))
+                    add((count + int(at[i, j]), 1.0), (count + int(at[j, i]), -1.0))
+    return np.array(found).T.reshape(2 * count, -1)
+
+
+def fits(found: Multipliers, blocks: Sequence[Block]) -> bool:
+    """Whether D and G have the structure of the blocks, exactly: then F < 0 says something about mu."""
+    D, G, start = found.D, found.G, 0
+    if not all(np.array_equal(X, X.conj().T) and np.all(np.isfinite(X)) for X in (D, G)):
+        return False
+    left = np.array([D, G])
+    for block in blocks:
+        size = max(block.inputs, block.outputs)
+        part = slice(start, start + size)
+        inner, turned = D[part, part], G[part, part]
+        if block.kind != "real" and np.any(turned):
+            return False
+        if block.kind == "full" and size and np.any(inner != inner[0, 0] * np.eye(size)):
+            return False
+        left[:, part, part] = 0.0
+        start += size
+    return start == len(D) and not np.any(left)
+
+
+def squared(M: Complex, structure: Structure) -> Complex:
+    """M (n_z, n_w) with rows and columns of zeros that make its full blocks square."""
+    found = np.zeros((structure.size, structure.size), dtype=complex)
+    found[np.ix_(structure.inputs, structure.outputs)] = M
+    return found
+
+
+def upper_bound(
+    M: Complex,
+    structure: Structure,
+    *,
+    start: Multipliers | None = None,
+    tolerance: float = 1e-4,
+    enough: float = 0.0,
+) -> Multipliers:
+    """Multipliers with nearly the smallest beta for M, made square.
+
+    Parameters
+    ----------
+    M : complex array (n, n)
+    structure : Structure
+    start : Multipliers, optional
+        Those of a matrix near to this one.
+    tolerance : float
+        Of beta, relative.
+    enough : float
+        A beta that need not be improved.
+    """
+    n = structure.size
+    size = float(np.linalg.norm(M, 2)) if n else 0.0
+    X: Complex = np.eye(n, dtype=complex)
+    D: Complex = X
+    G: Complex = 0.0 * X
+    if size == 0.0:
+        return Multipliers(0.0, D, G)
+    if start is not None:
+        D = start.D + _BLEND * float(np.trace(start.D).real) / n * X
+        G = start.G / size
+    M, enough = M / size, enough / size
+    best = best_square(M, D, G)
+    if best >= 1.0:
+        D, G = X, 0.0 * X
+        best = best_square(M, D, G)
+    square = best + 0.3 * max(abs(best), 1e-3)
+    found = (best, D, G)
+    for _ in range(_CENTERS):
+        if best <= enough * enough:
+            break
+        beta = float(np.sqrt(square))
+        X = _center(M, beta, D - 1j * G / beta, structure)
+        before, (best, D, G) = best, _ahead(M, beta, X, structure)
+        if best < found[0]:
+            found = (best, D, G)
+        if before - best <= tolerance * best and square - best <= 4.0 * tolerance * square:
+            break
+        best = max(best, 0.0)
+        square = best + _STEP * (square - best)
+    if enough > 0.0 and found[0] < enough * enough:  # well inside, so that it holds far around
+        X = _center(M, enough, found[1] - 1j * found[2] / enough, structure, _MODERATE)
+        found = (enough * enough, *_parts(X, enough))
+    best, D, G = found
+    return Multipliers(float(np.sqrt(max(best, 0.0))) * size, D, G * size)
+
+
+def _ahead(
+    M: Complex, beta: float, X: Complex, structure: Structure
+) -> tuple[float, Complex, Complex]:
+    """The best beta^2 on the tangent of the path of centers, and D and G there."""
+    U, V = M - beta * np.eye(len(M)), M + beta * np.eye(len(M))
+    i, j = structure.rows, structure.columns
+    P, R = np.linalg.inv(_form(U, V, X)), np.linalg.inv(X + X.conj().T)
+    turn = 0.5 * (X @ V - U.conj().T @ X)
+    turn = turn + turn.conj().T
+    PU, VP = P @ U.conj().T, V @ P
+    change = (PU - VP @ turn @ PU - VP).T[i, j]
+    H = _hessian(U, V, P, R, structure)
+    step, _ = _newton_step(H, np.concatenate([change.real, -change.imag]), structure.basis)
+    move = np.zeros_like(X)
+    move[i, j] = step[: len(i)] + 1j * step[len(i) :]
+    D, G = _parts(X, beta)
+    found = (best_square(M, D, G), D, G)
+    length = beta - float(np.sqrt(max(found[0], 0.0)))
+    while length < beta:
+        new = X - length * move
+        D, G = _parts(new, beta - length)
+        try:
+            best = best_square(M, D, G)
+        except LinAlgError:
+            break
+        if best >= found[0]:
+            break
+        found = (best, D, G)
+        length *= 2.0
+    return found
+
+
+def _parts(X: Complex, beta: float) -> tuple[Complex, Complex]:
+    """D and G of X = D - jG/beta."""
+    return 0.5 * (X + X.conj().T), 0.5j * beta * (X - X.conj().T)
+
+
+def best_square(M: Complex, D: Complex, G: Complex) -> float:
+    """The smallest beta^2 that D and G prove."""
+    GM = 1j * G @ M
+    A = M.conj().T @ D @ M + GM + GM.conj().T
+    return float(eigh(0.5 * (A + A.conj().T), D, eigvals_only=True, check_finite=False)[-1])
+
+
+def _form(U: Complex, V: Complex, X: Complex) -> Complex:
+    """S = -(U'X V + V'X'U)/2."""
+    half = U.conj().T @ X @ V
+    return -0.5 * (half + half.conj().T)
+
+
+def _hessian(
+    U: Complex, V: Complex, P: Any, R: Any, structure: Structure, small: float = _SMALL
+) -> Array:
+    """Second derivatives of the objective of a center; P and R are inverses of S and of X + X'."""
+    i, j = structure.rows, structure.columns
+    UP, VP = U @ P, V @ P
+    H = _curvature(VP @ U.conj().T, UP @ U.conj().T, VP @ V.conj().T, i, j)
+    H = H + 4.0 * _curvature(R, R, R, i, j)
+    H[np.diag_indices(len(H))] += small
+    return H
+
+
+def _center(
+    M: Complex, beta: float, X: Complex, structure: Structure, small: float = _SMALL
+) -> Complex:
+    """Minimum of tr (X + X')/2 - log det S(X) - log det(X + X') from an X where both are positive.
+
+    A little of |X|^2 keeps parts bounded that do nothing.
+    """
+    U, V = M - beta * np.eye(len(M)), M + beta * np.eye(len(M))
+    i, j = structure.rows, structure.columns
+
+    def objective(X: Complex) -> float:
+        try:
+            a = np.linalg.cholesky(_form(U, V, X))
+            b = np.linalg.cholesky(X + X.conj().T)
+        except np.linalg.LinAlgError:
+            return np.inf
+        logs = np.log(np.diagonal(a).real) + np.log(np.diagonal(b).real)
+        size = float(np.trace(X).real) + 0.5 * small * float(np.sum(np.abs(X) ** 2))
+        return size - 2.0 * float(np.sum(logs))
+
+    value = objective(X)
+    if not np.isfinite(value):
+        return X
+    for _ in range(_NEWTON):
+        P, R = np.linalg.inv(_form(U, V, X)), np.linalg.inv(X + X.conj().T)
+        slope = (V @ P @ U.conj().T - 2.0 * R).T[i, j]
+        H = _hessian(U, V, P, R, structure, small)
+        x = small * X[i, j]
+        g = np.concatenate([slope.real + x.real + (i == j), -slope.imag + x.imag])
+        step, fall = _newton_step(H, g, structure.basis)
+        move = np.zeros_like(X)
+        move[i, j] = step[: len(i)] + 1j * step[len(i) :]
+        length = 1.0 if fall < 0.5 else 1.0 / (1.0 + np.sqrt(fall))
+        for _ in range(_SHRINK):
+            new = X + length * move
+            new_value = objective(new)
+            if new_value <= value - _ENOUGH * length * fall:
+                break
+            length *= 0.5
+        else:
+            break
+        X, value = new, new_value
+        if fall < _CENTERED:
+            break
+    return X
+
+
+def _curvature(
+    c: Complex, uu: Complex, vv: Complex, i: NDArray[np.int64], j: NDArray[np.int64]
+) -> Array:
+    """Second derivatives of -log det of the symmetric part of U'X V, by real and imaginary parts."""
+    cross = c[np.ix_(j, i)]
+    first = cross * cross.T
+    second = vv[np.ix_(j, j)] * uu.T[np.ix_(i, i)]
+    mixed = 0.5 * (second.imag - first.imag)
+    return np.block(
+        [
+            [0.5 * (first.real + second.real), mixed],
+            [mixed.T, 0.5 * (second.real - first.real)],
+        ]
+    )
+
+
+def _newton_step(H: Array, g: Array, basis: Array | None) -> tuple[Array, float]:
+    """-H^-1 g in the entries, and how much the objective falls along it."""
+    if basis is not None:
+        H, g = basis.T @ H @ basis, basis.T @ g
+    step = newton_step(H, g)
+    fall = float(-g @ step)
+    return (step if basis is None else basis @ step), fall

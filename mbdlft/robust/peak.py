@@ -1,0 +1,115 @@
+"""The peak of a gain over frequency, and deltas at which it is large: lower bounds of the worst case.
+
+    G(j omega, delta) = M22 + M21 Delta (I - M11 Delta)^-1 M12,   M = M(j omega) of all channels;
+    d sigma / d delta_k = Re( u' M21 (I - Delta M11)^-1 P_k (I - M11 Delta)^-1 M12 v )
+
+at the frequency of the peak, u and v the singular vectors of G.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.base.array import Array
+from mbdlft.response.hamiltonian import peak_of
+from mbdlft.response.staircase import Plant
+from mbdlft.robust.ascent import climb
+from mbdlft.robust.characteristic import Realization
+
+_GROWTH = 1e-9  # of the level at which the search for a peak ends
+_STARTS = 6
+Complex = NDArray[np.complex128]
+
+
+class Peak(NamedTuple):
+    """A largest gain over frequency; infinite where a pole is not stable.
+
+    Attributes
+    ----------
+    gain : float
+    frequency : float
+        rad/s
+    delta : array (number of deltas,)
+    """
+
+    gain: float
+    frequency: float
+    delta: Array
+
+
+NOTHING = Peak(0.0, np.nan, np.zeros(0))
+
+
+def at_delta(model: Realization, delta: Array) -> Plant | None:
+    """A, B, C, D from u to y at some deltas; None where the model is singular."""
+    n = len(model.A)
+    try:
+        right = model.into(delta)
+    except np.linalg.LinAlgError:
+        return None
+    whole = np.block([[model.A, model.E], [model.G, model.J]])
+    whole = whole + (np.vstack([model.B, model.H]) * model.spread(delta)) @ right
+    return Plant(whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:])
+
+
+def peak_at(model: Realization, delta: Array) -> Peak:
+    """The peak over all frequencies at some deltas."""
+    matrices = at_delta(model, delta)
+    if matrices is None:
+        return Peak(np.inf, np.nan, delta)
+    poles = np.linalg.eigvals(matrices.A)
+    if np.max(poles.real, initial=-1.0) >= 0.0:
+        return Peak(np.inf, float(abs(poles[np.argmax(poles.real)].imag)), delta)
+    gain, _, frequency, _ = peak_of(matrices, _GROWTH)
+    return Peak(gain, frequency, delta)
+
+
+def slope_at(model: Realization, peak: Peak) -> Array:
+    """Derivatives of the gain at the frequency of a peak by the deltas."""
+    n, N = len(model.A), len(model.D)
+    w = model.spread(peak.delta)
+    B, C = np.hstack([model.B, model.E]), np.vstack([model.C, model.G])
+    D = np.block([[model.D, model.F], [model.H, model.J]])
+    M: Complex = D.astype(complex)
+    if np.isfinite(peak.frequency):
+        M = M + C @ np.linalg.solve(1j * peak.frequency * np.eye(n) - model.A, B)
+    inner = np.linalg.inv(np.eye(N) - M[:N, :N] * w)
+    right = inner @ M[:N, N:]
+    left = M[N:, :N] @ (np.eye(N) + w[:, None] * inner @ M[:N, :N])
+    G = M[N:, N:] + (M[N:, :N] * w) @ right
+    u, _, v = np.linalg.svd(G)
+    parts = ((u[:, 0].conj() @ left) * (right @ v[0].conj())).real
+    return model.by_parameter(parts)
+
+
+def largest_peak(model: Realization, k: float, more: tuple[Array, ...] = ()) -> Peak:
+    """The largest peak found on the box |delta| <= k: from its middle, corners, and other starts."""
+    q = len(model.sizes)
+    random = np.random.default_rng(0)
+    best = peak_at(model, np.zeros(q))
+    if not q:
+        return best
+    starts = [np.zeros(q), *more]
+    starts += [k * np.sign(random.uniform(-1.0, 1.0, q)) for _ in range(_STARTS)]
+    for start in starts:
+        best = _climbed(model, k, start, best)
+        if not np.isfinite(best.gain):
+            break
+    return best
+
+
+def _climbed(model: Realization, k: float, start: Array, best: Peak) -> Peak:
+    """The best of what was known and of what an ascent leads to."""
+    found = [best]
+
+    def look(delta: Array) -> tuple[float, Callable[[], Array]]:
+        peak = peak_at(model, delta)
+        if peak.gain > found[0].gain:
+            found[0] = peak
+        gain = float(np.log(peak.gain)) if peak.gain > 0.0 else -1e30
+        return gain, lambda: slope_at(model, peak) / max(peak.gain, 1e-30)
+
+    climb(look, k, start)
+    return found[0]

@@ -1,0 +1,171 @@
+"""A system as matrices whose stability is asked for, and what is said when its nominal is not stable."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError
+from mbdlft.base.parameter import to_physical
+from mbdlft.lft.lft import check_plain
+from mbdlft.response.resolvent import balancing
+from mbdlft.robust.characteristic import Realization, is_hurwitz
+from mbdlft.system.names import positions_of
+from mbdlft.system.system import System
+
+_AXIS = (
+    1e-9  # of the size of a pole, or of the largest: nearer to the axis, it is said to lie on it
+)
+
+
+def realization(
+    model: System,
+    inputs: Sequence[int] = (),
+    outputs: Sequence[int] = (),
+    leave_out: Sequence[str] = (),
+    *,
+    others_are_zero: bool = False,
+    balanced: bool = False,
+) -> Realization:
+    """The matrices of a system with parameters only, and of the channels whose gain is asked for.
+
+    With `others_are_zero`, blocks that are not parameters are left out; else they are an error. With
+    `balanced`, states are scaled by powers of 2.
+
+    Raises
+    ------
+    AnalysisError
+        Something that stays depends on one of the states to be left out.
+    StructureError
+        Delta has blocks that are not real parameters, or a state is unknown.
+    """
+    lft = model.lft
+    if not others_are_zero:
+        check_plain(lft, f"the analysis of {model.name!r}")
+    blocks = [block for block in lft.blocks if block.size and block.kind == "real"]
+    z = [k for block in blocks for k in range(lft.order)[lft.slices()[block.name]]]
+    w = [k for block in blocks for k in range(lft.M11.shape[1])[lft.columns()[block.name]]]
+    i, j = list(outputs), list(inputs)
+    stay = states_that_stay(model, leave_out, i)
+    A = model.A[np.ix_(stay, stay)]
+    scale = balancing(A) if balanced else np.ones(len(stay))
+    return Realization(
+        tuple(block.name for block in blocks),
+        tuple(block.size for block in blocks),
+        A * (scale / scale[:, None]),
+        model.B_w[np.ix_(stay, w)] / scale[:, None],
+        model.C_z[np.ix_(z, stay)] * scale,
+        model.D_zw[np.ix_(z, w)],
+        model.B_u[np.ix_(stay, j)] / scale[:, None],
+        model.D_zu[np.ix_(z, j)],
+        model.C_y[np.ix_(i, stay)] * scale,
+        model.D_yw[np.ix_(i, w)],
+        model.D_yu[np.ix_(i, j)],
+    )
+
+
+def states_that_stay(
+    model: System, leave_out: Sequence[str], outputs: Sequence[int] = ()
+) -> list[int]:
+    """Positions of the states that are not left out.
+
+    Raises
+    ------
+    AnalysisError
+        What stays depends on a state to be left out.
+    StructureError
+        A state is unknown.
+    """
+    names = [state.name for state in model.states]
+    gone = positions_of(list(leave_out), names, f"model {model.name!r}, states to leave out")
+    stay = [k for k in range(len(names)) if k not in gone]
+    _check_unneeded(model, gone, stay, outputs)
+    return stay
+
+
+def _check_unneeded(
+    model: System, gone: Sequence[int], stay: Sequence[int], outputs: Sequence[int]
+) -> None:
+    """Raise an AnalysisError if what stays depends on states to be left out."""
+    channels = [block.name for block in model.lft.blocks for _ in range(block.inputs)]
+    readers = (
+        ("state", [model.states[k].name for k in stay], model.A[stay]),
+        ("uncertain quantity", channels, model.C_z),
+        ("output", [model.outputs[k].name for k in outputs], model.C_y[list(outputs)]),
+    )
+    for what, names, rows in readers:
+        for k in gone:
+            found = np.flatnonzero(rows[:, k])
+            if len(found):
+                raise AnalysisError(
+                    f"model {model.name!r}: the state {model.states[k].name} cannot be left out: the "
+                    f"{what} {names[int(found[0])]} depends on it. Leave that out, too, or close a loop."
+                )
+
+
+def stable_states(
+    model: System, leave_out: Sequence[str], what: str, outputs: Sequence[int] = ()
+) -> list[int]:
+    """As `states_that_stay`, of a model whose nominal is stable.
+
+    Raises
+    ------
+    AnalysisError
+        It is not proved to be, and the message names the pole; or as `states_that_stay`.
+    """
+    stay = states_that_stay(model, leave_out, outputs)
+    A = model.A[np.ix_(stay, stay)]
+    if not stay:
+        return stay
+    poles, shapes = np.linalg.eig(A)
+    if np.max(poles.real) < 0.0 and is_hurwitz(A):
+        return stay
+    states = [model.states[k].name for k in stay]
+    worst = int(np.argmax(poles.real))
+    pole, size = poles[worst], float(np.max(np.abs(poles)))
+    moving = np.abs(shapes[:, worst])
+    names = [states[k] for k in np.argsort(-moving)[:3] if moving[k] > 0.1 * max(moving)]
+    where = f"{pole.real:.4g}{pole.imag:+.4g}j rad/s, in which {', '.join(names)} move"
+    if abs(pole.real) <= _AXIS * max(abs(pole), size):
+        raise AnalysisError(
+            f"{what}: model {model.name!r}: the nominal model has a pole on the imaginary axis, {where}: "
+            "no range is robustly stable. Close a loop around this mode, or give it damping; or, if "
+            "nothing else depends on these states, leave them out: leave_out=[...]."
+        )
+    raise AnalysisError(
+        f"{what}: model {model.name!r}: the nominal model is unstable, with the pole {where}. Close "
+        "the loop with a controller that stabilizes it, such as feedback(model, controller), first."
+    )
+
+
+def check_parameters(model: System, what: str) -> None:
+    """Raise an AnalysisError if Delta is empty."""
+    if not model.order:
+        raise AnalysisError(
+            f"{what}: model {model.name!r} has no parameter and no uncertain block: there is no margin. "
+            "Its poles say all."
+        )
+
+
+def check_constant(system: System, what: str) -> None:
+    """Raise an AnalysisError if gains of nonlinear functions would be taken as constant."""
+    moving = [p.name for p in system.parameters if p.role == "nonlinear"]
+    if moving:
+        raise AnalysisError(
+            f"{what}: model {system.name!r}: {', '.join(moving)} stand for nonlinear functions, and "
+            "move; this analysis takes parameters as constant, which robust_stability and "
+            "worst_case_gain do not."
+        )
+
+
+def physical(model: System, names: Sequence[str], delta: Array) -> dict[str, float]:
+    """Physical values of all parameters by name, those without a delta at nominal."""
+    given = dict(zip(names, delta.tolist(), strict=True))
+    return {p.name: float(to_physical(p, given.get(p.name, 0.0))) for p in model.parameters}
+
+
+def shares(names: Sequence[str], parts: Array) -> Mapping[str, float]:
+    """Parts of a sum, none negative, by name; they add up to 1."""
+    total = float(np.sum(np.abs(parts)))
+    found = np.abs(parts) / total if total > 0.0 else np.zeros(len(parts))
+    return dict(zip(names, found.tolist(), strict=True))

@@ -1,0 +1,148 @@
+"""The structured singular value of a system, frequency by frequency."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.base.array import Array, ArrayLike
+from mbdlft.base.errors import AnalysisError
+from mbdlft.base.threads import one_thread
+from mbdlft.lft.block import Block
+from mbdlft.robust.coverage import largest_size
+from mbdlft.robust.evidence import Multipliers
+from mbdlft.robust.loop import check_fixed, ends_of, loop_of_matrix
+from mbdlft.robust.multipliers import squared, structure_of, upper_bound
+from mbdlft.robust.realization import check_parameters
+from mbdlft.robust.small_delta import SmallDelta, small_delta
+from mbdlft.system.system import System
+
+_NOTHING = 1e-6  # of the norm: less is nothing
+_TOLERANCE = 1e-7  # of a skew bound
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StructuredSingularValue:
+    """Bounds of mu at frequencies, each with what shows it.
+
+    Attributes
+    ----------
+    frequencies : array (N,), rad/s
+    lower : array (N,)
+        1 over the norm of `deltas`, of those blocks that are not fixed; 0 where none was found.
+    upper : array (N,)
+        Proved at each of the frequencies by its D and G, up to rounding; nothing is said between them.
+        inf: fixed blocks alone may make I - M Delta singular.
+    deltas : complex array (N, n_w, n_z)
+        Makes I - M Delta singular, where `lower` is not 0.
+    D, G : complex arrays (N, n, n)
+        Multipliers, full for repeated blocks; non-square blocks are filled up with zeros.
+    """
+
+    frequencies: Array
+    lower: Array
+    upper: Array
+    deltas: Complex
+    D: Complex
+    G: Complex
+
+
+def structured_singular_value(
+    system: System, frequencies: ArrayLike, *, fixed: Sequence[str] = ()
+) -> StructuredSingularValue:
+    """mu(M(j omega)) = 1/min{||Delta|| : det(I - M Delta) = 0}, M from w to z, at frequencies.
+
+    Parameters
+    ----------
+    system : System or LFTModel
+        Delta may have real and complex repeated blocks and full complex ones, mixed.
+    frequencies : array (N,), rad/s; infinity is allowed
+    fixed : sequence of str
+        Blocks whose norm stays below 1: the smallest norm of the others is looked for (skew mu). With a
+        full block between inputs and outputs, the only one that is not fixed, mu is the worst-case gain.
+
+    Returns
+    -------
+    StructuredSingularValue
+        For a guarantee between the frequencies use `robust_stability`.
+
+    Raises
+    ------
+    AnalysisError
+        Delta is empty, a frequency is no number, or a pole lies on it.
+    """
+    omega = np.atleast_1d(np.asarray(frequencies))
+    if omega.dtype.kind not in "iuf" or omega.ndim != 1 or np.any(np.isnan(omega)):
+        raise AnalysisError(
+            f"model {system.name!r}: frequencies: expected numbers (rad/s), got {frequencies!r}."
+        )
+    check_parameters(system, "structured_singular_value")
+    kept, blocks = check_fixed(system, fixed), system.lft.blocks
+    grows = np.array([block.name not in kept for block in blocks], dtype=bool)
+    if not np.any(grows):
+        raise AnalysisError(
+            f"structured_singular_value: model {system.name!r}: expected a block that is not fixed."
+        )
+    bound = _upper_bound if np.all(grows) else _skew_bound
+    found: list[tuple[Multipliers, SmallDelta]] = []
+    last = None
+    with one_thread():
+        for w in omega:
+            M = channels_at(system, float(w))
+            last = bound(M, blocks, grows, last)
+            found.append((last, small_delta(M, blocks, last.beta, grows)))
+    return StructuredSingularValue(
+        omega.astype(float),
+        np.array([min(low.bound, high.beta) for high, low in found]),
+        np.array([high.beta for high, _ in found]),
+        np.array([low.delta for _, low in found]),
+        np.array([high.D for high, _ in found]),
+        np.array([high.G for high, _ in found]),
+    )
+
+
+def _upper_bound(
+    M: Complex, blocks: Sequence[Block], _: NDArray[np.bool_], last: Multipliers | None
+) -> Multipliers:
+    structure = structure_of(blocks)
+    return upper_bound(squared(M, structure), structure, start=last)
+
+
+def _skew_bound(
+    M: Complex, blocks: Sequence[Block], grows: NDArray[np.bool_], _: Multipliers | None
+) -> Multipliers:
+    """Multipliers for which M'k D M + j(GM - M'G) - D < 0, k = 1 of fixed blocks, 1/beta^2 of others."""
+    loop = loop_of_matrix(M, blocks, grows)
+    size = float(np.linalg.norm(M, 2))
+    whole = squared(M, loop.structure)
+    if size == 0.0:
+        return Multipliers(0.0, np.eye(len(whole), dtype=complex), 0.0 * whole)
+    own = loop.grows[loop.owner]
+    least = _NOTHING * max(float(np.linalg.norm(whole[np.ix_(own, own)], 2)), _NOTHING * size)
+    k, found = largest_size(loop, whole, 1.0 / least, None, _TOLERANCE)
+    half = ends_of(loop, k)[1][loop.owner]
+    return found._replace(beta=1.0 / k if k else np.inf, G=found.G * half[:, None] ** 2)
+
+
+def channels_at(system: System, omega: float) -> Complex:
+    """M(j omega) (n_z, n_w), from w to z.
+
+    Raises
+    ------
+    AnalysisError
+        j omega is a pole.
+    """
+    M = system.D_zw.astype(complex)
+    if not np.isfinite(omega) or not len(system.A):
+        return M
+    try:
+        return M + system.C_z @ np.linalg.solve(
+            1j * omega * np.eye(len(system.A)) - system.A, system.B_w
+        )
+    except np.linalg.LinAlgError:
+        raise AnalysisError(
+            f"model {system.name!r}: omega = {omega:g} rad/s is a pole, where M is infinite. Leave this "
+            "frequency out, or close a loop around the mode."
+        ) from None

@@ -1,0 +1,250 @@
+"""Worst cases over the box: of poles and disk margins with proved bounds; of other functions as searched.
+
+Poles are followed with exact slopes, from the nominal point and from corners; other functions are climbed
+with exact slopes, too, or with differences. That poles are left of a line, or of the edges of a sector,
+is proved as stability is (`mbdlft.robust.boxes`), along the line or the edge in place of the axis.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError
+from mbdlft.base.threads import one_thread
+from mbdlft.robust.anytime import GAP, UNSTABLE, WORK, Asked, Progress, check_numbers
+from mbdlft.robust.ascent import climb
+from mbdlft.robust.characteristic import Realization
+from mbdlft.robust.crew import crew_of
+from mbdlft.robust.evidence import Bounds
+from mbdlft.robust.gain import worst_case_gain
+from mbdlft.robust.peak import at_delta
+from mbdlft.robust.pole_migration import smallest_crossing
+from mbdlft.robust.pole_region import worst_poles
+from mbdlft.robust.realization import check_constant, physical, realization
+from mbdlft.system.algebra import feedback
+from mbdlft.system.names import positions_of
+from mbdlft.system.system import System
+
+Function = Callable[[Array, Array, Array, Array], float]
+POLES = {"real part": "largest real part", "damping": "smallest damping"}
+_NAMES = (*POLES, "disk margin", "H2 norm")
+_STARTS, _DIFFERENCE = 8, 1e-6
+
+
+def worst_case(
+    system: System,
+    what: str | Function,
+    inputs: Any = slice(None),
+    outputs: Any = slice(None),
+    *,
+    gap: float = GAP,
+    work: float = WORK,
+    leave_out: Sequence[str] = (),
+    progress: Progress | None = None,
+    workers: int | None = 1,
+    client: Any = None,
+) -> Bounds:
+    """The worst value of a property over the declared box, with a proved bound where there is one.
+
+    Parameters
+    ----------
+    system : System or LFTModel
+    what : {"real part", "damping", "disk margin", "H2 norm"}, or function
+        The largest real part of a pole (rad/s); the smallest damping ratio; the smallest disk margin of
+        the loop that u = r - y would close, 1/|I/2 - T|, T = L (I + L)^-1, in the H-infinity norm; the
+        largest H2 norm; or the largest value of a function of A, B, C, D.
+    inputs, outputs : name, number, slice, or list of these, optional
+        Signals of the transfer; all, if not given. Poles are those of the system.
+    gap, work, leave_out, progress, workers, client
+        As for `robust_stability`; the gap of poles is relative to their real part or damping.
+
+    Returns
+    -------
+    Bounds
+        Of a real part, `upper` is proved and `lower` reached at `worst`; of a damping and a disk margin,
+        `lower` is proved and `upper` reached. Of a norm or a function, `lower` is reached, and nothing is
+        proved: `reason` says of how many points it is the largest.
+
+    Raises
+    ------
+    AnalysisError
+        The property is unknown; a function does not return a number; or as `worst_case_gain`.
+    StructureError
+        A signal is unknown, or Delta has blocks that are not parameters.
+
+    Source
+    ------
+    Disk margin: Seiler, Packard, Gahinet, IEEE Control Systems Magazine 40 (2020), of skew 0.
+    """
+    check_numbers("worst_case", gap=gap, work=work)
+    check_constant(system, "worst_case")
+    if isinstance(what, str) and what not in _NAMES:
+        raise AnalysisError(
+            f"worst_case: expected {', '.join(map(repr, _NAMES))} or a function, got {what!r}."
+        )
+    if what == "disk margin":
+        disk = disk_transfer(system, inputs, outputs)
+        more: dict[str, Any] = {"gap": gap, "work": work, "leave_out": leave_out}
+        more |= {"workers": workers, "client": client}
+        return _inverse(worst_case_gain(disk, **more, progress=_inverted(progress)))
+    with one_thread(), crew_of(workers, client, "worst_case") as crew:
+        if isinstance(what, str) and what in POLES:
+            asked = Asked(system, gap, work, progress, tuple(leave_out), crew=crew)
+            return worst_poles(asked, realization(system, leave_out=leave_out), POLES[what])
+        j = positions_of(inputs, [s.name for s in system.inputs], "worst_case: inputs")
+        i = positions_of(outputs, [s.name for s in system.outputs], "worst_case: outputs")
+        model = realization(system, j, i, leave_out)
+        return _searched(system, model, what, tuple(leave_out))
+
+
+def disk_transfer(system: System, inputs: Any = slice(None), outputs: Any = slice(None)) -> System:
+    """I/2 - T of the loop that u = r - y closes: one over its H-infinity norm is the disk margin.
+
+    Parameters
+    ----------
+    system : System or LFTModel
+    inputs, outputs : name, number, slice, or list of these, optional
+        Signals at which the loop is opened, as many of both; all, if not given.
+
+    Returns
+    -------
+    System
+
+    Raises
+    ------
+    AnalysisError
+        There are not as many inputs as outputs.
+    """
+    loop = system[outputs, inputs]
+    n = len(loop.inputs)
+    if len(loop.outputs) != n:
+        raise AnalysisError(
+            f"disk margin of {system.name!r}: expected as many inputs as outputs, got {n} and "
+            f"{len(loop.outputs)}. Choose the signals at which the loop is opened."
+        )
+    found: System = 0.5 * np.eye(n) - feedback(loop, np.eye(n))
+    return found
+
+
+def _inverted(progress: Progress | None) -> Progress | None:
+    """What tells bounds of a disk margin, of those of a gain."""
+    if progress is None:
+        return None
+    return lambda lower, upper: progress(1.0 / upper, 1.0 / lower if lower else np.inf)
+
+
+def _inverse(gain: Bounds) -> Bounds:
+    """The disk margin of a worst-case gain."""
+    lower, upper = (1.0 / value if value else np.inf for value in (gain.upper, gain.lower))
+    return replace(gain, kind="smallest disk margin", lower=lower * (1.0 - 1e-15), upper=upper)
+
+
+def _searched(
+    system: System, model: Realization, what: str | Function, leave_out: tuple[str, ...]
+) -> Bounds:
+    """The largest value that a search finds."""
+    q = len(model.sizes)
+    value = h2_and_slope if what == "H2 norm" else _by_differences(what)
+    best, points = (-np.inf, np.zeros(q)), 0
+
+    def look(delta: Array) -> tuple[float, Callable[[], Array]]:
+        nonlocal best, points
+        found, slope = value(model, delta)
+        points += 1
+        best = (found, delta.copy()) if found > best[0] else best
+        return found / size, lambda: slope() / size
+
+    size = 1.0
+    first = look(np.zeros(q))[0]
+    size = abs(first) if np.isfinite(first) and first else 1.0
+    crossing = smallest_crossing(model, 1.0) if what == "H2 norm" else None
+    if crossing is not None and np.isfinite(crossing.size):
+        best = (np.inf, crossing.delta)
+    random = np.random.default_rng(0)
+    corners = np.sign(random.uniform(-1.0, 1.0, (_STARTS, q)))
+    for start in (np.zeros(q), *corners) if q else ():
+        if np.isfinite(best[0]):
+            climb(look, 1.0, start)
+    name = what if isinstance(what, str) else getattr(what, "__name__", "function")
+    return Bounds(
+        kind=f"worst-case {name}",
+        lower=best[0],
+        upper=np.inf,
+        worst=physical(system, model.names, best[1]),
+        delta=dict(zip(model.names, best[1].tolist(), strict=True)),
+        frequency=np.nan,
+        proved=False,
+        sensitivity={},
+        work=0.0,
+        reason=UNSTABLE
+        if what == "H2 norm" and np.isinf(best[0])
+        else f"checked, not proved: the largest of {points} values that a search looked at",
+        leave_out=leave_out,
+    )
+
+
+Value = Callable[[Realization, Array], tuple[float, Callable[[], Array]]]
+
+
+def h2_and_slope(model: Realization, delta: Array) -> tuple[float, Callable[[], Array]]:
+    """The H2 norm, infinite with a direct path or without stability, and its slope by the deltas.
+
+    With A P + P A' + B B' = 0 and A'Q + Q A + C'C = 0, h^2 = tr C P C', and to first order
+    d h^2 = 2 tr(Q dA P) + 2 tr(Q dB B') + 2 tr(dC P C').
+    """
+    import scipy.linalg  # here because it is slow to import
+
+    plant = at_delta(model, delta)
+    none = np.zeros(len(delta))
+    if plant is None or np.any(plant.D):
+        return np.inf, lambda: none
+    A, B, C, _ = plant
+    if not len(A):
+        return 0.0, lambda: none
+    if not np.max(np.linalg.eigvals(A).real) < 0.0:
+        return np.inf, lambda: none
+    P = scipy.linalg.solve_continuous_lyapunov(A, -B @ B.T)
+    Q = scipy.linalg.solve_continuous_lyapunov(A.T, -C.T @ C)
+    value = float(np.sqrt(max(np.trace(C @ P @ C.T), 0.0)))
+
+    def slope() -> Array:
+        left, right = model.out_of(delta), model.into(delta)
+        by_entry = np.block([[Q @ P, Q @ B], [C @ P, np.zeros((len(C), B.shape[1]))]])
+        parts = np.einsum("ik,ij,kj->k", left, by_entry, right)
+        return np.asarray(model.by_parameter(parts) / max(value, 1e-300))
+
+    return value, slope
+
+
+def _by_differences(function: Any) -> Value:
+    """The value of a function of A, B, C, D, and its slope by differences within the box."""
+
+    def at(model: Realization, delta: Array) -> float:
+        plant = at_delta(model, delta)
+        if plant is None:
+            return np.inf
+        found = function(*plant)
+        if not isinstance(found, int | float | np.number) or np.isnan(found):
+            raise AnalysisError(
+                f"worst_case: expected a number from {getattr(function, '__name__', function)!r}, got "
+                f"{found!r} at deltas {', '.join(f'{d:.4g}' for d in delta)}."
+            )
+        return float(found)
+
+    def value(model: Realization, delta: Array) -> tuple[float, Callable[[], Array]]:
+        here = at(model, delta)
+
+        def slope() -> Array:
+            steps = np.where(delta > 0.0, -_DIFFERENCE, _DIFFERENCE)
+            moved = [
+                at(model, delta + step * e)
+                for e, step in zip(np.eye(len(delta)), steps, strict=True)
+            ]
+            return np.asarray((np.array(moved) - here) / steps)
+
+        return here, slope
+
+    return value

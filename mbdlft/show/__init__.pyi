@@ -1,0 +1,12 @@
+from .figures.bode import save_bode as save_bode
+from .figures.growth import save_growth as save_growth
+from .figures.mu import save_mu as save_mu
+from .figures.orders import save_orders as save_orders
+from .figures.pole_map import save_pole_map as save_pole_map
+from .figures.singular_values import save_singular_values as save_singular_values
+from .figures.times import save_step as save_step
+from .figures.trims import save_trims as save_trims
+from .report.page import model_report as model_report
+from .viewer.page import Page as Page
+from .viewer.page import scene_of as scene_of
+from .viewer.page import view as view

@@ -1,0 +1,143 @@
+"""What holds the equilibrium, over one parameter: trimmed efforts and loads."""
+
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError, unknown_name
+from mbdlft.base.samples import grid, random
+from mbdlft.show.figures.figures import COLORS, check_figure, write_figure
+from mbdlft.system.model import LFTModel, trim_at
+from mbdlft.system.system import System
+
+_STEPS = 81  # values of the parameter
+_OTHERS = 60  # random samples of the other parameters
+_MOST = 12  # signals that one figure has room for
+_STILL = 1e-9  # of the largest of its unit: what changes less is called constant
+
+
+class TrimCurves(NamedTuple):
+    """Trimmed signals over one parameter.
+
+    Attributes
+    ----------
+    values : array (N,), of the parameter, in its unit
+    nominal : array (N, nt), with the other parameters nominal
+    low, high : array (N, nt), the least and the largest over samples of the others
+    """
+
+    values: Array
+    nominal: Array
+    low: Array
+    high: Array
+
+
+def save_trims(
+    path: str | Path, model: System, parameter: str | None = None, seed: int = 0
+) -> None:
+    """Draw the efforts and loads that hold the equilibrium over one parameter.
+
+    A line has the other parameters nominal, the shade around it is what random samples of them reach:
+    samples, and no bounds. Twelve signals have room: those that the parameters change most.
+
+    Parameters
+    ----------
+    path : file, whose ending is that of a figure, such as .png
+    model : LFTModel
+    parameter : str, optional
+        Its name; by default the one that changes the trim most, the others nominal.
+    seed : int
+        Seed of the samples.
+
+    Raises
+    ------
+    AnalysisError
+        The file cannot be written, its ending is not that of a figure, the model has no trim or no
+        parameters, or the parameter is unknown.
+    """
+    check_figure(path)
+    trimmed = _checked(model, parameter)
+    name = parameter or _strongest(trimmed)
+    curves = trim_curves(trimmed, name, seed)
+    signals = trimmed.trim.signals
+    largest = _sizes(trimmed, curves)
+    change = (np.max(curves.high, axis=0) - np.min(curves.low, axis=0)) / largest
+    shown = sorted(sorted(range(len(signals)), key=lambda k: -change[k])[:_MOST])
+    wide = min(3, len(shown))
+    tall = math.ceil(len(shown) / wide)
+    figure = Figure(figsize=(2.0 + 3.4 * wide, 1.2 + 2.5 * tall), layout="constrained")
+    unit = trimmed.parameters[name].unit
+    for place, k in enumerate(shown):
+        axes = figure.add_subplot(tall, wide, place + 1)
+        axes.fill_between(
+            curves.values, curves.low[:, k], curves.high[:, k], color=COLORS[0], alpha=0.2, linewidth=0,
+            label=f"{_OTHERS} samples of the other parameters" if len(trimmed.parameters) > 1 else "",
+        )  # fmt: skip
+        axes.plot(curves.values, curves.nominal[:, k], color=COLORS[0], label="others nominal")
+        axes.axvline(trimmed.parameters[name].nominal, color="black", linewidth=0.6, linestyle=":")
+        if change[k] < _STILL:  # rounding is not to be seen as a shape
+            middle = float(curves.nominal[0, k])
+            axes.set_ylim(middle - largest[k], middle + largest[k])
+        axes.set_ylabel(f"{signals[k].name} ({signals[k].unit})")
+        axes.set_xlabel(f"{name} ({unit})")
+        axes.grid(visible=True, linewidth=0.3, alpha=0.5)
+    more = f", {_MOST} of {len(signals)} signals" if len(signals) > _MOST else ""
+    figure.suptitle(f"{model.name}: what holds the equilibrium, over {name}{more}")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2,
+                  fontsize="small")  # fmt: skip
+    write_figure(figure, path)
+
+
+def trim_curves(model: LFTModel, parameter: str, seed: int = 0) -> TrimCurves:
+    """Trimmed signals over one parameter, from its low to its high value."""
+    along = grid(model.parameters, {parameter: _STEPS})[parameter]
+    nominal = trim_at(model, {parameter: along})
+    low, high = nominal.copy(), nominal.copy()
+    others = [p for p in model.parameters if p.name != parameter]
+    if others:
+        drawn = random(others, _OTHERS, seed)
+        spread = {name: np.repeat(values, _STEPS) for name, values in drawn.items()}
+        spread[parameter] = np.tile(along, _OTHERS)
+        found = trim_at(model, spread).reshape(_OTHERS, _STEPS, -1)
+        low, high = np.minimum(low, found.min(axis=0)), np.maximum(high, found.max(axis=0))
+    return TrimCurves(along, nominal, low, high)
+
+
+def _checked(model: System, parameter: str | None) -> LFTModel:
+    """The model, if it has what is to be drawn."""
+    problem = ""
+    if not isinstance(model, LFTModel) or not model.trim.signals:
+        problem = "nothing holds its equilibrium, so there is no trim to draw"
+    elif model.trim.lft is None:
+        problem = "it was stored without the LFT of its trim"
+    elif not model.parameters:
+        problem = "without parameters the trim is one number each, which `mbdlft show` prints"
+    if problem or not isinstance(model, LFTModel):
+        raise AnalysisError(f"model {model.name!r}: {problem}.")
+    if parameter is not None and parameter not in model.parameters.names:
+        raise AnalysisError(
+            f"model {model.name!r}: " + unknown_name("parameter", parameter, model.parameters.names)
+        )
+    return model
+
+
+def _strongest(model: LFTModel) -> str:
+    """The parameter whose range changes the trim most, relative to the largest of each unit."""
+    moved = []
+    for p in model.parameters:
+        found = trim_at(model, grid(model.parameters, {p.name: 9}))
+        curves = TrimCurves(found, found, found, found)
+        moved.append(float(np.max(np.ptp(found, axis=0) / _sizes(model, curves))))
+    return model.parameters[int(np.argmax(moved))].name
+
+
+def _sizes(model: LFTModel, curves: TrimCurves) -> Array:
+    """The largest size of all trimmed signals of the same unit, (nt,); 1 where all are zero."""
+    size = np.maximum(np.abs(curves.low), np.abs(curves.high)).max(axis=0)
+    units = np.array([signal.unit for signal in model.trim.signals])
+    largest = np.array([size[units == unit].max() for unit in units])
+    return np.where(largest > 0.0, largest, 1.0)

@@ -1,0 +1,258 @@
+"""What stands in the sections of a report: rows of texts, made of a model and its analyses."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.samples import corners, random
+from mbdlft.response.damping import cells, damping_table
+from mbdlft.robust.evidence import Bounds
+from mbdlft.robust.stability import check_stability
+from mbdlft.show.report.figures import samples_of
+from mbdlft.show.report.sentences import (
+    checked_beside,
+    conditioning,
+    largest_error,
+    order_sentences,
+    well_posed,
+)
+from mbdlft.system.model import LFTModel, trim_at
+from mbdlft.system.system import System
+
+_MOST_CORNERS = 10  # parameters, whose corners are tried
+_SAMPLES = 300
+_ROUNDING = 1e-12  # of the largest value: what is less is none
+_PROVED = {
+    "robust stability": "It is stable for all values in {low} times the declared ranges{how}.",
+    "robust performance": "The performance is kept for all values in {low} times the ranges{how}.",
+    "worst-case gain": "The gain is at most {high} for all values in the ranges{how}.",
+    "largest real part": "No pole has a real part above {high} rad/s, for all values in the ranges{how}.",
+    "smallest damping": "No pole is damped less than {low}, for all values in the ranges{how}.",
+    "smallest disk margin": "The disk margin is at least {low} for all values in the ranges{how}.",
+}
+_FROM_ABOVE = ("worst-case gain", "largest real part")  # others prove `lower`
+_KINDS = {
+    "BoxProof": "boxes of values",
+    "IntervalProof": "intervals of frequency",
+    "MotionProof": "a function that falls along all motions",
+}
+_SCENE, _MATRIX = "mbdlft-scene/", "mbdlft-matrix/"  # in texts that models are made of
+
+
+class ParameterRow(NamedTuple):
+    """A parameter, and its repetitions: before reduction, of the model, proved to be needed."""
+
+    name: str
+    unit: str
+    nominal: str
+    range: str
+    role: str
+    before: int | None
+    order: int
+    bound: int | None
+
+
+class TrimRow(NamedTuple):
+    """An effort at equilibrium: at nominal, and the least and largest that were found."""
+
+    name: str
+    unit: str
+    nominal: str
+    least: str
+    largest: str
+
+
+class Worst(NamedTuple):
+    """A stored analysis: what is proved, the worst case, and what the proof is."""
+
+    title: str
+    proved: bool
+    sentences: tuple[str, ...]
+    rows: tuple[tuple[str, str, str, str, str], ...]
+
+
+def short(value: float) -> str:
+    """A number of six digits."""
+    return f"{value:.6g}"
+
+
+def parameter_rows(model: System) -> tuple[ParameterRow, ...]:
+    """One row for each parameter."""
+    certificate = model.certificate if isinstance(model, LFTModel) else None
+    repeated = {block.name: block.inputs for block in model.lft.blocks}
+    rows = []
+    for k, p in enumerate(model.parameters):
+        rows.append(
+            ParameterRow(
+                p.name,
+                p.unit,
+                short(p.nominal),
+                f"{short(p.low)} to {short(p.high)}",
+                p.role,
+                certificate.raw_order[k] if certificate else None,
+                repeated.get(p.name, 0),
+                certificate.lower_bound[k] if certificate else None,
+            )
+        )
+    return tuple(rows)
+
+
+def certificate_sentences(model: System) -> tuple[str, ...]:
+    """What is proved of a model, and what was checked."""
+    if not isinstance(model, LFTModel):
+        return ("The model is stored without evidence: nothing is proved of it.",)
+    lines = [*order_sentences(model), largest_error(model), *checked_beside(model)]
+    lines += well_posed(model)
+    if model.certificate.condition > 0.0:
+        lines.append(conditioning(model.certificate))
+    return tuple(lines)
+
+
+def verdict_sentence(model: System) -> str:
+    """The first thing that a reader wants to know of the order and of exactness."""
+    if not isinstance(model, LFTModel):
+        return f"The model has {model.order} repetitions; it is stored without evidence."
+    c, text = model.certificate, model.provenance.scene
+    made = "the connection of its parts"
+    if _SCENE in text:
+        made = "trimming and linearizing the nonlinear equations again"
+    elif _MATRIX in text:
+        made = "the matrix"
+    exact = "The model is an approximation."
+    if c.exact:
+        exact = f"The model equals {made} at every value of the parameters, up to rounding."
+    if c.minimal:
+        size = f"It has {model.order} repetitions of the parameters, and it is proved that no fewer do."
+    else:
+        size = (
+            f"It has {model.order} repetitions of the parameters; it is proved that every such model "
+            f"has at least {c.order_bound}."
+        )
+    return f"{exact} {size}"
+
+
+def trim_rows(model: System) -> tuple[tuple[TrimRow, ...], int]:
+    """Efforts at equilibrium over corners and samples, and at how many points."""
+    if not isinstance(model, LFTModel) or not model.trim.signals:
+        return (), 0
+    values = _points(model)
+    found = trim_at(model, values).reshape(-1, len(model.trim.signals))
+    rows = [
+        TrimRow(
+            signal.name,
+            signal.unit,
+            short(nominal),
+            _no_rounding(min(np.min(column), nominal), column),
+            _no_rounding(max(np.max(column), nominal), column),
+        )
+        for signal, nominal, column in zip(
+            model.trim.signals, model.trim.nominal, found.T, strict=True
+        )
+    ]
+    return tuple(rows), len(found) if values else 1
+
+
+def _no_rounding(value: float, column: Array) -> str:
+    """A number, or 0 if it is rounding beside the largest of its column."""
+    largest = float(np.max(np.abs(column)))
+    return short(0.0 if abs(value) <= _ROUNDING * largest else float(value))
+
+
+def _points(model: System) -> Mapping[str, Array]:
+    """Corners, of few parameters, and random samples."""
+    if not model.parameters:
+        return {}
+    found = random(model.parameters, _SAMPLES, 0)
+    if len(model.parameters) > _MOST_CORNERS:
+        return found
+    ends = corners(model.parameters)
+    return {name: np.concatenate([ends[name], found[name]]) for name in found}
+
+
+def pole_rows(model: System) -> tuple[tuple[str, ...], ...]:
+    """Poles at nominal: value, natural frequency (rad/s, Hz), damping, time constant."""
+    if not model.states:
+        return ()
+    return tuple(tuple(part.strip() for part in cells(row)) for row in damping_table(model).rows())
+
+
+def stability_sentences(model: System) -> tuple[str, ...]:
+    """Whether values of the parameters make the model unstable, and the least damping of samples."""
+    if not model.states:
+        return ()
+    count = samples_of(model)
+    said = [str(check_stability(model, count))]
+    if model.parameters:
+        values = random(model.parameters, count, 0)
+        table = damping_table(model, values)
+        swings = (np.abs(table.poles.imag) > 0.0) & (table.natural_frequency > 0.0)
+        if np.any(swings):
+            damping = np.where(swings, table.damping, np.inf)
+            k, j = np.unravel_index(int(np.argmin(damping)), damping.shape)
+            at = ", ".join(f"{name} = {short(float(v[k]))}" for name, v in values.items())
+            said.append(
+                f"The least damping of a pole that swings, among {count} random samples, is "
+                f"{float(damping[k, j]):.4g}, at {table.natural_frequency[k, j]:.4g} rad/s; {at}."
+            )
+    return tuple(said)
+
+
+def worst_cases(analyses: Sequence[tuple[str, System, Bounds]]) -> tuple[Worst, ...]:
+    """The analyses that are stored beside the model."""
+    found = []
+    for name, system, bounds in analyses:
+        units = {p.name: p.unit for p in system.parameters}
+        rows = tuple(
+            (
+                parameter,
+                short(value),
+                units.get(parameter, ""),
+                _delta(bounds.delta.get(parameter, 0.0)),
+                f"{bounds.sensitivity.get(parameter, 0.0):.3f}",
+            )
+            for parameter, value in bounds.worst.items()
+        )
+        found.append(Worst(name, bounds.proved, tuple(_said(bounds)), rows))
+    return tuple(found)
+
+
+def _delta(value: object) -> str:
+    return f"{value:.4f}" if isinstance(value, float | int | complex) else "a matrix"
+
+
+def _said(bounds: Bounds) -> list[str]:
+    """Sentences on one analysis."""
+    low, high = short(bounds.lower), short(bounds.upper)
+    moving = ", ".join(f"{name} {short(rate)}" for name, rate in bounds.rates.items())
+    how = f", also while parameters move at rates up to {moving} per second" if moving else ""
+    from_above = bounds.kind in _FROM_ABOVE or bounds.kind not in _PROVED
+    sentence = _PROVED.get(bounds.kind, f"{bounds.kind}: from {{low}} to {{high}}{{how}}.")
+    said = ["Nothing is proved."]
+    if bounds.proved:
+        said = [sentence.format(low=low, high=high, how=how)]
+    reached = bounds.lower if from_above else bounds.upper
+    infinite = from_above and not bounds.proved and math.isinf(reached)
+    if infinite:
+        said = ["It is infinite: there is no bound to prove."]
+    if bounds.worst and math.isfinite(reached):
+        said.append(
+            f"Reached: {short(reached)}, at {short(bounds.frequency)} rad/s, at these values."
+        )
+    if bounds.motion is not None:
+        said.append(f"A motion of {high} times the ranges that does not come to rest is stored.")
+    if bounds.reason:
+        said.append(f"{'Why' if infinite else 'Why not more'}: {bounds.reason.rstrip('.')}.")
+    if bounds.leave_out:
+        said.append(f"States that do not count: {', '.join(bounds.leave_out)}.")
+    if bounds.proof is not None:
+        kind = _KINDS[type(bounds.proof).__name__]
+        said.append(
+            f"The proof, by {kind}, is stored in the archive; mbdlft verify checks it again without a "
+            "search."
+        )
+    elif bounds.proved:
+        said.append("The proof is not stored.")
+    return said

@@ -1,0 +1,1 @@
+"""Scenes to be looked at: one web page, with sliders for parameters and positions, and moving modes."""

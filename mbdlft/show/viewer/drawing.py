@@ -1,0 +1,347 @@
+"""What is drawn of a scene: items of a tree, with shapes whose points and directions come from a tape."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import casadi as ca
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.description import AXES, Expected
+from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.multibody.assembly.tree import PortFrame
+from mbdlft.multibody.body import GROUND, Beam, Body, ElasticBody, RigidBody
+from mbdlft.multibody.body.elastic import times
+from mbdlft.multibody.force import Load, Spring, Strut
+from mbdlft.multibody.force.kinds import DirectedLoad
+from mbdlft.multibody.joint import Joint
+from mbdlft.multibody.loop import Loop
+from mbdlft.multibody.scene.quantities import owner_name
+from mbdlft.multibody.sensor import Sensor
+from mbdlft.multibody.spatial import column
+from mbdlft.problem.sx.constants import unit_vector
+from mbdlft.show.viewer.center_line import center_line
+from mbdlft.show.viewer.poses import Poses, load_wrenches
+
+T = TypeVar("T")
+Shape = dict[str, Any]
+Item = dict[str, Any]
+_NOTHING = 1e-12  # of a wrench: a part that no load of this kind has
+
+
+@dataclass(slots=True)
+class Drawing:
+    """Items and shapes in the making.
+
+    Attributes
+    ----------
+    poses : Poses
+    nominal : physical values (n_p,)
+    vectors : points and directions (3,), of which shapes have the numbers
+    items : the tree: ``id``, ``group``, ``name``, ``kind``, ``lines`` (what the file says), ``shapes``
+    """
+
+    poses: Poses
+    nominal: Array
+    vectors: list[ca.SX] = field(default_factory=list)
+    items: list[Item] = field(default_factory=list)
+
+    def vector(self, expression: ca.SX) -> int:
+        """The number of a point or direction (3,)."""
+        self.vectors.append(expression)
+        return len(self.vectors) - 1
+
+    def frame(self, body: str) -> list[int]:
+        """The numbers of the origin of a body and of its axes."""
+        frame = self.poses.frames[body]
+        return [self.vector(frame.r), *(self.vector(frame.R[:, k]) for k in range(3))]
+
+    def add(
+        self, group: str, name: str, kind: str, lines: list[str], shapes: Iterable[Shape]
+    ) -> None:
+        """Add an item; its number is its place."""
+        self.items.append(
+            {"group": group, "name": name, "kind": kind, "lines": lines, "shapes": list(shapes)}
+        )
+
+    def first_coordinate(self, owner: str) -> int:
+        """The place of the first coordinate of a joint or body; that of its effort in u, too."""
+        k = 0
+        for owned in self.poses.owned:
+            if owned.owner == owner:
+                return k
+            k += len(owned.freedoms)
+        return k
+
+    def numbers(self, expression: ca.SX) -> Array:
+        """Values of an expression at nominal and at equilibrium, as a vector."""
+        function = self.poses.as_function(ca.vec(expression), "nominal")
+        return np.asarray(function(self.nominal, 0.0)).ravel()
+
+    def function(self) -> ca.Function:
+        """All vectors (3 n,) by (physical values, q)."""
+        return self.poses.as_function(ca.vertcat(*self.vectors), "vectors")
+
+
+def draw(poses: Poses, nominal: Array) -> Drawing:
+    """The drawing of a scene; `nominal` (n_p,) are the values of its parameters."""
+    drawing = Drawing(poses, nominal)
+    scene = poses.scene
+    _draw_world(drawing)
+    for body in scene.bodies:
+        if body.name != GROUND:
+            _draw_body(drawing, body)
+    for joint in scene.joints:
+        _draw_joint(drawing, joint)
+    count = sum(len(owned.freedoms) for owned in poses.owned)
+    for k, load in enumerate(scene.loads):
+        _draw_load(drawing, load, count + k)
+    for sensor in scene.sensors:
+        _draw_sensor(drawing, sensor)
+    for loop in scene.loops:
+        _draw_loop(drawing, loop)
+    if not np.isfinite(drawing.numbers(ca.horzcat(*drawing.vectors))).all():
+        raise SceneError(
+            f"scene {scene.name!r}: a position is not finite at nominal, so there is nothing to draw. "
+            "Lengths or angles are too large."
+        )
+    masses = [s for item in drawing.items for s in item["shapes"] if s["type"] == "mass"]
+    for shape in masses:
+        largest = max(other["mass"] for other in masses)
+        shape["share"] = float((shape["mass"] / largest) ** (1.0 / 3.0))
+    return drawing
+
+
+def said(quantities: dict[str, Expected]) -> list[str]:
+    """Lines such as ``mass = m1 kg`` of what a file says."""
+    return [
+        f"{label} = {expected.source}" + ("" if expected.unit == "1" else f" {expected.unit}")
+        for label, expected in quantities.items()
+    ]
+
+
+def _draw_world(d: Drawing) -> None:
+    """The axes of the ground, gravity, acceleration and spin of the frame."""
+    scene, origin = d.poses.scene, d.vector(ca.SX(3, 1))
+    own = d.poses.values[f"scene {scene.name!r}"]
+    d.add("world", GROUND, "ground", ["axes of the scene"], [
+        {"type": "frame", "at": d.frame(GROUND), "layer": "ground", "big": True},
+        *_ports(d, d.poses.view.now.bodies[GROUND]),
+    ])  # fmt: skip
+    for key in ("gravity", "acceleration"):
+        given = getattr(scene, key)
+        if any(component != 0 for component in given):
+            vector = column(own[f"{key}.{axis}"] for axis in AXES)
+            line = f"{key} = [{', '.join(map(str, given))}] m/s^2"
+            arrow = {"type": "arrow", "at": origin, "along": d.vector(vector), "layer": "ground"}
+            # nothing to draw of what the trim solves for
+            d.add("world", key, key, [line], [arrow] if vector.nnz() else [])
+    if scene.spin:
+        line = f"rate = {scene.spin.rate} rad/s"
+        axis = d.vector(unit_vector(scene.spin.axis))
+        shape = {"type": "turn", "at": origin, "along": axis, "layer": "ground"}
+        d.add("world", "spin", "spin", [line], [shape])
+
+
+def _ports(d: Drawing, body: Body) -> list[Shape]:
+    """The declared ports of a body."""
+    names = [port for port in body.port_names() if port not in ("origin", "center_of_mass")]
+    d.poses.view.owner = owner_name(body)
+    return [
+        {"type": "port", "at": d.vector(d.poses.port(f"{body.name}.{port}")), "label": port,
+         "layer": "ports"}
+        for port in names
+    ]  # fmt: skip
+
+
+def _draw_body(d: Drawing, body: Body) -> None:
+    """A body: sticks between its points, its axes, ports and center of mass."""
+    poses, values = d.poses, d.poses.values.get(owner_name(body), {})
+    frame, now = poses.frames[body.name], poses.view.now
+    shapes: list[Shape] = []
+    if isinstance(body, ElasticBody):
+        q = now.elastic[body.name].q
+        if isinstance(body, Beam):
+            points = [frame.at(point) for point in center_line(body, values, q)]
+            shapes.append(
+                {"type": "curve", "points": [d.vector(p) for p in points], "layer": "bodies"}
+            )
+        else:
+            shapes += [
+                {"type": "stick", "points": [d.vector(frame.r), d.vector(r)], "layer": "bodies",
+                 "elastic": True}
+                for r in _ends(d, body)
+            ]  # fmt: skip
+    else:
+        shapes += _sticks(d, body)
+    shapes.append({"type": "frame", "at": d.frame(body.name), "layer": "frames"})
+    shapes += _ports(d, body)
+    center = _center_of_mass(d, body)
+    if center is not None:
+        mass = float(d.numbers(ca.SX(body.total_mass(values)))[0])
+        if 0.0 < mass < math.inf:
+            at = d.vector(center)
+            shapes.append({"type": "mass", "at": at, "mass": mass, "layer": "centers of mass"})
+    d.add("bodies", body.name, body.kind, said(body.quantities()), shapes)
+
+
+def _ends(d: Drawing, body: ElasticBody) -> list[ca.SX]:
+    """Points of an elastic body that move with its deformation: its ports, else its center of mass."""
+    names = [PortFrame.named(body.name, port).name for port in body.elastic_ports()]
+    center = None if names else _center_of_mass(d, body)
+    return [d.poses.frames[name].r for name in names] + ([] if center is None else [center])
+
+
+def _center_of_mass(d: Drawing, body: Body) -> ca.SX | None:
+    """Where the center of mass of a body is; None without mass at nominal.
+
+    The participation factors of translations are the mass times what the coordinates do to it.
+    """
+    poses, values = d.poses, d.poses.values.get(owner_name(body), {})
+    if isinstance(body, RigidBody):
+        poses.view.owner = owner_name(body)
+        return poses.port(f"{body.name}.center_of_mass")
+    inboard, mass = poses.inboard[body.name], ca.SX(body.total_mass(values))
+    if not d.numbers(mass)[0] > 0.0:
+        return None
+    moment = body.first_moment(values, poses.view.now.inboard[body.name])
+    if isinstance(body, ElasticBody):
+        q = poses.view.now.elastic[body.name].q
+        moment = moment + times(body.elastic(values).participation, q)[:3]
+    return inboard.at(moment / mass)
+
+
+def _sticks(d: Drawing, body: Body) -> list[Shape]:
+    """Sticks from the port at which a rigid body is held to its other ports and its center of mass."""
+    poses = d.poses
+    start = poses.inboard[body.name].r
+    poses.view.owner = owner_name(body)
+    ends = [poses.port(f"{body.name}.{port}") for port in body.port_names() if port != "origin"]
+    ends.append(poses.frames[body.name].r)
+    found: list[Shape] = []
+    for end in ends:
+        if np.max(np.abs(d.numbers(end - start))) > 0.0:
+            points = [d.vector(start), d.vector(end)]
+            found.append({"type": "stick", "points": points, "layer": "bodies"})
+    if not found:
+        found.append({"type": "dot", "at": d.vector(start), "layer": "bodies"})
+    return found
+
+
+def _draw_joint(d: Drawing, joint: Joint) -> None:
+    """A joint: an arrow along each axis, with a bent one where it turns."""
+    pose = d.poses.joints[joint.name]
+    at = d.vector(pose.parent), d.vector(pose.child)
+    shapes: list[Shape] = [{"type": "joint", "at": at[0], "kind": joint.kind, "layer": "joints"}]
+    if np.max(np.abs(d.numbers(pose.child - pose.parent))) > 0.0 or joint.kind != "fixed":
+        shapes.append({"type": "line", "points": list(at), "layer": "joints"})
+    first = d.first_coordinate(owner_name(joint))
+    for k, moving in enumerate(pose.axes):
+        kind = "turn" if moving.turns else "slide"
+        arrow: Shape = {"at": at[1 if moving.turns else 0], "along": d.vector(moving.axis)}
+        shapes.append({"type": kind, **arrow, "layer": "joints"})
+        if not getattr(joint, "imposed", False):
+            own: Shape = {"effort": first + k, "turns": moving.turns, "layer": "equilibrium"}
+            shapes.append({"type": "effort", **arrow, **own})
+    lines = [f"{joint.parent} to {joint.child}", *_axis_lines(joint), *said(joint.quantities())]
+    if getattr(joint, "rate", None) is not None:
+        lines.append("turns at this rate at equilibrium")
+    if imposed := getattr(joint, "imposed", False):
+        lines.append(f"its {'motion' if imposed == 'motion' else 'acceleration'} is an input")
+    d.add("joints", joint.name, joint.kind, lines, shapes)
+
+
+def _axis_lines(joint: Joint) -> list[str]:
+    """The axes as the file gives them."""
+    found = []
+    for key in ("axis", "axis1", "axis2"):
+        axis = getattr(joint, key, None)
+        if axis is not None:
+            found.append(f"{key} = [{', '.join(f'{float(entry):g}' for entry in axis)}]")
+    return found
+
+
+def _draw_load(d: Drawing, load: Load, effort: int) -> None:
+    """A load: arrows of its force and torque at a magnitude of one, and the coil of a spring.
+
+    `effort` is the place of its magnitude among the entries of u.
+    """
+    wrenches = load_wrenches(d.poses, load)
+    shapes: list[Shape] = []
+    if isinstance(load, Spring | Strut):
+        points = [d.vector(wrench.point) for wrench in wrenches]
+        shapes.append({"type": "spring", "points": points, "layer": "loads"})
+    for wrench in wrenches:
+        sizes = [float(np.max(np.abs(d.numbers(part)))) for part in (wrench.force, wrench.torque)]
+        for size, part, kind in zip(
+            sizes, (wrench.force, wrench.torque), ("force", "torque"), strict=True
+        ):
+            if size > _NOTHING * max(sizes):
+                at, along = d.vector(wrench.point), d.vector(part)
+                shapes.append(
+                    {"type": kind, "at": at, "along": along, "effort": effort, "layer": "loads"}
+                )
+    port = ", ".join(f"{key} {port}" for key, port in load.ports().items())
+    lines = [port, *said(load.quantities())]
+    if isinstance(load, DirectedLoad | Strut):
+        direction = ", ".join(f"{float(entry):g}" for entry in load.direction)
+        of = load.frame if isinstance(load, DirectedLoad) else load.parent
+        lines.insert(1, f"direction = [{direction}] of {of}")
+    d.add("loads", load.name, load.kind, lines, shapes)
+
+
+def _draw_sensor(d: Drawing, sensor: Sensor) -> None:
+    """A sensor: its place, and the axes of its components."""
+    port, frame = getattr(sensor, "port", None), getattr(sensor, "frame", None)
+    joint = getattr(sensor, "joint", None)
+    view = d.poses.view
+    view.owner = f"sensor {sensor.name!r}"
+    at, axes = ca.SX(3, 1), ca.SX.eye(3)
+    lines = [", ".join(signal.name for signal in sensor.signals())]
+    if port is not None:
+        at = d.poses.port(port)
+        body = frame if frame is not None else view.find(port)[0]
+        axes = _known(d, "frame", body, d.poses.frames).R
+        lines.append(f"port {port}, axes of {body}")
+    elif joint is not None:
+        at = _known(d, "joint", joint, d.poses.joints).child
+        axes = d.poses.frames[view.joints[joint]].R
+        lines.append(f"joint {joint}")
+    numbers = [d.vector(at), *(d.vector(axes[:, k]) for k in range(3))]
+    d.add("sensors", sensor.name, sensor.kind, lines, [
+        {"type": "sensor", "at": numbers, "layer": "sensors"}
+    ])  # fmt: skip
+
+
+def _known(d: Drawing, key: str, name: str, among: Mapping[str, T]) -> T:
+    """What is called so, or a SceneError."""
+    if name not in among:
+        what = "body" if key == "frame" else key
+        raise SceneError(f"{d.poses.view.owner}, {key}: " + unknown_name(what, name, among))
+    return among[name]
+
+
+def _draw_loop(d: Drawing, loop: Loop) -> None:
+    """The closure of a loop: the place where its ports meet, and its axis."""
+    poses = d.poses
+    poses.view.owner = f"loop {loop.name!r}"
+    points = [d.vector(poses.port(port)) for port in (loop.parent, loop.child)]
+    shapes: list[Shape] = [
+        {"type": "joint", "at": points[0], "kind": loop.kind, "layer": "joints"},
+        {"type": "line", "points": points, "layer": "joints"},
+    ]
+    own = poses.values.get(poses.view.owner, {})
+    for axis, port in (
+        (loop.axis, loop.parent),
+        (loop.axis1, loop.parent),
+        (loop.axis2, loop.child),
+    ):
+        if axis is not None:
+            unit = unit_vector(axis)
+            unit = unit if port == loop.child else loop.in_parent_axes(unit, own)
+            along = d.vector(ca.mtimes(poses.frames[poses.view.find(port)[0]].R, unit))
+            kind = "arrow" if loop.kind == "prismatic" else "turn"
+            shapes.append({"type": kind, "at": points[0], "along": along, "layer": "joints"})
+    d.add("loops", loop.name, loop.kind, [f"{loop.parent} to {loop.child}"], shapes)

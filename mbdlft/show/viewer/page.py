@@ -1,0 +1,183 @@
+"""The page of a scene: one file with its own data and scripts, and the library that draws in space.
+
+The library is three.js, out of the bundle of the package k3d, which is read when a page is written.
+"""
+
+import html
+import importlib.metadata
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from mbdlft.archive.files import target_of
+from mbdlft.base.errors import MbdlftError, SceneError
+from mbdlft.multibody.scene.scene import Scene
+from mbdlft.show.viewer.data import view_data
+
+_FOLDER = Path(__file__).parent / "assets"
+_SCRIPTS = ("interpret.js", "shapes.js", "world.js", "main.js")
+_PACKAGE, _BUNDLE = "k3d", "k3d/static/standalone.js"
+_HEIGHT = 640  # of the page in a notebook
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Page:
+    """A web page; a notebook shows it, and `save` writes it.
+
+    Attributes
+    ----------
+    name : of the scene
+    html : the whole page, without anything that it would load
+    """
+
+    name: str
+    html: str
+
+    def save(self, path: str | Path) -> Path:
+        """Write the page to the file `path`.
+
+        Raises
+        ------
+        SceneError
+            It cannot be written.
+        """
+        file = target_of(Path(path))
+        try:
+            file.write_text(self.html, encoding="utf-8")
+        except OSError as error:
+            raise SceneError(f"{file}: cannot be written: {error.strerror or error}.") from None
+        return file
+
+    def _repr_html_(self) -> str:
+        return (
+            f'<iframe srcdoc="{html.escape(self.html)}" width="100%" height="{_HEIGHT}" '
+            'style="border:0"></iframe>'
+        )
+
+    def __repr__(self) -> str:
+        return f"Page({self.name!r}, {len(self.html) / 1e6:.1f} MB)"
+
+
+def view(
+    scene: Scene,
+    values: Mapping[str, float] | None = None,
+    *,
+    robot: str | Path | None = None,
+    model: str | None = None,
+) -> Page:
+    """The page that shows a scene: bodies, joints, loads, sensors; with sliders, and modes that move.
+
+    Parameters
+    ----------
+    scene : Scene
+    values : mapping of names to numbers, optional
+        Values of parameters at which the page begins, in their units; the others are nominal. The modes
+        there are exact.
+    robot : file, optional
+        The URDF, SDF or MJCF file that the scene is of: shapes and meshes of its links are shown, too.
+    model : str, optional
+        Which model of an SDF file that has several.
+
+    Returns
+    -------
+    Page
+        It is shown by a notebook; ``view(scene).save("scene.html")`` writes a file.
+
+    Raises
+    ------
+    SceneError
+        Names, units or the tree of the scene are wrong, the package k3d is missing, or the file of
+        the robot cannot be read. Meshes that are not there are notes on the page.
+    TrimError
+        A name of `values` is unknown, or a value is outside its range.
+    """
+    if not isinstance(scene, Scene):
+        raise SceneError(
+            f"view: expected a Scene, got {type(scene).__name__}. load_scene, load_robot and "
+            "scene_from_toml make one; scene_of(model) is that of a model."
+        )
+    library, version = _library()
+    return Page(scene.name, _filled(view_data(scene, values, robot, model), library, version))
+
+
+def _filled(data: Mapping[str, Any], library: str, version: str) -> str:
+    """The page with its data; what a scene says is text and never markup."""
+    import jinja2
+    from markupsafe import Markup
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_FOLDER), autoescape=True, undefined=jinja2.StrictUndefined
+    )
+    try:
+        text = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    except ValueError:
+        raise SceneError(
+            f"view: scene {data['name']!r}: a number of the page is not finite; masses, lengths or "
+            "stiffnesses are of very different size."
+        ) from None
+    for letter in "<>&":  # no text of a scene can end the element
+        text = text.replace(letter, f"\\u{ord(letter):04x}")
+    return environment.get_template("page.html").render(
+        data=data,
+        data_text=Markup(text),
+        style=Markup(_own("style.css")),
+        scripts=[Markup(_own(name)) for name in _SCRIPTS],
+        library=Markup(library),
+        library_version=version,
+        version=importlib.metadata.version("mbdlft"),
+    )
+
+
+def _own(name: str) -> str:
+    return (_FOLDER / name).read_text(encoding="utf-8")
+
+
+@cache
+def _library() -> tuple[str, str]:
+    """The script of the library, and the version of the package that has it.
+
+    Raises
+    ------
+    SceneError
+        The package is not there, or has another layout.
+    """
+    try:
+        package = importlib.metadata.distribution(_PACKAGE)
+        text = Path(str(package.locate_file(_BUNDLE))).read_text(encoding="utf-8")
+    except (importlib.metadata.PackageNotFoundError, OSError):
+        raise SceneError(
+            f"view: the package {_PACKAGE!r}, which has the library that draws in space, is not "
+            "installed or has no " + _BUNDLE + ". pip install 'mbdlft[viewer]'."
+        ) from None
+    return text.replace("</script", "<\\/script"), package.version
+
+
+def scene_of(model: object) -> Scene:
+    """The scene that a model was made of, from the text in its provenance.
+
+    Parameters
+    ----------
+    model : LFTModel
+
+    Raises
+    ------
+    SceneError
+        The model was made of a matrix or of other models, or is none.
+    """
+    from mbdlft.multibody.scene import scene_from_toml
+    from mbdlft.system.model import LFTModel
+
+    if not isinstance(model, LFTModel):
+        raise SceneError(
+            f"view: a {type(model).__name__} has no scene; a model of a scene has one."
+        )
+    try:
+        return scene_from_toml(model.provenance.scene)
+    except MbdlftError as error:
+        raise SceneError(
+            f"view: the model {model.name!r} was not made of one scene alone, so there is nothing to "
+            f"be seen: {error}"
+        ) from None
