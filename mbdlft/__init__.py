@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from mbdlft.system import *
 
 if TYPE_CHECKING:  # public names that are also those of modules, which come with the lines above
+    from mbdlft.analyze import poles as poles
     from mbdlft.archive import load as load
     from mbdlft.base import grid as grid
     from mbdlft.batch import sweep as sweep
@@ -51,7 +52,6 @@ if TYPE_CHECKING:  # public names that are also those of modules, which come wit
     from mbdlft.dae import trim as trim
     from mbdlft.modelica import translate as translate
     from mbdlft.multibody import notes as notes
-    from mbdlft.analyze import poles as poles
     from mbdlft.show import view as view
     from mbdlft.system import lft as lft
 
