@@ -65,7 +65,7 @@ def test_a_tape_is_its_function() -> None:
 
 
 def test_the_page_has_the_operations_of_the_tape() -> None:
-    script = (ROOT / "mbdlft/viewer/assets/interpret.js").read_text(encoding="utf-8")
+    script = (ROOT / "mbdlft/show/viewer/assets/interpret.js").read_text(encoding="utf-8")
     assert re.findall(r"case (\d+):", script) == [str(k) for k in range(len(OPERATIONS))]
     x = ca.SX.sym("x")
     with pytest.raises(NotImplementedError, match="'exp' of 'growth'"):
@@ -252,7 +252,7 @@ def test_texts_end_no_element() -> None:
 
 def test_a_page_asks_for_nothing() -> None:
     """Own parts have no address; the library has those of its comments only."""
-    for file in (ROOT / "mbdlft/viewer/assets").iterdir():
+    for file in (ROOT / "mbdlft/show/viewer/assets").iterdir():
         assert "http" not in file.read_text(encoding="utf-8"), file.name
 
 
