@@ -108,11 +108,11 @@ def test_tolerances_stand_in_one_file() -> None:
             assert not pattern.search(line), f"{path}:{number}: {line.strip()}"
 
 
-def test_files_have_at_most_400_lines() -> None:
+def test_files_have_at_most_500_lines() -> None:
     large = {
         path.relative_to(ROOT / "mbdlft").as_posix()
         for path in SOURCES
-        if len(path.read_text(encoding="utf-8").splitlines()) > 400
+        if len(path.read_text(encoding="utf-8").splitlines()) > 500
     }
     assert not large
 
