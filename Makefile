@@ -4,7 +4,7 @@
 # make attack     damaged, hostile, absurd and random inputs: ATTACK="--minutes 30 --only archives,matrices"
 # make mutants    planted bugs: each must fail a test
 # make docs       the documentation as web pages, out/site/index.html
-# make bench      measure, and write the tables into the README and docs/; print those of the UR5 and of moves between files
+# make bench      measure, and write the tables into docs/; print those of the UR5 and of moves between files
 # Each needs Python 3.11 or newer and a package index; everything goes into .venv, and no more than it needs.
 
 PYTHON ?= python3
@@ -46,7 +46,7 @@ docs: .venv/docs
 	$(BIN)/python -m docs.site out/site
 
 bench: .venv/bench
-	$(BIN)/python -m benchmarks.arm --write README.md
+	$(BIN)/python -m benchmarks.arm --write docs/measured.md
 	$(BIN)/python -m benchmarks.orders --write docs/orders.md
 	$(BIN)/python -m benchmarks.flexible --write docs/flexible.md
 	$(BIN)/python -m benchmarks.hard_cases --write docs/hard-cases.md

@@ -1,6 +1,6 @@
 """The two-link arm and the pendulum: exactness, order and speed, as a table.
 
-Run it from the top of the repository: python -m benchmarks.arm [--write README.md]
+Run it from the top of the repository: python -m benchmarks.arm [--write docs/measured.md]
 
 Times are medians in one process; whole processes are started one after the other. The answer is
 verified against the closed form before any time is printed.
