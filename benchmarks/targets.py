@@ -1,4 +1,4 @@
-"""Relative errors that the project promises in docs/measured.md; benchmarks refuse to print beyond them."""
+"""Relative errors promised in docs/measured.md; benchmarks refuse to print beyond them."""
 
 EPS = 2.0**-52  # distance of 1.0 to the next float
 
