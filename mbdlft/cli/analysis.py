@@ -60,7 +60,7 @@ def margin(
     as_json: AsJson = False,
 ) -> None:
     """Bounds of the margin of robust stability, proved for all frequencies and values."""
-    from mbdlft.robust.margin import robust_stability
+    from mbdlft.robust.stability import robust_stability
 
     _check(figure)
     system = loop_of(archive, model, controller)
@@ -138,7 +138,7 @@ def worst(
 def verify(archive: Archive, as_json: AsJson = False) -> None:
     """Check every stored proof again, without a search."""
     from mbdlft.archive.analysis import analysis_names, load_analysis
-    from mbdlft.robust.recheck import verify as check
+    from mbdlft.robust.proofs import verify as check
 
     names = analysis_names(archive)
     if not names:

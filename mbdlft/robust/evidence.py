@@ -31,7 +31,7 @@ class Interval(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IntervalProof:
-    """Parts of the box, and in each intervals of frequency with multipliers (`mbdlft.robust.parts`).
+    """Parts of the box, and in each intervals of frequency with multipliers (`mbdlft.robust.mu.mixed`).
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class IntervalProof:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoxProof:
-    """Cuts of the box |delta| <= k that prove a bound, as `mbdlft.robust.boxes` explains them.
+    """Cuts of the box |delta| <= k that prove a bound, as `mbdlft.robust.bisect.boxes` explains them.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class BoxProof:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionProof:
-    """A form that proves a bound for parameters that move, as `mbdlft.robust.variation` explains it.
+    """A form that proves a bound for parameters that move (`mbdlft.robust.moving.variation`).
 
     Attributes
     ----------

@@ -2,8 +2,8 @@
 
 The worst-case gain is the largest H-infinity norm of a transfer over the declared box. It is bounded from
 below by the gain at deltas that an ascent with exact slopes finds, and from above by a proof
-(`mbdlft.robust.boxes`). The margin of robust performance is the largest k for which the gain on the
-box of size k is at most 1/k: then weights say what is asked for.
+(`mbdlft.robust.bisect.boxes`). The margin of robust performance is the largest k for which the gain on
+the box of size k is at most 1/k: then weights say what is asked for.
 """
 
 from collections.abc import Sequence
@@ -16,30 +16,34 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.threads import one_thread
-from mbdlft.robust.anytime import (
+from mbdlft.robust.bisect.characteristic import Polynomials, Realization
+from mbdlft.robust.bisect.search import (
     GAP,
     LARGEST,
     UNSTABLE,
     WORK,
     Asked,
+    BoxSearch,
     Progress,
     check_numbers,
+    cost_of,
+    is_dear,
+    resistance,
+    too_large,
 )
-from mbdlft.robust.box_search import BoxSearch, cost_of, is_dear, resistance, too_large
-from mbdlft.robust.characteristic import Polynomials, Realization
 from mbdlft.robust.crew import crew_of
 from mbdlft.robust.evidence import Bounds, BoxProof
 from mbdlft.robust.loop import GAIN, loop_of
-from mbdlft.robust.mixed import MixedSearch, Signals
+from mbdlft.robust.migration import smallest_crossing
+from mbdlft.robust.moving.varying import MovingGain, Rates, rates_of
+from mbdlft.robust.mu.mixed import MixedSearch, Signals
 from mbdlft.robust.peak import NOTHING, Peak, largest_peak, peak_at, slope_at
-from mbdlft.robust.pole_migration import smallest_crossing
 from mbdlft.robust.realization import (
     check_constant,
     realization,
     stable_states,
     states_that_stay,
 )
-from mbdlft.robust.varying import MovingGain, Rates, rates_of
 from mbdlft.system.names import positions_of
 from mbdlft.system.system import System
 

@@ -6,9 +6,16 @@ With Delta = diag(delta_k I), K = (I - D_zw Delta)^-1 C_z, L = B_w (I - Delta D_
 
 with the columns of L and the rows of K of block k; so an eigenvalue with left vector u and right vector v
 moves by u' L_k K_k v / (u' v).
+
+Small deltas that move a pole to the imaginary axis, without a grid of frequencies.
+
+The slopes of the poles are those of `mbdlft.robust.migration`.
+The smallest box with a point where the linearized real part reaches 0 is a corner: its deltas are
+s sign(g_k), g the slope of the real part. Steps towards that corner are repeated from every pole. What is
+found is moved along its ray to where the pole crosses.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +23,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
-from mbdlft.robust.characteristic import Realization
+from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.realization import realization
 from mbdlft.system.system import System, deltas_of
 
@@ -186,3 +193,187 @@ def push_right(
         else:
             half /= 4.0
     return delta, pole, used
+
+
+_STEPS_pole_migration, _RANDOM = 12, 6
+_BISECTIONS = 60
+_ENDS = 1e-7  # of a step: below this the search has arrived
+
+
+class Crossing(NamedTuple):
+    """Deltas with a pole on or beyond the axis.
+
+    Attributes
+    ----------
+    size : float
+        Largest |delta|.
+    delta : array (number of deltas,)
+    frequency : float
+        Of the pole (rad/s).
+    slope : array (number of deltas,)
+        Of its real part.
+    """
+
+    size: float
+    delta: Array
+    frequency: float
+    slope: Array
+
+
+NONE = Crossing(np.inf, np.zeros(0), np.nan, np.zeros(0))
+
+
+def state_matrices(model: Realization, deltas: Array) -> Array | None:
+    """A (..., n, n) at deltas; None if one is singular, or beyond such a point: det(I - Delta D) <= 0."""
+    w = model.spread(deltas)[..., None]
+    loop = np.eye(len(model.D)) - w * model.D
+    if np.any(np.linalg.slogdet(loop)[0] <= 0.0):
+        return None
+    return np.asarray(model.A + model.B @ np.linalg.solve(loop, w * model.C))
+
+
+def abscissa(model: Realization, delta: Array) -> float:
+    """The largest real part of the poles; infinite where the model is singular, or beyond."""
+    A = state_matrices(model, delta)
+    return np.inf if A is None else float(np.max(np.linalg.eigvals(A).real, initial=-np.inf))
+
+
+def smallest_crossing(model: Realization, largest: float, most: float = np.inf) -> Crossing:
+    """The best of the crossings with |delta| <= largest that searches from all poles lead to.
+
+    At most so many searches are begun.
+    """
+    q, best = len(model.sizes), NONE
+    if not q:
+        return best
+    poles = np.linalg.eigvals(model.A)
+    starts = [(np.zeros(q), poles[i]) for i in by_damping(poles) if poles[i].imag >= 0.0]
+    random = np.random.default_rng(0)
+    for count, (delta, pole) in enumerate((*starts, *[(None, None)] * _RANDOM)):
+        if count >= most:
+            break
+        if delta is None:
+            reach = min(best.size, largest)
+            delta = 0.7 * reach * random.uniform(-1.0, 1.0, q)
+            best = _towards_singular(model, delta, largest, best)
+            pole = _rightmost(model, delta)
+        best = _followed(model, delta, pole, largest, best)
+    return best
+
+
+def improved(model: Realization, delta: Array, best: Crossing, largest: float) -> Crossing:
+    """The best crossing that is near to given deltas."""
+    found = crossing_on_ray(model, delta, largest)
+    best = found if found.size < best.size else best
+    best = _towards_singular(model, delta, largest, best)
+    return _followed(model, delta, _rightmost(model, delta), largest, best)
+
+
+def crossing_on_ray(model: Realization, delta: Array, largest: float) -> Crossing:
+    """Where on the way from 0 to delta a pole first seems to cross; `NONE` if delta is stable.
+
+    The end is a point whose computed pole is on or beyond the axis.
+    """
+    size = float(np.max(np.abs(delta), initial=0.0))
+    if size == 0.0 or size > largest * (1.0 + 1e-12) or not abscissa(model, delta) >= 0.0:
+        return NONE
+    low, high = 0.0, 1.0
+    for t in np.linspace(0.0, 1.0, 9)[1:-1]:  # an earlier crossing, if it is long
+        if abscissa(model, t * delta) >= 0.0:
+            high = float(t)
+            break
+        low = float(t)
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        if abscissa(model, middle * delta) >= 0.0:
+            high = middle
+        else:
+            low = middle
+    end = high * delta
+    singular = Crossing(high * size, end, np.inf, np.zeros(len(delta)))
+    if state_matrices(model, end) is None:
+        return singular
+    try:
+        there, _, _ = moving_at(model, end)
+    except (np.linalg.LinAlgError, WellPosednessError):
+        return singular
+    i = int(np.argmax(there.poles.real))
+    slope = there.gradients[i].real
+    slope = slope if np.all(np.isfinite(slope)) else np.zeros(len(delta))
+    return Crossing(high * size, end, float(abs(there.poles[i].imag)), slope)
+
+
+def _rightmost(model: Realization, delta: Array) -> complex:
+    A = state_matrices(model, delta)
+    poles = np.zeros(1) if A is None or not len(A) else np.linalg.eigvals(A)
+    return complex(poles[int(np.argmax(poles.real))])
+
+
+def _followed(
+    model: Realization, delta: Array, pole: complex, largest: float, best: Crossing
+) -> Crossing:
+    """The best of what was known and of what following a pole from given deltas leads to."""
+    for point in _path(model, delta, pole, largest):
+        found = crossing_on_ray(model, point, largest)
+        if found.size < best.size:
+            best = found
+    return best
+
+
+def _towards_singular(model: Realization, delta: Array, largest: float, best: Crossing) -> Crossing:
+    """The best of what was known and of where steps towards det(I - Delta D) = 0 lead to.
+
+    The determinant f is 1 at delta = 0; the smallest box with a zero of its linearization is a corner.
+    """
+    if not np.any(model.D):
+        return best
+    for _ in range(_STEPS_pole_migration):
+        loop = np.eye(len(model.D)) - model.spread(delta)[:, None] * model.D
+        if np.linalg.slogdet(loop)[0] <= 0.0:
+            found = crossing_on_ray(model, delta, largest)
+            best = found if found.size < best.size else best
+            delta = 0.5 * delta
+            continue
+        parts = np.diagonal(np.linalg.solve(loop.T, model.D.T))
+        slope = model.by_parameter(parts)  # of -log f
+        steepness = float(np.sum(np.abs(slope)))
+        if steepness == 0.0:
+            return best
+        size = min(1.02 * (float(slope @ delta) + 1.0) / steepness, largest)
+        target = size * np.sign(slope)
+        found = crossing_on_ray(model, target, largest)
+        best = found if found.size < best.size else best
+        delta = delta + 0.5 * (target - delta)
+    return best
+
+
+def _path(model: Realization, delta: Array, pole: complex, largest: float) -> Iterator[Array]:
+    """Deltas to which a pole is followed: corners, and points on the way to them."""
+    signs = np.zeros(len(delta))
+    for step in range(_STEPS_pole_migration):
+        try:
+            (poles, moves), _, _ = moving_at(model, delta)
+        except (np.linalg.LinAlgError, WellPosednessError):
+            return
+        if not len(poles) or not np.all(np.isfinite(moves)):
+            return
+        nearest = int(np.argmin(np.abs(poles - pole)))
+        if step > 2 and np.max(poles.real) > 0.5 * poles[nearest].real:
+            nearest = int(np.argmax(poles.real))
+        pole, slope = complex(poles[nearest]), moves[nearest].real
+        steepness = float(np.sum(np.abs(slope)))
+        if steepness == 0.0:
+            return
+        size = min((float(slope @ delta) - pole.real) / steepness, largest)
+        if size <= 0.0:
+            return
+        target = size * np.sign(slope)
+        blend = 1.0 if np.array_equal(np.sign(slope), signs) or step < 3 else 0.5
+        signs = np.sign(slope)
+        new = delta + blend * (target - delta)
+        moved = float(np.max(np.abs(new - delta)))
+        delta = new
+        yield delta
+        yield min(1.02 * size, largest) * np.sign(slope)
+        if moved <= _ENDS * size:
+            return

@@ -1,4 +1,6 @@
-"""The peak of a gain over frequency, and deltas at which it is large: lower bounds of the worst case.
+"""Ascent of a function of the deltas in a box: corners to which its slope points, then within the box.
+
+The peak of a gain over frequency, and deltas at which it is large: lower bounds of the worst case.
 
     G(j omega, delta) = M22 + M21 Delta (I - M11 Delta)^-1 M12,   M = M(j omega) of all channels;
     d sigma / d delta_k = Re( u' M21 (I - Delta M11)^-1 P_k (I - M11 Delta)^-1 M12 v )
@@ -15,8 +17,48 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.response.hamiltonian import peak_of
 from mbdlft.response.staircase import Plant
-from mbdlft.robust.ascent import climb
-from mbdlft.robust.characteristic import Realization
+from mbdlft.robust.bisect.characteristic import Realization
+
+_STEPS = 40
+Look = Callable[[Array], tuple[float, Callable[[], Array]]]
+
+
+def climb(look: Look, k: float, start: Array) -> None:
+    """Look at points of the box |delta| <= k where a function is larger and larger.
+
+    Parameters
+    ----------
+    look : function of deltas (number of deltas,)
+        Its value, of the size of 1, and a function without arguments for its slope there. It keeps what
+        is the best; an infinite value ends the ascent.
+    k : float
+    start : array (number of deltas,)
+    """
+    from scipy.optimize import minimize  # here because it is slow to import
+
+    here, (value, slope) = start, look(start)
+    for _ in range(_STEPS):  # corners to which the slope points
+        if not np.isfinite(value):
+            return
+        corner = k * np.sign(slope())
+        if np.array_equal(corner, here):
+            return
+        there, its_slope = look(corner)
+        if there <= value:
+            break
+        here, value, slope = corner, there, its_slope
+    if not np.isfinite(value):
+        return
+
+    def objective(delta: Array) -> tuple[float, Array]:
+        found, its_slope = look(delta)
+        if not np.isfinite(found):
+            return -1e30, np.zeros(len(delta))
+        return -found, -its_slope()
+
+    box, options = [(-k, k)] * len(start), {"maxiter": _STEPS}
+    minimize(objective, here, jac=True, bounds=box, method="L-BFGS-B", options=options)
+
 
 _GROWTH = 1e-9  # of the level at which the search for a peak ends
 _STARTS = 6

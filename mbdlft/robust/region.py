@@ -22,12 +22,10 @@ import numpy as np
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.threads import one_thread
-from mbdlft.robust.characteristic import Realization
-from mbdlft.robust.coordinates import turned
+from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.evidence import Bounds, MotionProof
-from mbdlft.robust.inequality import least_level
-from mbdlft.robust.realization import realization
-from mbdlft.robust.variation import form_of, is_negative, scaled, sizes_of
+from mbdlft.robust.moving.variation import form_of, is_negative, least_level, scaled, sizes_of
+from mbdlft.robust.realization import realization, turned
 from mbdlft.system.names import positions_of
 from mbdlft.system.system import System
 

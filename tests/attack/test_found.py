@@ -12,7 +12,8 @@ from mbdlft.lft.lft import LFT
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.pipeline import candidates, realization
 from mbdlft.pipeline.certify import Checked
-from mbdlft.robust import boxes, margin
+from mbdlft.robust import stability as margin
+from mbdlft.robust.bisect import boxes
 from tests.attack import analyses, cores, equations, expressions, matrices, scenes
 from tests.extracted import exactly
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mbdlft import Block, ComplexBlock, FullBlock
-from mbdlft.robust.multipliers import structure_of, upper_bound
-from mbdlft.robust.singular_value import channels_at
+from mbdlft.robust.mu.multipliers import structure_of, upper_bound
+from mbdlft.robust.mu.singular_value import channels_at
 from tests.close import MU
 from tests.reference.robust_cases import transport_aircraft
 

@@ -19,7 +19,7 @@ from mbdlft import (
     verify,
     worst_case_gain,
 )
-from mbdlft.robust.characteristic import is_hurwitz
+from mbdlft.robust.bisect.characteristic import is_hurwitz
 from tests.reference.robust_cases import of_matrices, static
 
 K = Parameter("k", 2.0, low=1.0, high=3.0, unit="N/m")

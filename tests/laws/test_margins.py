@@ -20,16 +20,16 @@ from mbdlft import (
     verify,
     worst_case_gain,
 )
-from mbdlft.robust.anytime import Asked
-from mbdlft.robust.characteristic import polynomials
+from mbdlft.robust.bisect.characteristic import polynomials
+from mbdlft.robust.bisect.search import Asked
 from mbdlft.robust.evidence import BoxProof, IntervalProof
-from mbdlft.robust.intervals import is_negative_at
 from mbdlft.robust.loop import ends_of, extent_of, loop_of, scaled
-from mbdlft.robust.mixed import MixedSearch
-from mbdlft.robust.multipliers import structure_of, upper_bound
+from mbdlft.robust.mu.intervals import is_negative_at
+from mbdlft.robust.mu.mixed import MixedSearch
+from mbdlft.robust.mu.multipliers import structure_of, upper_bound
+from mbdlft.robust.mu.small_delta import small_delta
 from mbdlft.robust.peak import peak_at
 from mbdlft.robust.realization import realization
-from mbdlft.robust.small_delta import small_delta
 from tests.close import BOUND, STABLE, roundoff
 from tests.laws.random_loops import KINDS, mixed_system, random_system, reached, state_matrices
 from tests.reference import robust_cases

@@ -24,13 +24,13 @@ from mbdlft import (
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT
 from mbdlft.robust import loop as loops
-from mbdlft.robust.anytime import Asked
+from mbdlft.robust.bisect.search import Asked
 from mbdlft.robust.crew import crew_of
 from mbdlft.robust.evidence import IntervalProof
-from mbdlft.robust.intervals import channels_matrix
 from mbdlft.robust.loop import loop_of
-from mbdlft.robust.mixed import MixedSearch
-from mbdlft.robust.small_delta import delta_near
+from mbdlft.robust.mu.intervals import channels_matrix
+from mbdlft.robust.mu.mixed import MixedSearch
+from mbdlft.robust.mu.small_delta import delta_near
 from tests.close import BOUND, MU, STABLE, roundoff, target
 from tests.laws.random_loops import blocks_system, random_system
 from tests.laws.test_margins import random_loop_with_channels

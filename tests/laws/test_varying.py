@@ -20,10 +20,10 @@ from mbdlft import (
 )
 from mbdlft.base.parameter import to_delta, to_physical
 from mbdlft.robust.evidence import MotionProof
-from mbdlft.robust.motion import growth, unstable_motion
+from mbdlft.robust.moving.motion import growth, unstable_motion
+from mbdlft.robust.moving.variation import is_positive
+from mbdlft.robust.moving.varying import delta_rates
 from mbdlft.robust.realization import realization
-from mbdlft.robust.variation import is_positive
-from mbdlft.robust.varying import delta_rates
 from tests.close import BOUND, STABLE, roundoff, target
 from tests.laws.random_loops import random_system, reached, state_matrices
 from tests.laws.test_margins import random_loop_with_channels

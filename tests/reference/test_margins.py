@@ -10,11 +10,11 @@ from mbdlft import (
     robust_stability,
     structured_singular_value,
 )
-from mbdlft.robust.boxes import replayed
-from mbdlft.robust.characteristic import polynomials
-from mbdlft.robust.multipliers import structure_of, upper_bound
+from mbdlft.robust.bisect.boxes import replayed
+from mbdlft.robust.bisect.characteristic import polynomials
+from mbdlft.robust.mu.multipliers import structure_of, upper_bound
+from mbdlft.robust.mu.singular_value import channels_at
 from mbdlft.robust.realization import realization
-from mbdlft.robust.singular_value import channels_at
 from tests.close import MU, published, target
 from tests.reference import robust_cases as cases
 

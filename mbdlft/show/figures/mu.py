@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from mbdlft.robust.bands import mu_bands
 from mbdlft.robust.evidence import Bounds
+from mbdlft.robust.mu.singular_value import mu_bands
 from mbdlft.show.figures.figures import COLORS, WORST, check_figure, over_frequency, write_figure
 from mbdlft.system.system import System
 

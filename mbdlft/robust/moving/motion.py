@@ -17,9 +17,8 @@ import numpy as np
 from scipy.linalg import expm
 
 from mbdlft.base.array import Array
-from mbdlft.robust.characteristic import Realization
-from mbdlft.robust.migration import by_damping, moving_at
-from mbdlft.robust.pole_migration import state_matrices
+from mbdlft.robust.bisect.characteristic import Realization
+from mbdlft.robust.migration import by_damping, moving_at, state_matrices
 
 _POINTS, _FINE = 32, 8  # steps of a period; of a step, for a motion that is not in steps
 _CLIMBS, _HALVES, _ROUNDS, _BISECTIONS = 25, 4, 3, 40

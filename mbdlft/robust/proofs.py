@@ -1,11 +1,11 @@
 """A stored proof is checked again: no search, no solver, and a margin for all rounding.
 
-Of cuts of a box (`mbdlft.robust.boxes`), the coefficients of the polynomial are computed anew, in
-balls, and the cuts repeated. Of multipliers (`mbdlft.robust.parts`), each has the structure of Delta,
+Of cuts of a box (`mbdlft.robust.bisect.boxes`), the coefficients of the polynomial are computed anew, in
+balls, and the cuts repeated. Of multipliers (`mbdlft.robust.mu.mixed`), each has the structure of Delta,
 its matrices are definite, its eigenvalues leave its interval free, and the intervals of each part cover
-all frequencies. Of a quadratic form (`mbdlft.robust.variation`), the form is computed anew, in balls,
-and is definite.
-All begin with a proof that the nominal model is stable, by Routh's scheme in balls.
+all frequencies. Of a quadratic form (`mbdlft.robust.moving.variation`), the form is computed anew, in
+balls, and is definite. All begin with a proof that the nominal model is stable, by Routh's scheme in
+balls.
 """
 
 from dataclasses import replace
@@ -14,13 +14,13 @@ import numpy as np
 
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.threads import one_thread
-from mbdlft.robust.boxes import replayed
-from mbdlft.robust.characteristic import Realization, is_hurwitz, is_stable_at, polynomials
+from mbdlft.robust.bisect.boxes import replayed
+from mbdlft.robust.bisect.characteristic import Realization, is_hurwitz, is_stable_at, polynomials
 from mbdlft.robust.evidence import Bounds, BoxProof, IntervalProof, MotionProof
 from mbdlft.robust.loop import GAIN, loop_of
-from mbdlft.robust.parts import wrong_in
+from mbdlft.robust.moving.varying import checked, rates_of
+from mbdlft.robust.mu.mixed import wrong_in
 from mbdlft.robust.realization import realization, states_that_stay
-from mbdlft.robust.varying import checked, rates_of
 from mbdlft.robust.worst import disk_transfer
 from mbdlft.system.names import positions_of
 from mbdlft.system.system import System

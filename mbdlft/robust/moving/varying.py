@@ -1,8 +1,8 @@
 """Margins and gains for parameters that move: any motion, or with bounded rates.
 
-What is proved rests on a quadratic form (`mbdlft.robust.variation`); what bounds a margin from above are
-constant values, or a periodic motion that does not come to rest (`mbdlft.robust.motion`). The LFT is
-taken with Delta(t) in the place of Delta.
+What is proved rests on a quadratic form (`mbdlft.robust.moving.variation`); what bounds a margin from
+above are constant values, or a periodic motion that does not come to rest
+(`mbdlft.robust.moving.motion`). The LFT is taken with Delta(t) in the place of Delta.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,13 +14,22 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.parameter import Parameter, internal_slope
-from mbdlft.robust.anytime import Search
-from mbdlft.robust.characteristic import Realization
-from mbdlft.robust.coordinates import modal, turned
+from mbdlft.robust.bisect.characteristic import Realization
+from mbdlft.robust.bisect.search import Search
 from mbdlft.robust.evidence import Bounds, MotionProof
-from mbdlft.robust.inequality import Unknowns, cost_of, least_gain, solved
-from mbdlft.robust.motion import NONE, Motion, unstable_motion
-from mbdlft.robust.variation import form_of, is_negative, is_structured, scaled, sizes_of
+from mbdlft.robust.moving.motion import NONE, Motion, unstable_motion
+from mbdlft.robust.moving.variation import (
+    Unknowns,
+    cost_of,
+    form_of,
+    is_negative,
+    is_structured,
+    least_gain,
+    scaled,
+    sizes_of,
+    solved,
+)
+from mbdlft.robust.realization import modal, turned
 from mbdlft.system.system import System
 
 Rates = float | Mapping[str, float] | None

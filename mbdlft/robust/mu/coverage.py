@@ -7,7 +7,6 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.spent import after, tell
 from mbdlft.robust.evidence import Interval, Multipliers
-from mbdlft.robust.intervals import interval_around
 from mbdlft.robust.loop import (
     Complex,
     Loop,
@@ -17,7 +16,8 @@ from mbdlft.robust.loop import (
     matrix_at,
 )
 from mbdlft.robust.migration import by_damping
-from mbdlft.robust.multipliers import Structure, upper_bound
+from mbdlft.robust.mu.intervals import interval_around
+from mbdlft.robust.mu.multipliers import Structure, upper_bound
 
 _STEPS = 2000  # frequencies that are looked at, at most
 _LOOKS = 12

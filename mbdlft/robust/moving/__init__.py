@@ -1,0 +1,1 @@
+"""Parameters that move: quadratic forms that prove stability, and motions that destabilize."""
