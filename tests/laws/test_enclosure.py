@@ -247,3 +247,26 @@ def test_what_many_products_lose_by_underflow_is_counted(monkeypatch: pytest.Mon
     monkeypatch.setattr(taylor, "_TINY", 0.0)
     with pytest.raises(AssertionError):
         inside()
+
+
+def cancelling(boxes: int) -> taylor.Taylor:
+    """Polynomials of degree 60 with control points of 1 at the end x = 1 and of at most 1/2 elsewhere.
+
+    Their coefficients are 10^7 and cancel: the sum at the end loses more than the 2^-40 that `up` adds.
+    """
+    monomials, random = taylor.space(1, 60), np.random.default_rng(0)
+    inverse = np.linalg.inv(monomials.bernstein.astype(float))
+    points = random.uniform(-0.5, 0.5, (61, boxes))
+    points[-1] = 1.0
+    return taylor.Taylor(monomials, inverse @ points, np.zeros(boxes))
+
+
+def test_rounding_of_control_points_is_counted() -> None:
+    """The largest size is that at the end, where all coefficients are summed; here in fractions."""
+    a = cancelling(64)
+    bounds = taylor.largest(a).tolist()
+    exact = [abs(sum(map(Fraction, column))) for column in a.c.T.tolist()]
+    assert all(value <= Fraction(bound) for value, bound in zip(exact, bounds, strict=True))
+    # the negative control: what doubles make of the sums alone is below the truth
+    points = taylor.up(np.abs(a.space.bernstein @ a.c).max(axis=0)).tolist()
+    assert any(value > Fraction(bound) for value, bound in zip(exact, points, strict=True))

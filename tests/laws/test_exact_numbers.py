@@ -420,3 +420,12 @@ def test_planted_bug_is_found(bug: str, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(owner, name, replacement)
     with pytest.raises(AssertionError):
         law()
+
+
+@pytest.mark.parametrize("field", [FIELD, Field([Constant("root", Fraction(7))])])
+def test_whole_numbers_below_2_to_the_60_are_not_zero(field: Field) -> None:
+    """A multiple of the prime is taken for zero, so the least one is beyond: 1e-18 is the chance."""
+    whole = min(field.prime, 2**60 - 1)
+    assert field.rational(whole)
+    assert not field.rational(field.prime)
+    assert field.prime < 2**62  # the sum of two residues fits int64

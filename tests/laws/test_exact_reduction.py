@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbdlft.exact.matrices import Residues, rank
+from mbdlft.exact.matrices import Residues, rank, rough_values
 from mbdlft.exact.numbers import BITS, precision
 from mbdlft.lft.evaluate import evaluate
 from mbdlft.lft.exact import ExactLFT
@@ -184,6 +184,22 @@ def law_rows(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(10))
 def test_rows_that_are_kept_are_independent(seed: int) -> None:
     law_rows(seed)
+
+
+def test_rows_that_doubles_take_for_independent() -> None:
+    """Row 4 is 7/10 of row 3, of size 1e25: doubles choose both, by what rounding leaves of row 4."""
+    far = [Fraction(10**25), Fraction(10**25, 3)]
+    krylov = exact_matrix([[1, 0], [0, 1], far, [Fraction(7, 10) * x for x in far]])
+    space, scale = Space(4, PRIME), np.ones(4)
+    space.extend(np.ascontiguousarray(krylov.residues.T))
+    first = np.array(space.pivots)
+    chosen = module._best_rows(rough_values(module._over_rows(krylov, first)), first)
+    with pytest.raises(ZeroDivisionError):  # the negative control: these rows depend on each other
+        module._over_rows(krylov, chosen)
+    graph = module._graph(space, krylov, scale)
+    assert np.array_equal(graph.basis.residues[graph.chosen], np.eye(2, dtype=np.int64))
+    again = graph.basis @ krylov[graph.chosen]
+    assert np.array_equal(again.residues, krylov.residues)
 
 
 @given(st.integers(0, 10**6), st.integers(1, 6))
