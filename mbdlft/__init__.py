@@ -1,7 +1,8 @@
 """mbdlft: exact, small linear models of multibody systems, with their parameters left in.
 
-What most scripts need is here: `load_scene`, `Scene`, `Parameter`, `Angle`, `to_lft`, `realize`, `save`,
-`load`, `sweep`, `matrices_at`. The rest is in namespaces, in the order of the path of the data:
+What most scripts need is here, some 45 names (``dir(mbdlft)``, ``from mbdlft import *``): `load_scene`,
+`to_lft`, `matrices_at`, `feedback`, `robust_stability`, `save`. The rest is in namespaces, in the order
+of the path of the data:
 
 - `mbdlft.multibody`: bodies, joints, loads, sensors, scenes and their equilibria
 - `mbdlft.elastic`: flexible bodies of finite-element data; `mbdlft.robot`: robots
@@ -21,6 +22,7 @@ every public name of a namespace is also found here.
 """
 
 import importlib
+from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -57,17 +59,25 @@ if TYPE_CHECKING:  # public names that are also those of modules, which come wit
 
 __version__ = "0.1.0"
 
+# what most scripts need, by the path of the data: the names of README and tutorial
 _FIRST = {
-    "Angle": "base",
-    "Parameter": "base",
-    "Scene": "multibody",
-    "load": "archive",
-    "load_scene": "multibody",
-    "matrices_at": "system",
-    "realize": "pipeline",
-    "save": "archive",
-    "sweep": "batch",
-    "to_lft": "pipeline",
+    name: namespace
+    for namespace, names in {
+        "base": "Angle Parameter corners grid random",
+        "multibody": "Scene load_scene notes find_equilibrium RigidBody PointMass Inertia Beam Force"
+        " Torque Fixed Revolute Prismatic Spherical Free",
+        "robot": "load_robot",
+        "matrix": "load_matrix",
+        "modelica": "load_modelica",
+        "pipeline": "to_lft realize linearize_dae",
+        "system": "matrices_at trim_at as_system series feedback connect append",
+        "analyze": "frequency_response damping_table check_stability robust_stability worst_case"
+        " worst_case_gain verify",
+        "batch": "sweep",
+        "archive": "save load save_analysis load_analysis load_sweep",
+        "show": "view",
+    }.items()
+    for name in names.split()
 }
 _NAMESPACES = (
     "base",
@@ -99,12 +109,22 @@ def __getattr__(name: str) -> Any:
         return importlib.import_module(_MODULES[name])
     if name in _NAMESPACES:
         return importlib.import_module(f"mbdlft.{name}")
-    if not name.startswith("_"):
-        for namespace in (*_NAMESPACES, *_ELSEWHERE):
-            module = importlib.import_module(f"mbdlft.{namespace}")
-            if name in module.__all__:
-                return getattr(module, name)
-    raise AttributeError(f"module 'mbdlft' has no attribute {name!r}")
+    if name in _FIRST:
+        return getattr(importlib.import_module(f"mbdlft.{_FIRST[name]}"), name)
+    if name.startswith("_"):
+        raise AttributeError(f"module 'mbdlft' has no attribute {name!r}")
+    where: dict[str, str] = {}
+    for namespace in (*_NAMESPACES, *_ELSEWHERE):
+        module = importlib.import_module(f"mbdlft.{namespace}")
+        if name in module.__all__:
+            return getattr(module, name)
+        where |= dict.fromkeys(module.__all__, namespace)
+    near = [
+        f"mbdlft.{other}" if where[other] in _ELSEWHERE else f"mbdlft.{where[other]}.{other}"
+        for other in get_close_matches(name, where)
+    ]
+    meant = f" Did you mean {' or '.join(near)}?" if near else " dir(mbdlft) lists what there is."
+    raise AttributeError(f"module 'mbdlft' has no attribute {name!r}.{meant}")
 
 
 def __dir__() -> list[str]:

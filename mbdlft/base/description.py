@@ -105,6 +105,12 @@ class Description(BaseModel):
         except ValidationError as error:
             raise SceneError(self._message(fields, error)) from None
 
+    def __dir__(self) -> list[str]:
+        """Fields and properties of the record, without those of every pydantic model."""
+        return [
+            name for name in super().__dir__() if name[0] != "_" and not hasattr(BaseModel, name)
+        ]
+
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
         cls.__signature__ = ReadableSignature()  # type: ignore[assignment]

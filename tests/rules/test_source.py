@@ -57,10 +57,33 @@ def test_no_folder_has_the_name_of_a_public_function() -> None:
     assert mbdlft.__getattr__("lft") is import_module("mbdlft.lft") is not mbdlft.system.lft
 
 
-def test_few_names_are_shown_and_unknown_ones_are_errors() -> None:
+def test_names_of_most_scripts_are_shown_and_given_by_a_star() -> None:
     assert set(dir(mbdlft)) == {*mbdlft._FIRST, *mbdlft._NAMESPACES}
-    with pytest.raises(AttributeError, match="has no attribute 'to_lfx'"):
-        mbdlft.to_lfx  # noqa: B018
+    assert 40 <= len(mbdlft._FIRST) <= 50
+    given: dict[str, object] = {}
+    exec("from mbdlft import *", given)
+    assert {*dir(mbdlft)} <= set(given)
+    assert given["feedback"] is mbdlft.system.feedback
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("to_lfx", "mbdlft.to_lft"),
+        ("feedbck", "mbdlft.system.feedback"),
+        ("Struct", "mbdlft.multibody.Strut"),
+        ("qqqq", r"dir\(mbdlft\) lists"),
+    ],
+)
+def test_a_wrong_name_finds_its_namespace(name: str, meant: str) -> None:
+    with pytest.raises(AttributeError, match=f"has no attribute '{name}'.*{meant}"):
+        getattr(mbdlft, name)
+
+
+def test_records_show_their_fields() -> None:
+    point = mbdlft.PointMass(name="tip", mass=1.0)
+    assert {"name", "ports", "mass"} <= set(dir(point))
+    assert not [name for name in dir(point) if name.startswith(("_", "model_", "copy"))]
 
 
 def test_few_loose_files() -> None:
