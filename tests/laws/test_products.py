@@ -12,6 +12,7 @@ import mbdlft
 from benchmarks.cases.chains import chain
 from mbdlft.multibody.assembly import assembly
 from mbdlft.multibody.assembly.assemble import Assembly
+from mbdlft.multibody.assembly.weights import turns_of
 from mbdlft.pipeline.build import build
 from mbdlft.problem.equations import rounded
 from tests import close
@@ -123,6 +124,33 @@ def test_turns_about_the_vertical_are_not_felt() -> None:
     compare(turret())
 
 
+def wheeled(axis: tuple[float, float, float]) -> mbdlft.Scene:
+    """A chain in space with a steady wheel whose center of mass is on its axis, off its joint."""
+    scene = chain(3, spatial=True)
+    wheel = mbdlft.RigidBody(
+        name="wheel",
+        mass=0.5,
+        center_of_mass=tuple(0.3 * x for x in axis),
+        inertia=mbdlft.Inertia(xx=0.2, yy=0.2, zz=0.2, about="center_of_mass"),
+    )
+    spin = mbdlft.Revolute(name="spin", parent="link1.tip", child="wheel", axis=axis, rate="W")
+    return scene.model_copy(
+        update={
+            "bodies": (*scene.bodies, wheel),
+            "joints": (*scene.joints, spin),
+            "parameters": (
+                *scene.parameters,
+                mbdlft.Parameter("W", 30.0, percent=20, unit="rad/s"),
+            ),
+        }
+    )
+
+
+@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, -1)])
+def test_wheels_whose_center_of_mass_is_off_their_joint(axis: tuple[float, float, float]) -> None:
+    compare(wheeled(axis))
+
+
 # planted bugs --------------------------------------------------------------------------------
 
 
@@ -151,6 +179,10 @@ PLANTED = {
         "_Tree.product",
         lambda tree, link, k, axis: ca.SX(0),
     ),
+    "a steady rate has no product": (
+        "_axes_of",
+        lambda move: [axis for axis, _ in turns_of(move)],
+    ),
 }
 
 
@@ -176,9 +208,9 @@ def boom() -> mbdlft.Scene:
 
 @pytest.mark.parametrize("bug", PLANTED)
 def test_planted_bug_is_found(bug: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = boom()
-    compare(scene)
     name, replacement = PLANTED[bug]
+    scene = wheeled((0, 1, 0)) if name == "_axes_of" else boom()
+    compare(scene)
     monkeypatch.setattr(f"mbdlft.multibody.assembly.second_order.{name}", replacement)
     with pytest.raises(AssertionError):
         compare(scene)

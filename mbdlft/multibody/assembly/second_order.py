@@ -35,7 +35,7 @@ from mbdlft.multibody.assembly.weights import (
     turns_of,
 )
 from mbdlft.multibody.body import GROUND, PointMass, RigidBody
-from mbdlft.multibody.joint.move import Move, Shifted, Slide, Turned
+from mbdlft.multibody.joint.move import Hinge, Move, Shifted, Slide, Turned
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.spatial import move_wrench
 
@@ -129,7 +129,7 @@ def efforts_by_products(
             if move.degrees_of_freedom:
                 force, _ = now.felt(field)
                 wrench = ca.horzcat(force, now.inertial[:, 1]) + now.loads
-                products = [tree.product(link, k, axis) for axis, _ in turns_of(move)]
+                products = [tree.product(link, k, axis) for axis in _axes_of(move)]
                 effort = move.effort(wrench, motion)
                 own.insert(0, effort - ca.vertcat(*products) if products else effort)
             now = _before(move, now, field, tree.turns[name][k])
@@ -137,6 +137,13 @@ def efforts_by_products(
         now = _levered(now, placed.arms[name], tree.fields[name][0])
         carried[parent] = _together(carried[parent], now)
     return efforts
+
+
+def _axes_of(move: Move) -> list[ca.SX]:
+    """Axes (3,) about which a move has efforts: those of `turns_of`, and that of a steady rate."""
+    if isinstance(move, Hinge) and move.steady:
+        return [move.axis]
+    return [axis for axis, _ in turns_of(move)]
 
 
 class _Tree:
