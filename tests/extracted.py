@@ -8,10 +8,9 @@ import numpy as np
 from mbdlft.base.parameter import BilinearMap
 from mbdlft.exact.matrices import ExactMatrix, from_rows
 from mbdlft.exact.numbers import BITS, Field, precision
-from mbdlft.lft.exact import ExactLFT
 from mbdlft.lft.lft import LFT
 from mbdlft.order.degree import degree_bounds
-from mbdlft.order.reduction import reduce_exactly
+from mbdlft.order.reduction import ExactLFT, reduce_exactly
 from mbdlft.order.reduction_in_doubles import in_scales
 from mbdlft.pipeline.extract import extract
 from mbdlft.problem.linearize import LinearModel

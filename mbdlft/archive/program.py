@@ -14,8 +14,8 @@ from mbdlft.archive.items import Items, floats, word
 from mbdlft.archive.layout import VERSION
 from mbdlft.base.array import Array
 from mbdlft.base.errors import ArchiveError, MbdlftWarning
+from mbdlft.lft.evaluation import LONGEST, ModelProgram, compact
 from mbdlft.lft.lft import LFT
-from mbdlft.lft.program.known import LONGEST, ModelProgram, compact
 from mbdlft.lft.program.tape import (
     ADD,
     COSINE,

@@ -19,11 +19,9 @@ from mbdlft.base.parameter import Parameter
 from mbdlft.batch.remembered import SceneSource, remember, remembered
 from mbdlft.batch.rows import EquationSource, ModelSource, Source, deltas_at, source_of
 from mbdlft.batch.samples import GivenSamples, RandomSamples, count_of, points_of, samples_of
-from mbdlft.lft.closing import closed
-from mbdlft.lft.evaluate import NATIVE
-from mbdlft.lft.program.cache import user_cache
-from mbdlft.lft.program.known import LONGEST
-from mbdlft.lft.program.native import NativeProgram, is_available, native, run_natively
+from mbdlft.lft.evaluation import LONGEST, NATIVE
+from mbdlft.lft.program.elimination import closed
+from mbdlft.lft.program.native import NativeProgram, is_available, native, run_natively, user_cache
 from mbdlft.lft.program.tape import Operand, Pivot, Tape, TooLongError, rows_of_numbers
 from mbdlft.multibody.scene import Scene, scene_from_toml
 from mbdlft.problem.prestress import CARRIED, check_carried

@@ -6,8 +6,7 @@ from mbdlft.base.errors import StructureError
 from mbdlft.batch.compiled import equations_of, of_equations
 from mbdlft.batch.rows import deltas_at
 from mbdlft.batch.samples import RandomSamples, points_of
-from mbdlft.lft.evaluate import agrees
-from mbdlft.lft.program.known import LONGEST, ModelProgram, compact, values_by
+from mbdlft.lft.evaluation import LONGEST, ModelProgram, agrees, compact, values_by
 from mbdlft.lft.program.tape import Program
 from mbdlft.system.model import LFTModel
 

@@ -24,7 +24,7 @@ from mbdlft.base.errors import ArchiveError
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.signal import Signal
 from mbdlft.batch.rows import EquationSource, source_of
-from mbdlft.lft.program.cache import key_of, user_cache
+from mbdlft.lft.program.native import key_of, user_cache
 from mbdlft.multibody.scene import Scene, scene_to_toml
 from mbdlft.problem.equations import Equations
 from mbdlft.problem.straight_line import StraightLine

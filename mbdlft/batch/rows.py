@@ -16,7 +16,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.signal import Signal
-from mbdlft.lft.evaluate import evaluate_at, evaluate_known
+from mbdlft.lft.evaluation import evaluate_at, evaluate_known
 from mbdlft.lft.lft import LFT
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.scene import Scene

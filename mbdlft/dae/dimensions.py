@@ -9,7 +9,7 @@ from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import dimension_name, parse_unit
 from mbdlft.dae.description import Dae
 from mbdlft.dae.operations import column_of
-from mbdlft.exact.dimension import FUNCTIONS, Dimension
+from mbdlft.exact.operators import FUNCTIONS_OF_DIMENSIONS, Dimension
 from mbdlft.problem.sx.constants import is_constant
 from mbdlft.problem.sx.fold import Rules, fold, rules
 
@@ -97,7 +97,7 @@ def _plain(a: _Value) -> _Value:
 
 
 def _sqrt(a: _Value) -> _Value:
-    return a if a is _OPEN else FUNCTIONS["sqrt"](a)
+    return a if a is _OPEN else FUNCTIONS_OF_DIMENSIONS["sqrt"](a)
 
 
 _NONE = (0, 0, 0, 0, 0)

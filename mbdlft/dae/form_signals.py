@@ -10,7 +10,7 @@ from mbdlft.base.unit import dimension_name, parse_unit
 from mbdlft.dae.dimensions import dimension_of, open_unit
 from mbdlft.dae.structure import Structure
 from mbdlft.dae.theta_form import ThetaForm
-from mbdlft.exact.dimension import Dimension
+from mbdlft.exact.operators import Dimension
 from mbdlft.system.theta import ONE
 
 

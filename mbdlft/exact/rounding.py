@@ -1,14 +1,21 @@
-"""Rounding: what is left of terms that cancelled is set to zero, so that it is not taken for structure.
+"""Linear algebra in doubles that keeps the digits of every entry, and tells rounding from structure.
 
-Every sum or solution comes with the size that it would have if nothing cancelled; an entry far below
-that size is rounding.
+Every sum or solution comes with the size that it would have if nothing cancelled. An entry far below
+that size is rounding, and is set to zero, so that it is not taken for structure.
+
+Where the condition makes that rounding matter, products and solutions are computed in twice the working
+precision, as unevaluated sums of two arrays of doubles. Factors are cut into slices of so few bits that
+matrix products of slices are exact in double precision, whatever the order of summation (Ozaki, Ogita,
+Oishi, Rump 2012); slices of products are added up with the rounding of each sum (Knuth).
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
+from mbdlft.base.errors import WellPosednessError
 
 ROUNDING = 2.0**-50  # what is dropped is no more than rounding can have made
 NOISE = 2.0**-44  # part of its terms below which an entry may be nothing but rounding
@@ -63,3 +70,195 @@ def conditioning(values: Array, sizes: Array, scale: Array, least: Array) -> tup
     itself = np.maximum(np.where(clear, parts, 1.0), least)
     condition = np.max((sizes / np.where(one_sign & counts, itself, scale))[:, some], initial=1.0)
     return float(condition), int(np.sum(some & ~one_sign & counts))
+
+
+def equilibrate(values: NDArray[Any]) -> tuple[Array, Array]:
+    """Factors of rows and columns that bring the largest entries to one."""
+    size = np.max(np.abs(values), axis=0, initial=0.0)
+    rows = 1.0 / or_one(np.max(size, axis=1, initial=0.0))
+    return rows, 1.0 / or_one(np.max(size * rows[:, None], axis=0, initial=0.0))
+
+
+def or_one(size: Array) -> Array:
+    """Sizes to divide by: 1 for zero."""
+    return np.where(size > 0.0, size, 1.0)
+
+
+_DIGITS = 53  # binary, of a double
+_SLICES = 5  # of a factor
+_SETTLED = 2.0**-90  # of the largest entry of a column: what is smaller is not solved for
+_MOST_STEPS = 12  # each adds the digits that the condition leaves of one solution
+
+
+class Twofold(NamedTuple):
+    """The unevaluated sum of two arrays of one shape; `low` is below the rounding of `high`."""
+
+    high: Array
+    low: Array
+
+
+def exact_sum(a: Array, b: Array) -> Twofold:
+    """a + b, rounded, and its rounding error (Knuth)."""
+    total = a + b
+    of_b = total - a
+    return Twofold(total, (a - (total - of_b)) + (b - of_b))
+
+
+def bits_of(terms: int) -> int:
+    """Bits of slices for which sums of so many products, from every pair of slices, are exact."""
+    return (_DIGITS - (_SLICES * max(terms, 1) - 1).bit_length()) // 2
+
+
+def slices(matrix: Twofold, axis: int) -> list[Array]:
+    """Arrays whose sum is the matrix, in units that fall by the same factor along an axis.
+
+    What is left out is below 2^-95 of the largest entry along the axis, for up to 800 terms.
+    """
+    bits = bits_of(matrix.high.shape[axis])
+    largest = np.max(np.abs(matrix.high), axis=axis, keepdims=True, initial=0.0)
+    unit = np.ldexp(1.0, np.frexp(largest)[1])
+    rest, found = matrix.high, []
+    for k in range(_SLICES):
+        unit = np.ldexp(unit, -bits)
+        part = np.rint(rest / unit) * unit
+        rest = rest - part
+        if k == 1:  # by now there is room for what is below the rounding
+            rest = rest + matrix.low
+        found.append(part)
+    while found and not found[-1].any():
+        found.pop()
+    return found
+
+
+def add_product(base: Twofold, left: list[Array], right: list[Array]) -> Twofold:
+    """base + left right, the factors in slices along the terms of the sums."""
+    high, low = base
+    for level in range(_SLICES):
+        pairs = [(i, level - i) for i in range(level + 1) if i < len(left)]
+        pairs = [(i, j) for i, j in pairs if j < len(right)]
+        if pairs:
+            first = np.hstack([left[i] for i, _ in pairs])
+            high, error = exact_sum(high, first @ np.vstack([right[j] for _, j in pairs]))
+            low = low + error
+    return exact_sum(high, low)
+
+
+def multiply_add(base: Array, left: Array, right: Twofold) -> Array:
+    """base + left right, rounded once."""
+    start, factor = Twofold(base, np.zeros_like(base)), Twofold(left, np.zeros_like(left))
+    return add_product(start, slices(factor, 1), slices(right, 0)).high
+
+
+def solve_twofold(matrix: Array, right: Array) -> Twofold:
+    """matrix^-1 right; entries much smaller than others of their column have their digits, too.
+
+    Iterative refinement with residuals and a solution of twice the working precision (Demmel, Hida,
+    Kahan, Li, Mukherjee, Riedy 2006): only the rounding of the data is left.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        The matrix is singular.
+    """
+    # powers of two change nothing, and make rows and columns of one size
+    rows = _power(np.max(np.abs(matrix), axis=1, initial=0.0))
+    scaled = matrix / rows[:, None]
+    columns = _power(np.max(np.abs(scaled), axis=0, initial=0.0))
+    scaled = scaled / columns
+    parts = slices(Twofold(-scaled, np.zeros_like(scaled)), 1)
+    nothing = np.zeros_like(right)
+    residual, solution = Twofold(right / rows[:, None], nothing), Twofold(nothing, nothing)
+    settled: Array | float = 0.0
+    for _ in range(_MOST_STEPS):
+        step = np.asarray(np.linalg.solve(scaled, residual.high), dtype=float)
+        high, error = exact_sum(solution.high, step)
+        solution = exact_sum(high, solution.low + error)
+        settled = _SETTLED * np.max(np.abs(high), axis=0, initial=0.0)
+        if np.all(np.abs(step) <= settled):
+            break
+        residual = add_product(residual, parts, slices(Twofold(step, nothing), 0))
+    # what is smaller than the last step is nothing: an imposed coordinate takes no part in the rest
+    kept = np.abs(solution.high) > settled
+    high, low = (np.where(kept, part / columns[:, None], 0.0) for part in solution)
+    return Twofold(high, low)
+
+
+def _power(sizes: Array) -> Array:
+    """Powers of two near sizes; 1 for zero."""
+    return np.ldexp(1.0, np.where(sizes > 0.0, np.frexp(sizes)[1], 0))
+
+
+_WELL_CONDITIONED = 2.0**10  # double precision is enough: the square of this leaves ten digits
+
+
+def through(
+    base: Array, left: Array, matrix: Array, right: Array, what: str
+) -> tuple[Array, Array]:
+    """base + left matrix^-1 right, and matrix^-1 right.
+
+    What is solved in twice the working precision stays as it is, however small beside its terms: it is
+    what accelerations of the tips of beams are made of. What is solved in double precision has nothing
+    below the rounding of its terms, and that is set to zero.
+    """
+    if not matrix.size:
+        return base, np.zeros((0, base.shape[1]))
+    solved, low = _solve(matrix, right, what)
+    if low.any():
+        return _twofold_sum(base, left, Twofold(solved, low)), solved
+    try:
+        inverse = np.asarray(np.linalg.inv(matrix))
+    except np.linalg.LinAlgError:  # its rows have sizes that underflow
+        raise WellPosednessError(f"{what}: the matrix is singular to working precision.") from None
+    size = solution_size(inverse, matrix, solved, right)
+    solved = cleaned(solved, 0.25 * size)
+    return cleaned(base + left @ solved, np.abs(base) + np.abs(left) @ size), solved
+
+
+def _twofold_sum(base: Array, left: Array, solved: Twofold) -> Array:
+    """base + left solved; twofold numbers are real, so a complex factor is two of them."""
+    if base.dtype.kind != "c" and left.dtype.kind != "c":
+        return multiply_add(base, left, solved)
+    parts = [multiply_add(f(base), f(left), solved) for f in (np.real, np.imag)]
+    return np.asarray(parts[0] + 1j * parts[1])
+
+
+def solve_nominal(matrix: Array, right: Array, what: str) -> Array:
+    """matrix^-1 right, or an error if the matrix is singular to working precision."""
+    return _solve(matrix, right, what).high
+
+
+def _solve(matrix: Array, right: Array, what: str) -> Twofold:
+    """As `solve_nominal`, with the rounding of the solution where the condition makes it matter.
+
+    One step of refinement makes the error small relative to the terms of each entry (Skeel 1980): the
+    entries of M^-1 K of a finite-element model fall by many orders from the diagonal. On the way to a
+    value the LFT undoes the nominal solution and takes another one, so errors of the size of the
+    condition are multiplied by it once more: then twice the working precision is used.
+    """
+    if not matrix.size:
+        return Twofold(*np.zeros((2, matrix.shape[0], right.shape[1])))
+    scale = np.max(np.abs(matrix), axis=1, keepdims=True)
+    scale[scale == 0.0] = 1.0
+    try:
+        number = condition(matrix / scale)
+        singular = number > 1.0 / float(np.finfo(float).eps)
+        is_real = matrix.dtype.kind != "c" and right.dtype.kind != "c"
+        if not singular and number > _WELL_CONDITIONED and is_real:
+            return solve_twofold(matrix, right)
+        matrix, right = matrix / scale, right / scale
+        first = np.linalg.solve(matrix, right)
+        solution = np.asarray(first + np.linalg.solve(matrix, right - matrix @ first))
+    except np.linalg.LinAlgError:
+        singular = True
+    if singular:
+        raise WellPosednessError(f"{what}: the matrix is singular to working precision.")
+    return Twofold(solution, np.zeros_like(solution))
+
+
+def condition(matrix: Array) -> float:
+    """Condition number in the 1-norm, with rows and columns of one size: units do not count."""
+    scaled = matrix
+    for axis in (1, 0):
+        size = np.max(np.abs(scaled), axis=axis, keepdims=True, initial=0.0)
+        scaled = scaled / np.where(size > 0.0, size, 1.0)
+    return float(np.linalg.cond(scaled, 1))

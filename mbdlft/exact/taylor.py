@@ -4,14 +4,20 @@ A function u of x in [-1, 1]^q is enclosed by |u(x) - sum_a c_a x^a| <= r for al
 monomials up to an order and add to the radius what they drop and what floating point rounds away,
 so the enclosure is guaranteed; a radius that is infinite or NaN says that nothing is known.
 
+`not_negative` decides the sign of a function on a box by branch and bound: proved, refuted at a point, or
+open in some boxes. On each box the lower bound is the least Bernstein coefficient, less all radii. A box
+whose bound is below the slack is bisected, and its middle is tried as a point where the function is
+negative.
+
 Source: Makino, Berz, Taylor models and other validated functional inclusion methods, 2003.
 """
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -240,3 +246,117 @@ def _quotient(a: Taylor, b: Taylor) -> Taylor:
     least = _least(Taylor(b.space, b.c * np.sign(b.c[0]), b.r))
     radius = up((size(defect.c) + defect.r) / np.where(least > 0, least, np.nan))
     return Taylor(a.space, y, np.where(least > 0, radius, np.inf))
+
+
+BOXES = 512  # parts that are looked at, unless another number is asked for
+_SMALLEST = 2.0**-24  # of the range: the width of a part that is not halved again
+_MOST_CONTROL_POINTS = 4096
+
+Function = Callable[[Mapping[str, Any]], Any]  # of values by name, arrays (N,) or Taylor models
+Part = tuple[tuple[float, float], ...]  # (low, high) of each variable
+
+
+class Sign(NamedTuple):
+    """What is known of the sign of a function in a box.
+
+    Attributes
+    ----------
+    point : mapping of names to values, or None
+        Where the function is negative by more than the slack.
+    value : float
+        Its value there; 0.0 without a point.
+    open_parts : tuple of parts
+        In which it was not shown to be above the slack; empty where that is proved everywhere.
+    """
+
+    point: Mapping[str, float] | None = None
+    value: float = 0.0
+    open_parts: tuple[Part, ...] = ()
+
+    @property
+    def is_proved(self) -> bool:
+        """Whether the function is proved not to be negative by more than the slack."""
+        return self.point is None and not self.open_parts
+
+
+def not_negative(
+    function: Function,
+    bounds: Mapping[str, tuple[float, float]],
+    slack: float = 0.0,
+    boxes: int = BOXES,
+) -> Sign:
+    """Whether function >= -slack in the box of `bounds`, (low, high) by name, by at most `boxes`."""
+    monomials = space(len(bounds), _order(len(bounds)))
+    low, high = (np.array([[ends[k] for ends in bounds.values()]]) for k in (0, 1))
+    width = high - low
+    left = boxes
+    ended: list[Part] = []
+    while len(low):
+        if left < len(low):
+            return Sign(open_parts=(*_parts(low, high), *ended))
+        left -= len(low)
+        middles = 0.5 * (low + high)
+        values = np.broadcast_to(function(dict(zip(bounds, middles.T, strict=True))), len(low))
+        worst = int(np.argmin(np.where(np.isnan(values), np.inf, values)))
+        if values[worst] < -slack:
+            point = dict(zip(bounds, map(float, middles[worst]), strict=True))
+            return Sign(point, float(values[worst]))
+        least, shares = _enclosed(function, list(bounds), monomials, low, high)
+        open_ = ~(least >= -slack)
+        low, high, shares = low[open_], high[open_], shares[open_]
+        along = np.argmax(shares * ((high - low) > _SMALLEST * width), axis=1)
+        rows = np.arange(len(low))
+        small = ((high - low) <= _SMALLEST * width)[rows, along]
+        ended += _parts(low[small], high[small])
+        low, high = _halved(low[~small], high[~small], along[~small])
+    return Sign(open_parts=tuple(ended))
+
+
+def _order(variables: int) -> int:
+    """Order of the models: a product of three factors is exact where there are few variables."""
+    return 4 if variables <= 2 else 3 if variables <= 5 else 2
+
+
+def _enclosed(
+    function: Function, names: Sequence[str], monomials: Space, low: Array, high: Array
+) -> tuple[Array, Array]:
+    """Lower bounds (N,) in parts (N, q), and how much each variable has to do with them (N, q)."""
+    count = len(low)
+    models = {name: variable(monomials, k, low[:, k], high[:, k]) for k, name in enumerate(names)}
+    with np.errstate(all="ignore"):  # a quotient by zero has an infinite radius
+        found = function(models)
+        if not isinstance(found, Taylor):
+            found = constant(monomials, found, count)
+        least = lowest(found)
+    sizes = np.abs(found.c)
+    shares = np.stack(
+        [sizes[monomials.exponents[:, k] > 0].sum(axis=0) for k in range(len(names))], axis=1
+    )
+    unknown = ~np.isfinite(least)
+    shares[unknown] = (high - low)[unknown]
+    return np.where(unknown, -np.inf, least), np.where(np.isfinite(shares), shares, 0.0)
+
+
+def lowest(a: Taylor) -> Array:
+    """Lower bound (N,) of u: the lowest control point of the Bernstein form, less the radius."""
+    if (a.space.order + 1) ** a.space.variables > _MOST_CONTROL_POINTS:
+        rest = up(np.abs(a.c[1:]).sum(axis=0) + a.r)
+        return np.asarray(np.nextafter(a.c[0] - rest, -np.inf))
+    points = (a.space.bernstein @ a.c).min(axis=0)
+    rounding = (len(a.space) + a.space.variables + 2) * _UNIT * size(a.c)
+    return np.asarray(np.nextafter(points - up(rounding + a.r), -np.inf))
+
+
+def _halved(low: Array, high: Array, along: Array) -> tuple[Array, Array]:
+    rows = np.arange(len(low))
+    middle = 0.5 * (low[rows, along] + high[rows, along])
+    first_high, second_low = high.copy(), low.copy()
+    first_high[rows, along] = second_low[rows, along] = middle
+    return np.concatenate([low, second_low]), np.concatenate([first_high, high])
+
+
+def _parts(low: Array, high: Array) -> list[Part]:
+    return [
+        tuple((float(a), float(b)) for a, b in zip(*ends, strict=True))
+        for ends in zip(low, high, strict=True)
+    ]

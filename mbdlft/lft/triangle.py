@@ -17,7 +17,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from mbdlft.base.array import Array
-from mbdlft.lft.evaluate import MUCH
+from mbdlft.lft.evaluation import MUCH
 from mbdlft.lft.lft import LFT, check_plain
 
 Channels = NDArray[np.int64]

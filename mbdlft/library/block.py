@@ -16,8 +16,8 @@ from mbdlft.base.expression import BUILTIN_CONSTANTS, evaluate, parse
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.samples import corners
 from mbdlft.base.unit import dimension_name, parse_unit
-from mbdlft.exact.dimension import FUNCTIONS as DIMENSIONS
-from mbdlft.exact.dimension import Dimension
+from mbdlft.exact.operators import FUNCTIONS_OF_DIMENSIONS as DIMENSIONS
+from mbdlft.exact.operators import Dimension
 from mbdlft.pipeline.build import realize
 from mbdlft.system.model import LFTModel
 

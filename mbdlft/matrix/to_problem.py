@@ -10,8 +10,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.samples import SEED, check_points
-from mbdlft.exact.rounding import conditioning
-from mbdlft.exact.scale import or_one
+from mbdlft.exact.rounding import conditioning, or_one
 from mbdlft.matrix.denominator import check_denominators
 from mbdlft.matrix.fifty_digits import transfers_in_digits, values_in_digits
 from mbdlft.matrix.polynomial import expanded_matrix

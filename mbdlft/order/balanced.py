@@ -17,9 +17,9 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.exact.matrices import Balls, TooFewBitsError, ball_matrix, balls_of, entries_of
-from mbdlft.exact.scale import or_one
-from mbdlft.lft.exact import ExactLFT
+from mbdlft.exact.rounding import or_one
 from mbdlft.lft.lft import LFT
+from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.reduction_in_doubles import channel_scales, in_scales
 
 _SWEEPS, _ROUNDS = 3, 5

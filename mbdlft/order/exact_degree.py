@@ -11,8 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from mbdlft.exact.matrices import Residues, multiplied, solved
-from mbdlft.lft.exact import ExactLFT
-from mbdlft.order.reduction import reachable_bases
+from mbdlft.order.reduction import ExactLFT, reachable_bases
 
 
 def exact_degrees(a: ExactLFT, seed: int = 0) -> dict[str, int]:

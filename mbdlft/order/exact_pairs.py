@@ -21,8 +21,8 @@ from mbdlft.exact.matrices import (
     row_echelon,
     solved,
 )
-from mbdlft.lft.exact import ExactLFT
 from mbdlft.order.exact_degree import at_random, minimal, some
+from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.work import Work, exact_solutions
 
 _EXTRA = 2  # samples more than needed

@@ -24,8 +24,8 @@ from scipy.linalg import LinAlgError, qr, solve_triangular
 
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT, Block
-from mbdlft.order.affine import is_affine
 from mbdlft.order.circles import CircleValues, Fit, circle_values, fit_of, scaled, unscaled
+from mbdlft.order.rewriting import is_affine
 from mbdlft.order.work import Work, product, singular_values
 
 _STARTS, _PER_ENTRY, _ENOUGH = 60, 0.1, 3  # of each rank, all from the same E; more for a large one

@@ -21,9 +21,9 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from mbdlft.base.errors import WellPosednessError
-from mbdlft.lft.exact import ExactLFT
 from mbdlft.lft.lft import LFT, check, fix, transpose
 from mbdlft.order.exact_pairs import is_constant, more_needed
+from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.order.sections import Degrees, DoubtError, compressed, is_constant_in, obstruction
 from mbdlft.order.work import Work, reduction

@@ -1,8 +1,7 @@
-"""n-D reduction of an LFT.
+"""n-D reduction in doubles, and relations in doubles solved for their unknown signals.
 
-Reduction keeps, for each delta, the smallest subspaces S_k with range(B_k) in S_k and
-A_kj S_j in S_k, and then the same for the transposed LFT. It is exact, and minimal if the deltas did
-not commute: D'Andrea and Khatri (1997); Beck and Doyle (1999).
+The subspaces are those of `mbdlft.order.reduction`. A system that is wired of models in doubles has no
+exact numbers, and a search compares many candidates: both reduce here.
 
 Ranks: every vector carries an estimate of its own rounding error, which grows as the subspaces are
 built; a direction counts when it stands out of that error. There is no tolerance for the user to choose.
@@ -12,6 +11,7 @@ direction too many is harmless, one too few would be an error.
 
 from collections.abc import Sequence
 from contextlib import nullcontext
+from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from math import sqrt
 from typing import NamedTuple
@@ -23,7 +23,7 @@ from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 from mbdlft.base.array import Array
 from mbdlft.base.threads import one_thread
 from mbdlft.exact.rounding import product
-from mbdlft.lft.lft import LFT, Block, check_plain
+from mbdlft.lft.lft import LFT, Block, check_plain, eliminate
 
 _EPS = float(np.finfo(float).eps)
 _THRESHOLD = 2.0**8  # a direction counts when its length over its error is larger
@@ -270,3 +270,28 @@ def _directions(columns: Array, most: int) -> tuple[Array, Sequence[float]]:
         return columns[:, :0], []
     added, _, _ = dorgqr(factor[:, :count], reflectors[:count])
     return added, clear[:count]
+
+
+@dataclass(frozen=True, slots=True)
+class Closing:
+    """How relations are solved for their unknown signals, in doubles.
+
+    Attributes
+    ----------
+    unknown, derivatives, outputs : int
+        Numbers of unknown signals, of the derivatives among them, which come first, and of outputs.
+    """
+
+    unknown: int
+    derivatives: int
+    outputs: int
+
+    def solved(self, opened: LFT) -> LFT:
+        """Not reduced."""
+        solved = eliminate(opened, self.unknown)
+        rows = [*range(self.derivatives), *range(self.unknown, self.unknown + self.outputs)]
+        return LFT(solved.M11, solved.M12, solved.M21[rows], solved.M22[rows], solved.blocks)
+
+    def __call__(self, opened: LFT) -> LFT:
+        """Reduced."""
+        return reduce_order(self.solved(opened))

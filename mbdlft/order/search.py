@@ -1,39 +1,33 @@
 """The search for a smaller LFT of the same value, and for a better lower bound on its order.
 
-n-D reduction takes a product of deltas as a word. Deltas commute, and four steps use it: affine deltas
-are moved to one side of the others (`affine`), channels with dependent functions are left out
-(`independent`), and repetitions of one delta are left out by the smallest rank of a matrix
-(`min_rank`) and by Newton's method on the values (`refit`). In between, pairs and triples of deltas
-(`mbdlft.order.pairs`) show how small the order can be, so that the search knows when it is over.
+n-D reduction takes a product of deltas as a noncommutative monomial. Deltas commute, and four steps use
+it: affine deltas are moved to one side of the others (`mbdlft.order.rewriting`), channels with dependent
+functions are left out (`mbdlft.order.circles`), and repetitions of one delta are left out by the smallest
+rank of a matrix (`mbdlft.order.min_rank`) and by Newton's method on the values (`mbdlft.order.newton`).
+Pairs and triples of deltas (`mbdlft.order.pairs`) show how small the order can be, so that the search
+knows when it is over. Every result is compared with the values of what it was made of, entry by entry.
 """
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import partial
+from functools import cached_property, partial
 from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from mbdlft.base import spent
+from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, WellPosednessError
-from mbdlft.lft.exact import ExactLFT
+from mbdlft.exact.rounding import equilibrate, or_one
+from mbdlft.lft.evaluation import evaluate_at, values_and_sizes
 from mbdlft.lft.lft import LFT, with_blocks
-from mbdlft.order.affine import is_affine, is_polynomial, move_affine
-from mbdlft.order.bases import rewritten
-from mbdlft.order.independent import independent
+from mbdlft.order.circles import independent
+from mbdlft.order.newton import refit
 from mbdlft.order.pairs import Pair, allows, confirmation, joint_bound, least_more
-from mbdlft.order.refit import refit
-from mbdlft.order.same_value import (
-    FITTED,
-    SAME,
-    Truth,
-    is_same,
-    part_of_either,
-    part_of_largest,
-    part_of_row_and_column,
-)
-from mbdlft.order.work import Work, reduction
+from mbdlft.order.reduction import ExactLFT
+from mbdlft.order.rewriting import is_affine, is_polynomial, move_affine, rewritten
+from mbdlft.order.work import Work, reduction, singular_values, solutions
 
 SEARCH = 4.0  # units of work; a small part of it is enough where the order meets the bound at once
 _FEW, _MOST = 0.3, 0.8  # of the work for the relations; the rest is for the closed LFT
@@ -46,6 +40,14 @@ _REFITS, _WALKS = 0.4, 0.4  # of what is left of the work, in turn
 _VAIN = 100  # other ways to write a value that are tried in vain, in a row
 _CLOSE, _POOL = 3, 8  # forms that are kept: less than so much larger, and so many
 _ATTEMPTS = 12  # walks and refits of each level, with other random choices
+
+
+_POINTS = 64
+SAME = 1e-11  # relative difference of values, far above rounding and far below a wrong step
+FITTED = 1e-12  # of the finished values of LFTs that are fitted, so that they are not much worse
+_CONDITION = 1e7  # of I - M11 Delta on the range
+_NEGLIGIBLE = 1e-6  # of the largest entry: a smaller one is compared with that part of it
+_CANCELED = 1e-2  # of the terms of an entry: a smaller one is compared with that part of them
 
 
 class Budget(NamedTuple):
@@ -220,6 +222,83 @@ class _Proof:
         proved = joint_bound(closed, self.bound, part, self._source, self._confirmed)
         self.order_bound = max(self.order_bound, proved)
         self._left -= self._work.spent - before
+
+
+class Truth:
+    """Values at random points and corners of the unit box; not computed before there is a candidate.
+
+    Parameters
+    ----------
+    form : function that makes the LFT
+    floor : function of values (N, rows, columns)
+        What an entry is compared with at least, (rows, columns) or one for all.
+    """
+
+    def __init__(self, form: Callable[[], LFT], floor: Callable[[Array], Array | float]) -> None:
+        self._form, self._floor = form, floor
+
+    @cached_property
+    def values(self) -> tuple[dict[str, Array], Array, Array]:
+        """Points (N,) by name, values (N, rows, columns) and sizes of entries (rows, columns).
+
+        What is left of an entry after its terms have cancelled is no size to compare it with.
+        """
+        form = self._form()
+        points = _check_points(len(form.blocks))
+        values, terms = values_and_sizes(form, points)
+        size = np.max(np.abs(values), axis=0, initial=0.0)
+        least = np.maximum(self._floor(values), _CANCELED * np.max(terms, axis=0, initial=0.0))
+        fields = {block.name: points[:, k] for k, block in enumerate(form.blocks)}
+        return fields, values, np.maximum(size, least)
+
+
+def is_same(candidate: LFT, truth: Truth, work: Work, largest: float = SAME) -> bool:
+    """Whether the values are the same, and the loop is far from singular, at all points.
+
+    Each entry is compared with its size; the difference is `largest` at most.
+    """
+    fields, values, size = truth.values
+    n, count, inputs = candidate.order, len(values), candidate.shape[1]
+    work.add(2 * solutions(count, n, inputs, is_complex=False))
+    nothing = np.zeros(len(values))
+    points = np.array([fields.get(name, nothing) for name, _ in candidate.blocks]).T
+    points = points.reshape(len(values), len(candidate.blocks))
+    loop = np.zeros((0, n, n))
+    if n:
+        spread = np.repeat(points, [block.size for block in candidate.blocks], axis=1)
+        loop = np.eye(n) - candidate.M11[None] * spread[:, None, :]
+        signs, _ = np.linalg.slogdet(loop)
+        if np.any(signs <= 0):
+            return False
+    difference = np.abs(evaluate_at(candidate, points) - values)
+    if not np.max(difference / or_one(size), initial=0.0) <= largest:
+        return False
+    work.add(singular_values(n, n, count) / 3.0)
+    return bool(np.max(np.linalg.cond(loop), initial=0.0) <= _CONDITION)
+
+
+def part_of_largest(values: Array) -> float:
+    """A small part of the largest entry."""
+    return _NEGLIGIBLE * float(np.max(np.abs(values), initial=0.0))
+
+
+def part_of_row_and_column(values: Array) -> Array:
+    """(rows, columns); an entry is no larger than what its row and its column give it."""
+    rows, columns = equilibrate(values)
+    used = np.max(np.abs(values), initial=0.0) > 0.0
+    return np.asarray(_CANCELED * used / np.outer(rows, columns))
+
+
+def part_of_either(values: Array) -> Array:
+    """(rows, columns); the larger of the two: for rows that are zero but for rounding, too."""
+    return np.maximum(part_of_largest(values), part_of_row_and_column(values))
+
+
+def _check_points(count: int) -> Array:
+    """Random points and corners of the unit box (N, count)."""
+    points = np.random.default_rng(1).uniform(-1.0, 1.0, (2 * _POINTS, count))
+    points[_POINTS:] = np.sign(points[_POINTS:])
+    return points
 
 
 class _Check(NamedTuple):

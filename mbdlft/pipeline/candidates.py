@@ -10,12 +10,10 @@ from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
 from mbdlft.base.threads import without_collection
 from mbdlft.exact.matrices import TooFewBitsError
 from mbdlft.exact.numbers import BITS, MOST_BITS, precision
-from mbdlft.lft.exact import ExactLFT, eliminated, transposed
 from mbdlft.lft.lft import LFT, condition
 from mbdlft.order.balanced import in_good_coordinates
-from mbdlft.order.closed import Closing
-from mbdlft.order.reduction import reduce_exactly
-from mbdlft.order.reduction_in_doubles import in_scales, reduce_order
+from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly, transposed
+from mbdlft.order.reduction_in_doubles import Closing, in_scales, reduce_order
 from mbdlft.pipeline.extract import extract
 from mbdlft.problem.linearize import LinearModel
 from mbdlft.problem.problem import Form, Problem

@@ -11,11 +11,11 @@ import numpy as np
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.reproducible import NoProcessError, same_everywhere
 from mbdlft.base.samples import SEED
-from mbdlft.lft.evaluate import evaluate_at
-from mbdlft.lft.exact import residues_alone
+from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.order.degree import Bound, degree_bounds
 from mbdlft.order.exact_degree import exact_degrees
+from mbdlft.order.reduction import residues_alone
 from mbdlft.order.reduction_in_doubles import in_scales
 from mbdlft.order.search import CUT_OFF, IN_PROCESS, Budget, Smallest, find_smallest
 from mbdlft.pipeline.candidates import (

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError
 from mbdlft.base.samples import SEED, check_points
-from mbdlft.lft.program.solve import Sparse, product, solve, sparse
+from mbdlft.lft.program.elimination import Sparse, product, solve, sparse
 from mbdlft.lft.program.tape import Operand, Pivot, Program, Tape, TooLongError, rows_of_numbers
 from mbdlft.problem.equations import Equations, split
 from mbdlft.problem.prestress import carried_function

@@ -10,8 +10,8 @@ matter, (I - M11 Delta)^-1 M12 is solved for again with residuals of twice the p
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.exact import twofold
-from mbdlft.exact.scale import equilibrate
+from mbdlft.exact import rounding
+from mbdlft.exact.rounding import equilibrate
 from mbdlft.lft.lft import LFT
 
 LOST = 2.0**-40  # of the size of an entry: an error that is worth the work
@@ -56,5 +56,5 @@ def lost(a: LFT, deltas: Array, value: Array) -> float:
 
 def _in_twice(a: LFT, deltas: Array) -> Array:
     """The value at deltas (order,), rounded once."""
-    solved = twofold.solve(np.eye(a.order) - a.M11 * deltas, a.M12)
-    return twofold.multiply_add(a.M22, a.M21 * deltas, solved)
+    solved = rounding.solve_twofold(np.eye(a.order) - a.M11 * deltas, a.M12)
+    return rounding.multiply_add(a.M22, a.M21 * deltas, solved)

@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 from mbdlft.base.errors import StructureError, unknown_name
 from mbdlft.base.parameter import Parameter, to_physical
 from mbdlft.base.signal import Signal
-from mbdlft.lft.opening import open_blocks
+from mbdlft.lft.lft import open_blocks
 from mbdlft.system.evidence import check_exact, opened_evidence
 from mbdlft.system.model import LFTModel
 from mbdlft.system.system import Parameters, System

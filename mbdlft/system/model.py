@@ -7,8 +7,8 @@ from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import StructureError
 from mbdlft.base.notebook import heading
 from mbdlft.base.signal import Signal
+from mbdlft.lft.evaluation import ModelProgram
 from mbdlft.lft.lft import LFT
-from mbdlft.lft.program.known import ModelProgram
 from mbdlft.system.system import System, value_at
 from mbdlft.system.system import deltas_of as deltas_of
 from mbdlft.system.system import matrices_at as matrices_at

@@ -15,9 +15,8 @@ import numpy as np
 
 from mbdlft.base.errors import StructureError, unknown_name
 from mbdlft.base.parameter import Parameter, to_delta
-from mbdlft.lft.lft import LFT
-from mbdlft.lft.opening import as_plain, of_kinds
-from mbdlft.lft.solve import through
+from mbdlft.exact.rounding import through
+from mbdlft.lft.lft import LFT, as_plain, of_kinds
 from mbdlft.system.evidence import renormalized_evidence
 from mbdlft.system.model import LFTModel
 from mbdlft.system.system import Parameters, System

@@ -7,7 +7,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import Parameter, to_physical
-from mbdlft.lft.evaluate import chunks
+from mbdlft.lft.evaluation import chunks
 from mbdlft.lft.lft import LFT
 
 

@@ -7,9 +7,8 @@ import numpy as np
 
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import StructureError
-from mbdlft.lft.evaluate import KNOWN, NATIVE, OWN, evaluate_known, way
+from mbdlft.lft.evaluation import KNOWN, NATIVE, OWN, evaluate_known, is_native, way
 from mbdlft.lft.lft import LFT
-from mbdlft.lft.program.known import is_native
 from mbdlft.lft.program.native import is_available
 from mbdlft.system.digits import needs_digits
 from mbdlft.system.singular import check_regular_at

@@ -18,9 +18,8 @@ from mbdlft.base.errors import StructureError, unknown_name
 from mbdlft.base.notebook import heading, table
 from mbdlft.base.parameter import Parameter, to_delta
 from mbdlft.base.signal import Signal
-from mbdlft.lft.evaluate import evaluate, evaluate_at
+from mbdlft.lft.evaluation import ModelProgram, evaluate, evaluate_at
 from mbdlft.lft.lft import LFT
-from mbdlft.lft.program.known import ModelProgram
 from mbdlft.system.digits import with_digits
 from mbdlft.system.singular import check_regular_at
 from mbdlft.system.straight import value_by_program

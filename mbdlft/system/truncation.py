@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
-from mbdlft.lft.evaluate import chunks, evaluate_at
+from mbdlft.lft.evaluation import chunks, evaluate_at
 from mbdlft.lft.gain_bound import gain_bound
 from mbdlft.lft.lft import LFT, Block, check_plain
 from mbdlft.system.evidence import truncated_certificate

@@ -14,8 +14,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
-from mbdlft.lft.lft import LFT, constant, eliminate, select, stack_diagonal
-from mbdlft.lft.opening import as_plain, of_kinds
+from mbdlft.lft.lft import LFT, as_plain, constant, eliminate, of_kinds, select, stack_diagonal
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.system.system import System
 

@@ -21,8 +21,7 @@ import mbdlft
 from mbdlft import ArchiveError, LFTModel, MbdlftWarning, StructureError
 from mbdlft.archive import program as stored
 from mbdlft.batch.rows import ModelSource
-from mbdlft.lft import evaluate
-from mbdlft.lft.program import known
+from mbdlft.lft import evaluation as lft_values
 from mbdlft.lft.program.tape import Pivot
 from mbdlft.system.system import deltas_of
 from tests.archive import models, plain_program
@@ -47,7 +46,7 @@ def written(folder: Path, model: LFTModel) -> Path:
 
 def dense(model: LFTModel, values: dict[str, np.ndarray]) -> np.ndarray:
     deltas = deltas_of(model, values)
-    return evaluate.values_and_sizes(model.lft, deltas)[0]
+    return lft_values.values_and_sizes(model.lft, deltas)[0]
 
 
 def matrix_of(matrices: Any) -> np.ndarray:
@@ -112,7 +111,7 @@ def test_native_code_has_the_bits_of_numpy(tmp_path: Path, monkeypatch: pytest.M
     model = models.carried()
     values = mbdlft.random(model.parameters, COUNT, 3)
     expected = mbdlft.matrices_at(model, values)
-    monkeypatch.setattr(known, "NATIVE", COUNT)
+    monkeypatch.setattr(lft_values, "KNOWN_NATIVE", COUNT)
     assert mbdlft.computed_by(model, COUNT) == "stored program, native"
     for part, other in zip(mbdlft.matrices_at(model, values), expected, strict=True):
         exact(part, other)

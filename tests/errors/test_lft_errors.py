@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mbdlft import LFT, NotRationalError, Parameter, StructureError, WellPosednessError
-from mbdlft.lft.evaluate import evaluate, evaluate_at
+from mbdlft.lft.evaluation import evaluate, evaluate_at
 from mbdlft.lft.lft import (
     add,
     constant,

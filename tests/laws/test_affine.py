@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from benchmarks.cases.chains import chain
-from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import (
     LFT,
     constant,
@@ -24,9 +24,9 @@ from mbdlft.lft.lft import (
 )
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import problem_of_scene
-from mbdlft.order import affine, search
-from mbdlft.order.affine import is_affine, is_polynomial, move_affine
+from mbdlft.order import rewriting, search
 from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.rewriting import is_affine, is_polynomial, move_affine
 from mbdlft.order.work import Work
 from mbdlft.pipeline.candidates import candidates, closing
 from mbdlft.problem.linearize import linearize
@@ -64,9 +64,9 @@ def test_value_stays(outside: tuple[str, ...]) -> None:
 
 
 def test_planted_slope_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = affine.fix
+    right = rewriting.fix
     monkeypatch.setattr(
-        affine, "fix", lambda a, values: right(a, {k: 1.01 * v for k, v in values.items()})
+        rewriting, "fix", lambda a, values: right(a, {k: 1.01 * v for k, v in values.items()})
     )
     with pytest.raises(AssertionError, match="relative error"):
         law_value(example(), ("p",), ("m",))

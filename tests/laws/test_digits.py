@@ -13,8 +13,8 @@ import mbdlft
 from benchmarks import elastic_transfers
 from benchmarks.cases.hub import hub
 from benchmarks.elastic_transfers import Case, measured
-from mbdlft.exact.scale import equilibrate
-from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.exact.rounding import equilibrate
+from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.system import digits, system
 from mbdlft.system.digits import lost, with_digits
 from scenarios import two_link_arm

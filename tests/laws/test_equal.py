@@ -8,9 +8,9 @@ import pytest
 
 import mbdlft
 from mbdlft.lft.lft import LFT, Block, constant, delta, stack_rows
-from mbdlft.order import same_value as equal
 from mbdlft.order import search
-from mbdlft.order.same_value import Truth, is_same, part_of_largest
+from mbdlft.order import search as equal
+from mbdlft.order.search import Truth, is_same, part_of_largest
 from mbdlft.order.work import Work
 from mbdlft.pipeline import realization
 

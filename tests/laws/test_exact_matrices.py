@@ -31,9 +31,9 @@ from mbdlft.exact.matrices import (
     zeros,
 )
 from mbdlft.exact.numbers import BITS, Constant, Field, precision
-from mbdlft.lft.evaluate import evaluate
-from mbdlft.lft.exact import ExactLFT, eliminated, transposed
+from mbdlft.lft.evaluation import evaluate
 from mbdlft.lft.lft import LFT, Block, eliminate, transpose
+from mbdlft.order.reduction import ExactLFT, eliminated, transposed
 from tests.close import exact, roundoff
 from tests.extracted import FIELD, exact_matrix, exactly
 from tests.laws.lfts import lfts, points

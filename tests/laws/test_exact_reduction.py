@@ -16,11 +16,10 @@ from hypothesis import strategies as st
 
 from mbdlft.exact.matrices import Residues, rank, rough_values
 from mbdlft.exact.numbers import BITS, precision
-from mbdlft.lft.evaluate import evaluate
-from mbdlft.lft.exact import ExactLFT
+from mbdlft.lft.evaluation import evaluate
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.order import reduction as module
-from mbdlft.order.reduction import Space, reachable_bases, reduce_exactly
+from mbdlft.order.reduction import ExactLFT, Space, reachable_bases, reduce_exactly
 from mbdlft.order.reduction_in_doubles import reduce_order
 from tests.close import roundoff
 from tests.extracted import FIELD, exact_matrix, exactly

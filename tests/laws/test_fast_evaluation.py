@@ -17,13 +17,13 @@ from hypothesis import strategies as st
 
 import mbdlft
 from benchmarks.cases.arm import SCENE, full_circle_scene
-from mbdlft.lft import closing as programs
-from mbdlft.lft import evaluate as module
-from mbdlft.lft.closing import program
-from mbdlft.lft.evaluate import MANY, evaluate_at
+from mbdlft.lft import evaluation as module
+from mbdlft.lft.evaluation import MANY, evaluate_at
 from mbdlft.lft.lft import LFT, Block
-from mbdlft.lft.program import run as runs
-from mbdlft.lft.program.run import plan, run
+from mbdlft.lft.program import elimination as programs
+from mbdlft.lft.program import tape as runs
+from mbdlft.lft.program.elimination import program
+from mbdlft.lft.program.tape import plan, run
 from mbdlft.system.model import deltas_of
 from tests.close import EVALUATION, error, exact, roundoff
 from tests.laws.lfts import lfts

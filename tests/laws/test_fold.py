@@ -15,8 +15,7 @@ from mbdlft.exact.interval import Interval
 from mbdlft.exact.numbers import BITS, precision
 from mbdlft.matrix.symbolic import matrix_problem
 from mbdlft.multibody.equilibrium.fit.system import _ARRAYS
-from mbdlft.pipeline.extract.close import close
-from mbdlft.pipeline.extract.tape import walk
+from mbdlft.pipeline.extract.channels import close, walk
 from mbdlft.problem.sx import sizes
 from mbdlft.problem.sx.evaluate import MANY, evaluate_many, vectors
 from mbdlft.problem.sx.fold import Rules, arithmetic, fold, rules, steps

@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 import mbdlft
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES, Case
-from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import (
     LFT,
     Block,

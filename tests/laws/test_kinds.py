@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from mbdlft import LFT, Block, ComplexBlock, FullBlock, StructureError
-from mbdlft.lft import evaluate as evaluating
+from mbdlft.lft import evaluation as evaluating
 from mbdlft.lft import lft as algebra
-from mbdlft.lft.evaluate import evaluate, evaluate_at
+from mbdlft.lft.evaluation import evaluate, evaluate_at
 from mbdlft.lft.gain_bound import gain_bound
 from mbdlft.lft.lft import constant, delta, fix
 from mbdlft.lft.triangle import values_at

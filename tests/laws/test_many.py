@@ -8,7 +8,7 @@ import pytest
 
 import mbdlft
 from mbdlft.batch.rows import source_of
-from mbdlft.lft.program.run import _CALLS
+from mbdlft.lft.program.tape import _CALLS
 from mbdlft.problem.sx import evaluate as many
 from tests.close import exact, roundoff
 

@@ -24,13 +24,12 @@ import pytest
 import mbdlft
 from mbdlft import Angle, Parameter, realize
 from mbdlft.exact.matrices import ExactMatrix, rough_values
-from mbdlft.lft.exact import ExactLFT
 from mbdlft.matrix import fifty_digits, polynomial, symbolic, to_problem
 from mbdlft.matrix.to_problem import problem_of_matrix
+from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.reduction_in_doubles import channel_scales
 from mbdlft.pipeline import candidates, realization
-from mbdlft.pipeline.extract import close as closing
-from mbdlft.pipeline.extract import tape
+from mbdlft.pipeline.extract import channels
 from mbdlft.pipeline.extract.noncommuting import Row
 from tests.close import CLOSED_FORM, exact, target
 from tests.extracted import exactly
@@ -188,7 +187,7 @@ def test_units_change_nothing(rows: Rows, seed: int) -> None:
 
 def test_planted_scaling_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Entries that are small beside others are taken for zero."""
-    right = closing.from_rows
+    right = channels.from_rows
 
     def dropped(rows: Sequence[Row], width: int, prime: int) -> ExactMatrix:
         found = right(rows, width, prime)
@@ -197,7 +196,7 @@ def test_planted_scaling_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
         found.residues[small], found.balls[small] = 0, flint.arb(0)
         return found
 
-    monkeypatch.setattr(closing, "from_rows", dropped)
+    monkeypatch.setattr(channels, "from_rows", dropped)
     with pytest.raises((AssertionError, mbdlft.AnalysisError)):
         law_all_scaled()
 
@@ -291,7 +290,7 @@ def test_planted_coefficient_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     def binary(value: float) -> Fraction:
         return Fraction(float(value))
 
-    monkeypatch.setattr(tape, "constant_of", binary)
+    monkeypatch.setattr(channels, "constant_of", binary)
     monkeypatch.setattr(polynomial, "decimal", binary)
     monkeypatch.setattr(symbolic, "literal", float)
     for case in (*CANCELED[:2], *CANCELED[3:5]):

@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 
 from mbdlft.base.threads import one_thread
-from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.order import min_rank as module
-from mbdlft.order import refit as newton
-from mbdlft.order.affine import open_block
+from mbdlft.order import newton as newton
 from mbdlft.order.min_rank import lower_ranks
+from mbdlft.order.newton import refit
 from mbdlft.order.pairs import joint_bound
-from mbdlft.order.refit import refit
+from mbdlft.order.rewriting import open_block
 from mbdlft.order.work import Work
 from tests.close import roundoff
 from tests.extracted import lower_bound

@@ -24,11 +24,9 @@ from mbdlft.batch import compiled as module
 from mbdlft.batch.compiled import Compiled
 from mbdlft.batch.rows import source_of
 from mbdlft.lft.program import native as engine
-from mbdlft.lft.program.cache import Cache, key_of, user_cache
-from mbdlft.lft.program.native import LANES, native, run_natively
-from mbdlft.lft.program.run import plan, run
-from mbdlft.lft.program.solve import solve, sparse
-from mbdlft.lft.program.tape import Operand, Pivot, Program, Tape, rows_of_numbers
+from mbdlft.lft.program.elimination import solve, sparse
+from mbdlft.lft.program.native import LANES, Cache, key_of, native, run_natively, user_cache
+from mbdlft.lft.program.tape import Operand, Pivot, Program, Tape, plan, rows_of_numbers, run
 from mbdlft.multibody.assembly import assembly
 from mbdlft.problem.in_digits import matrices_in_digits
 from tests.close import ELASTIC, EVALUATION, NOTHING, exact, roundoff
@@ -378,14 +376,14 @@ def test_sweeps_of_many_samples_are_native(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_large_evaluations_are_native_and_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
-    from mbdlft.lft import evaluate
+    from mbdlft.lft import evaluation
 
     model = mbdlft.to_lft(scene("two_link_arm"), search=0.0)
-    samples = mbdlft.random(model.parameters, 2 * evaluate.MANY)
+    samples = mbdlft.random(model.parameters, 2 * evaluation.MANY)
     expected = mbdlft.matrices_at(model, samples)
-    monkeypatch.setattr(evaluate, "NATIVE", evaluate.MANY)
+    monkeypatch.setattr(evaluation, "NATIVE", evaluation.MANY)
     calls = []
-    monkeypatch.setattr(evaluate, "run_natively", lambda *a: calls.append(1) or run_natively(*a))
+    monkeypatch.setattr(evaluation, "run_natively", lambda *a: calls.append(1) or run_natively(*a))
     for part, other in zip(mbdlft.matrices_at(model, samples), expected, strict=True):
         exact(part, other)
     assert calls

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbdlft.lft.evaluate import evaluate
+from mbdlft.lft.evaluation import evaluate
 from mbdlft.lft.lft import LFT, Block, delta
 from mbdlft.order.reduction_in_doubles import reduce_order
 from tests.close import exact, roundoff

@@ -15,16 +15,16 @@ import pytest
 
 from benchmarks.cases.chains import chain
 from mbdlft.base.threads import one_thread
-from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import LFT, Block, fix, with_blocks
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals
 from mbdlft.order import min_rank, search
-from mbdlft.order import refit as module
-from mbdlft.order.independent import independent
+from mbdlft.order import newton as module
+from mbdlft.order.circles import independent
+from mbdlft.order.newton import one_less
 from mbdlft.order.pairs import joint_bound
 from mbdlft.order.reduction_in_doubles import reduce_order
-from mbdlft.order.refit import one_less
 from mbdlft.order.search import Budget, find_smallest
 from mbdlft.order.work import Work
 from mbdlft.problem.linearize import linearize

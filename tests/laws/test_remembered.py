@@ -16,7 +16,7 @@ from mbdlft.base.samples import check_points
 from mbdlft.batch import compiled as module
 from mbdlft.batch import remembered
 from mbdlft.batch.rows import source_of
-from mbdlft.lft.program.cache import Cache
+from mbdlft.lft.program.native import Cache
 from mbdlft.problem import prestress
 from tests.close import exact
 from tests.errors.scenes import cart

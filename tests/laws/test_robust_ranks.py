@@ -9,7 +9,7 @@ import pytest
 
 import mbdlft
 from mbdlft.base.array import Array
-from mbdlft.lft.evaluate import evaluate, evaluate_at
+from mbdlft.lft.evaluation import evaluate, evaluate_at
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.order import reduction_in_doubles as reduce
 from mbdlft.order.degree import degree_bounds

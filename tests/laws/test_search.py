@@ -24,14 +24,13 @@ from benchmarks.cases.arm import NAMES, closed_form, state_and_input
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES
 from mbdlft.base.threads import one_thread
-from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows
-from mbdlft.order import bases, search
-from mbdlft.order.bases import rewritten
-from mbdlft.order.independent import independent
+from mbdlft.order import rewriting, search
+from mbdlft.order.circles import independent
 from mbdlft.order.reduction_in_doubles import reduce_order
-from mbdlft.order.same_value import Truth, is_same, part_of_largest
-from mbdlft.order.search import Budget, find_smallest
+from mbdlft.order.rewriting import rewritten
+from mbdlft.order.search import Budget, Truth, find_smallest, is_same, part_of_largest
 from mbdlft.order.work import Work
 from mbdlft.system.model import LFTModel
 from scenarios import two_link_arm
@@ -184,7 +183,7 @@ def scaled(a: LFT, random: np.random.Generator) -> LFT:
     return 1.01 * np.eye(a.shape[0]) @ settled(a, random)
 
 
-changed, settled = bases._changed, bases._settled
+changed, settled = rewriting._changed, rewriting._settled
 
 
 @pytest.mark.parametrize(("name", "bug"), [("_changed", one_sided), ("_settled", scaled)])
@@ -192,7 +191,7 @@ def test_planted_bases_are_found(monkeypatch: pytest.MonkeyPatch, name: str, bug
     """A basis on one side only, and rows that are too large."""
     plain = reduce_order(case("O13"))
     law_rewritten(plain)
-    monkeypatch.setattr(bases, name, bug)
+    monkeypatch.setattr(rewriting, name, bug)
     with pytest.raises(AssertionError, match="have the value"):
         law_rewritten(plain)
 

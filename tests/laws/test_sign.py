@@ -9,7 +9,7 @@ import pytest
 from mbdlft import Constant, Inertia, Parameter, PointMass, Revolute, RigidBody, Scene, SceneError
 from mbdlft.base.expression import Number, evaluate
 from mbdlft.exact import taylor
-from mbdlft.exact.sign import lowest, not_negative
+from mbdlft.exact.taylor import lowest, not_negative
 from mbdlft.multibody.scene import positive
 from mbdlft.multibody.scene.positive import check_positive
 from tests.close import roundoff

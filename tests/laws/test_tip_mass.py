@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from mbdlft.base.array import Array
-from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import (
     LFT,
     constant,

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mbdlft.lft import triangle
-from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.order.circles import pole_distance
 from tests.close import exact, roundoff

@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbdlft
-from mbdlft.lft.evaluate import evaluate_at
+from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.gain_bound import gain_bound, restrict
 from mbdlft.lft.lft import (
     LFT,

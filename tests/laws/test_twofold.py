@@ -13,10 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbdlft.exact import twofold
+from mbdlft.exact import rounding
 from mbdlft.lft import lft as algebra
-from mbdlft.lft import solve
-from mbdlft.lft.evaluate import evaluate
+from mbdlft.lft.evaluation import evaluate
 from mbdlft.lft.lft import constant, delta
 from tests.close import EPS, conditioned
 
@@ -62,7 +61,7 @@ def law_product(seed: int) -> None:
     right = random.standard_normal((7, 4)) * np.exp2(random.integers(-30, 30, 4))
     base = -left @ right  # what is left is rounding
     entries(
-        twofold.multiply_add(base, left, twofold.Twofold(right, 0.0 * right)),
+        rounding.multiply_add(base, left, rounding.Twofold(right, 0.0 * right)),
         fractions(base) + fractions(left) @ fractions(right),
     )
 
@@ -71,7 +70,7 @@ def law_low_factor(seed: int) -> None:
     random = np.random.default_rng(seed)
     left, right = random.uniform(1.0, 2.0, (3, 7)), random.uniform(1.0, 2.0, (7, 4))
     low = random.uniform(-EPS, EPS, right.shape) / 4.0
-    found = twofold.multiply_add(-left @ right, left, twofold.Twofold(right, low))
+    found = rounding.multiply_add(-left @ right, left, rounding.Twofold(right, low))
     expected = fractions(-left @ right) + fractions(left) @ (fractions(right) + fractions(low))
     ratio = np.array([float(a / b) for a, b in zip(fractions(found).flat, expected.flat)])  # noqa: B905
     # of 95 binary digits 53 cancel
@@ -80,7 +79,10 @@ def law_low_factor(seed: int) -> None:
 
 def law_solution(n: int) -> None:
     matrix, right = hilbert(n), np.random.default_rng(n).standard_normal((n, 3))
-    found, expected = twofold.solve(matrix, right), solved(fractions(matrix), fractions(right))
+    found, expected = (
+        rounding.solve_twofold(matrix, right),
+        solved(fractions(matrix), fractions(right)),
+    )
     entries(found.high, expected)
     rest = (expected - fractions(found.high)).astype(float)
     conditioned(found.low, rest, algebra.condition(matrix))
@@ -90,7 +92,7 @@ def law_solution(n: int) -> None:
 def test_the_error_of_a_sum_is_exact(seed: int) -> None:
     random = np.random.default_rng(seed)
     a, b = random.standard_normal((2, 50)) * np.exp2(random.integers(-60, 60, (2, 50)))
-    total, rest = (fractions(part) for part in twofold.exact_sum(a, b))
+    total, rest = (fractions(part) for part in rounding.exact_sum(a, b))
     assert np.all(total + rest == fractions(a) + fractions(b))
 
 
@@ -135,18 +137,18 @@ def test_eliminations(n: int) -> None:
 
 
 def test_slices_of_too_many_bits_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(twofold, "bits_of", lambda terms: 30)
+    monkeypatch.setattr(rounding, "bits_of", lambda terms: 30)
     with pytest.raises(AssertionError, match="relative error"):
         law_product(1)
 
 
 def test_one_step_of_refinement_is_not_enough(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(twofold, "_MOST_STEPS", 1)
+    monkeypatch.setattr(rounding, "_MOST_STEPS", 1)
     with pytest.raises(AssertionError, match="relative error"):
         law_solution(8)
 
 
 def test_an_elimination_in_double_precision_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(solve, "_WELL_CONDITIONED", np.inf)
+    monkeypatch.setattr(rounding, "_WELL_CONDITIONED", np.inf)
     with pytest.raises(AssertionError, match="relative error"):
         law_elimination(8)

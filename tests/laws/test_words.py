@@ -18,14 +18,14 @@ from hypothesis import strategies as st
 from benchmarks.scaling import scene
 from mbdlft.base.parameter import BilinearMap
 from mbdlft.exact.numbers import BITS, Exact, precision
-from mbdlft.lft.evaluate import evaluate
+from mbdlft.lft.evaluation import evaluate
 from mbdlft.lft.lft import LFT
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.pipeline.extract import extract
 from mbdlft.pipeline.extract import noncommuting as words
-from mbdlft.pipeline.extract.close import close
+from mbdlft.pipeline.extract.channels import close
 from mbdlft.pipeline.extract.graph import Scaled, SignalGraph
 from mbdlft.pipeline.extract.noncommuting import Dependence, Row
 from mbdlft.problem.linearize import linearize
@@ -190,7 +190,7 @@ def test_planted_blindness_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patch:
         patch.setattr(Dependence, "combination", lambda *_: None)
         assert found_by(law_orders)
-    monkeypatch.setattr("mbdlft.pipeline.extract.close.smallest", words.reached)
+    monkeypatch.setattr("mbdlft.pipeline.extract.channels.smallest", words.reached)
     assert found_by(law_orders)
 
 
@@ -297,7 +297,7 @@ def test_no_matrix_between_all_channels() -> None:
 
 def test_planted_matrix_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        "mbdlft.pipeline.extract.tape.close",
+        "mbdlft.pipeline.extract.channels.close",
         lambda *given, all_kept=False: close(*given, all_kept=True),
     )
     with pytest.raises(AssertionError):

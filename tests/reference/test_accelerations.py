@@ -3,11 +3,11 @@
 import flint
 import numpy as np
 import pytest
+from mbdlft.lft.exact import ExactLFT, eliminated
 
 import mbdlft
 from mbdlft.exact.matrices import ExactMatrix, rough_values
 from mbdlft.exact.rounding import cleaned
-from mbdlft.lft.exact import ExactLFT, eliminated
 from mbdlft.pipeline import candidates
 from tests.close import ACCELERATION
 from tests.reference.chain_of_beams import accelerations, response_in_many_digits, scene

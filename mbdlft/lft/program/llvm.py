@@ -12,10 +12,10 @@ the nearest cache.
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from mbdlft.lft.program.run import LOST
 from mbdlft.lft.program.tape import (
     ADD,
     DIVIDE,
+    LOST,
     MAXIMUM,
     MULTIPLY,
     ROOT,

@@ -25,9 +25,9 @@ from mbdlft.base.expression import (
 )
 from mbdlft.base.signal import Signal
 from mbdlft.base.unit import Exponents, dimension_name, parse_unit
-from mbdlft.exact.dimension import FUNCTIONS as DIMENSIONS
-from mbdlft.exact.dimension import Dimension
 from mbdlft.exact.interval import FUNCTIONS, Interval, decimal, find_zero
+from mbdlft.exact.operators import FUNCTIONS_OF_DIMENSIONS as DIMENSIONS
+from mbdlft.exact.operators import Dimension
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import Joint

@@ -16,7 +16,7 @@ from mbdlft.base.errors import SceneError
 from mbdlft.base.expression import Binary, Expression, Number, evaluate, names
 from mbdlft.base.parameter import Parameter
 from mbdlft.exact.interval import FUNCTIONS, Interval, decimal
-from mbdlft.exact.sign import BOXES, Sign, not_negative
+from mbdlft.exact.taylor import BOXES, Sign, not_negative
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.scene.quantities import Place, expression_at, owner_name

@@ -1,7 +1,7 @@
 """Values of a CasADi function at many points.
 
 For few points the function is called. For many its instructions are run one after the other, each on a
-vector of points, as those of an LFT are (`mbdlft/lft/program/run.py`): that does without the zeros of
+vector of points, as those of an LFT are (`mbdlft/lft/program/tape.py`): that does without the zeros of
 dense results and without the calls of a virtual machine.
 """
 
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError
-from mbdlft.lft.program.run import Plan, plan, run
 from mbdlft.lft.program.tape import (
     COSINE,
     DIVIDE,
@@ -25,8 +24,11 @@ from mbdlft.lft.program.tape import (
     SINE,
     SIZE,
     SUBTRACT,
+    Plan,
     Program,
     Tape,
+    plan,
+    run,
 )
 from mbdlft.problem.sx.fold import Rule, Rules, fold, rules
 

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.exact import double
+from mbdlft.exact.operators import FUNCTIONS_OF_DOUBLES
 from mbdlft.problem.sx.fold import Rule, fold, rules
 
 Pair = tuple[Any, Any]  # a value and its size: numbers (N,), or one for all points
@@ -39,7 +39,7 @@ _SIZES = rules(
     neg=lambda x: (-x[0], x[1]),
     mul=lambda x, y: (x[0] * y[0], x[1] * y[1]),
     div=lambda x, y: (x[0] / y[0], x[1] * y[1] / (y[0] * y[0])),
-    **{name: _function(values) for name, values in double.FUNCTIONS.items()}
+    **{name: _function(values) for name, values in FUNCTIONS_OF_DOUBLES.items()}
     | {
         "fabs": lambda x: (np.abs(x[0]), x[1]),
         "sqrt": lambda x: (np.sqrt(x[0]), np.sqrt(x[1])),

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import TrimError
-from mbdlft.exact import double
+from mbdlft.exact.operators import FUNCTIONS_OF_DOUBLES
 from mbdlft.problem.sx.fold import arithmetic, fold
 
 _STEPS = 12  # of Newton's iteration; from a good start six are enough
@@ -23,7 +23,7 @@ _TRY = (
     "Make the range smaller, or let the angle be a parameter and the trim solve for a quantity "
     "that enters linearly (a load, a preload, a mass offset)."
 )
-_ARRAYS = arithmetic(np.float64, double.FUNCTIONS)
+_ARRAYS = arithmetic(np.float64, FUNCTIONS_OF_DOUBLES)
 
 
 @dataclass(frozen=True, slots=True)
