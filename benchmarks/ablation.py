@@ -24,7 +24,7 @@ from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES
 from mbdlft.base.reproducible import NoProcessError, settings
 from mbdlft.order import search
-from mbdlft.pipeline import realization
+from mbdlft.pipeline import stages
 from mbdlft.system.model import LFTModel
 
 _LINKS = (2, 3, 4)
@@ -74,7 +74,7 @@ def _nowhere(*_: Any) -> None:
 def measure(work: float, left_out: dict[str, Any]) -> dict[str, Result]:
     """Each case with some parts of the search replaced by nothing."""
     with ExitStack() as stack:
-        stack.enter_context(patch.object(realization, "same_everywhere", _nowhere))
+        stack.enter_context(patch.object(stages, "same_everywhere", _nowhere))
         for name, nothing in left_out.items():
             stack.enter_context(patch.object(search, name, nothing))
         models = {name: make(work) for name, make in cases()}

@@ -30,7 +30,7 @@ from benchmarks.cases.arm import (
 )
 from benchmarks.cases.pendulum import GRAVITY, POSITIONS, pendulum
 from benchmarks.targets import CLOSED_FORM, FREQUENCY_RESPONSE
-from mbdlft.pipeline.build import build
+from mbdlft.pipeline.models import build
 
 _MAIN = "from mbdlft.cli.commands import main; main()"
 

@@ -22,7 +22,7 @@ from benchmarks.arm import machine, write_between
 from benchmarks.cases.hub import hub
 from mbdlft.exact.numbers import precision
 from mbdlft.multibody.to_problem import problem_of_scene
-from mbdlft.problem.in_digits import transfers_of
+from mbdlft.problem.digits import transfers_of
 
 OMEGA = np.geomspace(0.1, 1e4, 6)  # rad/s
 PROMISED, TIMES_ROUNDED = 1e-7, 2.0

@@ -19,7 +19,7 @@ from benchmarks.assumed_modes import frequencies as assumed
 from benchmarks.cases import beams
 from benchmarks.cases import flexible as data
 from benchmarks.cases.superelement import superelement_matrix
-from mbdlft.pipeline.build import SEARCH, build
+from mbdlft.pipeline.models import SEARCH, build
 
 _SAMPLES = 100
 _WHOLE = 20  # elements of an appendage; with more, one of the four by symmetry

@@ -25,8 +25,8 @@ from benchmarks.scaling import scene as chain_scene
 from benchmarks.targets import BALANCE
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals, choose_states
-from mbdlft.pipeline.build import build
-from mbdlft.pipeline.certify import ACCEPTED
+from mbdlft.pipeline.certification import ACCEPTED
+from mbdlft.pipeline.models import build
 from mbdlft.problem.sx.constants import in_doubles
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"

@@ -29,7 +29,7 @@ from mbdlft.multibody.assembly import assemble
 from mbdlft.order.reduction import reduce_exactly
 from mbdlft.order.reduction_in_doubles import in_scales
 from mbdlft.pipeline.extract import extract
-from mbdlft.problem.linearize import linearize
+from mbdlft.problem.relations import linearize
 
 _SEARCH = 20.0  # s; it ends at the bound, or when nothing new is found
 _CHECKED = 200

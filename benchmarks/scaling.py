@@ -22,7 +22,7 @@ import numpy as np
 
 import mbdlft
 from benchmarks.arm import machine, write_between
-from mbdlft.pipeline.build import build
+from mbdlft.pipeline.models import build
 
 SIZES = (5, 10, 15, 20, 25, 35, 50)
 STAGES = ("assemble", "trim", "linearize", "extract", "reduce", "bound", "products", "check")

@@ -20,8 +20,7 @@ from mbdlft.modelica import (
     load_modelica_table,
     operating_point,
 )
-from mbdlft.pipeline.build import SEARCH, build
-from mbdlft.pipeline.build_dae import delta_theta, linearize_dae
+from mbdlft.pipeline.models import SEARCH, build, delta_theta, linearize_dae
 
 ROOT = Path(__file__).parents[1]
 

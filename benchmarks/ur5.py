@@ -16,7 +16,7 @@ import mbdlft
 from benchmarks.arm import machine
 from benchmarks.cases.robots import by_pinocchio, edited
 from benchmarks.targets import PINOCCHIO
-from mbdlft.pipeline.build import Build, build
+from mbdlft.pipeline.models import Build, build
 from scenarios.ur5 import urdf
 
 POSE = {

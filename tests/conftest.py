@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from mbdlft.base.reproducible import NoProcessError
-from mbdlft.pipeline import realization
+from mbdlft.pipeline import stages
 
 os.environ["MBDLFT_CACHE"] = ""
 
@@ -32,4 +32,4 @@ def search_here(monkeypatch: pytest.MonkeyPatch) -> None:
     def nowhere(*_: Any) -> None:
         raise NoProcessError
 
-    monkeypatch.setattr(realization, "same_everywhere", nowhere)
+    monkeypatch.setattr(stages, "same_everywhere", nowhere)

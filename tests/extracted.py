@@ -13,7 +13,7 @@ from mbdlft.order.degree import degree_bounds
 from mbdlft.order.reduction import ExactLFT, reduce_exactly
 from mbdlft.order.reduction_in_doubles import in_scales
 from mbdlft.pipeline.extract import extract
-from mbdlft.problem.linearize import LinearModel
+from mbdlft.problem.relations import LinearModel
 
 FIELD = Field()
 

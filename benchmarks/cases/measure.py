@@ -10,8 +10,8 @@ from benchmarks.targets import EPS
 from mbdlft.base.samples import check_points
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals
-from mbdlft.problem.compare import entry_scale
-from mbdlft.problem.relinearize import relinearize
+from mbdlft.problem.linearization import relinearize
+from mbdlft.problem.references import entry_scale
 
 
 class Errors(NamedTuple):

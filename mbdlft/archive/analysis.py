@@ -43,7 +43,7 @@ from mbdlft.robust.evidence import (
     Multipliers,
     Proof,
 )
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 
 _NUMBERS = ("lower", "upper", "frequency", "work")
 _PAIRS = ("worst", "sensitivity", "rates")

@@ -21,7 +21,7 @@ from mbdlft.archive.hdf5 import FAILURES, FORMAT, VERSION, Part, check_format, o
 from mbdlft.archive.helper import Request, said_of
 from mbdlft.archive.model import KINDS, items_of_model, model_of_items
 from mbdlft.base.errors import ArchiveError
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 from mbdlft.system.theta import DeltaThetaModel
 
 Made = TypeVar("Made")

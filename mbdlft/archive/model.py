@@ -27,8 +27,7 @@ from mbdlft.base.parameter import BilinearMap, Parameter
 from mbdlft.base.signal import Signal
 from mbdlft.lft.block import ComplexBlock, FullBlock
 from mbdlft.lft.lft import LFT, Block
-from mbdlft.system.model import LFTModel, Provenance, Trim
-from mbdlft.system.system import Parameters, System
+from mbdlft.system.model import LFTModel, Parameters, Provenance, System, Trim
 from mbdlft.system.theta import DeltaThetaModel
 
 KINDS = (MODEL_TYPE, SYSTEM_TYPE)

@@ -6,8 +6,7 @@ from mbdlft.archive.items import Items, floats, integers, texts, words
 from mbdlft.base.errors import ArchiveError, StructureError
 from mbdlft.base.formula import parsed
 from mbdlft.system.model import LFTModel
-from mbdlft.system.table import Table
-from mbdlft.system.theta import ONE, DeltaThetaModel, ThetaFunction
+from mbdlft.system.theta import ONE, DeltaThetaModel, Table, ThetaFunction
 
 
 def items_of_theta(model: DeltaThetaModel) -> Items:

@@ -24,9 +24,8 @@ from mbdlft.lft.program.elimination import closed
 from mbdlft.lft.program.native import NativeProgram, is_available, native, run_natively, user_cache
 from mbdlft.lft.program.tape import Operand, Pivot, Tape, TooLongError, rows_of_numbers
 from mbdlft.multibody.scene import Scene, scene_from_toml
-from mbdlft.problem.prestress import CARRIED, check_carried
-from mbdlft.problem.straight_line import StraightLine, straight_line
-from mbdlft.problem.trim import RESIDUAL
+from mbdlft.problem.sample_program import StraightLine, straight_line
+from mbdlft.problem.trim import CARRIED, RESIDUAL, check_carried
 from mbdlft.system.model import LFTModel
 
 _WORTH = 50_000  # samples from which on compiling equations takes less than it saves

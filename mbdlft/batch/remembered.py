@@ -27,7 +27,7 @@ from mbdlft.batch.rows import EquationSource, source_of
 from mbdlft.lft.program.native import key_of, user_cache
 from mbdlft.multibody.scene import Scene, scene_to_toml
 from mbdlft.problem.equations import Equations
-from mbdlft.problem.straight_line import StraightLine
+from mbdlft.problem.sample_program import StraightLine
 
 _FORM = "1"
 _NOT_READ = (ArchiveError, ValueError, KeyError, TypeError, OSError, zipfile.BadZipFile, EOFError)

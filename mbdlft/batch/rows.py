@@ -22,12 +22,12 @@ from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.scene import Scene
 from mbdlft.multibody.to_problem import choose_signals, choose_states
 from mbdlft.problem.equations import Equations
-from mbdlft.problem.needed_states import Need
-from mbdlft.problem.prestress import check_prestress
-from mbdlft.problem.relinearize import linearized
-from mbdlft.problem.sx.evaluate import MANY
-from mbdlft.problem.trim import balance
-from mbdlft.system.model import LFTModel, deltas_of
+from mbdlft.problem.linearization import linearized
+from mbdlft.problem.relations import Need
+from mbdlft.problem.sx.evaluation import MANY
+from mbdlft.problem.trim import balance, check_prestress
+from mbdlft.system.model import LFTModel
+from mbdlft.system.points import deltas_of
 
 Indices = NDArray[np.intp]
 _CHUNK, _CHUNK_ENTRIES = 4096, 2**21  # most samples and matrix entries that are in memory at a time

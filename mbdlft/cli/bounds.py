@@ -15,7 +15,7 @@ from mbdlft.cli.tables import console, print_json, table
 
 if TYPE_CHECKING:
     from mbdlft.robust.evidence import Bounds
-    from mbdlft.system.system import System
+    from mbdlft.system.model import System
 
 _WITH = " with "  # in the name of a loop
 Archive = Annotated[Path, typer.Argument(help="Archive, an HDF5 file.")]

@@ -182,7 +182,7 @@ def realize(
     """Make a certified model of a matrix that is rational in parameters."""
     from mbdlft.matrix import load_matrix
     from mbdlft.matrix.problem import unused_names
-    from mbdlft.pipeline.build import build_matrix
+    from mbdlft.pipeline.models import build_matrix
 
     check_paths(output)
     start = time.perf_counter()

@@ -42,7 +42,7 @@ def export(
     as_json: AsJson = False,
 ) -> None:  # fmt: skip
     """Write a model for another tool, or its matrices on a grid."""
-    from mbdlft.export.write import check_suffix, export_model
+    from mbdlft.export.exports import check_suffix, export_model
 
     counts = _counts(grid)
     check_suffix(output, grid=counts is not None)

@@ -81,7 +81,7 @@ def check(
     _refuse_options(file, table_file, model_name)
     from mbdlft.multibody.assembly import assemble
     from mbdlft.multibody.to_problem import choose_signals
-    from mbdlft.problem.relinearize import relinearize
+    from mbdlft.problem.linearization import relinearize
     from mbdlft.problem.trim import solve_trim
 
     scene = scene_in(file, model_name)
@@ -202,7 +202,7 @@ def _of_scene(
     truncate: float | None,
 ) -> tuple[LFTModel, dict[str, float], list[str]]:
     """The linear model of a scene, the seconds of its stages, and notes."""
-    from mbdlft.pipeline.build import build
+    from mbdlft.pipeline.models import build
 
     built = build(
         scene,

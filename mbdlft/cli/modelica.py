@@ -88,7 +88,7 @@ def linear_model(
 ) -> tuple[LFTModel, dict[str, float], list[str]]:
     """The linear model of a Modelica model, the seconds of its stages, and notes."""
     from mbdlft.modelica import operating_point
-    from mbdlft.pipeline.build_dae import linearize_dae
+    from mbdlft.pipeline.models import linearize_dae
 
     seconds, start = {}, time.perf_counter()
     dae, report, table = _read(asked)

@@ -15,7 +15,7 @@ from mbdlft.cli.tables import console, print_json, table
 if TYPE_CHECKING:
     from mbdlft.response.damping import ModeRow
     from mbdlft.robust.stability import StabilityVerdict
-    from mbdlft.system.system import System
+    from mbdlft.system.model import System
 
 _SHORT = 8  # rows of the table that comes with a model
 

@@ -15,8 +15,7 @@ from mbdlft.show.report.sentences import (
     order_sentences,
     well_posed,
 )
-from mbdlft.system.model import LFTModel
-from mbdlft.system.system import System
+from mbdlft.system.model import LFTModel, System
 
 if TYPE_CHECKING:
     from mbdlft.system.theta import DeltaThetaModel

@@ -14,7 +14,7 @@ from mbdlft.cli.tables import console, print_json, table
 
 if TYPE_CHECKING:
     from mbdlft.base.array import Array, ArrayLike
-    from mbdlft.system.system import System
+    from mbdlft.system.model import System
 
 KINDS = ("sigma", "bode", "step", "poles", "order", "trim")  # of figures
 OVER = ("poles", "trim")  # kinds that may be over one parameter

@@ -9,7 +9,7 @@ from rich.markup import escape
 
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.cli.modelica import Asked, is_modelica, linear_model
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 
 if TYPE_CHECKING:
     from mbdlft.multibody.scene import Scene

@@ -16,7 +16,7 @@ from mbdlft.dae.mixed import number as number_of
 from mbdlft.dae.operations import column_of, free_symbols
 from mbdlft.exact.numbers import Field, constant_of
 from mbdlft.problem.sx.constants import constants_in, is_constant
-from mbdlft.problem.sx.fold import Rule, fold, rules, steps
+from mbdlft.problem.sx.tapes import Rule, fold, rules, steps
 
 _SEED = 20090211  # of the residues that stand for parameters
 _SMALL = 2**15  # of numerators and denominators of ratios that are recognized

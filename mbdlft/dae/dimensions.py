@@ -11,7 +11,7 @@ from mbdlft.dae.description import Dae
 from mbdlft.dae.operations import column_of
 from mbdlft.exact.operators import FUNCTIONS_OF_DIMENSIONS, Dimension
 from mbdlft.problem.sx.constants import is_constant
-from mbdlft.problem.sx.fold import Rules, fold, rules
+from mbdlft.problem.sx.tapes import Rules, fold, rules
 
 
 class _Any:

@@ -9,8 +9,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError
 from mbdlft.exact.matrices import Residues, null_space
-from mbdlft.problem.sx.constants import in_doubles
-from mbdlft.problem.sx.residues import modulo_prime
+from mbdlft.problem.sx.constants import in_doubles, modulo_prime
 
 _SEED = 20230917  # of the residues that stand for parameters
 _SMALL = (

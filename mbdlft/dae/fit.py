@@ -22,7 +22,7 @@ from mbdlft.dae.points import values_of
 from mbdlft.dae.structure import Structure
 from mbdlft.multibody.equilibrium.fit import EquilibriumFit, fit_equilibrium
 from mbdlft.problem.sx.constants import in_doubles, is_constant, literal
-from mbdlft.problem.sx.fold import steps
+from mbdlft.problem.sx.tapes import steps
 
 _RATIONAL = {"input", "output", "const", "assign", "add", "sub", "mul", "div", "neg", "sq", "twice"}
 _RATIONAL |= {"inv", "constpow", "pow"}

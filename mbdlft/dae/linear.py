@@ -21,12 +21,11 @@ from mbdlft.dae.structure import Quantity, Structure, in_symbols
 from mbdlft.dae.to_problem import problem_of
 from mbdlft.dae.trim import DaeTrim
 from mbdlft.exact.numbers import decimal
-from mbdlft.problem.compare import entry_scale
-from mbdlft.problem.linearize import LinearModel
-from mbdlft.problem.of_relations import column_of_entries, reference_of_relations
 from mbdlft.problem.problem import Problem, Reference, Stage, TrimRelations
+from mbdlft.problem.references import column_of_entries, entry_scale, reference_of_relations
+from mbdlft.problem.relations import LinearModel
 from mbdlft.problem.sx.constants import in_doubles, is_constant, is_zero, literal
-from mbdlft.problem.sx.evaluate import evaluate_many
+from mbdlft.problem.sx.evaluation import evaluate_many
 
 _AMPLIFIED, _ROUNDING = 1e4, 1e-9  # how much larger than fits errors of the linear model may be
 _LOOKED_AT = 4  # points at which sizes of trimmed quantities are taken

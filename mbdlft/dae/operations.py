@@ -9,7 +9,7 @@ import casadi as ca
 
 from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.problem.sx.constants import is_constant, literal
-from mbdlft.problem.sx.fold import Rule, Rules, fold
+from mbdlft.problem.sx.tapes import Rule, Rules, fold
 
 FUNCTIONS: Mapping[str, Rule] = {
     **{name: getattr(ca, name) for name in ("sin", "cos", "tan", "asin", "acos", "atan")},

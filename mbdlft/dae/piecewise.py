@@ -13,8 +13,8 @@ import casadi as ca
 
 from mbdlft.exact.numbers import constant_of
 from mbdlft.problem.sx.constants import constants_in
-from mbdlft.problem.sx.fold import Rules, fold
-from mbdlft.system.table import Table
+from mbdlft.problem.sx.tapes import Rules, fold
+from mbdlft.system.theta import Table
 
 Polynomial = tuple[Fraction, ...]  # coefficients from the constant on, without zeros at the end
 _MOST_BREAKS, _MOST_DEGREE = 512, 3

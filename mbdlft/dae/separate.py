@@ -33,7 +33,7 @@ from mbdlft.exact.numbers import constant_of
 from mbdlft.problem.equations import cosines_sines
 from mbdlft.problem.sx.constants import FUNCTIONS as EXACT_FUNCTIONS
 from mbdlft.problem.sx.constants import is_constant, literal, numbers_of
-from mbdlft.problem.sx.fold import Rules, fold
+from mbdlft.problem.sx.tapes import Rules, fold
 
 Arrange = Literal["fewest", "blocks"]
 _PRODUCTS = ("mul", "div")

@@ -16,8 +16,8 @@ from mbdlft.dae.piecewise import ARGUMENT, Piecewise, applied
 from mbdlft.dae.piecewise import constant as always
 from mbdlft.exact.numbers import Constant, constant_of
 from mbdlft.problem.sx.constants import constants_in, double
-from mbdlft.problem.sx.fold import Rules, fold
-from mbdlft.system.table import Table, named_tables
+from mbdlft.problem.sx.tapes import Rules, fold
+from mbdlft.system.theta import Table, named_tables
 
 _SHORT = 12  # characters; longer parts that are used twice get a name
 _TABLE = 3  # breakpoints from which on a part is a table, or two where its text is long:

@@ -25,7 +25,7 @@ from mbdlft.dae.states import blocks_of
 from mbdlft.dae.structure import Quantity, Structure
 from mbdlft.dae.tabled import with_tables
 from mbdlft.exact.numbers import decimal
-from mbdlft.problem.linearize import LinearModel
+from mbdlft.problem.relations import LinearModel
 from mbdlft.problem.sx.constants import in_doubles, is_constant
 from mbdlft.system.theta import ONE
 

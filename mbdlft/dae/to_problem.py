@@ -24,9 +24,9 @@ from mbdlft.dae.structure import Structure, in_symbols
 from mbdlft.dae.text import formula_of
 from mbdlft.dae.theta_form import ThetaForm, theta_form
 from mbdlft.problem.equations import rows_of
-from mbdlft.problem.linearize import LinearModel
-from mbdlft.problem.of_relations import reference_of_relations
 from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage, TrimRelations
+from mbdlft.problem.references import reference_of_relations
+from mbdlft.problem.relations import LinearModel
 from mbdlft.problem.sx.constants import in_doubles
 from mbdlft.system.theta import ThetaFunction
 

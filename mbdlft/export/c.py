@@ -25,8 +25,7 @@ from mbdlft.export.c_text import (
 from mbdlft.export.matlab import table_of
 from mbdlft.export.names import check_plain_model, identifier, identifiers, one_line
 from mbdlft.lft.lft import LFT
-from mbdlft.system.model import LFTModel
-from mbdlft.system.system import System
+from mbdlft.system.model import LFTModel, System
 
 _NUMBERS_IN_A_LINE = 4
 

@@ -8,8 +8,7 @@ import casadi as ca
 from mbdlft.base.formula import formula_value
 from mbdlft.dae.operations import column_of
 from mbdlft.dae.text import SYMBOLIC, formula_of
-from mbdlft.system.table import named_tables
-from mbdlft.system.theta import DeltaThetaModel, ThetaFunction
+from mbdlft.system.theta import DeltaThetaModel, ThetaFunction, named_tables
 
 
 class Language(NamedTuple):

@@ -15,8 +15,8 @@ from mbdlft.base.errors import AnalysisError, StructureError, check_known
 from mbdlft.base.samples import grid as grid_of
 from mbdlft.export.matlab import cells, column, matlab_image, signals
 from mbdlft.export.names import check_plain_model, identifiers
-from mbdlft.system.model import LFTModel, trim_at
-from mbdlft.system.system import System, matrices_at
+from mbdlft.system.model import LFTModel, System
+from mbdlft.system.points import matrices_at, trim_at
 
 if TYPE_CHECKING:
     from control import StateSpace

@@ -5,7 +5,7 @@ from string import Template
 
 from mbdlft.export.matlab import table_of
 from mbdlft.export.names import check_plain_model, one_line
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 
 _SCRIPT = r"""# A model with its parameters left in: its archive is read and evaluated. Written by mbdlft.
 #

@@ -9,7 +9,7 @@ import unicodedata
 from collections.abc import Mapping, Sequence
 
 from mbdlft.base.errors import StructureError
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 
 _LONGEST = 50  # MATLAB tells names apart by their first 63 letters, and endings are added
 _WORDS = """

@@ -10,8 +10,7 @@ from mbdlft.export.formulas import Body, C, Language, bodies_of
 from mbdlft.export.names import identifier
 from mbdlft.export.theta_c_text import DECLARATION, EVALUATION, SOURCE
 from mbdlft.export.theta_parts import listed, places_of
-from mbdlft.system.table import Table
-from mbdlft.system.theta import DeltaThetaModel
+from mbdlft.system.theta import DeltaThetaModel, Table
 
 
 def theta_c_texts(model: DeltaThetaModel, stem: str) -> tuple[str, str]:

@@ -18,7 +18,7 @@ from mbdlft.base.samples import corners
 from mbdlft.base.unit import dimension_name, parse_unit
 from mbdlft.exact.operators import FUNCTIONS_OF_DIMENSIONS as DIMENSIONS
 from mbdlft.exact.operators import Dimension
-from mbdlft.pipeline.build import realize
+from mbdlft.pipeline.models import realize
 from mbdlft.system.model import LFTModel
 
 _MOST = 20

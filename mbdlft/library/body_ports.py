@@ -25,7 +25,7 @@ from mbdlft.multibody.joint import Free
 from mbdlft.multibody.scene import Constant, Scene
 from mbdlft.multibody.sensor import Acceleration, AngularAcceleration, JointWrench
 from mbdlft.order.search import SEARCH
-from mbdlft.pipeline.build import to_lft
+from mbdlft.pipeline.models import to_lft
 from mbdlft.system.model import LFTModel
 
 DIRECTIONS = (*AXES, *(f"r{axis}" for axis in AXES))

@@ -1,8 +1,13 @@
-"""The matrix problem: what a user describes who has a matrix instead of a scene."""
+"""The matrix problem: what a user describes who has a matrix instead of a scene, in Python or TOML.
+
+TOML files have the format `mbdlft-matrix/1`; Python to TOML and back gives an equal problem.
+"""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Self, final
 
+import tomli_w
 from pydantic import InstanceOf, ValidationInfo, field_validator, model_validator
 
 from mbdlft.base.description import Description, Many, Name, Number, Prose, Quantity, Text
@@ -12,6 +17,14 @@ from mbdlft.base.parameter import Parameter, is_finite
 from mbdlft.base.signal import Signal
 from mbdlft.multibody.scene import Constant
 from mbdlft.multibody.scene.scene import check_constants, check_unique, check_value_names
+from mbdlft.multibody.scene.toml import (
+    check_keys,
+    read_constants,
+    read_file,
+    read_parameters,
+    read_table,
+    values_table,
+)
 
 
 @final
@@ -164,3 +177,58 @@ def _is_sequence(value: Any) -> bool:
 
 def _signals(given: Sequence[str]) -> tuple[Signal, ...]:
     return tuple(Signal(name, "1") for name in given)
+
+
+FORMAT = "mbdlft-matrix/1"
+_PLAIN = ("name", "description", "expressions", "matrix", "states", "inputs", "outputs")
+_TOP = ("format", *_PLAIN, "constants", "parameters")
+
+
+def load_matrix(path: str | Path) -> MatrixProblem:
+    """Matrix problem of a TOML file.
+
+    Parameters
+    ----------
+    path : file
+
+    Raises
+    ------
+    SceneError
+        The file cannot be read or is not a matrix problem; the message names the file.
+    """
+    return read_file(path, matrix_from_toml)
+
+
+def matrix_from_toml(text: str) -> MatrixProblem:
+    """Matrix problem of a TOML text.
+
+    Raises
+    ------
+    SceneError
+        The text is not TOML (with the line), or not a matrix problem.
+    """
+    return read_table(text, _problem)
+
+
+def matrix_to_toml(problem: MatrixProblem) -> str:
+    """TOML text of a matrix problem; `matrix_from_toml` gives an equal problem back."""
+    table: dict[str, Any] = {"format": FORMAT, "name": problem.name}
+    if problem.description:
+        table["description"] = problem.description
+    for key in ("states", "inputs", "outputs"):
+        if getattr(problem, key):
+            table[key] = list(getattr(problem, key))
+    table["matrix"] = [list(row) for row in problem.matrix]
+    table |= values_table(problem.constants, problem.parameters)
+    if problem.expressions:
+        table["expressions"] = dict(problem.expressions)
+    return tomli_w.dumps(table)
+
+
+def _problem(table: dict[str, Any]) -> MatrixProblem:
+    check_keys(table, FORMAT, _TOP)
+    return MatrixProblem(
+        **{key: table[key] for key in _PLAIN if key in table},
+        constants=read_constants(table),
+        parameters=read_parameters(table),
+    )

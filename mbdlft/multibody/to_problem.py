@@ -11,12 +11,18 @@ from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.multibody.assembly import assembly
 from mbdlft.multibody.scene import NEEDED, Scene, scene_to_toml
-from mbdlft.problem.compare import reference_of
 from mbdlft.problem.equations import Equations, Moved, rows_of
-from mbdlft.problem.linearize import LinearModel, linearize, trim_relations
-from mbdlft.problem.needed_states import Need, all_states, needed_states
 from mbdlft.problem.problem import Form, Nouns, Problem, Stage, TrimRelations
-from mbdlft.problem.sx.residues import modulo_prime
+from mbdlft.problem.references import reference_of
+from mbdlft.problem.relations import (
+    LinearModel,
+    Need,
+    all_states,
+    linearize,
+    needed_states,
+    trim_relations,
+)
+from mbdlft.problem.sx.constants import modulo_prime
 from mbdlft.problem.trim import trim_efforts
 
 _SEED = 20261124  # of the residues that stand for parameters

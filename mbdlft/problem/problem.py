@@ -9,12 +9,15 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mbdlft.base.array import Array
 from mbdlft.base.parameter import BilinearMap, Parameter
 from mbdlft.base.signal import Signal
-from mbdlft.problem.linearize import LinearModel
-from mbdlft.problem.transfers import Complex
+from mbdlft.problem.relations import LinearModel
 
+Complex = NDArray[np.complex128]
 Stage = Callable[[str], AbstractContextManager[None]]  # times what is done in it, by its name
 
 

@@ -12,7 +12,7 @@ from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.response.samples import samples_at
 from mbdlft.response.spectrum import Stability, eigenvalues, spectrum
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 
 
 class ModeRow(NamedTuple):

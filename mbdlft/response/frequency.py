@@ -12,7 +12,8 @@ from mbdlft.base.errors import AnalysisError
 from mbdlft.response.resolvent import resolvent
 from mbdlft.response.samples import Names, samples_at, transfers_at
 from mbdlft.response.spectrum import eigenvalues, spectrum, without_integrators
-from mbdlft.system.system import StateMatrices, System
+from mbdlft.system.model import System
+from mbdlft.system.points import StateMatrices
 
 POINTS = 200  # evenly spaced in the logarithm
 _DECADE = 10.0  # beyond the slowest and the fastest pole

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.response.resolvent import resolvent
 from mbdlft.response.staircase import Plant
-from mbdlft.system.system import StateMatrices
+from mbdlft.system.points import StateMatrices
 
 _EPS = float(np.finfo(float).eps)
 _AXIS = 1e-4  # of its size: an eigenvalue as near to the axis may be on it; its frequency is tried

@@ -11,7 +11,7 @@ from mbdlft.response.hamiltonian import peak_of
 from mbdlft.response.samples import Names, transfers_at
 from mbdlft.response.spectrum import pole_text, spectrum
 from mbdlft.response.staircase import Plant, scaled, seen
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 
 _APART = 1e-3  # of the norm: Gramians from both sides that differ by more are wrong
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.system.system import StateMatrices
+from mbdlft.system.points import StateMatrices
 
 Complex = NDArray[np.complex128]
 _EPS = float(np.finfo(float).eps)

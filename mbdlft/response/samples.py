@@ -6,7 +6,8 @@ from mbdlft.base.array import ArrayLike
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.signal import Signal
 from mbdlft.response.resolvent import balancing
-from mbdlft.system.system import StateMatrices, System, matrices_at
+from mbdlft.system.model import System
+from mbdlft.system.points import StateMatrices, matrices_at
 
 Names = str | Sequence[str] | None  # of channels; None: all
 

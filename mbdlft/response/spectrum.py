@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.response.samples import samples_at
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 
 Stability = Literal["stable", "marginal", "unstable"]
 _EPS = float(np.finfo(float).eps)

@@ -15,7 +15,7 @@ from mbdlft.base.parameter import is_finite
 from mbdlft.response.resolvent import balancing
 from mbdlft.response.samples import Names, chosen, samples_at, transfers_at
 from mbdlft.response.spectrum import eigenvalues, without_integrators
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 
 _POINTS, _MOST_POINTS = 400, 5000  # of times that are chosen here
 _SETTLED = 5.0  # time constants until little is left: 0.7 %

@@ -9,7 +9,7 @@ from mbdlft.base.errors import AnalysisError
 from mbdlft.exact.interval import FUNCTIONS as INTERVAL_FUNCTIONS
 from mbdlft.exact.interval import UNKNOWN, Interval, decimal, outward
 from mbdlft.exact.operators import Operators
-from mbdlft.system.table import Table, named_tables
+from mbdlft.system.theta import Table, named_tables
 
 _LIBRARY = 2.0**-50  # functions of the library are right to some units in the last place
 _FLAT = 350.0  # beyond it 1/cosh^2 is below 1e-303

@@ -44,8 +44,8 @@ from mbdlft.robust.realization import (
     stable_states,
     states_that_stay,
 )
-from mbdlft.system.names import positions_of
-from mbdlft.system.system import System
+from mbdlft.system.conversion import positions_of
+from mbdlft.system.model import System
 
 _WIDER = 2.0  # factor of the distance of a bound that resisted from the gain that was reached
 _BISECTIONS = 40

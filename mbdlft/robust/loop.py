@@ -32,8 +32,8 @@ from mbdlft.robust.evidence import Multipliers
 from mbdlft.robust.mu.intervals import Channels, Extent, balance, channels_matrix
 from mbdlft.robust.mu.multipliers import Structure, structure_of
 from mbdlft.robust.sector import sector_bounds, slope_bounds
-from mbdlft.system.network import connect
-from mbdlft.system.system import Parameters, System
+from mbdlft.system.connection import connect
+from mbdlft.system.model import Parameters, System
 from mbdlft.system.theta import DeltaThetaModel, ThetaFunction
 
 _MOST_ENTRIES = 250  # of multipliers: more take minutes for the whole of the frequencies

@@ -25,7 +25,8 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.realization import realization
-from mbdlft.system.system import System, deltas_of
+from mbdlft.system.model import System
+from mbdlft.system.points import deltas_of
 
 Complex = NDArray[np.complex128]
 _FIRST, _LARGEST, _SMALLEST = (

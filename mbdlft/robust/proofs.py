@@ -22,8 +22,8 @@ from mbdlft.robust.moving.varying import checked, rates_of
 from mbdlft.robust.mu.mixed import wrong_in
 from mbdlft.robust.realization import realization, states_that_stay
 from mbdlft.robust.worst import disk_transfer
-from mbdlft.system.names import positions_of
-from mbdlft.system.system import System
+from mbdlft.system.conversion import positions_of
+from mbdlft.system.model import System
 
 
 def verify(system: System, bounds: Bounds) -> str:

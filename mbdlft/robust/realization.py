@@ -15,8 +15,8 @@ from mbdlft.base.parameter import to_physical
 from mbdlft.lft.lft import check_plain
 from mbdlft.response.resolvent import balancing
 from mbdlft.robust.bisect.characteristic import Realization, is_hurwitz
-from mbdlft.system.names import positions_of
-from mbdlft.system.system import System
+from mbdlft.system.conversion import positions_of
+from mbdlft.system.model import System
 
 _AXIS = (
     1e-9  # of the size of a pole, or of the largest: nearer to the axis, it is said to lie on it

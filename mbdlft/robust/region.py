@@ -26,8 +26,8 @@ from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.evidence import Bounds, MotionProof
 from mbdlft.robust.moving.variation import form_of, is_negative, least_level, scaled, sizes_of
 from mbdlft.robust.realization import realization, turned
-from mbdlft.system.names import positions_of
-from mbdlft.system.system import System
+from mbdlft.system.conversion import positions_of
+from mbdlft.system.model import System
 
 _OUTSIDE = 1e-6  # of a level: the first part by which it is taken larger than what the solver found
 _TRIES = 5

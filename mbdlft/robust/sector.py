@@ -21,8 +21,7 @@ from mbdlft.base.formula import ARITHMETIC
 from mbdlft.exact.interval import Interval
 from mbdlft.exact.numbers import decimal
 from mbdlft.robust.dual import Dual, dual_functions
-from mbdlft.system.table import named_tables
-from mbdlft.system.theta import ThetaFunction
+from mbdlft.system.theta import ThetaFunction, named_tables
 
 _BOXES = 2048
 _NOTHING = 1e-300  # what outward rounding makes of zero

@@ -55,9 +55,9 @@ from mbdlft.robust.realization import (
     realization,
     stable_states,
 )
-from mbdlft.system.points import deltas_at
-from mbdlft.system.singular import at_values
-from mbdlft.system.system import System
+from mbdlft.system.evidence import deltas_at
+from mbdlft.system.model import System
+from mbdlft.system.points import at_values
 
 
 def robust_stability(

@@ -37,8 +37,8 @@ from mbdlft.robust.migration import RIGHT, UNDAMPED, Aim, moving_at, push_right,
 from mbdlft.robust.peak import at_delta, climb
 from mbdlft.robust.realization import check_constant, physical, realization
 from mbdlft.system.algebra import feedback
-from mbdlft.system.names import positions_of
-from mbdlft.system.system import System
+from mbdlft.system.conversion import positions_of
+from mbdlft.system.model import System
 
 _MODES, _CORNERS, _MOST = 8, 8, 60  # searches from the nominal point, from corners; points of each
 _WIDER = 4.0

@@ -15,10 +15,9 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
 from mbdlft.base.signal import Signal
 from mbdlft.lft.lft import LFT
-from mbdlft.system.conversion import ControlSystem, as_system
+from mbdlft.system.conversion import ControlSystem, as_system, check_once, positions_of
 from mbdlft.system.evidence import Operation, composed
-from mbdlft.system.names import check_once, positions_of
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 from mbdlft.system.wiring import plain_wiring
 
 if TYPE_CHECKING:

@@ -1,17 +1,263 @@
-"""The certified model: a system with the evidence that it is right and small. numpy only."""
+"""Systems and certified models: linear, with named signals, their parameters left in. numpy only.
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+xdot = A   x + B_w  w + B_u  u
+z    = C_z x + D_zw w + D_zu u
+y    = C_y x + D_yw w + D_yu u,      w = Delta z,   Delta = diag(delta_k I_rk, ...),   -1 <= delta_k <= 1
+"""
 
-from mbdlft.base.array import Array, ArrayLike
-from mbdlft.base.errors import StructureError
-from mbdlft.base.notebook import heading
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Self, SupportsIndex, overload
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import StructureError, unknown_name
+from mbdlft.base.notebook import heading, table
+from mbdlft.base.parameter import Parameter
 from mbdlft.base.signal import Signal
 from mbdlft.lft.evaluation import ModelProgram
 from mbdlft.lft.lft import LFT
-from mbdlft.system.system import System, value_at
-from mbdlft.system.system import deltas_of as deltas_of
-from mbdlft.system.system import matrices_at as matrices_at
+
+if TYPE_CHECKING:
+    from control import StateSpace
+
+
+class Parameters(tuple[Parameter, ...]):
+    """Parameters sorted by name: a tuple that also finds them by name, ``parameters["m1"]``."""
+
+    __slots__ = ()
+
+    @overload
+    def __getitem__(self, key: SupportsIndex | str) -> Parameter: ...
+    @overload
+    def __getitem__(self, key: slice) -> tuple[Parameter, ...]: ...
+    def __getitem__(self, key: SupportsIndex | slice | str) -> Parameter | tuple[Parameter, ...]:
+        if not isinstance(key, str):
+            return super().__getitem__(key)
+        for parameter in self:
+            if parameter.name == key:
+                return parameter
+        raise StructureError(unknown_name("parameter", key, self.names))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Their names."""
+        return tuple(parameter.name for parameter in self)
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class System:
+    """A linear system with its parameters left in: value of `lft` = [A B ; C D].
+
+    Parameters
+    ----------
+    name : str
+    lft : LFT
+        Real blocks are the parameters, each with one block, which may be of size 0; complex and full
+        blocks are dynamics of which only a bound is known.
+    states, inputs, outputs : tuple of Signal
+        Signals are named once among the inputs and once among the outputs.
+    parameters : tuple of Parameter, sorted by name
+        As an attribute it also finds them by name: ``system.parameters["m1"]``.
+    description : str
+
+    Raises
+    ------
+    StructureError
+        The real blocks of the LFT are not the parameters, or the shape is not that of the signals.
+
+    Notes
+    -----
+    With other systems, python-control systems, numbers and matrices: ``a + b``, ``a - b``, ``-a``,
+    ``a * b`` and ``a @ b`` (first b, then a), ``a["output", "input"]``; and `feedback`, `connect`,
+    `append`, `series` and `lft` of `mbdlft.system`.
+    """
+
+    name: str
+    lft: LFT
+    states: tuple[Signal, ...]
+    inputs: tuple[Signal, ...]
+    outputs: tuple[Signal, ...]
+    parameters: Parameters
+    _: KW_ONLY
+    description: str = ""
+
+    # numpy leaves the operators of an array on the left to the reflected ones below
+    __array_ufunc__ = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", Parameters(self.parameters))
+        names = list(self.parameters.names)
+        shape = (len(self.states) + len(self.outputs), len(self.states) + len(self.inputs))
+        blocks = [block.name for block in self.lft.blocks if block.kind == "real"]
+        if blocks != names:
+            raise StructureError(
+                f"model {self.name!r}: the blocks {blocks} are not the parameters {names}."
+            )
+        if self.lft.shape != shape:
+            raise StructureError(
+                f"model {self.name!r}: the signals need shape {shape}, the LFT has {self.lft.shape}."
+            )
+
+    def __repr__(self) -> str:
+        parts = (("states", self.states), ("inputs", self.inputs), ("outputs", self.outputs))
+        sizes = ", ".join(f"{len(signals)} {what}" for what, signals in parts)
+        blocks = ", ".join(f"{name} {size}" for name, size in self.lft.blocks)
+        kind = type(self).__name__
+        return f"<{kind} {self.name!r}: {sizes}; order {self.order}: {blocks or 'no parameters'}>"
+
+    def _repr_html_(self) -> str:
+        sizes = dict(self.lft.blocks)
+        rows = ((p.name, p.nominal, p.low, p.high, p.unit, sizes[p.name]) for p in self.parameters)
+        names = ("parameter", "nominal", "low", "high", "unit", "repetitions")
+        return heading(self.name, self.description) + heading("", repr(self)) + table(names, rows)
+
+    @property
+    def order(self) -> int:
+        """Size of Delta."""
+        return self.lft.order
+
+    @property
+    def is_proved_regular(self) -> bool:
+        """Whether every value in the ranges is proved to have matrices; an `LFTModel` knows."""
+        return False
+
+    @property
+    def known_program(self) -> ModelProgram | None:
+        """A straight-line program of its values; an `LFTModel` may have one."""
+        return None
+
+    @property
+    def A(self) -> Array:
+        """(nx, nx), at delta = 0."""
+        return self.lft.M22[: self._nx, : self._nx]
+
+    @property
+    def B_w(self) -> Array:
+        """(nx, nw)."""
+        return self.lft.M21[: self._nx]
+
+    @property
+    def B_u(self) -> Array:
+        """(nx, nu)."""
+        return self.lft.M22[: self._nx, self._nx :]
+
+    @property
+    def C_z(self) -> Array:
+        """(nw, nx)."""
+        return self.lft.M12[:, : self._nx]
+
+    @property
+    def D_zw(self) -> Array:
+        """(nw, nw)."""
+        return self.lft.M11
+
+    @property
+    def D_zu(self) -> Array:
+        """(nw, nu)."""
+        return self.lft.M12[:, self._nx :]
+
+    @property
+    def C_y(self) -> Array:
+        """(ny, nx)."""
+        return self.lft.M22[self._nx :, : self._nx]
+
+    @property
+    def D_yw(self) -> Array:
+        """(ny, nw)."""
+        return self.lft.M21[self._nx :]
+
+    @property
+    def D_yu(self) -> Array:
+        """(ny, nu)."""
+        return self.lft.M22[self._nx :, self._nx :]
+
+    @property
+    def _nx(self) -> int:
+        return len(self.states)
+
+    def __getitem__(self, key: Any) -> "System":
+        return _operation("selected", self, key)
+
+    def __neg__(self) -> "System":
+        return _operation("negative", self)
+
+    def __add__(self, other: Any) -> "System":
+        return _operation("combine", self, other)
+
+    def __radd__(self, other: Any) -> "System":
+        return _operation("combine", other, self)
+
+    def __sub__(self, other: Any) -> "System":
+        return _operation("combine", self, other, -1.0)
+
+    def __rsub__(self, other: Any) -> "System":
+        return _operation("combine", other, self, -1.0)
+
+    def __mul__(self, other: Any) -> "System":
+        return _operation("chain", [other, self])
+
+    def __rmul__(self, other: Any) -> "System":
+        return _operation("chain", [self, other])
+
+    def __truediv__(self, number: float) -> "System":
+        return self * (1.0 / number)
+
+    __matmul__, __rmatmul__ = __mul__, __rmul__
+
+    def with_range(
+        self, ranges: Mapping[str, Sequence[float]] | None = None, /, **named: Sequence[float]
+    ) -> Self:
+        """The model with other ranges of parameters inside the old ones, as many repetitions.
+
+        Parameters
+        ----------
+        ranges : mapping of names to (low, high) or (low, nominal, high), in their units, optional
+        named : ranges by name, besides those of `ranges`
+
+        Returns
+        -------
+        System, or LFTModel if this is one
+            Its value at each physical value is the same. Without a nominal value the old one stays if it
+            lies inside; else the middle is taken.
+
+        Raises
+        ------
+        StructureError
+            A range reaches beyond the old one, where nothing was checked.
+        """
+        changed: Self = _above("blocks").with_ranges(self, {**(ranges or {}), **named})
+        return changed
+
+    def at(self, values: Mapping[str, Any] | None = None, /, **named: Any) -> "StateSpace":
+        """The model at physical values by name, in their units; the others are nominal.
+
+        Parameters
+        ----------
+        values : mapping of names to numbers, optional
+        named : numbers by name, besides those of `values`
+
+        Returns
+        -------
+        control.StateSpace
+            With the names of the signals; python-control does not allow dots, so ``shoulder.torque``
+            is named ``shoulder_torque``.
+        """
+        found: StateSpace = _above("points").state_space_at(self, {**(values or {}), **named})
+        return found
+
+
+def _above(module: str) -> Any:
+    """A module that stands on this one, imported when a method is called.
+
+    Most need scipy, and reading an archive does not.
+    """
+    return import_module(f"mbdlft.system.{module}")
+
+
+def _operation(name: str, *operands: Any) -> System:
+    made: System = getattr(_above("algebra"), name)(*operands)
+    return made
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,28 +417,3 @@ class LFTModel(System):
     def is_proved_regular(self) -> bool:
         """Whether the certificate says so."""
         return self.certificate.well_posed == "proved"
-
-
-def trim_at(model: LFTModel, values: Mapping[str, ArrayLike]) -> Array:
-    """Trimmed quantities at physical values by name, from their static LFT.
-
-    Parameters
-    ----------
-    model : LFTModel
-    values : mapping of names to numbers or arrays (N,), in the units of the parameters
-        The others are nominal.
-
-    Returns
-    -------
-    array (n_t,), or (N, n_t) if any value is an array, in the units of `model.trim.signals`
-
-    Raises
-    ------
-    StructureError
-        The model has no trim LFT; or as `matrices_at`.
-    """
-    if not isinstance(model, LFTModel):
-        raise StructureError(f"model {model.name!r} is a system without evidence, and has no trim.")
-    if model.trim.lft is None:
-        raise StructureError(f"model {model.name!r} was stored without the LFT of its trim.")
-    return value_at(model, model.trim.lft, values)[..., 0]

@@ -1,58 +1,358 @@
-"""How far a model that is derived from another is from what it was derived from."""
+"""Values of models at points of their parameters. numpy only, as reading an archive is.
 
-from collections.abc import Sequence
+A value comes from the straight-line program of a model where that is shorter than its LFT, and else from
+the LFT. A point at which the LFT is singular, exactly or to working precision, is refused.
+
+Channels of elastic bodies with their lengths as parameters have entries of many sizes. In doubles, values
+of such an LFT have errors that are far above what rounding of M11, M12, M21 and M22 makes: accelerations
+at low frequencies, which are differences of D and C (s I - A)^-1 B, then lose their digits. One step of
+refinement in doubles tells how large these errors are, as its own errors are of their size; where they
+matter, (I - M11 Delta)^-1 M12 is solved for again with residuals of twice the precision.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from mbdlft.base.array import Array
-from mbdlft.base.errors import WellPosednessError
-from mbdlft.base.parameter import Parameter, to_delta
-from mbdlft.base.samples import check_points
+from mbdlft.base.array import Array, ArrayLike
+from mbdlft.base.errors import StructureError, WellPosednessError, unknown_name
+from mbdlft.base.parameter import Parameter, to_delta, to_physical
+from mbdlft.exact import rounding
+from mbdlft.exact.rounding import equilibrate
+from mbdlft.lft.evaluation import (
+    KNOWN,
+    NATIVE,
+    OWN,
+    chunks,
+    evaluate,
+    evaluate_at,
+    evaluate_known,
+    is_native,
+    way,
+)
 from mbdlft.lft.lft import LFT
-from mbdlft.lft.triangle import values_at, vanishes
+from mbdlft.lft.program.native import is_available
+from mbdlft.system.model import LFTModel, System
 
-_RANDOM, _MOST_CORNERS = 50, 64
-_NEGLIGIBLE = 1e-8  # an entry below this part of its row and column is compared with them
+if TYPE_CHECKING:
+    from control import StateSpace
 
-
-def sampled_deltas(parameters: Sequence[Parameter], seed: int) -> Array:
-    """Deltas (N, n_p) [1]: nominal, random points, and all corners, or as many random ones."""
-    return deltas_at(parameters, check_points(parameters, seed, _RANDOM, _MOST_CORNERS))
+_OUTSIDE = 1e-9  # of the width of a range: what rounding may leave a value outside
 
 
-def deltas_at(parameters: Sequence[Parameter], points: Array) -> Array:
-    """Deltas (N, n_p) [1] of physical points (N, n_p)."""
-    columns = [to_delta(p, points[:, k]) for k, p in enumerate(parameters)]
-    return np.stack(columns, axis=1) if columns else points
+class StateMatrices(NamedTuple):
+    """A, B, C, D of one model, or of N with a leading axis; units as those of the signals."""
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
 
 
-def check_determinant(a: LFT, deltas: Array, what: str, parameters: Sequence[Parameter]) -> None:
-    """Raise a WellPosednessError where I - M11 Delta is seen to be singular on the way to a point."""
-    _, signs = values_at(a, deltas)
-    singular = (signs <= 0.0) | vanishes(a, deltas)
-    if np.any(singular):
-        worst = deltas[int(np.argmax(singular))]
-        where = ", ".join(f"{p.name}: {d:+.3g}" for p, d in zip(parameters, worst, strict=True))
-        raise WellPosednessError(
-            f"{what}: singular between the nominal values and the normalized ones {where}. Narrow the "
-            "ranges."
-        )
+def deltas_of(model: System, values: Mapping[str, ArrayLike]) -> Array:
+    """Normalized deltas (N, n_p) [1] of physical values by name; the others are nominal.
 
-
-def entry_scale(reference: Array, terms: Array) -> Array:
-    """What an entry of matrices (N, ., .) is compared with: its largest size over the points.
-
-    An entry that is negligible in its row and column is compared with the smaller of the two, one that is
-    negligible beside its own `terms` (., .) with them.
+    Raises
+    ------
+    StructureError
+        A name is unknown, a value lies outside the range, or the lengths differ.
     """
-    size = np.max(np.abs(reference), axis=0)
-    rows = np.max(size, axis=1, initial=0.0, keepdims=True)
-    columns = np.max(size, axis=0, initial=0.0, keepdims=True)
-    whole = np.maximum(np.minimum(rows, columns), terms)
-    scale = np.where(size > _NEGLIGIBLE * whole, size, whole)
-    return np.where(scale > 0, scale, 1.0)
+    names = [parameter.name for parameter in model.parameters]
+    if not isinstance(values, Mapping):
+        raise StructureError(
+            f"model {model.name!r}: expected values by name, such as {{'{(names or ['m'])[0]}': 1.0}}, "
+            f"got {values!r}."
+        )
+    for name in values:
+        if name not in names:
+            raise StructureError(f"model {model.name!r}: " + unknown_name("parameter", name, names))
+    for name, value in values.items():
+        if not np.issubdtype(np.asarray(value).dtype, np.number):
+            raise StructureError(f"model {model.name!r}: {name}: expected a number, got {value!r}.")
+    arrays = {name: np.atleast_1d(np.asarray(value, dtype=float)) for name, value in values.items()}
+    lengths = {len(array) for array in arrays.values()} - {1}
+    if len(lengths) > 1 or any(array.ndim != 1 for array in arrays.values()):
+        raise StructureError(
+            f"model {model.name!r}: values of parameters must be numbers or arrays of one length, "
+            f"got shapes {sorted({array.shape for array in arrays.values()})}."
+        )
+    points = np.zeros((max(lengths, default=1), len(names)))
+    for k, parameter in enumerate(model.parameters):
+        if parameter.name not in arrays:
+            continue
+        array = arrays[parameter.name]
+        slack = _OUTSIDE * (parameter.high - parameter.low)
+        wrong = ~((array >= parameter.low - slack) & (array <= parameter.high + slack))
+        if np.any(wrong):
+            raise StructureError(
+                f"model {model.name!r}: {parameter.name} = {array[wrong][0]:g} is outside its range "
+                f"[{parameter.low:g}, {parameter.high:g}] {parameter.unit}. Widen the range in the "
+                "scene and linearize again."
+            )
+        points[:, k] = to_delta(parameter, array)
+    return points
 
 
-def largest(differences: Array, scale: Array) -> float:
-    """Largest size of differences (N, ...), each entry relative to its scale (...)."""
-    return float(np.max(np.abs(differences) / scale, initial=0.0))
+def matrices_at(model: System, values: Mapping[str, ArrayLike]) -> StateMatrices:
+    """State matrices at physical values by name.
+
+    Parameters
+    ----------
+    model : System or LFTModel
+    values : mapping of names to numbers or arrays (N,), in the units of the parameters
+        The others are nominal. Blocks that are not parameters may be named, too: their deltas [1],
+        matrices for full blocks, which are zero otherwise.
+
+    Returns
+    -------
+    StateMatrices
+        A (nx, nx) and so on for numbers; A (N, nx, nx) and so on if any value is an array.
+
+    Raises
+    ------
+    StructureError
+        A name is unknown, a value lies outside its range, or the lengths differ.
+    WellPosednessError
+        The model is singular at one of the points, exactly or to working precision.
+    """
+    value = value_at(model, model.lft, values)
+    n = len(model.states)
+    return StateMatrices(
+        value[..., :n, :n], value[..., :n, n:], value[..., n:, :n], value[..., n:, n:]
+    )
+
+
+def value_at(model: System, lft: LFT, values: Mapping[str, ArrayLike]) -> Array:
+    """Value of an LFT in the deltas of a model; with a leading axis if any value is an array."""
+    kinds = {block.name: block.kind for block in lft.blocks if block.kind != "real"}
+    physical = values
+    if kinds and isinstance(values, Mapping):
+        physical = {name: value for name, value in values.items() if name not in kinds}
+    points = deltas_of(model, physical)
+    single = all(np.ndim(value) == 0 for value in physical.values())
+    if not kinds:
+        by_program = value_by_program(model, lft, values, points)
+        if by_program is not None:
+            return by_program
+        if not model.is_proved_regular:
+            check_regular_at(lft, points, model.parameters, f"model {model.name!r}")
+        found = with_digits(lft, points, evaluate_at(lft, points))
+        return found[0] if single else found
+    others = {name: value for name, value in values.items() if name in kinds}
+    named = {
+        p.name: points[0, k] if single else points[:, k] for k, p in enumerate(model.parameters)
+    }
+    return evaluate(lft, {**named, **others})
+
+
+def trim_at(model: LFTModel, values: Mapping[str, ArrayLike]) -> Array:
+    """Trimmed quantities at physical values by name, from their static LFT.
+
+    Parameters
+    ----------
+    model : LFTModel
+    values : mapping of names to numbers or arrays (N,), in the units of the parameters
+        The others are nominal.
+
+    Returns
+    -------
+    array (n_t,), or (N, n_t) if any value is an array, in the units of `model.trim.signals`
+
+    Raises
+    ------
+    StructureError
+        The model has no trim LFT; or as `matrices_at`.
+    """
+    if not isinstance(model, LFTModel):
+        raise StructureError(f"model {model.name!r} is a system without evidence, and has no trim.")
+    if model.trim.lft is None:
+        raise StructureError(f"model {model.name!r} was stored without the LFT of its trim.")
+    return value_at(model, model.trim.lft, values)[..., 0]
+
+
+def state_space_at(model: System, values: Mapping[str, Any]) -> "StateSpace":
+    """`System.at`."""
+    import control  # here because it is slow to import and reading an archive does not need it
+
+    full = {block.name for block in model.lft.blocks if block.kind == "full"}
+    for name, value in values.items():
+        if np.ndim(value) != 2 * (name in full):
+            raise StructureError(
+                f"model {model.name!r}: at() takes one number for {name}; for arrays use "
+                "matrices_at(model, values)."
+            )
+    matrices = matrices_at(model, values)
+    if any(matrix.dtype.kind == "c" and matrix.imag.any() for matrix in matrices):
+        raise StructureError(
+            f"model {model.name!r}: its matrices are complex there, which python-control does not "
+            "allow; use matrices_at(model, values)."
+        )
+    return control.ss(
+        *(matrix.real for matrix in matrices),
+        name=model.name.replace(".", "_"),
+        states=[signal.name.replace(".", "_") for signal in model.states],
+        inputs=[signal.name.replace(".", "_") for signal in model.inputs],
+        outputs=[signal.name.replace(".", "_") for signal in model.outputs],
+    )
+
+
+def check_regular_at(lft: LFT, deltas: Array, parameters: Sequence[Parameter], what: str) -> None:
+    """Raise a WellPosednessError for the first of the deltas (N, n_p) where a plain LFT is singular.
+
+    It is so exactly, or to working precision: rounding of its entries makes it singular.
+    """
+    spread = np.repeat(deltas, [block.size for block in lft.blocks], axis=1)
+    for part in chunks(len(deltas), lft.order):
+        numbers = _conditions(np.eye(lft.order) - lft.M11 * spread[part, None, :])
+        singular = np.flatnonzero(~(numbers <= 1.0 / float(np.finfo(float).eps)))
+        if len(singular):
+            first = int(singular[0])
+            physical = [
+                float(to_physical(p, d))
+                for p, d in zip(parameters, deltas[part][first], strict=True)
+            ]
+            exactly = np.isinf(numbers[first])
+            how = "" if exactly else f" to working precision (condition {numbers[first]:.1e})"
+            raise WellPosednessError(
+                f"{what}: it is singular{how} at {at_values(parameters, physical)}, and has no value "
+                "there. Choose other values, or narrow the ranges and make the model again."
+            )
+
+
+def _conditions(matrices: Array) -> Array:
+    """Condition numbers (N,) in the 1-norm with rows and columns of one size; inf if singular."""
+    found = np.full(len(matrices), np.inf)
+    for axis in (2, 1):
+        size = np.max(np.abs(matrices), axis=axis, keepdims=True, initial=0.0)
+        matrices = matrices / np.where(size > 0.0, size, 1.0)
+    if not matrices.shape[1]:
+        return np.ones(len(matrices))
+    signs, _ = np.linalg.slogdet(matrices)
+    some = np.flatnonzero(signs)
+    norms = [
+        np.sum(np.abs(m), axis=1).max(axis=1)
+        for m in (matrices[some], np.linalg.inv(matrices[some]))
+    ]
+    found[some] = norms[0] * norms[1]
+    return found
+
+
+def at_values(parameters: Sequence[Parameter], values: Sequence[float] | Array) -> str:
+    """Values of all parameters, with their units, for messages."""
+    return ", ".join(
+        f"{p.name} = {value:.6g} {p.unit}".removesuffix(" 1")
+        for p, value in zip(parameters, values, strict=True)
+    )
+
+
+LOST = 2.0**-40  # of the size of an entry: an error that is worth the work
+_NEGLIGIBLE = (
+    1e-6  # of what its row and column give an entry: the least that its error is relative to
+)
+_MOST = (
+    5e8  # operations of the solutions of all points, about a second: more points stay in doubles
+)
+
+
+def with_digits(a: LFT, points: Array, values: Array) -> Array:
+    """Values (N, n_out, n_in) at points (N, number of blocks), better ones where digits are lost.
+
+    `values` are those in doubles. What is lost is seen at the points that are farthest from zero.
+    """
+    if not needs_digits(a, points, values):
+        return values
+    spread = np.repeat(points, [block.size for block in a.blocks], axis=1)
+    return np.array([_in_twice(a, deltas) for deltas in spread])
+
+
+def needs_digits(a: LFT, points: Array, values: Array) -> bool:
+    """Whether values in doubles lose digits that are worth their work."""
+    if not a.order or a.is_complex or not len(points) or len(points) * a.order**3 > _MOST:
+        return False
+    far = {int(np.argmax(size)) for size in (np.max(np.abs(points), 1), np.sum(np.abs(points), 1))}
+    spread = np.repeat(points, [block.size for block in a.blocks], axis=1)
+    return any(lost(a, spread[k], values[k]) > LOST for k in far)
+
+
+def lost(a: LFT, deltas: Array, value: Array) -> float:
+    """About the largest error of a value (n_out, n_in) at deltas (order,), relative to its entries."""
+    loop = np.eye(a.order) - a.M11 * deltas
+    solved = np.linalg.solve(loop, a.M12)
+    rest = a.M12 - (solved - a.M11 @ (deltas[:, None] * solved))
+    change = np.abs((a.M21 * deltas) @ np.linalg.solve(loop, rest))
+    rows, columns = equilibrate(value[None])
+    size = np.maximum(np.abs(value), _NEGLIGIBLE / np.outer(rows, columns))
+    return float(np.max(change / size, initial=0.0))
+
+
+def _in_twice(a: LFT, deltas: Array) -> Array:
+    """The value at deltas (order,), rounded once."""
+    solved = rounding.solve_twofold(np.eye(a.order) - a.M11 * deltas, a.M12)
+    return rounding.multiply_add(a.M22, a.M21 * deltas, solved)
+
+
+def value_by_program(
+    model: System, lft: LFT, values: Mapping[str, ArrayLike], points: Array
+) -> Array | None:
+    """Values (N, n_out, n_in) by the program that a model knows; None if another way is taken.
+
+    Where a pivot of the program has lost digits, and there only, the LFT may be singular.
+
+    Parameters
+    ----------
+    model : System
+    lft : LFT
+        That of the model, or of its trim.
+    values : mapping of names to numbers or arrays (N,), in the units of the parameters
+    points : array (N, n_p) [1]
+        The deltas at these values.
+
+    Raises
+    ------
+    WellPosednessError
+        The LFT is singular at a point.
+    """
+    known = model.known_program
+    if known is None or not (lft is known.lft or lft is known.trim):
+        return None
+    physical = np.empty(points.shape)
+    for k, p in enumerate(model.parameters):
+        physical[:, k] = values.get(p.name, p.nominal)
+
+    def check(deltas: Array) -> None:
+        if not model.is_proved_regular:
+            check_regular_at(lft, deltas, model.parameters, f"model {model.name!r}")
+
+    found = evaluate_known(lft, points, known, physical, check)
+    # the LFT may then be evaluated with more digits than the equations have
+    return None if found is None or needs_digits(lft, points, found) else found
+
+
+def computed_by(model: System, count: int) -> str:
+    """How `matrices_at` computes `count` samples of a model.
+
+    Parameters
+    ----------
+    model : System or LFTModel
+    count : number of samples
+
+    Returns
+    -------
+    str
+        ``"dense matrices"``; ``"program of the LFT"``, which is made of the LFT when it is needed; or
+        ``"stored program"``, which the model carries. With ``", native"`` behind it where it is compiled.
+        Should samples of a program differ from dense matrices, those compute after all.
+
+    Raises
+    ------
+    StructureError
+        The number is not one.
+    """
+    if not isinstance(count, int) or count < 0:
+        raise StructureError(f"computed_by: expected a number of samples, got {count!r}.")
+    known = model.known_program
+    found = way(model.lft, count, known)
+    if found == KNOWN and known is not None:
+        return found + ", native" * is_native(known, count)
+    return found + ", native" * (found == OWN and count >= NATIVE and is_available())

@@ -12,7 +12,7 @@ from mbdlft import ArchiveError, Certificate, LFTModel, load, matrices_at, save
 from mbdlft.archive.certificate import rests_on
 from mbdlft.lft.block import Block, ComplexBlock, FullBlock
 from mbdlft.lft.lft import LFT
-from mbdlft.system.system import Parameters, System
+from mbdlft.system.model import Parameters, System
 from tests.archive import models
 from tests.archive.plain_digest import as_words, edit
 from tests.close import exact

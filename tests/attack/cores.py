@@ -17,7 +17,7 @@ import numpy as np
 
 import mbdlft
 from mbdlft import MbdlftError
-from mbdlft.problem.compare import NEGLIGIBLE
+from mbdlft.problem.references import NEGLIGIBLE
 from tests.attack import matrices
 from tests.attack.mutations import check_message
 from tests.close import CORES

@@ -15,7 +15,7 @@ import numpy as np
 
 import mbdlft
 from mbdlft import MbdlftError, Parameter
-from mbdlft.problem.compare import NEGLIGIBLE
+from mbdlft.problem.references import NEGLIGIBLE
 from tests.attack.known import Known, Polynomial, degrees, known, polynomials, value
 from tests.attack.mutations import check_message
 from tests.close import ATTACKED

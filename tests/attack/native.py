@@ -11,7 +11,7 @@ from mbdlft import MbdlftError
 from mbdlft.batch.compiled import compiled
 from mbdlft.batch.rows import EquationSource, source_of
 from mbdlft.multibody.assembly import assembly
-from mbdlft.problem.in_digits import matrices_in_digits
+from mbdlft.problem.digits import matrices_in_digits
 from tests.attack.mutations import check_message
 from tests.close import EVALUATION, NOTHING
 from tests.cross.mechanisms import closed_loop, open_tree

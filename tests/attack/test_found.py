@@ -10,8 +10,8 @@ import pytest
 from mbdlft.base import grammar, unit
 from mbdlft.lft.lft import LFT
 from mbdlft.order.reduction_in_doubles import reduce_order
-from mbdlft.pipeline import candidates, realization
-from mbdlft.pipeline.certify import Checked
+from mbdlft.pipeline import forms, stages
+from mbdlft.pipeline.certification import Checked
 from mbdlft.robust import stability as margin
 from mbdlft.robust.bisect import boxes
 from tests.attack import analyses, cores, equations, expressions, matrices, scenes
@@ -38,7 +38,7 @@ def literals_in_doubles(patch: Patch) -> None:
 
 
 def reduction_in_doubles(patch: Patch) -> None:
-    patch.setattr(candidates, "reduce_exactly", lambda a: exactly(reduce_order(a.rounded())))
+    patch.setattr(forms, "reduce_exactly", lambda a: exactly(reduce_order(a.rounded())))
 
 
 def units_in_doubles(patch: Patch) -> None:
@@ -50,14 +50,14 @@ def units_in_doubles(patch: Patch) -> None:
 
 def a_wrong_entry(patch: Patch) -> None:
     """An output is wrong by a millionth, and the certificate does not see it."""
-    right = realization._in_units
+    right = stages._in_units
 
     def wrong(*arguments: Any) -> LFT:
         a = right(*arguments)
         return LFT(a.M11, a.M12, a.M21, (1.0 + 1e-6) * a.M22, a.blocks)
 
-    patch.setattr(realization, "_in_units", wrong)
-    patch.setattr(realization, "measure_error", lambda *_: Checked(0.0, 3, 0.0, (), ()))
+    patch.setattr(stages, "_in_units", wrong)
+    patch.setattr(stages, "measure_error", lambda *_: Checked(0.0, 3, 0.0, (), ()))
 
 
 def nothing_vanishes(patch: Patch) -> None:

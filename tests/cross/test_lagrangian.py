@@ -17,8 +17,8 @@ import mbdlft
 from benchmarks.cases.lagrangian import Reference, lagrangian, state_space
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.joint import Joint
-from mbdlft.problem.compare import NEGLIGIBLE
-from mbdlft.system.model import deltas_of
+from mbdlft.problem.references import NEGLIGIBLE
+from mbdlft.system.points import deltas_of
 from tests import close
 from tests.strategies import random_scene, scenes
 

@@ -122,7 +122,7 @@ def test_mass_matrix_that_is_singular(run, tmp_path):
 
 
 def test_archive_that_cannot_be_written(run, arm, tmp_path, monkeypatch):
-    monkeypatch.setattr("mbdlft.pipeline.build.build", None)  # it is said before the work
+    monkeypatch.setattr("mbdlft.pipeline.models.build", None)  # it is said before the work
     check_message(
         run("linearize", arm(), "-o", "none/a.h5"),
         "none/a.h5: cannot be written: none is not a folder.",

@@ -4,7 +4,7 @@ import pytest
 
 import mbdlft
 from mbdlft import AnalysisError, MatrixProblem, Parameter, exact_lower_bound
-from mbdlft.pipeline import candidates
+from mbdlft.pipeline import forms
 
 # sqrt(2) in 110 digits: balls of 320 bits cannot tell it from the root
 ROOT = (
@@ -19,7 +19,7 @@ def test_more_bits_tell_numbers_from_zero() -> None:
 
 
 def test_numbers_that_cannot_be_told_from_zero(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(candidates, "MOST_BITS", 320)
+    monkeypatch.setattr(forms, "MOST_BITS", 320)
     message = (
         r"matrix 'matrix': numbers that are not zero cannot be told from zero in 320 bits\. .*"
         "make equal what is meant to be equal"

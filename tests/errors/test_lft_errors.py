@@ -18,7 +18,7 @@ from mbdlft.lft.lft import (
     stack_rows,
     star,
 )
-from mbdlft.problem.linearize import LinearModel
+from mbdlft.problem.relations import LinearModel
 from tests.errors.scenes import says
 from tests.extracted import extracted as in_doubles
 

@@ -10,8 +10,8 @@ import pytest
 
 import mbdlft
 from mbdlft import Angle, NotRationalError, Parameter, SceneError, WellPosednessError, realize
-from mbdlft.matrix.polynomial import expanded_matrix
-from mbdlft.matrix.resolve import resolve
+from mbdlft.matrix.expressions import resolve
+from mbdlft.matrix.symbolic import expanded_matrix
 
 A, B = Parameter("a", 0.5, 0.3, 0.8), Parameter("b", 1.5, 1.0, 2.0)
 TH = Angle("th", 30, 0, 60)

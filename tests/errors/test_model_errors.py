@@ -34,8 +34,8 @@ from mbdlft import (
     trim_at,
 )
 from mbdlft.multibody.body import Inertia
-from mbdlft.problem.linearize import trim_relations
-from mbdlft.problem.relinearize import relinearize
+from mbdlft.problem.linearization import relinearize
+from mbdlft.problem.relations import trim_relations
 from mbdlft.show import save_singular_values
 from tests.errors.scenes import ARM, cart, says
 

@@ -38,9 +38,9 @@ from mbdlft.base.errors import MbdlftWarning
 from mbdlft.base.expression import evaluate, parse, write
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.multibody.scene import check, positive
-from mbdlft.pipeline.certify import values_at_points
+from mbdlft.pipeline.certification import values_at_points
 from mbdlft.problem.problem import Nouns
-from mbdlft.system.singular import check_regular_at
+from mbdlft.system.points import check_regular_at
 from tests.errors.scenes import cart, says
 
 

@@ -55,7 +55,7 @@ def test_a_chain_that_is_solved_in_double_precision_is_seen(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Planted bug: the mass matrix at nominal is solved with as if its condition did not matter."""
-    monkeypatch.setattr("mbdlft.pipeline.candidates.eliminated", eliminated_in_doubles)
+    monkeypatch.setattr("mbdlft.pipeline.forms.eliminated", eliminated_in_doubles)
     assert measure(long_chain(20)).lft_factor > HARD_CHAIN
 
 
@@ -64,15 +64,15 @@ def test_a_condition_that_is_not_stated_is_seen(
     case: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Planted bug: the certificate takes every problem for well conditioned."""
-    monkeypatch.setattr("mbdlft.problem.compare.conditioning", lambda *_: (1.0, 0))
+    monkeypatch.setattr("mbdlft.problem.references.conditioning", lambda *_: (1.0, 0))
     found = measure(case)
     assert found.condition > HARD * found.stated
 
 
 def test_a_change_of_sign_that_is_not_stated_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: entries that change their sign are not counted."""
-    right = mbdlft.problem.compare.conditioning
-    monkeypatch.setattr("mbdlft.problem.compare.conditioning", lambda *p: (right(*p)[0], 0))
+    right = mbdlft.problem.references.conditioning
+    monkeypatch.setattr("mbdlft.problem.references.conditioning", lambda *p: (right(*p)[0], 0))
     found = measure(bifurcation(1e-9))
     assert found.condition > HARD * found.stated
 
@@ -85,8 +85,8 @@ def test_a_reduction_that_loses_digits_is_seen(monkeypatch: pytest.MonkeyPatch) 
         parts = (x.astype(np.float32).astype(float) for x in (b.M11, b.M12, b.M21, b.M22))
         return exactly(mbdlft.LFT(*parts, b.blocks))
 
-    monkeypatch.setattr("mbdlft.pipeline.certify.ACCEPTED", np.inf)
-    monkeypatch.setattr("mbdlft.pipeline.candidates.reduce_exactly", in_few_digits)
+    monkeypatch.setattr("mbdlft.pipeline.certification.ACCEPTED", np.inf)
+    monkeypatch.setattr("mbdlft.pipeline.forms.reduce_exactly", in_few_digits)
     assert measure(mass_ratio(1.0, 1e9)).lft_factor > HARD
 
 
@@ -94,7 +94,7 @@ def test_a_wrong_digit_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: an angle with a relative error of 1e-12."""
     reading = mbdlft.base.parameter.to_delta
     monkeypatch.setattr(
-        "mbdlft.system.system.to_delta", lambda p, x: reading(p, np.asarray(x) * (1.0 + 1e-12))
+        "mbdlft.system.points.to_delta", lambda p, x: reading(p, np.asarray(x) * (1.0 + 1e-12))
     )
     assert measure(mass_ratio(1e9, 1.0)).lft_factor > HARD
 

@@ -28,8 +28,8 @@ from mbdlft.order import rewriting, search
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.order.rewriting import is_affine, is_polynomial, move_affine
 from mbdlft.order.work import Work
-from mbdlft.pipeline.candidates import candidates, closing
-from mbdlft.problem.linearize import linearize
+from mbdlft.pipeline.forms import candidates, closing
+from mbdlft.problem.relations import linearize
 from tests.close import roundoff
 from tests.extracted import extracted
 from tests.laws.turned import forces_turned_on_the_way

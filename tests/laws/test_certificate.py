@@ -8,14 +8,14 @@ import pytest
 import mbdlft
 from mbdlft.base.samples import check_points
 from mbdlft.lft.lft import LFT, delta
-from mbdlft.matrix.to_problem import problem_of_matrix
+from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.order.degree import Bound
-from mbdlft.pipeline import realization
-from mbdlft.pipeline.certify import Checked, certificate, values_at_points
-from mbdlft.pipeline.realization import _Check
+from mbdlft.pipeline import stages
+from mbdlft.pipeline.certification import Checked, certificate, values_at_points
+from mbdlft.pipeline.stages import _Check
 from mbdlft.problem.problem import Problem
-from mbdlft.problem.sx.sizes import term_sizes
+from mbdlft.problem.sx.evaluation import term_sizes
 from scenarios import two_link_arm
 from tests.close import SCENARIO, exact, roundoff
 
@@ -71,18 +71,18 @@ def test_a_wrong_model_or_trim_is_refused() -> None:
 
 def test_what_a_search_makes_with_lost_digits_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
     """A planted search: one repetition less, and a billionth off."""
-    right = realization._search
+    right = stages._search
 
     def lossy(*arguments: Any) -> Any:
         found = right(*arguments)
         a = found.lft
         return found._replace(lft=LFT(a.M11, a.M12, (1.0 + 1e-9) * a.M21, a.M22, a.blocks))
 
-    monkeypatch.setattr(realization, "_search", lossy)
+    monkeypatch.setattr(stages, "_search", lossy)
     model = mbdlft.to_lft(two_link_arm.scene())
     assert (model.order, model.certificate.order_bound) == (17, 16)
     assert model.certificate.max_relative_error <= SCENARIO
-    monkeypatch.setattr(realization, "_loses_digits", lambda *_: False)
+    monkeypatch.setattr(stages, "_loses_digits", lambda *_: False)
     model = mbdlft.to_lft(two_link_arm.scene())
     assert model.order == 16
     assert model.certificate.max_relative_error > SCENARIO

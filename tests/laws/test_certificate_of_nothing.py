@@ -12,9 +12,9 @@ from mbdlft.base.samples import check_points
 from mbdlft.lft.lft import LFT
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals, problem_of_scene
-from mbdlft.pipeline.realization import _Check
-from mbdlft.problem.compare import entry_sizes
-from mbdlft.problem.relinearize import relinearize
+from mbdlft.pipeline.stages import _Check
+from mbdlft.problem.linearization import relinearize
+from mbdlft.problem.references import entry_sizes
 from mbdlft.show.report.sentences import checked_beside
 from tests.close import SCENARIO
 

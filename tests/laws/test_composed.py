@@ -30,7 +30,7 @@ from mbdlft import (
 )
 from mbdlft.cli.commands import main
 from mbdlft.lft.lft import delta
-from mbdlft.system import lft, ranges
+from mbdlft.system import blocks, lft
 from tests.archive.models import same
 from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.errors.scenes import says
@@ -287,9 +287,9 @@ def test_an_error_counts_more_in_a_range_of_smaller_entries() -> None:
 
 
 def test_ranges_catch_a_wrong_curvature(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = ranges._change
+    right = blocks._change
     monkeypatch.setattr(
-        ranges, "_change", lambda old, new: right(old, new)._replace(a=-right(old, new).a)
+        blocks, "_change", lambda old, new: right(old, new)._replace(a=-right(old, new).a)
     )
     with pytest.raises(AssertionError):
         check_ranges(0.3, 0.5, 1)

@@ -15,8 +15,8 @@ from benchmarks.cases.hub import hub
 from benchmarks.elastic_transfers import Case, measured
 from mbdlft.exact.rounding import equilibrate
 from mbdlft.lft.evaluation import evaluate_at
-from mbdlft.system import digits, system
-from mbdlft.system.digits import lost, with_digits
+from mbdlft.system import points as evaluated
+from mbdlft.system.points import lost, with_digits
 from scenarios import two_link_arm
 
 CASE = Case(1, 5, "E rho L")
@@ -26,7 +26,7 @@ def test_transfer_functions_at_corners(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(elastic_transfers, "OMEGA", np.array([0.1, 30.0, 1e4]))
     row = measured(CASE)
     assert row.error <= 10.0 * row.rounded
-    monkeypatch.setattr(system, "with_digits", lambda lft, points, values: values)
+    monkeypatch.setattr(evaluated, "with_digits", lambda lft, points, values: values)
     assert measured(CASE).error > 100.0 * row.rounded  # or this test shows nothing
 
 
@@ -39,9 +39,9 @@ def test_what_is_lost_is_told() -> None:
         with_digits(lft, points, evaluate_at(lft, points)),
     )
     rows, columns = equilibrate(better[None])
-    size = np.maximum(np.abs(better), digits._NEGLIGIBLE / np.outer(rows, columns))
+    size = np.maximum(np.abs(better), evaluated._NEGLIGIBLE / np.outer(rows, columns))
     error = float(np.max(np.abs(doubles - better) / size))
-    assert error > 10.0 * digits.LOST
+    assert error > 10.0 * evaluated.LOST
     assert 0.1 * error <= lost(lft, deltas, better) <= 10.0 * error
 
 
@@ -54,5 +54,5 @@ def test_what_loses_nothing_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     points = np.linspace(-1.0, 1.0, 20)[:, None]
     values = evaluate_at(elastic, points)
     assert np.any(with_digits(elastic, points, values) != values)
-    monkeypatch.setattr(digits, "_MOST", 19.0 * elastic.order**3)
+    monkeypatch.setattr(evaluated, "_MOST", 19.0 * elastic.order**3)
     assert with_digits(elastic, points, values) is values

@@ -25,7 +25,7 @@ from mbdlft.base.expression import (
 )
 from mbdlft.exact import interval, taylor
 from mbdlft.exact.interval import FUNCTIONS, Interval
-from mbdlft.matrix import denominator
+from mbdlft.matrix import expressions
 from tests.close import EPS, roundoff
 
 SIZES = [0.0, 5e-324, 2.5e-308, 1e-200, 1e-16, 0.1, 0.7, 1.0, 3.0, 22.0, 1e16, 1e200, 1.7e308]
@@ -180,7 +180,7 @@ def test_numbers_of_a_text_are_its_decimals(monkeypatch: pytest.MonkeyPatch) -> 
             mbdlft.realize([[text]], [parameter], search=0.0)
 
     refused()
-    monkeypatch.setattr(denominator, "decimal", Interval.of)
+    monkeypatch.setattr(expressions, "decimal", Interval.of)
     with pytest.raises((pytest.fail.Exception, mbdlft.AnalysisError)):
         refused()
 

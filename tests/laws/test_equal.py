@@ -12,7 +12,7 @@ from mbdlft.order import search
 from mbdlft.order import search as equal
 from mbdlft.order.search import Truth, is_same, part_of_largest
 from mbdlft.order.work import Work
-from mbdlft.pipeline import realization
+from mbdlft.pipeline import stages
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 
@@ -88,5 +88,5 @@ def test_planted_search_of_relations_alone_is_found(monkeypatch: pytest.MonkeyPa
 def test_very_large_models_are_not_searched(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = mbdlft.load_scene(SCENARIOS / "two_link_arm.toml")
     assert mbdlft.to_lft(scene).order == 16
-    monkeypatch.setattr(realization, "_MOST_SEARCHED", 16)
+    monkeypatch.setattr(stages, "_MOST_SEARCHED", 16)
     assert mbdlft.to_lft(scene).order == 17

@@ -16,14 +16,14 @@ from benchmarks.cases.orders import CASES
 from mbdlft.exact.matrices import Residues
 from mbdlft.exact.numbers import BITS, precision
 from mbdlft.lft.lft import LFT
-from mbdlft.matrix.to_problem import problem_of_matrix
+from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.order import exact_pairs as module
 from mbdlft.order.exact_degree import exact_degrees
 from mbdlft.order.exact_pairs import is_constant, more_needed
 from mbdlft.order.pairs import Triple, confirmation, joint_bound, pair_bounds
 from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.work import Work
-from mbdlft.pipeline.candidates import candidates
+from mbdlft.pipeline.forms import candidates
 from tests.extracted import lower_bound
 from tests.laws.test_joint_bound import TWO_LETTERS, Word, words, words_of_two_letters
 from tests.laws.test_joint_bound import known as known_in_doubles

@@ -22,7 +22,7 @@ from mbdlft.multibody.equilibrium.fit import (
     prove,
     rational,
 )
-from mbdlft.problem.sx.fold import arithmetic, fold
+from mbdlft.problem.sx.tapes import arithmetic, fold
 from tests.close import FIT_BOUND, exact, roundoff
 
 mpmath.mp.dps = 50

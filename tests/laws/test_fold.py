@@ -16,9 +16,9 @@ from mbdlft.exact.numbers import BITS, precision
 from mbdlft.matrix.symbolic import matrix_problem
 from mbdlft.multibody.equilibrium.fit.system import _ARRAYS
 from mbdlft.pipeline.extract.channels import close, walk
-from mbdlft.problem.sx import sizes
-from mbdlft.problem.sx.evaluate import MANY, evaluate_many, vectors
-from mbdlft.problem.sx.fold import Rules, arithmetic, fold, rules, steps
+from mbdlft.problem.sx import evaluation
+from mbdlft.problem.sx.evaluation import MANY, evaluate_many, vectors
+from mbdlft.problem.sx.tapes import Rules, arithmetic, fold, rules, steps
 from tests.close import EPS, exact, roundoff
 
 NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
@@ -64,7 +64,7 @@ def ids(function: ca.Function) -> list[int]:
 
 def of_sizes(function: ca.Function, x: float, y: float) -> None:
     """A size is at least that of the value, and that of the value where nothing cancels."""
-    (size,) = sizes.term_sizes(function, np.array([[x]]), np.array([[y]]))[0]
+    (size,) = evaluation.term_sizes(function, np.array([[x]]), np.array([[y]]))[0]
     value = abs(float(function(x, y)))
     if ca.OP_SUB in ids(function):
         roundoff(size, x + y)
@@ -154,7 +154,7 @@ def test_a_wrong_rule_is_found(table: str, rule: str, monkeypatch: pytest.Monkey
         return right(cls, constant, {**operations, rule: operations[other]}, missing)
 
     monkeypatch.setattr(Rules, "__new__", swapped)
-    for made in (_ARRAYS, sizes._SIZES):
+    for made in (_ARRAYS, evaluation._SIZES):
         monkeypatch.setitem(made.operations, rule, made.operations[other])  # type: ignore[index]
     vectors.cache_clear()
     with pytest.raises(AssertionError):
@@ -166,7 +166,7 @@ def test_sizes_go_through_functions() -> None:
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
     entries = ca.vertcat(1.0 / (x - y), 2.0 * ca.sqrt(x - y), ca.tan(x), ca.fabs(x - y), 7.0)
     function = ca.Function("f", [x, y], [entries])
-    found = sizes.term_sizes(function, np.array([[3.0], [5.0]]), np.array([[1.0], [1.0]]))
+    found = evaluation.term_sizes(function, np.array([[3.0], [5.0]]), np.array([[1.0], [1.0]]))
     roundoff(found[0], [4.0 / 2.0**2, 2.0 * 2.0, -np.tan(3.0), 4.0, 7.0])
     roundoff(found[1], [6.0 / 4.0**2, 2.0 * np.sqrt(6.0), -np.tan(5.0), 6.0, 7.0])
 

@@ -21,7 +21,7 @@ from mbdlft.order import circles as module
 from mbdlft.order.circles import independent
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.order.work import Work
-from mbdlft.pipeline.build import build
+from mbdlft.pipeline.models import build
 from tests.close import SCENARIO, roundoff, target
 from tests.strategies import random_scene
 

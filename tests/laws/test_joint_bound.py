@@ -37,7 +37,7 @@ from mbdlft.order import pairs as joint
 from mbdlft.order import sections
 from mbdlft.order.pairs import Pair, Triple, joint_bound, least_more
 from mbdlft.order.reduction_in_doubles import reduce_order
-from mbdlft.problem.linearize import linearize
+from mbdlft.problem.relations import linearize
 from tests.close import roundoff
 from tests.extracted import extracted, lower_bound
 

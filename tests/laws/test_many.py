@@ -9,7 +9,7 @@ import pytest
 import mbdlft
 from mbdlft.batch.rows import source_of
 from mbdlft.lft.program.tape import _CALLS
-from mbdlft.problem.sx import evaluate as many
+from mbdlft.problem.sx import evaluation as many
 from tests.close import exact, roundoff
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"

@@ -24,11 +24,11 @@ import pytest
 import mbdlft
 from mbdlft import Angle, Parameter, realize
 from mbdlft.exact.matrices import ExactMatrix, rough_values
-from mbdlft.matrix import fifty_digits, polynomial, symbolic, to_problem
-from mbdlft.matrix.to_problem import problem_of_matrix
+from mbdlft.matrix import digits, relations, symbolic
+from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.reduction_in_doubles import channel_scales
-from mbdlft.pipeline import candidates, realization
+from mbdlft.pipeline import forms, stages
 from mbdlft.pipeline.extract import channels
 from mbdlft.pipeline.extract.noncommuting import Row
 from tests.close import CLOSED_FORM, exact, target
@@ -207,7 +207,7 @@ def law_small_entry() -> None:
     a = realize([["1e-20*a", "1e20*b"]], [A, B], search=0.0).lft
     wrong = np.array([1.001, 1.0])
     with pytest.raises(mbdlft.AnalysisError, match=r"differs from the matrix by 1\.0e-03"):
-        realization._Check(problem).model(
+        stages._Check(problem).model(
             mbdlft.LFT(a.M11, a.M12 * wrong, a.M21, a.M22 * wrong, a.blocks), None
         )
 
@@ -218,7 +218,7 @@ def test_small_entries_are_compared() -> None:
 
 def test_planted_units_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rows and columns in the units they came in."""
-    monkeypatch.setattr(to_problem, "_units", lambda v: tuple(map(np.ones, v.shape[1:])))
+    monkeypatch.setattr(relations, "_units", lambda v: tuple(map(np.ones, v.shape[1:])))
     with pytest.raises(pytest.fail.Exception):
         law_small_entry()
 
@@ -242,8 +242,8 @@ def test_what_cancels_proves_nothing(case: Unreduced) -> None:
 
 def test_planted_doubles_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Degrees of the model in doubles: only by commutation factors are seen to be common."""
-    right = realization.exact_degrees
-    monkeypatch.setattr(realization, "exact_degrees", lambda a, seed: right(in_doubles(a), seed))
+    right = stages.exact_degrees
+    monkeypatch.setattr(stages, "exact_degrees", lambda a, seed: right(in_doubles(a), seed))
     for case in UNREDUCED:
         with pytest.raises(AssertionError):
             law_bound(case)
@@ -272,7 +272,7 @@ def law_canceled(rows: Rows, left: Rows) -> None:
 
 def test_planted_digits_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fifty digits are taken to be enough, whatever cancels."""
-    monkeypatch.setattr(fifty_digits, "_NOISE", 0.0)
+    monkeypatch.setattr(digits, "_NOISE", 0.0)
     for case in CANCELED[-3:]:
         with pytest.raises((AssertionError, mbdlft.AnalysisError)):
             law_canceled(*case)
@@ -291,7 +291,7 @@ def test_planted_coefficient_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
         return Fraction(float(value))
 
     monkeypatch.setattr(channels, "constant_of", binary)
-    monkeypatch.setattr(polynomial, "decimal", binary)
+    monkeypatch.setattr(symbolic, "decimal", binary)
     monkeypatch.setattr(symbolic, "literal", float)
     for case in (*CANCELED[:2], *CANCELED[3:5]):
         with pytest.raises((AssertionError, mbdlft.AnalysisError)):
@@ -309,7 +309,7 @@ def law_channels(size: float) -> None:
     """What enters and what leaves a channel has one size."""
     x = Parameter("x", size, 0.5 * size, 2.0 * size)
     problem = problem_of_matrix(mbdlft.matrix_problem([["1/x^2"], ["x^2"]], [x]))
-    for found in candidates.candidates(problem, problem.forms):
+    for found in forms.candidates(problem, problem.forms):
         for a in (found.lft, found.closed, found.relations):
             exact(channel_scales(a.M11, a.M12, a.M21), np.ones(a.order))
 
@@ -318,7 +318,7 @@ def test_the_smallest_form_comes_first() -> None:
     """The forms of these have different orders."""
     for rows in ([["a^2*b + a*b*a", "b*a"]], [["a*b + b*a"], ["a^2 + a*(1 + b)*a"]]):
         problem = problem_of_matrix(mbdlft.matrix_problem(rows, [A, B]))
-        orders = [found.lft.order for found in candidates.candidates(problem, problem.forms)]
+        orders = [found.lft.order for found in forms.candidates(problem, problem.forms)]
         assert orders == sorted(orders)
         assert orders[0] < orders[-1]
 
@@ -330,7 +330,7 @@ def test_channels_have_one_size(size: float) -> None:
 
 def test_planted_channels_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Channels as they come out of the text."""
-    monkeypatch.setattr(candidates, "in_scales", lambda a: a)
+    monkeypatch.setattr(forms, "in_scales", lambda a: a)
     with pytest.raises(AssertionError):
         law_channels(1e7)
 
@@ -342,7 +342,7 @@ def test_differences_have_their_digits(rows: Rows, parameters: list[Parameter]) 
 
 def test_planted_start_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Balls have the bits of doubles, and are taken as they are."""
-    monkeypatch.setattr(candidates, "BITS", 53)
+    monkeypatch.setattr(forms, "BITS", 53)
     monkeypatch.setattr(ExactMatrix, "values", rough_values)
     with pytest.raises(mbdlft.AnalysisError, match="differs from the matrix by"):
         law_values(*FAR[0])
@@ -364,13 +364,13 @@ def test_certificate_states_what_is_lost() -> None:
 
 def test_planted_scale_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """All entries compared with the largest one."""
-    right = to_problem._scaled
+    right = relations._scaled
 
-    def beside_the_largest(*arguments: Any) -> to_problem._Scaled:
+    def beside_the_largest(*arguments: Any) -> relations._Scaled:
         scaled = right(*arguments)
         scale = np.full_like(scaled.reference.scale, np.max(scaled.reference.scale))
         return scaled._replace(reference=replace(scaled.reference, scale=scale))
 
-    monkeypatch.setattr(to_problem, "_scaled", beside_the_largest)
+    monkeypatch.setattr(relations, "_scaled", beside_the_largest)
     with pytest.raises(AssertionError):
         law_error(*NEARLY_SINGULAR)

@@ -28,7 +28,7 @@ from mbdlft.lft.program.elimination import solve, sparse
 from mbdlft.lft.program.native import LANES, Cache, key_of, native, run_natively, user_cache
 from mbdlft.lft.program.tape import Operand, Pivot, Program, Tape, plan, rows_of_numbers, run
 from mbdlft.multibody.assembly import assembly
-from mbdlft.problem.in_digits import matrices_in_digits
+from mbdlft.problem.digits import matrices_in_digits
 from tests.close import ELASTIC, EVALUATION, NOTHING, exact, roundoff
 from tests.errors.scenes import cart
 

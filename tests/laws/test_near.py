@@ -7,7 +7,7 @@ import pytest
 
 import mbdlft
 from mbdlft.exact.numbers import Constant
-from mbdlft.pipeline.near import Signed, neighbors
+from mbdlft.pipeline.forms import Signed, neighbors
 from tests.close import ELASTIC
 
 INERTIA = mbdlft.Inertia(xx=1.0, yy=2.0, zz=2.5)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbdlft.matrix.polynomial import NotPolynomialError, Polynomial
+from mbdlft.matrix.symbolic import NotPolynomialError, Polynomial
 
 seeds = st.integers(0, 1000)
 ARITHMETIC = [operator.add, operator.sub, operator.mul]

@@ -23,7 +23,7 @@ from mbdlft import (
 )
 from mbdlft.multibody.body import elastic
 from mbdlft.multibody.sensor import JointWrench
-from mbdlft.system import invert, wiring
+from mbdlft.system import connection, wiring
 from tests.close import BALANCE, CLOSED_FORM, FINITE_ELEMENTS, roundoff, target
 from tests.extracted import lower_bound
 
@@ -312,9 +312,9 @@ def test_inversion_is_that_of_state_space() -> None:
 
 
 def test_inversion_catches_an_exchanged_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = invert._exchanged
+    right = connection._exchanged
     monkeypatch.setattr(
-        invert, "_exchanged", lambda model, pairs: right(model, [(a, 11 - b) for a, b in pairs])
+        connection, "_exchanged", lambda model, pairs: right(model, [(a, 11 - b) for a, b in pairs])
     )
     with pytest.raises((AssertionError, mbdlft.MbdlftError)):
         check_inversion()

@@ -13,7 +13,7 @@ from benchmarks.cases.chains import chain
 from mbdlft.multibody.assembly import assembly
 from mbdlft.multibody.assembly.assemble import Assembly
 from mbdlft.multibody.assembly.weights import turns_of
-from mbdlft.pipeline.build import build
+from mbdlft.pipeline.models import build
 from mbdlft.problem.equations import rounded
 from tests import close
 from tests.laws import turned

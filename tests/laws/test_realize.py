@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 import mbdlft
 from mbdlft import Angle, Constant, MatrixProblem, Parameter, realize
 from mbdlft.exact.interval import FUNCTIONS, Interval
-from mbdlft.matrix import denominator, symbolic, to_problem
-from mbdlft.matrix.resolve import MatrixForm
+from mbdlft.matrix import expressions, relations, symbolic
+from mbdlft.matrix.expressions import MatrixForm
 from tests.archive.models import same
 from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.laws.test_exact import entries
@@ -73,7 +73,7 @@ def test_planted_bugs_of_conversion_are_found(monkeypatch: pytest.MonkeyPatch) -
         with pytest.raises(AssertionError, match="relative error"):
             roundoff(value(realize(a - a * b, [A, B], search=0.0), SAMPLES), expected, 1e2)
     for name in ("written_matrix", "expanded_matrix"):
-        monkeypatch.setattr(to_problem, name, doubled(getattr(to_problem, name)))
+        monkeypatch.setattr(relations, name, doubled(getattr(relations, name)))
     with pytest.raises(mbdlft.AnalysisError, match="differs from the matrix by"):
         realize([["a - a*b"]], [A, B], search=0.0)
 
@@ -94,7 +94,7 @@ def doubled(write: Callable[..., MatrixForm]) -> Callable[..., MatrixForm]:
 
 
 def test_a_pole_that_intervals_miss_is_found_at_points(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(denominator, "find_zero", lambda function, bounds: None)
+    monkeypatch.setattr(expressions, "find_zero", lambda function, bounds: None)
     with pytest.raises(mbdlft.WellPosednessError, match="the model is singular at"):
         realize([["1/(a - 0.6)"]], [A], search=0.0)
     with pytest.raises(mbdlft.WellPosednessError, match=r"is not finite at a = 0\.5"):

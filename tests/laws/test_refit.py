@@ -27,7 +27,7 @@ from mbdlft.order.pairs import joint_bound
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.order.search import Budget, find_smallest
 from mbdlft.order.work import Work
-from mbdlft.problem.linearize import linearize
+from mbdlft.problem.relations import linearize
 from tests.close import roundoff
 from tests.extracted import lower_bound, reduced
 

@@ -17,7 +17,7 @@ from mbdlft.batch import compiled as module
 from mbdlft.batch import remembered
 from mbdlft.batch.rows import source_of
 from mbdlft.lft.program.native import Cache
-from mbdlft.problem import prestress
+from mbdlft.problem import trim
 from tests.close import exact
 from tests.errors.scenes import cart
 
@@ -75,7 +75,7 @@ def test_loads_through_elastic_bodies_are_refused(monkeypatch: pytest.MonkeyPatc
     at = check_points(second.parameters, 3)[:20]
     for found in (first, second):
         found.rows(at)
-    for where in (module, prestress):  # planted: no wrench at all is too much
+    for where in (module, trim):  # planted: no wrench at all is too much
         monkeypatch.setattr(where, "CARRIED", Less())
     for found in (first, second):
         with pytest.raises(TrimError, match="is elastic and carries a load at equilibrium"):

@@ -25,7 +25,7 @@ from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.reproducible import NoProcessError, same_everywhere, settings
 from mbdlft.lft.lft import constant
 from mbdlft.order.search import IN_PROCESS
-from mbdlft.pipeline.build import build
+from mbdlft.pipeline.models import build
 from tests.attack.cores import kinds
 
 ROOT = Path(__file__).parents[2]

@@ -23,7 +23,7 @@ from mbdlft import (
 from mbdlft.response import resolvent
 from mbdlft.response.frequency import peaks
 from mbdlft.show.figures.figures import mark_unbounded
-from mbdlft.system.system import StateMatrices
+from mbdlft.system.points import StateMatrices
 from tests.close import CLOSED_FORM, NORM, PEAK, RESPONSE, exact, roundoff, target
 from tests.oscillators import (
     matrices,

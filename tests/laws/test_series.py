@@ -80,7 +80,7 @@ def test_series_is_the_product(side: str) -> None:
 def test_series_catches_a_block_at_the_wrong_place(
     side: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = import_module("mbdlft.system.in_series")
+    module = import_module("mbdlft.system.connection")
     right = module._wiring
 
     def wrong(model, block, positions, order, *, at_inputs):

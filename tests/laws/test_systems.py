@@ -25,7 +25,7 @@ from mbdlft import (
     series,
 )
 from mbdlft.lft.lft import fix, with_blocks
-from mbdlft.system import algebra, evidence, lft, network
+from mbdlft.system import algebra, connection, evidence, lft
 from tests.close import CLOSED_FORM, SCENARIO
 
 K = Parameter("k", 40.0, low=30.0, high=60.0, unit="N/m")
@@ -249,13 +249,13 @@ def test_a_shared_parameter_is_not_two(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_channels_are_not_swapped(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = network._matches
+    right = connection._matches
 
     def wrong(entries, name):
         swapped = {"cart.force": "cart.gust", "gust": "force"}
         return right(entries, swapped.get(name, name))
 
-    monkeypatch.setattr(network, "_matches", wrong)
+    monkeypatch.setattr(connection, "_matches", wrong)
     with pytest.raises(AssertionError):
         check("connect")
 

@@ -7,9 +7,9 @@ import pytest
 
 import mbdlft
 from mbdlft.multibody.to_problem import problem_of_scene
-from mbdlft.pipeline.certify import measure_error
+from mbdlft.pipeline.certification import measure_error
 from mbdlft.problem.problem import Problem
-from mbdlft.problem.transfers import (
+from mbdlft.problem.references import (
     QUIET,
     frequencies_of,
     implicit_transfers,

@@ -30,7 +30,7 @@ from mbdlft.lft.lft import (
     stack_rows,
 )
 from mbdlft.order.reduction_in_doubles import reduce_order
-from mbdlft.pipeline.build import build
+from mbdlft.pipeline.models import build
 from mbdlft.system import truncation
 from mbdlft.system.truncation import truncate_lft, typical_sizes
 from tests.archive.models import arm, same

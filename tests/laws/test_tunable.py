@@ -46,7 +46,7 @@ def test_closed_with_its_gains_the_plant_is_the_model(names: list[str], seed: in
 
 
 def test_closing_catches_exchanged_channels(monkeypatch: pytest.MonkeyPatch) -> None:
-    module = import_module("mbdlft.system.gains")  # the function has the same name
+    module = import_module("mbdlft.system.blocks")  # the function has the same name
     right = module.open_blocks
 
     def wrong(a: mbdlft.LFT, names: list[str]) -> mbdlft.LFT:

@@ -28,7 +28,7 @@ from mbdlft.pipeline.extract import noncommuting as words
 from mbdlft.pipeline.extract.channels import close
 from mbdlft.pipeline.extract.graph import Scaled, SignalGraph
 from mbdlft.pipeline.extract.noncommuting import Dependence, Row
-from mbdlft.problem.linearize import linearize
+from mbdlft.problem.relations import linearize
 from tests.close import roundoff
 from tests.extracted import FIELD
 

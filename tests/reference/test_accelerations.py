@@ -3,12 +3,12 @@
 import flint
 import numpy as np
 import pytest
-from mbdlft.lft.exact import ExactLFT, eliminated
 
 import mbdlft
 from mbdlft.exact.matrices import ExactMatrix, rough_values
 from mbdlft.exact.rounding import cleaned
-from mbdlft.pipeline import candidates
+from mbdlft.order.reduction import ExactLFT, eliminated
+from mbdlft.pipeline import forms
 from tests.close import ACCELERATION
 from tests.reference.chain_of_beams import accelerations, response_in_many_digits, scene
 
@@ -47,6 +47,6 @@ def test_zeros_by_a_threshold_are_found(monkeypatch: pytest.MonkeyPatch) -> None
         residues[lost], balls[lost] = 0, flint.arb(0)
         return ExactLFT(ExactMatrix(residues, balls, found.M.prime), found.blocks)
 
-    monkeypatch.setattr(candidates, "eliminated", wrong)
+    monkeypatch.setattr(forms, "eliminated", wrong)
     with pytest.raises(mbdlft.AnalysisError, match="differs from the nonlinear equations"):
         largest_error(3, 6)

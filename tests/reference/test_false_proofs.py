@@ -6,11 +6,11 @@ import pytest
 import mbdlft
 from mbdlft import Constant, Parameter, realize
 from mbdlft.lft.lft import delta
-from mbdlft.matrix.to_problem import problem_of_matrix
+from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.order import search
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.order.work import Work
-from mbdlft.pipeline import candidates
+from mbdlft.pipeline import forms
 from tests.close import CLOSED_FORM, target
 from tests.extracted import exactly
 from tests.laws.test_exact_pairs import known as matrix_of_pairs
@@ -56,7 +56,7 @@ def test_pairs_that_rounding_makes_prove_nothing() -> None:
 def test_planted_pairs_of_doubles_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reductions and degrees in doubles, and what these show counts without a proof on residues."""
     monkeypatch.setattr(search, "confirmation", lambda *_: None)
-    monkeypatch.setattr(candidates, "reduce_exactly", lambda a: exactly(reduce_order(a.rounded())))
+    monkeypatch.setattr(forms, "reduce_exactly", lambda a: exactly(reduce_order(a.rounded())))
     with pytest.raises(AssertionError):
         law_pairs()
 
@@ -181,7 +181,7 @@ def test_a_parameter_that_is_gone_is_below_its_bound() -> None:
     """However many repetitions of the others there are in its place."""
     a, b, c = (delta(name, 1) for name in "abc")
     problem = problem_of_matrix(mbdlft.matrix_problem([["a + b + c"]], THREE))
-    (found, *_) = candidates.candidates(problem, problem.forms)
+    (found, *_) = forms.candidates(problem, problem.forms)
     proof = search._Proof(dict.fromkeys("abc", 1), found.lft, Work(1.0), found.exact)
     assert proof.allows(a + b + c)
     assert not proof.allows(a + a + b)

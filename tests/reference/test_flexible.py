@@ -12,8 +12,8 @@ from benchmarks import assumed_modes
 from benchmarks.cases import beams
 from benchmarks.cases import flexible as data
 from benchmarks.cases.superelement import superelement_matrix
-from mbdlft.pipeline import candidates
-from mbdlft.problem.compare import NEGLIGIBLE
+from mbdlft.pipeline import forms
+from mbdlft.problem.references import NEGLIGIBLE
 from tests.close import (
     ARM_TABLE,
     CHAIN,
@@ -94,7 +94,7 @@ def test_entries_have_the_digits_of_their_terms() -> None:
 
 def test_digits_need_exact_solutions(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: the mass matrix is solved with in doubles."""
-    monkeypatch.setattr(candidates, "eliminated", eliminated_in_doubles)
+    monkeypatch.setattr(forms, "eliminated", eliminated_in_doubles)
     with pytest.raises(AssertionError):
         test_entries_have_the_digits_of_their_terms()
 

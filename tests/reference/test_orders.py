@@ -17,7 +17,7 @@ import mbdlft
 from benchmarks.cases.orders import CASES, Case, points
 from benchmarks.cases.rewrite import exact_value, exact_values, rewritten
 from mbdlft import LFTModel, MatrixProblem
-from mbdlft.pipeline import candidates, certify
+from mbdlft.pipeline import certification, forms
 from mbdlft.pipeline.extract import Extraction
 from tests.close import SCENARIO, target
 
@@ -101,16 +101,16 @@ def test_planted_bug_in_the_walk_is_found(monkeypatch: pytest.MonkeyPatch) -> No
     case = next(case for case in CASES if case.name == "O12")
     expected = exact_values(case.matrix, points(case, 5))
     law_values(mbdlft.realize, case, case.matrix, expected, 5)
-    right = candidates.extract
+    right = forms.extract
 
     def transposed(*arguments: Any) -> Extraction:
         found = right(*arguments)
-        return found._replace(lft=candidates.transposed(found.lft))
+        return found._replace(lft=forms.transposed(found.lft))
 
-    monkeypatch.setattr(candidates, "extract", transposed)
+    monkeypatch.setattr(forms, "extract", transposed)
     with pytest.raises(mbdlft.AnalysisError, match="differs from the matrix by"):
         mbdlft.realize(case.problem(), search=0.0)
-    monkeypatch.setattr(certify, "ACCEPTED", np.inf)
+    monkeypatch.setattr(certification, "ACCEPTED", np.inf)
     with pytest.raises(AssertionError, match="relative error"):
         law_values(mbdlft.realize, case, case.matrix, expected, 5)
 

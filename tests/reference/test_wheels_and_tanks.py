@@ -13,7 +13,7 @@ from scipy.special import jnp_zeros
 import mbdlft
 from mbdlft import Inertia, Parameter, PointMass, Prismatic, RigidBody, Scene, Spherical
 from mbdlft.base.errors import SceneError
-from mbdlft.library.slosh import ZERO
+from mbdlft.library.devices import ZERO
 from tests.close import CLOSED_FORM, EVALUATION, published, target
 
 

@@ -24,7 +24,7 @@ from mbdlft.multibody.sensor import Sensor
 from mbdlft.multibody.sensor.base import View
 from mbdlft.multibody.spatial import Coordinate, move_motion, move_wrench
 from mbdlft.pipeline import to_lft
-from mbdlft.problem.sx.fold import arithmetic, fold
+from mbdlft.problem.sx.tapes import arithmetic, fold
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")

@@ -11,7 +11,7 @@ from benchmarks import orders as orders_benchmark
 from benchmarks.cases.orders import CASES
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.body import ElasticBody
-from mbdlft.problem.linearize import linearize
+from mbdlft.problem.relations import linearize
 from mbdlft.problem.sx.constants import in_doubles
 from scenarios import two_link_arm
 from tests.close import ELASTIC, SCENARIO, exact

@@ -30,7 +30,7 @@ from mbdlft.multibody.body.rigid import PRODUCTS
 from mbdlft.multibody.scene.positive import LABELS
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.problem.sx.constants import in_doubles, is_constant
-from mbdlft.problem.sx.fold import arithmetic, fold
+from mbdlft.problem.sx.tapes import arithmetic, fold
 
 _RULES = arithmetic(decimal, FUNCTIONS)
 _PRODUCTS = tuple(f"inertia.{name}" for name in PRODUCTS)

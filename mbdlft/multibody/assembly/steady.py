@@ -38,8 +38,7 @@ from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate
 from mbdlft.problem.equations import exact_symbols
-from mbdlft.problem.sx.constants import unit_vector
-from mbdlft.problem.sx.residues import modulo_prime
+from mbdlft.problem.sx.constants import modulo_prime, unit_vector
 
 _SEED = 20261123  # of the residues that stand for parameters
 _PERIODIC = "The linear model would be periodic in time"

@@ -22,7 +22,7 @@ from mbdlft.multibody.force import Spring, Strut
 from mbdlft.multibody.joint import Joint, Rotation
 from mbdlft.multibody.scene import Constant, Scene
 from mbdlft.multibody.scene.check import has_unit
-from mbdlft.problem.relinearize import relinearize
+from mbdlft.problem.linearization import relinearize
 
 
 def at_equilibrium(scene: Scene, point: EquilibriumPoint) -> Scene:

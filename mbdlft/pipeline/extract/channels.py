@@ -36,9 +36,9 @@ from mbdlft.pipeline.extract.noncommuting import (
     smallest,
     subtract,
 )
-from mbdlft.problem.linearize import LinearModel
+from mbdlft.problem.relations import LinearModel
 from mbdlft.problem.sx.constants import constants_in
-from mbdlft.problem.sx.fold import Rules, fold, rules
+from mbdlft.problem.sx.tapes import Rules, fold, rules
 
 
 class Extraction(NamedTuple):

@@ -3,6 +3,10 @@
 SX folds constants in doubles, where 0.1 0.7 is not 0.07. So a number of a scene enters its expressions as
 a symbol, one for each number, unless it is a short binary fraction, with which doubles are exact.
 `constants_in` finds the symbols again, and `in_doubles` puts the nearest doubles in their places.
+
+`modulo_prime` evaluates expressions modulo a prime, with random residues for their symbols. An expression
+whose residue is not zero is not zero; one whose residue is zero vanishes for all values of the symbols,
+but for a chance of about its degree times 1e-18.
 """
 
 import math
@@ -10,7 +14,7 @@ import operator
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import cache, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -25,7 +29,7 @@ from mbdlft.exact.numbers import (
     decimal,
     sine_of,
 )
-from mbdlft.problem.sx.fold import Rules, fold, rules
+from mbdlft.problem.sx.tapes import Rules, fold, rules
 
 _PREFIX = "constant "
 _PLAIN, _MOST_PLAIN = 64, 2**20  # denominator and size of numbers that stay doubles
@@ -191,3 +195,42 @@ FUNCTIONS = {name: partial(_applied, name) for name in ("sqrt", "sin", "cos", "a
 def pi_times(factor: Fraction | int) -> ca.SX:
     """A multiple of pi."""
     return constant(Constant("pi", Fraction(factor)))
+
+
+class ModuloPrime(NamedTuple):
+    """Residues of a matrix, as an array of whole numbers of its shape, and their prime."""
+
+    residues: np.ndarray[tuple[int, ...], np.dtype[np.object_]]
+    prime: int
+
+
+def modulo_prime(matrix: ca.SX, seed: int) -> ModuloPrime:
+    """Residues of a matrix (n, m) of rational expressions; constants count as they are written.
+
+    Raises
+    ------
+    NotRationalError
+        An operation is not rational.
+    """
+    dense = ca.densify(matrix)
+    constants, numbers = constants_in(dense)
+    known = {s.element_hash() for s in ca.vertsplit(constants)}
+    free = [s for s in ca.symvar(dense) if s.element_hash() not in known]
+    field = Field(numbers)
+    function = ca.Function("matrix", [ca.vertcat(ca.SX(0, 1), *free), constants], [dense])
+    table = rules(
+        lambda value: field.residue(constant_of(value)),
+        add=operator.add,
+        mul=operator.mul,
+        div=operator.truediv,
+    )
+    drawn = np.random.default_rng(seed).integers(1, 2**59, len(free))
+    values = fold(
+        function,
+        table,
+        [field.residue(int(x)) for x in drawn],
+        [field.of(number).residue for number in numbers],
+    )
+    columns, rows = reversed(matrix.shape)
+    found = np.array([int(x) for x in values[0]], dtype=object).reshape(columns, rows).T
+    return ModuloPrime(found, field.prime)

@@ -19,7 +19,7 @@ from mbdlft.robust.crew import ALONE, Crew
 from mbdlft.robust.evidence import Bounds as Bounds
 from mbdlft.robust.evidence import Proof
 from mbdlft.robust.realization import physical, shares
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 
 UNSTABLE = (
     "the system is unstable at the worst case, a value inside the ranges; robust_stability says how much "

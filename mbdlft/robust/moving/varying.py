@@ -30,7 +30,7 @@ from mbdlft.robust.moving.variation import (
     solved,
 )
 from mbdlft.robust.realization import modal, turned
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 
 Rates = float | Mapping[str, float] | None
 _OUTSIDE = 1.0 + 1e-12  # a bound of a rate is not below it, however that was rounded

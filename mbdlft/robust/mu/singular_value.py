@@ -25,7 +25,7 @@ from mbdlft.robust.realization import (
     check_parameters,
     stable_states,
 )
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 
 _NOTHING = 1e-6  # of the norm: less is nothing
 _TOLERANCE = 1e-7  # of a skew bound

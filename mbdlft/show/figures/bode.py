@@ -25,7 +25,7 @@ from mbdlft.show.figures.figures import (
     set_heights,
     write_figure,
 )
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 
 Complex = NDArray[np.complex128]
 Cloud = tuple[Array, Complex]  # frequencies (N, F), values (N, F)

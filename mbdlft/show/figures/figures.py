@@ -13,7 +13,7 @@ from mbdlft.base.errors import AnalysisError
 from mbdlft.base.samples import random
 from mbdlft.response.frequency import response_frequencies, unbounded_frequencies
 from mbdlft.response.samples import Names, chosen
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 
 SAMPLES = 300
 COLORS = ("#4477aa", "#cc6677", "#228833", "#aa7711", "#66ccee", "#aa3377")

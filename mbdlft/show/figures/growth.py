@@ -14,7 +14,7 @@ from mbdlft.robust.evidence import Bounds
 from mbdlft.robust.gain import worst_case_gain
 from mbdlft.robust.worst import worst_case
 from mbdlft.show.figures.figures import COLORS, WORST, check_figure, write_figure
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 
 _SIZES = 12
 _DECADE = 10.0  # a larger range of values is drawn in logarithms

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from mbdlft.robust.evidence import Bounds
 from mbdlft.robust.mu.singular_value import mu_bands
 from mbdlft.show.figures.figures import COLORS, WORST, check_figure, over_frequency, write_figure
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 
 _DECADES = 1.5  # beyond the poles
 

@@ -9,8 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from mbdlft.base.errors import AnalysisError
 from mbdlft.show.figures.figures import COLORS, WORST, check_figure, write_figure
-from mbdlft.system.model import LFTModel
-from mbdlft.system.system import System
+from mbdlft.system.model import LFTModel, System
 
 _WIDE, _NARROW = 0.8, 0.46  # heights of the bars
 _BEFORE = "#d5d9e0"

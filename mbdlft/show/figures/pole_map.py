@@ -18,7 +18,7 @@ from mbdlft.show.figures.figures import (
     drawn_samples,
     write_figure,
 )
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 
 _STEPS = 201  # values of a parameter
 _ROOM = 0.08  # of the width and height, around the poles

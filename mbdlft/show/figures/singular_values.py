@@ -30,7 +30,7 @@ from mbdlft.show.figures.figures import (
     set_heights,
     write_figure,
 )
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 
 _MOST_INSIDE = 4  # most singular values whose legend has room inside the axes
 

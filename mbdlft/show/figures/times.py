@@ -14,7 +14,7 @@ from mbdlft.show.figures.figures import (
     drawn_samples,
     write_figure,
 )
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 
 _MOST = 25  # channels that one figure has room for
 

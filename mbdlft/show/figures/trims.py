@@ -11,8 +11,8 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.samples import grid, random
 from mbdlft.show.figures.figures import COLORS, check_figure, write_figure
-from mbdlft.system.model import LFTModel, trim_at
-from mbdlft.system.system import System
+from mbdlft.system.model import LFTModel, System
+from mbdlft.system.points import trim_at
 
 _STEPS = 81  # values of the parameter
 _OTHERS = 60  # random samples of the other parameters

@@ -19,8 +19,8 @@ from mbdlft.show.report.sentences import (
     order_sentences,
     well_posed,
 )
-from mbdlft.system.model import LFTModel, trim_at
-from mbdlft.system.system import System
+from mbdlft.system.model import LFTModel, System
+from mbdlft.system.points import trim_at
 
 _MOST_CORNERS = 10  # parameters, whose corners are tried
 _SAMPLES = 300

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mbdlft.base.errors import AnalysisError
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 
 _MOST_CHANNELS = 1  # whose Bode diagrams are in a report; `mbdlft response` draws those of more
 

@@ -18,8 +18,7 @@ from mbdlft.show.report.content import (
 from mbdlft.show.report.figures import pole_figure, response_figures
 from mbdlft.show.viewer.page import Page, scene_of
 from mbdlft.show.viewer.picture import View, scene_pictures
-from mbdlft.system.model import LFTModel
-from mbdlft.system.system import System
+from mbdlft.system.model import LFTModel, System
 
 _FOLDER = Path(__file__).parent / "assets"
 _VIEWS = (

@@ -13,7 +13,7 @@ from mbdlft.base.samples import corners, random
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.to_problem import choose_signals
 from mbdlft.problem.equations import Equations, physical_symbols
-from mbdlft.problem.relinearize import linearized
+from mbdlft.problem.linearization import linearized
 from mbdlft.problem.sx.constants import in_doubles
 from mbdlft.problem.trim import relations_at_rest, trim_efforts, trim_rows
 from mbdlft.response.resolvent import balancing

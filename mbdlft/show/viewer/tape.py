@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from mbdlft.problem.sx.fold import steps
+from mbdlft.problem.sx.tapes import steps
 
 # the operations that `interpret` of assets/interpret.js knows, by their place in this list
 OPERATIONS = (

@@ -23,7 +23,7 @@ from mbdlft.base.expression import Expression, evaluate
 from mbdlft.exact import taylor
 from mbdlft.exact.taylor import Space, Taylor
 from mbdlft.multibody.equilibrium.fit.system import System, newton
-from mbdlft.problem.sx.fold import arithmetic, fold
+from mbdlft.problem.sx.tapes import arithmetic, fold
 
 _ORDERS = {1: 12, 2: 8, 3: 7, 4: 5}  # of the residual, by the number of parameters; measured
 _JACOBIAN_ORDER = 2

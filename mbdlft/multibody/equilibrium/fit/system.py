@@ -13,7 +13,7 @@ import numpy.typing as npt
 from mbdlft.base.array import Array
 from mbdlft.base.errors import TrimError
 from mbdlft.exact.operators import FUNCTIONS_OF_DOUBLES
-from mbdlft.problem.sx.fold import arithmetic, fold
+from mbdlft.problem.sx.tapes import arithmetic, fold
 
 _STEPS = 12  # of Newton's iteration; from a good start six are enough
 _CONVERGED = 1e-9  # last step but one, relative to 1 + |t|; the last one squares it

@@ -4,7 +4,9 @@ forms -> extract -> reduce -> close -> reduce -> bound -> search -> check -> cer
 """
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
+from datetime import UTC, datetime
+from functools import cache, cached_property
+from importlib.metadata import version
 
 import numpy as np
 
@@ -18,13 +20,7 @@ from mbdlft.order.exact_degree import exact_degrees
 from mbdlft.order.reduction import residues_alone
 from mbdlft.order.reduction_in_doubles import in_scales
 from mbdlft.order.search import CUT_OFF, IN_PROCESS, Budget, Smallest, find_smallest
-from mbdlft.pipeline.candidates import (
-    Candidate,
-    candidates,
-    closing,
-    reduced_relations,
-)
-from mbdlft.pipeline.certify import (
+from mbdlft.pipeline.certification import (
     Checked,
     certificate,
     error_of_values,
@@ -32,13 +28,17 @@ from mbdlft.pipeline.certify import (
     open_boxes,
     values_at_points,
 )
-from mbdlft.pipeline.near import near_relations
-from mbdlft.pipeline.provenance import provenance
+from mbdlft.pipeline.forms import (
+    Candidate,
+    candidates,
+    closing,
+    near_relations,
+    reduced_relations,
+)
 from mbdlft.problem.problem import Problem, Reference, Stage, TrimRelations
-from mbdlft.system.model import LFTModel, Trim
-from mbdlft.system.points import deltas_at
+from mbdlft.system.evidence import deltas_at
+from mbdlft.system.model import LFTModel, Parameters, Provenance, Trim
 from mbdlft.system.regular import PROVE
-from mbdlft.system.system import Parameters
 
 _ENOUGH = 1e-11  # error of a result of a search that is used whatever it was before
 _MOST_BY_SEARCH = 10.0  # times the error before a search
@@ -202,3 +202,20 @@ def _trim(problem: Problem, trim: TrimRelations) -> Trim:
     relations, signals, nominal = trim
     lft = reduced_relations(relations)
     return Trim(signals, nominal, with_blocks(lft, [p.name for p in problem.parameters]))
+
+
+def provenance(text: str) -> Provenance:
+    """Versions, the time, and the TOML text that a model is made from."""
+    return Provenance(
+        scene=text,
+        mbdlft=_version("mbdlft"),
+        casadi=_version("casadi"),
+        numpy=np.__version__,
+        h5py=_version("h5py"),
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+    )
+
+
+@cache
+def _version(package: str) -> str:
+    return version(package)

@@ -11,17 +11,13 @@ from mbdlft.base.array import Array
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.exact.rounding import conditioning, or_one
-from mbdlft.matrix.denominator import check_denominators
-from mbdlft.matrix.fifty_digits import transfers_in_digits, values_in_digits
-from mbdlft.matrix.polynomial import expanded_matrix
-from mbdlft.matrix.problem import MatrixProblem
-from mbdlft.matrix.resolve import Resolved, resolve
-from mbdlft.matrix.symbolic import written_matrix
-from mbdlft.matrix.toml import matrix_to_toml
-from mbdlft.problem.compare import NEGLIGIBLE
-from mbdlft.problem.linearize import LinearModel
+from mbdlft.matrix.digits import transfers_in_digits, values_in_digits
+from mbdlft.matrix.expressions import Resolved, check_denominators, resolve
+from mbdlft.matrix.problem import MatrixProblem, matrix_to_toml
+from mbdlft.matrix.symbolic import expanded_matrix, written_matrix
 from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage
-from mbdlft.problem.transfers import transfers
+from mbdlft.problem.references import NEGLIGIBLE, transfers
+from mbdlft.problem.relations import LinearModel
 
 _SCALINGS = 10  # of rows and columns; each halves the digits in which they differ
 

@@ -18,9 +18,9 @@ from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import parse_unit
 from mbdlft.exact.numbers import precision
 from mbdlft.exact.operators import Operators
+from mbdlft.matrix.expressions import Resolved, cosine_name, entry_place, matrix_values, sine_name
 from mbdlft.matrix.problem import MatrixProblem
-from mbdlft.matrix.resolve import Resolved, cosine_name, entry_place, matrix_values, sine_name
-from mbdlft.problem.in_digits import transfers_of
+from mbdlft.problem.digits import transfers_of
 
 _BITS_OF_A_DIGIT = 3.33
 _BITS_OF_DIGITS = 150  # a little less than 50 digits

@@ -19,11 +19,10 @@ from mbdlft.base.samples import SEED, check_points
 from mbdlft.lft.program.elimination import Sparse, product, solve, sparse
 from mbdlft.lft.program.tape import Operand, Pivot, Program, Tape, TooLongError, rows_of_numbers
 from mbdlft.problem.equations import Equations, split
-from mbdlft.problem.prestress import carried_function
-from mbdlft.problem.relinearize import slope_function
-from mbdlft.problem.sx.evaluate import evaluate_many, program_rules
-from mbdlft.problem.sx.fold import fold
-from mbdlft.problem.trim import relation_function, trim_rows
+from mbdlft.problem.linearization import slope_function
+from mbdlft.problem.sx.evaluation import evaluate_many, program_rules
+from mbdlft.problem.sx.tapes import fold
+from mbdlft.problem.trim import carried_function, relation_function, trim_rows
 
 _PROBES = 16  # samples at which pivots are chosen
 

@@ -12,9 +12,10 @@ from mbdlft.lft.lft import LFT
 from mbdlft.lft.triangle import values_at, vanishes
 from mbdlft.order.degree import Bound
 from mbdlft.problem.problem import Nouns, Problem, Reference
-from mbdlft.problem.transfers import frequencies_of, largest_of_rows, transfers
+from mbdlft.problem.references import frequencies_of, largest_of_rows, transfers
+from mbdlft.system.evidence import deltas_at, largest
 from mbdlft.system.model import Certificate
-from mbdlft.system.points import deltas_at, largest
+from mbdlft.system.points import at_values
 from mbdlft.system.regular import (
     PROVED,
     SAMPLED,
@@ -22,7 +23,6 @@ from mbdlft.system.regular import (
     physical_boxes,
     regularity,
 )
-from mbdlft.system.singular import at_values
 
 Boxes = tuple[tuple[tuple[float, float], ...], ...]  # physical: (low, high) of each parameter
 

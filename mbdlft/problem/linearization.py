@@ -19,8 +19,7 @@ from mbdlft.problem.equations import (
     rows_of,
     split,
 )
-from mbdlft.problem.sx.evaluate import evaluate_in_chunks, evaluate_many
-from mbdlft.problem.sx.sizes import term_sizes
+from mbdlft.problem.sx.evaluation import evaluate_in_chunks, evaluate_many, term_sizes
 from mbdlft.problem.trim import trim_efforts
 
 _TAKES_PART = 0.1  # of a unit vector: a signal that is named in a message

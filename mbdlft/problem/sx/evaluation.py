@@ -1,4 +1,4 @@
-"""Values of a CasADi function at many points.
+"""Values of a CasADi function at many points, and the sizes of the terms they are sums of.
 
 For few points the function is called. For many its instructions are run one after the other, each on a
 vector of points, as those of an LFT are (`mbdlft/lft/program/tape.py`): that does without the zeros of
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError
+from mbdlft.exact.operators import FUNCTIONS_OF_DOUBLES
 from mbdlft.lft.program.tape import (
     COSINE,
     DIVIDE,
@@ -30,7 +31,7 @@ from mbdlft.lft.program.tape import (
     plan,
     run,
 )
-from mbdlft.problem.sx.fold import Rule, Rules, fold, rules
+from mbdlft.problem.sx.tapes import Rule, Rules, fold, rules
 
 MANY = 256  # points from which on making vectors of them is worth it
 _LONGEST = 50_000  # instructions; reading one takes some microseconds
@@ -177,3 +178,41 @@ def _row_by_row(sparsity: ca.Sparsity) -> list[int]:
     """Places of the entries of a matrix, which CasADi has column by column, in its rows."""
     rows, columns = sparsity.get_triplet()
     return [i * sparsity.size2() + j for i, j in zip(rows, columns, strict=True)]
+
+
+Pair = tuple[Any, Any]  # a value and its size: numbers (N,), or one for all points
+
+
+def term_sizes(tape: ca.Function, *points: Array) -> Array:
+    """Sizes (N, entries) of the dense result of a function if nothing cancelled: |a| + |b| for a + b.
+
+    The arguments are columns, each (N, rows); the columns of a result stand one below the other. A root
+    has the root of the size; another function of a number has the size of its own value.
+    """
+    arguments = [[_of_itself(x) for x in np.ascontiguousarray(part.T)] for part in points]
+    found = np.empty((tape.numel_out(0), len(points[0])))
+    for row, (_, size) in zip(found, fold(tape, _SIZES, *arguments)[0], strict=True):
+        row[:] = size
+    return found.T
+
+
+def _of_itself(value: Any) -> Pair:
+    return value, np.abs(value)
+
+
+def _function(values: Rule) -> Rule:
+    return lambda *pairs: _of_itself(values(*(value for value, _ in pairs)))
+
+
+_SIZES = rules(
+    lambda value: _of_itself(np.float64(value)),
+    add=lambda x, y: (x[0] + y[0], x[1] + y[1]),
+    neg=lambda x: (-x[0], x[1]),
+    mul=lambda x, y: (x[0] * y[0], x[1] * y[1]),
+    div=lambda x, y: (x[0] / y[0], x[1] * y[1] / (y[0] * y[0])),
+    **{name: _function(values) for name, values in FUNCTIONS_OF_DOUBLES.items()}
+    | {
+        "fabs": lambda x: (np.abs(x[0]), x[1]),
+        "sqrt": lambda x: (np.sqrt(x[0]), np.sqrt(x[1])),
+    },
+)

@@ -21,9 +21,9 @@ from mbdlft.base.unit import parse_unit
 from mbdlft.exact.matrices import entries_of
 from mbdlft.exact.numbers import Field, constant_of, precision
 from mbdlft.problem.equations import Equations, rounded, split
-from mbdlft.problem.relinearize import slopes_at_trim
+from mbdlft.problem.linearization import slopes_at_trim
 from mbdlft.problem.sx.constants import constants_in, literal, pi_times
-from mbdlft.problem.sx.fold import fold, rules
+from mbdlft.problem.sx.tapes import fold, rules
 from mbdlft.problem.trim import relations_at_rest, trim_rows
 
 _BITS = 200  # 50 digits and what solving takes

@@ -12,7 +12,7 @@ from mbdlft.archive.files import permissions_of, target_of
 from mbdlft.base.errors import ArchiveError, StructureError
 from mbdlft.export.grid import Counts, grid_csv, grid_mat, grid_npz, matrices_on
 from mbdlft.export.names import RESERVED, identifier
-from mbdlft.system.system import System
+from mbdlft.system.model import System
 from mbdlft.system.theta import DeltaThetaModel
 
 MODEL_SUFFIXES = (".mat", ".c", ".jl")

@@ -1,7 +1,7 @@
-"""The front doors: a scene or a matrix to a certified model, with the seconds of each stage."""
+"""The front doors: a scene, a matrix or a DAE to a certified model, with the seconds of each stage."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,16 +9,23 @@ from typing import Any
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.threads import one_thread
+from mbdlft.dae.description import Dae
+from mbdlft.dae.linear import problem_of_trim
+from mbdlft.dae.separate import Arrange
+from mbdlft.dae.structure import Structure, reduce_index
+from mbdlft.dae.to_problem import problem_of_dae
+from mbdlft.dae.trim import DaeTrim, trim
 from mbdlft.matrix import MatrixProblem, matrix_problem
-from mbdlft.matrix.to_problem import problem_of_matrix
+from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.multibody.scene import Scene
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.order.exact_degree import exact_degrees
 from mbdlft.order.search import SEARCH, budget_of
-from mbdlft.pipeline.candidates import candidates
-from mbdlft.pipeline.realization import realization
+from mbdlft.pipeline.forms import candidates
+from mbdlft.pipeline.stages import realization
 from mbdlft.system.model import LFTModel
 from mbdlft.system.regular import PROVE, check_work
+from mbdlft.system.theta import DeltaThetaModel
 from mbdlft.system.truncation import check_tolerance
 from mbdlft.system.truncation import truncate as truncated
 
@@ -213,3 +220,96 @@ def exact_lower_bound(problem: MatrixProblem, seed: int = 0) -> dict[str, int]:
                 "parameters."
             )
         return exact_degrees(candidate.exact, seed)
+
+
+def _nobody(stage: str) -> None:
+    """Is told a stage, and does nothing."""
+
+
+def delta_theta(
+    model: Dae | Structure,
+    arrange: Arrange = "fewest",
+    *,
+    search: float = SEARCH,
+    seconds: float | None = None,
+    prove: float = PROVE,
+    progress: Callable[[str], None] | None = None,
+) -> DeltaThetaModel:
+    """The exact Delta-Theta form of a DAE, nothing linearized; its linear part has a certificate.
+
+    xdot = A x + B_w w + B_zeta zeta + B_u u, ..., w = Delta z, zeta = Theta(omega)
+
+    Parameters
+    ----------
+    model : Dae, or Structure
+        A structure has the states that were asked for.
+    arrange : {"fewest", "blocks"}
+        Functions with as few inputs as possible; or of the signals of the equations as they are.
+    search, seconds, prove
+        As in `to_lft`.
+    progress : function, optional
+        Is told the name of each stage as it starts.
+
+    Raises
+    ------
+    StructureError
+        As `reduce_index`.
+    NotRationalError
+        A coefficient is not rational in the parameters.
+    """
+    budget = budget_of(search, seconds)
+    check_work(prove)
+    with one_thread():
+        clock = Clock(progress or _nobody)
+        with clock.stage("structure"):
+            structure = model if isinstance(model, Structure) else reduce_index(model)
+        separated = problem_of_dae(structure, arrange, clock.stage)
+        linear = realization(separated.problem, budget, clock.stage, prove)
+    return DeltaThetaModel(
+        linear,
+        separated.functions,
+        separated.has_one,
+        separated.initial,
+        separated.zeta,
+    )
+
+
+def linearize_dae(
+    model: Dae | Structure | DaeTrim,
+    at: Mapping[str, float | str] | None = None,
+    free: Sequence[str] = (),
+    *,
+    fit: float | None = None,
+    search: float = SEARCH,
+    seconds: float | None = None,
+    prove: float = PROVE,
+    progress: Callable[[str], None] | None = None,
+) -> LFTModel:
+    """The exact linear model of a DAE around an equilibrium, parameters left in, with certificate.
+
+    Parameters
+    ----------
+    model : Dae, Structure, or DaeTrim
+        Of the last the equilibrium is known; the others are trimmed.
+    at, free, fit
+        As in `trim`.
+    search, seconds, prove
+        As in `to_lft`.
+    progress : function, optional
+        Is told the name of each stage as it starts.
+
+    Raises
+    ------
+    StructureError, TrimError, NotRationalError
+        As `reduce_index`, `trim`; or the linear model is not rational in the parameters.
+    """
+    budget = budget_of(search, seconds)
+    check_work(prove)
+    with one_thread():
+        clock = Clock(progress or _nobody)
+        if not isinstance(model, DaeTrim):
+            with clock.stage("structure"):
+                structure = model if isinstance(model, Structure) else reduce_index(model)
+            with clock.stage("trim"):
+                model = trim(structure, at, free, fit=fit)
+        return realization(problem_of_trim(model, clock.stage), budget, clock.stage, prove)

@@ -1,0 +1,297 @@
+"""The forms of a problem, each extracted, solved and reduced in exact numbers, and rounded once.
+
+Decisions are made for the numbers as they are written. An axis (0, 0.5, 0.8660254) is not parallel to
+another one after 30 deg, and terms that nearly cancel cost repetitions. So the numbers of a problem are
+compared with simple numbers near them (`near_relations`). If the problem with these in their places has a
+smaller order, its certificate says which; the problem is not changed.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from math import pi
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError, MbdlftError, StructureError, WellPosednessError
+from mbdlft.base.threads import without_collection
+from mbdlft.exact.matrices import TooFewBitsError
+from mbdlft.exact.numbers import BITS, LARGEST_ANGLE, MOST_BITS, Constant, precision
+from mbdlft.lft.lft import LFT, condition
+from mbdlft.order.balanced import in_good_coordinates
+from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly, transposed
+from mbdlft.order.reduction_in_doubles import Closing, in_scales, reduce_order
+from mbdlft.pipeline.extract import extract
+from mbdlft.problem.problem import Form, Problem
+from mbdlft.problem.relations import LinearModel
+from mbdlft.problem.sx.constants import constant, constants_in, double, is_zero
+from mbdlft.system.evidence import deltas_at
+
+_MOST_EXACT = 1500  # channels after the reduction of words: exact numbers take gigabytes for more
+_MOST_CONDITION = 1e3  # of I - M11 Delta, up to which three digits are lost and zeros are kept
+_TAKES_PART = 0.1  # in a direction that nothing determines
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """One form, reduced; rows and columns are still divided by their units.
+
+    Attributes
+    ----------
+    channels : of the signal graph before any reduction, by parameter
+    relations : LFT
+        As extracted, reduced.
+    closed : LFT
+        Solved for the unknown signals, not reduced.
+    exact : ExactLFT, or None
+        The same, reduced. None for what is too large for exact numbers: it is reduced in doubles.
+    lft : LFT
+        The last in doubles.
+    """
+
+    form: Form
+    channels: Mapping[str, int]
+    relations: LFT
+    closed: LFT
+    exact: ExactLFT | None
+    lft: LFT
+
+
+def candidates(problem: Problem, forms: Sequence[Form]) -> list[Candidate]:
+    """A candidate of each form, the smallest first.
+
+    Raises
+    ------
+    NotRationalError, StructureError, WellPosednessError
+        As `extract`; or the relations cannot be solved at nominal.
+    """
+    with without_collection():
+        found = [_in_enough_bits(problem, form) for form in forms]
+    return sorted(found, key=lambda one: one.lft.order)
+
+
+def reduced_relations(relations: LinearModel) -> LFT:
+    """Relations solved for all of their unknown signals, reduced and rounded."""
+    n, bits = relations.unknown.numel(), BITS
+    while True:
+        try:
+            with precision(bits):
+                opened = reduce_exactly(extract(relations).lft)
+                return in_scales(reduce_exactly(eliminated(opened, n, [*range(n)])).rounded())
+        except TooFewBitsError:
+            bits = _more(bits, "trim")
+
+
+def _in_enough_bits(problem: Problem, form: Form) -> Candidate:
+    bits = BITS
+    while True:
+        try:
+            with precision(bits):
+                return _candidate(problem, form)
+        except TooFewBitsError:
+            bits = _more(bits, problem.nouns.owner)
+
+
+def _more(bits: int, owner: str) -> int:
+    if bits >= MOST_BITS:
+        raise AnalysisError(
+            f"{owner}: numbers that are not zero cannot be told from zero in {bits} bits. Terms cancel "
+            "nearly, such as an axis that is nearly parallel to another one: make equal what is meant to "
+            "be equal."
+        )
+    return 2 * bits
+
+
+def _candidate(problem: Problem, form: Form) -> Candidate:
+    try:
+        extracted = extract(form.relations, form.maps)
+    except (StructureError, WellPosednessError) as error:
+        raise type(error)(f"{problem.nouns.owner}: {error}") from None
+    opened = transposed(extracted.lft) if form.is_transposed else extracted.lft
+    if opened.order > _MOST_EXACT:
+        return _in_doubles(problem, form, extracted.channels, in_scales(opened.rounded()))
+    relations = reduce_exactly(opened)
+    n = form.relations.unknown.numel()
+    if not n:
+        lft = in_scales(relations.rounded())
+        best = in_good_coordinates(relations, _some_deltas(problem, relations), _MOST_CONDITION)
+        return Candidate(form, extracted.channels, lft, lft, relations, best)
+    # the equations come first; there are as many as unknowns
+    outputs = range(n, n + form.relations.output.numel())
+    try:
+        closed = eliminated(relations, n, [*range(form.relations.derivatives), *outputs])
+    except ZeroDivisionError:
+        raise _singular(problem, relations.rounded(), n) from None
+    exact = reduce_exactly(closed)
+    return Candidate(
+        form,
+        extracted.channels,
+        in_scales(relations.rounded()),
+        in_scales(closed.rounded()),
+        exact,
+        in_good_coordinates(exact, _some_deltas(problem, exact), _MOST_CONDITION),
+    )
+
+
+def _some_deltas(problem: Problem, a: ExactLFT) -> Array:
+    """Deltas (N, number of blocks) of a few of the points of the check."""
+    names = [parameter.name for parameter in problem.parameters]
+    points = problem.points[sorted({0, len(problem.points) // 2, len(problem.points) - 1})]
+    deltas = deltas_at(problem.parameters, points)
+    return np.asarray(deltas[:, [names.index(block.name) for block in a.blocks]])
+
+
+def _in_doubles(
+    problem: Problem, form: Form, channels: Mapping[str, int], opened: LFT
+) -> Candidate:
+    """The same, reduced with ranks that are decided by the rounding error of doubles."""
+    relations = reduce_order(opened)
+    n = form.relations.unknown.numel()
+    if not n:
+        return Candidate(form, channels, relations, relations, None, relations)
+    try:
+        closed = closing(form.relations).solved(relations)
+    except WellPosednessError:
+        raise _singular(problem, relations, n) from None
+    return Candidate(form, channels, relations, closed, None, reduce_order(closed))
+
+
+def closing(relations: LinearModel) -> Closing:
+    """How relations are closed."""
+    return Closing(relations.unknown.numel(), relations.derivatives, relations.output.numel())
+
+
+def _singular(problem: Problem, relations: LFT, n: int) -> WellPosednessError:
+    inner = relations.M22[:n, :n]
+    directions = np.abs(np.linalg.svd(inner)[2][-1])
+    names = [
+        signal.name
+        for signal, size in zip(problem.states, directions, strict=False)
+        if size > _TAKES_PART
+    ]
+    return WellPosednessError(f"{problem.nouns.owner}: {problem.singular(condition(inner), names)}")
+
+
+_MOST = 400  # channels before reduction: a second look at more takes long
+_PART, _PART_OF_AXIS = 1e-9, 1e-5  # of itself, of its length: a number is near another one
+_DIGITS, _DIGITS_OF_ANGLE = 6, 4  # a number of so many digits may be another one that was rounded
+_SIMPLE, _LARGEST = 12, 144  # largest denominator and numerator of what may be meant
+_STEP = 15  # degrees
+_MOST_DIGITS = 20
+
+
+class Signed(NamedTuple):
+    """A constant, or its negative."""
+
+    sign: int
+    number: Constant
+
+    @property
+    def value(self) -> float:
+        """The double next to it."""
+        return self.sign * double(self.number)
+
+    @property
+    def symbol(self) -> ca.SX:
+        """Its expression."""
+        return self.sign * constant(self.number)
+
+    def __str__(self) -> str:
+        kind, argument = self.number.kind, self.number.argument
+        unit = " rad" if self.number.in_radians else " deg"
+        texts = {
+            "rational": f"{argument}" if argument.denominator <= _SIMPLE else f"{self.value!r}",
+            "root": f"sqrt({argument})",
+            "pi": f"{argument} pi",
+            "cosine": f"cos({float(argument):.15g}{unit})",
+            "sine": f"sin({float(argument):.15g}{unit})",
+            "unit": f"{self.value!r}",
+        }
+        by_value = texts[kind] == f"{self.value!r}"
+        return texts[kind] if by_value or self.sign > 0 else f"-{texts[kind]}"
+
+
+def near_relations(problem: Problem, found: Candidate) -> tuple[str, ...]:
+    """Sentences on numbers that nearly are others, if the order is smaller with these."""
+    relations = found.form.relations
+    if sum(found.channels.values()) > _MOST:
+        return ()
+    symbols, numbers = constants_in(ca.vertcat(relations.residual, relations.output))
+    meant = neighbors(numbers)
+    if not meant:
+        return ()
+    places = ca.vertcat(*(meant.get(n, Signed(1, n)).symbol for n in numbers))
+    residual, output = ca.substitute([relations.residual, relations.output], [symbols], [places])
+    form = replace(found.form, relations=replace(relations, residual=residual, output=output))
+    try:
+        order = candidates(problem, [form])[0].lft.order
+    except MbdlftError:  # with these numbers it cannot be solved: they are not meant
+        return ()
+    if order >= found.lft.order:
+        return ()
+    listed = "; ".join(
+        f"{Signed(1, number)} is {abs(double(number) - other.value):.1g} from {other}"
+        for number, other in meant.items()
+        if double(number) != other.value
+    )
+    return (f"{listed}: written exactly, the order is {order}, not {found.lft.order}",)
+
+
+def neighbors(numbers: Sequence[Constant]) -> dict[Constant, Signed]:
+    """For numbers that are beside others, which they may be meant to be, these others."""
+    found: dict[Constant, Signed] = {}
+    has_pi = any(number.kind == "pi" for number in numbers)
+    for k, number in enumerate(numbers):
+        before = [n for n in numbers[:k] if n not in found and number.kind != "rational"]
+        others = [Signed(sign, n) for n in before for sign in (1, -1)]
+        for other in (*_special(number), *others):
+            if other.number.kind == "pi" and not has_pi:
+                continue  # there is nothing that it could be related to
+            if _is_near(number, other) and not is_zero(constant(number) - other.symbol):
+                found[number] = other
+                break
+    return found
+
+
+def _special(number: Constant) -> Iterator[Signed]:
+    """Numbers next to a number that people mean, the simplest first."""
+    if number.in_radians and abs(number.argument) > LARGEST_ANGLE:
+        return
+    if number.in_radians:
+        degrees = round(float(number.argument) * 180.0 / pi / _STEP) * _STEP
+        yield Signed(1, Constant(number.kind, Fraction(degrees)))
+    elif number.kind in ("rational", "unit"):
+        value, sign = Fraction(abs(double(number))), 1 if double(number) > 0.0 else -1
+        for kind, argument in (
+            ("rational", value),
+            ("root", value * value),
+            ("pi", value / Fraction(pi)),
+        ):
+            simple = argument.limit_denominator(_SIMPLE)
+            if simple.numerator <= _LARGEST and (simple or number.kind == "unit"):
+                yield Signed(sign, Constant(kind, simple))
+
+
+def _is_near(number: Constant, other: Signed) -> bool:
+    """Whether a number is another one but for rounding, in doubles or to the digits that it has."""
+    distance = abs(double(number) - other.value)
+    if number.kind == "rational":
+        rounding = _half_of_last_digit(number.argument, _DIGITS)
+        return distance <= max(rounding, _PART * abs(double(number)))
+    if number.in_radians and not other.number.in_radians:
+        angle = float(other.number.argument) * pi / 180.0
+        rounding = _half_of_last_digit(number.argument, _DIGITS_OF_ANGLE)
+        return abs(float(number.argument) - angle) <= rounding
+    return distance <= (_PART_OF_AXIS if number.kind == "unit" else _PART * abs(double(number)))
+
+
+def _half_of_last_digit(number: Fraction, digits: int) -> float:
+    """Half a unit of the last decimal of a number that has at least so many digits; 0.0 otherwise."""
+    for decimals in range(_MOST_DIGITS):
+        shifted = number * 10**decimals
+        if shifted.denominator == 1:
+            return 0.5 * 10.0**-decimals if len(str(abs(int(shifted)))) >= digits else 0.0
+    return 0.0

@@ -1,0 +1,470 @@
+"""References of models: values and transfer functions by another computation than the LFT.
+
+Relations are solved in doubles at all points, and in balls (50 digits) at some. With s = j omega,
+G = C (s I - A)^-1 B + D; the relations J_xdot s x + J_z z + J_x x + J_u u = 0 give the same without being
+solved for s x first, so rounding of A, B, C and D is not in it.
+"""
+
+import operator
+from collections.abc import Iterator, Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+import casadi as ca
+import flint
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import WellPosednessError
+from mbdlft.base.parameter import Parameter, to_internal
+from mbdlft.base.unit import parse_unit
+from mbdlft.exact.matrices import entries_of
+from mbdlft.exact.numbers import Field, constant_of, precision
+from mbdlft.exact.rounding import conditioning
+from mbdlft.problem.digits import Balls, matrices_in_digits, transfers_in_digits, transfers_of
+from mbdlft.problem.equations import Equations, split
+from mbdlft.problem.linearization import Relinearized, relinearize, slope_sizes
+from mbdlft.problem.problem import Complex, Reference
+from mbdlft.problem.relations import LinearModel, Need
+from mbdlft.problem.sx.constants import constants_in, in_doubles
+from mbdlft.problem.sx.evaluation import evaluate_many, term_sizes
+from mbdlft.problem.sx.tapes import fold, rules
+from mbdlft.problem.trim import PART
+
+_COUNT = 8  # frequencies
+_FROM, _TO = 0.097, 2.137  # times the slowest and the fastest pole; no ratio that designs have
+_SLOWEST = 1e-4  # of the fastest pole: slower ones, as those of free motions, ask for no frequency
+_BESIDE = 1.01  # times a pole: no frequency is nearer
+_REST = 1e-4  # rad/s: slower ones may be rounding of nothing
+QUIET = 1e-6  # of the largest of a row over the frequencies: 120 dB below, nobody looks
+_ROUNDS = 2  # of scaling of rows and columns
+
+
+def frequencies_of(A: Array) -> Array:
+    """Frequencies (F,), rad/s, on a logarithmic scale around and beside the poles of A (N, n, n)."""
+    poles = np.abs(np.linalg.eigvals(A)).ravel()
+    fastest = float(np.max(poles, initial=0.0))
+    if not _REST < fastest < np.inf:
+        return np.logspace(-1.0, 4.0, _COUNT)
+    poles = poles[poles > max(_SLOWEST * fastest, _REST)]
+    found = np.geomspace(_FROM * np.min(poles), _TO * fastest, _COUNT)
+    for k, w in enumerate(found):
+        # the nearest free place, of so many that poles cannot take them all
+        free = w * _BESIDE ** (2.0 * np.arange(len(poles) + 1))
+        distance = np.min(np.abs(np.log(free[:, None] / poles)), axis=1)
+        found[k] = free[np.argmax(distance >= np.log(_BESIDE))]
+    return np.asarray(found)
+
+
+def transfers(matrices: Array, states: int, frequencies: Array) -> Complex:
+    """Transfer functions (N, F, n_y, n_u) of [A B ; C D] (N, ., .).
+
+    Raises
+    ------
+    LinAlgError
+        A frequency is a pole.
+    """
+    shift = np.eye(*matrices.shape[1:]) * (np.arange(matrices.shape[1]) < states)[:, None]
+    both = matrices[:, None] - 1j * frequencies[:, None, None] * shift
+    return _eliminated(both[..., :states, :], both[..., states:, :], states)
+
+
+def implicit_transfers(jacobian: Array, sizes: tuple[int, int, int], frequencies: Array) -> Complex:
+    """Transfer functions (N, F, n_y, n_u) of slopes (N, ., .) of [residual ; outputs].
+
+    Their columns are by unknown signals, the derivatives of the states first, and by known ones, the
+    states first; `sizes` are the numbers of unknown and known signals and of states.
+
+    Raises
+    ------
+    LinAlgError
+        A frequency is a pole.
+    """
+    unknown, known, states = sizes
+    J = jacobian[:, None, :, : unknown + known]
+    s = 1j * frequencies[:, None, None]
+    others = np.concatenate([J[..., states:unknown], J[..., unknown + states :]], axis=-1)
+    by_states = J[..., unknown : unknown + states] + s * J[..., :states]
+    shape = (*by_states.shape[:-1], others.shape[-1])
+    both = np.concatenate([by_states, np.broadcast_to(others, shape)], axis=-1)
+    return _eliminated(both[..., :unknown, :], both[..., unknown:, :], unknown)
+
+
+def largest_of_rows(found: Complex, truth: Complex) -> float:
+    """Largest difference of transfer functions (N, F, n_y, n_u), relative to the row of the truth.
+
+    The size of a row is its largest entry at that frequency, and at least `QUIET` of the largest of all
+    frequencies. A row that is exactly zero in the truth has no size; its entries are compared as those
+    of C and D.
+    """
+    own = np.max(np.abs(truth), axis=-1, initial=0.0)
+    size = np.maximum(own, QUIET * np.max(own, axis=1, keepdims=True, initial=0.0))
+    difference = np.max(np.abs(found - truth), axis=-1, initial=0.0)
+    clear = size > 0.0
+    return float(np.max(difference[clear] / size[clear], initial=0.0))
+
+
+def _eliminated(top: Complex, bottom: Complex, count: int) -> Complex:
+    """Rows [K L] = `top` and [M N] = `bottom` with the first `count` columns solved for: N - M K^-1 L."""
+    K, L = top[..., :count], top[..., count:]
+    M, N = bottom[..., :count], bottom[..., count:]
+    if not count:
+        return np.asarray(N, dtype=complex)
+    rows, columns = np.ones(K.shape[:-1]), np.ones((*K.shape[:-2], count))
+    for _ in range(_ROUNDS):
+        size = np.abs(K) * rows[..., :, None] * columns[..., None, :]
+        rows = rows * _power(np.max(size, axis=-1))
+        size = np.abs(K) * rows[..., :, None] * columns[..., None, :]
+        columns = columns * _power(np.max(size, axis=-2))
+    scaled = K * rows[..., :, None] * columns[..., None, :]
+    solved = np.linalg.solve(scaled, L * rows[..., :, None]) * columns[..., :, None]
+    return np.asarray(N - M @ solved)
+
+
+def _power(size: Array) -> Array:
+    """The power of two that makes a size about 1; 1 for zero."""
+    exponent = np.frexp(np.where(size > 0.0, size, 0.5))[1]
+    return np.ldexp(1.0, -exponent)
+
+
+NEGLIGIBLE = 1e-8  # an entry below this part of its row's size is compared with the row
+_EFFECT = 1e-4  # of an effort of one: the least that an input is compared with if it does nothing
+_IDLE = (
+    1e-6  # of the stiffest spring: the least that a row of A is compared with if all of it cancels
+)
+_MIXED = 1e-4  # part of the largest entry of a column that one of rounding is compared with
+
+
+def reference_of(
+    equations: Equations,
+    exact: Equations,
+    inputs: Sequence[int],
+    outputs: Sequence[int],
+    need: Need,
+    points: Array,
+) -> Reference:
+    """The nonlinear equations, trimmed and linearized again with numbers at points (N, n_p).
+
+    `exact` are the same equations with constants that are not rounded.
+
+    Raises
+    ------
+    TrimError, WellPosednessError
+        At one of the points nothing holds the equilibrium, or the accelerations cannot be solved for.
+    """
+    e, states = equations, len(equations.states)
+    at = relinearize(e, inputs, outputs, points)
+    matrices = at.linear.matrices
+    scale = entry_scale(matrices, states, at.floor)
+
+    def if_cancelled() -> tuple[Array, float]:
+        terms = entry_sizes(e, inputs, outputs, at)
+        coarse = entry_scale(matrices, states, at.floor, terms)
+        return need.of(coarse[None])[0], need.omitted(matrices, coarse)
+
+    def condition() -> tuple[float, int]:
+        sizes = need.of(_sizes_at(e, inputs, outputs, at).entries)
+        return conditioning_of(need.of(matrices), sizes, len(need.states), at.floor)
+
+    def trim_if_cancelled() -> Array:
+        n, nk = (part.numel() for part in split(e, inputs))
+        by_effort = np.abs(np.linalg.pinv(at.linear.jacobian[:, :n, n + nk :]))
+        stiffness = by_effort @ np.abs(at.linear.jacobian[:, :n, n : n + states])
+        found: Array = np.maximum(trim_scale, PART * np.max(stiffness, axis=(0, 2), initial=0.0))
+        return found
+
+    def transfers(some: Sequence[int], frequencies: Array) -> Complex:
+        unknown, known = (part.numel() for part in split(e, inputs))
+        return implicit_transfers(
+            at.linear.jacobian[list(some)], (unknown, known, states), frequencies
+        )
+
+    def in_digits(some: Sequence[int], frequencies: Array) -> Complex:
+        return transfers_in_digits(exact, inputs, outputs, points[list(some)], frequencies)
+
+    trim_scale = np.max(at.effort_sizes, axis=0)
+    return Reference(
+        values=need.of(matrices),
+        scale=need.of(scale[None])[0],
+        omitted=need.omitted(matrices, scale),
+        if_cancelled=if_cancelled,
+        conditioning=condition,
+        trimmed=at.efforts[:, list(e.unknown)],
+        trim_scale=np.where(trim_scale > 0, trim_scale, 1.0),
+        in_digits=lambda some: need.of(matrices_in_digits(exact, inputs, outputs, some)),
+        trim_if_cancelled=trim_if_cancelled,
+        transfers=transfers,
+        transfers_in_digits=in_digits,
+    )
+
+
+class _Sizes(NamedTuple):
+    """Sizes (N, ., .) of [A B ; C D], unknowns, slopes, and of the inverse of those by the unknowns."""
+
+    entries: Array
+    solved: Array
+    terms: Array
+    inverse: Array
+
+
+def _sizes_at(
+    equations: Equations, inputs: Sequence[int], outputs: Sequence[int], at: Relinearized
+) -> _Sizes:
+    """Sizes if nothing cancelled, neither in a slope nor in solving (Skeel 1979), at each point."""
+    e, jacobian = equations, at.linear.jacobian
+    terms = slope_sizes(e, inputs, outputs, at)
+    unknown, known = split(e, inputs)
+    n, nk = unknown.numel(), known.numel()
+    right = terms[:, :n, n : n + nk]
+    inverse = np.abs(np.linalg.inv(jacobian[:, :n, :n]))
+    # rounding of the matrix itself counts too: a chain of beams adds far masses to small ones
+    solved = inverse @ (right + terms[:, :n, :n] @ np.abs(at.linear.solved))
+    read = terms[:, n:, n : n + nk] + terms[:, n:, :n] @ solved
+    entries = np.concatenate([solved[:, : len(e.states)], read], axis=1)
+    return _Sizes(entries, solved, terms, inverse)
+
+
+def entry_sizes(
+    equations: Equations, inputs: Sequence[int], outputs: Sequence[int], at: Relinearized
+) -> Array:
+    """Sizes of the entries of [A B ; C D] over all points if nothing cancelled.
+
+    A stiffness that vanishes for all parameters, or the acceleration of an imposed joint, has no
+    size of its own to compare its rounding with.
+    """
+    entries, solved, terms, inverse = _sizes_at(equations, inputs, outputs, at)
+    unknown, _ = split(equations, inputs)
+    n, states = unknown.numel(), len(equations.states)
+    # pivots mix the rows: one that is exactly zero gets the rounding of the largest in the column
+    mixed = _MIXED * np.max(solved, axis=(0, 1), initial=0.0)
+    found: Array = np.maximum(np.max(entries, axis=0), mixed)
+    # what an effort of one and the stiffest spring do, where a whole row or column cancels
+    by_one = np.concatenate([inverse[:, :states], terms[:, n:, :n] @ inverse], axis=1)
+    one = np.max(by_one, axis=(0, 2), initial=0.0)[:, None]
+    stiffest = float(np.max(terms[:, :n, n : n + states], initial=0.0))
+    found[:, :states] = np.maximum(found[:, :states], _IDLE * stiffest * one)
+    found[:, states:] = np.maximum(found[:, states:], _EFFECT * one)
+    return found
+
+
+def entry_scale(
+    reference: Array, states: int, floor: float = 0.0, terms: Array | float = 0.0
+) -> Array:
+    """What an entry of [A B ; C D] is compared with: its largest size over the points (N, ., .).
+
+    A negligible entry of A or C is compared with its row: where the terms of a stiffness cancel only
+    rounding is left; `floor` is the least size of such a row. One of B or D is compared with its
+    column, since inputs have units of their own. `terms` are sizes of entries if nothing cancelled: what
+    is negligible beside its own terms is compared with them.
+    """
+    size = np.max(np.abs(reference), axis=0)
+    whole = np.maximum(_whole(size, states, floor), terms)
+    scale = np.where(size > NEGLIGIBLE * whole, size, whole)
+    return np.where(scale > 0, scale, 1.0)
+
+
+def conditioning_of(
+    reference: Array, sizes: Array, states: int, floor: float = 0.0
+) -> tuple[float, int]:
+    """`conditioning` of [A B ; C D] (N, ., .) with the scales of `entry_scale`."""
+    whole = _whole(np.max(np.abs(reference), axis=0), states, floor)
+    scale = entry_scale(reference, states, floor)
+    return conditioning(reference, sizes, scale, NEGLIGIBLE * whole)
+
+
+def _whole(size: Array, states: int, floor: float) -> Array:
+    """Sizes of the row of each entry of A or C, and of the column of each of B or D."""
+    of_row = np.max(size[:, :states], axis=1, initial=floor, keepdims=True)
+    of_column = np.max(size[:, states:], axis=0, initial=0.0, keepdims=True)
+    rows, columns = size.shape[0], size.shape[1] - states
+    whole = np.hstack([np.tile(of_row, (1, states)), np.tile(of_column, (rows, 1))])
+    return np.where(whole > 0, whole, np.max(size, initial=0.0)).reshape(rows, states + columns)
+
+
+_TOGETHER = 16  # points at a time: matrices of many equations are large
+_BITS = 200  # 50 digits and what solving takes
+
+
+def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Reference:
+    """Values [A B ; C D] of relations at physical points (N, n_p).
+
+    Raises
+    ------
+    WellPosednessError
+        The relations do not determine the unknown signals at one of the points.
+    """
+    internal = _internal_values(model, points)
+    sizes = _Counts(model.unknown.numel(), model.known.numel(), model.derivatives)
+    slopes = _slopes(model)
+    sparse = ca.sparsify(in_doubles(slopes))
+    function = ca.Function("slopes", [model.p], [ca.densify(column_of_entries(sparse))])
+    rows, columns = sparse.sparsity().get_triplet()
+
+    entries = evaluate_many(function, internal)[0][:, :, 0]
+
+    def spread(some: Array) -> Array:
+        found = np.zeros((len(some), *slopes.shape))
+        found[:, rows, columns] = some
+        return found
+
+    parts = [slice(k, k + _TOGETHER) for k in range(0, len(points), _TOGETHER)]
+    values = np.concatenate([_solved(spread(entries[part]), sizes, owner)[0] for part in parts])
+    scale = entry_scale(values, sizes.states)
+
+    @cache
+    def terms() -> Array:
+        sums, found = term_sizes(function, internal), []
+        for part in parts:
+            jacobian, size = spread(entries[part]), spread(sums[part])
+            found.append(_uncancelled(jacobian, size, sizes, owner))
+        return np.concatenate(found)
+
+    def coarse() -> tuple[Array, float]:
+        return np.maximum(scale, np.max(terms(), axis=0)), 0.0
+
+    def condition() -> tuple[float, int]:
+        return conditioning(values, terms(), scale, NEGLIGIBLE * scale)
+
+    def in_digits(some: Array) -> Array:
+        return _in_digits(model, slopes, some, sizes).reshape(len(some), *values.shape[1:])
+
+    def transfers_in_digits(some: Sequence[int], frequencies: Array) -> Complex:
+        with precision(_BITS):
+            found = list(_balls(model, slopes, points[list(some)], sizes))
+            return transfers_of(found, sizes.states, frequencies)
+
+    def transfers(some: Sequence[int], frequencies: Array) -> Complex:
+        jacobian = spread(entries[list(some)])
+        return implicit_transfers(jacobian, (*sizes[:2], sizes.states), frequencies)
+
+    return Reference(
+        values=values,
+        scale=scale,
+        omitted=0.0,
+        if_cancelled=coarse,
+        conditioning=condition,
+        trimmed=np.zeros((len(points), 0)),
+        trim_scale=np.zeros(0),
+        transfers=transfers,
+        transfers_in_digits=transfers_in_digits,
+        in_digits=in_digits,
+    )
+
+
+def _internal_values(model: LinearModel, points: Array) -> Array:
+    """Internal values (N, n_p) of physical ones."""
+    found = np.empty((len(points), len(model.parameters)))
+    for k, parameter in enumerate(model.parameters):
+        found[:, k] = to_internal(parameter, points[:, k])
+    return found
+
+
+def _in_digits(model: LinearModel, slopes: ca.SX, points: Array, sizes: "_Counts") -> Array:
+    """[A B ; C D] in 50 digits, rounded at the end."""
+    with precision(_BITS):
+        return np.array(
+            [[_rounded(x) for x in m.ravel()] for m in _balls(model, slopes, points, sizes)]
+        )
+
+
+def column_of_entries(matrix: ca.SX) -> ca.SX:
+    """The entries (n, 1) of a sparse matrix that are not structural zeros, by columns."""
+    return ca.vec(ca.SX(matrix.nz[:])) if matrix.nnz() else ca.SX(0, 1)
+
+
+class _Counts(NamedTuple):
+    unknown: int
+    known: int
+    states: int
+
+
+def _slopes(model: LinearModel) -> ca.SX:
+    stacked = ca.vertcat(model.residual, model.output)
+    return ca.SX(ca.jacobian(stacked, ca.vertcat(model.unknown, model.known)))
+
+
+def _solved(jacobian: Array, sizes: _Counts, owner: str) -> tuple[Array, Array]:
+    n = sizes.unknown
+    try:
+        solved = -np.linalg.solve(jacobian[:, :n, :n], jacobian[:, :n, n:])
+    except np.linalg.LinAlgError:
+        raise WellPosednessError(
+            f"{owner}: the equations do not determine the unknowns at a point of the parameter range. "
+            "Narrow the ranges."
+        ) from None
+    # one step of refinement
+    solved = solved - np.linalg.solve(
+        jacobian[:, :n, :n], jacobian[:, :n, n:] + jacobian[:, :n, :n] @ solved
+    )
+    read = jacobian[:, n:, n:] + jacobian[:, n:, :n] @ solved
+    return np.concatenate([solved[:, : sizes.states], read], axis=1), np.asarray(solved)
+
+
+def _uncancelled(jacobian: Array, terms: Array, sizes: _Counts, owner: str) -> Array:
+    """Sizes of [A B ; C D] if nothing cancelled, neither in slopes nor in solving."""
+    n = sizes.unknown
+    _, solved = _solved(jacobian, sizes, owner)
+    inverse = np.abs(np.linalg.inv(jacobian[:, :n, :n]))
+    own = inverse @ (terms[:, :n, n:] + terms[:, :n, :n] @ np.abs(solved))
+    read = terms[:, n:, n:] + terms[:, n:, :n] @ own
+    return np.concatenate([own[:, : sizes.states], read], axis=1)
+
+
+def _balls(model: LinearModel, slopes: ca.SX, points: Array, sizes: _Counts) -> Iterator[Balls]:
+    """[A B ; C D] at physical points, in balls."""
+    sparse = ca.sparsify(slopes)
+    constants, numbers = constants_in(sparse)
+    field = Field(numbers)
+    function = ca.Function("digits", [model.p, constants], [sparse])
+    given = [field.of(number).ball for number in numbers]
+    rows, columns = function.sparsity_out(0).get_triplet()
+    n = sizes.unknown
+    for point in points:
+        p = [_internal(q, x) for q, x in zip(model.parameters, point, strict=True)]
+        J = np.full(sparse.shape, flint.arb(0), dtype=object)
+        for row, column, value in zip(
+            rows, columns, fold(function, _RULES, p, given)[0], strict=True
+        ):
+            J[row, column] = value
+        try:
+            solved = -entries_of(_matrix(J[:n, :n]).solve(_matrix(J[:n, n:])))
+        except ZeroDivisionError:
+            raise WellPosednessError(
+                "The equations are singular at one of the points that are checked in 50 digits."
+            ) from None
+        read = (
+            J[n:, n:] + entries_of(_matrix(J[n:, :n]) * _matrix(solved))
+            if len(J) > n
+            else J[n:, n:]
+        )
+        yield np.concatenate([solved[: sizes.states], read])
+
+
+def _internal(parameter: Parameter, physical: float) -> Any:
+    """The internal value of a parameter, as a ball."""
+    ball = flint.arb(float(physical))
+    if not parameter.is_angle:
+        return ball
+    radians = ball * (
+        flint.arb.pi() / 180 if parameter.unit == "deg" else parse_unit(parameter.unit).factor
+    )
+    return (
+        (radians - parameter.reference) / (2 if parameter.substitution == "half-angle" else 4)
+    ).tan()
+
+
+def _rounded(x: Any) -> float:
+    return 0.0 if x.contains(0) else float(x)
+
+
+def _matrix(a: Balls) -> Any:
+    n, m = a.shape
+    return flint.arb_mat(n, m, a.ravel().tolist())
+
+
+def _ball(value: float) -> Any:
+    fraction = constant_of(value)
+    return flint.arb(flint.fmpq(fraction.numerator, fraction.denominator))
+
+
+_RULES = rules(_ball, add=operator.add, mul=operator.mul, div=operator.truediv)
