@@ -110,7 +110,7 @@ def chosen_channels(
     system: "System", outputs: list[str] | None, inputs: list[str] | None
 ) -> "System":
     """The system with some of its outputs and inputs; all states stay."""
-    from mbdlft.response.samples import chosen
+    from mbdlft.response.modes import chosen
 
     rows = chosen(system.name, "output", outputs, system.outputs, "responses")
     columns = chosen(system.name, "input", inputs, system.inputs, "responses")

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
-from mbdlft.response.resolvent import balancing
-from mbdlft.response.samples import Names, transfers_at
+from mbdlft.response.modes import Names, balancing, transfers_at
 from mbdlft.system.model import System
 
 _ROUNDING = 16.0 * float(np.finfo(float).eps)  # times the size of the system and its norm

@@ -12,9 +12,15 @@ import numpy as np
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.parameter import is_finite
-from mbdlft.response.resolvent import balancing
-from mbdlft.response.samples import Names, chosen, samples_at, transfers_at
-from mbdlft.response.spectrum import eigenvalues, without_integrators
+from mbdlft.response.modes import (
+    Names,
+    balancing,
+    chosen,
+    eigenvalues,
+    samples_at,
+    transfers_at,
+    without_integrators,
+)
 from mbdlft.system.model import System
 
 _POINTS, _MOST_POINTS = 400, 5000  # of times that are chosen here

@@ -1,11 +1,17 @@
 """Who does the work of a search: this process, processes of this machine, or a Dask cluster.
 
 A search gives its tasks in batches that do not depend on who computes them, and gets results in the
-order of the tasks. So its answer does not, either.
+order of the tasks. So its answer does not, either. A worker process runs this module: it reads numbers of
+tasks from its input, one a line, and answers each line when the result is in its file. It ends when its
+input ends, so that no process stays when the analysis is killed.
 """
 
+import contextlib
+import json
 import os
 import pickle
+import signal
+import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -13,7 +19,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from mbdlft.base.errors import AnalysisError
+from mbdlft.base.errors import AnalysisError, MbdlftError
 from mbdlft.base.pool import Pool
 from mbdlft.base.threads import one_thread
 
@@ -45,7 +51,7 @@ class _Processes(Crew):
         if self.folder is None or self.pool is None:
             self.folder = Path(self.stack.enter_context(tempfile.TemporaryDirectory()))
             what = "the analysis", "part of the box", "Take fewer workers."
-            pool = Pool("mbdlft.robust.worker", self.folder, self.workers, what)
+            pool = Pool("mbdlft.robust.crew", self.folder, self.workers, what)
             self.pool = self.stack.enter_context(pool)
         numbers = range(self.count, self.count + len(tasks))
         self.count += len(tasks)
@@ -108,3 +114,28 @@ def crew_of(workers: int | None, client: Any, what: str) -> Iterator[Crew]:
     count = workers or len(allowed) or os.cpu_count() or 1
     with ExitStack() as stack:
         yield _Processes(count, stack) if count > 1 else ALONE
+
+
+def main(folder: Path) -> None:
+    """Compute tasks until the input ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the search, which then ends this
+    for line in sys.stdin:
+        number = int(line)
+        file = result_file(folder, number)
+        try:
+            function, task = pickle.loads(task_file(folder, number).read_bytes())
+            beside = file.with_suffix(".part")
+            beside.write_bytes(pickle.dumps(alone(function, task)))
+            beside.replace(file)
+            answer: dict[str, object] = {"task": number}
+        except MbdlftError as error:
+            answer = {"error": type(error).__name__, "message": str(error)}
+        except FileNotFoundError:  # the analysis has ended
+            return
+        with contextlib.suppress(BrokenPipeError):
+            sys.stdout.write(json.dumps(answer) + "\n")
+            sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -33,9 +33,9 @@ from mbdlft.robust.bisect.search import (
 )
 from mbdlft.robust.crew import crew_of
 from mbdlft.robust.evidence import Bounds, BoxProof
-from mbdlft.robust.loop import GAIN, loop_of
 from mbdlft.robust.migration import smallest_crossing
 from mbdlft.robust.moving.varying import MovingGain, Rates, rates_of
+from mbdlft.robust.mu.coverage import GAIN, loop_of
 from mbdlft.robust.mu.mixed import MixedSearch, Signals
 from mbdlft.robust.peak import NOTHING, Peak, largest_peak, peak_at, slope_at
 from mbdlft.robust.realization import (

@@ -1,4 +1,4 @@
-"""How poles move with the parameters: exact gradients, and a search for the values that push one right.
+"""How poles move with the parameters: exact gradients, and searches for values that push them right.
 
 With Delta = diag(delta_k I), K = (I - D_zw Delta)^-1 C_z, L = B_w (I - Delta D_zw)^-1:
 
@@ -7,12 +7,10 @@ With Delta = diag(delta_k I), K = (I - D_zw Delta)^-1 C_z, L = B_w (I - Delta D_
 with the columns of L and the rows of K of block k; so an eigenvalue with left vector u and right vector v
 moves by u' L_k K_k v / (u' v).
 
-Small deltas that move a pole to the imaginary axis, without a grid of frequencies.
-
-The slopes of the poles are those of `mbdlft.robust.migration`.
-The smallest box with a point where the linearized real part reaches 0 is a corner: its deltas are
-s sign(g_k), g the slope of the real part. Steps towards that corner are repeated from every pole. What is
-found is moved along its ray to where the pole crosses.
+Small deltas with a pole on the axis are found without a grid of frequencies: the smallest box with a
+point where the linearized real part reaches 0 has it at the corner s sign(g_k), g the slope of the real
+part. Steps towards that corner are repeated from every pole, and what is found is moved along its ray to
+where the pole crosses.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -196,7 +194,7 @@ def push_right(
     return delta, pole, used
 
 
-_STEPS_pole_migration, _RANDOM = 12, 6
+_FOLLOWED_STEPS, _RANDOM = 12, 6
 _BISECTIONS = 60
 _ENDS = 1e-7  # of a step: below this the search has arrived
 
@@ -328,7 +326,7 @@ def _towards_singular(model: Realization, delta: Array, largest: float, best: Cr
     """
     if not np.any(model.D):
         return best
-    for _ in range(_STEPS_pole_migration):
+    for _ in range(_FOLLOWED_STEPS):
         loop = np.eye(len(model.D)) - model.spread(delta)[:, None] * model.D
         if np.linalg.slogdet(loop)[0] <= 0.0:
             found = crossing_on_ray(model, delta, largest)
@@ -351,7 +349,7 @@ def _towards_singular(model: Realization, delta: Array, largest: float, best: Cr
 def _path(model: Realization, delta: Array, pole: complex, largest: float) -> Iterator[Array]:
     """Deltas to which a pole is followed: corners, and points on the way to them."""
     signs = np.zeros(len(delta))
-    for step in range(_STEPS_pole_migration):
+    for step in range(_FOLLOWED_STEPS):
         try:
             (poles, moves), _, _ = moving_at(model, delta)
         except (np.linalg.LinAlgError, WellPosednessError):

@@ -1,11 +1,11 @@
-"""Ascent of a function of the deltas in a box: corners to which its slope points, then within the box.
+"""The peak of a gain over frequency, and deltas at which it is large: lower bounds of the worst case.
 
-The peak of a gain over frequency, and deltas at which it is large: lower bounds of the worst case.
+An ascent goes to corners of the box to which the slope points, then within the box. With
 
-    G(j omega, delta) = M22 + M21 Delta (I - M11 Delta)^-1 M12,   M = M(j omega) of all channels;
+    G(j omega, delta) = M22 + M21 Delta (I - M11 Delta)^-1 M12,   M = M(j omega) of all channels,
     d sigma / d delta_k = Re( u' M21 (I - Delta M11)^-1 P_k (I - M11 Delta)^-1 M12 v )
 
-at the frequency of the peak, u and v the singular vectors of G.
+at the frequency of the peak, where u and v are the singular vectors of G.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.response.hamiltonian import peak_of
+from mbdlft.response.norms import peak_of
 from mbdlft.response.staircase import Plant
 from mbdlft.robust.bisect.characteristic import Realization
 

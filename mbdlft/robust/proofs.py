@@ -17,8 +17,8 @@ from mbdlft.base.threads import one_thread
 from mbdlft.robust.bisect.boxes import replayed
 from mbdlft.robust.bisect.characteristic import Realization, is_hurwitz, is_stable_at, polynomials
 from mbdlft.robust.evidence import Bounds, BoxProof, IntervalProof, MotionProof
-from mbdlft.robust.loop import GAIN, loop_of
 from mbdlft.robust.moving.varying import checked, rates_of
+from mbdlft.robust.mu.coverage import GAIN, loop_of
 from mbdlft.robust.mu.mixed import wrong_in
 from mbdlft.robust.realization import realization, states_that_stay
 from mbdlft.robust.worst import disk_transfer

@@ -1,6 +1,7 @@
-"""A system as matrices whose stability is asked for, and what is said when its nominal is not stable.
+"""A system as the matrices whose stability or gain is asked for, and coordinates near to one in size.
 
-States and channels near to one in size: modes that are pushed as much as they are seen.
+The nominal system has to be stable; an error names the pole that is not. In modal coordinates the modes
+are scaled by powers of two until B and C are of one size for each.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,7 +14,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.parameter import to_physical
 from mbdlft.lft.lft import check_plain
-from mbdlft.response.resolvent import balancing
+from mbdlft.response.modes import balancing
 from mbdlft.robust.bisect.characteristic import Realization, is_hurwitz
 from mbdlft.system.conversion import positions_of
 from mbdlft.system.model import System

@@ -2,7 +2,8 @@
 
     sector_low a <= f(a) <= sector_high a for a > 0,   slope_low <= (f(a) - f(b))/(a - b) <= slope_high
 
-The function and its derivative are followed in outward intervals on boxes that cover the range.
+The function is evaluated in duals on boxes that cover the range: outward intervals of its values, and of
+its difference quotients.
 
 Source: H. K. Khalil, Nonlinear Systems, 3rd ed., definition 6.2 (sectors).
 """
@@ -11,6 +12,7 @@ import itertools
 import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, NamedTuple
 
@@ -18,10 +20,262 @@ import numpy as np
 
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.base.formula import ARITHMETIC
-from mbdlft.exact.interval import Interval
+from mbdlft.exact import interval
+from mbdlft.exact.interval import UNKNOWN, Interval, outward
 from mbdlft.exact.numbers import decimal
-from mbdlft.robust.dual import Dual, dual_functions
-from mbdlft.system.theta import ThetaFunction, named_tables
+from mbdlft.exact.operators import Operators
+from mbdlft.system.theta import Table, ThetaFunction, named_tables
+
+_LIBRARY = 2.0**-50  # functions of the library are right to some units in the last place
+_FLAT = 350.0  # beyond it 1/cosh^2 is below 1e-303
+
+
+@dataclass(frozen=True, slots=True)
+class Dual(Operators):
+    """All values of a function on a box, and of its difference quotients there."""
+
+    value: Interval
+    slope: Interval
+
+    @staticmethod
+    def of(number: "Dual | float | None") -> "Dual":
+        """A number does not depend on the argument; None, a condition that is not known, jumps."""
+        if number is None:
+            return Dual(Interval(0.0, 1.0), UNKNOWN)
+        return number if isinstance(number, Dual) else Dual(interval.decimal(float(number)), _ZERO)
+
+    def __add__(self, other: "Dual | float | None") -> "Dual":
+        o = Dual.of(other)
+        return Dual(self.value + o.value, self.slope + o.slope)
+
+    def __neg__(self) -> "Dual":
+        return Dual(-self.value, -self.slope)
+
+    def __mul__(self, other: "Dual | float | None") -> "Dual":
+        o = Dual.of(other)
+        return Dual(self.value * o.value, self.slope * o.value + self.value * o.slope)
+
+    def __truediv__(self, other: "Dual | float | None") -> "Dual":
+        o = Dual.of(other)
+        value = self.value / o.value
+        return Dual(value, (self.slope - value * o.slope) / o.value)
+
+
+_ZERO = Interval(0.0, 0.0)
+_Chain = Callable[[Interval], Interval]
+
+
+def _chained(value: _Chain, slope: _Chain) -> Callable[[Any], Dual]:
+    """A function with its derivative; where they are not defined nothing is known."""
+
+    def of(a: Dual | float) -> Dual:
+        a = Dual.of(a)
+        try:
+            found, factor = value(a.value), slope(a.value)
+        except (ValueError, OverflowError, ArithmeticError):
+            return Dual(UNKNOWN, UNKNOWN)
+        return Dual(found, a.slope if a.slope == _ZERO else factor * a.slope)
+
+    return of
+
+
+def _monotone(function: Callable[[float], float]) -> _Chain:
+    """An increasing function of the library on an interval."""
+
+    def of(a: Interval) -> Interval:
+        low, high = function(a.low), function(a.high)
+        if a.low == a.high == 0.0:  # exact in the library
+            return Interval(low, high)
+        return outward(low - _LIBRARY * abs(low), high + _LIBRARY * abs(high))
+
+    return of
+
+
+_square: _Chain = lambda a: interval.FUNCTIONS["constpow"](a, 2)  # noqa: E731
+_sin, _cos, _atan, _sqrt = (interval.FUNCTIONS[name] for name in ("sin", "cos", "atan", "sqrt"))
+_exp, _sinh, _tanh = map(_monotone, (math.exp, math.sinh, math.tanh))
+
+
+def _cosh(a: Interval) -> Interval:
+    low, high = math.cosh(a.smallest), math.cosh(a.largest)
+    return outward(max(1.0, low - _LIBRARY * low), high + _LIBRARY * high)
+
+
+def _bell(a: Interval) -> Interval:
+    """1/cosh^2, without its overflow."""
+    least, most = (
+        1.0 / _square(_cosh(Interval.of(min(x, _FLAT)))) for x in (a.largest, a.smallest)
+    )
+    return Interval(least.low if a.largest <= _FLAT else 0.0, most.high)
+
+
+def _power(a: Any, exponent: Any) -> Dual:
+    power = Dual.of(exponent).value
+    if power.low != power.high or power.low != int(power.low):
+        what = "a power has an exponent that is not an integer; write sqrt or exp."
+        raise AnalysisError(f"sector: {what}")
+    n, whole = int(power.low), interval.FUNCTIONS["constpow"]
+    return _chained(lambda x: whole(x, n), lambda x: float(n) * whole(x, n - 1))(a)
+
+
+def _size(number: Any) -> Dual:
+    a = Dual.of(number)
+    if a.value.low >= 0.0 or a.value.high <= 0.0:
+        return a if a.value.low >= 0.0 else -a
+    steep = a.slope.largest
+    return Dual(Interval(0.0, a.value.largest), Interval(-steep, steep))
+
+
+def _least(first: Any, second: Any) -> Dual:
+    a, b = Dual.of(first), Dual.of(second)
+    if a.value.high <= b.value.low:
+        return a
+    if b.value.high <= a.value.low:
+        return b
+    value = Interval(min(a.value.low, b.value.low), min(a.value.high, b.value.high))
+    return Dual(value, joined(a.slope, b.slope))
+
+
+def joined(a: Interval, b: Interval) -> Interval:
+    """What is in either of two intervals, or between them."""
+    return Interval(min(a.low, b.low), max(a.high, b.high))
+
+
+def _where(condition: Any, first: Any, second: Any) -> Dual:
+    a, b = Dual.of(first), Dual.of(second)
+    known = _truth(condition)
+    if known is not None:
+        return a if known else b
+    return Dual(joined(a.value, b.value), UNKNOWN)  # the function may jump
+
+
+def _sign(a: Any) -> Dual:
+    value = Dual.of(a).value
+    if value.low > 0.0 or value.high < 0.0:
+        return Dual.of(1.0 if value.low > 0.0 else -1.0)
+    return Dual(Interval(-1.0, 1.0), UNKNOWN)
+
+
+def _less(a: Any, b: Any) -> bool | None:
+    """Whether a < b on the whole box; None if that is not known."""
+    first, second = Dual.of(a).value, Dual.of(b).value
+    if first.high < second.low:
+        return True
+    return False if first.low >= second.high else None
+
+
+def _equal(a: Any, b: Any) -> bool | None:
+    """Whether a = b on the whole box; None if that is not known."""
+    first, second = Dual.of(a).value, Dual.of(b).value
+    if first.high < second.low or second.high < first.low:
+        return False
+    return True if first.low == first.high == second.low == second.high else None
+
+
+def _truth(condition: Any) -> bool | None:
+    """A number is true where it is not zero."""
+    return condition if isinstance(condition, bool | None) else _not(_equal(condition, 0.0))
+
+
+def _not(condition: Any) -> bool | None:
+    known = _truth(condition)
+    return None if known is None else not known
+
+
+def _and(first: Any, second: Any) -> bool | None:
+    a, b = _truth(first), _truth(second)
+    if a is False or b is False:
+        return False
+    return True if a and b else None
+
+
+DUAL: Mapping[str, Callable[..., Any]] = {
+    "number": Dual.of,
+    "+": lambda a, b: Dual.of(a) + b,
+    "-": lambda a, b: Dual.of(a) - Dual.of(b),
+    "*": lambda a, b: Dual.of(a) * b,
+    "/": lambda a, b: Dual.of(a) / Dual.of(b),
+    "**": _power,
+    "neg": lambda a: -Dual.of(a),
+    "<": _less,
+    ">": lambda a, b: _less(b, a),
+    "<=": lambda a, b: _not(_less(b, a)),
+    ">=": lambda a, b: _not(_less(a, b)),
+    "==": _equal,
+    "!=": lambda a, b: _not(_equal(a, b)),
+    "not_": _not,
+    "and_": _and,
+    "or_": lambda a, b: _not(_and(_not(a), _not(b))),
+    "where": _where,
+    "abs": _size,
+    "sign": _sign,
+    "min": _least,
+    "max": lambda a, b: -_least(-Dual.of(a), -Dual.of(b)),
+    "sin": _chained(_sin, _cos),
+    "cos": _chained(_cos, lambda a: -_sin(a)),
+    "tan": lambda a: DUAL["sin"](a) / DUAL["cos"](a),
+    "atan": _chained(_atan, lambda a: 1.0 / (1.0 + _square(a))),
+    "sqrt": _chained(_sqrt, lambda a: 0.5 / _sqrt(a)),
+    "exp": _chained(_exp, _exp),
+    "log": _chained(_monotone(math.log), lambda a: 1.0 / a),
+    "sinh": _chained(_sinh, _cosh),
+    "cosh": _chained(_cosh, _sinh),
+    "tanh": _chained(_tanh, _bell),
+    "asinh": _chained(_monotone(math.asinh), lambda a: 1.0 / _sqrt(1.0 + _square(a))),
+    "hypot": lambda a, b: DUAL["sqrt"](_power(a, 2.0) + _power(b, 2.0)),
+}
+
+
+def dual_functions(tables: Sequence[Table]) -> Mapping[str, Callable[..., Any]]:
+    """The functions of formulas for duals, with those of tables."""
+    return {**DUAL, **{name: _of_table(table) for name, table in named_tables(tables).items()}}
+
+
+def _of_table(table: Table) -> Callable[[Any], Dual]:
+    """A table is continuous, so difference quotients lie between the slopes of the pieces in the box."""
+
+    def of(number: Any) -> Dual:
+        a = Dual.of(number)
+        pieces = _pieces(table, a.value)
+        value, slope = pieces[0].value, pieces[0].slope
+        for piece in pieces[1:]:
+            value, slope = joined(value, piece.value), joined(slope, piece.slope)
+        return Dual(value, a.slope if a.slope == _ZERO else slope * a.slope)
+
+    return of
+
+
+def _pieces(table: Table, box: Interval) -> list[Dual]:
+    """Values and slopes of the pieces in a box; where it only touches one, the next one has the value."""
+    pieces, is_point = [], box.low == box.high
+    for k, ends in enumerate(itertools.pairwise((-math.inf, *table.breakpoints, math.inf)), -1):
+        inside = Interval(max(box.low, ends[0]), min(box.high, ends[1]))
+        if inside.low < inside.high or (is_point and inside.low == inside.high):
+            is_cubic = table.slopes and 0 <= k < len(table.slopes)
+            pieces.append((_cubic if is_cubic else _line)(table, k, inside))
+    return pieces
+
+
+def _line(table: Table, k: int, x: Interval) -> Dual:
+    b, v = table.breakpoints, table.values
+    if 0 <= k < len(b) - 1:
+        slope = (Interval.of(v[k + 1]) - v[k]) / (Interval.of(b[k + 1]) - b[k])
+    else:
+        slope = Interval.of(table.below if k < 0 else table.above)
+    return Dual(v[max(k, 0)] + slope * (x - b[max(k, 0)]), slope)
+
+
+def _cubic(table: Table, k: int, x: Interval) -> Dual:
+    b, v, (left, right) = table.breakpoints, table.values, table.slopes[k]
+    h, rise = Interval.of(b[k + 1]) - b[k], Interval.of(v[k + 1]) - v[k]
+    t = (x - b[k]) / h
+    t = Interval(max(t.low, 0.0), min(t.high, 1.0))
+    first, last = h * left - rise, h * right - rise
+    bend = (1.0 - t) * first - t * last
+    value = v[k] + t * rise + t * (1.0 - t) * bend
+    slope = (rise + (1.0 - 2.0 * t) * bend - t * (1.0 - t) * (first + last)) / h
+    return Dual(value, slope)
+
 
 _BOXES = 2048
 _NOTHING = 1e-300  # what outward rounding makes of zero
@@ -152,19 +406,14 @@ def _range(f: ThetaFunction, low: float | None, high: float | None) -> tuple[flo
             f"sector of {f.name!r}: it has {len(f.arguments)} arguments, expected one. Make the "
             "model with delta_theta(..., 'fewest'), or look at a function of one argument."
         )
-    own = f.ranges[0]
-    ends = (own[0] if low is None else float(low), own[1] if high is None else float(high))
-    if not (math.isfinite(ends[0]) and math.isfinite(ends[1]) and ends[0] < ends[1]):
-        raise AnalysisError(
-            f"sector of {f.name!r}: the range [{ends[0]:g}, {ends[1]:g}] of {f.signals[0]} is not "
-            "finite. Give low and high."
-        )
-    if ends[0] < own[0] or ends[1] > own[1]:
-        raise AnalysisError(
-            f"sector of {f.name!r}: the range [{ends[0]:g}, {ends[1]:g}] is not inside that of the "
-            f"function, [{own[0]:g}, {own[1]:g}]."
-        )
-    return ends
+    least, most = f.ranges[0]
+    low, high = least if low is None else float(low), most if high is None else float(high)
+    what = f"sector of {f.name!r}: the range [{low:g}, {high:g}]"
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise AnalysisError(f"{what} of {f.signals[0]} is not finite. Give low and high.")
+    if low < least or high > most:
+        raise AnalysisError(f"{what} is not inside that of the function, [{least:g}, {most:g}].")
+    return low, high
 
 
 def _sector(
@@ -183,8 +432,7 @@ def _sector(
             end = b if a >= 0.0 else a
             total = total + slopes[k] * (Interval.of(b) - a)
             now = total / abs(end)
-            both = now if mean is None else _hull([mean, now])
-            means = both if isinstance(both, Interval) else Interval(*both)
+            means = now if mean is None else joined(mean, now)
             mean = now
             touches = a == 0.0 or b == 0.0
             found.append(means if touches else _both(means, ratios[k]))
@@ -200,12 +448,8 @@ def _is_zero_at_zero(f: ThetaFunction) -> bool:
     own = {name: table.exactly for name, table in named_tables(f.tables).items()}
     try:
         return bool(f(Fraction(0), functions={**_EXACT, **own}) == 0)
-    except (SceneError, ArithmeticError, _NotExactError):
+    except (SceneError, ArithmeticError):
         return _at(f, Interval(0.0, 0.0)).value.largest <= _NOTHING
-
-
-class _NotExactError(Exception):
-    """A function has no exact value."""
 
 
 def _only_at(argument: int, value: int) -> Callable[[Fraction], Fraction]:
@@ -213,7 +457,7 @@ def _only_at(argument: int, value: int) -> Callable[[Fraction], Fraction]:
 
     def of(a: Fraction) -> Fraction:
         if a != argument:
-            raise _NotExactError
+            raise ArithmeticError("no exact value")
         return Fraction(value)
 
     return of
@@ -221,7 +465,7 @@ def _only_at(argument: int, value: int) -> Callable[[Fraction], Fraction]:
 
 def _whole_power(a: Fraction, b: Fraction) -> Fraction:
     if b.denominator != 1 or abs(b) > _MOST_POWER:
-        raise _NotExactError
+        raise ArithmeticError("no exact value")
     return a ** int(b)
 
 

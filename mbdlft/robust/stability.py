@@ -1,4 +1,4 @@
-"""The margin of robust stability: how many times the declared box of the parameters stays stable.
+"""Stability: the margin of robust stability, and a check of nominal and sampled values.
 
 The margin is the largest k such that the system has all poles in the open left half-plane, and is well
 posed, for all |delta_j| < k. It is bounded from above by deltas with a pole on or beyond the axis, which
@@ -6,8 +6,6 @@ are found by following poles, and from below by a proof for the box of size k
 (`mbdlft.robust.bisect.boxes`). Both are for every frequency; there is no grid. Where Delta has blocks
 that are not real parameters, or the polynomial is too large, multipliers take their place
 (`mbdlft.robust.mu.mixed`).
-
-Whether a system is stable: at nominal, and at what was tried of the box of its parameters.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,8 +20,7 @@ from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.parameter import to_physical
 from mbdlft.base.samples import check_points
 from mbdlft.base.threads import one_thread
-from mbdlft.response.samples import samples_at
-from mbdlft.response.spectrum import Spectrum, Stability, eigenvalues, pole_text, spectrum
+from mbdlft.response.modes import Spectrum, Stability, eigenvalues, pole_text, samples_at, spectrum
 from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.bisect.search import (
     GAP,
@@ -39,7 +36,6 @@ from mbdlft.robust.bisect.search import (
 )
 from mbdlft.robust.crew import crew_of
 from mbdlft.robust.evidence import Bounds, BoxProof
-from mbdlft.robust.loop import check_fixed, loop_of
 from mbdlft.robust.migration import (
     NONE,
     Crossing,
@@ -49,6 +45,7 @@ from mbdlft.robust.migration import (
     smallest_crossing,
 )
 from mbdlft.robust.moving.varying import MovingMargin, Rates, rates_of
+from mbdlft.robust.mu.coverage import check_fixed, loop_of
 from mbdlft.robust.mu.mixed import MixedSearch
 from mbdlft.robust.realization import (
     check_parameters,

@@ -1,10 +1,9 @@
-"""The largest real part and the smallest damping of the poles over the box: reached, and proved.
+"""Worst cases over the box: of poles and disk margins with proved bounds; of other functions as searched.
 
-Worst cases over the box: of poles and disk margins with proved bounds; of other functions as searched.
-
-Poles are followed with exact slopes, from the nominal point and from corners; other functions are climbed
-with exact slopes, too, or with differences. That poles are left of a line, or of the edges of a sector,
-is proved as stability is (`mbdlft.robust.bisect.boxes`), along the line or the edge in place of the axis.
+The largest real part and the smallest damping of the poles are reached by following poles with exact
+slopes, from the nominal point and from corners. That poles are left of a line, or of the edges of a
+sector, is proved as stability is (`mbdlft.robust.bisect.boxes`), along the line or the edge in place of
+the axis. Other functions are climbed with exact slopes, or with differences.
 """
 
 from collections.abc import Callable, Sequence

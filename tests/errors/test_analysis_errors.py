@@ -22,7 +22,7 @@ from mbdlft import (
     unbounded_frequencies,
     zeros,
 )
-from mbdlft.response import hamiltonian, norms, spectrum, staircase
+from mbdlft.response import modes, norms, staircase
 from mbdlft.robust import stability
 from mbdlft.robust.migration import push_right
 from mbdlft.robust.realization import realization
@@ -181,7 +181,7 @@ def test_norm_whose_two_ways_differ(model, monkeypatch):
 
 
 def test_norm_that_is_not_found_says_so(model, monkeypatch):
-    monkeypatch.setattr(hamiltonian, "_ROUNDS", 0)
+    monkeypatch.setattr(norms, "_ROUNDS", 0)
     found = hinf_norm(model)
     assert found.upper[0] == np.inf
     assert found.reason == ("no level without eigenvalues on the axis in 0 rounds",)
@@ -201,7 +201,7 @@ def test_eigenvalues_that_are_not_found(model, monkeypatch):
     def fails(*_):
         raise np.linalg.LinAlgError
 
-    monkeypatch.setattr(spectrum.np.linalg, "eigvals", fails)
+    monkeypatch.setattr(modes.np.linalg, "eigvals", fails)
     with says(AnalysisError, "model 'spring': the eigenvalues of A were not found."):
         poles(model)
     monkeypatch.setattr(staircase, "finite_zeros", fails)

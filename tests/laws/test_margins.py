@@ -23,7 +23,7 @@ from mbdlft import (
 from mbdlft.robust.bisect.characteristic import polynomials
 from mbdlft.robust.bisect.search import Asked
 from mbdlft.robust.evidence import BoxProof, IntervalProof
-from mbdlft.robust.loop import ends_of, extent_of, loop_of, scaled
+from mbdlft.robust.mu.coverage import ends_of, extent_of, loop_of, scaled
 from mbdlft.robust.mu.intervals import is_negative_at
 from mbdlft.robust.mu.mixed import MixedSearch
 from mbdlft.robust.mu.multipliers import structure_of, upper_bound

@@ -23,11 +23,11 @@ from mbdlft import (
 )
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT
-from mbdlft.robust import loop as loops
 from mbdlft.robust.bisect.search import Asked
 from mbdlft.robust.crew import crew_of
 from mbdlft.robust.evidence import IntervalProof
-from mbdlft.robust.loop import loop_of
+from mbdlft.robust.mu import coverage as loops
+from mbdlft.robust.mu.coverage import loop_of
 from mbdlft.robust.mu.intervals import channels_matrix
 from mbdlft.robust.mu.mixed import MixedSearch
 from mbdlft.robust.mu.small_delta import delta_near

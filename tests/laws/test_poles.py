@@ -12,7 +12,7 @@ from mbdlft import (
     poles,
     realize,
 )
-from mbdlft.response.spectrum import spectrum
+from mbdlft.response.modes import spectrum
 from tests.close import CLOSED_FORM, exact, finite_difference, target
 from tests.oscillators import oscillator, plain, spring_and_mass, two_masses
 

@@ -20,7 +20,7 @@ from mbdlft import (
     step_response,
     unbounded_frequencies,
 )
-from mbdlft.response import resolvent
+from mbdlft.response import frequency
 from mbdlft.response.frequency import peaks
 from mbdlft.show.figures.figures import mark_unbounded
 from mbdlft.system.points import StateMatrices
@@ -101,7 +101,7 @@ def test_triangles_alone_are_as_good_and_are_used() -> None:
         system = random_system(seed, 9, 3, 2, direct=True)
         whole = [matrix[None] for matrix in matrices(system)]
         values = np.empty((1, 40, 3, 2), dtype=complex)
-        good = resolvent._by_triangles(StateMatrices(*whole), 1j * omega[None], values)
+        good = frequency._by_triangles(StateMatrices(*whole), 1j * omega[None], values)
         assert np.all(good)
         roundoff(values, frequency_response(system, {}, omega), kappa=100.0)
 

@@ -1,7 +1,7 @@
-"""Whether polynomials in Bernstein form can vanish: on pieces of a box of deltas and of frequency.
+"""A proof on a box of deltas and all frequencies: stability, or a bound of a gain, by branch and bound.
 
-A polynomial p lies in the convex hull of its coefficients p_c, each known up to an error e. If there is a
-direction a, |a| = 1, with
+The characteristic polynomial p in Bernstein form lies in the convex hull of its coefficients p_c, each
+known up to an error e. If there is a direction a, |a| = 1, with
 
     Re(conj(a) p_c) > e + g |q_c|        for all coefficients,
 
@@ -10,18 +10,15 @@ a transfer, its norm is below 1/g. (For unit vectors v, u the polynomial p - g v
 hull of p_c - g v'q_c u, where |v'q_c u| <= |q_c|, the largest singular value.) Directions that a
 coefficient allows are an arc; all arcs must meet.
 
-A proof for all deltas of a box: stability, or a bound of a gain, by pieces that exclude zeros.
-
-A box of deltas and all frequencies is cut into pieces on which the characteristic polynomial cannot
-vanish (`mbdlft.robust.bisect.boxes`). Where it cannot vanish for any frequency, infinity included, all
-models of the box have as many unstable poles as one of them.
+Box and frequencies are cut until all pieces exclude zeros so. Where p vanishes for no frequency, infinity
+included, all models of the box have as many unstable poles as one of them.
 
 A box need not be cut along a delta if, at each frequency that is still open, roots on the axis can move
 to one side only when this delta grows. Then no model of the box has more unstable poles than one with the
 same other deltas on that face, since unstable poles stay unstable on the way there; so the face is
 enough, if its own middle is stable. No open frequency may be infinite, where poles come from.
 
-What was cut and fixed is a list of integers, with which `replayed` repeats the proof without a search.
+Cuts and faces are a list of integers, with which `replayed` repeats the proof without a search.
 """
 
 from collections.abc import Callable

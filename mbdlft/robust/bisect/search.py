@@ -1,7 +1,4 @@
-"""What all searches for bounds have in common: arguments, and the best bounds so far.
-
-What searches share that prove by cuts of boxes (`mbdlft.robust.bisect.boxes`): margins, gains and poles.
-"""
+"""What searches for bounds share: arguments, the best bounds so far, and proofs by cuts of boxes."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -25,12 +25,10 @@ constant). If the sum of V' and of these is negative definite in q, then
 
 Rational functions V in this way: Dettori, Scherer, CDC 2000; Koroglu, Scherer, IEEE TAC 52 (2007).
 
-Matrix inequalities of `mbdlft.robust.moving.variation`, solved by Clarabel: what it finds is checked
-later.
-
-tr P_xx + tr X is fixed, and t is the largest such that the form is below -t: there is always a solution,
-and t > 0 tells whether it proves anything. Goulart, Chen, Clarabel: an interior-point solver for conic
-programs, arXiv 2405.12762 (2024).
+The matrix inequalities are solved by Clarabel, and what it finds is checked in balls: tr P_xx + tr X is
+fixed, and t is the largest such that the form is below -t. There is always a solution, and t > 0 tells
+whether it proves anything. Goulart, Chen, Clarabel: an interior-point solver for conic programs, arXiv
+2405.12762 (2024).
 """
 
 from collections.abc import Callable

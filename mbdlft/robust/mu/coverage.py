@@ -1,23 +1,212 @@
-"""Multipliers and intervals that cover all frequencies, for one part of the box."""
+"""Multipliers and intervals of frequency that cover all of [0, inf], for a loop on a part of its box.
 
+The loop is a system closed through blocks of all kinds, some of which grow:
+
+    w = Delta z,   |delta_k| or ||Delta_k|| <= k for blocks that grow, <= 1 for those that are fixed.
+
+The margin of robust stability is the largest k for which no Delta makes I - M(j omega) Delta singular.
+With a full block that joins inputs and outputs, all blocks growing, it is that of robust performance; if
+this block alone grows, 1/k is the worst-case gain (skew mu: Fan, Tits, IEEE TAC 37, 1992).
+
+Multipliers are found at one frequency, and hold on an interval around it (`mbdlft.robust.mu.intervals`);
+the next frequency is one that no interval contains.
+"""
+
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
+from mbdlft.base.errors import StructureError, unknown_name
 from mbdlft.base.spent import after, tell
+from mbdlft.lft.block import Block, FullBlock
+from mbdlft.lft.lft import check
 from mbdlft.robust.evidence import Interval, Multipliers
-from mbdlft.robust.loop import (
-    Complex,
-    Loop,
-    ends_of,
-    extent_of,
-    inside,
-    matrix_at,
-)
 from mbdlft.robust.migration import by_damping
-from mbdlft.robust.mu.intervals import interval_around
-from mbdlft.robust.mu.multipliers import Structure, upper_bound
+from mbdlft.robust.mu.intervals import Channels, Extent, balance, channels_matrix, interval_around
+from mbdlft.robust.mu.multipliers import Structure, structure_of, upper_bound
+from mbdlft.system.model import System
+
+_MOST_ENTRIES = 250  # of multipliers: more take minutes for the whole of the frequencies
+GAIN = "(gain)"  # name of the block that joins inputs and outputs
+Complex = NDArray[np.complex128]
+
+
+class Loop(NamedTuple):
+    """A system and its blocks, none of which is empty.
+
+    Attributes
+    ----------
+    channels : Channels
+        Balanced by powers of two: z and w of each block are multiplied by the same, so nothing is
+        rounded, and Delta stays what it is. Zeros make full blocks square.
+    scale : array (m,)
+        These powers.
+    structure : Structure
+    blocks : tuple of Block
+    grows : bool array (number of blocks,)
+    """
+
+    channels: Channels
+    scale: Array
+    structure: Structure
+    blocks: tuple[Block, ...]
+    grows: NDArray[np.bool_]
+
+    @property
+    def owner(self) -> NDArray[np.int64]:
+        """The block of each channel (m,)."""
+        sizes = [max(block.inputs, block.outputs) for block in self.blocks]
+        return np.repeat(np.arange(len(sizes)), sizes)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether all blocks are real parameters."""
+        return all(block.kind == "real" for block in self.blocks)
+
+
+def loop_of(
+    system: System,
+    stay: Sequence[int],
+    fixed: Iterable[str] = (),
+    inputs: Sequence[int] = (),
+    outputs: Sequence[int] = (),
+) -> Loop:
+    """The loop of a system, of the states that stay, and of a block that joins inputs and outputs.
+
+    Raises
+    ------
+    StructureError
+        An entry is complex, or a fixed block is unknown.
+    """
+    check(not system.lft.is_complex, "the margin of a system needs real entries; one is complex")
+    rows, columns, lft = [], [], system.lft
+    blocks = [block for block in lft.blocks if block.inputs and block.outputs]
+    for block in blocks:
+        rows += list(range(*lft.slices()[block.name].indices(lft.M11.shape[0])))
+        columns += list(range(*lft.columns()[block.name].indices(lft.M11.shape[1])))
+    i, j = list(outputs), list(inputs)
+    whole_B = np.hstack([system.B_w[np.ix_(stay, columns)], system.B_u[np.ix_(stay, j)]])
+    whole_C = np.vstack([system.C_z[np.ix_(rows, stay)], system.C_y[np.ix_(i, stay)]])
+    right = np.vstack([system.D_zu[np.ix_(rows, j)], system.D_yu[np.ix_(i, j)]])
+    left = np.vstack([system.D_zw[np.ix_(rows, columns)], system.D_yw[np.ix_(i, columns)]])
+    if i and j:
+        blocks.append(FullBlock(GAIN, len(i), len(j)))
+    kept = check_fixed(system, fixed)
+    grows = np.array([block.name not in kept for block in blocks], dtype=bool)
+    A = system.A[np.ix_(stay, stay)]
+    whole = Channels(A, whole_B, whole_C, np.hstack([left, right]))
+    return _balanced(whole, tuple(blocks), grows)
+
+
+def check_fixed(system: System, fixed: Iterable[str]) -> tuple[str, ...]:
+    """Names of fixed blocks, all of which exist.
+
+    Raises
+    ------
+    StructureError
+        A name is unknown.
+    """
+    names = [block.name for block in system.lft.blocks]
+    found = (fixed,) if isinstance(fixed, str) else tuple(fixed)
+    for name in found:
+        if name not in names:
+            raise StructureError(
+                f"fixed blocks of {system.name!r}: {unknown_name('block', name, names)}"
+            )
+    return found
+
+
+def _balanced(whole: Channels, blocks: tuple[Block, ...], grows: NDArray[np.bool_]) -> Loop:
+    structure = structure_of(_pieces(blocks))
+    inputs, outputs, size = structure.inputs, structure.outputs, structure.size
+    n = len(whole.A)
+    B, C, D = np.zeros((n, size)), np.zeros((size, n)), np.zeros((size, size))
+    B[:, outputs], C[inputs] = whole.B, whole.C
+    D[np.ix_(inputs, outputs)] = whole.D
+    own = balance(whole.A)
+    plain = Channels(whole.A * own / own[:, None], B / own[:, None], C * own, D)
+    loop = Loop(plain, np.ones(size), structure, blocks, grows)
+    pick = (loop.owner == np.arange(len(blocks))[:, None]).astype(float)
+    sizes = [np.abs(channels_matrix(plain, w)[0]) for w in (0.0, *_frequencies(whole.A))]
+    scale = balance(pick @ np.max(sizes, axis=0) @ pick.T)[loop.owner]
+    B, C = plain.B * scale, plain.C / scale[:, None]
+    return loop._replace(
+        channels=Channels(plain.A, B, C, D * scale / scale[:, None]), scale=np.asarray(scale)
+    )
+
+
+def _pieces(blocks: Sequence[Block]) -> list[Block]:
+    """Blocks for multipliers: where full ones are too many, repeated blocks are cut into pieces.
+
+    Multipliers that are zero between the pieces are multipliers of the block, too, and prove less.
+    """
+    most = max((block.size for block in blocks), default=1)
+    while True:
+        pieces: list[Block] = []
+        for block in blocks:
+            whole, rest = divmod(block.size, most) if block.kind != "full" else (0, 0)
+            count = whole + (rest > 0)
+            sizes = [block.size // count + (k < block.size % count) for k in range(count)]
+            pieces += [block] if block.kind == "full" else [block.of_size(size) for size in sizes]
+        if len(structure_of(pieces).rows) <= _MOST_ENTRIES or most == 1:
+            return pieces
+        most -= 1
+
+
+def _frequencies(A: Array) -> list[float]:
+    """Sizes of the poles (rad/s)."""
+    return [float(w) for w in np.abs(np.linalg.eigvals(A))] if len(A) else []
+
+
+def unscaled(found: Multipliers, scale: Array) -> Multipliers:
+    """Multipliers of the channels as they are, of those of balanced ones."""
+    return scaled(found, 1.0 / scale)
+
+
+def scaled(found: Multipliers, scale: Array) -> Multipliers:
+    """Multipliers of balanced channels, of those of the channels as they are."""
+    both = np.outer(scale, scale)
+    return found._replace(D=found.D * both, G=found.G * both)
+
+
+def ends_of(loop: Loop, k: float) -> tuple[Array, Array]:
+    """Ends (number of blocks,) of the whole box of size k; those of blocks that are not real: norms."""
+    size = np.where(loop.grows, k, 1.0)
+    return -size, size
+
+
+def extent_of(loop: Loop, low: Array, high: Array) -> Extent:
+    """What multipliers of deltas between these ends have in the place of the box."""
+    return Extent((-low * high)[loop.owner], (0.5 * (low + high))[loop.owner])
+
+
+def matrix_at(loop: Loop, omega: float) -> Complex:
+    """M(j omega) (m, m)."""
+    return channels_matrix(loop.channels, omega)[0]
+
+
+def inside(loop: Loop, M: Complex, low: Array, high: Array) -> tuple[Complex, Array]:
+    """The matrix (m, m) whose deltas of size 1 are those between the ends, and half sizes (m,).
+
+    With w = c z + v, z = (I - M c)^-1 M v.
+    """
+    center, half = (0.5 * (low + high))[loop.owner], (0.5 * (high - low))[loop.owner]
+    if np.any(center):
+        M = np.asarray(np.linalg.solve(np.eye(len(M)) - M * center, M), dtype=complex)
+    return half[:, None] * M, half
+
+
+def loop_of_matrix(M: Complex, blocks: Sequence[Block], grows: NDArray[np.bool_]) -> Loop:
+    """A loop without states: its structure, as M (n_z, n_w) is given."""
+    structure = structure_of(blocks)
+    none = np.zeros((structure.size, structure.size))
+    channels = Channels(none[:0, :0], none[:0], none[:, :0], none)
+    check(M.shape == (len(structure.inputs), len(structure.outputs)), "M does not fit its blocks")
+    return Loop(channels, np.ones(structure.size), structure, tuple(blocks), grows)
+
 
 _STEPS = 2000  # frequencies that are looked at, at most
 _LOOKS = 12

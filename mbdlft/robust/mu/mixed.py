@@ -1,19 +1,16 @@
-"""A proof for blocks of all kinds: the box of the parameters is cut where multipliers do not suffice.
+"""Margins and gains by multipliers: for blocks of all kinds, and for many parameters.
+
+What is proved are sizes of the blocks that grow (`mbdlft.robust.mu.coverage`): first of the whole box,
+then of its parts. They are bounded from above by deltas that make the loop singular, or, for parameters
+only, that move a pole to the axis. A gain is one over such a size.
 
 No model of a part of the box has a pole on the axis, or is singular, if multipliers prove so on intervals
-that cover all frequencies. A half of a part inherits its intervals: only frequencies that are open are
-looked at again. Parts cover the box, which is connected, and its middle is stable: so is all of it.
-(Branch and bound for mu: Newlin, Young, Int. J. Robust and Nonlinear Control 7, 1997; here parts have
-intervals of frequency in place of one frequency.)
-
-A part is cut along the parameter for which the bounds of both halves, with the multipliers of the part,
-are smallest. Parts are tried in batches that do not depend on how many processes there are.
-
-Margins and gains by multipliers: for blocks of all kinds, and for many parameters.
-
-What is proved are sizes of the blocks that grow (`mbdlft.robust.loop`): first of the whole box, then
-of its parts (`mbdlft.robust.mu.mixed`). They are bounded from above by deltas that make the loop
-singular, or, for parameters only, that move a pole to the axis. A gain is one over such a size.
+that cover all frequencies. A part on which they do not suffice is cut along the parameter for which the
+bounds of both halves, with the multipliers of the part, are smallest. A half inherits the intervals of
+its part: only frequencies that are open are looked at again. Parts cover the box, which is connected, and
+its middle is stable: so is all of it. (Branch and bound for mu: Newlin, Young, Int. J. Robust and
+Nonlinear Control 7, 1997; here parts have intervals of frequency in place of one frequency.) Parts are
+tried in batches that do not depend on how many processes there are.
 """
 
 from collections.abc import Callable
@@ -30,19 +27,25 @@ from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.bisect.search import UNSTABLE, Search
 from mbdlft.robust.crew import Crew
 from mbdlft.robust.evidence import Bounds, Interval, IntervalProof, Multipliers
-from mbdlft.robust.loop import (
+from mbdlft.robust.migration import NONE, Crossing, improved, smallest_crossing
+from mbdlft.robust.mu.coverage import (
     GAIN,
     Complex,
+    Cover,
     Loop,
+    Part,
+    covered,
+    covers,
     ends_of,
     extent_of,
+    first_frequencies,
     inside,
+    looks,
     matrix_at,
     scaled,
+    shrunk,
     unscaled,
 )
-from mbdlft.robust.migration import NONE, Crossing, improved, smallest_crossing
-from mbdlft.robust.mu.coverage import Cover, Part, covered, covers, first_frequencies, looks, shrunk
 from mbdlft.robust.mu.intervals import holds
 from mbdlft.robust.mu.multipliers import best_square, fits
 from mbdlft.robust.mu.small_delta import (

@@ -1,6 +1,6 @@
-"""The structured singular value of a system, frequency by frequency.
+"""Bounds of the structured singular value of a system: at frequencies, and on bands of frequency.
 
-Bounds of mu over bands of frequency: multipliers of one frequency, proved on the band around it.
+On a band, the multipliers of one of its frequencies prove the bound (`mbdlft.robust.mu.intervals`).
 """
 
 from collections.abc import Sequence
@@ -15,8 +15,16 @@ from mbdlft.base.errors import AnalysisError
 from mbdlft.base.threads import one_thread
 from mbdlft.lft.block import Block
 from mbdlft.robust.evidence import Multipliers
-from mbdlft.robust.loop import check_fixed, ends_of, loop_of, loop_of_matrix
-from mbdlft.robust.mu.coverage import first_frequencies, largest_size, looks, middle
+from mbdlft.robust.mu.coverage import (
+    check_fixed,
+    ends_of,
+    first_frequencies,
+    largest_size,
+    looks,
+    loop_of,
+    loop_of_matrix,
+    middle,
+)
 from mbdlft.robust.mu.intervals import channels_matrix, interval_around
 from mbdlft.robust.mu.multipliers import squared, structure_of, upper_bound
 from mbdlft.robust.mu.small_delta import SmallDelta, small_delta

@@ -1,20 +1,18 @@
-"""Deltas that make I - M Delta singular: lower bounds of the structured singular value.
+"""Small deltas that make I - M Delta singular: lower bounds of the structured singular value.
 
-Blocks that are fixed have size 1, the others grow: Delta_f and Delta_g/lambda with ||Delta|| <= 1. For a
+Blocks that are fixed have size 1, the others grow: Delta_f and Delta_g/lambda with ||Delta|| <= 1. A
 positive number lambda with
 
     M Delta_g v = lambda (I - M Delta_f) v
 
-it is a lower bound; the size of those that grow is 1/lambda. Starts come from the power iteration of
-Young, Doyle (Computation of mu with real and complex uncertainties, CDC 1990) and at random; from each,
-lambda is made as large as it becomes while it stays real, by sequential quadratic programming with exact
-slopes, for u'(I - M Delta_f) v = 1:
+is a lower bound; the size of those that grow is 1/lambda, and bounds a margin from above. Starts come
+from the power iteration of Young, Doyle (Computation of mu with real and complex uncertainties, CDC 1990)
+and at random; from each, lambda is made as large as it becomes while it stays real, by sequential
+quadratic programming with exact slopes, for u'(I - M Delta_f) v = 1:
 
     d lambda = u' [M dDelta_g + lambda M dDelta_f + dM (Delta_g + lambda Delta_f)] v
 
 in real deltas, phases, the vectors of full blocks (of rank one), and, if it is free, the frequency.
-
-The smallest deltas that make a loop singular at some frequency: what bounds a margin from above.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,8 +24,8 @@ from scipy.linalg import eig
 
 from mbdlft.base.array import Array
 from mbdlft.lft.block import Block
-from mbdlft.robust.loop import Loop
 from mbdlft.robust.migration import by_damping
+from mbdlft.robust.mu.coverage import Loop
 from mbdlft.robust.mu.intervals import channels_matrix
 
 _ITERATIONS, _STARTS, _STEPS, _TURNS = 60, 4, 60, 8

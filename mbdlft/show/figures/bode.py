@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.response.frequency import frequency_response
-from mbdlft.response.samples import Names
+from mbdlft.response.modes import Names
 from mbdlft.show.figures.figures import (
     COLORS,
     SAMPLES,

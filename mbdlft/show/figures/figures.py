@@ -12,7 +12,7 @@ from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.samples import random
 from mbdlft.response.frequency import response_frequencies, unbounded_frequencies
-from mbdlft.response.samples import Names, chosen
+from mbdlft.response.modes import Names, chosen
 from mbdlft.system.model import System
 
 SAMPLES = 300

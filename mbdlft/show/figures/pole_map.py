@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.samples import grid
-from mbdlft.response.spectrum import poles
+from mbdlft.response.modes import poles
 from mbdlft.show.figures.figures import (
     COLORS,
     SAMPLES,

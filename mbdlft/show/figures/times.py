@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from mbdlft.response.samples import Names
+from mbdlft.response.modes import Names
 from mbdlft.response.time import response_times, step_response
 from mbdlft.show.figures.figures import (
     COLORS,

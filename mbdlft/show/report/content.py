@@ -8,7 +8,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.samples import corners, random
-from mbdlft.response.damping import cells, damping_table
+from mbdlft.response.modes import cells, damping_table
 from mbdlft.robust.evidence import Bounds
 from mbdlft.robust.stability import check_stability
 from mbdlft.show.report.figures import samples_of

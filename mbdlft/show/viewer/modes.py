@@ -16,8 +16,7 @@ from mbdlft.problem.equations import Equations, physical_symbols
 from mbdlft.problem.linearization import linearized
 from mbdlft.problem.sx.constants import in_doubles
 from mbdlft.problem.trim import relations_at_rest, trim_efforts, trim_rows
-from mbdlft.response.resolvent import balancing
-from mbdlft.response.spectrum import spectrum
+from mbdlft.response.modes import balancing, spectrum
 from mbdlft.show.viewer.tape import tape_of
 
 _MOST_CORNERS = 6  # parameters of which all corners are samples

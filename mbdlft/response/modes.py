@@ -1,0 +1,372 @@
+"""State matrices at samples, in coordinates that are similar in size; their poles as modes.
+
+The states are scaled by powers of 2, so nothing is rounded. A pole lies on the imaginary axis, to
+rounding, if a matrix as near to A as rounding is has the eigenvalue j omega: if the least singular value
+of A - j omega I is of the size of the rounding of A. A mode is a real pole or a conjugate pair.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.base.array import Array, ArrayLike
+from mbdlft.base.errors import AnalysisError, unknown_name
+from mbdlft.base.signal import Signal
+from mbdlft.system.model import System
+from mbdlft.system.points import StateMatrices, matrices_at
+
+Names = str | Sequence[str] | None  # of channels; None: all
+
+
+def samples_at(system: System, values: Mapping[str, ArrayLike] | None = None) -> StateMatrices:
+    """A (N, nx, nx), B (N, nx, nu), C (N, ny, nx), D (N, ny, nu) at physical values by name.
+
+    The states are scaled by powers of 2, which are those of the nominal A for every sample: so a sample
+    has the same digits alone and among others. N is 1 for numbers.
+
+    Raises
+    ------
+    StructureError, WellPosednessError
+        As `matrices_at`.
+    """
+    found = [
+        matrix if matrix.ndim == 3 else matrix[None] for matrix in matrices_at(system, values or {})
+    ]
+    scale = balancing(system.A)
+    A, B, C, D = found
+    return StateMatrices(A * (scale / scale[:, None]), B / scale[:, None], C * scale, D)
+
+
+def chosen(model: str, kind: str, names: Names, signals: Sequence[Signal], what: str) -> list[int]:
+    """Numbers of the signals of these names; of all of them without names.
+
+    Raises
+    ------
+    AnalysisError
+        None is chosen, so that there is no `what`; or a name is unknown.
+    """
+    known = [signal.name for signal in signals]
+    asked = [names] if isinstance(names, str) else known if names is None else list(names)
+    if not asked:
+        raise AnalysisError(
+            f"model {model!r}: without {kind}s there are no {what}. Choose some in [linearize]."
+        )
+    for name in asked:
+        if name not in known:
+            raise AnalysisError(f"model {model!r}: " + unknown_name(kind, str(name), known))
+    return [known.index(name) for name in asked]
+
+
+def transfers_at(
+    system: System,
+    values: Mapping[str, ArrayLike] | None,
+    outputs: Names,
+    inputs: Names,
+    what: str,
+) -> StateMatrices:
+    """As `samples_at`, with some of the outputs and inputs; `what` is computed of them."""
+    rows = chosen(system.name, "output", outputs, system.outputs, what)
+    columns = chosen(system.name, "input", inputs, system.inputs, what)
+    A, B, C, D = samples_at(system, values)
+    return StateMatrices(A, B[:, :, columns], C[:, rows], D[:, rows][:, :, columns])
+
+
+Stability = Literal["stable", "marginal", "unstable"]
+_EPS = float(np.finfo(float).eps)
+_ROUNDING = 16.0 * _EPS  # times the number of states and the size of A: what rounding may do to A
+_ZERO = 1e-5  # of the size of A: how far rounding may move three poles from zero
+_CLEAR = 10.0  # times what rounding does to a pole, to first order: then its side is clear
+
+
+class Spectrum(NamedTuple):
+    """Poles of one matrix A.
+
+    Attributes
+    ----------
+    poles : complex array (n,), rad/s
+    on_axis : bool array (n,)
+        A change of A by rounding may bring the pole onto the imaginary axis: its side is not known.
+    at_zero : bool array (n,)
+        A change of A by rounding may bring it to zero: that of an integrator. It is on the axis, too.
+    """
+
+    poles: NDArray[np.complex128]
+    on_axis: NDArray[np.bool_]
+    at_zero: NDArray[np.bool_]
+
+    @property
+    def stability(self) -> Stability:
+        """``"unstable"``: a pole is right of the axis; ``"marginal"``: on it, and none is right."""
+        if np.any((self.poles.real > 0.0) & ~self.on_axis):
+            return "unstable"
+        return "marginal" if np.any(self.on_axis) else "stable"
+
+    @property
+    def worst(self) -> complex:
+        """The pole farthest right, the real part of those on the axis being zero; -inf without poles."""
+        if not len(self.poles):
+            return complex(-np.inf)
+        cleaned = self.cleaned
+        return complex(cleaned[np.argmax(cleaned.real)])
+
+    @property
+    def cleaned(self) -> NDArray[np.complex128]:
+        """The poles without what rounding has left of real parts on the axis, and of zero."""
+        found = np.where(self.on_axis, 1j * self.poles.imag, self.poles)
+        return np.where(self.at_zero, 0.0, found)
+
+
+def poles(system: System, values: Mapping[str, ArrayLike] | None = None) -> NDArray[np.complex128]:
+    """Eigenvalues of A at samples of the parameters.
+
+    Parameters
+    ----------
+    system : System or LFTModel
+    values : mapping of names to physical values, numbers or arrays (N,); the others are nominal
+
+    Returns
+    -------
+    complex array (N, nx), rad/s
+        Of each sample by size; a pair has its positive frequency first. N = 1 for numbers.
+
+    Raises
+    ------
+    StructureError, WellPosednessError
+        As `matrices_at`.
+    AnalysisError
+        The eigenvalues were not found.
+    """
+    return eigenvalues(samples_at(system, values).A, system.name)
+
+
+def eigenvalues(A: Array, name: str) -> NDArray[np.complex128]:
+    """Sorted eigenvalues (N, n) of matrices A (N, n, n) of a model of this name."""
+    try:
+        found = np.linalg.eigvals(A).astype(complex)
+    except np.linalg.LinAlgError:
+        raise AnalysisError(
+            f"model {name!r}: the eigenvalues of A were not found. Scale the states, or choose other "
+            "values of the parameters."
+        ) from None
+    order = np.lexsort((-found.imag, found.real, np.abs(found)))
+    return np.take_along_axis(found, order, axis=-1)
+
+
+def spectrum(A: Array) -> Spectrum:
+    """Poles of one matrix A (n, n), and which of them rounding does not let tell from the axis.
+
+    A pole is on the axis if A - j omega I at its frequency omega has a singular value of the size of the
+    rounding of A: then a matrix so near to A has the pole j omega. Double poles are judged rightly, too.
+    """
+    import scipy.linalg  # here because it is slow to import
+
+    if not len(A):
+        none = np.zeros(0, dtype=bool)
+        return Spectrum(np.zeros(0, dtype=complex), none, none)
+    found, left, right = scipy.linalg.eig(A, left=True, check_finite=False)
+    order = np.lexsort((-found.imag, found.real, np.abs(found)))
+    found, left, right = found[order], left[:, order], right[:, order]
+    rounding = _ROUNDING * len(A) * float(np.linalg.norm(A))
+    overlap = np.abs(np.sum(np.conj(left) * right, axis=0))
+    unclear = np.abs(found.real) * overlap <= _CLEAR * rounding
+    for k in np.flatnonzero(unclear):
+        if k and found[k] == np.conj(found[k - 1]):
+            unclear[k] = unclear[k - 1]
+            continue
+        shifted = A - 1j * found[k].imag * np.eye(len(A))
+        # the least singular value is no larger than |(A - j omega I) v| of a unit vector v
+        seen = float(np.linalg.norm(shifted @ right[:, k])) <= rounding
+        unclear[k] = seen or np.linalg.svd(shifted, compute_uv=False)[-1] <= rounding
+    small = unclear & (np.abs(found) <= _ZERO * float(np.linalg.norm(A)))
+    if np.any(small):
+        small &= bool(np.linalg.svd(A, compute_uv=False)[-1] <= rounding)
+    return Spectrum(found, unclear, small)
+
+
+def without_integrators(system: System, found: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Poles (N, nx) without those at zero, in one row.
+
+    As many as the nominal system has at zero are taken for the same at the samples, if they are small.
+    """
+    seen = spectrum(samples_at(system).A[0])
+    sizes = np.abs(found)
+    small = _ZERO * max(float(np.max(np.abs(seen.poles), initial=0.0)), 1e-300)
+    zero = (sizes <= small) & (np.arange(sizes.shape[1]) < np.sum(seen.at_zero))
+    return found[~zero & (sizes > 0.0)]
+
+
+def pole_text(pole: complex) -> str:
+    """A pole, or a pair, with its unit."""
+    pair = f" +- {abs(pole.imag):.6g}j" if pole.imag else ""
+    return f"{pole.real:.6g}{pair} rad/s"
+
+
+class ModeRow(NamedTuple):
+    """A real pole, or a conjugate pair, of one sample.
+
+    Attributes
+    ----------
+    pole : rad/s; of a pair the one with positive frequency
+    natural_frequency : its size, rad/s
+    frequency : the same, Hz
+    damping : -real part / size [1]; nan for a pole at zero
+    time_constant : -1 / real part, s; negative if it grows, infinite on the axis
+    on_axis : rounding does not let it be told from a pole on the imaginary axis
+    """
+
+    pole: complex
+    natural_frequency: float
+    frequency: float
+    damping: float
+    time_constant: float
+    on_axis: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DampingTable:
+    """Poles at N samples with their natural frequencies, damping and time constants, all (N, nx).
+
+    Attributes
+    ----------
+    name : of the model
+    A : array (N, nx, nx), states scaled
+    poles : complex array, rad/s
+        Sorted as by `poles`; the other arrays are in the same order.
+    """
+
+    name: str
+    A: Array
+    poles: NDArray[np.complex128]
+
+    @property
+    def natural_frequency(self) -> Array:
+        """Sizes of the poles, rad/s."""
+        return np.abs(self.poles)
+
+    @property
+    def frequency(self) -> Array:
+        """Natural frequencies, Hz."""
+        return np.abs(self.poles) / (2.0 * math.pi)
+
+    @property
+    def damping(self) -> Array:
+        """Damping ratios [1]: -real part / size; nan for poles at zero."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(0.0 - self.poles.real / np.abs(self.poles))
+
+    @property
+    def time_constant(self) -> Array:
+        """Time constants -1 / real part, s: negative if it grows, infinite on the axis."""
+        with np.errstate(divide="ignore"):
+            return np.where(self.poles.real == 0.0, np.inf, -1.0 / self.poles.real)
+
+    def stability(self, sample: int = 0) -> Stability:
+        """``"stable"``, ``"marginal"`` (a pole is on the axis, to rounding) or ``"unstable"``."""
+        return spectrum(self.A[self._checked(sample)]).stability
+
+    def rows(self, sample: int = 0) -> tuple[ModeRow, ...]:
+        """Real poles and pairs of one sample, slowest first.
+
+        Raises
+        ------
+        AnalysisError
+            There is no such sample.
+        """
+        found = spectrum(self.A[self._checked(sample)])
+        kept = (found.cleaned.imag >= 0.0) | ~np.isin(found.cleaned.conj(), found.cleaned)
+        table = replace(self, poles=found.cleaned[kept])
+        columns = table.natural_frequency, table.frequency, table.damping, table.time_constant
+        rows = zip(table.poles, *columns, found.on_axis[kept], strict=True)
+        return tuple(ModeRow(*(value.item() for value in row)) for row in rows)
+
+    def __str__(self) -> str:
+        head = (
+            "pole (rad/s)              natural (rad/s)   (Hz)        damping    time constant (s)"
+        )
+        more = f", the first of {len(self.poles)} samples" if len(self.poles) > 1 else ""
+        lines = [f"{self.name}: poles{more}", head]
+        return "\n".join([*lines, *("  ".join(cells(row)) for row in self.rows())])
+
+    def _checked(self, sample: int) -> int:
+        if not -len(self.A) <= sample < len(self.A):
+            raise AnalysisError(
+                f"model {self.name!r}: there is no sample {sample} in a table of {len(self.A)}."
+            )
+        return sample
+
+
+def damping_table(system: System, values: Mapping[str, ArrayLike] | None = None) -> DampingTable:
+    """Natural frequency |p|, damping -Re p / |p| and time constant -1 / Re p of each pole p.
+
+    Parameters
+    ----------
+    system : System or LFTModel
+    values : mapping of names to physical values, numbers or arrays (N,); the others are nominal
+        Such as `random`, `corners` or `grid` of mbdlft.base make them. Without values: nominal.
+
+    Returns
+    -------
+    DampingTable
+
+    Raises
+    ------
+    StructureError, WellPosednessError, AnalysisError
+        As `poles`.
+    """
+    A = samples_at(system, values).A
+    return DampingTable(system.name, A, eigenvalues(A, system.name))
+
+
+def cells(row: ModeRow) -> tuple[str, str, str, str, str]:
+    """A row as texts: pole, natural frequency in rad/s and in Hz, damping, time constant."""
+    real, imaginary = row.pole.real, row.pole.imag
+    pair = f" +- {imaginary:.6g}j" if imaginary else ""
+    growth = "on the axis" if row.on_axis else f"{row.time_constant:.6g}"
+    if not row.on_axis and row.time_constant < 0.0:
+        growth = f"grows, {-row.time_constant:.6g}"
+    damping = f"{row.damping:.4g}" if row.natural_frequency else "-"
+    size, hertz = f"{row.natural_frequency:.6g}", f"{row.frequency:.6g}"
+    first = f"{real:.6g}{pair}"
+    return first.ljust(24), size.ljust(16), hertz.ljust(10), damping.ljust(9), growth
+
+
+def balancing(A: Array) -> Array:
+    """Powers of 2, d (n,), that make rows and columns of diag(d)^-1 A diag(d) similar in size.
+
+    First entries are brought as near to each other as least squares of their logarithms do it: this does
+    not depend on the units of the states, however weakly they are coupled. Then rows and columns whose
+    sums differ are (Parlett and Reinsch, Numerische Mathematik 13, 1969, section 2; in the 1-norm).
+    """
+    size = np.abs(A)
+    np.fill_diagonal(size, 0.0)
+    scale = _leveling(size)
+    size *= scale / scale[:, None]
+    for _ in range(30):
+        moved = False
+        for k in range(len(A)):
+            column, row = size[:, k].sum(), size[k].sum()
+            if not (0.0 < column < np.inf and 0.0 < row < np.inf):
+                continue
+            factor = 2.0 ** round(0.5 * float(np.log2(row / column)))
+            if column * factor + row / factor < 0.95 * (column + row):
+                size[:, k] *= factor
+                size[k] /= factor
+                scale[k] *= factor
+                moved = True
+        if not moved:
+            break
+    return scale
+
+
+def _leveling(size: Array) -> Array:
+    """Powers of 2 near t that minimize the sum of (log size_ij + log t_j - log t_i)^2."""
+    there = np.isfinite(size) & (size > 0.0)
+    logarithms = np.log2(size, out=np.zeros(size.shape), where=there)
+    counts = np.diag(np.sum(there, axis=0) + np.sum(there, axis=1)) - there - there.T.astype(float)
+    excess = np.sum(logarithms, axis=1) - np.sum(logarithms, axis=0)
+    scale: Array = np.exp2(np.round(np.linalg.lstsq(counts, excess)[0]))
+    return scale
