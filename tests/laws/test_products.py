@@ -27,15 +27,19 @@ MECHANISMS = [2, 3, 7, 8, 10, 11, 13, 15]
 
 @contextmanager
 def products_only() -> Iterator[None]:
-    """Scenes are assembled with the products alone."""
+    """Scenes are assembled with the products alone, also where few angles are parameters."""
     module = import_module("mbdlft.multibody.to_problem")
+    order = import_module("mbdlft.multibody.assembly.second_order")
 
     def second_only(scene: mbdlft.Scene) -> Assembly:
         exact = assembly(scene).second_order()
         assert exact is not None
         return Assembly(rounded(exact), exact, lambda: None)
 
-    with patch.object(module, "assembly", second_only):
+    with (
+        patch.object(module, "assembly", second_only),
+        patch.multiple(order, _LEAST_HINGES=3, _LEAST_ANGLES=0),
+    ):
         yield
 
 
@@ -81,11 +85,26 @@ def test_an_angle_meets_each_hinge_once() -> None:
     assert [sizes[f"L{k}"] for k in range(6)] == [2, 5, 6, 7, 8, 9]
 
 
-@pytest.mark.parametrize("links", [2, 3])
-def test_not_where_it_gains_nothing(links: int) -> None:
-    """Two joints are too few, and in the plane the last term is zero."""
-    assert assembly(chain(links, spatial=False)).second_order() is None
-    assert (assembly(chain(links, spatial=True)).second_order() is None) == (links == 2)
+def with_fixed_angles(scene: mbdlft.Scene, count: int) -> mbdlft.Scene:
+    """The scene with a number for the position of the first joints."""
+    joints = [joint.model_copy(update={"position": 0.3}) for joint in scene.joints[:count]]
+    return scene.model_copy(update={"joints": (*joints, *scene.joints[count:])})
+
+
+@pytest.mark.parametrize(
+    ("scene", "tried"),
+    [
+        (chain(4, spatial=True), True),
+        (with_fixed_angles(chain(4, spatial=True), 1), True),
+        (with_fixed_angles(chain(4, spatial=True), 2), False),
+        (chain(3, spatial=True), False),
+        (chain(4, spatial=False), False),  # the last term is zero
+        (mbdlft.load_scene("scenarios/ur5.toml"), False),
+    ],
+    ids=["chain", "three angles", "two angles", "three hinges", "planar", "ur5"],
+)
+def test_only_where_it_gains(scene: mbdlft.Scene, tried: bool) -> None:
+    assert (assembly(scene).second_order() is not None) == tried
 
 
 def turret() -> mbdlft.Scene:

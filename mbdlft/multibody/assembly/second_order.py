@@ -38,8 +38,12 @@ from mbdlft.multibody.body import GROUND, PointMass, RigidBody
 from mbdlft.multibody.joint.move import Hinge, Move, Shifted, Slide, Turned
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.spatial import move_wrench
+from mbdlft.problem.sx.constants import is_constant
 
-_LEAST, _MOST = 3, 64  # hinges on the way to a body: fewer gain nothing, more take long
+# On the way to some body. Of spatial chains with 4 to 6 hinges, all that have 4 angles as parameters become
+# smaller, 10 of 14 with 3 and 1 of 15 with 2; chains of 3 hinges do not.
+_LEAST_HINGES, _LEAST_ANGLES = 4, 3
+_MOST_HINGES = 64  # more take long
 
 
 class _Carried(NamedTuple):
@@ -71,26 +75,33 @@ class _Carried(NamedTuple):
 
 
 def gains_by_products(placed: Placed) -> bool:
-    """Whether this order is possible in a tree, and may make a smaller model than that of `weights`."""
-    rigid = all(
-        isinstance(body, (RigidBody, PointMass))
-        for name, body in placed.bodies.items()
-        if name != GROUND
-    )
-    counts = {GROUND: 0}
+    """Whether this order is possible in a tree, and may make a smaller model than that of `weights`.
+
+    It may where enough hinges with axes that are not parallel lie on the way to a body, at enough angles
+    that are parameters.
+    """
+    if not all(isinstance(link.child, (RigidBody, PointMass)) for link in placed.links):
+        return False
+    hinges, angles = {GROUND: 0}, {GROUND: 0}
     last: dict[str, ca.SX | None] = {GROUND: None}  # axis on the way, in the axes of the body
     planar = True
     for link in placed.links:
         name, parent = link.child.name, link.parent.name
-        count, axis = counts[parent], last[parent]
+        hinges[name], angles[name], axis = hinges[parent], angles[parent], last[parent]
         for move in placed.moves[name]:
-            if isinstance(move, Turned) and axis is not None:
-                axis = constant_axis(move, axis, move.in_child_axes)
-            for own, _ in turns_of(move):
-                planar = planar and (count == 0 or (axis is not None and is_parallel(axis, own)))
-                count, axis = count + 1, own
-        counts[name], last[name] = count, axis
-    return rigid and not planar and _LEAST <= max(counts.values()) <= _MOST
+            if isinstance(move, Turned):
+                angles[name] += not is_constant(ca.SX(move.turn.cosine))
+                axis = axis if axis is None else constant_axis(move, axis, move.in_child_axes)
+            for hinge, _ in turns_of(move):
+                first = hinges[name] == 0
+                planar = planar and (first or (axis is not None and is_parallel(axis, hinge)))
+                hinges[name], axis = hinges[name] + 1, hinge
+        last[name] = axis
+    return (
+        not planar
+        and _LEAST_HINGES <= max(hinges.values()) <= _MOST_HINGES
+        and max(angles.values()) >= _LEAST_ANGLES
+    )
 
 
 def efforts_by_products(
