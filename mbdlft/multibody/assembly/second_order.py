@@ -40,7 +40,7 @@ from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.spatial import move_wrench
 from mbdlft.problem.sx.constants import is_constant
 
-# On the way to some body. Of spatial chains with 4 to 6 hinges, all that have 4 angles as parameters become
+# On the way to some body. Of spatial chains with 4 to 6 hinges, all with 4 angles as parameters become
 # smaller, 10 of 14 with 3 and 1 of 15 with 2; chains of 3 hinges do not.
 _LEAST_HINGES, _LEAST_ANGLES = 4, 3
 _MOST_HINGES = 64  # more take long
