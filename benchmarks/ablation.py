@@ -22,7 +22,7 @@ import mbdlft
 from benchmarks.arm import write_between
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES
-from mbdlft.base.reproducible import NoProcessError, settings
+from mbdlft.base.worker import NoProcessError, settings
 from mbdlft.order import search
 from mbdlft.pipeline import stages
 from mbdlft.system.model import LFTModel

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 
-from mbdlft.base.reproducible import NoProcessError
+from mbdlft.base.worker import NoProcessError
 from mbdlft.pipeline import stages
 
 os.environ["MBDLFT_CACHE"] = ""

@@ -16,11 +16,11 @@ from mbdlft.archive.archive import (
     rewrite,
     save,
 )
-from mbdlft.archive.copying import write_items
-from mbdlft.archive.hdf5 import Part
-from mbdlft.archive.helper import Request
-from mbdlft.archive.items import (
+from mbdlft.archive.hdf5 import Part, write_items
+from mbdlft.archive.layout import (
+    ANALYSIS_TYPE,
     DIGEST,
+    VERSION,
     Items,
     check_digest,
     digest,
@@ -31,8 +31,8 @@ from mbdlft.archive.items import (
     word,
     words,
 )
-from mbdlft.archive.layout import ANALYSIS_TYPE, VERSION
 from mbdlft.archive.model import items_of_model
+from mbdlft.archive.reading import Request
 from mbdlft.base.errors import ArchiveError
 from mbdlft.robust.evidence import (
     Bounds,

@@ -1,7 +1,7 @@
 """HDF5 files, as strictly as possible: what they are made of is checked before a number is read.
 
 What this file does with a damaged file may end in any way that the HDF5 library finds, also not at all.
-So `mbdlft.archive.guard` lets a process of its own do it, unless the file has an intact seal.
+So `mbdlft.archive.reading` lets a process of its own do it, unless the file has an intact seal.
 """
 
 from collections.abc import Iterator
@@ -14,8 +14,16 @@ import numpy as np
 from h5py import h5a, h5d, h5l, h5o, h5t, h5z
 from numpy.typing import NDArray
 
-from mbdlft.archive.items import TEXT, Items, Spec
-from mbdlft.archive.layout import BLOCK_ROWS, ROWS, SWEEP_TYPE, check_layout, encoding_of
+from mbdlft.archive.layout import (
+    BLOCK_ROWS,
+    ROWS,
+    SWEEP_TYPE,
+    TEXT,
+    Items,
+    Spec,
+    check_layout,
+    encoding_of,
+)
 from mbdlft.base.errors import ArchiveError
 
 FORMAT, VERSION = "mbdlft-archive", "1.1"
@@ -371,3 +379,56 @@ def _root_text(archive: Any, name: str, long_text: bool) -> str | None:  # noqa:
     if spec.type == _LONG_TEXT and not long_text:
         raise LongTextError
     return _word(_attribute(archive, f"@{name}"))
+
+
+def write_items(group: Any, items: Items) -> None:
+    """Write items into an empty group, numbers and texts as they are, bytes and programs compressed."""
+    for path, values in items.items():
+        owner, at, name = path.partition("@")
+        kind = h5py.string_dtype("utf-8", values.dtype.itemsize)
+        stored = kind if values.dtype.kind == "S" else values.dtype
+        if at:
+            target = group.require_group(owner) if owner else group
+            target.attrs.create(name, values.astype(stored), dtype=stored)
+        else:
+            is_program = path.startswith("program/")
+            long = values.size and (values.dtype == np.uint8 or is_program)
+            packed = {"compression": "gzip", "shuffle": is_program} if long else {}
+            group.create_dataset(path, data=values.astype(stored), dtype=stored, **packed)
+
+
+def copy_all(old: Any, new: Any, replaced: str) -> None:
+    """Copy all contents of an archive but the group `replaced`, such as ``models/NAME``.
+
+    HDF5 does not reuse the space of a group that is deleted, so the new file is made by copying.
+    """
+    parent, _, left_out = replaced.partition("/")
+    _copy(old, new, parent)
+    inner = new.require_group(parent)
+    if parent not in names_of(old):
+        return
+    group = member(old, parent)
+    if not isinstance(group, h5py.Group):
+        raise ArchiveError(f"/{parent} is not a group.")
+    _copy(group, inner, left_out)
+
+
+def _copy(old: Any, new: Any, left_out: str) -> None:
+    """Copy the members of a group but one, and its attributes, their types unchanged."""
+    for name in attribute_names(old):
+        found = h5a.open(old.id, name.encode("utf-8"))
+        if found.get_type().get_class() == h5t.REFERENCE:
+            raise ArchiveError(f"attribute {name!r} of {old.name} leads to another place.")
+        new.attrs.create(name, old.attrs[name], dtype=found.dtype)
+    for name in names_of(old):
+        check_link(old, name)
+        if name != left_out:
+            old.copy(name, new)
+
+
+def image_of_copy(archive: Any, replaced: str) -> bytes:
+    """What `copy_all` makes of a file, in memory."""
+    image = BytesIO()
+    with h5py.File(image, "w", libver=("v110", "v110")) as new:
+        copy_all(archive, new, replaced)
+    return image.getvalue()

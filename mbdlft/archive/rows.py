@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import ArchiveError
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 
 SOLVED, SINGULAR, NO_EQUILIBRIUM, FUNCTION_FAILED = 0, 1, 2, 3
 _CHUNK_BYTES, _CHUNK_ROWS = 2**19, 4096

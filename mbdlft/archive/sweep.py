@@ -13,12 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.archive.archive import LIMIT, check_name, names_in, naming, read_one, rewrite
-from mbdlft.archive.copying import write_items
-from mbdlft.archive.hdf5 import Part
-from mbdlft.archive.helper import Request
-from mbdlft.archive.items import DIGEST, Items, check_digest, digest, text, texts, word, words
-from mbdlft.archive.layout import BLOCK_ROWS, ROWS, SWEEP_TYPE, VERSION
+from mbdlft.archive.hdf5 import Part, write_items
+from mbdlft.archive.layout import (
+    BLOCK_ROWS,
+    DIGEST,
+    ROWS,
+    SWEEP_TYPE,
+    VERSION,
+    Items,
+    check_digest,
+    digest,
+    text,
+    texts,
+    word,
+    words,
+)
 from mbdlft.archive.model import characters, items_of_signals, signals_of
+from mbdlft.archive.reading import Request
 from mbdlft.archive.rows import FUNCTION_FAILED, GROUP, NO_EQUILIBRIUM, SOLVED, Layout, digests_of
 from mbdlft.base.array import Array
 from mbdlft.base.errors import ArchiveError

@@ -14,4 +14,4 @@ from .parameter import to_physical as to_physical
 from .samples import corners as corners
 from .samples import grid as grid
 from .samples import random as random
-from .signal import Signal as Signal
+from .unit import Signal as Signal

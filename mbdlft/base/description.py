@@ -20,8 +20,8 @@ from typing import (
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 
+from mbdlft.base.display import ReadableSignature
 from mbdlft.base.errors import MbdlftError, SceneError, unknown_name
-from mbdlft.base.readable import ReadableSignature
 
 
 def with_length(direction: "Direction", what: str = "axis") -> "Direction":

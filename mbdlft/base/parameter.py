@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import ArrayLike
+from mbdlft.base.display import table
 from mbdlft.base.errors import SceneError
-from mbdlft.base.notebook import table
 from mbdlft.base.unit import ANGLE_UNITS, parse_unit
 
 Role = Literal["uncertain", "scheduled", "design", "nonlinear"]

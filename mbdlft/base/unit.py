@@ -1,10 +1,11 @@
-"""Units: a text such as ``"N m/rad"`` gives a factor to SI and a dimension."""
+"""Units, such as ``"N m/rad"``: a factor to SI and a dimension; and signals, whose values have units."""
 
 import re
 from dataclasses import dataclass, replace
 from decimal import Context, Decimal, localcontext
 from fractions import Fraction
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -203,3 +204,27 @@ def dimension_name(dimension: Exponents) -> str:
         if exponent
     ]
     return " ".join(parts) or "1"
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """A scalar input, output or state, such as ``shoulder.torque`` in ``N m``."""
+
+    name: str
+    unit: str
+
+
+class Freedom(NamedTuple):
+    """Names of one coordinate of a joint or an elastic body.
+
+    Attributes
+    ----------
+    label : the ending of labels of quantities, such as ``x`` of ``stiffness.x``; empty if there is one
+    only effort : its generalized force measures : its displacement, velocity and acceleration turns :
+    whether it is an angle
+    """
+
+    label: str
+    effort: Signal
+    measures: tuple[Signal, Signal, Signal]
+    turns: bool

@@ -2,11 +2,13 @@
 
 What the native code cannot do at a sample (a pivot loses digits, the equilibrium is not held, something
 is not a number) is asked of the source that it was made from, so that each row and status is as there.
+
+The straight-line program of a model: that of the equations of its scene, to be stored with it.
 """
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,15 +16,15 @@ from numpy.typing import NDArray
 
 from mbdlft.archive.rows import SOLVED, Layout
 from mbdlft.base.array import Array, ArrayLike
-from mbdlft.base.errors import AnalysisError, MbdlftError, MbdlftWarning, SceneError
+from mbdlft.base.errors import AnalysisError, MbdlftError, MbdlftWarning, SceneError, StructureError
 from mbdlft.base.parameter import Parameter
 from mbdlft.batch.remembered import SceneSource, remember, remembered
 from mbdlft.batch.rows import EquationSource, ModelSource, Source, deltas_at, source_of
 from mbdlft.batch.samples import GivenSamples, RandomSamples, count_of, points_of, samples_of
-from mbdlft.lft.evaluation import LONGEST, NATIVE
+from mbdlft.lft.evaluation import LONGEST, NATIVE, ModelProgram, agrees, compact, values_by
 from mbdlft.lft.program.elimination import closed
 from mbdlft.lft.program.native import NativeProgram, is_available, native, run_natively, user_cache
-from mbdlft.lft.program.tape import Operand, Pivot, Tape, TooLongError, rows_of_numbers
+from mbdlft.lft.program.tape import Operand, Pivot, Program, Tape, TooLongError, rows_of_numbers
 from mbdlft.multibody.scene import Scene, scene_from_toml
 from mbdlft.problem.sample_program import StraightLine, straight_line
 from mbdlft.problem.trim import CARRIED, RESIDUAL, check_carried
@@ -349,3 +351,59 @@ def fastest(source: EquationSource | ModelSource, count: int) -> Source:
         return source
     found = compiled(source, threads=1)
     return source if found.reason else found
+
+
+_COMPARED = 32  # samples at which a stored program is compared with the LFT
+
+
+def with_program(model: LFTModel) -> LFTModel:
+    """The model with a straight-line program of its values: the equations of its scene, eliminated.
+
+    Values of an LFT of many repetitions take dense matrices; the program takes sums and products only,
+    and `save` stores it, so that whoever loads the model, without CasADi too, evaluates as fast.
+    `computed_by` says what `matrices_at` takes.
+
+    Parameters
+    ----------
+    model : LFTModel
+        Made from a scene, as `to_lft` does, and exact.
+
+    Returns
+    -------
+    LFTModel
+
+    Raises
+    ------
+    StructureError
+        It is no such model, or the equations have no program of at most 200 000 instructions, or other
+        values than the model.
+    """
+    if not isinstance(model, LFTModel):
+        raise StructureError(
+            f"with_program: expected an LFTModel, got {type(model).__name__}. to_lft(scene) makes one."
+        )
+    what = f"model {model.name!r}, with_program"
+    source = equations_of(model)
+    if source is None:
+        raise StructureError(
+            f"{what}: it is not the model of a scene as to_lft makes it, but truncated, fitted, "
+            "connected, of other ranges, or of something else. Its LFT is evaluated."
+        )
+    line = of_equations(source)
+    if line is None:
+        raise StructureError(
+            f"{what}: the equations have no program of at most {LONGEST} instructions; the LFT "
+            "is evaluated."
+        )
+    size = model.lft.M22.size + (model.trim.lft.M22.size if model.trim.lft is not None else 0)
+    entries = tuple(entry for entry in line.program.entries if entry[0][1] < size)
+    program = Program(line.program.inputs, line.program.instructions, entries, line.program.pivots)
+    known = ModelProgram(compact(program), line.row[:size], model.lft, model.trim.lft)
+    points = points_of(RandomSamples(_COMPARED, 0), model.parameters, 0, _COMPARED)
+    deltas = deltas_at(model, points)
+    for lft in (model.lft, model.trim.lft):
+        if lft is not None and not agrees(lft, deltas, *values_by(known, lft, points)):
+            raise StructureError(
+                f"{what}: the equations of its scene have other values than the model; please report it."
+            )
+    return replace(model, program=known)

@@ -22,7 +22,7 @@ from mbdlft.archive.rows import Layout
 from mbdlft.base.array import Array
 from mbdlft.base.errors import ArchiveError
 from mbdlft.base.parameter import Parameter
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.batch.rows import EquationSource, source_of
 from mbdlft.lft.program.native import key_of, user_cache
 from mbdlft.multibody.scene import Scene, scene_to_toml

@@ -15,7 +15,7 @@ from mbdlft.archive.rows import NO_EQUILIBRIUM, SINGULAR, SOLVED, Layout
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import Parameter
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.lft.evaluation import evaluate_at, evaluate_known
 from mbdlft.lft.lft import LFT
 from mbdlft.multibody.assembly import assemble

@@ -1,9 +1,14 @@
-"""The sweep: processes or a cluster compute shards of samples, which are then put into an archive."""
+"""A sweep: its shards computed by this process, by workers, or by a Dask cluster, and its report."""
 
+import contextlib
+import json
 import os
+import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -13,19 +18,19 @@ from numpy.typing import NDArray
 from mbdlft.archive.archive import check_file, check_name
 from mbdlft.archive.rows import FUNCTION_FAILED, NO_EQUILIBRIUM, SINGULAR, SOLVED
 from mbdlft.archive.sweep import finish_sweep
-from mbdlft.base.array import ArrayLike
-from mbdlft.base.errors import AnalysisError, SceneError
-from mbdlft.base.pool import Pool
-from mbdlft.batch.cluster import cluster_shards
+from mbdlft.base.array import Array, ArrayLike
+from mbdlft.base.errors import AnalysisError, MbdlftError, SceneError
+from mbdlft.base.worker import Pool
 from mbdlft.batch.compiled import fastest
 from mbdlft.batch.extra import Extra, Function, asked_of
-from mbdlft.batch.rows import source_of
+from mbdlft.batch.rows import Source, source_of
 from mbdlft.batch.samples import GridSamples, RandomSamples, samples_of
 from mbdlft.batch.staging import (
     Work,
     blocks_of,
     clear,
     missing,
+    opened,
     places,
     points_at,
     prepare,
@@ -33,7 +38,7 @@ from mbdlft.batch.staging import (
     rows_file,
     write_shard,
 )
-from mbdlft.multibody.scene import Scene, scene_to_toml
+from mbdlft.multibody.scene import Scene, scene_from_toml, scene_to_toml
 from mbdlft.system.model import LFTModel
 
 
@@ -209,7 +214,7 @@ def _computed(
     if min(processes, len(todo)) > 1:
         kept = "What is finished is kept: the same sweep goes on from it, with fewer workers if you like."
         what = "sweep", "shard", kept
-        with Pool("mbdlft.batch.worker", folder, min(processes, len(todo)), what) as pool:
+        with Pool("mbdlft.batch.run", folder, min(processes, len(todo)), what) as pool:
             yield from pool.run(todo)
         return
     fast = fastest(work.source, work.count) if todo else work.source
@@ -217,3 +222,96 @@ def _computed(
         rows = rows_at(fast, work.source.chunk, work.extra, points_at(work, shard))
         write_shard(folder, work, at, shard, rows)
         yield shard
+
+
+_AHEAD = 2  # shards that are submitted at a time, for each thread of the cluster
+
+
+def cluster_shards(
+    client: Any, given: Scene | LFTModel, work: Work, shards: Sequence[int]
+) -> Iterator[tuple[int, Array]]:
+    """Yield each shard with its rows (n, width) as soon as the cluster has finished it.
+
+    Raises
+    ------
+    AnalysisError
+        Dask is not installed, or workers died again and again over one shard.
+    """
+    try:
+        distributed: Any = import_module("distributed")  # an optional extra
+    except ImportError:
+        raise AnalysisError("sweep: a cluster needs Dask: pip install 'mbdlft[cluster]'.") from None
+    sent = given if isinstance(given, LFTModel) else scene_to_toml(given)
+    # the source is the result of a task: data that is scattered is lost with the workers that hold it
+    source = client.submit(_received, sent, pure=False)
+    waiting, number = iter(shards), {}
+
+    def submit(shard: int) -> Any:
+        # not pure, so that the cluster does not take the result of an earlier sweep
+        points = points_at(work, shard)
+        future = client.submit(shard_rows, source, work.count, work.extra, points, pure=False)
+        number[future] = shard
+        return future
+
+    ahead = _AHEAD * max(1, sum(client.nthreads().values()))
+    first = [submit(shard) for _, shard in zip(range(ahead), waiting, strict=False)]
+    running = distributed.as_completed(first)
+    for future in running:
+        try:
+            rows = future.result()
+        except distributed.KilledWorker as error:
+            raise AnalysisError(
+                f"sweep: workers of the cluster died over shard {number[future]}: {error}. What is "
+                "finished is kept: the same sweep goes on from it."
+            ) from None
+        yield number.pop(future), rows
+        for shard in waiting:
+            running.add(submit(shard))
+            break
+
+
+def _received(given: str | LFTModel) -> str | LFTModel:
+    """The argument itself, as the result of a task."""
+    return given
+
+
+def shard_rows(given: str | LFTModel, count: int, extra: Extra, points: Array) -> Array:
+    """Rows (n, width) at the samples `points` (n, n_p) of a shard, for a scene in TOML or a model.
+
+    `count` samples are in all shards.
+    """
+    return rows_at(*_source(given, count), extra, points)
+
+
+@lru_cache(maxsize=4)
+def _source(given: str | LFTModel, count: int) -> tuple[Source, int]:
+    """The source of rows, and its chunk; a worker makes it once for all of its shards."""
+    known = source_of(given if isinstance(given, LFTModel) else scene_from_toml(given))
+    return fastest(known, count), known.chunk
+
+
+def main(folder: Path) -> None:
+    """Compute shards until the input ends."""
+    try:
+        work = opened(folder)
+        source, at = fastest(work.source, work.count), places(folder, work)
+        for line in sys.stdin:
+            shard = int(line)
+            rows = rows_at(source, work.source.chunk, work.extra, points_at(work, shard))
+            write_shard(folder, work, at, shard, rows)
+            _answer({"shard": shard})
+    except MbdlftError as error:
+        _answer({"error": type(error).__name__, "message": str(error)})
+    except FileNotFoundError:
+        pass  # another process has finished the sweep or thrown it away
+
+
+def _answer(answer: dict[str, object]) -> None:
+    """Write an answer as one line of JSON."""
+    with contextlib.suppress(BrokenPipeError):  # the sweep was killed, but the shard is in its file
+        sys.stdout.write(json.dumps(answer) + "\n")
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -34,7 +34,7 @@ from mbdlft.archive.rows import (
 )
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, ArchiveError
-from mbdlft.base.threads import one_thread
+from mbdlft.base.running import one_thread
 from mbdlft.batch.extra import Extra, extras, source_digest
 from mbdlft.batch.rows import EquationSource, ModelSource, Source, source_of
 from mbdlft.batch.samples import (

@@ -13,11 +13,9 @@ import typer
 
 from mbdlft import __version__
 from mbdlft.base.errors import MbdlftError, shortened
-from mbdlft.cli.analysis import margin, verify, wcgain, worst
-from mbdlft.cli.body import body
-from mbdlft.cli.export import export
-from mbdlft.cli.linearize import check, efforts_data, efforts_table, linearize
-from mbdlft.cli.notes import WARNINGS, warn
+from mbdlft.cli.bounds import margin, verify, wcgain, worst
+from mbdlft.cli.files import export, report, schema, sweep, view
+from mbdlft.cli.models import body, check, efforts_data, efforts_table, import_robot, linearize
 from mbdlft.cli.options import (
     SEARCH,
     AsJson,
@@ -28,19 +26,12 @@ from mbdlft.cli.options import (
     check_paths,
     write_model,
 )
-from mbdlft.cli.poles import poles
-from mbdlft.cli.progress import progress_of
-from mbdlft.cli.report import print_model, report_model
-from mbdlft.cli.response import response
-from mbdlft.cli.robot import import_robot
-from mbdlft.cli.schema import schema
-from mbdlft.cli.show import archive_data, beside_models
-from mbdlft.cli.source import scene_in, values_of
-from mbdlft.cli.sweep import sweep
-from mbdlft.cli.tables import console as _console
-from mbdlft.cli.tables import print_json
-from mbdlft.cli.tables import table as _table
-from mbdlft.cli.view import report, view
+from mbdlft.cli.output import WARNINGS, print_json, progress_of, warn
+from mbdlft.cli.output import console as _console
+from mbdlft.cli.output import table as _table
+from mbdlft.cli.responses import poles, response
+from mbdlft.cli.sources import scene_in, values_of
+from mbdlft.cli.summary import archive_data, beside_models, print_model, report_model
 from mbdlft.system.model import LFTModel
 
 app = typer.Typer(
@@ -144,7 +135,7 @@ def trim(
     from mbdlft.problem.trim import solve_trim
 
     if positions or every or output:
-        from mbdlft.cli.tables import print_equilibria
+        from mbdlft.cli.output import print_equilibria
 
         values = values_of(assignments or [])
         scene = scene_in(scene_file)

@@ -31,6 +31,44 @@ Prove = Annotated[
         min=0.0, help="Work to prove that the model is regular in the whole range, about seconds."
     ),
 ]
+Archive = Annotated[Path, typer.Argument(help="Archive, an HDF5 file.")]
+Model = Annotated[str | None, typer.Option("--model", help="Model of an archive that has several.")]
+Controller = Annotated[
+    Path | None,
+    typer.Option(
+        "--controller", help="Archive or .mat file (A, B, C, D) of a controller: u - K y is closed."
+    ),
+]
+Gap = Annotated[float, typer.Option(help="Part by which the bounds may differ.")]
+Work = Annotated[float, typer.Option(help="Units of work, each at most about a second.")]
+LeaveOut = Annotated[
+    list[str] | None,
+    typer.Option("--leave-out", help="State on which nothing else depends; may be repeated."),
+]
+Rate = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--rate",
+        help="NAME=BOUND of how fast a parameter moves, in its unit per second; inf for any motion; "
+        "may be repeated. Others are constant.",
+    ),
+]
+Plot = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--plot",
+        help="Figure: bounds of mu over frequency, or singular values with the worst case.",
+    ),
+]
+Inputs = Annotated[
+    list[str] | None, typer.Option("--input", help="Input; all by default; may be repeated.")
+]
+Outputs = Annotated[
+    list[str] | None, typer.Option("--output", help="Output; all by default; may be repeated.")
+]
+Workers = Annotated[int, typer.Option("--workers", help="Processes; the result does not change.")]
+NoSave = Annotated[bool, typer.Option("--no-save", help="Do not store the result.")]
 SEARCH = 4.0  # equal to SEARCH of mbdlft.order.search, which is slow to import
 
 

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mbdlft.cli.progress import progress_of
-from mbdlft.cli.source import load_system, point_of
-from mbdlft.cli.tables import console, print_json, table
+from mbdlft.cli.output import console, print_json, progress_of, table
+from mbdlft.cli.sources import load_system, point_of
 
 if TYPE_CHECKING:
     from mbdlft.response.modes import ModeRow

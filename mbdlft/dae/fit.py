@@ -13,8 +13,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, SceneError, TrimError
-from mbdlft.base.expression import evaluate
-from mbdlft.base.grammar import parse
+from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.parameter import Parameter
 from mbdlft.dae.balance import Balance
 from mbdlft.dae.operations import column_of, free_symbols

@@ -5,8 +5,7 @@ from collections.abc import Mapping
 import casadi as ca
 
 from mbdlft.base.errors import SceneError
-from mbdlft.base.signal import Signal
-from mbdlft.base.unit import dimension_name, parse_unit
+from mbdlft.base.unit import Signal, dimension_name, parse_unit
 from mbdlft.dae.dimensions import dimension_of, open_unit
 from mbdlft.dae.structure import Structure
 from mbdlft.dae.theta_form import ThetaForm

@@ -11,7 +11,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, TrimError, WellPosednessError
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.dae.alias import rational
 from mbdlft.dae.mixed import times
 from mbdlft.dae.operations import column_of

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, SceneError, check_known
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.dae.description import Dae
 from mbdlft.dae.operations import column_of
 from mbdlft.dae.points import Found, System, solve

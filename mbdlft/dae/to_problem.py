@@ -13,8 +13,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError
 from mbdlft.base.parameter import DIVISORS, to_internal
 from mbdlft.base.samples import SEED, check_points
-from mbdlft.base.signal import Signal
-from mbdlft.base.unit import parse_unit
+from mbdlft.base.unit import Signal, parse_unit
 from mbdlft.dae.balance import start_of
 from mbdlft.dae.form_signals import signals_of
 from mbdlft.dae.operations import column_of

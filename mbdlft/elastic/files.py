@@ -20,9 +20,8 @@ import numpy as np
 import scipy.io
 import scipy.sparse as sp
 
-from mbdlft.base.apart import arrays_of
-from mbdlft.base.content import content_of
 from mbdlft.base.errors import StructureError
+from mbdlft.base.worker import arrays_of, content_of
 from mbdlft.elastic.matrices import FiniteElements
 from mbdlft.elastic.nodes import Nodes
 

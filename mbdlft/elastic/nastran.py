@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from mbdlft.base.apart import arrays_of
 from mbdlft.base.array import Array
-from mbdlft.base.content import content_of
 from mbdlft.base.errors import MbdlftError, StructureError, unknown_name
+from mbdlft.base.worker import arrays_of, content_of
 from mbdlft.elastic.files import LIMIT
 from mbdlft.elastic.matrices import FiniteElements
 from mbdlft.elastic.nodes import Indices, Nodes, every_dof

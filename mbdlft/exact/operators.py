@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from mbdlft.base.errors import SceneError
-from mbdlft.base.grammar import FUNCTIONS as FUNCTIONS_OF_NUMBERS
+from mbdlft.base.expression import FUNCTIONS as FUNCTIONS_OF_NUMBERS
 from mbdlft.base.unit import Exponents, dimension_name
 
 

@@ -7,8 +7,7 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
-from mbdlft.archive.archive import save
-from mbdlft.archive.files import permissions_of, target_of
+from mbdlft.archive.archive import permissions_of, save, target_of
 from mbdlft.base.errors import ArchiveError, StructureError
 from mbdlft.export.grid import Counts, grid_csv, grid_mat, grid_npz, matrices_on
 from mbdlft.export.names import RESERVED, identifier

@@ -13,8 +13,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.parameter import DIVISORS, Parameter, to_internal
-from mbdlft.base.signal import Signal
-from mbdlft.base.unit import parse_unit
+from mbdlft.base.unit import Signal, parse_unit
 from mbdlft.export.names import check_different, identifier, identifiers, one_line
 from mbdlft.lft.lft import LFT
 from mbdlft.system.model import LFTModel, System

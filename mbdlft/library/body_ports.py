@@ -17,7 +17,7 @@ import numpy as np
 from mbdlft.base.description import AXES
 from mbdlft.base.errors import AnalysisError, SceneError, unknown_name
 from mbdlft.base.parameter import Parameter
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.lft.lft import LFT, select
 from mbdlft.multibody.body import GROUND, Body, ElasticBody
 from mbdlft.multibody.force import Force, Torque

@@ -14,7 +14,7 @@ from mbdlft.base.description import Description, Many, Name, Number, Prose, Quan
 from mbdlft.base.errors import SceneError
 from mbdlft.base.expression import BUILTIN_CONSTANTS, names, parse
 from mbdlft.base.parameter import Parameter, is_finite
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.multibody.scene import Constant
 from mbdlft.multibody.scene.scene import check_constants, check_unique, check_value_names
 from mbdlft.multibody.scene.toml import (

@@ -32,7 +32,7 @@ from mbdlft.base.description import (
     with_length,
 )
 from mbdlft.base.errors import SceneError, unknown_name
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.multibody.joint.base import Rotation, unit_vector
 from mbdlft.multibody.joint.move import Move, turned
 from mbdlft.multibody.joint.one_axis import plane

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.body import Beam
 from mbdlft.multibody.body.beam_errors import error_sentence

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 
 from mbdlft.base.array import Array
-from mbdlft.base.threads import one_thread
+from mbdlft.base.running import one_thread
 from mbdlft.exact.rounding import product
 from mbdlft.lft.lft import LFT, Block, check_plain, eliminate
 

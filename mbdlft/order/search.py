@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mbdlft.base import spent
+from mbdlft.base import running
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, WellPosednessError
 from mbdlft.exact.rounding import equilibrate, or_one
@@ -130,7 +130,7 @@ def find_smallest(
     Smallest
         `lft` has the names of the blocks of the smallest of `closed`, in their order.
     """
-    with spent.budget(budget.work):
+    with running.budget(budget.work):
         return _found(closed, bound, budget, relations, close, truth, exact)
 
 
@@ -145,7 +145,7 @@ def _found(
 ) -> Smallest:
     """As `find_smallest`, inside its budget."""
     smallest = min(closed, key=_order)
-    work = Work(budget.work, _is_late(budget.seconds), spent.tell)
+    work = Work(budget.work, _is_late(budget.seconds), running.tell)
     proof = _Proof(bound, smallest, work, exact)
     if smallest.order <= proof.order_bound or work.is_over:
         return Smallest(smallest, proof.order_bound, work.is_cut_off)

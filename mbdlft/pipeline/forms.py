@@ -17,7 +17,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, MbdlftError, StructureError, WellPosednessError
-from mbdlft.base.threads import without_collection
+from mbdlft.base.running import without_collection
 from mbdlft.exact.matrices import TooFewBitsError
 from mbdlft.exact.numbers import BITS, LARGEST_ANGLE, MOST_BITS, Constant, precision
 from mbdlft.lft.lft import LFT, condition

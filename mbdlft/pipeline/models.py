@@ -8,7 +8,7 @@ from typing import Any
 
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.base.parameter import Parameter
-from mbdlft.base.threads import one_thread
+from mbdlft.base.running import one_thread
 from mbdlft.dae.description import Dae
 from mbdlft.dae.linear import problem_of_trim
 from mbdlft.dae.separate import Arrange

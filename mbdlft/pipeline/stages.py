@@ -11,8 +11,8 @@ from importlib.metadata import version
 import numpy as np
 
 from mbdlft.base.errors import WellPosednessError
-from mbdlft.base.reproducible import NoProcessError, same_everywhere
 from mbdlft.base.samples import SEED
+from mbdlft.base.worker import NoProcessError, same_everywhere
 from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.order.degree import Bound, degree_bounds

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from mbdlft.base.parameter import Parameter, cosine_sine_parts
-from mbdlft.base.signal import Signal
-from mbdlft.base.unit import parse_unit
+from mbdlft.base.unit import Signal, parse_unit
 from mbdlft.problem.sx.constants import cosine_sine, in_doubles
 
 WITH_CONSTANTS = {"allow_free": True}  # functions of expressions with constants of `sx.constants`

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.parameter import BilinearMap, Parameter
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.problem.relations import LinearModel
 
 Complex = NDArray[np.complex128]

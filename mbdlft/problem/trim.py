@@ -16,7 +16,7 @@ from scipy.linalg import qr
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import TrimError, unknown_name
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.exact.rounding import cleaned
 from mbdlft.problem.equations import (
     CURVED,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, unknown_name
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.system.model import System
 from mbdlft.system.points import StateMatrices, matrices_at
 

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from mbdlft.base.content import content_of
 from mbdlft.base.errors import SceneError
+from mbdlft.base.worker import content_of
 from mbdlft.robot.description import Robot
 from mbdlft.robot.elements import Element, parse
 from mbdlft.robot.mjcf import read_mjcf

@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from mbdlft.base.errors import AnalysisError, MbdlftError
-from mbdlft.base.pool import Pool
-from mbdlft.base.threads import one_thread
+from mbdlft.base.running import one_thread
+from mbdlft.base.worker import Pool
 
 Task = tuple[Any, ...]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.base.notebook import heading, table
+from mbdlft.base.display import heading, table
 
 Complex = NDArray[np.complex128]
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
-from mbdlft.base.threads import one_thread
+from mbdlft.base.running import one_thread
 from mbdlft.robust.bisect.characteristic import Polynomials, Realization
 from mbdlft.robust.bisect.search import (
     GAP,

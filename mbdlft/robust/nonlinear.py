@@ -27,7 +27,7 @@ import numpy as np
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.parameter import Parameter
-from mbdlft.base.threads import one_thread
+from mbdlft.base.running import one_thread
 from mbdlft.lft.block import Block
 from mbdlft.lft.lft import LFT
 from mbdlft.robust.bisect.characteristic import Realization

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from mbdlft.base.errors import WellPosednessError
-from mbdlft.base.threads import one_thread
+from mbdlft.base.running import one_thread
 from mbdlft.robust.bisect.boxes import replayed
 from mbdlft.robust.bisect.characteristic import Realization, is_hurwitz, is_stable_at, polynomials
 from mbdlft.robust.evidence import Bounds, BoxProof, IntervalProof, MotionProof

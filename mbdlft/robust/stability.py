@@ -18,8 +18,8 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.parameter import to_physical
+from mbdlft.base.running import one_thread
 from mbdlft.base.samples import check_points
-from mbdlft.base.threads import one_thread
 from mbdlft.response.modes import Spectrum, Stability, eigenvalues, pole_text, samples_at, spectrum
 from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.bisect.search import (

@@ -15,7 +15,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
-from mbdlft.base.threads import one_thread
+from mbdlft.base.running import one_thread
 from mbdlft.robust.bisect.characteristic import Realization, is_stable_at
 from mbdlft.robust.bisect.search import (
     GAP,

@@ -13,7 +13,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.lft.lft import LFT
 from mbdlft.system.conversion import ControlSystem, as_system, check_once, positions_of
 from mbdlft.system.evidence import Operation, composed

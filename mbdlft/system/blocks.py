@@ -20,7 +20,7 @@ import numpy as np
 
 from mbdlft.base.errors import StructureError, unknown_name
 from mbdlft.base.parameter import Parameter, to_delta, to_physical
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.exact.rounding import through
 from mbdlft.lft.lft import LFT, as_plain, of_kinds, open_blocks
 from mbdlft.system.evidence import check_exact, opened_evidence, renormalized_evidence

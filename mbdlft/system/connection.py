@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 
 from mbdlft.base.errors import StructureError, WellPosednessError, unknown_name
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.system.algebra import chain
 from mbdlft.system.conversion import as_system, check_once
 from mbdlft.system.evidence import Operation, check_exact, composed

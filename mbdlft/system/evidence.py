@@ -24,7 +24,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
 from mbdlft.base.parameter import Parameter, to_delta, to_physical
 from mbdlft.base.samples import check_points
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.lft.evaluation import evaluate, evaluate_at
 from mbdlft.lft.lft import LFT, fix, stack_rows, with_blocks
 from mbdlft.lft.triangle import values_at, vanishes

@@ -11,10 +11,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Self, SupportsIndex, overload
 
 from mbdlft.base.array import Array
+from mbdlft.base.display import heading, table
 from mbdlft.base.errors import StructureError, unknown_name
-from mbdlft.base.notebook import heading, table
 from mbdlft.base.parameter import Parameter
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.lft.evaluation import ModelProgram
 from mbdlft.lft.lft import LFT
 

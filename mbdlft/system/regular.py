@@ -29,7 +29,7 @@ from scipy.sparse.csgraph import connected_components
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.parameter import Parameter, to_physical
-from mbdlft.base.spent import after, budget, tell
+from mbdlft.base.running import after, budget, tell
 from mbdlft.lft.lft import LFT
 from mbdlft.system.points import at_values
 

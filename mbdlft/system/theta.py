@@ -20,7 +20,7 @@ import numpy as np
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, StructureError, unknown_name
 from mbdlft.base.formula import NUMPY, Functions, formula_value
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.system.model import LFTModel
 
 ONE = "one"  # the name of the constant input 1

@@ -12,7 +12,7 @@ import pytest
 
 import mbdlft
 from mbdlft import ArchiveError, load, load_sweep, model_names, save
-from mbdlft.archive import guard, helper
+from mbdlft.archive import reading
 from tests.archive import models
 from tests.archive.plain_digest import as_words, digest, edit, put_text
 from tests.errors.scenes import says
@@ -162,7 +162,7 @@ def test_what_no_archive_has(file, change):
         with says(ArchiveError, f"{file}: model 'two_link_arm'", HOSTILE[change]):
             load(file, isolated=isolated)
     # a seal says only that nobody has changed the file since
-    file.write_bytes(guard.sealed(file.read_bytes()))
+    file.write_bytes(reading.sealed(file.read_bytes()))
     with says(ArchiveError, f"{file}: model 'two_link_arm'", HOSTILE[change]):
         load(file)
 
@@ -307,7 +307,7 @@ def test_what_is_no_file(tmp_path):
 
 
 def test_helper_that_does_not_start(file, monkeypatch):
-    guard._stop()
+    reading._stop()
     monkeypatch.setattr(sys, "executable", "/none")
     with says(ArchiveError, f"{file}: has no intact seal, and the process that reads such files"):
         load(file, isolated=True)
@@ -319,7 +319,7 @@ def test_helper_is_one_process_and_ends(file):
     program = (
         "import sys, mbdlft; from mbdlft.archive import guard\n"
         "for _ in range(3): mbdlft.load(sys.argv[1], isolated=True)\n"
-        "print(guard._helper[1].pid)"
+        "print(reading._helper[1].pid)"
     )
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", program, str(file)],
@@ -337,6 +337,6 @@ def test_a_message_that_is_cut_off():
     """The helper reads what is there; the end of the stream is the end of its work."""
     import io
 
-    assert helper.receive(io.BytesIO(b"")) is None
-    assert helper.receive(io.BytesIO(b"\x05\0\0\0\0\0\0\0{")) is None
-    assert helper.receive(io.BytesIO(b"\x02\0\0\0\0\0\0\0[]")) is None
+    assert reading.receive(io.BytesIO(b"")) is None
+    assert reading.receive(io.BytesIO(b"\x05\0\0\0\0\0\0\0{")) is None
+    assert reading.receive(io.BytesIO(b"\x02\0\0\0\0\0\0\0[]")) is None

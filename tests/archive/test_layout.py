@@ -10,7 +10,7 @@ import pytest
 
 import mbdlft
 from mbdlft import load, save, scene_from_toml, to_lft
-from mbdlft.archive.certificate import rests_on
+from mbdlft.archive.model import rests_on
 from tests.archive import models
 from tests.archive.plain_digest import edit
 from tests.close import exact, roundoff

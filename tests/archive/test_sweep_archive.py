@@ -10,7 +10,7 @@ import pytest
 
 import mbdlft
 from mbdlft import RandomSamples
-from mbdlft.archive import archive, copying, guard, hdf5
+from mbdlft.archive import archive, hdf5, reading
 from tests.archive import models
 from tests.archive.models import contents, same
 from tests.close import exact
@@ -75,21 +75,21 @@ def test_large_archives_are_not_held_in_memory(
     swept(small)
     mbdlft.save(small, models.strange(6), "other")
     monkeypatch.setattr(archive, "LARGE", -1)
-    monkeypatch.setattr(guard, "LARGE", -1)
+    monkeypatch.setattr(reading, "LARGE", -1)
 
     class Empty(BytesIO):
         def __init__(self, *held: bytes) -> None:
             assert not held, "an archive is held in memory"
             super().__init__()
 
-    for module in (archive, copying, hdf5):
+    for module in (archive, hdf5):
         monkeypatch.setattr(module, "BytesIO", Empty)
     swept(large)
     mbdlft.save(large, models.arm())
     mbdlft.save(large, models.strange(6), "other")
     exact(mbdlft.load(large, "other").A, models.strange(6).A)
-    monkeypatch.setattr(guard, "LARGE", 2**26)  # planted: it is
-    large.write_bytes(guard.sealed(large.read_bytes()))
+    monkeypatch.setattr(reading, "LARGE", 2**26)  # planted: it is
+    large.write_bytes(reading.sealed(large.read_bytes()))
     with pytest.raises(AssertionError, match="held in memory"):
         mbdlft.load(large, "other")
     monkeypatch.undo()

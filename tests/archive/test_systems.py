@@ -9,7 +9,7 @@ import pytest
 
 import mbdlft.cli.commands
 from mbdlft import ArchiveError, Certificate, LFTModel, load, matrices_at, save
-from mbdlft.archive.certificate import rests_on
+from mbdlft.archive.model import rests_on
 from mbdlft.lft.block import Block, ComplexBlock, FullBlock
 from mbdlft.lft.lft import LFT
 from mbdlft.system.model import Parameters, System

@@ -12,7 +12,7 @@ import pytest
 
 import mbdlft
 from mbdlft import ArchiveError, load, load_sweep, model_names, save
-from mbdlft.archive import files
+from mbdlft.archive import archive
 from tests.archive import models
 from tests.archive.plain_digest import digest
 from tests.close import CLOSED_FORM, exact, target
@@ -59,7 +59,7 @@ def test_two_writers_lose_nothing(tmp_path: Path) -> None:
 def test_lock_of_a_dead_process(tmp_path: Path) -> None:
     file = tmp_path / "a.h5"
     program = (
-        "import sys, time\nfrom pathlib import Path\nfrom mbdlft.archive.files import locked\n"
+        "import sys, time\nfrom pathlib import Path\nfrom mbdlft.archive.archive import locked\n"
         "with locked(Path(sys.argv[1])):\n    print('inside', flush=True)\n    time.sleep(600)"
     )
     with subprocess.Popen(
@@ -76,10 +76,10 @@ def test_lock_of_a_dead_process(tmp_path: Path) -> None:
 
 
 def test_lock_that_is_never_released(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(files, "_PATIENCE", 0.0)
+    monkeypatch.setattr(archive, "_PATIENCE", 0.0)
     file = tmp_path / "a.h5"
     with (
-        files.locked(file),
+        archive.locked(file),
         says(ArchiveError, f"{file}: cannot be written: another process holds {file}.lock for 0 s"),
     ):
         save(file, models.bare())
@@ -89,12 +89,12 @@ def test_lock_that_is_never_released(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_a_lock_that_was_removed_meanwhile_is_none(tmp_path: Path) -> None:
     """Whoever waits for a lock whose file is gone takes the next one."""
     lock = tmp_path / "a.lock"
-    handle = files._open(lock)
-    assert files._is_same(handle, lock)
+    handle = archive._open(lock)
+    assert archive._is_same(handle, lock)
     lock.unlink()
-    assert not files._is_same(handle, lock)
+    assert not archive._is_same(handle, lock)
     lock.write_text("")
-    assert not files._is_same(handle, lock)
+    assert not archive._is_same(handle, lock)
     os.close(handle)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 import mbdlft
 from mbdlft import ArchiveError, RandomSamples
-from mbdlft.archive import guard
+from mbdlft.archive import reading
 from tests.archive import models
 from tests.archive.test_systems import mixed, same_system
 from tests.attack.mutations import damaged
@@ -38,7 +38,7 @@ def attack(seed: int, folder: Path) -> str:
     source = (HERE / "archive_1_0.h5").read_bytes() if old else whole()
     data = damaged(source, random) if random.random() < 0.8 else _objects(source, folder, random)
     if random.random() < 0.2:
-        data = guard.sealed(data)  # as if it had been damaged before it was sealed
+        data = reading.sealed(data)  # as if it had been damaged before it was sealed
     file = folder / "a.h5"
     file.write_bytes(data)
     read = 0

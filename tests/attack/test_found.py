@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbdlft.base import grammar, unit
+from mbdlft.base import expression, unit
 from mbdlft.lft.lft import LFT
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.pipeline import forms, stages
@@ -22,19 +22,19 @@ Patch = pytest.MonkeyPatch
 
 def found(attack: Callable[[int, Path], str], seeds: range, folder: Path) -> bool:
     """Whether an attack with one of some seeds finds a wrong answer."""
-    grammar.parse.cache_clear()
+    expression.parse.cache_clear()
     try:
         for seed in seeds:
             attack(seed, folder)
     except AssertionError:
         return True
     finally:
-        grammar.parse.cache_clear()
+        expression.parse.cache_clear()
     return False
 
 
 def literals_in_doubles(patch: Patch) -> None:
-    patch.setattr(grammar, "Literal", float)
+    patch.setattr(expression, "Literal", float)
 
 
 def reduction_in_doubles(patch: Patch) -> None:
@@ -45,7 +45,7 @@ def units_in_doubles(patch: Patch) -> None:
     def in_doubles(number: str, of: unit.Unit) -> str:
         return repr(float(number) * of.factor)
 
-    patch.setattr(grammar, "in_si", in_doubles)
+    patch.setattr(expression, "in_si", in_doubles)
 
 
 def a_wrong_entry(patch: Patch) -> None:

@@ -9,7 +9,7 @@ import pytest
 import mbdlft
 from mbdlft import ComplexBlock, FullBlock, Parameter
 from mbdlft.base.errors import AnalysisError, ArchiveError, StructureError
-from mbdlft.cli.export import _counts, _parts
+from mbdlft.cli.files import _counts, _parts
 from mbdlft.export import export_model, lpv_grid
 from mbdlft.lft import LFT
 from mbdlft.lft.lft import delta

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mbdlft import MbdlftError, SceneError, StructureError, load_scene
-from mbdlft.base import apart, content
+from mbdlft.base import worker
 from mbdlft.base.errors import shortened, unknown_name
 from mbdlft.elastic import load_matrices, load_nastran
 from mbdlft.robot import load_robot
@@ -115,7 +115,7 @@ def test_files_that_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
             read("/dev/zero")
     with says(StructureError, f"{tmp_path}: cannot be read: Is a directory"):
         load_nastran(tmp_path, tmp_path)
-    monkeypatch.setattr(content.content_of, "__defaults__", (10,))
+    monkeypatch.setattr(worker.content_of, "__defaults__", (10,))
     (tmp_path / "a.toml").write_text(ARM)
     with says(SceneError, "a.toml: has more than 10 bytes, expected a smaller file"):
         load_scene(tmp_path / "a.toml")
@@ -161,22 +161,22 @@ def planted(what: str) -> dict[str, np.ndarray]:
 )
 def test_readers_apart(what: str, text: str) -> None:
     with says(SceneError, text):
-        apart.arrays_of(
+        worker.arrays_of(
             f"{__name__}:planted", {"what": what}, seconds=1, memory=2**28, error=SceneError
         )
 
 
 def test_readers_apart_that_do_not_end_or_start(monkeypatch: pytest.MonkeyPatch) -> None:
     target = f"{__name__}:planted"
-    found = apart.arrays_of(target, {"what": "print"}, seconds=5, memory=2**28, error=SceneError)
+    found = worker.arrays_of(target, {"what": "print"}, seconds=5, memory=2**28, error=SceneError)
     assert found["a"].tolist() == [0, 1, 2]
-    monkeypatch.setattr(apart, "_START", 0.0)
-    monkeypatch.setattr(apart, "_CLOCK", 0.01)
+    monkeypatch.setattr(worker, "_START", 0.0)
+    monkeypatch.setattr(worker, "_CLOCK", 0.01)
     with says(SceneError, "its reader did not end as it should (it did not end)"):
-        apart.arrays_of(target, {"what": ""}, seconds=1, memory=2**28, error=SceneError)
+        worker.arrays_of(target, {"what": ""}, seconds=1, memory=2**28, error=SceneError)
     monkeypatch.setattr(sys, "executable", "/none")
     with says(SceneError, "the process that reads it does not start"):
-        apart.arrays_of(target, {"what": ""}, seconds=1, memory=2**28, error=SceneError)
+        worker.arrays_of(target, {"what": ""}, seconds=1, memory=2**28, error=SceneError)
 
 
 def test_messages_are_short() -> None:

@@ -398,7 +398,7 @@ def test_parameters_that_have_chosen_equations_cannot_stay(tmp_path: Path) -> No
 
 
 def test_options_for_modelica_are_refused_for_scenes() -> None:
-    from mbdlft.cli.linearize import check
+    from mbdlft.cli.models import check
 
     with pytest.raises(mbdlft.base.AnalysisError, match=r"--model M: it is for Modelica models"):
         check(Path("arm.toml"), None, "M")

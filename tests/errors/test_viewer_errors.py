@@ -8,7 +8,7 @@ import pytest
 
 import mbdlft
 from mbdlft.base.errors import ArchiveError, SceneError, TrimError, WellPosednessError
-from mbdlft.cli.view import _scene
+from mbdlft.cli.files import _scene
 from mbdlft.show.viewer.data import view_data
 from mbdlft.show.viewer.drawing import draw
 from mbdlft.show.viewer.modes import _modes

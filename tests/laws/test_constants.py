@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 
 import mbdlft
 from mbdlft import Parameter, realize
-from mbdlft.base import grammar
+from mbdlft.base import expression
 from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.base.expression import Number, evaluate, parse
 from mbdlft.exact.numbers import BITS, Constant, precision
@@ -236,7 +236,7 @@ PLANTED: dict[str, tuple[object, str, object, Callable[[], None]]] = {
         ),
         lambda: law_unit((1.0, 2.0, 3.0)),
     ),
-    "a literal is a double": (grammar, "Literal", float, law_long_literals),
+    "a literal is a double": (expression, "Literal", float, law_long_literals),
 }
 right = module.constant
 
@@ -252,7 +252,7 @@ def test_planted_bug_is_found(bug: str, monkeypatch: pytest.MonkeyPatch) -> None
     owner, name, replacement, law = PLANTED[bug]
     assert holds(law)
     monkeypatch.setattr(owner, name, replacement)
-    grammar.parse.cache_clear()
+    expression.parse.cache_clear()
     with pytest.raises((AssertionError, mbdlft.AnalysisError)):
         law()
-    grammar.parse.cache_clear()
+    expression.parse.cache_clear()

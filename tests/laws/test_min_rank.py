@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbdlft.base.threads import one_thread
+from mbdlft.base.running import one_thread
 from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.order import min_rank as module

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import mbdlft
-from mbdlft.base.notebook import table
+from mbdlft.base.display import table
 from tests.laws.test_report import read
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"

@@ -136,13 +136,13 @@ def test_exact_units() -> None:
 
 
 def test_planted_units_in_doubles_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    from mbdlft.base import grammar, unit
+    from mbdlft.base import expression, unit
 
     def in_doubles(number: str, of: unit.Unit) -> str:
         return repr(float(number) * of.factor)
 
-    monkeypatch.setattr(grammar, "in_si", in_doubles)
-    grammar.parse.cache_clear()
+    monkeypatch.setattr(expression, "in_si", in_doubles)
+    expression.parse.cache_clear()
     with pytest.raises(AssertionError):
         law_exact_units()
-    grammar.parse.cache_clear()
+    expression.parse.cache_clear()

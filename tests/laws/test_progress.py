@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 import mbdlft
-from mbdlft.base import spent
-from mbdlft.cli.progress import Progress
+from mbdlft.base import running
+from mbdlft.cli.output import Progress
 from mbdlft.system.regular import regularity
 from tests.laws.random_loops import blocks_system
 
@@ -30,7 +30,7 @@ def pendulum() -> mbdlft.LFTModel:
 @pytest.mark.parametrize("name", SEARCHES)
 def test_searches_tell_what_they_have_done(name: str) -> None:
     model, told = pendulum(), list[tuple[float, float]]()
-    with spent.heard(lambda done, most: told.append((done, most))):
+    with running.heard(lambda done, most: told.append((done, most))):
         found = SEARCHES[name](model)
     assert told[0][0] == 0.0
     assert len(told) > 1
@@ -49,7 +49,7 @@ def test_searches_tell_what_they_have_done(name: str) -> None:
 def test_a_search_in_another_process_is_heard() -> None:
     scene = mbdlft.load_scene(SCENARIOS / "ur5.toml")
     told: list[tuple[float, float]] = []
-    with spent.heard(lambda done, most: told.append((done, most))):
+    with running.heard(lambda done, most: told.append((done, most))):
         mbdlft.to_lft(scene, search=0.7, prove=0.5)
     by_budget = {most: [done for done, own in told if own == most] for _, most in told}
     assert {0.7, 0.5} <= set(by_budget)
@@ -59,27 +59,27 @@ def test_a_search_in_another_process_is_heard() -> None:
 
 def test_a_proof_tells_what_it_has_done() -> None:
     model, told = pendulum(), list[float]()
-    with spent.heard(lambda done, most: told.append(done)):
+    with running.heard(lambda done, most: told.append(done)):
         regularity(model.lft, 0.01)
     assert told
     assert told == sorted(told)
 
 
 def test_nothing_is_told_where_nobody_listens_and_outside_of_a_budget() -> None:
-    spent.tell(1.0)
-    spent.pass_on(1.0, 2.0)
-    with spent.budget(3.0), spent.after(1.0):
-        spent.tell(1.0)
+    running.tell(1.0)
+    running.pass_on(1.0, 2.0)
+    with running.budget(3.0), running.after(1.0):
+        running.tell(1.0)
     told: list[tuple[float, float]] = []
-    with spent.heard(lambda done, most: told.append((done, most))):
-        spent.tell(1.0)
+    with running.heard(lambda done, most: told.append((done, most))):
+        running.tell(1.0)
         assert told == []
-        with spent.budget(3.0):
-            with spent.after(1.0), spent.after(0.5), spent.budget(7.0):
-                spent.tell(1.0)
-                spent.tell(9.0)
-            spent.pass_on(2.0, 5.0)
-        spent.pass_on(2.0, 5.0)
+        with running.budget(3.0):
+            with running.after(1.0), running.after(0.5), running.budget(7.0):
+                running.tell(1.0)
+                running.tell(9.0)
+            running.pass_on(2.0, 5.0)
+        running.pass_on(2.0, 5.0)
     assert told == [(0.0, 3.0), (2.5, 3.0), (3.0, 3.0), (2.0, 3.0), (2.0, 5.0)]
 
 

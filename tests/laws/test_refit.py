@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from benchmarks.cases.chains import chain
-from mbdlft.base.threads import one_thread
+from mbdlft.base.running import one_thread
 from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import LFT, Block, fix, with_blocks
 from mbdlft.multibody.assembly import assemble

@@ -20,9 +20,9 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.base import reproducible
+from mbdlft.base import worker
 from mbdlft.base.errors import WellPosednessError
-from mbdlft.base.reproducible import NoProcessError, same_everywhere, settings
+from mbdlft.base.worker import NoProcessError, same_everywhere, settings
 from mbdlft.lft.lft import constant
 from mbdlft.order.search import IN_PROCESS
 from mbdlft.pipeline.models import build
@@ -63,7 +63,7 @@ def test_ctrl_c_ends_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
         raise KeyboardInterrupt
 
     with monkeypatch.context() as change:
-        change.setattr(reproducible, "_receive", interrupted)
+        change.setattr(worker, "_receive", interrupted)
         with pytest.raises(KeyboardInterrupt):
             same_everywhere("time:sleep", 60)
     assert same_everywhere("os:getpid") != first
@@ -73,7 +73,7 @@ def test_a_fork_has_its_own() -> None:
     """It neither speaks to the process of its parent, nor ends it."""
     program = """
 import atexit, os
-from mbdlft.base.reproducible import same_everywhere
+from mbdlft.base.worker import same_everywhere
 first = same_everywhere("os:getpid")
 child = os.fork()
 if child == 0:
@@ -113,7 +113,7 @@ def elsewhere(folder: Path) -> Iterator[None]:
 
 PROGRAM = """
 import hashlib, json, numpy as np, mbdlft
-from mbdlft.base.reproducible import same_everywhere
+from mbdlft.base.worker import same_everywhere
 random = np.random.default_rng(0)
 a = random.standard_normal((60, 60))
 def digest(*found):

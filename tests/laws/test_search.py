@@ -23,7 +23,7 @@ from benchmarks import ablation
 from benchmarks.cases.arm import NAMES, closed_form, state_and_input
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES
-from mbdlft.base.threads import one_thread
+from mbdlft.base.running import one_thread
 from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows
 from mbdlft.order import rewriting, search

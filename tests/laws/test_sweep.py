@@ -22,8 +22,8 @@ import pytest
 import mbdlft
 from benchmarks.cases.arm import SCENE, closed_form
 from mbdlft import Angle, GridSamples, Parameter, RandomSamples
-from mbdlft.base import pool
-from mbdlft.batch import cluster, rows, samples, staging
+from mbdlft.base import worker
+from mbdlft.batch import rows, run, samples, staging
 from mbdlft.batch.samples import points_of, samples_of
 from tests.close import CLOSED_FORM, error, exact, roundoff, target
 from tests.errors.scenes import cart, says
@@ -190,7 +190,7 @@ def test_processes_and_a_killed_worker(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
     given = RandomSamples(20_000, 5)
     mbdlft.sweep(arm(), given, tmp_path / "one.h5", workers=1)
-    start, started = pool._start, []
+    start, started = worker._start, []
 
     def short_life(module: str, folder: Path) -> subprocess.Popen[str]:
         process = start(module, folder)
@@ -199,7 +199,7 @@ def test_processes_and_a_killed_worker(tmp_path: Path, monkeypatch: pytest.Monke
             process.kill()
         return process
 
-    monkeypatch.setattr(pool, "_start", short_life)
+    monkeypatch.setattr(worker, "_start", short_life)
     seen: list[int] = []
     mbdlft.sweep(
         arm(), given, tmp_path / "two.h5", name="two_link_arm", workers=2,
@@ -221,7 +221,7 @@ def test_workers_that_always_die(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         pipe = subprocess.PIPE
         return subprocess.Popen([sys.executable, "-c", ""], stdin=pipe, stdout=pipe, text=True)
 
-    monkeypatch.setattr(pool, "_start", dead)
+    monkeypatch.setattr(worker, "_start", dead)
     with says(mbdlft.AnalysisError, "sweep: 3 workers died over shard", "the same sweep goes on"):
         mbdlft.sweep(arm(), RandomSamples(9000), tmp_path / "a.h5", workers=2)
 
@@ -301,7 +301,7 @@ def test_cluster_needs_dask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     def absent(name: str) -> None:
         raise ImportError(name)
 
-    monkeypatch.setattr(cluster, "import_module", absent)
+    monkeypatch.setattr(run, "import_module", absent)
     with says(mbdlft.AnalysisError, "a cluster needs Dask: pip install 'mbdlft[cluster]'"):
         mbdlft.sweep(arm(), RandomSamples(5), tmp_path / "a.h5", client=object())
 

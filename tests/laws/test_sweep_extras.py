@@ -16,8 +16,8 @@ import mbdlft
 from benchmarks.cases.arm import SCENE
 from mbdlft import Parameter, RandomSamples
 from mbdlft.batch import staging
-from mbdlft.batch.cluster import shard_rows
 from mbdlft.batch.extra import Extra
+from mbdlft.batch.run import shard_rows
 from tests.archive.plain_digest import digest, edit
 from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.errors.scenes import cart, says

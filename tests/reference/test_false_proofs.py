@@ -97,11 +97,11 @@ def test_long_literals() -> None:
 
 def test_planted_literals_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Eighteen digits are rounded to those of a double."""
-    monkeypatch.setattr(mbdlft.base.grammar, "Literal", float)
-    mbdlft.base.grammar.parse.cache_clear()
+    monkeypatch.setattr(mbdlft.base.expression, "Literal", float)
+    mbdlft.base.expression.parse.cache_clear()
     with pytest.raises(AssertionError):
         law_long_literals()
-    mbdlft.base.grammar.parse.cache_clear()
+    mbdlft.base.expression.parse.cache_clear()
 
 
 # the drive train of a wind turbine: in entry (0, 1), terms of 1e11 and more cancel

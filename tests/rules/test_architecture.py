@@ -12,7 +12,7 @@ import pytest
 
 from mbdlft.base.description import Expected, Quantity, Values
 from mbdlft.base.expression import evaluate, parse
-from mbdlft.base.signal import Freedom, Signal
+from mbdlft.base.unit import Freedom, Signal
 from mbdlft.exact.operators import Operators
 from mbdlft.multibody import body, force, joint, scene_from_toml, scene_to_toml, sensor
 from mbdlft.multibody.body import Body

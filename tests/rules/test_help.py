@@ -10,7 +10,7 @@ import pytest
 from pydantic import BaseModel
 
 import mbdlft
-from mbdlft.base.readable import readable
+from mbdlft.base.display import readable
 
 NAMESPACES = (*mbdlft._NAMESPACES, *mbdlft._ELSEWHERE)
 # what checks values, addresses, what numpy and pydantic make of a type

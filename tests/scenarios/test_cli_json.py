@@ -12,7 +12,7 @@ from typer.main import get_command
 
 import mbdlft
 from mbdlft.cli.commands import app
-from mbdlft.cli.progress import time_left
+from mbdlft.cli.output import time_left
 from tests.scenarios.test_cli import run
 
 ROOT = Path(__file__).parents[2]

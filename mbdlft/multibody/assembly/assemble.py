@@ -9,7 +9,7 @@ import numpy as np
 
 from mbdlft.base.description import AXES, Values
 from mbdlft.base.errors import SceneError
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.multibody.assembly.closure import Closure, close_loops, constraint
 from mbdlft.multibody.assembly.efforts import (
     Effort,

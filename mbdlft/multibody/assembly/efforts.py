@@ -9,7 +9,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.description import AXES, Values
 from mbdlft.base.errors import NotRationalError, SceneError
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.multibody.assembly.closure import Closure, reactions
 from mbdlft.multibody.assembly.measures import body_inputs
 from mbdlft.multibody.assembly.tree import Link, coordinate_owners, degrees

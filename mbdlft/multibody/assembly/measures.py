@@ -6,7 +6,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from mbdlft.base.description import Values
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.multibody.assembly.aligned import Aligned
 from mbdlft.multibody.assembly.symbols import Symbols
 from mbdlft.multibody.assembly.tree import Link, degrees

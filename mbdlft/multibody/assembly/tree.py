@@ -11,7 +11,7 @@ from pydantic import InstanceOf
 
 from mbdlft.base.description import Text, Values
 from mbdlft.base.errors import SceneError, unknown_name
-from mbdlft.base.signal import Freedom, Signal
+from mbdlft.base.unit import Freedom, Signal
 from mbdlft.multibody.body import GROUND, Body, ElasticBody, Ground
 from mbdlft.multibody.joint import Joint, Move, coordinate_label
 from mbdlft.multibody.joint.move import Deformed, shifted

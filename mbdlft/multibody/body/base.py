@@ -19,7 +19,7 @@ from mbdlft.base.description import (
     vector_quantities,
 )
 from mbdlft.base.errors import SceneError
-from mbdlft.base.signal import Freedom, Signal
+from mbdlft.base.unit import Freedom, Signal
 from mbdlft.multibody.spatial import Coordinate, column
 
 GROUND = "ground"

@@ -28,7 +28,7 @@ from pydantic import Field, model_validator
 
 from mbdlft.base.description import Expected, Many, Name, Quantity, Text, Values
 from mbdlft.base.errors import SceneError, unknown_name
-from mbdlft.base.signal import Freedom
+from mbdlft.base.unit import Freedom
 from mbdlft.multibody.body import beam_loads
 from mbdlft.multibody.body.beam_elements import (
     LINEAR,

@@ -25,7 +25,7 @@ from pydantic import model_validator
 
 from mbdlft.base.description import Text, Values
 from mbdlft.base.errors import SceneError
-from mbdlft.base.signal import Freedom, Signal
+from mbdlft.base.unit import Freedom, Signal
 from mbdlft.multibody.body.base import Body
 from mbdlft.multibody.spatial import Coordinate
 

@@ -25,7 +25,7 @@ from mbdlft.base.description import (
     Vector,
 )
 from mbdlft.base.errors import SceneError
-from mbdlft.base.signal import Freedom
+from mbdlft.base.unit import Freedom
 from mbdlft.multibody.body.elastic import (
     Elastic,
     ElasticBody,

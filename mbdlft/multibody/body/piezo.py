@@ -26,7 +26,7 @@ from pydantic import Field, InstanceOf, model_validator
 
 from mbdlft.base.description import ANY_UNIT, Description, Expected, Many, Quantity, Text, Values
 from mbdlft.base.errors import SceneError, unknown_name
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.multibody.body.beam import Beam
 from mbdlft.multibody.body.beam_elements import (
     ONE,

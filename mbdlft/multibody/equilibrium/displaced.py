@@ -16,7 +16,7 @@ import casadi as ca
 
 from mbdlft.base.description import AXES, Quantity, Values
 from mbdlft.base.parameter import Parameter
-from mbdlft.base.signal import Freedom, Signal
+from mbdlft.base.unit import Freedom, Signal
 from mbdlft.multibody.assembly.assemble import without_unseen
 from mbdlft.multibody.assembly.closure import Closure
 from mbdlft.multibody.assembly.efforts import Effort, acting, ground_motion, list_efforts

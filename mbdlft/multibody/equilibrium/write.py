@@ -9,7 +9,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.description import Quantity
 from mbdlft.base.errors import TrimError
 from mbdlft.base.parameter import Parameter
-from mbdlft.base.signal import Freedom
+from mbdlft.base.unit import Freedom
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.equilibrium.displaced import (
     Displaced,

@@ -6,7 +6,7 @@ from typing import ClassVar, NamedTuple, Protocol
 import casadi as ca
 
 from mbdlft.base.description import Description, Expected, Name, Values
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 
 
 class Space(Protocol):

@@ -29,7 +29,7 @@ from pydantic import AfterValidator, field_validator, model_validator
 
 from mbdlft.base.description import Direction, Expected, Quantity, Text, Values, with_length
 from mbdlft.base.errors import SceneError
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.multibody.force.base import BodyWrench, Load, Space
 from mbdlft.multibody.spatial import move_wrench
 from mbdlft.problem.sx.constants import unit_vector

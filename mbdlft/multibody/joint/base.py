@@ -27,7 +27,7 @@ from mbdlft.base.description import (
     Values,
 )
 from mbdlft.base.errors import SceneError
-from mbdlft.base.signal import Freedom, Signal
+from mbdlft.base.unit import Freedom, Signal
 from mbdlft.multibody.joint.move import Move, turned
 from mbdlft.multibody.spatial import Coordinate
 from mbdlft.problem.sx import constants

@@ -24,7 +24,7 @@ from pydantic import model_validator
 
 from mbdlft.base.description import Axis, Direction, Expected, Quantity, Values
 from mbdlft.base.errors import SceneError
-from mbdlft.base.signal import Freedom
+from mbdlft.base.unit import Freedom
 from mbdlft.exact.numbers import decimal
 from mbdlft.multibody.joint.base import Joint, MovingJoint, sliding, turning, unit_vector
 from mbdlft.multibody.joint.move import Hinge, Move, Slide, shifted, steady_hinge, turned

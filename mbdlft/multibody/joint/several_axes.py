@@ -16,7 +16,7 @@ from pydantic import model_validator
 
 from mbdlft.base.description import AXES, Axis, Quantity, Values, Vector
 from mbdlft.base.errors import SceneError
-from mbdlft.base.signal import Freedom
+from mbdlft.base.unit import Freedom
 from mbdlft.multibody.joint.base import Joint, MovingJoint, sliding, turning, unit_vector
 from mbdlft.multibody.joint.move import Ball, Hinge, Move, Slide, shifted, turned
 from mbdlft.multibody.spatial import Coordinate

@@ -23,8 +23,7 @@ from mbdlft.base.expression import (
     walk,
     write,
 )
-from mbdlft.base.signal import Signal
-from mbdlft.base.unit import Exponents, dimension_name, parse_unit
+from mbdlft.base.unit import Exponents, Signal, dimension_name, parse_unit
 from mbdlft.exact.interval import FUNCTIONS, Interval, decimal, find_zero
 from mbdlft.exact.operators import FUNCTIONS_OF_DIMENSIONS as DIMENSIONS
 from mbdlft.exact.operators import Dimension

@@ -17,10 +17,9 @@ from mbdlft.base.description import (
     Text,
     Vector,
 )
+from mbdlft.base.display import heading, table
 from mbdlft.base.errors import SceneError
-from mbdlft.base.expression import BUILTIN_CONSTANTS, FUNCTIONS
-from mbdlft.base.grammar import Literal
-from mbdlft.base.notebook import heading, table
+from mbdlft.base.expression import BUILTIN_CONSTANTS, FUNCTIONS, Literal
 from mbdlft.base.parameter import Parameter, is_finite
 from mbdlft.base.unit import in_si, parse_unit
 from mbdlft.multibody.body import Body

@@ -13,11 +13,11 @@ from typing import Annotated, Any, TypeVar, cast, get_args, get_origin
 
 import tomli_w
 
-from mbdlft.base.content import content_of
 from mbdlft.base.description import Description
 from mbdlft.base.errors import MbdlftError, SceneError, unknown_name
 from mbdlft.base.parameter import SUBSTITUTIONS, Angle, Parameter
 from mbdlft.base.unit import ANGLE_UNITS
+from mbdlft.base.worker import content_of
 from mbdlft.multibody.body import KINDS as BODIES
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.force import KINDS as LOADS

@@ -13,7 +13,7 @@ from typing import ClassVar, final
 import casadi as ca
 
 from mbdlft.base.description import Text
-from mbdlft.base.signal import Signal
+from mbdlft.base.unit import Signal
 from mbdlft.multibody.sensor.base import Sensor, View, by_axis
 
 

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.base.spent import after, tell
+from mbdlft.base.running import after, tell
 from mbdlft.robust.bisect.characteristic import Polynomials, Realization, is_stable_at
 from mbdlft.robust.crew import ALONE, Crew
 

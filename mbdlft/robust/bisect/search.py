@@ -9,7 +9,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
-from mbdlft.base.spent import after, budget
+from mbdlft.base.running import after, budget
 from mbdlft.robust.bisect.boxes import Check, Outcome, prove
 from mbdlft.robust.bisect.characteristic import Polynomials, Realization, polynomials
 from mbdlft.robust.crew import ALONE, Crew

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError, unknown_name
-from mbdlft.base.spent import after, tell
+from mbdlft.base.running import after, tell
 from mbdlft.lft.block import Block, FullBlock
 from mbdlft.lft.lft import check
 from mbdlft.robust.evidence import Interval, Multipliers

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.base.spent import after
+from mbdlft.base.running import after
 from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.bisect.search import UNSTABLE, Search
 from mbdlft.robust.crew import Crew

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
-from mbdlft.base.threads import one_thread
+from mbdlft.base.running import one_thread
 from mbdlft.lft.block import Block
 from mbdlft.robust.evidence import Multipliers
 from mbdlft.robust.mu.coverage import (

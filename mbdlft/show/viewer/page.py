@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from mbdlft.archive.files import target_of
+from mbdlft.archive.archive import target_of
 from mbdlft.base.errors import MbdlftError, SceneError
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.show.viewer.data import view_data

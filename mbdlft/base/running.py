@@ -1,12 +1,50 @@
-"""How much of a budget of work is done: told by whoever works, heard by whoever waits.
+"""While work runs: one thread, no searches for cycles of objects, and how much of a budget is done.
 
 A budget is an upper limit: work may end before it. Nothing depends on whether somebody listens.
 """
 
+import gc
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
-from typing import NamedTuple
+from functools import cache
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
+
+
+def one_thread() -> AbstractContextManager[Any]:
+    """In this context linear algebra runs in one thread: `with one_thread(): ...`.
+
+    Results then do not depend on the number of cores. On a busy machine, threads that wait for each other
+    would take more time than the rest of the work.
+    """
+    limit: AbstractContextManager[Any] = _controller().limit(limits=1)
+    return limit
+
+
+@contextmanager
+def without_collection() -> Iterator[None]:
+    """In this context Python does not look for cycles of objects that nothing else refers to.
+
+    Millions of numbers that live for a while, in which there are no cycles, make it look again and again.
+    """
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
+
+
+@cache
+def _controller() -> "ThreadpoolController":
+    from threadpoolctl import ThreadpoolController  # reading an archive does without it
+
+    return ThreadpoolController()
+
 
 Listener = Callable[[float, float], None]  # units that are done, and the most there may be
 

@@ -1,4 +1,4 @@
-"""The printed form of a model: one JSON object, or tables and sentences on what is proved."""
+"""The printed form of a model and of an archive: one JSON object, or tables and sentences."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from mbdlft.cli.poles import poles_summary, print_poles
-from mbdlft.cli.tables import console, print_json, table
+from mbdlft.cli.output import console, print_json, table
+from mbdlft.cli.responses import poles_summary, print_poles
 from mbdlft.show.report.sentences import (
     checked_beside,
     conditioning,
@@ -19,6 +19,8 @@ from mbdlft.system.model import LFTModel, System
 
 if TYPE_CHECKING:
     from mbdlft.system.theta import DeltaThetaModel
+import math
+from typing import Any
 
 
 def report_model(
@@ -169,3 +171,49 @@ def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]
         **poles_summary(model),
         "seconds": dict(seconds),
     }
+
+
+def beside_models(archive: Path) -> list[str]:
+    """A line for the sweeps, and one for each stored analysis."""
+    from mbdlft.archive.sweep import sweep_names
+
+    sweeps = ", ".join(sweep_names(archive))
+    lines = [f"sweeps: {sweeps}"] if sweeps else []
+    for found in _analyses(archive):
+        ends = " to ".join(
+            "unbounded" if end is None else f"{end:.6g}" for end in (found["lower"], found["upper"])
+        )
+        lines.append(f"analysis {found['name']}: {found['kind']} {ends}")
+    return lines
+
+
+def archive_data(archive: Path, name: str | None) -> dict[str, Any]:
+    """All models, or the one with a name, with their dates; sweeps and analyses by name."""
+    from mbdlft.archive.archive import load, model_names
+    from mbdlft.archive.sweep import sweep_names
+
+    models = [model_data(load(archive, key)) for key in ([name] if name else model_names(archive))]
+    if name:
+        return {"models": models}
+    return {
+        "models": models,
+        "sweeps": list(sweep_names(archive)),
+        "analyses": _analyses(archive),
+    }
+
+
+def _analyses(archive: Path) -> list[dict[str, Any]]:
+    """Name, kind and bounds of each stored analysis."""
+    from mbdlft.archive.analysis import analysis_names, load_analysis
+
+    found = []
+    for name in analysis_names(archive):
+        _, bounds = load_analysis(archive, name)
+        ends = {"lower": _number(bounds.lower), "upper": _number(bounds.upper)}
+        found.append({"name": name, "kind": bounds.kind, **ends})
+    return found
+
+
+def _number(value: float) -> float | None:
+    """A number that JSON has; None for inf and NaN."""
+    return value if math.isfinite(value) else None

@@ -1,7 +1,9 @@
-"""Signatures of records as a reader writes them: `float | str`, not what checks the values."""
+"""What `help()` and notebooks show of an object: signatures in words, headings and tables."""
 
+import html
 import inspect
 import types
+from collections.abc import Iterable, Sequence
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 
@@ -55,3 +57,23 @@ class ReadableSignature:
             for name, field in kind.model_fields.items()
         ]
         return inspect.Signature(parameters)
+
+
+def heading(text: str, more: str = "") -> str:
+    """A heading, and a line below it."""
+    below = f"<div>{html.escape(more)}</div>" if more else ""
+    return f"<div><b>{html.escape(text)}</b></div>{below}"
+
+
+def table(names: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table; numbers have six digits. Without rows: nothing."""
+    lines = ["".join(f"<td>{html.escape(_cell(cell))}</td>" for cell in row) for row in rows]
+    if not lines:
+        return ""
+    head = "".join(f"<th>{html.escape(name)}</th>" for name in names)
+    body = "".join(f"<tr>{line}</tr>" for line in lines)
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _cell(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,5 +1,6 @@
-"""The commands `check` and `linearize`, for scenes and for Modelica models."""
+"""The commands that make models and scenes: `check`, `linearize`, `import` of robots, `body`."""
 
+import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -9,14 +10,9 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from mbdlft.base.errors import AnalysisError, MbdlftError
-from mbdlft.cli.modelica import (
-    SUFFIXES,
-    Asked,
-    check_modelica,
-    is_modelica,
-    linear_model,
-)
+from mbdlft.base.errors import AnalysisError, MbdlftError, SceneError
+from mbdlft.base.parameter import Angle, Parameter
+from mbdlft.base.unit import ANGLE_UNITS
 from mbdlft.cli.options import (
     SEARCH,
     AsJson,
@@ -27,17 +23,24 @@ from mbdlft.cli.options import (
     check_paths,
     write_model,
 )
-from mbdlft.cli.progress import progress_of
-from mbdlft.cli.report import report_model
-from mbdlft.cli.response import KINDS, OVER, draw
-from mbdlft.cli.source import is_robot, scene_in
-from mbdlft.cli.tables import console as _console
-from mbdlft.cli.tables import parameters_data, print_json
-from mbdlft.cli.tables import table as _table
+from mbdlft.cli.output import console as _console
+from mbdlft.cli.output import parameters_data, print_json, progress_of, write_scene
+from mbdlft.cli.output import table as _table
+from mbdlft.cli.responses import KINDS, OVER, draw
+from mbdlft.cli.sources import (
+    SUFFIXES,
+    Asked,
+    check_modelica,
+    is_modelica,
+    is_robot,
+    linear_model,
+    scene_in,
+)
+from mbdlft.cli.summary import report_model
 from mbdlft.system.model import LFTModel
 
 if TYPE_CHECKING:
-    from mbdlft.base.signal import Signal
+    from mbdlft.base.unit import Signal
     from mbdlft.multibody.scene import Scene
     from mbdlft.problem.trim import TrimPoint
 
@@ -271,3 +274,147 @@ def _figures(texts: list[str]) -> list[tuple[str, Path]]:
         else:
             found.append(("sigma", Path(text)))
     return found
+
+
+Texts = list[str] | None
+Declared = Annotated[
+    Texts,
+    typer.Option(
+        "--parameter",
+        help="NAME=LOW,NOMINAL,HIGH,UNIT for --set, such as payload=0,2,5,kg; may be repeated.",
+    ),
+]
+Vary = Annotated[
+    Texts,
+    typer.Option(
+        "--vary",
+        help="LABEL=PERCENT: a parameter around the number of the file, such as "
+        "forearm_link.mass=20; may be repeated.",
+    ),
+]
+Keyframe = Annotated[
+    str | None,
+    typer.Option("--keyframe", help="Keyframe of an MJCF file whose positions are taken."),
+]
+
+
+def import_robot(
+    robot_file: Annotated[Path, typer.Argument(help="Robot, a URDF, SDF or MJCF file.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Scene to write, a TOML file.")],
+    assignments: Annotated[
+        Texts,
+        typer.Option(
+            "--set",
+            help="LABEL=VALUE, such as tool0.mass=payload or elbow_joint.position=30*deg; numbers "
+            "are in SI units; may be repeated.",
+        ),
+    ] = None,
+    parameters: Declared = None,
+    vary: Vary = None,
+    moving: Annotated[
+        Texts,
+        typer.Option("--moving", help="Joint that moves, the others are locked; may be repeated."),
+    ] = None,
+    free_base: Annotated[
+        bool | None,
+        typer.Option(
+            "--free-base/--fixed-base",
+            help="Leave the root free, or clamp it; by default as the file says.",
+        ),
+    ] = None,
+    keep_unphysical: Annotated[
+        bool, typer.Option("--keep-unphysical", help="Keep inertias that no body can have.")
+    ] = False,
+    model: Annotated[
+        str | None, typer.Option("--model", help="Which model of an SDF file with several.")
+    ] = None,
+    keyframe: Keyframe = None,
+    as_json: AsJson = False,
+) -> None:
+    """Make a scene of a robot (URDF, SDF, MJCF), and say what was ignored and what was assumed."""
+    from mbdlft.robot import load_robot
+
+    percents = dict(_pair("--vary", text) for text in vary or [])
+    scene, report = load_robot(
+        robot_file,
+        parameters=[_parameter(text) for text in parameters or []],
+        values=dict(_pair("--set", text) for text in assignments or []),
+        vary={label: _number("--vary", label, value) for label, value in percents.items()},
+        moving=moving,
+        base=None if free_base is None else "free" if free_base else "fixed",
+        keep_unphysical=keep_unphysical,
+        model=model,
+        keyframe=keyframe,
+    )
+    write_scene(output, scene)
+    if as_json:
+        limits = [limit._asdict() for limit in report.limits]
+        said = {"ignored": report.ignored, "assumed": report.assumed, "limits": limits}
+        print_json({"name": scene.name, "scene": str(output), **said})
+        return
+    typer.echo(str(report))
+    typer.echo(
+        f"{scene.name}: {len(scene.bodies)} bodies, {len(scene.joints)} joints, "
+        f"{len(scene.parameters)} parameters."
+    )
+    typer.echo(f"scene: {output}")
+
+
+def _pair(option: str, text: str) -> tuple[str, str]:
+    """Name and value of the text ``name=value`` of an option."""
+    name, equals, value = (part.strip() for part in text.partition("="))
+    if not (name and equals and value):
+        raise SceneError(f"{option} {text}: expected a name, = and a value.")
+    return name, value
+
+
+def _number(option: str, name: str, value: str) -> float:
+    """The number in the value of an option."""
+    try:
+        return float(value)
+    except ValueError:
+        raise SceneError(f"{option} {name}: expected a number, got {value!r}.") from None
+
+
+def _parameter(text: str) -> Parameter:
+    """Parameter of the text ``name=low,nominal,high,unit``; one in deg or rad is an angle."""
+    name, value = _pair("--parameter", text)
+    parts = [part.strip() for part in value.split(",")]
+    if len(parts) != 4:
+        raise SceneError(
+            f"--parameter {text}: expected NAME=LOW,NOMINAL,HIGH,UNIT, such as theta=-30,0,45,deg."
+        )
+    low, nominal, high = (_number("--parameter", name, part) for part in parts[:3])
+    kind = Angle if parts[3] in ANGLE_UNITS else Parameter
+    return kind(name, nominal, low, high, unit=parts[3])
+
+
+def body(
+    body_file: Annotated[Path, typer.Argument(help="Catalogue body, a TOML file.")],
+    name: Annotated[str | None, typer.Option(help="Name of the body in the scene.")] = None,
+    method: Annotated[str | None, typer.Option(help="Component modes.")] = None,
+    modes: Annotated[int | None, typer.Option(help="Number of modes.")] = None,
+    frequency: Annotated[float | None, typer.Option(help="Highest frequency, rad/s.")] = None,
+    effective_mass: Annotated[float | None, typer.Option(help="Fraction of the mass.")] = None,
+    damping: Annotated[float | None, typer.Option(help="Damping ratio of all modes.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Print the table of a catalogue body, to be pasted into a scene file."""
+    from mbdlft.elastic.catalogue import body_table, load_body, reduced_body
+    from mbdlft.elastic.report import effective_masses
+    from mbdlft.multibody.scene.toml import body_to_toml
+
+    given = {"method": method, "modes": modes, "frequency": frequency}
+    given |= {"effective_mass": effective_mass, "damping": damping}
+    choices = {key: value for key, value in given.items() if value is not None}
+    table = body_table(body_file)
+    notes = [f"{body_file.name}: {table['description']}", f"Source: {table['source']}"]
+    catalogue_body = load_body(body_file, name, **choices)
+    if "data" in table:
+        notes.append(effective_masses(reduced_body(body_file, **choices)).table())
+    if as_json:
+        print_json({"toml": body_to_toml(catalogue_body), "notes": notes})
+        return
+    comment = "\n".join(notes)
+    sys.stdout.write("".join(f"# {line}\n".replace(" \n", "\n") for line in comment.splitlines()))
+    sys.stdout.write(f"\n{body_to_toml(catalogue_body)}")
