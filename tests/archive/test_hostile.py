@@ -317,7 +317,7 @@ def test_helper_that_does_not_start(file, monkeypatch):
 
 def test_helper_is_one_process_and_ends(file):
     program = (
-        "import sys, mbdlft; from mbdlft.archive import guard\n"
+        "import sys, mbdlft; from mbdlft.archive import reading\n"
         "for _ in range(3): mbdlft.load(sys.argv[1], isolated=True)\n"
         "print(reading._helper[1].pid)"
     )
