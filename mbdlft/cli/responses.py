@@ -15,7 +15,7 @@ from mbdlft.cli.sources import load_system, point_of
 
 if TYPE_CHECKING:
     from mbdlft.base.array import Array, ArrayLike
-    from mbdlft.response.damping import ModeRow
+    from mbdlft.response.modes import ModeRow
     from mbdlft.robust.stability import StabilityVerdict
     from mbdlft.system.model import System
 
@@ -305,7 +305,7 @@ def poles(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Print poles with their damping, transmission zeros, and whether values make it unstable."""
-    from mbdlft.response.damping import damping_table
+    from mbdlft.response.modes import damping_table
     from mbdlft.response.staircase import zeros
     from mbdlft.robust.stability import check_stability
 
@@ -338,7 +338,7 @@ def poles(
 
 def print_poles(system: "System") -> None:
     """Print a short table of the poles at nominal, and a line if it is not stable there."""
-    from mbdlft.response.damping import damping_table
+    from mbdlft.response.modes import damping_table
 
     if not system.states:
         return
@@ -365,7 +365,7 @@ def print_stability(stability: str, rows: "Sequence[ModeRow]") -> None:
 
 def poles_summary(system: "System") -> dict[str, object]:
     """Poles at nominal as plain data, for JSON."""
-    from mbdlft.response.damping import damping_table
+    from mbdlft.response.modes import damping_table
 
     found = damping_table(system)
     return {"poles": [_plain(row) for row in found.rows()], "stability": found.stability()}
@@ -395,7 +395,7 @@ def _print_poles_page(
 
 def _print_rows(rows: "Sequence[ModeRow]", title: str, most: int | None) -> None:
     """A table of modes, equal ones in one row; the slowest ones if not all have room."""
-    from mbdlft.response.damping import cells
+    from mbdlft.response.modes import cells
 
     texts = Counter(tuple(cell.strip() for cell in cells(row)) for row in rows)
     rows_of_table = table(
