@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from mbdlft.base.array import Array
     from mbdlft.batch import GridSamples, RandomSamples, SweepReport
-    from mbdlft.export.grid import Counts
+    from mbdlft.export.exports import Counts
     from mbdlft.multibody.scene import Scene
     from mbdlft.system.model import LFTModel
 

@@ -1,181 +1,500 @@
-"""C99 without dependency: physical parameters to A, B, C, D and the trim, for embedded gain schedules."""
+"""C99 without dependency: physical parameters to A, B, C, D and the trim, for embedded gain schedules.
 
-import math
+CasADi's code generator writes the functions of numbers: the value of an LFT, Theta and its slopes, a step
+of Newton's method. The texts here put the promises of the header around them: ranges, a status, nothing
+written unless it is valid. With Delta from physical values and channels in units s,
+
+    X = (I - M11 Delta)^-1,   value = M22 + M21 Delta (X M12 + X (M12 - (I - M11 Delta) X M12))
+
+where the second term improves the solution once; the condition number |I - M11 Delta| |X| in the 1-norm
+says whether the model is singular to working precision. In the texts, names with ``$`` are filled in.
+"""
+
+import re
+from collections.abc import Sequence
 from string import Template
+from textwrap import fill, indent
 from typing import Any
 
+import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import matrix_balance
 
+from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
+from mbdlft.base.formula import formula_value
 from mbdlft.base.parameter import DIVISORS, Parameter
-from mbdlft.base.unit import parse_unit
-from mbdlft.export.c_text import (
-    DELTAS,
-    HEADER,
-    LOOP,
-    MATRICES,
-    NO_DELTAS,
-    SOURCE,
-    TABLES,
-    TRIM,
-    TRIM_DECLARATION,
-)
+from mbdlft.dae.text import SYMBOLIC
 from mbdlft.export.matlab import table_of
-from mbdlft.export.names import check_plain_model, identifier, identifiers, one_line
+from mbdlft.export.names import (
+    check_plain_model,
+    identifier,
+    identifiers,
+    listed,
+    one_line,
+    places_of,
+)
 from mbdlft.lft.lft import LFT
-from mbdlft.system.model import LFTModel, System
+from mbdlft.system.model import LFTModel, Parameters, System
+from mbdlft.system.theta import DeltaThetaModel, Table, ThetaFunction, named_tables
 
-_NUMBERS_IN_A_LINE = 4
+_HEADER = """\
+/* A model with its parameters left in, evaluated at physical values. Written by mbdlft.
+ *
+ * Model: $model
+$table
+ */
+#ifndef MBDLFT_${name}_H
+#define MBDLFT_${name}_H
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* sizes */
+enum {
+    ${name}_parameters = $np,
+    ${name}_states = $nx,
+    ${name}_inputs = $nu,
+    ${name}_outputs = $ny,
+    ${name}_trimmed = $nt
+};
+
+/* what a function returns */
+enum {
+    ${name}_ok = 0,
+    ${name}_outside = 1, /* a value is outside its range, or not a number */
+    ${name}_singular = 2 /* the model is singular there, and has no value */
+};
+
+/* places of the parameters in an array of values */
+enum {
+$indices    ${name}_end
+};
+$ranges
+/* State matrices at physical values, row by row: A (states x states), B (states x inputs),
+ * C (outputs x states), D (outputs x inputs).
+ *
+ * values: one number for each parameter, in its unit. Nothing is written unless 0 is returned; a matrix
+ * that is not needed, or is empty, may be a null pointer. Needs $stack bytes of the stack; any number
+ * of threads may call it.
+ */
+int ${name}_matrices(const double *values, double *A, double *B, double *C, double *D);
+$trim$theta
+#ifdef __cplusplus
+}
+#endif
+
+#endif
+"""
+
+_RANGES = """
+/* ranges and nominal values, in the units above */
+extern const double ${name}_low[$np], ${name}_nominal[$np], ${name}_high[$np];
+"""
+
+_TRIM_DECLARATION = """
+/* What holds the equilibrium at physical values: $nt numbers. As above. */
+int ${name}_trim(const double *values, double *trim);
+"""
+
+_SOURCE = """\
+/* Written by mbdlft. Model: $model. See $stem.h. C99. */
+#include "$stem.h"
+
+#include <float.h>
+#include <stddef.h>
+
+$generated
+$tables
+typedef int (*generated)(const double **, double **, int *, double *, int);
+static int is_outside(const double *values)
+{
+$outside
+    (void)values;
+    return 0;
+}
+
+/* The value of an LFT, row by row. */
+static int evaluate(generated function, const double *values, double *value)
+{
+    double work[$work], condition = 0.0;
+    const double *arguments[$arguments] = {values};
+    double *results[$results] = {value, &condition};
+    int integers[$integers];
+    if (is_outside(values)) {
+        return ${name}_outside;
+    }
+    if (function(arguments, results, integers, work, 0) != 0 || !(condition * DBL_EPSILON <= 1.0)) {
+        return ${name}_singular;
+    }
+    return ${name}_ok;
+}
+
+/* Rows and columns of the value, from a place on, to a target that is not null. */
+static void copy(const double *place, size_t rows, size_t columns, double *target)
+{
+    size_t i, j;
+    for (i = 0; target != NULL && i < rows; i++) {
+        for (j = 0; j < columns; j++) {
+            target[i * columns + j] = place[i * ($nx + $nu) + j];
+        }
+    }
+}
+
+int ${name}_matrices(const double *values, double *A, double *B, double *C, double *D)
+{
+    double value[$size], *const below = value + $nx * ($nx + $nu);
+    const int status = evaluate(${name}_f_value, values, value);
+    if (status == ${name}_ok) {
+        copy(value, $nx, $nx, A);
+        copy(value + $nx, $nx, $nu, B);
+        copy(below, $ny, $nx, C);
+        copy(below + $nx, $ny, $nu, D);
+    }
+    return status;
+}
+"""
+
+_OUTSIDE = """\
+    size_t k;
+    for (k = 0; k < $np; k++) {
+        const double slack = 1e-9 * (${name}_high[k] - ${name}_low[k]);
+        if (!(values[k] >= ${name}_low[k] - slack && values[k] <= ${name}_high[k] + slack)) {
+            return 1;
+        }
+    }"""
+
+_TRIM = """
+int ${name}_trim(const double *values, double *trim)
+{
+    double value[$nt];
+    const int status = evaluate(${name}_f_trim, values, value);
+    size_t k;
+    for (k = 0; status == ${name}_ok && k < $nt; k++) {
+        trim[k] = value[k];
+    }
+    return status;
+}
+"""
+
+_THETA_DECLARATION = """
+/* the nonlinear functions Theta */
+enum {
+    ${name}_free_inputs = $free,  /* u: the first inputs */
+    ${name}_read_outputs = $read, /* y: the first outputs */
+    ${name}_functions = $nz,
+    ${name}_arguments = $no,
+    ${name}_out_of_range = 3, /* an argument of Theta is outside of its range, or not a number */
+    ${name}_unsolved = 4      /* the values of Theta were not found */
+};
+
+/* consistent states at nominal parameters, and values of Theta there */
+extern const double ${name}_initial[$nx + 1], ${name}_zeta_at_start[$nz + 1];
+
+/* The functions: zeta (functions), and their slopes (functions x arguments), of omega (arguments).
+ *
+$functions
+ */
+int ${name}_theta(const double *omega, double *zeta, double *slopes);
+
+/* Derivatives of the states and outputs y at states x, inputs u and physical values of the parameters.
+ *
+ * zeta: in, values of Theta near which they are searched; out, those that were found; may be null.
+ * Nothing is written unless 0 is returned; rates and y may be null pointers.
+ */
+int ${name}_derivative(const double *values, const double *x, const double *u, double *zeta,
+    double *rates, double *y);
+"""
+
+_THETA = """
+int ${name}_theta(const double *omega, double *zeta, double *slopes)
+{
+    double work[$work];
+    const double *arguments[$arguments] = {omega};
+    double *results[$results] = {zeta, slopes};
+    int integers[$integers];
+    size_t k;
+    for (k = 0; k < $no; k++) {
+        if (!(omega[k] >= range_low[k] && omega[k] <= range_high[k])) {
+            return ${name}_out_of_range;
+        }
+    }
+    return ${name}_f_theta(arguments, results, integers, work, 0);
+}
+
+/* Values with zeta = Theta(c + D zeta), by Newton's method with halved steps. */
+static int solve_theta(const double *value, const double *x, const double *u, double *zeta,
+    double *omega)
+{
+    double residual[$nz], terms[$nz], newton[$nz], step[$nz], from[$nz], scale[$nz], work[$work];
+    const double *arguments[$arguments] = {value, x, u, zeta};
+    double *results[$results] = {residual, terms, newton, omega};
+    double last = HUGE_VAL, factor = 1.0;
+    int turn, more = 1, integers[$integers];
+    size_t i;
+    for (turn = 0; turn < 400; turn++) {
+        double worst = 0.0, size = 0.0;
+        (void)${name}_f_newton(arguments, results, integers, work, 0);
+        for (i = 0; turn > 0 && i < $nz; i++) {
+            size += residual[i] / scale[i] * (residual[i] / scale[i]);
+        }
+        size = sqrt(size);
+        if (turn > 0 && factor > 1e-6 && !(size < last * (1.0 - 0.1 * factor)) && !(size <= 1e-12)) {
+            factor *= 0.5;
+            for (i = 0; i < $nz; i++) {
+                zeta[i] = from[i] + factor * step[i];
+            }
+            continue;
+        }
+        last = 0.0;
+        for (i = 0; i < $nz; i++) {
+            if (!isfinite(residual[i]) || !isfinite(newton[i])) {
+                return 1;
+            }
+            worst = fmax(worst, fabs(residual[i]) / fmax(terms[i], 1e-300));
+            scale[i] = fmax(terms[i], 1.0);
+            last += residual[i] / scale[i] * (residual[i] / scale[i]);
+        }
+        if (worst <= 1e-12 && more-- == 0) {
+            return 0;
+        }
+        last = sqrt(last);
+        factor = 1.0;
+        for (i = 0; i < $nz; i++) {
+            from[i] = zeta[i];
+            zeta[i] += step[i] = newton[i];
+        }
+    }
+    return 1;
+}
+
+int ${name}_derivative(const double *values, const double *x, const double *u, double *zeta,
+    double *rates, double *y)
+{
+    double value[$size], omega[$no], solution[$nz], work[$work];
+    const double *arguments[$arguments] = {value, x, u, solution};
+    double *results[$results] = {rates, y};
+    int status = evaluate(${name}_f_value, values, value), integers[$integers];
+    size_t k;
+    if (status != ${name}_ok) {
+        return status;
+    }
+    for (k = 0; k < $nz; k++) {
+        solution[k] = zeta != NULL ? zeta[k] : ${name}_zeta_at_start[k];
+    }
+    if (solve_theta(value, x, u, solution, omega) != 0) {
+        return ${name}_unsolved;
+    }
+    status = ${name}_theta(omega, NULL, NULL);
+    for (k = 0; status == ${name}_ok && zeta != NULL && k < $nz; k++) {
+        zeta[k] = solution[k];
+    }
+    return status != ${name}_ok ? status : ${name}_f_rates(arguments, results, integers, work, 0);
+}
+"""
 
 
-def c_texts(model: System, stem: str) -> tuple[str, str]:
+def c_texts(model: System | DeltaThetaModel, stem: str) -> tuple[str, str]:
     """The source and the header of a model; the source includes ``stem.h``.
 
     Raises
     ------
     StructureError
-        The model has complex or full blocks or complex entries, two names become the same, or the name
-        of the file cannot be included.
+        The model has complex or full blocks or complex entries, or no functions of a `DeltaThetaModel`;
+        two names become the same, or the name of the file cannot be included.
     """
-    check_plain_model(model, "C")
+    linear = model.linear if isinstance(model, DeltaThetaModel) else model
+    check_plain_model(linear, "C")
     if any(letter in '"\\' or not letter.isprintable() for letter in stem):
         raise StructureError(
             f"{stem!r}.c: C cannot include a header of this name. Choose another name of the file."
         )
-    names = identifiers(model.parameters.names, f"model {model.name!r}: C")
-    name = identifier(model.name)
+    names = identifiers(linear.parameters.names, f"model {linear.name!r}: C")
+    name = identifier(linear.name)
     shown = {key: f"{name}_p_{text}" for key, text in names.items()}
-    trim = model.trim.lft if isinstance(model, LFTModel) and model.trim.signals else None
-    entries = {
+    trim = linear.trim.lft if isinstance(linear, LFTModel) and linear.trim.signals else None
+    functions = [_value_function(f"{name}_f_value", linear.parameters, linear.lft)]
+    entries: dict[str, Any] = {
         "name": name,
         "stem": stem,
-        "model": one_line(model.name),
-        "table": "\n".join(table_of(model, " *   ", shown)),
-        "guard": f"MBDLFT_{name}_H",
-        "np": len(model.parameters),
-        "nx": len(model.states),
-        "nu": len(model.inputs),
-        "ny": len(model.outputs),
+        "model": one_line(linear.name),
+        "table": "\n".join(table_of(linear, " *   ", shown)),
+        "indices": "".join(f"    {shown[p.name]},\n" for p in linear.parameters),
+        "np": len(linear.parameters),
+        "nx": len(linear.states),
+        "nu": len(linear.inputs),
+        "ny": len(linear.outputs),
         "nt": 0 if trim is None else trim.shape[0],
-        "indices": "".join(f"    {shown[p.name]},\n" for p in model.parameters),
-        "stack": max(_stack(lft) for lft in (model.lft, trim) if lft is not None),
+        "size": linear.lft.M22.size + 1,
     }
-    header = Template(HEADER).substitute(
-        entries,
-        trim="" if trim is None else Template(TRIM_DECLARATION).substitute(entries),
-        tables=Template(TABLES).substitute(entries) if model.parameters else "",
-    )
-    closes = any(_used(lft) for lft in (model.lft, trim) if lft is not None)
-    parts = [Template(SOURCE).substitute(entries)]
-    if model.parameters:
-        parts.append(_parameter_tables(model.parameters, name))
-    template = DELTAS if model.parameters else NO_DELTAS
-    parts.append(Template(template).substitute(entries))
-    parts += [LOOP] if closes else []
-    parts.append(_value(model.lft, "matrices_of"))
-    parts += [] if trim is None else [_value(trim, "trim_of")]
-    parts.append(Template(MATRICES).substitute(entries))
-    parts += [] if trim is None else [Template(TRIM).substitute(entries)]
-    return "\n".join(parts), header
-
-
-def _used(lft: LFT) -> bool:
-    """Whether the value depends on a delta."""
-    return bool(lft.order and lft.M21.any() and lft.M12.any())
-
-
-def _stack(lft: LFT) -> int:
-    """Bytes of arrays that one call needs."""
-    numbers = lft.M22.size + len(lft.blocks)
-    if _used(lft):
-        numbers += lft.order * (lft.order + 6)
-    return 8 * numbers
-
-
-def _parameter_tables(parameters: tuple[Parameter, ...], name: str) -> str:
-    """The public ranges, and the constants of the maps."""
-    lines = []
-    for field in ("low", "nominal", "high"):
-        numbers = np.array([getattr(p, field) for p in parameters])
-        lines.append(c_table(f"const double {name}_{field}", numbers))
-    maps = {
-        "divisor": [DIVISORS[p.substitution] if p.is_angle else 0.0 for p in parameters],
-        "factor": [parse_unit(p.unit).factor if p.is_angle else 1.0 for p in parameters],
-        "reference": [p.reference for p in parameters],
-        "b0": [p.map.b0 for p in parameters],
-        "gain": [p.map.gain for p in parameters],
-        "a1": [p.map.a1 for p in parameters],
-    }
-    lines.append("\n/* internal = value, or tan((value * factor - reference) / divisor);")
-    lines.append("   internal = b0 + gain delta / (1 + a1 delta) */")
-    lines += [c_table(f"static const double {key}", np.array(v)) for key, v in maps.items()]
-    return "\n".join(lines) + "\n"
-
-
-def _sides(lft: LFT) -> tuple[NDArray[Any], ...]:
-    """Inner, first and last matrix, and the places of rows and columns of the result in the value.
-
-    Only rows and columns that depend on a delta are there, from the thinner side: the right one, or the
-    left one transposed. Channels get units, powers of two, with which their couplings are of one size.
-    """
-    rows, columns = np.flatnonzero(lft.M21.any(axis=1)), np.flatnonzero(lft.M12.any(axis=0))
-    inner, first, last = lft.M11, lft.M12[:, columns], lft.M21[rows]
-    _, (units, _) = matrix_balance(inner, permute=False, separate=True)
-    balanced = inner * units / units[:, None], first / units[:, None], last * units
-    if all(np.all(np.isfinite(matrix)) for matrix in balanced):
-        inner, first, last = balanced
-    rows = rows * lft.shape[1]
-    if len(rows) < len(columns):
-        return inner.T, last.T, first.T, columns, rows
-    return inner, first, last, rows, columns
-
-
-def _value(lft: LFT, function: str) -> str:
-    """A function from deltas to the value of an LFT, row by row; a status if it is singular."""
-    begin = function.partition("_")[0]
-    size, n = lft.M22.size, lft.order
-    tables, body = [], ["    (void)value;\n"]
-    if size:
-        tables = [c_table(f"static const double {begin}_M22", lft.M22)]
-        body = ["    size_t k;\n", f"    for (k = 0; k < {size}; k++) {{\n"]
-        body += [f"        value[k] = {begin}_M22[k];\n", "    }\n"]
-    if not _used(lft):
-        body += ["    (void)delta;\n", "    return 0;\n"]
-    else:
-        inner, first, last, rows, columns = _sides(lft)
-        block = np.repeat(np.arange(len(lft.blocks)), [b.size for b in lft.blocks])
-        for name, numbers in (("inner", inner), ("first", first), ("last", last)):
-            tables.append(c_table(f"static const double {begin}_{name}", numbers))
-        for name, numbers in (("block", block), ("row", rows), ("column", columns)):
-            tables.append(c_table(f"static const size_t {begin}_{name}", numbers))
-        m = len(columns)
-        body.insert(0, f"    double d[{n}], work[{n * (n + 4)}];\n    size_t pivot[{n}];\n")
-        body.append(
-            f"    for (k = 0; k < {n}; k++) {{\n        d[k] = delta[{begin}_block[k]];\n    }}\n"
-            f"    return close_loop({n}, {len(rows)}, {m}, {begin}_inner, {begin}_first, {begin}_last,\n"
-            f"        {begin}_row, {begin}_column, d, work, pivot, value);\n"
-        )
-    start = f"static int {function}(const double *delta, double *value)\n{{\n"
-    return "\n".join(tables) + f"\n\n{start}{''.join(body)}}}\n"
-
-
-def c_table(declaration: str, numbers: NDArray[Any]) -> str:
-    """The definition of an array, doubles in 17 digits."""
-    whole = np.asarray(numbers).dtype.kind == "i"
-    texts = [str(int(x)) if whole else _number(float(x)) for x in np.ravel(numbers)]
-    lines = [
-        ", ".join(texts[k : k + _NUMBERS_IN_A_LINE])
-        for k in range(0, len(texts), _NUMBERS_IN_A_LINE)
+    tables = [
+        _table(f"const double {name}_{field}", [getattr(p, field) for p in linear.parameters])
+        for field in (("low", "nominal", "high") if linear.parameters else ())
     ]
-    body = ",\n    ".join(lines)
-    return f"{declaration}[{len(texts)}] = {{\n    {body}\n}};"
+    if trim is not None:
+        functions.append(_value_function(f"{name}_f_trim", linear.parameters, trim))
+    if isinstance(model, DeltaThetaModel):
+        more, theta_tables, theta_entries = _theta(name, model)
+        functions, tables, entries = (
+            functions + more,
+            tables + theta_tables,
+            entries | theta_entries,
+        )
+    work = max(f.sz_w() for f in functions) + 1
+    entries |= {
+        "work": work,
+        "stack": 8 * (work + entries["size"]),
+        "arguments": max(f.sz_arg() for f in functions),
+        "results": max(f.sz_res() for f in functions),
+        "integers": max(f.sz_iw() for f in functions) + 1,
+        "generated": _generated(functions, name),
+        "tables": "\n".join(tables),
+    }
+    return _filled(entries, has_theta=isinstance(model, DeltaThetaModel))
 
 
-def _number(x: float) -> str:
-    """A double in 17 digits, which are read back as the same double."""
-    if math.isinf(x):
-        return "HUGE_VAL" if x > 0 else "-HUGE_VAL"
-    text = f"{x:.17g}"
-    return text if "." in text or "e" in text else f"{text}.0"
+def _filled(entries: dict[str, Any], *, has_theta: bool) -> tuple[str, str]:
+    """The texts with what a model has."""
+    has_trim, has_parameters = entries["nt"] > 0, entries["np"] > 0
+    for key, text, has in (
+        ("outside", _OUTSIDE, has_parameters),
+        ("ranges", _RANGES, has_parameters),
+        ("trim", _TRIM_DECLARATION, has_trim),
+        ("theta", _THETA_DECLARATION, has_theta),
+    ):
+        entries[key] = Template(text * has).substitute(entries)
+    source = Template(_SOURCE + _TRIM * has_trim + _THETA * has_theta)
+    return source.substitute(entries), Template(_HEADER).substitute(entries)
+
+
+def _value_function(name: str, parameters: Parameters, lft: LFT) -> ca.Function:
+    """Physical values -> the value of an LFT, row by row, and a condition number in the 1-norm."""
+    values = ca.MX.sym("values", len(parameters))
+    value, condition = ca.MX(ca.DM(lft.M22)), ca.MX(0.0)
+    if lft.order and lft.M21.any() and lft.M12.any():
+        inner, first, last = map(ca.sparsify, map(ca.DM, _balanced(lft)))
+        owners = [parameters.names.index(b.name) for b in lft.blocks for _ in range(b.size)]
+        spread = ca.diag(_deltas(parameters)(values)[owners])
+        loop = ca.DM.eye(lft.order) - inner @ spread
+        inverse = ca.solve(loop, ca.DM.eye(lft.order), "qr")
+        solution = inverse @ first
+        solution += inverse @ (first - loop @ solution)
+        value += last @ (spread @ solution)
+        condition = ca.mmax(ca.sum1(ca.fabs(loop))) * ca.mmax(ca.sum1(ca.fabs(inverse)))
+    return ca.Function(name, [values], [ca.densify(value).T, condition])
+
+
+def _deltas(parameters: Sequence[Parameter]) -> ca.Function:
+    """Physical values -> normalized deltas."""
+    values, deltas = ca.SX.sym("values", len(parameters)), ca.SX(len(parameters), 1)
+    for k, p in enumerate(parameters):
+        internal = values[k]
+        if p.is_angle:
+            internal = ca.tan((internal * p.factor - p.reference) / DIVISORS[p.substitution])
+        distance = internal - p.map.b0
+        deltas[k] = distance / (p.map.gain - p.map.a1 * distance)
+    return ca.Function("deltas", [values], [deltas])
+
+
+def _balanced(lft: LFT) -> tuple[Array, Array, Array]:
+    """M11, M12, M21 in units of the channels, powers of two, with which couplings are of one size."""
+    _, (units, _) = matrix_balance(lft.M11, permute=False, separate=True)
+    balanced = (lft.M11 * units / units[:, None], lft.M12 / units[:, None], lft.M21 * units)
+    if all(np.all(np.isfinite(matrix)) for matrix in balanced):
+        return balanced
+    return lft.M11, lft.M12, lft.M21
+
+
+def _generated(functions: Sequence[ca.Function], name: str) -> str:
+    """The text that CasADi generates, without a warning about arguments that are not used."""
+    generator = ca.CodeGenerator(f"{name}_c.c", {"casadi_int": "int", "with_header": False})
+    for function in functions:
+        generator.add(function)
+    text: str = generator.dump()
+    used = "(void)arg; (void)res; (void)iw; (void)w; "
+    text = re.sub(r"(casadi_real\* w, )int mem\) ?\{", rf"\1int mem) {{\n  {used}(void)mem;", text)
+    return re.sub(r"(\w+_release\()int mem\) ?\{", r"\1int mem) {\n  (void)mem;", text)
+
+
+def _table(declaration: str, numbers: Sequence[float]) -> str:
+    """The definition of an array of doubles in 17 digits, which are read back as the same doubles."""
+    texts = [f"{x:.17g}".replace("inf", "HUGE_VAL") for x in map(float, numbers)]
+    texts = [text if set(text) & set(".eH") else f"{text}.0" for text in texts]
+    body = indent(fill(", ".join(texts), 100, break_on_hyphens=False), "    ")
+    return f"{declaration}[{len(texts)}] = {{\n{body}\n}};"
+
+
+def _theta(
+    name: str, model: DeltaThetaModel
+) -> tuple[list[ca.Function], list[str], dict[str, Any]]:
+    """Functions, tables and entries of Theta.
+
+    The functions: Theta and its slopes; a step of Newton's method for its values; derivatives and
+    outputs. The last two are of the value of the linear part, states, inputs u and zeta.
+    """
+    places, linear, n = places_of(model, "C"), model.linear, len(model.linear.states)
+    count = len(places.zeta)
+    omega = ca.MX.sym("omega", len(places.omega))
+    by_name = dict(zip(model.omega, ca.vertsplit(omega), strict=True))
+    values = ca.vertcat(*(_value(f, [by_name[s] for s in f.signals]) for f in model.functions))
+    slopes = ca.densify(ca.jacobian(values, omega))
+    theta = ca.Function(f"{name}_f_theta", [omega], [values, slopes.T])
+    value = ca.MX.sym("value", *linear.lft.shape[::-1])
+    x, u, zeta = (ca.MX.sym(s, k) for s, k in (("x", n), ("u", len(places.u)), ("zeta", count)))
+    columns = [*range(n), *(n + k for k in (*places.u, *places.one))]
+    signals = ca.vertcat(x, u, *([1.0] if places.one else []))
+
+    def read(rows: Sequence[int]) -> tuple[ca.MX, ca.MX]:
+        """What known signals give in rows of [A B ; C D], and the entries that zeta meets there."""
+        return value.T[rows, columns] @ signals, value.T[rows, [n + k for k in places.zeta]]
+
+    known, through = read([n + k for k in places.omega])
+    at = known + through @ zeta
+    values, slopes = theta(at)
+    slopes = slopes.T
+    terms = ca.fabs(known) + ca.fabs(through) @ ca.fabs(zeta)
+    terms = ca.fabs(zeta) + ca.fabs(values) + ca.fabs(slopes) @ terms
+    step = ca.solve(ca.DM.eye(count) - slopes @ through, values - zeta, "qr")
+    outcome = [a + b @ zeta for a, b in (read([*range(n)]), read([n + k for k in places.y]))]
+    functions = [
+        theta,
+        ca.Function(f"{name}_f_newton", [value, x, u, zeta], [values - zeta, terms, step, at]),
+        ca.Function(f"{name}_f_rates", [value, x, u, zeta], outcome),
+    ]
+    tables = [
+        _table(f"const double {name}_initial", [*model.initial, 0.0]),
+        _table(f"const double {name}_zeta_at_start", [*model.zeta_at_start, 0.0]),
+        _table("static const double range_low", places.low),
+        _table("static const double range_high", places.high),
+    ]
+    entries = {"free": len(places.u), "read": len(places.y), "nz": count, "no": len(places.omega)}
+    return functions, tables, {**entries, "functions": listed(model, " *   ")}
+
+
+def _value(f: ThetaFunction, arguments: Sequence[ca.MX]) -> ca.MX:
+    """A function of Theta; a table stays one."""
+    tables = {key: _looked_up(table) for key, table in named_tables(f.tables).items()}
+    known = dict(zip(f.arguments, arguments, strict=True))
+    return ca.MX(formula_value(f.text, known, {**SYMBOLIC, **tables}))
+
+
+def _looked_up(table: Table) -> Any:
+    """A table as a function of MX: the piece of an argument is found by bisection."""
+    b, v = np.array(table.breakpoints), np.array(table.values)
+    h, rise = np.diff(b), np.diff(v)
+    left, right = np.array(table.slopes).T if table.slopes else (rise / h, rise / h)
+
+    def value(a: ca.MX) -> ca.MX:
+        k = ca.low(ca.MX(ca.DM(b)), a)
+        H, R, S, E, B, V = (
+            ca.MX(ca.DM(column))[k] for column in (h, rise, left, right, b[:-1], v[:-1])
+        )
+        t = (a - B) / H
+        inside = V + t * R
+        if table.slopes:
+            inside += t * (1 - t) * ((1 - t) * (H * S - R) - t * (H * E - R))
+        inside = ca.if_else(a < b[0], v[0] + table.below * (a - b[0]), inside)
+        return ca.if_else(a > b[-1], v[-1] + table.above * (a - b[-1]), inside)
+
+    return value

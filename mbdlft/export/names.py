@@ -1,4 +1,6 @@
-"""Names for other languages: identifiers of ASCII letters, digits and underscores.
+"""Names for other languages, and the places of signals in the arrays that they exchange.
+
+Names are identifiers of ASCII letters, digits and underscores.
 
 Greek letters are written out, accents are dropped, dots and blanks become underscores, and what is left
 is written as its code, so that ``θ₁`` is ``theta1`` and ``日`` is ``u65E5``.
@@ -7,9 +9,11 @@ is written as its code, so that ``θ₁`` is ``theta1`` and ``日`` is ``u65E5``
 import re
 import unicodedata
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from mbdlft.base.errors import StructureError
 from mbdlft.system.model import System
+from mbdlft.system.theta import ONE, DeltaThetaModel, allowed_range
 
 _LONGEST = 50  # MATLAB tells names apart by their first 63 letters, and endings are added
 _WORDS = """
@@ -100,3 +104,68 @@ def check_plain_model(model: System, what: str) -> None:
             f"model {model.name!r}: {what} has real matrices only, and entries of its matrices are "
             "complex. Export it as .mat."
         )
+
+
+class Places(NamedTuple):
+    """Numbers, from 0 on, of inputs and outputs of the linear part.
+
+    Attributes
+    ----------
+    u, one, zeta : lists of int
+        Inputs; `one` is empty without the constant 1.
+    y, omega : lists of int
+        Outputs.
+    low, high : lists of float
+        Of omega, where all functions may be evaluated, with what rounding may add.
+    """
+
+    u: list[int]
+    one: list[int]
+    zeta: list[int]
+    y: list[int]
+    omega: list[int]
+    low: list[float]
+    high: list[float]
+
+
+def places_of(model: DeltaThetaModel, what: str) -> Places:
+    """Where signals are.
+
+    Raises
+    ------
+    StructureError
+        The model has no functions.
+    """
+    if not model.functions:
+        raise StructureError(
+            f"model {model.name!r}: {what}: it has no nonlinear functions. Export model.linear."
+        )
+    inputs = [s.name for s in model.linear.inputs]
+    outputs = [s.name for s in model.linear.outputs]
+    omega = list(model.omega)
+    low, high = [-float("inf")] * len(omega), [float("inf")] * len(omega)
+    for f in model.functions:
+        for name, ends in zip(f.signals, f.ranges, strict=True):
+            k, (least, most) = omega.index(name), allowed_range(*ends)
+            low[k], high[k] = max(low[k], least), min(high[k], most)
+    return Places(
+        [inputs.index(s.name) for s in model.inputs],
+        [inputs.index(ONE)] if model.has_one else [],
+        [inputs.index(name) for name in model.zeta],
+        [outputs.index(s.name) for s in model.outputs],
+        [outputs.index(name) for name in omega],
+        low,
+        high,
+    )
+
+
+def listed(model: DeltaThetaModel, begin: str) -> str:
+    """Lines of a comment: states, u, y, and each function with the signals that it is of."""
+    lines = []
+    for what, given in (("x", model.linear.states), ("u", model.inputs), ("y", model.outputs)):
+        lines.append(f"{what}: {', '.join(f'{s.name} ({s.unit})' for s in given) or 'none'}")
+    lines.append(f"omega: {', '.join(model.omega)}")
+    for f in model.functions:
+        pairs = zip(f.arguments, f.signals, strict=True)
+        lines.append(f"{f}, {', '.join(f'{a} = {s}' for a, s in pairs)}")
+    return "\n".join(f"{begin}{one_line(line)}" for line in lines)

@@ -188,15 +188,19 @@ def test_derivatives_in_octave(name: str, tmp_path: Path) -> None:
         assert "Theta" in str(found["message"])
 
 
-def test_a_script_of_julia_has_all_functions_and_tables(tmp_path: Path) -> None:
+def test_a_script_of_julia_calls_the_c_beside_it(tmp_path: Path) -> None:
     model = form("zoo")
-    script, archive = export_model(tmp_path / "zoo.jl", model)
+    script, source, header, archive = export_model(tmp_path / "zoo.jl", model)
     text = script.read_text(encoding="utf-8")
-    assert text.count("    let\n") == len(model.functions)
-    for f in model.functions:
-        for table in f.tables:
-            for value in (*table.breakpoints, *table.values):
-                assert repr(value) in text
+    for function in ("zoo_theta", "zoo_derivative"):
+        declared = (
+            header.read_text(encoding="utf-8").partition(f"int {function}(")[2].partition(")")[0]
+        )
+        called = text.partition(f"ccall((:{function}, LIBRARY), Cint,")[2].partition("))")[0]
+        assert called.count("Ptr{Cdouble}") == declared.count("double *")
+    c = [path.read_bytes() for path in export_model(tmp_path / "zoo.c", model)]
+    assert [source.read_bytes(), header.read_bytes()] == c
+    assert f'joinpath(@__DIR__, "{source.name}")' in text
     assert text.count("(") == text.count(")")
     assert text.count("[") == text.count("]")
     assert mbdlft.load(archive).functions == model.functions

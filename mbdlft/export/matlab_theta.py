@@ -1,0 +1,348 @@
+"""MATLAB and Octave: an m-file with the derivatives and outputs of a Delta-Theta form.
+
+Each function of Theta is written as statements that give its value and its slopes; tables stay tables.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from string import Template
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from mbdlft.base.formula import formula_value
+from mbdlft.dae.operations import column_of
+from mbdlft.dae.text import SYMBOLIC, formula_of
+from mbdlft.export.matlab import cells, column, items_of_matlab
+from mbdlft.export.names import Places, listed, one_line, places_of
+from mbdlft.system.theta import DeltaThetaModel, ThetaFunction, named_tables
+
+_RATES = r"""function [rates, y, zeta] = ${stem}_rates(x, u, values, zeta)
+% ${stem}_rates  Derivatives of the states and outputs of a model with its nonlinear functions Theta.
+%
+%   [rates, y] = ${stem}_rates(x, u)                columns x and u; the parameters are nominal
+%   [rates, y, zeta] = ${stem}_rates(x, u, values)  physical values of parameters, as in ${stem}_at
+%   ... = ${stem}_rates(x, u, values, zeta)         Theta is searched near zeta
+%   [zeta, slopes] = ${stem}_rates(omega)           Theta alone
+%
+% Model: $model. Written by mbdlft.
+$table
+%
+% The numbers are in $stem.mat, the matrices in ${stem}_at.m. Runs in MATLAB and Octave. In a simulation:
+%   [t, x] = ode15s(@(t, x) ${stem}_rates(x, u), [0 1], model.theta.initial)
+  persistent model last A B C D
+  if isempty(model)
+    model = load(fullfile(fileparts(mfilename('fullpath')), '$stem.mat'));
+    last = NaN;
+  end
+  t = model.theta;
+  if nargin == 1
+    check_range(t, x);
+    [rates, y] = theta(x(:), t.table);
+    return
+  end
+  if nargin < 3
+    values = struct();
+  end
+  if nargin < 4
+    zeta = t.zeta_at_start;
+  end
+  if ~isequal(last, values)
+    [A, B, C, D] = ${stem}_at(values);
+    last = values;
+  end
+  given = zeros(size(B, 2), 1);
+  given(t.u) = u;
+  given(t.one) = 1;
+  known = C(t.omega, :) * x(:) + D(t.omega, :) * given;
+  [zeta, omega] = solve(known, D(t.omega, t.zeta), zeta(:), t.table);
+  check_range(t, omega);
+  given(t.zeta) = zeta;
+  rates = A * x(:) + B * given;
+  y = C(t.y, :) * x(:) + D(t.y, :) * given;
+end
+
+function check_range(t, omega)
+  for k = 1:numel(omega)
+    if ~(omega(k) >= t.low(k) && omega(k) <= t.high(k))
+      error('mbdlft:range', 'Theta is evaluated at %s = %g, outside of its range [%g, %g].', ...
+            t.omega_name{k}, omega(k), t.low(k), t.high(k));
+    end
+  end
+end
+
+function [zeta, omega] = solve(known, D, zeta, table)
+% zeta = Theta(known + D zeta), by Newton's method with halved steps
+  last = Inf;
+  factor = 1;
+  more = 1;
+  for turn = 1:400
+    omega = known + D * zeta;
+    [at, slopes] = theta(omega, table);
+    if turn > 1 && factor > 1e-6
+      now = norm((at - zeta) ./ scale);
+      if ~(now < last * (1 - 0.1 * factor)) && ~(now <= 1e-12)
+        factor = factor / 2;
+        zeta = from + factor * step;
+        continue
+      end
+    end
+    scale = abs(zeta) + abs(at) + abs(slopes) * (abs(known) + abs(D) * abs(zeta));
+    parts = (at - zeta) ./ max(scale, 1e-300);
+    if ~all(isfinite(parts))
+      break
+    end
+    if max(abs(parts)) <= 1e-12
+      if more == 0
+        return
+      end
+      more = more - 1;
+    end
+    scale = max(scale, 1);
+    last = norm((at - zeta) ./ scale);
+    factor = 1;
+    from = zeta;
+    step = (eye(numel(zeta)) - slopes * D) \ (at - zeta);
+    zeta = from + step;
+  end
+  error('mbdlft:unsolved', 'the values of Theta were not found near those that were given.');
+end
+
+function [zeta, slopes] = theta(omega, table)
+% The functions of Theta, and their slopes.
+  zeta = zeros($nz, 1);
+  slopes = zeros($nz, $no);
+$bodies
+end
+
+function found = choose(condition, a, b)
+  if condition
+    found = a;
+  else
+    found = b;
+  end
+end
+
+function found = table_value(t, a, slope)
+% A table at an argument: lines or cubic polynomials between the points, lines beyond.
+  b = t.breakpoint;
+  v = t.value;
+  n = numel(b);
+  if a < b(1)
+    found = choose(slope, t.below, v(1) + t.below * (a - b(1)));
+    return
+  elseif a > b(n)
+    found = choose(slope, t.above, v(n) + t.above * (a - b(n)));
+    return
+  end
+  k = min(max(sum(b <= a), 1), n - 1);
+  h = b(k+1) - b(k);
+  rise = v(k+1) - v(k);
+  at = (a - b(k)) / h;
+  if isempty(t.slope)
+    found = choose(slope, rise / h, v(k) + at * rise);
+    return
+  end
+  left = h * t.slope(k, 1) - rise;
+  right = h * t.slope(k, 2) - rise;
+  bend = (1 - at) * left - at * right;
+  if slope
+    found = (rise + (1 - 2 * at) * bend - at * (1 - at) * (left + right)) / h;
+  else
+    found = v(k) + at * rise + at * (1 - at) * bend;
+  end
+end
+"""
+
+
+def items_of_theta_matlab(model: DeltaThetaModel) -> dict[str, Any]:
+    """Variables of the .mat file: those of the linear part, and the structure `theta`.
+
+    Raises
+    ------
+    StructureError
+        As `items_of_matlab`; or the model has no functions.
+    """
+    places = places_of(model, "MATLAB")
+    return {**items_of_matlab(model.linear), "theta": _items(model, places)}
+
+
+def _items(model: DeltaThetaModel, places: Places) -> dict[str, Any]:
+    tables = [table for f in model.functions for table in f.tables]
+    kind = [(name, object) for name in ("breakpoint", "value", "below", "above", "slope")]
+    found = np.zeros((len(tables), 1), dtype=kind)
+    for k, table in enumerate(tables):
+        found[k, 0] = (
+            column(table.breakpoints),
+            column(table.values),
+            table.below,
+            table.above,
+            np.array(table.slopes).reshape(-1, 2),
+        )
+    return {
+        "name": cells(list(model.zeta)),
+        "omega_name": cells(list(model.omega)),
+        "text": cells([f.text for f in model.functions]),
+        **{
+            key: column([k + 1 for k in getattr(places, key)])
+            for key in ("u", "one", "zeta", "y", "omega")
+        },
+        "low": column(places.low),
+        "high": column(places.high),
+        "initial": column(model.initial),
+        "zeta_at_start": column(model.zeta_at_start),
+        "table": found,
+    }
+
+
+def rates_text(model: DeltaThetaModel, stem: str) -> str:
+    """The m-file with derivatives and outputs."""
+    places = places_of(model, "MATLAB")
+    return Template(_RATES).substitute(
+        stem=stem,
+        model=one_line(model.name),
+        table=listed(model, "%   "),
+        nz=len(places.zeta),
+        no=len(places.omega),
+        bodies="\n".join(_bodies(model)),
+    )
+
+
+def _bodies(model: DeltaThetaModel) -> list[str]:
+    """Statements of all functions: zeta, and slopes by their arguments."""
+    omega, lines, first_table = list(model.omega), list[str](), 0
+    for row, function in enumerate(model.functions, start=1):
+        columns = [omega.index(name) + 1 for name in function.signals]
+        lines += [f"  {name} = {text};" for name, text in _body(function, columns, first_table)]
+        lines.append(f"  zeta({row}) = value;")
+        for j, k in enumerate(columns, start=1):
+            lines.append(f"  slopes({row}, {k}) = slopes({row}, {k}) + d{j};")
+        first_table += len(function.tables)
+    return lines
+
+
+def _body(
+    function: ThetaFunction, columns: Sequence[int], first_table: int
+) -> list[tuple[str, str]]:
+    """Names and texts: of a function, ``value``, and of its slopes, ``d1`` and so on.
+
+    Its arguments are entries of omega, from 1 on; its tables are numbered from `first_table` on.
+    """
+    parts = _parts(function)
+    symbols, names = [*parts.arguments], [f"omega({k})" for k in columns]
+    statements: list[tuple[str, str]] = []
+    for k, (number, argument) in enumerate(parts.tables):
+        place, table = f"p{k + 1}", f"table({first_table + number + 1})"
+        statements += _statements(argument, symbols, names, f"{place}_", place)
+        for kind, values, is_slope in (("v", parts.values, "false"), ("s", parts.slopes, "true")):
+            names.append(f"{kind}{k + 1}")
+            symbols.append(values[k])
+            statements.append((names[-1], f"table_value({table}, {place}, {is_slope})"))
+    statements += _statements(parts.value, symbols, names, "f_", "value")
+    for j, slope in enumerate(_total_slopes(parts), start=1):
+        statements += _statements(slope, symbols, names, f"d{j}_", f"d{j}")
+    return statements
+
+
+class _Parts(NamedTuple):
+    """A function as SX: tables have symbols for their values and slopes, of arguments before them."""
+
+    arguments: list[ca.SX]
+    tables: list[tuple[int, ca.SX]]
+    values: list[ca.SX]
+    slopes: list[ca.SX]
+    value: ca.SX
+
+
+def _parts(function: ThetaFunction) -> _Parts:
+    arguments = [ca.SX.sym(name) for name in function.arguments]
+    tables: list[tuple[int, ca.SX]] = []
+    values: list[ca.SX] = []
+    slopes: list[ca.SX] = []
+
+    def of(number: int) -> Callable[[ca.SX], ca.SX]:
+        def look_up(argument: ca.SX) -> ca.SX:
+            tables.append((number, ca.SX(argument)))
+            values.append(ca.SX.sym(f"v{len(tables)}"))
+            slopes.append(ca.SX.sym(f"s{len(tables)}"))
+            return values[-1]
+
+        return look_up
+
+    own = {name: of(k) for k, name in enumerate(named_tables(function.tables))}
+    value = function(*arguments, functions={**SYMBOLIC, **own})
+    return _Parts(arguments, tables, values, slopes, ca.SX(value))
+
+
+def _total_slopes(parts: _Parts) -> list[ca.SX]:
+    """Slopes by the arguments, through the tables."""
+    a = column_of(parts.arguments)
+    through: list[ca.SX] = []
+
+    def total(expression: ca.SX) -> ca.SX:
+        found = ca.densify(ca.jacobian(expression, a))
+        for value, slope in zip(parts.values, through, strict=False):
+            found = found + ca.densify(ca.jacobian(expression, value)) * slope
+        return found
+
+    for (_, argument), slope in zip(parts.tables, parts.slopes, strict=True):
+        through.append(slope * total(argument))
+    found = total(parts.value)
+    return [found[0, j] for j in range(len(parts.arguments))]
+
+
+def _statements(
+    expression: ca.SX,
+    symbols: Sequence[ca.SX],
+    names: Sequence[str],
+    prefix: str,
+    result: str,
+) -> list[tuple[str, str]]:
+    """Statements that give an expression the name `result`; parts of it have names with a prefix."""
+    plain = [f"x{k}" for k in range(len(names))]  # names of formulas
+    found, tables = formula_of(ca.SX(expression), symbols, plain, tables=False)
+    assert not tables
+    statements: list[tuple[str, str]] = []
+
+    def part(name: str, text: str) -> str:
+        statements.append((f"{prefix}{len(statements) + 1}", text))
+        return statements[-1][0]
+
+    known = dict(zip(plain, names, strict=True))
+    value = formula_value(found, known, _FUNCTIONS, part)
+    return [*statements, (result, value)]
+
+
+def _infix(sign: str) -> Callable[[str, str], str]:
+    return lambda a, b: f"({a} {sign} {b})"
+
+
+def _call(name: str) -> Callable[..., str]:
+    return lambda *parts: f"{name}({', '.join(parts)})"
+
+
+def _number(value: float) -> str:
+    """A double in 17 digits at most, which are read back as the same double."""
+    text = repr(float(value))
+    return f"({text})" if text.startswith("-") else text
+
+
+_SAME = (
+    *("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh"),
+    *("asinh", "acosh", "atanh", "exp", "log", "log1p", "expm1", "sqrt", "floor", "ceil"),
+    *("atan2", "hypot", "abs", "min", "max", "sign"),
+)
+_FUNCTIONS: Mapping[str, Callable[..., str]] = {
+    "number": _number,
+    **{sign: _infix(sign) for sign in ("+", "-", "*", "/", "<", "<=", ">", ">=", "==")},
+    **{name: _call(name) for name in _SAME},
+    "neg": lambda a: f"(-{a})",
+    "!=": _infix("~="),
+    "**": _infix("^"),
+    "and_": lambda a, b: f"({a} ~= 0 && {b} ~= 0)",
+    "or_": lambda a, b: f"({a} ~= 0 || {b} ~= 0)",
+    "not_": lambda a: f"({a} == 0)",
+    "mod": _call("rem"),
+    "copysign": lambda a, b: f"(abs({a}) * (1 - 2 * ({b} < 0)))",
+    "where": _call("choose"),
+}
