@@ -45,16 +45,9 @@ if TYPE_CHECKING:
     from mbdlft.system import *
 
 if TYPE_CHECKING:  # public names that are also those of modules, which come with the lines above
-    from mbdlft.analyze import poles as poles
     from mbdlft.archive import load as load
-    from mbdlft.base import grid as grid
     from mbdlft.batch import sweep as sweep
-    from mbdlft.dae import from_casadi as from_casadi
-    from mbdlft.dae import simulate as simulate
     from mbdlft.dae import trim as trim
-    from mbdlft.modelica import translate as translate
-    from mbdlft.multibody import notes as notes
-    from mbdlft.show import view as view
     from mbdlft.system import lft as lft
 
 __version__ = "0.1.0"

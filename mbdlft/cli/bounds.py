@@ -71,7 +71,7 @@ def margin(
     asked |= {"workers": workers, "fixed": fixed or ()}
     found = answer(archive, system, robust_stability, asked, store=not no_save, as_json=as_json)
     if figure is not None:
-        from mbdlft.show.figures.mu import save_mu
+        from mbdlft.show.figures.pole_maps import save_mu
 
         save_mu(figure, system, found, leave_out=leave_out or ())
 
@@ -103,7 +103,7 @@ def wcgain(
         archive, system, worst_case_gain, channels | asked, store=not no_save, as_json=as_json
     )
     if figure is not None:
-        from mbdlft.show.figures.singular_values import save_singular_values
+        from mbdlft.show.figures.responses import save_singular_values
 
         bound = found.upper if found.proved else None
         shown = chosen_channels(system, outputs, inputs)

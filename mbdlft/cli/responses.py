@@ -329,7 +329,7 @@ def poles(
             _print_poles_page(system, point, rows, at_zero, verdict)
     finally:  # a figure that fails takes nothing away
         if figure is not None:
-            from mbdlft.show.figures.pole_map import save_pole_map
+            from mbdlft.show.figures.pole_maps import save_pole_map
 
             save_pole_map(figure, system, over, seed)
     if figure is not None and not as_json:

@@ -16,7 +16,7 @@ from mbdlft.system.model import LFTModel, System
 
 if TYPE_CHECKING:
     from mbdlft.dae import Dae
-    from mbdlft.dae.trim import DaeTrim
+    from mbdlft.dae.equilibria import DaeTrim
     from mbdlft.modelica import ModelicaReport, ModelicaTable
     from mbdlft.multibody.scene import Scene
     from mbdlft.system.theta import DeltaThetaModel

@@ -8,7 +8,7 @@ from rich.table import Table
 
 from mbdlft.cli.output import console, print_json, table
 from mbdlft.cli.responses import poles_summary, print_poles
-from mbdlft.show.report.sentences import (
+from mbdlft.show.report.content import (
     checked_beside,
     conditioning,
     largest_error,

@@ -13,7 +13,7 @@ import casadi as ca
 
 from mbdlft.base.errors import StructureError
 from mbdlft.dae.description import Dae, Equation, Variable
-from mbdlft.dae.operations import column_of
+from mbdlft.dae.text import column_of
 from mbdlft.exact.numbers import constant_of
 from mbdlft.problem.sx.constants import constants_in, is_constant, literal
 

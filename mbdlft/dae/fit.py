@@ -16,9 +16,9 @@ from mbdlft.base.errors import NotRationalError, SceneError, TrimError
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.parameter import Parameter
 from mbdlft.dae.balance import Balance
-from mbdlft.dae.operations import column_of, free_symbols
 from mbdlft.dae.points import values_of
 from mbdlft.dae.structure import Structure
+from mbdlft.dae.text import column_of, free_symbols
 from mbdlft.multibody.equilibrium.fit import EquilibriumFit, fit_equilibrium
 from mbdlft.problem.sx.constants import in_doubles, is_constant, literal
 from mbdlft.problem.sx.tapes import steps

@@ -13,13 +13,13 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, TrimError, WellPosednessError
 from mbdlft.base.unit import Signal
 from mbdlft.dae.alias import rational
-from mbdlft.dae.mixed import times
-from mbdlft.dae.operations import column_of
+from mbdlft.dae.equilibria import DaeTrim
 from mbdlft.dae.points import System, solve
-from mbdlft.dae.separate import Separation
 from mbdlft.dae.structure import Quantity, Structure, in_symbols
+from mbdlft.dae.text import column_of
+from mbdlft.dae.theta.arguments import times
+from mbdlft.dae.theta.separation import Separation
 from mbdlft.dae.to_problem import problem_of
-from mbdlft.dae.trim import DaeTrim
 from mbdlft.exact.numbers import decimal
 from mbdlft.problem.problem import Problem, Reference, Stage, TrimRelations
 from mbdlft.problem.references import column_of_entries, entry_scale, reference_of_relations

@@ -18,12 +18,20 @@ from mbdlft.base.errors import SceneError, StructureError, unknown_name
 from mbdlft.base.samples import random
 from mbdlft.base.unit import parse_unit
 from mbdlft.dae.alias import Alias, eliminate_aliases
-from mbdlft.dae.description import Dae, Variable
-from mbdlft.dae.dimensions import check_units
-from mbdlft.dae.index import Differentiated, Entry, differentiated, listed, name_of, place_of
-from mbdlft.dae.operations import column_of
+from mbdlft.dae.description import Dae, Variable, check_units
+from mbdlft.dae.index import (
+    Block,
+    Differentiated,
+    Entry,
+    blocks_of,
+    differentiated,
+    dummy_derivatives,
+    listed,
+    name_of,
+    place_of,
+)
 from mbdlft.dae.points import Found, System, solve
-from mbdlft.dae.states import Block, blocks_of, dummy_derivatives
+from mbdlft.dae.text import column_of
 
 InputRates = Literal["refused", "inputs"]
 _POINTS, _SEED = 3, 11  # at which pivots are looked at

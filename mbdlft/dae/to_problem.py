@@ -15,13 +15,11 @@ from mbdlft.base.parameter import DIVISORS, to_internal
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.unit import Signal, parse_unit
 from mbdlft.dae.balance import start_of
-from mbdlft.dae.form_signals import signals_of
-from mbdlft.dae.operations import column_of
 from mbdlft.dae.points import System, solve
-from mbdlft.dae.separate import Arrange
 from mbdlft.dae.structure import Structure, in_symbols
-from mbdlft.dae.text import formula_of
-from mbdlft.dae.theta_form import ThetaForm, theta_form
+from mbdlft.dae.text import column_of, formula_of
+from mbdlft.dae.theta.form import ThetaForm, signals_of, theta_form
+from mbdlft.dae.theta.separation import Arrange
 from mbdlft.problem.equations import rows_of
 from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage, TrimRelations
 from mbdlft.problem.references import reference_of_relations

@@ -1,8 +1,18 @@
-"""Bodies in modal form, held at their parent, from mass and stiffness matrices."""
+"""Mass, center of mass and inertia of a body from its rigid-body mass matrix.
+
+R' M R = [[m 1, -m [c]x], [m [c]x, J]]      about the origin
+
+The columns of R are the rigid motions (`mbdlft.elastic.nodes.rigid_motions`), c is the center of mass,
+[c]x the matrix of the cross product with c, and J the inertia about the origin.
+
+Bodies in modal form, held at their parent, from mass and stiffness matrices.
+
+Effective masses: which part of a body's mass moves in its modes, and the residual mass.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -10,19 +20,112 @@ import scipy.sparse as sp
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError, unknown_name
-from mbdlft.elastic.eigen import MASSLESS
-from mbdlft.elastic.matrices import checked
-from mbdlft.elastic.nodes import DIRECTIONS, Nodes
-from mbdlft.elastic.partition import partition
+from mbdlft.elastic.nodes import DIRECTIONS, Nodes, transport
+from mbdlft.elastic.partition import Partition, checked, partition
 from mbdlft.elastic.reduction import (
+    MASSLESS,
     Candidates,
     Reduced,
     Structure,
     candidates,
     static_correction,
 )
-from mbdlft.elastic.rigid import Rigid, rigid_properties
 from mbdlft.elastic.select import Limit, chosen, first
+
+_CONSISTENT = 1e-6  # error of entries of the mass matrix that is rounding: files have few digits
+_ROUNDING = 1e-14  # rounding of a coordinate of the center, of the size of the structure
+# rows and columns of the mass matrix where m c_x, m c_y and m c_z are, each with its sign
+_CENTER = (((1, 5, 1.0), (2, 4, -1.0)), ((2, 3, 1.0), (0, 5, -1.0)), ((0, 4, 1.0), (1, 3, -1.0)))
+
+
+class Rigid(NamedTuple):
+    """Mass (kg), center of mass (3,) from the origin (m), inertia (3, 3) about the origin (kg m^2).
+
+    Entries of the inertia that a structure without some displacements does not determine are nan.
+    """
+
+    mass: float
+    center: Array
+    inertia: Array
+
+
+def rigid_properties(nodes: Nodes, at: Partition, bodily: Array) -> Rigid:
+    """Rigid properties from `bodily`, R' M R (r, r) for the directions in which the structure can move.
+
+    Raises
+    ------
+    StructureError
+        No rigid body has this mass matrix, or it does not determine mass and center of mass.
+    """
+    full = np.full((6, 6), np.nan)
+    full[np.ix_(at.directions, at.directions)] = bodily
+    moved = [d for d in at.directions if d < 3]
+    if not moved:
+        raise StructureError(
+            "the structure has no displacements at its parent, so its mass is not determined. Keep "
+            "them in the matrices."
+        )
+    masses = full[moved, moved]
+    mass = float(np.mean(masses))
+    if not mass > 0.0:
+        raise StructureError(
+            f"mass matrix: the mass of the structure is {mass:g} kg; expected more."
+        )
+    if np.max(np.abs(masses - mass)) > _CONSISTENT * mass:
+        listed = ", ".join(f"{DIRECTIONS[d]}: {full[d, d]:.9g} kg" for d in moved)
+        raise StructureError(
+            f"mass matrix: the mass is not the same in all directions ({listed}). Check the order "
+            "of the rows, and that no coordinate with mass was left out."
+        )
+    center = np.array([_center(nodes, at, full, k) for k in range(3)]) / mass
+    size = float(np.max(np.abs(np.asarray(nodes.coordinates) - at.origin)))
+    center[np.abs(center) < _ROUNDING * size] = 0.0
+    inertia = full[3:, 3:]
+    inertia[np.abs(inertia) < _ROUNDING * mass * size**2] = 0.0
+    rigid = Rigid(mass, center, inertia)
+    expected = mass_matrix(rigid)
+    length = max(
+        float(np.linalg.norm(center)), np.sqrt(np.nanmax(np.diag(full)[3:], initial=0.0) / mass)
+    )
+    scale = np.array([1.0] * 3 + [length if length > 0.0 else 1.0] * 3)
+    difference = (full - expected) / (mass * np.outer(scale, scale))
+    if np.nanmax(np.abs(difference)) > _CONSISTENT:
+        i, j = np.unravel_index(int(np.nanargmax(np.abs(difference))), (6, 6))
+        raise StructureError(
+            f"mass matrix: not that of a body: in a rigid motion, the entry ({DIRECTIONS[i]}, "
+            f"{DIRECTIONS[j]}) is {full[i, j]:.6g} and would be {expected[i, j]:.6g}. Check the "
+            "order of the rows, the coordinates and the axes of the nodes."
+        )
+    return rigid
+
+
+def mass_matrix(rigid: Rigid) -> Array:
+    """R' M R (6, 6) about the origin; nan where the inertia is not determined."""
+    matrix = rigid.mass * transport(rigid.center)
+    matrix[3:, :3] = matrix[:3, 3:].T
+    matrix[3:, 3:] = rigid.inertia
+    return matrix
+
+
+def _center(nodes: Nodes, at: Partition, full: Array, axis: int) -> float:
+    """Mass times the coordinate `axis` of the center of mass, from the origin (kg m).
+
+    It is an entry of the mass matrix (6, 6) `full`. Where the structure lacks the motions of this entry,
+    the nodes tell it if all of them have the same coordinate.
+    """
+    told = [sign * full[i, j] for i, j, sign in _CENTER[axis] if not np.isnan(full[i, j])]
+    if told:
+        return float(np.mean(told))
+    along = np.asarray(nodes.coordinates)[:, axis] - at.origin[axis]
+    if np.ptp(along) > 0.0:
+        raise StructureError(
+            "the structure has no displacements that tell where its center of mass is along "
+            f"{DIRECTIONS[axis]}, and its nodes are at several places. Keep all displacements of "
+            "the nodes in the matrices."
+        )
+    mass = np.nanmean(np.diag(full)[:3])
+    return float(mass * along[0])
+
 
 METHODS = ("hurty", "craig-bampton", "effective-mass", "static-correction")
 SLOWEST, FASTEST = 6e-4, 6e6  # rad/s: 0.0001 Hz and 1 MHz; no structure is beyond
@@ -266,3 +369,66 @@ def _modal(reduced: Reduced) -> tuple[Array, Array, Array]:
     largest = np.argmax(np.abs(coupling) / size, axis=0)
     sign = np.where(coupling[largest, np.arange(len(w))] < 0.0, -1.0, 1.0)
     return w, coupling * sign, ports * sign
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EffectiveMasses:
+    """Effective masses of the modes of a body, about its origin; `table()` writes them as a text.
+
+    Attributes
+    ----------
+    frequencies : (n,) rad/s
+    masses : (n, 6) kg for displacements, kg m^2 for rotations: squares of the participation factors
+    rigid : (6, 6) mass matrix of the undeformed body about the origin; nan where it is not determined
+    residual : (6, 6) rigid mass matrix minus that of all modes: this mass moves as if it were rigid
+    """
+
+    frequencies: Array
+    masses: Array
+    rigid: Array
+    residual: Array
+
+    @property
+    def kept(self) -> Array:
+        """(6,) effective mass of all modes over the rigid mass of each direction; nan if that is 0."""
+        total = np.diag(self.rigid)
+        has_mass = total > _NO_MASS * np.nanmax(total)
+        share = np.sum(self.masses, axis=0) / np.where(has_mass, total, 1.0)
+        return np.where(has_mass, share, np.nan)
+
+    def table(self) -> str:
+        """One row for each mode: frequency (Hz), effective mass in percent of the rigid one."""
+        total = np.diag(self.rigid)
+        percent = 100.0 * self.masses / np.where(total > _NO_MASS * np.nanmax(total), total, np.nan)
+        head = "".join(f"{name:>8}" for name in DIRECTIONS)
+        lines = [f"{'mode':>5}{'Hz':>12}{head}   (% of the rigid mass, about the origin)"]
+        for k, (w, row) in enumerate(zip(self.frequencies, percent, strict=True), start=1):
+            lines.append(f"{k:>5}{w / (2.0 * np.pi):>12.5g}{_row(row)}")
+        lines.append(f"{'sum':>5}{'':>12}{_row(100.0 * self.kept)}")
+        values = "".join(f"{entry:>10.4g}" for entry in total)
+        lines.append(f"rigid mass (kg, kg m^2):{values}")
+        return "\n".join(lines)
+
+
+def effective_masses(model: ModalModel) -> EffectiveMasses:
+    """Effective masses P_ck^2 of each mode k and direction c, and the residual mass R' M R - P P'.
+
+    Parameters
+    ----------
+    model : ModalModel
+    """
+    rigid = mass_matrix(model.rigid)
+    return EffectiveMasses(
+        frequencies=model.frequencies,
+        masses=model.participation.T**2,
+        rigid=rigid,
+        residual=rigid - model.participation @ model.participation.T,
+    )
+
+
+def _row(entries: Array) -> str:
+    """Entries (6,) as columns of the table."""
+    return "".join(f"{'-':>8}" if np.isnan(entry) else f"{entry:>8.2f}" for entry in entries)
+
+
+_NO_MASS = 1e-9  # of the largest mass: a bar has no inertia about its own axis

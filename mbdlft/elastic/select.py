@@ -7,8 +7,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
-from mbdlft.elastic.eigen import Modes
-from mbdlft.elastic.reduction import Candidates, Reduced
+from mbdlft.elastic.reduction import Candidates, Modes, Reduced
 
 _FIRST = 20  # modes computed at first; the number is doubled until there are enough
 _BELOW = {"frequency": np.inf, "effective_mass": 1.0}

@@ -11,8 +11,7 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.formula import formula_value
-from mbdlft.dae.operations import column_of
-from mbdlft.dae.text import SYMBOLIC, formula_of
+from mbdlft.dae.text import SYMBOLIC, column_of, formula_of
 from mbdlft.export.matlab import cells, column, items_of_matlab
 from mbdlft.export.names import Places, listed, one_line, places_of
 from mbdlft.system.theta import DeltaThetaModel, ThetaFunction, named_tables

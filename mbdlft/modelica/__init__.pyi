@@ -1,11 +1,11 @@
 from .load import load_modelica as load_modelica
-from .operating import operating_point as operating_point
-from .operating import structure_of as structure_of
+from .load import operating_point as operating_point
+from .load import structure_of as structure_of
 from .table import ModelicaTable as ModelicaTable
 from .table import load_modelica_table as load_modelica_table
 from .table import modelica_table_from_toml as modelica_table_from_toml
 from .text import flat_model as flat_model
-from .translate import ModelicaReport as ModelicaReport
-from .translate import translate as translate
+from .translation import ModelicaReport as ModelicaReport
+from .translation import translate as translate
 from .tree import FlatModel as FlatModel
 from .write import flat_text as flat_text

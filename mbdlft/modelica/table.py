@@ -55,9 +55,9 @@ class ModelicaTable:
     states : tuple of str
         Variables that are to be states, where there is a choice.
     at, free, moving
-        As in `mbdlft.dae.trim`: what the equilibrium is at, inputs that it gives, what may grow.
+        As in `mbdlft.dae.equilibria`: what the equilibrium is at, inputs that it gives, what may grow.
     fit : float or None
-        As in `mbdlft.dae.trim`: the tolerance of fits, where the equilibrium is not rational.
+        As in `mbdlft.dae.equilibria`: the tolerance of fits, where the equilibrium is not rational.
     check_units : bool
         Whether units that do not fit are an error.
     """

@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 
 from mbdlft.base.errors import SceneError
-from mbdlft.dae.operations import FUNCTIONS
+from mbdlft.dae.text import FUNCTIONS
 from mbdlft.exact.numbers import decimal
 from mbdlft.problem.sx.constants import FUNCTIONS as OF_CONSTANTS
 from mbdlft.problem.sx.constants import is_constant, literal, numbers_of, pi_times

@@ -1,21 +1,251 @@
-"""The variables of a model: their symbols, those of their derivatives, and numbers at nominal values."""
+"""Parameters and constants of a model: their values, and which of them stay in the linear model.
+
+A parameter stays if the table or an annotation says so, or if its declaration has `min` and `max` and
+either belongs to the model itself or has `nominal`, too: types of libraries give limits to parameters of
+components. Values of others are numbers, or expressions of those that stay.
+
+The variables of a model: their symbols, those of their derivatives, and numbers at nominal values.
+"""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from graphlib import CycleError, TopologicalSorter
+from typing import Any, NamedTuple
 
 import casadi as ca
 
-from mbdlft.base.errors import SceneError
+from mbdlft.base.errors import SceneError, check_known
+from mbdlft.base.parameter import Parameter
+from mbdlft.base.unit import ANGLE_UNITS
 from mbdlft.dae.description import Variable
-from mbdlft.dae.operations import column_of
+from mbdlft.dae.text import column_of
+from mbdlft.exact.numbers import decimal
 from mbdlft.modelica import values as v
-from mbdlft.modelica.evaluate import Evaluator
-from mbdlft.modelica.parameters import Parameters, declared_unit, nominal_values
-from mbdlft.modelica.tree import Declaration, Truth
-from mbdlft.modelica.values import Value
+from mbdlft.modelica.dimensions import unit_of
+from mbdlft.modelica.evaluation import Evaluator
+from mbdlft.modelica.table import ModelicaTable
+from mbdlft.modelica.tree import (
+    Declaration,
+    Expression,
+    FlatModel,
+    Range,
+    Reference,
+    Text,
+    Truth,
+    references,
+)
+from mbdlft.modelica.values import Value, described, number_of
+from mbdlft.modelica.write import write
+from mbdlft.multibody.scene.toml import read_parameters
 from mbdlft.problem.sx.constants import in_doubles
+
+_NO_LIMIT = Fraction(10) ** 30  # libraries write 1e60 for what has no limit
+_NAME = re.compile(r"\W+")
+
+
+class Parameters(NamedTuple):
+    """Parameters and constants by name.
+
+    Attributes
+    ----------
+    values : mapping of names to values
+    kept : mapping of names in the model to parameters that stay
+    symbols : mapping of names in the model to symbols
+    notes : list of str
+    """
+
+    values: dict[str, Value]
+    kept: dict[str, Parameter]
+    symbols: dict[str, ca.SX]
+    notes: list[str]
+
+
+def read_values(
+    model: FlatModel, table: ModelicaTable, place: Callable[[Declaration], str]
+) -> Parameters:
+    """Values of all parameters and constants, in the order in which they depend on each other.
+
+    Raises
+    ------
+    SceneError
+        A parameter has no value, or one that depends on itself; the table names one that does not
+        exist, or cannot stay.
+    """
+    declared: dict[str, Declaration] = {}
+    for d in model.declarations:
+        if d.variability in ("parameter", "constant"):
+            if d.name in declared:
+                raise SceneError(f"{place(d)}: it is declared twice.")
+            declared[d.name] = d
+    check_known("parameter", (*table.parameters, *table.values), declared, model.source)
+    found = Parameters({}, {}, {}, [])
+    evaluator = Evaluator(found.values.get, _no_derivative)
+    for name in _ordered(declared, place):
+        d = declared[name]
+        try:
+            found.values[name] = _value(name, d, table, evaluator)
+            if d.type == "Real":
+                _keep(name, d, table, evaluator, found)
+            elif table.parameters.get(name):
+                raise SceneError(f"it is of type {d.type}; only numbers of type Real can stay.")
+        except SceneError as error:
+            raise SceneError(f"{place(d)}: {error}") from None
+    return found
+
+
+def nominal_values(found: Parameters) -> dict[str, Fraction]:
+    """Nominal values of the parameters that stay, by the name of their symbol."""
+    return {p.name: decimal(p.nominal) for p in found.kept.values()}
+
+
+def identifier(name: str) -> str:
+    """The name of a parameter, such as ``load_J`` of ``load.J``."""
+    return _NAME.sub("_", name).strip("_")
+
+
+def _no_derivative(value: Value) -> Value:
+    raise SceneError(f"der of the parameter {described(value)}.")
+
+
+def _ordered(declared: Mapping[str, Declaration], place: Callable[[Declaration], str]) -> list[str]:
+    """Names such that each comes behind those that it depends on."""
+    graph = {name: _needed(d) & declared.keys() for name, d in declared.items()}
+    try:
+        return list(TopologicalSorter(graph).static_order())
+    except CycleError as error:
+        names = error.args[1]
+        raise SceneError(
+            f"{place(declared[names[0]])}: its value depends on itself: {' -> '.join(names[::-1])}. Give "
+            "one of them a number."
+        ) from None
+
+
+def _needed(d: Declaration) -> set[str]:
+    """Names that the value and the limits of a parameter are made of."""
+    limits = [d.attributes.get(key) for key in ("min", "max", "nominal")]
+    found: set[str] = set()
+    for expression in (_binding(d), *d.sizes, *limits):
+        if expression is not None:
+            for reference in references(expression):
+                found |= {reference.name, write(reference)}
+    return found
+
+
+def _binding(d: Declaration) -> Expression | None:
+    """What gives a parameter its value: that of its start, as the language says, if it has no other."""
+    return d.attributes.get("start") if d.binding is None else d.binding
+
+
+def _value(name: str, d: Declaration, table: ModelicaTable, evaluator: Evaluator) -> Value:
+    if name in table.values:
+        if d.sizes or d.type != "Real":
+            raise SceneError("the table gives a value to it; that is for numbers of type Real.")
+        return decimal(table.values[name])
+    if d.attributes.get("fixed") == Truth(value=False):
+        raise SceneError("fixed = false: initial equations give its value. Give it a number.")
+    binding = _binding(d)
+    entry = table.parameters.get(name)
+    if binding is None and isinstance(entry, Mapping) and "nominal" in entry:
+        return decimal(float(entry["nominal"]))
+    if binding is None:
+        raise SceneError("it has no value. Give it one there, or under [values] of the table.")
+    if Reference("time") in references(binding):
+        raise SceneError("its value depends on time.")
+    value = evaluator.value(binding)
+    for size in reversed(d.sizes):
+        if isinstance(value, tuple) or isinstance(size, Range):
+            break
+        value = (value,) * evaluator.size(size)
+    return value
+
+
+def _keep(
+    name: str, d: Declaration, table: ModelicaTable, evaluator: Evaluator, found: Parameters
+) -> None:
+    """Let a parameter stay if it is one of those that do; its value becomes a symbol."""
+    entry = table.parameters.get(name)
+    limits = _limits(d, evaluator)
+    asked = isinstance(entry, Mapping) or bool(d.annotation)
+    if entry is False or d.variability != "parameter" or not (asked or limits):
+        if asked:
+            raise SceneError("it is a constant; only a parameter can stay.")
+        return
+    value = found.values[name]
+    if not isinstance(value, Fraction):
+        if asked:
+            raise SceneError(
+                f"its value is {described(value)}, and only a number can stay. Let those stay that it is "
+                "made of."
+            )
+        return
+    if not asked and not (d.top or "nominal" in d.attributes):
+        found.notes.append(
+            f"{name} has min and max, and is the number {float(value):g}; to keep it, name it in "
+            "the table"
+        )
+        return
+    if not asked and not min(limits.values()) < value < max(limits.values()):
+        raise SceneError(
+            f"its value {float(value):g} is not inside of its range from {float(limits['low']):g} to "
+            f"{float(limits['high']):g}. Move one of them, or keep it a number: {name} = false in the "
+            "table."
+        )
+    annotated = {key: evaluator.value(entry) for key, entry in d.annotation.items()}
+    fields: dict[str, Any] = {"nominal": value, **limits, **annotated}
+    given = dict(entry) if isinstance(entry, Mapping) else {}
+    if given.keys() & {"percent", "plus", "minus", "low", "high"}:
+        for key in ("low", "high", "percent", "plus", "minus"):
+            fields.pop(key, None)
+    fields |= given
+    label = fields.pop("name", identifier(name))
+    fields["unit"] = _unit(name, d, fields, found.notes)
+    plain = {key: float(x) if isinstance(x, Fraction) else x for key, x in fields.items()}
+    (parameter,) = read_parameters({"parameters": {label: plain}})
+    if any(parameter.name == other.name for other in found.kept.values()):
+        raise SceneError(f"two parameters would have the name {parameter.name}; give one a name.")
+    found.kept[name] = parameter
+    found.symbols[name] = found.values[name] = ca.SX.sym(parameter.name)
+
+
+def _limits(d: Declaration, evaluator: Evaluator) -> dict[str, Fraction]:
+    """low and high of a declaration that has both."""
+    if d.sizes or not {"min", "max"} <= d.attributes.keys():
+        return {}
+    limits = [number_of(evaluator.value(d.attributes[key])) for key in ("min", "max")]
+    if any(limit is None or abs(limit) >= _NO_LIMIT for limit in limits):
+        return {}
+    return {
+        key: limit for key, limit in zip(("low", "high"), limits, strict=True) if limit is not None
+    }
+
+
+def _unit(name: str, d: Declaration, fields: Mapping[str, Any], notes: list[str]) -> str:
+    """The unit of a parameter that stays; an angle is one only if a substitution is asked for."""
+    if "unit" in fields:
+        return str(fields["unit"])
+    unit = declared_unit(name, d, notes)
+    if unit not in ANGLE_UNITS:
+        return unit
+    if "substitution" not in fields:
+        return "1"
+    if unit != "rad":
+        raise SceneError("a substitution is for an angle in rad.")
+    return unit
+
+
+def declared_unit(name: str, d: Declaration, notes: list[str]) -> str:
+    """The unit of a declaration; "1" and a note if it is not known here."""
+    given = d.attributes.get("unit")
+    if not isinstance(given, Text) or not given.text.strip():
+        return "1"
+    unit = unit_of(given.text)
+    if unit is None:
+        notes.append(f"the unit {given.text!r} of {name} is not known here; it is not checked")
+        return "1"
+    return unit
 
 
 class Variables:

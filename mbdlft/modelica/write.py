@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator, Mapping
 
-from mbdlft.modelica.tokens import KEYWORDS
+from mbdlft.modelica.expression import KEYWORDS
 from mbdlft.modelica.tree import (
     Array,
     Binary,

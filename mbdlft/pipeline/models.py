@@ -10,11 +10,11 @@ from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.running import one_thread
 from mbdlft.dae.description import Dae
+from mbdlft.dae.equilibria import DaeTrim, trim
 from mbdlft.dae.linear import problem_of_trim
-from mbdlft.dae.separate import Arrange
 from mbdlft.dae.structure import Structure, reduce_index
+from mbdlft.dae.theta.separation import Arrange
 from mbdlft.dae.to_problem import problem_of_dae
-from mbdlft.dae.trim import DaeTrim, trim
 from mbdlft.matrix import MatrixProblem, matrix_problem
 from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.multibody.scene import Scene

@@ -1,4 +1,16 @@
-"""Robots of MJCF files, as the package mujoco compiles them: defaults, includes and shapes are resolved.
+"""Contents of an MJCF file that a scene cannot have: some are refused, the rest is listed.
+
+What the actuators of an MJCF file do to its joints.
+
+An actuator on a joint has the length gear q and exerts the torque or force
+
+    gear (gain control + bias_0 + bias_1 gear q + bias_2 gear qdot) - gear^2 damping qdot
+
+and the inertia gear^2 armature moves with the joint. The control is constant at rest, so that the
+effort of the joint, the input of the scene, is gear gain control up to a constant; the rest is a spring
+and a damper.
+
+Robots of MJCF files, as the package mujoco compiles them: defaults, includes and shapes are resolved.
 
 MuJoCo turns a body by the joints of the body one after the other, each about its own point. The first
 joint stands where the body stands in its parent; links without mass are between the joints. At rest
@@ -9,20 +21,176 @@ where kp and kv are the feedback of a position or velocity servo with `gear`. So
 documentation, chapters Computation (section Actuation model) and XML reference.
 """
 
+import math
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, unknown_name
-from mbdlft.robot.description import WORLD, Robot, RobotJoint, RobotLink
-from mbdlft.robot.elements import Element
-from mbdlft.robot.mjcf_actuators import Driven, driven
-from mbdlft.robot.mjcf_model import Compiled, compiled
-from mbdlft.robot.mjcf_sites import loads_of, loops_of, mimics_of, sensors_of, sites_of
-from mbdlft.robot.mjcf_unknown import ignored, refuse
-from mbdlft.robot.tree import unused
-from mbdlft.robot.turns import angles_of, of_quaternion, three
+from mbdlft.robot.description import WORLD, Robot, RobotJoint, RobotLink, unused
+from mbdlft.robot.elements import Element, angles_of, of_quaternion, three
+from mbdlft.robot.mjcf_model import (
+    Compiled,
+    compiled,
+    loads_of,
+    loops_of,
+    mimics_of,
+    sensors_of,
+    sites_of,
+)
+
+_EQUALITIES = ("CONNECT", "WELD", "JOINT")
+
+
+def refuse(model: Compiled) -> None:
+    """Raise a SceneError for the first thing that moves or pushes the bodies in a way of its own."""
+    for problem in _problems(model):
+        raise SceneError(f"{problem} A scene does not have this; take it out of the file.")
+
+
+def _problems(model: Compiled) -> Iterator[str]:
+    """Sentences that name what is refused."""
+    if model.count("nflex"):
+        yield f"flex {model.name_of('FLEX', 0)!r} is a deformable body."
+    for body in _where(model.of("body_plugin") >= 0):
+        yield f"body {model.body(body)!r} has a plugin, whose forces are unknown."
+    for joint in _where(np.any(model.of("jnt_stiffnesspoly") != 0.0, axis=1)):
+        yield f"joint {model.joint(joint)!r} has a nonlinear spring."
+    for joint in _where(model.of("jnt_springyield") > 0.0):
+        yield f"joint {model.joint(joint)!r} has a spring that yields."
+    for joint in range(model.count("njnt")):
+        dof = int(model.of("jnt_dofadr")[joint])
+        if model.kind(joint) == "floating" and model.of("dof_armature")[dof] != 0.0:
+            yield (
+                f"the free joint {model.joint(joint)!r} has an armature, "
+                f"{model.of('dof_armature')[dof]:g}: its body would be heavier to move than to lift."
+            )
+    for k in range(model.count("neq")):
+        kind = model.word("mjtEq", model.of("eq_type")[k])
+        if model.of("eq_active0")[k] and kind not in _EQUALITIES and not model.disabled("EQUALITY"):
+            yield f"equality {model.name_of('EQUALITY', k)!r} is of the type {kind.lower()}."
+
+
+def _where(true: Any) -> list[int]:
+    """The numbers of the entries of an array (n,) that are true."""
+    return [int(k) for k in np.flatnonzero(true)]
+
+
+def ignored(model: Compiled) -> tuple[str, ...]:
+    """Sentences on what the scene does not have, and what is left out without harm."""
+    said = []
+    for count, what in (("ngeom", "shapes"), ("npair", "pairs of contacts")):
+        if model.count(count):
+            said.append(f"{model.count(count)} {what}: there are no contacts")
+    tendons = [k for k in range(model.count("ntendon"))]
+    if tendons:
+        said.append(f"tendons {_names(model, 'TENDON', tendons)}" + _forces(model, tendons))
+    off = [k for k in range(model.count("neq")) if not model.of("eq_active0")[k]]
+    if off:
+        said.append(f"equalities that do not act at first: {_names(model, 'EQUALITY', off)}")
+    if model.arrays.opt.viscosity or (model.arrays.opt.density and np.any(model.arrays.opt.wind)):
+        said.append("forces of the medium (density, viscosity, wind)")
+    for array, what in (("jnt_stiffnesspoly", "springs"), ("dof_dampingpoly", "dampers")):
+        if np.any(model.of(array)):
+            said.append(f"parts of {what} that are not linear")
+    if model.count("nmocap"):
+        said.append(f"{model.count('nmocap')} mocap bodies are fixed on the ground")
+    return tuple(said)
+
+
+def _forces(model: Compiled, tendons: Iterable[int]) -> str:
+    """Words on springs and dampers of tendons, if there are any."""
+    keys = ("stiffness", "damping", "armature", "frictionloss")
+    found = [key for key in keys if any(model.of(f"tendon_{key}")[k] for k in tendons)]
+    return f", with their {', '.join(found)}" if found else ""
+
+
+def _names(model: Compiled, kind: str, numbers: Iterable[int]) -> str:
+    """Names of objects, the first of many."""
+    names = [model.name_of(kind, number) for number in numbers]
+    more = f" and {len(names) - 8} others" if len(names) > 8 else ""
+    return ", ".join(names[:8]) + more
+
+
+class Drive(NamedTuple):
+    """What actuators add to a joint: N m/rad, N m s/rad, kg m^2, or the same of forces."""
+
+    stiffness: float = 0.0
+    damping: float = 0.0
+    inertia: float = 0.0
+
+
+class Driven(NamedTuple):
+    """What actuators add to joints, by name, with sentences for the report."""
+
+    joints: dict[str, Drive]
+    said: tuple[str, ...]
+    ignored: tuple[str, ...]
+
+
+def driven(model: Compiled) -> Driven:
+    """What the actuators on joints do; those on other things are sentences."""
+    joints: dict[str, Drive] = {}
+    said, left_out, lawless = [], [], []
+    for number in range(model.count("nactuator")):
+        name = model.name_of("ACTUATOR", number)
+        transmission = model.word("mjtTrn", model.of("actuator_trntype")[number])
+        target = int(model.of("actuator_trnid")[number][0])
+        axial = transmission in ("JOINT", "JOINTINPARENT") and model.kind(target) in (
+            "revolute",
+            "prismatic",
+        )
+        if not axial:
+            if transmission != "SITE" or model.of("actuator_trnid")[number][1] >= 0:
+                left_out.append(f"{name} ({transmission.lower()})")
+            else:
+                said.append(f"{name} acts at a site, {_at_site(model, number)} per unit of control")
+            continue
+        joint = model.joint(target)
+        added, gain, known = _drive(model, number)
+        before = joints.get(joint, Drive())
+        joints[joint] = Drive(*(a + b for a, b in zip(before, added, strict=True)))
+        said.append(
+            f"{joint} is driven by {name}" + (f", {gain:.6g} per unit of control" if known else "")
+        )
+        if not known:
+            lawless.append(name)
+    ignored = []
+    if left_out:
+        ignored.append(f"actuators that do not act on one hinge or slide: {', '.join(left_out)}")
+    if lawless:
+        ignored.append(
+            f"laws and states of the actuators {', '.join(lawless)}: what they exert is an input"
+        )
+    return Driven(joints, tuple(said), tuple(ignored))
+
+
+def _at_site(model: Compiled, number: int) -> str:
+    """The force and the torque of an actuator at a site for one unit of its control."""
+    gear = model.of("actuator_gear")[model.of("actuator_outadr")[number]]
+    gain = float(model.of("actuator_gainprm")[number][0])
+    sizes = ((math.hypot(*gear[:3]), "N"), (math.hypot(*gear[3:]), "N m"))
+    return " and ".join(f"{gain * size:.6g} {unit}" for size, unit in sizes if size)
+
+
+def _drive(model: Compiled, number: int) -> tuple[Drive, float, bool]:
+    """What one actuator adds, effort per unit of control, and whether it has no more than that."""
+    gear = float(model.of("actuator_gear")[model.of("actuator_outadr")[number]][0])
+    gain_kind = model.word("mjtGain", model.of("actuator_gaintype")[number])
+    bias_kind = model.word("mjtBias", model.of("actuator_biastype")[number])
+    dynamics = model.word("mjtDyn", model.of("actuator_dyntype")[number])
+    stiffness = damping = 0.0
+    if bias_kind == "AFFINE" and not model.disabled("ACTUATION"):
+        _, slope, rate = (float(entry) for entry in model.of("actuator_biasprm")[number][:3])
+        stiffness, damping = -(gear**2) * slope, -(gear**2) * rate
+    damping += gear**2 * float(model.of("actuator_damping")[number])
+    inertia = gear**2 * float(model.of("actuator_armature")[number])
+    known = gain_kind == "FIXED" and bias_kind in ("NONE", "AFFINE") and dynamics == "NONE"
+    gain = gear * float(model.of("actuator_gainprm")[number][0])
+    return Drive(stiffness, damping, inertia), gain, known
 
 
 def read_mjcf(file: Path, top: Element, keyframe: str | None = None) -> Robot:

@@ -16,13 +16,13 @@ from mbdlft.robot.description import (
     RobotLink,
     RobotLoad,
     RobotSensor,
-    Triple,
+    Side,
+    unique,
+    unused,
+    welded,
 )
-from mbdlft.robot.elements import Element, content_numbers, name_of
-from mbdlft.robot.sdf_frames import Frames, Pose, flag, frames_of, scopes
-from mbdlft.robot.sdf_joints import closing, joints_of
-from mbdlft.robot.tree import Side, unique, unused, welded
-from mbdlft.robot.turns import angles_of, three
+from mbdlft.robot.elements import Element, Triple, angles_of, content_numbers, name_of, three
+from mbdlft.robot.sdf_frames import Frames, Pose, closing, flag, frames_of, joints_of, scopes
 from mbdlft.robot.values import AXIAL
 
 _USED = {

@@ -3,16 +3,26 @@
 from collections import Counter
 
 from mbdlft.base.errors import SceneError, unknown_name
-from mbdlft.robot.description import ENTRIES, WORLD, Mimic, Robot, RobotJoint, RobotLink, Triple
+from mbdlft.robot.description import (
+    ENTRIES,
+    WORLD,
+    Mimic,
+    Robot,
+    RobotJoint,
+    RobotLink,
+    root_of,
+    unique,
+    unused,
+)
 from mbdlft.robot.elements import (
     XACRO,
     Element,
+    Triple,
     name_of,
     number,
     optional_number,
     triple,
 )
-from mbdlft.robot.tree import root_of, unique, unused
 
 JOINT_TYPES = ("continuous", "fixed", "floating", "planar", "prismatic", "revolute")
 _LINK_PARTS = ("inertial",)

@@ -12,7 +12,7 @@ from benchmarks.cases.robots import by_pinocchio
 from benchmarks.public_robots import difference, files, installed, outcome, table
 from benchmarks.targets import PUBLIC
 from mbdlft.multibody.scene.scene import Scene
-from mbdlft.robot import sdf_frames, sdf_joints
+from mbdlft.robot import sdf_frames
 from tests import random_mjcf
 from tests.close import CLOSED_FORM, PINOCCHIO, target
 from tests.robot_files import as_mjcf, as_sdf, as_urdf, chain
@@ -86,7 +86,7 @@ def test_axis_of_the_joint_is_not_that_of_the_model(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        sdf_joints,
+        sdf_frames,
         "_direction",
         lambda joint, axis, *_: np.array([float(x) for x in axis.only("xyz").text.split()]),
     )

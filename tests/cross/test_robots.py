@@ -22,8 +22,7 @@ from mbdlft.robot import make
 from mbdlft.robot.description import Robot as File
 from mbdlft.robot.description import RobotJoint, RobotLink
 from mbdlft.robot.elements import Element
-from mbdlft.robot.load import RIGHT_ANGLE
-from mbdlft.robot.read import read_robot
+from mbdlft.robot.load import RIGHT_ANGLE, read_robot
 from mbdlft.robot.urdf import read_urdf
 from mbdlft.robot.values import AXIAL
 from scenarios import ur5

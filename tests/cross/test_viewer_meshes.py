@@ -13,8 +13,7 @@ from benchmarks.cases.robots import robots
 from mbdlft.base.errors import SceneError
 from mbdlft.robot import load_robot
 from mbdlft.show.viewer.data import view_data
-from mbdlft.show.viewer.looks import robot_looks
-from mbdlft.show.viewer.meshes import thinned
+from mbdlft.show.viewer.looks import robot_looks, thinned
 from tests.close import CROSS, MESH, target
 from tests.laws.test_viewer import interpret
 

@@ -17,8 +17,7 @@ from mbdlft.modelica import (
     modelica_table_from_toml,
     translate,
 )
-from mbdlft.modelica.sources import Sources
-from mbdlft.modelica.tables import model_of_tables
+from mbdlft.modelica.rumoca import Sources, model_of_tables
 
 ADVICE = "Flat text has declarations of Real, Integer, Boolean and String, and equations."
 

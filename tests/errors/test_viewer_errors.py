@@ -9,9 +9,8 @@ import pytest
 import mbdlft
 from mbdlft.base.errors import ArchiveError, SceneError, TrimError, WellPosednessError
 from mbdlft.cli.files import _scene
-from mbdlft.show.viewer.data import view_data
+from mbdlft.show.viewer.data import _modes, view_data
 from mbdlft.show.viewer.drawing import draw
-from mbdlft.show.viewer.modes import _modes
 from mbdlft.show.viewer.page import _filled
 from mbdlft.show.viewer.picture import scene_picture
 from mbdlft.show.viewer.poses import poses

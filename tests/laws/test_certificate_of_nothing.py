@@ -15,7 +15,7 @@ from mbdlft.multibody.to_problem import choose_signals, problem_of_scene
 from mbdlft.pipeline.stages import _Check
 from mbdlft.problem.linearization import relinearize
 from mbdlft.problem.references import entry_sizes
-from mbdlft.show.report.sentences import checked_beside
+from mbdlft.show.report.content import checked_beside
 from tests.close import SCENARIO
 
 M = Parameter("m", 2.0, percent=50, unit="kg")

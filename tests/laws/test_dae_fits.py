@@ -7,8 +7,8 @@ import pytest
 import mbdlft
 from mbdlft.base import Angle, NotRationalError, Parameter, SceneError, TrimError
 from mbdlft.dae import Dae, DaeDraft, reduce_index, trim
+from mbdlft.dae.balance import solved_linear
 from mbdlft.dae.linear import linearized, trim_sizes, trimmed_points
-from mbdlft.dae.linear_block import solved_linear
 from mbdlft.modelica import flat_model, modelica_table_from_toml, operating_point, translate
 from mbdlft.pipeline import delta_theta, linearize_dae
 from mbdlft.problem.sx.constants import in_doubles

@@ -11,7 +11,7 @@ from mbdlft.analyze import sector_bounds
 from mbdlft.base import Angle, Parameter
 from mbdlft.base.formula import NUMPY, formula_value
 from mbdlft.dae import Dae, DaeDraft, evaluate_form, formula_function, reduce_index, simulate, trim
-from mbdlft.dae.separate import Arrange
+from mbdlft.dae.theta.separation import Arrange
 from mbdlft.pipeline import delta_theta, linearize_dae
 from mbdlft.system import DeltaThetaModel, ThetaFunction
 from tests.close import CLOSED_FORM, CROSS, SIMULATED, exact, target

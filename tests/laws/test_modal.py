@@ -15,11 +15,10 @@ from mbdlft import FiniteElements, ModalModel, Nodes, modal_model
 from mbdlft.elastic import model as model_module
 from mbdlft.elastic import partition as partition_module
 from mbdlft.elastic import reduction
-from mbdlft.elastic.eigen import Solver
+from mbdlft.elastic.model import mass_matrix
 from mbdlft.elastic.nodes import transport
 from mbdlft.elastic.partition import partition
-from mbdlft.elastic.reduction import Structure, candidates
-from mbdlft.elastic.rigid import mass_matrix
+from mbdlft.elastic.reduction import Solver, Structure, candidates
 from mbdlft.multibody.body.elastic import dense
 from tests.close import roundoff
 from tests.reference.frames import ALUMINUM, frame, straight, tee
@@ -403,7 +402,7 @@ def test_iterative_and_dense_modes_agree(monkeypatch: pytest.MonkeyPatch) -> Non
     equal = ALUMINUM._replace(I_z=ALUMINUM.I_y)  # every bending mode twice
     fe, ports = straight(9, 3.0, equal), {"right": 60}
     whole = modal_model(*fe, PARENT, ports, modes=12)
-    monkeypatch.setattr(mbdlft.elastic.eigen, "_DENSE", 0)
+    monkeypatch.setattr(mbdlft.elastic.reduction, "_DENSE", 0)
     assert modal_model(*fe, PARENT, ports, modes=0).kept == 0
     found = modal_model(*fe, PARENT, ports, modes=12)
     roundoff(found.frequencies / whole.frequencies, np.ones(18), conditioned(fe))

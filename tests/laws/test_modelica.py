@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import parse_unit
 from mbdlft.modelica import flat_model, flat_text, translate
-from mbdlft.modelica.evaluate import Evaluator
+from mbdlft.modelica.dimensions import unit_of
+from mbdlft.modelica.evaluation import Evaluator
 from mbdlft.modelica.expression import ExpressionParser
 from mbdlft.modelica.tree import Array, Binary, Call, Expression, If, Number, Reference, Unary
-from mbdlft.modelica.unit import unit_of
 from mbdlft.modelica.write import write
 from mbdlft.problem.sx.constants import in_doubles
 from tests.close import exact, roundoff

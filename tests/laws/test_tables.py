@@ -13,7 +13,7 @@ from mbdlft.analyze import sector_bounds, slope_bounds
 from mbdlft.base import Parameter
 from mbdlft.base.errors import AnalysisError
 from mbdlft.dae import DaeDraft, evaluate_form, formula_function
-from mbdlft.dae.piecewise import piecewise_of
+from mbdlft.dae.theta.piecewise import piecewise_of
 from mbdlft.pipeline import delta_theta
 from mbdlft.system import DeltaThetaModel, Table, ThetaFunction
 from tests.close import CLOSED_FORM, exact, target

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.dae.separate import Arrange
+from mbdlft.dae.theta.separation import Arrange
 from mbdlft.pipeline import delta_theta
 from mbdlft.system import DeltaThetaModel
 from tests.close import CLOSED_FORM, published, target

@@ -30,8 +30,7 @@ def samples_of(model: System) -> int:
 
 def response_figures(model: System) -> tuple[Picture, ...]:
     """Singular values, and Bode diagrams of a model with few channels."""
-    from mbdlft.show.figures.bode import save_bode
-    from mbdlft.show.figures.singular_values import save_singular_values
+    from mbdlft.show.figures.responses import save_bode, save_singular_values
 
     if not (model.inputs and model.outputs):
         return ()
@@ -54,7 +53,7 @@ def response_figures(model: System) -> tuple[Picture, ...]:
 
 def pole_figure(model: System) -> Picture | None:
     """Poles at nominal and at random samples; None without states."""
-    from mbdlft.show.figures.pole_map import save_pole_map
+    from mbdlft.show.figures.pole_maps import save_pole_map
 
     if not model.states:
         return None

@@ -1,4 +1,7 @@
-"""What is drawn of a scene: items of a tree, with shapes whose points and directions come from a tape."""
+"""The deformed center line of a beam, at its nodes or at as many points as its modes need.
+
+What is drawn of a scene: items of a tree, with shapes whose points and directions come from a tape.
+"""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -9,10 +12,11 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.description import AXES, Expected
+from mbdlft.base.description import AXES, Expected, Values
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.multibody.assembly.tree import PortFrame
 from mbdlft.multibody.body import GROUND, Beam, Body, ElasticBody, RigidBody
+from mbdlft.multibody.body.beam_elements import values_at
 from mbdlft.multibody.body.elastic import times
 from mbdlft.multibody.force import Load, Spring, Strut
 from mbdlft.multibody.force.kinds import DirectedLoad
@@ -22,8 +26,31 @@ from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.sensor import Sensor
 from mbdlft.multibody.spatial import column
 from mbdlft.problem.sx.constants import unit_vector
-from mbdlft.show.viewer.center_line import center_line
 from mbdlft.show.viewer.poses import Poses, load_wrenches
+
+_POINTS = 24  # at least, for polynomials over the whole beam
+_ROW = {
+    "axial": 0,
+    "bending_y": 1,
+    "bending_z": 2,
+}  # of the displacement that each deformation makes
+
+
+def center_line(beam: Beam, values: Values, q: ca.SX) -> list[ca.SX]:
+    """Points (3,) from the origin to the tip, in the axes of the body (m), for coordinates q (n,)."""
+    finer = 1 if beam.modes is None else -(-_POINTS // beam.elements)
+    count = beam.elements * finer
+    points = [ca.SX(3, 1)]
+    for node in range(1, count + 1):
+        moved = np.zeros((3, len(beam.freedoms())))
+        for name, d, part in beam.blocks():
+            if name in _ROW:
+                fine = d._replace(elements=count, breaks=tuple(finer * k for k in d.breaks))
+                moved[_ROW[name], part] = values_at(fine, "displacement", node)
+        along = ca.vertcat(ca.SX(node / count * values["length"]), ca.SX(2, 1))
+        points.append(along + ca.mtimes(ca.SX(moved), q))
+    return points
+
 
 T = TypeVar("T")
 Shape = dict[str, Any]

@@ -1,10 +1,20 @@
-"""What the file of a robot says of its looks: shapes and meshes of its links, as pages draw them.
+"""Meshes that the file of a robot names: found, read by the package trimesh, and thinned.
+
+The geoms of an MJCF file, as the package mujoco compiles them.
+
+The visual elements of an SDF model.
+
+The visual elements of a URDF file.
+
+What the file of a robot says of its looks: shapes and meshes of its links, as pages draw them.
 
 Meshes are thinned until a page has room for them.
 """
 
 import base64
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,12 +23,304 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError
 from mbdlft.multibody.body import GROUND
-from mbdlft.robot.read import top_of
-from mbdlft.robot.tree import body_name
-from mbdlft.show.viewer.looks_mjcf import mjcf_looks
-from mbdlft.show.viewer.looks_sdf import sdf_looks
-from mbdlft.show.viewer.looks_urdf import urdf_looks
-from mbdlft.show.viewer.meshes import Look, thinned
+from mbdlft.robot.description import body_name
+from mbdlft.robot.elements import (
+    Element,
+    between,
+    content_numbers,
+    name_of,
+    number,
+    of_angles,
+    of_quaternion,
+    triple,
+)
+from mbdlft.robot.load import top_of
+from mbdlft.robot.mjcf_model import Compiled, compiled
+from mbdlft.robot.sdf import chosen_model, version_of
+from mbdlft.robot.sdf_frames import frames_of, scopes
+
+_FINEST, _FINER = 256, 0.8  # cells along a mesh at most, and by what they get fewer
+_SCHEMES = ("package://", "model://")
+
+
+class Look(NamedTuple):
+    """A shape of a link, or of the ground, whose name is empty.
+
+    `place` (4, 4) is its matrix in the frame of the link. `sizes` are those of a primitive, by its kind;
+    a mesh has `triangles`: corners (n, 3, 3) in m.
+    """
+
+    link: str
+    place: Array
+    sizes: dict[str, Any]
+    triangles: Array | None = None
+
+
+def placed(R: Array, r: Array) -> Array:
+    """The matrix (4, 4) of a rotation and a shift."""
+    place = np.eye(4)
+    place[:3, :3], place[:3, 3] = R, r
+    return place
+
+
+def triangles_of(file: Path, name: str, notes: list[str]) -> Array | None:
+    """Corners (n, 3, 3) of the triangles of a mesh that `file` names, or None and a note."""
+    found = _found(file, name)
+    if found is None:
+        notes.append(f"The mesh {name!r} is not there.")
+        return None
+    try:
+        corners = _read(found)
+    except ImportError:
+        notes.append("Meshes need the package trimesh: pip install 'mbdlft[viewer]'.")
+        return None
+    except Exception as error:  # a reader of ten formats has its own errors
+        notes.append(f"The mesh {name!r} cannot be read: {error}.")
+        return None
+    if not len(corners) or not np.isfinite(corners).all():
+        notes.append(f"The mesh {name!r} has no triangles.")
+        return None
+    return corners
+
+
+@lru_cache(maxsize=64)  # legs and wheels have one mesh
+def _read(file: Path) -> Array:
+    """Corners (n, 3, 3) of the triangles of a file."""
+    import trimesh
+
+    return np.asarray(trimesh.load_mesh(file, process=False).triangles, dtype=float)
+
+
+def _found(file: Path, name: str) -> Path | None:
+    """The file of a mesh: beside the robot, or in a folder above it that has the package."""
+    plain = name.removeprefix("file://")
+    if not name.startswith(_SCHEMES):
+        at = file.parent / plain
+        return at if at.is_file() else None
+    inside = name.partition("://")[2]
+    package, _, rest = inside.partition("/")
+    for folder in file.resolve().parents:
+        places = [folder / inside] + ([folder / rest] if folder.name == package else [])
+        for place in places:
+            if place.is_file():
+                return place
+    return None
+
+
+def thinned(corners: Array, most: int) -> Array:
+    """At most about `most` triangles (n, 3, 3): corners in one cell of a grid become their mean.
+
+    Triangles with two corners in one cell vanish. Source: Rossignac and Borrel, Multi-resolution 3D
+    approximations for rendering complex scenes (1993), section 2.
+    """
+    points, found = corners.reshape(-1, 3), corners
+    low, size = points.min(axis=0), float(np.max(np.ptp(points, axis=0)))
+    cells = min(float(_FINEST), 2.0 * math.sqrt(most) + 2.0)
+    while len(found) > most and cells > 1.0 and size > 0.0:
+        x, y, z = np.floor((points - low) * (cells / size)).astype(np.int64).T
+        wide = int(cells) + 2
+        _, cell = np.unique((x * wide + y) * wide + z, return_inverse=True)
+        sums = np.stack([np.bincount(cell, points[:, k]) for k in range(3)], axis=1)
+        means = sums / np.bincount(cell)[:, None].astype(float)
+        three = np.sort(cell.reshape(-1, 3), axis=1)
+        three = three[(three[:, 0] != three[:, 1]) & (three[:, 1] != three[:, 2])]
+        found = means[np.unique(three, axis=0)]
+        cells *= _FINER
+    return np.asarray(found, dtype=float)
+
+
+_GROUPS = 3  # the first groups are those that MuJoCo's own viewer shows; the others collide
+
+
+def mjcf_looks(file: Path, top: Element, notes: list[str]) -> list[Look]:
+    """The geoms of all bodies and of the world; `notes` gets sentences on what is not shown.
+
+    Geoms of the groups 0, 1 and 2 are shown, or all of them if these have none; transparent ones are
+    not.
+
+    Raises
+    ------
+    SceneError
+        The package mujoco is not installed, or cannot compile the file.
+    """
+    model = compiled(file, top)
+    seen = [k for k in range(model.count("ngeom")) if _visible(model, k)]
+    chosen = [k for k in seen if model.of("geom_group")[k] < _GROUPS] or seen
+    looks = []
+    for k in chosen:
+        body = int(model.of("geom_bodyid")[k])
+        place = placed(of_quaternion(model.of("geom_quat")[k]), model.of("geom_pos")[k])
+        look = Look(model.body(body) if body else "", place, {})
+        sizes = _sizes(model, k)
+        if sizes:
+            looks.append(look._replace(sizes=sizes))
+        elif (corners := _triangles(model, k)) is not None:
+            looks.append(look._replace(triangles=corners))
+        else:
+            kind = model.word("mjtGeom", model.of("geom_type")[k]).lower()
+            notes.append(f"Geoms of the type {kind} are not shown.")
+    return looks
+
+
+def _visible(model: Compiled, geom: int) -> bool:
+    """Whether a geom is not transparent; the color of its material counts, if it has one."""
+    material = int(model.of("geom_matid")[geom])
+    color = model.of("mat_rgba")[material] if material >= 0 else model.of("geom_rgba")[geom]
+    return bool(color[3] > 0.0)
+
+
+def _sizes(model: Compiled, geom: int) -> dict[str, Any]:
+    """Sizes (m) of a geom; MuJoCo has halves of them. Nothing for what has others."""
+    kind = model.word("mjtGeom", model.of("geom_type")[geom])
+    a, b, c = (float(entry) for entry in model.of("geom_size")[geom])
+    known: dict[str, Any] = {
+        "BOX": {"box": [2.0 * a, 2.0 * b, 2.0 * c]},
+        "SPHERE": {"sphere": a},
+        "ELLIPSOID": {"ellipsoid": [a, b, c]},
+        "CYLINDER": {"cylinder": [a, 2.0 * b]},
+        "CAPSULE": {"capsule": [a, 2.0 * b]},
+        "PLANE": {"plane": [2.0 * a, 2.0 * b]},
+    }
+    return dict(known.get(kind, {}))
+
+
+def _triangles(model: Compiled, geom: int) -> Array | None:
+    """Corners (n, 3, 3) of the mesh of a geom, in its axes; None if it has no mesh."""
+    mesh, kind = int(model.of("geom_dataid")[geom]), int(model.of("geom_type")[geom])
+    if mesh < 0 or kind not in (model.code("mjtGeom", "MESH"), model.code("mjtGeom", "SDF")):
+        return None
+    point, face = (int(model.of(f"mesh_{key}adr")[mesh]) for key in ("vert", "face"))
+    points = model.of("mesh_vert")[point : point + model.of("mesh_vertnum")[mesh]]
+    faces = model.of("mesh_face")[face : face + model.of("mesh_facenum")[mesh]]
+    return np.asarray(points[faces], dtype=float)
+
+
+# the sizes of shapes, each with the number of its entries
+_SIZES: Mapping[str, tuple[tuple[str, int], ...]] = {
+    "box": (("size", 3),), "sphere": (("radius", 1),), "ellipsoid": (("radii", 3),),
+    "cylinder": (("radius", 1), ("length", 1)), "capsule": (("radius", 1), ("length", 1)),
+    "cone": (("radius", 1), ("length", 1)),
+}  # fmt: skip
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+def sdf_looks(file: Path, top: Element, model: str | None, notes: list[str]) -> list[Look]:
+    """The shapes of all links of a model; `notes` gets sentences on what is not shown.
+
+    Raises
+    ------
+    SceneError
+        A number is wrong, or a pose is relative to an unknown frame.
+    """
+    chosen, _ = chosen_model(top, model)
+    frames = frames_of(chosen, version_of(top))
+    looks = []
+    for scope, owner in scopes(chosen):
+        for link in owner.named("link"):
+            name = f"{scope}{name_of(link)}"
+            for visual in link.named("visual"):
+                where = f"visual of link {name!r}"
+                pose = frames.inside(visual, name, scope, where)
+                place = placed(pose.R, pose.p)
+                geometry = visual.only("geometry")
+                for given in geometry.children if geometry else ():
+                    look = _look_of_sdf(file, name, given, notes)
+                    looks += [look._replace(place=place @ look.place)] if look else []
+    return looks
+
+
+def _look_of_sdf(file: Path, link: str, given: Element, notes: list[str]) -> Look | None:
+    """A shape at the origin of its visual; None for one that is not shown."""
+    where = f"visual of link {link!r}"
+    if given.tag == "mesh":
+        return _mesh(file, link, given, notes)
+    if given.tag == "plane":
+        normal, size = given.only("normal"), given.only("size")
+        along = np.array(content_numbers(normal, where, 3)) if normal else _UP
+        sizes = list(content_numbers(size, where, 2)) if size else [1.0, 1.0]
+        return Look(link, placed(between(_UP, along), np.zeros(3)), {"plane": sizes})
+    if given.tag not in _SIZES:
+        if given.tag != "empty":
+            notes.append(f"Shapes <{given.tag}> are not shown.")
+        return None
+    numbers: list[float] = []
+    for key, count in _SIZES[given.tag]:
+        part = given.only(key)
+        if part is None:
+            notes.append(f"A <{given.tag}> of link {link!r} has no <{key}> and is not shown.")
+            return None
+        numbers += content_numbers(part, where, count)
+    return Look(link, np.eye(4), {given.tag: numbers if len(numbers) > 1 else numbers[0]})
+
+
+def _mesh(file: Path, link: str, given: Element, notes: list[str]) -> Look | None:
+    """A mesh; a part of one is not shown."""
+    uri, scale = given.only("uri"), given.only("scale")
+    name = uri.text.strip() if uri else ""
+    if given.only("submesh"):
+        notes.append(f"Of the mesh {name!r} a part is asked for, and it is not shown.")
+        return None
+    corners = triangles_of(file, name, notes)
+    if corners is None:
+        return None
+    if scale:
+        corners = corners * np.array(content_numbers(scale, f"mesh {name!r}", 3))
+    return Look(link, np.eye(4), {}, corners)
+
+
+def urdf_looks(file: Path, robot: Element, notes: list[str]) -> list[Look]:
+    """The shapes of all links; `notes` gets sentences on what is not shown.
+
+    Raises
+    ------
+    SceneError
+        A number is wrong.
+    """
+    looks = []
+    for link in robot.named("link"):
+        for visual in link.named("visual"):
+            geometry = visual.only("geometry")
+            for given in geometry.children if geometry else ():
+                look = _look_of_urdf(file, name_of(link), given, notes)
+                looks += [look._replace(place=_place(visual))] if look else []
+    return looks
+
+
+def _place(visual: Element) -> Array:
+    """The matrix (4, 4) from a visual to its link: about x, then y, then z of the link, then shifted."""
+    origin = visual.only("origin")
+    where = "origin of a visual"
+    turned, shifted = np.eye(3), np.zeros(3)
+    if origin is not None and "rpy" in origin.attributes:
+        turned = of_angles(triple(origin, "rpy", where))
+    if origin is not None and "xyz" in origin.attributes:
+        shifted = np.array(triple(origin, "xyz", where))
+    return placed(turned, shifted)
+
+
+def _look_of_urdf(file: Path, link: str, given: Element, notes: list[str]) -> Look | None:
+    """A shape at the origin of its link; None for one that is not shown."""
+    where = f"visual of link {link!r}"
+    if given.tag == "mesh":
+        name = given.attributes.get("filename", "")
+        corners = triangles_of(file, name, notes)
+        if corners is None:
+            return None
+        if "scale" in given.attributes:
+            corners = corners * np.array(triple(given, "scale", f"mesh {name!r}"))
+        return Look(link, np.eye(4), {}, corners)
+    sizes: dict[str, Any] = {}
+    if given.tag == "box":
+        sizes["box"] = list(triple(given, "size", where))
+    elif given.tag == "sphere":
+        sizes["sphere"] = number(given, "radius", where)
+    elif given.tag in ("cylinder", "capsule"):
+        sizes[given.tag] = [number(given, key, where) for key in ("radius", "length")]
+    else:
+        notes.append(f"Shapes <{given.tag}> are not shown.")
+        return None
+    return Look(link, np.eye(4), sizes)
+
 
 _MOST = 36_000  # triangles of a page
 _FEWEST = 60  # of a mesh, however many there are

@@ -1,7 +1,7 @@
 "use strict";
 /* Tapes of straight-line operations, and the linear equations that follow from them. */
 
-/** Results of a tape, whose steps are [operation, target, first, second]; see mbdlft/show/viewer/tape.py. */
+/** Results of a tape, whose steps are [operation, target, first, second]; see mbdlft/show/viewer/data.py. */
 function interpret(tape, ...given) {
   const w = new Float64Array(tape.registers), results = new Float64Array(tape.outputs);
   const { steps, constants } = tape;

@@ -15,20 +15,21 @@ from typing import Literal
 import casadi as ca
 
 from mbdlft.base.errors import NotRationalError
-from mbdlft.dae.arguments import Registry, independent
 from mbdlft.dae.description import Dae
-from mbdlft.dae.mixed import (
+from mbdlft.dae.text import ARITHMETIC_OF_SX, FUNCTIONS, column_of, free_symbols
+from mbdlft.dae.theta.arguments import (
     NOTHING,
     ONE_KEY,
     Mixed,
+    Registry,
     coefficient,
+    independent,
     number,
     plus,
     signal,
     term,
     times,
 )
-from mbdlft.dae.operations import ARITHMETIC, FUNCTIONS, column_of, free_symbols
 from mbdlft.exact.numbers import constant_of
 from mbdlft.problem.equations import cosines_sines
 from mbdlft.problem.sx.constants import FUNCTIONS as EXACT_FUNCTIONS
@@ -70,7 +71,9 @@ class Separation:
             int, Mixed
         ] = {}  # of variables that are defined, by the hash of the symbol
         self.place = self.hint = ""
-        self._operations = {name: partial(self.apply, name) for name in (*ARITHMETIC, *FUNCTIONS)}
+        self._operations = {
+            name: partial(self.apply, name) for name in (*ARITHMETIC_OF_SX, *FUNCTIONS)
+        }
 
     def follow(self, expression: ca.SX, place: str, hint: str) -> Mixed:
         """The value of an expression; `place` is for messages, `hint` names its functions.
@@ -146,7 +149,7 @@ class Separation:
         if all(map(is_constant, values)):
             if operation in EXACT_FUNCTIONS:
                 return coefficient(ca.SX(EXACT_FUNCTIONS[operation](values[0])))
-            near = numbers_of({**ARITHMETIC, **FUNCTIONS}[operation](*values))
+            near = numbers_of({**ARITHMETIC_OF_SX, **FUNCTIONS}[operation](*values))
             return coefficient(ca.SX(literal(float(near[0, 0]))))
         if operation in ("sin", "cos") and values[0].is_symbolic():
             pair = self.angles.get(values[0].element_hash())
@@ -190,7 +193,7 @@ class Separation:
             elif ratio is not None:
                 expression = ratio * expression
             expressions.append(expression)
-        made = {**ARITHMETIC, **FUNCTIONS}[operation](*expressions)
+        made = {**ARITHMETIC_OF_SX, **FUNCTIONS}[operation](*expressions)
         return term(self.registry.function(self._reduced(made), self.hint), factor)
 
     def _expression(self, value: Mixed) -> tuple[ca.SX, ca.SX | None]:

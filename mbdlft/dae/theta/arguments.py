@@ -1,9 +1,17 @@
-"""Arguments and functions of Theta, each once: what is a multiple of another argument is that one."""
+"""What equations are made of: a part linear in signals, a number, and nonlinear functions with factors.
+
+value = sum c_k(p) l_k + c_0(p) + sum c_j(p) f_j,      l_k, f_j without parameters
+
+Arguments and functions of Theta, each once: what is a multiple of another argument is that one.
+
+Sums of functions of one argument that are a table together: one function of Theta.
+"""
 
 import operator
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cache
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -11,12 +19,124 @@ import flint
 import numpy as np
 
 from mbdlft.base.errors import NotRationalError
-from mbdlft.dae.mixed import ONE_KEY, Mixed, times
-from mbdlft.dae.mixed import number as number_of
-from mbdlft.dae.operations import column_of, free_symbols
+from mbdlft.dae.alias import rational
+from mbdlft.dae.text import column_of, free_symbols
+from mbdlft.dae.theta.piecewise import piecewise_of
 from mbdlft.exact.numbers import Field, constant_of
-from mbdlft.problem.sx.constants import constants_in, is_constant
+from mbdlft.problem.sx.constants import constants_in, is_constant, literal
 from mbdlft.problem.sx.tapes import Rule, fold, rules, steps
+
+ONE_KEY = "1"
+
+
+class Part(NamedTuple):
+    """A coefficient of parameters and numbers, times an expression linear in signals."""
+
+    coefficient: ca.SX
+    form: ca.SX
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mixed:
+    """A value in an equation.
+
+    Attributes
+    ----------
+    linear : mapping of the text of a coefficient to `Part`
+        The forms have numbers only.
+    constant : SX, or None for zero
+        Of parameters and numbers.
+    terms : mapping of numbers of functions to their factors SX
+    """
+
+    linear: Mapping[str, Part]
+    constant: ca.SX | None
+    terms: Mapping[int, ca.SX]
+
+    @property
+    def is_coefficient(self) -> bool:
+        """Whether there are no signals in it."""
+        return not self.linear and not self.terms
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether there are no parameters in it."""
+        return (
+            set(self.linear) <= {ONE_KEY}
+            and (self.constant is None or is_constant(self.constant))
+            and all(is_constant(c) for c in self.terms.values())
+        )
+
+
+NOTHING = Mixed({}, None, {})
+
+
+def coefficient(value: ca.SX) -> Mixed:
+    """A value of parameters and numbers."""
+    return NOTHING if rational(value) == 0 else Mixed({}, value, {})
+
+
+def signal(symbol: ca.SX) -> Mixed:
+    """A signal."""
+    return Mixed({ONE_KEY: Part(ca.SX(1), symbol)}, None, {})
+
+
+def term(number: int, factor: ca.SX) -> Mixed:
+    """A function with a factor."""
+    return Mixed({}, None, {number: factor})
+
+
+def plus(a: Mixed, b: Mixed) -> Mixed:
+    """Sum."""
+    linear = dict(a.linear)
+    for key, part in b.linear.items():
+        known = linear.get(key)
+        linear[key] = part if known is None else Part(known.coefficient, known.form + part.form)
+    linear = {key: part for key, part in linear.items() if not _is_zero(part.form)}
+    terms = dict(a.terms)
+    for number, factor in b.terms.items():
+        terms[number] = terms[number] + factor if number in terms else factor
+    terms = {number: factor for number, factor in terms.items() if not _is_zero(factor)}
+    if a.constant is None or b.constant is None:
+        constant = b.constant if a.constant is None else a.constant
+    else:
+        constant = a.constant + b.constant
+        constant = None if _is_zero(constant) else constant
+    return Mixed(linear, constant, terms)
+
+
+def times(a: Mixed, factor: ca.SX) -> Mixed:
+    """Times a coefficient."""
+    number = rational(factor)
+    if number is not None:
+        if not number:
+            return NOTHING
+        if number == 1:
+            return a
+    linear: dict[str, Part] = {}
+    for key, part in a.linear.items():
+        if is_constant(factor):
+            linear[key] = Part(part.coefficient, factor * part.form)
+            continue
+        new = factor if key == ONE_KEY else part.coefficient * factor
+        known = linear.get(str(new))
+        linear[str(new)] = Part(new, part.form if known is None else known.form + part.form)
+    return Mixed(
+        linear,
+        None if a.constant is None else factor * a.constant,
+        {number: c * factor for number, c in a.terms.items()},
+    )
+
+
+def _is_zero(expression: ca.SX) -> bool:
+    return expression.nnz() == 0 or bool(expression.is_zero())
+
+
+@cache
+def number(value: Fraction) -> ca.SX:
+    """A number as SX that is not rounded."""
+    return ca.SX(literal(value))
+
 
 _SEED = 20090211  # of the residues that stand for parameters
 _SMALL = 2**15  # of numerators and denominators of ratios that are recognized
@@ -59,13 +179,13 @@ class Registry:
         row, is_rational = self._row(value)
         lead = row[min(row, key=str)]
         key = (is_rational, tuple(sorted((str(k), _key(x / lead)) for k, x in row.items())))
-        for number, before in self._arguments.get(key, ()):
+        for index, before in self._arguments.get(key, ()):
             ratio = lead / before if is_rational else _fraction(lead / before, self._field.prime)
             if ratio is not None:
-                return self.arguments[number].symbol, ratio
+                return self.arguments[index].symbol, ratio
         first = Fraction(1)
         if is_rational and len(row) == 1:  # a signal itself; of more, as it was written first
-            first, value = lead, times(value, number_of(1 / lead))
+            first, value = lead, times(value, number(1 / lead))
             row, lead = {k: Fraction(1) for k in row}, Fraction(1)
         symbol = ca.SX.sym(f"psi{len(self.arguments)}")
         self._arguments.setdefault(key, []).append((len(self.arguments), lead))
@@ -170,3 +290,70 @@ def independent(arguments: Sequence[Argument]) -> list[tuple[Fraction, ...]] | N
     pivots = {next(k for k, x in enumerate(row) if x): row for row in factors}
     nothing = [Fraction(0)] * len(rows)
     return list(zip(*(pivots.get(k, nothing) for k in range(len(rows))), strict=True))
+
+
+def with_tables(registry: Registry, value: Mixed, hint: str, sign: int) -> Mixed:
+    """A value with sums of functions of one argument that are a table together as one function.
+
+    What is linear in the argument is in the table, too. The function is `sign` times these terms.
+    """
+    groups: dict[tuple[int, str], list[int]] = {}
+    for k, factor in value.terms.items():
+        used = registry.functions[k].arguments
+        if len(used) == 1:
+            common = "" if is_constant(factor) else str(factor)
+            groups.setdefault((used[0], common), []).append(k)
+    for (a, common), own in groups.items():
+        if len(own) > 1 and common:
+            value = _with_factor(registry, value, a, own, hint)
+        elif len(own) > 1:
+            value = _with_numbers(registry, value, a, own, hint, ca.SX(sign))
+    return value
+
+
+def _with_factor(registry: Registry, value: Mixed, a: int, own: list[int], hint: str) -> Mixed:
+    """Functions with one factor of parameters."""
+    total = sum((registry.functions[k].expression for k in own), ca.SX(0))
+    if not _is_table(total, registry.arguments[a].symbol):
+        return value
+    made = term(registry.function(total, hint), value.terms[own[0]])
+    return plus(_without(value, own), made)
+
+
+def _with_numbers(
+    registry: Registry, value: Mixed, a: int, own: list[int], hint: str, sign: ca.SX
+) -> Mixed:
+    """Functions with numbers for factors, what is linear in their argument, and a constant."""
+    argument = registry.arguments[a]
+    total = sum((value.terms[k] * registry.functions[k].expression for k in own), ca.SX(0))
+    rest = _without(value, own)
+    slope = _slope_by(value, argument.value)
+    if slope is not None:
+        total = total + slope * argument.symbol
+        rest = plus(rest, times(argument.value, -slope))
+    if rest.constant is not None and is_constant(rest.constant):
+        total = total + rest.constant
+        rest = Mixed(rest.linear, None, rest.terms)
+    if not _is_table(total, argument.symbol):
+        return value
+    return plus(rest, term(registry.function(sign * total, hint), sign))
+
+
+def _without(value: Mixed, own: list[int]) -> Mixed:
+    terms = {k: factor for k, factor in value.terms.items() if k not in own}
+    return Mixed(value.linear, value.constant, terms)
+
+
+def _is_table(expression: ca.SX, argument: ca.SX) -> bool:
+    found = piecewise_of(expression, argument)
+    return found is not None and found.table() is not None
+
+
+def _slope_by(value: Mixed, argument: Mixed) -> ca.SX | None:
+    """How often an argument that is a signal is in the part of a value that is linear with numbers."""
+    part, own = value.linear.get(ONE_KEY), argument.linear.get(ONE_KEY)
+    is_signal = own is not None and len(argument.linear) == 1 and argument.constant is None
+    if part is None or own is None or not is_signal or argument.terms or not own.form.is_symbolic():
+        return None
+    slope = ca.SX(ca.jacobian(part.form, own.form))
+    return ca.densify(slope) if slope.nnz() else None

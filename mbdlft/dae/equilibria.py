@@ -23,10 +23,10 @@ from mbdlft.dae.balance import (
     start_of,
 )
 from mbdlft.dae.fit import Fitted, fitted
-from mbdlft.dae.operations import column_of
+from mbdlft.dae.index import independent
 from mbdlft.dae.points import System, solve, values_of
-from mbdlft.dae.states import independent
 from mbdlft.dae.structure import Quantity, Structure, parameter_points
+from mbdlft.dae.text import column_of
 from mbdlft.problem.sx.constants import in_doubles, literal
 
 

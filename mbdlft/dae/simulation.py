@@ -11,11 +11,10 @@ from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, SceneError, check_known
 from mbdlft.base.unit import Signal
 from mbdlft.dae.description import Dae
-from mbdlft.dae.operations import column_of
+from mbdlft.dae.index import blocks_of
 from mbdlft.dae.points import Found, System, solve
-from mbdlft.dae.states import blocks_of
 from mbdlft.dae.structure import Structure, in_symbols, reduce_index
-from mbdlft.dae.text import formula_function
+from mbdlft.dae.text import column_of, formula_function
 from mbdlft.dae.to_problem import consistent_point
 from mbdlft.problem.sx.constants import in_doubles
 from mbdlft.system.points import matrices_at

@@ -1,0 +1,1 @@
+"""Delta-Theta forms: relations that are linear in signals, and nonlinear functions."""
