@@ -68,7 +68,7 @@ def measure(case: Case, search: float = _SEARCH, rewritings: int = 0) -> Row:
     """Orders with and without search, once the values are verified."""
     problem = case.problem()
     start = time.perf_counter()
-    model = mbdlft.realize(problem, search=search, exact=True)
+    model = mbdlft.realize(problem, search=search)
     seconds = time.perf_counter() - start
     samples = points(case, _CHECKED)
     values = {name: np.array([sample[name] for sample in samples]) for name in samples[0]}
@@ -97,7 +97,7 @@ def _rewritten(case: Case, search: float, count: int) -> str:
     """Orders of other ways to write a matrix, and how often each was found."""
     search = search if case.order == case.proved else min(search, 1.0)  # no proof ends the search
     found = Counter(
-        mbdlft.realize(case.problem(rewritten(case.matrix, seed)), search=search, exact=True).order
+        mbdlft.realize(case.problem(rewritten(case.matrix, seed)), search=search).order
         for seed in range(count)
     )
     return ", ".join(f"{order} ({times})" for order, times in sorted(found.items()))
@@ -193,7 +193,7 @@ def main() -> None:
     parser.add_argument("--write", type=Path)
     parser.add_argument("--rewritings", type=int, default=10)
     options = parser.parse_args()
-    mbdlft.realize(CASES[0].problem(), search=_SEARCH, exact=True)  # the first one warms up
+    mbdlft.realize(CASES[0].problem(), search=_SEARCH)  # the first one warms up
     chains = [measure_chain(links, spatial=spatial) for spatial, links in _CHAINS]
     cases = [measure(case, rewritings=options.rewritings) for case in CASES]
     text = "\n\n".join([chain_table(chains), measure_reduction(), table(cases)])

@@ -166,9 +166,6 @@ def realize(
     search: Search = SEARCH,
     most_seconds: Seconds = None,
     prove: Prove = 1.0,
-    exact: Annotated[
-        bool, typer.Option("--exact", help="Prove the lower bound in exact arithmetic.")
-    ] = False,
 ) -> None:
     """Make a certified model of a matrix that is rational in parameters."""
     from mbdlft.matrix import load_matrix
@@ -185,7 +182,6 @@ def realize(
             search,
             seconds=most_seconds,
             prove=prove,
-            exact=exact,
             progress=progress.stage,
         )
         seconds |= {name: value for name, value in built.seconds.items() if name != "total"}

@@ -22,11 +22,7 @@ from mbdlft.problem.relations import LinearModel
 _SCALINGS = 10  # of rows and columns; each halves the digits in which they differ
 
 
-def problem_of_matrix(
-    matrix: MatrixProblem,
-    *,
-    stage: Stage = lambda name: nullcontext(),
-) -> Problem:
+def problem_of_matrix(matrix: MatrixProblem, stage: Stage = nullcontext) -> Problem:
     """The entries of a matrix as relations, written in several ways, and its values in 50 digits.
 
     Raises

@@ -20,7 +20,7 @@ from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.multibody.scene import Scene
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.order.exact_degree import exact_degrees
-from mbdlft.order.search import SEARCH, budget_of
+from mbdlft.order.search import SEARCH, Budget, budget_of
 from mbdlft.pipeline.forms import candidates
 from mbdlft.pipeline.stages import realization
 from mbdlft.system.model import LFTModel
@@ -38,19 +38,37 @@ class Build:
     seconds: dict[str, float]
 
 
+Progress = Callable[[str], object] | None  # is told the name of each stage as it starts
+
+
 @dataclass(slots=True)
 class Clock:
     """Seconds by stage."""
 
-    progress: Callable[[str], None]
+    progress: Progress
     seconds: dict[str, float] = field(default_factory=dict)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        self.progress(name)
+        if self.progress is not None:
+            self.progress(name)
         start = time.perf_counter()
         yield
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
+    def build(self, model: LFTModel) -> Build:
+        return Build(model, self.seconds | {"total": sum(self.seconds.values())})
+
+
+@contextmanager
+def _timed(
+    search: float, seconds: float | None, prove: float, progress: Progress = None
+) -> Iterator[tuple[Budget, Clock]]:
+    """A budget of work, once its numbers are known to be usable, and a clock; algebra in one thread."""
+    budget = budget_of(search, seconds)
+    check_work(prove)
+    with one_thread():
+        yield budget, Clock(progress)
 
 
 def to_lft(
@@ -84,7 +102,7 @@ def to_lft(
 def build(
     scene: Scene,
     search: float = SEARCH,
-    progress: Callable[[str], None] = lambda stage: None,
+    progress: Progress = None,
     truncate: float | None = None,
     seconds: float | None = None,
     prove: float = PROVE,
@@ -100,17 +118,14 @@ def build(
         raise SceneError(
             f"expected a Scene, got {type(scene).__name__}. load_scene(path) reads one from a file."
         )
-    budget = budget_of(search, seconds)  # before the work, not after it
-    check_work(prove)
     if truncate is not None:
-        check_tolerance(truncate)
-    with one_thread():
-        clock = Clock(progress)
+        check_tolerance(truncate)  # before the work, not after it
+    with _timed(search, seconds, prove, progress) as (budget, clock):
         model = realization(problem_of_scene(scene, clock.stage), budget, clock.stage, prove)
         if truncate is not None:
             with clock.stage("truncate"):
                 model = truncated(model, truncate)
-    return Build(model, clock.seconds | {"total": sum(clock.seconds.values())})
+    return clock.build(model)
 
 
 def realize(
@@ -118,7 +133,6 @@ def realize(
     parameters: Sequence[Parameter] = (),
     *,
     search: float = SEARCH,
-    exact: bool = False,
     seconds: float | None = None,
     prove: float = PROVE,
     **fields: Any,
@@ -135,8 +149,6 @@ def realize(
     search : float
         Units of work, each about a second of one core, to look for a smaller model by using that
         parameters commute, and for a better lower bound by pairs and triples of parameters; 0: neither.
-    exact : bool
-        Has no effect any more: decisions are always made in exact arithmetic.
     seconds : float, optional
         Upper limit of the time of the search (s). Without one the result depends on the matrix alone.
     prove : float
@@ -164,31 +176,26 @@ def realize(
         if parameters or fields:
             raise SceneError(
                 f"matrix {matrix.name!r}: a MatrixProblem has its own parameters and fields; give "
-                "search and exact only."
+                "search, seconds and prove only."
             )
         problem = matrix
     else:
         problem = matrix_problem(matrix, parameters, **fields)
-    return build_matrix(problem, search, exact=exact, seconds=seconds, prove=prove).model
+    return build_matrix(problem, search, seconds=seconds, prove=prove).model
 
 
 def build_matrix(
     problem: MatrixProblem,
     search: float = SEARCH,
     *,
-    exact: bool = False,
-    progress: Callable[[str], None] = lambda stage: None,
+    progress: Progress = None,
     seconds: float | None = None,
     prove: float = PROVE,
 ) -> Build:
     """As `realize`, with the seconds of each stage; `progress` is told the name of each as it starts."""
-    budget = budget_of(search, seconds)
-    check_work(prove)
-    with one_thread():
-        clock = Clock(progress)
-        posed = problem_of_matrix(problem, stage=clock.stage)
-        model = realization(posed, budget, clock.stage, prove)
-    return Build(model, clock.seconds | {"total": sum(clock.seconds.values())})
+    with _timed(search, seconds, prove, progress) as (budget, clock):
+        posed = problem_of_matrix(problem, clock.stage)
+        return clock.build(realization(posed, budget, clock.stage, prove))
 
 
 def exact_lower_bound(problem: MatrixProblem, seed: int = 0) -> dict[str, int]:
@@ -222,10 +229,6 @@ def exact_lower_bound(problem: MatrixProblem, seed: int = 0) -> dict[str, int]:
         return exact_degrees(candidate.exact, seed)
 
 
-def _nobody(stage: str) -> None:
-    """Is told a stage, and does nothing."""
-
-
 def delta_theta(
     model: Dae | Structure,
     arrange: Arrange = "fewest",
@@ -233,7 +236,7 @@ def delta_theta(
     search: float = SEARCH,
     seconds: float | None = None,
     prove: float = PROVE,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress = None,
 ) -> DeltaThetaModel:
     """The exact Delta-Theta form of a DAE, nothing linearized; its linear part has a certificate.
 
@@ -257,10 +260,7 @@ def delta_theta(
     NotRationalError
         A coefficient is not rational in the parameters.
     """
-    budget = budget_of(search, seconds)
-    check_work(prove)
-    with one_thread():
-        clock = Clock(progress or _nobody)
+    with _timed(search, seconds, prove, progress) as (budget, clock):
         with clock.stage("structure"):
             structure = model if isinstance(model, Structure) else reduce_index(model)
         separated = problem_of_dae(structure, arrange, clock.stage)
@@ -283,7 +283,7 @@ def linearize_dae(
     search: float = SEARCH,
     seconds: float | None = None,
     prove: float = PROVE,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress = None,
 ) -> LFTModel:
     """The exact linear model of a DAE around an equilibrium, parameters left in, with certificate.
 
@@ -303,10 +303,7 @@ def linearize_dae(
     StructureError, TrimError, NotRationalError
         As `reduce_index`, `trim`; or the linear model is not rational in the parameters.
     """
-    budget = budget_of(search, seconds)
-    check_work(prove)
-    with one_thread():
-        clock = Clock(progress or _nobody)
+    with _timed(search, seconds, prove, progress) as (budget, clock):
         if not isinstance(model, DaeTrim):
             with clock.stage("structure"):
                 structure = model if isinstance(model, Structure) else reduce_index(model)

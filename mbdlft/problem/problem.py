@@ -18,7 +18,7 @@ from mbdlft.base.unit import Signal
 from mbdlft.problem.relations import LinearModel
 
 Complex = NDArray[np.complex128]
-Stage = Callable[[str], AbstractContextManager[None]]  # times what is done in it, by its name
+Stage = Callable[[str], AbstractContextManager[object]]  # times what is done in it, by its name
 
 
 class Nouns(NamedTuple):

@@ -193,7 +193,7 @@ def test_realize_writes_archive_and_table(
 ) -> None:
     archive = tmp_path / "missile.h5"
     code, out, err = run(
-        monkeypatch, capsys, "realize", MISSILE, "-o", str(archive), "--search", "20", "--exact"
+        monkeypatch, capsys, "realize", MISSILE, "-o", str(archive), "--search", "20"
     )
     assert (code, err) == (0, "")
     assert "order 10, lower bound 10: minimal: proved (bound in exact arithmetic)" in out
@@ -227,19 +227,15 @@ m = { nominal = 0.6, percent = 20 }
 """
 
 
-@pytest.mark.parametrize("exact", [(), ("--exact",)])
 def test_bound_by_pairs_is_printed(
-    exact: tuple[str, ...],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file, archive = tmp_path / "pair.toml", str(tmp_path / "pair.h5")
     file.write_text(PAIR, encoding="utf-8")
-    arguments = ("realize", str(file), "--search", "0.5", *exact)
+    arguments = ("realize", str(file), "--search", "0.5")
     _, out, _ = run(monkeypatch, capsys, *arguments, "-o", archive)
     words = "order 5, lower bound 5 (4 one by one, 1 more together): minimal: proved"
-    words += " (the 4 in exact arithmetic)" if exact else ""
+    words += " (the 4 in exact arithmetic)"
     assert words in out
     assert words in run(monkeypatch, capsys, "show", archive)[1]
     found = json.loads(run(monkeypatch, capsys, *arguments, "--json")[1])
