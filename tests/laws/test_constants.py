@@ -28,6 +28,8 @@ from mbdlft.exact.numbers import BITS, Constant, precision
 from mbdlft.problem.sx import constants as module
 from mbdlft.problem.sx.constants import (
     FUNCTIONS,
+    constant,
+    constants_in,
     cosine_sine,
     in_doubles,
     is_constant,
@@ -90,6 +92,30 @@ def test_one_symbol_for_each_number() -> None:
     assert ca.is_equal(ca.SX(literal(0.1)), ca.SX(literal(Fraction(1, 10))))
     assert not ca.is_equal(ca.SX(literal(0.1)), ca.SX(literal(0.2)))
     assert is_zero(literal(0.1) + literal(0.2) - literal(0.3))
+
+
+NUMBERS = [
+    Constant("rational", Fraction(-7, 100)),
+    Constant("root", Fraction(3, 4)),
+    Constant("cosine", Fraction(10)),
+    Constant("sine", Fraction(1, 3), in_radians=True),
+    Constant("pi", Fraction(1, 180)),
+    Constant("unit", Fraction(2), direction=(Fraction(1), Fraction(0), Fraction(-2, 3))),
+]
+
+
+def test_a_symbol_says_what_it_stands_for() -> None:
+    """Nothing is remembered: another process may have made it, and any number of others since."""
+    symbols = [ca.SX.sym(constant(number).name()) for number in NUMBERS]
+    assert constants_in(ca.vertcat(*symbols))[1] == tuple(NUMBERS)
+
+
+@pytest.mark.parametrize(
+    "name", ["constant 0", "constant", "constant rational x deg", "constant big 1 deg"]
+)
+def test_other_symbols_are_no_constants(name: str) -> None:
+    assert not is_constant(ca.SX.sym(name))
+    assert constants_in(ca.SX.sym(name))[1] == ()
 
 
 @pytest.mark.parametrize("quarter", range(-5, 6))

@@ -2,7 +2,8 @@
 
 SX folds constants in doubles, where 0.1 0.7 is not 0.07. So a number of a scene enters its expressions as
 a symbol, one for each number, unless it is a short binary fraction, with which doubles are exact.
-`constants_in` finds the symbols again, and `in_doubles` puts the nearest doubles in their places.
+The name of a symbol says which constant it is, so an expression needs nothing beside it: `constants_in`
+reads them, and `in_doubles` puts the nearest doubles in their places.
 
 `modulo_prime` evaluates expressions modulo a prime, with random residues for their symbols. An expression
 whose residue is not zero is not zero; one whose residue is zero vanishes for all values of the symbols,
@@ -13,7 +14,7 @@ import math
 import operator
 from collections.abc import Callable, Sequence
 from fractions import Fraction
-from functools import cache, partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -32,9 +33,12 @@ from mbdlft.exact.numbers import (
 from mbdlft.problem.sx.tapes import Rules, fold, rules
 
 _PREFIX = "constant "
+_KINDS = ("rational", "root", "cosine", "sine", "pi", "unit")  # of `Constant`
 _PLAIN, _MOST_PLAIN = 64, 2**20  # denominator and size of numbers that stay doubles
 _CERTAIN = 1e-6  # a value of order one that is larger is no rounding: no need to look
-_COUNT: list[Constant] = []  # all that have symbols, by the number in the name of the symbol
+_SHARED = (
+    4096  # constants that have one symbol each, the last ones asked for; a scene has some hundred
+)
 
 
 def literal(value: float | Fraction) -> float | ca.SX:
@@ -79,18 +83,32 @@ def unit_vector(direction: Sequence[float | Fraction]) -> ca.SX:
     return found
 
 
-@cache
+@lru_cache(maxsize=_SHARED)
 def constant(value: Constant) -> ca.SX:
-    """The symbol of a constant; there is one for each."""
-    _COUNT.append(value)
-    return ca.SX.sym(f"{_PREFIX}{len(_COUNT) - 1}")
+    """The symbol of a constant. As equal ones share it, expressions of them stay short."""
+    unit = "rad" if value.in_radians else "deg"
+    texts = (value.kind, value.argument, unit, *value.direction)
+    return ca.SX.sym(_PREFIX + " ".join(map(str, texts)))
+
+
+@lru_cache(maxsize=_SHARED)
+def _constant_named(name: str) -> Constant | None:
+    """The constant of a symbol of this name; None if it is another symbol."""
+    if not name.startswith(_PREFIX):
+        return None
+    try:
+        kind, argument, unit, *direction = name.removeprefix(_PREFIX).split(" ")
+        number = Constant(kind, Fraction(argument), unit == "rad", tuple(map(Fraction, direction)))
+    except ValueError:
+        return None
+    return number if kind in _KINDS else None
 
 
 def constants_in(expression: ca.SX) -> tuple[ca.SX, tuple[Constant, ...]]:
     """The symbols (n,) of the constants in an expression, and what they are."""
-    symbols = [s for s in ca.symvar(expression) if s.name().startswith(_PREFIX)]
-    numbers = tuple(_COUNT[int(s.name().removeprefix(_PREFIX))] for s in symbols)
-    return ca.vertcat(ca.SX(0, 1), *symbols), numbers
+    named = [(s, _constant_named(s.name())) for s in ca.symvar(expression)]
+    symbols = [symbol for symbol, number in named if number is not None]
+    return ca.vertcat(ca.SX(0, 1), *symbols), tuple(n for _, n in named if n is not None)
 
 
 def in_doubles(expression: ca.SX) -> ca.SX:
@@ -116,10 +134,10 @@ def numbers_of(expression: ca.SX) -> Array:
 
 def is_constant(expression: ca.SX) -> bool:
     """Whether an expression depends on nothing but constants."""
-    return all(s.name().startswith(_PREFIX) for s in ca.symvar(expression))
+    return all(_constant_named(s.name()) is not None for s in ca.symvar(expression))
 
 
-@cache
+@lru_cache(maxsize=_SHARED)
 def double(value: Constant) -> float:
     """The double next to a constant."""
     argument = float(value.argument)
