@@ -9,7 +9,7 @@ import mbdlft
 from mbdlft.base.description import Quantity
 from mbdlft.multibody.joint import KINDS as KINDS_OF_JOINTS
 from mbdlft.multibody.joint import Joint, coordinate_label
-from mbdlft.multibody.joint.one_axis import AxisJoint
+from mbdlft.multibody.joint.kinds import AxisJoint
 
 KINDS = ("revolute", "revolute", "prismatic", "universal", "cylindrical", "planar", "spherical")
 MOST_BODIES = 5

@@ -11,7 +11,7 @@ import numpy as np
 import mbdlft
 from mbdlft.base.expression import names, parse
 from mbdlft.multibody.joint import Joint
-from mbdlft.multibody.joint.base import Rotation
+from mbdlft.multibody.joint.kinds import Rotation
 from tests.strategies import (
     FORCE,
     INERTIA,

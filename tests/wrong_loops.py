@@ -7,8 +7,8 @@ import pytest
 
 from mbdlft.multibody.assembly.closure import constraint
 
-assembling = import_module("mbdlft.multibody.assembly.assemble")
-efforts = import_module("mbdlft.multibody.assembly.efforts")
+assembling = import_module("mbdlft.multibody.assembly.newton_euler")
+efforts = import_module("mbdlft.multibody.assembly.signals")
 
 
 def closures_at_rest(patch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ import mpmath as mp
 import mbdlft
 from benchmarks.cases.digits import Motion, Truth, scene_truth, truth
 from mbdlft.base.parameter import Substitution
-from mbdlft.multibody.body.flexible import FlexibleBody, Mode
+from mbdlft.multibody.body.elastic import FlexibleBody, Mode
 
 GRAVITY = (0.0, 0.0, -9.81)
 NEAR = 1e-6  # distance from something singular

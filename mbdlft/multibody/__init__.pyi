@@ -8,8 +8,8 @@ from .body import PiezoBeam as PiezoBeam
 from .body import PiezoPatch as PiezoPatch
 from .body import PointMass as PointMass
 from .body import RigidBody as RigidBody
-from .body.beam_errors import FrequencyErrors as FrequencyErrors
-from .body.beam_errors import frequency_errors as frequency_errors
+from .body.beam import FrequencyErrors as FrequencyErrors
+from .body.beam import frequency_errors as frequency_errors
 from .equilibrium import EquilibriumPoint as EquilibriumPoint
 from .equilibrium import at_equilibrium as at_equilibrium
 from .equilibrium import eigenvalues_at as eigenvalues_at

@@ -33,9 +33,8 @@ from mbdlft.base.description import (
 )
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.unit import Signal
-from mbdlft.multibody.joint.base import Rotation, unit_vector
-from mbdlft.multibody.joint.move import Move, turned
-from mbdlft.multibody.joint.one_axis import plane
+from mbdlft.multibody.joint.kinds import Rotation, angles_of, plane, turns_of
+from mbdlft.problem.sx.constants import unit_vector
 
 KINDS = ("cylindrical", "fixed", "prismatic", "revolute", "spherical", "universal")
 WITH_AXIS = ("cylindrical", "prismatic", "revolute")
@@ -89,27 +88,19 @@ class Loop(Description):
 
     def quantities(self) -> dict[str, Expected]:
         """The angles of the orientation by label (rad)."""
-        return {
-            f"orientation.{k}": Expected(r.angle, "rad") for k, r in enumerate(self.orientation)
-        }
+        return angles_of(self.orientation)
 
     def in_parent_axes(self, vectors: ca.SX, values: Values) -> ca.SX:
         """Components in the axes of the parent of vectors (3, n) in those of the closure."""
-        for move in reversed(self._moves(values)):
+        for move in reversed(turns_of(self.orientation, values)):
             vectors = move.in_parent_axes(vectors)
         return vectors
 
     def in_own_axes(self, vectors: ca.SX, values: Values) -> ca.SX:
         """Components in the axes of the closure of vectors (3, n) in those of the parent."""
-        for move in self._moves(values):
+        for move in turns_of(self.orientation, values):
             vectors = move.in_child_axes(vectors)
         return vectors
-
-    def _moves(self, values: Values) -> tuple[Move, ...]:
-        moves: tuple[Move, ...] = ()
-        for k, rotation in enumerate(self.orientation):
-            moves += turned(unit_vector(rotation.axis), values[f"orientation.{k}"])
-        return moves
 
     @property
     def slides(self) -> bool:

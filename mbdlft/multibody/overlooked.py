@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from mbdlft.base.unit import Signal
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.body import Beam
-from mbdlft.multibody.body.beam_errors import error_sentence
+from mbdlft.multibody.body.beam import error_sentence
 from mbdlft.multibody.force import Spring
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.scene import Scene

@@ -21,7 +21,7 @@ from tests.cross.mechanisms import closed_loop, open_tree
 from tests.cross.planar_mechanisms import PLANAR
 from tests.wrong_loops import closures_at_rest, closures_on_one_body
 
-assembling = import_module("mbdlft.multibody.assembly.assemble")
+assembling = import_module("mbdlft.multibody.assembly.newton_euler")
 
 RANDOM: dict[str, Callable[[], mbdlft.Scene]] = {
     **{f"tree {seed}": (lambda seed=seed: open_tree(seed)) for seed in range(5)},
@@ -184,7 +184,7 @@ def no_gyroscopic_term(patch: Patch) -> None:
 
 
 def ground_force_turns(patch: Patch) -> None:
-    from mbdlft.multibody.assembly.view import View
+    from mbdlft.multibody.assembly.kinematics import View
 
     patch.setattr(View, "outward", lambda self, vector, body: self.across(vector, "ground", body))
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.multibody.force.base import BodyWrench
+from mbdlft.multibody.force import BodyWrench
 from mbdlft.multibody.joint.move import Ball, Hinge, Slide, Turned
 from mbdlft.multibody.spatial import move_wrench
 from tests import close
@@ -25,7 +25,7 @@ MANY = range(300)
 POINTS = 4
 FREE_MOVES, CARRIED = mbdlft.Free.moves, Hinge.carried
 _LEAST = 1e-3  # masses and lengths are of order one: what is smaller has cancelled
-ASSEMBLE = import_module("mbdlft.multibody.assembly.assemble")
+ASSEMBLE = import_module("mbdlft.multibody.assembly.newton_euler")
 WEIGHTS = import_module("mbdlft.multibody.assembly.weights")
 Point = dict[str, float]
 
@@ -244,9 +244,9 @@ PLANTED = {
     ),
     "axes of a plane exchanged": (
         patched(
-            mbdlft.multibody.joint.one_axis,
+            mbdlft.multibody.joint.kinds,
             "plane",
-            lambda normal, plane=mbdlft.multibody.joint.one_axis.plane: plane(normal)[::-1],
+            lambda normal, plane=mbdlft.multibody.joint.kinds.plane: plane(normal)[::-1],
         ),
         has("planar"),
     ),

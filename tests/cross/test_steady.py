@@ -21,7 +21,7 @@ from tests.cross.pinocchio_tree import plant
 from tests.cross.steady_mechanisms import second_bearing, spinning
 from tests.cross.test_mechanism import compare, points_of
 
-assembling = import_module("mbdlft.multibody.assembly.assemble")
+assembling = import_module("mbdlft.multibody.assembly.newton_euler")
 SCENES: dict[str, Callable[[], mbdlft.Scene]] = {
     "second bearing": second_bearing,
     **{f"rotors {seed}": (lambda seed=seed: spinning(seed)) for seed in (9,)},

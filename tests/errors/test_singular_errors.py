@@ -37,7 +37,7 @@ from mbdlft import (
 from mbdlft.base.errors import MbdlftWarning
 from mbdlft.base.expression import evaluate, parse, write
 from mbdlft.lft.lft import LFT, Block
-from mbdlft.multibody.scene import check, positive
+from mbdlft.multibody.scene import check
 from mbdlft.pipeline.certification import values_at_points
 from mbdlft.problem.problem import Nouns
 from mbdlft.system.points import check_regular_at
@@ -214,8 +214,10 @@ def test_a_spring_that_pushes_is_a_warning() -> None:
 
 
 def test_a_mass_that_is_open_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
-    def in_two_parts(scene: Scene) -> tuple[positive.Outcome, ...]:
-        return positive.check_positive(scene, 2)
+    right = check.check_positive
+
+    def in_two_parts(scene: Scene) -> tuple[check.Outcome, ...]:
+        return right(scene, 2)
 
     monkeypatch.setattr(check, "check_positive", in_two_parts)
     parameters = [Parameter(n, 0.5, 0.0, 1.0) for n in "ab"]

@@ -12,7 +12,7 @@ import pytest
 
 import mbdlft
 from benchmarks.needs import TURNED, instructions, thick, turned
-from mbdlft.multibody.assembly import aligned
+from mbdlft.multibody.assembly import resolved
 from scenarios import two_link_arm
 from tests.close import error, roundoff
 
@@ -115,7 +115,7 @@ def test_skew_plane_costs_planar_work(Q: np.ndarray) -> None:
 def test_without_a_common_plane_a_skew_one_costs_more(monkeypatch: pytest.MonkeyPatch) -> None:
     """The measure sees the difference: the planted bug is that no plane is recognized."""
     scene = two_link_arm.scene()
-    monkeypatch.setattr(sys.modules["mbdlft.multibody.assembly.resolve"], "align", lambda *_: None)
+    monkeypatch.setattr(sys.modules["mbdlft.multibody.assembly.resolved"], "align", lambda *_: None)
     assert instructions(turned(scene, SKEW[0])) > 2 * instructions(scene)
 
 
@@ -145,7 +145,7 @@ def test_rotations_about_skew_axes_meet_two_components() -> None:
 
 def without_plane(monkeypatch: pytest.MonkeyPatch, scene: mbdlft.Scene) -> mbdlft.LFTModel:
     with monkeypatch.context() as patch:
-        patch.setattr(sys.modules["mbdlft.multibody.assembly.resolve"], "align", lambda *_: None)
+        patch.setattr(sys.modules["mbdlft.multibody.assembly.resolved"], "align", lambda *_: None)
         return mbdlft.to_lft(scene, search=0.0)
 
 
@@ -164,7 +164,7 @@ def test_axes_along_the_plane_change_no_value(monkeypatch: pytest.MonkeyPatch) -
     roundoff(difference(found, expected), 0.0, kappa=10.0)
     assert sum(found.certificate.raw_order) < sum(expected.certificate.raw_order)
     # sensors are turned back: without that they have other components
-    monkeypatch.setattr(aligned.Aligned, "back", lambda self, measured: measured)
+    monkeypatch.setattr(resolved.Aligned, "back", lambda self, measured: measured)
     assert difference(mbdlft.to_lft(scene, search=0.0), expected) > 0.1
 
 
@@ -175,8 +175,8 @@ def test_an_axis_that_is_a_little_off_is_kept(monkeypatch: pytest.MonkeyPatch) -
     joints = (scene.joints[0], scene.joints[1].model_copy(update={"axis": tuple(off)}))
     scene = scene.model_copy(update={"joints": (*joints, *scene.joints[2:])})
     called: list[Any] = []
-    right = aligned._axes
-    monkeypatch.setattr(aligned, "_axes", lambda *given: called.append(given) or right(*given))
+    right = resolved._axes
+    monkeypatch.setattr(resolved, "_axes", lambda *given: called.append(given) or right(*given))
     mbdlft.assemble(scene)
     assert not called
     mbdlft.assemble(turned(two_link_arm.scene(), SKEW[0]))

@@ -97,7 +97,7 @@ def test_text_round_trip() -> None:
 
 
 def test_planted_sign_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
-    module = importlib.import_module("mbdlft.multibody.assembly.symbols")
+    module = importlib.import_module("mbdlft.multibody.assembly.tree")
     right = module.evaluate
     monkeypatch.setattr(module, "evaluate", lambda *arguments: -right(*arguments))
     with pytest.raises(AssertionError):

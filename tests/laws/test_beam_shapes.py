@@ -9,7 +9,7 @@ import pytest
 
 import mbdlft
 from mbdlft.base.errors import AnalysisError
-from mbdlft.multibody.body import Beam, beam_elements, beam_modes
+from mbdlft.multibody.body import Beam, beam_elements
 from mbdlft.multibody.body.beam_elements import (
     LINEAR,
     ONE,
@@ -168,9 +168,9 @@ def modes_are_orthogonal() -> None:
         M, K = (
             beam_elements._raw(d, what, d, what, ONE, 0, None) for what in ("displacement", "bend")
         )
-        X, values = beam_modes.exact_modes(M, K)
+        X, values = beam_elements.exact_modes(M, K)
         with flint.ctx.workprec(1024):
-            unit = X.transpose() * beam_modes._rational(M) * X
+            unit = X.transpose() * beam_elements._rational(M) * X
             for i in range(len(M)):
                 for j in range(len(M)):
                     assert abs(unit[i, j] - int(i == j)) < flint.arb(2) ** -200
@@ -181,12 +181,12 @@ def modes_are_orthogonal() -> None:
 
 def test_modes_are_orthogonal(monkeypatch: pytest.MonkeyPatch) -> None:
     modes_are_orthogonal()
-    monkeypatch.setattr(beam_modes, "BITS", (64, 512))  # too few bits are seen
+    monkeypatch.setattr(beam_elements, "BITS", (64, 512))  # too few bits are seen
     modes_are_orthogonal()
-    monkeypatch.setattr(beam_modes, "BITS", (64,))
+    monkeypatch.setattr(beam_elements, "BITS", (64,))
     with pytest.raises(AnalysisError, match="64 bits do not tell them apart"):
         modes_are_orthogonal()
-    monkeypatch.setattr(beam_modes, "DIGITS", -1000)  # any width is narrow
+    monkeypatch.setattr(beam_elements, "DIGITS", -1000)  # any width is narrow
     with pytest.raises(AssertionError):
         modes_are_orthogonal()
 

@@ -6,7 +6,7 @@ import pytest
 
 import mbdlft
 from mbdlft.base.parameter import Parameter
-from mbdlft.multibody.assembly.view import View
+from mbdlft.multibody.assembly.kinematics import View
 from mbdlft.multibody.joint.move import Slide
 from mbdlft.problem.equations import equation_function, load_value, physical_symbols
 from mbdlft.problem.trim import trim_efforts

@@ -11,7 +11,7 @@ import pytest
 import mbdlft
 from benchmarks.cases.chains import chain
 from mbdlft.multibody.assembly import assembly
-from mbdlft.multibody.assembly.assemble import Assembly
+from mbdlft.multibody.assembly.newton_euler import Assembly
 from mbdlft.multibody.assembly.weights import turns_of
 from mbdlft.pipeline.models import build
 from mbdlft.problem.equations import rounded

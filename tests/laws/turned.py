@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 import mbdlft
-from mbdlft.multibody.assembly.placed import Motions, Passed, Placed, pass_inward
+from mbdlft.multibody.assembly.kinematics import Motions, Passed, Placed, pass_inward
 from tests import close
 
 _LEAST = 1e-3  # of its row: a smaller entry has cancelled
@@ -20,7 +20,7 @@ _LEAST = 1e-3  # of its row: a smaller entry has cancelled
 def forces_turned_on_the_way() -> Iterator[None]:
     """Scenes are assembled with it, also where weights could be felt in the axes of each lever."""
     assembled = patch.object(
-        import_module("mbdlft.multibody.assembly.assemble"), "pass_weights_inward", _pass
+        import_module("mbdlft.multibody.assembly.newton_euler"), "pass_weights_inward", _pass
     )
     with assembled, one_order_only():
         yield

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.multibody.body import beam_loads
+from mbdlft.multibody.body import beam_elements
 from tests.close import CLOSED_FORM, LOADED_BEAM, published, target
 from tests.laws import elastic as scenes
 from tests.reference.beams import CLAMPED, FREE, frequencies
@@ -122,8 +122,8 @@ def test_loads_at_stations_add_up() -> None:
     found = scenes.motion(scene.model_copy(update={"loads": tuple(pulls)})).K
     free = scenes.motion(scene).K
     (_, d, _), *_ = scene.bodies[0].blocks()
-    expected = free + 0.7 * beam_loads.products(d, "slope", beam_loads.ONE, 0, 1)
-    expected -= 0.4 * beam_loads.products(d, "slope", beam_loads.ONE, 0, 3)
+    expected = free + 0.7 * beam_elements.products(d, "slope", beam_elements.ONE, 0, 1)
+    expected -= 0.4 * beam_elements.products(d, "slope", beam_elements.ONE, 0, 3)
     target(found, expected, CLOSED_FORM)
 
 
@@ -189,9 +189,9 @@ def spin_terms_are_those_of_energy() -> None:
 
 def test_spin_terms_are_those_of_energy(monkeypatch: pytest.MonkeyPatch) -> None:
     spin_terms_are_those_of_energy()
-    right = beam_loads.spinning
+    right = beam_elements.spinning
     monkeypatch.setattr(
-        beam_loads, "spinning", lambda *given: (0.5 * right(*given)[0], right(*given)[1])
+        beam_elements, "spinning", lambda *given: (0.5 * right(*given)[0], right(*given)[1])
     )
     with pytest.raises(AssertionError):
         spin_on_a_hinge_is_that_of_energy()
@@ -234,6 +234,6 @@ BUGS = {
     ],
 )
 def test_planted_bug_is_found(bug: str, law, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(beam_loads, *BUGS[bug])
+    monkeypatch.setattr(beam_elements, *BUGS[bug])
     with pytest.raises(AssertionError):
         law()

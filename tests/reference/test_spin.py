@@ -219,7 +219,7 @@ BUGS = {
     ],
 )
 def test_planted_spin_is_found(bug: str, law, monkeypatch: pytest.MonkeyPatch) -> None:
-    assembling = import_module("mbdlft.multibody.assembly.assemble")
+    assembling = import_module("mbdlft.multibody.assembly.newton_euler")
     original = assembling.ground_motion
 
     def wrong(*arguments):

@@ -149,7 +149,7 @@ def test_thrust_in_space_equals_lagrange() -> None:
 
 def test_planted_weights_that_do_not_know_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """The unknown acceleration as an input that is zero: no weight turns with its body."""
-    assembling = import_module("mbdlft.multibody.assembly.assemble")
+    assembling = import_module("mbdlft.multibody.assembly.newton_euler")
     monkeypatch.setattr(assembling, "uniform_load", lambda scene, load, *more: load)
     with pytest.raises((AssertionError, mbdlft.MbdlftError)):
         test_launcher_accelerates_by_thrust_over_mass()

@@ -16,12 +16,10 @@ from mbdlft.base.unit import Freedom, Signal
 from mbdlft.exact.operators import Operators
 from mbdlft.multibody import body, force, joint, scene_from_toml, scene_to_toml, sensor
 from mbdlft.multibody.body import Body
-from mbdlft.multibody.force import BodyWrench, Load
-from mbdlft.multibody.force.base import Space
-from mbdlft.multibody.joint.base import MovingJoint, sliding
+from mbdlft.multibody.force import BodyWrench, Load, Space
+from mbdlft.multibody.joint.kinds import MovingJoint, sliding
 from mbdlft.multibody.joint.move import Move, Slide, shifted
-from mbdlft.multibody.sensor import Sensor
-from mbdlft.multibody.sensor.base import View
+from mbdlft.multibody.sensor import Sensor, View
 from mbdlft.multibody.spatial import Coordinate, move_motion, move_wrench
 from mbdlft.pipeline import to_lft
 from mbdlft.problem.sx.tapes import arithmetic, fold

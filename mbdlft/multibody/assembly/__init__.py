@@ -1,4 +1,4 @@
 """From a scene to its equations: the tree, its moves, its loads, and the closures of its loops."""
 
-from mbdlft.multibody.assembly.assemble import assemble as assemble
-from mbdlft.multibody.assembly.assemble import assembly as assembly
+from mbdlft.multibody.assembly.newton_euler import assemble as assemble
+from mbdlft.multibody.assembly.newton_euler import assembly as assembly

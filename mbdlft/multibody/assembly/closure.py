@@ -11,8 +11,8 @@ from scipy.linalg import qr
 from mbdlft.base.array import Array
 from mbdlft.base.description import Values
 from mbdlft.base.errors import SceneError
+from mbdlft.multibody.assembly.kinematics import View
 from mbdlft.multibody.assembly.tree import degrees
-from mbdlft.multibody.assembly.view import View
 from mbdlft.multibody.force import BodyWrench
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.scene.quantities import owner_name

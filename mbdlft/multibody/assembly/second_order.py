@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from mbdlft.multibody.assembly.placed import Motions, Placed
+from mbdlft.multibody.assembly.kinematics import Motions, Placed
 from mbdlft.multibody.assembly.tree import Link
 from mbdlft.multibody.assembly.weights import (
     Tilt,

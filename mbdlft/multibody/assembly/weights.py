@@ -21,7 +21,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from mbdlft.multibody.assembly.placed import Motions, Passed, Placed, body_efforts, pulled
+from mbdlft.multibody.assembly.kinematics import Motions, Passed, Placed, body_efforts, pulled
 from mbdlft.multibody.assembly.tree import PortJoint
 from mbdlft.multibody.body import GROUND
 from mbdlft.multibody.joint.move import Ball, Hinge, Move, Shifted, Slide, Turned

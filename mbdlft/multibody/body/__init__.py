@@ -1,13 +1,13 @@
 """Kinds of bodies. A new kind is one class and one line in `KINDS`."""
 
-from mbdlft.multibody.body.base import GROUND as GROUND
-from mbdlft.multibody.body.base import Body as Body
 from mbdlft.multibody.body.beam import Beam as Beam
 from mbdlft.multibody.body.elastic import ElasticBody as ElasticBody
-from mbdlft.multibody.body.flexible import FlexibleBody as FlexibleBody
-from mbdlft.multibody.body.flexible import Mode as Mode
+from mbdlft.multibody.body.elastic import FlexibleBody as FlexibleBody
+from mbdlft.multibody.body.elastic import Mode as Mode
 from mbdlft.multibody.body.piezo import PiezoBeam as PiezoBeam
 from mbdlft.multibody.body.piezo import PiezoPatch as PiezoPatch
+from mbdlft.multibody.body.rigid import GROUND as GROUND
+from mbdlft.multibody.body.rigid import Body as Body
 from mbdlft.multibody.body.rigid import Ground as Ground
 from mbdlft.multibody.body.rigid import Inertia as Inertia
 from mbdlft.multibody.body.rigid import PointMass as PointMass

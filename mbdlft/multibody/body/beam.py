@@ -13,23 +13,28 @@ polynomials in E, G, rho, I and 1/L. Elements with two coordinates at each node 
 have powers of 1/(1 + 12 E I n^2/(k G A L^2)) instead, and need four times as many coordinates.
 
 The expressions of an axial deformation are rho A L and E A/L, those of torsion rho (Iy + Iz) L and G J/L.
-The shape functions are those of `beam_elements`, their loads are in `beam_loads`.
+Shape functions and loads are in `beam_elements`. Source: appendix B of the two-port models in
+`tests/reference/flexible.py` for beams without shear.
 
-Source: appendix B of the two-port models in `tests/reference/flexible.py` for beams without shear.
+The exact frequencies of bending without shear and rotary inertia are z^2 (E I/(rho A))^(1/2)/L^2, where
+cos z cosh z = -1 if the tip is free and 1 if it is clamped; those of elongation and torsion are
+(k - 1/2) pi and k pi times a velocity over L. So the relative errors of the frequencies of elements or
+modes (`frequency_errors`) depend on no parameter.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import casadi as ca
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from mbdlft.base.description import Expected, Many, Name, Quantity, Text, Values
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.unit import Freedom
-from mbdlft.multibody.body import beam_loads
+from mbdlft.multibody.body import beam_elements
 from mbdlft.multibody.body.beam_elements import (
     LINEAR,
     ONE,
@@ -241,7 +246,7 @@ class Beam(ElasticBody):
     def unknown_loads(self) -> tuple[int, ...]:
         if not self.has_geometric_stiffness:
             return super().unknown_loads()
-        return beam_loads.unknown_loads(self.deformations)
+        return beam_elements.unknown_loads(self.deformations)
 
     @property
     def _is_stiffened(self) -> bool:
@@ -251,7 +256,7 @@ class Beam(ElasticBody):
     def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
         wrench = super().wrench(motion, values, inboard, at)
         if self.can_spin and motion[:, 0].nnz():
-            wrench += beam_loads.spinning(self.blocks(), motion, values, at)[0]
+            wrench += beam_elements.spinning(self.blocks(), motion, values, at)[0]
         return wrench
 
     def efforts(self, motion: ca.SX, values: Values, at: Coordinate) -> ca.SX:
@@ -265,16 +270,16 @@ class Beam(ElasticBody):
         needed = super().efforts(motion, values, Coordinate(q, ca.SX(*at.v.shape), a))
         if self._is_stiffened:
             radius = self._radius(values)
-            needed += beam_loads.stiffened_by_motion(self.blocks(), motion, values, radius, at.q)
+            needed += beam_elements.stiffened_by_motion(self.blocks(), motion, values, radius, at.q)
         if self.can_spin and motion[:, 0].nnz():
-            needed += beam_loads.spinning(self.blocks(), motion, values, at)[1]
+            needed += beam_elements.spinning(self.blocks(), motion, values, at)[1]
         return ca.SX(needed)
 
     def pulled(self, port: str, values: Values, force: ca.SX, at: Coordinate) -> ca.SX:
         if not self._is_stiffened:
             return super().pulled(port, values, force, at)
         node, radius = self._node(port), self._radius(values)
-        return beam_loads.pulled(self.blocks(), node, -force[0], values, radius, at.q)
+        return beam_elements.pulled(self.blocks(), node, -force[0], values, radius, at.q)
 
     def _radius(self, values: Values) -> Any:
         """Square of the polar radius of gyration of the section (m^2), if there is torsion."""
@@ -378,3 +383,86 @@ def _row(n: int, part: slice, row: int, entries: NDArray[np.float64]) -> NDArray
     whole = np.zeros((6, n))
     whole[row, part] = entries
     return whole
+
+
+SUPPORTS = ("free", "clamped")
+
+
+class FrequencyErrors(NamedTuple):
+    """Relative errors of the lowest frequencies of one deformation of a beam clamped at its origin.
+
+    Attributes
+    ----------
+    deformation : such as ``bending_y``
+    tip : ``free`` or ``clamped``, the support of the tip
+    errors : (n,), positive where a frequency is too high
+    """
+
+    deformation: str
+    tip: str
+    errors: NDArray[np.float64]
+
+
+def frequency_errors(beam: Beam, count: int = 4) -> tuple[FrequencyErrors, ...]:
+    """Relative errors of the `count` lowest frequencies of each deformation, or of as many as it has.
+
+    A beam with a `shear_coefficient` has no row for bending: its errors depend on its section. Rotary
+    inertia and patches are left out.
+    """
+    found = []
+    for name, d, _ in beam.blocks():
+        if d.functions == "shear" and name.startswith("bending"):
+            continue
+        mass, stiffness = products(d, "displacement"), products(d, strain(d))
+        for tip in SUPPORTS:
+            free = _free(d, tip)
+            squares = scipy.linalg.eigvalsh(free.T @ mass @ free, free.T @ stiffness @ free)[::-1]
+            frequencies = 1.0 / np.sqrt(squares[:count])
+            exact = np.array([_exact(d, tip, k + 1) for k in range(len(frequencies))])
+            found.append(FrequencyErrors(name, tip, frequencies / exact - 1.0))
+    return tuple(found)
+
+
+def error_sentence(beam: Beam) -> str:
+    """A sentence on the errors of the first four frequencies of each kind of deformation."""
+    shapes = f"{beam.elements} elements" if beam.modes is None else f"{beam.modes} modes"
+    worst: dict[str, dict[str, float]] = {}
+    for name, tip, errors in frequency_errors(beam):
+        kind = name.partition("_")[0]
+        largest = float(np.max(np.abs(errors), initial=0.0))
+        worst.setdefault(kind, {})[tip] = max(largest, worst.get(kind, {}).get(tip, 0.0))
+    listed = "; ".join(
+        f"{kind} {own['free']:.1e} (tip free), {own['clamped']:.1e} (tip clamped)"
+        for kind, own in worst.items()
+    )
+    return (
+        f"beam {beam.name!r}, {shapes}: errors of the first four frequencies by the shape functions: "
+        f"{listed or 'not known with shear'}"
+    )
+
+
+def _free(d: Deformation, tip: str) -> NDArray[np.float64]:
+    """A basis (n, m) of the deformations that the support of the tip allows."""
+    held = [values_at(d, "displacement", d.elements)]
+    if d.name.startswith("bending"):
+        held.append(values_at(d, "turn", d.elements))
+    n = len(held[0])
+    return np.asarray(np.eye(n) if tip == "free" else scipy.linalg.null_space(np.array(held)))
+
+
+def _exact(d: Deformation, tip: str, number: int) -> float:
+    """The exact frequency, over what it is proportional to, of one mode, counted from 1."""
+    from scipy.optimize import brentq  # here because it is slow to import
+
+    free = tip == "free"
+    if not d.name.startswith("bending"):
+        return float((number - 0.5 if free else number) * np.pi)
+    first = number - 1 if free else number
+    sign = 1.0 if free else -1.0
+    root = brentq(
+        lambda z: np.cos(z) + sign / np.cosh(z),
+        first * np.pi + 1e-9,
+        (first + 1) * np.pi,
+        xtol=1e-14,
+    )
+    return float(root) ** 2

@@ -1,4 +1,4 @@
-"""Shape functions of a straight beam, and their integrals: matrices of numbers for each deformation.
+"""A straight beam: shape functions, their integrals, modes, and what loads and spin do to a bent beam.
 
 A deformation (axial, torsion or bending) is a function w(s) of s = x/L in [0, 1], zero at s = 0, and for
 bending a turn t(s), which is L times the rotation of the section, zero at s = 0 too. Without shear,
@@ -12,6 +12,25 @@ by FLINT, and every integral is exact until it is rounded once. ds = 1/n for n e
     modes      s, ..., s^r; in bending s^2, ..., s^(r+1): among them are all deflections by loads at the
                tip. At each station with (s - a)_+; in bending (s - a)_+^2 and (s - a)_+^3. They are
                orthogonalized once and for all: int N'N ds = 1, int ddN'ddN ds = diag(values).
+
+Polynomials up to a high degree are nearly dependent, and a spectrum of many decades loses the digits of
+its small end. So FLINT encloses the modes in balls, with more bits until all are narrow.
+
+An axial force N(s), positive where it pulls, does the work of the shortening int (dw/dx)^2/2 dx of a bent
+beam, and turns a section with the polar radius of gyration r by phi at the cost of N r^2 (dphi/dx)^2/2:
+
+    K_G = 1/L int N dN'dN ds        (for torsion times (I_y + I_z)/A)
+
+A pull F at the place s1 has N = F for s < s1. The beam itself, with the proper acceleration a_x of its
+origin and the spin omega of its frame, all in its own axes, has
+
+    N = -rho A L a_x (1 - s) + rho A L^2 (omega_y^2 + omega_z^2) (1 - s^2)/2
+
+In a frame that spins, a point at L s + u has the acceleration a + omega x (omega x (L s + u))
++ 2 omega x udot + uddot besides that of alpha. The mass is on the axis.
+
+Source: for K_G, Przemieniecki, Theory of Matrix Structural Analysis, sections 15.2 and 15.3; the laws of
+`tests/reference/test_loaded_beams.py` compare with exact solutions.
 """
 
 from collections.abc import Sequence
@@ -20,11 +39,15 @@ from functools import cache
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+import casadi as ca
 import flint
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.multibody.body.beam_modes import combined, exact_modes
+from mbdlft.base.description import Values
+from mbdlft.base.errors import AnalysisError
+from mbdlft.multibody.body.elastic import Term, times
+from mbdlft.multibody.spatial import Coordinate
 
 Polynomial = tuple[Fraction, ...]  # a weight: coefficients, the constant first
 ONE = (Fraction(1),)
@@ -136,9 +159,6 @@ def strain(d: Deformation) -> str:
 def size(d: Deformation) -> int:
     """Number of coordinates."""
     return _count(d) - _clamped(d)
-
-
-# modes ---------------------------------------------------------------------------------------
 
 
 @cache
@@ -305,3 +325,161 @@ _SHEAR_TURNS = _polynomials(
     _NOTHING, (1, -1), _NOTHING, _NOTHING, _NOTHING, *_BUBBLES[:2], _NOTHING, (0, 1)
 )
 _BENDING = {"cubic": _CUBIC, "quintic": _QUINTIC, "shear": _SHEAR}
+
+
+# modes ---------------------------------------------------------------------------------------
+
+DIGITS = 400  # behind the point; products of modes cancel up to some 200 of them
+BITS = (512, 1024, 2048, 4096, 8192)
+
+Modes = tuple[Any, NDArray[np.float64]]
+
+
+def exact_modes(mass: NDArray[np.object_], stiffness: NDArray[np.object_]) -> Modes:
+    """X (n, n), of FLINT, with X' M X = 1 and X' K X = diag(values), and the values (n,), ascending.
+
+    Parameters
+    ----------
+    mass, stiffness : (n, n) of Fraction, symmetric and positive definite, with distinct values
+
+    Raises
+    ------
+    AnalysisError
+        Two values are not told apart.
+    """
+    M, K = _rational(mass), _rational(stiffness)
+    for bits in BITS:
+        with flint.ctx.workprec(bits):
+            found = _enclosed(M, K)
+        if found is not None:
+            return found
+    raise AnalysisError(f"modes of {len(mass)} shapes: {BITS[-1]} bits do not tell them apart.")
+
+
+def _enclosed(M: Any, K: Any) -> Modes | None:
+    """As `exact_modes`; None if there are too few bits."""
+    try:
+        inverses, vectors = flint.acb_mat(K.solve(M)).eig(right=True)
+    except ValueError:  # two of them are not told apart
+        return None
+    n, values = M.nrows(), [float(1 / inverse.real) for inverse in inverses]
+    modes = []
+    for k in np.argsort(values):
+        phi = flint.arb_mat(n, 1, [vectors[i, int(k)].real for i in range(n)])
+        phi = phi * (1 / (phi.transpose() * M * phi)[0, 0].sqrt())
+        # phi and -phi are the same mode: it is positive, as the sum of its coefficients says
+        modes.append((phi if sum(phi.entries()).mid() >= 0 else -phi).entries())
+    X = flint.arb_mat(modes).transpose()
+    if max(entry.rad() for entry in X.entries()) > flint.arb(2) ** -DIGITS:
+        return None
+    return X, np.sort(values)
+
+
+def combined(
+    left: Any, matrix: NDArray[np.object_], right: Any | None = None
+) -> NDArray[np.float64]:
+    """X' A Y of fractions A (n, m), with X and Y of `exact_modes`; each entry is rounded once."""
+    with flint.ctx.workprec(BITS[-1]):
+        found = left.transpose() * _rational(matrix)
+        found = found if right is None else found * right
+    entries = [float(entry) for entry in found.entries()]
+    return np.array(entries).reshape(found.nrows(), found.ncols())
+
+
+def _rational(matrix: NDArray[np.object_]) -> Any:
+    """A matrix (n, m) of fractions as one of FLINT."""
+    entries = [flint.fmpq(entry.numerator, entry.denominator) for entry in matrix.ravel()]
+    return flint.fmpq_mat(len(matrix), matrix.shape[1], entries)
+
+
+# loads and spin ------------------------------------------------------------------------------
+
+Blocks = Sequence[tuple[str, Deformation, slice]]
+DIRECTION = {"axial": 0, "bending_y": 1, "bending_z": 2}
+
+_OUTSIDE = (Fraction(1), Fraction(-1))  # 1 - s: the mass outside of s
+_OUTSIDE_BY_ARM = (Fraction(1, 2), Fraction(0), Fraction(-1, 2))  # (1 - s^2)/2: its first moment
+
+
+def unknown_loads(deformations: Sequence[str]) -> tuple[int, ...]:
+    """Loads of force and torque (0 to 5) whose effect on the stiffness is not that of an axial force.
+
+    A load that bends the beam in one plane couples its torsion with its bending in the other one, and a
+    torque along it couples the two bendings. In one plane alone nothing is left out.
+    """
+    has = set(deformations)
+    rows: set[int] = set()
+    if {"torsion", "bending_y"} <= has:
+        rows |= {2, 4}
+    if {"torsion", "bending_z"} <= has:
+        rows |= {1, 5}
+    if {"bending_y", "bending_z"} <= has:
+        rows |= {3}
+    return tuple(sorted(rows))
+
+
+def pulled(blocks: Blocks, node: int, force: ca.SX, values: Values, radius: Any, q: ca.SX) -> ca.SX:
+    """K_G q (n,) by a pull `force` (N) at a node; `radius` is (I_y + I_z)/A, for torsion."""
+    return _stiffened(blocks, force / values["length"], ONE, node, radius, q)
+
+
+def stiffened_by_motion(
+    blocks: Blocks, motion: ca.SX, values: Values, radius: Any, q: ca.SX
+) -> ca.SX:
+    """K_G q (n,) by the weight of the beam itself, for a motion (3, 3) of its origin."""
+    rho, A, L = (values[key] for key in ("density", "area", "length"))
+    weight = -(rho * A) * motion[0, 2]
+    total = _stiffened(blocks, weight, _OUTSIDE, None, radius, q)
+    spin = motion[1, 0] * motion[1, 0] + motion[2, 0] * motion[2, 0]
+    return total + _stiffened(blocks, (rho * A * L) * spin, _OUTSIDE_BY_ARM, None, radius, q)
+
+
+def _stiffened(
+    blocks: Blocks, factor: ca.SX, weight: Polynomial, last: int | None, radius: Any, q: ca.SX
+) -> ca.SX:
+    """The factor times int weight dN'dN ds q (n,), of all deformations that turn the axis or sections."""
+    total = ca.SX(q.numel(), 1)
+    for name, d, part in blocks:
+        if name == "axial":
+            continue
+        scale = factor * radius if name == "torsion" else factor
+        matrix = products(d, "slope", weight, 0, last)
+        total[part] = times([Term(scale, matrix)], q[part])
+    return total
+
+
+def spinning(blocks: Blocks, motion: ca.SX, values: Values, at: Coordinate) -> tuple[ca.SX, ca.SX]:
+    """Wrench (3, 2) about the origin, and generalized forces (n,), that only a spinning frame needs.
+
+    Without those of the undeformed body in the wrench. Axial deformation and bending only.
+    """
+    line, L = values["density"] * values["area"] * values["length"], values["length"]
+    omega = motion[:, 0]
+    across, twice = ca.skew(omega), 2 * ca.skew(omega)
+    inward = ca.mtimes(across, across)
+    mean = {name: _mean(blocks, ONE, part) for name, part in (("q", at.q), ("v", at.v))}
+    first = {name: _mean(blocks, LINEAR, part) for name, part in (("q", at.q), ("v", at.v))}
+    force = ca.mtimes(inward, mean["q"]) + ca.mtimes(twice, mean["v"])
+    along = ca.vertcat(1, 0, 0)
+    torque = ca.cross(along, ca.mtimes(inward, first["q"]) + ca.mtimes(twice, first["v"]))
+    torque = L * (torque + ca.cross(first["q"], inward[:, 0]))
+    efforts = ca.SX(at.q.numel(), 1)
+    for name, d, part in blocks:
+        i = DIRECTION[name]
+        own = ca.DM(moments(d, "displacement", LINEAR)) * (L * inward[i, 0])
+        for other, e, columns in blocks:
+            j = DIRECTION[other]
+            shared = ca.sparsify(ca.SX(cross_products(d, "displacement", e, "displacement")))
+            moved = inward[i, j] * at.q[columns] + twice[i, j] * at.v[columns]
+            own = own + ca.mtimes(shared, moved)
+        efforts[part] = line * own
+    return line * ca.horzcat(force, torque), efforts
+
+
+def _mean(blocks: Blocks, weight: Polynomial, q: ca.SX) -> ca.SX:
+    """Integral (3,) of weight(s) times the displacement."""
+    total = ca.SX(3, 1)
+    for name, d, part in blocks:
+        row = ca.DM(moments(d, "displacement", weight)).T
+        total[DIRECTION[name]] = ca.mtimes(ca.SX(row), q[part])
+    return total

@@ -17,15 +17,13 @@ import casadi as ca
 from mbdlft.base.description import AXES, Quantity, Values
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import Freedom, Signal
-from mbdlft.multibody.assembly.assemble import without_unseen
 from mbdlft.multibody.assembly.closure import Closure
-from mbdlft.multibody.assembly.efforts import Effort, acting, ground_motion, list_efforts
-from mbdlft.multibody.assembly.placed import inertial_wrenches, motions, pass_inward
-from mbdlft.multibody.assembly.resolve import resolve
-from mbdlft.multibody.assembly.steady import body_momenta
-from mbdlft.multibody.assembly.symbols import Symbols
-from mbdlft.multibody.assembly.tree import Link, all_bodies, coordinate_owners, degrees
-from mbdlft.multibody.assembly.view import View
+from mbdlft.multibody.assembly.gyrostat import body_momenta
+from mbdlft.multibody.assembly.kinematics import View, inertial_wrenches, motions, pass_inward
+from mbdlft.multibody.assembly.newton_euler import without_unseen
+from mbdlft.multibody.assembly.resolved import resolve
+from mbdlft.multibody.assembly.signals import Effort, acting, ground_motion, list_efforts
+from mbdlft.multibody.assembly.tree import Link, Symbols, all_bodies, coordinate_owners, degrees
 from mbdlft.multibody.force import Spring, Strut
 from mbdlft.multibody.joint import Joint, coordinate_label
 from mbdlft.multibody.joint.move import turning_along

@@ -21,7 +21,7 @@ from mbdlft.multibody.equilibrium.find import EquilibriumPoint
 from mbdlft.multibody.force import Spring, Strut
 from mbdlft.multibody.joint import Joint, Rotation
 from mbdlft.multibody.scene import Constant, Scene
-from mbdlft.multibody.scene.check import has_unit
+from mbdlft.multibody.scene.quantities import has_unit
 from mbdlft.problem.linearization import relinearize
 
 

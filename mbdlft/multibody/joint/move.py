@@ -13,13 +13,12 @@ Motions are (3, 3), wrenches (3, 2). Efforts are those of the recursive Newton-E
 
 import abc
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
 import casadi as ca
 
-from mbdlft.base.description import Values
 from mbdlft.multibody.spatial import Coordinate, move_motion, move_wrench, rotate, rotate_back
 
 # labels of the momenta (N m s) along the axis of a joint that turns at a steady rate, alone or with what
@@ -121,7 +120,7 @@ class Hinge(Move):
 
     What a `steady` hinge carries is symmetric about the axis and turns at a steady rate beside qdot. Its
     frame c does not turn with it: R_pc = 1. The rotor has the momentum `momentum` along the axis (N m s),
-    which needs the torque omega_c x axis momentum; that of the child is in `assembly/steady.py`.
+    which needs the torque omega_c x axis momentum; that of the child is in `assembly/gyrostat.py`.
     """
 
     axis: ca.SX
@@ -285,13 +284,6 @@ class Deformed(Move):
         force, torque = self.in_parent_axes(carried[:, :1]), carried[:, 1]
         torque = torque + 0.5 * ca.cross(self.ball.at.q, torque)
         return self.effort_of(ca.vertcat(force, torque))
-
-
-def steady_hinge(hinge: Hinge, values: Values) -> Hinge:
-    """The hinge itself; a steady one where the quantities of its joint say that it turns steadily."""
-    if ROTOR not in values:
-        return hinge
-    return replace(hinge, momentum=values[ROTOR], steady=True)
 
 
 def turning_along(motion: ca.SX, momentum: ca.SX) -> ca.SX:

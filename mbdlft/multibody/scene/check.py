@@ -1,49 +1,55 @@
-"""Checks of a scene that need its values: units, physics, and denominators over the whole range."""
+"""Checks of a scene that need its values: units, physics, and denominators over the whole range.
 
+Samples miss a disc of a hundredth of the range. So each mass, moment of inertia and number of a section
+that must not be negative is enclosed over the range: proved, or refuted at a point, or open. The
+conditions of an inertia are those of a distribution of mass that is not negative: with J about the center
+of mass, the matrix P = tr(J)/2 - J of its second moments is positive semidefinite: its principal minors
+are not negative. Then J is positive semidefinite, too, and its principal moments satisfy the triangle
+inequality.
+"""
+
+import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.base.description import ANY_UNIT, AXES, Expected, Quantity
+from mbdlft.base.description import AXES, Expected
 from mbdlft.base.errors import MbdlftWarning, SceneError, WellPosednessError, unknown_name
 from mbdlft.base.expression import (
     Binary,
     Expression,
-    Negative,
     Number,
     check_degree,
     denominators,
     evaluate,
     names,
-    parse,
-    walk,
     write,
 )
-from mbdlft.base.unit import Exponents, Signal, dimension_name, parse_unit
+from mbdlft.base.parameter import Parameter
+from mbdlft.base.unit import Signal
 from mbdlft.exact.interval import FUNCTIONS, Interval, decimal, find_zero
-from mbdlft.exact.operators import FUNCTIONS_OF_DIMENSIONS as DIMENSIONS
-from mbdlft.exact.operators import Dimension
+from mbdlft.exact.taylor import BOXES, Sign, not_negative
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import Joint
-from mbdlft.multibody.scene.positive import check_positive
 from mbdlft.multibody.scene.quantities import (
     Place,
     angle_at,
+    check_dimension,
+    dimensions_of,
     expression_at,
     owner_name,
     owners,
     value_at,
 )
-from mbdlft.multibody.scene.scene import Constant, Scene
+from mbdlft.multibody.scene.scene import Scene
 
 _RANDOM, _CORNERS = 64, 4096
-_ROUNDING = 1e-12
-_NONE: Exponents = (0, 0, 0, 0, 0)
+_ROUNDING = 1e-12  # of the size at nominal: what rounding of the data may leave or make negative
 
 
 def check(scene: Scene) -> None:
@@ -132,7 +138,7 @@ def _check_quantities(
         values = _sampled(place, expected, samples)
         _check_denominators(scene, place, expression)
         if scene.fit is None:  # a fit is a polynomial of numbers, written by `fit_positions`
-            _check_dimension(place, expected, expression, dimensions)
+            check_dimension(place, expected, expression, dimensions)
         if not np.all(np.isfinite(values)):
             raise SceneError(f"{place} = {expected.source!r}: is not finite in the range.")
         found[label] = values
@@ -164,14 +170,14 @@ def _check_angle(
     """An angle, and the arguments of its arctangents, which are plain numbers."""
     arctangents = angle_at(scene, place, expected).arctangents
     if not arctangents and not isinstance(expected.source, float):
-        _check_dimension(place, expected, expression_at(place, expected), dimensions)
+        check_dimension(place, expected, expression_at(place, expected), dimensions)
     for tangent in arctangents:
         source = Expected(write(tangent), "1")
         inside = Place(place.owner, f"{place.label}, atan")
         _check_degree(scene, inside, source, tangent)
         _check_denominators(scene, inside, tangent)
         if scene.fit is None:
-            _check_dimension(inside, source, tangent, dimensions)
+            check_dimension(inside, source, tangent, dimensions)
         if not np.all(np.isfinite(_sampled(inside, source, samples))):
             raise SceneError(f"{inside} of {source.source!r}: is not finite in the range.")
 
@@ -219,23 +225,6 @@ def _samples(
     return values
 
 
-def dimensions_of(scene: Scene) -> Mapping[str, Any]:
-    """Dimensions of the names of a scene; plain numbers as they are."""
-    values: dict[str, Any] = dict(scene.constant_values())
-    for name, constant in scene.constants.items():
-        if isinstance(constant, Constant):
-            values[name] = Dimension(parse_unit(constant.unit).dimension)
-    for parameter in scene.parameters:
-        values[parameter.name] = Dimension(parse_unit(parameter.unit).dimension)
-    return values
-
-
-def has_unit(scene: Scene, source: Quantity) -> bool:
-    """Whether a name or a number gives a quantity a unit; else it has the unit of its place."""
-    value = evaluate(parse(source), dimensions_of(scene), functions=DIMENSIONS)
-    return isinstance(value, Dimension) and value.exponents is not None
-
-
 def _check_angle_is_position(
     scene: Scene, place: Place, expected: Expected, expression: Expression
 ) -> None:
@@ -253,58 +242,6 @@ def _check_degree(scene: Scene, place: Place, expected: Expected, expression: Ex
         check_degree(expression, {p.name: 1 for p in scene.parameters})
     except SceneError as error:
         raise SceneError(f"{place} = {expected.source!r}: {error}") from None
-
-
-def _check_dimension(
-    place: Place, expected: Expected, expression: Expression, dimensions: Mapping[str, Any]
-) -> None:
-    if expected.unit == ANY_UNIT:
-        return
-    try:
-        value = evaluate(expression, dimensions, functions=DIMENSIONS)
-    except SceneError as error:
-        raise SceneError(f"{place} = {expected.source!r}: {error}") from None
-    wanted = parse_unit(expected.unit).dimension
-    if isinstance(value, Dimension) and value.exponents not in (None, wanted):
-        raise SceneError(
-            f"{place} = {expected.source!r}: the unit does not fit: expected {expected.unit}, "
-            f"got {dimension_name(value.exponents)}."
-            + _missing_unit(expected, expression, dimensions, value.exponents or _NONE)
-        )
-
-
-def _missing_unit(
-    expected: Expected, expression: Expression, dimensions: Mapping[str, Any], got: Exponents
-) -> str:
-    """What may have been forgotten: the unit of a parameter, or that of a factor."""
-    wanted = parse_unit(expected.unit).dimension
-    rest = tuple(a - b for a, b in zip(wanted, got, strict=True))
-    missing, plain = dimension_name(rest), Dimension(_NONE)
-    bare = sorted(name for name in names(expression) if dimensions[name] == plain)
-    if bare:
-        found, unit = " and ".join(map(repr, bare)), expected.unit if not any(got) else missing
-        return (
-            f" {found} {'have' if bare[1:] else 'has'} no unit: declare "
-            f"{'one of them' if bare[1:] else 'it'} with unit = {unit!r}, or give a number a unit, "
-            f"such as 1 [{unit}]*{bare[0]}."
-        )
-    if _has_factor(expression):
-        return (
-            " A number that multiplies a value with a unit is a plain factor. Where the factor has a "
-            f"unit, write it behind the number, such as 2.0 [{missing}], or declare a constant with it."
-        )
-    return ""
-
-
-def _has_factor(expression: Expression) -> bool:
-    """Whether a number is a factor in an expression, as its user may have meant it with a unit."""
-    products = (
-        node for node in walk(expression) if isinstance(node, Binary) and node.operator in "*/"
-    )
-    sides = (side for node in products for side in (node.left, node.right))
-    return any(
-        isinstance(side.operand if isinstance(side, Negative) else side, Number) for side in sides
-    )
 
 
 def _check_denominators(scene: Scene, place: Place, expression: Expression) -> None:
@@ -335,3 +272,191 @@ def _check_denominators(scene: Scene, place: Place, expression: Expression) -> N
                 f"{ranges}, or comes too close to zero to tell. Narrow the range or write the "
                 "quantity without the division."
             )
+
+
+LABELS = ("mass", "inertia.xx", "inertia.yy", "inertia.zz", "actuator_inertia", "reflected_inertia")
+_KEEPS_SIGN = re.compile(
+    r"mass|length|density|area|(shear_)?modulus|I_[yz]|torsion_constant|shear_coefficient"
+    r"|(mass|stiffness)_damping|mode\d+\.(frequency|damping)|actuator_inertia(\..+)?|reflected_inertia"
+)
+_TINY = 1e-280  # what is zero for all values is not negative
+_ZERO = Number(0.0)
+
+
+class Condition(NamedTuple):
+    """An expression that must not be negative: whose it is, what it is, and its size at nominal."""
+
+    owner: str
+    what: str
+    expression: Expression
+    size: float
+
+
+class Outcome(NamedTuple):
+    """A condition with what is known of its sign; its points and parts are in units of the parameters."""
+
+    condition: Condition
+    names: tuple[str, ...]
+    sign: Sign
+
+
+def check_positive(scene: Scene, boxes: int = BOXES) -> tuple[Outcome, ...]:
+    """What is known of the conditions that depend on parameters, after looking at so many parts of each.
+
+    Raises
+    ------
+    SceneError
+        One of them fails at a point of the range.
+    """
+    parameters = {p.name: p for p in scene.parameters if not p.is_angle}
+    found = []
+    items: list[Body | Joint] = [*scene.bodies, *scene.joints]
+    for item in items if parameters else ():
+        for condition in _conditions(scene, item):
+            used = tuple(sorted(names(condition.expression) & parameters.keys()))
+            if used:
+                own = {name: parameters[name] for name in used}
+                sign = _sign(condition, own, scene.constant_values(), boxes)
+                if sign.point is not None:
+                    raise SceneError(_failure(condition, sign, own))
+                found.append(Outcome(condition, used, sign))
+    return tuple(found)
+
+
+def _sign(
+    condition: Condition,
+    parameters: Mapping[str, Parameter],
+    constants: Mapping[str, float],
+    boxes: int,
+) -> Sign:
+    """By intervals over the whole range, if they are enough; else by parts."""
+    factors = {name: p.factor for name, p in parameters.items()}
+    bounds = {name: (p.low, p.high) for name, p in parameters.items()}
+    slack = _ROUNDING * condition.size + _TINY
+
+    def value(at: Mapping[str, Any]) -> Any:
+        return evaluate(
+            condition.expression, {**constants, **{n: x * factors[n] for n, x in at.items()}}
+        )
+
+    whole = {name: Interval(*ends) * factors[name] for name, ends in bounds.items()}
+    known = {**{name: decimal(float(x)) for name, x in constants.items()}, **whole}
+    if Interval.of(evaluate(condition.expression, known, decimal, FUNCTIONS)).low >= -slack:
+        return Sign()
+    return not_negative(value, bounds, slack, boxes)
+
+
+def _failure(condition: Condition, sign: Sign, parameters: Mapping[str, Parameter]) -> str:
+    where = ", ".join(
+        f"{name} = {at:.9g} {parameters[name].unit}".removesuffix(" 1")
+        for name, at in (sign.point or {}).items()
+    )
+    return (
+        f"{condition.owner}: {condition.what} in the range, at {where}: {sign.value:.3g}. Narrow the "
+        "ranges, or correct the expression."
+    )
+
+
+def _conditions(scene: Scene, item: Body | Joint) -> Iterator[Condition]:
+    """All conditions of a body or a joint."""
+    owner = owner_name(item)
+    own = {
+        label: expression_at(Place(owner, label), expected)
+        for label, expected in item.quantities().items()
+        if expected.unit != "rad"
+    }
+    nominal = dict(scene.constant_values())
+    for p in scene.parameters:
+        if not p.is_angle:
+            nominal[p.name] = p.nominal * p.factor
+
+    def size(expression: Expression) -> float:
+        return abs(float(evaluate(expression, nominal)))
+
+    for label, expression in own.items():
+        if _KEEPS_SIGN.fullmatch(label):
+            unit = item.quantities()[label].unit
+            what = f"{label} [{unit}] is negative"
+            yield Condition(owner, what, expression, size(expression))
+    inertia = getattr(item, "inertia", None)
+    if isinstance(item, Body) and inertia is not None and not inertia.unchecked:
+        center = inertia.about == "center_of_mass"
+        point = "center_of_mass" if center else item.port_label(inertia.about)
+        about = [own[f"{point}.{a}"] if point else _ZERO for a in AXES]
+        for what, expression, factors in _of_inertia(own, about):
+            product = 1.0
+            for factor in factors:
+                product *= size(factor)
+            yield Condition(owner, what, expression, product)
+
+
+_Terms = Iterator[tuple[str, Expression, list[Expression]]]
+
+
+def _of_inertia(own: Mapping[str, Expression], about: list[Expression]) -> _Terms:
+    """Conditions of an inertia, and what their products are made of."""
+    d = [_sum(own[f"center_of_mass.{a}"], about[k], "-") for k, a in enumerate(AXES)]
+    J: dict[str, Expression] = {}
+    for i, a in enumerate(AXES):
+        for j, b in enumerate(AXES[i:], start=i):
+            if (label := f"inertia.{a}{b}") in own:
+                first, second = (_product(d[k], d[k]) for k in range(3) if k != i)
+                steiner = _sum(first, second, "+") if i == j else _product(d[i], d[j])
+                sign = "-" if i == j else "+"
+                J[a + b] = _sum(own[label], _product(own["mass"], steiner), sign)
+    if len(J) < 6:
+        for name in ("xx", "yy", "zz"):
+            if name in J:
+                what = f"inertia.{name} [kg m^2] about the center of mass is negative"
+                yield what, J[name], [own[f"inertia.{name}"]]
+        return
+    yield from _second_moments(J)
+
+
+def _second_moments(J: Mapping[str, Expression]) -> _Terms:
+    """Principal minors of P; P is made without halves."""
+    x, y, z = J["xx"], J["yy"], J["zz"]
+    P = (_without(y, z, x), _without(z, x, y), _without(x, y, z))
+    trace = _sum(_sum(x, y, "+"), z, "+")
+    for k, (name, entry) in enumerate(zip(("x", "y", "z"), P, strict=True)):
+        left, right = [other for j, other in enumerate(("xx", "yy", "zz")) if j != k]
+        what = f"inertia.{left} + inertia.{right} - inertia.{name * 2} [kg m^2] about the center of"
+        yield f"{what} mass is negative (triangle inequality)", entry, [trace]
+    twice = {name: _product(Number(2.0), J[name]) for name in ("xy", "xz", "yz")}
+    xy, xz, yz = twice["xy"], twice["xz"], twice["yz"]
+    if xy == xz == yz == _ZERO:
+        return
+    what = "a minor of the second moments of mass that follow from the inertia is negative"
+    for i, j, entry in ((0, 1, xy), (0, 2, xz), (1, 2, yz)):
+        if entry != _ZERO:
+            minor = _sum(_product(P[i], P[j]), _product(entry, entry), "-")
+            yield what, minor, [trace] * 2
+    # the entries outside the diagonal are -2 J_ij, and their product is -8 J_xy J_xz J_yz
+    inner = _sum(_product(P[1], P[2]), _product(yz, yz), "-")
+    whole = _sum(_product(P[0], inner), _product(P[1], _product(xz, xz)), "-")
+    whole = _sum(whole, _product(P[2], _product(xy, xy)), "-")
+    whole = _sum(whole, _product(Number(2.0), _product(xy, _product(xz, yz))), "-")
+    yield what, whole, [trace] * 3
+
+
+def _without(a: Expression, b: Expression, c: Expression) -> Expression:
+    """a + b - c, where one of the first two may be the last."""
+    if c in (a, b):
+        return b if a == c else a
+    return _sum(_sum(a, b, "+"), c, "-")
+
+
+def _sum(a: Expression, b: Expression, operator: str) -> Expression:
+    """a + b or a - b; equal terms cancel, and zeros are left out."""
+    if b == _ZERO:
+        return a
+    if operator == "-" and a == b:
+        return _ZERO
+    if operator == "+" and a == _ZERO:
+        return b
+    return Binary(operator, a, b)
+
+
+def _product(a: Expression, b: Expression) -> Expression:
+    """A product; with a zero it is zero."""
+    return _ZERO if _ZERO in (a, b) else Binary("*", a, b)

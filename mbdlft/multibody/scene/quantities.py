@@ -14,17 +14,34 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from mbdlft.base.description import Expected, vector_quantities
+from mbdlft.base.description import ANY_UNIT, Expected, Quantity, vector_quantities
 from mbdlft.base.errors import MbdlftError, NotRationalError, SceneError
-from mbdlft.base.expression import Call, Expression, Name, evaluate, names, parse, with_calls, write
+from mbdlft.base.expression import (
+    Binary,
+    Call,
+    Expression,
+    Name,
+    Negative,
+    Number,
+    evaluate,
+    names,
+    parse,
+    walk,
+    with_calls,
+    write,
+)
+from mbdlft.base.unit import Exponents, dimension_name, parse_unit
+from mbdlft.exact.operators import FUNCTIONS_OF_DIMENSIONS as DIMENSIONS
+from mbdlft.exact.operators import Dimension
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.loop import Loop
-from mbdlft.multibody.scene.scene import UNKNOWN, Scene
+from mbdlft.multibody.scene.scene import UNKNOWN, Constant, Scene
 
 T = TypeVar("T")
 
+_PLAIN: Exponents = (0, 0, 0, 0, 0)  # of a plain number
 _MOST_TURNS = 16
 _INTEGER = (
     "an angle parameter can be multiplied by an integer only. Declare the fraction of the angle as the "
@@ -246,3 +263,76 @@ def _without_arctangents(
         return Name(name)
 
     return with_calls(expression, replaced), arguments
+
+
+# units -----------------------------------------------------------------------------------------
+
+
+def dimensions_of(scene: Scene) -> Mapping[str, Any]:
+    """Dimensions of the names of a scene; plain numbers as they are."""
+    values: dict[str, Any] = dict(scene.constant_values())
+    for name, constant in scene.constants.items():
+        if isinstance(constant, Constant):
+            values[name] = Dimension(parse_unit(constant.unit).dimension)
+    for parameter in scene.parameters:
+        values[parameter.name] = Dimension(parse_unit(parameter.unit).dimension)
+    return values
+
+
+def has_unit(scene: Scene, source: Quantity) -> bool:
+    """Whether a name or a number gives a quantity a unit; else it has the unit of its place."""
+    value = evaluate(parse(source), dimensions_of(scene), functions=DIMENSIONS)
+    return isinstance(value, Dimension) and value.exponents is not None
+
+
+def check_dimension(
+    place: Place, expected: Expected, expression: Expression, dimensions: Mapping[str, Any]
+) -> None:
+    """Raise a SceneError if the dimension of a quantity does not fit."""
+    if expected.unit == ANY_UNIT:
+        return
+    try:
+        value = evaluate(expression, dimensions, functions=DIMENSIONS)
+    except SceneError as error:
+        raise SceneError(f"{place} = {expected.source!r}: {error}") from None
+    wanted = parse_unit(expected.unit).dimension
+    if isinstance(value, Dimension) and value.exponents not in (None, wanted):
+        raise SceneError(
+            f"{place} = {expected.source!r}: the unit does not fit: expected {expected.unit}, "
+            f"got {dimension_name(value.exponents)}."
+            + _missing_unit(expected, expression, dimensions, value.exponents or _PLAIN)
+        )
+
+
+def _missing_unit(
+    expected: Expected, expression: Expression, dimensions: Mapping[str, Any], got: Exponents
+) -> str:
+    """What may have been forgotten: the unit of a parameter, or that of a factor."""
+    wanted = parse_unit(expected.unit).dimension
+    rest = tuple(a - b for a, b in zip(wanted, got, strict=True))
+    missing, plain = dimension_name(rest), Dimension(_PLAIN)
+    bare = sorted(name for name in names(expression) if dimensions[name] == plain)
+    if bare:
+        found, unit = " and ".join(map(repr, bare)), expected.unit if not any(got) else missing
+        return (
+            f" {found} {'have' if bare[1:] else 'has'} no unit: declare "
+            f"{'one of them' if bare[1:] else 'it'} with unit = {unit!r}, or give a number a unit, "
+            f"such as 1 [{unit}]*{bare[0]}."
+        )
+    if _has_factor(expression):
+        return (
+            " A number that multiplies a value with a unit is a plain factor. Where the factor has a "
+            f"unit, write it behind the number, such as 2.0 [{missing}], or declare a constant with it."
+        )
+    return ""
+
+
+def _has_factor(expression: Expression) -> bool:
+    """Whether a number is a factor in an expression, as its user may have meant it with a unit."""
+    products = (
+        node for node in walk(expression) if isinstance(node, Binary) and node.operator in "*/"
+    )
+    sides = (side for node in products for side in (node.left, node.right))
+    return any(
+        isinstance(side.operand if isinstance(side, Negative) else side, Number) for side in sides
+    )

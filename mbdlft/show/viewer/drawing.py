@@ -18,8 +18,7 @@ from mbdlft.multibody.assembly.tree import PortFrame
 from mbdlft.multibody.body import GROUND, Beam, Body, ElasticBody, RigidBody
 from mbdlft.multibody.body.beam_elements import values_at
 from mbdlft.multibody.body.elastic import times
-from mbdlft.multibody.force import Load, Spring, Strut
-from mbdlft.multibody.force.kinds import DirectedLoad
+from mbdlft.multibody.force import DirectedLoad, Load, Spring, Strut
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.scene.quantities import owner_name

@@ -14,10 +14,9 @@ import casadi as ca
 
 from mbdlft.base.description import AXES, Values
 from mbdlft.multibody.assembly.closure import gap_of
-from mbdlft.multibody.assembly.placed import position
-from mbdlft.multibody.assembly.resolve import Resolved, resolve
+from mbdlft.multibody.assembly.kinematics import View, position
+from mbdlft.multibody.assembly.resolved import Resolved, resolve
 from mbdlft.multibody.assembly.tree import Owned, all_bodies, coordinate_owners
-from mbdlft.multibody.assembly.view import View
 from mbdlft.multibody.body import GROUND
 from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import coordinate_label

@@ -1,4 +1,5 @@
-"""All kinds of sensors.
+"""Sensors: a name, and named components of the measured quantity. A new kind is one class and one line in
+`KINDS`.
 
 The small motion of a port is relative to the frame of the scene, and a deviation from the equilibrium,
 where it is zero. So to first order it makes no difference whether the axes of `frame` move with a body or
@@ -8,13 +9,78 @@ the wrench of a joint are constraint loads, effort, spring and damper together.
 """
 
 import abc
-from typing import ClassVar, final
+from typing import ClassVar, NamedTuple, Protocol, final
 
 import casadi as ca
 
-from mbdlft.base.description import Text
+from mbdlft.base.description import AXES, Description, Name, Text
 from mbdlft.base.unit import Signal
-from mbdlft.multibody.sensor.base import Sensor, View, by_axis
+
+
+class Small(NamedTuple):
+    """Small rotation and displacement (3,) of a point, or their first or second time derivatives."""
+
+    rotation: ca.SX
+    displacement: ca.SX
+
+
+class View(Protocol):
+    """The motions and wrenches that a sensor may ask for.
+
+    Components of vectors are in the axes of a body; those of the ground are the axes of the scene.
+    """
+
+    def small(self, port: str, order: int) -> tuple[str, Small]:
+        """Body of a port, and the port's displacement (order 0), velocity (1) or acceleration (2)."""
+
+    def across(self, vector: ca.SX, source: str, target: str) -> ca.SX:
+        """Components (3,) in the axes of body `target` of a vector (3,) in those of body `source`.
+
+        The bodies are where they are at equilibrium.
+        """
+
+    def motion(self, port: str) -> ca.SX:
+        """Motion (3, 3) of a port, as defined in `mbdlft.multibody.spatial`.
+
+        Gravity is in it as an acceleration of the scene's frame by minus gravity.
+        """
+
+    def joint_wrench(self, joint: str) -> ca.SX:
+        """Wrench (3, 2) that a joint exerts on its child, about the child's port and in its axes."""
+
+    def momentum(self, order: int) -> ca.SX:
+        """Momentum [linear, angular] (3, 2) about the origin of the scene, with small motions for rates.
+
+        With `order` 1 the velocities of `small` make the momentum; with `order` 0 the displacements take
+        their place.
+        """
+
+    def mass(self) -> ca.SX:
+        """Total mass (kg)."""
+
+
+class Sensor(Description, abc.ABC):
+    """A sensor; every concrete kind is final. Its components are outputs of the model."""
+
+    noun: ClassVar[str] = "sensor"
+
+    kind: ClassVar[str]
+    components: ClassVar[tuple[Signal, ...]]
+
+    name: Name
+
+    def signals(self) -> tuple[Signal, ...]:
+        """Outputs, in the order of `measure`."""
+        return tuple(Signal(f"{self.name}.{part.name}", part.unit) for part in self.components)
+
+    @abc.abstractmethod
+    def measure(self, view: View) -> ca.SX:
+        """The measured quantity (n,), one entry for each component."""
+
+
+def by_axis(unit: str, prefix: str = "") -> tuple[Signal, ...]:
+    """Signals of the components x, y and z of a vector in one unit."""
+    return tuple(Signal(f"{prefix}{axis}", unit) for axis in AXES)
 
 
 class PortSensor(Sensor, abc.ABC):
@@ -162,3 +228,21 @@ class JointWrench(Sensor):
 
     def measure(self, view: View) -> ca.SX:
         return ca.vec(view.joint_wrench(self.joint))
+
+
+KINDS: dict[str, type[Sensor]] = {
+    cls.kind: cls
+    for cls in (
+        Acceleration,
+        Accelerometer,
+        AngularAcceleration,
+        AngularRate,
+        CenterOfMass,
+        Gyro,
+        JointWrench,
+        Momentum,
+        Position,
+        SmallRotation,
+        Velocity,
+    )
+}

@@ -1,4 +1,6 @@
-"""One common axis: a planar mechanism in a plane that is not a coordinate plane.
+"""A scene with its names looked up: tree, parameters, quantities as SX. Nothing here moves yet.
+
+A planar mechanism in a plane that is not a coordinate plane is described in other axes.
 
 Where all rotations of a tree are about parallel axes, one constant rotation Q of the axes of every body
 makes the first of them the common one, and vectors along the links single components. What is
@@ -6,6 +8,7 @@ off the plane then is zero in the structure, as in a coordinate plane: v = Q v',
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -14,12 +17,15 @@ from scipy.linalg import qr
 
 from mbdlft.base.array import Array
 from mbdlft.base.description import AXES, Direction, Values
+from mbdlft.base.parameter import Parameter
+from mbdlft.multibody.assembly.gyrostat import steady
+from mbdlft.multibody.assembly.tree import Link, Symbols, links_of
 from mbdlft.multibody.body import Ground, PointMass, RigidBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS
-from mbdlft.multibody.force import Buoyancy, Spring
-from mbdlft.multibody.force.kinds import DirectedLoad
+from mbdlft.multibody.force import Buoyancy, DirectedLoad, Spring
 from mbdlft.multibody.joint import Fixed, Prismatic, Revolute, Rotation
-from mbdlft.multibody.joint.one_axis import AxisJoint
+from mbdlft.multibody.joint.kinds import AxisJoint
+from mbdlft.multibody.scene.check import check
 from mbdlft.multibody.scene.scene import UNKNOWN, Scene
 
 Evaluate = Callable[[ca.SX], Sequence[Array]]
@@ -40,6 +46,58 @@ class Aligned(NamedTuple):
         """Vectors (3 n,) in the axes of the user."""
         vectors = ca.reshape(measured, 3, measured.numel() // 3)
         return ca.vec(ca.mtimes(ca.sparsify(ca.SX(self.Q)), vectors))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Resolved:
+    """A checked scene.
+
+    Attributes
+    ----------
+    scene : Scene
+        The user's, or the same in other axes (`aligned`).
+    links : from the ground outward
+    parameters : sorted by name
+    symbols : Symbols
+        Coordinates and parameters as SX.
+    values : quantities by owner and label, in SI units: numbers, SX of the parameters, turns
+    aligned : the rotation back to the axes of the user; None if they are those of the user
+    """
+
+    scene: Scene
+    links: tuple[Link, ...]
+    parameters: tuple[Parameter, ...]
+    symbols: Symbols
+    values: Mapping[str, Values]
+    aligned: Aligned | None = None
+
+
+def resolve(scene: Scene) -> Resolved:
+    """Look up names, units and the tree of a scene, check it, and evaluate its quantities once.
+
+    Raises
+    ------
+    SceneError, NotRationalError, WellPosednessError
+        The joints are not a tree, or one of the quantities cannot be used; see `check`.
+    """
+    links = links_of(scene)
+    check(scene)
+    parameters = tuple(sorted(scene.parameters, key=lambda parameter: parameter.name))
+    symbols = Symbols(scene, parameters, links)
+    values = symbols.quantities(scene)
+    for owner, momenta in steady(scene, links, symbols, values).momenta.items():
+        values[owner] = {**values[owner], **momenta}
+    return Resolved(scene, links, parameters, symbols, values)
+
+
+def in_plane(resolved: Resolved) -> Resolved:
+    """The same scene in axes along its plane, where it has one that is not a coordinate plane."""
+    r = resolved
+    aligned = align(r.scene, r.values, r.symbols.evaluate)
+    if aligned is None:
+        return r
+    links = links_of(aligned.scene)
+    return Resolved(aligned.scene, links, r.parameters, r.symbols, aligned.values, aligned)
 
 
 def align(scene: Scene, values: Mapping[str, Values], evaluate: Evaluate) -> Aligned | None:

@@ -11,32 +11,40 @@ from mbdlft.base.description import AXES, Values
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import Signal
 from mbdlft.multibody.assembly.closure import Closure, close_loops, constraint
-from mbdlft.multibody.assembly.efforts import (
+from mbdlft.multibody.assembly.gyrostat import body_momenta
+from mbdlft.multibody.assembly.kinematics import (
+    Passed,
+    View,
+    inertial_wrenches,
+    motions,
+    pass_inward,
+    place,
+)
+from mbdlft.multibody.assembly.regular import is_regular
+from mbdlft.multibody.assembly.resolved import Resolved, in_plane, resolve
+from mbdlft.multibody.assembly.second_order import efforts_by_products, gains_by_products
+from mbdlft.multibody.assembly.signals import (
     Effort,
     acting,
+    body_channels,
     check_springs,
     force_density,
     ground_motion,
     list_efforts,
+    measures,
     moved_coordinates,
     static_deflections,
+    steady_angles,
     uniform_load,
 )
-from mbdlft.multibody.assembly.measures import body_channels, measures, steady_angles
-from mbdlft.multibody.assembly.placed import Passed, inertial_wrenches, motions, pass_inward, place
-from mbdlft.multibody.assembly.regular import is_regular
-from mbdlft.multibody.assembly.resolve import Resolved, in_plane, resolve
-from mbdlft.multibody.assembly.second_order import efforts_by_products, gains_by_products
-from mbdlft.multibody.assembly.steady import body_momenta
-from mbdlft.multibody.assembly.symbols import Symbols
 from mbdlft.multibody.assembly.tree import (
     Link,
     PortJoint,
+    Symbols,
     all_bodies,
     coordinate_owners,
     degrees,
 )
-from mbdlft.multibody.assembly.view import View
 from mbdlft.multibody.assembly.weights import pass_weights_inward
 from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS, unseen_name

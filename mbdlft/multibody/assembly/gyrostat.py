@@ -19,7 +19,7 @@ import numpy as np
 
 from mbdlft.base.description import Values
 from mbdlft.base.errors import SceneError
-from mbdlft.multibody.assembly.placed import (
+from mbdlft.multibody.assembly.kinematics import (
     Placed,
     inertial_wrenches,
     motions,
@@ -27,13 +27,12 @@ from mbdlft.multibody.assembly.placed import (
     place,
     port_arm,
 )
-from mbdlft.multibody.assembly.symbols import Symbols
-from mbdlft.multibody.assembly.tree import Link, all_bodies
+from mbdlft.multibody.assembly.tree import Link, Symbols, all_bodies
 from mbdlft.multibody.body import PointMass, RigidBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS, unseen_name
 from mbdlft.multibody.joint import Cylindrical, Fixed, Prismatic, Revolute, coordinate_label
+from mbdlft.multibody.joint.kinds import AxisJoint, plane
 from mbdlft.multibody.joint.move import MOMENTUM, ROTOR
-from mbdlft.multibody.joint.one_axis import AxisJoint, plane
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate
