@@ -30,7 +30,7 @@ from mbdlft.archive.hdf5 import (
     write_items,
 )
 from mbdlft.archive.model import KINDS, items_of_model, model_of_items
-from mbdlft.archive.reading import LARGE, Request, ask, content_of, said_of, seal_file, sealed
+from mbdlft.archive.reading import LARGE, Request, ask, image_of, said_of, seal_file, sealed
 from mbdlft.base.errors import ArchiveError
 from mbdlft.system.model import System
 from mbdlft.system.theta import DeltaThetaModel
@@ -135,7 +135,7 @@ def rewrite(
     """
     target = target_of(file)
     if target.exists():
-        content_of(file)  # a folder is no place for a lock, and needs none
+        image_of(file)  # a folder is no place for a lock, and needs none
     with locked(target):
         if made is None and _size(target) <= LARGE:
             image = BytesIO()
@@ -176,7 +176,7 @@ def _make(
 
 def _copy(file: Path, old: Path, new: Any, replaced: str) -> None:
     """Copy an archive but one group, if all of it can be read."""
-    image = content_of(old)
+    image = image_of(old)
     parent, _, name = replaced.partition("/")
     try:
         ask(old, Request("copy", parent, name=name))  # where the library may fail

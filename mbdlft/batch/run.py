@@ -1,9 +1,6 @@
 """A sweep: its shards computed by this process, by workers, or by a Dask cluster, and its report."""
 
-import contextlib
-import json
 import os
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.archive.archive import check_file, check_name
-from mbdlft.archive.rows import FUNCTION_FAILED, NO_EQUILIBRIUM, SINGULAR, SOLVED
+from mbdlft.archive.rows import FUNCTION_FAILED, NO_EQUILIBRIUM, SINGULAR, SOLVED, Places
 from mbdlft.archive.sweep import finish_sweep
 from mbdlft.base.array import Array, ArrayLike
-from mbdlft.base.errors import AnalysisError, MbdlftError, SceneError
+from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.base.worker import Pool
 from mbdlft.batch.compiled import fastest
 from mbdlft.batch.extra import Extra, Function, asked_of
@@ -214,8 +211,9 @@ def _computed(
     if min(processes, len(todo)) > 1:
         kept = "What is finished is kept: the same sweep goes on from it, with fewer workers if you like."
         what = "sweep", "shard", kept
-        with Pool("mbdlft.batch.run", folder, min(processes, len(todo)), what) as pool:
-            yield from pool.run(todo)
+        with Pool(f"{__name__}:compute_shard", min(processes, len(todo)), what) as pool:
+            for shard, _ in pool.run({shard: (folder, shard) for shard in todo}):
+                yield shard
         return
     fast = fastest(work.source, work.count) if todo else work.source
     for shard in todo:  # starting a process would take longer than computing most shards
@@ -290,28 +288,20 @@ def _source(given: str | LFTModel, count: int) -> tuple[Source, int]:
     return fastest(known, count), known.chunk
 
 
-def main(folder: Path) -> None:
-    """Compute shards until the input ends."""
+def compute_shard(folder: Path, shard: int) -> None:
+    """What a worker does: it computes the rows of a shard and puts them into the folder."""
     try:
-        work = opened(folder)
-        source, at = fastest(work.source, work.count), places(folder, work)
-        for line in sys.stdin:
-            shard = int(line)
-            rows = rows_at(source, work.source.chunk, work.extra, points_at(work, shard))
-            write_shard(folder, work, at, shard, rows)
-            _answer({"shard": shard})
-    except MbdlftError as error:
-        _answer({"error": type(error).__name__, "message": str(error)})
+        work, source, at = _opened(folder)
+        rows = rows_at(source, work.source.chunk, work.extra, points_at(work, shard))
+        write_shard(folder, work, at, shard, rows)
     except FileNotFoundError:
-        pass  # another process has finished the sweep or thrown it away
+        raise AnalysisError(
+            f"sweep: {folder} is gone: another process has finished the sweep or thrown it away."
+        ) from None
 
 
-def _answer(answer: dict[str, object]) -> None:
-    """Write an answer as one line of JSON."""
-    with contextlib.suppress(BrokenPipeError):  # the sweep was killed, but the shard is in its file
-        sys.stdout.write(json.dumps(answer) + "\n")
-        sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+@lru_cache(maxsize=1)
+def _opened(folder: Path) -> tuple[Work, Source, Places]:
+    """A sweep as another process reads it from its folder, what computes its rows, and their places."""
+    work = opened(folder)
+    return work, fastest(work.source, work.count), places(folder, work)

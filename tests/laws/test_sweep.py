@@ -190,16 +190,16 @@ def test_processes_and_a_killed_worker(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
     given = RandomSamples(20_000, 5)
     mbdlft.sweep(arm(), given, tmp_path / "one.h5", workers=1)
-    start, started = worker._start, []
+    start, started = worker.Worker._start, []
 
-    def short_life(module: str, folder: Path) -> subprocess.Popen[str]:
-        process = start(module, folder)
+    def short_life(of: worker.Worker) -> subprocess.Popen[bytes]:
+        process = start(of)
         started.append(process.pid)
         if len(started) == 1:
             process.kill()
         return process
 
-    monkeypatch.setattr(worker, "_start", short_life)
+    monkeypatch.setattr(worker.Worker, "_start", short_life)
     seen: list[int] = []
     mbdlft.sweep(
         arm(), given, tmp_path / "two.h5", name="two_link_arm", workers=2,
@@ -214,14 +214,15 @@ def test_processes_and_a_killed_worker(tmp_path: Path, monkeypatch: pytest.Monke
     check_arm(one, drawn(20_000, 5))
 
 
+def die(folder: Path, shard: int) -> None:
+    os._exit(3)
+
+
 def test_workers_that_always_die(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
 
-    def dead(module: str, folder: Path) -> subprocess.Popen[str]:
-        pipe = subprocess.PIPE
-        return subprocess.Popen([sys.executable, "-c", ""], stdin=pipe, stdout=pipe, text=True)
-
-    monkeypatch.setattr(worker, "_start", dead)
+    pool = worker.Pool
+    monkeypatch.setattr(run, "Pool", lambda _, *more: pool(f"{__name__}:die", *more))
     with says(mbdlft.AnalysisError, "sweep: 3 workers died over shard", "the same sweep goes on"):
         mbdlft.sweep(arm(), RandomSamples(9000), tmp_path / "a.h5", workers=2)
 
