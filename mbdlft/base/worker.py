@@ -27,7 +27,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from types import TracebackType
@@ -112,16 +112,17 @@ class Worker:
             process = self.process or self._start()
             assert process.stdin is not None
             assert process.stdout is not None
+            receive = _receive_arrays if self._plain else _receive_pickle
             try:
                 with _killed_after(process, limits.clock if limits else 0.0) as late:
                     _send(
                         process.stdin,
                         pickle.dumps((target, arguments, named, limits and limits[:2])),
                     )
-                    kind, answer = self._answer(process.stdout)
+                    kind, answer = receive(process.stdout)
                     while kind == "done so far":
                         pass_on(*answer)
-                        kind, answer = self._answer(process.stdout)
+                        kind, answer = receive(process.stdout)
             except (OSError, EOFError):
                 self.end()
                 how = "it did not end" if late.is_set() else f"exit code {process.returncode}"
@@ -131,10 +132,6 @@ class Worker:
                 raise
         if kind == "error":
             raise answer
-        return answer
-
-    def _answer(self, stream: IO[bytes]) -> tuple[str, Any]:
-        answer: tuple[str, Any] = _arrays(stream) if self._plain else pickle.loads(_receive(stream))
         return answer
 
     def _start(self) -> "subprocess.Popen[bytes]":
@@ -208,18 +205,8 @@ def arrays_of(
 ) -> dict[str, NDArray[Any]]:
     """The arrays by name that a function returns, in a process with limits that ends afterwards.
 
-    Parameters
-    ----------
-    target : str
-        ``module:function``; the function takes the arguments by name.
-    arguments : by name
-    seconds : time of the processor
-    memory : bytes
-
-    Raises
-    ------
-    MbdlftError of the class `error`
-        The function raised any error, or did not end within its limits.
+    `target` is ``module:function``, `seconds` are of the processor, and `memory` is in bytes. If the
+    function raises any error, or does not end within its limits, that is an MbdlftError of the class `error`.
     """
     reader = Worker({}, plain=True)
     limits = Limits(seconds, memory, _START + _CLOCK * seconds)
@@ -265,18 +252,8 @@ _SAME = Worker(settings())
 def same_everywhere(target: str, *arguments: Any) -> Any:
     """What a function returns in a process with the same arithmetic on every processor of one kind.
 
-    Parameters
-    ----------
-    target : str
-        ``module:function`` of this package.
-    arguments
-        What `pickle` can carry, as the result.
-
-    Raises
-    ------
-    NoProcessError
-    Exception
-        What the function raises.
+    `target` is ``module:function``; `pickle` can carry its arguments, its result, and what it raises.
+    Without such a process there is a NoProcessError.
     """
     was_there = _SAME.process is not None
     try:
@@ -398,6 +375,11 @@ def _receive(stream: IO[bytes]) -> bytes:
     return message
 
 
+def _receive_pickle(stream: IO[bytes]) -> tuple[str, Any]:
+    kind, answer = pickle.loads(_receive(stream))
+    return kind, answer
+
+
 def _send_arrays(stream: IO[bytes], kind: str, answer: Any) -> None:
     """Send an error as a text, or arrays as names, types, shapes, and then their bytes."""
     if kind == "error":
@@ -413,7 +395,7 @@ def _send_arrays(stream: IO[bytes], kind: str, answer: Any) -> None:
     stream.flush()
 
 
-def _arrays(stream: IO[bytes]) -> tuple[str, Any]:
+def _receive_arrays(stream: IO[bytes]) -> tuple[str, Any]:
     """What `_send_arrays` has sent, or an EOFError: the bytes may be any."""
     try:
         head = json.loads(_receive(stream))
@@ -428,16 +410,17 @@ def _arrays(stream: IO[bytes]) -> tuple[str, Any]:
         raise EOFError(str(error)) from None
 
 
-class _Telling:
-    """It tells the other process how much of a budget is done, not too often."""
+def _teller(answers: IO[bytes]) -> Callable[[float, float], None]:
+    """A function that tells whoever asked how much of a budget is done, not too often."""
+    last = 0.0
 
-    def __init__(self, answers: IO[bytes]) -> None:
-        self.answers, self.last = answers, 0.0
+    def tell(done: float, most: float) -> None:
+        nonlocal last
+        if time.monotonic() > last + _OFTEN:
+            last = time.monotonic()
+            _send(answers, pickle.dumps(("done so far", (done, most))))
 
-    def __call__(self, done: float, most: float) -> None:
-        if time.monotonic() > self.last + _OFTEN:
-            self.last = time.monotonic()
-            _send(self.answers, pickle.dumps(("done so far", (done, most))))
+    return tell
 
 
 def limit_process(seconds: float, memory: int) -> None:
@@ -471,7 +454,7 @@ def serve(*, plain: bool) -> None:
         except EOFError:
             return
         module, _, name = target.partition(":")
-        listening = contextlib.nullcontext() if plain else heard(_Telling(answers))
+        listening = contextlib.nullcontext() if plain else heard(_teller(answers))
         try:
             function = getattr(import_module(module), name)
             if limits is not None:
@@ -490,10 +473,8 @@ def serve(*, plain: bool) -> None:
 def content_of(file: Path, error: type[MbdlftError], largest: int = LARGEST) -> bytes:
     """The bytes of a file of somebody else.
 
-    Raises
-    ------
-    MbdlftError of the class `error`
-        The file cannot be read, is not a regular file, or has more than `largest` bytes.
+    If it cannot be read, is not a regular file, or has more than `largest` bytes, that is an MbdlftError
+    of the class `error`.
     """
     try:
         if file.exists() and not (file.is_file() or file.is_dir()):

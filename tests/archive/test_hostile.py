@@ -348,6 +348,6 @@ def test_a_message_that_is_cut_off():
         len(head).to_bytes(8, "little") + head.replace(b"<f8", b"|O8") + b"\0" * 16,
     ):
         with pytest.raises(EOFError):
-            worker._arrays(io.BytesIO(message))
+            worker._receive_arrays(io.BytesIO(message))
     message = len(head).to_bytes(8, "little") + head + b"\0" * 16
-    assert worker._arrays(io.BytesIO(message))[1]["a"].tolist() == [0.0, 0.0]
+    assert worker._receive_arrays(io.BytesIO(message))[1]["a"].tolist() == [0.0, 0.0]
