@@ -206,7 +206,7 @@ def arrays_of(
     """The arrays by name that a function returns, in a process with limits that ends afterwards.
 
     `target` is ``module:function``, `seconds` are of the processor, and `memory` is in bytes. If the
-    function raises any error, or does not end within its limits, that is an MbdlftError of the class `error`.
+    function raises any error, or does not end within its limits, that is an `error`.
     """
     reader = Worker({}, plain=True)
     limits = Limits(seconds, memory, _START + _CLOCK * seconds)
@@ -473,8 +473,7 @@ def serve(*, plain: bool) -> None:
 def content_of(file: Path, error: type[MbdlftError], largest: int = LARGEST) -> bytes:
     """The bytes of a file of somebody else.
 
-    If it cannot be read, is not a regular file, or has more than `largest` bytes, that is an MbdlftError
-    of the class `error`.
+    If it cannot be read, is not a regular file, or has more than `largest` bytes, that is an `error`.
     """
     try:
         if file.exists() and not (file.is_file() or file.is_dir()):
