@@ -7,7 +7,6 @@ the box of size k is at most 1/k: then weights say what is asked for.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -23,20 +22,28 @@ from mbdlft.robust.bisect.search import (
     UNSTABLE,
     WORK,
     Asked,
-    BoxSearch,
     Progress,
+    Search,
+    Signals,
+    State,
+    bounds_at,
     check_numbers,
     cost_of,
+    cut,
+    enlarged,
+    expanded,
     is_dear,
+    last_of,
+    lowered,
     resistance,
     too_large,
 )
 from mbdlft.robust.crew import crew_of
 from mbdlft.robust.evidence import Bounds, BoxProof
 from mbdlft.robust.migration import smallest_crossing
-from mbdlft.robust.moving.varying import MovingGain, Rates, rates_of
+from mbdlft.robust.moving.varying import Rates, moving_gain, rates_of
 from mbdlft.robust.mu.coverage import GAIN, loop_of
-from mbdlft.robust.mu.mixed import MixedSearch, Signals
+from mbdlft.robust.mu.mixed import by_multipliers
 from mbdlft.robust.peak import NOTHING, Peak, largest_peak, peak_at, slope_at
 from mbdlft.robust.realization import (
     check_constant,
@@ -47,7 +54,6 @@ from mbdlft.robust.realization import (
 from mbdlft.system.conversion import positions_of
 from mbdlft.system.model import System
 
-_WIDER = 2.0  # factor of the distance of a bound that resisted from the gain that was reached
 _BISECTIONS = 40
 _ZERO = 1e-300  # a gain that is proved to be smaller is not looked at any more
 _OUTSIDE = 1.0 + 1e-15  # a bound is not below 1 over what was proved, however that was rounded
@@ -105,12 +111,11 @@ def worst_case_gain(
         if not moving and chosen.model is None:
             return _by_multipliers(asked, chosen, "worst-case gain")
         model = chosen.model or realization(system, chosen.inputs, chosen.outputs, leave_out)
-        search = _GainSearch(asked, model=model, signals=chosen.names)
         if not moving:
-            return search.result()
-        search.reach()
-        own: dict[str, Any] = {"model": model, "rates": moving, "signals": chosen.names}
-        return MovingGain(asked, **own, constant=search.answer()).result()
+            state = last_of(asked, State(NOTHING), _gains(asked, model, chosen.names))
+            return _gain_bounds(asked, model, state)
+        constant = _gain_bounds(asked, model, _reached(model))
+        return moving_gain(asked, model, moving, constant, chosen.names)
 
 
 def robust_performance(
@@ -159,7 +164,11 @@ def robust_performance(
         asked = Asked(system, gap, work, progress, tuple(leave_out), largest, crew)
         if chosen.model is None:
             return _by_multipliers(asked, chosen, "robust performance")
-        return _PerformanceSearch(asked, model=chosen.model, signals=chosen.names).result()
+        search = _margins_of_performance(asked, chosen.model, chosen.names)
+        state = last_of(asked, State(NOTHING), search)
+        reason = "" if state.is_closed(asked) else state.reason
+        kind, is_proved = "robust performance", state.lower > 0.0
+        return _with_peak(asked, chosen.model, state, kind, proved=is_proved, reason=reason)
 
 
 class _Chosen(NamedTuple):
@@ -175,20 +184,20 @@ def _chosen(
     system: System, inputs: Any, outputs: Any, leave_out: Sequence[str], what: str, work: float
 ) -> _Chosen:
     """A transfer that is stable at nominal."""
-    own = [s.name for s in system.inputs], [s.name for s in system.outputs]
-    j = positions_of(inputs, own[0], f"{what}: inputs of {system.name}")
-    i = positions_of(outputs, own[1], f"{what}: outputs of {system.name}")
+    names = [s.name for s in system.inputs], [s.name for s in system.outputs]
+    j = positions_of(inputs, names[0], f"{what}: inputs of {system.name}")
+    i = positions_of(outputs, names[1], f"{what}: outputs of {system.name}")
     if not (i and j):
         raise AnalysisError(
             f"{what}: model {system.name!r}: without inputs or outputs there is no gain. Choose some "
             "when the model is made."
         )
-    names = tuple(own[0][k] for k in j), tuple(own[1][k] for k in i)
+    signals = tuple(names[0][k] for k in j), tuple(names[1][k] for k in i)
     stable_states(system, leave_out, what, i)
     model = realization(system, j, i, leave_out) if system.lft.is_plain else None
     if model is not None and system.order and is_dear(model, work):
         model = None
-    return _Chosen(j, i, names, model)
+    return _Chosen(j, i, signals, model)
 
 
 def _by_multipliers(asked: Asked, chosen: _Chosen, kind: str) -> Bounds:
@@ -200,123 +209,117 @@ def _by_multipliers(asked: Asked, chosen: _Chosen, kind: str) -> Bounds:
     if kind == "worst-case gain":
         grows = np.array([block.name == GAIN for block in loop.blocks], dtype=bool)
         loop, inner = loop._replace(grows=grows), loop_of(system, stay)
-    search = MixedSearch(asked, loop=loop, kind=kind, signals=chosen.names, inner=inner)
-    return search.result()
+    return by_multipliers(asked, loop, kind, chosen.names, inner)
 
 
 def _is_above(model: Realization, k: float, gain: float, delta: Array) -> bool:
     return peak_at(model, k * delta).gain * gain >= 1.0
 
 
-@dataclass(slots=True)
-class _PeakSearch(BoxSearch):
-    """What the searches for a gain and for a margin of performance share: the best peak so far."""
+def _gains(asked: Asked, model: Realization, signals: Signals) -> Search[Peak]:
+    """Bounds of the largest gain; `lower` is that of the best peak."""
+    state = _reached(model)
+    if np.isinf(state.lower):
+        return state
+    yield state
+    reason = too_large(model)
+    if reason:
+        return state._replace(reason=reason)
+    state, polynomials = expanded(state, model, 1.0)
+    if polynomials is None:
+        return state
 
-    signals: Signals = field(kw_only=True)
-    best: Peak = NOTHING
+    def is_open(state: State[Peak]) -> bool:
+        return state.upper * (1.0 - asked.gap) > max(state.lower, _ZERO) and np.isfinite(
+            state.lower
+        )
 
-    def told_of(self, kind: str, *, proved: bool, reason: str) -> Bounds:
-        """The result with the best peak."""
-        best, slope = self.best, np.zeros(0)
-        if len(best.delta) == len(self.model.names) and 0.0 < best.gain < np.inf:
-            slope = slope_at(self.model, best)
-        worst = best.delta, best.frequency
-        return self.said(kind, worst, slope, proved=proved, reason=reason)
+    def level(state: State[Peak], steps: float) -> float:
+        return max(state.lower, _ZERO) * (1.0 + 0.5 * asked.gap * steps)
 
-
-@dataclass(slots=True)
-class _GainSearch(_PeakSearch):
-    """The largest gain; `lower` is that of the best peak."""
-
-    def search(self) -> None:
-        self.reach()
-        self.reason = self.reason or too_large(self.model)
-        if self.reason or not np.isfinite(self.lower):
-            return
-        found = self.expanded(1.0)
-        if found is not None:
-            self.lower_upper(found)
-
-    def reach(self) -> None:
-        """The largest gain that a search finds."""
-        crossing = smallest_crossing(self.model, 1.0)
-        if np.isfinite(crossing.size):
-            self.took(Peak(np.inf, crossing.frequency, crossing.delta))
-            self.reason = UNSTABLE
-            return
-        self.took(largest_peak(self.model, 1.0))
-        self.told()
-
-    def took(self, best: Peak) -> None:
-        self.best, self.lower = best, best.gain
-
-    def lower_upper(self, found: Polynomials) -> None:
-        """Prove bounds that are nearer and nearer to the largest gain that was reached."""
-        gap = self.asked.gap
-        distance = 0.5 * gap
-        while self.upper * (1.0 - gap) > max(self.lower, _ZERO) and np.isfinite(self.lower):
-            goal = max(self.lower, _ZERO) * (1.0 + distance)
-            if goal >= self.upper or self.used >= self.asked.work:
-                self.reason = self.used_up()
-                return
-            is_wrong = partial(_is_above, self.model, 1.0, 1.0 / goal)
-            outcome = self.cut(1.0, found, is_wrong, 1.0 / goal)
-            if outcome.log is not None:
-                self.proof = BoxProof(1.0, outcome.log, 1.0 / goal, *self.signals)
-                self.upper = goal * _OUTSIDE
-                distance = 0.5 * gap
-            elif outcome.counterexample is not None:
-                self.took(largest_peak(self.model, 1.0, (outcome.counterexample,)))
-            else:
-                distance *= _WIDER * _WIDER
-                self.reason = resistance(outcome, 1.0, self.model)
-            self.told()
-
-    def answer(self) -> Bounds:
-        is_open = not self.upper * (1.0 - self.asked.gap) <= self.lower or self.lower == 0.0
-        proved = bool(np.isfinite(self.upper))
-        reason = self.reason if is_open or np.isinf(self.lower) else ""
-        return self.told_of("worst-case gain", proved=proved, reason=reason)
+    return (
+        yield from lowered(
+            asked, state, is_open, level, partial(_bounded, asked, model, signals, polynomials)
+        )
+    )
 
 
-@dataclass(slots=True)
-class _PerformanceSearch(_PeakSearch):
-    """The margin of performance."""
+def _reached(model: Realization) -> State[Peak]:
+    """The largest gain that a search finds."""
+    crossing = smallest_crossing(model, 1.0)
+    if np.isfinite(crossing.size):
+        peak = Peak(np.inf, crossing.frequency, crossing.delta)
+        return State(peak, np.inf, reason=UNSTABLE)
+    peak = largest_peak(model, 1.0)
+    return State(peak, peak.gain)
 
-    def search(self) -> None:
-        self.reach()
-        self.told()
-        self.reason = too_large(self.model)
-        if not self.reason:
-            self.raise_lower(cost_of(self.model))
 
-    def reach(self) -> None:
-        """The smallest k found at which the gain somewhere on the box is at least 1/k."""
-        stable = min(smallest_crossing(self.model, self.asked.largest).size, self.asked.largest)
-        low, high = 0.0, stable
-        for _ in range(_BISECTIONS):
-            k = 0.5 * (low + high)
-            peak = largest_peak(self.model, k)
-            if peak.gain * k >= 1.0:
-                high = self.upper = k
-                self.best = peak
-            else:
-                low = k
-            if high - low <= 0.02 * self.asked.gap * high:
-                return
+def _bounded(
+    asked: Asked,
+    model: Realization,
+    signals: Signals,
+    polynomials: Polynomials,
+    state: State[Peak],
+    goal: float,
+) -> State[Peak]:
+    """The state after an attempt to prove that no gain is above a goal."""
+    is_wrong = partial(_is_above, model, 1.0, 1.0 / goal)
+    state, outcome = cut(asked, state, model, (1.0, polynomials), is_wrong, 1.0 / goal)
+    if outcome.log is not None:
+        proof = BoxProof(1.0, outcome.log, 1.0 / goal, *signals)
+        return state._replace(proof=proof, upper=goal * _OUTSIDE)
+    if outcome.counterexample is not None:
+        peak = largest_peak(model, 1.0, (outcome.counterexample,))
+        return state._replace(worst=peak, lower=peak.gain)
+    return state._replace(reason=resistance(outcome, 1.0, model))
 
-    def tried(self, k: float) -> bool:
-        found = self.expanded(k)
-        if found is None:
-            return False
-        is_wrong = partial(_is_above, self.model, k, k)
-        outcome = self.cut(k, found, is_wrong, k, share=self.share)
+
+def _gain_bounds(asked: Asked, model: Realization, state: State[Peak]) -> Bounds:
+    is_open = not state.upper * (1.0 - asked.gap) <= state.lower or state.lower == 0.0
+    reason = state.reason if is_open or np.isinf(state.lower) else ""
+    proved = bool(np.isfinite(state.upper))
+    return _with_peak(asked, model, state, "worst-case gain", proved=proved, reason=reason)
+
+
+def _with_peak(
+    asked: Asked, model: Realization, state: State[Peak], kind: str, *, proved: bool, reason: str
+) -> Bounds:
+    """The result with the best peak."""
+    peak, slope = state.worst, np.zeros(0)
+    if len(peak.delta) == len(model.names) and 0.0 < peak.gain < np.inf:
+        slope = slope_at(model, peak)
+    worst = peak.delta, peak.frequency
+    return bounds_at(asked, state, kind, model, worst, slope, proved=proved, reason=reason)
+
+
+def _margins_of_performance(asked: Asked, model: Realization, signals: Signals) -> Search[Peak]:
+    """Bounds of the largest k at which the gain on the box of size k is at most 1/k."""
+    state: State[Peak] = State(NOTHING)
+    low, high = 0.0, min(smallest_crossing(model, asked.largest).size, asked.largest)
+    for _ in range(_BISECTIONS):
+        k = 0.5 * (low + high)
+        peak = largest_peak(model, k)
+        if peak.gain * k >= 1.0:
+            high, state = k, state._replace(worst=peak, upper=k)
+        else:
+            low = k
+        if high - low <= 0.02 * asked.gap * high:
+            break
+    yield state
+    reason = too_large(model)
+    if reason:
+        return state._replace(reason=reason)
+
+    def tried(state: State[Peak], k: float) -> State[Peak]:
+        state, polynomials = expanded(state, model, k)
+        if polynomials is None:
+            return state
+        is_wrong, work = partial(_is_above, model, k, k), state.share(asked)
+        state, outcome = cut(asked, state, model, (k, polynomials), is_wrong, k, work)
         if outcome.log is not None:
-            self.lower, self.proof = k, BoxProof(k, outcome.log, k, *self.signals)
-        elif outcome.counterexample is not None:
-            self.upper, self.best = k, peak_at(self.model, k * outcome.counterexample)
-        return outcome.log is not None or outcome.counterexample is not None
+            return state._replace(lower=k, proof=BoxProof(k, outcome.log, k, *signals))
+        if outcome.counterexample is not None:
+            return state._replace(upper=k, worst=peak_at(model, k * outcome.counterexample))
+        return state
 
-    def answer(self) -> Bounds:
-        reason = "" if self.is_closed else self.reason
-        return self.told_of("robust performance", proved=self.lower > 0.0, reason=reason)
+    return (yield from enlarged(asked, state, tried, cost_of(model)))

@@ -27,11 +27,17 @@ from mbdlft.robust.bisect.search import (
     LARGEST,
     WORK,
     Asked,
-    BoxSearch,
     Progress,
+    Search,
+    State,
+    bounds_at,
     check_numbers,
     cost_of,
+    cut,
+    enlarged,
+    expanded,
     is_dear,
+    last_of,
     resistance,
 )
 from mbdlft.robust.crew import crew_of
@@ -44,9 +50,9 @@ from mbdlft.robust.migration import (
     push_right,
     smallest_crossing,
 )
-from mbdlft.robust.moving.varying import MovingMargin, Rates, rates_of
+from mbdlft.robust.moving.varying import Rates, moving_margin, rates_of
 from mbdlft.robust.mu.coverage import check_fixed, loop_of
-from mbdlft.robust.mu.mixed import MixedSearch
+from mbdlft.robust.mu.mixed import by_multipliers
 from mbdlft.robust.realization import (
     check_parameters,
     realization,
@@ -129,55 +135,51 @@ def robust_stability(
         asked = Asked(system, gap, work, progress, tuple(leave_out), largest, crew)
         if moving:
             model = realization(system, leave_out=leave_out)
-            search = _MarginSearch(asked, model=model)
-            search.took(smallest_crossing(model, largest))
-            constant = search.answer()
-            return MovingMargin(asked, model=model, rates=moving, constant=constant).result()
+            constant = _margin(asked, model, _reached(asked, model))
+            return moving_margin(asked, model, moving, constant)
         if system.lft.is_plain and not kept:
             model = realization(system, leave_out=leave_out)
             if not is_dear(model, work):
-                return _MarginSearch(asked, model=model).result()
-        return MixedSearch(
-            asked, loop=loop_of(system, stay, kept), kind="robust stability"
-        ).result()
+                return _margin(asked, model, last_of(asked, State(NONE), _margins(asked, model)))
+        return by_multipliers(asked, loop_of(system, stay, kept), "robust stability")
 
 
-@dataclass(slots=True)
-class _MarginSearch(BoxSearch):
-    """The margin of a system with parameters only; `upper` is the size of the best crossing."""
+def _reached(asked: Asked, model: Realization) -> State[Crossing]:
+    """The smallest deltas with a pole on the axis that searches find."""
+    crossing = smallest_crossing(model, asked.largest)
+    return State(crossing, upper=crossing.size)
 
-    best: Crossing = NONE
 
-    def search(self) -> None:
-        self.took(smallest_crossing(self.model, self.asked.largest))
-        self.told()
-        self.raise_lower(cost_of(self.model))
+def _margins(asked: Asked, model: Realization) -> Search[Crossing]:
+    """Bounds of the margin of a system with parameters only; `upper` is the size of the best crossing."""
+    state = _reached(asked, model)
+    yield state
 
-    def took(self, best: Crossing) -> None:
-        self.best, self.upper = best, best.size
-
-    def tried(self, k: float) -> bool:
-        found = self.expanded(k)
-        if found is None:
-            return False
-        is_wrong = partial(_is_unstable, self.model, k)
-        outcome = self.cut(k, found, is_wrong, share=self.share)
+    def tried(state: State[Crossing], k: float) -> State[Crossing]:
+        state, polynomials = expanded(state, model, k)
+        if polynomials is None:
+            return state
+        is_wrong, work = partial(_is_unstable, model, k), state.share(asked)
+        state, outcome = cut(asked, state, model, (k, polynomials), is_wrong, work=work)
         if outcome.log is not None:
-            self.lower, self.proof = k, BoxProof(k, outcome.log)
-            return True
-        before, point = self.upper, outcome.counterexample
+            return state._replace(lower=k, proof=BoxProof(k, outcome.log))
+        point = outcome.counterexample
         if point is None:
             point = outcome.open_box.center
-            self.reason = resistance(outcome, k, self.model)
-        self.took(improved(self.model, k * point, self.best, self.asked.largest))
-        return self.upper < before
+            state = state._replace(reason=resistance(outcome, k, model))
+        crossing = improved(model, k * point, state.worst, asked.largest)
+        return state._replace(worst=crossing, upper=crossing.size)
 
-    def answer(self) -> Bounds:
-        is_open, best = self.lower < self.upper * (1.0 - self.asked.gap), self.best
-        worst, reason = (best.delta, best.frequency), self.reason if is_open else ""
-        return self.said(
-            "robust stability", worst, best.slope, proved=self.lower > 0.0, reason=reason
-        )
+    return (yield from enlarged(asked, state, tried, cost_of(model)))
+
+
+def _margin(asked: Asked, model: Realization, state: State[Crossing]) -> Bounds:
+    is_open, crossing = state.lower < state.upper * (1.0 - asked.gap), state.worst
+    worst, reason = (crossing.delta, crossing.frequency), state.reason if is_open else ""
+    kind, is_proved = "robust stability", state.lower > 0.0
+    return bounds_at(
+        asked, state, kind, model, worst, crossing.slope, proved=is_proved, reason=reason
+    )
 
 
 def _is_unstable(model: Realization, k: float, delta: Array) -> bool:

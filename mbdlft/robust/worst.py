@@ -7,9 +7,10 @@ the axis. Other functions are climbed with exact slopes, or with differences.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from contextlib import suppress
+from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,10 +23,16 @@ from mbdlft.robust.bisect.search import (
     UNSTABLE,
     WORK,
     Asked,
-    BoxSearch,
     Progress,
+    Search,
+    State,
+    bounds_at,
     check_numbers,
     cost_of,
+    cut,
+    expanded,
+    last_of,
+    lowered,
     resistance,
     too_large,
 )
@@ -40,16 +47,15 @@ from mbdlft.system.conversion import positions_of
 from mbdlft.system.model import System
 
 _MODES, _CORNERS, _MOST = 8, 8, 60  # searches from the nominal point, from corners; points of each
-_WIDER = 4.0
 _NOTHING = 1e-6  # of the largest pole, or of a damping of 1: a gap need not be smaller
 _INSIDE = 1.0 - 1e-15
 
 
-def worst_poles(asked: Asked, model: Realization, kind: str) -> Bounds:
-    """Bounds of the largest real part, or of the smallest damping."""
-    if not len(model.A):
-        raise AnalysisError(f"worst_case: model {asked.system.name!r} has no states, and no poles.")
-    return _PoleSearch(asked, model=model, kind=kind).result()
+class _Pole(NamedTuple):
+    """The worst pole, and the deltas where it is."""
+
+    pole: complex
+    delta: Array
 
 
 def _aim(kind: str) -> Aim:
@@ -60,123 +66,120 @@ def _is_beyond(model: Realization, kind: str, goal: float, delta: Array) -> bool
     return bool(np.max(_aim(kind).value(moving_at(model, delta)[0].poles)) >= goal)
 
 
-@dataclass(slots=True)
-class _PoleSearch(BoxSearch):
-    """The worst pole so far and the edge that is proved, as values of the aim, which is to be large."""
+def _looked(
+    model: Realization, aim: Aim, state: State[_Pole], delta: Array
+) -> tuple[State[_Pole], complex]:
+    """The state with the worst pole at deltas, if none was worse; and this pole."""
+    poles = moving_at(model, delta)[0].poles
+    values = aim.value(poles)
+    k = int(np.argmax(values))
+    pole = complex(poles[k])
+    if values[k] > state.lower:
+        state = state._replace(lower=float(values[k]), worst=_Pole(pole, delta.copy()))
+    return state, pole
 
-    kind: str = field(kw_only=True)
-    reached: float = -np.inf
-    pole: complex = complex(np.nan)
-    delta: Array = field(default_factory=lambda: np.zeros(0))
-    resisted: str = ""
 
-    def search(self) -> None:
-        self.reach()
-        self.prove()
+def _pushed(
+    model: Realization, aim: Aim, state: State[_Pole], delta: Array, pole: complex
+) -> State[_Pole]:
+    """The state after a search that pushes a pole from deltas."""
+    return _looked(model, aim, state, push_right(model, delta, pole, _MOST, aim)[0])[0]
 
-    @property
-    def aim(self) -> Aim:
-        return _aim(self.kind)
 
-    def look(self, delta: Array) -> complex:
-        """The worst pole at deltas, which is kept if none is worse."""
-        poles = moving_at(self.model, delta)[0].poles
-        values = self.aim.value(poles)
-        worst = int(np.argmax(values))
-        if values[worst] > self.reached:
-            self.reached, self.pole = float(values[worst]), complex(poles[worst])
-            self.delta = delta.copy()
-        return complex(poles[worst])
+def _reached(model: Realization, aim: Aim) -> State[_Pole]:
+    """Modes pushed from the nominal point, and the worst poles of corners."""
+    q = len(model.sizes)
+    state, _ = _looked(model, aim, _no_pole(q), np.zeros(q))
+    poles = moving_at(model, np.zeros(q))[0].poles
+    kept = poles[poles.imag >= 0.0]
+    order = np.argsort(-aim.value(kept), kind="stable")[:_MODES]
+    starts = [(np.zeros(q), complex(kept[k])) for k in order]
+    random = np.random.default_rng(0)
+    for corner in np.sign(random.uniform(-1.0, 1.0, (_CORNERS if q else 0, q))):
+        with suppress(WellPosednessError):
+            state, pole = _looked(model, aim, state, corner)
+            starts.append((corner, pole))
+    for start, pole in starts:
+        with suppress(WellPosednessError):
+            state = _pushed(model, aim, state, start, pole)
+    return state
 
-    def reach(self) -> None:
-        """Push modes from the nominal point, and the worst poles of corners."""
-        q = len(self.model.sizes)
-        self.delta = np.zeros(q)
-        self.look(self.delta)
-        poles = moving_at(self.model, np.zeros(q))[0].poles
-        kept = poles[poles.imag >= 0.0]
-        order = np.argsort(-self.aim.value(kept), kind="stable")[:_MODES]
-        starts = [(np.zeros(q), complex(kept[k])) for k in order]
-        random = np.random.default_rng(0)
-        for corner in np.sign(random.uniform(-1.0, 1.0, (_CORNERS if q else 0, q))):
-            try:
-                starts.append((corner, self.look(corner)))
-            except WellPosednessError:
-                continue
-        for start, pole in starts:
-            try:
-                self.look(push_right(self.model, start, pole, _MOST, self.aim)[0])
-            except WellPosednessError:
-                continue
-        self.told()
 
-    def told(self) -> None:
-        if self.asked.progress is not None:
-            found = self.reached, self.upper
-            self.asked.progress(*(found if self.aim is RIGHT else (-self.upper, -self.reached)))
+def _no_pole(count: int) -> State[_Pole]:
+    return State(_Pole(complex(np.nan), np.zeros(count)), -np.inf)
 
-    def region(self, goal: float) -> Realization:
-        """The model with the edge of a goal."""
-        if self.aim is RIGHT:
-            return self.model._replace(shift=goal)
-        return self.model._replace(slope=-goal / float(np.sqrt(1.0 - goal * goal)))
 
-    def prove(self) -> None:
-        """Prove edges that are nearer and nearer to the worst pole."""
-        self.reason = too_large(self.model)
-        size = float(np.max(np.abs(np.linalg.eigvals(self.model.A)))) if self.aim is RIGHT else 1.0
-        step = distance = 0.5 * self.asked.gap * max(abs(self.reached), _NOTHING * size)
-        while not self.reason and self.upper - self.reached > 2.0 * step * (1.0 + 1e-9):
-            goal, cost = self.reached + distance, cost_of(self.model)
-            if not self.is_edge(goal):
-                self.reason = "no damping is below -1, that of an unstable real pole"
-                return
-            if goal >= self.upper or self.used + cost > self.asked.work:
-                self.reason = self.resisted or self.used_up()
-                return
-            model = self.region(goal)
-            if not is_stable_at(model, np.zeros(len(model.sizes))):
-                self.reason = "the nominal poles are not proved to be left of the edge"
-                return
-            before = self.reached
-            if self.is_proved(model, goal):
-                self.upper, distance = goal, step
-            elif self.reached <= before:
-                distance *= _WIDER
-            self.told()
+def _edges(asked: Asked, model: Realization, kind: str) -> Search[_Pole]:
+    """Bounds of the aim: its value at the worst pole so far, and the edge that is proved."""
+    aim = _aim(kind)
+    state = _reached(model, aim)
+    yield state
+    size = float(np.max(np.abs(np.linalg.eigvals(model.A)))) if aim is RIGHT else 1.0
+    step = 0.5 * asked.gap * max(abs(state.lower), _NOTHING * size)
+    reason = too_large(model)
+    state = state._replace(reason=reason, ended=bool(reason))
 
-    def is_edge(self, goal: float) -> bool:
-        return self.aim is RIGHT or -1.0 < goal < 1.0
+    def is_open(state: State[_Pole]) -> bool:
+        return state.upper - state.lower > 2.0 * step * (1.0 + 1e-9)
 
-    def is_proved(self, model: Realization, goal: float) -> bool:
-        """Whether an edge is proved."""
-        found = self.expanded(1.0, model)
-        if found is None:
-            return False
-        outcome = self.cut(
-            1.0, found, partial(_is_beyond, self.model, self.kind, goal), model=model
-        )
-        if outcome.log is not None:
-            self.proof = BoxProof(1.0, outcome.log, shift=model.shift, slope=model.slope)
-            return True
-        if outcome.counterexample is not None:
-            pole = self.look(outcome.counterexample)
-            self.look(push_right(self.model, outcome.counterexample, pole, _MOST, self.aim)[0])
-        else:
-            self.resisted = resistance(outcome, 1.0, model)
-        return False
+    def level(state: State[_Pole], steps: float) -> float:
+        return state.lower + steps * step
 
-    def answer(self) -> Bounds:
-        moving = moving_at(self.model, self.delta)[0]
-        k = int(np.argmin(np.abs(moving.poles - self.pole)))
-        slope = self.aim.slope(complex(moving.poles[k]), moving.gradients[k])
-        self.lower = self.reached
-        if self.aim is UNDAMPED:
-            edge = self.proof.slope if isinstance(self.proof, BoxProof) else -np.inf
-            least = edge / float(np.hypot(1.0, edge)) if self.proof else -1.0
-            self.lower, self.upper = least - abs(least) * (1.0 - _INSIDE), -self.reached
-        worst, proved = (self.delta, abs(self.pole.imag)), self.proof is not None
-        return self.said(self.kind, worst, slope, proved=proved, reason=self.reason)
+    tried = partial(_behind, asked, model, kind)
+    state = yield from lowered(asked, state, is_open, level, tried, cost_of(model))
+    return state if is_open(state) else state._replace(reason="")
+
+
+def _behind(
+    asked: Asked, model: Realization, kind: str, state: State[_Pole], goal: float
+) -> State[_Pole]:
+    """The state after an attempt to prove that no pole is beyond an edge."""
+    aim = _aim(kind)
+    if aim is UNDAMPED and not -1.0 < goal < 1.0:
+        why = "no damping is below -1, that of an unstable real pole"
+        return state._replace(reason=why, ended=True)
+    if aim is RIGHT:
+        region = model._replace(shift=goal)
+    else:
+        region = model._replace(slope=-goal / float(np.sqrt(1.0 - goal * goal)))
+    if not is_stable_at(region, np.zeros(len(model.sizes))):
+        why = "the nominal poles are not proved to be left of the edge"
+        return state._replace(reason=why, ended=True)
+    state, polynomials = expanded(state, region, 1.0)
+    if polynomials is None:
+        return state._replace(ended=True)
+    is_wrong = partial(_is_beyond, model, kind, goal)
+    state, outcome = cut(asked, state, region, (1.0, polynomials), is_wrong)
+    if outcome.log is not None:
+        proof = BoxProof(1.0, outcome.log, shift=region.shift, slope=region.slope)
+        return state._replace(proof=proof, upper=goal)
+    if outcome.counterexample is not None:
+        state, pole = _looked(model, aim, state, outcome.counterexample)
+        return _pushed(model, aim, state, outcome.counterexample, pole)
+    return state._replace(reason=resistance(outcome, 1.0, region))
+
+
+def worst_poles(asked: Asked, model: Realization, kind: str) -> Bounds:
+    """Bounds of the largest real part, or of the smallest damping."""
+    if not len(model.A):
+        raise AnalysisError(f"worst_case: model {asked.system.name!r} has no states, and no poles.")
+    aim = _aim(kind)
+
+    def told(state: State[_Pole]) -> tuple[float, float]:
+        return (state.lower, state.upper) if aim is RIGHT else (-state.upper, -state.lower)
+
+    state = last_of(asked, _no_pole(len(model.sizes)), _edges(asked, model, kind), told)
+    pole, delta = state.worst
+    moving = moving_at(model, delta)[0]
+    k = int(np.argmin(np.abs(moving.poles - pole)))
+    slope = aim.slope(complex(moving.poles[k]), moving.gradients[k])
+    if aim is UNDAMPED:
+        edge = state.proof.slope if isinstance(state.proof, BoxProof) else -np.inf
+        least = edge / float(np.hypot(1.0, edge)) if state.proof else -1.0
+        lower = least - abs(least) * (1.0 - _INSIDE)
+        state = state._replace(lower=lower, upper=-state.lower)
+    worst, is_proved = (delta, abs(pole.imag)), state.proof is not None
+    return bounds_at(asked, state, kind, model, worst, slope, proved=is_proved, reason=state.reason)
 
 
 Function = Callable[[Array, Array, Array, Array], float]

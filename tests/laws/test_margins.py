@@ -25,7 +25,7 @@ from mbdlft.robust.bisect.search import Asked
 from mbdlft.robust.evidence import BoxProof, IntervalProof
 from mbdlft.robust.mu.coverage import ends_of, extent_of, loop_of, scaled
 from mbdlft.robust.mu.intervals import is_negative_at
-from mbdlft.robust.mu.mixed import MixedSearch
+from mbdlft.robust.mu.mixed import by_multipliers as mixed_bounds
 from mbdlft.robust.mu.multipliers import structure_of, upper_bound
 from mbdlft.robust.mu.small_delta import small_delta
 from mbdlft.robust.peak import peak_at
@@ -128,7 +128,7 @@ def by_multipliers(system: System, gap: float = 0.02, work: float = 30.0) -> Bou
     """The margin as blocks of all kinds are done."""
     loop = loop_of(system, range(len(system.states)))
     asked = Asked(system, gap, work, largest=10.0)
-    return MixedSearch(asked, loop=loop, kind="robust stability").result()
+    return mixed_bounds(asked, loop, "robust stability")
 
 
 @pytest.mark.parametrize("seed", range(2))

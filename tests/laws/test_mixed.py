@@ -29,7 +29,7 @@ from mbdlft.robust.evidence import IntervalProof
 from mbdlft.robust.mu import coverage as loops
 from mbdlft.robust.mu.coverage import loop_of
 from mbdlft.robust.mu.intervals import channels_matrix
-from mbdlft.robust.mu.mixed import MixedSearch
+from mbdlft.robust.mu.mixed import by_multipliers
 from mbdlft.robust.mu.small_delta import delta_near
 from tests.close import BOUND, MU, STABLE, roundoff, target
 from tests.laws.random_loops import blocks_system, random_system
@@ -328,7 +328,7 @@ def test_many_repetitions_have_multipliers_in_pieces(monkeypatch: pytest.MonkeyP
     for most in (250, 1):
         monkeypatch.setattr(loops, "_MOST_ENTRIES", most)
         loop = loop_of(system, stay)
-        found.append(MixedSearch(asked, loop=loop, kind="robust stability").result())
+        found.append(by_multipliers(asked, loop, "robust stability"))
         assert verify(system, found[-1]) == ""
     whole, pieces = found
     assert len(loop.structure.rows) == system.order

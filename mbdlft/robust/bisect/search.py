@@ -1,9 +1,14 @@
-"""What searches for bounds share: arguments, the best bounds so far, and proofs by cuts of boxes."""
+"""What searches for bounds share: arguments, the bounds so far, and two bisections over proofs.
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+A search is a generator of states, none worse than the one before. Whoever runs it keeps the last, so it
+may be interrupted at any time. Margins are proved from below: sizes of the box nearer and nearer to one
+that is reached (`enlarged`). Gains and poles are proved from above: levels nearer and nearer to a value
+that is reached (`lowered`).
+"""
+
+from collections.abc import Callable, Generator, Mapping
 from math import prod
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -23,11 +28,15 @@ UNSTABLE = (
     "of the ranges is stable"
 )
 GAP, WORK, LARGEST = 0.01, 30.0, 100.0
-SHARE = 0.5  # of the work that is left, for one target
-_LOWER = 0.7  # a target that was not proved is taken nearer to what is: this part of the way
-
+_SHARE = 0.5  # of the work that is left, for one target; of that again while no size is proved
+_LOWER = 0.7  # a size that was not proved is approached from the proved one: this part of the way
+_WIDER = 4.0  # factor of the distance of a level that resisted from the value that is reached
+_MOST_COEFFICIENTS = 4e6  # of a polynomial in memory
+_DEAR = 20.0  # units of work: above this a polynomial costs more than multipliers
 
 Progress = Callable[[float, float], None]
+Signals = tuple[tuple[str, ...], tuple[str, ...]]  # names of the inputs and outputs of a gain
+Worst = TypeVar("Worst")
 
 
 def check_numbers(what: str, **numbers: float) -> None:
@@ -52,167 +61,196 @@ class Asked(NamedTuple):
     crew: Crew = ALONE
 
 
-@dataclass(slots=True)
-class Search:
-    """The bounds so far, and the work that was used.
+class State(NamedTuple, Generic[Worst]):
+    """The bounds so far.
 
-    A search overrides `search`, which makes the bounds better and may be interrupted at any time,
-    `answer`, and `tried` if it calls `raise_lower`.
+    Attributes
+    ----------
+    worst : what reaches the bound that is not proved
+    lower, upper : float
+    proof : Proof or None, of the other bound
+    used : float, units of work
+    reason : str, why no more is proved
+    ended : bool, whether no more can be proved with any work
     """
 
-    asked: Asked
+    worst: Worst
     lower: float = 0.0
     upper: float = float("inf")
     proof: Proof | None = None
     used: float = 0.0
     reason: str = ""
+    ended: bool = False
 
-    def result(self) -> Bounds:
-        """The bounds when the search has ended, or was interrupted."""
-        try:
-            with budget(self.asked.work):
-                self.search()
-        except KeyboardInterrupt:
-            self.reason = "it was interrupted"
-        return self.answer()
-
-    def search(self) -> None:
-        """Make the bounds better."""
-        raise NotImplementedError
-
-    def answer(self) -> Bounds:
-        """The result."""
-        raise NotImplementedError
-
-    def told(self) -> None:
-        """Tell the user how far it is."""
-        if self.asked.progress is not None:
-            self.asked.progress(self.lower, self.upper)
-
-    @property
-    def left(self) -> float:
+    def left(self, asked: Asked) -> float:
         """Units of work that are left."""
-        return max(self.asked.work - self.used, 0.0)
+        return max(asked.work - self.used, 0.0)
 
-    @property
-    def is_closed(self) -> bool:
+    def share(self, asked: Asked) -> float:
+        """Units of work for one size: less of what is left while nothing is proved."""
+        return (_SHARE if self.lower else _SHARE * _SHARE) * self.left(asked)
+
+    def is_closed(self, asked: Asked) -> bool:
         """Whether the gap of a margin is not larger than what was asked for."""
-        return self.lower >= min(self.upper, self.asked.largest) * (1.0 - self.asked.gap)
+        return self.lower >= min(self.upper, asked.largest) * (1.0 - asked.gap)
 
-    def next_size(self, high: float) -> float:
-        """The next size of a margin to be tried, below one that was not proved; 0: none is worth it."""
-        goal = min(self.upper, self.asked.largest) * (1.0 - 0.5 * self.asked.gap)
-        k = goal if goal < high else self.lower + _LOWER * (high - self.lower)
-        return k if k > self.lower * (1.0 + 0.1 * self.asked.gap) else 0.0
-
-    @property
-    def share(self) -> float:
-        """The part of the work that is left for one size: less of it while nothing is proved."""
-        return SHARE if self.lower else SHARE * SHARE
-
-    def raise_lower(self, cost: float = 0.0) -> None:
-        """Try sizes that are nearer and nearer to `upper`; each costs at least so much work."""
-        high = np.inf  # a size that was not proved
-        while not self.is_closed:
-            k = self.next_size(high)
-            if self.used + cost > self.asked.work or not k:
-                self.reason = self.used_up()
-                return
-            if not self.tried(k):
-                high = k
-            self.told()
-
-    def tried(self, k: float) -> bool:
-        """Try to prove a size; whether that made a bound better."""
-        raise NotImplementedError
-
-    def used_up(self) -> str:
-        """The reason when there is no work left."""
-        return self.reason or f"the work of {self.asked.work:g} units was used up"
-
-    def bounds(
-        self,
-        kind: str,
-        delta: Mapping[str, Any],
-        frequency: float,
-        parts: Array,
-        *,
-        proved: bool,
-        reason: str,
-    ) -> Bounds:
-        """The result with deltas of blocks and frequency of the worst case, and parts of its change."""
-        system = self.asked.system
-        own = [name for name in delta if name in system.parameters.names]
-        values = np.array([float(delta[name]) for name in own])
-        return Bounds(
-            kind,
-            self.lower,
-            self.upper,
-            physical(system, own, values) if own else {},
-            delta,
-            frequency,
-            proved,
-            shares(list(delta), parts) if delta and np.any(parts) else {},
-            self.used,
-            reason,
-            self.proof,
-            self.asked.leave_out,
-        )
+    def spent(self, asked: Asked) -> "State[Worst]":
+        """The state when no work is left, with the reason."""
+        reason = self.reason or f"the work of {asked.work:g} units was used up"
+        return self._replace(reason=reason)
 
 
-_MOST_COEFFICIENTS = 4e6  # of a polynomial in memory
-_DEAR = 20.0  # units of work: above this a polynomial costs more than multipliers
+Search = Generator[State[Worst], None, State[Worst]]
 
 
-@dataclass(slots=True)
-class BoxSearch(Search):
-    """A search that cuts boxes of a model with parameters only."""
+def last_of(
+    asked: Asked,
+    start: State[Worst],
+    search: Search[Worst],
+    told: Callable[[State[Worst]], tuple[float, float]] = lambda state: (state.lower, state.upper),
+) -> State[Worst]:
+    """The state when a search has ended, or was interrupted; `told` is what the user is told of each."""
+    state = start
+    try:
+        with budget(asked.work):
+            while True:
+                state = next(search)
+                if asked.progress is not None:
+                    asked.progress(*told(state))
+    except StopIteration as end:
+        state = end.value
+    except KeyboardInterrupt:
+        state = state._replace(reason="it was interrupted")
+    return state
 
-    model: Realization = field(kw_only=True)
 
-    def expanded(self, k: float, model: Realization | None = None) -> Polynomials | None:
-        """The polynomials on the box of size k; None, and a reason, if the model is singular in it."""
-        model = model or self.model
-        self.used += cost_of(model)
-        try:
-            return polynomials(model, k)
-        except WellPosednessError as error:
-            self.reason = str(error) if k == 1.0 else f"at {k:.4g} times the box {error}"
-            return None
+def enlarged(
+    asked: Asked,
+    state: State[Worst],
+    tried: Callable[[State[Worst], float], State[Worst]],
+    cost: float = 0.0,
+) -> Search[Worst]:
+    """Prove sizes of the box nearer and nearer to `upper`; each costs at least so much work."""
+    resisted = np.inf  # the smallest size that was not proved
+    while not state.is_closed(asked):
+        k = min(state.upper, asked.largest) * (1.0 - 0.5 * asked.gap)
+        if not k < resisted:
+            k = state.lower + _LOWER * (resisted - state.lower)
+        if state.used + cost > asked.work or not k > state.lower * (1.0 + 0.1 * asked.gap):
+            return state.spent(asked)
+        before, state = state, tried(state, k)
+        if state.lower == before.lower and state.upper == before.upper:
+            resisted = k
+        yield state
+    return state
 
-    def cut(
-        self,
-        k: float,
-        found: Polynomials,
-        is_wrong: Check,
-        gain: float = 0.0,
-        *,
-        model: Realization | None = None,
-        share: float = SHARE,
-    ) -> Outcome:
-        """What comes of a box, with a share of the work that is left; arguments as of `prove`."""
-        work, crew = share * self.left, self.asked.crew
-        with after(self.used):
-            outcome = prove(model or self.model, k, found, work, is_wrong, gain, crew)
-        self.used += outcome.work
-        return outcome
 
-    def said(
-        self,
-        kind: str,
-        worst: tuple[Array, float],
-        slope: Array,
-        *,
-        proved: bool,
-        reason: str,
-    ) -> Bounds:
-        """The result with deltas, frequency and slope of the worst case; nothing of what is not known."""
-        names, (delta, frequency) = self.model.names, worst
-        known = len(delta) == len(names) and not np.isnan(frequency)
-        given = dict(zip(names, delta.tolist(), strict=True)) if known else {}
-        has_slope = len(slope) == len(delta) and bool(np.all(np.isfinite(slope)))
-        parts = delta * slope if has_slope else np.zeros(len(delta))
-        return self.bounds(kind, given, frequency, parts, proved=proved, reason=reason)
+def lowered(
+    asked: Asked,
+    state: State[Worst],
+    is_open: Callable[[State[Worst]], bool],
+    level: Callable[[State[Worst], float], float],
+    tried: Callable[[State[Worst], float], State[Worst]],
+    cost: float = 0.0,
+) -> Search[Worst]:
+    """Prove upper bounds nearer and nearer to `lower`, which is reached; each costs so much work or more.
+
+    `level` is a bound that is so many steps above what is reached.
+    """
+    steps = 1.0
+    while is_open(state) and not state.ended:
+        goal = level(state, steps)
+        if goal >= state.upper or state.used + cost >= asked.work:
+            return state.spent(asked)
+        before, state = state, tried(state, goal)
+        if state.ended:
+            return state
+        if state.upper < before.upper:
+            steps = 1.0
+        elif not state.lower > before.lower:
+            steps *= _WIDER
+        yield state
+    return state
+
+
+def expanded(
+    state: State[Worst], model: Realization, k: float
+) -> tuple[State[Worst], Polynomials | None]:
+    """The polynomials on the box of size k; None, and a reason, if the model is singular in it."""
+    state = state._replace(used=state.used + cost_of(model))
+    try:
+        return state, polynomials(model, k)
+    except WellPosednessError as error:
+        reason = str(error) if k == 1.0 else f"at {k:.4g} times the box {error}"
+        return state._replace(reason=reason), None
+
+
+def cut(
+    asked: Asked,
+    state: State[Worst],
+    model: Realization,
+    box: tuple[float, Polynomials],
+    is_wrong: Check,
+    gain: float = 0.0,
+    work: float | None = None,
+) -> tuple[State[Worst], Outcome]:
+    """What comes of a proof for a box of some size; half of the work that is left, if not told."""
+    work = _SHARE * state.left(asked) if work is None else work
+    with after(state.used):
+        outcome = prove(model, *box, work, is_wrong, gain, asked.crew)
+    return state._replace(used=state.used + outcome.work), outcome
+
+
+def bounds_of(
+    asked: Asked,
+    state: State[Any],
+    kind: str,
+    worst: tuple[Mapping[str, Any], float],
+    changes: Array,
+    *,
+    proved: bool,
+    reason: str,
+) -> Bounds:
+    """The result with deltas of blocks and frequency of the worst case, and parts of its change."""
+    system, (delta, frequency) = asked.system, worst
+    names = [name for name in delta if name in system.parameters.names]
+    values = np.array([float(delta[name]) for name in names])
+    return Bounds(
+        kind,
+        state.lower,
+        state.upper,
+        physical(system, names, values) if names else {},
+        delta,
+        frequency,
+        proved,
+        shares(list(delta), changes) if delta and np.any(changes) else {},
+        state.used,
+        reason,
+        state.proof,
+        asked.leave_out,
+    )
+
+
+def bounds_at(
+    asked: Asked,
+    state: State[Any],
+    kind: str,
+    model: Realization,
+    worst: tuple[Array, float],
+    slope: Array,
+    *,
+    proved: bool,
+    reason: str,
+) -> Bounds:
+    """The result with deltas, frequency and slope of the worst case, as far as these are known."""
+    delta, frequency = worst
+    is_known = len(delta) == len(model.names) and not np.isnan(frequency)
+    by_name = dict(zip(model.names, delta.tolist(), strict=True)) if is_known else {}
+    has_slope = len(slope) == len(delta) and bool(np.all(np.isfinite(slope)))
+    changes = delta * slope if has_slope else np.zeros(len(delta))
+    return bounds_of(
+        asked, state, kind, (by_name, frequency), changes, proved=proved, reason=reason
+    )
 
 
 def cost_of(model: Realization) -> float:

@@ -6,8 +6,9 @@ above are constant values, or a periodic motion that does not come to rest
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from math import inf, isinf
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,11 +16,10 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.parameter import Parameter, internal_slope
 from mbdlft.robust.bisect.characteristic import Realization
-from mbdlft.robust.bisect.search import Search
+from mbdlft.robust.bisect.search import Asked, Search, Signals, State, last_of
 from mbdlft.robust.evidence import Bounds, MotionProof
 from mbdlft.robust.moving.motion import NONE, Motion, unstable_motion
 from mbdlft.robust.moving.variation import (
-    Unknowns,
     cost_of,
     form_of,
     is_negative,
@@ -102,50 +102,44 @@ def _ends_of_rate(p: Parameter, rate: float, k: float) -> tuple[float, float]:
     return slow / _OUTSIDE, fast * _OUTSIDE
 
 
-@dataclass(slots=True)
-class _MotionSearch(Search):
-    """Bounds for parameters that move, of those of constant ones.
+class _Question(NamedTuple):
+    """What is asked for of parameters that move.
 
     Attributes
     ----------
+    asked : Asked
     model : Realization
     rates : mapping of names to bounds
-    constant : Bounds
+    constant : Bounds, for constant parameters
     signals : names of inputs and outputs of a gain
-    motion : Motion
-        One that does not come to rest, if it is smaller than constant values that are unstable.
-
-    A search overrides `is_open`, too: whether the gap is larger than what was asked for.
     """
 
-    model: Realization = field(kw_only=True)
-    rates: Mapping[str, float] = field(kw_only=True)
-    constant: Bounds = field(kw_only=True)
-    signals: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
-    motion: Motion = NONE
+    asked: Asked
+    model: Realization
+    rates: Mapping[str, float]
+    constant: Bounds
+    signals: Signals = ((), ())
 
-    def proof_of(self, k: float, gain: float = 0.0) -> MotionProof | None:
-        """A proof for deltas in [-k, k]; None if none is found."""
+    def proof_of(self, k: float, gain: float = 0.0) -> tuple[MotionProof | None, float]:
+        """A proof for deltas in [-k, k], None if none is found; and units of work."""
         states, _, channels, time = modal(self.model)
         model, bounds, near, (u, y) = self._near(k, gain)
         form = form_of(model, bounds)
-        self.used += cost_of(form)
         sizes = sizes_of(form, k, bounds)
-        found = solved(form_of(near, bounds), sizes, len(model.A), gain * u * y)
-        if found is not None:
-            found = Unknowns(found.P / y**2, found.X / y**2, found.Y / y**2, found.t)
-        if found is None or not is_negative(form, sizes, gain, states, *found[:3]):
-            return None
-        return MotionProof(
-            k, found.P, found.X, found.Y, states, channels, time, gain, *self.signals
-        )
+        unknowns = solved(form_of(near, bounds), sizes, len(model.A), gain * u * y)
+        if unknowns is None:
+            return None, cost_of(form)
+        P, X, Y = (matrix / y**2 for matrix in unknowns[:3])
+        if not is_negative(form, sizes, gain, states, P, X, Y):
+            return None, cost_of(form)
+        proof = MotionProof(k, P, X, Y, states, channels, time, gain, *self.signals)
+        return proof, cost_of(form)
 
-    def least(self, gain: float) -> float:
-        """Nearly the least gain that can be proved, of the size of a gain; inf if none was found."""
+    def least(self, gain: float) -> tuple[float, float]:
+        """Nearly the least gain that can be proved, of the size of a gain, inf if none; units of work."""
         _, bounds, near, (u, y) = self._near(1.0, gain)
         form = form_of(near, bounds)
-        self.used += cost_of(form)
-        return least_gain(form, sizes_of(form, 1.0, bounds), len(near.A)) / (u * y)
+        return least_gain(form, sizes_of(form, 1.0, bounds), len(near.A)) / (u * y), cost_of(form)
 
     def _near(
         self, k: float, gain: float
@@ -161,7 +155,7 @@ class _MotionSearch(Search):
         )
         return model, bounds, near, (u, y)
 
-    def looked(self, most: float) -> Motion:
+    def motion(self, most: float) -> Motion:
         """The smallest motion found with |delta| <= most that does not come to rest."""
 
         def allowed(k: float) -> Array:
@@ -170,50 +164,44 @@ class _MotionSearch(Search):
 
         return unstable_motion(self.model, allowed, most, _MOTIONS * self.asked.work)
 
-    def is_carried(self) -> bool:
-        """Whether the inequality can be solved with the work; the reason says why not."""
+    def too_dear(self) -> str:
+        """Why the inequality cannot be solved with the work; empty if it can."""
         bounds = delta_rates(self.asked.system, self.model.names, self.rates, 0.0)
         form = form_of(self.model, bounds)
-        entries, cost = form.V.shape[1], cost_of(form)
+        signals, cost = form.V.shape[1], cost_of(form)
         if cost <= self.asked.work:
-            return True
-        self.reason = (
-            f"a matrix inequality of {len(self.model.A)} states and {entries} signals in all costs "
+            return ""
+        return (
+            f"a matrix inequality of {len(self.model.A)} states and {signals} signals in all costs "
             f"{cost:.3g} units of work, more than the {self.asked.work:g} that are given. Give more, or "
             "take parameters that hardly move as constant, or those that move fast as moving in any way"
         )
-        return False
 
-    @property
-    def is_open(self) -> bool:
-        raise NotImplementedError
-
-    def answer(self) -> Bounds:
+    def bounds(self, state: State[Motion], *, is_open: bool) -> Bounds:
         """The result; without a motion, the worst case is that of constant values."""
-        why = self.reason or self.constant.reason
-        found = replace(
+        why = state.reason or self.constant.reason
+        bounds = replace(
             self.constant,
-            lower=self.lower,
-            upper=self.upper,
-            proved=self.proof is not None,
-            proof=self.proof,
-            work=self.constant.work + self.used,
-            reason=(why or "no more is proved by a quadratic form of this kind")
-            if self.is_open
-            else "",
+            lower=state.lower,
+            upper=state.upper,
+            proved=state.proof is not None,
+            proof=state.proof,
+            work=self.constant.work + state.used,
+            reason=(why or "no more is proved by a quadratic form of this kind") if is_open else "",
             rates=self.rates,
         )
-        if np.isinf(self.motion.size):
-            return found
-        count = len(self.motion.deltas)
-        times = self.motion.period * (np.arange(count) + 0.5) / count
-        extent = np.max(np.abs(self.motion.deltas), axis=0).tolist()
+        motion = state.worst
+        if np.isinf(motion.size):
+            return bounds
+        count = len(motion.deltas)
+        times = motion.period * (np.arange(count) + 0.5) / count
+        extent = np.max(np.abs(motion.deltas), axis=0).tolist()
         return replace(
-            found,
-            motion=np.hstack([times[:, None], self.motion.deltas]),
+            bounds,
+            motion=np.hstack([times[:, None], motion.deltas]),
             worst={},
             delta=dict(zip(self.model.names, extent, strict=True)),
-            frequency=2.0 * np.pi / self.motion.period,
+            frequency=2.0 * np.pi / motion.period,
             sensitivity={},
         )
 
@@ -234,72 +222,92 @@ def _powers(model: Realization, gain: float) -> tuple[float, float]:
     return float(u), float(2.0 ** -np.round(np.log2(gain * u)))
 
 
-@dataclass(slots=True)
-class MovingMargin(_MotionSearch):
-    """The margin of parameters that move."""
-
-    def search(self) -> None:
-        largest, gap = self.asked.largest, self.asked.gap
-        self.upper = self.constant.upper
-        motion = self.looked(min(self.upper, largest))
-        if motion.size < self.upper:
-            self.upper, self.motion = motion.size, motion
-        self.told()
-        most = min(self.upper, largest)
-        high = np.inf  # a size that was not proved
-        while self.is_carried() and self.lower < min(high, most) * (1.0 - gap):
-            k = min(most * (1.0 - 0.5 * gap), 0.5 * (self.lower + high))
-            if not self.left:
-                self.reason = self.used_up()
-                return
-            if k < _LEAST * most:
-                self.reason = f"no quadratic form was found for {high:.3g} times the box"
-                return
-            found = self.proof_of(k)
-            if found is None:
-                high = k
-            else:
-                self.lower, self.proof = k, found
-            self.told()
-
-    @property
-    def is_open(self) -> bool:
-        return self.lower < self.upper * (1.0 - self.asked.gap)
+def moving_margin(
+    asked: Asked, model: Realization, rates: Mapping[str, float], constant: Bounds
+) -> Bounds:
+    """Bounds of the margin of parameters that move, given those of constant ones."""
+    question = _Question(asked, model, rates, constant)
+    state = last_of(asked, State(NONE, upper=constant.upper), _margins(question))
+    return question.bounds(state, is_open=state.lower < state.upper * (1.0 - asked.gap))
 
 
-@dataclass(slots=True)
-class MovingGain(_MotionSearch):
-    """The energy gain of parameters that move in the box."""
+def _margins(question: _Question) -> Search[Motion]:
+    asked, state = question.asked, State(NONE, upper=question.constant.upper)
+    motion = question.motion(min(state.upper, asked.largest))
+    if motion.size < state.upper:
+        state = state._replace(worst=motion, upper=motion.size)
+    yield state
+    reason = question.too_dear()
+    if reason:
+        return state._replace(reason=reason)
+    most = min(state.upper, asked.largest)
+    resisted = inf  # the smallest size that was not proved
+    while state.lower < min(resisted, most) * (1.0 - asked.gap):
+        k = min(most * (1.0 - 0.5 * asked.gap), 0.5 * (state.lower + resisted))
+        if not state.left(asked):
+            return state.spent(asked)
+        if k < _LEAST * most:
+            why = f"no quadratic form was found for {resisted:.3g} times the box"
+            return state._replace(reason=why)
+        proof, cost = question.proof_of(k)
+        state = state._replace(used=state.used + cost)
+        if proof is None:
+            resisted = k
+        else:
+            state = state._replace(lower=k, proof=proof)
+        yield state
+    return state
 
-    def search(self) -> None:
-        gap, self.lower = self.asked.gap, self.constant.lower
-        low, factor = self.lower, 1.0 + 0.5 * gap
-        motion = self.looked(1.0) if np.isfinite(low) else NONE
-        if motion.size <= 1.0:
-            self.reason = "the system is unstable at a motion"
-            self.lower, self.motion = inf, motion
-            return
-        if np.isfinite(low) and self.is_carried() and not self.proof_of(1.0):
-            low = inf
-            self.reason = "for these rates stability of the whole box is not proved"
-        elif np.isfinite(low) and low > 0.0 and self.is_carried():
-            estimate = self.least(low)
-            low = max(low, estimate) if np.isfinite(estimate) else low
-        while 0.0 < low < self.upper * (1.0 - gap) and np.isfinite(low) and self.is_carried():
-            goal = low * factor if isinf(self.upper) else float(np.sqrt(low * self.upper))
-            if not self.left or goal > _MOST * self.lower:
-                self.reason = self.reason or f"no bound below {goal:.3g} was found with this work"
-                return
-            found = self.proof_of(1.0, goal)
-            if found:
-                self.proof, self.upper = found, goal * _OUTSIDE
-            else:
-                low, factor = goal, max(factor * factor, _FACTOR)
-            self.told()
 
-    @property
-    def is_open(self) -> bool:
-        return isinf(self.lower) or not self.upper * (1.0 - self.asked.gap) <= self.lower
+def moving_gain(
+    asked: Asked,
+    model: Realization,
+    rates: Mapping[str, float],
+    constant: Bounds,
+    signals: Signals,
+) -> Bounds:
+    """Bounds of the energy gain of parameters that move in the box, given those of constant ones."""
+    question = _Question(asked, model, rates, constant, signals)
+    state = last_of(asked, State(NONE, constant.lower), _gains(question))
+    is_open = isinf(state.lower) or not state.upper * (1.0 - asked.gap) <= state.lower
+    return question.bounds(state, is_open=is_open)
+
+
+def _gains(question: _Question) -> Search[Motion]:
+    asked, state = question.asked, State(NONE, question.constant.lower)
+    if isinf(state.lower):
+        return state
+    yield state
+    motion = question.motion(1.0)
+    if motion.size <= 1.0:
+        why = "the system is unstable at a motion"
+        return state._replace(worst=motion, lower=inf, reason=why)
+    reason = question.too_dear()
+    if reason:
+        return state._replace(reason=reason)
+    proof, cost = question.proof_of(1.0)
+    state = state._replace(used=state.used + cost)
+    if proof is None:
+        why = "for these rates stability of the whole box is not proved"
+        return state._replace(reason=why)
+    low, factor = state.lower, 1.0 + 0.5 * asked.gap  # no gain below `low` is expected to be proved
+    if low > 0.0:
+        estimate, cost = question.least(low)
+        state = state._replace(used=state.used + cost)
+        low = max(low, estimate) if np.isfinite(estimate) else low
+    while 0.0 < low < state.upper * (1.0 - asked.gap):
+        goal = low * factor if isinf(state.upper) else float(np.sqrt(low * state.upper))
+        if not state.left(asked) or goal > _MOST * state.lower:
+            reason = state.reason or f"no bound below {goal:.3g} was found with this work"
+            return state._replace(reason=reason)
+        proof, cost = question.proof_of(1.0, goal)
+        state = state._replace(used=state.used + cost)
+        if proof is None:
+            low, factor = goal, max(factor * factor, _FACTOR)
+        else:
+            state = state._replace(proof=proof, upper=goal * _OUTSIDE)
+        yield state
+    return state
 
 
 def checked(

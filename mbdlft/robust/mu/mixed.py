@@ -14,7 +14,7 @@ tried in batches that do not depend on how many processes there are.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -24,7 +24,16 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.running import after
 from mbdlft.robust.bisect.characteristic import Realization
-from mbdlft.robust.bisect.search import UNSTABLE, Search
+from mbdlft.robust.bisect.search import (
+    UNSTABLE,
+    Asked,
+    Search,
+    Signals,
+    State,
+    bounds_of,
+    enlarged,
+    last_of,
+)
 from mbdlft.robust.crew import Crew
 from mbdlft.robust.evidence import Bounds, Interval, IntervalProof, Multipliers
 from mbdlft.robust.migration import NONE, Crossing, improved, smallest_crossing
@@ -79,6 +88,8 @@ class Attempt(NamedTuple):
     at : float
         Where it did (rad/s); NaN if none did.
     work : float
+    state : State
+        With the best of the deltas that were found near parts that resist.
     """
 
     parts: "_Node | None"
@@ -86,6 +97,7 @@ class Attempt(NamedTuple):
     high: Array
     at: float
     work: float
+    state: "State[Reached]"
 
 
 @dataclass(slots=True)
@@ -104,7 +116,8 @@ def attempt(
     k: float,
     work: float,
     near: Cover,
-    reach: Callable[[Array, float], bool],
+    reach: "Callable[[State[Reached], Array, float], State[Reached]]",
+    state: "State[Reached]",
     crew: Crew,
 ) -> Attempt:
     """Try to prove the box of size k.
@@ -117,8 +130,9 @@ def attempt(
         Units.
     near : Cover
         Of a smaller box: where to begin.
-    reach : function of real deltas and a frequency (rad/s)
-        Looks for a counterexample from there; whether one was found.
+    reach : function of a state, real deltas and a frequency (rad/s)
+        The state after a search for a counterexample from there; with one, its `upper` is k or less.
+    state : State
     crew : Crew
         Who covers the parts.
     """
@@ -129,7 +143,7 @@ def attempt(
     while waiting:
         if used > work:
             part = waiting[-1].part
-            return Attempt(None, part.low, part.high, part.at, used)
+            return Attempt(None, part.low, part.high, part.at, used, state)
         batch, waiting = waiting[-_BATCH:], waiting[:-_BATCH]
         with after(used):
             covers_of = crew.map(covered, [(loop, node.part) for node in batch])
@@ -141,18 +155,20 @@ def attempt(
         if worst is None:
             continue
         center = 0.5 * (worst[0].low + worst[0].high)[real]
-        if batches % _OFTEN == 0 and reach(center, worst[1].at):
-            return Attempt(None, worst[0].low, worst[0].high, worst[1].at, used)
+        if batches % _OFTEN == 0:
+            state = reach(state, center, worst[1].at)
+            if state.upper <= k:
+                return Attempt(None, worst[0].low, worst[0].high, worst[1].at, used, state)
         batches += 1
         for node, cover in zip(batch, covers_of, strict=True):
             if not cover.todo:
                 continue
             node.cut = _cut(loop, node, cover, real, widths)
             if node.cut < 0:
-                return Attempt(None, node.part.low, node.part.high, cover.at, used)
+                return Attempt(None, node.part.low, node.part.high, cover.at, used, state)
             node.halves = _halves(node, cover)
             waiting += node.halves[::-1]
-    return Attempt(root, low, high, np.nan, used)
+    return Attempt(root, low, high, np.nan, used, state)
 
 
 def _cut(loop: Loop, node: _Node, cover: Cover, real: NDArray[np.bool_], widths: Array) -> int:
@@ -266,188 +282,216 @@ _INSIDE = 1.0 - 1e-15  # a size is not above what was proved, however it was rou
 _RANGE = 1e6  # times the gain of nominal values: a size below one over that is not looked for
 _INTO_GAP = 0.8  # part of the gap that is left between what is reached and what is tried first
 _REACH = 0.1  # units of work of a search for small deltas
-Signals = tuple[tuple[str, ...], tuple[str, ...]]
 
 
-@dataclass(slots=True)
-class MixedSearch(Search):
-    """Sizes of the blocks that grow: `lower` and `upper` are sizes, also of a gain, until the answer.
+class Reached(NamedTuple):
+    """A small delta that makes a loop singular, or, where poles are followed, moves one to the axis."""
 
-    `inner` is the loop of a gain without its block.
-    """
-
-    loop: Loop = field(kw_only=True)
-    kind: str = field(kw_only=True)
-    signals: Signals = ((), ())
-    inner: Loop | None = None
-    best: SmallDelta = field(init=False)
+    loop: Loop
+    delta: SmallDelta
     crossing: Crossing = NONE
-    cover: Cover = field(init=False)
+
+
+class _Question(NamedTuple):
+    """What is asked for of a loop; of a gain, `inner` is the loop without its block."""
+
+    asked: Asked
+    loop: Loop
+    kind: str
+    signals: Signals
+    inner: Loop | None
 
     @property
     def is_gain(self) -> bool:
         return self.kind == "worst-case gain"
 
     @property
-    def follows_poles(self) -> bool:
-        """Whether poles can be followed in place of a search at frequencies."""
-        return self.loop.is_plain and bool(np.all(self.loop.grows))
-
-    def told(self) -> None:
-        if self.asked.progress is not None:
-            self.asked.progress(*(_turned(self) if self.is_gain else (self.lower, self.upper)))
-
-    def search(self) -> None:
-        self.best = nothing(self.loop)
-        largest = self.asked.largest
-        if self.is_gain:
-            largest = self._largest_of_gain()
-            self.asked = self.asked._replace(largest=largest)
-            if self._is_unstable():
-                return
-        self._reach_first()
-        self.told()
-        gap = self.asked.gap
-        most = min(largest, self.upper * (1.0 - _INTO_GAP * gap))  # wide intervals need some room
-        with after(self.used):
-            self.cover = shrunk(self.loop, most, gap, self.left)
-        self.used += self.cover.work
-        if not self.cover.todo:
-            self.lower = self.cover.k * _INSIDE
-            self.proof = proof_of(self.loop, self.cover.k, self.cover, self.signals)
-            self.told()
-        if not self.follows_poles and not self.is_closed and np.isfinite(self.cover.peak):
-            self._took(best_near(self.loop, self.best, self.cover.peak, starts=3))
-            self.told()
-        self.raise_lower()
-
-    def _largest_of_gain(self) -> float:
-        """One over a gain that is nothing."""
-        own = self.loop.owner == len(self.loop.blocks) - 1
-        first = first_frequencies(self.loop.channels.A)
-        sizes = [np.abs(matrix_at(self.loop, w)) for w in looks(first)]
-        size = float(np.max([part[np.ix_(own, own)] for part in sizes], initial=0.0))
-        return _RANGE / (size or float(np.max(sizes, initial=0.0)) or 1.0)
-
-    def _is_unstable(self) -> bool:
-        """Whether the box of the blocks that are fixed has a model on or beyond the axis."""
-        if self.inner is None or not self.inner.blocks:
-            return False
-        self.used += _REACH
-        if self.inner.is_plain:
-            self.crossing = smallest_crossing(self._model(), 1.0)
-            is_unstable = bool(np.isfinite(self.crossing.size))
-        else:
-            self.best = first_reached(self.inner)
-            is_unstable = self.best.bound >= 1.0
-        if is_unstable:
-            self.loop, self.upper = self.inner, 0.0
-            self.reason = UNSTABLE
-        else:
-            self.best = nothing(self.loop)
-        return is_unstable
-
-    def _reach_first(self) -> None:
-        self.used += _REACH
-        if self.follows_poles:
-            self._follow(smallest_crossing(self._model(), self.asked.largest))
-        else:
-            self._took(first_reached(self.loop))
-        if self.is_gain and self.inner is not None and self.inner.is_plain:
-            peak = largest_peak(self._model(), 1.0)
-            self._took(best_near(self.loop, self.best, peak.frequency, peak.delta))
-
-    def _model(self) -> Realization:
-        system, gone = self.asked.system, self.asked.leave_out
-        own = [s.name for s in system.inputs], [s.name for s in system.outputs]
+    def model(self) -> Realization:
+        system = self.asked.system
+        names = [s.name for s in system.inputs], [s.name for s in system.outputs]
         j, i = (
-            [names.index(name) for name in asked]
-            for names, asked in zip(own, self.signals, strict=True)
+            [known.index(name) for name in chosen]
+            for known, chosen in zip(names, self.signals, strict=True)
         )
-        return realization(system, j, i, gone, others_are_zero=True)
-
-    def _follow(self, crossing: Crossing) -> None:
-        if crossing.size < self.upper:
-            self.crossing, self.upper = crossing, crossing.size
-
-    def _took(self, found: SmallDelta) -> None:
-        if found.bound > self.best.bound and 1.0 / found.bound <= self.asked.largest:
-            self.best, self.upper = found, 1.0 / found.bound
-
-    def tried(self, k: float) -> bool:
-        before, work, reach = self.upper, self.share * self.left, partial(self._reach, k)
-        with after(self.used):
-            found = attempt(self.loop, k, work, self.cover, reach, self.asked.crew)
-        self.used += found.work
-        if found.parts is not None:
-            self.lower = k * _INSIDE
-            self.proof = proof_of(self.loop, k, found.parts, self.signals)
-            return True
-        if not self.upper < before:
-            self.reason = self._resistance(found, k)
-        return self.upper < before
-
-    def _reach(self, k: float, center: Array, omega: float) -> bool:
-        """Look for a small delta near a part that resists; whether it is in the box of size k."""
-        self.used += _REACH
-        if self.follows_poles:
-            largest = self.asked.largest
-            self._follow(improved(self._model(), center, self.crossing, largest))
-        else:
-            real = [
-                k if grows else 1.0
-                for block, grows in zip(self.loop.blocks, self.loop.grows, strict=True)
-                if block.kind == "real"
-            ]
-            self._took(best_near(self.loop, self.best, omega, center / np.array(real)))
-        return self.upper <= k
-
-    def _resistance(self, found: Attempt, k: float) -> str:
-        """What resisted a proof, and where."""
-        ends = ", ".join(
-            f"{block.name} in [{low:.3g}, {high:.3g}]"
-            for block, low, high in zip(self.loop.blocks, found.low, found.high, strict=True)
-            if block.kind == "real"
-        )
-        what = f"a gain of {1.0 / k:.4g}" if self.is_gain else f"{k:.4g} times the box"
-        near = f"near {found.at:.4g} rad/s" if not np.isnan(found.at) else "with this work"
-        return f"for {what} multipliers prove nothing {near}{f', {ends}' if ends else ''}"
-
-    def _why(self) -> str:
-        """The reason, and whether fewer repetitions would have helped."""
-        full = sum(max(block.inputs, block.outputs) ** 2 for block in self.loop.blocks)
-        if len(self.loop.structure.rows) == full:
-            return self.reason
-        return (
-            f"{self.reason}; multipliers would have {full} entries, and are zero between pieces of the "
-            "repeated blocks: fewer repetitions, or fewer parameters, would prove more"
-        )
-
-    def answer(self) -> Bounds:
-        best, loop = self.best, self.loop
-        if self.follows_poles:
-            names = [block.name for block in loop.blocks]
-            values = self.crossing.delta
-            delta = dict(zip(names, values.tolist(), strict=True)) if len(values) else {}
-            slope = self.crossing.slope
-            parts = values * slope if len(slope) == len(values) else np.zeros(len(values))
-            frequency = self.crossing.frequency
-        else:
-            delta = by_name(loop, best.delta) if best.bound else {}
-            delta.pop(GAIN, None)
-            parts = changes(loop, best)[: len(delta)] if best.bound else np.zeros(0)
-            frequency = best.omega
-        is_open = not self.is_closed or not self.upper or np.isinf(self.upper)
-        why, proved = self._why() if is_open else "", self.lower > 0.0
-        found = self.bounds(self.kind, delta, frequency, parts, proved=proved, reason=why)
-        if self.is_gain:
-            lower, upper = _turned(self)
-            return replace(found, lower=lower, upper=upper)
-        fixed = [b.name for b, grows in zip(loop.blocks, loop.grows, strict=True) if not grows]
-        return replace(found, fixed=tuple(fixed))
+        return realization(system, j, i, self.asked.leave_out, others_are_zero=True)
 
 
-def _turned(search: Search) -> tuple[float, float]:
+def by_multipliers(
+    asked: Asked,
+    loop: Loop,
+    kind: str,
+    signals: Signals = ((), ()),
+    inner: Loop | None = None,
+) -> Bounds:
+    """Bounds of a margin or a gain by multipliers; of a gain, `inner` is the loop without its block."""
+    if kind == "worst-case gain":
+        asked = asked._replace(largest=_largest_of_gain(loop))
+    question = _Question(asked, loop, kind, signals, inner)
+    start = State(Reached(loop, nothing(loop)))
+    search = _search(question, start)
+    if question.is_gain:
+        return _answer(question, last_of(asked, start, search, _turned))
+    return _answer(question, last_of(asked, start, search))
+
+
+def _search(question: _Question, state: State[Reached]) -> Search[Reached]:
+    """Sizes of the blocks that grow: `lower` and `upper` are sizes, also of a gain."""
+    asked, loop, signals = question.asked, question.loop, question.signals
+    if question.is_gain and question.inner is not None and question.inner.blocks:
+        state = _with_fixed_blocks(question, question.inner, state)
+        if state.upper == 0.0:
+            return state
+    state = _first(question, state)
+    yield state
+    most = min(
+        asked.largest, state.upper * (1.0 - _INTO_GAP * asked.gap)
+    )  # wide intervals need room
+    with after(state.used):
+        cover = shrunk(loop, most, asked.gap, state.left(asked))
+    state = state._replace(used=state.used + cover.work)
+    if not cover.todo:
+        proof = proof_of(loop, cover.k, cover, signals)
+        state = state._replace(lower=cover.k * _INSIDE, proof=proof)
+        yield state
+    if not _follows_poles(loop) and not state.is_closed(asked) and np.isfinite(cover.peak):
+        state = _with_delta(asked, state, best_near(loop, state.worst.delta, cover.peak, starts=3))
+        yield state
+    return (yield from enlarged(asked, state, partial(_tried, question, cover)))
+
+
+def _follows_poles(loop: Loop) -> bool:
+    """Whether poles can be followed in place of a search at frequencies."""
+    return loop.is_plain and bool(np.all(loop.grows))
+
+
+def _largest_of_gain(loop: Loop) -> float:
+    """One over a gain that is nothing."""
+    of_gain = loop.owner == len(loop.blocks) - 1
+    sizes = [np.abs(matrix_at(loop, w)) for w in looks(first_frequencies(loop.channels.A))]
+    size = float(np.max([matrix[np.ix_(of_gain, of_gain)] for matrix in sizes], initial=0.0))
+    return _RANGE / (size or float(np.max(sizes, initial=0.0)) or 1.0)
+
+
+def _with_fixed_blocks(question: _Question, inner: Loop, state: State[Reached]) -> State[Reached]:
+    """The state after a search for deltas of the fixed blocks alone; `upper` is 0 if there are some."""
+    used = state.used + _REACH
+    if inner.is_plain:
+        crossing = smallest_crossing(question.model, 1.0)
+        reached, is_unstable = Reached(inner, nothing(inner), crossing), np.isfinite(crossing.size)
+    else:
+        reached = Reached(inner, first_reached(inner))
+        is_unstable = reached.delta.bound >= 1.0
+    if is_unstable:
+        return state._replace(worst=reached, upper=0.0, used=used, reason=UNSTABLE)
+    return state._replace(used=used)
+
+
+def _first(question: _Question, state: State[Reached]) -> State[Reached]:
+    """The state after searches from nominal values."""
+    asked, loop, inner = question.asked, question.loop, question.inner
+    state = state._replace(used=state.used + _REACH)
+    if _follows_poles(loop):
+        state = _with_crossing(state, smallest_crossing(question.model, asked.largest))
+    else:
+        state = _with_delta(asked, state, first_reached(loop))
+    if question.is_gain and inner is not None and inner.is_plain:
+        peak = largest_peak(question.model, 1.0)
+        near = best_near(loop, state.worst.delta, peak.frequency, peak.delta)
+        state = _with_delta(asked, state, near)
+    return state
+
+
+def _with_crossing(state: State[Reached], crossing: Crossing) -> State[Reached]:
+    if not crossing.size < state.upper:
+        return state
+    return state._replace(worst=state.worst._replace(crossing=crossing), upper=crossing.size)
+
+
+def _with_delta(asked: Asked, state: State[Reached], delta: SmallDelta) -> State[Reached]:
+    if not (delta.bound > state.worst.delta.bound and 1.0 / delta.bound <= asked.largest):
+        return state
+    return state._replace(worst=state.worst._replace(delta=delta), upper=1.0 / delta.bound)
+
+
+def _tried(question: _Question, cover: Cover, state: State[Reached], k: float) -> State[Reached]:
+    """The state after an attempt to prove a size."""
+    asked, loop = question.asked, question.loop
+    reach, work = partial(_near_part, question, k), state.share(asked)
+    with after(state.used):
+        found = attempt(loop, k, work, cover, reach, state, asked.crew)
+    before, state = state.upper, found.state._replace(used=found.state.used + found.work)
+    if found.parts is not None:
+        proof = proof_of(loop, k, found.parts, question.signals)
+        return state._replace(lower=k * _INSIDE, proof=proof)
+    if not state.upper < before:
+        return state._replace(reason=_resistance(question, found, k))
+    return state
+
+
+def _near_part(
+    question: _Question, k: float, state: State[Reached], center: Array, omega: float
+) -> State[Reached]:
+    """The state after a search for a small delta near a part that resists."""
+    asked, loop = question.asked, question.loop
+    state = state._replace(used=state.used + _REACH)
+    if _follows_poles(loop):
+        known = state.worst.crossing
+        return _with_crossing(state, improved(question.model, center, known, asked.largest))
+    sizes = [
+        k if grows else 1.0
+        for block, grows in zip(loop.blocks, loop.grows, strict=True)
+        if block.kind == "real"
+    ]
+    near = best_near(loop, state.worst.delta, omega, center / np.array(sizes))
+    return _with_delta(asked, state, near)
+
+
+def _resistance(question: _Question, found: Attempt, k: float) -> str:
+    """What resisted a proof, and where."""
+    ends = ", ".join(
+        f"{block.name} in [{low:.3g}, {high:.3g}]"
+        for block, low, high in zip(question.loop.blocks, found.low, found.high, strict=True)
+        if block.kind == "real"
+    )
+    what = f"a gain of {1.0 / k:.4g}" if question.is_gain else f"{k:.4g} times the box"
+    near = f"near {found.at:.4g} rad/s" if not np.isnan(found.at) else "with this work"
+    return f"for {what} multipliers prove nothing {near}{f', {ends}' if ends else ''}"
+
+
+def _answer(question: _Question, state: State[Reached]) -> Bounds:
+    asked, (loop, small, crossing) = question.asked, state.worst
+    if _follows_poles(loop):
+        values, slope, frequency = crossing.delta, crossing.slope, crossing.frequency
+        names = [block.name for block in loop.blocks]
+        delta = dict(zip(names, values.tolist(), strict=True)) if len(values) else {}
+        by_block = values * slope if len(slope) == len(values) else np.zeros(len(values))
+    else:
+        delta, frequency = by_name(loop, small.delta) if small.bound else {}, small.omega
+        delta.pop(GAIN, None)
+        by_block = changes(loop, small)[: len(delta)] if small.bound else np.zeros(0)
+    is_open = not state.is_closed(asked) or not state.upper or np.isinf(state.upper)
+    why, is_proved = _why(loop, state.reason) if is_open else "", state.lower > 0.0
+    worst, kind = (delta, frequency), question.kind
+    bounds = bounds_of(asked, state, kind, worst, by_block, proved=is_proved, reason=why)
+    if question.is_gain:
+        lower, upper = _turned(state)
+        return replace(bounds, lower=lower, upper=upper)
+    fixed = [b.name for b, grows in zip(loop.blocks, loop.grows, strict=True) if not grows]
+    return replace(bounds, fixed=tuple(fixed))
+
+
+def _why(loop: Loop, reason: str) -> str:
+    """The reason, and whether fewer repetitions would have helped."""
+    full = sum(max(block.inputs, block.outputs) ** 2 for block in loop.blocks)
+    if len(loop.structure.rows) == full:
+        return reason
+    return (
+        f"{reason}; multipliers would have {full} entries, and are zero between pieces of the "
+        "repeated blocks: fewer repetitions, or fewer parameters, would prove more"
+    )
+
+
+def _turned(state: State[Reached]) -> tuple[float, float]:
     """Bounds of a gain, of those of its size."""
-    upper = 1.0 / search.lower * (2.0 - _INSIDE) if search.lower else np.inf
-    return 1.0 / search.upper if search.upper else np.inf, upper
+    upper = 1.0 / state.lower * (2.0 - _INSIDE) if state.lower else np.inf
+    return 1.0 / state.upper if state.upper else np.inf, upper
