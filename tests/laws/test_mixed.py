@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import pairwise, product
 
+import flint
 import numpy as np
 import pytest
 
@@ -28,7 +29,7 @@ from mbdlft.robust.crew import crew_of
 from mbdlft.robust.evidence import IntervalProof
 from mbdlft.robust.mu import coverage as loops
 from mbdlft.robust.mu.coverage import loop_of
-from mbdlft.robust.mu.intervals import channels_matrix
+from mbdlft.robust.mu.intervals import Channels, channels_matrix
 from mbdlft.robust.mu.mixed import by_multipliers
 from mbdlft.robust.mu.small_delta import delta_near
 from tests.close import BOUND, MU, STABLE, roundoff, target
@@ -256,6 +257,25 @@ def test_skew_mu_of_numbers() -> None:
         fixed=["p"],
     )  # fmt: skip
     assert large.upper[0] == np.inf  # 3 a p = 1 inside the fixed block
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_matrix_beside_a_pole_is_as_near_as_its_bound_says(seed: int) -> None:
+    """Against 400 bits: the solution is off by up to a billion times the rounding of its last product."""
+    random, n, m = np.random.default_rng(seed), 6, 3
+    A = random.standard_normal((n, n))
+    pole = max(np.linalg.eigvals(A), key=lambda p: (p.imag, p.real))
+    A = A - (pole.real + 10.0 ** -random.uniform(4.0, 9.0)) * np.eye(n)
+    system = Channels(A, *(random.standard_normal(shape) for shape in ((n, m), (m, n), (m, m))))
+    M, bounds = channels_matrix(system, float(pole.imag))
+    with flint.ctx.workprec(400):
+        A_exact, B, C, D = (flint.acb_mat(flint.arb_mat(x.tolist())) for x in system)
+        shift = flint.acb(0, float(pole.imag))
+        shifted = flint.acb_mat(n, n, [shift * int(i == j) for i in range(n) for j in range(n)])
+        exact = C * (shifted - A_exact).solve(B) + D
+        off = [[float(abs(exact[i, j] - M[i, j]).mid()) for j in range(m)] for i in range(m)]
+    assert np.all(np.linalg.norm(off, axis=0) <= bounds)
+    assert np.all(bounds <= 1e-3 * np.linalg.norm(M, axis=0))
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

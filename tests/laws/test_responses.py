@@ -20,8 +20,9 @@ from mbdlft import (
     step_response,
     unbounded_frequencies,
 )
-from mbdlft.response import frequency
+from mbdlft.response import frequency, norms
 from mbdlft.response.frequency import peaks
+from mbdlft.response.staircase import Plant
 from mbdlft.show.figures.figures import mark_unbounded
 from mbdlft.system.points import StateMatrices
 from tests.close import CLOSED_FORM, NORM, PEAK, RESPONSE, exact, roundoff, target
@@ -222,6 +223,27 @@ def test_norms_of_random_systems(direct: bool) -> None:
         A, B, C, _ = matrices(system)
         P = control.lyap(A, B @ B.T)
         target(energy.value[0], np.sqrt(np.trace(C @ P @ C.T)), RESPONSE)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_gain_of_two_modes_side_by_side_is_above_its_level(seed: int) -> None:
+    """Of a level near to the peak, rounding moves the eigenvalues of the Hamiltonian off the axis."""
+    random = np.random.default_rng(seed)
+    damping = 10.0 ** -random.uniform(1.0, 5.0)
+    sizes = [1.0, 1.0 + damping * random.uniform(0.2, 3.0)]
+    A, B, C = np.zeros((4, 4)), np.array([[0.0], [1.0], [0.0], [1.0]]), np.ones((1, 4))
+    for k, size in enumerate(sizes):
+        share = damping * random.uniform(0.3, 3.0)
+        A[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = [[0.0, 1.0], [-(size**2), -2.0 * share * size]]
+        C[0, 2 * k : 2 * k + 2] = random.uniform(-1.0, 1.0, 2)
+    D = np.array([[random.uniform(-0.3, 0.3) / damping]])
+    found = norms.peak_of(Plant(A, B, C, D), 1e-10)
+    omega, width = found[2], 3.0 * damping
+    for _ in range(6):
+        tried = np.linspace(omega - width, omega + width, 41)
+        gains = [abs((C @ np.linalg.solve(1j * w * np.eye(4) - A, B) + D)[0, 0]) for w in tried]
+        omega, width = tried[int(np.argmax(gains))], 0.1 * width
+    assert np.max(gains) <= found[1] * (1.0 + 1e-9)
 
 
 def test_norm_that_is_reached_at_infinity_or_at_rest() -> None:

@@ -211,6 +211,20 @@ def test_a_matrix_of_balls_is_positive_only_if_all_in_it_are() -> None:
     assert not is_positive(-matrix(0.0))
 
 
+@pytest.mark.parametrize("n", [3, 4, 6])
+def test_no_indefinite_matrix_is_positive_where_only_rounding_hides_it(n: int) -> None:
+    """B B' - 2^-140, B with a column less than rows: the pivot that decides is far below rounding."""
+    for seed in range(30):
+        B = np.random.default_rng(seed).integers(-9, 10, (n, n - 1))
+        with flint.ctx.workprec(192):
+            shift = flint.arb(2) ** -140
+            rows = [
+                [flint.arb(int(x)) - shift * int(i == j) for j, x in enumerate(row)]
+                for i, row in enumerate(B @ B.T)
+            ]
+            assert not is_positive(flint.arb_mat(rows))
+
+
 def test_bounds_of_rates_are_those_of_the_map() -> None:
     """By differences, of a bilinear map and of an angle."""
     own = (
