@@ -50,13 +50,13 @@ def eliminate_aliases(dae: Dae) -> Reduced:
     StructureError
         Such equations say the same twice, or two things of one variable.
     """
-    found: tuple[Alias, ...] = ()
+    aliases: tuple[Alias, ...] = ()
     while True:
         once = _once(dae)
         if not once.aliases:
-            return Reduced(dae, found)
+            return Reduced(dae, aliases)
         gone = {a.name: a for a in once.aliases}
-        found = (*(_through(a, gone) for a in found), *once.aliases)
+        aliases = (*(_through(a, gone) for a in aliases), *once.aliases)
         dae = once.dae
 
 
@@ -175,23 +175,23 @@ class _Classes:
                 offset += factor * times
             else:
                 total[name] = total.get(name, Fraction(0)) + factor * times
-        left = {name: factor for name, factor in total.items() if factor}
-        if not left:
+        factors = {name: factor for name, factor in total.items() if factor}
+        if not factors:
             raise StructureError(
                 f"{self.dae.owner}: equation {equation.place} "
                 + ("says what others" if not offset else "contradicts what others")
                 + f" say already of {', '.join(name for name, _ in relation.terms)}: the model is "
                 "singular. Remove one of these equations."
             )
-        free = [name for name in left if name not in self.inputs]
-        if not free or (len(left) == 2 and offset):
+        free = [name for name in factors if name not in self.inputs]
+        if not free or (len(factors) == 2 and offset):
             return False
         last = min(free, key=lambda name: self.rank[name])
-        if len(left) == 1:
-            self.parent[last] = (None, -offset / left[last])
+        if len(factors) == 1:
+            self.parent[last] = (None, -offset / factors[last])
             return True
-        (other,) = (name for name in left if name != last)
-        self.parent[last] = (other, -left[other] / left[last])
+        (other,) = (name for name in factors if name != last)
+        self.parent[last] = (other, -factors[other] / factors[last])
         return True
 
     def aliases(self) -> tuple[Alias, ...]:
@@ -229,15 +229,17 @@ def _substituted(dae: Dae, kept: Sequence[Equation], aliases: Sequence[Alias]) -
         rate = stays[of].derivative
         assert rate is not None
         new.append(rate if factor == 1 else times * rate)
-    parts = [*(e.residual for e in kept), *(e.residual for e in dae.initial)]
-    parts += [y.expression for y in dae.outputs]
-    found = iter(ca.vertsplit(ca.substitute(column_of(parts), column_of(old), column_of(new))))
+    expressions = [*(e.residual for e in kept), *(e.residual for e in dae.initial)]
+    expressions += [y.expression for y in dae.outputs]
+    replaced = iter(
+        ca.vertsplit(ca.substitute(column_of(expressions), column_of(old), column_of(new)))
+    )
     return replace(
         dae,
         variables=tuple(stays[v.name] for v in dae.variables if v.name in stays),
-        equations=tuple(replace(e, residual=next(found)) for e in kept),
-        initial=tuple(replace(e, residual=next(found)) for e in dae.initial),
-        outputs=tuple(replace(y, expression=next(found)) for y in dae.outputs),
+        equations=tuple(replace(e, residual=next(replaced)) for e in kept),
+        initial=tuple(replace(e, residual=next(replaced)) for e in dae.initial),
+        outputs=tuple(replace(y, expression=next(replaced)) for y in dae.outputs),
     )
 
 

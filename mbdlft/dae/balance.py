@@ -33,15 +33,15 @@ def solved_linear(matrix: ca.SX, right: ca.SX) -> list[ca.SX]:
     n = matrix.shape[0]
     rows = [{j: matrix[i, j] for j in range(n) if matrix.sparsity().has_nz(i, j)} for i in range(n)]
     sides = [ca.SX(right[i]) for i in range(n)]
-    left, order = set(range(n)), []
-    while left:
-        pivot = _pivot(rows, left, any_entry=len(left) > _MOST_CRAMER)
+    remaining, order = set(range(n)), []
+    while remaining:
+        pivot = _pivot(rows, remaining, any_entry=len(remaining) > _MOST_CRAMER)
         if pivot is None:
             break
         i, j = pivot
-        left.discard(i)
+        remaining.discard(i)
         order.append((i, j))
-        for k in left:
+        for k in remaining:
             if j in rows[k]:
                 factor = rows[k].pop(j) / rows[i][j]
                 for m, entry in rows[i].items():
@@ -49,14 +49,14 @@ def solved_linear(matrix: ca.SX, right: ca.SX) -> list[ca.SX]:
                         rows[k][m] = rows[k].get(m, ca.SX(0)) - factor * entry
                 rows[k] = {m: entry for m, entry in rows[k].items() if not _is_nothing(entry)}
                 sides[k] = sides[k] - factor * sides[i]
-    found = _by_cramer(rows, sides, sorted(left), {j for _, j in order}, n)
+    solution = _by_cramer(rows, sides, sorted(remaining), {j for _, j in order}, n)
     for i, j in reversed(order):
-        rest = sides[i]
+        side = sides[i]
         for m, entry in rows[i].items():
             if m != j:
-                rest = rest - entry * found[m]
-        found[j] = rest / rows[i][j]
-    return [ca.SX(found[j]) for j in range(n)]
+                side = side - entry * solution[m]
+        solution[j] = side / rows[i][j]
+    return [ca.SX(solution[j]) for j in range(n)]
 
 
 def _is_nothing(entry: ca.SX) -> bool:
@@ -64,38 +64,38 @@ def _is_nothing(entry: ca.SX) -> bool:
 
 
 def _pivot(
-    rows: list[dict[int, ca.SX]], left: set[int], *, any_entry: bool
+    rows: list[dict[int, ca.SX]], remaining: set[int], *, any_entry: bool
 ) -> tuple[int, int] | None:
     """Row and column of a number, of the shortest row; of another entry if none is a number.
 
     Numbers that are small beside others of their row come last.
     """
-    found = []
-    for i in left:
+    candidates = []
+    for i in remaining:
         numbers = {j: abs(x) for j, e in rows[i].items() if is_constant(e) and (x := rational(e))}
         largest = max(numbers.values(), default=0)
-        found += [(_SMALL * largest > x, len(rows[i]), i, j) for j, x in numbers.items()]
-    if not found and any_entry:
-        found = [(False, len(rows[i]), i, j) for i in left for j in rows[i]]
-    return min(found)[2:] if found else None
+        candidates += [(_SMALL * largest > x, len(rows[i]), i, j) for j, x in numbers.items()]
+    if not candidates and any_entry:
+        candidates = [(False, len(rows[i]), i, j) for i in remaining for j in rows[i]]
+    return min(candidates)[2:] if candidates else None
 
 
 def _by_cramer(
-    rows: list[dict[int, ca.SX]], sides: list[ca.SX], left: list[int], gone: set[int], n: int
+    rows: list[dict[int, ca.SX]], sides: list[ca.SX], remaining: list[int], gone: set[int], n: int
 ) -> dict[int, ca.SX]:
     columns = [j for j in range(n) if j not in gone]
-    if not left:
+    if not remaining:
         return {}
-    matrix = ca.SX.zeros(len(left), len(left))
-    for k, i in enumerate(left):
+    matrix = ca.SX.zeros(len(remaining), len(remaining))
+    for k, i in enumerate(remaining):
         for j, entry in rows[i].items():
             matrix[k, columns.index(j)] = entry
-    whole, found = ca.det(matrix), {}
+    whole, solution = ca.det(matrix), {}
     for k, j in enumerate(columns):
         replaced = ca.SX(matrix)
-        replaced[:, k] = ca.vertcat(*(sides[i] for i in left))
-        found[j] = ca.det(replaced) / whole
-    return found
+        replaced[:, k] = ca.vertcat(*(sides[i] for i in remaining))
+        solution[j] = ca.det(replaced) / whole
+    return solution
 
 
 POINTS = 8  # of the parameters at which a solution is looked at
@@ -121,14 +121,14 @@ def start_of(unknown: Sequence[Quantity]) -> tuple[Array, Array]:
 
 
 def no_equilibrium(
-    s: Structure, places: Sequence[str], at: Found, given: Mapping[str, float | str]
+    s: Structure, places: Sequence[str], at: Found, fixed: Mapping[str, float | str]
 ) -> TrimError:
     """What to say where a point misses equations."""
     worst = np.argsort(-at.missing)[:3]
     missed = listed(f"{places[k]} ({at.missing[k]:.1e})" for k in worst if at.missing[k] > 0)
     return TrimError(
         f"{s.owner}: no equilibrium was found"
-        + (f" with {', '.join(f'{k} = {v}' for k, v in given.items())}" if given else "")
+        + (f" with {', '.join(f'{k} = {v}' for k, v in fixed.items())}" if fixed else "")
         + f"; what misses most, relative to its terms: {missed}. Give other inputs, leave an input free "
         "(free=...), or give start values near an equilibrium."
     )
@@ -138,43 +138,43 @@ def solved_exactly(
     s: Structure,
     problem: Balance,
     solution: Array,
-    left: list[tuple[int, int]] | None = None,
+    unsolved: list[tuple[int, int]] | None = None,
 ) -> dict[str, ca.SX]:
     """Each unknown as an expression of the parameters; `solution` are its values at points.
 
     Rows and columns of blocks that have no rational solution, and of those that depend on them, are added
-    to `left`; without it that is an error.
+    to `unsolved`; without it that is an error.
     """
-    found: dict[str, ca.SX] = {}
+    solved: dict[str, ca.SX] = {}
     pattern = ca.jacobian_sparsity(problem.residual, problem.z) if problem.z.numel() else None
     if pattern is None:
-        return found
+        return solved
     for block in blocks_of(pattern):
-        own = [problem.quantities[j] for j in block.columns]
-        known = [q for q in problem.quantities if q.name in found]
-        part = ca.substitute(
+        quantities = [problem.quantities[j] for j in block.columns]
+        known = [q for q in problem.quantities if q.name in solved]
+        block_residual = ca.substitute(
             problem.residual[list(block.rows)],
             column_of([q.symbol for q in known]),
-            column_of([found[q.name] for q in known]),
+            column_of([solved[q.name] for q in known]),
         )
-        z = column_of([q.symbol for q in own])
+        z = column_of([q.symbol for q in quantities])
         places = [problem.places[i] for i in block.rows]
         values = solution[:, list(block.columns)]
-        if left is not None and any(
-            ca.depends_on(part, problem.quantities[j].symbol) for _, j in left
+        if unsolved is not None and any(
+            ca.depends_on(block_residual, problem.quantities[j].symbol) for _, j in unsolved
         ):
-            left += zip(block.rows, block.columns, strict=True)
+            unsolved += zip(block.rows, block.columns, strict=True)
             continue
         try:
-            exact = _block(s, part, z, values, places, own)
+            exact = _block(s, block_residual, z, values, places, quantities)
         except NotRationalError:
-            if left is None:
+            if unsolved is None:
                 raise
-            left += zip(block.rows, block.columns, strict=True)
+            unsolved += zip(block.rows, block.columns, strict=True)
             continue
-        for q, value in zip(own, exact, strict=True):
-            found[q.name] = value
-    return found
+        for q, value in zip(quantities, exact, strict=True):
+            solved[q.name] = value
+    return solved
 
 
 def at_points(s: Structure, problem: Balance) -> Array:
@@ -196,7 +196,7 @@ def _block(
     z: ca.SX,
     values: Array,
     places: Sequence[str],
-    own: Sequence[Quantity],
+    quantities: Sequence[Quantity],
 ) -> list[ca.SX]:
     slopes = ca.jacobian(residual, z)
     n = z.numel()
@@ -207,12 +207,12 @@ def _block(
         if n == 1:
             return [-offset / slopes]
         if not ca.depends_on(ca.vertcat(residual), s.dae.p):
-            return [_number(x, q) for x, q in zip(values[0], own, strict=True)]
+            return [_number(x, q) for x, q in zip(values[0], quantities, strict=True)]
         return solved_linear(slopes, -offset)
-    guessed = _guessed(s, residual, z, values, own, places)
+    guessed = _guessed(s, residual, z, values, quantities, places)
     if guessed is not None:
         return guessed
-    names = listed(q.name for q in own)
+    names = listed(q.name for q in quantities)
     raise NotRationalError(
         f"{s.owner}, trim: {names} depend on the parameters, and the equations {listed(places)} "
         "are not linear in them, so no rational solution was found. Either declare one of them as a "
@@ -226,7 +226,7 @@ def _guessed(
     residual: ca.SX,
     z: ca.SX,
     values: Array,
-    own: Sequence[Quantity],
+    quantities: Sequence[Quantity],
     places: Sequence[str],
 ) -> list[ca.SX] | None:
     """Unknowns that are numbers or monomials of parameters by their values, and what follows from them.
@@ -234,28 +234,31 @@ def _guessed(
     The equations have to hold with them, at many points and to rounding.
     """
     p = np.array(parameter_points(s.dae, len(values)))
-    found = {q.name: _monomial(s, values[:, k], p, q) for k, q in enumerate(own)}
-    known = {name: value for name, value in found.items() if value is not None}
-    left = [k for k, q in enumerate(own) if q.name not in known]
-    if left:
-        if len(left) == len(own):
+    guesses = {q.name: _monomial(s, values[:, k], p, q) for k, q in enumerate(quantities)}
+    known = {name: value for name, value in guesses.items() if value is not None}
+    missing = [k for k, q in enumerate(quantities) if q.name not in known]
+    if missing:
+        if len(missing) == len(quantities):
             return None
-        old = column_of([q.symbol for q in own if q.name in known])
-        rest = ca.substitute(residual, old, column_of(known.values()))
-        unknown = z[left]
-        J = _numbers(ca.jacobian(rest, unknown), z, s.dae.p, values[0], p[0])
+        old = column_of([q.symbol for q in quantities if q.name in known])
+        reduced = ca.substitute(residual, old, column_of(known.values()))
+        unknown = z[missing]
+        J = _numbers(ca.jacobian(reduced, unknown), z, s.dae.p, values[0], p[0])
         rows = independent(J.T, np.zeros(len(J), dtype=int))
-        if len(rows) < len(left):
+        if len(rows) < len(missing):
             return None
         problem = Balance(
-            rest[rows], tuple(places[i] for i in rows), tuple(own[k] for k in left), unknown
+            reduced[rows],
+            tuple(places[i] for i in rows),
+            tuple(quantities[k] for k in missing),
+            unknown,
         )
         try:
-            known |= solved_exactly(s, problem, values[:, left])
+            known |= solved_exactly(s, problem, values[:, missing])
         except NotRationalError:
             return None
-    chosen = [known[q.name] for q in own]
-    return chosen if _holds(s, residual, z, chosen, own) else None
+    chosen = [known[q.name] for q in quantities]
+    return chosen if _holds(s, residual, z, chosen, quantities) else None
 
 
 def _numbers(expression: ca.SX, z: ca.SX, p: ca.SX, at: Array, values: Array) -> Array:
@@ -288,17 +291,17 @@ def _monomial(s: Structure, values: Array, points: Array, q: Quantity) -> ca.SX 
 
 
 def _holds(
-    s: Structure, residual: ca.SX, z: ca.SX, chosen: Sequence[ca.SX], own: Sequence[Quantity]
+    s: Structure, residual: ca.SX, z: ca.SX, chosen: Sequence[ca.SX], quantities: Sequence[Quantity]
 ) -> bool:
     """Whether equations hold at values of the parameters that were not looked at before."""
     expressions = column_of(chosen)
-    left = ca.substitute(residual, z, expressions)
+    missed = ca.substitute(residual, z, expressions)
     slopes = ca.substitute(ca.jacobian(residual, z), z, expressions)
-    parts = [ca.densify(in_doubles(part)) for part in (left, slopes, expressions)]
-    function = ca.Function("left", [s.dae.p], parts)
+    functions = [ca.densify(in_doubles(expression)) for expression in (missed, slopes, expressions)]
+    function = ca.Function("left", [s.dae.p], functions)
     for p in parameter_points(s.dae, 4 * POINTS)[1:]:
-        r, J, at = (np.abs(part.full()) for part in function(p))
-        sizes = np.maximum(at[:, 0], [q.variable.nominal for q in own])
+        r, J, at = (np.abs(expression.full()) for expression in function(p))
+        sizes = np.maximum(at[:, 0], [q.variable.nominal for q in quantities])
         if not np.all(r[:, 0] <= _MISSED * np.max(J * sizes, axis=1)):
             return False
     return True

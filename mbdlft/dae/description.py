@@ -179,8 +179,8 @@ class Dae:
 
 def symbols_of(dae: Dae) -> list[ca.SX]:
     """All symbols that may stand in its equations."""
-    own = [v.symbol for v in (*dae.variables, *dae.inputs)]
-    return [*own, *ca.vertsplit(dae.xdot), *ca.vertsplit(dae.p)]
+    signals = [v.symbol for v in (*dae.variables, *dae.inputs)]
+    return [*signals, *ca.vertsplit(dae.xdot), *ca.vertsplit(dae.p)]
 
 
 def _expressions(dae: Dae) -> list[tuple[str, ca.SX]]:
@@ -251,19 +251,21 @@ def check_units(dae: Dae) -> None:
         They do not fit; the message names the equation.
     """
     second = Dimension(parse_unit("s").dimension)
-    given = {v.symbol.element_hash(): open_unit(v.unit) for v in (*dae.variables, *dae.inputs)}
+    dimensions = {v.symbol.element_hash(): open_unit(v.unit) for v in (*dae.variables, *dae.inputs)}
     for v in dae.variables:
         if v.derivative is not None:
-            given[v.derivative.element_hash()] = _over(open_unit(v.unit), second)
+            dimensions[v.derivative.element_hash()] = _over(open_unit(v.unit), second)
     for p, symbol in zip(dae.parameters, ca.vertsplit(dae.p), strict=True):
-        given[symbol.element_hash()] = open_unit(p.unit)
-    parts = [(f"equation {e.place}", e.residual, e.unit) for e in (*dae.equations, *dae.initial)]
-    parts += [(f"output {y.name!r}", y.expression, y.unit) for y in dae.outputs]
-    for what, expression, unit in parts:
+        dimensions[symbol.element_hash()] = open_unit(p.unit)
+    residuals = [
+        (f"equation {e.place}", e.residual, e.unit) for e in (*dae.equations, *dae.initial)
+    ]
+    residuals += [(f"output {y.name!r}", y.expression, y.unit) for y in dae.outputs]
+    for what, expression, unit in residuals:
         try:
-            found = dimension_of(expression, given)
+            dimension = dimension_of(expression, dimensions)
             if unit is not None:
-                _add(found, open_unit(unit))
+                _add(dimension, open_unit(unit))
         except SceneError as error:
             raise SceneError(
                 f"{dae.owner}, {what}: {error} A 1 or 2 that has a unit is written d.number(1)."
@@ -275,13 +277,13 @@ def open_unit(unit: str) -> _Value:
     return _OPEN if unit == "1" else Dimension(parse_unit(unit).dimension)
 
 
-def dimension_of(expression: ca.SX, given: Mapping[int, _Value]) -> _Value:
+def dimension_of(expression: ca.SX, dimensions: Mapping[int, _Value]) -> _Value:
     """The dimension of an expression of symbols that have some, by their hashes."""
     free = ca.symvar(expression)
-    values = [_OPEN if is_constant(s) else given[s.element_hash()] for s in free]
+    values = [_OPEN if is_constant(s) else dimensions[s.element_hash()] for s in free]
     function = ca.Function("units", [column_of(free)], [ca.densify(expression)])
-    ((found,),) = fold(function, _RULES, values)
-    return found
+    ((dimension,),) = fold(function, _RULES, values)
+    return dimension
 
 
 def _add(a: _Value, b: _Value) -> _Value:

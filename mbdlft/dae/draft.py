@@ -92,11 +92,11 @@ class DaeDraft:
         of the coefficient. Errors as those of `fit_coefficient`.
         """
         pairs = self._parameters.values()
-        found = fit_coefficient(
+        coefficient_fit = fit_coefficient(
             coefficient, [p for p, _ in pairs], [symbol for _, symbol in pairs], tolerance
         )
-        self._fit_error_bound = max(self._fit_error_bound, found.bound)
-        return found.expression
+        self._fit_error_bound = max(self._fit_error_bound, coefficient_fit.bound)
+        return coefficient_fit.expression
 
     def table(
         self,
@@ -199,8 +199,8 @@ class DaeDraft:
         self, residual: Any, name: str | None, equals: Any, line: int | None, unit: str | None
     ) -> Equation:
         text = f"{shown(ca.SX(residual))} = {shown(ca.SX(equals))}"
-        left, right = with_literals(ca.SX(residual)), with_literals(ca.SX(equals))
-        return Equation(name or text, left - right, line, unit)
+        lhs, right = with_literals(ca.SX(residual)), with_literals(ca.SX(equals))
+        return Equation(name or text, lhs - right, line, unit)
 
     def _check_new(self, name: str) -> None:
         if name in {*self._variables, *self._inputs, *self._parameters}:
@@ -237,28 +237,28 @@ def from_casadi(
         The builder has what is not supported (events, quadratures, time); a parameter is not one of it;
         as `Dae`.
     """
-    own = _Builder(builder, {p.name: p for p in parameters}, dict(units or {}))
-    symbols = {part: ca.SX.sym(part, len(getattr(builder, part)())) for part in "xzup"}
-    names = {part: list(getattr(builder, part)()) for part in symbols}
+    reader = _Builder(builder, {p.name: p for p in parameters}, dict(units or {}))
+    symbols = {kind: ca.SX.sym(kind, len(getattr(builder, kind)())) for kind in "xzup"}
+    names = {kind: list(getattr(builder, kind)()) for kind in symbols}
     p = ca.SX(symbols["p"].numel(), 1)
     for k, name in enumerate(names["p"]):
-        p[k] = symbols["p"][k] if name in own.parameters else literal(own.number(name))
+        p[k] = symbols["p"][k] if name in reader.parameters else literal(reader.number(name))
     right = builder.create("model", ["x", "z", "u", "p"], ["ode", "alg", "y"])
-    found = right(symbols["x"], symbols["z"], symbols["u"], p)
-    ode, alg, y = (ca.SX(part) for part in found)
+    values = right(symbols["x"], symbols["z"], symbols["u"], p)
+    ode, alg, y = (ca.SX(kind) for kind in values)
     rates = [ca.SX.sym(f"der({name})") for name in names["x"]]
     variables = [
-        *(own.variable(n, symbols["x"][k], rates[k]) for k, n in enumerate(names["x"])),
-        *(own.variable(n, symbols["z"][k]) for k, n in enumerate(names["z"])),
+        *(reader.variable(n, symbols["x"][k], rates[k]) for k, n in enumerate(names["x"])),
+        *(reader.variable(n, symbols["z"][k]) for k, n in enumerate(names["z"])),
     ]
-    ordered = sorted(own.parameters)
+    ordered = sorted(reader.parameters)
     return Dae(
         builder.name(),
         tuple(variables),
-        tuple(own.variable(n, symbols["u"][k]) for k, n in enumerate(names["u"])),
-        tuple(own.parameters[name] for name in ordered),
+        tuple(reader.variable(n, symbols["u"][k]) for k, n in enumerate(names["u"])),
+        tuple(reader.parameters[name] for name in ordered),
         column_of(symbols["p"][names["p"].index(name)] for name in ordered),
-        tuple(Output(n, with_literals(y[k]), own.unit(n)) for k, n in enumerate(builder.y())),
+        tuple(Output(n, with_literals(y[k]), reader.unit(n)) for k, n in enumerate(builder.y())),
         (
             *(
                 Equation(f"der({n})", rates[k] - with_literals(ode[k]), unit=None)
@@ -273,21 +273,21 @@ class _Builder:
     """What a builder says of its variables."""
 
     def __init__(
-        self, builder: ca.DaeBuilder, given: Mapping[str, Parameter], units: Mapping[str, str]
+        self, builder: ca.DaeBuilder, parameters: Mapping[str, Parameter], units: Mapping[str, str]
     ) -> None:
         self.builder, self.units = builder, units
         self.owner = f"model {builder.name()!r}"
-        for part, what in (("q", "quadratures"), ("zero", "events")):
-            if len(getattr(builder, part)()):
+        for kind, what in (("q", "quadratures"), ("zero", "events")):
+            if len(getattr(builder, kind)()):
                 raise SceneError(f"{self.owner}: has {what}, which are not supported here.")
         if builder.has_t():
             raise SceneError(f"{self.owner}: depends on time. Make an input of what depends on it.")
         names = list(builder.p())
-        check_known("parameter", given, names, self.owner)
-        self.parameters = dict(given)
+        check_known("parameter", parameters, names, self.owner)
+        self.parameters = dict(parameters)
         for name in names:
             low, high = float(builder.min(name)), float(builder.max(name))
-            if name not in given and math.isfinite(low) and math.isfinite(high):
+            if name not in parameters and math.isfinite(low) and math.isfinite(high):
                 nominal = float(builder.nominal(name))
                 nominal = nominal if low < nominal < high else self.number(name)
                 self.parameters[name] = Parameter(name, nominal, low, high, unit=self.unit(name))

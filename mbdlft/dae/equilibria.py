@@ -95,19 +95,19 @@ def trim(
         raise SceneError(
             f"trim: expected a Structure, as reduce_index(dae) returns, got {type(s).__name__}."
         )
-    given = _of_aliases(s, dict(at or {}))
-    _check_names(s, given, free)
-    problem = _square(s, *_posed(s, given, free, moving), given)
+    fixed = _of_aliases(s, dict(at or {}))
+    _check_names(s, fixed, free)
+    problem = _square(s, *_posed(s, fixed, free, moving), fixed)
     points = at_points(s, problem)
-    left: list[tuple[int, int]] | None = None if fit is None else []
-    values: dict[str, ca.SX] = solved_exactly(s, problem, points, left)
-    open_ = {problem.quantities[j].name for _, j in left or ()}
+    unsolved: list[tuple[int, int]] | None = None if fit is None else []
+    values: dict[str, ca.SX] = solved_exactly(s, problem, points, unsolved)
+    open_ = {problem.quantities[j].name for _, j in unsolved or ()}
     for q in s.quantities:
         if q.name not in values and q.name not in open_:
-            values[q.name] = ca.SX(0) if q.order else _given_value(s, q, given)
+            values[q.name] = ca.SX(0) if q.order else _given_value(s, q, fixed)
     fits = Fitted({}, {}, 0.0)
     if fit is not None:
-        fits = fitted(s, problem, left or [], points[0], values, fit)
+        fits = fitted(s, problem, unsolved or [], points[0], values, fit)
         values |= fits.values
     if moving:
         _check_moving(s, moving, values)
@@ -116,10 +116,10 @@ def trim(
     nominal = {q.name: float(x) for q, x in zip(s.quantities, numbers, strict=True)}
     for alias in s.aliases:
         nominal[alias.name] = float(alias.factor) * (nominal[alias.of] if alias.of else 1.0)
-    return DaeTrim(s, values, nominal, tuple(free), given, fits.slopes, fits.bound)
+    return DaeTrim(s, values, nominal, tuple(free), fixed, fits.slopes, fits.bound)
 
 
-def _of_aliases(s: Structure, given: Mapping[str, float | str]) -> dict[str, float | str]:
+def _of_aliases(s: Structure, fixed: Mapping[str, float | str]) -> dict[str, float | str]:
     """What is given of aliases, as values of the variables that stayed.
 
     Raises
@@ -128,23 +128,23 @@ def _of_aliases(s: Structure, given: Mapping[str, float | str]) -> dict[str, flo
         An alias is a number, or has the other sign of what a parameter is given for.
     """
     aliases = {a.name: a for a in s.aliases}
-    found: dict[str, float | str] = {}
-    for name, value in given.items():
+    translated: dict[str, float | str] = {}
+    for name, value in fixed.items():
         alias = aliases.get(name)
         if alias is None:
-            found[name] = value
+            translated[name] = value
             continue
         if alias.of is None or (isinstance(value, str) and alias.factor != 1):
             raise SceneError(
                 f"{s.owner}, trim: {alias}, which is no free variable. Give another one."
             )
-        found[alias.of] = value if isinstance(value, str) else value / float(alias.factor)
-    return found
+        translated[alias.of] = value if isinstance(value, str) else value / float(alias.factor)
+    return translated
 
 
-def _check_names(s: Structure, given: Mapping[str, Any], free: Sequence[str]) -> None:
+def _check_names(s: Structure, fixed: Mapping[str, Any], free: Sequence[str]) -> None:
     where, names = f"{s.owner}, trim", [q.name for q in s.quantities]
-    for name, value in given.items():
+    for name, value in fixed.items():
         check_known("variable", [name], names, where)
         if isinstance(value, str):
             check_known(
@@ -163,14 +163,14 @@ def _check_moving(s: Structure, moving: Sequence[str], values: Mapping[str, ca.S
     """
     variables = {v.name: v.symbol for v in s.dae.variables}
     check_known("variable", moving, variables, f"{s.owner}, moving")
-    own = column_of([variables[name] for name in moving])
+    moving_symbols = column_of([variables[name] for name in moving])
     rates = [values.get(f"der({name})", ca.SX(0)) for name in moving]
-    changes = ca.jtimes(s.residual, own, column_of(rates))
+    changes = ca.jtimes(s.residual, moving_symbols, column_of(rates))
     held = [q for q in s.quantities if q.variable.name not in moving or q.order]
     symbols, at = column_of(q.symbol for q in held), column_of(values[q.name] for q in held)
-    left = in_doubles(ca.substitute(changes, symbols, at))
+    remaining = in_doubles(ca.substitute(changes, symbols, at))
     size = np.max(np.abs(values_of(rates, s.dae.p, parameter_points(s.dae, 1)[0])), initial=1.0)
-    function = ca.Function("changes", [own, s.dae.p], [ca.densify(left)])
+    function = ca.Function("changes", [moving_symbols, s.dae.p], [ca.densify(remaining)])
     drawn = np.random.default_rng(0)
     for p in parameter_points(s.dae, POINTS):
         change = function(drawn.standard_normal(len(moving)), p).full()[:, 0]
@@ -182,8 +182,8 @@ def _check_moving(s: Structure, moving: Sequence[str], values: Mapping[str, ca.S
             )
 
 
-def _given_value(s: Structure, q: Quantity, given: Mapping[str, float | str]) -> ca.SX:
-    value = given.get(q.name, q.start)
+def _given_value(s: Structure, q: Quantity, fixed: Mapping[str, float | str]) -> ca.SX:
+    value = fixed.get(q.name, q.start)
     if isinstance(value, str):
         names = [p.name for p in s.dae.parameters]
         return ca.SX(s.dae.p[names.index(value)])
@@ -192,7 +192,7 @@ def _given_value(s: Structure, q: Quantity, given: Mapping[str, float | str]) ->
 
 def _posed(
     s: Structure,
-    given: Mapping[str, float | str],
+    fixed: Mapping[str, float | str],
     free: Sequence[str],
     moving: Sequence[str],
 ) -> tuple[ca.SX, list[str], list[Quantity]]:
@@ -203,9 +203,9 @@ def _posed(
         if q.order and not (q.order == 1 and q.variable.name in moving):
             old.append(q.symbol)
             new.append(ca.SX(0))
-        elif q.name in given or (q.name in inputs and q.name not in free):
+        elif q.name in fixed or (q.name in inputs and q.name not in free):
             old.append(q.symbol)
-            new.append(_given_value(s, q, given))
+            new.append(_given_value(s, q, fixed))
         else:
             unknown.append(q)
     residual = ca.substitute(s.residual, column_of(old), column_of(new))
@@ -218,7 +218,7 @@ def _square(
     residual: ca.SX,
     places: list[str],
     unknown: list[Quantity],
-    given: Mapping[str, float | str],
+    fixed: Mapping[str, float | str],
 ) -> Balance:
     """As many equations as unknowns: what is not determined is held, what holds anyway is left out."""
     z = column_of([q.symbol for q in unknown])
@@ -227,7 +227,7 @@ def _square(
     system = System(residual, z, s.dae.p)
     at = solve(system, start, points[0], sizes)
     if not at.is_solution:
-        raise no_equilibrium(s, places, at, given)
+        raise no_equilibrium(s, places, at, fixed)
     J = system.jacobian(at.values, points[0]) * sizes
     rows = np.max(np.abs(J), axis=1, keepdims=True, initial=0.0)
     J = J / np.where(rows > 0, rows, 1.0)
@@ -238,7 +238,7 @@ def _square(
     kept = independent(J[:, columns].T, np.zeros(len(J), dtype=int))
     if held:
         old = column_of([q.symbol for q in held])
-        new = column_of([_given_value(s, q, given) for q in held])
+        new = column_of([_given_value(s, q, fixed) for q in held])
         residual = ca.substitute(residual, old, new)
     chosen = [q for k, q in enumerate(unknown) if k in columns]
     problem = Balance(
@@ -247,7 +247,7 @@ def _square(
         tuple(chosen),
         column_of([q.symbol for q in chosen]),
     )
-    _check_others(s, problem, residual, places, points, given)
+    _check_others(s, problem, residual, places, points, fixed)
     return problem
 
 
@@ -257,7 +257,7 @@ def _check_others(
     residual: ca.SX,
     places: Sequence[str],
     points: Sequence[Array],
-    given: Mapping[str, float | str],
+    fixed: Mapping[str, float | str],
 ) -> None:
     """The equations that were left out hold as well, at the points.
 
@@ -273,4 +273,4 @@ def _check_others(
     for p in points:
         at = solve(system, start, p, sizes)
         if not at.is_solution:
-            raise no_equilibrium(s, places, at, given)
+            raise no_equilibrium(s, places, at, fixed)

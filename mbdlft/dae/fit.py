@@ -134,7 +134,7 @@ class Fitted(NamedTuple):
 def fitted(
     s: Structure,
     problem: Balance,
-    left: Sequence[tuple[int, int]],
+    unsolved: Sequence[tuple[int, int]],
     at_nominal: Array,
     values: Mapping[str, ca.SX],
     tolerance: float,
@@ -145,7 +145,7 @@ def fitted(
     ----------
     s : Structure
     problem : Balance
-    left : sequence of (row, column) of `problem`
+    unsolved : sequence of (row, column) of `problem`
     at_nominal : array (n,)
         All unknowns of `problem` at nominal parameters.
     values : mapping of names to SX
@@ -159,17 +159,17 @@ def fitted(
     NotRationalError
         An angle is among the parameters, or an operation cannot be bounded.
     """
-    z = [problem.quantities[j] for _, j in left]
+    z = [problem.quantities[j] for _, j in unsolved]
     known = [q for q in s.quantities if q.name in values]
     old = column_of([q.symbol for q in known])
     new = column_of([values[q.name] for q in known])
-    own = [problem.residual[i] for i, _ in left]
-    rows = ca.SX(ca.substitute(column_of(own), old, new))
+    residuals = [problem.residual[i] for i, _ in unsolved]
+    rows = ca.SX(ca.substitute(column_of(residuals), old, new))
     places, entries = _slopes(s, old, new)
     if not z and not entries:
         return Fitted({}, {}, 0.0)
     symbols = [q.symbol for q in z]
-    start = at_nominal[[j for _, j in left]]
+    start = at_nominal[[j for _, j in unsolved]]
     sizes = [
         abs(x) if abs(x) > _SMALLEST * q.variable.nominal else q.variable.nominal
         for x, q in zip(start, z, strict=True)
@@ -183,12 +183,12 @@ def fitted(
     residual = ca.substitute(in_doubles(both), column_of(symbols), column_of(scaled[: len(z)]))
     name = s.dae.name.replace(".", "_") or "model"
     function = ca.Function(name, [t, column_of(p)], [residual])
-    found, made = _fits(function, used, p, np.concatenate([start, slopes]) / sizes, tolerance)
+    fits, made = _fits(function, used, p, np.concatenate([start, slopes]) / sizes, tolerance)
     made = [value * literal(float(size)) for value, size in zip(made, sizes, strict=True)]
     return Fitted(
         {q.name: value for q, value in zip(z, made, strict=False)},
         dict(zip(places, made[len(z) :], strict=True)),
-        float(np.max(found.bound)),
+        float(np.max(fits.bound)),
     )
 
 

@@ -116,7 +116,7 @@ def differentiated(dae: Dae) -> Differentiated:
 def _signature(dae: Dae) -> Pattern:
     """Highest order of each variable in each equation; -1 where it does not occur."""
     residuals = column_of(e.residual for e in dae.equations)
-    found = np.full((len(dae.equations), len(dae.variables)), _ABSENT)
+    sigma = np.full((len(dae.equations), len(dae.variables)), _ABSENT)
     for order in (0, 1):
         chosen = [
             (j, symbol)
@@ -126,9 +126,9 @@ def _signature(dae: Dae) -> Pattern:
         if not chosen or not residuals.numel():
             continue
         pattern = ca.jacobian_sparsity(residuals, column_of(s for _, s in chosen))
-        rows, columns = (np.array(part, dtype=int) for part in pattern.get_triplet())
-        found[rows, np.array([j for j, _ in chosen])[columns]] = order
-    return found
+        rows, columns = (np.array(indices, dtype=int) for indices in pattern.get_triplet())
+        sigma[rows, np.array([j for j, _ in chosen])[columns]] = order
+    return sigma
 
 
 def _check_square(dae: Dae, sigma: Pattern) -> None:
@@ -153,23 +153,23 @@ def _structurally_singular(dae: Dae, sigma: Pattern) -> StructureError:
 
 def _named_parts(dae: Dae, sigma: Pattern) -> str:
     """What is over- and underdetermined, by Dulmage and Mendelsohn."""
-    places = (found.tolist() for found in np.nonzero(sigma != _ABSENT))
+    places = (indices.tolist() for indices in np.nonzero(sigma != _ABSENT))
     _, rows, columns, _, _, *coarse = ca.Sparsity.triplet(*sigma.shape, *places).btf()
     over, few = sorted(rows[: coarse[0][2]]), sorted(columns[coarse[1][2] :])
-    parts = []
+    sentences = []
     if few:
-        own = {i for j in few for i in np.flatnonzero(sigma[:, j] != _ABSENT)}
-        parts.append(
+        equations = {i for j in few for i in np.flatnonzero(sigma[:, j] != _ABSENT)}
+        sentences.append(
             f"The unknowns {listed(dae.variables[j].name for j in few)} are in too few equations: "
-            f"{listed(dae.equations[i].place for i in sorted(own)) or 'none'}."
+            f"{listed(dae.equations[i].place for i in sorted(equations)) or 'none'}."
         )
     if over:
         many = {j for i in over for j in np.flatnonzero(sigma[i] != _ABSENT)}
-        parts.append(
+        sentences.append(
             f"The equations {listed(dae.equations[i].place for i in over)} are too many for "
             f"{listed(dae.variables[j].name for j in sorted(many)) or 'no unknown'}."
         )
-    return " ".join(parts)
+    return " ".join(sentences)
 
 
 def listed(names: Iterable[object]) -> str:
@@ -189,28 +189,28 @@ def _offsets(
     for _ in range(2 * n + 2):
         shifted = np.where(sigma == _ABSENT, _ABSENT, sigma + counts[:, None])
         orders = np.max(shifted, axis=0, initial=0)
-        found = orders[matched] - sigma[rows, matched]
-        if np.array_equal(found, counts):
+        differentiations = orders[matched] - sigma[rows, matched]
+        if np.array_equal(differentiations, counts):
             return tuple(map(int, counts)), tuple(map(int, orders))
-        counts = found
+        counts = differentiations
     raise StructureError(
         f"{dae.owner}: the equations would have to be differentiated without end. Please report it."
     )
 
 
 def _symbols(dae: Dae, orders: Sequence[int]) -> dict[Entry, ca.SX]:
-    found = {}
+    symbols = {}
     for j, v in enumerate(dae.variables):
         for order in range(orders[j] + 1):
             known = (v.symbol, v.derivative)[order] if order < 2 else None
-            found[Entry(j, order)] = ca.SX.sym(name_of(v.name, order)) if known is None else known
-    return found
+            symbols[Entry(j, order)] = ca.SX.sym(name_of(v.name, order)) if known is None else known
+    return symbols
 
 
 def _derivatives(
     dae: Dae, counts: Sequence[int], orders: Sequence[int], symbols: dict[Entry, ca.SX]
 ) -> tuple[dict[Row, ca.SX], tuple[tuple[Variable, int, ca.SX], ...]]:
-    found = {Row(i, 0): e.residual for i, e in enumerate(dae.equations)}
+    residuals = {Row(i, 0): e.residual for i, e in enumerate(dae.equations)}
     rates = {
         (k, order): ca.SX.sym(name_of(u.name, order))
         for k, u in enumerate(dae.inputs)
@@ -228,16 +228,16 @@ def _derivatives(
     symbols_now, rates_now = column_of([s for s, _ in moving]), column_of([r for _, r in moving])
     for order in range(1, max(counts, default=0) + 1):
         rows = [i for i, count in enumerate(counts) if count >= order]
-        before = column_of(found[Row(i, order - 1)] for i in rows)
+        before = column_of(residuals[Row(i, order - 1)] for i in rows)
         after = ca.jtimes(before, symbols_now, rates_now)
-        found |= {Row(i, order): after[k] for k, i in enumerate(rows)}
-    every = column_of(found.values())
+        residuals |= {Row(i, order): after[k] for k, i in enumerate(rows)}
+    every = column_of(residuals.values())
     used = [
         (dae.inputs[k], order, s)
         for (k, order), s in rates.items()
         if order and ca.depends_on(every, s)
     ]
-    return found, tuple(used)
+    return residuals, tuple(used)
 
 
 _RANK = 1e-9  # of the largest pivot: a smaller one is no pivot
@@ -256,10 +256,10 @@ def blocks_of(pattern: ca.Sparsity) -> tuple[Block, ...]:
     if not pattern.size1():
         return ()
     count, rows, columns, r, c, _, _ = pattern.btf()
-    found = [
+    blocks = [
         Block(tuple(rows[r[k] : r[k + 1]]), tuple(columns[c[k] : c[k + 1]])) for k in range(count)
     ]
-    return tuple(found)
+    return tuple(blocks)
 
 
 def dummy_derivatives(
@@ -290,7 +290,7 @@ def dummy_derivatives(
     unknown = column_of(d.symbols[entry] for entry in entries)
     jacobian = ca.jacobian(residuals, unknown)
     free = column_of(signals)
-    own = signals[: len(signals) - len(dae.parameters)]
+    highest = signals[: len(signals) - len(dae.parameters)]
 
     @cache
     def matrices() -> list[Array]:
@@ -299,10 +299,12 @@ def dummy_derivatives(
 
     dummies: set[Entry] = set()
     for block in blocks_of(jacobian.sparsity()):
-        part = jacobian[list(block.rows), list(block.columns)]
-        alone = len(block.rows) == 1 and part.nnz() and not ca.symvar(ca.SX(part.nz[0]))
+        matrix = jacobian[list(block.rows), list(block.columns)]
+        alone = len(block.rows) == 1 and matrix.nnz() and not ca.symvar(ca.SX(matrix.nz[0]))
         if not alone:
-            _check_regular(d, part, own, points, [rows[i] for i in block.rows], block, entries)
+            _check_regular(
+                d, matrix, highest, points, [rows[i] for i in block.rows], block, entries
+            )
         if any(d.counts[i] for i in block.rows):
             at = [m[np.ix_(block.rows, block.columns)] for m in matrices()]
             chosen = [(rows[i].order) for i in block.rows]
@@ -312,24 +314,24 @@ def dummy_derivatives(
 
 def _check_regular(
     d: Differentiated,
-    part: ca.SX,
-    own: Sequence[ca.SX],
+    matrix: ca.SX,
+    highest: Sequence[ca.SX],
     points: Callable[[], Sequence[Array]],
     rows: Sequence[Row],
     block: Block,
     entries: Sequence[Entry],
 ) -> None:
-    signals = column_of(own)
-    found = singular_part(part, signals, d.dae.p, points)
-    if found is None:
+    signals = column_of(highest)
+    singular = singular_part(matrix, signals, d.dae.p, points)
+    if singular is None:
         return
     dae = d.dae
-    unknowns = [entries[block.columns[j]] for j in found.columns]
+    unknowns = [entries[block.columns[j]] for j in singular.columns]
     names = [name_of(dae.variables[j].name, order) for j, order in unknowns]
-    certain = "whatever the parameters are" if found.exact else "at all points that were tried"
+    certain = "whatever the parameters are" if singular.exact else "at all points that were tried"
     raise StructureError(
         f"{dae.owner}: is singular, {certain}: the equations "
-        f"{listed(place_of(dae, rows[i]) for i in found.rows)} depend on each other, and do not "
+        f"{listed(place_of(dae, rows[i]) for i in singular.rows)} depend on each other, and do not "
         f"determine {listed(names)}. Remove what is said twice, and give the unknowns an equation."
     )
 
@@ -342,32 +344,32 @@ def _selected(
     wanted: Collection[str],
 ) -> set[Entry]:
     """The dummy derivatives of one block, level by level."""
-    found: set[Entry] = set()
-    now, left, columns = list(matrices), list(orders), list(entries)
-    while any(left):
-        rows = [i for i, order in enumerate(left) if order]
-        parts = [m[rows] for m in now]
-        chosen = _columns(d, parts, columns, wanted)
-        found |= {columns[j] for j in chosen}
-        now = [part[:, chosen] for part in parts]
-        left = [left[i] - 1 for i in rows]
+    dummies: set[Entry] = set()
+    now, remaining, columns = list(matrices), list(orders), list(entries)
+    while any(remaining):
+        rows = [i for i, order in enumerate(remaining) if order]
+        constrained = [m[rows] for m in now]
+        chosen = _columns(d, constrained, columns, wanted)
+        dummies |= {columns[j] for j in chosen}
+        now = [block[:, chosen] for block in constrained]
+        remaining = [remaining[i] - 1 for i in rows]
         columns = [Entry(columns[j].variable, columns[j].order - 1) for j in chosen]
-    return found
+    return dummies
 
 
 def _columns(
-    d: Differentiated, parts: Sequence[Array], entries: Sequence[Entry], wanted: Collection[str]
+    d: Differentiated, matrices: Sequence[Array], entries: Sequence[Entry], wanted: Collection[str]
 ) -> list[int]:
     """Columns, as many as rows, with which all matrices (m, k) are regular."""
     sizes = np.array([d.dae.variables[j].nominal for j, _ in entries])
     classes = np.array([_class(d, entry, wanted) for entry in entries])
-    count = len(parts[0])
+    count = len(matrices[0])
     best, least = None, 0.0
-    for part in parts:
-        chosen = _by_pivots(part * sizes, classes, count)
+    for matrix in matrices:
+        chosen = _by_pivots(matrix * sizes, classes, count)
         if chosen is None:
             continue
-        worst = min(_smallest(other[:, chosen] * sizes[chosen]) for other in parts)
+        worst = min(_smallest(other[:, chosen] * sizes[chosen]) for other in matrices)
         if best is None or worst > 2.0 * least:
             best, least = chosen, worst
     if best is None:
@@ -399,16 +401,16 @@ def _by_pivots(matrix: Array, classes: Array, count: int) -> list[int] | None:
 
 def independent(matrix: Array, classes: Array) -> list[int]:
     """Independent columns, of the lowest classes first."""
-    rest, chosen = matrix, []
+    projected, chosen = matrix, []
     for kind in sorted(set(classes.tolist())):
         columns = np.flatnonzero(classes == kind)
-        if not len(rest):
+        if not len(projected):
             break
-        q, triangle, order = qr(rest[:, columns], pivoting=True)
+        q, triangle, order = qr(projected[:, columns], pivoting=True)
         pivots = np.abs(np.diag(triangle))
         count = int(np.sum(pivots > _RANK * max(1.0, np.max(pivots, initial=0.0))))
         chosen += [int(columns[k]) for k in order[:count]]
-        rest = q[:, count:].T @ rest
+        projected = q[:, count:].T @ projected
     return sorted(chosen)
 
 

@@ -85,12 +85,12 @@ class _Linear:
         free = {q.symbol.element_hash() for q in kept}
         rates, extra = [], []
         for q, rate in zip(s.states, s.rates, strict=True):
-            own = change[rate.element_hash()]
+            rate_change = change[rate.element_hash()]
             if rate.element_hash() in free:
-                rates.append(own)
+                rates.append(rate_change)
             else:
                 rates.append(ca.SX.sym(f"rate of {q.name}"))
-                extra.append(rates[-1] - self._row(own, f"state {q.name!r}"))
+                extra.append(rates[-1] - self._row(rate_change, f"state {q.name!r}"))
         taken = {r.element_hash() for r in rates}
         changes = [change[q.symbol.element_hash()] for q in kept]
         others = [x for x in changes if x.element_hash() not in taken]
@@ -120,14 +120,16 @@ class _Linear:
         """Relations that stay, and their unknowns; others are replaced by what they are of numbers."""
         s, rows, kept = self.s, [], []
         for block in s.blocks:
-            own = [s.unknowns[j] for j in block.columns]
+            unknowns = [s.unknowns[j] for j in block.columns]
             places = [f"equation {s.equations[i][0]}" for i in block.rows]
-            if len(own) == 1 and self._defined(moved[block.rows[0]], own[0], change, places[0]):
+            if len(unknowns) == 1 and self._defined(
+                moved[block.rows[0]], unknowns[0], change, places[0]
+            ):
                 continue
             rows += [
                 self._row(moved[i], place) for i, place in zip(block.rows, places, strict=True)
             ]
-            kept += own
+            kept += unknowns
         return rows, kept
 
     def _defined(self, row: ca.SX, q: Quantity, change: Mapping[int, ca.SX], place: str) -> bool:
@@ -142,9 +144,9 @@ class _Linear:
         return True
 
     def _row(self, expression: ca.SX, place: str) -> ca.SX:
-        found = self.separation.follow(expression, place, "row")
-        assert not found.terms
-        return ca.SX(sum((p.coefficient * p.form for p in found.linear.values()), ca.SX(0)))
+        value = self.separation.follow(expression, place, "row")
+        assert not value.terms
+        return ca.SX(sum((p.coefficient * p.form for p in value.linear.values()), ca.SX(0)))
 
     def trimmed(self) -> TrimRelations | None:
         """What of the equilibrium depends on parameters, as relations that are solved already."""
@@ -200,22 +202,22 @@ def trimmed_points(at: DaeTrim, points: Array) -> Array:
     s = at.structure
     expressions = _expressions(at)
     free = [k for k in range(expressions.numel()) if ca.symvar(in_doubles(expressions[k]))]
-    found, p = _exact_values(at, points), in_symbols(s.dae, points)
+    values, p = _exact_values(at, points), in_symbols(s.dae, points)
     if not free:
-        return found
-    rest = [k for k in range(expressions.numel()) if k not in free]
-    given = ca.vertcat(s.symbols[rest], s.dae.p) if rest else s.dae.p
+        return values
+    held = [k for k in range(expressions.numel()) if k not in free]
+    held_symbols = ca.vertcat(s.symbols[held], s.dae.p) if held else s.dae.p
     sizes = np.array([q.variable.nominal for q in s.quantities])
-    system = System(s.residual, s.symbols[free], given, sizes[rest])
+    system = System(s.residual, s.symbols[free], held_symbols, sizes[held])
     start = np.array([at.nominal[s.quantities[k].name] for k in free])
-    for row, q in zip(found, p, strict=True):
-        now = solve(system, start, np.concatenate([row[rest], q]), sizes[free])
+    for row, q in zip(values, p, strict=True):
+        now = solve(system, start, np.concatenate([row[held], q]), sizes[free])
         if not now.is_solution:
             raise TrimError(
                 f"{s.owner}: no equilibrium was found at a point of the parameter range."
             )
         row[free] = now.values
-    return found
+    return values
 
 
 def _expressions(at: DaeTrim) -> ca.SX:
@@ -247,10 +249,10 @@ def trim_sizes(at: DaeTrim, points: Array, z: Array) -> Array:
         J = slopes(row).full()
         terms = np.abs(J) @ np.abs(row)  # none where all is zero: nothing is rounded
         columns = np.maximum(np.abs(row[free]), nominal)
-        own = J[:, free] * columns
-        norm = np.linalg.norm(own, axis=1)
+        scaled = J[:, free] * columns
+        norm = np.linalg.norm(scaled, axis=1)
         norm[norm == 0.0] = 1.0
-        made = columns * (np.abs(np.linalg.pinv(own / norm[:, None])) @ (terms / norm))
+        made = columns * (np.abs(np.linalg.pinv(scaled / norm[:, None])) @ (terms / norm))
         size[free] = np.maximum(size[free], made)
     return np.asarray(size)
 
@@ -268,26 +270,28 @@ def _reference(
         The linear model differs from that of the equations by far more than the fits.
     """
     s = at.structure
-    found = reference_of_relations(relations, points, s.owner)
+    reference = reference_of_relations(relations, points, s.owner)
     z = trimmed_points(at, points)
     values = linearized(s, z, points)
     scale = entry_scale(values, len(s.states))
     if at.fit_bound:
-        error = float(np.max(np.abs(found.values - values) / scale, initial=0.0))
+        error = float(np.max(np.abs(reference.values - values) / scale, initial=0.0))
         if not error <= max(_AMPLIFIED * at.fit_bound, _ROUNDING):
             raise TrimError(
                 f"{s.owner}: with fits within {at.fit_bound:.1e} the linear model is {error:.1e} from "
                 "that of the equations: it is nearly singular at this equilibrium. Take a smaller "
                 "tolerance (fit=...)."
             )
-        own, sizes = _exact_values(at, points), np.max(np.abs(z), axis=0, initial=0.0)
+        numbers, sizes = _exact_values(at, points), np.max(np.abs(z), axis=0, initial=0.0)
     else:
-        found = replace(found, values=values, scale=scale)
-        own, sizes = z, trim_sizes(at, points, z)
+        reference = replace(reference, values=values, scale=scale)
+        numbers, sizes = z, trim_sizes(at, points, z)
     names = [q.name for q in s.quantities]
     chosen = [names.index(signal.name) for signal in trimmed.signals] if trimmed else []
     sizes = sizes[chosen]
-    return replace(found, trimmed=own[:, chosen], trim_scale=np.where(sizes > 0, sizes, 1.0))
+    return replace(
+        reference, trimmed=numbers[:, chosen], trim_scale=np.where(sizes > 0, sizes, 1.0)
+    )
 
 
 def linearized(s: Structure, z: Array, points: Array) -> Array:
@@ -305,7 +309,7 @@ def linearized(s: Structure, z: Array, points: Array) -> Array:
     entries = ca.densify(column_of_entries(slopes))
     function = ca.Function("slopes", [s.symbols, s.dae.p], [entries])
     n = s.unknown.numel()
-    found = []
+    matrices = []
     (every,) = evaluate_many(function, z, in_symbols(s.dae, points))
     for values in every:
         J = np.zeros(slopes.shape)
@@ -318,5 +322,5 @@ def linearized(s: Structure, z: Array, points: Array) -> Array:
             ) from None
         read = J[n:, n:] + J[n:, :n] @ solved
         count = len(s.dae.outputs)
-        found.append(np.concatenate([read[count:], read[:count]]))
-    return np.array(found)
+        matrices.append(np.concatenate([read[count:], read[:count]]))
+    return np.array(matrices)

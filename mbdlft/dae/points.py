@@ -46,15 +46,15 @@ class System:
     """
 
     def __init__(
-        self, residual: ca.SX, unknown: ca.SX, given: ca.SX, held: Array | None = None
+        self, residual: ca.SX, unknown: ca.SX, knowns: ca.SX, held: Array | None = None
     ) -> None:
         residual = ca.densify(in_doubles(residual))
         jacobian = ca.jacobian(residual, unknown)
         self.held = np.zeros(0) if held is None else held
-        beside = ca.jacobian(residual, given[: len(self.held)])
-        self.beside = ca.Function("beside", [unknown, given], [beside])
-        self.function = ca.Function("residual", [unknown, given], [residual])
-        self.slopes = ca.Function("slopes", [unknown, given], [jacobian])
+        beside = ca.jacobian(residual, knowns[: len(self.held)])
+        self.beside = ca.Function("beside", [unknown, knowns], [beside])
+        self.function = ca.Function("residual", [unknown, knowns], [residual])
+        self.slopes = ca.Function("slopes", [unknown, knowns], [jacobian])
         self.places = self.slopes.sparsity_out(0).get_triplet()
         self.count, self.unknowns = residual.numel(), unknown.numel()
 
@@ -62,45 +62,45 @@ class System:
         return np.asarray(self.function(z, q).full()[:, 0])
 
     def jacobian(self, z: Array, q: Array) -> Array:
-        found = np.zeros((self.count, self.unknowns))  # DM.full() is slow for many entries
-        found[self.places] = self.slopes(z, q).nonzeros()
-        return found
+        J = np.zeros((self.count, self.unknowns))  # DM.full() is slow for many entries
+        J[self.places] = self.slopes(z, q).nonzeros()
+        return J
 
     def scale(self, J: Array, z: Array, q: Array, sizes: Array) -> Array:
         """Sizes (m,) of the terms of each equation, at slopes J (m, n) there."""
-        found = np.max(np.abs(J) * np.maximum(np.abs(z), sizes), axis=1, initial=0.0)
+        terms = np.max(np.abs(J) * np.maximum(np.abs(z), sizes), axis=1, initial=0.0)
         if len(self.held):
             held = np.maximum(np.abs(q[: len(self.held)]), self.held)
-            found = np.maximum(found, np.max(np.abs(self.beside(z, q).full()) * held, axis=1))
-        return np.asarray(np.where(found > 0.0, found, 1.0))
+            terms = np.maximum(terms, np.max(np.abs(self.beside(z, q).full()) * held, axis=1))
+        return np.asarray(np.where(terms > 0.0, terms, 1.0))
 
 
-def solve(system: System, start: Array, given: Array, sizes: Array) -> Found:
+def solve(system: System, start: Array, knowns: Array, sizes: Array) -> Found:
     """A point near `start` (n,) where the equations hold; steps are small relative to `sizes` (n,).
 
     There may be fewer equations than unknowns. If nothing is found from the start itself, some points
     around it are tried, the same each time.
     """
     drawn = np.random.default_rng(_SEED)
-    best = _newton(system, start, given, sizes)
+    best = _newton(system, start, knowns, sizes)
     for attempt in range(_TRIES):
         if best.is_solution:
             break
         around = start + sizes * drawn.standard_normal(len(start)) * 0.3 * (1 + attempt)
-        found = _newton(system, around, given, sizes)
-        if np.max(found.missing, initial=0.0) < np.max(best.missing, initial=0.0):
-            best = found
+        point = _newton(system, around, knowns, sizes)
+        if np.max(point.missing, initial=0.0) < np.max(best.missing, initial=0.0):
+            best = point
     return best
 
 
-def _newton(system: System, start: Array, given: Array, sizes: Array) -> Found:
+def _newton(system: System, start: Array, knowns: Array, sizes: Array) -> Found:
     z, polished = start.copy(), False
     for _ in range(_STEPS):
         with np.errstate(all="ignore"):
-            r, J = system.residual(z, given), system.jacobian(z, given)
+            r, J = system.residual(z, knowns), system.jacobian(z, knowns)
         if not (np.all(np.isfinite(r)) and np.all(np.isfinite(J))):
             return Found(z, np.full(system.count, np.inf))
-        scale = system.scale(J, z, given, sizes)
+        scale = system.scale(J, z, knowns, sizes)
         if polished:
             break
         polished = bool(np.max(np.abs(r) / scale, initial=0.0) <= _CLOSE)  # one more step
@@ -108,7 +108,7 @@ def _newton(system: System, start: Array, given: Array, sizes: Array) -> Found:
         size, length = np.linalg.norm(r / scale), 1.0
         for _ in range(_HALVINGS):
             with np.errstate(all="ignore"):
-                after = np.linalg.norm(system.residual(z + length * step, given) / scale)
+                after = np.linalg.norm(system.residual(z + length * step, knowns) / scale)
             if after < size * (1.0 - 0.1 * length):
                 break
             length *= 0.5
@@ -117,8 +117,8 @@ def _newton(system: System, start: Array, given: Array, sizes: Array) -> Found:
                 break
         z = z + (1.0 if polished else length) * step
     with np.errstate(all="ignore"):
-        r, J = system.residual(z, given), system.jacobian(z, given)
-    return Found(z, np.abs(r) / system.scale(J, z, given, sizes))
+        r, J = system.residual(z, knowns), system.jacobian(z, knowns)
+    return Found(z, np.abs(r) / system.scale(J, z, knowns, sizes))
 
 
 def _smallest_step(J: Array, r: Array) -> Array:
@@ -127,13 +127,13 @@ def _smallest_step(J: Array, r: Array) -> Array:
     if m > _DENSE:
         whole = bmat([[identity(n), csc_matrix(J.T)], [csc_matrix(J), None]], format="csc")
         try:
-            found = splu(whole).solve(np.concatenate([np.zeros(n), r]))[:n]
+            step = splu(whole).solve(np.concatenate([np.zeros(n), r]))[:n]
         except RuntimeError:  # equations that depend on each other
-            found = np.full(n, np.nan)
-        if np.all(np.isfinite(found)) and np.max(np.abs(J @ found - r)) <= _SOLVED * np.max(
+            step = np.full(n, np.nan)
+        if np.all(np.isfinite(step)) and np.max(np.abs(J @ step - r)) <= _SOLVED * np.max(
             np.abs(r)
         ):
-            return np.asarray(found)
+            return np.asarray(step)
     return np.asarray(np.linalg.lstsq(J, r, rcond=1e-12)[0])
 
 
@@ -183,8 +183,8 @@ def _by_residues(matrix: ca.SX) -> Singular | None:
     right = null_space(residues.astype(np.int64), prime)
     if not right.shape[1]:
         return None
-    left = null_space(residues.T.astype(np.int64), prime)
-    return Singular(_used(left), _used(right), exact=True)
+    left_null = null_space(residues.T.astype(np.int64), prime)
+    return Singular(_used(left_null), _used(right), exact=True)
 
 
 def _used(space: Residues) -> tuple[int, ...]:
@@ -194,7 +194,7 @@ def _used(space: Residues) -> tuple[int, ...]:
 def _by_values(matrix: ca.SX, symbols: ca.SX, points: Sequence[Array]) -> Singular | None:
     """The singular part if the matrix is singular at all of the points."""
     function = ca.Function("matrix", [symbols], [ca.densify(in_doubles(matrix))])
-    found = None
+    singular = None
     for point in points:
         value = function(point).full()
         rows = np.max(np.abs(value), axis=1, keepdims=True)
@@ -207,8 +207,8 @@ def _by_values(matrix: ca.SX, symbols: ca.SX, points: Sequence[Array]) -> Singul
         null = s <= _SMALL * max(s[0], 1e-300)
         if not np.any(null):
             return None
-        found = Singular(_large(u[:, null]), _large(vt[null].T), exact=False)
-    return found
+        singular = Singular(_large(u[:, null]), _large(vt[null].T), exact=False)
+    return singular
 
 
 def _large(vectors: Array) -> tuple[int, ...]:

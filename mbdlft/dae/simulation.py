@@ -96,10 +96,10 @@ class _Asked(NamedTuple):
 
 
 def _of_structure(s: Structure, asked: _Asked, tolerance: float) -> Simulation:
-    grid, given = asked.grid, asked.parameters
+    grid, parameters = asked.grid, asked.parameters
     names = [p.name for p in s.dae.parameters]
-    check_known("parameter", given, names, f"{s.owner}, simulate")
-    physical = np.array([float(given.get(p.name, p.nominal)) for p in s.dae.parameters])
+    check_known("parameter", parameters, names, f"{s.owner}, simulate")
+    physical = np.array([float(parameters.get(p.name, p.nominal)) for p in s.dae.parameters])
     p = in_symbols(s.dae, physical[None])[0] if len(physical) else physical
     signals = [Signal(q.name, q.unit) for q in s.inputs]
     u = _held(s.owner, signals, asked)
@@ -115,14 +115,14 @@ def _of_structure(s: Structure, asked: _Asked, tolerance: float) -> Simulation:
             "initial states."
         )
     outputs = column_of([y.expression for y in s.dae.outputs])
-    ode, alg, y = (in_doubles(part) for part in (column_of(s.rates), s.residual, outputs))
+    ode, alg, y = (in_doubles(entry) for entry in (column_of(s.rates), s.residual, outputs))
     dae = {"x": s.x, "z": s.unknown, "u": s.u, "p": s.dae.p, "ode": ode, "alg": alg}
-    found = _integrated(s.owner, dae, grid, x0, start.values, u, p, tolerance)
+    paths = _integrated(s.owner, dae, grid, x0, start.values, u, p, tolerance)
     function = ca.Function("y", [s.x, s.unknown, s.u, s.dae.p], [ca.densify(y)])
-    values = function.map(len(grid))(found[0].T, found[1].T, u.T, np.tile(p[:, None], len(grid)))
+    values = function.map(len(grid))(paths[0].T, paths[1].T, u.T, np.tile(p[:, None], len(grid)))
     return Simulation(
         grid,
-        found[0],
+        paths[0],
         np.asarray(values.full().T),
         tuple(q.name for q in s.states),
         tuple(y.name for y in s.dae.outputs),
@@ -184,15 +184,18 @@ def _started(model: DeltaThetaModel, asked: _Asked) -> _Started:
     rates, y, omega, theta = _closed(model, asked.parameters, x, u, zeta)
     start = np.array(model.zeta_at_start or np.zeros(zeta.numel()))
     system = System(zeta - theta, zeta, ca.vertcat(x, u))
-    given = np.concatenate([x0, held[0]])
-    found = solve(system, start, given, np.maximum(np.abs(start), 1.0))
-    if not found.is_solution:
+    knowns = np.concatenate([x0, held[0]])
+    start_point = solve(system, start, knowns, np.maximum(np.abs(start), 1.0))
+    if not start_point.is_solution:
         # functions of functions: as many evaluations as there are functions give all of them
-        function, start = ca.Function("theta", [zeta, x, u], [ca.densify(theta)]), found.values
+        function, start = (
+            ca.Function("theta", [zeta, x, u], [ca.densify(theta)]),
+            start_point.values,
+        )
         for _ in model.functions:
             start = np.ravel(function(start, x0, held[0]).full())
-        found = solve(system, start, given, np.maximum(np.abs(start), 1.0))
-    return _Started(x, u, zeta, rates, y, omega, theta, held, x0, found)
+        start_point = solve(system, start, knowns, np.maximum(np.abs(start), 1.0))
+    return _Started(x, u, zeta, rates, y, omega, theta, held, x0, start_point)
 
 
 def evaluate_form(
@@ -219,9 +222,9 @@ def evaluate_form(
     s = _started(model, _Asked(np.zeros(1), inputs or {}, parameters or {}, states or {}))
     if not s.found.is_solution:
         raise AnalysisError(f"model {model.name!r}: Theta has no value near that at the start.")
-    parts = [ca.densify(part) for part in (s.rates, s.y, s.omega)]
-    read = ca.Function("read", [s.x, s.u, s.zeta], parts)
-    values = [np.ravel(part.full()).tolist() for part in read(s.x0, s.held[0], s.found.values)]
+    read_out = [ca.densify(entry) for entry in (s.rates, s.y, s.omega)]
+    read = ca.Function("read", [s.x, s.u, s.zeta], read_out)
+    values = [np.ravel(entry.full()).tolist() for entry in read(s.x0, s.held[0], s.found.values)]
     theta_values(model.functions, dict(zip(model.omega, values[2], strict=True)))
     names = [x.name for x in model.linear.states]
     outputs = [y.name for y in model.outputs]
@@ -263,15 +266,17 @@ def _integrated(
     """States (N, n_x) and algebraic variables (N, n_z) at the times."""
     every, (dae, of_z, kept) = dae["z"], _explicit(dae)
     z0 = z0[kept]
-    own = {k: ca.densify(part) if k in ("ode", "alg") else part for k, part in dae.items()}
+    dense = {k: ca.densify(entry) if k in ("ode", "alg") else entry for k, entry in dae.items()}
     if not kept:
-        own = {k: part for k, part in own.items() if k not in ("z", "alg")}
-    given = [part for k in ("u", "p") if k in dae and (part := dae[k]).numel()]
-    own = {k: part for k, part in own.items() if k not in ("u", "p")} | {"p": ca.vertcat(*given)}
-    system = System(dae["alg"], dae["z"], ca.vertcat(dae["x"], ca.vertcat(*given)))
+        dense = {k: entry for k, entry in dense.items() if k not in ("z", "alg")}
+    knowns = [entry for k in ("u", "p") if k in dae and (entry := dae[k]).numel()]
+    dense = {k: entry for k, entry in dense.items() if k not in ("u", "p")} | {
+        "p": ca.vertcat(*knowns)
+    }
+    system = System(dae["alg"], dae["z"], ca.vertcat(dae["x"], ca.vertcat(*knowns)))
     states, zs = np.zeros((len(grid), len(x0))), np.zeros((len(grid), len(z0)))
     states[0], zs[0] = x0, z0
-    run, start, tail = _Integrator(owner, own, tolerance), 0, p if "p" in dae else np.zeros(0)
+    run, start, tail = _Integrator(owner, dense, tolerance), 0, p if "p" in dae else np.zeros(0)
     while start < len(grid) - 1:
         # inputs jump where they change: there the algebraic variables do, too
         end = start + 1
@@ -282,14 +287,14 @@ def _integrated(
         start = end
         if len(z0):
             q = np.concatenate([states[end], u[end], tail])
-            found = solve(system, zs[end], q, np.maximum(np.abs(zs[end]), 1.0))
-            if not found.is_solution:
+            point = solve(system, zs[end], q, np.maximum(np.abs(zs[end]), 1.0))
+            if not point.is_solution:
                 raise AnalysisError(
                     f"{owner}: the equations have no solution near at t = {grid[end]:g} s."
                 )
-            zs[end] = found.values
+            zs[end] = point.values
     q = np.hstack([u, np.tile(tail, (len(grid), 1))])
-    function = ca.Function("z", [dae["x"], dae["z"], ca.vertcat(*given)], [ca.densify(of_z)])
+    function = ca.Function("z", [dae["x"], dae["z"], ca.vertcat(*knowns)], [ca.densify(of_z)])
     values = function.map(len(grid))(states.T, zs.T, q.T).full().T
     return states, values.reshape(len(grid), every.numel())
 
@@ -297,13 +302,13 @@ def _integrated(
 def _explicit(dae: Mapping[str, Any]) -> tuple[dict[str, Any], ca.SX, list[int]]:
     """The same with algebraic variables that one equation gives put in, all of these, and the others."""
     alg, z = dae["alg"], dae["z"]
-    found: dict[int, ca.SX] = {}
+    explicit: dict[int, ca.SX] = {}
     rows: list[ca.SX] = []
     kept: list[int] = []
 
     def known(expression: ca.SX) -> ca.SX:
-        used = [s for s in ca.symvar(expression) if s.element_hash() in found]
-        values = [found[s.element_hash()] for s in used]
+        used = [s for s in ca.symvar(expression) if s.element_hash() in explicit]
+        values = [explicit[s.element_hash()] for s in used]
         return ca.SX(ca.substitute(expression, column_of(used), column_of(values)))
 
     for block in blocks_of(ca.jacobian_sparsity(alg, z)) if z.numel() else ():
@@ -312,13 +317,13 @@ def _explicit(dae: Mapping[str, Any]) -> tuple[dict[str, Any], ca.SX, list[int]]
             slope = ca.jacobian(residual, symbol)
             moving = ca.vertcat(dae["x"], z)
             if slope.nnz() and not ca.depends_on(slope, moving):
-                found[symbol.element_hash()] = -ca.substitute(residual, symbol, ca.SX(0)) / slope
+                explicit[symbol.element_hash()] = -ca.substitute(residual, symbol, ca.SX(0)) / slope
                 continue
         rows += [known(alg[i]) for i in block.rows]
         kept += list(block.columns)
     of_z = known(ca.SX(z))
-    left = {**dae, "ode": known(dae["ode"]), "alg": column_of(rows)}
-    return {**left, "z": column_of([z[k] for k in kept])}, of_z, kept
+    remaining = {**dae, "ode": known(dae["ode"]), "alg": column_of(rows)}
+    return {**remaining, "z": column_of([z[k] for k in kept])}, of_z, kept
 
 
 class _Integrator:
@@ -340,15 +345,15 @@ class _Integrator:
             self._runs[steps] = ca.integrator("run", kind, self.dae, 0.0, list(steps), self.options)
         arguments = {"x0": states[0], "p": p} | ({"z0": zs[0]} if self.algebraic else {})
         try:
-            found = self._runs[steps](**arguments)
+            result = self._runs[steps](**arguments)
         except RuntimeError as error:
             raise AnalysisError(
                 f"{self.owner}: the integrator stopped: {str(error).splitlines()[-1]} The equations may "
                 "be singular on the way, or the chosen states no states any more (choose others)."
             ) from None
-        states[1:] = found["xf"].full().T
+        states[1:] = result["xf"].full().T
         if self.algebraic:
-            zs[1:] = found["zf"].full().T
+            zs[1:] = result["zf"].full().T
         if not np.all(np.isfinite(states)):
             raise AnalysisError(f"{self.owner}: the simulation does not stay finite.")
 
@@ -356,7 +361,7 @@ class _Integrator:
 def _held(owner: str, signals: Sequence[Signal], asked: _Asked) -> Array:
     names = [s.name for s in signals]
     check_known("input", asked.inputs, names, f"{owner}, simulate")
-    found = np.zeros((len(asked.grid), len(names)))
+    held = np.zeros((len(asked.grid), len(names)))
     for k, name in enumerate(names):
         values = np.asarray(asked.inputs.get(name, 0.0), dtype=float)
         if values.shape not in ((), asked.grid.shape):
@@ -364,10 +369,12 @@ def _held(owner: str, signals: Sequence[Signal], asked: _Asked) -> Array:
                 f"{owner}, simulate: input {name!r} has shape {values.shape}, expected a number or "
                 f"{asked.grid.shape}."
             )
-        found[:, k] = values
-    return found
+        held[:, k] = values
+    return held
 
 
-def _initial(owner: str, names: Sequence[str], values: Array, given: Mapping[str, float]) -> Array:
-    check_known("state", given, names, f"{owner}, simulate")
-    return np.array([float(given.get(name, x)) for name, x in zip(names, values, strict=True)])
+def _initial(
+    owner: str, names: Sequence[str], values: Array, initial: Mapping[str, float]
+) -> Array:
+    check_known("state", initial, names, f"{owner}, simulate")
+    return np.array([float(initial.get(name, x)) for name, x in zip(names, values, strict=True)])

@@ -191,7 +191,7 @@ def _written_rates(dae: Dae) -> dict[str, str]:
         for v in dae.variables
         if v.derivative is not None
     }
-    found = {}
+    rate_of = {}
     for e in dae.equations:
         symbols = ca.symvar(e.residual)
         names = [variables.get(s.element_hash()) for s in symbols]
@@ -199,8 +199,8 @@ def _written_rates(dae: Dae) -> dict[str, str]:
         if len(symbols) == 2 and sum(name is not None for name in names) == 1 and any(ends):
             slopes = ca.densify(ca.jacobian(e.residual, column_of(symbols)))
             if slopes.is_constant() and float(slopes[0]) == -float(slopes[1]):
-                found[next(n for n in names if n)] = next(n for n in ends if n)
-    return found
+                rate_of[next(n for n in names if n)] = next(n for n in ends if n)
+    return rate_of
 
 
 def _base(name: str) -> str:
@@ -208,12 +208,12 @@ def _base(name: str) -> str:
 
 
 def _inputs(d: Differentiated) -> tuple[Quantity, ...]:
-    own = [Quantity(u.name, u.symbol, u.unit, u, 0) for u in d.dae.inputs]
+    declared = [Quantity(u.name, u.symbol, u.unit, u, 0) for u in d.dae.inputs]
     rates = [
         Quantity(name_of(u.name, order), symbol, rate_unit(u.unit, order), u, order)
         for u, order, symbol in d.input_rates
     ]
-    return (*own, *rates)
+    return (*declared, *rates)
 
 
 def rate_unit(unit: str, order: int = 1) -> str:
@@ -234,18 +234,18 @@ def _consistent_points(d: Differentiated, inputs: Sequence[Quantity]) -> list[Ar
         [(dae.variables[j].start or 0.0) if not order else 0.0 for j, order in entries]
     )
     sizes = np.array([dae.variables[j].nominal for j, _ in entries])
-    given = column_of([*(q.symbol for q in inputs), *ca.vertsplit(dae.p)])
+    knowns = column_of([*(q.symbol for q in inputs), *ca.vertsplit(dae.p)])
     residual = column_of(d.residuals.values())
     u = [q.start for q in inputs]
-    system = System(residual, column_of(d.symbols.values()), given)
-    found: list[Array] = []
+    system = System(residual, column_of(d.symbols.values()), knowns)
+    points: list[Array] = []
     for p in parameter_points(dae, _POINTS):
         at = solve(system, start, np.array([*u, *p]), sizes)
-        if not found and not at.is_solution:
+        if not points and not at.is_solution:
             raise _inconsistent(d, at)
         if at.is_solution:
-            found.append(np.concatenate([at.values, u, p]))
-    return found
+            points.append(np.concatenate([at.values, u, p]))
+    return points
 
 
 def parameter_points(dae: Dae, count: int) -> list[Array]:
@@ -304,8 +304,8 @@ def _assembled(
     gone = {a.name: a.of for a in aliases}
     same = _written_rates(dae)
     for name in wanted:
-        own = gone.get(name) or name
-        if own not in names and same.get(own) not in names:
+        name_kept = gone.get(name) or name
+        if name_kept not in names and same.get(name_kept) not in names:
             raise StructureError(
                 f"{source.owner}: {name!r} cannot be a state together with the other states that are "
                 f"asked for. The states are {listed(sorted(names))}."

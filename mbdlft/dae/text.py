@@ -61,13 +61,13 @@ def with_literals(expression: ca.SX) -> ca.SX:
     """An expression with the decimals that its numbers print as, not rounded when they meet others."""
     free = column_of(ca.symvar(expression))
     function = ca.Function("written", [free], [expression])
-    (found,) = fold(function, sx_rules(_literal), ca.vertsplit(free))
-    return ca.SX(found[0]) if found else ca.SX(1, 1)
+    (rewritten,) = fold(function, sx_rules(_literal), ca.vertsplit(free))
+    return ca.SX(rewritten[0]) if rewritten else ca.SX(1, 1)
 
 
-def column_of(parts: Iterable[ca.SX]) -> ca.SX:
+def column_of(scalars: Iterable[ca.SX]) -> ca.SX:
     """A column (n, 1) of scalars; of none, (0, 1)."""
-    return ca.vertcat(ca.SX(0, 1), *parts)
+    return ca.vertcat(ca.SX(0, 1), *scalars)
 
 
 def free_symbols(expression: ca.SX) -> list[ca.SX]:
@@ -132,8 +132,8 @@ def formula_function(
         What `table1`, `table2` are in the text.
     """
     symbols = [ca.SX.sym(argument) for argument in arguments]
-    own = {name: partial(_looked_up, table) for name, table in named_tables(tables).items()}
-    value = formula_value(text, dict(zip(arguments, symbols, strict=True)), {**SYMBOLIC, **own})
+    lookups = {name: partial(_looked_up, table) for name, table in named_tables(tables).items()}
+    value = formula_value(text, dict(zip(arguments, symbols, strict=True)), {**SYMBOLIC, **lookups})
     return ca.Function(name, symbols, [value], list(arguments), ["value"])
 
 
@@ -146,8 +146,8 @@ def _looked_up(table: Table, argument: ca.SX) -> ca.SX:
         t = (a - b[k]) / h
         inside = v[k] + t * rise
         if table.slopes:
-            left, right = table.slopes[k]
-            inside += t * (1 - t) * ((1 - t) * (h * left - rise) - t * (h * right - rise))
+            below, right = table.slopes[k]
+            inside += t * (1 - t) * ((1 - t) * (h * below - rise) - t * (h * right - rise))
         return ca.SX(inside)
 
     inside = joined(a, b[1:-1], [piece(k) for k in range(len(b) - 1)])
@@ -164,10 +164,10 @@ class _Piece:
     __slots__ = ("level", "of", "parts", "piecewise", "size", "write")
 
     def __init__(
-        self, write: Callable[..., str], level: int, parts: Sequence["_Piece"] = ()
+        self, write: Callable[..., str], level: int, operands: Sequence["_Piece"] = ()
     ) -> None:
-        self.write, self.level, self.parts = write, level, tuple(parts)
-        self.size: int = 1 + sum(part.size for part in self.parts)
+        self.write, self.level, self.parts = write, level, tuple(operands)
+        self.size: int = 1 + sum(operand.size for operand in self.parts)
         self.of: _Piece | None = self
         self.piecewise: Piecewise = ARGUMENT
 
@@ -217,14 +217,14 @@ def _written(root: _Piece, taken: set[str], *, tables: bool) -> Formula:
                 name = known.setdefault(table, f"table{len(known) + 1}")
                 called = _call(name)(piece.of)
                 piece.write, piece.level, piece.parts = called.write, called.level, called.parts
-            for part in piece.parts:
-                uses[id(part)] += 1
-                pending.append((part, False))
+            for operand in piece.parts:
+                uses[id(operand)] += 1
+                pending.append((operand, False))
     text: dict[int, tuple[str, int]] = {}
     named: list[str] = []
     for piece in order:
-        parts = [text[id(part)] for part in piece.parts]
-        written = piece.write(*parts) if parts else piece.write()
+        operands = [text[id(operand)] for operand in piece.parts]
+        written = piece.write(*operands) if operands else piece.write()
         level = piece.level
         if uses[id(piece)] > 1 and len(written) > _SHORT:
             name = next(n for k in range(len(taken) + 1) if (n := f"t{k + 1}") not in taken)
@@ -235,8 +235,8 @@ def _written(root: _Piece, taken: set[str], *, tables: bool) -> Formula:
     return Formula("; ".join([*named, text[id(root)][0]]), tuple(known))
 
 
-def _wrapped(part: tuple[str, int], least: int) -> str:
-    return part[0] if part[1] >= least else f"({part[0]})"
+def _wrapped(piece: tuple[str, int], least: int) -> str:
+    return piece[0] if piece[1] >= least else f"({piece[0]})"
 
 
 def _binary(sign: str, level: int) -> Callable[[_Piece, _Piece], _Piece]:
@@ -250,8 +250,8 @@ def _binary(sign: str, level: int) -> Callable[[_Piece, _Piece], _Piece]:
 
 
 def _call(name: str) -> Callable[..., _Piece]:
-    return lambda *parts: _Piece(
-        lambda *texts: f"{name}({', '.join(t for t, _ in texts)})", 9, parts
+    return lambda *operands: _Piece(
+        lambda *texts: f"{name}({', '.join(t for t, _ in texts)})", 9, operands
     )
 
 
@@ -278,9 +278,9 @@ def _constant(number: Constant) -> _Piece:
     else:
         text = f"{value.numerator}/{value.denominator}"
     level = 1 if text.startswith("-") else 2 if "/" in text else 9
-    found = _Piece(lambda: text, level)
-    found.of, found.piecewise = None, always(value)
-    return found
+    piece = _Piece(lambda: text, level)
+    piece.of, piece.piecewise = None, always(value)
+    return piece
 
 
 def _refused(operation: str, where: str, *operands: Any) -> Any:
@@ -291,14 +291,14 @@ def _followed(name: str, rule: Callable[..., _Piece]) -> Callable[..., _Piece]:
     """A rule that also knows what becomes of piecewise polynomials of one part."""
 
     def apply(*operands: _Piece) -> _Piece:
-        found = rule(*operands)
-        of = {id(part.of): part.of for part in operands if part.of is not None}
+        result = rule(*operands)
+        of = {id(operand.of): operand.of for operand in operands if operand.of is not None}
         if len(of) > 1:
-            return found
-        piecewise = applied(name, *(part.piecewise for part in operands))
+            return result
+        piecewise = applied(name, *(operand.piecewise for operand in operands))
         if piecewise is not None:
-            found.of, found.piecewise = next(iter(of.values()), None), piecewise
-        return found
+            result.of, result.piecewise = next(iter(of.values()), None), piecewise
+        return result
 
     return apply
 

@@ -131,18 +131,18 @@ def consistent_point(s: Structure, p: Array | None = None) -> Array:
     free, fixed = np.flatnonzero(~held).tolist(), np.flatnonzero(held).tolist()
     places = [*(place for place, _ in s.equations), *(e.place for e in s.dae.initial)]
     residual = ca.vertcat(s.residual, *(e.residual for e in s.dae.initial))
-    given = ca.vertcat(s.u, s.dae.p, *(symbols[k] for k in fixed))
-    system = System(residual, rows_of(symbols, free), given)
-    found = solve(system, start[free], np.concatenate([u, p, start[fixed]]), sizes[free])
-    if not found.is_solution:
-        worst = int(np.argmax(found.missing))
+    knowns = ca.vertcat(s.u, s.dae.p, *(symbols[k] for k in fixed))
+    system = System(residual, rows_of(symbols, free), knowns)
+    point = solve(system, start[free], np.concatenate([u, p, start[fixed]]), sizes[free])
+    if not point.is_solution:
+        worst = int(np.argmax(point.missing))
         raise StructureError(
             f"{s.owner}: no consistent initial point was found; equation {places[worst]} is "
-            f"missed by {found.missing[worst]:.1e} of its terms. Give start values near a solution, or "
+            f"missed by {point.missing[worst]:.1e} of its terms. Give start values near a solution, or "
             "fix fewer of them."
         )
     values = start.copy()
-    values[free] = found.values
+    values[free] = point.values
     return np.concatenate([values, u, p])
 
 
@@ -164,15 +164,15 @@ def check_separation(s: Structure, form: ThetaForm, at: Array) -> float:
     relations = _Closed(s, form)
     worst = 0.0
     for k in range(_POINTS):
-        given = at[n:].copy()
+        knowns = at[n:].copy()
         if k:
             spread = np.array([q.variable.nominal for q in (*s.states, *s.inputs)])
-            given[: len(spread)] += 0.1 * k * spread * drawn.uniform(-1, 1, len(spread))
+            knowns[: len(spread)] += 0.1 * k * spread * drawn.uniform(-1, 1, len(spread))
             physical = np.array([[drawn.uniform(p.low, p.high) for p in s.dae.parameters]])
-            given[nx + len(s.inputs) :] = in_symbols(s.dae, physical)[0] if physical.size else []
-        found = solve(system, at[:n], given, sizes)
-        if found.is_solution:
-            worst = max(worst, relations.error(found.values, given))
+            knowns[nx + len(s.inputs) :] = in_symbols(s.dae, physical)[0] if physical.size else []
+        point = solve(system, at[:n], knowns, sizes)
+        if point.is_solution:
+            worst = max(worst, relations.error(point.values, knowns))
     if not worst <= _SEPARATED:
         raise AnalysisError(
             f"{s.owner}: the Delta-Theta form differs from the equations by {worst:.1e}. This is a bug: "
@@ -187,8 +187,8 @@ class _Closed:
     def __init__(self, s: Structure, form: ThetaForm) -> None:
         self.s = s
         self.p = form.relations.p
-        m, own = form.relations, {q.element_hash() for q in ca.vertsplit(s.unknown)}
-        fresh = [q for q in ca.vertsplit(m.unknown) if q.element_hash() not in own]
+        m, unknowns = form.relations, {q.element_hash() for q in ca.vertsplit(s.unknown)}
+        fresh = [q for q in ca.vertsplit(m.unknown) if q.element_hash() not in unknowns]
         psi = [expression for _, _, expression in form.arguments]
         symbols = [symbol for _, symbol, _ in form.arguments]
         zeta = [expression for _, expression, _ in form.functions]
@@ -197,8 +197,8 @@ class _Closed:
             column_of(form.zeta),
             column_of(symbols),
         )
-        given = ca.vertcat(self.free, form.one)
-        self.psi = ca.Function("psi", [given, self.zeta], [ca.densify(in_doubles(column_of(psi)))])
+        knowns = ca.vertcat(self.free, form.one)
+        self.psi = ca.Function("psi", [knowns, self.zeta], [ca.densify(in_doubles(column_of(psi)))])
         self.theta = ca.Function("theta", [self.symbols], [ca.densify(in_doubles(column_of(zeta)))])
         residual = in_doubles(m.residual)
         output = in_doubles(column_of(ca.vertsplit(m.output)[: len(s.dae.outputs)]))
@@ -207,14 +207,14 @@ class _Closed:
         values = [
             s.rates[k]
             for k, q in enumerate(ca.vertsplit(m.unknown)[: m.derivatives])
-            if q.element_hash() not in own
+            if q.element_hash() not in unknowns
         ]
         stacked = ca.vertcat(residual, output - self._of_internal(true))
         stacked = ca.substitute(stacked, column_of(fresh), column_of(values))
-        arguments = [given, self.zeta]
+        arguments = [knowns, self.zeta]
         self.residual = ca.Function("relations", arguments, [ca.densify(stacked)])
         self.slopes = ca.Function(
-            "slopes", arguments, [ca.jacobian(stacked, ca.vertcat(given, self.zeta))]
+            "slopes", arguments, [ca.jacobian(stacked, ca.vertcat(knowns, self.zeta))]
         )
         self.ones = np.ones(form.one.numel())
 
@@ -227,15 +227,15 @@ class _Closed:
                 expression = ca.substitute(expression, dae.p[k], angle)
         return expression
 
-    def zeta_at(self, unknown: Array, given: Array) -> tuple[Array, Array]:
+    def zeta_at(self, unknown: Array, knowns: Array) -> tuple[Array, Array]:
         """All values that the functions need, and those of the functions."""
         dae = self.s.dae
-        count = len(given) - len(dae.parameters)
+        count = len(knowns) - len(dae.parameters)
         internal = []
-        for parameter, value in zip(dae.parameters, given[count:], strict=True):
+        for parameter, value in zip(dae.parameters, knowns[count:], strict=True):
             factor = parse_unit(parameter.unit).factor if parameter.is_angle else 1.0
             internal.append(float(to_internal(parameter, value / factor)))
-        at = np.concatenate([unknown, given[:count], internal, self.ones])
+        at = np.concatenate([unknown, knowns[:count], internal, self.ones])
         zeta = np.zeros(self.zeta.numel())
         for _ in range(len(zeta) + 1):  # functions of functions
             after = self.theta(self.psi(at, zeta)).full()[:, 0]
@@ -244,9 +244,9 @@ class _Closed:
             zeta = after
         return at, zeta
 
-    def error(self, unknown: Array, given: Array) -> float:
+    def error(self, unknown: Array, knowns: Array) -> float:
         """Largest residual relative to its terms."""
-        at, zeta = self.zeta_at(unknown, given)
+        at, zeta = self.zeta_at(unknown, knowns)
         residual = self.residual(at, zeta).full()[:, 0]
         J = np.abs(self.slopes(at, zeta).full())
         scale = np.max(J * np.abs(np.concatenate([at, zeta])), axis=1, initial=0.0)
@@ -258,14 +258,18 @@ def theta_functions(
 ) -> tuple[ThetaFunction, ...]:
     """The functions as texts, with ranges of arguments that are variables."""
     variables = {q.name: q.variable for q in s.quantities if not q.order}
-    found = []
+    functions = []
     for name, expression, used in form.functions:
         arguments = [form.arguments[a] for a in used]
         names = _identifiers([omega for omega, _, _ in arguments])
         text, tables = formula_of(expression, [symbol for _, symbol, _ in arguments], names)
-        own = [variables.get(omega.removeprefix("omega.")) for omega, _, _ in arguments]
-        ranges = [(-np.inf, np.inf) if v is None else (v.minimum, v.maximum) for v in own]
-        found.append(
+        argument_variables = [
+            variables.get(omega.removeprefix("omega.")) for omega, _, _ in arguments
+        ]
+        ranges = [
+            (-np.inf, np.inf) if v is None else (v.minimum, v.maximum) for v in argument_variables
+        ]
+        functions.append(
             ThetaFunction(
                 name,
                 tuple(omega for omega, _, _ in arguments),
@@ -276,20 +280,20 @@ def theta_functions(
                 tables,
             )
         )
-    return tuple(found)
+    return tuple(functions)
 
 
 def _identifiers(names: list[str]) -> list[str]:
-    found: list[str] = []
+    names_made: list[str] = []
     for name in names:
         plain = "".join(c if c.isalnum() else "_" for c in name.removeprefix("omega.")).strip("_")
         plain = plain if plain and not plain[0].isdigit() else f"a_{plain}"
         if name.startswith("omega") and not name.startswith("omega."):
             plain = f"a{name.removeprefix('omega')}"
-        while plain in found or iskeyword(plain):  # formulas are read as Python's own
+        while plain in names_made or iskeyword(plain):  # formulas are read as Python's own
             plain += "_"
-        found.append(plain)
-    return found
+        names_made.append(plain)
+    return names_made
 
 
 def text_of(s: Structure) -> str:

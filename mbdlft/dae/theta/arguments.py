@@ -89,10 +89,10 @@ def term(number: int, factor: ca.SX) -> Mixed:
 def plus(a: Mixed, b: Mixed) -> Mixed:
     """Sum."""
     linear = dict(a.linear)
-    for key, part in b.linear.items():
+    for key, term in b.linear.items():
         known = linear.get(key)
-        linear[key] = part if known is None else Part(known.coefficient, known.form + part.form)
-    linear = {key: part for key, part in linear.items() if not _is_zero(part.form)}
+        linear[key] = term if known is None else Part(known.coefficient, known.form + term.form)
+    linear = {key: term for key, term in linear.items() if not _is_zero(term.form)}
     terms = dict(a.terms)
     for number, factor in b.terms.items():
         terms[number] = terms[number] + factor if number in terms else factor
@@ -114,13 +114,13 @@ def times(a: Mixed, factor: ca.SX) -> Mixed:
         if number == 1:
             return a
     linear: dict[str, Part] = {}
-    for key, part in a.linear.items():
+    for key, term in a.linear.items():
         if is_constant(factor):
-            linear[key] = Part(part.coefficient, factor * part.form)
+            linear[key] = Part(term.coefficient, factor * term.form)
             continue
-        new = factor if key == ONE_KEY else part.coefficient * factor
+        new = factor if key == ONE_KEY else term.coefficient * factor
         known = linear.get(str(new))
-        linear[str(new)] = Part(new, part.form if known is None else known.form + part.form)
+        linear[str(new)] = Part(new, term.form if known is None else known.form + term.form)
     return Mixed(
         linear,
         None if a.constant is None else factor * a.constant,
@@ -226,9 +226,9 @@ class Registry:
 
     def _collected(self, value: Mixed, *, exactly: bool) -> Row:
         row: Row = {}
-        for part in value.linear.values():
-            signals = free_symbols(part.form)
-            slopes = ca.densify(part.coefficient * ca.jacobian(part.form, column_of(signals)))
+        for term in value.linear.values():
+            signals = free_symbols(term.form)
+            slopes = ca.densify(term.coefficient * ca.jacobian(term.form, column_of(signals)))
             for s, x in zip(signals, self._values(slopes, exactly=exactly), strict=True):
                 key = ("signal", s.element_hash())
                 row[key] = row[key] + x if key in row else x
@@ -248,14 +248,14 @@ class Registry:
         function = ca.Function("values", [self._p, constants], [ca.densify(expressions)])
         if exactly:
             make: Rule = constant_of
-            given: list[Any] = [number.argument for number in numbers]
+            numbers_of_arguments: list[Any] = [number.argument for number in numbers]
             p: Sequence[Any] = [Fraction(0)] * self._p.numel()
         else:
             make = self._residue
-            given = [self._field.of(number).residue for number in numbers]
+            numbers_of_arguments = [self._field.of(number).residue for number in numbers]
             p = self._drawn
         table = rules(make, add=operator.add, mul=operator.mul, div=operator.truediv)
-        return fold(function, table, p, given)[0]
+        return fold(function, table, p, numbers_of_arguments)[0]
 
 
 def _key(value: Any) -> Any:
@@ -303,57 +303,63 @@ def with_tables(registry: Registry, value: Mixed, hint: str, sign: int) -> Mixed
         if len(used) == 1:
             common = "" if is_constant(factor) else str(factor)
             groups.setdefault((used[0], common), []).append(k)
-    for (a, common), own in groups.items():
-        if len(own) > 1 and common:
-            value = _with_factor(registry, value, a, own, hint)
-        elif len(own) > 1:
-            value = _with_numbers(registry, value, a, own, hint, ca.SX(sign))
+    for (a, common), terms in groups.items():
+        if len(terms) > 1 and common:
+            value = _with_factor(registry, value, a, terms, hint)
+        elif len(terms) > 1:
+            value = _with_numbers(registry, value, a, terms, hint, ca.SX(sign))
     return value
 
 
-def _with_factor(registry: Registry, value: Mixed, a: int, own: list[int], hint: str) -> Mixed:
+def _with_factor(registry: Registry, value: Mixed, a: int, terms: list[int], hint: str) -> Mixed:
     """Functions with one factor of parameters."""
-    total = sum((registry.functions[k].expression for k in own), ca.SX(0))
+    total = sum((registry.functions[k].expression for k in terms), ca.SX(0))
     if not _is_table(total, registry.arguments[a].symbol):
         return value
-    made = term(registry.function(total, hint), value.terms[own[0]])
-    return plus(_without(value, own), made)
+    made = term(registry.function(total, hint), value.terms[terms[0]])
+    return plus(_without(value, terms), made)
 
 
 def _with_numbers(
-    registry: Registry, value: Mixed, a: int, own: list[int], hint: str, sign: ca.SX
+    registry: Registry, value: Mixed, a: int, terms: list[int], hint: str, sign: ca.SX
 ) -> Mixed:
     """Functions with numbers for factors, what is linear in their argument, and a constant."""
     argument = registry.arguments[a]
-    total = sum((value.terms[k] * registry.functions[k].expression for k in own), ca.SX(0))
-    rest = _without(value, own)
+    total = sum((value.terms[k] * registry.functions[k].expression for k in terms), ca.SX(0))
+    others = _without(value, terms)
     slope = _slope_by(value, argument.value)
     if slope is not None:
         total = total + slope * argument.symbol
-        rest = plus(rest, times(argument.value, -slope))
-    if rest.constant is not None and is_constant(rest.constant):
-        total = total + rest.constant
-        rest = Mixed(rest.linear, None, rest.terms)
+        others = plus(others, times(argument.value, -slope))
+    if others.constant is not None and is_constant(others.constant):
+        total = total + others.constant
+        others = Mixed(others.linear, None, others.terms)
     if not _is_table(total, argument.symbol):
         return value
-    return plus(rest, term(registry.function(sign * total, hint), sign))
+    return plus(others, term(registry.function(sign * total, hint), sign))
 
 
-def _without(value: Mixed, own: list[int]) -> Mixed:
-    terms = {k: factor for k, factor in value.terms.items() if k not in own}
+def _without(value: Mixed, removed: list[int]) -> Mixed:
+    terms = {k: factor for k, factor in value.terms.items() if k not in removed}
     return Mixed(value.linear, value.constant, terms)
 
 
 def _is_table(expression: ca.SX, argument: ca.SX) -> bool:
-    found = piecewise_of(expression, argument)
-    return found is not None and found.table() is not None
+    table = piecewise_of(expression, argument)
+    return table is not None and table.table() is not None
 
 
 def _slope_by(value: Mixed, argument: Mixed) -> ca.SX | None:
     """How often an argument that is a signal is in the part of a value that is linear with numbers."""
-    part, own = value.linear.get(ONE_KEY), argument.linear.get(ONE_KEY)
-    is_signal = own is not None and len(argument.linear) == 1 and argument.constant is None
-    if part is None or own is None or not is_signal or argument.terms or not own.form.is_symbolic():
+    term, direct = value.linear.get(ONE_KEY), argument.linear.get(ONE_KEY)
+    is_signal = direct is not None and len(argument.linear) == 1 and argument.constant is None
+    if (
+        term is None
+        or direct is None
+        or not is_signal
+        or argument.terms
+        or not direct.form.is_symbolic()
+    ):
         return None
-    slope = ca.SX(ca.jacobian(part.form, own.form))
+    slope = ca.SX(ca.jacobian(term.form, direct.form))
     return ca.densify(slope) if slope.nnz() else None

@@ -146,8 +146,8 @@ class _Form:
         slope = ca.jacobian(residual, quantity.symbol)
         if not is_constant(slope) or rational(slope) == 0:
             return False
-        rest = ca.substitute(residual, quantity.symbol, ca.SX(0))
-        value = self.separation.follow(rest, f"equation {place}", quantity.name)
+        remainder = ca.substitute(residual, quantity.symbol, ca.SX(0))
+        value = self.separation.follow(remainder, f"equation {place}", quantity.name)
         if not value.is_plain:
             return False
         value = with_tables(self.separation.registry, times(value, -1 / slope), quantity.name, 1)
@@ -173,7 +173,7 @@ class _Form:
         registry = self.separation.registry
         uses = Counter(k for m in rows for k in m.terms)
         uses.update(k for a in registry.arguments for k in a.value.terms)
-        found = []
+        merged = []
         for m in rows:
             groups: dict[tuple[int, ...], list[int]] = {}
             for k, factor in m.terms.items():
@@ -187,8 +187,8 @@ class _Form:
                     for k in together:
                         total = total + terms.pop(k) * registry.functions[k].expression
                     terms[registry.function(total, registry.functions[together[0]].hint)] = ca.SX(1)
-            found.append(Mixed(m.linear, m.constant, terms))
-        return found
+            merged.append(Mixed(m.linear, m.constant, terms))
+        return merged
 
     def _closed(self, rows: Sequence[Mixed], unknown: ca.SX) -> list[ca.SX]:
         """Relations that determine the unknowns; what they need is moved out of functions."""
@@ -213,11 +213,11 @@ class _Form:
         if n and ca.sprank(pattern) < n:
             return tuple(range(n))
         for block in blocks_of(pattern):
-            part = jacobian[list(block.rows), list(block.columns)]
+            matrix = jacobian[list(block.rows), list(block.columns)]
             # residues do not decide all coefficients
-            found = singular_part(part, ca.SX(0, 1), self.internal, lambda: [self._nominal()])
-            if found is not None:
-                return tuple(block.rows[i] for i in found.rows)
+            singular = singular_part(matrix, ca.SX(0, 1), self.internal, lambda: [self._nominal()])
+            if singular is not None:
+                return tuple(block.rows[i] for i in singular.rows)
         return None
 
     def _nominal(self) -> Array:
@@ -248,11 +248,13 @@ class _Form:
         symbols = column_of([registry.arguments[a].symbol for a in function.arguments])
         values = np.array([self._value(a) for a in function.arguments])
         slopes = ca.jacobian(function.expression, symbols)
-        found = ca.Function("slopes", [symbols], [ca.densify(in_doubles(slopes))])(values).full()[0]
-        least = _NEGLIGIBLE * np.max(np.abs(found), initial=0.0)
+        numbers = ca.Function("slopes", [symbols], [ca.densify(in_doubles(slopes))])(values).full()[
+            0
+        ]
+        least = _NEGLIGIBLE * np.max(np.abs(numbers), initial=0.0)
         return {
             a: number(decimal(float(f"{x:.{_DIGITS}g}")))
-            for a, x in zip(function.arguments, found, strict=True)
+            for a, x in zip(function.arguments, numbers, strict=True)
             if np.isfinite(x) and abs(x) > least
         }
 
@@ -266,23 +268,23 @@ class _Form:
         factors = column_of(value.terms.values())
         function = ca.Function("value", [free], [in_doubles(linear), in_doubles(factors)])
         total, weights = function(np.concatenate([self.at[: s.symbols.numel()], self._nominal()]))
-        found = float(total)
+        nominal = float(total)
         for k, weight in zip(value.terms, np.ravel(weights.full()), strict=True):
             f = registry.functions[k]
             symbols = column_of([registry.arguments[a].symbol for a in f.arguments])
-            own = ca.Function("f", [symbols], [in_doubles(f.expression)])
-            found += weight * float(own(np.array([self._value(a) for a in f.arguments])))
-        return found
+            evaluate = ca.Function("f", [symbols], [in_doubles(f.expression)])
+            nominal += weight * float(evaluate(np.array([self._value(a) for a in f.arguments])))
+        return nominal
 
     def _sx(self, value: Mixed) -> ca.SX:
         """A value as an expression linear in signals, one and zeta."""
-        found = sum((part.coefficient * part.form for part in value.linear.values()), ca.SX(0))
+        linear = sum((term.coefficient * term.form for term in value.linear.values()), ca.SX(0))
         if value.constant is not None:
             self.uses_one = True
-            found = found + value.constant * self.one
+            linear = linear + value.constant * self.one
         for k, factor in value.terms.items():
-            found = found + factor * self._zeta(k)
-        return ca.SX(found)
+            linear = linear + factor * self._zeta(k)
+        return ca.SX(linear)
 
     def _zeta(self, k: int) -> ca.SX:
         if k not in self.zetas:
@@ -311,8 +313,10 @@ class _Form:
         for k in self.symbols:
             f = registry.functions[k]
             moved = self.slopes.get(k, {})
-            rest = sum((x * registry.arguments[a].symbol for a, x in moved.items()), ca.SX(0))
-            expression = f.expression - rest if moved else f.expression
+            moved_terms = sum(
+                (x * registry.arguments[a].symbol for a, x in moved.items()), ca.SX(0)
+            )
+            expression = f.expression - moved_terms if moved else f.expression
             functions.append((names[k], expression, tuple(position[a] for a in f.arguments)))
         arguments = tuple(
             (name, registry.arguments[a].symbol, self.psi[a])
@@ -340,26 +344,26 @@ class _Form:
 
     def _names(self) -> dict[int, str]:
         """Names of zeta: that of the unknown of the equation where a function occurs first."""
-        registry, found = self.separation.registry, {}
+        registry, names = self.separation.registry, {}
         taken = {q.name for q in self.s.inputs}
         for k in self.symbols:
             base = f"theta.{registry.functions[k].hint}"
             numbered = (base if n == 1 else f"{base}.{n}" for n in count(1))
-            found[k] = next(name for name in numbered if name not in taken)
-            taken.add(found[k])
-        return found
+            names[k] = next(name for name in numbered if name not in taken)
+            taken.add(names[k])
+        return names
 
     def _argument_names(self, used: Sequence[int]) -> list[str]:
         """Names of omega that no output has."""
         taken = {y.name for y in self.s.dae.outputs}
-        found: list[str] = []
+        names: list[str] = []
         for a in used:
             name = self._argument_name(a)
             while name in taken:
                 name += "_"
             taken.add(name)
-            found.append(name)
-        return found
+            names.append(name)
+        return names
 
     def _argument_name(self, a: int) -> str:
         """The name of omega: of the signal that it is, or its number."""
@@ -402,11 +406,11 @@ def _units(s: Structure, form: ThetaForm) -> tuple[list[str], list[str]]:
         before = list(zeta)
         known |= {z.element_hash(): unit for z, unit in zip(form.zeta, zeta, strict=True)}
         omega = [_unit(psi, known) for _, _, psi in form.arguments]
-        own = {
+        dimensions = {
             symbol.element_hash(): unit
             for (_, symbol, _), unit in zip(form.arguments, omega, strict=True)
         }
-        zeta = [_unit(expression, own) for _, expression, _ in form.functions]
+        zeta = [_unit(expression, dimensions) for _, expression, _ in form.functions]
         if zeta == before:
             break
     return zeta, omega
@@ -424,10 +428,10 @@ def _unit(expression: ca.SX, known: Mapping[int, str]) -> str:
     if any(parse_unit(unit).factor != 1.0 for unit in used.values()):
         return "1"
     try:
-        found = dimension_of(expression, {key: open_unit(unit) for key, unit in used.items()})
+        dimension = dimension_of(expression, {key: open_unit(unit) for key, unit in used.items()})
     except SceneError:  # the slope of a function was moved out of it as a number
         return "1"
-    return dimension_name(found.exponents or _NONE) if isinstance(found, Dimension) else "1"
+    return dimension_name(dimension.exponents or _NONE) if isinstance(dimension, Dimension) else "1"
 
 
 _NONE = (0, 0, 0, 0, 0)

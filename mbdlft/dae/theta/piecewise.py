@@ -39,8 +39,10 @@ class Piecewise(NamedTuple):
         ends = (f.pieces[0], f.pieces[-1])
         if len(f.breaks) < max(least, 2) or any(len(p) > 2 for p in ends):
             return None
-        for b, value, left, right in zip(f.breaks, f.at, f.pieces, f.pieces[1:], strict=False):
-            if not _value(left, b) == value == _value(right, b):
+        for b, value, lower_piece, right in zip(
+            f.breaks, f.at, f.pieces, f.pieces[1:], strict=False
+        ):
+            if not _value(lower_piece, b) == value == _value(right, b):
                 return None
         inner = f.pieces[1:-1]
         slopes: tuple[tuple[float, float], ...] = ()
@@ -48,10 +50,10 @@ class Piecewise(NamedTuple):
             pairs = zip(inner, f.breaks, f.breaks[1:], strict=False)
             slopes = tuple((float(_slope(p, a)), float(_slope(p, b))) for p, a, b in pairs)
         below, above = (float(_slope(p, Fraction(0))) for p in ends)
-        found = tuple(map(float, f.breaks))
-        if len({*found}) < len(found):
+        breakpoints = tuple(map(float, f.breaks))
+        if len({*breakpoints}) < len(breakpoints):
             return None
-        return Table(found, tuple(map(float, f.at)), below, above, slopes)
+        return Table(breakpoints, tuple(map(float, f.at)), below, above, slopes)
 
 
 def constant(value: Fraction) -> Piecewise:
@@ -65,10 +67,10 @@ ARGUMENT = Piecewise((), ((Fraction(0), Fraction(1)),), ())
 def applied(operation: str, *operands: Piecewise) -> Piecewise | None:
     """What an operation of CasADi makes of functions of one argument; None if it is no such function."""
     rule = _RULES.get(operation)
-    found = rule(*operands) if rule is not None else None
-    if found is None or len(found.breaks) > _MOST_BREAKS:
+    polynomial = rule(*operands) if rule is not None else None
+    if polynomial is None or len(polynomial.breaks) > _MOST_BREAKS:
         return None
-    return None if any(len(p) > _MOST_DEGREE + 1 for p in found.pieces) else found
+    return None if any(len(p) > _MOST_DEGREE + 1 for p in polynomial.pieces) else polynomial
 
 
 def _trimmed(coefficients: list[Fraction]) -> Polynomial:
@@ -78,10 +80,10 @@ def _trimmed(coefficients: list[Fraction]) -> Polynomial:
 
 
 def _value(p: Polynomial, at: Fraction) -> Fraction:
-    found = Fraction(0)
+    total = Fraction(0)
     for c in reversed(p):
-        found = found * at + c
-    return found
+        total = total * at + c
+    return total
 
 
 def _slope(p: Polynomial, at: Fraction) -> Fraction:
@@ -97,11 +99,11 @@ def _plus(a: Polynomial, b: Polynomial) -> Polynomial:
 
 
 def _product(a: Polynomial, b: Polynomial) -> Polynomial:
-    found = [Fraction(0)] * (len(a) + len(b))
+    coefficients = [Fraction(0)] * (len(a) + len(b))
     for j, x in enumerate(a):
         for k, y in enumerate(b):
-            found[j + k] += x * y
-    return _trimmed(found)
+            coefficients[j + k] += x * y
+    return _trimmed(coefficients)
 
 
 def _simple(f: Piecewise) -> Piecewise:
@@ -168,10 +170,10 @@ def _power(a: Piecewise, b: Piecewise) -> Piecewise | None:
     exponent = b.pieces[0][0] if b.pieces[0] else Fraction(0)
     if exponent.denominator != 1 or not 0 <= exponent <= _MOST_DEGREE:
         return None
-    found = constant(Fraction(1))
+    power = constant(Fraction(1))
     for _ in range(int(exponent)):
-        found = _times(found, a)
-    return found
+        power = _times(power, a)
+    return power
 
 
 def _compared(holds: Callable[[Fraction], bool]) -> Callable[..., Piecewise | None]:
@@ -185,11 +187,12 @@ def _compared(holds: Callable[[Fraction], bool]) -> Callable[..., Piecewise | No
         d = _refined(d, tuple(sorted({*d.breaks, *roots})))
         ends = (None, *d.breaks), (*d.breaks, None)
         inside = [_inside(a, b) for a, b in zip(*ends, strict=True)]
-        one = (Fraction(1),)
+        constant_one = (Fraction(1),)
         return Piecewise(
             d.breaks,
             tuple(
-                one if holds(_value(p, x)) else () for p, x in zip(d.pieces, inside, strict=True)
+                constant_one if holds(_value(p, x)) else ()
+                for p, x in zip(d.pieces, inside, strict=True)
             ),
             tuple(Fraction(int(holds(x))) for x in d.at),
         )
@@ -222,13 +225,13 @@ _less, _least = _compared(lambda x: x < 0), _compared(lambda x: x <= 0)
 
 def _smaller(a: Piecewise, b: Piecewise) -> Piecewise | None:
     """The smaller one: b + (a - b where it is negative)."""
-    found = _chosen(_less(a, b), _minus(a, b))
-    return None if found is None else _add(b, found)
+    smaller = _chosen(_less(a, b), _minus(a, b))
+    return None if smaller is None else _add(b, smaller)
 
 
 def _larger(a: Piecewise, b: Piecewise) -> Piecewise | None:
-    found = _smaller(_negative(a), _negative(b))
-    return None if found is None else _negative(found)
+    larger = _smaller(_negative(a), _negative(b))
+    return None if larger is None else _negative(larger)
 
 
 _RULES: Mapping[str, Callable[..., Piecewise | None]] = {
@@ -264,8 +267,8 @@ def piecewise_of(expression: ca.SX, argument: ca.SX) -> Piecewise | None:
     function = ca.Function("piecewise", [argument, constants], [ca.densify(expression)])
 
     def follow(name: str, *operands: Piecewise | None) -> Piecewise | None:
-        own = [part for part in operands if part is not None]
-        return applied(name, *own) if len(own) == len(operands) else None
+        dependent = [operand for operand in operands if operand is not None]
+        return applied(name, *dependent) if len(dependent) == len(operands) else None
 
     table = Rules(
         lambda value: constant(constant_of(value)),
@@ -273,8 +276,8 @@ def piecewise_of(expression: ca.SX, argument: ca.SX) -> Piecewise | None:
         lambda operation, where, *operands: None,
     )
     values = [constant(number.argument) for number in numbers]
-    ((found,),) = fold(function, table, [ARGUMENT], values)
-    return found if isinstance(found, Piecewise) else None
+    ((polynomial,),) = fold(function, table, [ARGUMENT], values)
+    return polynomial if isinstance(polynomial, Piecewise) else None
 
 
 Interpolation = Literal["linear", "cubic"]
@@ -347,32 +350,37 @@ def _pieces(
     points: Sequence[tuple[Fraction, Fraction]], slopes: Sequence[Fraction] | None
 ) -> list[tuple[Fraction, ...]]:
     """Coefficients of each piece, in powers of the distance from its left end."""
-    found: list[tuple[Fraction, ...]] = []
+    pieces: list[tuple[Fraction, ...]] = []
     for k, ((a, low), (b, high)) in enumerate(pairwise(points)):
         h = b - a
         chord = (high - low) / h
         if slopes is None:
-            found.append((low, chord))
+            pieces.append((low, chord))
         else:
-            left, right = slopes[k], slopes[k + 1]
-            found.append(
-                (low, left, (3 * chord - 2 * left - right) / h, (left + right - 2 * chord) / h**2)
+            below, right = slopes[k], slopes[k + 1]
+            pieces.append(
+                (
+                    low,
+                    below,
+                    (3 * chord - 2 * below - right) / h,
+                    (below + right - 2 * chord) / h**2,
+                )
             )
-    return found
+    return pieces
 
 
 def _local(argument: ca.SX, origin: Fraction, coefficients: Sequence[Fraction]) -> ca.SX:
-    distance, found = argument - literal(origin), ca.SX(0)
+    distance, value = argument - literal(origin), ca.SX(0)
     for c in reversed(coefficients):
-        found = found * distance + literal(c)
-    return ca.SX(found)
+        value = value * distance + literal(c)
+    return ca.SX(value)
 
 
-def joined(argument: ca.SX, cuts: Sequence[float | ca.SX], parts: Sequence[ca.SX]) -> ca.SX:
+def joined(argument: ca.SX, cuts: Sequence[float | ca.SX], pieces: Sequence[ca.SX]) -> ca.SX:
     """The part between each two cuts, found by halves."""
     if not cuts:
-        return parts[0]
+        return pieces[0]
     k = len(cuts) // 2
-    left = joined(argument, cuts[:k], parts[: k + 1])
-    right = joined(argument, cuts[k + 1 :], parts[k + 1 :])
-    return ca.SX(ca.if_else(argument < cuts[k], left, right))
+    lower = joined(argument, cuts[:k], pieces[: k + 1])
+    right = joined(argument, cuts[k + 1 :], pieces[k + 1 :])
+    return ca.SX(ca.if_else(argument < cuts[k], lower, right))

@@ -90,9 +90,9 @@ class Separation:
         table = Rules(
             lambda value: coefficient(number(constant_of(value))), self._operations, self._refused
         )
-        found: Mixed = fold(function, table, elements)[0][0]
-        self._check_angles(found)
-        return found
+        mixed: Mixed = fold(function, table, elements)[0][0]
+        self._check_angles(mixed)
+        return mixed
 
     def _element(self, symbol: ca.SX) -> Mixed:
         key = symbol.element_hash()
@@ -163,13 +163,13 @@ class Separation:
             "bound (DaeDraft.fit, fit_coefficient)."
         )
 
-    def _check_angles(self, found: Mixed) -> None:
-        parts = [part.coefficient for part in found.linear.values()]
-        parts += [found.constant] if found.constant is not None else []
+    def _check_angles(self, value: Mixed) -> None:
+        coefficients = [term.coefficient for term in value.linear.values()]
+        coefficients += [value.constant] if value.constant is not None else []
         bare = [
             s.name()
-            for part in [*parts, *found.terms.values()]
-            for s in ca.symvar(part)
+            for term in [*coefficients, *value.terms.values()]
+            for s in ca.symvar(term)
             if s.element_hash() in self.angles
         ]
         if bare:
@@ -180,14 +180,14 @@ class Separation:
 
     def _function(self, operation: str, *operands: Mixed) -> Mixed:
         """A nonlinear operation: its factor, and the number of its function."""
-        factor, parts = ca.SX(1), list(operands)
+        factor, arguments = ca.SX(1), list(operands)
         if operation in _PRODUCTS:
             for k in (0, 1):
-                hoisted, parts[k] = _hoisted(parts[k])
+                hoisted, arguments[k] = _hoisted(arguments[k])
                 factor = factor / hoisted if k and operation == "div" else factor * hoisted
         expressions = []
-        for k, part in enumerate(parts):
-            expression, ratio = self._expression(part)
+        for k, argument in enumerate(arguments):
+            expression, ratio = self._expression(argument)
             if operation in _PRODUCTS and ratio is not None:
                 factor = factor / ratio if k and operation == "div" else factor * ratio
             elif ratio is not None:
@@ -210,10 +210,10 @@ class Separation:
         if constant is not None and is_constant(constant):
             expression, constant = expression + constant, None
         outside = {k: c for k, c in value.terms.items() if k not in inside}
-        rest = Mixed(linear, constant, outside)
-        if not (rest.linear or rest.terms or rest.constant is not None):
+        remainder = Mixed(linear, constant, outside)
+        if not (remainder.linear or remainder.terms or remainder.constant is not None):
             return expression, None
-        symbol, ratio = registry.argument(rest)
+        symbol, ratio = registry.argument(remainder)
         if expression.is_zero():
             return symbol, None if ratio == 1 else number(ratio)
         return expression + (symbol if ratio == 1 else number(ratio) * symbol), None
@@ -245,9 +245,9 @@ class Separation:
 def _hoisted(value: Mixed) -> tuple[ca.SX, Mixed]:
     """A common coefficient, and what it is a factor of."""
     if value.constant is None and len(value.linear) == 1 and not value.terms:
-        ((key, part),) = value.linear.items()
+        ((key, term),) = value.linear.items()
         if key != ONE_KEY:
-            return part.coefficient, Mixed({ONE_KEY: part._replace(coefficient=ca.SX(1))}, None, {})
+            return term.coefficient, Mixed({ONE_KEY: term._replace(coefficient=ca.SX(1))}, None, {})
     factors = {str(factor): factor for factor in value.terms.values()}
     if value.constant is None and not value.linear and len(factors) == 1:
         (factor,) = factors.values()
