@@ -65,7 +65,7 @@ def _factors(text: str, sign: int) -> list[tuple[str, int] | None]:
     """The factors of a product and their exponents; None for one that cannot be read."""
     if text.startswith("(") and text.endswith(")"):
         text = text[1:-1]
-    matches = [_FACTOR.fullmatch(part) for part in text.split(".")]
+    matches = [_FACTOR.fullmatch(factor) for factor in text.split(".")]
     return [match and (match[1], sign * int(match[2] or 1)) for match in matches]
 
 
@@ -145,11 +145,11 @@ class _Checker:
             case Reference(name, _):
                 return self.given.get(name, self.given.get(write(expression)))
             case Binary():
-                first, rest = spine(expression)
-                found = self.of(first)
-                for operator, right in rest:
-                    found = self._binary(operator.lstrip("."), found, right)
-                return found
+                first, operations = spine(expression)
+                dimensions = self.of(first)
+                for operator, right in operations:
+                    dimensions = self._binary(operator.lstrip("."), dimensions, right)
+                return dimensions
             case Unary(_, operand):
                 return self.of(operand)
             case Call(function, arguments):
@@ -175,15 +175,15 @@ class _Checker:
             return _times(left, right, sign)
         if operator in ("and", "or"):
             return None
-        found = _added(left, right)
-        return None if operator in RELATIONS else found
+        common = _added(left, right)
+        return None if operator in RELATIONS else common
 
     def _common(self, expressions: Iterable[Expression]) -> Dimensions:
         """That of expressions which are to have the same."""
-        found: Dimensions = None
+        common: Dimensions = None
         for expression in expressions:
-            found = _added(found, self.of(expression))
-        return found
+            common = _added(common, self.of(expression))
+        return common
 
     def _call(self, function: str, arguments: tuple[Expression, ...]) -> Dimensions:
         if not arguments:

@@ -77,8 +77,8 @@ class Evaluator:
             case Binary():
                 return self._chain(*spine(expression))
             case Unary(operator, operand):
-                found = self.value(operand)
-                return v.opposite(found) if operator == "not" else v.negative(found)
+                operand_value = self.value(operand)
+                return v.opposite(operand_value) if operator == "not" else v.negative(operand_value)
             case Call(function, arguments):
                 return self._call(function, arguments)
             case If(branches, otherwise):
@@ -90,17 +90,19 @@ class Evaluator:
             case Comprehension(entry, index, values):
                 return tuple(self.with_index(index, values, lambda: self.value(entry)))
 
-    def _chain(self, first: Expression, rest: list[tuple[str, Expression]]) -> Value:
+    def _chain(self, first: Expression, operations: list[tuple[str, Expression]]) -> Value:
         """first (operator) right ...; a long sum is added in pairs: CasADi does not take deep graphs."""
-        found = self.value(first)
-        if len(rest) <= _LONG or any(operator not in ("+", "-") for operator, _ in rest):
-            if len(rest) > _MOST_FACTORS:
+        total = self.value(first)
+        if len(operations) <= _LONG or any(
+            operator not in ("+", "-") for operator, _ in operations
+        ):
+            if len(operations) > _MOST_FACTORS:
                 raise SceneError(f"a product has at most {_MOST_FACTORS} factors.")
-            for operator, right in rest:
-                found = v.binary(operator, found, self.value(right))
-            return found
-        terms = [found]
-        for operator, right in rest:
+            for operator, right in operations:
+                total = v.binary(operator, total, self.value(right))
+            return total
+        terms = [total]
+        for operator, right in operations:
             term = self.value(right)
             terms.append(v.negative(term) if operator == "-" else term)
         while len(terms) > 1:
@@ -117,37 +119,37 @@ class Evaluator:
             It is none.
         """
         value = self.value(expression)
-        found = v.number_of(value)
-        if found is None:
+        number = v.number_of(value)
+        if number is None:
             raise SceneError(f"expected a number, got {v.described(value)}.")
-        return found
+        return number
 
     def whole(self, expression: Expression) -> int:
         """The value of an expression that is a whole number."""
-        found = self.number(expression)
-        if found.denominator != 1:
-            raise SceneError(f"expected a whole number, got {float(found):g}.")
-        return int(found)
+        number = self.number(expression)
+        if number.denominator != 1:
+            raise SceneError(f"expected a whole number, got {float(number):g}.")
+        return int(number)
 
     def size(self, expression: Expression) -> int:
         """The value of an expression that is the size of an array."""
-        found = self.whole(expression)
-        if not 0 <= found <= _MOST_ENTRIES:
-            raise SceneError(f"expected a size from 0 to {_MOST_ENTRIES}, got {found}.")
-        return found
+        size = self.whole(expression)
+        if not 0 <= size <= _MOST_ENTRIES:
+            raise SceneError(f"expected a size from 0 to {_MOST_ENTRIES}, got {size}.")
+        return size
 
     def with_index(self, index: str, values: Expression, of: Callable[[], Any]) -> list[Any]:
         """What `of` gives while an index has each value of a range."""
         before = dict(self.indices)
-        found = []
+        items = []
         chosen = self.value(values)
         if not isinstance(chosen, tuple):
             raise SceneError(f"expected a range such as 1:3, got {v.described(chosen)}.")
         for value in chosen:
             self.indices[index] = value
-            found.append(of())
+            items.append(of())
         self.indices = before
-        return found
+        return items
 
     def range_of(self, expression: Range) -> tuple[Value, ...]:
         """The numbers of a range."""
@@ -165,23 +167,23 @@ class Evaluator:
             return self.indices[name]
         if subscripts and not any(_is_of_array(s) for s in subscripts):
             whole = ",".join(str(self.whole(s)) for s in subscripts)
-            found = self.lookup(f"{name}[{whole}]")
-            if found is not None:
-                return found
-        found = self.lookup(name)
-        if found is None:
+            variable = self.lookup(f"{name}[{whole}]")
+            if variable is not None:
+                return variable
+        variable = self.lookup(name)
+        if variable is None:
             raise SceneError(f"{name!r} is not declared.")
-        return self._indexed(name, found, subscripts) if subscripts else found
+        return self._indexed(name, variable, subscripts) if subscripts else variable
 
     def _indexed(self, name: str, value: Value, subscripts: tuple[Expression, ...]) -> Value:
-        first, rest = subscripts[0], subscripts[1:]
+        first, others = subscripts[0], subscripts[1:]
         if not isinstance(value, tuple):
             raise SceneError(f"{name!r} has more subscripts than dimensions.")
         size = Number(str(len(value)))
         (positions,) = self.with_index("end", Array((size,)), lambda: self._positions(first, size))
         chosen = tuple(self._entry(name, value, k) for k in positions)
-        if rest:
-            chosen = tuple(self._indexed(name, entry, rest) for entry in chosen)
+        if others:
+            chosen = tuple(self._indexed(name, entry, others) for entry in chosen)
         return chosen if isinstance(first, Range) else chosen[0]
 
     def _positions(self, subscript: Expression, size: Number) -> list[int]:
@@ -201,12 +203,12 @@ class Evaluator:
     ) -> Value:
         made: list[tuple[Value, Expression]] = []
         for condition, then in branches:
-            found = self.value(condition)
-            if found is True:
+            truth = self.value(condition)
+            if truth is True:
                 otherwise = then
                 break
-            if found is not False:
-                made.append((found, then))
+            if truth is not False:
+                made.append((truth, then))
         value = self.value(otherwise)
         for condition_value, then in reversed(made):
             value = v.chosen(condition_value, self.value(then), value)
@@ -218,25 +220,25 @@ class Evaluator:
             return self.value(arguments[0])
         if function == "smooth" and len(arguments) == 2:
             return self.value(arguments[1])
-        found = [self.value(argument) for argument in arguments]
-        if function == "der" and len(found) == 1:
-            return v.each(self.derivative, found[0])
-        if function in v.UNARY and len(found) == 1:
-            return v.applied(function, found[0])
-        if function in ("floor", "ceil", "integer") and len(found) == 1:
-            return v.rounded(function, found[0])
-        if (function, len(found)) in _OTHERS:
+        values = [self.value(argument) for argument in arguments]
+        if function == "der" and len(values) == 1:
+            return v.each(self.derivative, values[0])
+        if function in v.UNARY and len(values) == 1:
+            return v.applied(function, values[0])
+        if function in ("floor", "ceil", "integer") and len(values) == 1:
+            return v.rounded(function, values[0])
+        if (function, len(values)) in _OTHERS:
             try:
-                return _OTHERS[function, len(found)](*found)
+                return _OTHERS[function, len(values)](*values)
             except (TypeError, IndexError, ValueError, RuntimeError):
-                listed = ", ".join(v.described(value) for value in found)
+                listed = ", ".join(v.described(value) for value in values)
                 raise SceneError(f"{function} does not take {listed}.") from None
-        if function in ("zeros", "ones", "fill") and found:
-            return _filled(function, found)
+        if function in ("zeros", "ones", "fill") and values:
+            return _filled(function, values)
         if function in _EVENTS:
             raise SceneError(f"{function}() makes or sees events; they are not supported.")
         raise SceneError(
-            f"the function {name} of {len(found)} arguments is not supported. Supported are the "
+            f"the function {name} of {len(values)} arguments is not supported. Supported are the "
             "functions of the language itself; write its formula into the equation."
         )
 
@@ -247,16 +249,16 @@ def _is_of_array(subscript: Expression) -> bool:
 
 
 def _filled(function: str, values: list[Value]) -> Value:
-    found: Value = Fraction(function == "ones")
+    filled: Value = Fraction(function == "ones")
     sizes = values
     if function == "fill":
-        found, sizes = values[0], values[1:]
+        filled, sizes = values[0], values[1:]
     for size in reversed(sizes):
         number = v.number_of(size)
         if number is None or not 0 <= number <= _MOST_ENTRIES:
             raise SceneError(f"{function} of {v.described(size)} entries.")
-        found = (found,) * int(number)
-    return found
+        filled = (filled,) * int(number)
+    return filled
 
 
 def _semi_linear(x: Value, above: Value, below: Value) -> Value:
@@ -290,10 +292,10 @@ def _diagonal(entries: Value) -> Value:
 
 def _extreme_of(*, largest: bool) -> Callable[[Value], Value]:
     def of(values: Value) -> Value:
-        found = values[0]
+        extreme = values[0]
         for entry in values[1:]:
-            found = v.extreme(found, entry, largest=largest)
-        return found
+            extreme = v.extreme(extreme, entry, largest=largest)
+        return extreme
 
     return of
 

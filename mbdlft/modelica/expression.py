@@ -76,10 +76,10 @@ def tokens(text: str, source: str, first_line: int = 1, *, statement: bool = Fal
     SceneError
         A character, a string or a comment is no word of Modelica; the message gives line and column.
     """
-    found: list[Token] = []
+    words: list[Token] = []
     position, line, begin, depth = 0, first_line, 0, 0
     while position < len(text) and not (
-        statement and depth == 0 and found and found[-1].text == ";"
+        statement and depth == 0 and words and words[-1].text == ";"
     ):
         match = _TOKEN.match(text, position)
         column = position - begin + 1
@@ -96,13 +96,13 @@ def tokens(text: str, source: str, first_line: int = 1, *, statement: bool = Fal
         if kind == "operator":
             depth += (word in "([{") - (word in ")]}")
         if kind != "blank":
-            found.append(Token(kind, word, line, column))
+            words.append(Token(kind, word, line, column))
         if "\n" in word:
             line += word.count("\n")
             begin = position + word.rindex("\n") + 1
         position = match.end()
-    found.append(Token("", "", line, position - begin + 1))
-    return found
+    words.append(Token("", "", line, position - begin + 1))
+    return words
 
 
 def _check_size(word: str, where: str) -> None:
@@ -147,9 +147,9 @@ class ExpressionParser:
 
     def skip(self, text: str) -> bool:
         """Go on behind the word if it is this one."""
-        found = self.is_at(text)
-        self.place += found
-        return found
+        is_there = self.is_at(text)
+        self.place += is_there
+        return is_there
 
     def expect(self, text: str) -> Token:
         """The word, which must be this one."""
@@ -310,7 +310,7 @@ class ExpressionParser:
         text = ""
         while self.word.kind == "text":
             text += _ESCAPED.sub(
-                lambda found: _ESCAPES.get(found[1], found[1]), self.take().text[1:-1]
+                lambda match: _ESCAPES.get(match[1], match[1]), self.take().text[1:-1]
             )
             if not (self.is_at("+") and self.words[self.place + 1].kind == "text"):
                 break
@@ -332,11 +332,11 @@ class ExpressionParser:
 
     def _subscripts(self) -> tuple[Expression, ...]:
         self.expect("[")
-        found: list[Expression] = []
-        while not found or self.skip(","):
-            found.append(Range() if self.skip(":") else self.expression())
+        subscripts: list[Expression] = []
+        while not subscripts or self.skip(","):
+            subscripts.append(Range() if self.skip(":") else self.expression())
         self.expect("]")
-        return tuple(found)
+        return tuple(subscripts)
 
 
 def unquoted(name: str) -> str:

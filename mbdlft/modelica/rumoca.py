@@ -53,9 +53,9 @@ class Sources:
         self._texts: dict[int, bytes] = {}
         names: dict[int, list[tuple[int, int, bytes]]] = {}
         for item in variables.values():
-            for part in item["component_ref"]["parts"][-1:] if item["component_ref"] else ():
-                span = part["span"]  # of the type and the name
-                place = (span["start"], span["end"], part["ident"].encode())
+            for component in item["component_ref"]["parts"][-1:] if item["component_ref"] else ():
+                span = component["span"]  # of the type and the name
+                place = (span["start"], span["end"], component["ident"].encode())
                 names.setdefault(span["source"], []).append(place)
         self.name = ""
         for file in files:
@@ -388,11 +388,11 @@ def _set_by(item: Any) -> Iterable[str]:
 
 def _target(entry: Any) -> Iterable[str]:
     for key in ("target", "variable", "lhs", "name"):
-        found = entry.get(key) if isinstance(entry, dict) else None
-        while isinstance(found, dict) and "name" in found:
-            found = found["name"]
-        if isinstance(found, str):
-            yield found
+        target = entry.get(key) if isinstance(entry, dict) else None
+        while isinstance(target, dict) and "name" in target:
+            target = target["name"]
+        if isinstance(target, str):
+            yield target
             return
 
 

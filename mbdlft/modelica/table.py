@@ -133,7 +133,7 @@ def _table(table: dict[str, Any]) -> ModelicaTable:
 
 def _lists(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, tuple[str, ...]]:
     """Lists of names of the sections that have some."""
-    found = {}
+    lists = {}
     for section, keys in _LISTS.items():
         known = (*keys, "at", "fit") if section == "trim" else keys
         for key, names in sections[section].items():
@@ -143,25 +143,25 @@ def _lists(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, tuple[str, ..
                 continue
             if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
                 raise SceneError(f"{section}: {key}: expected a list of names, got {names!r}.")
-            found[key] = tuple(names)
-    return found
+            lists[key] = tuple(names)
+    return lists
 
 
-def _fit(given: Any) -> float | None:
+def _fit(entry: Any) -> float | None:
     """The tolerance of fits."""
-    is_number = isinstance(given, int | float) and not isinstance(given, bool)
-    if given is not None and not (is_number and 0.0 < given < 1.0):
-        raise SceneError(f"trim: fit: expected a tolerance between 0 and 1, got {given!r}.")
-    return None if given is None else float(given)
+    is_number = isinstance(entry, int | float) and not isinstance(entry, bool)
+    if entry is not None and not (is_number and 0.0 < entry < 1.0):
+        raise SceneError(f"trim: fit: expected a tolerance between 0 and 1, got {entry!r}.")
+    return None if entry is None else float(entry)
 
 
-def _at(given: Any) -> Mapping[str, float | str]:
+def _at(entry: Any) -> Mapping[str, float | str]:
     """Values of the equilibrium by name: numbers, or names of parameters."""
-    if not isinstance(given, dict):
-        raise SceneError(f"trim: at: expected a table of values by name, got {given!r}.")
-    for name, value in given.items():
+    if not isinstance(entry, dict):
+        raise SceneError(f"trim: at: expected a table of values by name, got {entry!r}.")
+    for name, value in entry.items():
         if isinstance(value, bool) or not isinstance(value, int | float | str):
             raise SceneError(
                 f"trim: at: {name!r}: expected a number or the name of a parameter, got {value!r}."
             )
-    return given
+    return entry

@@ -79,11 +79,12 @@ class DeclarationParser(ExpressionParser):
             kind = "enumeration"
             self._parenthesis()
         else:
-            found = self.word
+            first_word = self.word
             kind = self.take().text
             if kind not in TYPES:
                 raise SceneError(
-                    f"{self.source}, line {found.line}: {found} is no type of flat text. {ADVICE}"
+                    f"{self.source}, line {first_word.line}: {first_word} is no type of flat text. "
+                    f"{ADVICE}"
                 )
         sizes = self._subscripts() if self.is_at("[") else ()
         while True:
@@ -121,7 +122,7 @@ class DeclarationParser(ExpressionParser):
 
     def _modification(self) -> dict[str, Expression]:
         """The entries of a parenthesis of attributes."""
-        found: dict[str, Expression] = {}
+        modifications: dict[str, Expression] = {}
         self.expect("(")
         while not self.is_at(")"):
             while self.skip("each") or self.skip("final"):
@@ -133,11 +134,11 @@ class DeclarationParser(ExpressionParser):
             if not self.is_at("="):
                 raise self.error("'=' behind an attribute: " + ADVICE)
             self.take()
-            found[word.text] = self.expression()
+            modifications[word.text] = self.expression()
             if not self.skip(","):
                 break
         self.expect(")")
-        return found
+        return modifications
 
     def comment(self) -> str:
         """The text at the place, or nothing."""
@@ -145,7 +146,7 @@ class DeclarationParser(ExpressionParser):
 
     def annotation(self) -> dict[str, Expression]:
         """The entries of `mbdlft(...)` of an annotation; all others are for other tools."""
-        found: dict[str, Expression] = {}
+        annotations: dict[str, Expression] = {}
         while self.is_at("annotation"):
             self.take()
             last = self._behind_parenthesis()
@@ -154,8 +155,8 @@ class DeclarationParser(ExpressionParser):
                 depth += self.is_at("(", "{") - self.is_at(")", "}")
                 word = self.take()
                 if depth == 1 and word.text == "mbdlft" and self.is_at("("):
-                    found |= self._modification()
-        return found
+                    annotations |= self._modification()
+        return annotations
 
     def _behind_parenthesis(self) -> int:
         """The place behind the parenthesis that begins here; the place stays."""
@@ -274,9 +275,9 @@ class _TextParser(DeclarationParser):
             return False
         first = self.place
         self.take()
-        found, _ = self.name()
+        end_name, _ = self.name()
         self.place = first
-        return found == name
+        return end_name == name
 
     def _behind_semicolon(self) -> None:
         while not self.skip(";"):
@@ -286,8 +287,8 @@ class _TextParser(DeclarationParser):
     def _end(self, name: str) -> None:
         self.expect("end")
         first = self.place
-        found = self.name()[0] if self.word.kind == "name" else ""
-        if found != name:
+        end_name = self.name()[0] if self.word.kind == "name" else ""
+        if end_name != name:
             self.place = first
             raise self.error(f"'end {name};'")
         self.expect(";")
@@ -303,9 +304,9 @@ class _TextParser(DeclarationParser):
                     self._algorithm("initial algorithm" if initial else "algorithm")
                     continue
                 self.expect("equation")
-                found = self.initial if initial else self.equations
+                section = self.initial if initial else self.equations
                 while not self._ends_section():
-                    found += self._statement()
+                    section += self._statement()
             elif self.is_at("annotation"):
                 self.annotation()
                 self.expect(";")
@@ -339,26 +340,26 @@ class _TextParser(DeclarationParser):
     def _statement(self) -> list[Statement]:
         """One equation, choice or loop; what is refused is collected instead."""
         line = self.word.line
-        found: Statement
+        statement: Statement
         if self.is_at("if"):
-            found = self._choice()
+            statement = self._choice()
         elif self.is_at("for"):
-            found = self._loop()
+            statement = self._loop()
         elif self.is_at("when"):
-            found = self._when()
+            statement = self._when()
         elif self.is_at("connect"):
             raise SceneError(
                 f"{self.source}, line {line}: connect is no equation of flat text. {ADVICE}"
             )
         else:
-            found = self._equation(line)
+            statement = self._equation(line)
         self.comment()
         self.annotation()
         self.expect(";")
-        if isinstance(found, Refused):
-            self.refused.append(found)
+        if isinstance(statement, Refused):
+            self.refused.append(statement)
             return []
-        return [found]
+        return [statement]
 
     def _equation(self, line: int) -> Statement:
         """left = right, an assert, or a call."""
@@ -391,11 +392,11 @@ class _TextParser(DeclarationParser):
         return Refused(f"the call of {name}", tuple(names), line)
 
     def _block(self, *ends: str) -> tuple[Statement, ...]:
-        found: list[Statement] = []
+        statements: list[Statement] = []
         while not self.is_at(*ends):
             self.not_at_end(f"'{ends[-1]}'")
-            found += self._statement()
-        return tuple(found)
+            statements += self._statement()
+        return tuple(statements)
 
     def _choice(self) -> Choice:
         line = self.word.line

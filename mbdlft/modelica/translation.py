@@ -88,23 +88,23 @@ def translate(model: FlatModel, table: ModelicaTable | None = None) -> tuple[Dae
 
 def _refuse(model: FlatModel) -> None:
     """Raise a SceneError if something has no place in a linear model."""
-    found = list(model.refused)
+    refused = list(model.refused)
     for d in model.declarations:
         if d.variability in ("parameter", "constant"):
             continue
         if d.variability == "discrete" or d.type != "Real":
             kind = f"{d.variability} {d.type}".strip()
-            found.append(Refused(f"the {kind} variable", (d.name,), d.line))
-    if not found:
+            refused.append(Refused(f"the {kind} variable", (d.name,), d.line))
+    if not refused:
         return
-    found.sort(key=lambda item: item.line)
+    refused.sort(key=lambda item: item.line)
     lines = [
         item.what
         + (f" in line {item.line}" if item.line else "")
         + (f" ({', '.join(item.names)})" if item.names else "")
-        for item in found[:_LISTED]
+        for item in refused[:_LISTED]
     ]
-    more = f"; and {len(found) - _LISTED} more" if len(found) > _LISTED else ""
+    more = f"; and {len(refused) - _LISTED} more" if len(refused) > _LISTED else ""
     raise SceneError(
         f"{model.source}: model {model.name!r} has what no continuous model has: {'; '.join(lines)}"
         f"{more}. Take it out, or write equations of Real variables in its place."
@@ -248,25 +248,25 @@ class _Translation:
                 break
             if value is not False:
                 made.append((value, self._equations(branch)))
-        found = self._equations(body)
+        chosen = self._equations(body)
         for value, equations in reversed(made):
-            if len(equations) != len(found):
+            if len(equations) != len(chosen):
                 raise SceneError(
                     self._place(
                         choice.line,
-                        f"the branches of 'if' have {len(equations)} and {len(found)} equations, "
+                        f"the branches of 'if' have {len(equations)} and {len(chosen)} equations, "
                         "expected equally many.",
                     )
                 )
-            found = [
+            chosen = [
                 replace(
                     a,
                     name=f"{a.name}, or {b.name}",
                     residual=v.chosen(value, a.residual, b.residual),
                 )
-                for a, b in zip(equations, found, strict=True)
+                for a, b in zip(equations, chosen, strict=True)
             ]
-        return found
+        return chosen
 
     # inputs and outputs ----------------------------------------------------------------------
 
@@ -276,15 +276,17 @@ class _Translation:
         A source is a variable that a formula of time and parameters gives; it becomes an input, with its
         value at time 0. Any other use of time is an error.
         """
-        rest: list[Equation] = []
-        found: list[str] = []
+        others: list[Equation] = []
+        sources: list[str] = []
         rates = column_of(self.variables.rates.values())
         for e in equations:
             if not ca.depends_on(e.residual, self.variables.time):
-                rest.append(e)
+                others.append(e)
                 continue
-            given = self.variables.of(e.residual)
-            slope = ca.jacobian(e.residual, given[0].symbol) if len(given) == 1 else ca.SX(0)
+            variables = self.variables.of(e.residual)
+            slope = (
+                ca.jacobian(e.residual, variables[0].symbol) if len(variables) == 1 else ca.SX(0)
+            )
             plain = slope.is_constant() and abs(float(slope)) == 1.0
             if not plain or ca.depends_on(e.residual, rates):
                 raise SceneError(
@@ -295,12 +297,12 @@ class _Translation:
                         "not supported. Make an input of what it stands for.",
                     )
                 )
-            x = given[0]
+            x = variables[0]
             at_zero = ca.substitute(e.residual, x.symbol, 0) / -slope
             start = self.variables.at_nominal(at_zero)
             self.variables.by_name[x.name] = replace(x, start=start)
-            found.append(x.name)
-        return rest, found
+            sources.append(x.name)
+        return others, sources
 
     def _inputs(self, sources: list[str]) -> list[str]:
         """Names of inputs: what the model itself declares as one, and sources of time."""

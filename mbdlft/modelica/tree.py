@@ -229,9 +229,9 @@ def parts(expression: Expression) -> "tuple[Expression, ...]":
         case Reference(_, subscripts):
             return subscripts
         case If(branches, otherwise):
-            return *(part for branch in branches for part in branch), otherwise
+            return *(child for branch in branches for child in branch), otherwise
         case Range(first, step, last):
-            return tuple(part for part in (first, step, last) if part is not None)
+            return tuple(child for child in (first, step, last) if child is not None)
         case Comprehension(value, _, values):
             return value, values
         case _:
@@ -257,9 +257,9 @@ def spine(expression: Binary) -> tuple[Expression, list[tuple[str, Expression]]]
 
     Long sums are trees that nest to the left; a loop over the chain needs no recursion.
     """
-    rest: list[tuple[str, Expression]] = []
+    operations: list[tuple[str, Expression]] = []
     first: Expression = expression
     while isinstance(first, Binary):
-        rest.append((first.operator, first.right))
+        operations.append((first.operator, first.right))
         first = first.left
-    return first, rest[::-1]
+    return first, operations[::-1]

@@ -63,9 +63,9 @@ def number_of(value: Value) -> Fraction | None:
     if isinstance(value, Fraction):
         return value
     if isinstance(value, ca.SX) and is_constant(value):
-        found = float(numbers_of(value)[0, 0])
-        if math.isfinite(found):
-            return decimal(found)
+        number = float(numbers_of(value)[0, 0])
+        if math.isfinite(number):
+            return decimal(number)
     return None
 
 
@@ -128,10 +128,10 @@ def rounded(function: str, value: Value) -> Value:
     SceneError
         It depends on variables, where it would make events.
     """
-    found = number_of(value)
-    if found is None:
+    number = number_of(value)
+    if number is None:
         raise SceneError(f"{function} of what is no number makes events; they are not supported.")
-    return Fraction(_ROUNDING[function](found))
+    return Fraction(_ROUNDING[function](number))
 
 
 def extreme(left: Value, right: Value, *, largest: bool) -> Value:
@@ -151,10 +151,10 @@ def arctangent(y: Value, x: Value) -> Value:
 
 def total(values: Value) -> Value:
     """The sum of all entries of an array."""
-    found: Value = Fraction(0)
+    sum_: Value = Fraction(0)
     for entry in values if isinstance(values, tuple) else (values,):
-        found = _add(found, total(entry) if isinstance(entry, tuple) else entry)
-    return found
+        sum_ = _add(sum_, total(entry) if isinstance(entry, tuple) else entry)
+    return sum_
 
 
 def _product(left: tuple[Value, ...], right: tuple[Value, ...]) -> Value:
@@ -211,10 +211,10 @@ def _power(a: Value, b: Value) -> Value:
         return a ** int(b)
     if b > _MOST_PRODUCTS:
         return ca.power(to_sx(a), float(b))
-    found: Value = Fraction(1)
+    power: Value = Fraction(1)
     for k in range(int(b)):
-        found = a if k == 0 else _times(found, a)
-    return found
+        power = a if k == 0 else _times(power, a)
+    return power
 
 
 _SCALAR: Mapping[str, Callable[[Value, Value], Value]] = {
@@ -272,8 +272,8 @@ def _applied(function: str, value: Value) -> Value:
     if function == "asin" and abs(number) == 1:  # pi/2, as libraries define pi
         return pi_times(number / 2)
     if function in OF_CONSTANTS:
-        found = OF_CONSTANTS[function](to_sx(value))
-        return decimal(found) if isinstance(found, float) else found
+        constant = OF_CONSTANTS[function](to_sx(value))
+        return decimal(constant) if isinstance(constant, float) else constant
     try:
         return decimal(getattr(math, function)(float(number)))
     except (ValueError, OverflowError):

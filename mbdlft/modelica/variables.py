@@ -81,24 +81,24 @@ def read_values(
                 raise SceneError(f"{place(d)}: it is declared twice.")
             declared[d.name] = d
     check_known("parameter", (*table.parameters, *table.values), declared, model.source)
-    found = Parameters({}, {}, {}, [])
-    evaluator = Evaluator(found.values.get, _no_derivative)
+    parameters = Parameters({}, {}, {}, [])
+    evaluator = Evaluator(parameters.values.get, _no_derivative)
     for name in _ordered(declared, place):
         d = declared[name]
         try:
-            found.values[name] = _value(name, d, table, evaluator)
+            parameters.values[name] = _value(name, d, table, evaluator)
             if d.type == "Real":
-                _keep(name, d, table, evaluator, found)
+                _keep(name, d, table, evaluator, parameters)
             elif table.parameters.get(name):
                 raise SceneError(f"it is of type {d.type}; only numbers of type Real can stay.")
         except SceneError as error:
             raise SceneError(f"{place(d)}: {error}") from None
-    return found
+    return parameters
 
 
-def nominal_values(found: Parameters) -> dict[str, Fraction]:
+def nominal_values(parameters: Parameters) -> dict[str, Fraction]:
     """Nominal values of the parameters that stay, by the name of their symbol."""
-    return {p.name: decimal(p.nominal) for p in found.kept.values()}
+    return {p.name: decimal(p.nominal) for p in parameters.kept.values()}
 
 
 def identifier(name: str) -> str:
@@ -126,12 +126,12 @@ def _ordered(declared: Mapping[str, Declaration], place: Callable[[Declaration],
 def _needed(d: Declaration) -> set[str]:
     """Names that the value and the limits of a parameter are made of."""
     limits = [d.attributes.get(key) for key in ("min", "max", "nominal")]
-    found: set[str] = set()
+    needed: set[str] = set()
     for expression in (_binding(d), *d.sizes, *limits):
         if expression is not None:
             for reference in references(expression):
-                found |= {reference.name, write(reference)}
-    return found
+                needed |= {reference.name, write(reference)}
+    return needed
 
 
 def _binding(d: Declaration) -> Expression | None:
@@ -163,7 +163,7 @@ def _value(name: str, d: Declaration, table: ModelicaTable, evaluator: Evaluator
 
 
 def _keep(
-    name: str, d: Declaration, table: ModelicaTable, evaluator: Evaluator, found: Parameters
+    name: str, d: Declaration, table: ModelicaTable, evaluator: Evaluator, parameters: Parameters
 ) -> None:
     """Let a parameter stay if it is one of those that do; its value becomes a symbol."""
     entry = table.parameters.get(name)
@@ -173,7 +173,7 @@ def _keep(
         if asked:
             raise SceneError("it is a constant; only a parameter can stay.")
         return
-    value = found.values[name]
+    value = parameters.values[name]
     if not isinstance(value, Fraction):
         if asked:
             raise SceneError(
@@ -182,7 +182,7 @@ def _keep(
             )
         return
     if not asked and not (d.top or "nominal" in d.attributes):
-        found.notes.append(
+        parameters.notes.append(
             f"{name} has min and max, and is the number {float(value):g}; to keep it, name it in "
             "the table"
         )
@@ -195,19 +195,19 @@ def _keep(
         )
     annotated = {key: evaluator.value(entry) for key, entry in d.annotation.items()}
     fields: dict[str, Any] = {"nominal": value, **limits, **annotated}
-    given = dict(entry) if isinstance(entry, Mapping) else {}
-    if given.keys() & {"percent", "plus", "minus", "low", "high"}:
+    entries = dict(entry) if isinstance(entry, Mapping) else {}
+    if entries.keys() & {"percent", "plus", "minus", "low", "high"}:
         for key in ("low", "high", "percent", "plus", "minus"):
             fields.pop(key, None)
-    fields |= given
+    fields |= entries
     label = fields.pop("name", identifier(name))
-    fields["unit"] = _unit(name, d, fields, found.notes)
+    fields["unit"] = _unit(name, d, fields, parameters.notes)
     plain = {key: float(x) if isinstance(x, Fraction) else x for key, x in fields.items()}
     (parameter,) = read_parameters({"parameters": {label: plain}})
-    if any(parameter.name == other.name for other in found.kept.values()):
+    if any(parameter.name == other.name for other in parameters.kept.values()):
         raise SceneError(f"two parameters would have the name {parameter.name}; give one a name.")
-    found.kept[name] = parameter
-    found.symbols[name] = found.values[name] = ca.SX.sym(parameter.name)
+    parameters.kept[name] = parameter
+    parameters.symbols[name] = parameters.values[name] = ca.SX.sym(parameter.name)
 
 
 def _limits(d: Declaration, evaluator: Evaluator) -> dict[str, Fraction]:
@@ -238,12 +238,12 @@ def _unit(name: str, d: Declaration, fields: Mapping[str, Any], notes: list[str]
 
 def declared_unit(name: str, d: Declaration, notes: list[str]) -> str:
     """The unit of a declaration; "1" and a note if it is not known here."""
-    given = d.attributes.get("unit")
-    if not isinstance(given, Text) or not given.text.strip():
+    attribute = d.attributes.get("unit")
+    if not isinstance(attribute, Text) or not attribute.text.strip():
         return "1"
-    unit = unit_of(given.text)
+    unit = unit_of(attribute.text)
     if unit is None:
-        notes.append(f"the unit {given.text!r} of {name} is not known here; it is not checked")
+        notes.append(f"the unit {attribute.text!r} of {name} is not known here; it is not checked")
         return "1"
     return unit
 
@@ -290,8 +290,8 @@ class Variables:
 
     def of(self, expression: ca.SX) -> list[Variable]:
         """The variables in an expression."""
-        found = [(s, self.by_name.get(s.name())) for s in ca.symvar(expression)]
-        return [x for symbol, x in found if x is not None and ca.is_equal(x.symbol, symbol)]
+        pairs = [(s, self.by_name.get(s.name())) for s in ca.symvar(expression)]
+        return [x for symbol, x in pairs if x is not None and ca.is_equal(x.symbol, symbol)]
 
     def derivative(self, value: Value) -> Value:
         """der of an expression: the sum over its variables of its slopes times their derivatives."""
@@ -300,12 +300,12 @@ class Variables:
         expression = v.to_sx(value)
         if ca.depends_on(expression, self.time):
             raise SceneError("der of a function of time is not supported.")
-        found: Value = Fraction(0)
+        derivative: Value = Fraction(0)
         for x in self.of(expression):
             rate = self.rates.setdefault(x.name, ca.SX.sym(f"der({x.name})"))
             slope = ca.jacobian(expression, x.symbol)
-            found = v.binary("+", found, rate if slope.is_one() else slope * rate)
-        return found
+            derivative = v.binary("+", derivative, rate if slope.is_one() else slope * rate)
+        return derivative
 
     def at_nominal(self, value: Value) -> float:
         """The number that a value has at nominal values of the parameters, and at time 0.
@@ -315,9 +315,9 @@ class Variables:
         SceneError
             It depends on variables.
         """
-        found = v.number_of(value)
-        if found is not None:
-            return float(found)
+        number = v.number_of(value)
+        if number is not None:
+            return float(number)
         expression = in_doubles(v.to_sx(value))
         for x in self.of(expression):
             raise SceneError(f"it depends on the variable {x.name}.")

@@ -60,15 +60,15 @@ def shorter(text: str) -> str:
 
 def quoted(name: str) -> str:
     """A name as Modelica writes it: with quotes around parts that are no plain words."""
-    return ".".join(_part(part) for part in name.split("."))
+    return ".".join(_part(word) for word in name.split("."))
 
 
-def _part(part: str) -> str:
+def _part(word: str) -> str:
     """A part of a name, with its subscripts."""
-    match = _PLAIN.match(part)
-    if match is None or match[0] in KEYWORDS or not _SUBSCRIPTS.fullmatch(part, match.end()):
-        return f"'{part}'"
-    return part
+    match = _PLAIN.match(word)
+    if match is None or match[0] in KEYWORDS or not _SUBSCRIPTS.fullmatch(word, match.end()):
+        return f"'{word}'"
+    return word
 
 
 def _declaration(d: Declaration) -> str:
@@ -139,9 +139,9 @@ def _written(expression: Expression) -> str:
         case Reference(name, subscripts):
             return quoted(name) + (f"[{_listed(subscripts)}]" if subscripts else "")
         case Binary():
-            first, rest = spine(expression)
-            behind = [f" {operator} {_written(right)})" for operator, right in rest]
-            return "".join(["(" * len(rest), _written(first), *behind])
+            first, operations = spine(expression)
+            behind = [f" {operator} {_written(right)})" for operator, right in operations]
+            return "".join(["(" * len(operations), _written(first), *behind])
         case Unary(operator, operand):
             return f"({operator}{' ' if operator == 'not' else ''}{_written(operand)})"
         case Call(function, arguments):
@@ -149,7 +149,7 @@ def _written(expression: Expression) -> str:
         case Array(entries):
             return f"{{{_listed(entries)}}}"
         case Range():
-            return ":".join(write(part) for part in parts(expression)) or ":"
+            return ":".join(write(bound) for bound in parts(expression)) or ":"
         case Comprehension(value, index, values):
             return f"{{{write(value)} for {index} in {write(values)}}}"
         case If(branches, otherwise):
