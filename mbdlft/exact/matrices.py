@@ -230,7 +230,8 @@ def row_echelon(a: Residues, prime: int) -> tuple[Residues, list[int]]:
 
 def _residue_matrix(a: Residues, prime: int) -> Any:
     n, m = a.shape
-    return flint.nmod_mat(n, m, a.ravel().tolist(), prime)
+    # through a matrix of integers: FLINT converts these half as slowly
+    return flint.nmod_mat(flint.fmpz_mat(n, m, a.ravel().tolist()), prime)
 
 
 def _residues(matrix: Any) -> Residues:

@@ -24,7 +24,6 @@ Channels = NDArray[np.int64]
 _ENTRIES = 2**21  # of matrices or signals of several points that are held at once
 _MERGED = 48  # channels: smaller blocks cost more calls than operations
 _ALONE = 64  # channels from which on points are solved for one by one, with one factorization each
-_WHOLE = 256  # channels up to which one solution costs less than looking for loops
 _LINES, _FEWEST_LINES = 32, 4
 _CHEAP = 256.0**3  # operations up to which so many lines cost less than all the rest of the check
 _SMALL = (
@@ -59,51 +58,6 @@ def diagonal_blocks(matrix: Array) -> list[Channels]:
         if after - cuts[-1] > _MERGED:
             cuts.append(end)
     return [order[a:b] for a, b in pairwise([*cuts, n])]
-
-
-def solve_loops(inner: Array, deltas: Array, channels: Channels | slice, right: Array) -> Array:
-    """(I - inner Delta)^-1 [inner[:, channels] right], block after block.
-
-    Parameters
-    ----------
-    inner : array (n, n)
-    deltas : array (n,)
-        The diagonal of Delta.
-    channels : array of int (m,), or slice
-    right : array (n, k)
-
-    Returns
-    -------
-    array (n, m + k)
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        I - inner Delta is singular.
-    """
-    n, k = right.shape
-    if n <= _WHOLE:
-        loop = np.eye(n) - inner * deltas
-        return np.asarray(np.linalg.solve(loop, np.hstack([inner[:, channels], right])))
-    blocks = diagonal_blocks(inner)
-    order = np.concatenate(blocks)
-    place = np.argsort(order)
-    inner, deltas = inner[np.ix_(order, order)], deltas[order]
-    by_place = np.argsort(place[channels])
-    columns = place[channels][by_place]
-    rows = np.hstack([right[order], inner[:, columns]])
-    found, start = np.zeros(rows.shape), 0
-    for block in blocks:
-        stop = start + len(block)
-        width = k + int(np.searchsorted(columns, stop))  # later channels have no part in these rows
-        used = np.flatnonzero(inner[start:stop, :start].any(axis=0))
-        through = inner[start:stop, used] * deltas[used]
-        loop = np.eye(len(block)) - inner[start:stop, start:stop] * deltas[start:stop]
-        known = rows[start:stop, :width] + through @ found[used, :width]
-        found[start:stop, :width] = np.linalg.solve(loop, known)
-        start = stop
-    as_asked = np.concatenate([k + np.argsort(by_place), np.arange(k)])
-    return np.asarray(found[np.ix_(place, as_asked)], dtype=float)
 
 
 def values_at(a: LFT, deltas: Array) -> tuple[Array, Array]:

@@ -1,6 +1,7 @@
-"""Lower bound on the repetitions of each delta: McMillan degrees, from Loewner matrices.
+"""Lower bounds of repetitions from doubles: McMillan degrees, as ranks of Loewner matrices.
 
-Fix all deltas but one at generic values. In that one, z, what is left is
+A system that is wired of models has no exact numbers; those that have are bounded on residues
+(`mbdlft.order.lower_bound`). Fix all deltas but one at generic values. In that one, z, what is left is
 
     H(z) = H(0) + z C (I - z A)^-1 B,
 
@@ -14,17 +15,17 @@ has a rank that is not above the McMillan degree, and equal to it for generic po
 The points stand on a circle, lambda and mu in turn: there L is close to a unitary transformation of the
 Hankel matrix. Where that leaves a doubt they stand on rings about the poles.
 
-Rounding: if L is known up to an error E, sigma_k(L) > ||E|| proves rank >= k (Weyl). E is measured on a
-twin: the same matrix from data in which every entry is moved by what may be wrong with it, far more than
-rounding. Directions are scaled such that the error is of one size in all rows and columns of L;
-so what is nothing but rounding counts as nothing, and what is small but accurate counts.
+Rounding: if L is known up to an error E, sigma_k(L) > ||E|| proves rank >= k (Weyl; Golub, Van Loan,
+Matrix computations, section 8.6). E is measured on a twin: the matrix from data in which every entry is
+moved by what may be wrong with it, far more than rounding. Directions are scaled such that the error is
+of one size in all rows and columns of L: what is only rounding does not count, and what is small but
+accurate counts.
 
 Antoulas, Anderson: On the scalar rational interpolation problem, 1986. Mayo, Antoulas: A framework for
-the solution of the generalized realization problem, 2007. Weyl: Golub, Van Loan: Matrix computations,
-section 8.6.
+the solution of the generalized realization problem, 2007.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,7 +34,6 @@ from scipy.linalg import rsf2csf, schur
 
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT, check_plain
-from mbdlft.lft.triangle import solve_loops
 from mbdlft.order.reduction_in_doubles import balance
 
 _POINTS = 3  # generic values of the other deltas; the next are for what is doubtful at the first
@@ -77,52 +77,40 @@ class _Realization(NamedTuple):
 def degree_bounds(a: LFT, twin: LFT | None = None, seed: int = 0) -> dict[str, Bound]:
     """Proved minima of the repetitions of each delta in any exact LFT of the same matrix.
 
-    When a numerical rank is not clear, the smaller value is given, and what rounding may hide.
-
-    Parameters
-    ----------
-    a : LFT
-    twin : LFT, optional
-        The same matrix with the error that `a` may have, in any number of channels: what became of
-        `moved` data in the computation that gave `a`. By default `a` itself, moved.
-    seed : int
-        Of the generic values, points and directions.
-
-    Returns
-    -------
-    dict of names to Bound
+    When a numerical rank is not clear, the smaller value is given, and what rounding may hide. `twin` is
+    the same matrix with the error that `a` may have, in any number of channels: what became of `moved`
+    data in the computation that gave `a`. By default it is `a` itself, moved.
     """
     check_plain(a, "the lower bound")
     random = np.random.default_rng(seed)
     bounds = {block.name: Bound(0, block.size) for block in a.blocks}
-    pair = (a, moved(a, seed) if twin is None else twin)
-    realizations = [_realization(item) for item in pair]
+    lfts = (a, moved(a, seed) if twin is None else twin)
+    realizations = [_realization(item) for item in lfts]
     for _ in range(_POINTS):
         values = {block.name: random.uniform(-_CENTER, _CENTER) for block in a.blocks}
-        open_names = [name for name, bound in bounds.items() if bound.doubtful]
-        if not open_names:
+        doubtful = [name for name, bound in bounds.items() if bound.doubtful]
+        if not doubtful:
             break
         with np.errstate(all="ignore"):  # what overflows is not finite, and proves nothing
-            centers = [_spread(item, values) for item in pair]
-            parts = [item.slices() for item in pair]
-            channels = [
-                np.concatenate([_channels(part[name]) for name in open_names]) for part in parts
-            ]
             expanded = [
-                _expand(*item) for item in zip(realizations, centers, channels, strict=True)
+                _expanded(
+                    one,
+                    np.repeat([values[b.name] for b in item.blocks], [b.size for b in item.blocks]),
+                )
+                for item, one in zip(lfts, realizations, strict=True)
             ]
-            for name in open_names:
+            for name in doubtful:
                 alone = [
-                    _alone(one, part[name], np.searchsorted(among, part[name].start), values[name])
-                    for one, part, among in zip(expanded, parts, channels, strict=True)
+                    _alone(one, item.slices()[name], values[name])
+                    for item, one in zip(lfts, expanded, strict=True)
                 ]
-                if all(np.all(np.isfinite(item.A)) for item in alone):
+                if all(np.all(np.isfinite(one.A)) for one in alone):
                     try:
-                        first, second = (_triangular(item) for item in alone)
-                        found = _bound(first, second, random)
-                    except np.linalg.LinAlgError:  # without an end; it proves nothing
+                        first, second = (_triangular(one) for one in alone)
+                        bound = _bound(first, second, random)
+                    except np.linalg.LinAlgError:  # the iteration has no end; it proves nothing
                         continue
-                    bounds[name] = max(bounds[name], found, key=preference)
+                    bounds[name] = max(bounds[name], bound, key=preference)
     return bounds
 
 
@@ -151,34 +139,20 @@ def _realization(a: LFT) -> _Realization:
     return _Realization(core.M11, core.M12 * inputs, core.M21 * outputs[:, None])
 
 
-def _spread(a: LFT, values: Mapping[str, float]) -> Array:
-    """The value of the delta of each channel (n)."""
-    return np.repeat([values[b.name] for b in a.blocks], [b.size for b in a.blocks])
-
-
-def _channels(part: slice) -> NDArray[np.int64]:
-    return np.arange(part.start, part.stop)
-
-
-def _expand(one: _Realization, center: Array, channels: NDArray[np.int64] | slice) -> _Realization:
-    """The same in the distances of all deltas from a center (n); columns of A and C of some channels."""
-    C = one.C[:, channels]
+def _expanded(one: _Realization, center: Array) -> _Realization:
+    """The same in the distances of all deltas from a center (n)."""
+    n = len(center)
     try:
-        solved = solve_loops(one.A, center, channels, one.B)
+        solved = np.linalg.solve(np.eye(n) - one.A * center, np.hstack([one.A, one.B]))
     except np.linalg.LinAlgError:  # the center is a pole
-        solved = np.full((len(center), C.shape[1] + one.B.shape[1]), np.nan)
-    A = solved[:, : C.shape[1]]
-    return _Realization(A, solved[:, C.shape[1] :], C + (one.C * center) @ A)
+        solved = np.full((n, n + one.B.shape[1]), np.nan)
+    return _Realization(solved[:, :n], solved[:, n:], one.C + (one.C * center) @ solved[:, :n])
 
 
-def _alone(one: _Realization, part: slice, first: int, center: float) -> _Realization:
-    """One delta with the others at the center; it is itself counted from 0 again.
-
-    `first` is its first column of A and C.
-    """
-    columns = slice(first, first + part.stop - part.start)
-    alone = _Realization(one.A[part, columns], one.B[part], one.C[:, columns])
-    return _expand(alone, np.full(len(alone.A), -center), slice(None))
+def _alone(one: _Realization, part: slice, center: float) -> _Realization:
+    """One delta with the others at the center; it is itself counted from 0 again."""
+    alone = _Realization(one.A[part, part], one.B[part], one.C[:, part])
+    return _expanded(alone, np.full(len(alone.A), -center))
 
 
 def _triangular(one: _Realization) -> _Realization:
@@ -265,7 +239,10 @@ def _degree(
     left = rows[:, None] * random.standard_normal((len(rows), count))
     right = columns[:, None] * random.standard_normal((len(columns), count))
     factors = [
-        (_left(item, points[::2], item.C.T @ left).T, _right(item, points[1::2], item.B @ right))
+        (
+            _left(item.A, points[::2], item.C.T @ left).T,
+            _right(item.A, points[1::2], item.B @ right),
+        )
         for item in (one, twin)
     ]
     L, other = (X @ Y for X, Y in factors)
@@ -292,7 +269,7 @@ def _sizes(one: _Realization, twin: _Realization, points: NDArray[Any]) -> tuple
 def _derivatives(one: _Realization, points: NDArray[Any]) -> NDArray[Any]:
     """C (I - z A)^-2 B at each point z, (number of points, n_out, n_in)."""
     left, right = (
-        solve(one, np.repeat(points, columns.shape[1]), np.tile(columns, len(points)))
+        solve(one.A, np.repeat(points, columns.shape[1]), np.tile(columns, len(points)))
         .reshape(len(columns), len(points), columns.shape[1])
         .swapaxes(0, 1)
         for solve, columns in ((_left, one.C.T), (_right, one.B))
@@ -313,17 +290,14 @@ def _reciprocal(values: Array) -> Array:
     return np.where(used, 1.0 / np.where(used, values, 1.0), 0.0)
 
 
-def _right(one: _Realization, points: NDArray[Any], columns: NDArray[Any]) -> NDArray[Any]:
-    """(I - z_k A)^-1 c_k for each point z_k and column c_k (n, number of points)."""
+def _right(A: NDArray[Any], points: NDArray[Any], columns: NDArray[Any]) -> NDArray[Any]:
+    """(I - z_k A)^-1 c_k for each point z_k and column c_k (n, points); A is upper triangular."""
     X = columns.astype(complex)
     for i in reversed(range(len(X))):
-        X[i] = (X[i] + points * (one.A[i, i + 1 :] @ X[i + 1 :])) / (1.0 - points * one.A[i, i])
+        X[i] = (X[i] + points * (A[i, i + 1 :] @ X[i + 1 :])) / (1.0 - points * A[i, i])
     return X
 
 
-def _left(one: _Realization, points: NDArray[Any], columns: NDArray[Any]) -> NDArray[Any]:
-    """(I - z_k A')^-1 c_k for each point z_k and column c_k (n, number of points)."""
-    X = columns.astype(complex)
-    for i in range(len(X)):
-        X[i] = (X[i] + points * (one.A[:i, i] @ X[:i])) / (1.0 - points * one.A[i, i])
-    return X
+def _left(A: NDArray[Any], points: NDArray[Any], columns: NDArray[Any]) -> NDArray[Any]:
+    """The same for A', which is upper triangular in the opposite order."""
+    return _right(A.T[::-1, ::-1], points, columns[::-1])[::-1]

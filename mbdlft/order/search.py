@@ -4,8 +4,8 @@ n-D reduction takes a product of deltas as a noncommutative monomial. Deltas com
 it: affine deltas are moved to one side of the others (`mbdlft.order.rewriting`), channels with dependent
 functions are left out (`mbdlft.order.circles`), and repetitions of one delta are left out by the smallest
 rank of a matrix (`mbdlft.order.min_rank`) and by Newton's method on the values (`mbdlft.order.newton`).
-Pairs and triples of deltas (`mbdlft.order.pairs`) show how small the order can be, so that the search
-knows when it is over. Every result is compared with the values of what it was made of, entry by entry.
+Pairs and triples of deltas (`mbdlft.order.lower_bound`) show how small the order can be: then the search
+is over. Every result is compared with the values of what it was made of, entry by entry.
 """
 
 import time
@@ -23,8 +23,8 @@ from mbdlft.exact.rounding import equilibrate, or_one
 from mbdlft.lft.evaluation import evaluate_at, values_and_sizes
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.order.circles import independent
+from mbdlft.order.lower_bound import JointBound, allows
 from mbdlft.order.newton import refit
-from mbdlft.order.pairs import Pair, allows, confirmation, joint_bound, least_more
 from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.rewriting import is_affine, is_polynomial, move_affine, rewritten
 from mbdlft.order.work import Work, reduction, singular_values, solutions
@@ -34,7 +34,6 @@ _FEW, _MOST = 0.3, 0.8  # of the work for the relations; the rest is for the clo
 _LARGE = 120  # channels: refits take long and find little, so the bound by pairs comes first
 _FAR = 3  # a form this much larger than the smallest is not started from
 _OF_PROOFS = 0.5  # of the work that is left, for one look at all pairs and triples
-_QUICK = 0.1  # of the work: the bound by pairs is asked for again if it took less
 _GROWTH = 2  # of the order, that LFTs on the way may have
 _REFITS, _WALKS = 0.4, 0.4  # of what is left of the work, in turn
 _VAIN = 100  # other ways to write a value that are tried in vain, in a row
@@ -153,7 +152,7 @@ def _found(
     # dependent channels are seen in a moment, so they go before anything takes its share of the work
     best = _smaller(smallest, [independent(smallest, work)], level, work)
     if best.order > _LARGE:
-        proof.improve(best)
+        proof.improve()
     if relations and best.order > proof.order_bound:
         assert close is not None
         share = _FEW if best.order < min(form.order for form in relations) else _MOST
@@ -177,51 +176,41 @@ def _is_late(seconds: float | None) -> Callable[[], bool]:
 
 
 class _Proof:
-    """The best lower bound on the order: by pairs, for ever smaller LFTs as long as it is quick."""
+    """The best lower bound on the order: degrees, and then pairs and triples of deltas."""
 
     def __init__(
         self, bound: Mapping[str, int], source: LFT, work: Work, exact: ExactLFT | None
     ) -> None:
         self.bound, self.order_bound = bound, sum(bound.values())
-        self._source, self._work, self._left = source, work, _QUICK * work.most
-        self._order = source.order + 1
-        self._confirmed = confirmation(exact, bound, work) if exact else None
+        self._source_order, self._work = source.order, work
+        self._joint = JointBound(exact, bound) if exact else None
         # looks at results do not take from the search, but have an end, too
-        self._pairs: list[Pair] = []
-        self._looked = confirmation(exact, bound, Work(work.most)) if exact else None
+        self._work_of_looks = Work(work.most)
 
-    def allows(self, one: LFT) -> bool:
-        """Whether an LFT is not smaller than residues prove: such a one is near the value, not equal."""
-        if self._looked is None:
+    def allows(self, candidate: LFT) -> bool:
+        """Whether an LFT is not smaller than residues prove: such an LFT is near the value, not equal."""
+        if self._joint is None:
             return True
-        sizes = dict(one.blocks)
+        sizes = dict(candidate.blocks)
         more = {name: sizes.get(name, 0) - least for name, least in self.bound.items()}
-        below = any(size < 0 for size in more.values())
-        if below or one.order < self.order_bound:
+        if min(more.values(), default=0) < 0 or candidate.order < self.order_bound:
             return False
-        if one.order >= self._source.order:
+        if candidate.order >= self._source_order:
             return True
         for first, second in combinations([name for name in more if self.bound[name]], 2):
             if more[first] and more[second]:
                 continue  # no pair excludes that
-            for is_transposed in (False, True):
-                pair = self._looked(Pair(first, second, 1, 1, is_transposed))
-                if isinstance(pair, Pair) and not allows(pair, more):
-                    self._pairs.append(pair)
-                    least = sum(least_more(list(self.bound), self._pairs).values())
-                    self.order_bound = max(self.order_bound, sum(self.bound.values()) + least)
-                    return False
+            pairs = self._joint.pairs(first, second, self._work_of_looks)
+            if not all(allows(pair, more) for pair in pairs):
+                self.order_bound = max(self.order_bound, self._joint.known)
+                return False
         return True
 
-    def improve(self, closed: LFT) -> None:
-        """Look for a better bound if `closed` is smaller than the LFT that it was looked for before."""
-        if closed.order >= self._order or self._left <= 0.0 or self._work.is_over:
-            return
-        before, self._order = self._work.spent, closed.order
-        part = self._work.part(_OF_PROOFS)
-        proved = joint_bound(closed, self.bound, part, self._source, self._confirmed)
-        self.order_bound = max(self.order_bound, proved)
-        self._left -= self._work.spent - before
+    def improve(self) -> None:
+        """Look at all pairs and triples with a share of the work; what is known costs nothing."""
+        if self._joint is not None and not self._work.is_over:
+            known = self._joint.of_all(self._work.part(_OF_PROOFS))
+            self.order_bound = max(self.order_bound, known)
 
 
 class Truth:
@@ -400,7 +389,7 @@ def _search(forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work) -> L
     best = forms[0]
     for attempt in range(_ATTEMPTS):
         if best.order > proof.order_bound:
-            proof.improve(level.close(best))
+            proof.improve()
         if best.order <= proof.order_bound or work.is_over:
             break
         of_refits = work.part(_REFITS)

@@ -80,6 +80,11 @@ def exact_solutions(count: int, n: int) -> float:
     return count * (1e6 + 4e3 * n * n + 75.0 * n**3)
 
 
+def exact_elimination(rows: int, columns: int) -> float:
+    """Operations of an echelon form modulo a prime."""
+    return (4e3 + 40.0 * min(rows, columns)) * rows * columns
+
+
 def singular_values(rows: int, columns: int, count: int = 1) -> float:
     """Operations of the singular values and vectors of matrices."""
     least = min(rows, columns)

@@ -19,7 +19,7 @@ from mbdlft.matrix import MatrixProblem, matrix_problem
 from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.multibody.scene import Scene
 from mbdlft.multibody.to_problem import problem_of_scene
-from mbdlft.order.exact_degree import exact_degrees
+from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.search import SEARCH, Budget, budget_of
 from mbdlft.pipeline.forms import candidates
 from mbdlft.pipeline.stages import realization

@@ -15,8 +15,8 @@ from mbdlft.base.samples import SEED
 from mbdlft.base.worker import NoProcessError, same_everywhere
 from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import LFT, with_blocks
-from mbdlft.order.degree import Bound, degree_bounds
-from mbdlft.order.exact_degree import exact_degrees
+from mbdlft.order.degree import Bound
+from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.reduction import residues_alone
 from mbdlft.order.reduction_in_doubles import in_scales
 from mbdlft.order.search import CUT_OFF, IN_PROCESS, Budget, Smallest, find_smallest
@@ -148,9 +148,9 @@ class _Check:
 
 
 def _degree_bounds(candidate: Candidate) -> dict[str, Bound]:
-    """Lower bounds of the repetitions: exact, or in doubles for what is too large."""
+    """Lower bounds of the repetitions; none for what is too large for exact numbers."""
     if candidate.exact is None:
-        return degree_bounds(candidate.lft, seed=SEED)
+        return {block.name: Bound(0, 0) for block in candidate.lft.blocks}
     return {name: Bound(n, 0) for name, n in exact_degrees(candidate.exact, SEED).items()}
 
 

@@ -11,7 +11,7 @@ from mbdlft.lft.lft import LFT, delta
 from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.order.degree import Bound
-from mbdlft.pipeline import stages
+from mbdlft.pipeline import forms, stages
 from mbdlft.pipeline.certification import Checked, certificate, values_at_points
 from mbdlft.pipeline.stages import _Check
 from mbdlft.problem.problem import Problem
@@ -86,6 +86,21 @@ def test_what_a_search_makes_with_lost_digits_is_not_used(monkeypatch: pytest.Mo
     model = mbdlft.to_lft(two_link_arm.scene())
     assert model.order == 16
     assert model.certificate.max_relative_error > SCENARIO
+
+
+def test_nothing_is_proved_where_exact_numbers_are_too_dear(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The model is reduced in doubles, and its certificate has no bound."""
+    exact_model = mbdlft.to_lft(two_link_arm.scene(), search=0.0)
+    monkeypatch.setattr(forms, "_MOST_EXACT", 10)
+    model = mbdlft.to_lft(two_link_arm.scene(), search=0.0)
+    assert model.order == exact_model.order
+    assert model.certificate.max_relative_error <= SCENARIO
+    certificate = model.certificate
+    assert set(certificate.lower_bound) == {0} == set(certificate.doubtful)
+    assert (certificate.order_bound, certificate.exact_bound) == (0, False)
+    assert not certificate.minimal
 
 
 @pytest.mark.parametrize("mass", [2.0, 1e6, 1e10])

@@ -14,7 +14,7 @@ import mbdlft
 from mbdlft import Angle, MatrixProblem, Parameter, exact_lower_bound
 from mbdlft.exact.matrices import Residues
 from mbdlft.lft.lft import constant, delta, inverse
-from mbdlft.order import exact_degree as exact
+from mbdlft.order import lower_bound as exact
 from mbdlft.order import reduction as exact_spaces
 from tests.extracted import exactly
 from tests.laws.lfts import lfts

@@ -1,17 +1,18 @@
-"""Laws of the bound by pairs and triples of parameters.
+"""Laws of the lower bound by pairs and triples of parameters, on residues.
 
 1. it has the values of the table: reached orders are proved minimal, attained sums get nothing more
 2. it is not above the order of any LFT of the same matrix, whatever LFT it is computed from, and the
    same for all of them
-3. it stays with constant transformations, feedback, transposition, units and Moebius
-   changes of the parameters
+3. it stays with constant transformations, feedback, transposition and Moebius changes of the parameters
 4. a closed form where it is known by hand
 5. the least sum of repetitions is that of an enumeration
+
+LFTs are written in doubles with numbers of few binary digits, so that their algebra is exact.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache
 from itertools import combinations, product
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,8 @@ from hypothesis import strategies as st
 import mbdlft
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES, Case
-from mbdlft.lft.evaluation import evaluate_at
+from mbdlft.exact.matrices import ExactMatrix, Residues, identity, stacked
+from mbdlft.exact.numbers import BITS, precision
 from mbdlft.lft.lft import (
     LFT,
     Block,
@@ -30,56 +32,71 @@ from mbdlft.lft.lft import (
     stack_columns,
     stack_diagonal,
     stack_rows,
-    transpose,
 )
+from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.multibody.assembly import assemble
-from mbdlft.order import pairs as joint
-from mbdlft.order import sections
-from mbdlft.order.pairs import Pair, Triple, joint_bound, least_more
-from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order import lower_bound as module
+from mbdlft.order.lower_bound import (
+    JointBound,
+    Pair,
+    Triple,
+    exact_degrees,
+    is_constant,
+    least_more,
+    more_needed,
+)
+from mbdlft.order.reduction import ExactLFT, reduce_exactly, transposed
+from mbdlft.order.work import Work
+from mbdlft.pipeline.extract import extract
+from mbdlft.pipeline.forms import candidates
 from mbdlft.problem.relations import linearize
-from tests.close import roundoff
-from tests.extracted import extracted, lower_bound
+from tests.extracted import exact_matrix, exactly
 
-KAPPA = 1e3
-RESIDUE = 1e-17  # what cancelling leaves of terms of size one
 seeds = st.integers(0, 1000)
 bits = st.booleans()
 
 
-def bound(a: LFT) -> int:
-    """The bound, from the degrees in double precision."""
-    return joint_bound(a, lower_bound(a))
+@pytest.fixture(autouse=True)
+def with_bits() -> Iterator[None]:
+    with precision(BITS):
+        yield
 
 
-def relations(links: int, *, spatial: bool) -> LFT:
+def small(a: LFT) -> ExactLFT:
+    """An LFT whose doubles are what is meant, reduced."""
+    return reduce_exactly(exactly(a))
+
+
+def bound(a: ExactLFT) -> int:
+    return JointBound(a, exact_degrees(a)).of_all(Work())
+
+
+def eighths(random: np.random.Generator, *shape: int) -> np.ndarray:
+    """Numbers of few digits from -2 to 2, none of them zero."""
+    return random.integers(1, 17, shape) * random.choice([-1, 1], shape) / 8
+
+
+def relations(links: int, *, spatial: bool) -> ExactLFT:
     """The LFT of the relations of a chain, all joints driven and measured."""
     equations = assemble(chain(links, spatial=spatial))
-    return reduce_order(extracted(linearize(equations, range(links), range(links))))
+    return reduce_exactly(extract(linearize(equations, range(links), range(links))).lft)
+
+
+@cache
+def of_case(name: str) -> ExactLFT:
+    """The smallest LFT of a matrix of the literature before any search."""
+    problem = problem_of_matrix(next(case for case in CASES if case.name == name).problem())
+    exact = candidates(problem, problem.forms)[0].exact
+    assert exact is not None
+    return exact
 
 
 def parameter(name: str, nominal: float) -> LFT:
     return constant([[nominal]]) + delta(name)
 
 
-def power(a: LFT, exponent: int) -> LFT:
-    return a if exponent == 1 else power(a, exponent - 1) @ a
-
-
-def o8() -> LFT:
-    """O8 of the literature on order reduction, order 17 reached."""
-    s, x, y, z = (parameter(name, 0.37 + 0.11 * k) for k, name in enumerate("sxyz"))
-    square, cube = power(x, 2), power(z, 3)
-    first = stack_columns(
-        s @ square @ cube + constant([[3.0]]) @ x @ y @ z, square @ power(y, 2) @ cube, [[1.0]]
-    )
-    last = x @ power(y, 2) @ z - square @ y @ z
-    second = stack_columns([[0.0]], power(s, 2) @ power(x, 3) @ y @ z, last)
-    return reduce_order(stack_rows(first, second))
-
-
-def law_table(degrees: int, expected: int, a: LFT) -> None:
-    assert sum(lower_bound(a).values()) == degrees
+def law_table(degrees: int, expected: int, a: ExactLFT) -> None:
+    assert sum(exact_degrees(a).values()) == degrees
     assert bound(a) == expected
 
 
@@ -98,7 +115,7 @@ def test_planar_and_spatial_chains() -> None:
 def law_deeper() -> None:
     """Three links in space: H^1(G(-1, -2)) is not zero, so one line b = const is not enough."""
     a = relations(3, spatial=True)
-    (pair,) = (p for p in joint.pair_bounds(a, lower_bound(a)) if p[:2] == ("L1", "t2"))
+    (pair,) = JointBound(a, exact_degrees(a)).pairs("L1", "t2", Work())
     assert (pair.first_more, pair.second_more) == (1, 2)
 
 
@@ -106,28 +123,14 @@ def test_deeper_sections_need_more_lines() -> None:
     law_deeper()
 
 
-def test_planted_depth_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Only the sections that vanish once."""
-    right = joint.obstruction
-
-    def planted(*arguments: Any) -> Any:
-        found = right(*arguments)
-        return found._replace(dimensions=found.dimensions[:1])
-
-    monkeypatch.setattr(joint, "obstruction", planted)
-    with pytest.raises(AssertionError):
-        law_deeper()
-
-
 def test_a_matrix_of_the_literature() -> None:
-    law_table(16, 17, o8())
+    """O8, order 17 reached."""
+    law_table(16, 17, of_case("O8"))
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_nothing_is_added_to_a_sum_that_is_reached(case: Case) -> None:
-    model = mbdlft.realize(case.problem(), search=0.0)
-    degrees = mbdlft.exact_lower_bound(case.problem())
-    assert case.bound <= joint_bound(model.lft, degrees) <= case.order
+    assert case.bound <= bound(of_case(case.name)) <= case.order
 
 
 def some_lft(random: np.random.Generator, *, sparse: bool, affine: bool) -> LFT:
@@ -135,14 +138,12 @@ def some_lft(random: np.random.Generator, *, sparse: bool, affine: bool) -> LFT:
 
     def entries(*shape: int) -> np.ndarray:
         zeros = sparse * (random.random(shape) < 0.5)
-        return np.where(zeros, 0.0, random.standard_normal(shape))
+        return np.where(zeros, 0.0, eighths(random, *shape))
 
     sizes = random.integers(1, 5, random.integers(2, 4))
     n, (rows, columns) = int(np.sum(sizes)), random.integers(1, 4, 2)
     blocks = tuple(Block(name, int(size)) for name, size in zip("abc", sizes, strict=False))
-    M11 = entries(n, n)
-    M11 *= 0.6 / max(1.0, float(np.linalg.norm(M11, 2)))
-    M12, M21 = entries(n, columns), entries(rows, n)
+    M11, M12, M21 = entries(n, n), entries(n, columns), entries(rows, n)
     for part in LFT(M11, M12, M21, np.zeros((rows, columns)), blocks).slices().values():
         if affine and random.random() < 0.5:
             M11[part, part] = 0.0
@@ -153,18 +154,17 @@ def inflated(a: LFT, random: np.random.Generator) -> LFT:
     """The same value with more repetitions that n-D reduction keeps: d1 d2 - d2 d1 is zero."""
     for first, second in combinations([name for name, _ in a.blocks], 2):
         d1, d2 = delta(first), delta(second)
-        left, right = (
-            random.standard_normal(shape) for shape in ((a.shape[0], 1), (1, a.shape[1]))
-        )
+        left, right = (eighths(random, *shape) for shape in ((a.shape[0], 1), (1, a.shape[1])))
         a = a + left @ (d1 @ d2 - d2 @ d1) @ right
-    return reduce_order(a)
+    return a
 
 
 def law_safe(seed: int, *, sparse: bool, affine: bool) -> None:
     random = np.random.default_rng(seed)
-    small = reduce_order(some_lft(random, sparse=sparse, affine=affine))
-    assert bound(small) <= small.order
-    assert bound(inflated(small, random)) <= small.order
+    a = some_lft(random, sparse=sparse, affine=affine)
+    order = small(a).order
+    assert bound(small(a)) <= order
+    assert bound(small(inflated(a, random))) <= order
 
 
 @given(seeds, bits, bits)
@@ -193,33 +193,33 @@ def word(
 def words(random: np.random.Generator) -> list[Word]:
     """Terms x a b a y of a polynomial in two or three parameters; x and y are from a few vectors."""
     rows, columns = random.integers(1, 4, 2)
-    left = [*np.eye(rows), *random.standard_normal((2, rows))]
-    right = [*np.eye(columns), *random.standard_normal((2, columns))]
+    left = [*np.eye(rows), *eighths(random, 2, rows)]
+    right = [*np.eye(columns), *eighths(random, 2, columns)]
     letters = "abc"[: random.integers(2, 4)]
     return [word(random, left, letters, 4, right) for _ in range(random.integers(3, 7))]
 
 
-def written(terms: list[Word], order: Callable[[str], Iterable[str]]) -> LFT:
+def written(terms: list[Word], order: Callable[[str], Iterable[str]]) -> ExactLFT:
     """The polynomial with the letters of each word in some order, which do commute."""
     total = constant(np.zeros((len(terms[0][0]), terms[0][2].shape[1])))
     for left, word, right in terms:
         product_of_letters = constant(np.eye(1))
         for letter in order(word):
-            product_of_letters = product_of_letters @ parameter(letter, 0.1 * ord(letter) - 9.3)
+            product_of_letters = product_of_letters @ parameter(letter, (ord(letter) - 94) / 8)
         total = total + left @ product_of_letters @ right
-    return reduce_order(total)
+    return small(total)
 
 
-def in_three_ways(terms: list[Word]) -> list[LFT]:
+def in_three_ways(terms: list[Word]) -> list[ExactLFT]:
     ways: list[Callable[[str], Iterable[str]]] = [str, sorted, reversed]
     return [written(terms, way) for way in ways]
 
 
 def law_words(seed: int) -> None:
-    found = in_three_ways(words(np.random.default_rng(seed)))
-    bounds = {bound(a) for a in found}
+    ways = in_three_ways(words(np.random.default_rng(seed)))
+    bounds = {bound(a) for a in ways}
     assert len(bounds) == 1
-    assert max(bounds) <= min(a.order for a in found)
+    assert max(bounds) <= min(a.order for a in ways)
 
 
 @given(seeds)
@@ -234,91 +234,78 @@ def known(g: float, seed: int) -> LFT:
     (docs/method.md), h = 1, and 5 are needed; they are enough: m for the rows of N, and L three times for
     [N ; L^2 0 0].
     """
-    random = np.random.default_rng(seed)
-    al, be, ga, de, ep, ze, et, ka, th = random.uniform(0.5, 2.0, 9) * random.choice([-1, 1], 9)
-    L, m = parameter("L", 0.4), parameter("m", 0.6)
+    al, be, ga, de, ep, ze, et, ka, th = eighths(np.random.default_rng(seed), 9)
+    L, m = parameter("L", 0.375), parameter("m", 0.625)
     slope = linear(de, ep, L)
     first = stack_columns(al + L @ linear(be, ga, L), slope, linear(ze, et, L))
     N = stack_rows(first, stack_columns(slope, [[ka]], [[th]]))
     square = constant([[g], [0.0]]) @ L @ L @ constant([[1.0, 0.0, 0.0]])
     # m at the inputs, three times: not the smallest way of writing
-    return reduce_order(N @ stack_diagonal(m, m, m) + square)
+    return N @ stack_diagonal(m, m, m) + square
 
 
 def linear(constant_part: float, slope: float, a: LFT) -> LFT:
     return constant([[constant_part]]) + constant([[slope]]) @ a
 
 
-def law_known(g: float, seed: int, change: Callable[[LFT], LFT] = lambda a: a) -> None:
-    a = change(known(g, seed))
-    degrees = lower_bound(a)
+def law_known(g: float, seed: int, change: Callable[[ExactLFT], ExactLFT] = lambda a: a) -> None:
+    a = change(small(known(g, seed)))
+    degrees = exact_degrees(a)
     assert degrees == {"L": 2, "m": 2}
     assert a.order > 4
-    assert joint_bound(a, degrees) == (5 if g else 4)
+    assert bound(a) == (5 if g else 4)
 
 
-@given(st.sampled_from([0.0, 1.0, -0.7]), seeds)
+@given(st.sampled_from([0.0, 1.0, -0.75]), seeds)
 def test_closed_form(g: float, seed: int) -> None:
     law_known(g, seed)
 
 
-@given(st.sampled_from([0.0, 1.0]), seeds)
-def test_rounding_proves_nothing(g: float, seed: int) -> None:
-    """Two inputs that no delta changes, with rounding left: the source has the terms that cancelled."""
-    a, random = known(g, seed), np.random.default_rng(seed)
-    left = RESIDUE * random.standard_normal((a.order, 2))
-    M22 = np.hstack([a.M22, np.ones((a.shape[0], 2))])
-    rounded = LFT(a.M11, np.hstack([a.M12, left]), a.M21, M22, a.blocks)
-    nothing = delta("L") @ delta("m") - delta("m") @ delta("L")
-    both = constant(np.ones((a.shape[0], 1))) @ stack_columns(nothing, nothing)
-    source = rounded + stack_columns(constant(np.zeros(a.shape)), both)
-    degrees = lower_bound(a)
-    assert joint_bound(rounded, degrees, source=source) == (5 if g else 4)
-    assert joint_bound(rounded, degrees) != (
-        5 if g else 4
-    )  # without it, rounding is taken for real
+def pieces(a: ExactLFT) -> tuple[ExactMatrix, ExactMatrix, ExactMatrix, ExactMatrix]:
+    n = a.order
+    return a.M[:n, :n], a.M[:n, n:], a.M[n:, :n], a.M[n:, n:]
 
 
-def transformed(a: LFT, random: np.random.Generator) -> LFT:
-    outputs, inputs = (np.eye(n) + 0.3 * random.standard_normal((n, n)) for n in a.shape)
-    return outputs @ a @ inputs
-
-
-def with_feedback(a: LFT, random: np.random.Generator) -> LFT:
-    """u = v + K y."""
-    K = 0.1 * random.standard_normal(a.shape[::-1])
-    loop = np.linalg.inv(np.eye(a.shape[1]) - K @ a.M22)
-    back = loop @ K @ a.M21
-    return LFT(a.M11 + a.M12 @ back, a.M12 @ loop, a.M21 + a.M22 @ back, a.M22 @ loop, a.blocks)
-
-
-def moebius(a: LFT, random: np.random.Generator) -> LFT:
-    """delta = (mu + c)/(1 + c mu), which is c z + (1 - c^2) mu (z - c w)."""
-    c = np.repeat(random.uniform(-0.5, 0.5, len(a.blocks)), [block.size for block in a.blocks])
-    solve = np.linalg.inv(np.eye(a.order) - a.M11 * c)
-    z_w, z_u = solve @ (a.M11 * (1 - c * c)), solve @ a.M12
-    w_w, w_u = c[:, None] * z_w + np.diag(1 - c * c), c[:, None] * z_u
-    return LFT(z_w - np.diag(c), z_u, a.M21 @ w_w, a.M22 + a.M21 @ w_u, a.blocks)
-
-
-def scaled(a: LFT, random: np.random.Generator) -> LFT:
-    """Other units of inputs, outputs and channels."""
-    channels, outputs, inputs = (10.0 ** random.uniform(-3, 3, n) for n in (a.order, *a.shape))
-    return LFT(
-        channels[:, None] * a.M11 / channels,
-        channels[:, None] * a.M12 * inputs,
-        outputs[:, None] * a.M21 / channels,
-        outputs[:, None] * a.M22 * inputs,
-        a.blocks,
+def transformed(a: ExactLFT, random: np.random.Generator) -> ExactLFT:
+    """Other inputs and outputs."""
+    M11, M12, M21, M22 = pieces(a)
+    outputs, inputs = (exact_matrix(3.0 * np.eye(n) + eighths(random, n, n)) for n in M22.shape)
+    return ExactLFT(
+        stacked([[M11, M12 @ inputs], [outputs @ M21, outputs @ M22 @ inputs]]), a.blocks
     )
 
 
-CHANGES: dict[str, Callable[[LFT, np.random.Generator], LFT]] = {
+def with_feedback(a: ExactLFT, random: np.random.Generator) -> ExactLFT:
+    """u = v + K y, so y = (I - M22 K)^-1 (M21 w + M22 v)."""
+    M11, M12, M21, M22 = pieces(a)
+    K = exact_matrix(eighths(random, *M22.T.shape))
+    loop = identity(M22.shape[0], a.M.prime) + -(M22 @ K)
+    y = loop.solve(stacked([[M21, M22]]))
+    return ExactLFT(stacked([[stacked([[M11, M12]]) + M12 @ K @ y], [y]]), a.blocks)
+
+
+def moebius(a: ExactLFT, random: np.random.Generator) -> ExactLFT:
+    """delta = (mu + c)/(1 + c mu), which is c z + (1 - c^2) mu (z - c w)."""
+    M11, M12, M21, M22 = pieces(a)
+    c = np.repeat(eighths(random, len(a.blocks)) / 4, [block.size for block in a.blocks])
+    C, rest, one = (
+        exact_matrix(np.diag(c)),
+        exact_matrix(np.diag(1 - c * c)),
+        identity(a.order, a.M.prime),
+    )
+    z = (one + -(M11 @ C)).solve(stacked([[M11 @ rest, M12]]))
+    n = a.order
+    w = C @ z + stacked([[rest, M12 @ exact_matrix(np.zeros((M12.shape[1],) * 2))]])
+    outputs = M21 @ w + stacked([[exact_matrix(np.zeros(M21.shape)), M22]])
+    top = stacked([[z[:, :n] + -C, z[:, n:]]])
+    return ExactLFT(stacked([[top], [outputs]]), a.blocks)
+
+
+CHANGES: dict[str, Callable[[ExactLFT, np.random.Generator], ExactLFT]] = {
     "inputs and outputs": transformed,
     "feedback": with_feedback,
     "Moebius": moebius,
-    "units": scaled,
-    "transposition": lambda a, random: transpose(a),
+    "transposition": lambda a, random: transposed(a),
 }
 
 
@@ -327,14 +314,6 @@ CHANGES: dict[str, Callable[[LFT, np.random.Generator], LFT]] = {
 def test_changes_that_leave_the_problem_as_it_is(name: str, g: float, seed: int) -> None:
     random = np.random.default_rng(seed)
     law_known(g, seed, lambda a: CHANGES[name](a, random))
-
-
-def test_moebius_change_is_one() -> None:
-    a = known(1.0, 0)
-    changed = moebius(a, np.random.default_rng(3))
-    c = np.random.default_rng(3).uniform(-0.5, 0.5, 2)
-    mu = np.random.default_rng(4).uniform(-0.9, 0.9, (20, 2))
-    roundoff(evaluate_at(changed, mu), evaluate_at(a, (mu + c) / (1 + c * mu)), KAPPA)
 
 
 pairs = st.lists(
@@ -380,21 +359,20 @@ def test_a_triple_needs_a_second_repetition() -> None:
     assert sum(least_more("abc", found, [Triple("a", "b", "c")]).values()) == 2
 
 
-def side_by_side(seed: int) -> LFT:
+def side_by_side(seed: int) -> ExactLFT:
     """Two matrices that share L, one with m and one with k."""
-    one, other = known(1.0, seed), known(-0.7, seed + 1)
-    blocks = tuple(Block("k" if name == "m" else name, size) for name, size in other.blocks)
-    other = LFT(other.M11, other.M12, other.M21, other.M22, blocks)
-    return reduce_order(stack_diagonal(one, other))
+    first, second = known(1.0, seed), known(-0.75, seed + 1)
+    blocks = tuple(Block("k" if name == "m" else name, size) for name, size in second.blocks)
+    second = LFT(second.M11, second.M12, second.M21, second.M22, blocks)
+    return small(stack_diagonal(first, second))
 
 
 def law_side_by_side(seed: int) -> None:
     """Each needs 5 alone; one L more, which pairs allow, can do for one of them only."""
     a = side_by_side(seed)
-    degrees = lower_bound(a)
-    assert degrees == {"L": 4, "m": 2, "k": 2}
+    assert exact_degrees(a) == {"L": 4, "m": 2, "k": 2}
     assert a.order > 10
-    assert joint_bound(a, degrees) == 10
+    assert bound(a) == 10
 
 
 @given(seeds)
@@ -402,15 +380,15 @@ def test_one_repetition_is_not_enough_for_two(seed: int) -> None:
     law_side_by_side(seed)
 
 
-# where pairs prove one less than triples, of 1 800
-TWO_LETTERS = (32, 136, 251, 536, 559, 627, 818, 902, 1194, 1287, 1461, 1620, 1654, 1762)
+# where pairs prove one less than triples
+TWO_LETTERS = (32, 136, 251, 536, 559, 627, 818)
 
 
 def words_of_two_letters(random: np.random.Generator) -> list[Word]:
     """Like `words`, mostly in a and one of two others."""
     rows, columns = random.integers(1, 5, 2)
-    left = [*np.eye(rows), *random.standard_normal((1, rows))]
-    right = [*np.eye(columns), *random.standard_normal((1, columns))]
+    left = [*np.eye(rows), *eighths(random, 1, rows)]
+    right = [*np.eye(columns), *eighths(random, 1, columns)]
     return [
         word(random, left, letters, 3, right)
         for letters in random.choice(
@@ -421,8 +399,8 @@ def words_of_two_letters(random: np.random.Generator) -> list[Word]:
 
 def law_of_two_letters(seed: int) -> None:
     """The bound is the order that n-D reduction reaches from one of three ways to write it."""
-    found = in_three_ways(words_of_two_letters(np.random.default_rng(seed)))
-    assert {bound(a) for a in found} == {min(a.order for a in found)}
+    ways = in_three_ways(words_of_two_letters(np.random.default_rng(seed)))
+    assert {bound(a) for a in ways} == {min(a.order for a in ways)}
 
 
 @pytest.mark.parametrize("seed", TWO_LETTERS)
@@ -442,58 +420,106 @@ def test_models_say_what_is_proved() -> None:
     assert sum(certificate.lower_bound) == 19
     assert certificate.order_bound == 21 == sum(certificate.order)
     assert certificate.minimal
-    plain = mbdlft.to_lft(
-        scene, search=0.0
-    ).certificate  # without a search the pairs are not looked at
+    # without a search the pairs are not looked at
+    plain = mbdlft.to_lft(scene, search=0.0).certificate
     assert plain.order_bound == 19
     assert not plain.minimal
 
 
-def test_missing_degree() -> None:
-    with pytest.raises(mbdlft.StructureError, match=r"degrees of \['m'\] are missing"):
-        joint_bound(known(1.0, 0), {"L": 2})
+def test_work_is_counted() -> None:
+    """Nothing is proved when the work is over, and proofs are counted, each once."""
+    over, counted = Work(0.0), Work()
+    over.add(1.0)
+    assert over.is_over
+    a = small(known(1.0, 0))
+    degrees = exact_degrees(a)
+    for work, more in ((over, (0, 0)), (counted, (1, 1))):
+        assert more_needed(a, "L", "m", degrees, work, is_transposed=False) == more
+    assert counted.spent > 0.0
+    joint = JointBound(a, degrees)
+    assert joint.of_all(over) == 4
+    assert joint.of_all(counted) == 5 == joint.known
+    spent = counted.spent
+    assert joint.of_all(counted) == 5
+    assert counted.spent == spent
+    (a, *_) = in_three_ways(words_of_two_letters(np.random.default_rng(136)))
+    names = ("a", "b", "c")
+    assert not is_constant(a, names, exact_degrees(a), over, is_transposed=True)
 
 
-def test_planted_kappa_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lines on which the pairs are not generated in degree 1 have to count."""
-    right = joint.obstruction
-
-    def planted(*arguments: Any) -> Any:
-        return right(*arguments)._replace(kappa=1)
-
-    a = o8()
-    law_table(16, 17, a)
-    monkeypatch.setattr(joint, "obstruction", planted)
-    with pytest.raises(AssertionError, match="18 == 17"):
-        law_table(16, 17, a)
+def test_too_few_points_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_SURPLUS", -12)
+    law_table(16, 17, of_case("O8"))
 
 
-def test_planted_line_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sections that need not vanish at infinity are too many: LFTs of a smaller order exist."""
-    right = sections._inside
+# planted bugs --------------------------------------------------------------------------------------
+
+
+def powers_less(
+    E: "module._Span",
+    prime: int,
+    *moves: dict[str, int],
+    right: Callable[..., int] = module._inside,
+) -> int:
+    return right(E, prime, *({k: max(1, p - 1) for k, p in move.items()} for move in moves))
+
+
+def few_samples(a: Residues, prime: int, right: Callable[..., int] = module.rank) -> int:
+    return right(a[: len(a) // 3], prime)
+
+
+def one_line(
+    *arguments: object, right: Callable[..., "module._Span | None"] = module._span
+) -> object:
+    E = right(*arguments)
+    return E and E._replace(k=1)
+
+
+def law_o8() -> None:
+    law_table(16, 17, of_case("O8"))
+
+
+def law_no_pairs() -> None:
     law_known(0.0, 0)
-    law_safe(2, sparse=False, affine=True)
-
-    def planted(basis: Any, *moves: tuple[Any, int]) -> int:
-        return right(basis, *((b, max(1, power - 1)) for b, power in moves))
-
-    monkeypatch.setattr(sections, "_inside", planted)
-    with pytest.raises(AssertionError):
-        law_known(0.0, 0)
-    with pytest.raises(AssertionError):
-        law_safe(2, sparse=False, affine=True)
-    with pytest.raises(AssertionError):
-        law_words(3)
 
 
-def test_planted_side_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The columns alone do not show what the rows do."""
-    law_known(1.0, 0)
-    law_known(1.0, 0, transpose)
-    monkeypatch.setattr(joint, "transpose", lambda a: a)
-    law_known(1.0, 0)
+def law_triples() -> None:
+    law_side_by_side(0)
+
+
+def law_poles() -> None:
+    law_words(253)
+
+
+PLANTED: dict[str, tuple[object, str, object, Callable[[], None]]] = {
+    "sections that need not vanish at infinity": (module, "_inside", powers_less, law_no_pairs),
+    "a rank of a third of the samples": (module, "rank", few_samples, law_o8),
+    "nothing is inside": (module, "_inside", lambda E, prime, *moves: 0, law_o8),
+    "only the sections that vanish once": (
+        module,
+        "takewhile",
+        lambda wanted, dimensions: [h for h in list(dimensions)[:1] if h],
+        law_deeper,
+    ),
+    "one line is enough": (module, "_span", one_line, law_o8),
+    "pairs only": (JointBound, "_is_proved", lambda *_: False, law_triples),
+    "poles in the third": (module, "is_constant", lambda *_, **__: True, law_poles),
+}
+
+
+@cache
+def holds(law: Callable[[], None]) -> bool:
+    law()
+    return True
+
+
+@pytest.mark.parametrize("bug", PLANTED)
+def test_planted_bug_is_found(bug: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    owner, name, replacement, law = PLANTED[bug]
+    assert holds(law)
+    monkeypatch.setattr(owner, name, replacement)
     with pytest.raises(AssertionError):
-        law_known(1.0, 0, transpose)
+        law()
 
 
 def test_planted_sum_is_found() -> None:
@@ -505,21 +531,3 @@ def test_planted_sum_is_found() -> None:
         law_least(lambda names, found, triples: {p.second: min(p[2:4]) for p in found}, found)
     with pytest.raises(AssertionError, match="1 == 2"):
         law_least(lambda names, found, triples: least_more(names, found), found, 1)
-
-
-def test_planted_pairs_only_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    law_side_by_side(0)
-    monkeypatch.setattr(joint, "_is_proved", lambda *arguments: False)
-    with pytest.raises(AssertionError, match="9 == 10"):
-        law_side_by_side(0)
-    for seed in TWO_LETTERS:
-        with pytest.raises(AssertionError):
-            law_of_two_letters(seed)
-
-
-def test_planted_poles_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An obstruction of two deltas that has poles in the third says nothing about the three."""
-    law_words(1008)
-    monkeypatch.setattr(joint, "is_constant_in", lambda *arguments: True)
-    with pytest.raises(AssertionError):
-        law_words(1008)

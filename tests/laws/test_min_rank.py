@@ -20,7 +20,6 @@ from mbdlft.order import min_rank as module
 from mbdlft.order import newton as newton
 from mbdlft.order.min_rank import lower_ranks
 from mbdlft.order.newton import refit
-from mbdlft.order.pairs import joint_bound
 from mbdlft.order.rewriting import open_block
 from mbdlft.order.work import Work
 from tests.close import roundoff
@@ -76,7 +75,6 @@ def same_slopes(a: LFT, name: str) -> None:
 def test_three_fewer_at_once() -> None:
     a = chain_in_space(6, "m5", "t3")
     three_fewer_at_once(a)
-    assert joint_bound(a, lower_bound(a)) == 21
 
 
 @pytest.mark.parametrize(("links", "names"), [(4, ("m3", "t1")), (4, ("m3", "t2"))])

@@ -15,6 +15,7 @@ import pytest
 
 from benchmarks.cases.chains import chain
 from mbdlft.base.running import one_thread
+from mbdlft.exact.numbers import BITS, precision
 from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import LFT, Block, fix, with_blocks
 from mbdlft.multibody.assembly import assemble
@@ -22,11 +23,13 @@ from mbdlft.multibody.to_problem import choose_signals
 from mbdlft.order import min_rank, search
 from mbdlft.order import newton as module
 from mbdlft.order.circles import independent
+from mbdlft.order.lower_bound import JointBound, exact_degrees, least_more
 from mbdlft.order.newton import one_less
-from mbdlft.order.pairs import joint_bound
+from mbdlft.order.reduction import reduce_exactly
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.order.search import Budget, find_smallest
 from mbdlft.order.work import Work
+from mbdlft.pipeline.extract import extract
 from mbdlft.problem.relations import linearize
 from tests.close import roundoff
 from tests.extracted import lower_bound, reduced
@@ -48,6 +51,17 @@ def chain_in_space(links: int, *names: str) -> LFT:
     whole = reduced(linearize(equations, *choose_signals(scene, equations)))
     others = {name: 0.1 for name, _ in whole.blocks if name not in names}
     return independent(with_blocks(reduce_order(fix(whole, others)), sorted(names)), Work())
+
+
+def bound_of(links: int, *names: str) -> int:
+    """The bound of two parameters of a chain by degrees and pairs, on residues."""
+    scene = chain(links, spatial=True)
+    equations = assemble(scene)
+    with precision(BITS):
+        a = reduce_exactly(extract(linearize(equations, *choose_signals(scene, equations))).lft)
+    degrees = exact_degrees(a)
+    pairs = JointBound(a, degrees).pairs(*names, Work())
+    return sum(degrees[name] for name in names) + sum(least_more(names, pairs).values())
 
 
 def in_other_units(a: LFT) -> tuple[LFT, Any]:
@@ -89,7 +103,7 @@ def test_two_parameters_are_at_the_bound(
     a = chain_in_space(links, *names)
     found = refitted(a, after)
     assert (a.order, found.order) == (before, after)
-    assert after == joint_bound(a, lower_bound(a))
+    assert after == bound_of(links, *names)
 
 
 def test_nothing_below_the_degrees() -> None:

@@ -3,7 +3,6 @@
 1. diagonal blocks: each channel once, and nothing is read from a block that comes later
 2. values are those of the dense definition, and signs those of det(I - M11 Delta)
 3. the determinant vanishes on a line exactly if an eigenvalue of M11 Delta is real and at least 1
-4. some columns, solved for by the loops, are those of the dense inverse
 """
 
 import numpy as np
@@ -157,33 +156,14 @@ def test_norms_that_are_taken_for_small_are_seen(monkeypatch: pytest.MonkeyPatch
         law_vanishing(a, 6.0 * deltas(a, 20))
 
 
-def law_solve_loops(a: LFT, seed: int) -> None:
-    random = np.random.default_rng(seed)
-    spread = random.uniform(-0.5, 0.5, a.order)
-    channels = random.choice(a.order, random.integers(0, a.order + 1), replace=False)
-    right = np.hstack([a.M11[:, channels], a.M12])
-    expected = np.linalg.solve(np.eye(a.order) - a.M11 * spread, right)
-    found = triangle.solve_loops(a.M11, spread, channels, a.M12)
-    roundoff(found, expected, KAPPA)
-
-
-@pytest.mark.parametrize("whole", [0, 256])
-@pytest.mark.parametrize("loops", LOOPS)
-def test_solutions_by_loops(
-    loops: tuple[int, ...], whole: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(triangle, "_WHOLE", whole)
-    for seed in range(5):
-        law_solve_loops(chained(loops, seed), seed)
-
-
 def test_planted_order_of_blocks_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(triangle, "_WHOLE", 0)
-    law_solve_loops(chained(LOOPS[3], 0), 0)
+    a = chained(LOOPS[3], 0)
+    at = 0.5 * deltas(a, 3)
     right = triangle.diagonal_blocks
+    roundoff(triangle.values_at(a, at)[0], evaluate_at(a, at), KAPPA)
     monkeypatch.setattr(triangle, "diagonal_blocks", lambda matrix: right(matrix)[::-1])
     with pytest.raises(AssertionError):
-        law_solve_loops(chained(LOOPS[3], 0), 0)
+        roundoff(triangle.values_at(a, at)[0], evaluate_at(a, at), KAPPA)
 
 
 def test_eigenvalues_that_are_not_found_show_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

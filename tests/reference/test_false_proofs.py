@@ -13,7 +13,6 @@ from mbdlft.order.work import Work
 from mbdlft.pipeline import forms
 from tests.close import CLOSED_FORM, target
 from tests.extracted import exactly
-from tests.laws.test_exact_pairs import known as matrix_of_pairs
 
 # row 0 is the constant -150000: its numerator is -150000 times its denominator
 _DENOMINATOR = (
@@ -53,9 +52,8 @@ def test_pairs_that_rounding_makes_prove_nothing() -> None:
 
 
 @pytest.mark.usefixtures("search_here")
-def test_planted_pairs_of_doubles_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reductions and degrees in doubles, and what these show counts without a proof on residues."""
-    monkeypatch.setattr(search, "confirmation", lambda *_: None)
+def test_planted_reduction_in_doubles_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The reduction decides ranks in doubles: pairs of what is left are those of another matrix."""
     monkeypatch.setattr(forms, "reduce_exactly", lambda a: exactly(reduce_order(a.rounded())))
     with pytest.raises(AssertionError):
         law_pairs()
@@ -156,6 +154,18 @@ THREE = [
     Parameter("b", 0.15, -0.4, 0.5),
     Parameter("c", 0.1, -0.3, 0.7),
 ]
+
+
+def matrix_of_pairs(g: float) -> list[list[str]]:
+    """g [L^2 0 0 ; 0 0 0] + m N(L) as in `test_joint_bound.known`: 5 are needed, and 4 for g = 0."""
+    random = np.random.default_rng(0)
+    numbers = random.uniform(0.5, 2.0, 9) * random.choice([-1, 1], 9)
+    al, be, ga, de, ep, ze, et, ka, th = (f"({x!r})" for x in numbers.tolist())
+    slope = f"m*({de} + {ep}*L)"
+    return [
+        [f"{g!r}*L^2 + m*({al} + {be}*L + {ga}*L^2)", slope, f"m*({ze} + {et}*L)"],
+        [slope, f"{ka}*m", f"{th}*m"],
+    ]
 
 
 def law_near() -> None:
