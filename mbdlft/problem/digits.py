@@ -1,11 +1,11 @@
-"""The nonlinear equations trimmed and linearized in 50 digits, at a few points.
+"""Values of the nonlinear equations, and of linear relations, in 50 digits at a few points.
 
-The instructions of the same functions as in `relinearize` are followed in balls of FLINT, with the
-numbers of the scene as they are written, and the equations are solved in balls, too.
+The instructions of the same functions as in doubles are followed in balls of FLINT, with the numbers of
+the problem as they are written, and the equations are solved in balls, too. What may be zero is zero.
 """
 
 import operator
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -17,16 +17,18 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
-from mbdlft.base.unit import parse_unit
+from mbdlft.base.parameter import DIVISORS, Parameter
 from mbdlft.exact.matrices import entries_of
 from mbdlft.exact.numbers import Field, constant_of, precision
-from mbdlft.problem.equations import Equations, rounded, split
+from mbdlft.problem.equations import Equations, split
+from mbdlft.problem.equations import rounded as in_doubles
 from mbdlft.problem.linearization import slopes_at_trim
+from mbdlft.problem.relations import LinearModel
 from mbdlft.problem.sx.constants import constants_in, literal, pi_times
 from mbdlft.problem.sx.tapes import fold, rules
 from mbdlft.problem.trim import relations_at_rest, trim_rows
 
-_BITS = 200  # 50 digits and what solving takes
+BITS = 200  # 50 digits and what solving takes
 
 Balls = NDArray[np.object_]
 
@@ -36,18 +38,13 @@ def matrices_in_digits(
 ) -> Array:
     """[A B ; C D] (N, ., .) of the exact equations at physical points (N, n_p), rounded at the end.
 
-    What may be zero is zero.
-
     Raises
     ------
     WellPosednessError
         The equations cannot be solved at one of the points.
     """
-    with precision(_BITS):
-        found = [
-            [_rounded(x) for x in part.ravel()] for part in _balls(exact, inputs, outputs, points)
-        ]
-    return np.array(found).reshape(len(points), len(exact.states) + len(outputs), -1)
+    with precision(BITS):
+        return _rounded_all(_of_equations(exact, inputs, outputs, points))
 
 
 def transfers_in_digits(
@@ -59,16 +56,44 @@ def transfers_in_digits(
 ) -> NDArray[np.complex128]:
     """Transfer functions (N, F, n_y, n_u) of the exact equations, rounded at the end.
 
-    `points` (N, n_p) are physical, `frequencies` (F,) in rad/s. What may be zero is zero.
-
-    Raises
-    ------
-    WellPosednessError
-        The equations cannot be solved at one of the points or frequencies.
+    `points` (N, n_p) are physical, `frequencies` (F,) in rad/s; raises as `matrices_in_digits`.
     """
-    with precision(_BITS):
-        found = _balls(exact, inputs, outputs, points)
-        return transfers_of(found, len(exact.states), frequencies)
+    with precision(BITS):
+        balls = _of_equations(exact, inputs, outputs, points)
+        return transfers_of(balls, len(exact.states), frequencies)
+
+
+class RelationsInDigits:
+    """The same of linear relations, whose slopes by unknown and known signals are given."""
+
+    def __init__(self, model: LinearModel, slopes: ca.SX) -> None:
+        self.model, self.tape = model, _tape(model.p, slopes)
+
+    def matrices(self, points: Array) -> Array:
+        with precision(BITS):
+            return _rounded_all(self._balls(points))
+
+    def transfers(self, points: Array, frequencies: Array) -> NDArray[np.complex128]:
+        with precision(BITS):
+            return transfers_of(self._balls(points), self.model.derivatives, frequencies)
+
+    def _balls(self, points: Array) -> list[Balls]:
+        m, found = self.model, []
+        for point in points:
+            (J,) = self.tape.at(
+                [_internal(*pair) for pair in zip(m.parameters, point, strict=True)]
+            )
+            found.append(_state_space(J, m.unknown.numel(), m.known.numel(), m.derivatives))
+        return found
+
+
+def _internal(parameter: Parameter, physical: float) -> Any:
+    """The internal value of a parameter, as a ball."""
+    value = flint.arb(float(physical))
+    if not parameter.is_angle:
+        return value
+    radians = value * (flint.arb.pi() / 180 if parameter.unit == "deg" else parameter.factor)
+    return ((radians - parameter.reference) / DIVISORS[parameter.substitution]).tan()
 
 
 def transfers_of(
@@ -92,33 +117,46 @@ def transfers_of(
                 solved = _matrix(shifted, flint.acb_mat).solve(right)
             except ZeroDivisionError:
                 raise _singular() from None
-            found.append([_rounded(x) for x in (direct - entries_of(read * solved)).ravel()])
+            found.append([rounded(x) for x in (direct - entries_of(read * solved)).ravel()])
     shape = (len(matrices), len(frequencies), *matrices[0][states:, states:].shape)
     return np.array(found, dtype=complex).reshape(shape)
 
 
-def _rounded(x: Any) -> float | complex:
+def rounded(x: Any) -> float | complex:
     """A ball as a number; what may be zero is zero."""
     return 0.0 if x.contains(0) else complex(x) if isinstance(x, flint.acb) else float(x)
 
 
-def _balls(
+def _rounded_all(matrices: Sequence[Balls]) -> Array:
+    values = np.array([[rounded(x) for x in matrix.ravel()] for matrix in matrices])
+    return values.reshape(len(matrices), *matrices[0].shape)
+
+
+def _of_equations(
     exact: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array
 ) -> list[Balls]:
     """[A B ; C D] of the exact equations at physical points (N, n_p)."""
-    tapes = _tapes(exact, tuple(inputs), tuple(outputs))
-    return [_matrices(exact, tapes, J) for J in _slopes(exact, tapes, points)]
-
-
-def _slopes(exact: Equations, tapes: "_Tapes", points: Array) -> Iterator[Balls]:
-    """Slopes of [residual ; outputs] by unknown and known signals, at physical points (N, n_p)."""
-    for at in points:
-        physical = [flint.arb(float(x)) for x in at]
+    trim, slopes = _tapes(exact, tuple(inputs), tuple(outputs))
+    unknown, known = (part.numel() for part in split(exact, inputs))
+    found = []
+    for point in points:
+        physical = [flint.arb(float(x)) for x in point]
         try:
-            (J,) = tapes.slopes.at(physical + _efforts(exact, tapes.trim, physical))
+            (J,) = slopes.at(physical + _efforts(exact, trim, physical))
         except ZeroDivisionError:
             raise _singular() from None
-        yield J
+        found.append(_state_space(J, unknown, known, len(exact.states)))
+    return found
+
+
+def _state_space(J: Balls, unknown: int, known: int, states: int) -> Balls:
+    """[A B ; C D] of slopes of [residual ; outputs] by unknown and known signals."""
+    try:
+        solved = -_solved(J[:unknown, :unknown], J[:unknown, unknown : unknown + known])
+    except ZeroDivisionError:
+        raise _singular() from None
+    read = J[unknown:, unknown : unknown + known] + _times(J[unknown:, :unknown], solved)
+    return np.concatenate([solved[:states], read])
 
 
 def _singular() -> WellPosednessError:
@@ -145,22 +183,14 @@ class _Tape(NamedTuple):
         return found
 
 
-class _Tapes(NamedTuple):
-    """Parameters to the relations of the trim, and parameters and efforts to slopes at rest."""
-
-    trim: _Tape
-    slopes: _Tape
-    unknown: int
-    known: int
-
-
 @lru_cache(maxsize=2)  # for matrices, and again for transfers
-def _tapes(exact: Equations, inputs: tuple[int, ...], outputs: tuple[int, ...]) -> _Tapes:
+def _tapes(
+    exact: Equations, inputs: tuple[int, ...], outputs: tuple[int, ...]
+) -> tuple[_Tape, _Tape]:
+    """Parameters to the relations of the trim, and parameters and efforts to slopes at rest."""
     symbols = physical_in_digits(exact)
     trim = _tape(symbols[0], relations_at_rest(exact, symbols))
-    slopes = _tape(*slopes_at_trim(exact, symbols, inputs, outputs))
-    unknown, known = (part.numel() for part in split(exact, inputs))
-    return _Tapes(trim, slopes, unknown, known)
+    return trim, _tape(*slopes_at_trim(exact, symbols, inputs, outputs))
 
 
 def _tape(argument: ca.SX, expressions: ca.SX | Sequence[ca.SX]) -> _Tape:
@@ -178,27 +208,16 @@ def physical_in_digits(exact: Equations) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     angles = ca.SX(p.numel(), 1)
     for k, parameter in enumerate(exact.parameters):
         if parameter.is_angle:
-            unit = parse_unit(parameter.unit).factor
+            unit = parameter.factor
             is_deg = parameter.unit == "deg"
             angles[k] = p[k] * (pi_times(Fraction(1, 180)) if is_deg else literal(unit))
     return p, p, ca.cos(angles), ca.sin(angles)
 
 
-def _matrices(exact: Equations, tapes: _Tapes, J: Balls) -> Balls:
-    """[A B ; C D] at one point, of the slopes there."""
-    unknown, known = tapes.unknown, tapes.known
-    try:
-        solved = -_solved(J[:unknown, :unknown], J[:unknown, unknown : unknown + known])
-    except ZeroDivisionError:
-        raise _singular() from None
-    read = J[unknown:, unknown : unknown + known] + _times(J[unknown:, :unknown], solved)
-    return np.concatenate([solved[: len(exact.states)], read])
-
-
 def _efforts(exact: Equations, trim: _Tape, physical: list[Any]) -> list[Any]:
     """Trim values of u."""
     offset, matrix, given = trim.at(physical)
-    rows, unknown = list(trim_rows(rounded(exact))), list(exact.unknown)
+    rows, unknown = list(trim_rows(in_doubles(exact))), list(exact.unknown)
     found = [x for (x,) in given]
     if unknown:
         solution = -_solved(matrix[rows], offset[rows])
@@ -207,13 +226,13 @@ def _efforts(exact: Equations, trim: _Tape, physical: list[Any]) -> list[Any]:
     return found
 
 
-def _ball(value: float) -> Any:
-    fraction = constant_of(value)
-    return flint.arb(flint.fmpq(fraction.numerator, fraction.denominator))
+def ball(value: Fraction) -> Any:
+    """The ball around a fraction, in the bits of the context."""
+    return flint.arb(flint.fmpq(value.numerator, value.denominator))
 
 
 _RULES = rules(
-    _ball,
+    lambda value: ball(constant_of(value)),
     add=operator.add,
     mul=operator.mul,
     div=operator.truediv,

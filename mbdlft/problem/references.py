@@ -5,30 +5,24 @@ G = C (s I - A)^-1 B + D; the relations J_xdot s x + J_z z + J_x x + J_u u = 0 g
 solved for s x first, so rounding of A, B, C and D is not in it.
 """
 
-import operator
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
-import flint
 import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
-from mbdlft.base.parameter import Parameter, to_internal
-from mbdlft.base.unit import parse_unit
-from mbdlft.exact.matrices import entries_of
-from mbdlft.exact.numbers import Field, constant_of, precision
+from mbdlft.base.parameter import to_internal
 from mbdlft.exact.rounding import conditioning
-from mbdlft.problem.digits import Balls, matrices_in_digits, transfers_in_digits, transfers_of
+from mbdlft.problem.digits import RelationsInDigits, matrices_in_digits, transfers_in_digits
 from mbdlft.problem.equations import Equations, split
 from mbdlft.problem.linearization import Relinearized, relinearize, slope_sizes
 from mbdlft.problem.problem import Complex, Reference
 from mbdlft.problem.relations import LinearModel, Need
-from mbdlft.problem.sx.constants import constants_in, in_doubles
+from mbdlft.problem.sx.constants import in_doubles
 from mbdlft.problem.sx.evaluation import evaluate_many, term_sizes
-from mbdlft.problem.sx.tapes import fold, rules
 from mbdlft.problem.trim import PART
 
 _COUNT = 8  # frequencies
@@ -36,6 +30,7 @@ _FROM, _TO = 0.097, 2.137  # times the slowest and the fastest pole; no ratio th
 _SLOWEST = 1e-4  # of the fastest pole: slower ones, as those of free motions, ask for no frequency
 _BESIDE = 1.01  # times a pole: no frequency is nearer
 _REST = 1e-4  # rad/s: slower ones may be rounding of nothing
+_TOGETHER = 16  # points at a time: matrices of many equations are large
 QUIET = 1e-6  # of the largest of a row over the frequencies: 120 dB below, nobody looks
 _ROUNDS = 2  # of scaling of rows and columns
 
@@ -281,10 +276,6 @@ def _whole(size: Array, states: int, floor: float) -> Array:
     return np.where(whole > 0, whole, np.max(size, initial=0.0)).reshape(rows, states + columns)
 
 
-_TOGETHER = 16  # points at a time: matrices of many equations are large
-_BITS = 200  # 50 digits and what solving takes
-
-
 def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Reference:
     """Values [A B ; C D] of relations at physical points (N, n_p).
 
@@ -325,13 +316,8 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
     def condition() -> tuple[float, int]:
         return conditioning(values, terms(), scale, NEGLIGIBLE * scale)
 
-    def in_digits(some: Array) -> Array:
-        return _in_digits(model, slopes, some, sizes).reshape(len(some), *values.shape[1:])
-
     def transfers_in_digits(some: Sequence[int], frequencies: Array) -> Complex:
-        with precision(_BITS):
-            found = list(_balls(model, slopes, points[list(some)], sizes))
-            return transfers_of(found, sizes.states, frequencies)
+        return RelationsInDigits(model, slopes).transfers(points[list(some)], frequencies)
 
     def transfers(some: Sequence[int], frequencies: Array) -> Complex:
         jacobian = spread(entries[list(some)])
@@ -347,7 +333,7 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
         trim_scale=np.zeros(0),
         transfers=transfers,
         transfers_in_digits=transfers_in_digits,
-        in_digits=in_digits,
+        in_digits=lambda some: RelationsInDigits(model, slopes).matrices(some),
     )
 
 
@@ -357,14 +343,6 @@ def _internal_values(model: LinearModel, points: Array) -> Array:
     for k, parameter in enumerate(model.parameters):
         found[:, k] = to_internal(parameter, points[:, k])
     return found
-
-
-def _in_digits(model: LinearModel, slopes: ca.SX, points: Array, sizes: "_Counts") -> Array:
-    """[A B ; C D] in 50 digits, rounded at the end."""
-    with precision(_BITS):
-        return np.array(
-            [[_rounded(x) for x in m.ravel()] for m in _balls(model, slopes, points, sizes)]
-        )
 
 
 def column_of_entries(matrix: ca.SX) -> ca.SX:
@@ -408,63 +386,3 @@ def _uncancelled(jacobian: Array, terms: Array, sizes: _Counts, owner: str) -> A
     own = inverse @ (terms[:, :n, n:] + terms[:, :n, :n] @ np.abs(solved))
     read = terms[:, n:, n:] + terms[:, n:, :n] @ own
     return np.concatenate([own[:, : sizes.states], read], axis=1)
-
-
-def _balls(model: LinearModel, slopes: ca.SX, points: Array, sizes: _Counts) -> Iterator[Balls]:
-    """[A B ; C D] at physical points, in balls."""
-    sparse = ca.sparsify(slopes)
-    constants, numbers = constants_in(sparse)
-    field = Field(numbers)
-    function = ca.Function("digits", [model.p, constants], [sparse])
-    given = [field.of(number).ball for number in numbers]
-    rows, columns = function.sparsity_out(0).get_triplet()
-    n = sizes.unknown
-    for point in points:
-        p = [_internal(q, x) for q, x in zip(model.parameters, point, strict=True)]
-        J = np.full(sparse.shape, flint.arb(0), dtype=object)
-        for row, column, value in zip(
-            rows, columns, fold(function, _RULES, p, given)[0], strict=True
-        ):
-            J[row, column] = value
-        try:
-            solved = -entries_of(_matrix(J[:n, :n]).solve(_matrix(J[:n, n:])))
-        except ZeroDivisionError:
-            raise WellPosednessError(
-                "The equations are singular at one of the points that are checked in 50 digits."
-            ) from None
-        read = (
-            J[n:, n:] + entries_of(_matrix(J[n:, :n]) * _matrix(solved))
-            if len(J) > n
-            else J[n:, n:]
-        )
-        yield np.concatenate([solved[: sizes.states], read])
-
-
-def _internal(parameter: Parameter, physical: float) -> Any:
-    """The internal value of a parameter, as a ball."""
-    ball = flint.arb(float(physical))
-    if not parameter.is_angle:
-        return ball
-    radians = ball * (
-        flint.arb.pi() / 180 if parameter.unit == "deg" else parse_unit(parameter.unit).factor
-    )
-    return (
-        (radians - parameter.reference) / (2 if parameter.substitution == "half-angle" else 4)
-    ).tan()
-
-
-def _rounded(x: Any) -> float:
-    return 0.0 if x.contains(0) else float(x)
-
-
-def _matrix(a: Balls) -> Any:
-    n, m = a.shape
-    return flint.arb_mat(n, m, a.ravel().tolist())
-
-
-def _ball(value: float) -> Any:
-    fraction = constant_of(value)
-    return flint.arb(flint.fmpq(fraction.numerator, fraction.denominator))
-
-
-_RULES = rules(_ball, add=operator.add, mul=operator.mul, div=operator.truediv)
