@@ -35,8 +35,13 @@ FUNCTIONS: Mapping[str, Callable[[float], float]] = {
 _MAX_EXPONENT = 64
 _MAX_DEPTH = 100
 _MOST_DIGITS = 1000
+_NOT_BLANK = re.compile(r"\S")
 _TOKEN = re.compile(
-    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[^\W\d]\w*)|(?P<operator>\*\*|[-+*/^()])|(?P<unit>\[[^\]]*\]))"
+    r"""(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)
+    |(?P<name>[^\W\d]\w*)
+    |(?P<operator>\*\*|[-+*/^()])
+    |(?P<unit>\[[^\]]*\])""",
+    re.VERBOSE,
 )
 
 
@@ -110,13 +115,7 @@ Expression = Number | Name | Binary | Negative | Power | Call
 
 @cache
 def parse(source: float | str) -> Expression:
-    """Parse a number or a text into an expression tree.
-
-    Raises
-    ------
-    SceneError
-        The text is not an expression of the grammar; the message gives the column.
-    """
+    """Parse a number or a text into an expression tree."""
     if isinstance(source, int | float):
         return Number(float(source))
     return _Parser(source).parse()
@@ -139,12 +138,12 @@ class _Parser:
 
     def _advance(self) -> None:
         """Read the next token; its kind is empty at the end of the text."""
-        rest = self.text[self.position :]
-        self.column = self.position + len(rest) - len(rest.lstrip()) + 1
-        if not rest.strip():
+        begin = _NOT_BLANK.search(self.text, self.position)
+        self.column = (begin.start() if begin else len(self.text)) + 1
+        if begin is None:
             self.kind, self.token = "", ""
             return
-        match = _TOKEN.match(self.text, self.position)
+        match = _TOKEN.match(self.text, begin.start())
         if match is None or match.lastgroup is None:
             self.kind, self.token = "character", self.text[self.column - 1]
             raise self._error("a number, a name, an operator or a parenthesis")
@@ -352,13 +351,6 @@ def evaluate(
         Functions of the number system, its powers as "constpow", and as "unit" what makes an element of
         the exponents of the unit of a number. Without them the functions are of constants only, powers
         are products, and units are no more than their factors.
-
-    Raises
-    ------
-    SceneError
-        A name is unknown, or a constant is divided by zero.
-    NotRationalError
-        The argument of sqrt, sin, cos or atan is not a constant.
     """
     match expression:
         case Number(value, unit):

@@ -44,11 +44,6 @@ def eliminate_aliases(dae: Dae) -> Reduced:
 
     Of two variables the one stays that is fixed, has a derivative, has a start value, is an output's.
     What becomes such an equation, as a variable in it is zero, is taken out, too.
-
-    Raises
-    ------
-    StructureError
-        Such equations say the same twice, or two things of one variable.
     """
     aliases: tuple[Alias, ...] = ()
     while True:

@@ -244,11 +244,6 @@ def check_units(dae: Dae) -> None:
 
     A plain number may carry any unit, and so may a quantity in "1", whose unit is not given; one in
     "rad" or "%" is dimensionless.
-
-    Raises
-    ------
-    SceneError
-        They do not fit; the message names the equation.
     """
     second = Dimension(parse_unit("s").dimension)
     dimensions = {v.symbol.element_hash(): open_unit(v.unit) for v in (*dae.variables, *dae.inputs)}

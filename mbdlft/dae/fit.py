@@ -151,13 +151,6 @@ def fitted(
     values : mapping of names to SX
         All others, exact; numbers or rational in the parameters.
     tolerance : float
-
-    Raises
-    ------
-    TrimError
-        The tolerance is not met, or there is a fold.
-    NotRationalError
-        An angle is among the parameters, or an operation cannot be bounded.
     """
     z = [problem.quantities[j] for _, j in unsolved]
     known = [q for q in s.quantities if q.name in values]
@@ -213,13 +206,7 @@ def is_rational(expression: ca.SX) -> bool:
 
 
 def _parameters(s: Structure, expressions: Sequence[ca.SX]) -> tuple[list[Parameter], list[ca.SX]]:
-    """The parameters that expressions depend on, and their symbols.
-
-    Raises
-    ------
-    NotRationalError, TrimError
-        An angle is among them; there is none.
-    """
+    """The parameters that expressions depend on, and their symbols."""
     stacked = ca.vertcat(*expressions)
     symbols = ca.vertsplit(s.dae.p)
     pairs = [

@@ -95,13 +95,7 @@ def place_of(dae: Dae, row: Row) -> str:
 
 
 def differentiated(dae: Dae) -> Differentiated:
-    """The equations with those derivatives that the signature method asks for.
-
-    Raises
-    ------
-    StructureError
-        The numbers of equations and variables differ, or the model is structurally singular.
-    """
+    """The equations with those derivatives that the signature method asks for."""
     sigma = _signature(dae)
     _check_square(dae, sigma)
     rows, columns = linear_sum_assignment(np.where(sigma == _ABSENT, _FORBIDDEN, -sigma))
@@ -277,11 +271,6 @@ def dummy_derivatives(
     points : function without arguments
         Values of these at some points.
     wanted : names of states that are kept if there is a choice
-
-    Raises
-    ------
-    StructureError
-        The equations at their highest order are singular: which and in which unknowns.
     """
     dae, n = d.dae, len(d.dae.equations)
     rows = [Row(i, d.counts[i]) for i in range(n)]

@@ -32,13 +32,7 @@ _LOOKED_AT = 4  # points at which sizes of trimmed quantities are taken
 
 
 def problem_of_trim(at: DaeTrim, stage: Stage = lambda name: nullcontext()) -> Problem:
-    """The linearized equations of a DAE at an equilibrium, rational in the parameters.
-
-    Raises
-    ------
-    NotRationalError
-        A coefficient is not, at this equilibrium.
-    """
+    """The linearized equations of a DAE at an equilibrium, rational in the parameters."""
     s = at.structure
     with stage("linearize"):
         linear = _Linear(at)
@@ -193,11 +187,6 @@ def trimmed_points(at: DaeTrim, points: Array) -> Array:
 
     The equations are those of the structure, the rates of the states are zero, and what was held or given
     is that.
-
-    Raises
-    ------
-    TrimError
-        There is no equilibrium near the nominal one at a point.
     """
     s = at.structure
     expressions = _expressions(at)
@@ -263,11 +252,6 @@ def _reference(
     """The nonlinear equations, trimmed and linearized again with numbers at every point.
 
     Where the equilibrium is a fit, the relations at the fits; that they are near is looked at, too.
-
-    Raises
-    ------
-    TrimError
-        The linear model differs from that of the equations by far more than the fits.
     """
     s = at.structure
     reference = reference_of_relations(relations, points, s.owner)
@@ -295,13 +279,7 @@ def _reference(
 
 
 def linearized(s: Structure, z: Array, points: Array) -> Array:
-    """[A B ; C D] (N, ., .) of the nonlinear equations at z (N, n) = [unknowns ; states ; inputs].
-
-    Raises
-    ------
-    WellPosednessError
-        The equations do not determine the unknowns there.
-    """
+    """[A B ; C D] (N, ., .) of the nonlinear equations at z (N, n) = [unknowns ; states ; inputs]."""
     outputs = column_of([y.expression for y in s.dae.outputs])
     stacked = ca.vertcat(s.residual, outputs, column_of(s.rates))
     slopes = ca.sparsify(in_doubles(ca.jacobian(stacked, s.symbols)))

@@ -185,11 +185,6 @@ def formula_of(
 
     With `tables`, parts that are lines or cubic polynomials between breakpoints, three or more, or two
     where they are long, are tables.
-
-    Raises
-    ------
-    NotRationalError
-        An operation has no formula.
     """
     constants, numbers = constants_in(expression)
     function = ca.Function("formula", [column_of(symbols), constants], [ca.densify(expression)])

@@ -46,13 +46,7 @@ class Separated(NamedTuple):
 def problem_of_dae(
     s: Structure, arrange: Arrange = "fewest", stage: Stage = lambda name: nullcontext()
 ) -> Separated:
-    """The linear part of a DAE as a problem, and its nonlinear functions.
-
-    Raises
-    ------
-    NotRationalError, StructureError
-        As `theta_form`; or no consistent point is found.
-    """
+    """The linear part of a DAE as a problem, and its nonlinear functions."""
     with stage("separate"):
         at = consistent_point(s)
         form = theta_form(s, arrange, at)
@@ -114,11 +108,6 @@ def consistent_point(s: Structure, p: Array | None = None) -> Array:
 
     Variables that are fixed have their start values, and the initial equations hold; the others are near
     their start values.
-
-    Raises
-    ------
-    StructureError
-        None is found.
     """
     quantities = [*s.unknowns, *s.states]
     start, sizes = start_of(quantities)
@@ -151,11 +140,6 @@ def check_separation(s: Structure, form: ThetaForm, at: Array) -> float:
 
     The points are around a consistent one, with random parameters. At each the unknowns of the DAE are
     taken from a solution of its equations; the relations have to hold there, too.
-
-    Raises
-    ------
-    AnalysisError
-        It is larger than rounding explains.
     """
     drawn = np.random.default_rng(_SEED)
     n, nx = s.unknown.numel(), len(s.states)

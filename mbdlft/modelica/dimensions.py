@@ -82,13 +82,7 @@ _PLACE = Callable[[int, str], str]
 
 
 def check_units(model: FlatModel, place: _PLACE) -> None:
-    """What is added, compared or made equal has the same unit; arguments of functions have none.
-
-    Raises
-    ------
-    SceneError
-        Units do not fit; the message names the equation and its line.
-    """
+    """What is added, compared or made equal has the same unit; arguments of functions have none."""
     checker = _Checker(model)
     for d in model.declarations:
         if d.binding is not None:

@@ -58,13 +58,7 @@ class Evaluator:
         self.indices: dict[str, Value] = {}
 
     def value(self, expression: Expression) -> Value:
-        """The value of an expression.
-
-        Raises
-        ------
-        SceneError
-            A name is not known, a function is not supported, sizes of arrays do not fit.
-        """
+        """The value of an expression."""
         match expression:
             case Number(text):
                 return Fraction(text)
@@ -111,13 +105,7 @@ class Evaluator:
         return terms[0]
 
     def number(self, expression: Expression) -> Fraction:
-        """The value of an expression that is a number.
-
-        Raises
-        ------
-        SceneError
-            It is none.
-        """
+        """The value of an expression that is a number."""
         value = self.value(expression)
         number = v.number_of(value)
         if number is None:

@@ -70,11 +70,6 @@ def tokens(text: str, source: str, first_line: int = 1, *, statement: bool = Fal
     """The words of a text, without comments; the last one is the end.
 
     Of a `statement`, only those up to its semicolon are read.
-
-    Raises
-    ------
-    SceneError
-        A character, a string or a comment is no word of Modelica; the message gives line and column.
     """
     words: list[Token] = []
     position, line, begin, depth = 0, first_line, 0, 0

@@ -117,13 +117,7 @@ def load_modelica(
 def compiled_model(
     file: Path, model: str | None = None, roots: Sequence[str | Path] | None = None
 ) -> FlatModel:
-    """The flat model of a Modelica file, by the compiler rumoca; arguments as those of `load_modelica`.
-
-    Raises
-    ------
-    SceneError
-        The compiler is not installed, or it refuses the model.
-    """
+    """The flat model of a Modelica file by the compiler rumoca, with the arguments of `load_modelica`."""
     try:
         import rumoca
     except ImportError:

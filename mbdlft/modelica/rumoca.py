@@ -144,13 +144,7 @@ _TYPES = ("real", "integer", "boolean", "string")
 
 
 def model_of_tables(tables: Mapping[str, Any], name: str, sources: Sources) -> FlatModel:
-    """The syntax tree of the tables of a model.
-
-    Raises
-    ------
-    SceneError
-        A table or an entry is not known here, or the model is partial.
-    """
+    """The syntax tree of the tables of a model."""
     return _Reader(tables, name, sources).model()
 
 

@@ -75,13 +75,6 @@ def theta_form(s: Structure, arrange: Arrange, at: Array) -> ThetaForm:
 
     `at` are consistent values of [unknowns ; states ; inputs ; p], where linear parts are taken out of
     functions if the relations do not determine the unknowns without them.
-
-    Raises
-    ------
-    NotRationalError
-        A coefficient is not rational in the parameters.
-    StructureError
-        The relations do not determine the unknowns.
     """
     return _Form(s, arrange, at).form()
 

@@ -305,11 +305,6 @@ def table_expression(
     beyond : {"lines", "constant"}
         What stands before the first and behind the last breakpoint: lines with the slopes there, or the
         last values.
-
-    Raises
-    ------
-    SceneError
-        The points are no table.
     """
     b, v = np.asarray(breakpoints, dtype=float), np.asarray(values, dtype=float)
     if b.ndim != 1 or b.shape != v.shape or len(b) < 2 or not np.all(np.isfinite([b, v])):

@@ -76,13 +76,7 @@ class Separation:
         }
 
     def follow(self, expression: ca.SX, place: str, hint: str) -> Mixed:
-        """The value of an expression; `place` is for messages, `hint` names its functions.
-
-        Raises
-        ------
-        NotRationalError
-            A coefficient is not rational in the parameters.
-        """
+        """The value of an expression; `place` is for messages, `hint` names its functions."""
         self.place, self.hint = place, hint
         free = ca.symvar(expression)
         function = ca.Function("equation", [column_of(free)], [ca.densify(expression)])
