@@ -120,13 +120,7 @@ def trim(
 
 
 def _of_aliases(s: Structure, fixed: Mapping[str, float | str]) -> dict[str, float | str]:
-    """What is given of aliases, as values of the variables that stayed.
-
-    Raises
-    ------
-    SceneError
-        An alias is a number, or has the other sign of what a parameter is given for.
-    """
+    """What is given of aliases, as values of the variables that stayed."""
     aliases = {a.name: a for a in s.aliases}
     translated: dict[str, float | str] = {}
     for name, value in fixed.items():
@@ -154,13 +148,7 @@ def _check_names(s: Structure, fixed: Mapping[str, Any], free: Sequence[str]) ->
 
 
 def _check_moving(s: Structure, moving: Sequence[str], values: Mapping[str, ca.SX]) -> None:
-    """Nothing changes while these variables move with their rates.
-
-    Raises
-    ------
-    SceneError, TrimError
-        A name is not known; an equation changes.
-    """
+    """Nothing changes while these variables move with their rates."""
     variables = {v.name: v.symbol for v in s.dae.variables}
     check_known("variable", moving, variables, f"{s.owner}, moving")
     moving_symbols = column_of([variables[name] for name in moving])
@@ -259,13 +247,7 @@ def _check_others(
     points: Sequence[Array],
     fixed: Mapping[str, float | str],
 ) -> None:
-    """The equations that were left out hold as well, at the points.
-
-    Raises
-    ------
-    TrimError
-        One does not.
-    """
+    """The equations that were left out hold as well, at the points."""
     if problem.residual.numel() == residual.numel():
         return
     start, sizes = start_of(problem.quantities)

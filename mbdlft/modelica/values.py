@@ -35,13 +35,7 @@ _ROUNDING: Mapping[str, Callable[[Fraction], int]] = {
 
 
 def to_sx(value: Value) -> ca.SX:
-    """A number or an expression as an expression.
-
-    Raises
-    ------
-    SceneError
-        It is a truth, a text or an array.
-    """
+    """A number or an expression as an expression."""
     if isinstance(value, Fraction):
         return ca.SX(literal(value))
     if isinstance(value, ca.SX):
@@ -121,13 +115,7 @@ def applied(function: str, value: Value) -> Value:
 
 
 def rounded(function: str, value: Value) -> Value:
-    """floor, ceil or integer of a number.
-
-    Raises
-    ------
-    SceneError
-        It depends on variables, where it would make events.
-    """
+    """floor, ceil or integer of a number."""
     number = number_of(value)
     if number is None:
         raise SceneError(f"{function} of what is no number makes events; they are not supported.")

@@ -66,14 +66,7 @@ class Parameters(NamedTuple):
 def read_values(
     model: FlatModel, table: ModelicaTable, place: Callable[[Declaration], str]
 ) -> Parameters:
-    """Values of all parameters and constants, in the order in which they depend on each other.
-
-    Raises
-    ------
-    SceneError
-        A parameter has no value, or one that depends on itself; the table names one that does not
-        exist, or cannot stay.
-    """
+    """Values of all parameters and constants, in the order in which they depend on each other."""
     declared: dict[str, Declaration] = {}
     for d in model.declarations:
         if d.variability in ("parameter", "constant"):
@@ -308,13 +301,7 @@ class Variables:
         return derivative
 
     def at_nominal(self, value: Value) -> float:
-        """The number that a value has at nominal values of the parameters, and at time 0.
-
-        Raises
-        ------
-        SceneError
-            It depends on variables.
-        """
+        """The number that a value has at nominal values of the parameters, and at time 0."""
         number = v.number_of(value)
         if number is not None:
             return float(number)
