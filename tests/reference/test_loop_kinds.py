@@ -7,7 +7,7 @@ import pytest
 import mbdlft
 from mbdlft import Inertia, Loop, Parameter, Prismatic, Revolute, RigidBody, Rotation, Scene
 from mbdlft.base.errors import SceneError
-from mbdlft.multibody.assembly.view import View
+from mbdlft.multibody.assembly.kinematics import View
 from tests.close import CLOSED_FORM, target
 from tests.cross.test_mechanism import points_of
 
