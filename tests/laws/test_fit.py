@@ -15,13 +15,9 @@ import pytest
 from mbdlft.base.errors import TrimError
 from mbdlft.base.expression import evaluate, names, parse
 from mbdlft.exact import taylor
-from mbdlft.multibody.equilibrium.fit import (
-    EquilibriumFit,
-    equilibrium,
-    fit_equilibrium,
-    prove,
-    rational,
-)
+from mbdlft.multibody.equilibrium import branches
+from mbdlft.multibody.equilibrium import fit as fitting
+from mbdlft.multibody.equilibrium.fit import EquilibriumFit, fit_equilibrium
 from mbdlft.problem.sx.tapes import arithmetic, fold
 from tests.close import FIT_BOUND, exact, roundoff
 
@@ -181,8 +177,8 @@ def test_the_branch_is_that_of_the_start(monkeypatch: pytest.MonkeyPatch) -> Non
 
     same_branch(other, other_root(expected))
     same_branch(Case(tangent, other.box, case.start, 1e-6), expected)
-    right = equilibrium.follow
-    monkeypatch.setattr(equilibrium, "follow", lambda *a: other_root(right(*a)))
+    right = fitting.follow
+    monkeypatch.setattr(fitting, "follow", lambda *a: other_root(right(*a)))
     with pytest.raises(AssertionError):
         same_branch(other, other_root(expected))
 
@@ -222,9 +218,9 @@ def test_a_peak_between_the_samples_is_found(monkeypatch: pytest.MonkeyPatch) ->
 
     def at_points(s: Any, fits: Any, low: Any, high: Any, radius: Any) -> Any:
         middle = 0.5 * (low + high)
-        return prove._errors_at(s, fits, middle), np.zeros_like(middle)
+        return branches._errors_at(s, fits, middle), np.zeros_like(middle)
 
-    monkeypatch.setattr(prove, "enclose", at_points)
+    monkeypatch.setattr(branches, "enclose", at_points)
     with pytest.raises(AssertionError, match="error"):
         bound_holds(PEAK, PEAK.fit(), points)
 
@@ -232,10 +228,10 @@ def test_a_peak_between_the_samples_is_found(monkeypatch: pytest.MonkeyPatch) ->
 def test_a_pole_between_the_samples_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """t = p; the first fit is planted: a zero next to a pole, too close for the errors to tell."""
     case = Case(lambda t, p, m: [t[0] - p[0]], [(-1.0, 0.0, 1.0)], [0.0], 1e-6)
-    right, seen, pole = rational.smallest_fit, [], 0.6180339887
+    right, seen, pole = fitting.smallest_fit, [], 0.6180339887
     zero = pole * (1 + 1e-15)
     powers = np.array([[0], [1], [2]])
-    planted = rational.Rational(
+    planted = fitting.Rational(
         np.zeros(1), powers, np.array([0.0, 1.0, -1 / zero]), powers[:2], np.array([1.0, -1 / pole])
     )
 
@@ -243,7 +239,7 @@ def test_a_pole_between_the_samples_is_refused(monkeypatch: pytest.MonkeyPatch) 
         seen.append(guards)
         return (planted, 0.0) if len(seen) == 1 else right(x, t, guards, *others)
 
-    monkeypatch.setattr(equilibrium, "smallest_fit", fit)
+    monkeypatch.setattr(fitting, "smallest_fit", fit)
     bound_holds(case, found := case.fit(), [(-1.0,), (pole,), (1.0,)])
     exact(found.functions[0].denominator, [1.0])
     added = seen[1][len(seen[0]) :]
@@ -321,7 +317,7 @@ def test_singular_jacobian_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> No
     The samples do not see it. The planted bug takes df/dt for constant on each piece.
     """
     case = Case(lambda t, p, m: [p[0] * t[0] - m.sin(t[0])], [(0.5, 2.0, 2.6)], [0.0], 1e-6)
-    monkeypatch.setattr(equilibrium, "follow", lambda s, nominal, root, p: np.zeros((len(p), 1)))
+    monkeypatch.setattr(fitting, "follow", lambda s, nominal, root, p: np.zeros((len(p), 1)))
 
     def refused() -> None:
         with pytest.raises(TrimError, match="nothing can be proved near") as caught:
@@ -329,7 +325,7 @@ def test_singular_jacobian_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> No
         roundoff(place(str(caught.value), ["p1"]), [1.0], kappa=1e10)
 
     refused()
-    right = prove._on_boxes
+    right = branches._on_boxes
 
     def constant(s: Any, tape: Any, *others: Any) -> list[taylor.Taylor]:
         found = right(s, tape, *others)
@@ -337,7 +333,7 @@ def test_singular_jacobian_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> No
             return found
         return [taylor.constant(f.space, f.c[0], len(f.r)) for f in found]
 
-    monkeypatch.setattr(prove, "_on_boxes", constant)
+    monkeypatch.setattr(branches, "_on_boxes", constant)
     with pytest.raises(pytest.fail.Exception):
         refused()
 

@@ -4,8 +4,8 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.expression import parse
-from mbdlft.multibody.equilibrium.fit import prove
-from mbdlft.multibody.equilibrium.fit.system import system
+from mbdlft.multibody.equilibrium import branches
+from mbdlft.multibody.equilibrium.branches import system
 
 LOW, HIGH = 0.99, 1.01
 
@@ -15,7 +15,7 @@ def distance(fit: str, radius: float) -> float:
     t, p = ca.SX.sym("t"), ca.SX.sym("p")
     cube = system(ca.Function("cube", [t, p], [t * t * t - p]), ["p"])
     box = np.array([[LOW]]), np.array([[HIGH]])
-    found, _ = prove.enclose(cube, [parse(fit)], *box, np.array([radius]))
+    found, _ = branches.enclose(cube, [parse(fit)], *box, np.array([radius]))
     return float(found[0, 0])
 
 

@@ -12,7 +12,7 @@ import pytest
 import mbdlft
 from mbdlft import Fit, Parameter, PointMass, Revolute, Scene, Spring
 from mbdlft.base.expression import evaluate, parse
-from mbdlft.multibody.equilibrium import conditions, fitted
+from mbdlft.multibody.equilibrium import conditions, scenes
 from tests.close import SCENARIO, roundoff, target
 from tests.laws.test_equilibrium import four_bar, whirling
 
@@ -278,15 +278,15 @@ def test_planted_bugs_are_caught(bug: str, monkeypatch: pytest.MonkeyPatch) -> N
         right = conditions._Symbols.value
         monkeypatch.setattr(conditions._Symbols, "value", lambda s, x: 1.01 * right(s, x))
     elif bug == "bound":
-        fit = fitted.fit_equilibrium
+        fit = scenes.fit_equilibrium
 
         def narrow(*arguments: Any, **options: Any) -> Any:
             found = fit(*arguments, **options)
             found.bound[:] *= 0.1
             return found
 
-        monkeypatch.setattr(fitted, "fit_equilibrium", narrow)
+        monkeypatch.setattr(scenes, "fit_equilibrium", narrow)
     else:
-        monkeypatch.setattr(fitted, "within_a_turn", lambda angle: angle + 1e-4)
+        monkeypatch.setattr(scenes, "within_a_turn", lambda angle: angle + 1e-4)
     with pytest.raises((AssertionError, mbdlft.MbdlftError)):
         check_bound(1e-6)

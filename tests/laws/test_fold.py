@@ -14,7 +14,7 @@ from mbdlft.exact import interval, taylor
 from mbdlft.exact.interval import Interval
 from mbdlft.exact.numbers import BITS, precision
 from mbdlft.matrix.symbolic import matrix_problem
-from mbdlft.multibody.equilibrium.fit.system import _ARRAYS
+from mbdlft.multibody.equilibrium.branches import _ARRAYS
 from mbdlft.pipeline.extract.channels import close, walk
 from mbdlft.problem.sx import evaluation
 from mbdlft.problem.sx.evaluation import MANY, evaluate_many, vectors

@@ -58,7 +58,7 @@ class Conditions:
     springs: Mapping[str, float]
 
 
-def conditions(
+def fit_conditions(
     scene: Scene,
     before: Displaced,
     after: Displaced,

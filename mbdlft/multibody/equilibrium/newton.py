@@ -1,16 +1,338 @@
-"""Newton's iteration on scaled unknowns, and a trust region method where it does not converge."""
+"""The unknowns of an equilibrium at one value of the parameters, and its equations as numbers.
 
-from dataclasses import dataclass
+    0 = rows(s, w),    s: positions and chosen parameters,    w: efforts, magnitudes, multipliers
 
+The rows are linear in w. So for each s, w is that of least squares, and the part of the rows that no w
+can balance depends on s alone (variable projection: Golub, Pereyra 1973; its Jacobian: Kaufman 1975). The
+roots are those of Newton's iteration on scaled unknowns, or of a trust region method where it does not
+converge.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.multibody.equilibrium.unknowns import EquilibriumEquations, project_at
+from mbdlft.base.errors import TrimError, unknown_name
+from mbdlft.base.unit import Signal
+from mbdlft.multibody.equilibrium.displaced import Displaced, in_physical
+
+Bounds = Mapping[str, tuple[float, float]]
+
+_SAMPLES = 8  # random positions at which the size of each row is measured
+_SMALL = 1e-3  # least size of a row, of the largest row of the same unit
+_RANK = 1e-9  # singular values below this part of the largest are zero
+# rad, the largest random rotation; at pi its vector is infinite
+_MOST_TURN = np.pi * (1.0 - 1.0 / 16.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """One unknown, an entry of s: the displacement of a coordinate of a joint, or a parameter.
+
+    Attributes
+    ----------
+    signal : name and unit
+    index : of the coordinate, or of the parameter
+    is_parameter, is_ball : whether it is a parameter, or a component of a rotation vector
+    is_periodic : whether it is an angle of which a whole turn changes nothing
+    low, high : range of the search
+    bounded : whether the user gave this range
+    size : a typical change
+    start : value at the first start
+    origin : position for the value 0
+    """
+
+    signal: Signal
+    index: int
+    is_parameter: bool
+    is_ball: bool
+    is_periodic: bool
+    low: float
+    high: float
+    bounded: bool
+    size: float
+    start: float
+    origin: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EquilibriumEquations:
+    """The equations of equilibrium at one value of the parameters.
+
+    Attributes
+    ----------
+    displaced : Displaced
+    unknowns : Unknown (n_s,)
+    parameters : physical values by name
+    offset : casadi.Function, s -> rows at w = 0 (m,), derivatives by w (m, n_w)
+    slopes : casadi.Function, (s, w) -> rows (m,), derivatives by s (m, n_s)
+    alignment : casadi.Function, s -> cosines that must be 1
+    sizes : Array (m,)
+        Typical size of each row.
+    """
+
+    displaced: Displaced
+    unknowns: tuple[Unknown, ...]
+    parameters: Mapping[str, float]
+    offset: ca.Function
+    slopes: ca.Function
+    alignment: ca.Function
+    sizes: Array
+
+    @property
+    def steps(self) -> Array:
+        """Typical change (n_s,) of each unknown."""
+        return np.array([unknown.size for unknown in self.unknowns])
+
+    @property
+    def ends(self) -> Array:
+        """Lowest and highest values (2, n_s) that the user allows, infinite without bounds."""
+        ends = [(u.low, u.high) if u.bounded else (-np.inf, np.inf) for u in self.unknowns]
+        return np.array(ends).reshape(-1, 2).T
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Projected:
+    """The equations at some s after the elimination of w.
+
+    Attributes
+    ----------
+    w : (n_w,), the efforts of least squares
+    rows : (m,), the part of the rows that no w can balance, over their sizes
+    slopes : (m, n_s), the derivatives of `rows` by s over the sizes of s
+    """
+
+    w: Array
+    rows: Array
+    slopes: Array
+
+
+def equilibrium_equations(
+    displaced: Displaced,
+    values: Mapping[str, float],
+    positions: Sequence[str] | None,
+    bounds: Bounds,
+    rng: np.random.Generator,
+) -> EquilibriumEquations:
+    """The equations of equilibrium at physical values by name, with the unknowns that are asked for.
+
+    `positions` and `bounds` are those of `find_equilibrium`.
+
+    Raises
+    ------
+    TrimError
+        A name is unknown, or it names something that cannot be an unknown.
+    """
+    d = displaced
+    at = _parameter_values(d, values)
+    w, u = ca.SX.sym("w", len(d.unknown)), ca.SX(d.given)
+    if d.unknown:
+        u[list(d.unknown)] = w
+    rows = ca.substitute(d.rows, d.u, u)
+    symbols, (*fixed, rows, alignment) = in_physical(d, [d.declared, d.arms, rows, d.alignment])
+    point = np.array(list(at.values()))
+    declared, arms = (part.full() for part in ca.Function("fixed", [symbols], fixed)(point))
+    reach = float(np.max(np.linalg.norm(arms.reshape(3, -1), axis=0), initial=0.0)) or 1.0
+    unknowns = _choose(d, at, positions, bounds, declared.reshape(-1), reach)
+
+    s = ca.SX.sym("s", len(unknowns))
+    q, free = ca.SX(ca.DM.zeros(d.q.numel())), ca.SX(ca.DM(point))
+    for k, unknown in enumerate(unknowns):
+        if unknown.is_parameter:
+            free[unknown.index] = s[k]
+        else:
+            q[unknown.index] = s[k]
+    rows, alignment = ca.substitute([rows, alignment], [d.q, symbols], [q, free])
+    by_w = ca.densify(ca.jacobian(rows, w))
+    none = ca.SX(ca.DM.zeros(w.numel()))
+    unscaled = EquilibriumEquations(
+        d,
+        unknowns,
+        at,
+        ca.Function("offset", [s], [ca.densify(ca.substitute(rows, w, none)), by_w]),
+        ca.Function("slopes", [s, w], [ca.densify(rows), ca.densify(ca.jacobian(rows, s))]),
+        ca.Function("alignment", [s], [ca.densify(alignment)]),
+        np.ones(rows.numel()),
+    )
+    return replace(unscaled, sizes=_row_sizes(unscaled, reach, rng))
+
+
+def project_at(equations: EquilibriumEquations, s: Array) -> Projected:
+    """The equations at s (n_s,) after the elimination of w; nan where they are not finite."""
+    offset, by_w = (part.full() for part in equations.offset(s))
+    offset, by_w = offset[:, 0] / equations.sizes, by_w / equations.sizes[:, None]
+    if not (np.isfinite(offset).all() and np.isfinite(by_w).all()):
+        return Projected(np.full(by_w.shape[1], np.nan), np.full(len(offset), np.nan), by_w[:, :0])
+    column = np.max(np.abs(by_w), axis=0, initial=0.0)
+    column = np.where(column > 0, column, 1.0)
+    basis, values, right = np.linalg.svd(by_w / column, full_matrices=False)
+    kept = values > _RANK * np.max(values, initial=0.0)
+    basis, values, right = basis[:, kept], values[kept], right[kept]
+    w = -(right.T @ ((basis.T @ offset) / values)) / column
+    rows, by_s = (part.full() for part in equations.slopes(s, w))
+    rows, by_s = rows[:, 0] / equations.sizes, by_s / equations.sizes[:, None]
+    by_s = by_s * equations.steps
+    return Projected(w, rows - basis @ (basis.T @ rows), by_s - basis @ (basis.T @ by_s))
+
+
+def whole_slopes(equations: EquilibriumEquations, s: Array, w: Array) -> Array:
+    """Derivatives (m, n_s + n_w) of the rows by s and w, with rows and columns over their sizes."""
+    _, by_w = (part.full() for part in equations.offset(s))
+    _, by_s = (part.full() for part in equations.slopes(s, w))
+    by_w = by_w / equations.sizes[:, None]
+    column = np.max(np.abs(by_w), axis=0, initial=0.0)
+    by_s = by_s / equations.sizes[:, None] * equations.steps
+    return np.hstack([by_s, by_w / np.where(column > 0, column, 1.0)])
+
+
+def random_start(equations: EquilibriumEquations, rng: np.random.Generator) -> Array:
+    """Unknowns (n_s,) drawn inside their bounds; rotation vectors have random axes."""
+    s = np.array([rng.uniform(unknown.low, unknown.high) for unknown in equations.unknowns])
+    balls = [k for k, unknown in enumerate(equations.unknowns) if unknown.is_ball]
+    for k in range(0, len(balls), 3):
+        axis = rng.standard_normal(3)
+        angle = rng.uniform(0.0, _MOST_TURN)
+        s[balls[k : k + 3]] = 2.0 * np.tan(angle / 2.0) * axis / np.linalg.norm(axis)
+    return s
+
+
+def _parameter_values(d: Displaced, values: Mapping[str, float]) -> dict[str, float]:
+    """Physical value of every parameter by name: the given value, else the nominal one."""
+    known = {parameter.name: parameter for parameter in d.parameters}
+    for name, value in values.items():
+        if name not in known:
+            raise TrimError(f"scene {d.name!r}: " + unknown_name("parameter", name, known))
+        low, high, unit = known[name].low, known[name].high, known[name].unit
+        if not low <= value <= high:
+            raise TrimError(
+                f"scene {d.name!r}: {name} = {value:g} is outside its range [{low:g}, {high:g}] {unit}."
+            )
+    return {name: float(values.get(name, known[name].nominal)) for name in known}
+
+
+def _choose(
+    d: Displaced,
+    at: Mapping[str, float],
+    positions: Sequence[str] | None,
+    bounds: Bounds,
+    declared: Array,
+    reach: float,
+) -> tuple[Unknown, ...]:
+    """The entries of s, those of coordinates first.
+
+    `at` are the values of the parameters, `declared` (n,) the declared positions, `reach` is the length
+    of the longest arm (m).
+    """
+    coordinates = d.coordinates
+    sprung = {c.joint.name for c in coordinates if c.is_ball and c.is_sprung}
+    chosen = [
+        k
+        for k, c in enumerate(coordinates)
+        if c.is_passive and not (c.is_ball and c.joint.name in sprung)
+    ]
+    parameters: list[int] = []
+    if positions is not None:
+        by_name = {parameter.name: k for k, parameter in enumerate(d.parameters)}
+        joints = {c.joint.name for c in coordinates}
+        signals = {c.signal.name: k for k, c in enumerate(coordinates)}
+        picked: set[int] = set()
+        for name in positions:
+            if name in joints:
+                picked |= {k for k, c in enumerate(coordinates) if c.joint.name == name}
+            elif name in signals:
+                picked.add(signals[name])
+            elif name in by_name:
+                parameters.append(by_name[name])
+            else:
+                raise TrimError(
+                    f"scene {d.name!r}, positions: "
+                    + unknown_name(
+                        "joint, coordinate or parameter", name, {*joints, *signals, *by_name}
+                    )
+                )
+        chosen = sorted(picked)
+    unknowns = [_coordinate(d, k, bounds, float(declared[k]), reach) for k in chosen]
+    for k in parameters:
+        parameter = d.parameters[k]
+        low, high = bounds.get(parameter.name, (parameter.low, parameter.high))
+        unknowns.append(
+            Unknown(
+                Signal(parameter.name, parameter.unit), k, is_parameter=True, is_ball=False,
+                is_periodic=False, low=max(low, parameter.low), high=min(high, parameter.high),
+                bounded=True, size=0.5 * (parameter.high - parameter.low),
+                start=at[parameter.name], origin=0.0,
+            )
+        )  # fmt: skip
+    known = {u.signal.name for u in unknowns} | _alone(d)
+    for name, (low, high) in bounds.items():
+        if name not in known:
+            raise TrimError(f"scene {d.name!r}, bounds: " + unknown_name("unknown", name, known))
+        if not low < high:
+            raise TrimError(
+                f"scene {d.name!r}, bounds of {name}: expected low < high, got {low:g}, {high:g}."
+            )
+    return tuple(unknowns)
+
+
+def _alone(d: Displaced) -> set[str]:
+    """Names of joints with one coordinate: the name of such a joint also names its coordinate."""
+    return {c.joint.name for c in d.coordinates if len(c.joint.freedoms) == 1}
+
+
+def _coordinate(d: Displaced, k: int, bounds: Bounds, declared: float, reach: float) -> Unknown:
+    """Coordinate k as an unknown."""
+    c = d.coordinates[k]
+    name, where = c.signal.name, f"scene {d.name!r}, positions: joint {c.joint.name!r}"
+    if c.is_imposed:
+        raise TrimError(f"{where} is imposed, so its position is given. Leave it out.")
+    if c.is_steady:
+        raise TrimError(f"{where} turns at a steady rate, so it has no position. Leave it out.")
+    if c.is_ball and c.is_sprung:
+        raise TrimError(
+            f"{where} has a stiffness against rotations about all axes, which is known for small ones "
+            "only. Leave the joint out, or use springs or a chain of revolute joints."
+        )
+    given = bounds.get(name, bounds.get(c.joint.name) if c.joint.name in _alone(d) else None)
+    if given is not None and c.is_ball:
+        raise TrimError(f"scene {d.name!r}, bounds: a rotation vector such as {name} has none.")
+    half = 2.0 if c.is_ball else np.pi if c.freedom.turns else 2.0 * reach
+    low, high = (-half, half) if given is None else (given[0] - declared, given[1] - declared)
+    return Unknown(
+        c.signal, k, is_parameter=False, is_ball=c.is_ball,
+        is_periodic=c.freedom.turns and not c.is_ball and not c.is_sprung,
+        low=low, high=high, bounded=given is not None, size=1.0 if c.freedom.turns else reach,
+        start=min(max(0.0, low), high), origin=declared,
+    )  # fmt: skip
+
+
+def _row_sizes(equations: EquilibriumEquations, reach: float, rng: np.random.Generator) -> Array:
+    """Size (m,) of each row: the largest terms of an effort at some positions, `reach` for a gap."""
+    count = len(equations.sizes)
+    sizes = np.zeros(count)
+    start = np.array([unknown.start for unknown in equations.unknowns])
+    for k in range(_SAMPLES + 1):
+        s = start if k == 0 else random_start(equations, rng)
+        projected = project_at(equations, s)
+        offset = equations.offset(s)[0].full()[:, 0]
+        if np.isfinite(projected.rows).all() and np.isfinite(offset).all():
+            slopes = np.abs(equations.slopes(s, projected.w)[1].full())
+            slopes = slopes * equations.steps
+            sizes = np.maximum(sizes, np.abs(offset))
+            sizes = np.maximum(sizes, np.max(slopes, axis=1, initial=0.0))
+    units = [signal.unit for signal in equations.displaced.row_signals]
+    efforts = np.array([unit in ("N", "N m") for unit in units], dtype=bool)
+    arm = np.array([reach if unit == "N m" else 1.0 for unit in units])
+    least = _SMALL * np.max((sizes / arm)[efforts], initial=0.0)
+    sizes = np.where(efforts, np.maximum(sizes, (least or 1.0) * arm), sizes)
+    return np.where(efforts, sizes, [reach if unit == "m" else 1.0 for unit in units])
+
 
 _STEPS = 30
 _LONGEST = 0.5  # longest step of an unknown over its size, so that the nearest root is found
 _SHORTEST = 2.0**-8  # smallest part of a step that is tried
-_RANK = 1e-9  # a singular value below this part of the largest is zero
 _SOLVED = 1e-10  # largest value of a solved equation, over its size
 _TRIALS = 200  # most evaluations of the trust region method
 _OUTSIDE = 1e-9  # how far rounding may leave an unknown outside its bounds, over its size

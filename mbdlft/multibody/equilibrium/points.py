@@ -9,13 +9,14 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import TrimError
 from mbdlft.multibody.equilibrium.displaced import displace
-from mbdlft.multibody.equilibrium.newton import Attempt, solve_from
-from mbdlft.multibody.equilibrium.unknowns import (
+from mbdlft.multibody.equilibrium.newton import (
+    Attempt,
     Bounds,
     EquilibriumEquations,
     equilibrium_equations,
     project_at,
     random_start,
+    solve_from,
     whole_slopes,
 )
 from mbdlft.multibody.scene.scene import Scene
