@@ -29,7 +29,7 @@ MECHANISMS = [2, 3, 7, 8, 10, 11, 13, 15]
 def products_only() -> Iterator[None]:
     """Scenes are assembled with the products alone, also where few angles are parameters."""
     module = import_module("mbdlft.multibody.to_problem")
-    order = import_module("mbdlft.multibody.assembly.second_order")
+    order = import_module("mbdlft.multibody.assembly.weights")
 
     def second_only(scene: mbdlft.Scene) -> Assembly:
         exact = assembly(scene).second_order()
@@ -230,6 +230,6 @@ def test_planted_bug_is_found(bug: str, monkeypatch: pytest.MonkeyPatch) -> None
     name, replacement = PLANTED[bug]
     scene = wheeled((0, 1, 0)) if name == "_axes_of" else boom()
     compare(scene)
-    monkeypatch.setattr(f"mbdlft.multibody.assembly.second_order.{name}", replacement)
+    monkeypatch.setattr(f"mbdlft.multibody.assembly.weights.{name}", replacement)
     with pytest.raises(AssertionError):
         compare(scene)

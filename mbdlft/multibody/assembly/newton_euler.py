@@ -22,7 +22,6 @@ from mbdlft.multibody.assembly.kinematics import (
 )
 from mbdlft.multibody.assembly.regular import is_regular
 from mbdlft.multibody.assembly.resolved import Resolved, in_plane, resolve
-from mbdlft.multibody.assembly.second_order import efforts_by_products, gains_by_products
 from mbdlft.multibody.assembly.signals import (
     Effort,
     acting,
@@ -45,7 +44,11 @@ from mbdlft.multibody.assembly.tree import (
     coordinate_owners,
     degrees,
 )
-from mbdlft.multibody.assembly.weights import pass_weights_inward
+from mbdlft.multibody.assembly.weights import (
+    efforts_by_products,
+    gains_by_products,
+    pass_weights_inward,
+)
 from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS, unseen_name
 from mbdlft.multibody.force import Spring
@@ -70,7 +73,7 @@ class Assembly:
     exact : Equations
         With constants that are not rounded, as in `sx.constants`.
     second_order : function without arguments
-        The exact equations in the order of `second_order.py`; None if that gains nothing.
+        The exact equations in the other order of products of `weights.py`; None if that gains nothing.
     is_regular : function without arguments
         Whether the accelerations are proved to be determined at every value of the parameters; False
         says that it was not proved.
