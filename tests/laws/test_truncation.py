@@ -6,11 +6,13 @@
 4. what was truncated is not called exact or minimal, and the archive keeps that
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import product
 from pathlib import Path
 
+import flint
 import numpy as np
 import pytest
 from hypothesis import given
@@ -187,6 +189,36 @@ def test_arm(tolerance: float) -> None:
     assert small.trim is model.trim
     assert not small.certificate.exact
     assert not small.certificate.minimal
+
+
+def exact_value(a: LFT, deltas: Sequence[float]) -> flint.fmpq_mat:
+    """The value of the doubles of an LFT, without rounding."""
+    M11, M12, M21, M22, one, spread = (
+        flint.fmpq_mat(*m.shape, [flint.fmpq(*x.as_integer_ratio()) for x in m.ravel().tolist()])
+        for m in (
+            *(a.M11, a.M12, a.M21, a.M22, np.eye(a.order)),
+            np.diag(np.repeat(deltas, [block.size for block in a.blocks])),
+        )
+    )
+    return M22 + M21 * spread * (one - M11 * spread).solve(M12)
+
+
+@pytest.mark.parametrize(("weak", "size"), [(1e-9, 1e-8), (1e-9, 1e-7), (1e-10, 1e-6)])
+def test_rounding_of_coordinates_is_in_the_bound(weak: float, size: float) -> None:
+    """A direction that is hardly reached, and seen as much more, loses digits when it is balanced."""
+    turn = np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
+    M12, M21 = np.zeros((3, 2)), np.zeros((2, 3))
+    M12[:2], M12[2, 0] = turn @ np.diag([1.0, weak]), size
+    M21[:, :2], M21[0, 2] = np.diag([1.0, 1.0 / weak]) @ turn.T, 1.0
+    a = LFT(np.zeros((3, 3)), M12, M21, np.eye(2), (Block("a", 2), Block("b", 1)))
+    small, bound = truncate_lft(a, 30.0 * size)
+    assert small.order == 2
+    rows, columns = typical_sizes(a)
+    for corner in product((-1.0, 1.0), repeat=2):
+        entries = (exact_value(small, corner) - exact_value(a, corner)).entries()
+        difference = np.array([int(x.p) / int(x.q) for x in entries]).reshape(2, 2)
+        error = np.linalg.norm(difference / rows[:, None] / columns, 2)
+        assert error <= bound
 
 
 def test_nothing_to_leave_out() -> None:
