@@ -296,14 +296,7 @@ int ${name}_derivative(const double *values, const double *x, const double *u, d
 
 
 def c_texts(model: System | DeltaThetaModel, stem: str) -> tuple[str, str]:
-    """The source and the header of a model; the source includes ``stem.h``.
-
-    Raises
-    ------
-    StructureError
-        The model has complex or full blocks or complex entries, or no functions of a `DeltaThetaModel`;
-        two names become the same, or the name of the file cannot be included.
-    """
+    """The source and the header of a model; the source includes ``stem.h``."""
     linear = model.linear if isinstance(model, DeltaThetaModel) else model
     check_plain_model(linear, "C")
     if any(letter in '"\\' or not letter.isprintable() for letter in stem):

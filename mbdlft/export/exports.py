@@ -335,13 +335,7 @@ def grid_npz(model: System, grid: Grid) -> bytes:
 
 
 def grid_csv(model: System, grid: Grid) -> bytes:
-    """The grid as a table: one point a line; columns are parameters, ``A_1_1`` and so on, and the trim.
-
-    Raises
-    ------
-    StructureError
-        A parameter or a trimmed quantity has the name of another column.
-    """
+    """The grid as a table: a point a line; columns are parameters, ``A_1_1`` and so on, and the trim."""
     names, parts = list(grid.values), [_columns(grid)]
     for letter, matrices in zip(_PARTS, grid.matrices, strict=True):
         rows, columns = matrices.shape[1:]
@@ -364,13 +358,7 @@ def grid_csv(model: System, grid: Grid) -> bytes:
 
 
 def grid_mat(model: System, grid: Grid) -> bytes:
-    """The grid for MATLAB and Octave: A (nx, nx, N1, N2, ...) with an axis for each parameter.
-
-    Raises
-    ------
-    StructureError
-        The names of two parameters become the same identifier.
-    """
+    """The grid for MATLAB and Octave: A (nx, nx, N1, N2, ...) with an axis for each parameter."""
     found = identifiers(model.parameters.names, f"model {model.name!r}: MATLAB")
     items: dict[str, Any] = {"format": "mbdlft-grid/1", "name": model.name}
     for letter, matrices in zip(_PARTS, grid.matrices, strict=True):

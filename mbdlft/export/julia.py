@@ -145,13 +145,7 @@ end
 
 
 def julia_text(model: System | DeltaThetaModel, stem: str, archive: str) -> str:
-    """The script of a model; `archive` is the path of its archive from the folder of the script.
-
-    Raises
-    ------
-    StructureError
-        The model has complex or full blocks or complex entries, or no functions of a `DeltaThetaModel`.
-    """
+    """The script of a model; `archive` is the path of its archive from the folder of the script."""
     linear = model.linear if isinstance(model, DeltaThetaModel) else model
     theta = _theta(model, stem) if isinstance(model, DeltaThetaModel) else ""
     check_plain_model(linear, "the Julia script")

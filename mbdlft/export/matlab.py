@@ -33,13 +33,7 @@ def matlab_image(items: dict[str, Any]) -> bytes:
 
 
 def items_of_matlab(model: System) -> dict[str, Any]:
-    """Variables of the .mat file of a model: matrices, and structures of columns.
-
-    Raises
-    ------
-    StructureError
-        The names of two parameters or blocks become the same identifier.
-    """
+    """Variables of the .mat file of a model: matrices, and structures of columns."""
     names = identifiers([block.name for block in model.lft.blocks], f"model {model.name!r}: MATLAB")
     items: dict[str, Any] = {
         "format": "mbdlft-mat/1",

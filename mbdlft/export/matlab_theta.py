@@ -155,13 +155,7 @@ end
 
 
 def items_of_theta_matlab(model: DeltaThetaModel) -> dict[str, Any]:
-    """Variables of the .mat file: those of the linear part, and the structure `theta`.
-
-    Raises
-    ------
-    StructureError
-        As `items_of_matlab`; or the model has no functions.
-    """
+    """Variables of the .mat file: those of the linear part, and the structure `theta`."""
     places = places_of(model, "MATLAB")
     return {**items_of_matlab(model.linear), "theta": _items(model, places)}
 

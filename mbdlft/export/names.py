@@ -56,11 +56,6 @@ def identifiers(names: Sequence[str], where: str) -> dict[str, str]:
     names : sequence of str
     where : str
         What they are names of, for the message.
-
-    Raises
-    ------
-    StructureError
-        Two names become the same identifier.
     """
     found = {name: identifier(name) for name in names}
     check_different(found, where)
@@ -86,13 +81,7 @@ def one_line(text: str) -> str:
 
 
 def check_plain_model(model: System, what: str) -> None:
-    """Raise an error unless all blocks of a model are real parameters, and all entries real.
-
-    Raises
-    ------
-    StructureError
-        The format `what` cannot carry complex and full blocks, or complex numbers; the blocks are named.
-    """
+    """Raise an error unless all blocks of a model are real parameters, and all entries real."""
     others = [f"{b.name} ({b.kind})" for b in model.lft.blocks if b.kind != "real"]
     if others:
         raise StructureError(
@@ -129,13 +118,7 @@ class Places(NamedTuple):
 
 
 def places_of(model: DeltaThetaModel, what: str) -> Places:
-    """Where signals are.
-
-    Raises
-    ------
-    StructureError
-        The model has no functions.
-    """
+    """Where signals are."""
     if not model.functions:
         raise StructureError(
             f"model {model.name!r}: {what}: it has no nonlinear functions. Export model.linear."

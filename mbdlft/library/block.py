@@ -248,11 +248,6 @@ def linear_block(
 
     `quantities` must be positive, those that `may_vanish` not negative; `signals` are the states, inputs
     and outputs, as of `realize`.
-
-    Raises
-    ------
-    SceneError
-        A quantity has another unit, is not positive, or is not a number or an expression.
     """
     symbols = {p.name: ca.SX.sym(p.name) for p in parameters}
     in_si = {p.name: p.factor * symbols[p.name] for p in parameters}

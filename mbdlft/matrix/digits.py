@@ -91,13 +91,6 @@ def values_in_digits(
 
     Functions of constants and of angles have all digits, too. An entry that loses digits, as its terms
     cancel, is computed with more bits; if it may be zero then, it is.
-
-    Raises
-    ------
-    SceneError
-        An entry is too small for a float, or its terms are too large.
-    WellPosednessError
-        A value is not finite.
     """
     balls = _in_balls(problem, resolved, parameters, points, BITS)
     lost = np.any(_bits_of(balls) < _CLEAR, axis=0)

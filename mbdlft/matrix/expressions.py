@@ -97,15 +97,7 @@ def entry_place(problem: MatrixProblem, i: int, j: int) -> str:
 
 
 def resolve(problem: MatrixProblem) -> Resolved:
-    """Expressions of a problem.
-
-    Raises
-    ------
-    SceneError
-        A text is not an expression, or a name is unknown.
-    NotRationalError
-        A function of a parameter that is not sin or cos of an angle, or an angle outside of them.
-    """
+    """Expressions of a problem."""
     return _Resolver(problem).run()
 
 
@@ -276,13 +268,6 @@ def check_denominators(problem: MatrixProblem, resolved: Resolved) -> None:
     """Show by interval arithmetic that no denominator vanishes in the range.
 
     What intervals cannot decide is left to the check of the model at points of the range.
-
-    Raises
-    ------
-    SceneError
-        A denominator is so small, or an entry so large, that the square of such a number is none.
-    WellPosednessError
-        A denominator vanishes in the range, or comes as close to zero as rounding allows to tell.
     """
     parameters = {p.name: p for p in problem.parameters}
     numbers = problem.constant_values()

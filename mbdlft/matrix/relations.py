@@ -23,13 +23,7 @@ _SCALINGS = 10  # of rows and columns; each halves the digits in which they diff
 
 
 def problem_of_matrix(matrix: MatrixProblem, stage: Stage = nullcontext) -> Problem:
-    """The entries of a matrix as relations, written in several ways, and its values in 50 digits.
-
-    Raises
-    ------
-    SceneError, NotRationalError, WellPosednessError
-        An entry is not usable, not rational, or has a denominator that vanishes in the range.
-    """
+    """The entries of a matrix as relations, written in several ways, and its values in 50 digits."""
     parameters = tuple(sorted(matrix.parameters, key=lambda p: p.name))
     with stage("resolve"):
         resolved = resolve(matrix)

@@ -63,11 +63,6 @@ def measure_error(problem: Problem, values: Array, trim: LFT | None, at: Referen
 
     Where the values in doubles differ by more than `_CARRIED`, which may be what the reference has lost,
     a few of the points are computed in 50 digits, and the error is that to those.
-
-    Raises
-    ------
-    AnalysisError
-        The error is larger than rounding can explain in a problem that is worth solving.
     """
     (error, by_terms), count = error_of_values(values, at), len(values)
     # nominal, where doubles differ most, and a corner
@@ -102,11 +97,6 @@ def _error_of_transfers(
     """Largest error of transfer functions at some of the points, and the frequencies (rad/s).
 
     `values` (N, ., .) are those of a model there. What doubles do not carry is compared in 50 digits.
-
-    Raises
-    ------
-    AnalysisError
-        The error is larger than that of the exact matrices, rounded to doubles.
     """
     states = len(problem.states)
     if not (states and problem.inputs and problem.outputs):
@@ -171,11 +161,6 @@ def values_at_points(
 
     The determinant is 1 at nominal, so a point where it is not positive means that it vanishes
     between them. To some of the points the whole line from nominal is searched.
-
-    Raises
-    ------
-    WellPosednessError
-        The determinant vanishes at one of the points or on the way there.
     """
     deltas = deltas_at(parameters, points)
     values, signs = values_at(lft, deltas)
@@ -196,11 +181,6 @@ def open_boxes(
 
     What the LFT itself does not show, a theorem about its problem may: the determinant of a reduced LFT
     divides that of the relations that it comes from. A search may have made another one.
-
-    Raises
-    ------
-    WellPosednessError
-        The model or its trim is singular at a point of the range.
     """
     found: Boxes = ()
     for part, problem_is in ((lft, "the model is singular"), (trim, "no finite efforts hold it")):

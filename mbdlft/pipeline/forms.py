@@ -61,13 +61,7 @@ class Candidate:
 
 
 def candidates(problem: Problem, forms: Sequence[Form]) -> list[Candidate]:
-    """A candidate of each form, the smallest first.
-
-    Raises
-    ------
-    NotRationalError, StructureError, WellPosednessError
-        As `extract`; or the relations cannot be solved at nominal.
-    """
+    """A candidate of each form, the smallest first."""
     with without_collection():
         found = [_in_enough_bits(problem, form) for form in forms]
     return sorted(found, key=lambda one: one.lft.order)

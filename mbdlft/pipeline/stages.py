@@ -50,11 +50,6 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
     """The smallest certified model of a problem that a budget of search leads to.
 
     `prove` are units of work for the proof that it is well posed.
-
-    Raises
-    ------
-    NotRationalError, StructureError, WellPosednessError, AnalysisError
-        As `extract`, `measure_error`; or the relations cannot be solved at nominal.
     """
     trim = Trim((), (), None)
     if problem.trim is not None:

@@ -36,13 +36,7 @@ Balls = NDArray[np.object_]
 def matrices_in_digits(
     exact: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array
 ) -> Array:
-    """[A B ; C D] (N, ., .) of the exact equations at physical points (N, n_p), rounded at the end.
-
-    Raises
-    ------
-    WellPosednessError
-        The equations cannot be solved at one of the points.
-    """
+    """[A B ; C D] (N, ., .) of the exact equations at physical points (N, n_p), rounded at the end."""
     with precision(BITS):
         return _rounded_all(_of_equations(exact, inputs, outputs, points))
 
@@ -99,13 +93,7 @@ def _internal(parameter: Parameter, physical: float) -> Any:
 def transfers_of(
     matrices: Sequence[Balls], states: int, frequencies: Array
 ) -> NDArray[np.complex128]:
-    """Transfer functions (N, F, n_y, n_u) of N matrices [A B ; C D] of balls, rounded at the end.
-
-    Raises
-    ------
-    WellPosednessError
-        A frequency (rad/s) may be a pole.
-    """
+    """Transfer functions (N, F, n_y, n_u) of N matrices [A B ; C D] of balls, rounded at the end."""
     found = []
     for rows in matrices:
         right = _matrix(rows[:states, states:], flint.acb_mat)

@@ -63,13 +63,7 @@ class Linear(NamedTuple):
 def relinearize(
     equations: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array
 ) -> Relinearized:
-    """The nonlinear equations, trimmed and linearized at points (N, n_p).
-
-    Raises
-    ------
-    WellPosednessError
-        The accelerations cannot be solved for at one of the points.
-    """
+    """The nonlinear equations, trimmed and linearized at points (N, n_p)."""
     e = equations
     efforts, _ = trim_efforts(e, points)
     (jacobian,) = evaluate_many(slope_function(e, tuple(inputs), tuple(outputs)), points, efforts)
@@ -102,11 +96,6 @@ def linearized(
     Returns
     -------
     [A B ; C D] (N, ., .)
-
-    Raises
-    ------
-    WellPosednessError
-        The accelerations cannot be solved for at one of the points.
     """
     e = equations
     unknown, known = (part.numel() for part in split(e, inputs))

@@ -141,11 +141,6 @@ def reference_of(
     """The nonlinear equations, trimmed and linearized again with numbers at points (N, n_p).
 
     `exact` are the same equations with constants that are not rounded.
-
-    Raises
-    ------
-    TrimError, WellPosednessError
-        At one of the points nothing holds the equilibrium, or the accelerations cannot be solved for.
     """
     e, states = equations, len(equations.states)
     at = relinearize(e, inputs, outputs, points)
@@ -277,13 +272,7 @@ def _whole(size: Array, states: int, floor: float) -> Array:
 
 
 def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Reference:
-    """Values [A B ; C D] of relations at physical points (N, n_p).
-
-    Raises
-    ------
-    WellPosednessError
-        The relations do not determine the unknown signals at one of the points.
-    """
+    """Values [A B ; C D] of relations at physical points (N, n_p)."""
     internal = _internal_values(model, points)
     sizes = _Counts(model.unknown.numel(), model.known.numel(), model.derivatives)
     slopes = _slopes(model)

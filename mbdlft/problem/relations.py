@@ -177,11 +177,6 @@ def trim_relations(equations: Equations) -> LinearModel:
     """Relations of the trim, left implicit: 0 = residual at rest, linear in u and in the load.
 
     unknown = the unknown entries of u, known = the constant 1, output = nothing.
-
-    Raises
-    ------
-    TrimError
-        The unknown efforts are redundant.
     """
     e, function = equations, equation_function(equations)
     symbols, p, cosine, sine = exact_symbols(e.parameters)

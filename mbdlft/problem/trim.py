@@ -106,13 +106,7 @@ class Balance(NamedTuple):
 
 
 def trim_efforts(equations: Equations, points: Array) -> tuple[Array, Array]:
-    """Efforts (N, n_u) and relative residuals (N,) at physical points (N, n_p).
-
-    Raises
-    ------
-    TrimError
-        Unknown efforts are redundant, or at one of the points no efforts hold the equilibrium.
-    """
+    """Efforts (N, n_u) and relative residuals (N,) at physical points (N, n_p)."""
     try:
         found = balance(equations, points)
     except np.linalg.LinAlgError:
@@ -167,13 +161,7 @@ def balance(equations: Equations, points: Array) -> Balance:
 
 @lru_cache(maxsize=1)  # the stages of one scene ask for the same
 def trim_rows(equations: Equations) -> tuple[int, ...]:
-    """Positions of the equations of equilibrium that determine the unknown efforts, one for each.
-
-    Raises
-    ------
-    TrimError
-        The unknown efforts are redundant: some of them do the same.
-    """
+    """Positions of the equations of equilibrium that determine the unknown efforts, one for each."""
     e = equations
     nominal = np.array([[parameter.nominal for parameter in e.parameters]])
     _, matrix, _ = _relations_at(e, nominal)
@@ -362,13 +350,7 @@ CARRIED = 1e-9  # of the loads of the scene: a smaller wrench through a body is 
 
 
 def check_prestress(equations: Equations, points: Array, efforts: Array) -> None:
-    """No load at equilibrium goes through an elastic body, unless its scene says that this is known.
-
-    Raises
-    ------
-    TrimError
-        It does.
-    """
+    """No load at equilibrium goes through an elastic body, unless its scene says that this is known."""
     e = equations
     if e.carried_by:
         carried, loads = evaluate_many(carried_function(e), points, efforts)
@@ -377,13 +359,7 @@ def check_prestress(equations: Equations, points: Array, efforts: Array) -> None
 
 
 def check_carried(equations: Equations, largest: Array, load: float) -> None:
-    """The same, from the largest wrenches (n_c,) and the largest load or effort.
-
-    Raises
-    ------
-    TrimError
-        A wrench is more than rounding of the loads.
-    """
+    """The same, from the largest wrenches (n_c,) and the largest load or effort."""
     e = equations
     loaded = np.flatnonzero(largest > CARRIED * load)
     if len(loaded):

@@ -80,13 +80,7 @@ def chain(items: Sequence[Any]) -> System:
 
 
 def selected(a: System, key: Any) -> System:
-    """Some outputs and inputs, in the order asked for; all states stay.
-
-    Raises
-    ------
-    StructureError
-        A name is unknown or stands twice, or there are not two of outputs and inputs.
-    """
+    """Some outputs and inputs, in the order asked for; all states stay."""
     if not isinstance(key, tuple) or len(key) != 2:
         raise StructureError(
             f"model {a.name!r}: expected model[outputs, inputs], with names, lists of names or slices, "

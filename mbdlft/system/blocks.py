@@ -51,14 +51,6 @@ def with_ranges(model: S, ranges: Mapping[str, Sequence[float]]) -> S:
     -------
     System, or LFTModel if the model is one
         With as many repetitions, the same bounds of them, and the error checked anew inside the range.
-
-    Raises
-    ------
-    StructureError
-        A name is unknown, or a range reaches beyond the old one: there nothing was checked, and an
-        equilibrium may not exist. Build the model again with the wider range.
-    SceneError
-        The range is not usable.
     """
     changed = {name: _ranged(model, name, ends) for name, ends in ranges.items()}
     parameters = Parameters(changed.get(p.name, p) for p in model.parameters)

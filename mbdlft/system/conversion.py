@@ -208,11 +208,6 @@ def positions_of(asked: Any, known: Sequence[str], where: str) -> list[int]:
     """Positions of signals: a name, a number, a slice of numbers or names, or a list of these.
 
     A slice between names includes both, as there is no name behind the last.
-
-    Raises
-    ------
-    StructureError
-        A name is unknown or asked for twice, or a number has no signal.
     """
     if isinstance(asked, slice):
         start, stop = (_end(end, known, where) for end in (asked.start, asked.stop))

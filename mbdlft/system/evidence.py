@@ -90,15 +90,6 @@ def composed(
         Names of the states, by default those of the parts (`state_names`).
     exchange : bool
         Whether inputs and outputs of one part are exchanged, and nothing else: its bounds stay.
-
-    Raises
-    ------
-    StructureError
-        Parts have different parameters of one name.
-    WellPosednessError
-        A loop is singular at nominal, or between it and one of the checked points.
-    AnalysisError
-        The LFT is far from the state-space formulas.
     """
     like = parts[0] if like is None else like
     what = f"model {like.name!r}, {operation.name}"
@@ -139,13 +130,7 @@ def composed(
 
 
 def merged_parameters(parts: Sequence[System], what: str) -> Parameters:
-    """Parameters of all parts, sorted by name; those of equal names must be equal.
-
-    Raises
-    ------
-    StructureError
-        They are not, or a block of another kind has the name of a parameter.
-    """
+    """Parameters of all parts, sorted by name; those of equal names must be equal."""
     found: dict[str, tuple[Parameter, System]] = {}
     for part in parts:
         for p in part.parameters:

@@ -51,13 +51,7 @@ class StateMatrices(NamedTuple):
 
 
 def deltas_of(model: System, values: Mapping[str, ArrayLike]) -> Array:
-    """Normalized deltas (N, n_p) [1] of physical values by name; the others are nominal.
-
-    Raises
-    ------
-    StructureError
-        A name is unknown, a value lies outside the range, or the lengths differ.
-    """
+    """Normalized deltas (N, n_p) [1] of physical values by name; the others are nominal."""
     names = [parameter.name for parameter in model.parameters]
     if not isinstance(values, Mapping):
         raise StructureError(
@@ -307,11 +301,6 @@ def value_by_program(
     values : mapping of names to numbers or arrays (N,), in the units of the parameters
     points : array (N, n_p) [1]
         The deltas at these values.
-
-    Raises
-    ------
-    WellPosednessError
-        The LFT is singular at a point.
     """
     known = model.known_program
     if known is None or not (lft is known.lft or lft is known.trim):

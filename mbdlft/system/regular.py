@@ -321,11 +321,6 @@ def well_posed(
     """Fields of a certificate on well-posedness, of a model that is made of others.
 
     Its trim is regular if theirs are; `are_proved` says whether they are proved to be.
-
-    Raises
-    ------
-    WellPosednessError
-        The model is singular at a point of the range; `what` begins the message.
     """
     if not lft.is_plain:
         return {"well_posed": SAMPLED, "open_boxes": ()}

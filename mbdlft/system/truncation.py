@@ -114,13 +114,6 @@ def truncate_lft(a: LFT, tolerance: float) -> tuple[LFT, float]:
     LFT
         `a` itself, with the bound 0.0, if nothing can be left out.
     float
-
-    Raises
-    ------
-    StructureError
-        The tolerance is not a positive number.
-    AnalysisError
-        I - M11 Delta cannot be shown to be invertible for all |delta_k| <= 1.
     """
     check_tolerance(tolerance)
     check_plain(a, "truncation")

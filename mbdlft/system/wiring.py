@@ -59,13 +59,7 @@ def _signals(part: System) -> tuple[Sequence[object], Sequence[object]]:
 
 
 def wire(parts: Sequence[System], wiring: Wiring, what: str) -> LFT:
-    """The LFT of [A B ; C D] of the whole, not reduced; states are those of the parts in their order.
-
-    Raises
-    ------
-    WellPosednessError
-        The wiring does not determine the inputs of the parts at nominal.
-    """
+    """The LFT of [A B ; C D] of the whole, not reduced; states are those of the parts in their order."""
     rows, columns = _states_first(parts)
     both = select(stack_diagonal(*(part.lft for part in parts)), rows, columns)
     nx = sum(len(part.states) for part in parts)

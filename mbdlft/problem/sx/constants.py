@@ -223,13 +223,7 @@ class ModuloPrime(NamedTuple):
 
 
 def modulo_prime(matrix: ca.SX, seed: int) -> ModuloPrime:
-    """Residues of a matrix (n, m) of rational expressions; constants count as they are written.
-
-    Raises
-    ------
-    NotRationalError
-        An operation is not rational.
-    """
+    """Residues of a matrix (n, m) of rational expressions; constants count as they are written."""
     dense = ca.densify(matrix)
     constants, numbers = constants_in(dense)
     known = {s.element_hash() for s in ca.vertsplit(constants)}

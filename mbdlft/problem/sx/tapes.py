@@ -109,11 +109,6 @@ def fold(function: ca.Function, table: Rules, *arguments: Any) -> list[list[Any]
     -------
     list of lists
         The elements of each result, by columns, without its structural zeros.
-
-    Raises
-    ------
-    NotRationalError
-        An operation has no rule; another error if the table has its own.
     """
     work: list[Any] = [None] * function.sz_w()
     results: list[list[Any]] = [[None] * function.nnz_out(k) for k in range(function.n_out())]
