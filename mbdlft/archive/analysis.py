@@ -20,14 +20,13 @@ from mbdlft.archive.hdf5 import Part, write_items
 from mbdlft.archive.layout import (
     ANALYSIS_TYPE,
     DIGEST,
-    VERSION,
     Items,
     check_digest,
-    digest,
-    floats,
-    integers,
-    text,
-    texts,
+    encode,
+    of_fields,
+    plain,
+    record,
+    with_digest,
     word,
     words,
 )
@@ -45,12 +44,8 @@ from mbdlft.robust.evidence import (
 )
 from mbdlft.system.model import System
 
-_NUMBERS = ("lower", "upper", "frequency", "work")
-_PAIRS = ("worst", "sensitivity", "rates")
-_MATRICES = ("D", "G")
-_FORM_NUMBERS = ("k", "gain", "time")
-_FORM_ARRAYS = ("P", "X", "Y", "states", "channels")
-_SIGNALS = ("inputs", "outputs")
+_BY_NAME = ("worst", "sensitivity", "rates")
+_PROOFS = {"boxes": BoxProof, "intervals": IntervalProof, "form": MotionProof}
 _INSIDE = 1.0 - 1e-15  # a margin is not above 1/beta, however it was rounded
 
 
@@ -86,7 +81,8 @@ def save_analysis(
             "analysis in another file, or give the system another name."
         )
     with naming(file, f"analysis {key!r}"):
-        items = _items_of(bounds, system.name, model_digest)
+        values = {"@model": system.name, "@model_digest": model_digest, **_values(bounds)}
+        items = with_digest(encode(ANALYSIS_TYPE, values))
 
     def fill(archive: Any) -> None:
         write_items(archive.require_group("analyses").create_group(key), items)
@@ -137,7 +133,7 @@ def load_analysis(
     def make(part: Part, key: str) -> tuple[str, str, str, Bounds]:
         check_digest(part.items)
         model, digest_of_model = (word(part.items, path) for path in ("@model", "@model_digest"))
-        return key, model, digest_of_model, _bounds_of(part.items)
+        return key, model, digest_of_model, _bounds(part.items)
 
     request = Request("read", "analyses", "analysis", name, (ANALYSIS_TYPE,), limit)
     key, model, digest_of_model, bounds = read_one(file, request, make)
@@ -150,182 +146,104 @@ def load_analysis(
     return system, bounds
 
 
-def _items_of(bounds: Bounds, model: str, model_digest: str) -> Items:
-    items: Items = {
-        "@encoding_type": text(ANALYSIS_TYPE),
-        "@encoding_version": text(VERSION),
-        "@model": text(model),
-        "@model_digest": text(model_digest),
-        "@kind": text(bounds.kind),
-        "@reason": text(bounds.reason),
-        "@proved": np.array(bounds.proved),
-        "leave_out": texts(list(bounds.leave_out)),
-        "fixed": texts(list(bounds.fixed)),
-    }
-    for name in _NUMBERS:
-        items[f"@{name}"] = np.array(getattr(bounds, name), dtype="<f8")
-    if bounds.motion is not None:
-        items["motion"] = np.ascontiguousarray(bounds.motion, dtype="<f8")
-    for name in _PAIRS:
-        pairs = getattr(bounds, name)
-        items[f"{name}/name"] = texts(list(pairs))
-        items[f"{name}/value"] = np.array(list(pairs.values()), dtype="<f8")
-    items |= _items_of_delta(bounds)
-    if isinstance(bounds.proof, BoxProof):
-        for name in ("k", "gain", "shift", "slope"):
-            items[f"boxes@{name}"] = np.array(getattr(bounds.proof, name), dtype="<f8")
-        items["boxes/log"] = np.array(bounds.proof.log, dtype="<i8")
-        for name in _SIGNALS:
-            items[f"boxes/{name}"] = texts(list(getattr(bounds.proof, name)))
-    elif isinstance(bounds.proof, MotionProof):
-        items |= _items_of_form(bounds.proof)
-    elif bounds.proof is not None:
-        items |= _items_of_intervals(bounds.proof)
-    items[DIGEST] = text(digest(items))
-    return items
+def _values(bounds: Bounds) -> dict[str, Any]:
+    """Bounds and their proof as values by path."""
+    values = {**of_fields("", ANALYSIS_TYPE, bounds), **_delta_values(bounds)}
+    for name in _BY_NAME:
+        by_name = getattr(bounds, name)
+        values |= {f"{name}/name": list(by_name), f"{name}/value": list(by_name.values())}
+    proof = bounds.proof
+    if isinstance(proof, IntervalProof):
+        for name in Interval._fields:
+            values[f"intervals/{name}"] = [getattr(i, name) for i in proof.intervals]
+        for name in ("D", "G"):
+            stack = np.array([getattr(m, name) for m in proof.multipliers], dtype=complex)
+            values |= _complex_values(f"intervals/{name}_", stack)
+    for group, kind in _PROOFS.items():
+        if isinstance(proof, kind):
+            values |= of_fields(group, ANALYSIS_TYPE, proof)
+    return values
 
 
-def _items_of_delta(bounds: Bounds) -> Items:
+def _complex_values(path: str, array: Any) -> dict[str, Any]:
+    return {f"{path}real": array.real, f"{path}imaginary": array.imag}
+
+
+def _complex(items: Items, path: str) -> Any:
+    return items[f"{path}real"] + 1j * items[f"{path}imaginary"]
+
+
+def _delta_values(bounds: Bounds) -> dict[str, Any]:
     """Deltas by name: entries of all of them, row by row, one after the other."""
-    values = [np.asarray(value) for value in bounds.delta.values()]
-    entries = np.concatenate([*(value.ravel() for value in values), np.zeros(0)]).astype(complex)
-    kinds = [
-        "full" if value.ndim else "complex" if value.dtype.kind == "c" else "real"
-        for value in values
-    ]
-    shapes = np.array([value.shape or (1, 1) for value in values], dtype="<i8").reshape(-1, 2)
+    deltas = [np.asarray(delta) for delta in bounds.delta.values()]
+    entries = np.concatenate([*(delta.ravel() for delta in deltas), np.zeros(0)]).astype(complex)
+    shapes = [delta.shape or (1, 1) for delta in deltas]
     return {
-        "delta/name": texts(list(bounds.delta)),
-        "delta/kind": texts(kinds),
-        "delta/rows": np.ascontiguousarray(shapes[:, 0]),
-        "delta/columns": np.ascontiguousarray(shapes[:, 1]),
-        "delta/real": np.ascontiguousarray(entries.real, dtype="<f8"),
-        "delta/imaginary": np.ascontiguousarray(entries.imag, dtype="<f8"),
+        "delta/name": list(bounds.delta),
+        "delta/kind": [
+            "full" if delta.ndim else "complex" if delta.dtype.kind == "c" else "real"
+            for delta in deltas
+        ],
+        "delta/rows": [rows for rows, _ in shapes],
+        "delta/columns": [columns for _, columns in shapes],
+        **_complex_values("delta/", entries),
     }
 
 
-def _items_of_intervals(proof: IntervalProof) -> Items:
-    items: Items = {
-        "intervals@k": np.array(proof.k, dtype="<f8"),
-        "intervals/log": np.array(proof.log, dtype="<i8"),
-    }
-    for name in ("fixed", *_SIGNALS):
-        items[f"intervals/{name}"] = texts(list(getattr(proof, name)))
-    for name in Interval._fields:
-        items[f"intervals/{name}"] = np.array([getattr(i, name) for i in proof.intervals], "<f8")
-    for name in _MATRICES:
-        stack = np.array([getattr(found, name) for found in proof.multipliers], dtype=complex)
-        items[f"intervals/{name}_real"] = np.ascontiguousarray(stack.real)
-        items[f"intervals/{name}_imaginary"] = np.ascontiguousarray(stack.imag)
-    return items
-
-
-def _items_of_form(proof: MotionProof) -> Items:
-    items: Items = {f"form@{name}": np.array(getattr(proof, name), "<f8") for name in _FORM_NUMBERS}
-    for name in _FORM_ARRAYS:
-        items[f"form/{name}"] = np.ascontiguousarray(getattr(proof, name), dtype="<f8")
-    return items | {f"form/{name}": texts(list(getattr(proof, name))) for name in _SIGNALS}
-
-
-def _bounds_of(items: Items) -> Bounds:
-    pairs = {
-        name: dict(
-            zip(words(items, f"{name}/name"), floats(items, f"{name}/value").tolist(), strict=True)
-        )
-        for name in _PAIRS
+def _bounds(items: Items) -> Bounds:
+    by_name = {
+        name: dict(zip(words(items, f"{name}/name"), items[f"{name}/value"].tolist(), strict=True))
+        for name in _BY_NAME
         if f"{name}/name" in items  # rates are not in the first files
     }
-    lower, upper, frequency, work = (float(items[f"@{name}"]) for name in _NUMBERS)
-    return Bounds(
-        kind=word(items, "@kind"),
-        lower=lower,
-        upper=upper,
-        worst=pairs["worst"],
-        delta=_delta_of(items),
-        frequency=frequency,
-        proved=bool(items["@proved"]),
-        sensitivity=pairs["sensitivity"],
-        work=work,
-        reason=word(items, "@reason"),
-        proof=_proof_of(items),
-        leave_out=tuple(words(items, "leave_out")),
-        rates=pairs.get("rates", {}),
-        motion=floats(items, "motion") if "motion" in items else None,
-        fixed=tuple(words(items, "fixed")) if "fixed" in items else (),
-    )
+    return record(Bounds, items, "", delta=_delta(items), proof=_proof(items), **by_name)
 
 
-def _delta_of(items: Items) -> dict[str, Any]:
-    entries = floats(items, "delta/real") + 1j * floats(items, "delta/imaginary")
-    found: dict[str, Any] = {}
+def _delta(items: Items) -> dict[str, Any]:
+    entries = _complex(items, "delta/")
+    deltas: dict[str, Any] = {}
     start = 0
     for name, kind, rows, columns in zip(
         words(items, "delta/name"),
         words(items, "delta/kind"),
-        integers(items, "delta/rows"),
-        integers(items, "delta/columns"),
+        items["delta/rows"].tolist(),
+        items["delta/columns"].tolist(),
         strict=True,
     ):
         stop = start + rows * columns
         if rows < 0 or columns < 0 or stop > len(entries):
             raise ArchiveError("delta/rows and columns are not those of its entries.")
-        part = entries[start:stop].reshape(rows, columns)
+        block = entries[start:stop].reshape(rows, columns)
         if kind == "full":
-            found[name] = part
-        elif part.shape != (1, 1):
-            raise ArchiveError(f"delta: {name} is {kind} and has {part.size} entries.")
+            deltas[name] = block
+        elif block.shape != (1, 1):
+            raise ArchiveError(f"delta: {name} is {kind} and has {block.size} entries.")
         else:
-            found[name] = complex(part[0, 0]) if kind == "complex" else float(part[0, 0].real)
+            deltas[name] = complex(block[0, 0]) if kind == "complex" else float(block[0, 0].real)
         start = stop
     if start != len(entries):
         raise ArchiveError("delta/rows and columns are not those of its entries.")
-    return found
+    return deltas
 
 
-def _proof_of(items: Items) -> Proof | None:
-    kinds = {
-        "boxes": (5, 7),
-        "intervals": (8, 12),
-        "form": (10,),
-    }  # first ones have no region, no parts
-    found = {
-        kind: sum(path.startswith((f"{kind}/", f"{kind}@")) for path in items) for kind in kinds
-    }
-    there = [kind for kind, count in found.items() if count]
-    if not there:
+def _proof(items: Items) -> Proof | None:
+    groups = [
+        group
+        for group in _PROOFS
+        if any(path.startswith((f"{group}/", f"{group}@")) for path in items)
+    ]
+    if not groups:
         return None
-    (kind, *others) = there
-    if others or found[kind] not in kinds[kind]:
+    is_first = "intervals@beta" in items  # one part, and a bound of mu
+    if len(groups) > 1 or ("intervals" in groups and is_first == ("intervals@k" in items)):
         raise ArchiveError("its proof is not whole.")
-    if kind == "form":
-        k, gain, time = (float(items[f"form@{name}"]) for name in _FORM_NUMBERS)
-        P, X, Y, states, channels = (floats(items, f"form/{name}") for name in _FORM_ARRAYS)
-        inputs, outputs = (tuple(words(items, f"form/{name}")) for name in _SIGNALS)
-        return MotionProof(k, P, X, Y, states, channels, time, gain, inputs, outputs)
-    if kind == "boxes":
-        return BoxProof(
-            float(items["boxes@k"]),
-            integers(items, "boxes/log"),
-            float(items["boxes@gain"]),
-            tuple(words(items, "boxes/inputs")),
-            tuple(words(items, "boxes/outputs")),
-            *(float(items.get(f"boxes@{name}", 0.0)) for name in ("shift", "slope")),
-        )
-    return _intervals_of(items)
-
-
-def _intervals_of(items: Items) -> IntervalProof:
-    ends = [floats(items, f"intervals/{name}").tolist() for name in Interval._fields]
-    D, G = (
-        floats(items, f"intervals/{name}_real") + 1j * floats(items, f"intervals/{name}_imaginary")
-        for name in _MATRICES
-    )
+    if "intervals" not in groups:
+        return record(_PROOFS[groups[0]], items, groups[0])
+    ends = (items[f"intervals/{name}"].tolist() for name in Interval._fields)
     intervals = tuple(Interval(*row) for row in zip(*ends, strict=True))
-    if "intervals@beta" in items:  # the first files: one part, and a bound of mu
-        beta = float(items["intervals@beta"])
-        multipliers = tuple(Multipliers(1.0, *pair) for pair in zip(D, G / beta**2, strict=True))
+    D, G = (_complex(items, f"intervals/{name}_") for name in ("D", "G"))
+    beta = plain(items, "intervals@beta") if is_first else 1.0
+    multipliers = tuple(Multipliers(1.0, *pair) for pair in zip(D, G / beta**2, strict=True))
+    if is_first:
         return IntervalProof(_INSIDE / beta, (len(intervals), 0), intervals, multipliers)
-    multipliers = tuple(Multipliers(1.0, *pair) for pair in zip(D, G, strict=True))
-    names = (tuple(words(items, f"intervals/{name}")) for name in ("fixed", *_SIGNALS))
-    k, log = float(items["intervals@k"]), integers(items, "intervals/log")
-    return IntervalProof(k, log, intervals, multipliers, *names)
+    return record(IntervalProof, items, "intervals", intervals=intervals, multipliers=multipliers)

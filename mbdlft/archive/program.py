@@ -1,18 +1,18 @@
-"""The straight-line program of a model as items, as docs/archive-format.md lists them, and the way back.
+"""What is evaluated of a model: its straight-line program and its nonlinear functions, as items and back.
 
 Whoever wrote the file, a program that is read here can do nothing but arithmetic on its registers: each
-instruction reads what was written before it, and the number of instructions is limited.
-
-Nonlinear functions of a model as items of its group: texts, names and ranges.
+instruction reads what was written before it, and the number of instructions is limited. A function is a
+formula, which is parsed and never run as code.
 """
 
 import warnings
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.archive.layout import VERSION, Items, floats, integers, texts, word, words
+from mbdlft.archive.layout import VERSION, Items, columns, nested, word, words
 from mbdlft.base.array import Array
 from mbdlft.base.errors import ArchiveError, MbdlftWarning, StructureError
 from mbdlft.base.formula import parsed
@@ -42,8 +42,8 @@ ONE_SIDED = (SIZE, ROOT, COSINE, SINE)  # what they have on the right does not c
 _ITEMS = ("operation", "left", "right", "numbers", "result", "pivots")
 
 
-def items_of_program(known: ModelProgram) -> Items:
-    """The items of a program of a model."""
+def program_values(known: ModelProgram) -> dict[str, Any]:
+    """A program of a model as values by path."""
     return {f"program/{name}": array for name, array in coded(known.program, known.row).items()}
 
 
@@ -69,14 +69,15 @@ def coded(program: Program, row: Array) -> Items:
         outcome[k] = register
     some = program.instructions
     integers = {
-        "left": [code(one.left) for one in some],
-        "right": [code(one.right) for one in some],
-        "result": [code(one) for one in outcome],
+        "left": [code(instruction.left) for instruction in some],
+        "right": [code(instruction.right) for instruction in some],
+        "result": [code(operand) for operand in outcome],
         "pivots": [list(pivot) for pivot in program.pivots],
     }
-    items: Items = {name: np.array(found, dtype="<i8") for name, found in integers.items()}
+    items: Items = {name: np.array(codes, dtype="<i8") for name, codes in integers.items()}
     items["pivots"] = items["pivots"].reshape(-1, 2)
-    items["operation"] = np.array([OPERATIONS.index(one.operation) for one in some], dtype="i1")
+    codes = [OPERATIONS.index(instruction.operation) for instruction in some]
+    items["operation"] = np.array(codes, dtype="i1")
     items["numbers"] = np.array(values, dtype="<f8")
     return {name: items[name] for name in _ITEMS}
 
@@ -96,8 +97,8 @@ def program_of_items(items: Items, inputs: int, lft: LFT, trim: LFT | None) -> M
         return None
     try:
         size = lft.M22.size + (trim.M22.size if trim is not None else 0)
-        own = {name: items[f"program/{name}"] for name in _ITEMS}
-        return ModelProgram(*decoded(own, inputs, size), lft, trim)
+        arrays = {name: items[f"program/{name}"] for name in _ITEMS}
+        return ModelProgram(*decoded(arrays, inputs, size), lft, trim)
     except ArchiveError as error:
         written = word(items, "@encoding_version")
         if written in ("1.0", VERSION):
@@ -113,27 +114,29 @@ def program_of_items(items: Items, inputs: int, lft: LFT, trim: LFT | None) -> M
 def decoded(items: Items, inputs: int, size: int) -> tuple[Program, Array]:
     """The program of arrays that `coded` makes, with the row (size,) of its constants.
 
-    Raises
-    ------
-    ArchiveError
-        As `program_of_items`.
+    Errors are those of `program_of_items`.
     """
     operation, left, right, result, pivots = (
         items[name].astype(np.int64) for name in ("operation", "left", "right", "result", "pivots")
     )
-    numbers, count = floats(items, "numbers"), len(operation)
+    numbers, count = items["numbers"], len(operation)
     if count > LONGEST:
         raise ArchiveError(f"program has {count} instructions, at most {LONGEST} are run.")
     if not np.all(np.isfinite(numbers)):
         raise ArchiveError("program/numbers has a number that is not finite.")
-    _check_operations(operation)
+    unknown = np.flatnonzero((operation < 0) | (operation >= len(OPERATIONS)))
+    if len(unknown):
+        raise ArchiveError(
+            f"program/operation: instruction {unknown[0]} has the code {operation[unknown[0]]}, which is "
+            f"unknown; known are 0 to {len(OPERATIONS) - 1}."
+        )
     if len(result) != size:
         raise ArchiveError(
             f"program/result has {len(result)} numbers, the matrices and the trim have {size}."
         )
     known = inputs + np.arange(count)
-    for name, operands in (("left", left), ("right", right)):
-        _check_operands(f"program/{name}", operands, known, len(numbers))
+    _check_operands("program/left", left, known, len(numbers))
+    _check_operands("program/right", right, known, len(numbers))
     every = np.full(size, inputs + count)
     _check_operands("program/result", result, every, len(numbers))
     _check_operands("program/pivots", pivots.ravel(), np.full(pivots.size, inputs + count), 0)
@@ -147,19 +150,9 @@ def decoded(items: Items, inputs: int, size: int) -> tuple[Program, Array]:
     instructions = tuple(map(Instruction, names, targets, lefts, rights))
     outcome = result.tolist()
     row: Array = np.array([0.0 if k >= 0 else values[-1 - k] for k in outcome])
-    entries = tuple(((0, k), one) for k, one in enumerate(outcome) if one >= 0)
+    entries = tuple(((0, k), register) for k, register in enumerate(outcome) if register >= 0)
     kept = tuple(Pivot(*pair) for pair in pivots.tolist())
     return Program(inputs, instructions, entries, kept), row
-
-
-def _check_operations(operation: NDArray[Any]) -> None:
-    unknown = np.flatnonzero((operation < 0) | (operation >= len(OPERATIONS)))
-    if len(unknown):
-        k = int(unknown[0])
-        raise ArchiveError(
-            f"program/operation: instruction {k} has the code {operation[k]}, which is unknown; known "
-            f"are 0 to {len(OPERATIONS) - 1}."
-        )
 
 
 def _check_operands(what: str, operands: NDArray[Any], known: NDArray[Any], numbers: int) -> None:
@@ -167,90 +160,45 @@ def _check_operands(what: str, operands: NDArray[Any], known: NDArray[Any], numb
     wrong = np.flatnonzero((operands >= known) | (operands < -numbers))
     if len(wrong):
         k = int(wrong[0])
-        one = int(operands[k])
-        have = f"number {-1 - one} of {numbers}" if one < 0 else f"register {one}"
+        code = int(operands[k])
+        have = f"number {-1 - code} of {numbers}" if code < 0 else f"register {code}"
         raise ArchiveError(
-            f"{what}: entry {k} is {one}, {have}, and only registers below {int(known[k])} are "
+            f"{what}: entry {k} is {code}, {have}, and only registers below {int(known[k])} are "
             "known there."
         )
 
 
-def items_of_theta(model: DeltaThetaModel) -> Items:
-    """The items of the functions; arguments of all of them stand one behind the other."""
+def theta_values(model: DeltaThetaModel) -> dict[str, Any]:
+    """Nonlinear functions as values by path; arguments of all of them stand one behind the other."""
     functions = model.functions
-    flat = [
-        (signal, argument, low, high)
-        for f in functions
-        for signal, argument, (low, high) in zip(f.signals, f.arguments, f.ranges, strict=True)
-    ]
+    ranges = [ends for f in functions for ends in f.ranges]
     return {
-        "theta/name": texts([f.name for f in functions]),
-        "theta/unit": texts([f.unit for f in functions]),
-        "theta/text": texts([f.text for f in functions]),
-        "theta/count": np.array([len(f.signals) for f in functions], dtype="<i8"),
-        "theta/signal": texts([signal for signal, _, _, _ in flat]),
-        "theta/argument": texts([argument for _, argument, _, _ in flat]),
-        "theta/low": np.array([low for _, _, low, _ in flat], dtype="<f8"),
-        "theta/high": np.array([high for _, _, _, high in flat], dtype="<f8"),
-        "theta/initial": np.array(model.initial, dtype="<f8"),
-        "theta/zeta_at_start": np.array(model.zeta_at_start, dtype="<f8"),
-        **_items_of_tables(functions),
+        **columns("theta", ("name", "unit", "text"), functions),
+        "theta/count": [len(f.signals) for f in functions],
+        "theta/signal": [signal for f in functions for signal in f.signals],
+        "theta/argument": [argument for f in functions for argument in f.arguments],
+        "theta/low": [low for low, _ in ranges],
+        "theta/high": [high for _, high in ranges],
+        "theta/initial": model.initial,
+        "theta/zeta_at_start": model.zeta_at_start,
+        **_table_values(functions),
     }
 
 
-def _items_of_tables(functions: tuple[ThetaFunction, ...]) -> Items:
+def _table_values(functions: tuple[ThetaFunction, ...]) -> dict[str, Any]:
     """Tables of all functions, one behind the other; without any there are no items."""
     tables = [table for f in functions for table in f.tables]
     if not tables:
         return {}
-    slopes = [pair for table in tables for pair in table.slopes]
     return {
-        "theta/tables": np.array([len(f.tables) for f in functions], dtype="<i8"),
-        "theta/table/count": np.array([len(t.values) for t in tables], dtype="<i8"),
-        "theta/table/pairs": np.array([len(t.slopes) for t in tables], dtype="<i8"),
-        "theta/table/breakpoint": np.array([x for t in tables for x in t.breakpoints], dtype="<f8"),
-        "theta/table/value": np.array([x for t in tables for x in t.values], dtype="<f8"),
-        "theta/table/below": np.array([t.below for t in tables], dtype="<f8"),
-        "theta/table/above": np.array([t.above for t in tables], dtype="<f8"),
-        "theta/table/slope": np.array(slopes, dtype="<f8").reshape(-1, 2),
+        "theta/tables": [len(f.tables) for f in functions],
+        "theta/table/count": [len(t.values) for t in tables],
+        "theta/table/pairs": [len(t.slopes) for t in tables],
+        "theta/table/breakpoint": [x for t in tables for x in t.breakpoints],
+        "theta/table/value": [x for t in tables for x in t.values],
+        **columns("theta/table", ("below", "above"), tables),
+        "theta/table/slope": [pair for t in tables for pair in t.slopes],
     }
-
-
-def _tables_of_items(items: Items, functions: int) -> list[tuple[Table, ...]]:
-    """The tables of each function.
-
-    Raises
-    ------
-    ArchiveError
-        Counts do not agree, or numbers are those of no table.
-    """
-    if "theta/tables" not in items:
-        return [()] * functions
-    breakpoints, values, below, above = (
-        floats(items, f"theta/table/{key}").tolist()
-        for key in ("breakpoint", "value", "below", "above")
-    )
-    counts, pairs, owned = (
-        integers(items, f"theta/{key}") for key in ("table/count", "table/pairs", "tables")
-    )
-    slopes = [(float(a), float(b)) for a, b in floats(items, "theta/table/slope")]
-    for key, numbers, total in (
-        ("tables", owned, len(counts)),
-        ("table/count", counts, len(breakpoints)),
-        ("table/pairs", pairs, len(slopes)),
-    ):
-        if any(n < 0 for n in numbers) or sum(numbers) != total:
-            raise ArchiveError(f"theta/{key}: expected {total} together.")
-    found, point, pair = [], 0, 0
-    for k, (n, m) in enumerate(zip(counts, pairs, strict=True)):
-        at, of = (tuple(x[point : point + n]) for x in (breakpoints, values))
-        try:
-            found.append(Table(at, of, below[k], above[k], tuple(slopes[pair : pair + m])))
-        except StructureError as error:
-            raise ArchiveError(f"theta/table: number {k + 1}: {error}") from None
-        point, pair = point + n, pair + m
-    behind = np.cumsum(owned).tolist()
-    return [tuple(found[b - n : b]) for n, b in zip(owned, behind, strict=True)]
 
 
 def theta_of_items(items: Items, linear: LFTModel) -> DeltaThetaModel:
@@ -263,27 +211,58 @@ def theta_of_items(items: Items, linear: LFTModel) -> DeltaThetaModel:
     SceneError, StructureError
         A text is no formula, a signal is not one of the model.
     """
-    names, units, formulas = (words(items, f"theta/{key}") for key in ("name", "unit", "text"))
-    signals, arguments = words(items, "theta/signal"), words(items, "theta/argument")
-    low, high = floats(items, "theta/low"), floats(items, "theta/high")
-    counts = integers(items, "theta/count")
+    names, units, formulas, signals, arguments = (
+        words(items, f"theta/{name}") for name in ("name", "unit", "text", "signal", "argument")
+    )
+    low, high = items["theta/low"], items["theta/high"]
+    counts = items["theta/count"].tolist()
     if any(count < 1 for count in counts) or sum(counts) != len(signals):
         raise ArchiveError(f"theta/count: expected {len(signals)} together, as many as arguments.")
     if len(set(names)) != len(names):
         raise ArchiveError("theta/name: a name stands twice.")
     if not np.all(low < high):
         raise ArchiveError("theta/low: expected less than theta/high.")
-    found, start = [], 0
-    tables = _tables_of_items(items, len(names))
-    rows = zip(names, units, formulas, counts, tables, strict=True)
-    for name, unit, formula, count, own_tables in rows:
-        part = slice(start, start + count)
-        ranges = tuple(zip(low[part].tolist(), high[part].tolist(), strict=True))
+    for formula in formulas:
         parsed(formula)
-        own = (tuple(signals[part]), tuple(arguments[part]))
-        found.append(ThetaFunction(name, *own, formula, ranges, unit, own_tables))
-        start += count
-    initial = tuple(floats(items, "theta/initial").tolist())
-    at_start = tuple(floats(items, "theta/zeta_at_start").tolist())
+    ranges = tuple(zip(low.tolist(), high.tolist(), strict=True))
+    functions = tuple(
+        ThetaFunction(name, signals[at], arguments[at], formula, ranges[at], unit, tables)
+        for name, unit, formula, at, tables in zip(
+            names, units, formulas, _behind(counts), _tables(items, len(names)), strict=True
+        )
+    )
+    initial, at_start = (
+        tuple(items[f"theta/{name}"].tolist()) for name in ("initial", "zeta_at_start")
+    )
     has_one = any(signal.name == ONE for signal in linear.inputs)
-    return DeltaThetaModel(linear, tuple(found), has_one, initial, at_start)
+    return DeltaThetaModel(linear, functions, has_one, initial, at_start)
+
+
+def _tables(items: Items, functions: int) -> list[tuple[Table, ...]]:
+    """The tables of each function; an ArchiveError if counts do not agree, or numbers are of no table."""
+    if "theta/tables" not in items:
+        return [()] * functions
+    counts, pairs, below, above, breakpoints, values, slopes = (
+        nested(items[f"theta/table/{name}"].tolist())
+        for name in ("count", "pairs", "below", "above", "breakpoint", "value", "slope")
+    )
+    of_functions = items["theta/tables"].tolist()
+    for name, numbers, total in (
+        ("tables", of_functions, len(counts)),
+        ("table/count", counts, len(breakpoints)),
+        ("table/pairs", pairs, len(slopes)),
+    ):
+        if any(n < 0 for n in numbers) or sum(numbers) != total:
+            raise ArchiveError(f"theta/{name}: expected {total} together.")
+    tables = []
+    for k, (at, cubics) in enumerate(zip(_behind(counts), _behind(pairs), strict=True)):
+        try:
+            tables.append(Table(breakpoints[at], values[at], below[k], above[k], slopes[cubics]))
+        except StructureError as error:
+            raise ArchiveError(f"theta/table: number {k + 1}: {error}") from None
+    return [tuple(tables[at]) for at in _behind(of_functions)]
+
+
+def _behind(counts: list[int]) -> list[slice]:
+    """Slices of so many entries each, one behind the other."""
+    return [slice(start, stop) for start, stop in pairwise(accumulate(counts, initial=0))]

@@ -17,18 +17,18 @@ from mbdlft.archive.hdf5 import Part, write_items
 from mbdlft.archive.layout import (
     BLOCK_ROWS,
     DIGEST,
+    FIRST,
     ROWS,
     SWEEP_TYPE,
-    VERSION,
     Items,
     check_digest,
     digest,
+    encode,
     text,
-    texts,
     word,
     words,
 )
-from mbdlft.archive.model import characters, items_of_signals, signals_of
+from mbdlft.archive.model import signal_values, signals_of
 from mbdlft.archive.reading import Request
 from mbdlft.archive.rows import FUNCTION_FAILED, GROUP, NO_EQUILIBRIUM, SOLVED, Layout, digests_of
 from mbdlft.base.array import Array
@@ -115,10 +115,13 @@ def finish_sweep(
     """
     file = Path(path)
     check_name(file, "sweep", name)
-    with naming(file, f"sweep {name!r}"):
-        items = _head(layout, model, scene)
+    values: dict[str, Any] = {"@model": model or None, "provenance/scene": scene or None}
+    for what in _SIGNALS:
+        values |= signal_values(what, getattr(layout, what))
+    values |= {"function/name": layout.functions or None, BLOCK_ROWS: block_rows, "blocks": blocks}
     meaning = text(MEANINGS + _FUNCTION_MEANING * bool(layout.functions))
-    items |= {BLOCK_ROWS: np.array(block_rows, dtype="<i8"), "blocks": blocks}
+    with naming(file, f"sweep {name!r}"):
+        items = encode(SWEEP_TYPE, values)
     items[DIGEST] = text(digest({**items, "status@meaning": meaning}))
 
     def fill(archive: Any) -> None:
@@ -129,20 +132,6 @@ def finish_sweep(
         write_items(group, items)
 
     rewrite(file, fill, f"sweeps/{name}", made=rows)
-
-
-def _head(layout: Layout, model: str, scene: str) -> Items:
-    """Names and units of a sweep."""
-    items: Items = {"@encoding_type": text(SWEEP_TYPE), "@encoding_version": text(VERSION)}
-    if model:
-        items["@model"] = text(model)
-    if scene:
-        items["provenance/scene"] = characters(scene)
-    for what in _SIGNALS:
-        items |= items_of_signals(what, getattr(layout, what))
-    if layout.functions:
-        items["function/name"] = texts(layout.functions)
-    return items
 
 
 def sweep_names(path: str | Path) -> tuple[str, ...]:
@@ -202,7 +191,7 @@ def load_sweep(
 
 def _check_blocks(items: Items, first: int, count: int) -> None:
     """Raise an ArchiveError unless the digests are those of what was read; the first files have none."""
-    if word(items, "@encoding_version") == "1.0":
+    if word(items, "@encoding_version") == FIRST:
         return
     check_digest(items, ROWS)
     size = int(items[BLOCK_ROWS])
@@ -226,7 +215,7 @@ def _layout(items: Items) -> Layout:
     return Layout(
         **{what: signals_of(items, what) for what in _SIGNALS},
         poles="poles/real" in items,
-        functions=tuple(words(items, "function/name")) if _OF_FUNCTION in items else (),
+        functions=words(items, "function/name") if _OF_FUNCTION in items else (),
         single=items["A"].dtype.itemsize == 4,
     )
 

@@ -404,7 +404,7 @@ def _receive_arrays(stream: IO[bytes]) -> tuple[str, Any]:
         arrays = {}
         for name, dtype, shape in head["arrays"]:
             size = int(np.prod([np.dtype(dtype).itemsize, *shape], dtype=object))
-            arrays[name] = np.frombuffer(stream.read(size), dtype).reshape(shape)
+            arrays[name] = np.frombuffer(bytearray(stream.read(size)), dtype).reshape(shape)
         return "result", arrays
     except (ValueError, TypeError, KeyError) as error:
         raise EOFError(str(error)) from None
