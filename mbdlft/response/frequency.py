@@ -36,17 +36,9 @@ _CHANGE = 1e-8  # of the states: what the second substitution may change; the sq
 
 
 def resolvent(matrices: StateMatrices, s: Complex) -> Complex:
-    """C (s I - A)^-1 B + D.
+    """C (s I - A)^-1 B + D, (N, F, ny, nu), of N samples at s (N, F), in the unit of A.
 
-    Parameters
-    ----------
-    matrices : A, B, C, D, arrays (N, n, n), (N, n, nu), (N, ny, n), (N, ny, nu)
-    s : complex array (N, F), of the unit of A
-
-    Returns
-    -------
-    complex array (N, F, ny, nu)
-        It is not finite where s is an eigenvalue of A, exactly or but for its last digits.
+    Not finite where s is an eigenvalue of A, exactly or but for its last digits.
     """
     A, _, _, D = matrices
     found = np.empty((*s.shape, *D.shape[1:]), dtype=complex)

@@ -27,11 +27,6 @@ def samples_at(system: System, values: Mapping[str, ArrayLike] | None = None) ->
 
     The states are scaled by powers of 2, which are those of the nominal A for every sample: so a sample
     has the same digits alone and among others. N is 1 for numbers.
-
-    Raises
-    ------
-    StructureError, WellPosednessError
-        As `matrices_at`.
     """
     found = [
         matrix if matrix.ndim == 3 else matrix[None] for matrix in matrices_at(system, values or {})
@@ -42,13 +37,7 @@ def samples_at(system: System, values: Mapping[str, ArrayLike] | None = None) ->
 
 
 def chosen(model: str, kind: str, names: Names, signals: Sequence[Signal], what: str) -> list[int]:
-    """Numbers of the signals of these names; of all of them without names.
-
-    Raises
-    ------
-    AnalysisError
-        None is chosen, so that there is no `what`; or a name is unknown.
-    """
+    """Numbers of the signals of these names; of all of them without names. An error if there are none."""
     known = [signal.name for signal in signals]
     asked = [names] if isinstance(names, str) else known if names is None else list(names)
     if not asked:

@@ -208,21 +208,10 @@ _ROUNDS = 60  # of the level; far more than are needed
 
 
 def peak_of(plant: Plant, tolerance: float) -> tuple[float, float, float, str]:
-    """The norm of a system without poles on or right of the axis.
+    """The norm of a system without poles on or right of the axis, to a relative tolerance.
 
-    Parameters
-    ----------
-    plant : Plant
-    tolerance : float [1]
-        Relative distance of the bounds.
-
-    Returns
-    -------
-    lower, upper : float
-        A singular value at the frequency, and a level that none reaches, up to rounding.
-    frequency : float (rad/s)
-    reason : str
-        Why there is no such level; then `upper` is inf.
+    Returned are a singular value; a level that none reaches, up to rounding; the frequency (rad/s) of
+    the first; and, if there is no such level, and it is inf, why.
     """
     at_infinity = float(np.linalg.norm(plant.D, 2)) if plant.D.size else 0.0
     poles = np.linalg.eigvals(plant.A) if len(plant.A) else np.zeros(0, dtype=complex)

@@ -65,13 +65,7 @@ def alone(function: Callable[..., Any], task: Task) -> Any:
 
 @contextmanager
 def crew_of(workers: int | None, client: Any, what: str) -> Iterator[Crew]:
-    """Those who do the work: `with crew_of(...) as crew`.
-
-    Raises
-    ------
-    AnalysisError
-        The number of workers is no number above 0, or Dask is not installed.
-    """
+    """Those who do the work: `with crew_of(...) as crew`."""
     if client is not None:
         try:
             import_module("distributed")  # an optional extra

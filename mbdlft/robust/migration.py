@@ -51,16 +51,10 @@ class Moving(NamedTuple):
 
 
 class Aim(NamedTuple):
-    """What a search makes as large as it can: a function of a pole, and its slope by the deltas.
+    """What a search makes as large as it can."""
 
-    Attributes
-    ----------
-    value : function of poles, to real numbers
-    slope : function of a pole and its gradient (n_p,), to an array (n_p,)
-    """
-
-    value: Callable[[Any], Any]
-    slope: Callable[[complex, Complex], Array]
+    value: Callable[[Any], Any]  # of poles: real numbers
+    slope: Callable[[complex, Complex], Array]  # of a pole and its gradient (n_p,): an array (n_p,)
 
 
 def _undamping(pole: Any) -> Any:
@@ -122,13 +116,7 @@ def pole_gradients(system: System, values: Mapping[str, float] | None = None) ->
 
 
 def moving_at(model: Realization, delta: Array) -> tuple[Moving, Complex, Complex]:
-    """Poles and gradients at deltas; left and right vectors (nx, nx), as columns.
-
-    Raises
-    ------
-    WellPosednessError
-        The model is singular there.
-    """
+    """Poles and gradients at deltas; left and right vectors (nx, nx), as columns."""
     import scipy.linalg  # here because it is slow to import
 
     n = len(model.A)
@@ -155,19 +143,8 @@ def push_right(
 
     In a box around the point, cut by the range, the first-order change of the aim is largest at a
     corner, which is the sign of the gradient; the box doubles after a step to the right, and shrinks to a
-    quarter after another one. A mode is known again by its shape.
-
-    Parameters
-    ----------
-    model : Realization
-    delta : array (number of deltas,) [1], where to start
-    pole : the pole to follow, nearly one at the start
-    most : points that may be evaluated
-    aim : Aim
-
-    Returns
-    -------
-    delta, pole there, points that were evaluated
+    quarter after another one. A mode is known again by its shape. At most so many points are evaluated;
+    returned are delta (number of deltas,), the pole there, and the points that were evaluated.
     """
     here, left, _ = moving_at(model, delta)
     k = int(np.argmin(np.abs(here.poles - pole)))
@@ -200,23 +177,12 @@ _ENDS = 1e-7  # of a step: below this the search has arrived
 
 
 class Crossing(NamedTuple):
-    """Deltas with a pole on or beyond the axis.
+    """Deltas with a pole on or beyond the axis."""
 
-    Attributes
-    ----------
-    size : float
-        Largest |delta|.
-    delta : array (number of deltas,)
-    frequency : float
-        Of the pole (rad/s).
-    slope : array (number of deltas,)
-        Of its real part.
-    """
-
-    size: float
-    delta: Array
-    frequency: float
-    slope: Array
+    size: float  # largest |delta|
+    delta: Array  # (number of deltas,)
+    frequency: float  # of the pole (rad/s)
+    slope: Array  # of its real part by the deltas (number of deltas,)
 
 
 NONE = Crossing(np.inf, np.zeros(0), np.nan, np.zeros(0))

@@ -134,13 +134,7 @@ def safe_region(
 
 
 def _level(model: Realization, proof: MotionProof, row: int, signal: _Signal) -> float:
-    """A number with |y| <= r where this times x'P x is at most 1.
-
-    Raises
-    ------
-    AnalysisError
-        None was proved.
-    """
+    """A number with |y| <= r where this times x'P x is at most 1; an error if none was proved."""
     y = model._replace(
         G=model.G[row : row + 1] / signal.size,
         H=model.H[row : row + 1] / signal.size,

@@ -24,15 +24,10 @@ Look = Callable[[Array], tuple[float, Callable[[], Array]]]
 
 
 def climb(look: Look, k: float, start: Array) -> None:
-    """Look at points of the box |delta| <= k where a function is larger and larger.
+    """Look at points of the box |delta| <= k where a function is larger and larger, from a start.
 
-    Parameters
-    ----------
-    look : function of deltas (number of deltas,)
-        Its value, of the size of 1, and a function without arguments for its slope there. It keeps what
-        is the best; an infinite value ends the ascent.
-    k : float
-    start : array (number of deltas,)
+    `look` gives its value at deltas (number of deltas,), of the size of 1, and a function for its slope
+    there. It keeps what is the best; an infinite value ends the ascent.
     """
     from scipy.optimize import minimize  # here because it is slow to import
 
@@ -66,19 +61,11 @@ Complex = NDArray[np.complex128]
 
 
 class Peak(NamedTuple):
-    """A largest gain over frequency; infinite where a pole is not stable.
-
-    Attributes
-    ----------
-    gain : float
-    frequency : float
-        rad/s
-    delta : array (number of deltas,)
-    """
+    """A largest gain over frequency; infinite where a pole is not stable."""
 
     gain: float
-    frequency: float
-    delta: Array
+    frequency: float  # rad/s
+    delta: Array  # (number of deltas,)
 
 
 NOTHING = Peak(0.0, np.nan, np.zeros(0))

@@ -37,13 +37,6 @@ def realization(
 
     With `others_are_zero`, blocks that are not parameters are left out; else they are an error. With
     `balanced`, states are scaled by powers of 2.
-
-    Raises
-    ------
-    AnalysisError
-        Something that stays depends on one of the states to be left out.
-    StructureError
-        Delta has blocks that are not real parameters, or a state is unknown.
     """
     lft = model.lft
     if not others_are_zero:
@@ -73,15 +66,7 @@ def realization(
 def states_that_stay(
     model: System, leave_out: Sequence[str], outputs: Sequence[int] = ()
 ) -> list[int]:
-    """Positions of the states that are not left out.
-
-    Raises
-    ------
-    AnalysisError
-        What stays depends on a state to be left out.
-    StructureError
-        A state is unknown.
-    """
+    """Positions of the states that are not left out; an error if one of those depends on one of these."""
     names = [state.name for state in model.states]
     gone = positions_of(list(leave_out), names, f"model {model.name!r}, states to leave out")
     stay = [k for k in range(len(names)) if k not in gone]
@@ -112,13 +97,7 @@ def _check_unneeded(
 def stable_states(
     model: System, leave_out: Sequence[str], what: str, outputs: Sequence[int] = ()
 ) -> list[int]:
-    """As `states_that_stay`, of a model whose nominal is stable.
-
-    Raises
-    ------
-    AnalysisError
-        It is not proved to be, and the message names the pole; or as `states_that_stay`.
-    """
+    """As `states_that_stay`, of a model that is nominally stable; else the error names the pole."""
     stay = states_that_stay(model, leave_out, outputs)
     A = model.A[np.ix_(stay, stay)]
     if not stay:

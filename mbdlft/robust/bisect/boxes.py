@@ -40,23 +40,13 @@ Values = NDArray[np.complex128]
 
 
 class Piece(NamedTuple):
-    """Polynomials on a part of the box, and on low <= t <= high.
+    """Polynomials on a part of the box, and low <= t <= high; an axis of a fixed delta has length 1."""
 
-    Attributes
-    ----------
-    values : complex array (1 + n_gain, r_1 + 1, ..., n + 1)
-        An axis of a delta that is fixed has the length 1.
-    error : array (1 + n_gain, n + 1)
-    low, high : float
-    outputs : int
-        Of the transfer, whose entries row by row are the last n_gain.
-    """
-
-    values: Values
-    error: Array
+    values: Values  # (1 + n_gain, r_1 + 1, ..., n + 1)
+    error: Array  # (1 + n_gain, n + 1)
     low: float
     high: float
-    outputs: int = 0
+    outputs: int = 0  # of the transfer, whose entries row by row are the last n_gain
 
 
 class Cone(NamedTuple):
@@ -67,15 +57,11 @@ class Cone(NamedTuple):
 
 
 def cone(coefficients: Values, error: Array) -> Cone | None:
-    """The angles of a polynomial on a piece: coefficients (..., m + 1) with errors (m + 1,).
+    """The angles of a polynomial on a piece: coefficients (..., m + 1) with errors (m + 1,) or of each.
 
     None where they may span half a turn, and so the polynomial may vanish.
     """
-    return _cone(coefficients, np.broadcast_to(error, coefficients.shape))
-
-
-def _cone(values: Values, radius: Array) -> Cone | None:
-    flat, radii = values.ravel(), np.ravel(radius)
+    flat, radii = coefficients.ravel(), np.broadcast_to(error, coefficients.shape).ravel()
     step = max(1, len(flat) // _LOOK)
     some = _angles(flat[::step], radii[::step])
     if some is None or step == 1:
@@ -111,7 +97,7 @@ def excludes(piece: Piece, gain: float) -> bool:
     if min(q.shape[:2]) > 1 and np.all(gain * size < (1.0 + q.shape[0]) * np.abs(p)):
         matrices = np.moveaxis(q.reshape(*q.shape[:2], -1), -1, 0)
         size = np.linalg.svd(matrices, compute_uv=False)[:, 0].reshape(p.shape)
-    return _cone(p, (error + gain * (size + errors)) * (1.0 + _SINGULAR)) is not None
+    return cone(p, (error + gain * (size + errors)) * (1.0 + _SINGULAR)) is not None
 
 
 def turn_of(piece: Piece, axis: int) -> int:
@@ -183,12 +169,6 @@ def _split(values: Any, axis: int) -> tuple[Any, Any]:
     return np.stack(low, axis=axis), np.stack(high[::-1], axis=axis)
 
 
-def fixed(piece: Piece, axis: int, side: int) -> Piece:
-    """The piece on the face where a delta has its lower (-1) or upper (1) end."""
-    place = -1 if side > 0 else 0
-    return piece._replace(values=np.take(piece.values, [place], axis=axis + 1))
-
-
 UNIT = 2.0e7  # coefficients in a unit of work, at most about a second of one core
 LEAF = 0
 _SMALLEST = 2.0**-16  # half of a box that is not cut again, of the whole [1]
@@ -210,27 +190,17 @@ class Box(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What came of an attempt.
+    """What came of an attempt."""
 
-    Attributes
-    ----------
-    log : tuple of int, or None
-        The proof, or None if there is none.
-    counterexample : array (number of deltas,), or None
-        Deltas, of the unit box, at which `is_wrong` holds.
-    open_box : Box
-        The last box: one that resisted, if there is neither a proof nor a counterexample.
-    work : float
-        Units that were used.
-    frequency : float
-        Where the box that took the most cuts was open (rad/s); NaN if there was none.
-    """
-
-    log: tuple[int, ...] | None
-    counterexample: Array | None
-    open_box: Box
-    work: float
-    frequency: float
+    log: tuple[int, ...] | None  # the proof, or None if there is none
+    counterexample: (
+        Array | None
+    )  # deltas (number of deltas,), of the unit box, where `is_wrong` holds
+    open_box: Box  # the last: one that resisted, if there is neither a proof nor a counterexample
+    work: float  # units that were used
+    frequency: (
+        float  # where the box that took the most cuts was open (rad/s); NaN if there was none
+    )
 
 
 Check = Callable[[Array], bool]
@@ -247,19 +217,9 @@ def prove(
 ) -> Outcome:
     """Try to prove that all models of the box |delta| <= k are stable, and of a gain below 1/gain.
 
-    Parameters
-    ----------
-    model : Realization
-    k : float
-    found : Polynomials of this box
-    work : float
-        Units of work.
-    is_wrong : function of deltas (number of deltas,), of the unit box
-        Whether they are a counterexample. Processes get it: a function of a module, or a part of one.
-    gain : float
-        One over the bound; 0 for stability only.
-    crew : Crew
-        Who looks at boxes that wait when the first unit of work is used up.
+    `is_wrong` tells whether deltas (number of deltas,) of the unit box are a counterexample: a function of
+    a module, or a part of one, since processes get it. The crew looks at boxes that wait when the first
+    unit of work is used up.
     """
     first, rest = _explored(model, k, found.scale, _root(found), min(work, _FIRST), is_wrong, gain)
     if not rest or work <= _FIRST:
@@ -405,10 +365,13 @@ def _side(box: Box, axis: int) -> int:
 
 
 def _on_face(box: Box, axis: int, side: int) -> Box:
+    """The face of a box where a delta has its lower (-1) or upper (1) end."""
+    place = [-1 if side > 0 else 0]
+    pieces = (p._replace(values=np.take(p.values, place, axis=axis + 1)) for p in box.pieces)
     center, half = box.center.copy(), box.half.copy()
     center[axis] += side * half[axis]
     half[axis] = 0.0
-    return Box(center, half, tuple(fixed(piece, axis, side) for piece in box.pieces))
+    return Box(center, half, tuple(pieces))
 
 
 def _widest(box: Box) -> int | None:

@@ -71,13 +71,7 @@ class Realization(NamedTuple):
         return np.repeat(delta, self.sizes, axis=-1)
 
     def into(self, delta: Array) -> Array:
-        """(I - D Delta)^-1 [C F], (..., N, n + n_u): what states and inputs do to z.
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            The loop is singular.
-        """
+        """(I - D Delta)^-1 [C F], (..., N, n + n_u): what states and inputs do to z; or LinAlgError."""
         loop = np.eye(len(self.D)) - self.D * self.spread(delta)[..., None, :]
         return np.asarray(np.linalg.solve(loop, np.hstack([self.C, self.F])))
 
@@ -96,35 +90,20 @@ class Realization(NamedTuple):
 class Polynomials(NamedTuple):
     """Bernstein coefficients on the box |delta_k| <= k and omega in [0, inf].
 
-    Attributes
-    ----------
-    values : complex array (1 + n_gain, r_1 + 1, ..., n + 1)
-        The characteristic polynomial, then those that are its products with the entries of the transfer.
-    error : array (1 + n_gain, n + 1)
-        What the values may be off, for each power of t.
-    scale : float
-        Frequency (rad/s) at t = 1/2.
-    outputs : int
-        Rows of the transfer.
+    The first are those of the characteristic polynomial p, the others those of p G_ij, row by row.
     """
 
-    values: NDArray[np.complex128]
-    error: Array
-    scale: float
-    outputs: int
+    values: NDArray[np.complex128]  # (1 + n_gain, r_1 + 1, ..., n + 1)
+    error: Array  # (1 + n_gain, n + 1): what the values may be off, for each power of t
+    scale: float  # frequency (rad/s) at t = 1/2
+    outputs: int  # rows of the transfer G
 
 
 def polynomials(model: Realization, k: float) -> Polynomials:
     """Bernstein coefficients of p(j omega, delta), and of p G for each entry of the transfer G.
 
-    With another region than the left half plane, of p along its edge.
-
-    Raises
-    ------
-    WellPosednessError
-        The model is singular at one of the nodes of the box.
-    AnalysisError
-        Balls stay too wide.
+    With another region than the left half plane, of p along its edge. A WellPosednessError says at which
+    node of the box the model is singular.
     """
     scale, bits = _scale(model.A), _BITS
     while bits <= _MOST_BITS:
@@ -260,13 +239,7 @@ def _parts(whole: Any, size: int) -> _Parts:
 
 
 def _closed(parts: _Parts, value: Any) -> tuple[Any, Any]:
-    """What is left when w = value z closes the first channels, and the determinant of that loop.
-
-    Raises
-    ------
-    ZeroDivisionError
-        The loop is singular.
-    """
+    """What is left when w = value z closes the first channels, and the determinant of that loop."""
     n = parts.first.nrows()
     loop = flint.arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
     loop = loop - parts.first * value

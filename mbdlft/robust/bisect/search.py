@@ -62,25 +62,15 @@ class Asked(NamedTuple):
 
 
 class State(NamedTuple, Generic[Worst]):
-    """The bounds so far.
+    """The bounds so far: one is reached, the other is proved."""
 
-    Attributes
-    ----------
-    worst : what reaches the bound that is not proved
-    lower, upper : float
-    proof : Proof or None, of the other bound
-    used : float, units of work
-    reason : str, why no more is proved
-    ended : bool, whether no more can be proved with any work
-    """
-
-    worst: Worst
+    worst: Worst  # what reaches the one
     lower: float = 0.0
     upper: float = float("inf")
-    proof: Proof | None = None
-    used: float = 0.0
-    reason: str = ""
-    ended: bool = False
+    proof: Proof | None = None  # of the other
+    used: float = 0.0  # units of work
+    reason: str = ""  # why no more is proved
+    ended: bool = False  # whether no work would prove more
 
     def left(self, asked: Asked) -> float:
         """Units of work that are left."""

@@ -29,20 +29,12 @@ _TURNS = (1.0, 0.93, 1.07, 2.0)  # of half a turn of a mode: periods that are tr
 
 
 class Motion(NamedTuple):
-    """A periodic motion of the deltas.
+    """A periodic motion of the deltas."""
 
-    Attributes
-    ----------
-    size : float
-        Largest |delta|; inf if none was found.
-    period : float
-        In seconds.
-    deltas : array (points, number of deltas)
-        In the middle of even steps: kept for a step, or joined by lines where the rate is bounded.
-    """
-
-    size: float
-    period: float
+    size: float  # largest |delta|; inf if none was found
+    period: float  # in seconds
+    # (points, number of deltas), in the middle of even steps: kept for a step, or joined by lines where
+    # the rate is bounded
     deltas: Array
 
 
@@ -52,17 +44,10 @@ NONE = Motion(np.inf, np.nan, np.zeros((0, 0)))
 def unstable_motion(
     model: Realization, rates_in: Callable[[float], Array], most: float, work: float = 10.0
 ) -> Motion:
-    """The smallest motion found with |delta| <= most that does not fall.
+    """The smallest motion found with |delta| <= most that does not fall, with so many units of work.
 
-    Parameters
-    ----------
-    model : Realization
-    rates_in : function of k, to an array (number of deltas,)
-        Rates of deltas (1/s) that are allowed everywhere in the box |delta| <= k; 0 for constants, inf
-        for any motion.
-    most : float
-    work : float
-        Units of work, each at most about a second of one core.
+    `rates_in` gives rates of deltas (1/s) (number of deltas,) that are allowed everywhere in the box
+    |delta| <= k; 0 for constants, inf for any motion.
     """
     best, left = NONE, work
     for period, deltas in _starts(model, most):

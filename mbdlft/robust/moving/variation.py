@@ -46,29 +46,16 @@ _BITS = 192
 
 
 class Form(NamedTuple):
-    """Rows of what the form is made of, each times q (N,).
+    """Rows of what the form is made of, each times q (N,)."""
 
-    Attributes
-    ----------
-    V, W : array (n + n_s, N)
-        [x; zeta], and its derivative.
-    S : array (m, N)
-        What Delta and its derivative give: w, zeta if it is another one, a, b.
-    R, K : array (m, N), (m, n + n_s)
-        What they get is R + K W.
-    group : int array (m,)
-        The parameter; beyond the number of parameters, its rate.
-    y, u : array (n_y, N), (n_u, N)
-    """
-
-    V: Array
-    W: Array
-    S: Array
-    R: Array
-    K: Array
-    group: NDArray[np.int64]
-    y: Array
-    u: Array
+    V: Array  # (n + n_s, N): [x; zeta]
+    W: Array  # (n + n_s, N): its derivative
+    S: Array  # (m, N): what Delta and its derivative give: w, zeta if it is another one, a, b
+    R: Array  # (m, N): what they get is R + K W
+    K: Array  # (m, n + n_s)
+    group: NDArray[np.int64]  # (m,): the parameter; beyond the number of parameters, its rate
+    y: Array  # (n_y, N)
+    u: Array  # (n_u, N)
 
 
 def scaled(model: Realization, channels: Array, time: float) -> Realization:
@@ -262,62 +249,27 @@ def cost_of(form: Form) -> float:
 def solved(form: Form, sizes: Array, states: int, gain: float = 0.0) -> Unknowns | None:
     """Unknowns with the form far below zero, if t > 0; None if the solver gave up.
 
-    Parameters
-    ----------
-    form : Form
-    sizes : array (m,)
-        As `sizes_of`.
-    states : int
-    gain : float
-        The bound of a gain, with which P, X and Y have the size that they must have; 0 for stability.
+    With the bound of a gain, P, X and Y have the size that they must have; it is 0 for stability.
     """
-    import clarabel
-
-    places, N, own = places_of(form), form.V.shape[1], groups_of(form)
-    first, count = int(places.ends[0]), int(places.ends[-1]) + 1 + bool(gain)
-    parts = [_coefficients(form, sizes, places, gain)]
-    parts += [_selected(group, places.X, first, parts[0].shape[1]) for group in own]
-    t = [_vectors(np.eye(N)[None])[0]]
-    t += [_FLOOR * _vectors(np.eye(len(group))[None])[0] for group in own]
-    traces = np.zeros(count)
-    on_diagonal = [
-        (places.P[0] == places.P[1]) & (places.P[0] < states),
-        places.X[0] == places.X[1],
-    ]
-    traces[: places.ends[1]] = np.concatenate(on_diagonal)
-    if gain:
-        traces[-2] = 1.0
-    whole = sparse.hstack([sparse.vstack(parts), sparse.csc_matrix(np.concatenate(t)[:, None])])
-    b = np.zeros(1 + whole.shape[0])
-    b[0] = states + len(form.S)
-    cost = np.zeros(count)
+    places, N = places_of(form), form.V.shape[1]
+    t = sparse.csc_matrix(_vectors(np.eye(N)[None]).T)
+    columns = sparse.hstack([_coefficients(form, sizes, places, gain), t])
+    trace = np.append(_traces(places, states), [1.0, 0.0] if gain else [0.0])
+    cost = np.zeros(len(trace))
     cost[-1] = -1.0
-    cones = [clarabel.ZeroConeT(1)]
-    cones += [clarabel.PSDTriangleConeT(size) for size in (N, *map(len, own))]
-    values = _solution(cost, sparse.vstack([sparse.csc_matrix(traces[None]), whole]), b, cones)
+    total = trace, float(states + len(form.S))
+    values = _solution(form, cost, columns, np.zeros((N, N)), places.ends[0], _FLOOR, total)
     return None if values is None else _unpacked(form, values, places, with_gain=gain > 0.0)
 
 
 def least_gain(form: Form, sizes: Array, states: int) -> float:
     """Nearly the least gain for which there are unknowns, for a gain near 1; inf if none was found."""
-    import clarabel
-
-    places, N, own = places_of(form), form.V.shape[1], groups_of(form)
-    first, count = int(places.ends[0]), int(places.ends[-1]) + 1
+    places = places_of(form)
     supplied = sparse.csc_matrix(_vectors(-(form.u.T @ form.u)[None]).T)
-    parts = [sparse.hstack([_coefficients(form, sizes, places, 0.0), supplied])]
-    parts += [_selected(group, places.X, first, count) for group in own]
-    sides = [_vectors((_EDGE * np.eye(N) + form.y.T @ form.y)[None])[0]]
-    sides += [np.zeros(len(group) * (len(group) + 1) // 2) for group in own]
-    cost = np.zeros(count)
-    on_diagonal = [
-        (places.P[0] == places.P[1]) & (places.P[0] < states),
-        places.X[0] == places.X[1],
-    ]
-    cost[: places.ends[1]] = 0.1 * _EDGE * np.concatenate(on_diagonal)
-    cost[-1] = 1.0
-    cones = [clarabel.PSDTriangleConeT(size) for size in (N, *map(len, own))]
-    values = _solution(cost, sparse.vstack(parts), -np.concatenate(sides), cones)
+    columns = sparse.hstack([_coefficients(form, sizes, places, 0.0), supplied])
+    side = _EDGE * np.eye(form.V.shape[1]) + form.y.T @ form.y
+    cost = np.append(0.1 * _EDGE * _traces(places, states), 1.0)
+    values = _solution(form, cost, columns, side, places.ends[0])
     return float(np.sqrt(values[-1])) if values is not None and values[-1] > 0.0 else float("inf")
 
 
@@ -326,37 +278,57 @@ def least_level(form: Form, sizes: Array, P: Array) -> tuple[float, Array, Array
 
     None if the solver gave up.
     """
-    import clarabel
-
-    places, N, own = places_of(form), form.V.shape[1], groups_of(form)
-    first, count = int(places.ends[0]), int(places.ends[-1]) + 1
+    places = places_of(form)
+    first = int(places.ends[0])
     level = sparse.csc_matrix(_vectors(-(form.V.T @ P @ form.V)[None]).T)
-    parts = [sparse.hstack([_coefficients(form, sizes, places, 0.0)[:, first:], level])]
-    parts += [_selected(group, places.X, 0, count - first) for group in own]
-    sides = [_vectors((form.y.T @ form.y)[None])[0]]
-    sides += [np.zeros(len(group) * (len(group) + 1) // 2) for group in own]
-    cost = np.zeros(count - first)
+    columns = sparse.hstack([_coefficients(form, sizes, places, 0.0)[:, first:], level])
+    cost = np.zeros(columns.shape[1])
     cost[-1] = 1.0
-    cones = [clarabel.PSDTriangleConeT(size) for size in (N, *map(len, own))]
-    values = _solution(cost, sparse.vstack(parts), -np.concatenate(sides), cones)
+    values = _solution(form, cost, columns, form.y.T @ form.y, 0)
     if values is None or not values[-1] > 0.0:
         return None
-    found = _unpacked(
-        form, np.concatenate([np.zeros(first), values[:-1], [0.0]]), places, with_gain=False
-    )
-    return None if found is None else (float(values[-1]), found.X, found.Y)
+    unknowns = np.concatenate([np.zeros(first), values[:-1], [0.0]])
+    solution = _unpacked(form, unknowns, places, with_gain=False)
+    return None if solution is None else (float(values[-1]), solution.X, solution.Y)
 
 
-def _solution(cost: Array, rows: Any, b: Array, cones: list[Any]) -> Array | None:
-    """The x of the least cost with b - rows x in the cones; None if the solver gave up."""
-    import clarabel
+def _solution(
+    form: Form,
+    cost: Array,
+    columns: Any,
+    side: Array,
+    first: int,
+    floor: float = 0.0,
+    total: tuple[Array, float] | None = None,
+) -> Array | None:
+    """The x of least cost with side + columns x <= 0, X >= floor x[-1], and a total; or None.
 
+    The entries of X begin at x[first]; the total of x with some weights is a number. None: the solver
+    gave up.
+    """
+    import clarabel  # here because it is slow to import
+
+    groups, X = groups_of(form), places_of(form).X
+    parts = [columns, *(_selected(group, X, first, len(cost), floor) for group in groups)]
+    b = np.zeros(sum(part.shape[0] for part in parts))
+    b[: columns.shape[0]] -= _vectors(side[None])[0]
+    cones = [clarabel.PSDTriangleConeT(size) for size in (len(side), *map(len, groups))]
+    if total is not None:
+        parts.insert(0, sparse.csc_matrix(total[0][None]))
+        b, cones = np.append(total[1], b), [clarabel.ZeroConeT(1), *cones]
+    rows = sparse.vstack(parts)
     settings = clarabel.DefaultSettings()
     settings.verbose, settings.max_threads = False, 1
     nothing = sparse.csc_matrix((len(cost), len(cost)))
     solver = clarabel.DefaultSolver(nothing, cost, sparse.csc_matrix(rows), b, cones, settings)
     values = np.array(solver.solve().x)
     return values if np.all(np.isfinite(values)) else None
+
+
+def _traces(places: Places, states: int) -> Array:
+    """1 for unknowns on the diagonals of P_xx and X, else 0."""
+    of_P = (places.P[0] == places.P[1]) & (places.P[0] < states)
+    return np.concatenate([of_P, places.X[0] == places.X[1], np.zeros(places.Y.shape[1])])
 
 
 def _unpacked(form: Form, values: Array, places: Places, *, with_gain: bool) -> Unknowns | None:
@@ -417,11 +389,15 @@ def _vectors(matrices: Array) -> Array:
     return matrices[:, rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2.0))
 
 
-def _selected(group: Index, X: Index, first: int, count: int) -> Any:
-    """Minus the entries of X of one group, of all unknowns."""
+def _selected(group: Index, X: Index, first: int, count: int, floor: float) -> Any:
+    """Minus the entries of X of one group, of all unknowns, and a floor of the last times 1."""
     columns, rows = np.tril_indices(len(group))
     inside = np.flatnonzero(np.isin(X[0], group))
     order = np.lexsort((X[0][inside], X[1][inside]))  # by columns, as in `_vectors`
     weights = -np.where(rows == columns, 1.0, np.sqrt(2.0))
-    where = (np.arange(len(inside)), first + inside[order])
-    return sparse.csc_matrix((weights, where), shape=(len(inside), count))
+    at = np.arange(len(inside))
+    diagonal = at[rows == columns] if floor else at[:0]
+    values = np.append(weights, np.full(len(diagonal), floor))
+    last = np.full(len(diagonal), count - 1)
+    where = np.append(at, diagonal), np.append(first + inside[order], last)
+    return sparse.csc_matrix((values, where), shape=(len(inside), count))

@@ -44,11 +44,6 @@ def rates_of(system: System, rates: Rates, what: str) -> dict[str, float]:
     """Bounds of rates by name, in the units of the parameters per second, without those that are 0.
 
     Gains in the place of nonlinear functions move in any way, whatever is given.
-
-    Raises
-    ------
-    AnalysisError
-        A name is unknown, or a bound is negative or no number.
     """
     names = list(system.parameters.names)
     given = {} if rates is None else rates
@@ -103,21 +98,12 @@ def _ends_of_rate(p: Parameter, rate: float, k: float) -> tuple[float, float]:
 
 
 class _Question(NamedTuple):
-    """What is asked for of parameters that move.
-
-    Attributes
-    ----------
-    asked : Asked
-    model : Realization
-    rates : mapping of names to bounds
-    constant : Bounds, for constant parameters
-    signals : names of inputs and outputs of a gain
-    """
+    """What is asked for of parameters that move."""
 
     asked: Asked
     model: Realization
-    rates: Mapping[str, float]
-    constant: Bounds
+    rates: Mapping[str, float]  # bounds by name
+    constant: Bounds  # for constant parameters
     signals: Signals = ((), ())
 
     def proof_of(self, k: float, gain: float = 0.0) -> tuple[MotionProof | None, float]:

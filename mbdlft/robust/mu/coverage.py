@@ -37,23 +37,15 @@ Complex = NDArray[np.complex128]
 class Loop(NamedTuple):
     """A system and its blocks, none of which is empty.
 
-    Attributes
-    ----------
-    channels : Channels
-        Balanced by powers of two: z and w of each block are multiplied by the same, so nothing is
-        rounded, and Delta stays what it is. Zeros make full blocks square.
-    scale : array (m,)
-        These powers.
-    structure : Structure
-    blocks : tuple of Block
-    grows : bool array (number of blocks,)
+    Its channels are balanced by powers of two: z and w of each block are multiplied by the same, so
+    nothing is rounded, and Delta stays what it is. Zeros make full blocks square.
     """
 
     channels: Channels
-    scale: Array
+    scale: Array  # (m,): these powers
     structure: Structure
     blocks: tuple[Block, ...]
-    grows: NDArray[np.bool_]
+    grows: NDArray[np.bool_]  # (number of blocks,)
 
     @property
     def owner(self) -> NDArray[np.int64]:
@@ -74,13 +66,7 @@ def loop_of(
     inputs: Sequence[int] = (),
     outputs: Sequence[int] = (),
 ) -> Loop:
-    """The loop of a system, of the states that stay, and of a block that joins inputs and outputs.
-
-    Raises
-    ------
-    StructureError
-        An entry is complex, or a fixed block is unknown.
-    """
+    """The loop of a system, of the states that stay, and of a block that joins inputs and outputs."""
     check(not system.lft.is_complex, "the margin of a system needs real entries; one is complex")
     rows, columns, lft = [], [], system.lft
     blocks = [block for block in lft.blocks if block.inputs and block.outputs]
@@ -102,13 +88,7 @@ def loop_of(
 
 
 def check_fixed(system: System, fixed: Iterable[str]) -> tuple[str, ...]:
-    """Names of fixed blocks, all of which exist.
-
-    Raises
-    ------
-    StructureError
-        A name is unknown.
-    """
+    """Names of fixed blocks, all of which exist."""
     names = [block.name for block in system.lft.blocks]
     found = (fixed,) if isinstance(fixed, str) else tuple(fixed)
     for name in found:
@@ -216,62 +196,29 @@ _NOTHING = 1e-9  # of the largest size: less is nothing
 
 
 class Cover(NamedTuple):
-    """Intervals that multipliers prove for a part of the box, and what they leave.
+    """Intervals that multipliers of balanced channels prove for a part of the box, and the rest."""
 
-    Attributes
-    ----------
-    k : float
-        The size for which they hold: that which was asked for, or less if it may shrink.
-    intervals, multipliers : tuples
-        The latter for balanced channels.
-    todo : tuple of (low, high)
-        Frequencies that are left (rad/s); none: the part is proved.
-    at : float
-        Where multipliers were not found (rad/s); NaN: work was used up.
-    beta : float
-        The bound of mu there; 0 if it was rounding that failed.
-    last : Multipliers or None
-        Those with which another search may start: G is over the squares of half sizes.
-    peak : float
-        Where the size is smallest (rad/s); NaN if nothing was looked at.
-    work : float
-    """
-
-    k: float
+    k: float  # the size for which they hold: what was asked for, or less if it may shrink
     intervals: tuple[Interval, ...]
     multipliers: tuple[Multipliers, ...]
-    todo: tuple[tuple[float, float], ...]
-    at: float
-    beta: float
-    last: Multipliers | None
-    peak: float
+    todo: tuple[tuple[float, float], ...]  # frequencies that are left (rad/s); none: it is proved
+    at: float  # where multipliers were not found (rad/s); NaN: work was used up
+    beta: float  # the bound of mu there; 0 if it was rounding that failed
+    last: Multipliers | None  # where another search may start: G is over the squares of half sizes
+    peak: float  # where the size is smallest (rad/s); NaN if nothing was looked at
     work: float
 
 
 class Part(NamedTuple):
-    """A part of the box: ends of all blocks (number of blocks,), and the frequencies that are open.
+    """A part of the box, and the frequencies that are open."""
 
-    Attributes
-    ----------
-    low, high : array
-    todo : tuple of (low, high), rad/s
-    at : float
-        Where to begin (rad/s); NaN: at the poles.
-    start : Multipliers or None
-        As `last` of a `Cover`.
-    work : float
-        Units that may be used.
-    tolerance : float
-        Of the bounds of mu.
-    """
-
-    low: Array
+    low: Array  # ends of all blocks (number of blocks,)
     high: Array
-    todo: tuple[tuple[float, float], ...]
-    at: float
-    start: Multipliers | None
-    work: float
-    tolerance: float
+    todo: tuple[tuple[float, float], ...]  # rad/s
+    at: float  # where to begin (rad/s); NaN: at the poles
+    start: Multipliers | None  # as `last` of a `Cover`
+    work: float  # units that may be used
+    tolerance: float  # of the bounds of mu
 
 
 def covered(loop: Loop, part: Part) -> Cover:

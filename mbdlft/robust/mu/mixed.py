@@ -77,27 +77,16 @@ _OFTEN = 4  # batches from one to the next that is looked at for a counterexampl
 
 
 class Attempt(NamedTuple):
-    """What came of an attempt to prove a box.
+    """What came of an attempt to prove a box."""
 
-    Attributes
-    ----------
-    parts : _Node or None
-        The tree of parts, if all are proved; None also if a counterexample was found.
-    low, high : array (number of blocks,)
-        A part that resisted.
-    at : float
-        Where it did (rad/s); NaN if none did.
-    work : float
-    state : State
-        With the best of the deltas that were found near parts that resist.
-    """
-
-    parts: "_Node | None"
-    low: Array
+    parts: (
+        "_Node | None"  # the tree of parts, if all are proved; None: one resisted, or is unstable
+    )
+    low: Array  # (number of blocks,), with `high`: a part that resisted
     high: Array
-    at: float
+    at: float  # where it did (rad/s); NaN if none did
     work: float
-    state: "State[Reached]"
+    state: "State[Reached]"  # with the best deltas that were found near parts that resist
 
 
 @dataclass(slots=True)
@@ -120,21 +109,10 @@ def attempt(
     state: "State[Reached]",
     crew: Crew,
 ) -> Attempt:
-    """Try to prove the box of size k.
+    """Try to prove the box of size k with so many units of work, beginning at the cover of a smaller box.
 
-    Parameters
-    ----------
-    loop : Loop
-    k : float
-    work : float
-        Units.
-    near : Cover
-        Of a smaller box: where to begin.
-    reach : function of a state, real deltas and a frequency (rad/s)
-        The state after a search for a counterexample from there; with one, its `upper` is k or less.
-    state : State
-    crew : Crew
-        Who covers the parts.
+    `reach` gives the state after a search for a counterexample from real deltas and a frequency (rad/s):
+    with one, its `upper` is k or less.
     """
     low, high = ends_of(loop, k)
     root = _Node(Part(low, high, ((0.0, np.inf),), near.peak, near.last, work, _TOLERANCE))

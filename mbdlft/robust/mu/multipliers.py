@@ -41,29 +41,17 @@ _SHRINK = 40
 
 
 class Structure(NamedTuple):
-    """The unknown entries of X for blocks, which are square.
+    """The unknown entries of X for blocks, which zeros in M have made square."""
 
-    Attributes
-    ----------
-    size : int
-        Of M, when zeros have made blocks square.
-    rows, columns : int array (n_entries,)
-        Places of the entries of X inside blocks.
-    basis : array (2 n_entries, m), or None
-        Real parts and imaginary parts of these entries, of each unknown; None: they are the unknowns.
-    inputs, outputs : int array
-        Where the rows and columns of M go.
-    real : bool array (size,)
-        Whether a channel belongs to a real block.
-    """
-
-    size: int
-    rows: NDArray[np.int64]
+    size: int  # of M
+    rows: NDArray[np.int64]  # (n_entries,): places of the entries of X inside blocks
     columns: NDArray[np.int64]
+    # (2 n_entries, m): real and imaginary parts of these entries, of each unknown; None: they are the
+    # unknowns
     basis: Array | None
-    inputs: NDArray[np.int64]
-    outputs: NDArray[np.int64]
-    real: NDArray[np.bool_]
+    inputs: NDArray[np.int64]  # where the rows of M go
+    outputs: NDArray[np.int64]  # where its columns go
+    real: NDArray[np.bool_]  # (size,): whether a channel belongs to a real block
 
 
 def structure_of(blocks: Sequence[Block]) -> Structure:
@@ -160,18 +148,10 @@ def upper_bound(
     tolerance: float = 1e-4,
     enough: float = 0.0,
 ) -> Multipliers:
-    """Multipliers with nearly the smallest beta for M, made square.
+    """Multipliers with nearly the smallest beta for M (n, n), made square.
 
-    Parameters
-    ----------
-    M : complex array (n, n)
-    structure : Structure
-    start : Multipliers, optional
-        Those of a matrix near to this one.
-    tolerance : float
-        Of beta, relative.
-    enough : float
-        A beta that need not be improved.
+    The search starts from those of a matrix near to this one, and ends within a relative tolerance of
+    beta, or at one that is small enough.
     """
     n = structure.size
     size = float(np.linalg.norm(M, 2)) if n else 0.0

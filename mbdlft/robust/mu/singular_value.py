@@ -144,13 +144,7 @@ def _skew_bound(
 
 
 def channels_at(system: System, omega: float) -> Complex:
-    """M(j omega) (n_z, n_w), from w to z.
-
-    Raises
-    ------
-    AnalysisError
-        j omega is a pole.
-    """
+    """M(j omega) (n_z, n_w), from w to z; an error if j omega is a pole."""
     M = system.D_zw.astype(complex)
     if not np.isfinite(omega) or not len(system.A):
         return M

@@ -40,23 +40,12 @@ At = Callable[[float], tuple[Complex, Complex]]  # M and its derivative by log o
 
 
 class SmallDelta(NamedTuple):
-    """A Delta (n_w, n_z) that makes I - M Delta singular, and 1 over its norm.
+    """A Delta that makes I - M Delta singular."""
 
-    Attributes
-    ----------
-    bound : float
-        One over the norm of the blocks that grow; 0, if none was found: `delta` is then 0, too.
-    delta : complex array (n_w, n_z)
-    residual : float
-        Smallest over largest singular value of I - M Delta.
-    omega : float
-        Where M is taken (rad/s); NaN if M was given as a matrix.
-    """
-
-    bound: float
-    delta: Complex
-    residual: float
-    omega: float = float("nan")
+    bound: float  # one over the norm of the blocks that grow; 0, with a `delta` of 0, if none was found
+    delta: Complex  # (n_w, n_z)
+    residual: float  # smallest over largest singular value of I - M Delta
+    omega: float = float("nan")  # where M is taken (rad/s); NaN if M was given as a matrix
 
 
 class _Part(NamedTuple):
