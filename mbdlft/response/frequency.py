@@ -41,18 +41,18 @@ def resolvent(matrices: StateMatrices, s: Complex) -> Complex:
     Not finite where s is an eigenvalue of A, exactly or but for its last digits.
     """
     A, _, _, D = matrices
-    found = np.empty((*s.shape, *D.shape[1:]), dtype=complex)
-    if not (A.shape[1] and found.size):
-        found[:] = D[:, None]
-        return found
+    values = np.empty((*s.shape, *D.shape[1:]), dtype=complex)
+    if not (A.shape[1] and values.size):
+        values[:] = D[:, None]
+        return values
     with np.errstate(all="ignore"):  # what comes of a pole is told by what is not finite
-        for part in _pieces(s.shape, A.shape[1] * max(D.shape[1:])):
-            some = StateMatrices(*(matrix[part[0]] for matrix in matrices))
-            values = found[part]
-            lost = ~_by_triangles(some, s[part], values)
+        for piece in _pieces(s.shape, A.shape[1] * max(D.shape[1:])):
+            some = StateMatrices(*(matrix[piece[0]] for matrix in matrices))
+            of_piece = values[piece]
+            lost = ~_by_triangles(some, s[piece], of_piece)
             for k in np.flatnonzero(lost):
-                values[k] = _by_elimination(StateMatrices(*(m[k] for m in some)), s[part][k])
-    return found
+                of_piece[k] = _by_elimination(StateMatrices(*(m[k] for m in some)), s[piece][k])
+    return values
 
 
 def _pieces(shape: tuple[int, ...], each: int) -> Iterator[tuple[slice, slice]]:
@@ -78,10 +78,10 @@ def _by_triangles(matrices: StateMatrices, s: Complex, values: Complex) -> NDArr
     shifted[np.abs(shifted) <= _NEAR * np.abs(s[:, None])] = 0.0
     inverse = (1.0 / shifted)[..., None]
     X = _times(Q, _substituted(T, inverse, (Qh @ B)[:, :, None]))
-    left = _times(A, X)
-    left -= s[:, None, :, None] * X
-    left += B[:, :, None]
-    change = _substituted(T, inverse, _times(Qh, left))
+    residual = _times(A, X)
+    residual -= s[:, None, :, None] * X
+    residual += B[:, :, None]
+    change = _substituted(T, inverse, _times(Qh, residual))
     sizes = [np.max(np.abs(x.view(float)), axis=1) for x in (change, X)]
     good = ~np.any(sizes[0] > _CHANGE * sizes[1], axis=(1, 2))  # nan, where s is a pole, may stay
     both = _times(C, X)
@@ -199,9 +199,9 @@ def gain_unit(system: System) -> str:
 def peaks(values: Array) -> Array:
     """Rows (N, F) with -inf where no peak is; all of them stay if there is none, as of integrators."""
     higher = (values[:, 1:-1] >= values[:, :-2]) & (values[:, 1:-1] >= values[:, 2:])
-    found = np.full(values.shape, -np.inf)
-    found[:, 1:-1] = np.where(higher, values[:, 1:-1], -np.inf)
-    return found if np.any(np.isfinite(found)) else values
+    at_peaks = np.full(values.shape, -np.inf)
+    at_peaks[:, 1:-1] = np.where(higher, values[:, 1:-1], -np.inf)
+    return at_peaks if np.any(np.isfinite(at_peaks)) else values
 
 
 def response_frequencies(
@@ -239,18 +239,18 @@ def response_frequencies(
         As `matrices_at`.
     """
     A = samples_at(system, values).A
-    found = eigenvalues(A, system.name)
-    first, last = frequency_range(system, found, low, high)
+    poles = eigenvalues(A, system.name)
+    first, last = frequency_range(system, poles, low, high)
     if not isinstance(points, int | np.integer) or points < 2:
         raise AnalysisError(
             f"model {system.name!r}: expected at least 2 points of frequency, got {points!r}."
         )
     even = np.geomspace(first, last, int(points))
     if np.isrealobj(A):  # one of each pair is enough
-        found = np.where(found.imag > 0.0, found, 0.0)
-    pairs = int(np.max(np.sum(found != 0.0, axis=1), initial=0))
-    found = np.take_along_axis(found, np.argsort(found == 0.0, axis=1, kind="stable"), axis=1)
-    return np.stack([_around(even, row) for row in found[:, :pairs]])
+        poles = np.where(poles.imag > 0.0, poles, 0.0)
+    pairs = int(np.max(np.sum(poles != 0.0, axis=1), initial=0))
+    poles = np.take_along_axis(poles, np.argsort(poles == 0.0, axis=1, kind="stable"), axis=1)
+    return np.stack([_around(even, row) for row in poles[:, :pairs]])
 
 
 def frequency_range(
@@ -302,24 +302,24 @@ def unbounded_frequencies(
         As `zeros`.
     """
     matrices = transfers_at(system, values, outputs, inputs, "responses")
-    found = []
+    frequencies = []
     for A, B, C, D in zip(*matrices, strict=True):
         seen = spectrum(A)
         largest = float(np.max(np.abs(seen.poles), initial=0.0))
         sizes = np.unique(np.abs(seen.cleaned.imag[seen.on_axis]))
         unit = np.where(sizes > 0.0, sizes, largest or 1.0)
-        one = (matrix[None] for matrix in (A, B, C, D))
+        matrices_of_one = (matrix[None] for matrix in (A, B, C, D))
         apart = np.array([1e-2, 1e-4]) * _NEAREST
         omega = sizes[:, None] + unit[:, None] * np.where(
             sizes[:, None] > 0.0, apart, 100.0 * apart
         )
-        gains = np.abs(resolvent(StateMatrices(*one), 1j * omega.reshape(1, -1))[0])
+        gains = np.abs(resolvent(StateMatrices(*matrices_of_one), 1j * omega.reshape(1, -1))[0])
         gains = np.max(gains, axis=(1, 2), initial=0.0).reshape(-1, 2)
         kept = sizes[gains[:, 1] > _INFINITE * gains[:, 0]]
         # poles of one frequency that rounding has moved apart are one
         gaps = np.diff(kept, prepend=-np.inf) > _NEAREST * kept
-        found.append(kept[gaps])
-    return tuple(found)
+        frequencies.append(kept[gaps])
+    return tuple(frequencies)
 
 
 def _around(even: Array, poles: NDArray[np.complex128]) -> Array:

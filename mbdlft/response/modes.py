@@ -28,11 +28,11 @@ def samples_at(system: System, values: Mapping[str, ArrayLike] | None = None) ->
     The states are scaled by powers of 2, which are those of the nominal A for every sample: so a sample
     has the same digits alone and among others. N is 1 for numbers.
     """
-    found = [
+    matrices = [
         matrix if matrix.ndim == 3 else matrix[None] for matrix in matrices_at(system, values or {})
     ]
     scale = balancing(system.A)
-    A, B, C, D = found
+    A, B, C, D = matrices
     return StateMatrices(A * (scale / scale[:, None]), B / scale[:, None], C * scale, D)
 
 
@@ -105,8 +105,8 @@ class Spectrum(NamedTuple):
     @property
     def cleaned(self) -> NDArray[np.complex128]:
         """The poles without what rounding has left of real parts on the axis, and of zero."""
-        found = np.where(self.on_axis, 1j * self.poles.imag, self.poles)
-        return np.where(self.at_zero, 0.0, found)
+        poles = np.where(self.on_axis, 1j * self.poles.imag, self.poles)
+        return np.where(self.at_zero, 0.0, poles)
 
 
 def poles(system: System, values: Mapping[str, ArrayLike] | None = None) -> NDArray[np.complex128]:
@@ -135,14 +135,14 @@ def poles(system: System, values: Mapping[str, ArrayLike] | None = None) -> NDAr
 def eigenvalues(A: Array, name: str) -> NDArray[np.complex128]:
     """Sorted eigenvalues (N, n) of matrices A (N, n, n) of a model of this name."""
     try:
-        found = np.linalg.eigvals(A).astype(complex)
+        poles = np.linalg.eigvals(A).astype(complex)
     except np.linalg.LinAlgError:
         raise AnalysisError(
             f"model {name!r}: the eigenvalues of A were not found. Scale the states, or choose other "
             "values of the parameters."
         ) from None
-    order = np.lexsort((-found.imag, found.real, np.abs(found)))
-    return np.take_along_axis(found, order, axis=-1)
+    order = np.lexsort((-poles.imag, poles.real, np.abs(poles)))
+    return np.take_along_axis(poles, order, axis=-1)
 
 
 def spectrum(A: Array) -> Spectrum:
@@ -156,36 +156,36 @@ def spectrum(A: Array) -> Spectrum:
     if not len(A):
         none = np.zeros(0, dtype=bool)
         return Spectrum(np.zeros(0, dtype=complex), none, none)
-    found, left, right = scipy.linalg.eig(A, left=True, check_finite=False)
-    order = np.lexsort((-found.imag, found.real, np.abs(found)))
-    found, left, right = found[order], left[:, order], right[:, order]
+    poles, U, V = scipy.linalg.eig(A, left=True, check_finite=False)
+    order = np.lexsort((-poles.imag, poles.real, np.abs(poles)))
+    poles, U, V = poles[order], U[:, order], V[:, order]
     rounding = _ROUNDING * len(A) * float(np.linalg.norm(A))
-    overlap = np.abs(np.sum(np.conj(left) * right, axis=0))
-    unclear = np.abs(found.real) * overlap <= _CLEAR * rounding
+    overlap = np.abs(np.sum(np.conj(U) * V, axis=0))
+    unclear = np.abs(poles.real) * overlap <= _CLEAR * rounding
     for k in np.flatnonzero(unclear):
-        if k and found[k] == np.conj(found[k - 1]):
+        if k and poles[k] == np.conj(poles[k - 1]):
             unclear[k] = unclear[k - 1]
             continue
-        shifted = A - 1j * found[k].imag * np.eye(len(A))
+        shifted = A - 1j * poles[k].imag * np.eye(len(A))
         # the least singular value is no larger than |(A - j omega I) v| of a unit vector v
-        seen = float(np.linalg.norm(shifted @ right[:, k])) <= rounding
+        seen = float(np.linalg.norm(shifted @ V[:, k])) <= rounding
         unclear[k] = seen or np.linalg.svd(shifted, compute_uv=False)[-1] <= rounding
-    small = unclear & (np.abs(found) <= _ZERO * float(np.linalg.norm(A)))
+    small = unclear & (np.abs(poles) <= _ZERO * float(np.linalg.norm(A)))
     if np.any(small):
         small &= bool(np.linalg.svd(A, compute_uv=False)[-1] <= rounding)
-    return Spectrum(found, unclear, small)
+    return Spectrum(poles, unclear, small)
 
 
-def without_integrators(system: System, found: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def without_integrators(system: System, poles: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Poles (N, nx) without those at zero, in one row.
 
     As many as the nominal system has at zero are taken for the same at the samples, if they are small.
     """
     seen = spectrum(samples_at(system).A[0])
-    sizes = np.abs(found)
+    sizes = np.abs(poles)
     small = _ZERO * max(float(np.max(np.abs(seen.poles), initial=0.0)), 1e-300)
     zero = (sizes <= small) & (np.arange(sizes.shape[1]) < np.sum(seen.at_zero))
-    return found[~zero & (sizes > 0.0)]
+    return poles[~zero & (sizes > 0.0)]
 
 
 def pole_text(pole: complex) -> str:
@@ -265,11 +265,11 @@ class DampingTable:
         AnalysisError
             There is no such sample.
         """
-        found = spectrum(self.A[self._checked(sample)])
-        kept = (found.cleaned.imag >= 0.0) | ~np.isin(found.cleaned.conj(), found.cleaned)
-        table = replace(self, poles=found.cleaned[kept])
+        modes = spectrum(self.A[self._checked(sample)])
+        kept = (modes.cleaned.imag >= 0.0) | ~np.isin(modes.cleaned.conj(), modes.cleaned)
+        table = replace(self, poles=modes.cleaned[kept])
         columns = table.natural_frequency, table.frequency, table.damping, table.time_constant
-        rows = zip(table.poles, *columns, found.on_axis[kept], strict=True)
+        rows = zip(table.poles, *columns, modes.on_axis[kept], strict=True)
         return tuple(ModeRow(*(value.item() for value in row)) for row in rows)
 
     def __str__(self) -> str:

@@ -104,8 +104,8 @@ def hinf_norm(
             f"model {system.name!r}: hinf_norm: expected a tolerance from 1e-10 to 1, got {tolerance!r}."
         )
     matrices = transfers_at(system, values, outputs, inputs, "gains")
-    found = [_peak(Plant(*each), tolerance) for each in zip(*matrices, strict=True)]
-    lower, upper, frequency, reason = zip(*found, strict=True)
+    peaks = [_peak(Plant(*each), tolerance) for each in zip(*matrices, strict=True)]
+    lower, upper, frequency, reason = zip(*peaks, strict=True)
     return PeakGain(np.array(lower), np.array(upper), np.array(frequency), tuple(reason))
 
 
@@ -137,7 +137,7 @@ def h2_norm(
     StructureError, WellPosednessError
         As `matrices_at`.
     """
-    found = []
+    norms = []
     for each in zip(*transfers_at(system, values, outputs, inputs, "norms"), strict=True):
         value, error, reason = _h2(Plant(*each))
         if error > _APART:
@@ -145,8 +145,8 @@ def h2_norm(
                 f"model {system.name!r}: h2_norm: two ways to compute it differ by {error:.1e} of it: a "
                 "pole is too near to the imaginary axis for double precision. Add damping."
             )
-        found.append((value, error, reason))
-    values_found, errors, reasons = zip(*found, strict=True)
+        norms.append((value, error, reason))
+    values_found, errors, reasons = zip(*norms, strict=True)
     return H2Norm(np.array(values_found), np.array(errors), tuple(reasons))
 
 
@@ -168,8 +168,8 @@ def _seen_if_needed(plant: Plant) -> tuple[Plant, str]:
 def _least(plant: Plant) -> Plant:
     """The part that the channels see, with channels as they were."""
     balanced, rows, columns = scaled(plant)
-    part = seen(balanced)
-    return Plant(part.A, part.B / columns, part.C / rows, plant.D)
+    minimal = seen(balanced)
+    return Plant(minimal.A, minimal.B / columns, minimal.C / rows, plant.D)
 
 
 def _peak(plant: Plant, tolerance: float) -> tuple[float, float, float, str]:
@@ -256,9 +256,10 @@ def _near_axis(plant: Plant, level: float) -> NDArray[np.float64]:
         return np.zeros(0)
     R = level**2 * np.eye(D.shape[1]) - np.conj(D.T) @ D
     inside = A + B @ np.linalg.solve(R, np.conj(D.T) @ C)
-    right = level * B @ np.linalg.solve(R, np.conj(B.T))
-    left = np.conj(C.T) @ (np.eye(len(D)) + D @ np.linalg.solve(R, np.conj(D.T))) @ C / level
-    H = np.block([[inside, right], [-left, -np.conj(inside.T)]])
-    found = np.linalg.eigvals(H)
-    near = np.abs(found.real) <= _AXIS * np.abs(found) + 16.0 * _EPS * float(np.linalg.norm(H))
-    return np.unique(np.abs(found[near].imag))
+    upper = level * B @ np.linalg.solve(R, np.conj(B.T))
+    lower = np.conj(C.T) @ (np.eye(len(D)) + D @ np.linalg.solve(R, np.conj(D.T))) @ C / level
+    H = np.block([[inside, upper], [-lower, -np.conj(inside.T)]])
+    eigenvalues = np.linalg.eigvals(H)
+    rounding = 16.0 * _EPS * float(np.linalg.norm(H))
+    near = np.abs(eigenvalues.real) <= _AXIS * np.abs(eigenvalues) + rounding
+    return np.unique(np.abs(eigenvalues[near].imag))

@@ -63,24 +63,24 @@ def zeros(
     AnalysisError
         There are no inputs or no outputs.
     """
-    found: list[NDArray[np.complex128]] = []
+    finite: list[NDArray[np.complex128]] = []
     for A, B, C, D in zip(*transfers_at(system, values, outputs, inputs, "zeros"), strict=True):
         plant = seen(scaled(Plant(A, B, C, D))[0])
         try:
-            found.append(_sorted(finite_zeros(plant).astype(complex), real=np.isrealobj(plant.A)))
+            finite.append(_sorted(finite_zeros(plant).astype(complex), real=np.isrealobj(plant.A)))
         except np.linalg.LinAlgError:
             raise AnalysisError(
                 f"model {system.name!r}: zeros: the eigenvalues of a reduced pencil were not found."
             ) from None
-    return tuple(found)
+    return tuple(finite)
 
 
-def _sorted(found: NDArray[np.complex128], *, real: bool) -> NDArray[np.complex128]:
+def _sorted(zeros: NDArray[np.complex128], *, real: bool) -> NDArray[np.complex128]:
     """Zeros by size; those of a real system in pairs that are equal to the last digit."""
     if real:
-        upper = found[found.imag > 0.0]
-        found = np.concatenate([found[found.imag == 0.0], upper, np.conj(upper)])
-    return found[np.lexsort((-found.imag, found.real, np.abs(found)))]
+        upper = zeros[zeros.imag > 0.0]
+        zeros = np.concatenate([zeros[zeros.imag == 0.0], upper, np.conj(upper)])
+    return zeros[np.lexsort((-zeros.imag, zeros.real, np.abs(zeros)))]
 
 
 def scaled(plant: Plant) -> tuple[Plant, Array, Array]:
@@ -157,8 +157,8 @@ def finite_zeros(plant: Plant) -> Array:
     _, _, V = scipy.linalg.svd(np.hstack([C, D]), check_finite=False)
     null = np.conj(V[m:].T)  # of [C D], so that [A B] null x = s [I 0] null x
     top = np.hstack([A, B]) @ null
-    found: Array = scipy.linalg.eigvals(top, null[:n], check_finite=False)
-    return found[np.isfinite(found)]
+    eigenvalues: Array = scipy.linalg.eigvals(top, null[:n], check_finite=False)
+    return eigenvalues[np.isfinite(eigenvalues)]
 
 
 def _without_infinite(plant: Plant, tolerance: float) -> Plant:
@@ -185,7 +185,7 @@ def _without_infinite(plant: Plant, tolerance: float) -> Plant:
 
 def _tolerance(plant: Plant) -> float:
     """The size of what is rounding in a scaled system."""
-    norm = float(np.sqrt(sum(float(np.linalg.norm(part)) ** 2 for part in plant)))
+    norm = float(np.sqrt(sum(float(np.linalg.norm(matrix)) ** 2 for matrix in plant)))
     return float(_ROUNDING * (len(plant.A) + max(plant.D.shape)) * norm)
 
 

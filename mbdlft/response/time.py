@@ -76,14 +76,12 @@ def step_response(
         As `matrices_at`.
     """
     A, B, C, D = transfers_at(system, values, outputs, inputs, "responses")
-    found = _times(system, A, times)
+    t = _times(system, A, times)
     n, m = B.shape[1:]
     below = np.zeros((len(A), m, n + m))
     bordered = np.concatenate([np.concatenate([A, B], axis=2), below], axis=1)
     start = np.broadcast_to(np.concatenate([np.zeros((n, m)), np.eye(m)]), (len(A), n + m, m))
-    return TimeResponse(
-        found, _moved(system, bordered, start, np.concatenate([C, D], axis=2), found)
-    )
+    return TimeResponse(t, _moved(system, bordered, start, np.concatenate([C, D], axis=2), t))
 
 
 def impulse_response(
@@ -100,8 +98,8 @@ def impulse_response(
     `inputs`.
     """
     A, B, C, _ = transfers_at(system, values, outputs, inputs, "responses")
-    found = _times(system, A, times)
-    return TimeResponse(found, _moved(system, A, B, C, found))
+    t = _times(system, A, times)
+    return TimeResponse(t, _moved(system, A, B, C, t))
 
 
 def initial_response(
@@ -144,9 +142,9 @@ def initial_response(
         x[names.index(name)] = value
     rows = chosen(system.name, "output", outputs, system.outputs, "responses")
     A, _, C, _ = samples_at(system, values)
-    found = _times(system, A, times)
+    t = _times(system, A, times)
     start = np.broadcast_to((x / balancing(system.A))[:, None], (len(A), len(x), 1))
-    return TimeResponse(found, _moved(system, A, start, C[:, rows], found)[..., 0])
+    return TimeResponse(t, _moved(system, A, start, C[:, rows], t)[..., 0])
 
 
 def response_times(system: System, values: Mapping[str, ArrayLike] | None = None) -> Array:
@@ -176,26 +174,26 @@ def _times(system: System, A: Array, times: ArrayLike | None) -> Array:
         fastest = float(np.max(turning[real < turning], initial=0.0)) / (2.0 * np.pi)
         count = int(min(_MOST_POINTS, max(_POINTS, end * fastest * _IN_A_PERIOD)))
         return np.linspace(0.0, end, count + 1)
-    found = np.atleast_1d(np.asarray(times))
+    checked = np.atleast_1d(np.asarray(times))
     rising = (
-        found.dtype.kind in "iuf"
-        and found.ndim == 1
-        and len(found) > 0
-        and np.all(np.isfinite(found))
-        and found[0] >= 0.0
-        and np.all(np.diff(found) > 0.0)
+        checked.dtype.kind in "iuf"
+        and checked.ndim == 1
+        and len(checked) > 0
+        and np.all(np.isfinite(checked))
+        and checked[0] >= 0.0
+        and np.all(np.diff(checked) > 0.0)
     )
     if not rising:
         raise AnalysisError(
             f"model {system.name!r}: times: expected rising finite times (s), the first not negative, "
             f"got {times!r}."
         )
-    return found.astype(float)
+    return checked.astype(float)
 
 
 def _moved(system: System, A: Array, start: Array, readout: Array, times: Array) -> Array:
     """readout exp(A t) start at all times, (N, T, ny, m)."""
-    found = np.empty((len(A), len(times), readout.shape[1], start.shape[2]))
+    values = np.empty((len(A), len(times), readout.shape[1], start.shape[2]))
     if np.iscomplexobj(A) or np.iscomplexobj(readout) or np.iscomplexobj(start):
         raise AnalysisError(
             f"model {system.name!r}: responses in time are those of real matrices, and some are complex."
@@ -203,15 +201,15 @@ def _moved(system: System, A: Array, start: Array, readout: Array, times: Array)
     each = max(1, _ENTRIES // max(1, len(times) * A.shape[1] * start.shape[2]))
     with np.errstate(all="ignore"):  # what grows beyond all numbers is an error below
         for k in range(0, len(A), each):
-            part = slice(k, k + each)
-            states = _states(A[part], start[part], times)
-            found[part] = readout[part, None] @ states
-    if not np.all(np.isfinite(found)):
+            samples = slice(k, k + each)
+            states = _states(A[samples], start[samples], times)
+            values[samples] = readout[samples, None] @ states
+    if not np.all(np.isfinite(values)):
         raise AnalysisError(
             f"model {system.name!r}: the response grows beyond the largest number before "
             f"{times[-1]:g} s. Give shorter times."
         )
-    return found
+    return values
 
 
 def _states(A: Array, start: Array, times: Array) -> Array:

@@ -106,13 +106,13 @@ def pole_gradients(system: System, values: Mapping[str, float] | None = None) ->
     model = realization(system, others_are_zero=True, balanced=True)
     place = [system.parameters.names.index(name) for name in model.names]
     try:
-        found, _, _ = moving_at(model, deltas_of(system, values or {})[0][place])
+        moving, _, _ = moving_at(model, deltas_of(system, values or {})[0][place])
     except WellPosednessError as error:
         raise WellPosednessError(f"model {system.name!r}: {error}") from None
-    gradients = np.zeros((len(found.poles), len(system.parameters)), dtype=complex)
-    gradients[:, place] = found.gradients
-    order = np.lexsort((-found.poles.imag, found.poles.real, np.abs(found.poles)))
-    return Moving(found.poles[order], gradients[order])
+    gradients = np.zeros((len(moving.poles), len(system.parameters)), dtype=complex)
+    gradients[:, place] = moving.gradients
+    order = np.lexsort((-moving.poles.imag, moving.poles.real, np.abs(moving.poles)))
+    return Moving(moving.poles[order], gradients[order])
 
 
 def moving_at(model: Realization, delta: Array) -> tuple[Moving, Complex, Complex]:
@@ -128,12 +128,10 @@ def moving_at(model: Realization, delta: Array) -> tuple[Moving, Complex, Comple
         none = np.zeros((0, 0), dtype=complex)
         return Moving(none.ravel(), np.zeros((0, len(delta)), dtype=complex)), none, none
     A = model.A + (model.B * model.spread(delta)) @ K
-    found, left, right = scipy.linalg.eig(A, left=True, check_finite=False)
+    poles, U, V = scipy.linalg.eig(A, left=True, check_finite=False)
     with np.errstate(all="ignore"):
-        terms = (
-            (np.conj(left.T) @ L) * (K @ right).T / np.sum(np.conj(left) * right, axis=0)[:, None]
-        )
-    return Moving(found, model.by_parameter(terms)), left, right
+        terms = (np.conj(U.T) @ L) * (K @ V).T / np.sum(np.conj(U) * V, axis=0)[:, None]
+    return Moving(poles, model.by_parameter(terms)), U, V
 
 
 def push_right(
@@ -146,9 +144,9 @@ def push_right(
     quarter after another one. A mode is known again by its shape. At most so many points are evaluated;
     returned are delta (number of deltas,), the pole there, and the points that were evaluated.
     """
-    here, left, _ = moving_at(model, delta)
+    here, U, _ = moving_at(model, delta)
     k = int(np.argmin(np.abs(here.poles - pole)))
-    pole, shape = complex(here.poles[k]), left[:, k]
+    pole, shape = complex(here.poles[k]), U[:, k]
     gradient = aim.slope(pole, here.gradients[k])
     half, used = _FIRST, 1
     while used < min(most, _STEPS) and half >= _SMALLEST and np.all(np.isfinite(gradient)):
@@ -157,13 +155,13 @@ def push_right(
             break
         used += 1
         try:
-            there, left, right = moving_at(model, delta + step)
+            there, U, V = moving_at(model, delta + step)
         except WellPosednessError:
             half /= 4.0
             continue
-        k = int(np.argmax(np.abs(np.conj(shape) @ right)))  # the mode that has this shape there
+        k = int(np.argmax(np.abs(np.conj(shape) @ V)))  # the mode that has this shape there
         if aim.value(there.poles[k]) > aim.value(pole):
-            delta, pole, shape = delta + step, complex(there.poles[k]), left[:, k]
+            delta, pole, shape = delta + step, complex(there.poles[k]), U[:, k]
             gradient = aim.slope(pole, there.gradients[k])
             half = min(2.0 * half, _LARGEST)
         else:
@@ -299,8 +297,8 @@ def _towards_singular(model: Realization, delta: Array, largest: float, best: Cr
             best = found if found.size < best.size else best
             delta = 0.5 * delta
             continue
-        parts = np.diagonal(np.linalg.solve(loop.T, model.D.T))
-        slope = model.by_parameter(parts)  # of -log f
+        by_channel = np.diagonal(np.linalg.solve(loop.T, model.D.T))
+        slope = model.by_parameter(by_channel)  # of -log f
         steepness = float(np.sum(np.abs(slope)))
         if steepness == 0.0:
             return best

@@ -127,10 +127,10 @@ def safe_region(
         signals.append(_Signal(name, min(-low, high)))
     with one_thread():
         model = scaled(realization(system, (), rows, bounds.leave_out), proof.channels, proof.time)
-        found = [_level(model, proof, k, signal) for k, signal in enumerate(signals)]
+        levels = [_level(model, proof, k, signal) for k, signal in enumerate(signals)]
     L = proof.states
     states = tuple(s.name for s in system.states if s.name not in bounds.leave_out)
-    return SafeRegion(states, max(found) * (L.T @ proof.P @ L))
+    return SafeRegion(states, max(levels) * (L.T @ proof.P @ L))
 
 
 def _level(model: Realization, proof: MotionProof, row: int, signal: _Signal) -> float:
@@ -147,8 +147,8 @@ def _level(model: Realization, proof: MotionProof, row: int, signal: _Signal) ->
     near = form_of(turned(y, proof.states, back), rates)
     form = form_of(y, rates)
     sizes = sizes_of(form, 1.0, rates)
-    found = least_level(near, sizes, proof.P)
-    least, X, Y = found or (np.inf, proof.X, proof.Y)
+    solution = least_level(near, sizes, proof.P)
+    least, X, Y = solution or (np.inf, proof.X, proof.Y)
     size = max(1.0, float(np.linalg.norm(sizes[:, None] * near.R)) ** 2)
     definite = float(np.min(np.linalg.eigvalsh(proof.P))) / size
     for attempt in range(_TRIES if np.isfinite(least) else 0):
@@ -225,9 +225,9 @@ def with_sectors(
     taken = {*model.linear.parameters.names}
     gains: list[_Gain] = []
     for f in model.functions:
-        own = [_range(f, j, known) for j in range(len(f.signals))]
+        ends = [_range(f, j, known) for j in range(len(f.signals))]
         for signal, argument, bounds in zip(
-            f.signals, f.arguments, _bounds(f, own, of), strict=True
+            f.signals, f.arguments, _bounds(f, ends, of), strict=True
         ):
             name = _identifier(f.name if len(f.signals) == 1 else f"{f.name}_{argument}", taken)
             gains.append(_Gain(_parameter(name, f, bounds), f.name, signal))
@@ -235,17 +235,17 @@ def with_sectors(
 
 
 def _range(f: ThetaFunction, j: int, known: Ranges) -> tuple[float, float]:
-    signal, own = f.signals[j], f.ranges[j]
-    low, high = (float(x) for x in known.get(signal, own))
+    signal, whole = f.signals[j], f.ranges[j]
+    low, high = (float(x) for x in known.get(signal, whole))
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise AnalysisError(
             f"with_sectors: function {f.name!r}: the range [{low:g}, {high:g}] of {signal} is not "
             f"finite. Give one: ranges={{{signal!r}: (low, high)}}."
         )
-    if low < own[0] or high > own[1]:
+    if low < whole[0] or high > whole[1]:
         raise AnalysisError(
             f"with_sectors: function {f.name!r}: the range [{low:g}, {high:g}] of {signal} is not inside "
-            f"that of the function, [{own[0]:g}, {own[1]:g}]."
+            f"that of the function, [{whole[0]:g}, {whole[1]:g}]."
         )
     return low, high
 
@@ -258,20 +258,20 @@ def _bounds(
             f"with_sectors: function {f.name!r} has {len(f.signals)} arguments, and a sector is of one. "
             "Take slopes (of='slope')."
         )
-    found: tuple[tuple[float, float], ...]
+    of_arguments: tuple[tuple[float, float], ...]
     if len(f.signals) == 1:
         proved = sector_bounds(f, *ranges[0])
-        found = (getattr(proved, of),)
+        of_arguments = (getattr(proved, of),)
     else:
-        found = slope_bounds(f, ranges)
-    for name, bounds in zip(f.signals, found, strict=True):
+        of_arguments = slope_bounds(f, ranges)
+    for name, bounds in zip(f.signals, of_arguments, strict=True):
         if not all(map(math.isfinite, bounds)):
             raise AnalysisError(
                 f"with_sectors: function {f} has no finite {of} over the range of {name}: it may jump or "
                 "be vertical there, or, for a sector, not be 0 at 0. Take a smaller range, or a model "
                 "without the jump."
             )
-    return found
+    return of_arguments
 
 
 def _parameter(name: str, f: ThetaFunction, bounds: tuple[float, float]) -> Parameter:

@@ -46,10 +46,10 @@ def climb(look: Look, k: float, start: Array) -> None:
         return
 
     def objective(delta: Array) -> tuple[float, Array]:
-        found, its_slope = look(delta)
-        if not np.isfinite(found):
+        value, its_slope = look(delta)
+        if not np.isfinite(value):
             return -1e30, np.zeros(len(delta))
-        return -found, -its_slope()
+        return -value, -its_slope()
 
     box, options = [(-k, k)] * len(start), {"maxiter": _STEPS}
     minimize(objective, here, jac=True, bounds=box, method="L-BFGS-B", options=options)
@@ -105,12 +105,12 @@ def slope_at(model: Realization, peak: Peak) -> Array:
     if np.isfinite(peak.frequency):
         M = M + C @ np.linalg.solve(1j * peak.frequency * np.eye(n) - model.A, B)
     inner = np.linalg.inv(np.eye(N) - M[:N, :N] * w)
-    right = inner @ M[:N, N:]
-    left = M[N:, :N] @ (np.eye(N) + w[:, None] * inner @ M[:N, :N])
-    G = M[N:, N:] + (M[N:, :N] * w) @ right
+    column = inner @ M[:N, N:]
+    row = M[N:, :N] @ (np.eye(N) + w[:, None] * inner @ M[:N, :N])
+    G = M[N:, N:] + (M[N:, :N] * w) @ column
     u, _, v = np.linalg.svd(G)
-    parts = ((u[:, 0].conj() @ left) * (right @ v[0].conj())).real
-    return model.by_parameter(parts)
+    by_channel = ((u[:, 0].conj() @ row) * (column @ v[0].conj())).real
+    return model.by_parameter(by_channel)
 
 
 def largest_peak(model: Realization, k: float, more: tuple[Array, ...] = ()) -> Peak:
@@ -131,14 +131,14 @@ def largest_peak(model: Realization, k: float, more: tuple[Array, ...] = ()) -> 
 
 def _climbed(model: Realization, k: float, start: Array, best: Peak) -> Peak:
     """The best of what was known and of what an ascent leads to."""
-    found = [best]
+    reached = [best]
 
     def look(delta: Array) -> tuple[float, Callable[[], Array]]:
         peak = peak_at(model, delta)
-        if peak.gain > found[0].gain:
-            found[0] = peak
+        if peak.gain > reached[0].gain:
+            reached[0] = peak
         gain = float(np.log(peak.gain)) if peak.gain > 0.0 else -1e30
         return gain, lambda: slope_at(model, peak) / max(peak.gain, 1e-30)
 
     climb(look, k, start)
-    return found[0]
+    return reached[0]

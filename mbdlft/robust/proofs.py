@@ -113,10 +113,10 @@ def _of_boxes(system: System, bounds: Bounds, proof: BoxProof) -> str:
     if not is_stable_at(model, np.zeros(len(model.sizes))):
         return "the nominal model is not proved to be stable, or in the region of the poles"
     try:
-        found = polynomials(model, proof.k)
+        coefficients = polynomials(model, proof.k)
     except WellPosednessError as error:
         return str(error)
-    if not replayed(model, proof.k, found, proof.log, proof.gain):
+    if not replayed(model, proof.k, coefficients, proof.log, proof.gain):
         return f"the cuts do not prove anything for {proof.k:g} times the box"
     return ""
 

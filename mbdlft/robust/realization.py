@@ -86,11 +86,12 @@ def _check_unneeded(
     )
     for what, names, rows in readers:
         for k in gone:
-            found = np.flatnonzero(rows[:, k])
-            if len(found):
+            reading = np.flatnonzero(rows[:, k])
+            if len(reading):
                 raise AnalysisError(
                     f"model {model.name!r}: the state {model.states[k].name} cannot be left out: the "
-                    f"{what} {names[int(found[0])]} depends on it. Leave that out, too, or close a loop."
+                    f"{what} {names[int(reading[0])]} depends on it. Leave that out, too, or close a "
+                    "loop."
                 )
 
 
@@ -145,15 +146,15 @@ def check_constant(system: System, what: str) -> None:
 
 def physical(model: System, names: Sequence[str], delta: Array) -> dict[str, float]:
     """Physical values of all parameters by name, those without a delta at nominal."""
-    given = dict(zip(names, delta.tolist(), strict=True))
-    return {p.name: float(to_physical(p, given.get(p.name, 0.0))) for p in model.parameters}
+    values = dict(zip(names, delta.tolist(), strict=True))
+    return {p.name: float(to_physical(p, values.get(p.name, 0.0))) for p in model.parameters}
 
 
-def shares(names: Sequence[str], parts: Array) -> Mapping[str, float]:
+def shares(names: Sequence[str], changes: Array) -> Mapping[str, float]:
     """Parts of a sum, none negative, by name; they add up to 1."""
-    total = float(np.sum(np.abs(parts)))
-    found = np.abs(parts) / total if total > 0.0 else np.zeros(len(parts))
-    return dict(zip(names, found.tolist(), strict=True))
+    total = float(np.sum(np.abs(changes)))
+    sizes = np.abs(changes) / total if total > 0.0 else np.zeros(len(changes))
+    return dict(zip(names, sizes.tolist(), strict=True))
 
 
 _DEPENDENT = 1e10  # condition of modes from which on states are only scaled
@@ -183,9 +184,9 @@ def modal(model: Realization) -> Coordinates:
     columns: list[Array] = []
     owner: list[int] = []
     for k in np.flatnonzero(values.imag >= 0.0):
-        parts = (vectors[:, k].real, vectors[:, k].imag)[: 1 + (values[k].imag > 0.0)]
-        columns += parts
-        owner += [int(k)] * len(parts)
+        shapes = (vectors[:, k].real, vectors[:, k].imag)[: 1 + (values[k].imag > 0.0)]
+        columns += shapes
+        owner += [int(k)] * len(shapes)
     modes: Array = np.array(columns).T
     if np.linalg.cond(modes) > _DEPENDENT:
         modes, owner = np.eye(n), list(range(n))
@@ -208,10 +209,10 @@ def turned(model: Realization, states: Array, back: Array) -> Realization:
     )
 
 
-def _between(one: Array, other: Array, owner: NDArray[np.int64]) -> Array:
+def _between(first: Array, second: Array, owner: NDArray[np.int64]) -> Array:
     """Powers of two that make rows of `one` times them and of `other` over them equal, by owners."""
     sizes = []
-    for rows in (one, other):
+    for rows in (first, second):
         squares = np.bincount(
             owner, np.sum(rows**2, axis=1), minlength=int(np.max(owner, initial=-1)) + 1
         )

@@ -71,10 +71,10 @@ def _chained(value: _Chain, slope: _Chain) -> Callable[[Any], Dual]:
     def of(a: Dual | float) -> Dual:
         a = Dual.of(a)
         try:
-            found, factor = value(a.value), slope(a.value)
+            values, factor = value(a.value), slope(a.value)
         except (ValueError, OverflowError, ArithmeticError):
             return Dual(UNKNOWN, UNKNOWN)
-        return Dual(found, a.slope if a.slope == _ZERO else factor * a.slope)
+        return Dual(values, a.slope if a.slope == _ZERO else factor * a.slope)
 
     return of
 
@@ -266,11 +266,11 @@ def _line(table: Table, k: int, x: Interval) -> Dual:
 
 
 def _cubic(table: Table, k: int, x: Interval) -> Dual:
-    b, v, (left, right) = table.breakpoints, table.values, table.slopes[k]
+    b, v, (start, end) = table.breakpoints, table.values, table.slopes[k]
     h, rise = Interval.of(b[k + 1]) - b[k], Interval.of(v[k + 1]) - v[k]
     t = (x - b[k]) / h
     t = Interval(max(t.low, 0.0), min(t.high, 1.0))
-    first, last = h * left - rise, h * right - rise
+    first, last = h * start - rise, h * end - rise
     bend = (1.0 - t) * first - t * last
     value = v[k] + t * rise + t * (1.0 - t) * bend
     slope = (rise + (1.0 - 2.0 * t) * bend - t * (1.0 - t) * (first + last)) / h
@@ -337,13 +337,13 @@ def sector_bounds(
     grid = np.union1d(np.linspace(*ends, max(1, int(boxes)) + 1), [*zero, *kinks]).tolist()
     values, slopes, ratios = [], [], []
     for a, b in itertools.pairwise(grid):
-        found = _at(function, Interval(a, b))
+        dual = _at(function, Interval(a, b))
         center = 0.5 * (a + b)
         middle = _at(function, Interval(center, center)).value
-        slopes.append(found.slope)
-        values.append(_both(found.value, middle + found.slope * (Interval(a, b) - center)))
+        slopes.append(dual.slope)
+        values.append(_both(dual.value, middle + dual.slope * (Interval(a, b) - center)))
         # f(x) = f(c) + s (x - c) with s among the slopes: f(x)/x = s + (f(c) - s c)/x
-        behind = found.slope + (middle - found.slope * center) / Interval(a, b)
+        behind = dual.slope + (middle - dual.slope * center) / Interval(a, b)
         ratios.append(_both(values[-1] / Interval(a, b), behind))
     passes = ends[0] <= 0.0 <= ends[1] and _is_zero_at_zero(function)
     return SectorBounds(
@@ -387,17 +387,17 @@ def slope_bounds(
             f"slopes of {function.name!r}: expected a finite range of each of the arguments "
             f"{', '.join(function.arguments)}, got {list(ranges)}."
         )
-    parts = max(1, int(max(1, boxes) ** (1.0 / len(ranges))))
-    grids = [np.linspace(low, high, parts + 1).tolist() for low, high in ranges]
-    own = dual_functions(function.tables)
-    found: list[list[Interval]] = [[] for _ in ranges]
+    count = max(1, int(max(1, boxes) ** (1.0 / len(ranges))))
+    grids = [np.linspace(low, high, count + 1).tolist() for low, high in ranges]
+    functions = dual_functions(function.tables)
+    slopes_of: list[list[Interval]] = [[] for _ in ranges]
     for box in itertools.product(*(itertools.pairwise(grid) for grid in grids)):
-        for j, slopes in enumerate(found):
+        for j, slopes in enumerate(slopes_of):
             duals = [
                 Dual(Interval(a, b), Interval.of(float(i == j))) for i, (a, b) in enumerate(box)
             ]
-            slopes.append(Dual.of(function(*duals, functions=own)).slope)
-    return tuple(_hull(slopes) for slopes in found)
+            slopes.append(Dual.of(function(*duals, functions=functions)).slope)
+    return tuple(_hull(slopes) for slopes in slopes_of)
 
 
 def _range(f: ThetaFunction, low: float | None, high: float | None) -> tuple[float, float]:
@@ -424,7 +424,7 @@ def _sector(
     From zero outward, (sum of widths times slopes)/a at the ends of a box bounds it on the box.
     """
     middle = grid.index(0.0)
-    found = []
+    bounds = []
     for side in (range(middle, len(ratios)), range(middle - 1, -1, -1)):
         total, mean = Interval(0.0, 0.0), None
         for k in side:
@@ -435,8 +435,8 @@ def _sector(
             means = now if mean is None else joined(mean, now)
             mean = now
             touches = a == 0.0 or b == 0.0
-            found.append(means if touches else _both(means, ratios[k]))
-    return _hull(found)
+            bounds.append(means if touches else _both(means, ratios[k]))
+    return _hull(bounds)
 
 
 def _at(f: ThetaFunction, box: Interval) -> Dual:
@@ -445,9 +445,9 @@ def _at(f: ThetaFunction, box: Interval) -> Dual:
 
 def _is_zero_at_zero(f: ThetaFunction) -> bool:
     """Whether f(0) is 0, in exact numbers, or, with functions that have none, but for an underflow."""
-    own = {name: table.exactly for name, table in named_tables(f.tables).items()}
+    tables = {name: table.exactly for name, table in named_tables(f.tables).items()}
     try:
-        return bool(f(Fraction(0), functions={**_EXACT, **own}) == 0)
+        return bool(f(Fraction(0), functions={**_EXACT, **tables}) == 0)
     except (SceneError, ArithmeticError):
         return _at(f, Interval(0.0, 0.0)).value.largest <= _NOTHING
 
@@ -485,8 +485,8 @@ _EXACT: Mapping[str, Callable[..., Any]] = {
 }
 
 
-def _hull(parts: list[Interval]) -> tuple[float, float]:
-    return min(p.low for p in parts), max(p.high for p in parts)
+def _hull(intervals: list[Interval]) -> tuple[float, float]:
+    return min(p.low for p in intervals), max(p.high for p in intervals)
 
 
 def _both(a: Interval, b: Interval) -> Interval:

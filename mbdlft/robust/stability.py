@@ -273,9 +273,9 @@ def check_stability(
     physical = check_points(parameters, seed, int(samples), _CORNERS)
     names = parameters.names
     A = samples_at(system, dict(zip(names, physical.T, strict=True))).A
-    found = eigenvalues(A, system.name)
+    poles = eigenvalues(A, system.name)
     nominal = spectrum(A[0])
-    ranked = np.argsort(-np.max(found.real, axis=1, initial=-np.inf), kind="stable")[:_LOOKED_AT]
+    ranked = np.argsort(-np.max(poles.real, axis=1, initial=-np.inf), kind="stable")[:_LOOKED_AT]
     looked = [(k, spectrum(A[k])) for k in ranked]
     used = len(A)
     best, there = max(
@@ -284,7 +284,7 @@ def check_stability(
     values = physical[best]
     if parameters and len(system.states) and there.stability != "unstable":
         starts = [
-            (delta, complex(found[k][np.argmax(found[k].real)]))
+            (delta, complex(poles[k][np.argmax(poles[k].real)]))
             for k, delta in zip(
                 ranked[:_SAMPLES], deltas_at(parameters, physical[ranked[:_SAMPLES]]), strict=True
             )
@@ -324,27 +324,27 @@ def _searched(
 ) -> tuple[Array, Spectrum, int]:
     """The worst point of `best` and those that searches reach, and the number of points tried."""
     n, names = len(system.states), system.parameters.names
-    left, used = int(min(_MOST, max(20.0, _WORK / (30.0 * n**3 + 1.0)))), 0
+    points_left, used = int(min(_MOST, max(20.0, _WORK / (30.0 * n**3 + 1.0)))), 0
     model = realization(system, others_are_zero=True, balanced=True)
     place = [names.index(name) for name in model.names]
-    crossing = smallest_crossing(model, 1.0, left // _PATH)
+    crossing = smallest_crossing(model, 1.0, points_left // _PATH)
     if np.isfinite(crossing.frequency):
         on_axis = np.zeros(len(names))
         on_axis[place] = crossing.delta
         starts = [(on_axis, 1j * crossing.frequency), *starts]
     for delta, pole in starts:
-        if left <= 0:
+        if points_left <= 0:
             break
         try:
             reached = delta.copy()
-            reached[place], _, count = push_right(model, delta[place], pole, left)
+            reached[place], _, count = push_right(model, delta[place], pole, points_left)
             values = _physical(system, reached)
             named = dict(zip(names, values, strict=True))
             seen = spectrum(samples_at(system, named).A[0])
         except WellPosednessError:
-            left -= 1
+            points_left -= 1
             continue
-        left, used = left - count, used + count
+        points_left, used = points_left - count, used + count
         if _badness(seen) > _badness(best[1]):
             best = values, seen
     return *best, used

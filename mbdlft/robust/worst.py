@@ -279,8 +279,8 @@ def disk_transfer(system: System, inputs: Any = slice(None), outputs: Any = slic
             f"disk margin of {system.name!r}: expected as many inputs as outputs, got {n} and "
             f"{len(loop.outputs)}. Choose the signals at which the loop is opened."
         )
-    found: System = 0.5 * np.eye(n) - feedback(loop, np.eye(n))
-    return found
+    disk: System = 0.5 * np.eye(n) - feedback(loop, np.eye(n))
+    return disk
 
 
 def _inverted(progress: Progress | None) -> Progress | None:
@@ -306,10 +306,10 @@ def _searched(
 
     def look(delta: Array) -> tuple[float, Callable[[], Array]]:
         nonlocal best, points
-        found, slope = value(model, delta)
+        there, slope = value(model, delta)
         points += 1
-        best = (found, delta.copy()) if found > best[0] else best
-        return found / size, lambda: slope() / size
+        best = (there, delta.copy()) if there > best[0] else best
+        return there / size, lambda: slope() / size
 
     size = 1.0
     first = look(np.zeros(q))[0]
@@ -365,10 +365,10 @@ def h2_and_slope(model: Realization, delta: Array) -> tuple[float, Callable[[], 
     value = float(np.sqrt(max(np.trace(C @ P @ C.T), 0.0)))
 
     def slope() -> Array:
-        left, right = model.out_of(delta), model.into(delta)
+        L, K = model.out_of(delta), model.into(delta)
         by_entry = np.block([[Q @ P, Q @ B], [C @ P, np.zeros((len(C), B.shape[1]))]])
-        parts = np.einsum("ik,ij,kj->k", left, by_entry, right)
-        return np.asarray(model.by_parameter(parts) / max(value, 1e-300))
+        by_channel = np.einsum("ik,ij,kj->k", L, by_entry, K)
+        return np.asarray(model.by_parameter(by_channel) / max(value, 1e-300))
 
     return value, slope
 
@@ -380,13 +380,13 @@ def _by_differences(function: Any) -> Value:
         plant = at_delta(model, delta)
         if plant is None:
             return np.inf
-        found = function(*plant)
-        if not isinstance(found, int | float | np.number) or np.isnan(found):
+        number = function(*plant)
+        if not isinstance(number, int | float | np.number) or np.isnan(number):
             raise AnalysisError(
                 f"worst_case: expected a number from {getattr(function, '__name__', function)!r}, got "
-                f"{found!r} at deltas {', '.join(f'{d:.4g}' for d in delta)}."
+                f"{number!r} at deltas {', '.join(f'{d:.4g}' for d in delta)}."
             )
-        return float(found)
+        return float(number)
 
     def value(model: Realization, delta: Array) -> tuple[float, Callable[[], Array]]:
         here = at(model, delta)

@@ -132,11 +132,11 @@ def spreads(piece: Piece) -> Array:
     """How much p changes along each delta, and along t, relative to its size: (number of deltas + 1,)."""
     p = piece.values[0]
     size = float(np.mean(np.abs(p)))
-    found = [
+    changes = [
         float(np.max(np.sum(np.abs(np.diff(p, axis=k)), axis=k), initial=0.0))
         for k in range(p.ndim)
     ]
-    return np.asarray(found) / max(size, 1e-300)
+    return np.asarray(changes) / max(size, 1e-300)
 
 
 def halves(piece: Piece, axis: int) -> tuple[Piece, Piece]:
@@ -209,7 +209,7 @@ Check = Callable[[Array], bool]
 def prove(
     model: Realization,
     k: float,
-    found: Polynomials,
+    polynomials: Polynomials,
     work: float,
     is_wrong: Check,
     gain: float = 0.0,
@@ -217,19 +217,20 @@ def prove(
 ) -> Outcome:
     """Try to prove that all models of the box |delta| <= k are stable, and of a gain below 1/gain.
 
-    `is_wrong` tells whether deltas (number of deltas,) of the unit box are a counterexample: a function of
-    a module, or a part of one, since processes get it. The crew looks at boxes that wait when the first
-    unit of work is used up.
+    `is_wrong` tells whether deltas (number of deltas,) of the unit box are a counterexample; processes
+    get it, so it is a function of a module, or a part of one. The crew looks at boxes that wait when the
+    first unit of work is used up.
     """
-    first, rest = _explored(model, k, found.scale, _root(found), min(work, _FIRST), is_wrong, gain)
-    if not rest or work <= _FIRST:
+    scale, whole = polynomials.scale, _root(polynomials)
+    first, unfinished = _explored(model, k, scale, whole, min(work, _FIRST), is_wrong, gain)
+    if not unfinished or work <= _FIRST:
         return first
-    log, used, frequency = list(rest[0]), first.work, first.frequency
-    waiting = list(rest[1])
+    log, used, frequency = list(unfinished[0]), first.work, first.frequency
+    waiting = list(unfinished[1])
     while waiting:
         batch, waiting = waiting[: -_BATCH - 1 : -1], waiting[:-_BATCH]
         share = _SHARE * max(work - used, 0.0)
-        tasks = [(model, k, found.scale, box, share, is_wrong, gain) for box in batch]
+        tasks = [(model, k, scale, box, share, is_wrong, gain) for box in batch]
         with after(used):
             outcomes = [outcome for outcome, _ in crew.map(_explored, tasks)]
         used += sum(outcome.work for outcome in outcomes)
@@ -250,13 +251,13 @@ def _explored(
     model: Realization, k: float, scale: float, box: Box, work: float, is_wrong: Check, gain: float
 ) -> tuple[Outcome, _Rest | None]:
     """What comes of a part of the box; and where it ended for want of work: cuts, and boxes that wait."""
-    left, log, frequency = work * UNIT, list[int](), np.nan
+    coefficients_left, log, frequency = work * UNIT, list[int](), np.nan
     waiting = [box]
     while waiting:
         whole = waiting.pop()
         pieces, cost = _refined(whole.pieces, gain, patient=not np.any(whole.half))
-        box, left = whole._replace(pieces=pieces), left - cost
-        used = work - left / UNIT
+        box, coefficients_left = whole._replace(pieces=pieces), coefficients_left - cost
+        used = work - coefficients_left / UNIT
         tell(used)
         if not pieces:
             log.append(LEAF)
@@ -277,18 +278,18 @@ def _explored(
         widest = _widest(box)
         if widest is None:
             return Outcome(None, None, box, used, frequency), None
-        if left < 0.0:
+        if coefficients_left < 0.0:
             return Outcome(None, None, box, used, frequency), (tuple(log), (*waiting, whole))
         log.append(3 * widest + 1)
         waiting += reversed(_cut(box, widest))
-    return Outcome(tuple(log), None, box, work - left / UNIT, frequency), None
+    return Outcome(tuple(log), None, box, work - coefficients_left / UNIT, frequency), None
 
 
 def replayed(
-    model: Realization, k: float, found: Polynomials, log: tuple[int, ...], gain: float = 0.0
+    model: Realization, k: float, polynomials: Polynomials, log: tuple[int, ...], gain: float = 0.0
 ) -> bool:
     """Whether a list of cuts and faces proves what `prove` says; nothing is searched."""
-    waiting, steps = [_root(found)], iter(log)
+    waiting, steps = [_root(polynomials)], iter(log)
     for step in steps:
         if not waiting:
             return False
@@ -313,9 +314,9 @@ def replayed(
     return not waiting
 
 
-def _root(found: Polynomials) -> Box:
-    q = found.values.ndim - 2
-    whole = Piece(found.values, found.error, 0.0, 1.0, found.outputs)
+def _root(polynomials: Polynomials) -> Box:
+    q = polynomials.values.ndim - 2
+    whole = Piece(polynomials.values, polynomials.error, 0.0, 1.0, polynomials.outputs)
     return Box(np.zeros(q), np.ones(q), (whole,))
 
 

@@ -137,9 +137,9 @@ def _is_proved(coefficients: Callable[[], list[Any] | None]) -> bool:
     bits = _BITS
     while bits <= _MOST_BITS:
         with flint.ctx.workprec(bits):
-            found = _routh(coefficients())
-        if found is not None:
-            return found
+            verdict = _routh(coefficients())
+        if verdict is not None:
+            return verdict
         bits *= 2
     return False
 
@@ -150,8 +150,8 @@ def _powers(count: int, slope: float) -> tuple[NDArray[np.complex128], float]:
         return np.asarray(1j ** (np.arange(count) % 4), dtype=np.complex128), _EPS
     with flint.ctx.workprec(_BITS):
         edge = flint.acb(-slope, 1)
-        found = [complex((edge**k).mid()) for k in range(count)]
-    return np.array(found, dtype=np.complex128), 8.0 * _EPS
+        powers = [complex((edge**k).mid()) for k in range(count)]
+    return np.array(powers, dtype=np.complex128), 8.0 * _EPS
 
 
 def _straightened(coefficients: list[Any] | None, slope: float) -> list[Any] | None:
@@ -162,9 +162,9 @@ def _straightened(coefficients: list[Any] | None, slope: float) -> list[Any] | N
     if coefficients is None or not slope:
         return coefficients
     turn = flint.acb(1, slope)
-    one = [turn**k * c for k, c in enumerate(coefficients)]
-    other = [turn.conjugate() ** k * c for k, c in enumerate(coefficients)]
-    return [c.real for c in (flint.acb_poly(one) * flint.acb_poly(other)).coeffs()]
+    upper = [turn**k * c for k, c in enumerate(coefficients)]
+    lower = [turn.conjugate() ** k * c for k, c in enumerate(coefficients)]
+    return [c.real for c in (flint.acb_poly(upper) * flint.acb_poly(lower)).coeffs()]
 
 
 def _routh(coefficients: list[Any] | None) -> bool | None:
@@ -224,26 +224,26 @@ class _Parts(NamedTuple):
     first: Any
     right: Any
     below: Any
-    rest: Any
+    other: Any
 
 
 def _parts(whole: Any, size: int) -> _Parts:
     r, c = whole.nrows(), whole.ncols()
-    top, left = range(size), range(size)
+    first = range(size)
     return _Parts(
-        _part(whole, top, left),
-        _part(whole, top, range(size, c)),
-        _part(whole, range(size, r), left),
+        _part(whole, first, first),
+        _part(whole, first, range(size, c)),
+        _part(whole, range(size, r), first),
         _part(whole, range(size, r), range(size, c)),
     )
 
 
-def _closed(parts: _Parts, value: Any) -> tuple[Any, Any]:
+def _closed(blocks: _Parts, value: Any) -> tuple[Any, Any]:
     """What is left when w = value z closes the first channels, and the determinant of that loop."""
-    n = parts.first.nrows()
+    n = blocks.first.nrows()
     loop = flint.arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
-    loop = loop - parts.first * value
-    return parts.rest + parts.below * value * loop.solve(parts.right), loop.det()
+    loop = loop - blocks.first * value
+    return blocks.other + blocks.below * value * loop.solve(blocks.right), loop.det()
 
 
 def _at(model: Realization, delta: Sequence[float] | Array) -> list[Any] | None:
@@ -262,18 +262,18 @@ def _balls(model: Realization, k: float, scale: float) -> tuple[Array, Array]:
     """Middles and radii of the Bernstein coefficients; those in omega stand for powers of j."""
     n = len(model.A)
     shape = [size + 1 for size in model.sizes]
-    found: list[Any] = []
+    values: list[Any] = []
 
     def descend(whole: Any, factor: Any, depth: int) -> None:
         if depth == len(shape):
-            found.append(_rows(model, whole, factor, scale))
+            values.append(_rows(model, whole, factor, scale))
             return
         size = model.sizes[depth]
-        parts = _parts(whole, size)
+        blocks = _parts(whole, size)
         for node in range(size + 1):
             value = flint.arb(k) * flint.arb(flint.fmpq(2 * node - size, size))
             try:
-                inner, loop = _closed(parts, value)
+                inner, loop = _closed(blocks, value)
             except ZeroDivisionError:
                 raise WellPosednessError(
                     f"the model is singular, or too near to it, at {float(value.mid()):.6g} times the "
@@ -282,8 +282,8 @@ def _balls(model: Realization, k: float, scale: float) -> tuple[Array, Array]:
             descend(inner, factor * loop, depth + 1)
 
     descend(_whole(model), flint.arb(1), 0)
-    balls = np.empty((len(found), len(found[0]), n + 1), dtype=object)
-    for place, rows in enumerate(found):
+    balls = np.empty((len(values), len(values[0]), n + 1), dtype=object)
+    for place, rows in enumerate(values):
         for row, entries in enumerate(rows):
             balls[place, row] = entries
     balls = np.moveaxis(balls.reshape(*shape, -1, n + 1), -2, 0)
@@ -329,6 +329,6 @@ def _converted(balls: NDArray[np.object_], axis: int, size: int) -> NDArray[np.o
     turn = flint.arb_mat(basis.inv())
     moved = np.moveaxis(balls, axis, 0)
     flat = flint.arb_mat(size + 1, moved[0].size, moved.reshape(-1).tolist())
-    found = np.empty(moved.size, dtype=object)
-    found[:] = (turn * flat).entries()
-    return np.moveaxis(found.reshape(moved.shape), 0, axis)
+    coefficients = np.empty(moved.size, dtype=object)
+    coefficients[:] = (turn * flat).entries()
+    return np.moveaxis(coefficients.reshape(moved.shape), 0, axis)

@@ -49,39 +49,39 @@ def unstable_motion(
     `rates_in` gives rates of deltas (1/s) (number of deltas,) that are allowed everywhere in the box
     |delta| <= k; 0 for constants, inf for any motion.
     """
-    best, left = NONE, work
+    best, work_left = NONE, work
     for period, deltas in _starts(model, most):
         size = most
         for _ in range(_ROUNDS):
-            left -= _unit(model)
-            if left < 0.0:
+            work_left -= _unit(model)
+            if work_left < 0.0:
                 return best
             rates = rates_in(size)
             limits = size, rates * period / _POINTS
             deltas = _climbed(model, period, deltas, limits)
-            found = _on_ray(model, rates, period, deltas)
-            if not found.size < size * (1.0 - 1e-3):
+            motion = _on_ray(model, rates, period, deltas)
+            if not motion.size < size * (1.0 - 1e-3):
                 break
-            best = found if found.size < best.size else best
-            size, deltas = found.size, found.deltas
-    return _tuned(model, rates_in, best, left)
+            best = motion if motion.size < best.size else best
+            size, deltas = motion.size, motion.deltas
+    return _tuned(model, rates_in, best, work_left)
 
 
 def _tuned(
-    model: Realization, rates_in: Callable[[float], Array], best: Motion, left: float
+    model: Realization, rates_in: Callable[[float], Array], best: Motion, work_left: float
 ) -> Motion:
     """The same motion with another period, as long as a smaller one grows; `left` units of work."""
     for step in _TUNED:
         for share in (1.0 + step, 1.0 / (1.0 + step)):
-            while np.isfinite(best.size) and (left := left - _unit(model)) > 0.0:
+            while np.isfinite(best.size) and (work_left := work_left - _unit(model)) > 0.0:
                 size, period = best.size * (1.0 + step), best.period * share
                 rates = rates_in(size)
                 deltas = best.deltas * (1.0 + step)
                 deltas = _climbed(model, period, deltas, (size, rates * period / _POINTS))
-                found = _on_ray(model, rates, period, deltas)
-                if not found.size < best.size * (1.0 - 1e-4):
+                motion = _on_ray(model, rates, period, deltas)
+                if not motion.size < best.size * (1.0 - 1e-4):
                     break
-                best = found
+                best = motion
     return best
 
 
@@ -92,13 +92,13 @@ def _unit(model: Realization) -> float:
 
 def growth(model: Realization, rates: Array, period: float, deltas: Array, fine: int) -> float:
     """log |mu| of a period; inf where the model is singular, -inf where a step is beyond all numbers."""
-    found = state_matrices(model, _points(deltas, rates, fine))
-    if found is None:
+    A = state_matrices(model, _points(deltas, rates, fine))
+    if A is None:
         return np.inf
     Phi, total = np.eye(len(model.A)), 0.0
     with np.errstate(all="ignore"):
-        for part in expm(found * (period / len(found))):
-            Phi = part @ Phi
+        for step in expm(A * (period / len(A))):
+            Phi = step @ Phi
             size = float(np.max(np.abs(Phi)))
             if not 0.0 < size < np.inf:
                 return -np.inf
@@ -113,8 +113,8 @@ def _points(deltas: Array, rates: Array, fine: int) -> Array:
     count = len(deltas)
     at = (np.arange(count * fine) + 0.5) / fine - 0.5
     low = np.floor(at).astype(int)
-    part = (at - low)[:, None]
-    lines = (1.0 - part) * deltas[low % count] + part * deltas[(low + 1) % count]
+    fraction = (at - low)[:, None]
+    lines = (1.0 - fraction) * deltas[low % count] + fraction * deltas[(low + 1) % count]
     return np.where(np.isinf(rates), np.repeat(deltas, fine, axis=0), lines)
 
 
@@ -123,15 +123,15 @@ def _starts(model: Realization, most: float) -> list[tuple[float, Array]]:
     here, _, _ = moving_at(model, np.zeros(len(model.sizes)))
     kept = np.flatnonzero(here.poles.imag >= 0.0)
     turn = 2.0 * np.pi * (np.arange(_POINTS) + 0.5) / _POINTS
-    found = []
+    starts = []
     for k in kept[by_damping(here.poles[kept])][:_MODES]:
         pole, slope = here.poles[k], here.gradients[k]
         side = np.sign(slope.imag if pole.imag else slope.real)
         for share in _TURNS:
             for wave in (np.sin(turn), np.cos(turn)):
                 start = 0.3 * most * wave[:, None] * side
-                found.append((share * np.pi / float(pole.imag or abs(pole)), start))
-    return found
+                starts.append((share * np.pi / float(pole.imag or abs(pole)), start))
+    return starts
 
 
 def _climbed(
@@ -163,14 +163,14 @@ def _climbed(
 
 def _slope(model: Realization, period: float, deltas: Array) -> Array | None:
     """Derivatives of the growth (points, number of deltas); None where they are beyond all numbers."""
-    found = state_matrices(model, deltas)
-    if found is None:
+    A = state_matrices(model, deltas)
+    if A is None:
         return None
-    parts = expm(found * (period / len(found)))
+    steps = expm(A * (period / len(A)))
     before = [np.eye(len(model.A))]
     with np.errstate(all="ignore"):
-        for part in parts:
-            before.append(part @ before[-1])
+        for step in steps:
+            before.append(step @ before[-1])
     try:
         values, V = np.linalg.eig(before[-1])
         U = np.linalg.inv(V)
@@ -182,13 +182,13 @@ def _slope(model: Realization, period: float, deltas: Array) -> Array | None:
     n = len(model.A)
     K, L = model.into(deltas)[..., :n], model.out_of(deltas)[:, :n]
     row, rows = U[k], []
-    for part in parts[::-1]:
+    for step in steps[::-1]:
         rows.append(row)
-        row = row @ part
+        row = row @ step
     lefts = np.array(rows[::-1])
     rights = np.array([middle @ V[:, k] for middle in before[1:]])
     terms = np.einsum("ti,tij->tj", lefts, L) * np.einsum("tji,ti->tj", K, rights) / values[k]
-    return np.asarray(model.by_parameter(terms.real) * (period / len(found)))
+    return np.asarray(model.by_parameter(terms.real) * (period / len(A)))
 
 
 def _fitted(row: Array, size: float, step: float) -> Array:
@@ -210,14 +210,14 @@ def _best(slope: Array, size: float, step: float) -> Array:
     if step == 0.0:
         return np.full(n, size * np.sign(np.sum(slope)))
     change = np.roll(np.eye(n), 1, axis=1) - np.eye(n)
-    found = linprog(
+    solution = linprog(
         -slope / max(float(np.max(np.abs(slope))), 1e-300),
         A_ub=np.vstack([change, -change]),
         b_ub=np.full(2 * n, step),
         bounds=[(-size, size)] * n,
         method="highs",
     )
-    return np.asarray(found.x, dtype=float) if found.status == 0 else np.zeros(n)
+    return np.asarray(solution.x, dtype=float) if solution.status == 0 else np.zeros(n)
 
 
 def _on_ray(model: Realization, rates: Array, period: float, deltas: Array) -> Motion:

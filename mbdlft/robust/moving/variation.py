@@ -89,18 +89,18 @@ def form_of(model: Realization, rates: Array) -> Form:
     slow_fed = model.C[slow] @ x + model.D[np.ix_(slow, slow)] @ zeta
     rises = a.copy()
     rises[np.searchsorted(slow, moving)] += b
-    own = slow_fed[:0] if merged else slow_fed
-    K = np.zeros((r + len(own) + len(slow) + len(moving), n + len(slow)))
-    K[r + len(own) : r + len(own) + len(slow)] = np.hstack(
+    slow_rows = slow_fed[:0] if merged else slow_fed
+    K = np.zeros((r + len(slow_rows) + len(slow) + len(moving), n + len(slow)))
+    K[r + len(slow_rows) : r + len(slow_rows) + len(slow)] = np.hstack(
         [model.C[slow], model.D[np.ix_(slow, slow)]]
     )
     q = len(model.sizes)
-    group = [owner, owner[slow][: len(own)], owner[slow], q + owner[moving]]
+    group = [owner, owner[slow][: len(slow_rows)], owner[slow], q + owner[moving]]
     return Form(
         V=np.vstack([x, zeta]),
         W=np.vstack([model.A @ x + model.B @ w + model.E @ u, rises]),
-        S=np.vstack([w, zeta[: len(own)], a, b]),
-        R=np.vstack([fed, own, 0.0 * a, slow_fed[np.searchsorted(slow, moving)]]),
+        S=np.vstack([w, zeta[: len(slow_rows)], a, b]),
+        R=np.vstack([fed, slow_rows, 0.0 * a, slow_fed[np.searchsorted(slow, moving)]]),
         K=K,
         group=np.concatenate(group).astype(np.int64),
         y=model.G @ x + model.H @ w + model.J @ u,
@@ -121,7 +121,7 @@ def is_structured(form: Form, P: Array, X: Array, Y: Array) -> bool:
         return False
     apart = form.group[:, None] != form.group
     return bool(
-        all(np.all(np.isfinite(part)) for part in (P, X, Y))
+        all(np.all(np.isfinite(matrix)) for matrix in (P, X, Y))
         and np.array_equal(P, P.T)
         and np.array_equal(X, X.T)
         and np.array_equal(Y, -Y.T)
@@ -144,7 +144,7 @@ def is_negative(
         return False
     with flint.ctx.workprec(_BITS):
         turn, states = _balls(back), _balls(_beside(L, len(form.V) - len(L)))
-        V, W, S, R = (_balls(part) * turn for part in form[:4])
+        V, W, S, R = (_balls(rows) * turn for rows in form[:4])
         Z = _balls(np.diag(sizes)) * (R + _balls(form.K) * W)
         V, W = states * V, states * W
         middle = V.transpose() * _balls(P) * W + Z.transpose() * _balls(Y) * S
@@ -156,15 +156,15 @@ def is_negative(
             square = flint.arb(gain) * flint.arb(gain)
             whole = whole + y.transpose() * y - u.transpose() * u * square
         return is_positive(-whole) and all(
-            is_positive(_balls(X[np.ix_(own, own)])) for own in groups_of(form)
+            is_positive(_balls(X[np.ix_(group, group)])) for group in groups_of(form)
         )
 
 
 def _beside(L: Array, more: int) -> Array:
     """L with ones behind it on the diagonal."""
-    found = np.eye(len(L) + more)
-    found[: len(L), : len(L)] = L
-    return found
+    extended = np.eye(len(L) + more)
+    extended[: len(L), : len(L)] = L
+    return extended
 
 
 def groups_of(form: Form) -> list[NDArray[np.int64]]:
@@ -228,7 +228,7 @@ class Places(NamedTuple):
     @property
     def ends(self) -> Index:
         """Where the unknowns of P, X, Y end."""
-        return np.cumsum([part.shape[1] for part in self])
+        return np.cumsum([where.shape[1] for where in self])
 
 
 def places_of(form: Form) -> Places:
@@ -309,14 +309,14 @@ def _solution(
     import clarabel  # here because it is slow to import
 
     groups, X = groups_of(form), places_of(form).X
-    parts = [columns, *(_selected(group, X, first, len(cost), floor) for group in groups)]
-    b = np.zeros(sum(part.shape[0] for part in parts))
+    blocks = [columns, *(_selected(group, X, first, len(cost), floor) for group in groups)]
+    b = np.zeros(sum(block.shape[0] for block in blocks))
     b[: columns.shape[0]] -= _vectors(side[None])[0]
     cones = [clarabel.PSDTriangleConeT(size) for size in (len(side), *map(len, groups))]
     if total is not None:
-        parts.insert(0, sparse.csc_matrix(total[0][None]))
+        blocks.insert(0, sparse.csc_matrix(total[0][None]))
         b, cones = np.append(total[1], b), [clarabel.ZeroConeT(1), *cones]
-    rows = sparse.vstack(parts)
+    rows = sparse.vstack(blocks)
     settings = clarabel.DefaultSettings()
     settings.verbose, settings.max_threads = False, 1
     nothing = sparse.csc_matrix((len(cost), len(cost)))
@@ -334,13 +334,15 @@ def _traces(places: Places, states: int) -> Array:
 def _unpacked(form: Form, values: Array, places: Places, *, with_gain: bool) -> Unknowns | None:
     m, size = len(form.S), len(form.V)
     P, X, Y = np.zeros((size, size)), np.zeros((m, m)), np.zeros((m, m))
-    p, x, y, rest = np.split(values, places.ends)
-    parts = ((P, places.P, p, 1.0), (X, places.X, x, 1.0), (Y, places.Y, y, -1.0))
-    for matrix, where, entries, sign in parts:
+    p, x, y, scalars = np.split(values, places.ends)
+    unknowns = ((P, places.P, p, 1.0), (X, places.X, x, 1.0), (Y, places.Y, y, -1.0))
+    for matrix, where, entries, sign in unknowns:
         matrix[where[1], where[0]] = sign * entries
         matrix[where[0], where[1]] = entries
-    weight = float(rest[0]) if with_gain else 1.0
-    return Unknowns(P / weight, X / weight, Y / weight, float(rest[-1])) if weight > 0.0 else None
+    weight = float(scalars[0]) if with_gain else 1.0
+    return (
+        Unknowns(P / weight, X / weight, Y / weight, float(scalars[-1])) if weight > 0.0 else None
+    )
 
 
 def _coefficients(form: Form, sizes: Array, places: Places, gain: float) -> Any:
@@ -358,21 +360,21 @@ def _coefficients(form: Form, sizes: Array, places: Places, gain: float) -> Any:
         return _outer(Z[i], S[j]) - _outer(Z[j], S[i])
 
     made = ((of_P, places.P), (of_X, places.X), (of_Y, places.Y))
-    parts = [_columns(make, where, V.shape[1]) for make, where in made]
+    columns = [_columns(make, where, V.shape[1]) for make, where in made]
     if gain:
         supplied = form.y.T @ form.y - gain**2 * form.u.T @ form.u
-        parts.append(sparse.csc_matrix(_vectors(supplied[None]).T))
-    return sparse.hstack(parts)
+        columns.append(sparse.csc_matrix(_vectors(supplied[None]).T))
+    return sparse.hstack(columns)
 
 
 def _columns(make: Callable[[Index, Index], Array], where: Index, N: int) -> Any:
     """Columns of the symmetric parts of what is made for pairs of rows and columns."""
     step = max(1, _CHUNK // (N * N))
-    found = [sparse.csc_matrix((N * (N + 1) // 2, 0))]
+    columns = [sparse.csc_matrix((N * (N + 1) // 2, 0))]
     for start in range(0, where.shape[1], step):
-        part = make(*where[:, start : start + step])
-        found.append(sparse.csc_matrix(_vectors(part + np.swapaxes(part, 1, 2)).T))
-    return sparse.hstack(found)
+        matrices = make(*where[:, start : start + step])
+        columns.append(sparse.csc_matrix(_vectors(matrices + np.swapaxes(matrices, 1, 2)).T))
+    return sparse.hstack(columns)
 
 
 def _outer(a: Array, b: Array) -> Array:

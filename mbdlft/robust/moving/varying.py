@@ -46,9 +46,9 @@ def rates_of(system: System, rates: Rates, what: str) -> dict[str, float]:
     Gains in the place of nonlinear functions move in any way, whatever is given.
     """
     names = list(system.parameters.names)
-    given = {} if rates is None else rates
-    given = dict(given) if isinstance(given, Mapping) else dict.fromkeys(names, given)
-    for name, rate in given.items():
+    bounds = {} if rates is None else rates
+    bounds = dict(bounds) if isinstance(bounds, Mapping) else dict.fromkeys(names, bounds)
+    for name, rate in bounds.items():
         if name not in names:
             raise AnalysisError(
                 f"{what}: rates of model {system.name!r}: {unknown_name('parameter', name, names)}"
@@ -59,8 +59,8 @@ def rates_of(system: System, rates: Rates, what: str) -> dict[str, float]:
                 f"{what}: the rate of {name}: expected a bound in {system.parameters[name].unit} per "
                 f"second, 0 for a constant or inf for any motion, got {rate!r}."
             )
-    given |= {p.name: inf for p in system.parameters if p.role == "nonlinear"}
-    return {name: float(given[name]) for name in names if given.get(name, 0.0)}
+    bounds |= {p.name: inf for p in system.parameters if p.role == "nonlinear"}
+    return {name: float(bounds[name]) for name in names if bounds.get(name, 0.0)}
 
 
 def delta_rates(
@@ -300,8 +300,8 @@ def checked(
     system: System, model: Realization, rates: Mapping[str, float], proof: MotionProof
 ) -> str:
     """What is wrong with a proof for parameters that move; empty if it is one."""
-    for part, size in ((proof.channels, len(model.D)), (np.array([proof.time]), 1)):
-        if part.shape != (size,) or not np.all(np.frexp(part)[0] == 0.5):
+    for powers, size in ((proof.channels, len(model.D)), (np.array([proof.time]), 1)):
+        if powers.shape != (size,) or not np.all(np.frexp(powers)[0] == 0.5):
             return "its scales are not powers of two for each channel"
     if proof.states.shape != model.A.shape or not np.all(np.isfinite(proof.states)):
         return "its states are not those of the system"

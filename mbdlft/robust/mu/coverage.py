@@ -76,27 +76,27 @@ def loop_of(
     i, j = list(outputs), list(inputs)
     whole_B = np.hstack([system.B_w[np.ix_(stay, columns)], system.B_u[np.ix_(stay, j)]])
     whole_C = np.vstack([system.C_z[np.ix_(rows, stay)], system.C_y[np.ix_(i, stay)]])
-    right = np.vstack([system.D_zu[np.ix_(rows, j)], system.D_yu[np.ix_(i, j)]])
-    left = np.vstack([system.D_zw[np.ix_(rows, columns)], system.D_yw[np.ix_(i, columns)]])
+    D_u = np.vstack([system.D_zu[np.ix_(rows, j)], system.D_yu[np.ix_(i, j)]])
+    D_w = np.vstack([system.D_zw[np.ix_(rows, columns)], system.D_yw[np.ix_(i, columns)]])
     if i and j:
         blocks.append(FullBlock(GAIN, len(i), len(j)))
     kept = check_fixed(system, fixed)
     grows = np.array([block.name not in kept for block in blocks], dtype=bool)
     A = system.A[np.ix_(stay, stay)]
-    whole = Channels(A, whole_B, whole_C, np.hstack([left, right]))
+    whole = Channels(A, whole_B, whole_C, np.hstack([D_w, D_u]))
     return _balanced(whole, tuple(blocks), grows)
 
 
 def check_fixed(system: System, fixed: Iterable[str]) -> tuple[str, ...]:
     """Names of fixed blocks, all of which exist."""
     names = [block.name for block in system.lft.blocks]
-    found = (fixed,) if isinstance(fixed, str) else tuple(fixed)
-    for name in found:
+    chosen = (fixed,) if isinstance(fixed, str) else tuple(fixed)
+    for name in chosen:
         if name not in names:
             raise StructureError(
                 f"fixed blocks of {system.name!r}: {unknown_name('block', name, names)}"
             )
-    return found
+    return chosen
 
 
 def _balanced(whole: Channels, blocks: tuple[Block, ...], grows: NDArray[np.bool_]) -> Loop:
@@ -106,8 +106,10 @@ def _balanced(whole: Channels, blocks: tuple[Block, ...], grows: NDArray[np.bool
     B, C, D = np.zeros((n, size)), np.zeros((size, n)), np.zeros((size, size))
     B[:, outputs], C[inputs] = whole.B, whole.C
     D[np.ix_(inputs, outputs)] = whole.D
-    own = balance(whole.A)
-    plain = Channels(whole.A * own / own[:, None], B / own[:, None], C * own, D)
+    of_states = balance(whole.A)
+    plain = Channels(
+        whole.A * of_states / of_states[:, None], B / of_states[:, None], C * of_states, D
+    )
     loop = Loop(plain, np.ones(size), structure, blocks, grows)
     pick = (loop.owner == np.arange(len(blocks))[:, None]).astype(float)
     sizes = [np.abs(channels_matrix(plain, w)[0]) for w in (0.0, *_frequencies(whole.A))]
@@ -127,8 +129,8 @@ def _pieces(blocks: Sequence[Block]) -> list[Block]:
     while True:
         pieces: list[Block] = []
         for block in blocks:
-            whole, rest = divmod(block.size, most) if block.kind != "full" else (0, 0)
-            count = whole + (rest > 0)
+            whole, remainder = divmod(block.size, most) if block.kind != "full" else (0, 0)
+            count = whole + (remainder > 0)
             sizes = [block.size // count + (k < block.size % count) for k in range(count)]
             pieces += [block] if block.kind == "full" else [block.of_size(size) for size in sizes]
         if len(structure_of(pieces).rows) <= _MOST_ENTRIES or most == 1:
@@ -146,10 +148,10 @@ def unscaled(found: Multipliers, scale: Array) -> Multipliers:
     return scaled(found, 1.0 / scale)
 
 
-def scaled(found: Multipliers, scale: Array) -> Multipliers:
+def scaled(multipliers: Multipliers, scale: Array) -> Multipliers:
     """Multipliers of balanced channels, of those of the channels as they are."""
     both = np.outer(scale, scale)
-    return found._replace(D=found.D * both, G=found.G * both)
+    return multipliers._replace(D=multipliers.D * both, G=multipliers.G * both)
 
 
 def ends_of(loop: Loop, k: float) -> tuple[Array, Array]:
@@ -221,27 +223,27 @@ class Part(NamedTuple):
     tolerance: float  # of the bounds of mu
 
 
-def covered(loop: Loop, part: Part) -> Cover:
+def covered(loop: Loop, box: Part) -> Cover:
     """Prove a part of the box at the frequencies that are open, until one resists."""
-    first, todo = first_frequencies(loop.channels.A), list(part.todo)
-    extent, cost = extent_of(loop, part.low, part.high), cost_at(loop)
+    first, todo = first_frequencies(loop.channels.A), list(box.todo)
+    extent, cost = extent_of(loop, box.low, box.high), cost_at(loop)
     kept: list[tuple[Interval, Multipliers]] = []
-    last, used, at, beta = part.start, 0.0, np.nan, 0.0
+    last, used, at, beta = box.start, 0.0, np.nan, 0.0
     for _ in range(_STEPS):
-        if not todo or used + cost > part.work:
+        if not todo or used + cost > box.work:
             break
         low, high = todo.pop()
-        omega = part.at if low < part.at < high else middle(low, high, first)
+        omega = box.at if low < box.at < high else middle(low, high, first)
         used += cost
         tell(used)
-        M, half = inside(loop, matrix_at(loop, omega), part.low, part.high)
+        M, half = inside(loop, matrix_at(loop, omega), box.low, box.high)
         interval = None
         for start in (last, None):  # from the beginning: those of far frequencies may be extreme
-            last, found = _found(M, half, loop.structure, start, part.tolerance)
+            last, multipliers = _found(M, half, loop.structure, start, box.tolerance)
             beta = last.beta
             if beta > 1.0:
                 break
-            interval = interval_around(loop.channels, found, omega, extent)
+            interval = interval_around(loop.channels, multipliers, omega, extent)
             if interval is not None and interval.high - interval.low > _NARROW * omega:
                 break
             interval = None
@@ -250,9 +252,9 @@ def covered(loop: Loop, part: Part) -> Cover:
             beta = beta if beta > 1.0 else 0.0
             todo.append((low, high))
             break
-        kept.append((interval, found))
+        kept.append((interval, multipliers))
         todo += _rest(low, high, interval)
-    ends = tuple(interval for interval, _ in kept), tuple(found for _, found in kept)
+    ends = tuple(interval for interval, _ in kept), tuple(multipliers for _, multipliers in kept)
     return Cover(np.nan, *ends, tuple(todo), at, beta, last, np.nan, used)
 
 
@@ -274,22 +276,22 @@ def shrunk(loop: Loop, largest: float, gap: float, work: float) -> Cover:
     intervals: tuple[Interval, ...] = ()
     multipliers: tuple[Multipliers, ...] = ()
     while True:
-        part = Part(*ends_of(loop, k), todo, np.nan, last, work - used, 0.02 * gap)
+        box = Part(*ends_of(loop, k), todo, np.nan, last, work - used, 0.02 * gap)
         with after(used):
-            found = covered(loop, part)
-        used += found.work
-        intervals, multipliers = intervals + found.intervals, multipliers + found.multipliers
-        found = found._replace(
+            cover = covered(loop, box)
+        used += cover.work
+        intervals, multipliers = intervals + cover.intervals, multipliers + cover.multipliers
+        cover = cover._replace(
             k=k, intervals=intervals, multipliers=multipliers, work=used, peak=peak
         )
-        if not found.todo or not found.beta > 1.0 or used + cost > work:
-            return found
-        size, last = largest_size(loop, matrix_at(loop, found.at), k, found.last, 0.02 * gap)
+        if not cover.todo or not cover.beta > 1.0 or used + cost > work:
+            return cover
+        size, last = largest_size(loop, matrix_at(loop, cover.at), k, cover.last, 0.02 * gap)
         used += cost
         if size == 0.0:
-            return found._replace(k=0.0)
+            return cover._replace(k=0.0)
         size = min(size, k * (1.0 - 0.1 * gap))
-        k, peak, todo = size * (1.0 - 0.5 * gap), found.at, found.todo
+        k, peak, todo = size * (1.0 - 0.5 * gap), cover.at, cover.todo
 
 
 def largest_size(
@@ -305,13 +307,13 @@ def largest_size(
         return _found(scaled, half, loop.structure, near, tolerance, enough=0.0)
 
     if np.all(loop.grows):
-        found, _ = bound(1.0, start)
-        return min(1.0 / max(found.beta, 1e-300), most), found._replace(beta=1.0)
-    found, _ = bound(most, start)
-    if found.beta <= 1.0:
-        return most, found
-    low, low_log, high, high_log = 0.0, 0.0, most, float(np.log(found.beta))
-    best = found
+        unit, _ = bound(1.0, start)
+        return min(1.0 / max(unit.beta, 1e-300), most), unit._replace(beta=1.0)
+    unit, _ = bound(most, start)
+    if unit.beta <= 1.0:
+        return most, unit
+    low, low_log, high, high_log = 0.0, 0.0, most, float(np.log(unit.beta))
+    best = unit
     for count in range(_SIZES):
         if low == 0.0:
             k = high * float(np.exp(-max(high_log, tolerance) * 1.05 * 2.0 ** (count // 2)))
@@ -322,12 +324,12 @@ def largest_size(
             k = low * (high / low) ** float(np.clip(share, 0.02, 0.98))
         if k < _NOTHING * most:
             break
-        found, _ = bound(k, found)
-        if found.beta <= 1.0:
-            best = found
-            low, low_log = k, float(np.log(max(found.beta, 1e-300)))
+        unit, _ = bound(k, unit)
+        if unit.beta <= 1.0:
+            best = unit
+            low, low_log = k, float(np.log(max(unit.beta, 1e-300)))
         else:
-            high, high_log = k, float(np.log(found.beta))
+            high, high_log = k, float(np.log(unit.beta))
         if low > 0.0 and high / low - 1.0 <= tolerance:
             break
     return low, best
@@ -344,10 +346,10 @@ def _found(
     """Multipliers of a matrix whose rows were multiplied by half sizes: for size 1, and as they are."""
     if start is not None:
         start = start._replace(G=start.G * half[:, None])
-    found = upper_bound(M, structure, start=start, tolerance=tolerance, enough=enough)
+    multipliers = upper_bound(M, structure, start=start, tolerance=tolerance, enough=enough)
     positive = np.where(half > 0.0, half, 1.0)
-    unit = found._replace(G=found.G / positive[:, None])
-    return unit, found._replace(beta=1.0, G=found.G * half[:, None])
+    unit = multipliers._replace(G=multipliers.G / positive[:, None])
+    return unit, multipliers._replace(beta=1.0, G=multipliers.G * half[:, None])
 
 
 def looks(first: Array) -> Array:
@@ -361,12 +363,12 @@ def looks(first: Array) -> Array:
 
 def _rest(low: float, high: float, interval: Interval) -> list[tuple[float, float]]:
     """What an interval leaves of another."""
-    rest = []
+    open_intervals = []
     if interval.low > low:
-        rest.append((low, interval.low))
+        open_intervals.append((low, interval.low))
     if interval.high < high:
-        rest.append((interval.high, high))
-    return rest
+        open_intervals.append((interval.high, high))
+    return open_intervals
 
 
 def first_frequencies(A: Array) -> Array:

@@ -84,19 +84,21 @@ def channels_matrix(system: Channels, omega: float) -> tuple[Complex, Array]:
     return system.D + system.C @ X, error * (1.0 + 1e-9)
 
 
-def _middle(found: Multipliers, extent: Extent | None) -> _Middle:
-    D, G = found.D, found.G
+def _middle(multipliers: Multipliers, extent: Extent | None) -> _Middle:
+    D, G = multipliers.D, multipliers.G
     p, q = (np.ones(len(D)), np.zeros(len(D))) if extent is None else extent
     first, turned = p[:, None] * D, q[:, None] * D
     sizes = np.abs(turned) + np.abs(G)
-    return _Middle(first, turned - 1j * G, found.beta * found.beta * D, np.abs(first), sizes)
+    return _Middle(
+        first, turned - 1j * G, multipliers.beta * multipliers.beta * D, np.abs(first), sizes
+    )
 
 
 def is_negative_at(
-    system: Channels, found: Multipliers, omega: float, extent: Extent | None = None
+    system: Channels, multipliers: Multipliers, omega: float, extent: Extent | None = None
 ) -> bool:
     """Whether F(omega) < 0 and D > 0 are proved; p = 1 and q = 0 without an extent."""
-    D, middle = found.D, _middle(found, extent)
+    D, middle = multipliers.D, _middle(multipliers, extent)
     M, columns = channels_matrix(system, omega)
     if not np.all(np.isfinite(columns)):
         return False
@@ -133,15 +135,15 @@ def _largest(F: Complex) -> float:
 
 
 def interval_around(
-    system: Channels, found: Multipliers, omega: float, extent: Extent | None = None
+    system: Channels, multipliers: Multipliers, omega: float, extent: Extent | None = None
 ) -> Interval | None:
     """The largest interval that is proved, with omega in it; None if F(omega) < 0 is not proved."""
-    if not is_negative_at(system, found, omega, extent):
+    if not is_negative_at(system, multipliers, omega, extent):
         return None
     if not len(system.A):
         return Interval(0.0, omega, np.inf)
-    at_infinity = is_negative_at(system, found, np.inf, extent)
-    discs = _discs(system, found, extent)
+    at_infinity = is_negative_at(system, multipliers, np.inf, extent)
+    discs = _discs(system, multipliers, extent)
     if discs is None:
         return Interval(omega, omega, omega)
     centers, radii = discs
@@ -159,10 +161,10 @@ def interval_around(
 
 
 def holds(
-    system: Channels, found: Multipliers, interval: Interval, extent: Extent | None = None
+    system: Channels, multipliers: Multipliers, interval: Interval, extent: Extent | None = None
 ) -> bool:
     """Whether multipliers prove their bound on an interval, all of it."""
-    again = interval_around(system, found, interval.at, extent)
+    again = interval_around(system, multipliers, interval.at, extent)
     if again is None or not interval.low <= interval.at <= interval.high:
         return False
     low, high = again.low * (1.0 - 0.5 * _SLACK), again.high * (1.0 + 0.5 * _SLACK)
@@ -170,12 +172,12 @@ def holds(
 
 
 def _discs(
-    system: Channels, found: Multipliers, extent: Extent | None
+    system: Channels, multipliers: Multipliers, extent: Extent | None
 ) -> tuple[Complex, Array] | None:
     """Discs outside of which N - s E is not singular; None if rounding is too large."""
     A, B, C, D = system
     n, m = B.shape
-    form, form_error = _form(C, D, _middle(found, extent))
+    form, form_error = _form(C, D, _middle(multipliers, extent))
     Q11, Q12, R = form[:n, :n], form[:n, n:], form[n:, n:]
     N = np.block([[A, np.zeros((n, n)), B], [-Q11, -A.T, -Q12], [Q12.conj().T, B.T, R]])
     N_error = np.zeros(N.shape)
@@ -191,13 +193,13 @@ def _discs(
         W = np.linalg.inv(V)
     except np.linalg.LinAlgError:
         return None
-    left = np.block([[W, -W @ right @ inner], [np.zeros((m, 2 * n)), inner]])
+    L = np.block([[W, -W @ right @ inner], [np.zeros((m, 2 * n)), inner]])
     Y = np.block([[V, np.zeros((2 * n, m))], [-inner @ below @ V, np.eye(m)]])
     gamma = 8.0 * (2 * n + m + 4) * _EPS
-    T = left @ N @ Y
-    T_error = gamma * (np.abs(left) @ np.abs(N) @ np.abs(Y)) + np.abs(left) @ N_error @ np.abs(Y)
-    S = left[:, : 2 * n] @ Y[: 2 * n]
-    S_error = gamma * (np.abs(left[:, : 2 * n]) @ np.abs(Y[: 2 * n]))
+    T = L @ N @ Y
+    T_error = gamma * (np.abs(L) @ np.abs(N) @ np.abs(Y)) + np.abs(L) @ N_error @ np.abs(Y)
+    S = L[:, : 2 * n] @ Y[: 2 * n]
+    S_error = gamma * (np.abs(L[:, : 2 * n]) @ np.abs(Y[: 2 * n]))
     T = T - np.diag(np.concatenate([values, np.ones(m)]))
     S = S - np.eye(2 * n + m, 2 * n + m) * (np.arange(2 * n + m) < 2 * n)
     T_all, S_all = np.abs(T) + T_error, np.abs(S) + S_error
@@ -238,13 +240,13 @@ def balance(H: Complex | Array) -> Array:
     return np.asarray(scale)
 
 
-def _form(C: Array, D: Array, parts: _Middle) -> tuple[Complex, Array]:
+def _form(C: Array, D: Array, blocks: _Middle) -> tuple[Complex, Array]:
     """[Q11 Q12; Q12' R], and bounds of the errors of its entries."""
     m, n = C.shape
     T = np.block([[C, D], [np.zeros((m, n)), np.eye(m)]])
-    middle = np.block([[parts.first, parts.mixed], [parts.mixed.conj().T, -parts.last]])
+    middle = np.block([[blocks.first, blocks.mixed], [blocks.mixed.conj().T, -blocks.last]])
     sizes = np.block(
-        [[parts.first_size, parts.mixed_size], [parts.mixed_size.T, np.abs(parts.last)]]
+        [[blocks.first_size, blocks.mixed_size], [blocks.mixed_size.T, np.abs(blocks.last)]]
     )
     form = T.T @ middle @ T
     error = 8.0 * (2 * m + 4) * _EPS * (np.abs(T).T @ sizes @ np.abs(T))

@@ -79,9 +79,7 @@ _OFTEN = 4  # batches from one to the next that is looked at for a counterexampl
 class Attempt(NamedTuple):
     """What came of an attempt to prove a box."""
 
-    parts: (
-        "_Node | None"  # the tree of parts, if all are proved; None: one resisted, or is unstable
-    )
+    tree: "_Node | None"  # of parts, if all are proved; None: one resisted, or is unstable
     low: Array  # (number of blocks,), with `high`: a part that resisted
     high: Array
     at: float  # where it did (rad/s); NaN if none did
@@ -93,7 +91,7 @@ class Attempt(NamedTuple):
 class _Node:
     """A part, what covers it, and its halves; `rough`: parts above it at which rounding failed."""
 
-    part: Part
+    box: Part
     cover: Cover | None = None
     rough: int = 0
     cut: int = -1
@@ -120,16 +118,16 @@ def attempt(
     real = np.array([block.kind == "real" for block in loop.blocks], dtype=bool)
     while waiting:
         if used > work:
-            part = waiting[-1].part
-            return Attempt(None, part.low, part.high, part.at, used, state)
+            box = waiting[-1].box
+            return Attempt(None, box.low, box.high, box.at, used, state)
         batch, waiting = waiting[-_BATCH:], waiting[:-_BATCH]
         with after(used):
-            covers_of = crew.map(covered, [(loop, node.part) for node in batch])
+            covers_of = crew.map(covered, [(loop, node.box) for node in batch])
         worst = None
         for node, cover in zip(batch, covers_of, strict=True):
             node.cover, used = cover, used + cover.work
             if cover.todo and (worst is None or worst[1].beta < cover.beta):
-                worst = node.part, cover
+                worst = node.box, cover
         if worst is None:
             continue
         center = 0.5 * (worst[0].low + worst[0].high)[real]
@@ -143,7 +141,7 @@ def attempt(
                 continue
             node.cut = _cut(loop, node, cover, real, widths)
             if node.cut < 0:
-                return Attempt(None, node.part.low, node.part.high, cover.at, used, state)
+                return Attempt(None, node.box.low, node.box.high, cover.at, used, state)
             node.halves = _halves(node, cover)
             waiting += node.halves[::-1]
     return Attempt(root, low, high, np.nan, used, state)
@@ -151,19 +149,19 @@ def attempt(
 
 def _cut(loop: Loop, node: _Node, cover: Cover, real: NDArray[np.bool_], widths: Array) -> int:
     """The parameter along which a part is cut; -1 if there is none."""
-    part, own = node.part, node.part.high - node.part.low
-    fits_in = np.flatnonzero(real & (own > _SMALLEST * widths))
+    box, width = node.box, node.box.high - node.box.low
+    fits_in = np.flatnonzero(real & (width > _SMALLEST * widths))
     is_rough = not cover.beta > 1.0 and node.rough >= _ROUGH
     if not len(fits_in) or np.isnan(cover.at) or cover.last is None or is_rough:
         return -1
     if len(fits_in) == 1 or not cover.beta > 1.0:
-        return int(fits_in[np.argmax((own / widths)[fits_in])])
-    M, found = matrix_at(loop, cover.at), []
+        return int(fits_in[np.argmax((width / widths)[fits_in])])
+    M, bounds_of_cuts = matrix_at(loop, cover.at), []
     for axis in fits_in:
-        both = _cut_in_two(part.low, part.high, int(axis))
+        both = _cut_in_two(box.low, box.high, int(axis))
         bounds = [_bound(loop, M, low, high, cover.last, int(axis)) for low, high in both]
-        found.append(max(bounds) + 1e-9 * min(bounds))
-    return int(fits_in[int(np.argmin(found))])
+        bounds_of_cuts.append(max(bounds) + 1e-9 * min(bounds))
+    return int(fits_in[int(np.argmin(bounds_of_cuts))])
 
 
 def _bound(loop: Loop, M: Complex, low: Array, high: Array, known: Multipliers, axis: int) -> float:
@@ -181,11 +179,11 @@ def _bound(loop: Loop, M: Complex, low: Array, high: Array, known: Multipliers, 
 
 def _halves(node: _Node, cover: Cover) -> tuple[_Node, _Node]:
     """Both halves of a part, the lower first, with the frequencies that are open."""
-    inherited = node.part._replace(todo=cover.todo, at=cover.at, start=cover.last)
+    inherited = node.box._replace(todo=cover.todo, at=cover.at, start=cover.last)
     rough = node.rough + (not cover.beta > 1.0)
     first, second = (
         _Node(inherited._replace(low=low, high=high), rough=rough)
-        for low, high in _cut_in_two(node.part.low, node.part.high, node.cut)
+        for low, high in _cut_in_two(node.box.low, node.box.high, node.cut)
     )
     return first, second
 
@@ -198,7 +196,7 @@ def _cut_in_two(low: Array, high: Array, axis: int) -> tuple[tuple[Array, Array]
 
 
 def proof_of(
-    loop: Loop, k: float, parts: _Node | Cover, signals: tuple[tuple[str, ...], tuple[str, ...]]
+    loop: Loop, k: float, tree: _Node | Cover, signals: tuple[tuple[str, ...], tuple[str, ...]]
 ) -> IntervalProof:
     """The proof of a tree of parts, or of the whole box."""
     log: list[int] = []
@@ -208,11 +206,11 @@ def proof_of(
     def add(cover: Cover, cut: int) -> None:
         log.extend((len(cover.intervals), cut + 1))
         intervals.extend(cover.intervals)
-        multipliers.extend(unscaled(found, loop.scale) for found in cover.multipliers)
+        multipliers.extend(unscaled(multiplier, loop.scale) for multiplier in cover.multipliers)
 
-    waiting = [parts] if isinstance(parts, _Node) else []
-    if isinstance(parts, Cover):
-        add(parts, -1)
+    waiting = [tree] if isinstance(tree, _Node) else []
+    if isinstance(tree, Cover):
+        add(tree, -1)
     while waiting:
         node = waiting.pop()
         if node.cover is not None:
@@ -235,16 +233,16 @@ def wrong_in(loop: Loop, proof: IntervalProof) -> str:
             return "the list of parts is not whole"
         low, high, known = waiting.pop()
         extent = extent_of(loop, low, high)
-        own = proof.intervals[used : used + count]
-        for interval, found in zip(own, proof.multipliers[used:], strict=False):
-            if found.beta != 1.0 or not fits(found, loop.blocks):
+        intervals = proof.intervals[used : used + count]
+        for interval, multipliers in zip(intervals, proof.multipliers[used:], strict=False):
+            if multipliers.beta != 1.0 or not fits(multipliers, loop.blocks):
                 return f"the multipliers near {interval.at:.4g} rad/s are not of the structure of Delta"
-            if not holds(loop.channels, scaled(found, loop.scale), interval, extent):
+            if not holds(loop.channels, scaled(multipliers, loop.scale), interval, extent):
                 return (
                     f"the multipliers near {interval.at:.4g} rad/s do not prove their bound from "
                     f"{interval.low:.4g} to {interval.high:.4g} rad/s"
                 )
-        used, known = used + count, (*known, *own)
+        used, known = used + count, (*known, *intervals)
         if not cut:
             if not covers(tuple(sorted(known))):
                 return "the intervals of a part do not cover all frequencies"
@@ -396,13 +394,13 @@ def _tried(question: _Question, cover: Cover, state: State[Reached], k: float) -
     asked, loop = question.asked, question.loop
     reach, work = partial(_near_part, question, k), state.share(asked)
     with after(state.used):
-        found = attempt(loop, k, work, cover, reach, state, asked.crew)
-    before, state = state.upper, found.state._replace(used=found.state.used + found.work)
-    if found.parts is not None:
-        proof = proof_of(loop, k, found.parts, question.signals)
+        outcome = attempt(loop, k, work, cover, reach, state, asked.crew)
+    before, state = state.upper, outcome.state._replace(used=outcome.state.used + outcome.work)
+    if outcome.tree is not None:
+        proof = proof_of(loop, k, outcome.tree, question.signals)
         return state._replace(lower=k * _INSIDE, proof=proof)
     if not state.upper < before:
-        return state._replace(reason=_resistance(question, found, k))
+        return state._replace(reason=_resistance(question, outcome, k))
     return state
 
 
@@ -424,15 +422,15 @@ def _near_part(
     return _with_delta(asked, state, near)
 
 
-def _resistance(question: _Question, found: Attempt, k: float) -> str:
+def _resistance(question: _Question, outcome: Attempt, k: float) -> str:
     """What resisted a proof, and where."""
     ends = ", ".join(
         f"{block.name} in [{low:.3g}, {high:.3g}]"
-        for block, low, high in zip(question.loop.blocks, found.low, found.high, strict=True)
+        for block, low, high in zip(question.loop.blocks, outcome.low, outcome.high, strict=True)
         if block.kind == "real"
     )
     what = f"a gain of {1.0 / k:.4g}" if question.is_gain else f"{k:.4g} times the box"
-    near = f"near {found.at:.4g} rad/s" if not np.isnan(found.at) else "with this work"
+    near = f"near {outcome.at:.4g} rad/s" if not np.isnan(outcome.at) else "with this work"
     return f"for {what} multipliers prove nothing {near}{f', {ends}' if ends else ''}"
 
 

@@ -89,13 +89,13 @@ def structure_of(blocks: Sequence[Block]) -> Structure:
 
 def _basis(kinds: Sequence[tuple[str, int, int]], count: int) -> Array:
     """Columns of real and imaginary parts of entries, one for each real unknown."""
-    found = []
+    basis = []
 
     def add(*places: tuple[int, float]) -> None:
         column = np.zeros(2 * count)
         for place, value in places:
             column[place] = value
-        found.append(column)
+        basis.append(column)
 
     for kind, first, size in kinds:
         at = first + np.arange(size * size).reshape(size, size)
@@ -111,33 +111,33 @@ def _basis(kinds: Sequence[tuple[str, int, int]], count: int) -> Array:
                 for j in range(i):
                     add((int(at[i, j]), 1.0), (int(at[j, i]), 1.0))
                     add((count + int(at[i, j]), 1.0), (count + int(at[j, i]), -1.0))
-    return np.array(found).T.reshape(2 * count, -1)
+    return np.array(basis).T.reshape(2 * count, -1)
 
 
-def fits(found: Multipliers, blocks: Sequence[Block]) -> bool:
+def fits(multipliers: Multipliers, blocks: Sequence[Block]) -> bool:
     """Whether D and G have the structure of the blocks, exactly: then F < 0 says something about mu."""
-    D, G, start = found.D, found.G, 0
+    D, G, start = multipliers.D, multipliers.G, 0
     if not all(np.array_equal(X, X.conj().T) and np.all(np.isfinite(X)) for X in (D, G)):
         return False
-    left = np.array([D, G])
+    outside = np.array([D, G])
     for block in blocks:
         size = max(block.inputs, block.outputs)
-        part = slice(start, start + size)
-        inner, turned = D[part, part], G[part, part]
+        block_rows = slice(start, start + size)
+        inner, turned = D[block_rows, block_rows], G[block_rows, block_rows]
         if block.kind != "real" and np.any(turned):
             return False
         if block.kind == "full" and size and np.any(inner != inner[0, 0] * np.eye(size)):
             return False
-        left[:, part, part] = 0.0
+        outside[:, block_rows, block_rows] = 0.0
         start += size
-    return start == len(D) and not np.any(left)
+    return start == len(D) and not np.any(outside)
 
 
 def squared(M: Complex, structure: Structure) -> Complex:
     """M (n_z, n_w) with rows and columns of zeros that make its full blocks square."""
-    found = np.zeros((structure.size, structure.size), dtype=complex)
-    found[np.ix_(structure.inputs, structure.outputs)] = M
-    return found
+    square = np.zeros((structure.size, structure.size), dtype=complex)
+    square[np.ix_(structure.inputs, structure.outputs)] = M
+    return square
 
 
 def upper_bound(
@@ -169,23 +169,23 @@ def upper_bound(
         D, G = X, 0.0 * X
         best = best_square(M, D, G)
     square = best + 0.3 * max(abs(best), 1e-3)
-    found = (best, D, G)
+    smallest = (best, D, G)
     for _ in range(_CENTERS):
         if best <= enough * enough:
             break
         beta = float(np.sqrt(square))
         X = _center(M, beta, D - 1j * G / beta, structure)
         before, (best, D, G) = best, _ahead(M, beta, X, structure)
-        if best < found[0]:
-            found = (best, D, G)
+        if best < smallest[0]:
+            smallest = (best, D, G)
         if before - best <= tolerance * best and square - best <= 4.0 * tolerance * square:
             break
         best = max(best, 0.0)
         square = best + _STEP * (square - best)
-    if enough > 0.0 and found[0] < enough * enough:  # well inside, so that it holds far around
-        X = _center(M, enough, found[1] - 1j * found[2] / enough, structure, _MODERATE)
-        found = (enough * enough, *_parts(X, enough))
-    best, D, G = found
+    if enough > 0.0 and smallest[0] < enough * enough:  # well inside, so that it holds far around
+        X = _center(M, enough, smallest[1] - 1j * smallest[2] / enough, structure, _MODERATE)
+        smallest = (enough * enough, *_parts(X, enough))
+    best, D, G = smallest
     return Multipliers(float(np.sqrt(max(best, 0.0))) * size, D, G * size)
 
 
@@ -205,8 +205,8 @@ def _ahead(
     move = np.zeros_like(X)
     move[i, j] = step[: len(i)] + 1j * step[len(i) :]
     D, G = _parts(X, beta)
-    found = (best_square(M, D, G), D, G)
-    length = beta - float(np.sqrt(max(found[0], 0.0)))
+    smallest = (best_square(M, D, G), D, G)
+    length = beta - float(np.sqrt(max(smallest[0], 0.0)))
     while length < beta:
         new = X - length * move
         D, G = _parts(new, beta - length)
@@ -214,11 +214,11 @@ def _ahead(
             best = best_square(M, D, G)
         except LinAlgError:
             break
-        if best >= found[0]:
+        if best >= smallest[0]:
             break
-        found = (best, D, G)
+        smallest = (best, D, G)
         length *= 2.0
-    return found
+    return smallest
 
 
 def _parts(X: Complex, beta: float) -> tuple[Complex, Complex]:

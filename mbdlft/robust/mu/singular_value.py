@@ -103,20 +103,20 @@ def structured_singular_value(
             f"structured_singular_value: model {system.name!r}: expected a block that is not fixed."
         )
     bound = _upper_bound if np.all(grows) else _skew_bound
-    found: list[tuple[Multipliers, SmallDelta]] = []
+    bounds: list[tuple[Multipliers, SmallDelta]] = []
     last = None
     with one_thread():
         for w in omega:
             M = channels_at(system, float(w))
             last = bound(M, blocks, grows, last)
-            found.append((last, small_delta(M, blocks, last.beta, grows)))
+            bounds.append((last, small_delta(M, blocks, last.beta, grows)))
     return StructuredSingularValue(
         omega.astype(float),
-        np.array([min(low.bound, high.beta) for high, low in found]),
-        np.array([high.beta for high, _ in found]),
-        np.array([low.delta for _, low in found]),
-        np.array([high.D for high, _ in found]),
-        np.array([high.G for high, _ in found]),
+        np.array([min(low.bound, high.beta) for high, low in bounds]),
+        np.array([high.beta for high, _ in bounds]),
+        np.array([low.delta for _, low in bounds]),
+        np.array([high.D for high, _ in bounds]),
+        np.array([high.G for high, _ in bounds]),
     )
 
 
@@ -136,11 +136,13 @@ def _skew_bound(
     whole = squared(M, loop.structure)
     if size == 0.0:
         return Multipliers(0.0, np.eye(len(whole), dtype=complex), 0.0 * whole)
-    own = loop.grows[loop.owner]
-    least = _NOTHING * max(float(np.linalg.norm(whole[np.ix_(own, own)], 2)), _NOTHING * size)
-    k, found = largest_size(loop, whole, 1.0 / least, None, _TOLERANCE)
+    of_growing = loop.grows[loop.owner]
+    least = _NOTHING * max(
+        float(np.linalg.norm(whole[np.ix_(of_growing, of_growing)], 2)), _NOTHING * size
+    )
+    k, multipliers = largest_size(loop, whole, 1.0 / least, None, _TOLERANCE)
     half = ends_of(loop, k)[1][loop.owner]
-    return found._replace(beta=1.0 / k if k else np.inf, G=found.G * half[:, None] ** 2)
+    return multipliers._replace(beta=1.0 / k if k else np.inf, G=multipliers.G * half[:, None] ** 2)
 
 
 def channels_at(system: System, omega: float) -> Complex:
@@ -225,9 +227,9 @@ def mu_bands(
         floor, widest = _LEAST * max(known), float(np.log(high / low)) * _WIDE
         cut = [low, *np.exp(np.arange(np.log(low) + widest, np.log(high), widest))]
         todo = list(zip(cut, [*cut[1:], high], strict=True))[::-1]
-        found: list[tuple[float, float, float, float, float]] = []
+        bands: list[tuple[float, float, float, float, float]] = []
         last = None
-        while todo and len(found) < _MOST:
+        while todo and len(bands) < _MOST:
             a, b = (float(end) for end in todo.pop())
             omega = middle(a, b, first)
             M, _ = channels_matrix(channels, omega)
@@ -243,11 +245,11 @@ def mu_bands(
             if not system.lft.is_plain:
                 lower = small_delta(channels_at(system, omega), blocks, beta).bound
             if band is None or not band.high > band.low:
-                found.append((a, b, np.inf, omega, lower))
+                bands.append((a, b, np.inf, omega, lower))
                 continue
             start, stop = max(a, band.low), min(b, band.high)
-            found.append((start, stop, beta, omega, lower))
+            bands.append((start, stop, beta, omega, lower))
             todo += [(p, q) for p, q in ((stop, b), (a, start)) if q > p]
-    found += [(float(a), float(b), np.inf, float(np.sqrt(a * b)), 0.0) for a, b in todo]
-    rows = np.array(sorted(found)).T
+    bands += [(float(a), float(b), np.inf, float(np.sqrt(a * b)), 0.0) for a, b in todo]
+    rows = np.array(sorted(bands)).T
     return MuBands(np.append(rows[0], rows[1, -1]), rows[2], rows[3], rows[4])

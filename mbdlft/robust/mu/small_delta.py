@@ -48,7 +48,9 @@ class SmallDelta(NamedTuple):
     omega: float = float("nan")  # where M is taken (rad/s); NaN if M was given as a matrix
 
 
-class _Part(NamedTuple):
+class _Place(NamedTuple):
+    """A block, and its rows and columns of M."""
+
     block: Block
     z: slice
     w: slice
@@ -70,7 +72,7 @@ def small_delta(
     The search ends when its bound is nearly `enough`, such as an upper bound. Blocks that do not grow
     are of size 1.
     """
-    parts = _parts(blocks, grows)
+    places = _places_of(blocks, grows)
     best = SmallDelta(0.0, np.zeros(M.T.shape, dtype=complex), 1.0)
     size = float(np.linalg.norm(M, 2)) if M.size else 0.0
     if size == 0.0:
@@ -79,10 +81,10 @@ def small_delta(
     for _ in range(_STARTS):
         if best.bound >= enough * (1.0 - _ENOUGH):
             break
-        for unit in (_iterated(M / size, parts, random), _random(parts, M.shape, random)):
-            found = _enlarged(lambda _: (M, 0.0 * M), parts, unit, None)
-            if found.bound > best.bound and found.bound > _CLEAR * size:
-                best = found
+        for unit in (_iterated(M / size, places, random), _random(places, M.shape, random)):
+            reached = _enlarged(lambda _: (M, 0.0 * M), places, unit, None)
+            if reached.bound > best.bound and reached.bound > _CLEAR * size:
+                best = reached
     return best
 
 
@@ -95,7 +97,7 @@ def delta_near(
     starts: int = 1,
 ) -> SmallDelta:
     """The same near a frequency, which moves, too; `real` are real deltas of size 1 to begin with."""
-    parts = _parts(blocks, grows)
+    places = _places_of(blocks, grows)
     M = at(omega)[0]
     best = SmallDelta(0.0, np.zeros(M.T.shape, dtype=complex), 1.0, omega)
     size = float(np.linalg.norm(M, 2)) if M.size else 0.0
@@ -103,67 +105,69 @@ def delta_near(
         return best
     random = np.random.default_rng(0)
     for _ in range(starts):
-        unit = _iterated(M / size, parts, random)
+        unit = _iterated(M / size, places, random)
         if real is not None:
-            for value, part in zip(real, _real(parts), strict=True):
-                part.put(unit, value)
-            _turn(M, unit, parts)
-        found = _enlarged(at, parts, unit, omega)
-        if found.bound > max(best.bound, _CLEAR * size):
-            best = found
+            for value, place in zip(real, _real(places), strict=True):
+                place.put(unit, value)
+            _turn(M, unit, places)
+        reached = _enlarged(at, places, unit, omega)
+        if reached.bound > max(best.bound, _CLEAR * size):
+            best = reached
     return best
 
 
 def block_changes(
-    M: Complex, blocks: Sequence[Block], grows: NDArray[np.bool_], found: SmallDelta
+    M: Complex, blocks: Sequence[Block], grows: NDArray[np.bool_], small: SmallDelta
 ) -> Array:
     """Derivatives (number of blocks,) of the bound by the logarithm of the size of each block."""
-    parts, unit = _parts(blocks, grows), found.delta.copy()
-    for part in parts:
-        if part.grows:
-            unit[part.w, part.z] *= found.bound
-    lam, u, v = _eigen(M, unit, parts)
+    places, unit = _places_of(blocks, grows), small.delta.copy()
+    for place in places:
+        if place.grows:
+            unit[place.w, place.z] *= small.bound
+    lam, u, v = _eigen(M, unit, places)
     p = u @ M
     return np.array(
         [
-            ((1.0 if part.grows else lam) * (p[part.w] @ unit[part.w, part.z] @ v[part.z])).real
-            for part in parts
+            (
+                (1.0 if place.grows else lam) * (p[place.w] @ unit[place.w, place.z] @ v[place.z])
+            ).real
+            for place in places
         ]
     )
 
 
-def _parts(
+def _places_of(
     blocks: Sequence[Block], grows: Sequence[bool] | NDArray[np.bool_] | None
-) -> list[_Part]:
-    parts, z, w = [], 0, 0
+) -> list[_Place]:
+    places, z, w = [], 0, 0
     for block, grow in zip(blocks, [True] * len(blocks) if grows is None else grows, strict=True):
         rows, columns = slice(z, z + block.inputs), slice(w, w + block.outputs)
-        parts.append(_Part(block, rows, columns, bool(grow)))
+        places.append(_Place(block, rows, columns, bool(grow)))
         z, w = z + block.inputs, w + block.outputs
-    return [part for part in parts if part.block.inputs and part.block.outputs]
+    return [place for place in places if place.block.inputs and place.block.outputs]
 
 
-def _real(parts: Sequence[_Part]) -> list[_Part]:
-    return [part for part in parts if part.block.kind == "real"]
+def _real(places: Sequence[_Place]) -> list[_Place]:
+    return [place for place in places if place.block.kind == "real"]
 
 
-def _random(parts: Sequence[_Part], shape: tuple[int, int], random: Any) -> Complex:
+def _random(places: Sequence[_Place], shape: tuple[int, int], random: Any) -> Complex:
     """A Delta of norm 1, real deltas at their ends."""
-    found = np.zeros((shape[1], shape[0]), dtype=complex)
-    for part in parts:
-        block = part.block
+    delta = np.zeros((shape[1], shape[0]), dtype=complex)
+    for place in places:
+        block = place.block
         if block.kind == "real":
-            part.put(found, random.choice([-1.0, 1.0]))
+            place.put(delta, random.choice([-1.0, 1.0]))
         elif block.kind == "complex":
-            part.put(found, np.exp(2j * np.pi * random.uniform()))
+            place.put(delta, np.exp(2j * np.pi * random.uniform()))
         else:
             u, v = (random.standard_normal(2 * n) for n in (block.outputs, block.inputs))
             u, v = (x[::2] + 1j * x[1::2] for x in (u, v))
-            part.put(found, np.outer(u, v.conj()) / (np.linalg.norm(u) * np.linalg.norm(v)))
-    return found
+            place.put(delta, np.outer(u, v.conj()) / (np.linalg.norm(u) * np.linalg.norm(v)))
+    return delta
 
 
-def _iterated(M: Complex, parts: Sequence[_Part], random: Any) -> Complex:
+def _iterated(M: Complex, places: Sequence[_Place], random: Any) -> Complex:
     """The Delta of norm 1 to which the power iteration leads, or comes near."""
     n_z, n_w = M.shape
 
@@ -172,31 +176,31 @@ def _iterated(M: Complex, parts: Sequence[_Part], random: Any) -> Complex:
         return np.asarray(x / np.linalg.norm(x))
 
     b, w = unit(n_w), unit(n_w)
-    q = np.ones(len(parts))
+    q = np.ones(len(places))
     for _ in range(_ITERATIONS):
         a = _normed(M @ b)
-        z = _aligned(parts, q, a, b, w, n_z, to_z=True)
+        z = _aligned(places, q, a, b, w, n_z, to_z=True)
         w = _normed(M.conj().T @ z)
-        b = _aligned(parts, q, a, b, w, n_w, to_z=False)
-    found = np.zeros((n_w, n_z), dtype=complex)
-    for k, part in enumerate(parts):
-        left, right = w[part.w], a[part.z]
-        if part.block.kind == "real":
-            part.put(found, q[k])
-        elif part.block.kind == "complex":
-            part.put(found, _phase(np.vdot(right, left)))
+        b = _aligned(places, q, a, b, w, n_w, to_z=False)
+    delta = np.zeros((n_w, n_z), dtype=complex)
+    for k, place in enumerate(places):
+        w_block, z_block = w[place.w], a[place.z]
+        if place.block.kind == "real":
+            place.put(delta, q[k])
+        elif place.block.kind == "complex":
+            place.put(delta, _phase(np.vdot(z_block, w_block)))
         else:
-            size = max(float(np.linalg.norm(left)) * float(np.linalg.norm(right)), _TINY)
-            part.put(found, np.outer(left, right.conj()) / size)
-    return found
+            size = max(float(np.linalg.norm(w_block)) * float(np.linalg.norm(z_block)), _TINY)
+            place.put(delta, np.outer(w_block, z_block.conj()) / size)
+    return delta
 
 
 def _aligned(
-    parts: Sequence[_Part], q: Array, a: Complex, b: Complex, w: Complex, size: int, *, to_z: bool
+    places: Sequence[_Place], q: Array, a: Complex, b: Complex, w: Complex, size: int, *, to_z: bool
 ) -> Complex:
     """z from a and w, or b from them; the real deltas q are moved on the way."""
-    found = np.zeros(size, dtype=complex)
-    for k, (block, rows, columns, _) in enumerate(parts):
+    vector = np.zeros(size, dtype=complex)
+    for k, (block, rows, columns, _) in enumerate(places):
         x, y = a[rows], w[columns]
         here = rows if to_z else columns
         source = y if to_z else x
@@ -204,28 +208,28 @@ def _aligned(
         if block.kind == "real":
             old = float(np.linalg.norm(b[columns])) / sizes[0]
             q[k] = np.clip(np.sign(q[k] or 1.0) * old + float(np.vdot(x, y).real), -1.0, 1.0)
-            found[here] = q[k] * source
+            vector[here] = q[k] * source
         elif block.kind == "complex":
-            found[here] = (_phase(np.vdot(y, x)) if to_z else _phase(np.vdot(x, y))) * source
+            vector[here] = (_phase(np.vdot(y, x)) if to_z else _phase(np.vdot(x, y))) * source
         else:
-            found[here] = x * sizes[1] / sizes[0] if to_z else y * sizes[0] / sizes[1]
-    return found
+            vector[here] = x * sizes[1] / sizes[0] if to_z else y * sizes[0] / sizes[1]
+    return vector
 
 
-def _turn(M: Complex, unit: Complex, parts: Sequence[_Part]) -> None:
+def _turn(M: Complex, unit: Complex, places: Sequence[_Place]) -> None:
     """Turn blocks that are not real so that lambda is positive, and large for the real deltas given."""
     for _ in range(_TURNS):
-        lam, u, v = _eigen(M, unit, parts, nearly_real=False)
+        lam, u, v = _eigen(M, unit, places, nearly_real=False)
         p = u @ M
-        for part in parts:
-            a, z = (1.0 if part.grows else lam) * p[part.w], v[part.z]
+        for place in places:
+            a, z = (1.0 if place.grows else lam) * p[place.w], v[place.z]
             size = float(np.linalg.norm(a) * np.linalg.norm(z))
-            if part.block.kind == "real" or not np.isfinite(size) or size == 0.0:
+            if place.block.kind == "real" or not np.isfinite(size) or size == 0.0:
                 continue
-            if part.block.kind == "complex":
-                part.put(unit, np.conj(_phase(a @ z)))
+            if place.block.kind == "complex":
+                place.put(unit, np.conj(_phase(a @ z)))
             else:
-                part.put(unit, np.outer(a.conj(), z.conj()) / size)
+                place.put(unit, np.outer(a.conj(), z.conj()) / size)
 
 
 def _phase(number: Any) -> complex:
@@ -243,44 +247,44 @@ def _vectors(x: Array, block: Block) -> tuple[Complex, Complex]:
     return half[:n], half[n:]
 
 
-def _first(parts: Sequence[_Part], unit: Complex) -> list[Array]:
+def _first(places: Sequence[_Place], unit: Complex) -> list[Array]:
     """The variables of a Delta of norm 1, one array for each part."""
-    found = []
-    for part in parts:
-        here = unit[part.w, part.z]
-        if part.block.kind == "real":
-            found.append(np.array([here[0, 0].real]))
-        elif part.block.kind == "complex":
-            found.append(np.array([np.angle(here[0, 0])]))
+    variables = []
+    for place in places:
+        here = unit[place.w, place.z]
+        if place.block.kind == "real":
+            variables.append(np.array([here[0, 0].real]))
+        elif place.block.kind == "complex":
+            variables.append(np.array([np.angle(here[0, 0])]))
         else:
             u, _, v = np.linalg.svd(here)
             whole = np.concatenate([u[:, 0], v[0].conj()])
-            found.append(np.concatenate([whole.real, whole.imag]))
-    return found
+            variables.append(np.concatenate([whole.real, whole.imag]))
+    return variables
 
 
-def _delta_of(parts: Sequence[_Part], x: Sequence[Array], shape: tuple[int, ...]) -> Complex:
-    found = np.zeros(shape, dtype=complex)
-    for part, here in zip(parts, x, strict=True):
-        if part.block.kind == "real":
-            part.put(found, float(np.clip(here[0], -1.0, 1.0)))
-        elif part.block.kind == "complex":
-            part.put(found, np.exp(1j * here[0]))
+def _delta_of(places: Sequence[_Place], x: Sequence[Array], shape: tuple[int, ...]) -> Complex:
+    delta = np.zeros(shape, dtype=complex)
+    for place, here in zip(places, x, strict=True):
+        if place.block.kind == "real":
+            place.put(delta, float(np.clip(here[0], -1.0, 1.0)))
+        elif place.block.kind == "complex":
+            place.put(delta, np.exp(1j * here[0]))
         else:
-            a, b = _vectors(here, part.block)
+            a, b = _vectors(here, place.block)
             size = max(float(np.linalg.norm(a) * np.linalg.norm(b)), _TINY)
-            part.put(found, np.outer(a, b.conj()) / size)
-    return found
+            place.put(delta, np.outer(a, b.conj()) / size)
+    return delta
 
 
-def _slopes(part: _Part, x: Array, delta: Complex, p: Complex, v: Complex) -> Complex:
+def _slopes(place: _Place, x: Array, delta: Complex, p: Complex, v: Complex) -> Complex:
     """Derivatives of p Delta v by the variables of a part."""
-    if part.block.kind == "real":
+    if place.block.kind == "real":
         return np.array([p @ v])
     value = p @ delta @ v
-    if part.block.kind == "complex":
+    if place.block.kind == "complex":
         return np.array([1j * value])
-    a, b = _vectors(x, part.block)
+    a, b = _vectors(x, place.block)
     sizes = max(float(np.linalg.norm(a)), _TINY), max(float(np.linalg.norm(b)), _TINY)
     by_a, by_b = p * (b.conj() @ v) / (sizes[0] * sizes[1]), (p @ a) * v / (sizes[0] * sizes[1])
     more_a, more_b = value / sizes[0] ** 2, value / sizes[1] ** 2
@@ -289,48 +293,49 @@ def _slopes(part: _Part, x: Array, delta: Complex, p: Complex, v: Complex) -> Co
     return np.concatenate([*real, *imaginary])
 
 
-def _enlarged(at: At, parts: Sequence[_Part], unit: Complex, omega: float | None) -> SmallDelta:
+def _enlarged(at: At, places: Sequence[_Place], unit: Complex, omega: float | None) -> SmallDelta:
     """The real positive lambda nearest to what Delta begins with, made large; omega may move."""
-    first = _first(parts, unit)
+    first = _first(places, unit)
     ends = np.cumsum([len(x) for x in first])
     moves = omega is not None and bool(0.0 < omega < np.inf)
-    place = float("nan") if omega is None else omega
+    middle = float("nan") if omega is None else omega
     start = np.concatenate([*first, np.zeros(int(moves))])
 
     def split(x: Array) -> tuple[list[Array], float]:
-        return np.split(x[: ends[-1]], ends[:-1]), place * float(np.exp(x[-1])) if moves else place
+        w = middle * float(np.exp(x[-1])) if moves else middle
+        return np.split(x[: ends[-1]], ends[:-1]), w
 
     def value(x: Array) -> tuple[complex, Complex]:
         """lambda, and its derivatives."""
-        own, w = split(x)
-        delta, (M, turned) = _delta_of(parts, own, unit.shape), at(w)
-        lam, u, v = _eigen(M, delta, parts)
-        weights = [1.0 if part.grows else lam for part in parts]
+        variables, w = split(x)
+        delta, (M, turned) = _delta_of(places, variables, unit.shape), at(w)
+        lam, u, v = _eigen(M, delta, places)
+        weights = [1.0 if place.grows else lam for place in places]
         p = u @ M
         slopes = [
-            weight * _slopes(part, here, delta[part.w, part.z], p[part.w], v[part.z])
-            for part, here, weight in zip(parts, own, weights, strict=True)
+            weight * _slopes(place, here, delta[place.w, place.z], p[place.w], v[place.z])
+            for place, here, weight in zip(places, variables, weights, strict=True)
         ]
         if moves:
             moved = np.zeros(delta.shape[0], dtype=complex)
-            for part, weight in zip(parts, weights, strict=True):
-                moved[part.w] = weight * (delta[part.w, part.z] @ v[part.z])
+            for place, weight in zip(places, weights, strict=True):
+                moved[place.w] = weight * (delta[place.w, place.z] @ v[place.z])
             slopes.append(np.array([u @ turned @ moved]))
         return lam, np.concatenate(slopes)
 
-    size = max(abs(value(start)[0]), 1e-12 * float(np.linalg.norm(at(place)[0])))
+    size = max(abs(value(start)[0]), 1e-12 * float(np.linalg.norm(at(middle)[0])))
 
     def objective(x: Array) -> tuple[float, Array]:
-        found, slopes = value(x)
-        return -found.real / size, -slopes.real / size
+        eigenvalue, slopes = value(x)
+        return -eigenvalue.real / size, -slopes.real / size
 
     limits: list[tuple[float | None, float | None]] = []
-    for part, x in zip(parts, first, strict=True):
-        limits += [(-1.0, 1.0) if part.block.kind == "real" else (None, None)] * len(x)
+    for place, x in zip(places, first, strict=True):
+        limits += [(-1.0, 1.0) if place.block.kind == "real" else (None, None)] * len(x)
     limits += [(-1.0, 1.0)] * moves
     from scipy.optimize import minimize  # here because it is slow to import
 
-    found = minimize(
+    solution = minimize(
         objective,
         start,
         jac=True,
@@ -343,37 +348,37 @@ def _enlarged(at: At, parts: Sequence[_Part], unit: Complex, omega: float | None
         method="SLSQP",
         options={"maxiter": _STEPS, "ftol": 1e-12},
     )
-    own, w = split(found.x if np.all(np.isfinite(found.x)) else start)
-    return _verified(at(w)[0], _delta_of(parts, own, unit.shape), parts)._replace(omega=w)
+    variables, w = split(solution.x if np.all(np.isfinite(solution.x)) else start)
+    return _verified(at(w)[0], _delta_of(places, variables, unit.shape), places)._replace(omega=w)
 
 
-def _sides(M: Complex, delta: Complex, parts: Sequence[_Part]) -> tuple[Complex, Complex]:
+def _sides(M: Complex, delta: Complex, places: Sequence[_Place]) -> tuple[Complex, Complex]:
     """M Delta_g and I - M Delta_f."""
     grown, kept = delta.copy(), delta.copy()
-    for part in parts:
-        (kept if part.grows else grown)[part.w, part.z] = 0.0
+    for place in places:
+        (kept if place.grows else grown)[place.w, place.z] = 0.0
     return M @ grown, np.eye(len(M)) - M @ kept
 
 
 def _eigen(
-    M: Complex, delta: Complex, parts: Sequence[_Part], *, nearly_real: bool = True
+    M: Complex, delta: Complex, places: Sequence[_Place], *, nearly_real: bool = True
 ) -> tuple[complex, Complex, Complex]:
     """The lambda nearest to being real and large, u' over u'(I - M Delta_f) v, and v."""
-    left, right = _sides(M, delta, parts)
-    values, u, v = eig(left, right, left=True, right=True)
+    with_grown, with_fixed = _sides(M, delta, places)
+    values, u, v = eig(with_grown, with_fixed, left=True, right=True)
     far = _FAR * max(float(np.linalg.norm(M)), _TINY)
     sizes = np.where(np.isfinite(values) & (np.abs(values) < far), values, 0.0)
     rank = sizes.real - 2.0 * np.abs(sizes.imag) if nearly_real else np.abs(sizes)
     chosen = int(np.argmax(rank))
     w = u[:, chosen].conj()
-    scale = w @ right @ v[:, chosen]
+    scale = w @ with_fixed @ v[:, chosen]
     return complex(sizes[chosen]), w / (scale or _TINY), v[:, chosen]
 
 
-def _verified(M: Complex, unit: Complex, parts: Sequence[_Part]) -> SmallDelta:
+def _verified(M: Complex, unit: Complex, places: Sequence[_Place]) -> SmallDelta:
     """What a Delta of norm at most 1 proves: by its largest real positive lambda."""
-    left, right = _sides(M, unit, parts)
-    values = eig(left, right, right=False)
+    with_grown, with_fixed = _sides(M, unit, places)
+    values = eig(with_grown, with_fixed, right=False)
     far = _FAR * max(float(np.linalg.norm(M)), _TINY)
     values = values[np.isfinite(values) & (np.abs(values) < far)]
     fits = (values.real > 0.0) & (np.abs(values.imag) <= _REAL * np.abs(values))
@@ -381,9 +386,9 @@ def _verified(M: Complex, unit: Complex, parts: Sequence[_Part]) -> SmallDelta:
     if bound == 0.0:
         return SmallDelta(0.0, np.zeros_like(unit), 1.0)
     delta = unit.copy()
-    for part in parts:
-        if part.grows:
-            delta[part.w, part.z] /= bound
+    for place in places:
+        if place.grows:
+            delta[place.w, place.z] /= bound
     sizes = np.linalg.svd(np.eye(len(M)) - M @ delta, compute_uv=False)
     return SmallDelta(bound, delta, float(sizes[-1] / sizes[0]) if sizes[0] else 0.0)
 
@@ -419,10 +424,10 @@ def best_near(
         return matrix_and_slope(loop, w)
 
     if 0.0 < omega < np.inf:
-        found = delta_near(at, loop.blocks, loop.grows, omega, real, starts)
+        reached = delta_near(at, loop.blocks, loop.grows, omega, real, starts)
     else:
-        found = small_delta(at(omega)[0], loop.blocks, np.inf, loop.grows)._replace(omega=omega)
-    return found if found.bound > best.bound else best
+        reached = small_delta(at(omega)[0], loop.blocks, np.inf, loop.grows)._replace(omega=omega)
+    return reached if reached.bound > best.bound else best
 
 
 def first_reached(loop: Loop) -> SmallDelta:
@@ -447,19 +452,19 @@ def _places(A: Array) -> list[float]:
 
 def by_name(loop: Loop, delta: Complex) -> dict[str, Any]:
     """Numbers and matrices of the blocks of a Delta (n_w, n_z)."""
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     z = w = 0
     for block in loop.blocks:
-        part = delta[w : w + block.outputs, z : z + block.inputs]
+        value = delta[w : w + block.outputs, z : z + block.inputs]
         z, w = z + block.inputs, w + block.outputs
         if block.kind == "real":
-            found[block.name] = float(part[0, 0].real)
+            values[block.name] = float(value[0, 0].real)
         else:
-            found[block.name] = complex(part[0, 0]) if block.kind == "complex" else part.copy()
-    return found
+            values[block.name] = complex(value[0, 0]) if block.kind == "complex" else value.copy()
+    return values
 
 
-def changes(loop: Loop, found: SmallDelta) -> Array:
+def changes(loop: Loop, small: SmallDelta) -> Array:
     """How much the bound changes, to first order, as blocks grow by the same part (number of blocks,)."""
-    M = matrix_and_slope(loop, found.omega)[0]
-    return block_changes(M, loop.blocks, loop.grows, found)
+    M = matrix_and_slope(loop, small.omega)[0]
+    return block_changes(M, loop.blocks, loop.grows, small)
