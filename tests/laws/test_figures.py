@@ -11,7 +11,7 @@ import mbdlft
 from mbdlft import Angle, Inertia, Parameter, Revolute, RigidBody, Scene
 from mbdlft.show import save_orders, save_trims
 from mbdlft.show.figures.figures import over_frequency
-from mbdlft.show.figures.trims_and_orders import _draw, trim_curves
+from mbdlft.show.figures.trims_and_orders import orders_figure, trim_curves
 from tests.close import CLOSED_FORM, target
 
 _G = 9.81
@@ -64,8 +64,7 @@ def test_trim_over_an_angle_is_that_of_the_closed_form() -> None:
 
 def test_bars_are_the_numbers_of_the_certificate() -> None:
     model = mbdlft.to_lft(mbdlft.load_scene("scenarios/two_link_arm.toml"), search=0.0)
-    axes = Figure().add_subplot()
-    _draw(axes, model)
+    (axes,) = orders_figure(model).axes
     before, reduced = axes.containers
     said = model.certificate
     assert tuple(bar.get_width() for bar in before) == said.raw_order

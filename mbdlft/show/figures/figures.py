@@ -1,12 +1,15 @@
-"""What all figures share: the file, colors, decibels, samples that are drawn."""
+"""What all figures share: the file, panels and their labels, colors, decibels, samples that are drawn."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from numpy.typing import NDArray
 
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
@@ -18,28 +21,19 @@ from mbdlft.system.model import System
 SAMPLES = 300
 COLORS = ("#4477aa", "#cc6677", "#228833", "#aa7711", "#66ccee", "#aa3377")
 WORST = "#d62728"
-_WORK = 4e9  # products that the responses of all samples may take
+_WORK = 4e9  # products that the responses of all samples may take: a minute or two
 _EACH = 500  # frequencies of a sample, about
-_IN_A_DECADE, _EVENLY = (
-    100,
-    (100, 500),
-)  # frequencies that are evenly spaced; all of them, in pixels
-_RAISED = str.maketrans(
+_IN_A_DECADE, _EVENLY = 100, (100, 500)  # evenly spaced frequencies; all of them, by pixels
+_SUPERSCRIPTS = str.maketrans(
     "-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079"
 )
 _DOTS = 150  # in an inch
-_FLOOR = 160.0  # dB below the highest value: what is lower is cut
+_FLOOR = 160.0  # dB below the highest value, where rounding of doubles begins: what is lower is cut
 _ROOM = 0.04  # of the height of the axes, above and below the curves
 
 
 def check_figure(path: str | Path) -> None:
-    """Raise an error if it is known before the work that a figure cannot be written here.
-
-    Raises
-    ------
-    AnalysisError
-        Its folder does not exist, or its ending is not that of a figure.
-    """
+    """Raise an AnalysisError, before the work, for a missing folder or an ending not of a figure."""
     file, endings = Path(path), Figure().canvas.get_supported_filetypes()
     problem = ""
     if not file.parent.is_dir():
@@ -52,15 +46,9 @@ def check_figure(path: str | Path) -> None:
 
 
 def write_figure(figure: Figure, path: str | Path) -> None:
-    """Write a figure into a file.
-
-    Raises
-    ------
-    AnalysisError
-        The file cannot be written.
-    """
+    """Write a figure into a file; names of a user are shown as they are."""
     figure.set_dpi(_DOTS)
-    _as_they_are(figure)
+    _show_dollars(figure)
     engine = figure.get_layout_engine()
     try:
         if engine is not None:  # once, instead of a drawing that nobody sees
@@ -71,27 +59,67 @@ def write_figure(figure: Figure, path: str | Path) -> None:
         raise AnalysisError(f"{path}: the figure cannot be written: {error}.") from None
 
 
-def _as_they_are(figure: Figure) -> None:
+def _show_dollars(figure: Figure) -> None:
     """Titles, labels and legends have names of a user, whose dollars are no mathematics."""
-    texts: list[Text] = []
+    texts: list[Text] = [*figure.texts]
     for axes in figure.axes:
         texts += [axes.title, axes.xaxis.label, axes.yaxis.label, *axes.texts]
-    legends = [axes.get_legend() for axes in figure.axes]
-    for legend in (*legends, *figure.legends):
+    for legend in (*(axes.get_legend() for axes in figure.axes), *figure.legends):
         texts += legend.get_texts() if legend is not None else []
-    for text in (*texts, *figure.texts):
+    for text in texts:
         text.set_parse_math(False)
 
 
-def drawn_channels(
-    model: System, outputs: Names, inputs: Names, most: int
-) -> tuple[list[int], list[int]]:
-    """Numbers of the outputs and inputs of these names, all without names.
+def panel(
+    title: str, x: str, y: str = "", size: tuple[float, float] = (8.0, 5.0), which: str = "major"
+) -> tuple[Figure, Axes]:
+    """A figure with one panel, its title and the labels of its axes; `which` lines its grid has."""
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.add_subplot()
+    axes.set(title=title, xlabel=x, ylabel=y)
+    draw_grid(axes, which)
+    return figure, axes
 
-    Raises
-    ------
-    AnalysisError
-        There is nothing to draw, there are more than `most` channels, or a name is unknown.
+
+def draw_grid(axes: Axes, which: str = "major") -> None:
+    """Thin lines behind the curves."""
+    axes.grid(visible=True, which=which, linewidth=0.3, alpha=0.5)
+
+
+def facts(model: System) -> str:
+    """Name, number of parameters and order of a model, as a title."""
+    return f"{model.name}: {len(model.parameters)} parameters, order {model.order}"
+
+
+class Channels(NamedTuple):
+    """Panels of the channels that a figure shows.
+
+    Attributes
+    ----------
+    rows, columns : numbers of the outputs and inputs in the model
+    axes : object array (outputs, panels of a channel, inputs)
+    """
+
+    figure: Figure
+    rows: list[int]
+    columns: list[int]
+    axes: NDArray[Any]
+
+    def finish(self, model: System, count: int, x: str) -> None:
+        """Label the horizontal axes and the whole figure, which shows `count` samples."""
+        for axes in self.axes[-1, -1]:
+            axes.set_xlabel(x)
+        handles, labels = self.axes[0, 0, 0].get_legend_handles_labels()
+        self.figure.legend(handles, labels, loc="outside lower right", ncols=3, fontsize="small")
+        self.figure.suptitle(f"{model.name}: nominal" + (f" and {count} samples" if count else ""))
+
+
+def channel_panels(
+    model: System, outputs: Names, inputs: Names, most: int, heights: Sequence[float]
+) -> Channels:
+    """Panels of these heights (inches), one below the other, for each channel; all without names.
+
+    There is an AnalysisError for more than `most` channels, for none, and for unknown names.
     """
     rows = chosen(model.name, "output", outputs, model.outputs, "channels to draw")
     columns = chosen(model.name, "input", inputs, model.inputs, "channels to draw")
@@ -100,14 +128,28 @@ def drawn_channels(
             f"model {model.name!r}: {len(rows)} x {len(columns)} channels are more than the {most} that "
             "a figure has room for. Choose some outputs and inputs."
         )
-    return rows, columns
+    size = (max(6.0, 4.2 * len(columns)), 1.0 + sum(heights) * len(rows))
+    figure = Figure(figsize=size, layout="constrained")
+    panels = figure.subplots(
+        len(heights) * len(rows), len(columns), sharex=True, squeeze=False,
+        height_ratios=[*heights] * len(rows),
+    )  # fmt: skip
+    shape = (len(rows), len(heights), len(columns))
+    return Channels(figure, rows, columns, panels.reshape(shape))
 
 
 def drawn_samples(system: System, seed: int, most: int = SAMPLES) -> tuple[dict[str, Array], int]:
     """Random samples, and how many: `most`, or fewer of a large model; none without parameters."""
     each = _EACH * max(1.0, float(len(system.states)) ** 2 * max(1, len(system.inputs)))
     count = int(max(min(20, most), min(most, _WORK / each))) if system.parameters else 0
-    return random(system.parameters, count, seed), count
+    return (random(system.parameters, count, seed) if count else {}), count
+
+
+def draw_cloud(axes: Axes, x: Array, curves: Array, color: str, alpha: float, label: str) -> None:
+    """Thin lines of samples over x, both (N, F), with a thick one in the legend."""
+    lines = [np.column_stack(pair) for pair in zip(x, curves, strict=True)]
+    axes.add_collection(LineCollection(lines, colors=color, linewidths=0.5, alpha=alpha))
+    axes.plot([], [], color=color, linewidth=2.0, alpha=0.5, label=label)
 
 
 def drawn_frequencies(
@@ -116,11 +158,9 @@ def drawn_frequencies(
     ends: tuple[float, float] | None = None,
 ) -> Array:
     """Frequencies (N, F) of a figure, rad/s: as `response_frequencies`, as many in each decade."""
-    low, high = ends or (None, None)
-    two = response_frequencies(system, values, low, high, 2)
-    decades = float(np.log10(two[0, -1] / two[0, 0]))
-    points = int(np.clip(_IN_A_DECADE * decades, *_EVENLY))
-    return response_frequencies(system, values, float(two[0, 0]), float(two[0, -1]), points)
+    low, high = ends or response_frequencies(system, values, None, None, 2)[0, [0, -1]].tolist()
+    points = int(np.clip(_IN_A_DECADE * np.log10(high / low), *_EVENLY))
+    return response_frequencies(system, values, low, high, points)
 
 
 def decibels(values: Array) -> Array:
@@ -140,26 +180,25 @@ def set_heights(axes: Axes, values: Array) -> None:
 
 
 def over_frequency(axes: Axes, first: float, last: float) -> None:
-    """A logarithmic axis of frequencies; its powers of ten are plain text, which is drawn soon.
+    """A logarithmic axis of frequencies, with powers of ten as plain text, which is drawn faster.
 
     An axis of less than two decades has the labels of matplotlib, also between powers of ten.
     """
     axes.set(xscale="log", xlim=(first, last))
     if last >= 100.0 * first:
-        axes.xaxis.set_major_formatter(lambda value, _: _power(value))
+        axes.xaxis.set_major_formatter(lambda omega, _: _power(omega))
 
 
 def _power(value: float) -> str:
-    """A power of ten with a raised exponent, as text."""
+    """A power of ten as plain text."""
     exponent = f"{np.log10(value):.0f}" if value > 0.0 else ""
-    return "10" + exponent.translate(_RAISED)
+    return "10" + exponent.translate(_SUPERSCRIPTS)
 
 
 def mark_unbounded(axes: Axes, system: System) -> None:
     """Lines at the frequencies, but zero, at which the nominal response is infinite."""
-    (found,) = unbounded_frequencies(system)
+    (unbounded,) = unbounded_frequencies(system)
     first, last = axes.get_xlim()
-    shown = [omega for omega in found if first < omega < last]
-    for k, omega in enumerate(shown):
+    for k, omega in enumerate(unbounded[(first < unbounded) & (unbounded < last)]):
         label = "" if k else "unbounded at nominal: pole without damping"
         axes.axvline(omega, color="black", linewidth=0.9, linestyle=":", label=label)

@@ -1,8 +1,7 @@
-"""Poles in the complex plane: over one parameter, or of random samples.
+"""Poles in the complex plane, and what is proved of them and of gains: bounds drawn as steps.
 
-How a worst case grows with the box of the parameters: bounds as steps.
-
-The structured singular value over frequency: bounds that are proved on bands, as steps.
+A bound of a worst case that is proved for a box holds for every smaller box; a bound of the structured
+singular value is proved on a band of frequencies.
 """
 
 from collections.abc import Sequence
@@ -11,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
@@ -28,8 +26,11 @@ from mbdlft.show.figures.figures import (
     SAMPLES,
     WORST,
     check_figure,
+    draw_grid,
     drawn_samples,
+    facts,
     over_frequency,
+    panel,
     write_figure,
 )
 from mbdlft.system.model import System
@@ -71,40 +72,37 @@ def save_pole_map(
         raise AnalysisError(
             f"model {model.name!r}: " + unknown_name("parameter", parameter, model.parameters.names)
         )
-    figure = Figure(figsize=(8.0, 6.0), layout="constrained")
-    axes = figure.add_subplot()
+    labels = "real part (rad/s)", "imaginary part (rad/s)"
+    figure, axes = panel(f"{model.name}: poles", *labels, (8.0, 6.0))
     nominal = poles(model)[0]
-    title = "poles"
-    found = nominal[None]
+    drawn = nominal[None]
     if parameter is not None:
         values = grid(model.parameters, {parameter: _STEPS})
-        found = poles(model, values)
-        shade = np.repeat(values[parameter], found.shape[1])
-        drawn = axes.scatter(
-            found.real.ravel(), found.imag.ravel(), c=shade, s=9, cmap="viridis", linewidths=0
+        drawn = poles(model, values)
+        shade = np.repeat(values[parameter], drawn.shape[1])
+        dots = axes.scatter(
+            drawn.real.ravel(), drawn.imag.ravel(), c=shade, s=9, cmap="viridis", linewidths=0
         )
-        unit = model.parameters[parameter].unit
-        figure.colorbar(drawn, label=f"{parameter} ({unit})")
-        title = f"poles over {parameter}, the others nominal"
+        figure.colorbar(dots, label=f"{parameter} ({model.parameters[parameter].unit})")
+        axes.set_title(f"{model.name}: poles over {parameter}, the others nominal")
     elif model.parameters:
         values, count = drawn_samples(model, seed, most_samples)
-        found = poles(model, values)
+        drawn = poles(model, values)
         axes.plot(
-            found.real.ravel(), found.imag.ravel(), ".", color=COLORS[0], markersize=4.0, alpha=0.5,
+            drawn.real.ravel(), drawn.imag.ravel(), ".", color=COLORS[0], markersize=4.0, alpha=0.5,
             markeredgewidth=0.0, label=f"{count} samples",
         )  # fmt: skip
-        title = "poles of samples"
+        axes.set_title(f"{model.name}: poles of samples")
     axes.plot(nominal.real, nominal.imag, "x", color="black", markersize=7.0, label="nominal")
-    _frame(axes, np.concatenate([found.ravel(), nominal]))
-    axes.set_title(f"{model.name}: {title}")
+    _frame(axes, np.concatenate([drawn.ravel(), nominal]))
     figure.legend(loc="outside lower right", ncols=2, fontsize="small")
     write_figure(figure, path)
 
 
-def _frame(axes: Axes, found: NDArray[np.complex128]) -> None:
-    """Limits and labels; what is right of the imaginary axis is unstable, and shaded."""
-    real, imaginary = found.real, found.imag
-    size = float(np.max(np.abs(found))) or 1.0
+def _frame(axes: Axes, drawn: NDArray[np.complex128]) -> None:
+    """Limits around the poles; what is right of the imaginary axis is unstable, and shaded."""
+    real, imaginary = drawn.real, drawn.imag
+    size = float(np.max(np.abs(drawn))) or 1.0
     width = max(float(np.max(real) - min(np.min(real), 0.0)), 1e-3 * size)
     height = max(float(np.max(np.abs(imaginary))), 0.1 * width)
     left = min(float(np.min(real)), 0.0) - _ROOM * width
@@ -113,12 +111,9 @@ def _frame(axes: Axes, found: NDArray[np.complex128]) -> None:
     axes.axvspan(0.0, right, color=WORST, alpha=0.08, linewidth=0.0)
     axes.axvline(0.0, color="black", linewidth=0.8)
     axes.axhline(0.0, color="black", linewidth=0.4)
-    axes.set_xlabel("real part (rad/s)")
-    axes.set_ylabel("imaginary part (rad/s)")
-    axes.grid(visible=True, linewidth=0.3, alpha=0.5)
 
 
-_SIZES = 12
+_SIZES = 12  # boxes, by default: each is a search of its own
 _DECADE = 10.0  # a larger range of values is drawn in logarithms
 _IS_LOWER = ("smallest damping", "smallest disk margin")  # what is proved is the lower bound
 
@@ -162,47 +157,30 @@ def save_growth(
     """
     check_figure(path)
     end = 0.98 * margin.lower if margin is not None and margin.lower > 0.0 else 1.0
-    given = np.linspace(0.0, end, _SIZES + 1)[1:] if sizes is None else np.array(sizes, dtype=float)
-    if not len(given) or not (given[0] > 0.0 and np.all(np.diff(given) > 0.0)):
+    scales = np.linspace(0.0, end, _SIZES + 1)[1:] if sizes is None else np.array(sizes, float)
+    if not len(scales) or not (scales[0] > 0.0 and np.all(np.diff(scales) > 0.0)):
         raise AnalysisError(f"save_growth: expected sizes that rise from above 0, got {sizes!r}.")
-    asked: dict[str, Any] = {"gap": gap, "work": work, "leave_out": leave_out}
-    found = []
-    for size in given:
-        box = _of_size(model, float(size))
+    search: dict[str, Any] = {"gap": gap, "work": work, "leave_out": leave_out}
+    bounds = []
+    for scale in scales:
+        box = _scaled(model, float(scale))
         if what == "gain":
-            found.append(worst_case_gain(box, inputs, outputs, **asked))
+            bounds.append(worst_case_gain(box, inputs, outputs, **search))
         else:
-            found.append(worst_case(box, what, inputs, outputs, **asked))
-    is_lower = found[0].kind in _IS_LOWER
-    proved = np.array([each.lower if is_lower else each.upper for each in found])
-    reached = np.array([each.upper if is_lower else each.lower for each in found])
-    _draw(path, model, found[0].kind, given, proved, reached, margin)
-
-
-def _of_size(model: System, size: float) -> System:
-    """The system whose deltas are these over a size."""
-    lft = model.lft
-    scaled = LFT(size * lft.M11, size * lft.M12, lft.M21, lft.M22, lft.blocks)
-    name = f"{model.name}, {size:.4g} times the box"
-    return System(name, scaled, model.states, model.inputs, model.outputs, model.parameters)
-
-
-def _draw(
-    path: str | Path,
-    model: System,
-    kind: str,
-    sizes: Array,
-    proved: Array,
-    reached: Array,
-    margin: Bounds | None,
-) -> None:
-    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
-    axes = figure.add_subplot()
-    edges = np.append(0.0, sizes)
-    shown = np.where(np.isfinite(proved), proved, np.nan)
-    axes.stairs(shown, edges, baseline=None, color=COLORS[0], linewidth=1.4, label="proved")
-    reached = np.where(np.isfinite(reached), reached, np.nan)
-    axes.step(sizes, reached, ".-", where="post", color=COLORS[1], linewidth=1.0, label="reached")
+            bounds.append(worst_case(box, what, inputs, outputs, **search))
+    kind = bounds[0].kind
+    upper, lower = (_finite([getattr(b, end) for b in bounds]) for end in ("upper", "lower"))
+    proved, reached = (lower, upper) if kind in _IS_LOWER else (upper, lower)
+    figure, axes = panel(facts(model), "size of the box (times the declared ranges)", kind)
+    axes.stairs(
+        proved,
+        np.append(0.0, scales),
+        baseline=None,
+        color=COLORS[0],
+        linewidth=1.4,
+        label="proved",
+    )
+    axes.step(scales, reached, ".-", where="post", color=COLORS[1], linewidth=1.0, label="reached")
     if margin is not None:
         for value, style, label in (
             (margin.lower, "--", f"margin, proved: {margin.lower:.4g}"),
@@ -211,16 +189,26 @@ def _draw(
             if np.isfinite(value):
                 axes.axvline(value, color=WORST, linestyle=style, linewidth=1.0, label=label)
     axes.axvline(1.0, color="black", linewidth=0.6)
-    known = np.concatenate([shown, reached])
-    known = known[np.isfinite(known)]
-    if len(known) and np.min(known) > 0.0 and np.max(known) > _DECADE * np.min(known):
+    values = np.concatenate([proved, reached])
+    values = values[np.isfinite(values)]
+    if len(values) and np.min(values) > 0.0 and np.max(values) > _DECADE * np.min(values):
         axes.set_yscale("log")
-    axes.set_xlabel("size of the box (times the declared ranges)")
-    axes.set_ylabel(kind)
-    axes.set_title(f"{model.name}: {len(model.parameters)} parameters, order {model.order}")
-    axes.grid(visible=True, linewidth=0.3, alpha=0.5)
+        draw_grid(axes)
     axes.legend(fontsize="small")
     write_figure(figure, path)
+
+
+def _scaled(model: System, size: float) -> System:
+    """The system over the box of `size` times its ranges: each delta is multiplied by the size."""
+    lft = model.lft
+    scaled = LFT(size * lft.M11, size * lft.M12, lft.M21, lft.M22, lft.blocks)
+    name = f"{model.name}, {size:.4g} times the box"
+    return System(name, scaled, model.states, model.inputs, model.outputs, model.parameters)
+
+
+def _finite(values: Sequence[float] | Array) -> Array:
+    """Values, with nan, which is not drawn, for what is infinite."""
+    return np.where(np.isfinite(values), values, np.nan)
 
 
 _DECADES = 1.5  # beyond the poles
@@ -256,16 +244,16 @@ def save_mu(
     sizes = sizes[sizes > 0.0] if np.any(sizes) else np.ones(1)
     ends = np.array([np.min(sizes), np.max(sizes)]) * 10.0 ** np.array([-_DECADES, _DECADES])
     low, high = (float(end) for end in ends)
-    found = mu_bands(model, low, high, gap=gap, leave_out=leave_out)
-    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
-    axes = figure.add_subplot()
-    top = np.where(np.isfinite(found.upper), found.upper, np.nan)
-    label = f"D and G on {len(top)} bands: proved for all frequencies in them"
-    axes.stairs(top, found.edges, baseline=None, color=COLORS[0], linewidth=1.4, label=label)
-    seen = found.lower > 0.0
-    if np.any(seen):
+    mu = mu_bands(model, low, high, gap=gap, leave_out=leave_out)
+    labels = "frequency (rad/s)", "structured singular value"
+    figure, axes = panel(facts(model), *labels, which="both")
+    upper = _finite(mu.upper)
+    label = f"D and G on {len(upper)} bands: proved for all frequencies in them"
+    axes.stairs(upper, mu.edges, baseline=None, color=COLORS[0], linewidth=1.4, label=label)
+    positive = mu.lower > 0.0
+    if np.any(positive):
         axes.plot(
-            found.at[seen], found.lower[seen], ".", color=COLORS[2], markersize=4.0,
+            mu.at[positive], mu.lower[positive], ".", color=COLORS[2], markersize=4.0,
             label="reached at one frequency",
         )  # fmt: skip
     if margin is not None and margin.lower > 0.0:
@@ -277,9 +265,5 @@ def save_mu(
         axes.plot([at], [1.0 / margin.upper], "o", color=WORST, markersize=5.0, label=label)
     over_frequency(axes, low, high)
     axes.set_ylim(bottom=0.0)
-    axes.set_xlabel("frequency (rad/s)")
-    axes.set_ylabel("structured singular value")
-    axes.set_title(f"{model.name}: {len(model.parameters)} parameters, order {model.order}")
-    axes.grid(visible=True, which="both", linewidth=0.3, alpha=0.5)
     axes.legend(fontsize="small")
     write_figure(figure, path)

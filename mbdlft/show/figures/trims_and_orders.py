@@ -1,21 +1,17 @@
-"""Bars of the repetitions of each parameter: before reduction, of the model, and proved to be needed.
-
-What holds the equilibrium, over one parameter: trimmed efforts and loads.
-"""
+"""What a model has apart from its responses: repetitions of its parameters, and its equilibrium."""
 
 import math
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.samples import grid, random
-from mbdlft.show.figures.figures import COLORS, WORST, check_figure, write_figure
+from mbdlft.show.figures.figures import COLORS, WORST, check_figure, draw_grid, write_figure
 from mbdlft.system.model import LFTModel, System
 from mbdlft.system.points import trim_at
 
@@ -49,36 +45,33 @@ def save_orders(path: str | Path, model: System) -> None:
         raise AnalysisError(
             f"model {model.name!r}: without parameters there are no orders to draw."
         )
-    count = len(model.parameters)
-    figure = Figure(figsize=(8.0, 1.7 + 0.3 * count), layout="constrained")
-    _draw(figure.add_subplot(), model)
-    figure.legend(loc="outside lower center", ncols=3, fontsize="small")
-    write_figure(figure, path)
+    write_figure(orders_figure(model), path)
 
 
-def _draw(axes: Axes, model: LFTModel) -> None:
-    """The bars, the first parameter on top."""
-    said, rows = model.certificate, np.arange(len(model.parameters))
-    axes.barh(rows, said.raw_order, _WIDE, color=_BEFORE, label="before reduction")
-    axes.barh(rows, said.order, _NARROW, color=COLORS[0], label="of the model")
+def orders_figure(model: LFTModel) -> Figure:
+    """The bars of `save_orders`, the first parameter on top."""
+    c, rows = model.certificate, np.arange(len(model.parameters))
+    figure = Figure(figsize=(8.0, 1.7 + 0.3 * len(rows)), layout="constrained")
+    axes = figure.add_subplot()
+    axes.barh(rows, c.raw_order, _WIDE, color=_BEFORE, label="before reduction")
+    axes.barh(rows, c.order, _NARROW, color=COLORS[0], label="of the model")
     low, high = rows - 0.5 * _WIDE, rows + 0.5 * _WIDE
-    axes.vlines(said.lower_bound, low, high, color=WORST, linewidth=2.0, label="proved lower bound")
-    for row, (order, bound, raw) in enumerate(
-        zip(said.order, said.lower_bound, said.raw_order, strict=True)
-    ):
+    axes.vlines(c.lower_bound, low, high, color=WORST, linewidth=2.0, label="proved lower bound")
+    for row, order, bound, raw in zip(rows, c.order, c.lower_bound, c.raw_order, strict=True):
         text = f" {order}" if order == bound else f" {order}, at least {bound}"
         axes.text(max(order, raw), row, text, va="center", fontsize="small")
     axes.set_yticks(rows, [p.name for p in model.parameters])
     axes.invert_yaxis()
-    axes.set_xlim(0.0, 1.15 * max(1, *said.raw_order, *said.order))
+    axes.set_xlim(0.0, 1.15 * max(1, *c.raw_order, *c.order))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_xlabel("repetitions")
-    total = max(said.order_bound, sum(said.lower_bound))
-    proved = "minimal: proved" if said.minimal else f"at least {total}: proved"
-    if not said.exact:
+    total = max(c.order_bound, sum(c.lower_bound))
+    proved = "minimal: proved" if c.minimal else f"at least {total}: proved"
+    if not c.exact:
         proved = "not exact; the bounds are those of exact models"
-    axes.set_title(f"{model.name}: order {model.order}, {proved}")
+    axes.set(title=f"{model.name}: order {model.order}, {proved}", xlabel="repetitions")
     axes.grid(visible=True, axis="x", linewidth=0.3, alpha=0.5)
+    figure.legend(loc="outside lower center", ncols=3, fontsize="small")
+    return figure
 
 
 _STEPS = 81  # values of the parameter
@@ -131,7 +124,7 @@ def save_trims(
     name = parameter or _strongest(trimmed)
     curves = trim_curves(trimmed, name, seed)
     signals = trimmed.trim.signals
-    largest = _sizes(trimmed, curves)
+    largest = _sizes(trimmed, np.concatenate([curves.low, curves.high]))
     change = (np.max(curves.high, axis=0) - np.min(curves.low, axis=0)) / largest
     shown = sorted(sorted(range(len(signals)), key=lambda k: -change[k])[:_MOST])
     wide = min(3, len(shown))
@@ -149,9 +142,8 @@ def save_trims(
         if change[k] < _STILL:  # rounding is not to be seen as a shape
             middle = float(curves.nominal[0, k])
             axes.set_ylim(middle - largest[k], middle + largest[k])
-        axes.set_ylabel(f"{signals[k].name} ({signals[k].unit})")
-        axes.set_xlabel(f"{name} ({unit})")
-        axes.grid(visible=True, linewidth=0.3, alpha=0.5)
+        axes.set(xlabel=f"{name} ({unit})", ylabel=f"{signals[k].name} ({signals[k].unit})")
+        draw_grid(axes)
     more = f", {_MOST} of {len(signals)} signals" if len(signals) > _MOST else ""
     figure.suptitle(f"{model.name}: what holds the equilibrium, over {name}{more}")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2,
@@ -169,8 +161,8 @@ def trim_curves(model: LFTModel, parameter: str, seed: int = 0) -> TrimCurves:
         drawn = random(others, _OTHERS, seed)
         spread = {name: np.repeat(values, _STEPS) for name, values in drawn.items()}
         spread[parameter] = np.tile(along, _OTHERS)
-        found = trim_at(model, spread).reshape(_OTHERS, _STEPS, -1)
-        low, high = np.minimum(low, found.min(axis=0)), np.maximum(high, found.max(axis=0))
+        sampled = trim_at(model, spread).reshape(_OTHERS, _STEPS, -1)
+        low, high = np.minimum(low, sampled.min(axis=0)), np.maximum(high, sampled.max(axis=0))
     return TrimCurves(along, nominal, low, high)
 
 
@@ -194,17 +186,16 @@ def _checked(model: System, parameter: str | None) -> LFTModel:
 
 def _strongest(model: LFTModel) -> str:
     """The parameter whose range changes the trim most, relative to the largest of each unit."""
-    moved = []
+    changes = []
     for p in model.parameters:
-        found = trim_at(model, grid(model.parameters, {p.name: 9}))
-        curves = TrimCurves(found, found, found, found)
-        moved.append(float(np.max(np.ptp(found, axis=0) / _sizes(model, curves))))
-    return model.parameters[int(np.argmax(moved))].name
+        efforts = trim_at(model, grid(model.parameters, {p.name: 9}))
+        changes.append(float(np.max(np.ptp(efforts, axis=0) / _sizes(model, efforts))))
+    return model.parameters[int(np.argmax(changes))].name
 
 
-def _sizes(model: LFTModel, curves: TrimCurves) -> Array:
-    """The largest size of all trimmed signals of the same unit, (nt,); 1 where all are zero."""
-    size = np.maximum(np.abs(curves.low), np.abs(curves.high)).max(axis=0)
+def _sizes(model: LFTModel, efforts: Array) -> Array:
+    """The largest size of all trimmed signals (N, nt) of the same unit, (nt,); 1 where all are zero."""
+    size = np.abs(efforts).max(axis=0)
     units = np.array([signal.unit for signal in model.trim.signals])
     largest = np.array([size[units == unit].max() for unit in units])
     return np.where(largest > 0.0, largest, 1.0)
