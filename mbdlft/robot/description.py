@@ -6,9 +6,12 @@ parent at
 
     R_pc = R_z(yaw) R_y(pitch) R_x(roll),    r_pc = xyz - R_pc anchor
 
-The tree of links and joints: unique names, its root, and links without mass that are added to it.
+The links and joints are a tree with unique names; links without mass are added to it where something
+stands at a place of its own. Of a rotation near a pitch of 90 deg, roll and yaw are not determined one by
+one: its yaw is zero.
 """
 
+import math
 from collections.abc import Container, Mapping, Sequence
 from typing import NamedTuple, TypeVar
 
@@ -17,8 +20,8 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.multibody.body import GROUND
-from mbdlft.robot.elements import Triple, angles_of, three
 
+Triple = tuple[float, float, float]
 WORLD = ""  # the parent of joints on the ground; no link has this name
 ENTRIES = ("xx", "xy", "xz", "yy", "yz", "zz")
 ZERO: Triple = (0.0, 0.0, 0.0)
@@ -230,3 +233,68 @@ def aligned(loop: RobotLoop, R_pc: Array, taken: Container[str]) -> tuple[RobotL
     at = np.array(loop.at_child)
     side = welded(name, unused(f"weld_{name}", taken), loop.child, at, R_pc.T)
     return loop._replace(child=name, at_child=ZERO), [side]
+
+
+_STEEP = 1e-9  # cosine of a pitch near 90 deg, where yaw and roll turn about the same axis
+
+
+def of_quaternion(quaternion: Array) -> Array:
+    """The rotation (3, 3) of a quaternion (4,), w first; its length is ignored, but must not be zero."""
+    size = float(np.max(np.abs(quaternion)))
+    if not 0.0 < size < np.inf:
+        listed = " ".join(f"{entry:g}" for entry in quaternion)
+        raise SceneError(f"the quaternion {listed} is no rotation; its length must not be zero.")
+    entries = np.asarray(quaternion, dtype=float) / size  # no overflow
+    w, x, y, z = entries / np.linalg.norm(entries)
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+
+
+def of_angles(rpy: Triple) -> Array:
+    """The rotation (3, 3) of roll, pitch and yaw (rad)."""
+    turned = np.eye(3)
+    for axis, angle in enumerate(rpy):
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        turn = np.eye(3)
+        turn[[i, j], [i, j]] = math.cos(angle)
+        turn[i, j], turn[j, i] = -math.sin(angle), math.sin(angle)
+        turned = turn @ turned
+    return turned
+
+
+def between(a: Array, b: Array) -> Array:
+    """The rotation (3, 3) by the least angle that turns the direction `a` (3,) into that of `b`."""
+    with np.errstate(all="ignore"):
+        u, v = (vector / np.max(np.abs(vector)) for vector in (a, b))
+        u, v = u / np.linalg.norm(u), v / np.linalg.norm(v)
+    if not np.isfinite([u, v]).all():
+        raise SceneError("a direction has no length; expected three numbers that are not all zero.")
+    half = u + v
+    if np.linalg.norm(half) < _STEEP:  # opposite: half a turn about any axis across
+        across = np.cross(u, np.eye(3)[np.argmin(np.abs(u))])
+        across /= np.linalg.norm(across)
+        return 2.0 * np.outer(across, across) - np.eye(3)
+    half /= np.linalg.norm(half)
+    # a half turn about a, then one about the direction in the middle
+    return (2.0 * np.outer(half, half) - np.eye(3)) @ (2.0 * np.outer(u, u) - np.eye(3))
+
+
+def angles_of(R: Array) -> Triple:
+    """Roll, pitch and yaw (rad) of a rotation (3, 3), whose rotation is R up to rounding at any pitch."""
+    cosine = math.hypot(R[0, 0], R[1, 0])
+    pitch = math.atan2(-R[2, 0], cosine)
+    yaw = math.atan2(R[1, 0], R[0, 0]) if cosine > _STEEP else 0.0
+    along = np.array([-math.sin(yaw), math.cos(yaw), 0.0])  # the second row of R_z(-yaw)
+    roll = math.atan2(-(along @ R[:, 2]), along @ R[:, 1])
+    return roll, pitch, yaw
+
+
+def three(vector: Array) -> Triple:
+    """The entries of a vector (3,) as numbers, without negative zeros."""
+    x, y, z = (float(entry) + 0.0 for entry in vector)
+    return x, y, z

@@ -1,26 +1,22 @@
-"""XML elements with their lines in a file, and the numbers in their attributes.
+"""XML elements with their lines in a file, and what URDF and SDF share: numbers, axes, mimic joints.
 
 The expat parser of the standard library reads the file: it knows the line of each element, accepts tags
-with the prefix of xacro, and loads no other file.
-
-Rotations as roll, pitch and yaw, with the right angles that they have.
-
-R = R_z(yaw) R_y(pitch) R_x(roll)
+with the prefix of xacro, and loads no other file. The formats differ in where a number stands: URDF has
+attributes, SDF has text between the tags of a child. A `Reader` is one of the two.
 """
 
 import math
+import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 from xml.parsers import expat
 
-import numpy as np
-
-from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError
+from mbdlft.robot.description import Mimic, Triple
 
-Triple = tuple[float, float, float]
-
-
+NO_LIMIT = 1e16  # SDF: a limit of this size is none
 XACRO = (
     "This is a xacro file or a part of one. Expand it first: xacro robot.urdf.xacro > robot.urdf"
 )
@@ -92,36 +88,96 @@ def name_of(element: Element) -> str:
     return name
 
 
-def optional_number(element: Element | None, key: str, where: str) -> float | None:
-    """The number of an attribute, or None if there is none."""
-    if element is None or key not in element.attributes:
+class Reader(Protocol):
+    """Reads `count` finite numbers called `key` of an element; None if it has none, or is None."""
+
+    def __call__(
+        self, owner: Element | None, key: str, where: str, count: int = 1
+    ) -> Sequence[float] | None: ...
+
+
+def attribute_numbers(
+    owner: Element | None, key: str, where: str, count: int = 1
+) -> Sequence[float] | None:
+    """Numbers of an attribute, as URDF has them."""
+    if owner is None or key not in owner.attributes:
         return None
-    return number(element, key, where)
+    place = f"line {owner.line}: {where}: <{owner.tag}>, {key}"
+    return _finite(owner.attributes[key], place, count)
 
 
-def number(element: Element, key: str, where: str) -> float:
-    """The number of an attribute."""
-    (value,) = _numbers(element, key, where, 1)
-    return value
-
-
-def triple(element: Element, key: str, where: str) -> Triple:
-    """The three numbers of an attribute."""
-    x, y, z = _numbers(element, key, where, 3)
-    return x, y, z
-
-
-def _numbers(element: Element, key: str, where: str, count: int) -> Sequence[float]:
-    """The `count` finite numbers of an attribute."""
-    place = f"line {element.line}: {where}: <{element.tag}>, {key}"
-    if key not in element.attributes:
-        raise SceneError(f"{place}: is missing; expected {_expected(count)}.")
-    return _finite(element.attributes[key], place, count)
+def child_numbers(
+    owner: Element | None, key: str, where: str, count: int = 1
+) -> Sequence[float] | None:
+    """Numbers between the tags of a child, as SDF has them; ``inf`` is a number of 1e16."""
+    child = owner.only(key) if owner else None
+    if child is None:
+        return None
+    if count == 1 and (
+        match := re.fullmatch(r"\s*([+-]?)inf(inity)?\s*", child.text, re.IGNORECASE)
+    ):
+        return [-NO_LIMIT if match[1] == "-" else NO_LIMIT]
+    return content_numbers(child, where, count)
 
 
 def content_numbers(element: Element, where: str, count: int) -> Sequence[float]:
     """The `count` finite numbers between the tags of an element."""
     return _finite(element.text.strip(), f"line {element.line}: {where}: <{element.tag}>", count)
+
+
+def needed(element: Element, key: str, where: str, count: int = 1) -> Sequence[float]:
+    """The numbers of an attribute that must be there."""
+    numbers = attribute_numbers(element, key, where, count)
+    if numbers is None:
+        raise SceneError(
+            f"line {element.line}: {where}: <{element.tag}>, {key}: is missing; expected "
+            f"{_expected(count)}."
+        )
+    return numbers
+
+
+def checked_axis(direction: Sequence[float], axis: Element, where: str) -> Triple:
+    """The direction of an axis, which has a length."""
+    x, y, z = direction
+    if not any(direction):
+        raise SceneError(
+            f"line {axis.line}: {where}: the axis has zero length. Give a direction; its length is "
+            "ignored."
+        )
+    return x, y, z
+
+
+def others(element: Element, used: Mapping[str, Sequence[str]]) -> Counter[str]:
+    """Counts by tag of what says nothing about the dynamics: children of owners that do not use them."""
+    counts: Counter[str] = Counter()
+    for child in element.children:
+        if child.tag in used:
+            counts.update(others(child, used))
+        elif child.tag not in used[element.tag]:
+            counts[child.tag] += 1
+    return counts
+
+
+def mimic_of(owner: Element, read: Reader, where: str, scope: str = "") -> Mimic | None:
+    """The contents of an element <mimic>: multiplier (leader - reference) + offset."""
+    mimic = owner.only("mimic")
+    if mimic is None:
+        return None
+    if "joint" not in mimic.attributes:
+        raise SceneError(f"line {mimic.line}: {where}: <mimic>: the attribute 'joint' is missing.")
+    ((multiplier,), (offset,), (reference,)) = (
+        read(mimic, key, where) or (default,)
+        for key, default in (("multiplier", 1.0), ("offset", 0.0), ("reference", 0.0))
+    )
+    return Mimic(scope + mimic.attributes["joint"], multiplier, offset - multiplier * reference)
+
+
+def check_range(lower: float | None, upper: float | None, owner: Element, where: str) -> None:
+    """Raise a SceneError if the lower limit is above the upper one."""
+    if lower is not None and upper is not None and lower > upper:
+        raise SceneError(
+            f"line {owner.line}: {where}: the lower limit {lower:g} is above the upper one {upper:g}."
+        )
 
 
 def _expected(count: int) -> str:
@@ -131,91 +187,10 @@ def _expected(count: int) -> str:
 def _finite(text: str, place: str, count: int) -> Sequence[float]:
     """The `count` finite numbers of a text."""
     try:
-        values = [float(part) for part in text.split()]
+        values = [float(word) for word in text.split()]
     except ValueError:
         values = []
     if len(values) != count or not all(math.isfinite(value) for value in values):
         advice = f" {XACRO}" if "${" in text or "$(" in text else ""
         raise SceneError(f"{place}: expected {_expected(count)}, got {text!r}.{advice}")
     return values
-
-
-_STEEP = 1e-9  # cosine of a pitch near 90 deg, where yaw and roll turn about the same axis
-
-
-def of_quaternion(quaternion: Array) -> Array:
-    """The rotation (3, 3) of a quaternion (4,), w first; its length is ignored.
-
-    Raises
-    ------
-    SceneError
-        The quaternion is zero, or not finite.
-    """
-    size = float(np.max(np.abs(quaternion)))
-    if not 0.0 < size < np.inf:
-        listed = " ".join(f"{entry:g}" for entry in quaternion)
-        raise SceneError(f"the quaternion {listed} is no rotation; its length must not be zero.")
-    entries = np.asarray(quaternion, dtype=float) / size  # no overflow
-    w, x, y, z = entries / np.linalg.norm(entries)
-    return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-    )
-
-
-def of_angles(rpy: Triple) -> Array:
-    """The rotation (3, 3) of roll, pitch and yaw (rad)."""
-    turned = np.eye(3)
-    for axis, angle in enumerate(rpy):
-        i, j = (axis + 1) % 3, (axis + 2) % 3
-        turn = np.eye(3)
-        turn[[i, j], [i, j]] = math.cos(angle)
-        turn[i, j], turn[j, i] = -math.sin(angle), math.sin(angle)
-        turned = turn @ turned
-    return turned
-
-
-def between(a: Array, b: Array) -> Array:
-    """The rotation (3, 3) by the least angle that turns the direction `a` (3,) into that of `b`.
-
-    Raises
-    ------
-    SceneError
-        One of them is zero, or not finite.
-    """
-    with np.errstate(all="ignore"):
-        u, v = (vector / np.max(np.abs(vector)) for vector in (a, b))
-        u, v = u / np.linalg.norm(u), v / np.linalg.norm(v)
-    if not np.isfinite([u, v]).all():
-        raise SceneError("a direction has no length; expected three numbers that are not all zero.")
-    half = u + v
-    if np.linalg.norm(half) < _STEEP:  # opposite: half a turn about any axis across
-        across = np.cross(u, np.eye(3)[np.argmin(np.abs(u))])
-        across /= np.linalg.norm(across)
-        return 2.0 * np.outer(across, across) - np.eye(3)
-    half /= np.linalg.norm(half)
-    # a half turn about a, then one about the direction in the middle
-    return (2.0 * np.outer(half, half) - np.eye(3)) @ (2.0 * np.outer(u, u) - np.eye(3))
-
-
-def angles_of(R: Array) -> Triple:
-    """Roll, pitch and yaw (rad) of a rotation (3, 3).
-
-    The rotation of these angles is R up to rounding, also near a pitch of 90 deg, where each of roll and
-    yaw alone is not determined: the yaw is zero there.
-    """
-    cosine = math.hypot(R[0, 0], R[1, 0])
-    pitch = math.atan2(-R[2, 0], cosine)
-    yaw = math.atan2(R[1, 0], R[0, 0]) if cosine > _STEEP else 0.0
-    along = np.array([-math.sin(yaw), math.cos(yaw), 0.0])  # the second row of R_z(-yaw)
-    roll = math.atan2(-(along @ R[:, 2]), along @ R[:, 1])
-    return roll, pitch, yaw
-
-
-def three(vector: Array) -> Triple:
-    """The entries of a vector (3,) as numbers, without negative zeros."""
-    x, y, z = (float(entry) + 0.0 for entry in vector)
-    return x, y, z

@@ -30,8 +30,17 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, unknown_name
-from mbdlft.robot.description import WORLD, Robot, RobotJoint, RobotLink, unused
-from mbdlft.robot.elements import Element, angles_of, of_quaternion, three
+from mbdlft.robot.description import (
+    WORLD,
+    Robot,
+    RobotJoint,
+    RobotLink,
+    angles_of,
+    of_quaternion,
+    three,
+    unused,
+)
+from mbdlft.robot.elements import Element
 from mbdlft.robot.mjcf_model import (
     Compiled,
     compiled,

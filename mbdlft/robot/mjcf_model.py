@@ -23,11 +23,14 @@ from mbdlft.robot.description import (
     RobotLoop,
     RobotSensor,
     Side,
+    Triple,
     aligned,
+    of_quaternion,
+    three,
     unused,
     welded,
 )
-from mbdlft.robot.elements import Element, Triple, of_quaternion, three
+from mbdlft.robot.elements import Element
 
 _MOST = 10_000  # copies that a file may ask for
 _COPIES = ("replicate", "composite", "flexcomp")

@@ -5,8 +5,7 @@ that docs/robots.md lists; others that do so are refused. Source: SDFormat speci
 to 1.12.
 """
 
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.robot.description import (
@@ -17,16 +16,19 @@ from mbdlft.robot.description import (
     RobotLoad,
     RobotSensor,
     Side,
+    Triple,
+    angles_of,
+    three,
     unique,
     unused,
     welded,
 )
-from mbdlft.robot.elements import Element, Triple, angles_of, content_numbers, name_of, three
+from mbdlft.robot.elements import Element, child_numbers, content_numbers, name_of, others
 from mbdlft.robot.sdf_frames import Frames, Pose, closing, flag, frames_of, joints_of, scopes
 from mbdlft.robot.values import AXIAL
 
 _USED = {
-    "model": ("link", "joint", "frame", "model", "pose", "static", "include"),
+    "model": ("frame", "pose", "static", "include"),
     "link": ("inertial", "pose", "gravity", "kinematic", "must_be_base_link", "sensor"),
     "joint": ("parent", "child", "pose", "axis", "axis2"),
 }
@@ -84,7 +86,7 @@ def read_sdf(top: Element, model: str | None = None) -> Robot:
         loops=closed.loops,
         gravity=_gravity(world),
         inputs=_driven(joints),
-        others=_others(chosen),
+        others=others(chosen, _USED),
         assumed=tuple(assumed),
     )
 
@@ -245,24 +247,5 @@ def _weightless(
 
 def _gravity(world: Element | None) -> Triple | None:
     """Gravity of the world (m/s^2), or None."""
-    given = world.only("gravity") if world else None
-    if given is None:
-        return None
-    x, y, z = content_numbers(given, "world", 3)
-    return x, y, z
-
-
-def _others(model: Element) -> Counter[str]:
-    """Counts by tag of the elements that say nothing about the dynamics."""
-    counts: Counter[str] = Counter()
-    for _, owner in scopes(model):
-        for element in _owners(owner):
-            counts.update(
-                child.tag for child in element.children if child.tag not in _USED[element.tag]
-            )
-    return counts
-
-
-def _owners(model: Element) -> Iterator[Element]:
-    """A model, its links and its joints."""
-    yield from (model, *model.named("link"), *model.named("joint"))
+    gravity = child_numbers(world, "gravity", "world", 3)
+    return (gravity[0], gravity[1], gravity[2]) if gravity else None

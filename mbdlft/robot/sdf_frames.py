@@ -1,16 +1,13 @@
-"""Frames of an SDF model: where links, joints, frames and nested models are.
+"""Frames of an SDF model, where links, joints, frames and nested models are; and its joints.
 
 A pose is relative to the frame that it names, or to a default one: of a link or a nested model the
 frame of the model around it, of a joint its child link, of a frame the one that it is attached to.
 Source: SDFormat documentation, Pose frame semantics.
 
-Joints of an SDF model.
-
 The frame of a joint stands in its child link. Its axis is in the axes of this frame, unless it names
 another one; before version 1.5 it is in the axes of the model.
 """
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
@@ -20,23 +17,27 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.robot.description import (
     WORLD,
-    Mimic,
     RobotJoint,
     RobotLink,
     RobotLoop,
     Side,
-    aligned,
-    unique,
-)
-from mbdlft.robot.elements import (
-    Element,
     Triple,
+    aligned,
     angles_of,
-    content_numbers,
-    name_of,
     of_angles,
     of_quaternion,
     three,
+    unique,
+)
+from mbdlft.robot.elements import (
+    NO_LIMIT,
+    Element,
+    check_range,
+    checked_axis,
+    child_numbers,
+    content_numbers,
+    mimic_of,
+    name_of,
 )
 
 _WORDS = {"true": True, "1": True, "false": False, "0": False}
@@ -241,7 +242,6 @@ KINDS = {
     "revolute": "revolute",
 }  # fmt: skip
 _UNREAD = ("gearbox", "revolute2", "screw", "universal")
-_NO_LIMIT = 1e16  # SDF: a limit of this size is none
 _LOOPS = {
     "spherical": "spherical",
     "revolute": "revolute",
@@ -339,29 +339,26 @@ def _with_axis(
     lower, upper, effort, velocity = (
         _limit(axis, key, where) for key in ("lower", "upper", "effort", "velocity")
     )
-    if lower is not None and upper is not None and lower > upper:
-        raise SceneError(
-            f"line {axis.line}: {where}: the lower limit {lower:g} is above the upper one {upper:g}."
-        )
+    check_range(lower, upper, axis, where)
     bounded = joint.kind != "continuous" and (lower is not None or upper is not None)
     kind = "continuous" if joint.kind == "revolute" and not bounded else joint.kind
     dynamics = axis.only("dynamics")
     damping, friction, stiffness, rest = (
-        _number(dynamics, key, where) or 0.0
+        (child_numbers(dynamics, key, where) or (0.0,))[0]
         for key in ("damping", "friction", "spring_stiffness", "spring_reference")
     )
     return joint._replace(
         kind=kind,
         axis=three(_direction(joint, axis, frames, scope, version)),
-        lower=(-_NO_LIMIT if lower is None else lower) if bounded else None,
-        upper=(_NO_LIMIT if upper is None else upper) if bounded else None,
+        lower=(-NO_LIMIT if lower is None else lower) if bounded else None,
+        upper=(NO_LIMIT if upper is None else upper) if bounded else None,
         effort=effort,
         velocity=velocity,
         stiffness=stiffness,
         rest=rest,
         damping=damping,
         friction=friction,
-        mimic=_mimic(axis.only("mimic"), scope, where),
+        mimic=mimic_of(axis, child_numbers, where, scope),
     )
 
 
@@ -370,11 +367,10 @@ def _direction(
 ) -> Array:
     """The axis in the axes of the child."""
     where = f"joint {joint.name!r}"
-    given = axis.only("xyz")
-    direction = np.array(content_numbers(given, where, 3) if given else (0.0, 0.0, 1.0))
-    if not np.any(direction):
-        raise SceneError(f"line {axis.line}: {where}: the axis has zero length.")
-    expressed = given.attributes.get("expressed_in", "") if given else ""
+    xyz = axis.only("xyz")
+    numbers = content_numbers(xyz, where, 3) if xyz else (0.0, 0.0, 1.0)
+    direction = np.array(checked_axis(numbers, axis, where))
+    expressed = xyz.attributes.get("expressed_in", "") if xyz else ""
     if expressed:
         frame = frames.find(expressed, scope, f"line {axis.line}: {where}, expressed_in")
     elif version < (1, 5) or flag(axis, "use_parent_model_frame"):
@@ -386,33 +382,9 @@ def _direction(
 
 def _limit(axis: Element, key: str, where: str) -> float | None:
     """A limit, or None if there is none."""
-    value = _number(axis.only("limit"), key, where)
-    if value is None or abs(value) >= _NO_LIMIT or (key in ("effort", "velocity") and value < 0.0):
-        return None
-    return value
-
-
-def _number(owner: Element | None, tag: str, where: str) -> float | None:
-    """The number of a child, or None if there is none."""
-    child = owner.only(tag) if owner else None
-    if child is None:
-        return None
-    if child.text.strip().lower().lstrip("+-") in ("inf", "infinity"):
-        return math.copysign(_NO_LIMIT, -1.0 if child.text.strip().startswith("-") else 1.0)
-    return content_numbers(child, where, 1)[0]
-
-
-def _mimic(mimic: Element | None, scope: str, where: str) -> Mimic | None:
-    """The contents of an element <mimic>: multiplier (leader - reference) + offset."""
-    if mimic is None:
-        return None
-    if "joint" not in mimic.attributes:
-        raise SceneError(f"line {mimic.line}: {where}: <mimic>: the attribute 'joint' is missing.")
-    multiplier = _number(mimic, "multiplier", where)
-    multiplier = 1.0 if multiplier is None else multiplier
-    offset, reference = (_number(mimic, key, where) or 0.0 for key in ("offset", "reference"))
-    leader = scope + mimic.attributes["joint"]
-    return Mimic(leader, multiplier, offset - multiplier * reference)
+    (value,) = child_numbers(axis.only("limit"), key, where) or (NO_LIMIT,)
+    none = abs(value) >= NO_LIMIT or (key in ("effort", "velocity") and value < 0.0)
+    return None if none else value
 
 
 # loops ---------------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,6 +18,7 @@ from mbdlft.response.frequency import response_frequencies, unbounded_frequencie
 from mbdlft.response.modes import Names, chosen
 from mbdlft.system.model import System
 
+Lines = Literal["major", "minor", "both"]  # of a grid
 SAMPLES = 300
 COLORS = ("#4477aa", "#cc6677", "#228833", "#aa7711", "#66ccee", "#aa3377")
 WORST = "#d62728"
@@ -71,7 +72,7 @@ def _show_dollars(figure: Figure) -> None:
 
 
 def panel(
-    title: str, x: str, y: str = "", size: tuple[float, float] = (8.0, 5.0), which: str = "major"
+    title: str, x: str, y: str = "", size: tuple[float, float] = (8.0, 5.0), which: Lines = "major"
 ) -> tuple[Figure, Axes]:
     """A figure with one panel, its title and the labels of its axes; `which` lines its grid has."""
     figure = Figure(figsize=size, layout="constrained")
@@ -81,7 +82,7 @@ def panel(
     return figure, axes
 
 
-def draw_grid(axes: Axes, which: str = "major") -> None:
+def draw_grid(axes: Axes, which: Lines = "major") -> None:
     """Thin lines behind the curves."""
     axes.grid(visible=True, which=which, linewidth=0.3, alpha=0.5)
 

@@ -53,7 +53,7 @@ class _Responses(NamedTuple):
     """Responses (N, F, outputs, inputs) of samples and of the nominal model; frequencies (N, F)."""
 
     values: dict[str, Array]
-    count: int
+    drawn: int
     omega: Array
     samples: Complex
     at_nominal: Array
@@ -114,7 +114,7 @@ def save_bode(
                     kind(r.samples[:, :, row, column]),
                     kind(r.nominal[:, :, row, column]),
                 )
-                if r.count:
+                if r.drawn:
                     draw_cloud(axes, r.omega, curves, COLORS[0], 0.2, "samples")
                 axes.plot(r.at_nominal[0], middle[0], color="black", linewidth=1.2, label="nominal")
                 over_frequency(axes, *r.ends)
@@ -128,7 +128,7 @@ def save_bode(
             size.set_ylabel(f"size (dB of {output.unit} / ({source.unit}))", fontsize="small")
             phase.set_ylabel("phase (deg)", fontsize="small")
             mark_unbounded(size, model[[output.name], [source.name]])
-    channels.finish(model, r.count, "frequency (rad/s)")
+    channels.finish(model, r.drawn, "frequency (rad/s)")
     write_figure(channels.figure, path)
 
 
@@ -188,8 +188,8 @@ def save_singular_values(
     size = (8.0 if inside else 10.0, 5.0)
     figure, axes = panel(facts(model), "frequency (rad/s)", unit, size, "both")
     over_frequency(axes, *r.ends)
-    for k in range(samples.shape[2] if r.count else 0):
-        label = f"singular value {k + 1}, {r.count} samples"
+    for k in range(samples.shape[2] if r.drawn else 0):
+        label = f"singular value {k + 1}, {r.drawn} samples"
         draw_cloud(axes, r.omega, samples[:, :, k], COLORS[k % len(COLORS)], 0.15, label)
     for k in range(nominal.shape[2]):  # singular values are sorted, so these curves do not cross
         label = "" if k else "nominal"
@@ -198,7 +198,7 @@ def save_singular_values(
         at_worst = drawn_frequencies(model, worst, r.ends)
         highest = decibels(singular_values(frequency_response(model, worst, at_worst)))
         _draw_worst(axes, at_worst[0], highest[0, :, 0], "worst case", model, worst)
-    elif r.count:
+    elif r.drawn:
         k = int(np.argmax(np.max(peaks(samples[:, :, 0]), axis=1)))
         sample = {name: float(column[k]) for name, column in r.values.items()}
         what = "sample of the highest peak"

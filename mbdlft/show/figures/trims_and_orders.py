@@ -59,7 +59,7 @@ def orders_figure(model: LFTModel) -> Figure:
     axes.vlines(c.lower_bound, low, high, color=WORST, linewidth=2.0, label="proved lower bound")
     for row, order, bound, raw in zip(rows, c.order, c.lower_bound, c.raw_order, strict=True):
         text = f" {order}" if order == bound else f" {order}, at least {bound}"
-        axes.text(max(order, raw), row, text, va="center", fontsize="small")
+        axes.text(max(order, raw), float(row), text, va="center", fontsize="small")
     axes.set_yticks(rows, [p.name for p in model.parameters])
     axes.invert_yaxis()
     axes.set_xlim(0.0, 1.15 * max(1, *c.raw_order, *c.order))

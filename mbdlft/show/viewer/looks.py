@@ -1,19 +1,12 @@
-"""Meshes that the file of a robot names: found, read by the package trimesh, and thinned.
+"""What the file of a robot says of the looks of its links: shapes and meshes, as pages draw them.
 
-The geoms of an MJCF file, as the package mujoco compiles them.
-
-The visual elements of an SDF model.
-
-The visual elements of a URDF file.
-
-What the file of a robot says of its looks: shapes and meshes of its links, as pages draw them.
-
-Meshes are thinned until a page has room for them.
+URDF and SDF files are read as they are written, and their meshes by the package trimesh; the geoms of an
+MJCF file are those that the package mujoco compiles. Meshes are thinned until a page has room for them.
 """
 
 import base64
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,23 +16,25 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError
 from mbdlft.multibody.body import GROUND
-from mbdlft.robot.description import body_name
-from mbdlft.robot.elements import (
-    Element,
-    between,
-    content_numbers,
-    name_of,
-    number,
-    of_angles,
-    of_quaternion,
-    triple,
-)
+from mbdlft.robot.description import between, body_name, of_angles, of_quaternion
+from mbdlft.robot.elements import Element, Reader, attribute_numbers, child_numbers, name_of
 from mbdlft.robot.load import top_of
 from mbdlft.robot.mjcf_model import Compiled, compiled
 from mbdlft.robot.sdf import chosen_model, version_of
 from mbdlft.robot.sdf_frames import frames_of, scopes
+from mbdlft.robot.urdf import origin_of
 
 _FINEST, _FINER = 256, 0.8  # cells along a mesh at most, and by what they get fewer
+_MOST = 36_000  # triangles of a page: some 2 MB
+_FEWEST = 60  # of a mesh, however many there are
+_GROUPS = 3  # the first groups are those that MuJoCo's own viewer shows; the others collide
+_UP = np.array([0.0, 0.0, 1.0])
+# the sizes of shapes, each with the number of its entries
+_SIZES: Mapping[str, tuple[tuple[str, int], ...]] = {
+    "box": (("size", 3),), "sphere": (("radius", 1),), "ellipsoid": (("radii", 3),),
+    "cylinder": (("radius", 1), ("length", 1)), "capsule": (("radius", 1), ("length", 1)),
+    "cone": (("radius", 1), ("length", 1)),
+}  # fmt: skip
 _SCHEMES = ("package://", "model://")
 
 
@@ -65,12 +60,12 @@ def placed(R: Array, r: Array) -> Array:
 
 def triangles_of(file: Path, name: str, notes: list[str]) -> Array | None:
     """Corners (n, 3, 3) of the triangles of a mesh that `file` names, or None and a note."""
-    found = _found(file, name)
-    if found is None:
+    mesh = _mesh_file(file, name)
+    if mesh is None:
         notes.append(f"The mesh {name!r} is not there.")
         return None
     try:
-        corners = _read(found)
+        corners = _read(mesh)
     except ImportError:
         notes.append("Meshes need the package trimesh: pip install 'mbdlft[viewer]'.")
         return None
@@ -91,7 +86,7 @@ def _read(file: Path) -> Array:
     return np.asarray(trimesh.load_mesh(file, process=False).triangles, dtype=float)
 
 
-def _found(file: Path, name: str) -> Path | None:
+def _mesh_file(file: Path, name: str) -> Path | None:
     """The file of a mesh: beside the robot, or in a folder above it that has the package."""
     plain = name.removeprefix("file://")
     if not name.startswith(_SCHEMES):
@@ -113,10 +108,10 @@ def thinned(corners: Array, most: int) -> Array:
     Triangles with two corners in one cell vanish. Source: Rossignac and Borrel, Multi-resolution 3D
     approximations for rendering complex scenes (1993), section 2.
     """
-    points, found = corners.reshape(-1, 3), corners
+    points, kept = corners.reshape(-1, 3), corners
     low, size = points.min(axis=0), float(np.max(np.ptp(points, axis=0)))
     cells = min(float(_FINEST), 2.0 * math.sqrt(most) + 2.0)
-    while len(found) > most and cells > 1.0 and size > 0.0:
+    while len(kept) > most and cells > 1.0 and size > 0.0:
         x, y, z = np.floor((points - low) * (cells / size)).astype(np.int64).T
         wide = int(cells) + 2
         _, cell = np.unique((x * wide + y) * wide + z, return_inverse=True)
@@ -124,12 +119,9 @@ def thinned(corners: Array, most: int) -> Array:
         means = sums / np.bincount(cell)[:, None].astype(float)
         three = np.sort(cell.reshape(-1, 3), axis=1)
         three = three[(three[:, 0] != three[:, 1]) & (three[:, 1] != three[:, 2])]
-        found = means[np.unique(three, axis=0)]
+        kept = means[np.unique(three, axis=0)]
         cells *= _FINER
-    return np.asarray(found, dtype=float)
-
-
-_GROUPS = 3  # the first groups are those that MuJoCo's own viewer shows; the others collide
+    return np.asarray(kept, dtype=float)
 
 
 def mjcf_looks(file: Path, top: Element, notes: list[str]) -> list[Look]:
@@ -137,17 +129,12 @@ def mjcf_looks(file: Path, top: Element, notes: list[str]) -> list[Look]:
 
     Geoms of the groups 0, 1 and 2 are shown, or all of them if these have none; transparent ones are
     not.
-
-    Raises
-    ------
-    SceneError
-        The package mujoco is not installed, or cannot compile the file.
     """
     model = compiled(file, top)
-    seen = [k for k in range(model.count("ngeom")) if _visible(model, k)]
-    chosen = [k for k in seen if model.of("geom_group")[k] < _GROUPS] or seen
+    visible = [k for k in range(model.count("ngeom")) if _visible(model, k)]
+    shown = [k for k in visible if model.of("geom_group")[k] < _GROUPS] or visible
     looks = []
-    for k in chosen:
+    for k in shown:
         body = int(model.of("geom_bodyid")[k])
         place = placed(of_quaternion(model.of("geom_quat")[k]), model.of("geom_pos")[k])
         look = Look(model.body(body) if body else "", place, {})
@@ -195,135 +182,73 @@ def _triangles(model: Compiled, geom: int) -> Array | None:
     return np.asarray(points[faces], dtype=float)
 
 
-# the sizes of shapes, each with the number of its entries
-_SIZES: Mapping[str, tuple[tuple[str, int], ...]] = {
-    "box": (("size", 3),), "sphere": (("radius", 1),), "ellipsoid": (("radii", 3),),
-    "cylinder": (("radius", 1), ("length", 1)), "capsule": (("radius", 1), ("length", 1)),
-    "cone": (("radius", 1), ("length", 1)),
-}  # fmt: skip
-_UP = np.array([0.0, 0.0, 1.0])
-
-
 def sdf_looks(file: Path, top: Element, model: str | None, notes: list[str]) -> list[Look]:
-    """The shapes of all links of a model; `notes` gets sentences on what is not shown.
-
-    Raises
-    ------
-    SceneError
-        A number is wrong, or a pose is relative to an unknown frame.
-    """
+    """The shapes of all links of a model; `notes` gets sentences on what is not shown."""
     chosen, _ = chosen_model(top, model)
     frames = frames_of(chosen, version_of(top))
-    looks = []
+    looks: list[Look] = []
     for scope, owner in scopes(chosen):
         for link in owner.named("link"):
             name = f"{scope}{name_of(link)}"
             for visual in link.named("visual"):
-                where = f"visual of link {name!r}"
-                pose = frames.inside(visual, name, scope, where)
+                pose = frames.inside(visual, name, scope, f"visual of link {name!r}")
                 place = placed(pose.R, pose.p)
-                geometry = visual.only("geometry")
-                for given in geometry.children if geometry else ():
-                    look = _look_of_sdf(file, name, given, notes)
-                    looks += [look._replace(place=place @ look.place)] if look else []
+                looks += _looks_of(file, name, visual, place, child_numbers, notes)
     return looks
-
-
-def _look_of_sdf(file: Path, link: str, given: Element, notes: list[str]) -> Look | None:
-    """A shape at the origin of its visual; None for one that is not shown."""
-    where = f"visual of link {link!r}"
-    if given.tag == "mesh":
-        return _mesh(file, link, given, notes)
-    if given.tag == "plane":
-        normal, size = given.only("normal"), given.only("size")
-        along = np.array(content_numbers(normal, where, 3)) if normal else _UP
-        sizes = list(content_numbers(size, where, 2)) if size else [1.0, 1.0]
-        return Look(link, placed(between(_UP, along), np.zeros(3)), {"plane": sizes})
-    if given.tag not in _SIZES:
-        if given.tag != "empty":
-            notes.append(f"Shapes <{given.tag}> are not shown.")
-        return None
-    numbers: list[float] = []
-    for key, count in _SIZES[given.tag]:
-        part = given.only(key)
-        if part is None:
-            notes.append(f"A <{given.tag}> of link {link!r} has no <{key}> and is not shown.")
-            return None
-        numbers += content_numbers(part, where, count)
-    return Look(link, np.eye(4), {given.tag: numbers if len(numbers) > 1 else numbers[0]})
-
-
-def _mesh(file: Path, link: str, given: Element, notes: list[str]) -> Look | None:
-    """A mesh; a part of one is not shown."""
-    uri, scale = given.only("uri"), given.only("scale")
-    name = uri.text.strip() if uri else ""
-    if given.only("submesh"):
-        notes.append(f"Of the mesh {name!r} a part is asked for, and it is not shown.")
-        return None
-    corners = triangles_of(file, name, notes)
-    if corners is None:
-        return None
-    if scale:
-        corners = corners * np.array(content_numbers(scale, f"mesh {name!r}", 3))
-    return Look(link, np.eye(4), {}, corners)
 
 
 def urdf_looks(file: Path, robot: Element, notes: list[str]) -> list[Look]:
-    """The shapes of all links; `notes` gets sentences on what is not shown.
-
-    Raises
-    ------
-    SceneError
-        A number is wrong.
-    """
-    looks = []
+    """The shapes of all links; `notes` gets sentences on what is not shown."""
+    looks: list[Look] = []
     for link in robot.named("link"):
         for visual in link.named("visual"):
-            geometry = visual.only("geometry")
-            for given in geometry.children if geometry else ():
-                look = _look_of_urdf(file, name_of(link), given, notes)
-                looks += [look._replace(place=_place(visual))] if look else []
+            xyz, rpy = origin_of(visual, "origin of a visual")
+            place = placed(of_angles(rpy), np.array(xyz))
+            looks += _looks_of(file, name_of(link), visual, place, attribute_numbers, notes)
     return looks
 
 
-def _place(visual: Element) -> Array:
-    """The matrix (4, 4) from a visual to its link: about x, then y, then z of the link, then shifted."""
-    origin = visual.only("origin")
-    where = "origin of a visual"
-    turned, shifted = np.eye(3), np.zeros(3)
-    if origin is not None and "rpy" in origin.attributes:
-        turned = of_angles(triple(origin, "rpy", where))
-    if origin is not None and "xyz" in origin.attributes:
-        shifted = np.array(triple(origin, "xyz", where))
-    return placed(turned, shifted)
+def _looks_of(
+    file: Path, link: str, visual: Element, place: Array, read: Reader, notes: list[str]
+) -> Iterator[Look]:
+    """The shapes of a visual, which stands at `place` (4, 4) in its link; none for what is not shown."""
+    geometry = visual.only("geometry")
+    for shape in geometry.children if geometry else ():
+        where = f"visual of link {link!r}"
+        if shape.tag == "mesh":
+            corners = _mesh_corners(file, shape, read, notes)
+            if corners is not None:
+                yield Look(link, place, {}, corners)
+        elif shape.tag == "plane":
+            normal = np.array(read(shape, "normal", where, 3) or _UP)
+            turned = placed(between(_UP, normal), np.zeros(3))
+            yield Look(
+                link, place @ turned, {"plane": list(read(shape, "size", where, 2) or (1.0, 1.0))}
+            )
+        elif shape.tag in _SIZES:
+            sizes = {key: read(shape, key, where, count) for key, count in _SIZES[shape.tag]}
+            missing = [key for key, numbers in sizes.items() if numbers is None]
+            if missing:
+                notes.append(
+                    f"A <{shape.tag}> of link {link!r} has no <{missing[0]}> and is not shown."
+                )
+                continue
+            numbers = [number for size in sizes.values() for number in size or ()]
+            yield Look(link, place, {shape.tag: numbers if len(numbers) > 1 else numbers[0]})
+        elif shape.tag != "empty":
+            notes.append(f"Shapes <{shape.tag}> are not shown.")
 
 
-def _look_of_urdf(file: Path, link: str, given: Element, notes: list[str]) -> Look | None:
-    """A shape at the origin of its link; None for one that is not shown."""
-    where = f"visual of link {link!r}"
-    if given.tag == "mesh":
-        name = given.attributes.get("filename", "")
-        corners = triangles_of(file, name, notes)
-        if corners is None:
-            return None
-        if "scale" in given.attributes:
-            corners = corners * np.array(triple(given, "scale", f"mesh {name!r}"))
-        return Look(link, np.eye(4), {}, corners)
-    sizes: dict[str, Any] = {}
-    if given.tag == "box":
-        sizes["box"] = list(triple(given, "size", where))
-    elif given.tag == "sphere":
-        sizes["sphere"] = number(given, "radius", where)
-    elif given.tag in ("cylinder", "capsule"):
-        sizes[given.tag] = [number(given, key, where) for key in ("radius", "length")]
-    else:
-        notes.append(f"Shapes <{given.tag}> are not shown.")
+def _mesh_corners(file: Path, mesh: Element, read: Reader, notes: list[str]) -> Array | None:
+    """Corners (n, 3, 3) of the triangles of a mesh, scaled; None for one that is not shown."""
+    uri = mesh.only("uri")
+    name = uri.text.strip() if uri else mesh.attributes.get("filename", "")
+    if mesh.only("submesh"):
+        notes.append(f"Of the mesh {name!r} a part is asked for, and it is not shown.")
         return None
-    return Look(link, np.eye(4), sizes)
-
-
-_MOST = 36_000  # triangles of a page
-_FEWEST = 60  # of a mesh, however many there are
+    corners = triangles_of(file, name, notes)
+    scale = read(mesh, "scale", f"mesh {name!r}", 3)
+    return corners if corners is None or scale is None else corners * np.array(scale)
 
 
 class Looks(NamedTuple):
@@ -371,34 +296,34 @@ def _drawn(looks: Sequence[Look]) -> dict[str, list[dict[str, Any]]]:
     total = sum(len(look.triangles) for look in looks if look.triangles is not None)
     shapes: dict[str, list[dict[str, Any]]] = {}
     for look in looks:
-        found: dict[str, Any] = {**look.sizes, "place": look.place.ravel().tolist()}
+        shape: dict[str, Any] = {**look.sizes, "place": look.place.ravel().tolist()}
         corners = _corners(look.sizes)
         if look.triangles is not None:
             most = max(_FEWEST, _MOST * len(look.triangles) // max(total, 1))
-            part = thinned(look.triangles, most)
-            corners = part.reshape(-1, 3)
-            text = base64.b64encode(part.astype("<f4").tobytes()).decode("ascii")
-            found["triangles"] = text
+            triangles = thinned(look.triangles, most)
+            corners = triangles.reshape(-1, 3)
+            text = base64.b64encode(triangles.astype("<f4").tobytes()).decode("ascii")
+            shape["triangles"] = text
         name = body_name(look.link) if look.link else GROUND
         if len(corners) and look.link:
             points = corners @ look.place[:3, :3].T + look.place[:3, 3]
-            found["extent"] = [points.min(axis=0).tolist(), points.max(axis=0).tolist()]
-        shapes.setdefault(name, []).append(found)
+            shape["extent"] = [points.min(axis=0).tolist(), points.max(axis=0).tolist()]
+        shapes.setdefault(name, []).append(shape)
     return shapes
 
 
 def _corners(sizes: dict[str, Any]) -> Array:
     """The corners (8, 3) of the box about a shape, or none of a plane (0, 3)."""
     kind = next(iter(sizes), "")
-    given: Any = sizes.get(kind)
+    size: Any = sizes.get(kind)
     if kind == "box":
-        half = 0.5 * np.array(given)
+        half = 0.5 * np.array(size)
     elif kind == "sphere":
-        half = np.full(3, given)
+        half = np.full(3, size)
     elif kind == "ellipsoid":
-        half = np.array(given)
+        half = np.array(size)
     elif kind in ("cylinder", "capsule", "cone"):
-        radius, length = given
+        radius, length = size
         half = np.array([radius, radius, 0.5 * length + (radius if kind == "capsule" else 0.0)])
     else:
         return np.zeros((0, 3))
