@@ -5,7 +5,7 @@ an input, or a number.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import NamedTuple
 
@@ -31,28 +31,26 @@ class Alias(NamedTuple):
         return f"{self.name} = {'-' if self.factor < 0 else ''}{self.of}"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Reduced:
-    """A model without aliases, and what they were."""
-
-    dae: Dae
-    aliases: tuple[Alias, ...]
-
-
-def eliminate_aliases(dae: Dae) -> Reduced:
-    """The model without equations of the form x = y, x = -y, x = number.
+def eliminate_aliases(dae: Dae) -> tuple[Dae, tuple[Alias, ...]]:
+    """The model without equations of the form x = y, x = -y, x = number, and what they say.
 
     Of two variables the one stays that is fixed, has a derivative, has a start value, is an output's.
     What becomes such an equation, as a variable in it is zero, is taken out, too.
     """
     aliases: tuple[Alias, ...] = ()
     while True:
-        once = _once(dae)
-        if not once.aliases:
-            return Reduced(dae, aliases)
-        gone = {a.name: a for a in once.aliases}
-        aliases = (*(_through(a, gone) for a in aliases), *once.aliases)
-        dae = once.dae
+        classes = _Classes(dae)
+        kept = [
+            equation
+            for equation, relation in zip(dae.equations, _relations(dae), strict=True)
+            if relation is None or not classes.join(equation, relation)
+        ]
+        new = classes.aliases()
+        if not new:
+            return dae, aliases
+        gone = {a.name: a for a in new}
+        aliases = (*(_through(a, gone) for a in aliases), *new)
+        dae = _substituted(dae, kept, gone)
 
 
 def _through(alias: Alias, gone: Mapping[str, Alias]) -> Alias:
@@ -61,19 +59,6 @@ def _through(alias: Alias, gone: Mapping[str, Alias]) -> Alias:
         return alias
     above = gone[alias.of]
     return Alias(alias.name, above.of, alias.factor * above.factor)
-
-
-def _once(dae: Dae) -> Reduced:
-    """The model without those equations that are of this form as they stand."""
-    classes = _Classes(dae)
-    kept = []
-    for equation, relation in zip(dae.equations, _relations(dae), strict=True):
-        if relation is None or not classes.join(equation, relation):
-            kept.append(equation)
-    aliases = classes.aliases()
-    if not aliases:
-        return Reduced(dae, ())
-    return Reduced(_substituted(dae, kept, aliases), aliases)
 
 
 class _Relation(NamedTuple):
@@ -162,15 +147,12 @@ class _Classes:
 
     def join(self, equation: Equation, relation: _Relation) -> bool:
         """Whether the equation is one of aliases, which are known from now on."""
-        roots = [(self.root(name), factor) for name, factor in relation.terms]
-        offset = relation.offset
-        total: dict[str, Fraction] = {}
-        for (name, factor), times in roots:
-            if name is None:
-                offset += factor * times
-            else:
-                total[name] = total.get(name, Fraction(0)) + factor * times
-        factors = {name: factor for name, factor in total.items() if factor}
+        total: dict[str | None, Fraction] = {None: relation.offset}
+        for name, factor in relation.terms:
+            root, times = self.root(name)
+            total[root] = total.get(root, Fraction(0)) + factor * times
+        offset = total.pop(None)
+        factors = {name: factor for name, factor in total.items() if name and factor}
         if not factors:
             raise StructureError(
                 f"{self.dae.owner}: equation {equation.place} "
@@ -195,8 +177,7 @@ class _Classes:
         )
 
 
-def _substituted(dae: Dae, kept: Sequence[Equation], aliases: Sequence[Alias]) -> Dae:
-    gone = {a.name: a for a in aliases}
+def _substituted(dae: Dae, kept: Sequence[Equation], gone: Mapping[str, Alias]) -> Dae:
     stays = {v.name: v for v in dae.variables if v.name not in gone}
     inputs = {v.name: v for v in dae.inputs}
     old, new = [], []
@@ -210,25 +191,20 @@ def _substituted(dae: Dae, kept: Sequence[Equation], aliases: Sequence[Alias]) -
         new.append(times if of is None else target if factor == 1 else times * target)
         if of in stays:
             stays[of] = _merged(stays[of], v, factor)
-        if v.derivative is None:
-            continue
-        old.append(v.derivative)
-        if of is None:
-            new.append(ca.SX(0))
-            continue
-        if of in inputs:
+        if v.derivative is not None and of in inputs:
             raise StructureError(
                 f"{dae.owner}: {v.name} is the input {of}, and its derivative is needed. Make "
                 f"der({of}) an input, and {of} a variable."
             )
-        rate = stays[of].derivative
-        assert rate is not None
-        new.append(rate if factor == 1 else times * rate)
+        if v.derivative is not None:
+            rate = ca.SX(0) if of is None else stays[of].derivative
+            assert rate is not None  # as `_merged` has made it
+            old.append(v.derivative)
+            new.append(rate if of is None or factor == 1 else times * rate)
     expressions = [*(e.residual for e in kept), *(e.residual for e in dae.initial)]
     expressions += [y.expression for y in dae.outputs]
-    replaced = iter(
-        ca.vertsplit(ca.substitute(column_of(expressions), column_of(old), column_of(new)))
-    )
+    column = ca.substitute(column_of(expressions), column_of(old), column_of(new))
+    replaced = iter(ca.vertsplit(column))
     return replace(
         dae,
         variables=tuple(stays[v.name] for v in dae.variables if v.name in stays),

@@ -124,13 +124,11 @@ def no_equilibrium(
     s: Structure, places: Sequence[str], at: Found, fixed: Mapping[str, float | str]
 ) -> TrimError:
     """What to say where a point misses equations."""
-    worst = np.argsort(-at.missing)[:3]
-    missed = listed(f"{places[k]} ({at.missing[k]:.1e})" for k in worst if at.missing[k] > 0)
     return TrimError(
         f"{s.owner}: no equilibrium was found"
         + (f" with {', '.join(f'{k} = {v}' for k, v in fixed.items())}" if fixed else "")
-        + f"; what misses most, relative to its terms: {missed}. Give other inputs, leave an input free "
-        "(free=...), or give start values near an equilibrium."
+        + f"; what misses most, relative to its terms: {at.worst(places)}. Give other inputs, "
+        "leave an input free (free=...), or give start values near an equilibrium."
     )
 
 
@@ -177,7 +175,7 @@ def solved_exactly(
     return solved
 
 
-def at_points(s: Structure, problem: Balance) -> Array:
+def at_points(s: Structure, problem: Balance, fixed: Mapping[str, float | str]) -> Array:
     """Numbers (points, unknowns) at nominal and at other values of the parameters."""
     start, sizes = start_of(problem.quantities)
     system = System(problem.residual, problem.z, s.dae.p)
@@ -185,7 +183,7 @@ def at_points(s: Structure, problem: Balance) -> Array:
     for p in parameter_points(s.dae, POINTS):
         at = solve(system, rows[0] if rows else start, p, sizes)
         if not at.is_solution:
-            raise no_equilibrium(s, problem.places, at, {})
+            raise no_equilibrium(s, problem.places, at, fixed)
         rows.append(at.values)
     return np.array(rows)
 

@@ -11,7 +11,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, TrimError, check_known
 from mbdlft.dae.balance import (
     POINTS,
@@ -98,7 +97,7 @@ def trim(
     fixed = _of_aliases(s, dict(at or {}))
     _check_names(s, fixed, free)
     problem = _square(s, *_posed(s, fixed, free, moving), fixed)
-    points = at_points(s, problem)
+    points = at_points(s, problem, fixed)
     unsolved: list[tuple[int, int]] | None = None if fit is None else []
     values: dict[str, ca.SX] = solved_exactly(s, problem, points, unsolved)
     open_ = {problem.quantities[j].name for _, j in unsolved or ()}
@@ -235,24 +234,6 @@ def _square(
         tuple(chosen),
         column_of([q.symbol for q in chosen]),
     )
-    _check_others(s, problem, residual, places, points, fixed)
+    if len(kept) < len(places):  # the equations that are left out have to hold as well
+        at_points(s, problem._replace(residual=residual, places=tuple(places)), fixed)
     return problem
-
-
-def _check_others(
-    s: Structure,
-    problem: Balance,
-    residual: ca.SX,
-    places: Sequence[str],
-    points: Sequence[Array],
-    fixed: Mapping[str, float | str],
-) -> None:
-    """The equations that were left out hold as well, at the points."""
-    if problem.residual.numel() == residual.numel():
-        return
-    start, sizes = start_of(problem.quantities)
-    system = System(residual, problem.z, s.dae.p)
-    for p in points:
-        at = solve(system, start, p, sizes)
-        if not at.is_solution:
-            raise no_equilibrium(s, places, at, fixed)

@@ -1,6 +1,5 @@
 """The linear model of a DAE around an equilibrium, parameters left in: its problem for the pipeline."""
 
-from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from fractions import Fraction
@@ -12,12 +11,11 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, TrimError, WellPosednessError
 from mbdlft.base.unit import Signal
-from mbdlft.dae.alias import rational
 from mbdlft.dae.equilibria import DaeTrim
 from mbdlft.dae.points import System, solve
 from mbdlft.dae.structure import Quantity, Structure, in_symbols
 from mbdlft.dae.text import column_of
-from mbdlft.dae.theta.arguments import times
+from mbdlft.dae.theta.arguments import Mixed
 from mbdlft.dae.theta.separation import Separation
 from mbdlft.dae.to_problem import problem_of
 from mbdlft.exact.numbers import decimal
@@ -68,34 +66,17 @@ class _Linear:
         s = self.s
         small = column_of([ca.SX.sym(f"d {q.name}") for q in s.quantities])
         outputs = column_of([y.expression for y in s.dae.outputs])
-        stacked = ca.vertcat(s.residual, outputs)
-        moved = self._moved(stacked, small)
-        change = {q.symbol.element_hash(): small[k] for k, q in enumerate(s.quantities)}
-        rows, kept = self._rows([moved[k] for k in range(len(s.equations))], change)
+        moved = self._moved(ca.vertcat(s.residual, outputs), small)
         count = len(s.equations)
-        outputs_ = [
-            self._row(moved[count + k], f"output {y.name!r}") for k, y in enumerate(s.dae.outputs)
-        ]
-        free = {q.symbol.element_hash() for q in kept}
-        rates, extra = [], []
-        for q, rate in zip(s.states, s.rates, strict=True):
-            rate_change = change[rate.element_hash()]
-            if rate.element_hash() in free:
-                rates.append(rate_change)
-            else:
-                rates.append(ca.SX.sym(f"rate of {q.name}"))
-                extra.append(rates[-1] - self._row(rate_change, f"state {q.name!r}"))
-        taken = {r.element_hash() for r in rates}
-        changes = [change[q.symbol.element_hash()] for q in kept]
-        others = [x for x in changes if x.element_hash() not in taken]
+        equations = self.separation.equations(s, moved[:count], moved[count:], small)
         return LinearModel(
-            residual=column_of([*rows, *extra]),
-            output=column_of(outputs_),
-            unknown=column_of([*rates, *others]),
+            residual=column_of(map(_linear, equations.relations)),
+            output=column_of(map(_linear, equations.outputs)),
+            unknown=equations.unknown,
             known=small[len(s.unknowns) :],
             p=self.internal,
             parameters=s.dae.parameters,
-            derivatives=len(rates),
+            derivatives=equations.derivatives,
         )
 
     def _moved(self, stacked: ca.SX, small: ca.SX) -> ca.SX:
@@ -107,40 +88,6 @@ class _Linear:
         for (i, j), value in self.at.slopes.items():
             J[i, j] = value
         return ca.SX(ca.mtimes(J, small))
-
-    def _rows(
-        self, moved: Sequence[ca.SX], change: Mapping[int, ca.SX]
-    ) -> tuple[list[ca.SX], list[Quantity]]:
-        """Relations that stay, and their unknowns; others are replaced by what they are of numbers."""
-        s, rows, kept = self.s, [], []
-        for block in s.blocks:
-            unknowns = [s.unknowns[j] for j in block.columns]
-            places = [f"equation {s.equations[i][0]}" for i in block.rows]
-            if len(unknowns) == 1 and self._defined(
-                moved[block.rows[0]], unknowns[0], change, places[0]
-            ):
-                continue
-            rows += [
-                self._row(moved[i], place) for i, place in zip(block.rows, places, strict=True)
-            ]
-            kept += unknowns
-        return rows, kept
-
-    def _defined(self, row: ca.SX, q: Quantity, change: Mapping[int, ca.SX], place: str) -> bool:
-        symbol = change[q.symbol.element_hash()]
-        slope = ca.jacobian(row, symbol)
-        if not is_constant(slope) or rational(slope) == 0:
-            return False
-        value = self.separation.follow(ca.substitute(row, symbol, ca.SX(0)), place, "row")
-        if not value.is_plain:
-            return False
-        self.separation.values[symbol.element_hash()] = times(value, -1 / slope)
-        return True
-
-    def _row(self, expression: ca.SX, place: str) -> ca.SX:
-        value = self.separation.follow(expression, place, "row")
-        assert not value.terms
-        return ca.SX(sum((p.coefficient * p.form for p in value.linear.values()), ca.SX(0)))
 
     def trimmed(self) -> TrimRelations | None:
         """What of the equilibrium depends on parameters, as relations that are solved already."""
@@ -180,6 +127,11 @@ class _Linear:
 
     def _named(self) -> list[Quantity]:
         return [q for q in (*self.s.states, *self.s.unknowns, *self.s.inputs) if not q.order]
+
+
+def _linear(value: Mixed) -> ca.SX:
+    assert not value.terms
+    return ca.SX(sum((p.coefficient * p.form for p in value.linear.values()), ca.SX(0)))
 
 
 def trimmed_points(at: DaeTrim, points: Array) -> Array:

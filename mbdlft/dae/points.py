@@ -37,6 +37,11 @@ class Found(NamedTuple):
         """Whether all equations hold to rounding."""
         return bool(np.all(np.isfinite(self.missing)) and np.all(self.missing <= _HOLDS))
 
+    def worst(self, places: Sequence[str]) -> str:
+        """The three equations that miss most, and by how much."""
+        worst = [k for k in np.argsort(-self.missing)[:3] if self.missing[k] > 0]
+        return ", ".join(f"{places[k]} ({self.missing[k]:.1e})" for k in worst)
+
 
 class System:
     """0 = residual(z, q): functions of unknowns z (n,) and given values q, in doubles.

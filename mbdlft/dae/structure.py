@@ -5,9 +5,10 @@
     0 = F(unknowns, states, inputs, p),   d/dt state = one of the unknowns, or another state
 """
 
-from collections.abc import Collection, Sequence, Sized
+from collections.abc import Collection, Mapping, Sequence, Sized
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
+from itertools import chain
 from typing import Literal, NamedTuple
 
 import casadi as ca
@@ -30,7 +31,7 @@ from mbdlft.dae.index import (
     name_of,
     place_of,
 )
-from mbdlft.dae.points import Found, System, solve
+from mbdlft.dae.points import System, solve
 from mbdlft.dae.text import column_of
 
 InputRates = Literal["refused", "inputs"]
@@ -159,8 +160,8 @@ def reduce_index(
     """
     if not dae.units_checked:
         check_units(dae)
-    reduced = eliminate_aliases(dae)
-    d = differentiated(reduced.dae)
+    reduced, aliases = eliminate_aliases(dae)
+    d = differentiated(reduced)
     if d.input_rates and input_rates == "refused":
         names = [name_of(u.name, order) for u, order, _ in d.input_rates]
         raise StructureError(
@@ -168,19 +169,28 @@ def reduce_index(
             "has an inertia. Make them inputs with input_rates='inputs', or an input of the highest "
             "derivative and variables of the others."
         )
-    inputs = _inputs(d)
-    free = [*d.symbols.values(), *(q.symbol for q in inputs), *ca.vertsplit(reduced.dae.p)]
+    inputs = tuple(
+        _quantity(u, order, symbol)
+        for u, order, symbol in (*((u, 0, u.symbol) for u in reduced.inputs), *d.input_rates)
+    )
+    free = [*d.symbols.values(), *(q.symbol for q in inputs), *ca.vertsplit(reduced.p)]
     points = cache(partial(_consistent_points, d, inputs))
     known = {v.name for v in dae.variables}
     for name in states:
         if _base(name) not in known:
             raise SceneError(f"{dae.owner}, states: " + unknown_name("variable", name, known))
-    of = {a.name: a.of for a in reduced.aliases}
-    wanted = [of.get(name) or name for name in states]
-    same = _written_rates(reduced.dae)
-    wanted += [same[name] for name in wanted if name in same]
-    dummies = dummy_derivatives(d, free, points, wanted)
-    return _assembled(dae, reduced.aliases, d, dummies, inputs, states)
+    # what may be the state that a name asks for: its alias, or the derivative that it is
+    remaining, written = {a.name: a.of for a in aliases}, _written_rates(reduced)
+    wanted = {
+        name: {(kept := remaining.get(name) or name), written.get(kept, kept)} for name in states
+    }
+    dummies = dummy_derivatives(d, free, points, {*chain(*wanted.values())})
+    return _assembled(dae, aliases, d, dummies, inputs, wanted)
+
+
+def _quantity(variable: Variable, order: int, symbol: ca.SX) -> Quantity:
+    name, unit = name_of(variable.name, order), rate_unit(variable.unit, order)
+    return Quantity(name, symbol, unit, variable, order)
 
 
 def _written_rates(dae: Dae) -> dict[str, str]:
@@ -205,15 +215,6 @@ def _written_rates(dae: Dae) -> dict[str, str]:
 
 def _base(name: str) -> str:
     return name.removeprefix("der(").split(",")[0].rstrip(")") if name.startswith("der(") else name
-
-
-def _inputs(d: Differentiated) -> tuple[Quantity, ...]:
-    declared = [Quantity(u.name, u.symbol, u.unit, u, 0) for u in d.dae.inputs]
-    rates = [
-        Quantity(name_of(u.name, order), symbol, rate_unit(u.unit, order), u, order)
-        for u, order, symbol in d.input_rates
-    ]
-    return (*declared, *rates)
 
 
 def rate_unit(unit: str, order: int = 1) -> str:
@@ -242,7 +243,12 @@ def _consistent_points(d: Differentiated, inputs: Sequence[Quantity]) -> list[Ar
     for p in parameter_points(dae, _POINTS):
         at = solve(system, start, np.array([*u, *p]), sizes)
         if not points and not at.is_solution:
-            raise _inconsistent(d, at)
+            raise StructureError(
+                f"{dae.owner}: no consistent initial point was found at the nominal parameters; what "
+                "misses most, relative to its terms: "
+                f"{at.worst([place_of(dae, row) for row in d.residuals])}. Give start values near a "
+                "solution."
+            )
         if at.is_solution:
             points.append(np.concatenate([at.values, u, p]))
     return points
@@ -264,23 +270,13 @@ def in_symbols(dae: Dae, points: Array) -> Array:
     return np.asarray(points * np.array(factors))
 
 
-def _inconsistent(d: Differentiated, at: Found) -> StructureError:
-    worst = np.argsort(-at.missing)[:3]
-    rows = list(d.residuals)
-    places = [f"{place_of(d.dae, rows[k])} ({at.missing[k]:.1e})" for k in worst]
-    return StructureError(
-        f"{d.dae.owner}: no consistent initial point was found at the nominal parameters; what misses "
-        f"most, relative to its terms: {', '.join(places)}. Give start values near a solution."
-    )
-
-
 def _assembled(
     source: Dae,
     aliases: tuple[Alias, ...],
     d: Differentiated,
     dummies: Collection[Entry],
     inputs: tuple[Quantity, ...],
-    wanted: Sequence[str],
+    wanted: Mapping[str, set[str]],
 ) -> Structure:
     dae = d.dae
     is_state = {
@@ -289,23 +285,14 @@ def _assembled(
         for entry in d.symbols
     }
     quantity = {
-        entry: Quantity(
-            name_of(dae.variables[entry.variable].name, entry.order),
-            symbol,
-            rate_unit(dae.variables[entry.variable].unit, entry.order),
-            dae.variables[entry.variable],
-            entry.order,
-        )
+        entry: _quantity(dae.variables[entry.variable], entry.order, symbol)
         for entry, symbol in d.symbols.items()
     }
     states = [entry for entry in d.symbols if is_state[entry]]
     unknowns = [entry for entry in d.symbols if not is_state[entry]]
     names = {quantity[entry].name for entry in states}
-    gone = {a.name: a.of for a in aliases}
-    same = _written_rates(dae)
-    for name in wanted:
-        name_kept = gone.get(name) or name
-        if name_kept not in names and same.get(name_kept) not in names:
+    for name, candidates in wanted.items():
+        if not candidates & names:
             raise StructureError(
                 f"{source.owner}: {name!r} cannot be a state together with the other states that are "
                 f"asked for. The states are {listed(sorted(names))}."

@@ -18,23 +18,18 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, StructureError
 from mbdlft.base.parameter import to_internal
 from mbdlft.base.unit import Signal, dimension_name, parse_unit
-from mbdlft.dae.alias import rational
 from mbdlft.dae.description import dimension_of, open_unit
 from mbdlft.dae.index import blocks_of
 from mbdlft.dae.points import singular_part
-from mbdlft.dae.structure import Quantity, Structure
+from mbdlft.dae.structure import Structure
 from mbdlft.dae.text import column_of
 from mbdlft.dae.theta.arguments import (
     ONE_KEY,
     Function,
     Mixed,
     number,
-    plus,
-    signal,
-    times,
-    with_tables,
 )
-from mbdlft.dae.theta.separation import Arrange, Separation
+from mbdlft.dae.theta.separation import Arrange, Separated, Separation
 from mbdlft.exact.numbers import decimal
 from mbdlft.exact.operators import Dimension
 from mbdlft.problem.relations import LinearModel
@@ -98,68 +93,13 @@ class _Form:
         self.uses_one = False
 
     def form(self) -> ThetaForm:
-        rows, kept = self._rows()
-        rates, extra = self._rates(kept)
-        outputs = [
-            self.separation.follow(y.expression, f"output {y.name!r}", y.name)
-            for y in self.s.dae.outputs
-        ]
-        mixed = self._merged([*rows, *extra, *outputs])
-        first = {r.element_hash() for r in rates}
-        others = [q.symbol for q in kept if q.symbol.element_hash() not in first]
-        unknown = column_of([*rates, *others])
-        first_output = len(rows) + len(extra)
-        residual = self._closed(mixed[:first_output], unknown)
-        output = [self._sx(m) for m in mixed[first_output:]]
-        return self._assembled(residual, output, unknown, len(rates))
-
-    def _rows(self) -> tuple[list[Mixed], list[Quantity]]:
-        """Equations that stay, and the unknowns that they are for."""
-        s, rows, kept = self.s, [], []
-        for block in s.blocks:
-            for i in block.rows:
-                place, residual = s.equations[i]
-                hint = s.unknowns[block.columns[0]].name
-                if len(block.rows) == 1 and self._defined(i, block.columns[0]):
-                    continue
-                row = self.separation.follow(residual, f"equation {place}", hint)
-                rows.append(with_tables(self.separation.registry, row, hint, -1))
-            if len(block.rows) > 1 or s.unknowns[block.columns[0]].symbol.element_hash() not in (
-                self.separation.values
-            ):
-                kept += [s.unknowns[j] for j in block.columns]
-        return rows, kept
-
-    def _defined(self, i: int, j: int) -> bool:
-        """Whether an unknown is replaced by what its equation says of it, without parameters."""
-        if self.arrange == "blocks":
-            return False
-        place, residual = self.s.equations[i]
-        quantity = self.s.unknowns[j]
-        slope = ca.jacobian(residual, quantity.symbol)
-        if not is_constant(slope) or rational(slope) == 0:
-            return False
-        remainder = ca.substitute(residual, quantity.symbol, ca.SX(0))
-        value = self.separation.follow(remainder, f"equation {place}", quantity.name)
-        if not value.is_plain:
-            return False
-        value = with_tables(self.separation.registry, times(value, -1 / slope), quantity.name, 1)
-        self.separation.values[quantity.symbol.element_hash()] = value
-        return True
-
-    def _rates(self, kept: Sequence[Quantity]) -> tuple[list[ca.SX], list[Mixed]]:
-        """Symbols of the derivatives of the states that are unknowns, and relations of new ones."""
-        free = {q.symbol.element_hash() for q in kept}
-        rates, extra = [], []
-        for q, rate in zip(self.s.states, self.s.rates, strict=True):
-            if rate.element_hash() in free:
-                rates.append(rate)
-                continue
-            symbol = ca.SX.sym(f"rate of {q.name}")
-            rates.append(symbol)
-            value = self.separation.follow(ca.SX(rate), f"state {q.name!r}", q.name)
-            extra.append(plus(times(value, ca.SX(-1)), signal(symbol)))
-        return rates, extra
+        outputs = column_of(y.expression for y in self.s.dae.outputs)
+        equations = self.separation.equations(self.s, self.s.residual, outputs, self.s.symbols)
+        count = len(equations.relations)
+        mixed = self._merged([*equations.relations, *equations.outputs])
+        residual = self._closed(mixed[:count], equations.unknown)
+        output = [self._sx(m) for m in mixed[count:]]
+        return self._assembled(residual, output, equations)
 
     def _merged(self, rows: Sequence[Mixed]) -> list[Mixed]:
         """Functions of the same arguments that occur together only, with numbers for factors, as one."""
@@ -294,7 +234,7 @@ class _Form:
         return self.psi[a]
 
     def _assembled(
-        self, residual: list[ca.SX], output: list[ca.SX], unknown: ca.SX, derivatives: int
+        self, residual: list[ca.SX], output: list[ca.SX], equations: Separated
     ) -> ThetaForm:
         s, registry = self.s, self.separation.registry
         names = self._names()
@@ -320,11 +260,11 @@ class _Form:
         relations = LinearModel(
             residual=column_of(residual),
             output=column_of([*output, *(psi for _, _, psi in arguments)]),
-            unknown=unknown,
+            unknown=equations.unknown,
             known=known,
             p=self.internal,
             parameters=s.dae.parameters,
-            derivatives=derivatives,
+            derivatives=equations.derivatives,
         )
         return ThetaForm(
             relations,

@@ -10,12 +10,14 @@ Source: Casella, Donida, Lovera (2009), sections 3.4 and 6.2.
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import casadi as ca
 
 from mbdlft.base.errors import NotRationalError
+from mbdlft.dae.alias import rational
 from mbdlft.dae.description import Dae
+from mbdlft.dae.structure import Structure
 from mbdlft.dae.text import ARITHMETIC_OF_SX, FUNCTIONS, column_of, free_symbols
 from mbdlft.dae.theta.arguments import (
     NOTHING,
@@ -29,6 +31,7 @@ from mbdlft.dae.theta.arguments import (
     signal,
     term,
     times,
+    with_tables,
 )
 from mbdlft.exact.numbers import constant_of
 from mbdlft.problem.equations import cosines_sines
@@ -67,9 +70,7 @@ class Separation:
         p = ca.vertcat(self.internal, *(dae.p[k] for k in angles))
         self.registry = Registry(ca.vertcat(expressions, cosine, sine), p)
         self.coefficients = {s.element_hash() for s in ca.vertsplit(p)}
-        self.values: dict[
-            int, Mixed
-        ] = {}  # of variables that are defined, by the hash of the symbol
+        self.values: dict[int, Mixed] = {}  # of replaced unknowns, by the hash of their symbol
         self.place = self.hint = ""
         self._operations = {
             name: partial(self.apply, name) for name in (*ARITHMETIC_OF_SX, *FUNCTIONS)
@@ -87,6 +88,56 @@ class Separation:
         mixed: Mixed = fold(function, table, elements)[0][0]
         self._check_angles(mixed)
         return mixed
+
+    def equations(
+        self, s: Structure, residuals: ca.SX, outputs: ca.SX, signals: ca.SX
+    ) -> "Separated":
+        """Equations and outputs of a structure, whose [unknowns ; states ; inputs] are `signals` in them.
+
+        An unknown is replaced by what its equation says of it if that has no parameters, except with
+        the arrangement "blocks".
+        """
+        rows, kept = [], []
+        for block in s.blocks:
+            name = s.unknowns[block.columns[0]].name
+            unknowns = [signals[j] for j in block.columns]
+            places = [f"equation {s.equations[i][0]}" for i in block.rows]
+            if self.arrange == "fewest" and len(unknowns) == 1:
+                value = self._solved(residuals[block.rows[0]], unknowns[0], places[0], name)
+                if value is not None:
+                    self.values[unknowns[0].element_hash()] = value
+                    continue
+            for i, place in zip(block.rows, places, strict=True):
+                row = self.follow(residuals[i], place, name)
+                rows.append(with_tables(self.registry, row, name, -1))
+            kept += unknowns
+        free = {x.element_hash() for x in kept}
+        position = {x.element_hash(): k for k, x in enumerate(ca.vertsplit(s.symbols))}
+        rates = []
+        for q, symbol in zip(s.states, s.rates, strict=True):
+            rate = signals[position[symbol.element_hash()]]
+            if rate.element_hash() not in free:
+                value = self.follow(rate, f"state {q.name!r}", q.name)
+                rate = ca.SX.sym(f"rate of {q.name}")
+                rows.append(plus(times(value, ca.SX(-1)), signal(rate)))
+            rates.append(rate)
+        taken = {rate.element_hash() for rate in rates}
+        others = [x for x in kept if x.element_hash() not in taken]
+        values = [
+            self.follow(outputs[k], f"output {y.name!r}", y.name)
+            for k, y in enumerate(s.dae.outputs)
+        ]
+        return Separated(rows, values, column_of([*rates, *others]), len(rates))
+
+    def _solved(self, residual: ca.SX, unknown: ca.SX, place: str, name: str) -> Mixed | None:
+        """The unknown by its equation, if its factor is a number and the value has no parameters."""
+        slope = ca.jacobian(residual, unknown)
+        if not is_constant(slope) or rational(slope) == 0:
+            return None
+        value = self.follow(ca.substitute(residual, unknown, ca.SX(0)), place, name)
+        if not value.is_plain:
+            return None
+        return with_tables(self.registry, times(value, -1 / slope), name, 1)
 
     def _element(self, symbol: ca.SX) -> Mixed:
         key = symbol.element_hash()
@@ -234,6 +285,15 @@ class Separation:
             for row in rows
         ]
         return ca.SX(ca.substitute(expression, old, column_of(new)))
+
+
+class Separated(NamedTuple):
+    """Values of relations 0 = ... and of outputs; unknown = [rates of the states ; others]."""
+
+    relations: list[Mixed]
+    outputs: list[Mixed]
+    unknown: ca.SX
+    derivatives: int
 
 
 def _hoisted(value: Mixed) -> tuple[ca.SX, Mixed]:
