@@ -86,6 +86,11 @@ class BodyWrench(NamedTuple):
     wrench: ca.SX
 
 
+def _pull(body: str, force: ca.SX, r: ca.SX) -> BodyWrench:
+    """A force (3,) at `r` (3,) from the inboard port of a body."""
+    return BodyWrench(body, move_wrench(ca.horzcat(force, ca.SX(3, 1)), r))
+
+
 class Load(Description, abc.ABC):
     """A load; every concrete kind is final. Its magnitude is an input of the model.
 
@@ -103,12 +108,16 @@ class Load(Description, abc.ABC):
 
     def quantities(self) -> dict[str, Expected]:
         """All quantities by label, each as it was given and with the unit that its value must have."""
-        given = getattr(self, self.magnitude_key)
-        return {} if given is None else {self.magnitude_key: Expected(given, self.signal.unit)}
+        magnitude = getattr(self, self.magnitude_key)
+        if magnitude is None:
+            return {}
+        return {self.magnitude_key: Expected(magnitude, self.signal.unit)}
 
-    @abc.abstractmethod
     def ports(self) -> dict[str, str]:
         """The ports at which the load acts, by the name of the field."""
+        return {
+            key: getattr(self, key) for key in ("port", "parent", "child") if hasattr(self, key)
+        }
 
     @abc.abstractmethod
     def wrenches(self, values: Values, magnitude: ca.SX, space: Space) -> list[BodyWrench]:
@@ -141,9 +150,6 @@ class DirectedLoad(Load, abc.ABC):
             )
         return frame
 
-    def ports(self) -> dict[str, str]:
-        return {"port": self.port}
-
     def unit(self, body: str, space: Space) -> ca.SX:
         """Unit vector (3,) along the direction, in the axes of its body."""
         unit = unit_vector(self.direction)
@@ -163,7 +169,7 @@ class Force(DirectedLoad):
     def wrenches(self, values: Values, magnitude: ca.SX, space: Space) -> list[BodyWrench]:
         body, r = space.port(self.port)
         force = self.unit(body, space) * magnitude
-        return [BodyWrench(body, move_wrench(ca.horzcat(force, ca.SX(3, 1)), r))]
+        return [_pull(body, force, r)]
 
 
 @final
@@ -196,17 +202,30 @@ class Buoyancy(Load):
     port: Text
     displaced_mass: Quantity | None = None
 
-    def ports(self) -> dict[str, str]:
-        return {"port": self.port}
-
     def wrenches(self, values: Values, magnitude: ca.SX, space: Space) -> list[BodyWrench]:
         body, r = space.port(self.port)
         force = -space.outward(space.gravity, body) * magnitude
-        return [BodyWrench(body, move_wrench(ca.horzcat(force, ca.SX(3, 1)), r))]
+        return [_pull(body, force, r)]
+
+
+class SpringLoad(Load, abc.ABC):
+    """A spring with `stiffness` (N/m) and a damper with `damping` (N s/m) between two ports."""
+
+    parent: Text
+    child: Text
+    stiffness: Quantity = 0.0
+    damping: Quantity = 0.0
+
+    def quantities(self) -> dict[str, Expected]:
+        law = {
+            "stiffness": Expected(self.stiffness, "N/m"),
+            "damping": Expected(self.damping, "N s/m"),
+        }
+        return law | super().quantities()
 
 
 @final
-class Spring(Load):
+class Spring(SpringLoad):
     """A spring with `stiffness` (N/m) and a damper with `damping` (N s/m) between two ports.
 
     `force_density` (N/m), tension over length, gives the tension at equilibrium. `rest_length` (m) may
@@ -218,10 +237,6 @@ class Spring(Load):
     signal: ClassVar[Signal] = Signal("force_density", "N/m")
     magnitude_key: ClassVar[str] = "force_density"
 
-    parent: Text
-    child: Text
-    stiffness: Quantity = 0.0
-    damping: Quantity = 0.0
     force_density: Quantity | None = None
     rest_length: Quantity | None = None
 
@@ -234,17 +249,11 @@ class Spring(Load):
             )
         return self
 
-    def ports(self) -> dict[str, str]:
-        return {"parent": self.parent, "child": self.child}
-
     def quantities(self) -> dict[str, Expected]:
-        own = {
-            "stiffness": Expected(self.stiffness, "N/m"),
-            "damping": Expected(self.damping, "N s/m"),
-        }
         length = self.rest_length
-        rest = {} if length is None else {"rest_length": Expected(length, "m")}
-        return own | super().quantities() | rest
+        return super().quantities() | (
+            {} if length is None else {"rest_length": Expected(length, "m")}
+        )
 
     def wrenches(self, values: Values, magnitude: ca.SX, space: Space) -> list[BodyWrench]:
         wrenches = []
@@ -254,12 +263,12 @@ class Spring(Load):
             along = (values["stiffness"] - magnitude) * ca.dot(r, space.departure(a, b, 0))
             along = space.elastic * along + values["damping"] * ca.dot(r, space.departure(a, b, 1))
             force = space.between(a, b) * magnitude + r * (along / ca.dot(r, r))
-            wrenches.append(BodyWrench(body, move_wrench(ca.horzcat(force, ca.SX(3, 1)), at)))
+            wrenches.append(_pull(body, force, at))
         return wrenches
 
 
 @final
-class Strut(Load):
+class Strut(SpringLoad):
     """A spring with `stiffness` (N/m) and a damper with `damping` (N s/m) along `direction`.
 
     `direction` is in the axes of the body of `parent`, and turns with it. `force` (N) is what acts on the
@@ -270,24 +279,8 @@ class Strut(Load):
     signal: ClassVar[Signal] = Signal("force", "N")
     magnitude_key: ClassVar[str] = "force"
 
-    parent: Text
-    child: Text
     direction: Annotated[Direction, AfterValidator(partial(with_length, what="direction"))]
-    stiffness: Quantity = 0.0
-    damping: Quantity = 0.0
     force: Quantity | None = None
-
-    def ports(self) -> dict[str, str]:
-        return {"parent": self.parent, "child": self.child}
-
-    def quantities(self) -> dict[str, Expected]:
-        quantities = {
-            "stiffness": Expected(self.stiffness, "N/m"),
-            "damping": Expected(self.damping, "N s/m"),
-        }
-        if self.force is not None:
-            quantities["force"] = Expected(self.force, "N")
-        return quantities
 
     def wrenches(self, values: Values, magnitude: ca.SX, space: Space) -> list[BodyWrench]:
         along = unit_vector(self.direction)
@@ -300,10 +293,7 @@ class Strut(Load):
         force = along * size
         at = at + space.between(self.parent, self.child)
         on_child = space.across_now(force, body, other)
-        return [
-            BodyWrench(body, move_wrench(ca.horzcat(-force, ca.SX(3, 1)), at)),
-            BodyWrench(other, move_wrench(ca.horzcat(on_child, ca.SX(3, 1)), there)),
-        ]
+        return [_pull(body, -force, at), _pull(other, on_child, there)]
 
 
 KINDS: dict[str, type[Load]] = {cls.kind: cls for cls in (Buoyancy, Force, Spring, Strut, Torque)}

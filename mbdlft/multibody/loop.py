@@ -73,14 +73,14 @@ class Loop(Description):
             "axis2": self.kind == "universal",
         }
         for key, needed in wanted.items():
-            given = getattr(self, key)
-            if (given is not None) != needed:
+            axis = getattr(self, key)
+            if (axis is not None) != needed:
                 raise SceneError(
                     f"a closure of the kind {self.kind!r} {'needs' if needed else 'has no'} {key}; "
                     f"{', '.join(WITH_AXIS)} have an axis, universal has axis1 and axis2."
                 )
-            if given is not None:
-                with_length(given, key)
+            if axis is not None:
+                with_length(axis, key)
         two = self.axis1 is not None and self.axis2 is not None
         if two and not np.any(np.cross(self.axis1 or (), self.axis2 or ())):
             raise SceneError("axis1 and axis2 are parallel: a universal joint turns about two.")

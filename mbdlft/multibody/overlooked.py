@@ -37,16 +37,16 @@ def notes(scene: Scene, trimmed: Mapping[Signal, float] | None = None) -> tuple[
         point = solve_trim(assemble(scene))
         trimmed = dict(zip(point.signals, point.values, strict=True))
     kinds = {p.name: "parameter" for p in scene.parameters}
-    found = [f"{error_sentence(body)}." for body in scene.bodies if isinstance(body, Beam)]
-    found += [
+    sentences = [f"{error_sentence(body)}." for body in scene.bodies if isinstance(body, Beam)]
+    sentences += [
         f"{kinds.get(name, 'constant')} {name!r} is declared and not used."
         for name in unused_names(scene)
     ]
-    found += [f"port {port!r} is declared and not used." for port in unused_ports(scene)]
-    found += _unseen(scene)
+    sentences += [f"port {port!r} is declared and not used." for port in unused_ports(scene)]
+    sentences += _unseen(scene)
     if not any(scene.gravity) and not any(scene.acceleration):
-        found.append("there is no gravity and no acceleration; both are zero by default.")
-    return (*found, *_pushed(scene, trimmed), *_holding(scene, trimmed))
+        sentences.append("there is no gravity and no acceleration; both are zero by default.")
+    return (*sentences, *_pushed(scene, trimmed), *_holding(scene, trimmed))
 
 
 def _unseen(scene: Scene) -> list[str]:

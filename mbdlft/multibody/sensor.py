@@ -71,7 +71,9 @@ class Sensor(Description, abc.ABC):
 
     def signals(self) -> tuple[Signal, ...]:
         """Outputs, in the order of `measure`."""
-        return tuple(Signal(f"{self.name}.{part.name}", part.unit) for part in self.components)
+        return tuple(
+            Signal(f"{self.name}.{component.name}", component.unit) for component in self.components
+        )
 
     @abc.abstractmethod
     def measure(self, view: View) -> ca.SX:

@@ -41,9 +41,9 @@ class Coordinate(NamedTuple):
 
 def column(entries: Iterable[ca.SX | float]) -> ca.SX:
     """Column (n,) of n numbers and expressions; a zero becomes a structural zero of the SX."""
-    given = tuple(entries)
-    result = ca.SX(len(given), 1)
-    for k, entry in enumerate(given):
+    listed = tuple(entries)
+    result = ca.SX(len(listed), 1)
+    for k, entry in enumerate(listed):
         if not (entry.is_zero() if isinstance(entry, ca.SX) else entry == 0.0):
             result[k] = entry
     return result

@@ -179,8 +179,8 @@ def _is_felt(e: Equations, relations: LinearModel, moved: Moved, order: int) -> 
     n, k = e.degrees_of_freedom, moved.coordinate
     signal = (e.x[k], e.x[n + k], e.xdot[n + k])[order]
     last = e.residual.numel() - 2 * len(e.moved) + 2 * e.moved.index(moved)
-    own = {k, n + k, last, last + 1}
-    rows = [row for row in range(relations.residual.numel()) if row not in own]
+    kinematic = {k, n + k, last, last + 1}
+    rows = [row for row in range(relations.residual.numel()) if row not in kinematic]
     both = ca.vertcat(rows_of(relations.residual, rows), relations.output)
     slopes = ca.jacobian(both, signal)
     return bool(np.any(modulo_prime(slopes, _SEED).residues != 0))

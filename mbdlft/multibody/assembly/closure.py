@@ -53,57 +53,57 @@ def constraint(loops: Sequence[Loop], view: View, order: int) -> ca.SX:
     """G w for the small motions w of one order: displacement, velocity or acceleration."""
     rows = []
     for loop in loops:
-        view.owner, own = owner_name(loop), _own(loop, view)
+        view.owner, values = owner_name(loop), _own(loop, view)
         body, held = view.small(loop.parent, order)
         other, moved = view.small(loop.child, order)
         if loop.slides:
             apart = view.departure(loop.parent, loop.child, order)
-            rows.append(ca.mtimes(loop.held(), loop.in_own_axes(apart, own)))
+            rows.append(ca.mtimes(loop.held(), loop.in_own_axes(apart, values)))
         else:
             rows.append(view.across(moved.displacement, other, body) - held.displacement)
         turned = view.across(moved.rotation, other, body) - held.rotation
-        second = second_axis(loop, own, partial(view.across, source=other, target=body))
-        rows.append(ca.mtimes(loop.turned_rows(second), loop.in_own_axes(turned, own)))
+        second = second_axis(loop, values, partial(view.across, source=other, target=body))
+        rows.append(ca.mtimes(loop.turned_rows(second), loop.in_own_axes(turned, values)))
     return ca.vertcat(*rows) if rows else ca.SX(0, 1)
 
 
 def reactions(loops: Sequence[Loop], view: View, multipliers: ca.SX) -> list[BodyWrench]:
     """Wrenches of the multipliers, one for each row of `constraint`, on both bodies of each loop."""
-    found, k = [], 0
+    wrenches, k = [], 0
     for loop in loops:
-        view.owner, own = owner_name(loop), _own(loop, view)
+        view.owner, values = owner_name(loop), _own(loop, view)
         body, at = view.port(loop.parent)
         other, there = view.port(loop.child)
-        second = second_axis(loop, own, partial(view.across_now, source=other, target=body))
+        second = second_axis(loop, values, partial(view.across_now, source=other, target=body))
         directions, held = loop.turned_rows(second), loop.held()
         forces, torques = held.shape[0], directions.shape[0]
         force = multipliers[k : k + forces]
         torque = ca.mtimes(directions.T, multipliers[k + forces : k + forces + torques])
         k += forces + torques
         if loop.slides:  # the parent is pushed where the child's port is now
-            force = loop.in_parent_axes(ca.mtimes(held.T, force), own)
+            force = loop.in_parent_axes(ca.mtimes(held.T, force), values)
             at = at + view.between(loop.parent, loop.child)
-        pair = ca.horzcat(force, loop.in_parent_axes(torque, own))
+        pair = ca.horzcat(force, loop.in_parent_axes(torque, values))
         on_child = ca.horzcat(
             *(view.across_now(pair[:, column], body, other) for column in range(2))
         )
-        found.append(BodyWrench(body, move_wrench(-pair, at)))
-        found.append(BodyWrench(other, move_wrench(on_child, there)))
-    return found
+        wrenches.append(BodyWrench(body, move_wrench(-pair, at)))
+        wrenches.append(BodyWrench(other, move_wrench(on_child, there)))
+    return wrenches
 
 
 def _own(loop: Loop, view: View) -> Values:
     return view.now.values.get(owner_name(loop), {})
 
 
-def second_axis(loop: Loop, own: Values, across: Callable[[ca.SX], ca.SX]) -> ca.SX:
+def second_axis(loop: Loop, values: Values, across: Callable[[ca.SX], ca.SX]) -> ca.SX:
     """The axis (3,) of the child of a universal closure, in the axes of the closure; of others, nothing.
 
     `across` gives components in the axes of the parent of a vector in those of the child.
     """
     if loop.axis2 is None:
         return ca.SX(3, 1)
-    return loop.in_own_axes(across(unit_vector(loop.axis2)), own)
+    return loop.in_own_axes(across(unit_vector(loop.axis2)), values)
 
 
 def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]) -> Closure:
@@ -123,8 +123,8 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
     explained = _explained(scene, view, matrices)
     row = 0
     for loop in scene.loops:
-        own = slice(row, row := row + len(loop.signals()))
-        _check_that_it_closes(loop, view, evaluate, explained[:, own])
+        loop_rows = slice(row, row := row + len(loop.signals()))
+        _check_that_it_closes(loop, view, evaluate, explained[:, loop_rows])
     rank, rows = _independent(matrices[0].T)
     for matrix in matrices[1:]:
         if _independent(matrix.T)[0] != rank or _independent(matrix[rows].T)[0] != rank:
@@ -200,29 +200,29 @@ def _check_that_it_moves_alike(
 
 def gap_of(loop: Loop, view: View) -> ca.SX:
     """Gap of the ports, and of the directions that are held, at displaced positions."""
-    view.owner, own = owner_name(loop), _own(loop, view)
+    view.owner, values = owner_name(loop), _own(loop, view)
     body, other = (view.find(port)[0] for port in (loop.parent, loop.child))
-    apart = loop.in_own_axes(view.between(loop.parent, loop.child), own)
+    apart = loop.in_own_axes(view.between(loop.parent, loop.child), values)
     return ca.vertcat(
         ca.mtimes(loop.held(), apart),
-        _skewed(loop, own, lambda v: view.across_now(v, body, other)),
+        _skewed(loop, values, lambda v: view.across_now(v, body, other)),
     )
 
 
-def _skewed(loop: Loop, own: Values, across: Callable[[ca.SX], ca.SX]) -> ca.SX:
+def _skewed(loop: Loop, values: Values, across: Callable[[ca.SX], ca.SX]) -> ca.SX:
     """What directions (n,) that a closure holds differ by in the parent and in the child.
 
     `across` gives components in the axes of the child of a vector in those of the parent.
     """
     if loop.axis1 is not None and loop.axis2 is not None:
         first, second = unit_vector(loop.axis1), unit_vector(loop.axis2)
-        cosine = ca.dot(across(loop.in_parent_axes(first, own)), second)
+        cosine = ca.dot(across(loop.in_parent_axes(first, values)), second)
         return cosine - ca.dot(first, second)
     same = loop.same()
-    parts = [
-        across(loop.in_parent_axes(same[:, k], own)) - same[:, k] for k in range(same.shape[1])
+    differences = [
+        across(loop.in_parent_axes(same[:, k], values)) - same[:, k] for k in range(same.shape[1])
     ]
-    return ca.vertcat(ca.SX(0, 1), *parts)
+    return ca.vertcat(ca.SX(0, 1), *differences)
 
 
 def _explained(scene: Scene, view: View, matrices: Sequence[Array]) -> Array:
@@ -266,11 +266,11 @@ def _check_that_it_closes(
 
     `explained` (N, rows) are the gaps that fitted positions may leave.
     """
-    view.owner, own = owner_name(loop), _own(loop, view)
+    view.owner, values = owner_name(loop), _own(loop, view)
     gaps, reach = view.gaps(loop.parent, loop.child, evaluate)
     if loop.slides:
         apart = view.between_at_rest(loop.parent, loop.child)
-        gaps = evaluate(ca.mtimes(loop.held(), loop.in_own_axes(apart, own)))
+        gaps = evaluate(ca.mtimes(loop.held(), loop.in_own_axes(apart, values)))
     count = loop.held().shape[0]
     widest = max(float(np.linalg.norm(gap)) for gap in gaps)
     allowed = np.linalg.norm(explained[:, :count], axis=1)
@@ -283,7 +283,7 @@ def _check_that_it_closes(
             "where a parameter changes the shape of the loop they must follow it."
         )
     body, other = (view.port(port)[0] for port in (loop.parent, loop.child))
-    turned = _skewed(loop, own, lambda v: view.across(v, body, other))
+    turned = _skewed(loop, values, lambda v: view.across(v, body, other))
     if turned.numel():
         skewed = max(float(np.max(np.abs(value))) for value in evaluate(turned))
         largest = float(np.max(np.linalg.norm(explained[:, count:], axis=1)))

@@ -156,22 +156,22 @@ class _Finder:
 
     def weigh(self, link: Link) -> None:
         """Momenta of what a joint moves and of its actuator, along the axis of the joint."""
-        joint, own = link.joint, self.at_rest.values[link.owner]
+        joint, values = link.joint, self.at_rest.values[link.owner]
         assert isinstance(joint, AxisJoint)
-        axis, found = joint.direction(), self.bodies[link.child.name]
+        axis, turning = joint.direction(), self.bodies[link.child.name]
         J, first = self._inertia(link)
         self._check_symmetry(link, axis, J, first)
-        rate = self.at_rest.values[f"joint {found.joint.name!r}"]["rate"]
+        rate = self.at_rest.values[f"joint {turning.joint.name!r}"]["rate"]
         # a joint along the same axis may count it the other way
         along = float(np.sign(self.symbols.evaluate(ca.dot(axis, self._axis_at(link)))[0][0, 0]))
         about = ca.dot(axis, ca.mtimes(J, axis))
         actuator = ca.SX(0)
         for freedom in joint.freedoms:
-            inertia = own.get(coordinate_label("actuator_inertia", freedom), 0.0)
+            inertia = values.get(coordinate_label("actuator_inertia", freedom), 0.0)
             if freedom.turns and not ca.SX(inertia).is_zero():
-                ratio = own.get("gear_ratio", 1.0) if "rate" in own else 1.0
+                ratio = values.get("gear_ratio", 1.0) if "rate" in values else 1.0
                 actuator = ca.SX(ratio * inertia)
-        sign = 1.0 if "rate" in own else along
+        sign = 1.0 if "rate" in values else along
         self.momenta[link.owner] = {
             MOMENTUM: sign * rate * about,
             ROTOR: sign * rate * actuator if not actuator.is_zero() else 0.0,
@@ -205,9 +205,9 @@ class _Finder:
         )
         alpha = ca.SX.sym("alpha", 3)
         turned = ca.horzcat(ca.SX(3, 1), alpha, ca.SX(3, 1))
-        found = motions(alone, ca.SX(3, 3), {parent: turned})
-        needed = {**inertial_wrenches(alone, found), parent: ca.SX(3, 2)}
-        wrench = pass_inward(alone, found, needed).joints[name]
+        moving = motions(alone, ca.SX(3, 3), {parent: turned})
+        needed = {**inertial_wrenches(alone, moving), parent: ca.SX(3, 2)}
+        wrench = pass_inward(alone, moving, needed).joints[name]
         return ca.jacobian(wrench[:, 1], alpha), ca.jacobian(wrench[:, 0], alpha)
 
     def _check_symmetry(self, link: Link, axis: ca.SX, J: ca.SX, first: ca.SX) -> None:
@@ -217,16 +217,16 @@ class _Finder:
         tilted = [ca.dot(e, ca.mtimes(J, axis)) for e in (x, y)]
         crossed = ca.dot(x, ca.mtimes(J, y))
         moments = [ca.dot(e, ca.mtimes(J, e)) for e in (x, y)]
-        parts = {
+        asymmetries = {
             "first moment about the axis (kg m)": ca.mtimes(first, axis),
             "products of inertia with the axis (kg m^2)": ca.vertcat(*tilted),
             "product of inertia across the axis (kg m^2)": crossed,
             "difference of the moments across the axis (kg m^2)": moments[0] - moments[1],
         }
         wrong = []
-        for what, part in parts.items():
-            if not self._vanishes(part):
-                wrong.append(f"{what} {self._size(ca.SX(part))}")
+        for what, asymmetry in asymmetries.items():
+            if not self._vanishes(asymmetry):
+                wrong.append(f"{what} {self._size(ca.SX(asymmetry))}")
         if wrong:
             turning = self.bodies[link.child.name].joint
             raise SceneError(
@@ -237,29 +237,29 @@ class _Finder:
                 "an imbalance as a load (mbdlft.imbalance)."
             )
 
-    def _size(self, part: ca.SX) -> str:
+    def _size(self, expression: ca.SX) -> str:
         """The largest value of an expression, in words."""
-        unseen = [symbol for symbol in ca.symvar(part) if ".inertia." in symbol.name()]
+        unseen = [symbol for symbol in ca.symvar(expression) if ".inertia." in symbol.name()]
         if unseen:
             return f"unknown without {', '.join(sorted({symbol.name() for symbol in unseen}))}"
-        return f"{max(float(np.max(np.abs(value))) for value in self.symbols.evaluate(part)):.3g}"
+        return f"{max(float(np.max(np.abs(value))) for value in self.symbols.evaluate(expression)):.3g}"
 
-    def _vanishes(self, *parts: ca.SX) -> bool:
+    def _vanishes(self, *expressions: ca.SX) -> bool:
         """Whether expressions are zero for all values of the parameters, as far as they are given.
 
         Entries of inertias that are not given are taken as those of a sphere: they are asked for where
         a motion feels them.
         """
-        column = ca.SX(ca.densify(ca.vertcat(*(ca.vec(part) for part in parts))))
+        column = ca.SX(ca.densify(ca.vertcat(*(ca.vec(expression) for expression in expressions))))
         for body in self.scene.bodies:
             for entries, value in ((DIAGONAL, ca.SX.sym("moment")), (PRODUCTS, ca.SX(0))):
                 names = {unseen_name(body.name, entry) for entry in entries}
                 for symbol in [s for s in ca.symvar(column) if s.name() in names]:
                     column = ca.substitute(column, symbol, value)
         _, p, cosine, sine = exact_symbols(self.symbols.parameters)
-        own = ca.vertcat(self.symbols.p, self.symbols.cosine, self.symbols.sine)
+        symbols = ca.vertcat(self.symbols.p, self.symbols.cosine, self.symbols.sine)
         at = ca.densify(ca.vertcat(p, cosine, sine))
-        return not np.any(modulo_prime(ca.substitute(column, own, at), _SEED).residues != 0)
+        return not np.any(modulo_prime(ca.substitute(column, symbols, at), _SEED).residues != 0)
 
     # what is held by it ---------------------------------------------------------------------
 
@@ -277,10 +277,10 @@ class _Finder:
         """Loads act along the axis, or are fixed to the scene and act at the axis."""
         for load in self.scene.loads:
             for port in load.ports().values():
-                found = self._turning(port)
-                if found is None:
+                at_port = self._turning(port)
+                if at_port is None:
                     continue
-                turning, body, name = found
+                turning, body, name = at_port
                 turner = turning.joint.name
                 where = f"load {load.name!r}: it acts on body {body!r}, which joint {turner!r}"
                 if load.kind != "torque" and not self._is_on_axis(body, name):
@@ -303,16 +303,16 @@ class _Finder:
         """Sensors are where nothing turns, or see the displacement of a point on the axis."""
         for sensor in self.scene.sensors:
             frame = getattr(sensor, "frame", "ground")
-            found = self._turning(getattr(sensor, "port", frame))
+            at_port = self._turning(getattr(sensor, "port", frame))
             inner = self._inner_joint(getattr(sensor, "joint", ""))
             if frame in self.bodies or inner:
                 raise SceneError(
                     f"sensor {sensor.name!r}: {inner or f'frame {frame!r} '}turns at a steady rate. "
                     f"{_PERIODIC}. Measure what does not turn: another frame, or the joint with the rate."
                 )
-            if found is None:
+            if at_port is None:
                 continue
-            turning, body, name = found
+            turning, body, name = at_port
             displaced = sensor.kind in ("position", "velocity", "acceleration")
             if not displaced or not self._is_on_axis(body, name):
                 raise SceneError(
@@ -333,10 +333,10 @@ class _Finder:
         """Loops hold points on the axis, and directions across it."""
         for loop in self.scene.loops:
             for port in (loop.parent, loop.child):
-                found = self._turning(port)
-                if found is None:
+                at_port = self._turning(port)
+                if at_port is None:
                     continue
-                turning, body, name = found
+                turning, body, name = at_port
                 free = loop.kind == "spherical"
                 if loop.kind in ("revolute", "cylindrical") and loop.axis is not None:
                     axis = unit_vector(loop.axis)
@@ -357,9 +357,9 @@ def body_momenta(links: Sequence[Link], values: Mapping[str, Values]) -> dict[st
 
     That of a body has those of all that are rigid with it.
     """
-    found = {}
+    momenta = {}
     for link in links:
-        own = values[link.owner]
-        if MOMENTUM in own and isinstance(link.joint, AxisJoint):
-            found[link.child.name] = link.joint.direction() * own[MOMENTUM]
-    return found
+        quantities = values[link.owner]
+        if MOMENTUM in quantities and isinstance(link.joint, AxisJoint):
+            momenta[link.child.name] = link.joint.direction() * quantities[MOMENTUM]
+    return momenta

@@ -67,8 +67,8 @@ def place(
         arms[name] = arm - origin if origin.nnz() else arm
         inboard[name] = position(link.child, link.child_port, values)
         elastic[name] = coordinates[owner_name(link.child)]
-        own = elastic[link.parent.name] if joint.kind == "port" else coordinates[link.owner]
-        moves[name] = joint.moves(values[link.owner], own)
+        at = elastic[link.parent.name] if joint.kind == "port" else coordinates[link.owner]
+        moves[name] = joint.moves(values[link.owner], at)
     return Placed(links, moves, arms, inboard, elastic, bodies, values)
 
 
@@ -96,21 +96,21 @@ def motions(
 
     `others` are motions of bodies from which links start that do not lead to the ground.
     """
-    found = {GROUND: ground, **others}
+    bodies = {GROUND: ground, **others}
     after: dict[str, list[ca.SX]] = {}
     for link in placed.links:
         name = link.child.name
-        motion = move_motion(found[link.parent.name], placed.arms[name])
+        motion = move_motion(bodies[link.parent.name], placed.arms[name])
         after[name] = [motion := move.motion(motion) for move in placed.moves[name]]
-        found[name] = motion
-    return Motions(found, after)
+        bodies[name] = motion
+    return Motions(bodies, after)
 
 
-def inertial_wrenches(placed: Placed, found: Motions) -> dict[str, ca.SX]:
+def inertial_wrenches(placed: Placed, moving: Motions) -> dict[str, ca.SX]:
     """Wrench (3, 2) that the motion of each body needs, about its inboard port."""
     return {
         link.child.name: link.child.wrench(
-            found.bodies[link.child.name],
+            moving.bodies[link.child.name],
             placed.values.get(owner_name(link.child), {}),
             placed.inboard[link.child.name],
             placed.elastic[link.child.name],
@@ -119,11 +119,11 @@ def inertial_wrenches(placed: Placed, found: Motions) -> dict[str, ca.SX]:
     }
 
 
-def body_efforts(placed: Placed, found: Motions) -> dict[str, ca.SX]:
+def body_efforts(placed: Placed, moving: Motions) -> dict[str, ca.SX]:
     """Generalized forces (n,) that the coordinates of each body need; a rigid one has none."""
     return {
         owner_name(link.child): link.child.efforts(
-            found.bodies[link.child.name],
+            moving.bodies[link.child.name],
             placed.values.get(owner_name(link.child), {}),
             placed.elastic[link.child.name],
         )
@@ -140,22 +140,22 @@ class Passed(NamedTuple):
     ground: ca.SX
 
 
-def pass_inward(placed: Placed, found: Motions, needed: Mapping[str, ca.SX]) -> Passed:
+def pass_inward(placed: Placed, moving: Motions, needed: Mapping[str, ca.SX]) -> Passed:
     """Inward pass of the wrenches `needed` by the bodies apart from their joints, by body."""
     total = {**needed, GROUND: ca.SX(3, 2)}
     joints: dict[str, ca.SX] = {}
-    collected = body_efforts(placed, found)
+    collected = body_efforts(placed, moving)
     for link in reversed(placed.links):
         name = link.child.name
         joints[name] = wrench = total[name]
-        own: list[ca.SX] = []
+        of_moves: list[ca.SX] = []
         for move, motion in zip(
-            reversed(placed.moves[name]), reversed(found.moves[name]), strict=True
+            reversed(placed.moves[name]), reversed(moving.moves[name]), strict=True
         ):
             wrench = move.carried(wrench, motion)
-            own.insert(0, move.effort(wrench, motion))
+            of_moves.insert(0, move.effort(wrench, motion))
             wrench = move.wrench(wrench)
-        efforts = ca.vertcat(*own)
+        efforts = ca.vertcat(*of_moves)
         if isinstance(link.joint, PortJoint):
             efforts = collected[link.owner] + efforts + pulled(placed, link.joint, joints[name])
         collected[link.owner] = efforts
@@ -244,8 +244,10 @@ class View:
     def rest(self) -> Placed:
         """The tree at equilibrium; not every scene asks for it."""
         now = self.now
-        rest = {name: _at_rest(coordinate, None) for name, coordinate in self.coordinates.items()}
-        return place(now.links, now.bodies, now.values, rest)
+        coordinates = {
+            name: _at_rest(coordinate, None) for name, coordinate in self.coordinates.items()
+        }
+        return place(now.links, now.bodies, now.values, coordinates)
 
     def find(self, port: str) -> tuple[str, str]:
         """Body and port by name."""
@@ -297,8 +299,8 @@ class View:
 
     def small(self, port: str, order: int) -> tuple[str, Small]:
         body, name = self.find(port)
-        placed, found = self._linear(order)
-        moved = move_motion(found.bodies[body], port_arm(placed, body, name))
+        placed, moving = self._linear(order)
+        moved = move_motion(moving.bodies[body], port_arm(placed, body, name))
         return body, Small(moved[:, 1], moved[:, 2])
 
     def across(self, vector: ca.SX, source: str, target: str) -> ca.SX:
@@ -318,8 +320,8 @@ class View:
         return self.passed.joints[self.joints[joint]]
 
     def momentum(self, order: int) -> ca.SX:
-        placed, found = self._linear(order)
-        total = pass_inward(placed, found, inertial_wrenches(placed, found)).ground
+        placed, moving = self._linear(order)
+        total = pass_inward(placed, moving, inertial_wrenches(placed, moving)).ground
         if order == 0:
             return total
         for link in self.now.links:  # what turns steadily has a momentum that is tilted

@@ -162,9 +162,9 @@ class _Mechanics:
 
 def _mechanics(r: Resolved) -> _Mechanics:
     scene, links, values = r.scene, r.links, r.values
-    own = values[f"scene {scene.name!r}"]
-    gravity = column(own[f"gravity.{a}"] for a in AXES)
-    base = column(own[f"acceleration.{a}"] - own[f"gravity.{a}"] for a in AXES)
+    uniform = values[f"scene {scene.name!r}"]
+    gravity = column(uniform[f"gravity.{a}"] for a in AXES)
+    base = column(uniform[f"acceleration.{a}"] - uniform[f"gravity.{a}"] for a in AXES)
     load = ca.SX.sym("load", base.sparsity())
     view = View(links, all_bodies(scene), values, r.symbols.coordinates(links), gravity)
     closure = close_loops(scene, view, r.symbols.evaluate)
@@ -178,7 +178,7 @@ def _mechanics(r: Resolved) -> _Mechanics:
     u = ca.SX.sym("u", len(efforts))
     z = ca.SX.sym("multiplier", len(closure.rows))
     view.momenta = body_momenta(links, values)
-    view.motions = motions(view.now, ground_motion(scene, own, load, efforts, u))
+    view.motions = motions(view.now, ground_motion(scene, uniform, load, efforts, u))
     inertial = inertial_wrenches(view.now, view.motions)
     for name, momentum in view.momenta.items():
         inertial[name] += turning_along(view.motions.bodies[name], momentum)
@@ -240,7 +240,7 @@ def _equations(m: _Mechanics, passed: Passed) -> Equations:
     followers = {*m.closure.dependent, *(c.coordinate for c in moved)}
     followers |= {n + k for k in followers}
     states = tuple(k for k in range(2 * n) if k not in followers)
-    given = [0.0 if effort.given is None else effort.given for effort in m.efforts]
+    trimmed = [0.0 if effort.value is None else effort.value for effort in m.efforts]
     return Equations(
         name=scene.name,
         residual=both[: residual.numel()],
@@ -254,8 +254,8 @@ def _equations(m: _Mechanics, passed: Passed) -> Equations:
         cosine=symbols.cosine,
         sine=symbols.sine,
         load_value=ca.SX(m.base.nz[:]),
-        given=ca.SX(ca.vertcat(*given)),
-        unknown=tuple(k for k, effort in enumerate(m.efforts) if effort.given is None),
+        given=ca.SX(ca.vertcat(*trimmed)),
+        unknown=tuple(k for k, effort in enumerate(m.efforts) if effort.value is None),
         inputs=tuple(k for k, effort in enumerate(m.efforts) if effort.is_input),
         states=states,
         x_signals=tuple(coordinate_signals[k] for k in states),
@@ -296,21 +296,21 @@ def _dynamics(
     symbols: Symbols,
     values: Mapping[str, Values],
     view: View,
-    given: ca.SX,
+    acting_efforts: ca.SX,
 ) -> ca.SX:
-    """Efforts needed minus those `given` (n,); for an imposed joint its acceleration minus the input."""
+    """Efforts needed minus those that act (n,); of an imposed joint, the acceleration minus the input."""
     needed = ca.vertcat(*(view.passed.efforts[owned.owner] for owned in coordinate_owners(links)))
     rows: list[ca.SX] = []
     for row, degree in enumerate(degrees(links)):
         if degree.kind in ("imposed", "motion"):
-            rows.append(symbols.a[row] - given[row])
+            rows.append(symbols.a[row] - acting_efforts[row])
             continue
-        effort, own = needed[row], values.get(degree.owner, {})
+        effort, quantities = needed[row], values.get(degree.owner, {})
         if degree.kind == "joint":
-            effort += own.get(degree.label("stiffness"), 0.0) * symbols.q[row]
-            rate = symbols.v[row] + own.get("rate", 0.0)
-            effort += own.get(degree.label("damping"), 0.0) * rate
-        rows.append(effort - given[row])
+            effort += quantities.get(degree.label("stiffness"), 0.0) * symbols.q[row]
+            rate = symbols.v[row] + quantities.get("rate", 0.0)
+            effort += quantities.get(degree.label("damping"), 0.0) * rate
+        rows.append(effort - acting_efforts[row])
     return ca.vertcat(*rows)
 
 

@@ -104,29 +104,32 @@ class _Range:
         intervals = [box.get(p.name, Interval(p.low, p.high)) for p in self.parameters]
         turns = [item * factor for item, factor in zip(intervals, self.factors, strict=True)]
         arguments = [intervals, *([FUNCTIONS[name](x) for x in turns] for name in ("cos", "sin"))]
-        (found,) = fold(function, _RULES, *arguments)
-        return Interval.of(found[k])
+        (entries,) = fold(function, _RULES, *arguments)
+        return Interval.of(entries[k])
 
 
-def _has_energy(own: Values, range_: _Range) -> bool:
+def _has_energy(values: Values, range_: _Range) -> bool:
     """Whether the energy of a body, or of an actuator, is proved not to be negative.
 
     Numbers have been checked; what depends on parameters has to be positive.
     """
     open_ = [
         label
-        for label, value in own.items()
+        for label, value in values.items()
         if label.startswith((*LABELS, "inertia.")) and not is_constant(ca.SX(value))
     ]
-    entries = [own[label] for label in open_ if not label.startswith("inertia.")]
+    entries = [values[label] for label in open_ if not label.startswith("inertia.")]
     of_inertia = [label for label in open_ if label.startswith("inertia.")]
-    if any(label in own and not ca.SX(own[label]).is_zero() for label in _PRODUCTS) and of_inertia:
-        if any(label not in own for label in _MATRIX):
+    if (
+        any(label in values and not ca.SX(values[label]).is_zero() for label in _PRODUCTS)
+        and of_inertia
+    ):
+        if any(label not in values for label in _MATRIX):
             return False
-        J = ca.reshape(ca.vertcat(*(ca.SX(own[label]) for label in _MATRIX)), 3, 3)
+        J = ca.reshape(ca.vertcat(*(ca.SX(values[label]) for label in _MATRIX)), 3, 3)
         entries.append(_pivots(J))
     else:
-        entries += [own[label] for label in of_inertia]
+        entries += [values[label] for label in of_inertia]
     return not entries or range_.keeps_positive(ca.vertcat(*entries))
 
 
@@ -143,9 +146,9 @@ def _efforts_alone(at_rest: Placed, link: Link) -> ca.SX:
             group.add(other.child.name)
             links.append(other)
     alone = replace(at_rest, links=tuple(links))
-    found = motions(alone, ca.SX(3, 3), {link.parent.name: ca.SX(3, 3)})
-    needed = inertial_wrenches(alone, found)
-    return pass_inward(alone, found, {**needed, link.parent.name: ca.SX(3, 2)}).efforts[link.owner]
+    moving = motions(alone, ca.SX(3, 3), {link.parent.name: ca.SX(3, 3)})
+    needed = inertial_wrenches(alone, moving)
+    return pass_inward(alone, moving, {**needed, link.parent.name: ca.SX(3, 2)}).efforts[link.owner]
 
 
 def _pivots(H: ca.SX) -> ca.SX:

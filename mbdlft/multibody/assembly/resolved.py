@@ -110,9 +110,9 @@ def align(scene: Scene, values: Mapping[str, Values], evaluate: Evaluate) -> Ali
         return None
     groups = [
         (owner, labels)
-        for owner, own in values.items()
-        for labels in (*_vector_labels(own), _ENTRIES)
-        if labels[0] in own
+        for owner, quantities in values.items()
+        for labels in (*_vector_labels(quantities), _ENTRIES)
+        if labels[0] in quantities
     ]
     folded = _folded(
         [[values[owner][label] for label in labels] for owner, labels in groups], evaluate
@@ -120,12 +120,12 @@ def align(scene: Scene, values: Mapping[str, Values], evaluate: Evaluate) -> Ali
     Q = _axes(normal, [coefficients for coefficients, _ in folded if len(coefficients) == 3])
     # J' = Q'J Q by entries
     conjugate = (np.kron(Q.T, Q.T) @ np.eye(6)[_PLACES.ravel()])[_FIRST]
-    found = {owner: dict(own) for owner, own in values.items()}
+    turned = {owner: dict(quantities) for owner, quantities in values.items()}
     for (owner, labels), (coefficients, terms) in zip(groups, folded, strict=True):
         turn = Q.T if len(labels) == 3 else conjugate
         sizes = np.abs(turn) @ np.abs(coefficients)
-        found[owner] |= zip(labels, _combined(turn @ coefficients, sizes, terms), strict=True)
-    return Aligned(_turned_scene(scene, Q), found, Q)
+        turned[owner] |= zip(labels, _combined(turn @ coefficients, sizes, terms), strict=True)
+    return Aligned(_turned_scene(scene, Q), turned, Q)
 
 
 def _directions(scene: Scene) -> Iterator[Direction]:
@@ -147,7 +147,11 @@ def _common_axis(scene: Scene) -> Array | None:
 
 def _can_be_turned(scene: Scene, values: Mapping[str, Values]) -> bool:
     """Whether nothing in the scene has components of its own in the axes of a body."""
-    inertias = [own for own in values.values() if any(label in own for label in _ENTRIES)]
+    inertias = [
+        quantities
+        for quantities in values.values()
+        if any(label in quantities for label in _ENTRIES)
+    ]
     return (
         not scene.loops
         and all(isinstance(body, RigidBody | PointMass | Ground) for body in scene.bodies)
@@ -155,15 +159,15 @@ def _can_be_turned(scene: Scene, values: Mapping[str, Values]) -> bool:
         and all(isinstance(load, DirectedLoad | Buoyancy | Spring) for load in scene.loads)
         and not any(name.startswith("ground.") for name in scene.inputs or ())
         and UNKNOWN not in scene.acceleration
-        and all(label in own for own in inertias for label in _ENTRIES)
+        and all(label in quantities for quantities in inertias for label in _ENTRIES)
     )
 
 
-def _vector_labels(own: Values) -> list[tuple[str, ...]]:
+def _vector_labels(quantities: Values) -> list[tuple[str, ...]]:
     """Labels of the components of vectors, three each."""
-    ends = (label.removesuffix("x") for label in own if label.endswith(".x"))
+    ends = (label.removesuffix("x") for label in quantities if label.endswith(".x"))
     triples = (tuple(end + axis for axis in AXES) for end in ends)
-    return [labels for labels in triples if all(label in own for label in labels)]
+    return [labels for labels in triples if all(label in quantities for label in labels)]
 
 
 def _folded(
@@ -177,8 +181,8 @@ def _folded(
     numbers = np.stack(evaluate(every))[:, :, 0].T
     ends = np.cumsum([len(entries) for entries in groups])
     return [
-        _independent(part, entries)
-        for part, entries in zip(np.split(numbers, ends[:-1]), groups, strict=True)
+        _independent(group_numbers, entries)
+        for group_numbers, entries in zip(np.split(numbers, ends[:-1]), groups, strict=True)
     ]
 
 
@@ -205,15 +209,15 @@ def _combined(coefficients: Array, sizes: Array, terms: Sequence[Any]) -> list[A
     """
     whole = np.round(coefficients)
     near = np.abs(coefficients - whole) <= _ROUNDING * sizes
-    found: list[Any] = []
+    entries: list[Any] = []
     for row in np.where(near, whole, coefficients):
         used = [
             term if c == 1.0 else float(c) * term
             for c, term in zip(row, terms, strict=True)
             if c != 0.0
         ]
-        found.append(sum(used[1:], start=used[0]) if used else 0.0)
-    return found
+        entries.append(sum(used[1:], start=used[0]) if used else 0.0)
+    return entries
 
 
 def _axes(normal: Array, vectors: Sequence[Array]) -> Array:
@@ -236,8 +240,8 @@ def _turned_scene(scene: Scene, Q: Array) -> Scene:
     """The scene with the directions in it turned; its quantities stay as they are written."""
 
     def turned(direction: Direction) -> Direction:
-        given = np.asarray(direction) / np.linalg.norm(direction)
-        return tuple(_combined((Q.T @ given)[:, None], np.ones((3, 1)), [1.0]))
+        unit = np.asarray(direction) / np.linalg.norm(direction)
+        return tuple(_combined((Q.T @ unit)[:, None], np.ones((3, 1)), [1.0]))
 
     joints = [
         joint.model_copy(

@@ -32,7 +32,7 @@ class Effort(NamedTuple):
     """One entry of u: its name, its trim value (None: unknown), whether it can be an input."""
 
     signal: Signal
-    given: ca.SX | float | None
+    value: ca.SX | float | None
     is_input: bool = True
     is_default: bool = True
 
@@ -50,33 +50,33 @@ def list_efforts(
     the multipliers, static deflections are unknown: those of elastic bodies in place of the forces that
     hold them, those of passive joints beside their efforts.
     """
-    found: list[Effort] = []
+    efforts: list[Effort] = []
     deflections: list[Effort] = []
     for degree in degrees(links):
         moved = degree.kind == "motion"  # its three inputs are told apart by what they do
         imposed = degree.kind in ("imposed", "motion")
-        given = 0.0 if imposed else values.get(degree.owner, {}).get(degree.label("preload"))
+        value = 0.0 if imposed else values.get(degree.owner, {}).get(degree.label("preload"))
         is_input = degree.kind != "elastic"  # the force that holds a static deflection is internal
         named = degree.measure(2) if imposed else degree.effort
-        if len(found) in closure.yielding:
+        if len(efforts) in closure.yielding:
             measure = degree.measure(0)
             static = Signal(f"{measure.name}.static", measure.unit)
             if is_input:
                 deflections.append(Effort(static, None, is_input=False, is_default=False))
             else:
                 named = static
-        found.append(Effort(named, given, is_input=is_input, is_default=is_input and not moved))
+        efforts.append(Effort(named, value, is_input=is_input, is_default=is_input and not moved))
     for load in scene.loads:
-        given = values[owner_name(load)].get(load.magnitude_key)
-        given = densities.get(load.name, given)
-        found.append(Effort(Signal(f"{load.name}.{load.signal.name}", load.signal.unit), given))
-    found += [Effort(signal, 0.0) for link in links for signal in body_inputs(link.child)]
+        value = values[owner_name(load)].get(load.magnitude_key)
+        value = densities.get(load.name, value)
+        efforts.append(Effort(Signal(f"{load.name}.{load.signal.name}", load.signal.unit), value))
+    efforts += [Effort(signal, 0.0) for link in links for signal in body_inputs(link.child)]
     asked = set(scene.inputs or ())
     for name, entry in zip(GROUND_ACCELERATION, scene.acceleration, strict=True):
         if entry == UNKNOWN or name in asked:
-            given = None if entry == UNKNOWN else 0.0
-            found.append(Effort(Signal(name, "m/s^2"), given, is_default=False))
-    found += [
+            value = None if entry == UNKNOWN else 0.0
+            efforts.append(Effort(Signal(name, "m/s^2"), value, is_default=False))
+    efforts += [
         Effort(degree.measure(order), 0.0, is_default=False)
         for degree in degrees(links)
         for order in range(2)
@@ -84,7 +84,7 @@ def list_efforts(
     ]
     multipliers = [signal for loop in scene.loops for signal in loop.signals()]
     forces = [Effort(multipliers[k], None, is_input=False, is_default=False) for k in closure.rows]
-    return found + deflections + forces
+    return efforts + deflections + forces
 
 
 def moved_coordinates(links: tuple[Link, ...], inputs: Sequence[str]) -> tuple[Moved, ...]:
@@ -92,12 +92,12 @@ def moved_coordinates(links: tuple[Link, ...], inputs: Sequence[str]) -> tuple[M
 
     Displacement, rate and acceleration of such a joint are three inputs, and no state.
     """
-    found: list[Moved] = []
+    moved: list[Moved] = []
     for k, degree in enumerate(degrees(links)):
         if degree.kind == "motion":
             first, second, third = (inputs.index(degree.measure(k).name) for k in range(3))
-            found.append(Moved(k, (first, second, third)))
-    return tuple(found)
+            moved.append(Moved(k, (first, second, third)))
+    return tuple(moved)
 
 
 def static_deflections(
@@ -114,14 +114,14 @@ def static_deflections(
     joints = [*closure.yielding]
     bodies = {link.child.name: link.child for link in links}
     for owned in coordinate_owners(links):
-        part = slice(k, k := k + len(owned.freedoms))
-        own = rows_of(u, range(part.start, part.stop))
+        rows = slice(k, k := k + len(owned.freedoms))
+        of_owner = rows_of(u, range(rows.start, rows.stop))
         body = bodies.get(owned.name)
         if owned.kind == "elastic" and closure.yielding and isinstance(body, ElasticBody):
-            moved[part] = own
-            joints = [j for j in joints if not part.start <= j < part.stop]
-            own = -body.restoring(values.get(owned.owner, {}), own)
-        efforts.append(own)
+            moved[rows] = of_owner
+            joints = [j for j in joints if not rows.start <= j < rows.stop]
+            of_owner = -body.restoring(values.get(owned.owner, {}), of_owner)
+        efforts.append(of_owner)
     for position, j in enumerate(joints):
         moved[j] = u[last - len(joints) + position]
     return ca.vertcat(*efforts), moved
@@ -142,10 +142,10 @@ def check_springs(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence
             )
 
 
-def force_density(spring: Spring, own: Values, view: View) -> Any:
+def force_density(spring: Spring, values: Values, view: View) -> Any:
     """Tension over length of a spring at equilibrium; None if it is not given."""
     if spring.rest_length is None:
-        return own.get(spring.magnitude_key)
+        return values.get(spring.magnitude_key)
     view.owner = owner_name(spring)
     r = view.between_at_rest(spring.parent, spring.child)
     length2 = ca.dot(r, r)
@@ -156,7 +156,7 @@ def force_density(spring: Spring, own: Values, view: View) -> Any:
             "the length as force_density (N/m), or leave both out and let the trim solve for it."
         )
     length = literal(float(np.sqrt(numbers_of(length2)[0, 0])))
-    return own["stiffness"] * (1.0 - own["rest_length"] / length)
+    return values["stiffness"] * (1.0 - values["rest_length"] / length)
 
 
 def uniform_load(scene: Scene, load: ca.SX, listed: Sequence[Effort], u: ca.SX) -> ca.SX:
@@ -169,13 +169,13 @@ def uniform_load(scene: Scene, load: ca.SX, listed: Sequence[Effort], u: ca.SX) 
 
 
 def ground_motion(
-    scene: Scene, own: Values, load: ca.SX, listed: Sequence[Effort], u: ca.SX
+    scene: Scene, uniform: Values, load: ca.SX, listed: Sequence[Effort], u: ca.SX
 ) -> ca.SX:
     """Motion (3, 3) of the origin of the ground: spin of the frame, and its acceleration."""
     names = [effort.signal.name for effort in listed]
     spin = ca.SX(3, 1)
     if scene.spin:
-        spin = unit_vector(scene.spin.axis) * own["spin.rate"]
+        spin = unit_vector(scene.spin.axis) * uniform["spin.rate"]
     asked = {name: u[names.index(name)] for name in GROUND_ACCELERATION if name in names}
     if asked:
         load = load + ca.vertcat(*(asked.get(name, 0.0) for name in GROUND_ACCELERATION))
@@ -192,15 +192,15 @@ def acting(
     z: ca.SX,
 ) -> list[BodyWrench]:
     """Wrenches on bodies of all loads and loop closures."""
-    found: list[BodyWrench] = []
+    wrenches: list[BodyWrench] = []
     for k, load in enumerate(scene.loads, start=len(degrees(links))):
         view.owner = owner_name(load)
-        found += load.wrenches(values[view.owner], u[k], view)
+        wrenches += load.wrenches(values[view.owner], u[k], view)
     count = sum(len(loop.signals()) for loop in scene.loops)
     multipliers = ca.SX(count, 1)
     for position, row in enumerate(closure.rows):
         multipliers[row] = u[u.numel() - len(closure.rows) + position] + z[position]
-    return found + reactions(scene.loops, view, multipliers)
+    return wrenches + reactions(scene.loops, view, multipliers)
 
 
 class BodyChannels(NamedTuple):
@@ -228,11 +228,11 @@ def body_channels(
     outputs: list[ca.SX] = [ca.SX(0, 1)]
     signals: list[Signal] = []
     for link in links:
-        body, own = link.child, values.get(owner_name(link.child), {})
+        body, quantities = link.child, values.get(owner_name(link.child), {})
         forces.append(ca.SX(len(link.joint.freedoms), 1))
-        given = ca.vertcat(ca.SX(0, 1), *(u[names.index(s.name)] for s in body_inputs(body)))
-        forces.append(body.driven(own, given))
-        outputs.append(body.measure(own, given, view.coordinates[owner_name(body)]))
+        voltages = ca.vertcat(ca.SX(0, 1), *(u[names.index(s.name)] for s in body_inputs(body)))
+        forces.append(body.driven(quantities, voltages))
+        outputs.append(body.measure(quantities, voltages, view.coordinates[owner_name(body)]))
         signals += _named(body, body.outputs())
     return BodyChannels(ca.vertcat(*forces), ca.vertcat(*outputs), tuple(signals))
 

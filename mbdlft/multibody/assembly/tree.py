@@ -97,15 +97,15 @@ class Owned(NamedTuple):
 
 def coordinate_owners(links: tuple[Link, ...]) -> list[Owned]:
     """Joints and bodies from the ground outward; each body after the joint that holds it."""
-    found = []
+    owners = []
     for link in links:
         joint, body = link.joint, link.child
         if not isinstance(joint, PortJoint):
             imposed = getattr(joint, "imposed", False)
             kind = "motion" if imposed == "motion" else "imposed" if imposed else "joint"
-            found.append(Owned(link.owner, joint.name, joint.freedoms, kind))
-        found.append(Owned(owner_name(body), body.name, body.freedoms(), "elastic"))
-    return found
+            owners.append(Owned(link.owner, joint.name, joint.freedoms, kind))
+        owners.append(Owned(owner_name(body), body.name, body.freedoms(), "elastic"))
+    return owners
 
 
 class Degree(NamedTuple):
@@ -291,11 +291,13 @@ class Symbols:
 
     def coordinates(self, links: tuple[Link, ...]) -> dict[str, Coordinate]:
         """Slices of q, v and a by owner, in the order of `coordinate_owners`."""
-        found, k = {}, 0
+        coordinates, k = {}, 0
         for named in coordinate_owners(links):
-            part = range(k, k := k + len(named.freedoms))
-            found[named.owner] = Coordinate(*(rows_of(of, part) for of in (self.q, self.v, self.a)))
-        return found
+            rows = range(k, k := k + len(named.freedoms))
+            coordinates[named.owner] = Coordinate(
+                *(rows_of(of, rows) for of in (self.q, self.v, self.a))
+            )
+        return coordinates
 
     def quantities(self, scene: Scene) -> dict[str, Values]:
         """Values of all quantities by owner and label; an angle is a tuple of turns."""
@@ -311,7 +313,7 @@ class Symbols:
 
     def _turns(self, scene: Scene, place: Place, expected: Expected) -> tuple[Turn, ...]:
         angle = angle_at(scene, place, expected)
-        found: list[Turn] = [
+        turns: list[Turn] = [
             Turn(
                 self.cosine[self.index[name]],
                 (1.0 if count > 0 else -1.0) * self.sine[self.index[name]],
@@ -324,10 +326,10 @@ class Symbols:
             square = r * r
             cosine = (1 - square) / (1 + square)
             sine = (1.0 if count > 0 else -1.0) * (2 * r / (1 + square))
-            found += [Turn(cosine, sine)] * (abs(count) // 2)
+            turns += [Turn(cosine, sine)] * (abs(count) // 2)
         if angle.constant != 0.0:
-            found.append(Turn(*cosine_sine(angle.constant)))
-        return tuple(found)
+            turns.append(Turn(*cosine_sine(angle.constant)))
+        return tuple(turns)
 
     def angle(self, scene: Scene, place: Place, expected: Expected) -> Any:
         """The angle itself (rad), a function of p."""

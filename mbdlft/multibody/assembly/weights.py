@@ -82,7 +82,7 @@ class Carried(NamedTuple):
 
 def pass_weights_inward(
     placed: Placed,
-    found: Motions,
+    moving: Motions,
     inertial: Mapping[str, ca.SX],
     loads: Mapping[str, ca.SX],
     load: ca.SX,
@@ -108,19 +108,19 @@ def pass_weights_inward(
             (),
         )
     joints: dict[str, ca.SX] = {}
-    efforts = body_efforts(placed, found)
+    efforts = body_efforts(placed, moving)
     for link in reversed(placed.links):
         name, parent = link.child.name, link.parent.name
         now, field = carried[name], fields[name]
         joints[name] = _felt(now, field[-1])
-        own: list[ca.SX] = []
+        of_moves: list[ca.SX] = []
         for k in reversed(range(len(placed.moves[name]))):
-            move, motion = placed.moves[name][k], found.moves[name][k]
+            move, motion = placed.moves[name][k], moving.moves[name][k]
             now = now._replace(inertial=move.carried(now.inertial, motion))
             if move.degrees_of_freedom:
-                own.insert(0, move.effort(_felt(now, field[k + 1]), motion))
+                of_moves.insert(0, move.effort(_felt(now, field[k + 1]), motion))
             now = _before(move, now, field[k + 1])
-        needed = ca.vertcat(*own)
+        needed = ca.vertcat(*of_moves)
         if isinstance(link.joint, PortJoint):
             needed = efforts[link.owner] + needed + pulled(placed, link.joint, joints[name])
         efforts[link.owner] = needed
@@ -165,17 +165,17 @@ def turns_of(move: Move) -> Iterator[Turning]:
 
 def added(tilts: tuple[Tilt, ...], *more: Tilt) -> tuple[Tilt, ...]:
     """With more of them; those about one axis are one."""
-    found = list(tilts)
+    merged = list(tilts)
     for other in more:
-        for k, tilt in enumerate(found):
+        for k, tilt in enumerate(merged):
             if is_parallel(tilt.axis, other.axis):
                 sign = float(np.sign(numbers_of(ca.dot(tilt.axis, other.axis))[0, 0]))
                 mass, moment = tilt.mass + sign * other.mass, tilt.moment + sign * other.moment
-                found[k] = Tilt(tilt.axis, mass, moment)
+                merged[k] = Tilt(tilt.axis, mass, moment)
                 break
         else:
-            found.append(other)
-    return tuple(found)
+            merged.append(other)
+    return tuple(merged)
 
 
 def turned_tilts(move: Move, tilts: tuple[Tilt, ...]) -> tuple[tuple[Tilt, ...], tuple[Tilt, ...]]:
@@ -208,8 +208,8 @@ def constant_axis(move: Turned, axis: ca.SX, rotated: Callable[[ca.SX], ca.SX]) 
     """An axis (3,) across a rotation, by `rotated`; None if it depends on parameters there."""
     if is_parallel(move.axis, axis):
         return axis
-    found = rotated(axis)
-    return without_zeros(found) if is_constant(found) else None
+    there = rotated(axis)
+    return without_zeros(there) if is_constant(there) else None
 
 
 def is_parallel(first: ca.SX, second: ca.SX) -> bool:
@@ -264,14 +264,14 @@ def _together(first: Carried, second: Carried) -> Carried:
 
 def load_fields(placed: Placed, load: ca.SX) -> dict[str, list[ca.SX]]:
     """The load in the axes before the moves of the joint of each body, and after each, at q = 0."""
-    found: dict[str, list[ca.SX]] = {GROUND: [load]}
+    fields: dict[str, list[ca.SX]] = {GROUND: [load]}
     for link in placed.links:
-        own = [found[link.parent.name][-1]]
+        along = [fields[link.parent.name][-1]]
         for move in placed.moves[link.child.name]:
-            last = own[-1]
-            own.append(move.in_child_axes(last) if isinstance(move, Turned) else last)
-        found[link.child.name] = own
-    return found
+            last = along[-1]
+            along.append(move.in_child_axes(last) if isinstance(move, Turned) else last)
+        fields[link.child.name] = along
+    return fields
 
 
 # the other order of products -----------------------------------------------------------------
@@ -309,7 +309,7 @@ def gains_by_products(placed: Placed) -> bool:
 
 def efforts_by_products(
     placed: Placed,
-    found: Motions,
+    moving: Motions,
     inertial: Mapping[str, ca.SX],
     loads: Mapping[str, ca.SX],
     load: ca.SX,
@@ -332,11 +332,11 @@ def efforts_by_products(
     for link in reversed(placed.links):
         name, parent = link.child.name, link.parent.name
         now = carried[name]
-        own: list[ca.SX] = []
+        of_moves: list[ca.SX] = []
         for k in reversed(range(len(placed.moves[name]))):
             move, motion, field = (
                 placed.moves[name][k],
-                found.moves[name][k],
+                moving.moves[name][k],
                 tree.fields[name][k + 1],
             )
             now = now._replace(inertial=move.carried(now.inertial, motion))
@@ -345,9 +345,9 @@ def efforts_by_products(
                 wrench = ca.horzcat(force, now.inertial[:, 1]) + now.loads
                 products = [tree.product(link, k, axis) for axis in _axes_of(move)]
                 effort = move.effort(wrench, motion)
-                own.insert(0, effort - ca.vertcat(*products) if products else effort)
+                of_moves.insert(0, effort - ca.vertcat(*products) if products else effort)
             now = _before_by_products(move, now, field, tree.turns[name][k])
-        efforts[link.owner] = ca.vertcat(*own)
+        efforts[link.owner] = ca.vertcat(*of_moves)
         now = _levered(now, placed.arms[name], tree.fields[name][0])
         carried[parent] = _together(carried[parent], now)
     return efforts
@@ -402,13 +402,13 @@ class _Tree:
         A hinge along the load turns nothing that the load feels, unless a hinge inside of it is felt.
         """
         name = link.child.name
-        found: list[list[Turning]] = []
+        felt: list[list[Turning]] = []
         for move, field in zip(self.placed.moves[name], self.fields[name][1:], strict=True):
             turns = list(turns_of(move))
             across = (ca.sparsify(ca.cross(axis, field)) for axis, _ in turns)
             upright = upright and not any(vector.nnz() for vector in across)
-            found.append([] if upright else turns)
-        return found, upright
+            felt.append([] if upright else turns)
+        return felt, upright
 
     def product(self, link: Link, k: int, axis: ca.SX) -> ca.SX:
         """Sum of (e_a . g)(e_b . c) q_b over the hinges b outside move k of a link, about `axis` e_a.

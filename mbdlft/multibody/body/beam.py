@@ -149,9 +149,9 @@ class Beam(ElasticBody):
 
     def own_quantities(self) -> dict[str, Expected]:
         return {
-            key: Expected(given, unit)
+            key: Expected(source, unit)
             for key, unit in _UNITS.items()
-            if (given := getattr(self, key)) is not None
+            if (source := getattr(self, key)) is not None
         }
 
     def port_names(self) -> tuple[str, ...]:
@@ -202,11 +202,11 @@ class Beam(ElasticBody):
 
     def freedoms(self) -> tuple[Freedom, ...]:
         freedoms = []
-        for name, _, part in self.blocks():
+        for name, _, columns in self.blocks():
             # turns and curvatures are coordinates in meters: they are times powers of an element's length
             turns = name == "torsion"
             unit, effort = ("rad", "N m") if turns else ("m", "N")
-            for k in range(part.stop - part.start):
+            for k in range(columns.stop - columns.start):
                 freedoms.append(elastic_freedom(f"{name}.{k + 1}", unit, effort, turns=turns))
         return tuple(freedoms)
 
@@ -216,22 +216,25 @@ class Beam(ElasticBody):
         stiffness: list[Term] = []
         participation: list[Term] = []
         L, rho, A = (values[key] for key in ("length", "density", "area"))
-        for name, d, part in self.blocks():
+        for name, d, columns in self.blocks():
             line = rho * self._polar(values) * L if name == "torsion" else rho * A * L
-            mass.append(Term(line, self._placed(part, products(d, "displacement"))))
-            stiffness += self._stiffness(name, d, part, values)
-            participation += self._participation(name, d, part, line, L)
+            mass.append(Term(line, self._placed(columns, products(d, "displacement"))))
+            stiffness += self._stiffness(name, d, columns, values)
+            participation += self._participation(name, d, columns, line, L)
             if name.startswith("bending") and self.has_rotary_inertia:
                 inertia = rho * values[_AREA[name]]
-                mass.append(Term(inertia / L, self._placed(part, products(d, "turn"))))
+                mass.append(Term(inertia / L, self._placed(columns, products(d, "turn"))))
                 turn = _ROW[name][1] * moments(d, "turn")
-                participation.append(Term(inertia, _row(n, part, _TURNED[name], turn)))
+                participation.append(Term(inertia, _row(n, columns, _TURNED[name], turn)))
         damping = [Term(values["mass_damping"] * factor, matrix) for factor, matrix in mass]
         damping += [
             Term(values["stiffness_damping"] * factor, matrix) for factor, matrix in stiffness
         ]
-        given = {"mass_damping": self.mass_damping, "stiffness_damping": self.stiffness_damping}
-        damped = any(value != 0.0 for value in given.values())
+        coefficients = {
+            "mass_damping": self.mass_damping,
+            "stiffness_damping": self.stiffness_damping,
+        }
+        damped = any(value != 0.0 for value in coefficients.values())
         return Elastic(mass, damping if damped else [], stiffness, participation)
 
     @property
@@ -289,7 +292,7 @@ class Beam(ElasticBody):
         self,
         name: str,
         d: Deformation,
-        part: slice,
+        columns: slice,
         line: Any,
         length: Any,
         span: tuple[int, int | None] = (0, None),
@@ -299,22 +302,22 @@ class Beam(ElasticBody):
         `line` is the mass of the whole beam per unit of s: kg, or kg m^2 for torsion.
         """
         n, (row, sign) = self._count, _ROW[name]
-        terms = [Term(line, _row(n, part, row, moments(d, "displacement", ONE, *span)))]
+        terms = [Term(line, _row(n, columns, row, moments(d, "displacement", ONE, *span)))]
         if name.startswith("bending"):
             first = sign * moments(d, "displacement", LINEAR, *span)
-            terms.append(Term(length * line, _row(n, part, _TURNED[name], first)))
+            terms.append(Term(length * line, _row(n, columns, _TURNED[name], first)))
         return terms
 
-    def _placed(self, part: slice, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A matrix (n, n) of the coordinates of the body, zero but for `matrix` in the slice `part`."""
+    def _placed(self, columns: slice, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A matrix (n, n) of all coordinates, zero but for `matrix` in the rows and columns `columns`."""
         whole = np.zeros((self._count, self._count))
-        whole[part, part] = matrix
+        whole[columns, columns] = matrix
         return whole
 
-    def _stiffness(self, name: str, d: Deformation, part: slice, values: Values) -> list[Term]:
+    def _stiffness(self, name: str, d: Deformation, columns: slice, values: Values) -> list[Term]:
         """The terms of K (n, n) of one deformation."""
         L = values["length"]
-        strained = self._placed(part, products(d, strain(d)))
+        strained = self._placed(columns, products(d, strain(d)))
         if name == "axial":
             return [Term(values["modulus"] * values["area"] / L, strained)]
         if name == "torsion":
@@ -322,7 +325,7 @@ class Beam(ElasticBody):
         terms = [Term(values["modulus"] * values[_AREA[name]] / (L * L * L), strained)]
         if self._has_shear(name):
             rigidity = values["shear_coefficient"] * values["shear_modulus"] * values["area"]
-            terms.append(Term(rigidity / L, self._placed(part, products(d, "shear"))))
+            terms.append(Term(rigidity / L, self._placed(columns, products(d, "shear"))))
         return terms
 
     def _polar(self, values: Values) -> Any:
@@ -332,11 +335,11 @@ class Beam(ElasticBody):
     def shapes(self, port: str, values: Values) -> Sequence[Term]:
         n, node = self._count, self._node(port)
         plain, turned = np.zeros((6, n)), np.zeros((6, n))
-        for name, d, part in self.blocks():
+        for name, d, columns in self.blocks():
             row, sign = _ROW[name]
-            plain[row, part] = values_at(d, "displacement", node)
+            plain[row, columns] = values_at(d, "displacement", node)
             if name.startswith("bending"):
-                turned[_TURNED[name], part] = sign * values_at(d, "turn", node)
+                turned[_TURNED[name], columns] = sign * values_at(d, "turn", node)
         terms = [Term(1.0, plain)]
         if np.any(turned):
             terms.append(Term(1.0 / values["length"], turned))
@@ -378,10 +381,10 @@ _ROW = {"axial": (0, 1.0), "torsion": (3, 1.0), "bending_y": (1, 1.0), "bending_
 _TURNED = {"bending_y": 5, "bending_z": 4}  # row of the rotation: th_z = dv/dx, th_y = -dw/dx
 
 
-def _row(n: int, part: slice, row: int, entries: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A matrix (6, n) of zeros with `entries` in the columns `part` of one row."""
+def _row(n: int, columns: slice, row: int, entries: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A matrix (6, n) of zeros with `entries` in the columns `columns` of one row."""
     whole = np.zeros((6, n))
-    whole[row, part] = entries
+    whole[row, columns] = entries
     return whole
 
 
@@ -409,7 +412,7 @@ def frequency_errors(beam: Beam, count: int = 4) -> tuple[FrequencyErrors, ...]:
     A beam with a `shear_coefficient` has no row for bending: its errors depend on its section. Rotary
     inertia and patches are left out.
     """
-    found = []
+    errors = []
     for name, d, _ in beam.blocks():
         if d.functions == "shear" and name.startswith("bending"):
             continue
@@ -419,8 +422,8 @@ def frequency_errors(beam: Beam, count: int = 4) -> tuple[FrequencyErrors, ...]:
             squares = scipy.linalg.eigvalsh(free.T @ mass @ free, free.T @ stiffness @ free)[::-1]
             frequencies = 1.0 / np.sqrt(squares[:count])
             exact = np.array([_exact(d, tip, k + 1) for k in range(len(frequencies))])
-            found.append(FrequencyErrors(name, tip, frequencies / exact - 1.0))
-    return tuple(found)
+            errors.append(FrequencyErrors(name, tip, frequencies / exact - 1.0))
+    return tuple(errors)
 
 
 def error_sentence(beam: Beam) -> str:
@@ -432,8 +435,8 @@ def error_sentence(beam: Beam) -> str:
         largest = float(np.max(np.abs(errors), initial=0.0))
         worst.setdefault(kind, {})[tip] = max(largest, worst.get(kind, {}).get(tip, 0.0))
     listed = "; ".join(
-        f"{kind} {own['free']:.1e} (tip free), {own['clamped']:.1e} (tip clamped)"
-        for kind, own in worst.items()
+        f"{kind} {largest_by_tip['free']:.1e} (tip free), {largest_by_tip['clamped']:.1e} (tip clamped)"
+        for kind, largest_by_tip in worst.items()
     )
     return (
         f"beam {beam.name!r}, {shapes}: errors of the first four frequencies by the shape functions: "

@@ -185,18 +185,18 @@ def _raw(
     rounded = _doubles if d.modes is None else np.asarray
     total = rounded(np.full((_count(d), _count(other)), flint.fmpq(0)))
     known: dict[tuple[int, int, int], NDArray[Any]] = {}
-    for left, right in zip(_pieces(d), _pieces(other), strict=True):
-        if not begin <= left.start < end:
+    for piece, other_piece in zip(_pieces(d), _pieces(other), strict=True):
+        if not begin <= piece.start < end:
             continue
-        f, g = getattr(left, what), getattr(right, what_other)
-        rows = slice(left.first, left.first + len(f))
-        columns = slice(right.first, right.first + len(g))
-        for power, c in enumerate(_in_piece(weight, left).coeffs()):
+        f, g = getattr(piece, what), getattr(other_piece, what_other)
+        rows = slice(piece.first, piece.first + len(f))
+        columns = slice(other_piece.first, other_piece.first + len(g))
+        for power, c in enumerate(_in_piece(weight, piece).coeffs()):
             key = (id(f), id(g), power)
             if key not in known:
                 exact = [[_integral(a * b * _X**power) for b in g] for a in f]
                 known[key] = rounded(np.array(exact, dtype=object))
-            total[rows, columns] += known[key] * rounded(np.array([c * left.length]))
+            total[rows, columns] += known[key] * rounded(np.array([c * piece.length]))
     return total
 
 
@@ -265,8 +265,8 @@ def _pieces(d: Deformation) -> tuple[_Piece, ...]:
     ds = flint.fmpq(1, d.elements)
     shear = _bends(d) and d.functions == "shear"
     turn = tuple(t / ds for t in _SHEAR_TURNS) if shear else None
-    one = _piece(flint.fmpq(0), ds, _element(d), turn)
-    return tuple(one._replace(start=k * ds, first=k * _per_element(d)) for k in range(d.elements))
+    first = _piece(flint.fmpq(0), ds, _element(d), turn)
+    return tuple(first._replace(start=k * ds, first=k * _per_element(d)) for k in range(d.elements))
 
 
 def _piece(start: flint.fmpq, length: flint.fmpq, w: _Functions, turn: _Functions | None) -> _Piece:
@@ -282,7 +282,7 @@ def _modal_pieces(d: Deformation) -> tuple[_Piece, ...]:
     assert d.modes is not None
     lowest = 2 if _bends(d) else 1
     ends = [flint.fmpq(k, d.elements) for k in (0, *d.breaks, d.elements)]
-    found = []
+    pieces = []
     for start, end in pairwise(ends):
         length = end - start
         powers = [(flint.fmpq(0), k) for k in range(lowest, lowest + d.modes)]
@@ -291,8 +291,8 @@ def _modal_pieces(d: Deformation) -> tuple[_Piece, ...]:
             flint.fmpq_poly([start - a, length]) ** k if a <= start else flint.fmpq_poly([])
             for a, k in powers
         )
-        found.append(_piece(start, length, w, None))
-    return tuple(found)
+        pieces.append(_piece(start, length, w, None))
+    return tuple(pieces)
 
 
 def _polynomials(*rows: Sequence[int | Fraction]) -> _Functions:
@@ -350,9 +350,9 @@ def exact_modes(mass: NDArray[np.object_], stiffness: NDArray[np.object_]) -> Mo
     M, K = _rational(mass), _rational(stiffness)
     for bits in BITS:
         with flint.ctx.workprec(bits):
-            found = _enclosed(M, K)
-        if found is not None:
-            return found
+            modes = _enclosed(M, K)
+        if modes is not None:
+            return modes
     raise AnalysisError(f"modes of {len(mass)} shapes: {BITS[-1]} bits do not tell them apart.")
 
 
@@ -375,15 +375,13 @@ def _enclosed(M: Any, K: Any) -> Modes | None:
     return X, np.sort(values)
 
 
-def combined(
-    left: Any, matrix: NDArray[np.object_], right: Any | None = None
-) -> NDArray[np.float64]:
+def combined(X: Any, matrix: NDArray[np.object_], Y: Any | None = None) -> NDArray[np.float64]:
     """X' A Y of fractions A (n, m), with X and Y of `exact_modes`; each entry is rounded once."""
     with flint.ctx.workprec(BITS[-1]):
-        found = left.transpose() * _rational(matrix)
-        found = found if right is None else found * right
-    entries = [float(entry) for entry in found.entries()]
-    return np.array(entries).reshape(found.nrows(), found.ncols())
+        product = X.transpose() * _rational(matrix)
+        product = product if Y is None else product * Y
+    entries = [float(entry) for entry in product.entries()]
+    return np.array(entries).reshape(product.nrows(), product.ncols())
 
 
 def _rational(matrix: NDArray[np.object_]) -> Any:
@@ -439,12 +437,12 @@ def _stiffened(
 ) -> ca.SX:
     """The factor times int weight dN'dN ds q (n,), of all deformations that turn the axis or sections."""
     total = ca.SX(q.numel(), 1)
-    for name, d, part in blocks:
+    for name, d, columns in blocks:
         if name == "axial":
             continue
         scale = factor * radius if name == "torsion" else factor
         matrix = products(d, "slope", weight, 0, last)
-        total[part] = times([Term(scale, matrix)], q[part])
+        total[columns] = times([Term(scale, matrix)], q[columns])
     return total
 
 
@@ -457,29 +455,29 @@ def spinning(blocks: Blocks, motion: ca.SX, values: Values, at: Coordinate) -> t
     omega = motion[:, 0]
     across, twice = ca.skew(omega), 2 * ca.skew(omega)
     inward = ca.mtimes(across, across)
-    mean = {name: _mean(blocks, ONE, part) for name, part in (("q", at.q), ("v", at.v))}
-    first = {name: _mean(blocks, LINEAR, part) for name, part in (("q", at.q), ("v", at.v))}
+    mean = {name: _mean(blocks, ONE, vector) for name, vector in (("q", at.q), ("v", at.v))}
+    first = {name: _mean(blocks, LINEAR, vector) for name, vector in (("q", at.q), ("v", at.v))}
     force = ca.mtimes(inward, mean["q"]) + ca.mtimes(twice, mean["v"])
     along = ca.vertcat(1, 0, 0)
     torque = ca.cross(along, ca.mtimes(inward, first["q"]) + ca.mtimes(twice, first["v"]))
     torque = L * (torque + ca.cross(first["q"], inward[:, 0]))
     efforts = ca.SX(at.q.numel(), 1)
-    for name, d, part in blocks:
+    for name, d, rows in blocks:
         i = DIRECTION[name]
-        own = ca.DM(moments(d, "displacement", LINEAR)) * (L * inward[i, 0])
+        needed = ca.DM(moments(d, "displacement", LINEAR)) * (L * inward[i, 0])
         for other, e, columns in blocks:
             j = DIRECTION[other]
             shared = ca.sparsify(ca.SX(cross_products(d, "displacement", e, "displacement")))
             moved = inward[i, j] * at.q[columns] + twice[i, j] * at.v[columns]
-            own = own + ca.mtimes(shared, moved)
-        efforts[part] = line * own
+            needed = needed + ca.mtimes(shared, moved)
+        efforts[rows] = line * needed
     return line * ca.horzcat(force, torque), efforts
 
 
 def _mean(blocks: Blocks, weight: Polynomial, q: ca.SX) -> ca.SX:
     """Integral (3,) of weight(s) times the displacement."""
     total = ca.SX(3, 1)
-    for name, d, part in blocks:
+    for name, d, columns in blocks:
         row = ca.DM(moments(d, "displacement", weight)).T
-        total[DIRECTION[name]] = ca.mtimes(ca.SX(row), q[part])
+        total[DIRECTION[name]] = ca.mtimes(ca.SX(row), q[columns])
     return total

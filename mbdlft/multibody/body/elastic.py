@@ -122,8 +122,8 @@ class ElasticBody(Body, abc.ABC):
         """Generalized forces (n,): M qddot + D qdot + K q + P' [a ; alpha]."""
         e = self.elastic(values)
         inertial = times_transposed(e.participation, ca.vertcat(motion[:, 2], motion[:, 1]))
-        own = times(e.mass, at.a) + times(e.damping, at.v) + times(e.stiffness, at.q)
-        return ca.SX(own + inertial)
+        deforming = times(e.mass, at.a) + times(e.damping, at.v) + times(e.stiffness, at.q)
+        return ca.SX(deforming + inertial)
 
     def restoring(self, values: Values, q: ca.SX) -> ca.SX:
         """Generalized forces K q (n,) that hold a static deflection q (n,)."""
@@ -218,8 +218,8 @@ def _elastic_problem(e: Elastic, rigid: NDArray[np.float64]) -> str | None:
     mass, stiffness, coupling, damping = (
         dense(terms, count) for terms in (e.mass, e.stiffness, e.participation, e.damping)
     )
-    for part in (mass, stiffness, coupling, damping, rigid):
-        largest = float(np.max(np.abs(part), initial=0.0))
+    for matrix in (mass, stiffness, coupling, damping, rigid):
+        largest = float(np.max(np.abs(matrix), initial=0.0))
         if not largest < _LARGEST:
             return (
                 f"an entry of its matrices is {largest:.3g} in the range; no body has such numbers."

@@ -200,7 +200,7 @@ class PiezoBeam(Beam):
     def _coupling(self, values: Values) -> list[Term]:
         """The terms of K_v (n, number of patches)."""
         terms: list[Term] = []
-        n, parts = self._count, {name: (d, part) for name, d, part in self.blocks()}
+        n, deformations = self._count, {name: (d, columns) for name, d, columns in self.blocks()}
         for k, patch in enumerate(self.patches):
             p = self._of(k, values)
             piezo = p["d31"] * p["modulus"] * p["width"]
@@ -209,10 +209,10 @@ class PiezoBeam(Beam):
                 if node == 0:
                     continue  # the clamp holds this node
                 if patch.side != "both":
-                    d, part = parts["axial"]
-                    stretch[part, k] += sign * values_at(d, "displacement", node)
-                d, part = parts["bending_y"]
-                turn[part, k] += sign * values_at(d, "turn", node)
+                    d, columns = deformations["axial"]
+                    stretch[columns, k] += sign * values_at(d, "displacement", node)
+                d, columns = deformations["bending_y"]
+                turn[columns, k] += sign * values_at(d, "turn", node)
             if patch.side != "both":
                 terms.append(Term(piezo, stretch))
             arm = {"top": 0.5, "bottom": -0.5, "both": 1.0}[patch.side]
@@ -231,15 +231,17 @@ class PiezoBeam(Beam):
             p, section = self._of(k, values), self._section(k, values)
             line = p["density"] * section.area * L
             span = self._span(k)
-            for name, d, part in self._patch_blocks():
-                mass.append(Term(line, self._placed(part, products(d, "displacement", ONE, *span))))
-                participation += self._participation(name, d, part, line, L, span)
+            for name, d, columns in self._patch_blocks():
+                mass.append(
+                    Term(line, self._placed(columns, products(d, "displacement", ONE, *span)))
+                )
+                participation += self._participation(name, d, columns, line, L, span)
                 if name == "axial":
                     factor = p["modulus"] * section.area / L
                 else:
                     second = section.second_y if name == "bending_y" else section.second_z
                     factor = p["modulus"] * second / (L * L * L)
-                strained = self._placed(part, products(d, strain(d), ONE, *span))
+                strained = self._placed(columns, products(d, strain(d), ONE, *span))
                 stiffness.append(Term(factor, strained))
             if self.patches[k].side != "both":
                 factor = p["modulus"] * section.first / (L * L)
@@ -268,18 +270,18 @@ class PiezoBeam(Beam):
 
         They couple the axial coordinates with those of bending along y, and the other way round.
         """
-        parts = {name: (d, part) for name, d, part in self.blocks()}
+        deformations = {name: (d, columns) for name, d, columns in self.blocks()}
         n = self._count
         coupling = np.zeros((n, n))
-        (axial, rows), (bending, columns) = parts["axial"], parts["bending_y"]
+        (axial, rows), (bending, columns) = deformations["axial"], deformations["bending_y"]
         integrals = cross_products(axial, "slope", bending, "bend", ONE, *self._span(k))
         coupling[rows, columns] = -integrals
         return coupling + coupling.T
 
     def total_mass(self, values: Values) -> ca.SX:
         """Mass of the beam and its patches (kg)."""
-        own = values["density"] * values["area"] * values["length"]
-        return ca.SX(own + sum(mass for mass, _, _ in self._lumps(values)))
+        beam = values["density"] * values["area"] * values["length"]
+        return ca.SX(beam + sum(mass for mass, _, _ in self._lumps(values)))
 
     def _lumps(self, values: Values) -> list[tuple[Any, float, float]]:
         """For each patch its mass (kg), and the means of s and s^2 over it, s = x/length."""

@@ -352,11 +352,11 @@ def _inertia_problem(body: RigidBody, values: Mapping[str, NDArray[np.float64]])
                     f"inertia.{name} about the center of mass is negative in the range: "
                     f"{np.min(central):g} kg m^2 (given about {body.inertia.about})."
                 )
-    given = {name: entry for name, entry in entries.items() if entry is not None}
-    if len(given) < len(entries):
+    known = {name: entry for name, entry in entries.items() if entry is not None}
+    if len(known) < len(entries):
         return None
     full = np.stack(
-        [np.stack([np.broadcast_to(given[name], mass.shape) for name in row]) for row in _ENTRY]
+        [np.stack([np.broadcast_to(known[name], mass.shape) for name in row]) for row in _ENTRY]
     )
     full = np.moveaxis(full, -1, 0)
     offset = np.moveaxis(d, -1, 0)

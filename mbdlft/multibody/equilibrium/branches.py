@@ -121,9 +121,9 @@ def solve(matrices: Array, vectors: Array) -> Array:
     """x (N, n) of A x = b; not a number where A is singular."""
     regular = np.linalg.det(matrices) != 0
     regular &= np.isfinite(matrices).all(axis=(1, 2)) & np.isfinite(vectors).all(axis=1)
-    found = np.full(vectors.shape, np.nan)
-    found[regular] = np.linalg.solve(matrices[regular], vectors[regular][:, :, None])[:, :, 0]
-    return found
+    x = np.full(vectors.shape, np.nan)
+    x[regular] = np.linalg.solve(matrices[regular], vectors[regular][:, :, None])[:, :, 0]
+    return x
 
 
 def start_branch(s: System, nominal: Array, start: Array) -> Array:
@@ -223,7 +223,7 @@ class Proof:
     ----------
     bound : Array (n,)
         Largest proved error on the pieces that were done.
-    found : Array (n,)
+    sampled : Array (n,)
         Largest error at single points.
     pieces : int
         Number of pieces that were examined.
@@ -238,7 +238,7 @@ class Proof:
     """
 
     bound: Array
-    found: Array
+    sampled: Array
     pieces: int
     share: float
     exceptions: Array
@@ -252,7 +252,7 @@ def prove(
     low: Array,
     high: Array,
     tolerance: Array,
-    found: Array,
+    sampled: Array,
     probes: Array,
     most_pieces: int,
 ) -> Proof:
@@ -265,7 +265,7 @@ def prove(
     low, high : Array (q,)
     tolerance : Array (n,)
         Bounds above it are refined.
-    found : Array (n,)
+    sampled : Array (n,)
         Largest errors that are known; bounds not far above them are not refined.
     probes : Array (N, q)
         Points that are looked at before anything is proved, which takes longer.
@@ -274,10 +274,10 @@ def prove(
     bound, none = np.zeros(s.unknowns), np.zeros((0, len(low)))
     here = _errors_at(s, fits, probes)
     wrong = ~np.all(here <= tolerance, axis=1)
-    found = np.maximum(found, here[~wrong].max(axis=0, initial=0.0))
+    sampled = np.maximum(sampled, here[~wrong].max(axis=0, initial=0.0))
     if np.any(wrong):
-        return Proof(bound, found, 0, 0.0, probes[wrong])
-    radius = 2 * _TIGHT * np.maximum(found, _EXACT * tolerance)
+        return Proof(bound, sampled, 0, 0.0, probes[wrong])
+    radius = 2 * _TIGHT * np.maximum(sampled, _EXACT * tolerance)
     pieces, count, share = [np.array([low, high])], 0, 0.0
     while pieces:
         batch = np.array(pieces[-_BATCH:])
@@ -286,24 +286,24 @@ def prove(
         errors, curvature = enclose(s, fits, batch[:, 0], batch[:, 1], radius)
         here = _errors_at(s, fits, batch.mean(axis=1))
         wrong = ~np.all(here <= tolerance, axis=1)
-        found = np.maximum(found, here[~wrong].max(axis=0, initial=0.0))
-        if np.any(_TIGHT * found > radius):  # larger than the samples told: begin again
-            return prove(s, fits, low, high, tolerance, found, none, most_pieces)
-        target = np.minimum(tolerance, _TIGHT * np.maximum(found, _EXACT * tolerance))
+        sampled = np.maximum(sampled, here[~wrong].max(axis=0, initial=0.0))
+        if np.any(_TIGHT * sampled > radius):  # larger than the samples told: begin again
+            return prove(s, fits, low, high, tolerance, sampled, none, most_pieces)
+        target = np.minimum(tolerance, _TIGHT * np.maximum(sampled, _EXACT * tolerance))
         done = np.all(errors <= (tolerance if count > most_pieces // 4 else target), axis=1)
         bound = np.maximum(bound, errors[done].max(axis=0, initial=0.0))
         sides = (batch[:, 1] - batch[:, 0]) / (high - low)
         share += float(np.prod(sides[done], axis=1).sum())
         if np.any(wrong & ~done):
             exceptions = batch[wrong & ~done].mean(axis=1)
-            return Proof(bound, found, count, share, exceptions)
+            return Proof(bound, sampled, count, share, exceptions)
         small = ~done & np.all(sides < _SMALLEST, axis=1)
         if np.any(small) or count > most_pieces:
             stuck = batch[small][0].mean(axis=0) if np.any(small) else None
-            return Proof(bound, found, count, share, none, stuck)
+            return Proof(bound, sampled, count, share, none, stuck)
         for k in np.flatnonzero(~done):
             pieces += _halves(batch[k], sides[k], curvature[k])
-    return Proof(bound, found, count, share, none, complete=True)
+    return Proof(bound, sampled, count, share, none, complete=True)
 
 
 def enclose(
@@ -362,8 +362,8 @@ def _on_boxes(
         taylor.widened(number(0.0) + evaluate(fit, names), float(r))
         for fit, r in zip(fits, radius, strict=True)
     ]
-    (found,) = fold(tape, arithmetic(number, taylor.FUNCTIONS), t, p)
-    return [entry if isinstance(entry, Taylor) else number(entry) for entry in found]
+    (entries,) = fold(tape, arithmetic(number, taylor.FUNCTIONS), t, p)
+    return [entry if isinstance(entry, Taylor) else number(entry) for entry in entries]
 
 
 def _inverse(matrix: list[list[Taylor]]) -> list[list[Taylor]]:
@@ -376,9 +376,9 @@ def _inverse(matrix: list[list[Taylor]]) -> list[list[Taylor]]:
     c = np.array([[entry.c for entry in row] for row in matrix])  # (n, n, M, N)
     step = -np.einsum("ijmz,zjk->ikmz", c, X)
     step[range(n), range(n), 0] += 2.0
-    found = np.einsum("zij,jkmz->ikmz", X, step)
+    product = np.einsum("zij,jkmz->ikmz", X, step)
     zero = np.zeros_like(first.r)
-    return [[Taylor(first.space, entry, zero) for entry in row] for row in found]
+    return [[Taylor(first.space, entry, zero) for entry in row] for row in product]
 
 
 def _errors_at(s: System, fits: Sequence[Expression], points: Array) -> Array:

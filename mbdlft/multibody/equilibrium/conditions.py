@@ -84,12 +84,15 @@ def fit_conditions(
         The position depends on a parameter that is an angle.
     """
     s = _Symbols(scene, tangents)
-    rows, given = s.at(after, [after.rows, after.given])
-    u = ca.SX(given)
+    rows, trimmed = s.at(after, [after.rows, after.given])
+    u = ca.SX(trimmed)
     halves = _sprung_joints(s, before, after, nominal, u)
     ropes = _ropes(s, before, after, u)
-    own = [ca.sin(half) - s.tangents[k] * ca.cos(half) for k, half in halves.items()]
-    own += [rope.law for rope in ropes]
+    laws = ca.vertcat(
+        ca.SX(0, 1),
+        *(ca.sin(half) - s.tangents[k] * ca.cos(half) for k, half in halves.items()),
+        *(rope.law for rope in ropes),
+    )
     t = ca.vertcat(s.all_tangents, *halves.values(), *(rope.density for rope in ropes))
     start = [0.0] * (len(tangents) + len(halves)) + [rope.nominal for rope in ropes]
     w = ca.SX.sym("w", len(after.unknown))
@@ -98,7 +101,6 @@ def fit_conditions(
     arguments = ca.vertcat(t, *s.parameters.values())
     numbers = _numbers(arguments, np.array([*start, *s.nominal.values()]))
     remaining = _eliminated(ca.vertsplit(ca.substitute(rows, after.u, u)), w, numbers)
-    laws = ca.vertcat(ca.SX(0, 1), *own)
     f = ca.vertcat(_independent(scene, remaining, laws, t, len(tangents), numbers), laws)
     slopes = np.max(np.abs(numbers(ca.jacobian(f, t))), axis=1)
     f = f / ca.DM(np.where(slopes > 0, slopes, 1.0))
@@ -263,18 +265,18 @@ def _eliminated(rows: Sequence[ca.SX], w: ca.SX, numbers: Callable[[ca.SX], Arra
     remaining, columns = list(range(len(rows))), list(range(w.numel()))
     largest = float(np.max(np.abs(values), initial=0.0))
     while columns and remaining:
-        part = np.abs(values[np.ix_(remaining, columns)])
+        sizes = np.abs(values[np.ix_(remaining, columns)])
         alone = [
             k
             for k, j in enumerate(columns)
             if sum(A[i][j].nnz() > 0 for i in remaining) == 1
-            and np.max(part[:, k]) > _RANK * largest
+            and np.max(sizes[:, k]) > _RANK * largest
         ]
         if alone:
-            part = np.where(np.isin(np.arange(len(columns)), alone), part, 0.0)
-        if np.max(part) <= _RANK * largest:
+            sizes = np.where(np.isin(np.arange(len(columns)), alone), sizes, 0.0)
+        if np.max(sizes) <= _RANK * largest:
             break  # the other efforts are combinations of eliminated ones: loads of redundant closures
-        i, j = np.unravel_index(int(np.argmax(part)), part.shape)
+        i, j = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
         r, c = remaining.pop(int(i)), columns.pop(int(j))
         for k in remaining:
             if A[k][c].nnz() == 0:
@@ -290,14 +292,14 @@ def _eliminated(rows: Sequence[ca.SX], w: ca.SX, numbers: Callable[[ca.SX], Arra
 def _independent(
     scene: Scene,
     rows: Entries,
-    own: ca.SX,
+    laws: ca.SX,
     t: ca.SX,
     count: int,
     numbers: Callable[[ca.SX], Array],
 ) -> ca.SX:
-    """The `count` rows that determine the tangents best; `own` (.,) determines the other unknowns."""
+    """The `count` rows that determine the tangents best; `laws` (.,) determines the other unknowns."""
     slopes = numbers(ca.jacobian(ca.vertcat(ca.SX(0, 1), *rows), t))
-    inner = numbers(ca.jacobian(own, t))
+    inner = numbers(ca.jacobian(laws, t))
     if inner.size:
         follow = np.linalg.solve(inner[:, count:], inner[:, :count])
         slopes = slopes[:, :count] - slopes[:, count:] @ follow

@@ -155,10 +155,10 @@ def displace(scene: Scene) -> Displaced:
     efforts = [needed[named.owner] for named in owned if named.kind != "elastic"]
     for k, c, effort in zip(entries, coordinates, ca.vertsplit(ca.vertcat(*efforts)), strict=True):
         if not c.is_imposed:
-            own = values[owner_name(c.joint)]
-            held = quantity_of(own, "stiffness", c.freedom) * symbols.q[k]
-            if "rate" in own:  # it turns on against its damper
-                held = own["rate"] * quantity_of(own, "damping", c.freedom)
+            quantities = values[owner_name(c.joint)]
+            held = quantity_of(quantities, "stiffness", c.freedom) * symbols.q[k]
+            if "rate" in quantities:  # it turns on against its damper
+                held = quantities["rate"] * quantity_of(quantities, "damping", c.freedom)
             unbalanced.append(effort + held - u[k])
             row_signals.append(c.effort)
     declared = [_declared(scene, symbols, values, c) for c in coordinates]
@@ -172,11 +172,11 @@ def displace(scene: Scene) -> Displaced:
         alignment=ca.densify(in_doubles(ca.vertcat(ca.SX(0, 1), *alignment))),
         q=symbols.q[entries],
         u=u,
-        given=in_doubles(ca.SX(ca.vertcat(*(0.0 if e.given is None else e.given for e in listed)))),
+        given=in_doubles(ca.SX(ca.vertcat(*(0.0 if e.value is None else e.value for e in listed)))),
         unknown=tuple(
             k
             for k, effort in enumerate(listed)
-            if effort.given is None and (k >= len(moving) or moving[k])
+            if effort.value is None and (k >= len(moving) or moving[k])
         ),
         multipliers=tuple(range(len(listed) - len(every.rows), len(listed))),
         u_signals=tuple(effort.signal for effort in listed),
@@ -204,8 +204,8 @@ def _view_at_rest(
     scene: Scene, symbols: Symbols, links: tuple[Link, ...], values: Mapping[str, Values]
 ) -> View:
     """The bodies at displaced positions of the joints, at rest, with elastic bodies not deformed."""
-    own = values[f"scene {scene.name!r}"]
-    gravity = ca.SX(ca.vertcat(*(own[f"gravity.{a}"] for a in AXES)))
+    uniform = values[f"scene {scene.name!r}"]
+    gravity = ca.SX(ca.vertcat(*(uniform[f"gravity.{a}"] for a in AXES)))
     at_rest = {}
     for named, at in zip(
         coordinate_owners(links), symbols.coordinates(links).values(), strict=True
@@ -226,9 +226,9 @@ def _needed_efforts(
     u: ca.SX,
 ) -> Mapping[str, ca.SX]:
     """Efforts by owner (a joint or an elastic body) that hold the bodies at rest under u (n_u,)."""
-    own = values[f"scene {scene.name!r}"]
-    base = ca.SX(ca.vertcat(*(own[f"acceleration.{a}"] for a in AXES))) - view.gravity
-    view.motions = motions(view.now, ground_motion(scene, own, ca.sparsify(base), listed, u))
+    uniform = values[f"scene {scene.name!r}"]
+    base = ca.SX(ca.vertcat(*(uniform[f"acceleration.{a}"] for a in AXES))) - view.gravity
+    view.motions = motions(view.now, ground_motion(scene, uniform, ca.sparsify(base), listed, u))
     wrenches = inertial_wrenches(view.now, view.motions)
     for name, momentum in body_momenta(links, values).items():
         wrenches[name] += turning_along(view.motions.bodies[name], momentum)
@@ -246,29 +246,29 @@ def _coordinates(
     """Coordinates of all joints, in the order of the tree."""
     coordinates = []
     for link in links:
-        joint, own = link.joint, values.get(link.owner, {})
+        joint, quantities = link.joint, values.get(link.owner, {})
         imposed = bool(getattr(joint, "imposed", False))
         for freedom in joint.freedoms:
             measure = freedom.measures[0]
-            stiffness = ca.sparsify(ca.SX(quantity_of(own, "stiffness", freedom)))
+            stiffness = ca.sparsify(ca.SX(quantity_of(quantities, "stiffness", freedom)))
             coordinates.append(
                 JointCoordinate(
                     joint,
                     freedom,
                     Signal(f"{joint.name}.{measure.name}", measure.unit),
-                    is_ball=coordinate_label("position", freedom) not in own,
+                    is_ball=coordinate_label("position", freedom) not in quantities,
                     is_passive=not imposed
-                    and "rate" not in own
-                    and coordinate_label("preload", freedom) in own,
+                    and "rate" not in quantities
+                    and coordinate_label("preload", freedom) in quantities,
                     is_sprung=bool(stiffness.nnz()),
                 )
             )
     return tuple(coordinates)
 
 
-def quantity_of(own: Values, key: str, freedom: Freedom) -> Any:
+def quantity_of(values: Values, key: str, freedom: Freedom) -> Any:
     """Value of a quantity of one coordinate; zero if the joint has none."""
-    return own.get(coordinate_label(key, freedom), 0.0)
+    return values.get(coordinate_label(key, freedom), 0.0)
 
 
 def _declared(
@@ -283,7 +283,7 @@ def _declared(
     return values[owner][label]
 
 
-def spring_law(spring: Spring | Strut, own: Values, view: View) -> ca.SX | None:
+def spring_law(spring: Spring | Strut, values: Values, view: View) -> ca.SX | None:
     """Force density, tension over length (N/m), of a displaced spring; force of a strut.
 
     It is k (1 - l0/l) with the rest length l0, or k - (k - h) l_declared/l with the force density h at
@@ -296,14 +296,16 @@ def spring_law(spring: Spring | Strut, own: Values, view: View) -> ca.SX | None:
             return None
         at_rest = view.between_at_rest(spring.parent, spring.child)
         declared = ca.dot(unit_vector(spring.direction), at_rest)
-        return ca.SX(own["force"] - own["stiffness"] * (_length(spring, view) - declared))
+        return ca.SX(values["force"] - values["stiffness"] * (_length(spring, view) - declared))
     if spring.rest_length is None and spring.force_density is None:
         return None
     length = _length(spring, view)
     if spring.rest_length is not None:
-        return ca.SX(own["stiffness"] * (1.0 - own["rest_length"] / length))
+        return ca.SX(values["stiffness"] * (1.0 - values["rest_length"] / length))
     declared = ca.norm_2(view.between_at_rest(spring.parent, spring.child))
-    return ca.SX(own["stiffness"] - (own["stiffness"] - own["force_density"]) * declared / length)
+    return ca.SX(
+        values["stiffness"] - (values["stiffness"] - values["force_density"]) * declared / length
+    )
 
 
 def _length(spring: Spring | Strut, view: View) -> ca.SX:
@@ -326,19 +328,19 @@ def _gaps(loops: Sequence[Loop], view: View) -> tuple[list[ca.SX], list[Signal],
     alignment: list[ca.SX] = []
     for loop in loops:
         view.owner = owner_name(loop)
-        own = view.now.values.get(view.owner, {})
+        values = view.now.values.get(view.owner, {})
         parent, child = view.find(loop.parent)[0], view.find(loop.child)[0]
 
         def seen(vectors: ca.SX, child: str = child, parent: str = parent) -> ca.SX:
             return ca.horzcat(*(view.across_now(v, child, parent) for v in ca.horzsplit(vectors)))
 
         apart = view.between(loop.parent, loop.child)
-        gaps.append(ca.mtimes(loop.held(), loop.in_own_axes(apart, own)))
+        gaps.append(ca.mtimes(loop.held(), loop.in_own_axes(apart, values)))
         same = loop.same()
-        turned = loop.in_own_axes(seen(same), own) if same.shape[1] else same
+        turned = loop.in_own_axes(seen(same), values) if same.shape[1] else same
         if loop.axis1 is not None and loop.axis2 is not None:
             first, second = unit_vector(loop.axis1), unit_vector(loop.axis2)
-            cosine = ca.dot(first, loop.in_own_axes(seen(second), own))
+            cosine = ca.dot(first, loop.in_own_axes(seen(second), values))
             gaps.append(cosine - ca.dot(first, second))
         elif same.shape[1] == 1:
             gaps.append(ca.mtimes(loop.turned_rows(ca.SX(3, 1)), turned))

@@ -173,13 +173,16 @@ def _fit(s: System, task: _Task, largest_degree: int) -> EquilibriumFit:
             if len(ready) < s.unknowns:
                 break
             texts = tuple(text(function, s.names) for function in ready)
-            found = np.max(np.abs([f(points) for f in ready] - roots.T), axis=1)
-            goal, trees = np.full(s.unknowns, tolerance), [parse(one) for one in texts]
+            sampled = np.max(np.abs([f(points) for f in ready] - roots.T), axis=1)
+            goal, trees = (
+                np.full(s.unknowns, tolerance),
+                [parse(expression) for expression in texts],
+            )
             probes = nodes(center, half, 2 * count if len(low) < 3 else count + 1)
-            proof = prove(s, trees, low, high, goal, found, probes, most_pieces)
+            proof = prove(s, trees, low, high, goal, sampled, probes, most_pieces)
             if proof.complete:
                 return EquilibriumFit(
-                    s.names, tuple(ready), texts, proof.bound, proof.found, proof.pieces
+                    s.names, tuple(ready), texts, proof.bound, proof.sampled, proof.pieces
                 )
             poles = [_poles(f, proof.stuck, half) for f in ready]
             if any(len(p) for p in poles):
@@ -241,7 +244,7 @@ def _not_proved(
     return TrimError(
         f"equilibrium of {s.name!r}: the bound {task.tolerance:g} is proved on "
         f"{100 * proof.share:.3g} % of the box only, with {task.most_pieces} pieces; no error above "
-        f"{', '.join(f'{e:.1e}' for e in proof.found)} was found. Use more pieces, a larger "
+        f"{', '.join(f'{e:.1e}' for e in proof.sampled)} was found. Use more pieces, a larger "
         "tolerance or a smaller range."
     )
 
@@ -377,8 +380,8 @@ def _nested(terms: dict[tuple[int, ...], float], variables: Sequence[str]) -> st
         return repr(terms[()]) if terms[()] >= 0 else f"({terms[()]!r})"
     result = ""
     for power in range(max(a[0] for a in terms), -1, -1):
-        part = {a[1:]: c for a, c in terms.items() if a[0] == power}
-        inner = _nested(part, variables[1:]) if part else ""
+        coefficients = {a[1:]: c for a, c in terms.items() if a[0] == power}
+        inner = _nested(coefficients, variables[1:]) if coefficients else ""
         product = f"{variables[0]}*{result}" if result else ""
         result = f"({inner} + {product})" if inner and product else inner or product
     return result

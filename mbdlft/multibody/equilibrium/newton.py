@@ -134,7 +134,7 @@ def equilibrium_equations(
     rows = ca.substitute(d.rows, d.u, u)
     symbols, (*fixed, rows, alignment) = in_physical(d, [d.declared, d.arms, rows, d.alignment])
     point = np.array(list(at.values()))
-    declared, arms = (part.full() for part in ca.Function("fixed", [symbols], fixed)(point))
+    declared, arms = (value.full() for value in ca.Function("fixed", [symbols], fixed)(point))
     reach = float(np.max(np.linalg.norm(arms.reshape(3, -1), axis=0), initial=0.0)) or 1.0
     unknowns = _choose(d, at, positions, bounds, declared.reshape(-1), reach)
 
@@ -162,7 +162,7 @@ def equilibrium_equations(
 
 def project_at(equations: EquilibriumEquations, s: Array) -> Projected:
     """The equations at s (n_s,) after the elimination of w; nan where they are not finite."""
-    offset, by_w = (part.full() for part in equations.offset(s))
+    offset, by_w = (value.full() for value in equations.offset(s))
     offset, by_w = offset[:, 0] / equations.sizes, by_w / equations.sizes[:, None]
     if not (np.isfinite(offset).all() and np.isfinite(by_w).all()):
         return Projected(np.full(by_w.shape[1], np.nan), np.full(len(offset), np.nan), by_w[:, :0])
@@ -172,7 +172,7 @@ def project_at(equations: EquilibriumEquations, s: Array) -> Projected:
     kept = values > _RANK * np.max(values, initial=0.0)
     basis, values, right = basis[:, kept], values[kept], right[kept]
     w = -(right.T @ ((basis.T @ offset) / values)) / column
-    rows, by_s = (part.full() for part in equations.slopes(s, w))
+    rows, by_s = (value.full() for value in equations.slopes(s, w))
     rows, by_s = rows[:, 0] / equations.sizes, by_s / equations.sizes[:, None]
     by_s = by_s * equations.steps
     return Projected(w, rows - basis @ (basis.T @ rows), by_s - basis @ (basis.T @ by_s))
@@ -180,8 +180,8 @@ def project_at(equations: EquilibriumEquations, s: Array) -> Projected:
 
 def whole_slopes(equations: EquilibriumEquations, s: Array, w: Array) -> Array:
     """Derivatives (m, n_s + n_w) of the rows by s and w, with rows and columns over their sizes."""
-    _, by_w = (part.full() for part in equations.offset(s))
-    _, by_s = (part.full() for part in equations.slopes(s, w))
+    _, by_w = (value.full() for value in equations.offset(s))
+    _, by_s = (value.full() for value in equations.slopes(s, w))
     by_w = by_w / equations.sizes[:, None]
     column = np.max(np.abs(by_w), axis=0, initial=0.0)
     by_s = by_s / equations.sizes[:, None] * equations.steps
@@ -295,15 +295,15 @@ def _coordinate(d: Displaced, k: int, bounds: Bounds, declared: float, reach: fl
             f"{where} has a stiffness against rotations about all axes, which is known for small ones "
             "only. Leave the joint out, or use springs or a chain of revolute joints."
         )
-    given = bounds.get(name, bounds.get(c.joint.name) if c.joint.name in _alone(d) else None)
-    if given is not None and c.is_ball:
+    ends = bounds.get(name, bounds.get(c.joint.name) if c.joint.name in _alone(d) else None)
+    if ends is not None and c.is_ball:
         raise TrimError(f"scene {d.name!r}, bounds: a rotation vector such as {name} has none.")
     half = 2.0 if c.is_ball else np.pi if c.freedom.turns else 2.0 * reach
-    low, high = (-half, half) if given is None else (given[0] - declared, given[1] - declared)
+    low, high = (-half, half) if ends is None else (ends[0] - declared, ends[1] - declared)
     return Unknown(
         c.signal, k, is_parameter=False, is_ball=c.is_ball,
         is_periodic=c.freedom.turns and not c.is_ball and not c.is_sprung,
-        low=low, high=high, bounded=given is not None, size=1.0 if c.freedom.turns else reach,
+        low=low, high=high, bounded=ends is not None, size=1.0 if c.freedom.turns else reach,
         start=min(max(0.0, low), high), origin=declared,
     )  # fmt: skip
 
@@ -388,15 +388,15 @@ def _newton(equations: EquilibriumEquations, start: Array) -> Attempt:
         longest = float(np.max(np.abs(step)))
         if longest == 0.0:
             break
-        part = min(1.0, _LONGEST / longest)
+        fraction = min(1.0, _LONGEST / longest)
         before = np.linalg.norm(at.rows)
-        while part >= _SHORTEST:
-            trial = np.clip(s + part * step * sizes, *equations.ends)
+        while fraction >= _SHORTEST:
+            trial = np.clip(s + fraction * step * sizes, *equations.ends)
             there = project_at(equations, trial)
             count += 1
             if np.isfinite(there.rows).all() and np.linalg.norm(there.rows) < before:
                 break
-            part *= 0.5
+            fraction *= 0.5
         else:
             break
         s, at = trial, there

@@ -238,7 +238,7 @@ def _undetermined(equations: EquilibriumEquations, s: Array, w: Array) -> tuple[
     d = equations.displaced
     names = [unknown.signal.name for unknown in equations.unknowns]
     names += ["" if k in d.multipliers else d.u_signals[k].name for k in d.unknown]
-    return tuple(name for name, part in zip(names, share, strict=True) if name and part > _IDLE)
+    return tuple(name for name, size in zip(names, share, strict=True) if name and size > _IDLE)
 
 
 def _no_equilibrium(equations: EquilibriumEquations, attempts: Sequence[Attempt]) -> str:

@@ -66,12 +66,12 @@ def at_equilibrium(scene: Scene, point: EquilibriumPoint) -> Scene:
         )
     joints = []
     for joint in scene.joints:
-        own = {
+        moved = {
             k: point.positions[c.signal.name]
             for k, c in enumerate(d.coordinates)
             if c.joint.name == joint.name and c.signal.name in point.positions
         }
-        joints.append(_moved(scene, joint, d.coordinates, own, declared) if own else joint)
+        joints.append(_moved(scene, joint, d.coordinates, moved, declared) if moved else joint)
     loads = [
         load.model_copy(update={load.magnitude_key: densities[load.name]})
         if load.name in densities
@@ -132,9 +132,9 @@ def _declared(
     symbols, expressions = in_physical(d, [d.declared, lengths])
     function = ca.Function("declared", [symbols, d.q], expressions)
     values = [point.parameters[parameter.name] for parameter in d.parameters]
-    declared, before = (part.full().reshape(-1) for part in function(values, 0.0))
+    declared, before = (value.full().reshape(-1) for value in function(values, 0.0))
     _, after = (
-        part.full().reshape(-1) for part in function(values, displacements(d, point, declared))
+        value.full().reshape(-1) for value in function(values, displacements(d, point, declared))
     )
     return declared, {
         spring.name: _density(spring, float(a / b))
@@ -329,12 +329,12 @@ def fit_positions(scene: Scene, joints: Sequence[str], tolerance: float) -> Scen
     )
     try:
         # of twice the tangent of half an angle, which is more than the angle itself
-        found = fit_equilibrium(
+        fit = fit_equilibrium(
             system.residual, nominal_p, low, high, system.start, 0.5 * tolerance, names=system.names
         )
     except TrimError as error:
         raise TrimError(f"{what}: {error}") from None
-    return _fitted(scene, before, system, nominal, found, tolerance)
+    return _fitted(scene, before, system, nominal, fit, tolerance)
 
 
 def _fitted(
@@ -342,15 +342,15 @@ def _fitted(
     before: Displaced,
     system: Conditions,
     nominal: Mapping[int, float],
-    found: EquilibriumFit,
+    fit: EquilibriumFit,
     tolerance: float,
 ) -> Scene:
     """The scene with the fitted expressions and their bounds."""
-    found = replace(found, expressions=tuple(_plain(scene, text) for text in found.expressions))
+    fit = replace(fit, expressions=tuple(_plain(scene, text) for text in fit.expressions))
     count, turning = len(system.tangents), len(system.angles)
-    tangents = dict(zip(system.tangents, found.expressions, strict=False))
-    angles = dict(zip(system.angles, found.expressions[count : count + turning], strict=True))
-    width = 2.0 * found.bound
+    tangents = dict(zip(system.tangents, fit.expressions, strict=False))
+    angles = dict(zip(system.angles, fit.expressions[count : count + turning], strict=True))
+    width = 2.0 * fit.bound
     bounds = {
         before.coordinates[k].signal.name: float(width[i]) for i, k in enumerate(system.tangents)
     }
@@ -374,13 +374,11 @@ def _fitted(
     loads = list(scene.loads)
     for i, (name, size) in enumerate(system.springs.items(), start=count + turning):
         k = next(k for k, load in enumerate(loads) if load.name == name)
-        spring: dict[str, Any] = {loads[k].magnitude_key: f"{size!r}*({found.expressions[i]})"}
+        spring: dict[str, Any] = {loads[k].magnitude_key: f"{size!r}*({fit.expressions[i]})"}
         if isinstance(loads[k], Spring):
             spring["rest_length"] = None
         loads[k] = loads[k].model_copy(update=spring)
-        bounds[f"{name}.{loads[k].signal.name}"] = (
-            Interval.of(size) * float(found.bound[i])
-        ).largest
+        bounds[f"{name}.{loads[k].signal.name}"] = (Interval.of(size) * float(fit.bound[i])).largest
     update = {
         "joints": tuple(joints.values()),
         "loads": tuple(loads),
@@ -397,7 +395,7 @@ def _plain(scene: Scene, text: str) -> str:
         if any(dimension):
             inverse = dimension_name(tuple(-exponent for exponent in dimension))
             units[p.name] = f"(1.0 [{inverse}]*{p.name})"
-    return _NAME.sub(lambda found: units.get(found[0], found[0]), text)
+    return _NAME.sub(lambda match: units.get(match[0], match[0]), text)
 
 
 def _fresh(scene: Scene, k: int) -> str:

@@ -156,21 +156,21 @@ class MovingJoint(Joint, abc.ABC):
 
     @model_validator(mode="after")
     def _imposed_has_no_preload(self) -> Self:
-        given = getattr(self, "preload", None)
-        if self.imposed and given is not None and any(entry != 0 for entry in _entries(given)):
+        preload = getattr(self, "preload", None)
+        if self.imposed and preload is not None and any(entry != 0 for entry in _entries(preload)):
             raise SceneError(
                 f"an imposed joint takes the effort that its acceleration needs, so it has no preload, "
-                f"got {given!r}. Leave out preload or imposed."
+                f"got {preload!r}. Leave out preload or imposed."
             )
         return self
 
     def own_quantities(self) -> dict[str, Expected]:
         quantities: dict[str, Expected] = {}
         for key, (turn, slide) in _UNITS.items():
-            given = getattr(self, key, None)
-            if given is None or (key == "preload" and self.imposed):
+            sources = getattr(self, key, None)
+            if sources is None or (key == "preload" and self.imposed):
                 continue
-            for freedom, value in zip(self.freedoms, _entries(given), strict=False):
+            for freedom, value in zip(self.freedoms, _entries(sources), strict=False):
                 unit = turn if freedom.turns else slide
                 quantities[coordinate_label(key, freedom)] = Expected(value, unit)
         return quantities
@@ -185,9 +185,9 @@ _UNITS = {
 }
 
 
-def _entries(given: Quantity | tuple[Quantity, ...]) -> tuple[Quantity, ...]:
+def _entries(sources: Quantity | tuple[Quantity, ...]) -> tuple[Quantity, ...]:
     """The quantities of each coordinate."""
-    return given if isinstance(given, tuple) else (given,)
+    return sources if isinstance(sources, tuple) else (sources,)
 
 
 def coordinate_label(key: str, freedom: Freedom) -> str:

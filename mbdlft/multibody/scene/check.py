@@ -85,13 +85,13 @@ def _unproved(scene: Scene) -> Iterator[str]:
     for condition, used, sign in check_positive(scene):
         if sign.open_parts:
             units = {p.name: p.unit for p in scene.parameters}
-            part = ", ".join(
+            box = ", ".join(
                 f"{name} in [{low:.6g}, {high:.6g}] {units[name]}".removesuffix(" 1")
                 for name, (low, high) in zip(used, sign.open_parts[0], strict=True)
             )
             yield (
                 f"{condition.owner}: not proved: whether {condition.what} is open in "
-                f"{len(sign.open_parts)} parts of the range, such as {part}. It is not at the samples."
+                f"{len(sign.open_parts)} parts of the range, such as {box}. It is not at the samples."
             )
 
 
@@ -123,11 +123,11 @@ def _check_quantities(
 ) -> dict[str, NDArray[np.float64]]:
     """Values (SI) of the checked quantities of one owner at samples of the range; angles left out."""
     samples = _samples(scene, owner, quantities)
-    found: dict[str, NDArray[np.float64]] = {}
+    sampled: dict[str, NDArray[np.float64]] = {}
     for label, expected in quantities.items():
         place = Place(owner, label)
         if isinstance(expected.source, float) and expected.unit != "rad":
-            found[label] = _at_all(samples, expected.source)
+            sampled[label] = _at_all(samples, expected.source)
             continue
         if expected.unit == "rad":
             _check_angle(scene, place, expected, dimensions, samples)
@@ -141,8 +141,8 @@ def _check_quantities(
             check_dimension(place, expected, expression, dimensions)
         if not np.all(np.isfinite(values)):
             raise SceneError(f"{place} = {expected.source!r}: is not finite in the range.")
-        found[label] = values
-    return found
+        sampled[label] = values
+    return sampled
 
 
 def _check_steady(scene: Scene, values: Mapping[str, NDArray[np.float64]]) -> None:
@@ -259,13 +259,13 @@ def _check_denominators(scene: Scene, place: Place, expression: Expression) -> N
 
         def value(box: Mapping[str, Interval], divisor: Expression = denominator) -> Interval:
             si = {name: item * factors[name] for name, item in box.items()}
-            found: Interval = evaluate(divisor, {**constants, **si}, decimal, FUNCTIONS)
-            return found
+            enclosed: Interval = evaluate(divisor, {**constants, **si}, decimal, FUNCTIONS)
+            return enclosed
 
-        found = find_zero(value, {name: (plain[name].low, plain[name].high) for name in used})
-        if found is not None:
+        zero = find_zero(value, {name: (plain[name].low, plain[name].high) for name in used})
+        if zero is not None:
             ranges = ", ".join(
-                f"{name} = {at:g} {plain[name].unit}" for name, at in found[0].items()
+                f"{name} = {at:g} {plain[name].unit}" for name, at in zero[0].items()
             )
             raise WellPosednessError(
                 f"{place}: the denominator {write(denominator)} vanishes in the range, near "
@@ -309,18 +309,18 @@ def check_positive(scene: Scene, boxes: int = BOXES) -> tuple[Outcome, ...]:
         One of them fails at a point of the range.
     """
     parameters = {p.name: p for p in scene.parameters if not p.is_angle}
-    found = []
+    outcomes = []
     items: list[Body | Joint] = [*scene.bodies, *scene.joints]
     for item in items if parameters else ():
         for condition in _conditions(scene, item):
             used = tuple(sorted(names(condition.expression) & parameters.keys()))
             if used:
-                own = {name: parameters[name] for name in used}
-                sign = _sign(condition, own, scene.constant_values(), boxes)
+                used_parameters = {name: parameters[name] for name in used}
+                sign = _sign(condition, used_parameters, scene.constant_values(), boxes)
                 if sign.point is not None:
-                    raise SceneError(_failure(condition, sign, own))
-                found.append(Outcome(condition, used, sign))
-    return tuple(found)
+                    raise SceneError(_failure(condition, sign, used_parameters))
+                outcomes.append(Outcome(condition, used, sign))
+    return tuple(outcomes)
 
 
 def _sign(
@@ -360,7 +360,7 @@ def _failure(condition: Condition, sign: Sign, parameters: Mapping[str, Paramete
 def _conditions(scene: Scene, item: Body | Joint) -> Iterator[Condition]:
     """All conditions of a body or a joint."""
     owner = owner_name(item)
-    own = {
+    expressions = {
         label: expression_at(Place(owner, label), expected)
         for label, expected in item.quantities().items()
         if expected.unit != "rad"
@@ -373,7 +373,7 @@ def _conditions(scene: Scene, item: Body | Joint) -> Iterator[Condition]:
     def size(expression: Expression) -> float:
         return abs(float(evaluate(expression, nominal)))
 
-    for label, expression in own.items():
+    for label, expression in expressions.items():
         if _KEEPS_SIGN.fullmatch(label):
             unit = item.quantities()[label].unit
             what = f"{label} [{unit}] is negative"
@@ -382,8 +382,8 @@ def _conditions(scene: Scene, item: Body | Joint) -> Iterator[Condition]:
     if isinstance(item, Body) and inertia is not None and not inertia.unchecked:
         center = inertia.about == "center_of_mass"
         point = "center_of_mass" if center else item.port_label(inertia.about)
-        about = [own[f"{point}.{a}"] if point else _ZERO for a in AXES]
-        for what, expression, factors in _of_inertia(own, about):
+        about = [expressions[f"{point}.{a}"] if point else _ZERO for a in AXES]
+        for what, expression, factors in _of_inertia(expressions, about):
             product = 1.0
             for factor in factors:
                 product *= size(factor)
@@ -393,22 +393,22 @@ def _conditions(scene: Scene, item: Body | Joint) -> Iterator[Condition]:
 _Terms = Iterator[tuple[str, Expression, list[Expression]]]
 
 
-def _of_inertia(own: Mapping[str, Expression], about: list[Expression]) -> _Terms:
+def _of_inertia(expressions: Mapping[str, Expression], about: list[Expression]) -> _Terms:
     """Conditions of an inertia, and what their products are made of."""
-    d = [_sum(own[f"center_of_mass.{a}"], about[k], "-") for k, a in enumerate(AXES)]
+    d = [_sum(expressions[f"center_of_mass.{a}"], about[k], "-") for k, a in enumerate(AXES)]
     J: dict[str, Expression] = {}
     for i, a in enumerate(AXES):
         for j, b in enumerate(AXES[i:], start=i):
-            if (label := f"inertia.{a}{b}") in own:
+            if (label := f"inertia.{a}{b}") in expressions:
                 first, second = (_product(d[k], d[k]) for k in range(3) if k != i)
                 steiner = _sum(first, second, "+") if i == j else _product(d[i], d[j])
                 sign = "-" if i == j else "+"
-                J[a + b] = _sum(own[label], _product(own["mass"], steiner), sign)
+                J[a + b] = _sum(expressions[label], _product(expressions["mass"], steiner), sign)
     if len(J) < 6:
         for name in ("xx", "yy", "zz"):
             if name in J:
                 what = f"inertia.{name} [kg m^2] about the center of mass is negative"
-                yield what, J[name], [own[f"inertia.{name}"]]
+                yield what, J[name], [expressions[f"inertia.{name}"]]
         return
     yield from _second_moments(J)
 
@@ -419,8 +419,10 @@ def _second_moments(J: Mapping[str, Expression]) -> _Terms:
     P = (_without(y, z, x), _without(z, x, y), _without(x, y, z))
     trace = _sum(_sum(x, y, "+"), z, "+")
     for k, (name, entry) in enumerate(zip(("x", "y", "z"), P, strict=True)):
-        left, right = [other for j, other in enumerate(("xx", "yy", "zz")) if j != k]
-        what = f"inertia.{left} + inertia.{right} - inertia.{name * 2} [kg m^2] about the center of"
+        first, second = [other for j, other in enumerate(("xx", "yy", "zz")) if j != k]
+        what = (
+            f"inertia.{first} + inertia.{second} - inertia.{name * 2} [kg m^2] about the center of"
+        )
         yield f"{what} mass is negative (triangle inequality)", entry, [trace]
     twice = {name: _product(Number(2.0), J[name]) for name in ("xy", "xz", "yz")}
     xy, xz, yz = twice["xy"], twice["xz"], twice["yz"]

@@ -309,13 +309,13 @@ def _missing_unit(
 ) -> str:
     """What may have been forgotten: the unit of a parameter, or that of a factor."""
     wanted = parse_unit(expected.unit).dimension
-    rest = tuple(a - b for a, b in zip(wanted, got, strict=True))
-    missing, plain = dimension_name(rest), Dimension(_PLAIN)
+    factor = tuple(a - b for a, b in zip(wanted, got, strict=True))
+    missing, plain = dimension_name(factor), Dimension(_PLAIN)
     bare = sorted(name for name in names(expression) if dimensions[name] == plain)
     if bare:
-        found, unit = " and ".join(map(repr, bare)), expected.unit if not any(got) else missing
+        listed, unit = " and ".join(map(repr, bare)), expected.unit if not any(got) else missing
         return (
-            f" {found} {'have' if bare[1:] else 'has'} no unit: declare "
+            f" {listed} {'have' if bare[1:] else 'has'} no unit: declare "
             f"{'one of them' if bare[1:] else 'it'} with unit = {unit!r}, or give a number a unit, "
             f"such as 1 [{unit}]*{bare[0]}."
         )

@@ -181,9 +181,9 @@ class Scene(Description):
 
     def _sizes(self) -> str:
         """How many bodies, joints and so on there are."""
-        parts = ("bodies", "joints", "loads", "sensors", "loops", "parameters")
-        counts = {part: len(getattr(self, part)) for part in parts}
-        return ", ".join(f"{count} {part}" for part, count in counts.items() if count)
+        kinds = ("bodies", "joints", "loads", "sensors", "loops", "parameters")
+        counts = {kind: len(getattr(self, kind)) for kind in kinds}
+        return ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
 
     def constant_values(self) -> dict[str, float]:
         """Constants in SI units by name, with the built-in ones."""

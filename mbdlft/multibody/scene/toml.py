@@ -256,11 +256,11 @@ def _kinds(what: str, key: str, table: dict[str, Any], kinds: Mapping[str, Any])
             )
         try:
             for field, record, several in _records(kinds[kind]):
-                given = fields.get(field)
-                if several and isinstance(given, list):
-                    fields[field] = [record(**_table(field, entry)) for entry in given]
-                elif not several and isinstance(given, dict):
-                    fields[field] = record(**given)
+                entries = fields.get(field)
+                if several and isinstance(entries, list):
+                    fields[field] = [record(**_table(field, entry)) for entry in entries]
+                elif not several and isinstance(entries, dict):
+                    fields[field] = record(**entries)
         except SceneError as error:
             raise SceneError(f"{what} {name!r}, {error}") from None
         if kinds[kind] is Loop:
@@ -276,8 +276,8 @@ def _records(kind: type[Description]) -> Iterator[tuple[str, type[Description], 
     """
     for name, field in kind.model_fields.items():
         several = get_origin(field.annotation) is tuple
-        part = get_args(field.annotation)[0] if several else field.annotation
-        record = get_args(part)[0] if get_origin(part) is Annotated else part
+        annotation = get_args(field.annotation)[0] if several else field.annotation
+        record = get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation
         if isinstance(record, type) and issubclass(record, Description):
             yield name, record, several
 
@@ -416,10 +416,10 @@ def _named(schema: Schema) -> Schema:
 
 def _of(record: type[Description], definitions: Schema) -> Schema:
     """The schema of a record; what it refers to goes to `definitions`."""
-    found = record.model_json_schema(ref_template="#/definitions/{model}")
-    for name, schema in found.pop("$defs", {}).items():
+    whole = record.model_json_schema(ref_template="#/definitions/{model}")
+    for name, schema in whole.pop("$defs", {}).items():
         definitions.setdefault(name, _draft_7(schema))
-    plain: Schema = _draft_7(found)
+    plain: Schema = _draft_7(whole)
     return plain
 
 
@@ -429,27 +429,27 @@ def _draft_7(schema: Any) -> Any:
         return [_draft_7(entry) for entry in schema]
     if not isinstance(schema, dict):
         return schema
-    found: Schema = {}
+    draft: Schema = {}
     for key, entry in schema.items():
         if key == "prefixItems":
-            found["items"] = _draft_7(entry)
+            draft["items"] = _draft_7(entry)
         elif key == "properties":
-            found[key] = {name: _draft_7(part) for name, part in entry.items()}
+            draft[key] = {name: _draft_7(item) for name, item in entry.items()}
         elif key not in ("title", "default"):
-            found[key] = _draft_7(entry)
-    return found
+            draft[key] = _draft_7(entry)
+    return draft
 
 
 def _kinds_schema(kinds: Mapping[str, type[Description]], definitions: Schema) -> Schema:
     """A table of one of the kinds: the key ``kind`` says which keys it has."""
     choices = []
     for kind, record in kinds.items():
-        own = _of(record, definitions)
-        properties = {name: part for name, part in own["properties"].items() if name != "name"}
+        choice = _of(record, definitions)
+        properties = {name: item for name, item in choice["properties"].items() if name != "name"}
         properties["kind"] = {"const": kind}
-        required = {"kind", *own.get("required", ())} - {"name"}
-        own |= {"properties": properties, "required": sorted(required)}
-        choices.append({"if": {"properties": {"kind": {"const": kind}}}, "then": own})
+        required = {"kind", *choice.get("required", ())} - {"name"}
+        choice |= {"properties": properties, "required": sorted(required)}
+        choices.append({"if": {"properties": {"kind": {"const": kind}}}, "then": choice})
     return {
         "type": "object",
         "properties": {"kind": {"enum": sorted(kinds)}},
