@@ -218,9 +218,10 @@ def _merged(stays: Variable, gone: Variable, factor: Fraction) -> Variable:
     """The variable that stays, with what is known of its alias."""
     if gone.derivative is not None and stays.derivative is None:
         stays = replace(stays, derivative=ca.SX.sym(f"der({stays.name})"))
-    if stays.start is None and gone.start is not None:
-        stays = replace(stays, start=float(factor) * gone.start)
-    if gone.fixed and not stays.fixed and gone.start is not None:
-        stays = replace(stays, start=float(factor) * gone.start, fixed=True)
+    is_held = gone.fixed and not stays.fixed
+    if gone.start is not None and (stays.start is None or is_held):
+        of = None if gone.start_of is None else literal(factor) * gone.start_of
+        start = float(factor) * gone.start
+        stays = replace(stays, start=start, start_of=of, fixed=stays.fixed or gone.fixed)
     ends = sorted(float(factor) * end for end in (gone.minimum, gone.maximum))
     return replace(stays, minimum=max(stays.minimum, ends[0]), maximum=min(stays.maximum, ends[1]))

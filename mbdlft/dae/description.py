@@ -35,6 +35,8 @@ class Variable:
         As those of parameters; ``"1"`` if it is not given, ``"rad"`` or ``"%"`` if it has none.
     start : float or None
         Value that initialization and trim begin with; of an input: its value at the trim.
+    start_of : SX (1, 1), or None
+        The same in terms of the parameters, where it depends on them; `start` is its nominal value.
     fixed : bool
         Whether the initial value is `start`, not only near it.
     nominal : float
@@ -49,6 +51,7 @@ class Variable:
     symbol: ca.SX
     unit: str = "1"
     start: float | None = None
+    start_of: ca.SX | None = None
     fixed: bool = False
     nominal: float = 1.0
     minimum: float = -math.inf

@@ -170,6 +170,8 @@ def _check_moving(s: Structure, moving: Sequence[str], values: Mapping[str, ca.S
 
 
 def _given_value(s: Structure, q: Quantity, fixed: Mapping[str, float | str]) -> ca.SX:
+    if q.name not in fixed and not q.order and q.variable.start_of is not None:
+        return ca.SX(q.variable.start_of)
     value = fixed.get(q.name, q.start)
     if isinstance(value, str):
         names = [p.name for p in s.dae.parameters]

@@ -171,9 +171,12 @@ def fitted(
     slopes = values_of(entries, column_of([*symbols, *p]), np.concatenate([start, _nominal(used)]))
     sizes += [abs(x) if x else 1.0 for x in slopes]
     t = ca.SX.sym("t", len(sizes))
-    scaled = [t[k] * size for k, size in enumerate(sizes)]
-    both = ca.vertcat(rows, *(scaled[len(z) + k] - e for k, e in enumerate(entries)))
-    residual = ca.substitute(in_doubles(both), column_of(symbols), column_of(scaled[: len(z)]))
+    scaled = [t[k] * size for k, size in enumerate(sizes[: len(z)])]
+    both = ca.vertcat(
+        _of_one_size(rows, column_of(symbols), p, start, sizes, used),
+        *(t[len(z) + k] - e / sizes[len(z) + k] for k, e in enumerate(entries)),
+    )
+    residual = ca.substitute(in_doubles(both), column_of(symbols), column_of(scaled))
     name = s.dae.name.replace(".", "_") or "model"
     function = ca.Function(name, [t, column_of(p)], [residual])
     fits, made = _fits(function, used, p, np.concatenate([start, slopes]) / sizes, tolerance)
@@ -183,6 +186,22 @@ def fitted(
         dict(zip(places, made[len(z) :], strict=True)),
         float(np.max(fits.bound)),
     )
+
+
+def _of_one_size(
+    rows: ca.SX,
+    unknown: ca.SX,
+    p: Sequence[ca.SX],
+    start: Array,
+    sizes: Sequence[float],
+    used: Sequence[Parameter],
+) -> ca.SX:
+    """Rows over powers of two, with which their slopes by the scaled unknowns are of size 1."""
+    arguments, at = column_of([unknown, *p]), np.concatenate([start, _nominal(used)])
+    slopes = ca.Function("slopes", [arguments], [ca.jacobian(in_doubles(rows), unknown)])(at).full()
+    largest = np.max(np.abs(slopes) * np.array(sizes[: len(start)]), axis=1, initial=0.0)
+    powers = np.exp2(-np.floor(np.log2(np.where(largest > 0.0, largest, 1.0))))
+    return column_of(rows[k] * float(power) for k, power in enumerate(powers))
 
 
 def _slopes(s: Structure, old: ca.SX, new: ca.SX) -> tuple[list[tuple[int, int]], list[ca.SX]]:

@@ -12,6 +12,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, TrimError, WellPosednessError
 from mbdlft.base.unit import Signal
 from mbdlft.dae.equilibria import DaeTrim
+from mbdlft.dae.kinks import without_switches
 from mbdlft.dae.points import System, solve
 from mbdlft.dae.structure import Quantity, Structure, in_symbols
 from mbdlft.dae.text import column_of
@@ -55,9 +56,11 @@ class _Linear:
     def __init__(self, at: DaeTrim) -> None:
         self.at, self.s = at, at.structure
         dae = self.s.dae
-        every = ca.vertcat(
-            self.s.residual, *(y.expression for y in dae.outputs), *at.values.values()
-        )
+        stacked = ca.vertcat(self.s.residual, *(y.expression for y in dae.outputs))
+        places = [f"equation {place}" for place, _ in self.s.equations]
+        places += [f"output {y.name!r}" for y in dae.outputs]
+        self.stacked = without_switches(at, stacked, places)
+        every = ca.vertcat(self.stacked, *at.values.values())
         self.separation = Separation(dae, every, "fewest")
         self.internal = self.separation.internal
 
@@ -65,8 +68,7 @@ class _Linear:
         """Linear relations with small changes of unknowns, states and inputs."""
         s = self.s
         small = column_of([ca.SX.sym(f"d {q.name}") for q in s.quantities])
-        outputs = column_of([y.expression for y in s.dae.outputs])
-        moved = self._moved(ca.vertcat(s.residual, outputs), small)
+        moved = self._moved(self.stacked, small)
         count = len(s.equations)
         equations = self.separation.equations(s, moved[:count], moved[count:], small)
         return LinearModel(
@@ -142,7 +144,12 @@ def trimmed_points(at: DaeTrim, points: Array) -> Array:
     """
     s = at.structure
     expressions = _expressions(at)
-    free = [k for k in range(expressions.numel()) if ca.symvar(in_doubles(expressions[k]))]
+    posed = {*at.given, *(q.name for q in s.inputs)} - {*at.free}
+    free = [
+        k
+        for k, q in enumerate(s.quantities)
+        if q.name not in posed and ca.symvar(in_doubles(expressions[k]))
+    ]
     values, p = _exact_values(at, points), in_symbols(s.dae, points)
     if not free:
         return values

@@ -15,7 +15,7 @@ from mbdlft.base.parameter import DIVISORS, to_internal
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.unit import Signal, parse_unit
 from mbdlft.dae.balance import start_of
-from mbdlft.dae.points import System, solve
+from mbdlft.dae.points import System, solve, values_of
 from mbdlft.dae.structure import Structure, in_symbols
 from mbdlft.dae.text import column_of, formula_of
 from mbdlft.dae.theta.form import ThetaForm, signals_of, theta_form
@@ -110,11 +110,15 @@ def consistent_point(s: Structure, p: Array | None = None) -> Array:
     their start values.
     """
     quantities = [*s.unknowns, *s.states]
-    start, sizes = start_of(quantities)
-    u = np.array([q.start for q in s.inputs])
+    _, sizes = start_of(quantities)
     if p is None:
         nominal = np.array([[parameter.nominal for parameter in s.dae.parameters]])
         p = in_symbols(s.dae, nominal)[0] if s.dae.parameters else np.zeros(0)
+    starts = [
+        q.start if q.order or q.variable.start_of is None else q.variable.start_of
+        for q in (*quantities, *s.inputs)
+    ]
+    start, u = np.split(values_of([ca.SX(x) for x in starts], s.dae.p, p), [len(quantities)])
     held = np.array([q.variable.fixed and not q.order for q in quantities], dtype=bool)
     symbols = ca.vertcat(s.unknown, s.x)
     free, fixed = np.flatnonzero(~held).tolist(), np.flatnonzero(held).tolist()

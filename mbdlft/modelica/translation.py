@@ -300,7 +300,8 @@ class _Translation:
             x = variables[0]
             at_zero = ca.substitute(e.residual, x.symbol, 0) / -slope
             start = self.variables.at_nominal(at_zero)
-            self.variables.by_name[x.name] = replace(x, start=start)
+            of = self.variables.start_of(at_zero)
+            self.variables.by_name[x.name] = replace(x, start=start, start_of=of)
             sources.append(x.name)
         return others, sources
 

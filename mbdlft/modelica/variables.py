@@ -328,6 +328,7 @@ class Variables:
             ca.SX.sym(name),
             unit,
             start=self._number(d, "start", entry),
+            start_of=self.start_of(self._entry(d, "start", entry)),
             fixed=d.attributes.get("fixed") == Truth(value=True),
             nominal=abs(self._number(d, "nominal", entry) or 1.0),
             minimum=-math.inf if low is None else low,
@@ -338,15 +339,30 @@ class Variables:
 
     def _number(self, d: Declaration, key: str, entry: tuple[int, ...]) -> float | None:
         """The number that an attribute has, of one entry of an array."""
+        value = self._entry(d, key, entry)
+        try:
+            return None if value is None else self.at_nominal(value)
+        except SceneError as error:
+            raise SceneError(f"{key}: {error}") from None
+
+    def _entry(self, d: Declaration, key: str, entry: tuple[int, ...]) -> Value | None:
+        """The value that an attribute has, of one entry of an array."""
         if key not in d.attributes:
             return None
         value = self.evaluator.value(d.attributes[key])
         for k in entry:
             value = value[k - 1] if isinstance(value, tuple) and k <= len(value) else value
-        try:
-            return self.at_nominal(value)
-        except SceneError as error:
-            raise SceneError(f"{key}: {error}") from None
+        return value
+
+    def start_of(self, value: Value | None) -> ca.SX | None:
+        """A start value in terms of parameters that stay, at time zero; None if it depends on none."""
+        if value is None or v.number_of(value) is not None:
+            return None
+        expression = v.to_sx(value)
+        time = [s for s in ca.symvar(expression) if s.name() == "time"]
+        expression = ca.substitute(expression, column_of(time), ca.SX.zeros(len(time)))
+        kept = {*self.parameters.kept}
+        return expression if any(s.name() in kept for s in ca.symvar(expression)) else None
 
 
 def names_in(value: Value) -> Iterator[str]:

@@ -131,13 +131,15 @@ class Separation:
 
     def _solved(self, residual: ca.SX, unknown: ca.SX, place: str, name: str) -> Mixed | None:
         """The unknown by its equation, if its factor is a number and the value has no parameters."""
-        slope = ca.jacobian(residual, unknown)
+        slope = ca.SX(ca.jacobian(residual, unknown))
         if not is_constant(slope) or rational(slope) == 0:
             return None
+        number = self.follow(slope, place, name).constant  # of a function of numbers, too
+        assert number is not None
         value = self.follow(ca.substitute(residual, unknown, ca.SX(0)), place, name)
         if not value.is_plain:
             return None
-        return with_tables(self.registry, times(value, -1 / slope), name, 1)
+        return with_tables(self.registry, times(value, -1 / number), name, 1)
 
     def _element(self, symbol: ca.SX) -> Mixed:
         key = symbol.element_hash()

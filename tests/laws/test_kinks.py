@@ -1,0 +1,137 @@
+"""Functions that switch at an equilibrium: branches that are one function, and errors for two slopes."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft.base.errors import TrimError
+from mbdlft.dae import DaeDraft, reduce_index, trim
+from mbdlft.dae.kinks import without_switches
+from mbdlft.modelica import flat_model, operating_point, translate
+from tests.close import CLOSED_FORM, target
+
+K = mbdlft.Parameter("k", 1.0, percent=20)
+
+
+def model(force, start: float = 0.0) -> mbdlft.LFTModel:
+    """der(x) = u - force(k, x) around x = start."""
+    draft = DaeDraft("switch")
+    k, x, u = draft.parameter(K), draft.variable("x", start=start), draft.input("u")
+    draft.equation(draft.der(x), equals=u - force(k, x))
+    draft.output("x")
+    structure = reduce_index(draft.dae())
+    return mbdlft.linearize_dae(trim(structure, at={"x": start}, free=["u"]))
+
+
+@pytest.mark.parametrize(
+    ("force", "slopes"),
+    [
+        (lambda k, x: k * ca.fabs(x), "two slopes by 'x', -1 and 1"),
+        (lambda k, x: k * ca.sign(x), "jumps from -1 to 1"),
+        (lambda k, x: ca.fmax(k * x, 3 * x), "two slopes"),
+        (lambda k, x: ca.fmin(k * x, 0), "two slopes by 'x', 1 and 0"),
+        (lambda k, x: ca.if_else(x < 0, -x, x + 2), "jumps from -2 to 0"),
+        (lambda k, x: ca.if_else(x <= 0, x, 2 * x), "two slopes by 'x', 1 and 2"),
+        (lambda k, x: ca.if_else(ca.sin(x) > 0, x, 2 * x), "two slopes"),
+    ],
+)
+def test_no_linear_model_where_two_branches_meet(force, slopes: str) -> None:
+    with pytest.raises(TrimError, match=rf"equation .*der\(x\).*{slopes}.*switches.*smooth"):
+        model(force)
+
+
+@pytest.mark.parametrize(
+    ("force", "start", "slope"),
+    [
+        (lambda k, x: ca.if_else(x < 0, -x * x, x * x) + k * x, 0.0, lambda k: -k),
+        (lambda k, x: x * ca.fabs(x) + k * x, 0.0, lambda k: -k),
+        (lambda k, x: ca.fmax(x * x, x * x * x) + k * x, 0.0, lambda k: -k),
+        (lambda k, x: k * ca.fabs(x), -2.0, lambda k: k),
+        (lambda k, x: ca.fmax(k, x) * x, 0.5, lambda k: -k),  # k > x in the whole range
+        (lambda k, x: ca.fabs(k - 2) * x, 0.5, lambda k: k - 2),
+        (lambda k, x: ca.if_else(k * k > 0.5, 3 * x, x), 0.0, lambda k: -3 + 0 * k),
+    ],
+)
+def test_branches_that_are_one_function_or_stay_in_the_range(force, start, slope) -> None:
+    linear = model(force, start)
+    assert linear.certificate.exact
+    for k in (0.8, 1.0, 1.13, 1.2):
+        target(mbdlft.matrices_at(linear, {"k": k})[0], np.array([[slope(k)]]), CLOSED_FORM)
+
+
+def test_a_switch_inside_the_range_is_refused() -> None:
+    with pytest.raises(mbdlft.base.NotRationalError, match="fmax"):
+        model(lambda k, x: ca.fmax(k, 1.1) * x, 0.5)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-12, 1e12])
+def test_decisions_do_not_depend_on_the_scale_of_an_equation(scale: float) -> None:
+    def made(times: float) -> mbdlft.LFTModel:
+        draft = DaeDraft("tank")
+        p = draft.parameter(mbdlft.Parameter("p", 1.0, percent=20))
+        x, z = draft.variable("x", start=1.0), draft.variable("z", start=0.4)
+        u, times_ = draft.input("u", start=1.0), draft.number(times)
+        draft.equation(draft.der(x), equals=u - p * ca.sqrt(x))
+        draft.equation(times_ * draft.der(z), equals=times_ * (x - z - p * ca.sqrt(z)))
+        draft.output("z")
+        return mbdlft.linearize_dae(draft.dae(), fit=1e-6)
+
+    assert made(scale).order == made(1.0).order
+
+
+@pytest.mark.parametrize(
+    ("function", "at", "slope"),
+    [
+        (ca.sin, 0.3, 1 / np.cos(np.arcsin(0.3))),
+        (ca.exp, 1.3, 1 / 1.3),
+    ],
+)
+def test_implicit_functions_with_slopes_that_are_numbers(function, at: float, slope) -> None:
+    draft = DaeDraft("implicit")
+    k, x, z = draft.parameter(K), draft.variable("x", start=at), draft.variable("z", start=0.4)
+    u = draft.input("u", start=at)
+    draft.equation(draft.der(x), equals=k * (u - x))
+    draft.equation(function(z), equals=x)
+    draft.output("z")
+    C = mbdlft.matrices_at(mbdlft.linearize_dae(draft.dae()), {})[2]
+    target(C, np.array([[slope]]), CLOSED_FORM)
+
+
+MODEL = """model M
+  parameter Real p(min = 1, max = 2) = 1.5;
+  Real x;
+  input Real u(start = {start});
+  output Real y = x ^ 2;
+equation
+  der(x) = -x + u;
+end M;
+"""
+
+
+@pytest.mark.parametrize(
+    ("start", "value"), [("p", lambda p: p), ("2*p - 1", lambda p: 2 * p - 1), ("1.5", None)]
+)
+def test_start_values_of_parameters_stay_expressions(start: str, value) -> None:
+    dae, report = translate(flat_model(MODEL.format(start=start)))
+    linear = mbdlft.linearize_dae(operating_point(dae, report))
+    for p in (1.0, 1.5, 1.9):
+        C = 2 * (1.5 if value is None else value(p))
+        named = {"p": p} if value else {}
+        target(mbdlft.matrices_at(linear, named)[2], np.array([[C]]), CLOSED_FORM)
+
+
+def test_an_input_may_be_given_as_a_parameter() -> None:
+    draft = DaeDraft("given")
+    draft.parameter(mbdlft.Parameter("p", 1.5, low=1.0, high=2.0))
+    x, u = draft.variable("x"), draft.input("u")
+    draft.equation(draft.der(x), equals=u - x)
+    draft.output("y", x * x)
+    linear = mbdlft.linearize_dae(trim(reduce_index(draft.dae()), at={"u": "p"}))
+    target(mbdlft.matrices_at(linear, {"p": 1.9})[2], np.array([[3.8]]), CLOSED_FORM)
+
+
+def test_planted_bug_a_branch_that_is_never_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mbdlft.dae.kinks._Equilibrium.compare", lambda *_: None)
+    assert without_switches is not None
+    model(lambda k, x: k * ca.fabs(x))  # accepted: the test above would fail
