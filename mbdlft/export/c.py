@@ -476,12 +476,12 @@ def _looked_up(table: Table) -> Any:
     """A table as a function of MX: the piece of an argument is found by bisection."""
     b, v = np.array(table.breakpoints), np.array(table.values)
     h, rise = np.diff(b), np.diff(v)
-    left, right = np.array(table.slopes).T if table.slopes else (rise / h, rise / h)
+    start, end = np.array(table.slopes).T if table.slopes else (rise / h, rise / h)
 
     def value(a: ca.MX) -> ca.MX:
         k = ca.low(ca.MX(ca.DM(b)), a)
         H, R, S, E, B, V = (
-            ca.MX(ca.DM(column))[k] for column in (h, rise, left, right, b[:-1], v[:-1])
+            ca.MX(ca.DM(column))[k] for column in (h, rise, start, end, b[:-1], v[:-1])
         )
         t = (a - B) / H
         inside = V + t * R

@@ -135,18 +135,18 @@ def _matlab(file: Path, model: System | DeltaThetaModel) -> dict[Path, bytes]:
             f"{file}: {stem!r} cannot name a script of MATLAB, which is written beside it: ASCII "
             f"letters, digits and underscores, a letter first. Call it {identifier(stem)}.mat."
         )
-    own: dict[Path, bytes] = {}
+    rates: dict[Path, bytes] = {}
     linear: System = model.linear if isinstance(model, DeltaThetaModel) else model
     if isinstance(model, DeltaThetaModel):
         items = items_of_theta_matlab(model)
-        own = {file.with_name(f"{stem}_rates.m"): rates_text(model, stem).encode()}
+        rates = {file.with_name(f"{stem}_rates.m"): rates_text(model, stem).encode()}
     else:
         items = items_of_matlab(linear)
     return {
         file: matlab_image(items),
         file.with_suffix(".m"): script_text(linear, stem).encode(),
         file.with_name(f"{stem}_at.m"): evaluation_text(linear, stem).encode(),
-        **own,
+        **rates,
     }
 
 
@@ -260,7 +260,7 @@ def lpv_grid(model: System, counts: Counts) -> "list[StateSpace]":
     """
     import control  # here because it is slow to import
 
-    found = matrices_on(model, counts, _MOST_SYSTEMS)
+    grid = matrices_on(model, counts, _MOST_SYSTEMS)
     names = {
         "states": [s.name.replace(".", "_") for s in model.states],
         "inputs": [s.name.replace(".", "_") for s in model.inputs],
@@ -269,7 +269,7 @@ def lpv_grid(model: System, counts: Counts) -> "list[StateSpace]":
     name = model.name.replace(".", "_")
     return [
         control.ss(*matrices, name=f"{name}_{k}", **names)
-        for k, matrices in enumerate(zip(*found.matrices, strict=True))
+        for k, matrices in enumerate(zip(*grid.matrices, strict=True))
     ]
 
 
@@ -290,11 +290,11 @@ def matrices_on(model: System, counts: Counts, most: int | None = None) -> Grid:
         )
     values = grid_of(model.parameters, numbers)
     asked: Mapping[str, Any] = values
-    found = matrices_at(model, asked)
+    matrices = matrices_at(model, asked)
     if not values:  # one point, without an axis
-        A, B, C, D = (matrix[None] for matrix in found)
+        A, B, C, D = (matrix[None] for matrix in matrices)
     else:
-        A, B, C, D = found
+        A, B, C, D = matrices
     trim = None
     if isinstance(model, LFTModel) and model.trim.lft is not None:
         trim = trim_at(model, asked).reshape(points, nt)
@@ -304,15 +304,15 @@ def matrices_on(model: System, counts: Counts, most: int | None = None) -> Grid:
 def _counts_of(model: System, counts: Counts) -> dict[str, int]:
     """Numbers of values by name, of all parameters in their order."""
     names = model.parameters.names
-    given = dict(counts) if isinstance(counts, Mapping) else dict.fromkeys(names, counts)
-    check_known("parameter", given, names, f"model {model.name!r}: grid", AnalysisError)
-    wrong = [counts] if not isinstance(counts, Mapping) else list(given.values())
+    by_name = dict(counts) if isinstance(counts, Mapping) else dict.fromkeys(names, counts)
+    check_known("parameter", by_name, names, f"model {model.name!r}: grid", AnalysisError)
+    wrong = [counts] if not isinstance(counts, Mapping) else list(by_name.values())
     for n in wrong:
         if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
             raise AnalysisError(
                 f"model {model.name!r}: grid: expected a whole number of values of at least 1, got {n!r}."
             )
-    return {name: int(given.get(name, 1)) for name in names}
+    return {name: int(by_name.get(name, 1)) for name in names}
 
 
 def grid_npz(model: System, grid: Grid) -> bytes:
@@ -336,14 +336,14 @@ def grid_npz(model: System, grid: Grid) -> bytes:
 
 def grid_csv(model: System, grid: Grid) -> bytes:
     """The grid as a table: a point a line; columns are parameters, ``A_1_1`` and so on, and the trim."""
-    names, parts = list(grid.values), [_columns(grid)]
+    names, tables = list(grid.values), [_columns(grid)]
     for letter, matrices in zip(_PARTS, grid.matrices, strict=True):
         rows, columns = matrices.shape[1:]
         names += [f"{letter}_{i + 1}_{j + 1}" for i in range(rows) for j in range(columns)]
-        parts.append(matrices.reshape(len(matrices), rows * columns))
+        tables.append(matrices.reshape(len(matrices), rows * columns))
     if grid.trim is not None and isinstance(model, LFTModel):
         names += [s.name for s in model.trim.signals]
-        parts.append(grid.trim)
+        tables.append(grid.trim)
     twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
         raise StructureError(
@@ -353,13 +353,13 @@ def grid_csv(model: System, grid: Grid) -> bytes:
     stream = StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(names)
-    writer.writerows([repr(x) for x in row] for row in np.hstack(parts).tolist())
+    writer.writerows([repr(x) for x in row] for row in np.hstack(tables).tolist())
     return stream.getvalue().encode()
 
 
 def grid_mat(model: System, grid: Grid) -> bytes:
     """The grid for MATLAB and Octave: A (nx, nx, N1, N2, ...) with an axis for each parameter."""
-    found = identifiers(model.parameters.names, f"model {model.name!r}: MATLAB")
+    names = identifiers(model.parameters.names, f"model {model.name!r}: MATLAB")
     items: dict[str, Any] = {"format": "mbdlft-grid/1", "name": model.name}
     for letter, matrices in zip(_PARTS, grid.matrices, strict=True):
         # the points are the first axis here and the last ones there
@@ -369,12 +369,12 @@ def grid_mat(model: System, grid: Grid) -> bytes:
         items[what] = signals(getattr(model, what))
     items["parameters"] = {
         "name": cells([p.name for p in model.parameters]),
-        "identifier": cells([found[p.name] for p in model.parameters]),
+        "identifier": cells([names[p.name] for p in model.parameters]),
         "unit": cells([p.unit for p in model.parameters]),
         "count": column(grid.counts),
     }
-    axes = {name: np.unique(grid.values[name]) for name in found}
-    items["axes"] = {found[name]: column(values.tolist()) for name, values in axes.items()}
+    axes = {name: np.unique(grid.values[name]) for name in names}
+    items["axes"] = {names[name]: column(values.tolist()) for name, values in axes.items()}
     if grid.trim is not None and isinstance(model, LFTModel):
         shaped = grid.trim.reshape(*grid.counts, len(model.trim.signals))
         items["trim"] = {

@@ -62,9 +62,9 @@ def items_of_matlab(model: System) -> dict[str, Any]:
 
 def cells(texts: Sequence[str]) -> Any:
     """A column of texts, which MATLAB calls a cell array."""
-    found = np.empty((len(texts), 1), dtype=object)
-    found[:, 0] = texts
-    return found
+    column = np.empty((len(texts), 1), dtype=object)
+    column[:, 0] = texts
+    return column
 
 
 def column(numbers: Sequence[float]) -> Array:
@@ -72,9 +72,9 @@ def column(numbers: Sequence[float]) -> Array:
     return np.asarray(numbers, dtype=float).reshape(-1, 1)
 
 
-def signals(given: Sequence[Signal]) -> dict[str, Any]:
+def signals(listed: Sequence[Signal]) -> dict[str, Any]:
     """Names and units of signals as columns."""
-    return {"name": cells([s.name for s in given]), "unit": cells([s.unit for s in given])}
+    return {"name": cells([s.name for s in listed]), "unit": cells([s.unit for s in listed])}
 
 
 def _blocks(lft: LFT, parameters: Sequence[Parameter], names: dict[str, str]) -> dict[str, Any]:
@@ -92,29 +92,29 @@ def _blocks(lft: LFT, parameters: Sequence[Parameter], names: dict[str, str]) ->
 
 def _parameters(model: System, names: dict[str, str]) -> dict[str, Any]:
     """The parameters, with the maps from physical values to deltas."""
-    given = model.parameters
-    elements = {p.name: _TANGENT[p.substitution] + names[p.name] for p in given}
+    parameters = model.parameters
+    elements = {p.name: _TANGENT[p.substitution] + names[p.name] for p in parameters}
     others = {b.name: names[b.name] for b in model.lft.blocks if b.kind != "real"}
     check_different({**elements, **others}, f"model {model.name!r}: uncertain elements of MATLAB")
     table: dict[str, Any] = {
-        "name": cells([p.name for p in given]),
-        "identifier": cells([names[p.name] for p in given]),
-        "element": cells([elements[p.name] for p in given]),
+        "name": cells([p.name for p in parameters]),
+        "identifier": cells([names[p.name] for p in parameters]),
+        "element": cells([elements[p.name] for p in parameters]),
     }
     for name in ("unit", "role", "substitution"):
-        table[name] = cells([getattr(p, name) for p in given])
+        table[name] = cells([getattr(p, name) for p in parameters])
     for name in ("nominal", "low", "high", "reference"):
-        table[name] = column([getattr(p, name) for p in given])
-    internal = [to_internal(p, [p.low, p.nominal, p.high]) for p in given]
-    maps = [(p.map.b0, p.map.b1, p.map.a1) for p in given]
+        table[name] = column([getattr(p, name) for p in parameters])
+    internal = [to_internal(p, [p.low, p.nominal, p.high]) for p in parameters]
+    maps = [(p.map.b0, p.map.b1, p.map.a1) for p in parameters]
     return {
         **table,
         # what one unit is inside the tangent, rad; 1 without a substitution
-        "factor": column([parse_unit(p.unit).factor if p.is_angle else 1.0 for p in given]),
-        "divisor": column([DIVISORS[p.substitution] for p in given]),
+        "factor": column([parse_unit(p.unit).factor if p.is_angle else 1.0 for p in parameters]),
+        "divisor": column([DIVISORS[p.substitution] for p in parameters]),
         "internal": np.array(internal).reshape(-1, 3),
         "map": np.array(maps).reshape(-1, 3),
-        "gain": column([p.map.gain for p in given]),
+        "gain": column([p.map.gain for p in parameters]),
     }
 
 
@@ -151,11 +151,11 @@ def table_of(model: System, begin: str, shown: dict[str, str] | None = None) -> 
     ]
     if len(rows) == 1:
         lines = ["(no parameters)"]
-    parts = [("states", model.states), ("inputs", model.inputs), ("outputs", model.outputs)]
+    kinds = [("states", model.states), ("inputs", model.inputs), ("outputs", model.outputs)]
     if isinstance(model, LFTModel):
-        parts.append(("trim", model.trim.signals))
-    for what, given in parts:
-        listed = ", ".join(f"{s.name} ({s.unit})" for s in given) or "none"
+        kinds.append(("trim", model.trim.signals))
+    for what, signals in kinds:
+        listed = ", ".join(f"{s.name} ({s.unit})" for s in signals) or "none"
         lines.append(f"{what}: {listed}")
     return [f"{begin}{one_line(line)}".rstrip() for line in lines]
 

@@ -163,9 +163,9 @@ def items_of_theta_matlab(model: DeltaThetaModel) -> dict[str, Any]:
 def _items(model: DeltaThetaModel, places: Places) -> dict[str, Any]:
     tables = [table for f in model.functions for table in f.tables]
     kind = [(name, object) for name in ("breakpoint", "value", "below", "above", "slope")]
-    found = np.zeros((len(tables), 1), dtype=kind)
+    table_records = np.zeros((len(tables), 1), dtype=kind)
     for k, table in enumerate(tables):
-        found[k, 0] = (
+        table_records[k, 0] = (
             column(table.breakpoints),
             column(table.values),
             table.below,
@@ -184,7 +184,7 @@ def _items(model: DeltaThetaModel, places: Places) -> dict[str, Any]:
         "high": column(places.high),
         "initial": column(model.initial),
         "zeta_at_start": column(model.zeta_at_start),
-        "table": found,
+        "table": table_records,
     }
 
 
@@ -221,18 +221,21 @@ def _body(
 
     Its arguments are entries of omega, from 1 on; its tables are numbered from `first_table` on.
     """
-    parts = _parts(function)
-    symbols, names = [*parts.arguments], [f"omega({k})" for k in columns]
+    symbolic = _parts(function)
+    symbols, names = [*symbolic.arguments], [f"omega({k})" for k in columns]
     statements: list[tuple[str, str]] = []
-    for k, (number, argument) in enumerate(parts.tables):
+    for k, (number, argument) in enumerate(symbolic.tables):
         place, table = f"p{k + 1}", f"table({first_table + number + 1})"
         statements += _statements(argument, symbols, names, f"{place}_", place)
-        for kind, values, is_slope in (("v", parts.values, "false"), ("s", parts.slopes, "true")):
+        for kind, values, is_slope in (
+            ("v", symbolic.values, "false"),
+            ("s", symbolic.slopes, "true"),
+        ):
             names.append(f"{kind}{k + 1}")
             symbols.append(values[k])
             statements.append((names[-1], f"table_value({table}, {place}, {is_slope})"))
-    statements += _statements(parts.value, symbols, names, "f_", "value")
-    for j, slope in enumerate(_total_slopes(parts), start=1):
+    statements += _statements(symbolic.value, symbols, names, "f_", "value")
+    for j, slope in enumerate(_total_slopes(symbolic), start=1):
         statements += _statements(slope, symbols, names, f"d{j}_", f"d{j}")
     return statements
 
@@ -262,26 +265,26 @@ def _parts(function: ThetaFunction) -> _Parts:
 
         return look_up
 
-    own = {name: of(k) for k, name in enumerate(named_tables(function.tables))}
-    value = function(*arguments, functions={**SYMBOLIC, **own})
+    lookups = {name: of(k) for k, name in enumerate(named_tables(function.tables))}
+    value = function(*arguments, functions={**SYMBOLIC, **lookups})
     return _Parts(arguments, tables, values, slopes, ca.SX(value))
 
 
-def _total_slopes(parts: _Parts) -> list[ca.SX]:
+def _total_slopes(symbolic: _Parts) -> list[ca.SX]:
     """Slopes by the arguments, through the tables."""
-    a = column_of(parts.arguments)
+    a = column_of(symbolic.arguments)
     through: list[ca.SX] = []
 
     def total(expression: ca.SX) -> ca.SX:
-        found = ca.densify(ca.jacobian(expression, a))
-        for value, slope in zip(parts.values, through, strict=False):
-            found = found + ca.densify(ca.jacobian(expression, value)) * slope
-        return found
+        slopes = ca.densify(ca.jacobian(expression, a))
+        for value, slope in zip(symbolic.values, through, strict=False):
+            slopes = slopes + ca.densify(ca.jacobian(expression, value)) * slope
+        return slopes
 
-    for (_, argument), slope in zip(parts.tables, parts.slopes, strict=True):
+    for (_, argument), slope in zip(symbolic.tables, symbolic.slopes, strict=True):
         through.append(slope * total(argument))
-    found = total(parts.value)
-    return [found[0, j] for j in range(len(parts.arguments))]
+    slopes = total(symbolic.value)
+    return [slopes[0, j] for j in range(len(symbolic.arguments))]
 
 
 def _statements(
@@ -293,7 +296,7 @@ def _statements(
 ) -> list[tuple[str, str]]:
     """Statements that give an expression the name `result`; parts of it have names with a prefix."""
     plain = [f"x{k}" for k in range(len(names))]  # names of formulas
-    found, tables = formula_of(ca.SX(expression), symbols, plain, tables=False)
+    formula, tables = formula_of(ca.SX(expression), symbols, plain, tables=False)
     assert not tables
     statements: list[tuple[str, str]] = []
 
@@ -302,7 +305,7 @@ def _statements(
         return statements[-1][0]
 
     known = dict(zip(plain, names, strict=True))
-    value = formula_value(found, known, _FUNCTIONS, part)
+    value = formula_value(formula, known, _FUNCTIONS, part)
     return [*statements, (result, value)]
 
 
@@ -311,7 +314,7 @@ def _infix(sign: str) -> Callable[[str, str], str]:
 
 
 def _call(name: str) -> Callable[..., str]:
-    return lambda *parts: f"{name}({', '.join(parts)})"
+    return lambda *arguments: f"{name}({', '.join(arguments)})"
 
 
 def _number(value: float) -> str:

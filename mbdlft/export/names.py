@@ -57,15 +57,15 @@ def identifiers(names: Sequence[str], where: str) -> dict[str, str]:
     where : str
         What they are names of, for the message.
     """
-    found = {name: identifier(name) for name in names}
-    check_different(found, where)
-    return found
+    by_name = {name: identifier(name) for name in names}
+    check_different(by_name, where)
+    return by_name
 
 
-def check_different(found: Mapping[str, str], where: str) -> None:
+def check_different(identifiers: Mapping[str, str], where: str) -> None:
     """Raise a StructureError if two of the names have one identifier."""
     first: dict[str, str] = {}
-    for name, text in found.items():
+    for name, text in identifiers.items():
         if text in first:
             raise StructureError(
                 f"{where}: the names {first[text]!r} and {name!r} clash: both become {text!r}, as names "
@@ -145,8 +145,8 @@ def places_of(model: DeltaThetaModel, what: str) -> Places:
 def listed(model: DeltaThetaModel, begin: str) -> str:
     """Lines of a comment: states, u, y, and each function with the signals that it is of."""
     lines = []
-    for what, given in (("x", model.linear.states), ("u", model.inputs), ("y", model.outputs)):
-        lines.append(f"{what}: {', '.join(f'{s.name} ({s.unit})' for s in given) or 'none'}")
+    for what, signals in (("x", model.linear.states), ("u", model.inputs), ("y", model.outputs)):
+        lines.append(f"{what}: {', '.join(f'{s.name} ({s.unit})' for s in signals) or 'none'}")
     lines.append(f"omega: {', '.join(model.omega)}")
     for f in model.functions:
         pairs = zip(f.arguments, f.signals, strict=True)

@@ -276,8 +276,8 @@ def linear_block(
     )
     rows = [[ca.SX(entry) for entry in row] for row in matrix(values)]
     stacked = ca.vertcat(*(ca.horzcat(*row) for row in rows))
-    own = {p.name: symbols[p.name] for p in used}
-    return realize(stacked, used, symbols=own, name=name, search=0.0, **signals)
+    used_symbols = {p.name: symbols[p.name] for p in used}
+    return realize(stacked, used, symbols=used_symbols, name=name, search=0.0, **signals)
 
 
 def _dimensions(parameters: Sequence[Parameter]) -> dict[str, Any]:

@@ -90,13 +90,21 @@ def two_port(
         {port: _signals(port, kinds, used) for port in (*ports, parent)}
         for kinds in (_LOADS, _ACCELERATIONS)
     )
-    own = _own(body)
+    body_signals = _own(body)
     return replace(
         model,
         lft=_without_rigid_motion(model, [signal.name for signal in model.outputs]),
         states=tuple(s for s in model.states if not _is_rigid(s)),
-        inputs=(*(s for port in ports for s in loads[port]), *accelerations[parent], *own[0]),
-        outputs=(*(s for port in ports for s in accelerations[port]), *loads[parent], *own[1]),
+        inputs=(
+            *(s for port in ports for s in loads[port]),
+            *accelerations[parent],
+            *body_signals[0],
+        ),
+        outputs=(
+            *(s for port in ports for s in accelerations[port]),
+            *loads[parent],
+            *body_signals[1],
+        ),
     )
 
 

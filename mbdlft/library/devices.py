@@ -192,12 +192,12 @@ def wheel_cluster(
     return WheelCluster(tuple(bodies), tuple(joints))
 
 
-def _each(name: str, what: str, given: Sequence[T], count: int) -> Sequence[T]:
-    if len(given) != count:
+def _each(name: str, what: str, items: Sequence[T], count: int) -> Sequence[T]:
+    if len(items) != count:
         raise SceneError(
-            f"wheel cluster {name!r}: {len(given)} {what} for {count} wheels. Give one, or one for each."
+            f"wheel cluster {name!r}: {len(items)} {what} for {count} wheels. Give one, or one for each."
         )
-    return given
+    return items
 
 
 def _inertia(axis: Sequence[float], axial: float | str, across: float | str) -> Inertia:
@@ -303,19 +303,19 @@ def slosh_tank(
     still = f"(1 - {data.share!r})*({mass})"
     below = -data.share * data.height / (1.0 - data.share)
     inertia = Inertia(xx=0.0, yy=0.0, zz=0.0)
-    rest = RigidBody(
+    settled = RigidBody(
         name=f"{name}_rest", mass=still, center_of_mass=(0, 0, center + below), inertia=inertia
     )
-    held = Fixed(name=f"{name}_held", parent=parent, child=rest.name)
+    held = Fixed(name=f"{name}_held", parent=parent, child=settled.name)
     top = center + data.height
     if acceleration is None:
-        hinge = rest.model_copy(update={"ports": {"hinge": (0.0, 0.0, top + data.length)}})
+        hinge = settled.model_copy(update={"ports": {"hinge": (0.0, 0.0, top + data.length)}})
         bob = PointMass(
             name=f"{name}_liquid", mass=moving, ports={"hinge": (0.0, 0.0, data.length)}
         )
         swing = Universal(
             name=name,
-            parent=f"{rest.name}.hinge",
+            parent=f"{settled.name}.hinge",
             child=f"{bob.name}.hinge",
             axis1=(1, 0, 0),
             axis2=(0, 1, 0),
@@ -324,13 +324,13 @@ def slosh_tank(
         )
         return SloshTank((hinge, bob), (held, swing))
     stiffness = f"{data.share * data.frequency_squared!r} [1/m]*({mass})*({acceleration})"
-    placed = rest.model_copy(update={"ports": {"surface": (0.0, 0.0, top)}})
+    placed = settled.model_copy(update={"ports": {"surface": (0.0, 0.0, top)}})
     between = RigidBody(name=f"{name}_slider", mass=0.0, inertia=inertia)
     bob = PointMass(name=f"{name}_liquid", mass=moving)
     along = {"stiffness": stiffness, "damping": damping, "preload": 0.0}
     first = Prismatic(
         name=f"{name}_x",
-        parent=f"{rest.name}.surface",
+        parent=f"{settled.name}.surface",
         child=between.name,
         axis=(1, 0, 0),
         **along,

@@ -141,9 +141,9 @@ def _in_balls(
                 known[cosine_name(p.name)] = np.array([x.cos() for x in angles], dtype=object)
                 known[sine_name(p.name)] = np.array([x.sin() for x in angles], dtype=object)
         rows = matrix_values(problem, resolved, known, lambda x: ball(decimal(x)), _FUNCTIONS)
-        found = _stacked(rows, len(points), object)
+        balls = _stacked(rows, len(points), object)
     is_finite = np.vectorize(lambda x: x.is_finite() and abs(float(x)) < np.inf, otypes=[bool])(
-        found
+        balls
     )
     if not np.all(is_finite):
         k, i, j = np.argwhere(~is_finite)[0]
@@ -151,7 +151,7 @@ def _in_balls(
             f"{entry_place(problem, i, j)}: is not finite at "
             f"{', '.join(f'{p.name} = {x:g}' for p, x in zip(parameters, points[k], strict=True))}."
         )
-    return found
+    return balls
 
 
 _FUNCTIONS = {name: getattr(flint.arb, name) for name in ("cos", "sin", "atan", "sqrt")}

@@ -203,9 +203,9 @@ class _Resolver:
             case Power(base, exponent):
                 return Power(self._rational(base), exponent)
             case Binary():
-                first, rest = spine(expression)
+                first, others = spine(expression)
                 result = self._rational(first)
-                for operator, right in rest:
+                for operator, right in others:
                     result = Binary(operator, result, self._rational(right))
                 return result
             case Call(function, argument):
@@ -290,17 +290,17 @@ def check_denominators(problem: MatrixProblem, resolved: Resolved) -> None:
             known = constants | _parts(parameters, box)
             for name, expression in shared.items():
                 known[name] = evaluate(expression, known, decimal, FUNCTIONS)
-            found: Interval = evaluate(divisor, known, decimal, FUNCTIONS)
-            return found
+            zero: Interval = evaluate(divisor, known, decimal, FUNCTIONS)
+            return zero
 
         _check_size(f"{place}: the denominator {write(divisor)}", map(value, corners), _LEAST)
-        found = find_zero(
+        zero = find_zero(
             value, {name: (parameters[name].low, parameters[name].high) for name in used}
         )
-        if found is not None and found[1]:
+        if zero is not None and zero[1]:
             near = ", ".join(
                 f"{name} = {at:g} {parameters[name].unit}".removesuffix(" 1")
-                for name, at in found[0].items()
+                for name, at in zero[0].items()
             )
             raise WellPosednessError(
                 f"{place}: the denominator {write(divisor)} vanishes in the range"
@@ -320,8 +320,8 @@ def _check_size(what: str, values: Iterable[Interval | float], least: float = 0.
 
     What may be zero at a point, or has a pole there, is left to the other checks.
     """
-    found = [Interval.of(value) for value in values]
-    size = max((value.largest for value in found if value.smallest), default=0.0)
+    intervals = [Interval.of(value) for value in values]
+    size = max((value.largest for value in intervals if value.smallest), default=0.0)
     if size and not least <= size <= _MOST:
         expected = f"least {least:g}" if size < least else f"most {_MOST:g}"
         raise SceneError(
@@ -356,12 +356,12 @@ def _needed(resolved: Resolved, expression: Expression) -> dict[str, Expression]
 
 def _parts(parameters: Mapping[str, Parameter], box: Mapping[str, Interval]) -> dict[str, Interval]:
     """Parameters over intervals; an angle by its cosine and sine."""
-    found = {}
+    values = {}
     for name, item in box.items():
         if parameters[name].is_angle:
             angle = item * parse_unit(parameters[name].unit).factor
-            found[cosine_name(name)] = FUNCTIONS["cos"](angle)
-            found[sine_name(name)] = FUNCTIONS["sin"](angle)
+            values[cosine_name(name)] = FUNCTIONS["cos"](angle)
+            values[sine_name(name)] = FUNCTIONS["sin"](angle)
         else:
-            found[name] = item
-    return found
+            values[name] = item
+    return values

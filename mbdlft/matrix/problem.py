@@ -113,16 +113,16 @@ class MatrixProblem(Description):
         check_value_names("parameter, constant or expression", declared)
         rows, columns = self.shape
         _check_states(len(self.states), self.matrix)
-        for what, given, size in (
+        for what, labels, size in (
             ("inputs", self.inputs, columns - len(self.states)),
             ("outputs", self.outputs, rows - len(self.states)),
         ):
-            if given is not None and len(given) != size:
+            if labels is not None and len(labels) != size:
                 raise SceneError(
                     f"{what}: expected {size} names, one for each "
-                    f"{'column' if what == 'inputs' else 'row'} beside the states, got {len(given)}."
+                    f"{'column' if what == 'inputs' else 'row'} beside the states, got {len(labels)}."
                 )
-            check_unique(what[:-1], given or ())
+            check_unique(what[:-1], labels or ())
         check_unique("state", self.states)
         return self
 
@@ -175,8 +175,8 @@ def _is_sequence(value: Any) -> bool:
     return isinstance(value, Sequence) and not isinstance(value, str)
 
 
-def _signals(given: Sequence[str]) -> tuple[Signal, ...]:
-    return tuple(Signal(name, "1") for name in given)
+def _signals(names: Sequence[str]) -> tuple[Signal, ...]:
+    return tuple(Signal(name, "1") for name in names)
 
 
 FORMAT = "mbdlft-matrix/1"

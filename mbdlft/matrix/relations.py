@@ -74,8 +74,8 @@ class _Scaled(NamedTuple):
 
 def _scaled(matrix: MatrixProblem, resolved: Resolved, parameters: Sequence[Parameter]) -> _Scaled:
     points = check_points(parameters, SEED)
-    found = values_in_digits(matrix, resolved, parameters, points)
-    values, terms, states = found.values, found.sizes, len(matrix.signals()[0])
+    in_balls = values_in_digits(matrix, resolved, parameters, points)
+    values, terms, states = in_balls.values, in_balls.sizes, len(matrix.signals()[0])
     largest = np.max(np.abs(values), axis=0)
     rows, columns = _units(values)
     # smaller values are negligible beside what parameters change in the row and the column
@@ -92,7 +92,7 @@ def _scaled(matrix: MatrixProblem, resolved: Resolved, parameters: Sequence[Para
         trimmed=np.zeros((len(points), 0)),
         trim_scale=np.zeros(0),
         transfers=lambda some, frequencies: transfers(values[list(some)], states, frequencies),
-        transfers_in_digits=lambda some, w: transfers_in_digits(found, states, some, w),
+        transfers_in_digits=lambda some, w: transfers_in_digits(in_balls, states, some, w),
     )
     factors = 1.0 / np.outer(rows, columns)
     return _Scaled(points, reference, rows, columns, factors)
@@ -103,9 +103,9 @@ def _units(values: Array) -> tuple[Array, Array]:
     change = np.max(np.abs(values - values[0]), axis=0)
     rows, columns = np.ones(len(change)), np.ones(change.shape[1])
     for _ in range(_SCALINGS):
-        left = change / rows[:, None] / columns
-        rows *= np.sqrt(or_one(np.max(left, axis=1)))
-        columns *= np.sqrt(or_one(np.max(left, axis=0)))
+        scaled = change / rows[:, None] / columns
+        rows *= np.sqrt(or_one(np.max(scaled, axis=1)))
+        columns *= np.sqrt(or_one(np.max(scaled, axis=0)))
     first, second = (np.ldexp(1.0, np.rint(np.log2(size)).astype(int)) for size in (rows, columns))
     return first, second
 

@@ -161,8 +161,8 @@ class _Texts:
                 )
         free, used = [], []
         for symbol in ca.symvar(matrix):
-            given = [name for name, item in symbols.items() if ca.is_equal(item, symbol)]
-            name = given[0] if given else symbol.name()
+            matching = [name for name, item in symbols.items() if ca.is_equal(item, symbol)]
+            name = matching[0] if matching else symbol.name()
             if name not in self.parameters:
                 raise SceneError(
                     f"matrix {self.name!r}: " + unknown_name("symbol", name, self.parameters)
@@ -222,8 +222,8 @@ class _Texts:
             return Call(function, argument)
         return self._refuse(function, argument)
 
-    def _refuse(self, operation: str, *parts: Expression) -> Expression:
-        used = sorted({name for part in parts for name in self._parameters(part)})
+    def _refuse(self, operation: str, *operands: Expression) -> Expression:
+        used = sorted({name for operand in operands for name in self._parameters(operand)})
         reached = {self.node}
         for k, node in enumerate(self.nodes):
             if reached & {*node.sources}:
@@ -237,10 +237,10 @@ class _Texts:
         )
 
     def _parameters(self, expression: Expression) -> frozenset[str]:
-        found: set[str] = set()
+        parameters: set[str] = set()
         for name in names(expression):
-            found |= self.depends.get(name, frozenset({name}))
-        return frozenset(found)
+            parameters |= self.depends.get(name, frozenset({name}))
+        return frozenset(parameters)
 
     def _named(self, expression: Expression, depth: int, uses: int) -> tuple[Expression, int]:
         """The expression, or its name if it is used more than once or is deeply nested.

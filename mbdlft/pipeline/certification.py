@@ -102,13 +102,13 @@ def _error_of_transfers(
     if not (states and problem.inputs and problem.outputs):
         return 0.0, ()
     frequencies = frequencies_of(values[:, :states, :states])
-    found = transfers(values, states, frequencies)
-    error = largest_of_rows(found, at.transfers(some, frequencies))
+    of_model = transfers(values, states, frequencies)
+    error = largest_of_rows(of_model, at.transfers(some, frequencies))
     if error > _CARRIED_BY_TRANSFERS:
         # half of the points and of the frequencies: each takes as long as all of them in doubles
-        some, frequencies, found = some[::2], frequencies[::2], found[::2, ::2]
+        some, frequencies, of_model = some[::2], frequencies[::2], of_model[::2, ::2]
         truth = at.transfers_in_digits(some, frequencies)
-        error = largest_of_rows(found, truth)
+        error = largest_of_rows(of_model, truth)
         if not error <= ACCEPTED:
             points = problem.points[list(some)]
             exact = at.values[list(some)] if at.in_digits is None else at.in_digits(points)
@@ -182,21 +182,24 @@ def open_boxes(
     What the LFT itself does not show, a theorem about its problem may: the determinant of a reduced LFT
     divides that of the relations that it comes from. A search may have made another one.
     """
-    found: Boxes = ()
-    for part, problem_is in ((lft, "the model is singular"), (trim, "no finite efforts hold it")):
-        if part is None:
+    boxes: Boxes = ()
+    for checked, problem_is in (
+        (lft, "the model is singular"),
+        (trim, "no finite efforts hold it"),
+    ):
+        if checked is None:
             continue
-        names = [block.name for block in part.blocks]
+        names = [block.name for block in checked.blocks]
         what = f"{problem.nouns.owner}: {problem_is}"
-        by_theorem = part is lft and not is_searched
-        known = regularity(part, min(prove, _AT_FIRST) if by_theorem else prove)
+        by_theorem = checked is lft and not is_searched
+        known = regularity(checked, min(prove, _AT_FIRST) if by_theorem else prove)
         if by_theorem and not known.is_proved and known.zero is None:
             if problem.is_regular():
                 continue
-            known = regularity(part, prove)
+            known = regularity(checked, prove)
         check_no_zero(known, names, problem.parameters, what, problem.nouns.narrow)
-        found += physical_boxes(known.open_boxes, names, problem.parameters)
-    return found
+        boxes += physical_boxes(known.open_boxes, names, problem.parameters)
+    return boxes
 
 
 def certificate(

@@ -63,8 +63,8 @@ class Candidate:
 def candidates(problem: Problem, forms: Sequence[Form]) -> list[Candidate]:
     """A candidate of each form, the smallest first."""
     with without_collection():
-        found = [_in_enough_bits(problem, form) for form in forms]
-    return sorted(found, key=lambda one: one.lft.order)
+        reduced = [_in_enough_bits(problem, form) for form in forms]
+    return sorted(reduced, key=lambda candidate: candidate.lft.order)
 
 
 def reduced_relations(relations: LinearModel) -> LFT:
@@ -208,10 +208,10 @@ class Signed(NamedTuple):
         return texts[kind] if by_value or self.sign > 0 else f"-{texts[kind]}"
 
 
-def near_relations(problem: Problem, found: Candidate) -> tuple[str, ...]:
+def near_relations(problem: Problem, smallest: Candidate) -> tuple[str, ...]:
     """Sentences on numbers that nearly are others, if the order is smaller with these."""
-    relations = found.form.relations
-    if sum(found.channels.values()) > _MOST:
+    relations = smallest.form.relations
+    if sum(smallest.channels.values()) > _MOST:
         return ()
     symbols, numbers = constants_in(ca.vertcat(relations.residual, relations.output))
     meant = neighbors(numbers)
@@ -219,35 +219,35 @@ def near_relations(problem: Problem, found: Candidate) -> tuple[str, ...]:
         return ()
     places = ca.vertcat(*(meant.get(n, Signed(1, n)).symbol for n in numbers))
     residual, output = ca.substitute([relations.residual, relations.output], [symbols], [places])
-    form = replace(found.form, relations=replace(relations, residual=residual, output=output))
+    form = replace(smallest.form, relations=replace(relations, residual=residual, output=output))
     try:
         order = candidates(problem, [form])[0].lft.order
     except MbdlftError:  # with these numbers it cannot be solved: they are not meant
         return ()
-    if order >= found.lft.order:
+    if order >= smallest.lft.order:
         return ()
     listed = "; ".join(
         f"{Signed(1, number)} is {abs(double(number) - other.value):.1g} from {other}"
         for number, other in meant.items()
         if double(number) != other.value
     )
-    return (f"{listed}: written exactly, the order is {order}, not {found.lft.order}",)
+    return (f"{listed}: written exactly, the order is {order}, not {smallest.lft.order}",)
 
 
 def neighbors(numbers: Sequence[Constant]) -> dict[Constant, Signed]:
     """For numbers that are beside others, which they may be meant to be, these others."""
-    found: dict[Constant, Signed] = {}
+    meant: dict[Constant, Signed] = {}
     has_pi = any(number.kind == "pi" for number in numbers)
     for k, number in enumerate(numbers):
-        before = [n for n in numbers[:k] if n not in found and number.kind != "rational"]
+        before = [n for n in numbers[:k] if n not in meant and number.kind != "rational"]
         others = [Signed(sign, n) for n in before for sign in (1, -1)]
         for other in (*_special(number), *others):
             if other.number.kind == "pi" and not has_pi:
                 continue  # there is nothing that it could be related to
             if _is_near(number, other) and not is_zero(constant(number) - other.symbol):
-                found[number] = other
+                meant[number] = other
                 break
-    return found
+    return meant
 
 
 def _special(number: Constant) -> Iterator[Signed]:

@@ -57,31 +57,33 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
             trim = _trim(problem, problem.trim)
     check = _Check(problem)
     with stage("reduce"):
-        found = candidates(problem, problem.forms)
+        reduced = candidates(problem, problem.forms)
     with stage("bound"):
-        bounds = _degree_bounds(found[0])
+        bounds = _degree_bounds(reduced[0])
     degrees = {name: bound.degree for name, bound in bounds.items()}
     order_bound = sum(degrees.values())
-    if order_bound < found[0].lft.order and (forms := problem.more_forms()):
+    if order_bound < reduced[0].lft.order and (forms := problem.more_forms()):
         with stage("more forms"):
-            found = sorted([*found, *candidates(problem, forms)], key=lambda one: one.lft.order)
+            reduced = sorted(
+                [*reduced, *candidates(problem, forms)], key=lambda candidate: candidate.lft.order
+            )
     with stage("near relations"):
-        near = near_relations(problem, found[0])
-    lft = found[0].lft
+        near = near_relations(problem, reduced[0])
+    lft = reduced[0].lft
     if budget.work > 0.0 and order_bound < lft.order <= _MOST_SEARCHED:
         with stage("search"):
-            smaller, order_bound, is_cut_off = _search(problem, found, degrees, budget, stage)
+            smaller, order_bound, is_cut_off = _search(problem, reduced, degrees, budget, stage)
             if smaller.order < lft.order and not _loses_digits(smaller, lft, check):
                 lft = smaller
         if is_cut_off:
             with stage(CUT_OFF):  # with more time the model may be smaller
                 pass
-    is_searched = lft is not found[0].lft
+    is_searched = lft is not reduced[0].lft
     lft = _in_units(problem, with_blocks(lft, [p.name for p in problem.parameters]))
     with stage("prove"):
         boxes = open_boxes(lft, trim.lft, problem, prove, is_searched=is_searched)
     with stage("check"):
-        checked, raw = check.model(lft, trim.lft), found[0].channels
+        checked, raw = check.model(lft, trim.lft), reduced[0].channels
         evidence = certificate(
             lft,
             raw,
@@ -91,7 +93,7 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
             check.reference,
             checked,
             SEED,
-            is_exact=found[0].exact is not None,
+            is_exact=reduced[0].exact is not None,
             boxes=boxes,
             near=near,
         )
@@ -151,17 +153,17 @@ def _degree_bounds(candidate: Candidate) -> dict[str, Bound]:
 
 def _search(
     problem: Problem,
-    found: Sequence[Candidate],
+    reduced: Sequence[Candidate],
     bound: Mapping[str, int],
     budget: Budget,
     stage: Stage,
 ) -> Smallest:
     """The search, from LFTs that are the same on every machine, in a process whose arithmetic is."""
-    best = found[0]
-    closed, forms = [_in_scales(one) for one in found], list[LFT]()
+    best = reduced[0]
+    closed, forms = [_in_scales(candidate) for candidate in reduced], list[LFT]()
     close = truth = None
     if best.form.relations.unknown.numel():
-        closed, forms = closed[:1], [one.relations for one in found]
+        closed, forms = closed[:1], [candidate.relations for candidate in reduced]
         close, truth = closing(best.form.relations), best.closed
     exact = residues_alone(best.exact) if best.exact else None
     target = "mbdlft.order.search:find_smallest"

@@ -72,13 +72,13 @@ class RelationsInDigits:
             return transfers_of(self._balls(points), self.model.derivatives, frequencies)
 
     def _balls(self, points: Array) -> list[Balls]:
-        m, found = self.model, []
+        m, matrices = self.model, []
         for point in points:
             (J,) = self.tape.at(
                 [_internal(*pair) for pair in zip(m.parameters, point, strict=True)]
             )
-            found.append(_state_space(J, m.unknown.numel(), m.known.numel(), m.derivatives))
-        return found
+            matrices.append(_state_space(J, m.unknown.numel(), m.known.numel(), m.derivatives))
+        return matrices
 
 
 def _internal(parameter: Parameter, physical: float) -> Any:
@@ -94,7 +94,7 @@ def transfers_of(
     matrices: Sequence[Balls], states: int, frequencies: Array
 ) -> NDArray[np.complex128]:
     """Transfer functions (N, F, n_y, n_u) of N matrices [A B ; C D] of balls, rounded at the end."""
-    found = []
+    values = []
     for rows in matrices:
         right = _matrix(rows[:states, states:], flint.acb_mat)
         read, direct = _matrix(rows[states:, :states], flint.acb_mat), rows[states:, states:]
@@ -105,9 +105,9 @@ def transfers_of(
                 solved = _matrix(shifted, flint.acb_mat).solve(right)
             except ZeroDivisionError:
                 raise _singular() from None
-            found.append([rounded(x) for x in (direct - entries_of(read * solved)).ravel()])
+            values.append([rounded(x) for x in (direct - entries_of(read * solved)).ravel()])
     shape = (len(matrices), len(frequencies), *matrices[0][states:, states:].shape)
-    return np.array(found, dtype=complex).reshape(shape)
+    return np.array(values, dtype=complex).reshape(shape)
 
 
 def rounded(x: Any) -> float | complex:
@@ -126,15 +126,15 @@ def _of_equations(
     """[A B ; C D] of the exact equations at physical points (N, n_p)."""
     trim, slopes = _tapes(exact, tuple(inputs), tuple(outputs))
     unknown, known = (part.numel() for part in split(exact, inputs))
-    found = []
+    matrices = []
     for point in points:
         physical = [flint.arb(float(x)) for x in point]
         try:
             (J,) = slopes.at(physical + _efforts(exact, trim, physical))
         except ZeroDivisionError:
             raise _singular() from None
-        found.append(_state_space(J, unknown, known, len(exact.states)))
-    return found
+        matrices.append(_state_space(J, unknown, known, len(exact.states)))
+    return matrices
 
 
 def _state_space(J: Balls, unknown: int, known: int, states: int) -> Balls:
@@ -161,14 +161,14 @@ class _Tape(NamedTuple):
 
     def at(self, argument: list[Any]) -> list[Balls]:
         """Values, dense arrays."""
-        found = []
+        results = []
         for k, values in enumerate(fold(self.function, _RULES, argument, self.constants)):
             array = np.full(self.function.size_out(k), flint.arb(0), dtype=object)
             rows, columns = self.function.sparsity_out(k).get_triplet()
             for row, column, value in zip(rows, columns, values, strict=True):
                 array[row, column] = value
-            found.append(array)
-        return found
+            results.append(array)
+        return results
 
 
 @lru_cache(maxsize=2)  # for matrices, and again for transfers
@@ -182,8 +182,8 @@ def _tapes(
 
 
 def _tape(argument: ca.SX, expressions: ca.SX | Sequence[ca.SX]) -> _Tape:
-    parts = [expressions] if isinstance(expressions, ca.SX) else expressions
-    sparse = [ca.sparsify(e) for e in parts]
+    results = [expressions] if isinstance(expressions, ca.SX) else expressions
+    sparse = [ca.sparsify(e) for e in results]
     constants, numbers = constants_in(ca.veccat(*sparse))
     field = Field(numbers)
     function = ca.Function("digits", [argument, constants], sparse)
@@ -204,14 +204,14 @@ def physical_in_digits(exact: Equations) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
 
 def _efforts(exact: Equations, trim: _Tape, physical: list[Any]) -> list[Any]:
     """Trim values of u."""
-    offset, matrix, given = trim.at(physical)
+    offset, matrix, known = trim.at(physical)
     rows, unknown = list(trim_rows(in_doubles(exact))), list(exact.unknown)
-    found = [x for (x,) in given]
+    efforts = [x for (x,) in known]
     if unknown:
         solution = -_solved(matrix[rows], offset[rows])
         for k, (value,) in zip(unknown, solution, strict=True):
-            found[k] = value
-    return found
+            efforts[k] = value
+    return efforts
 
 
 def ball(value: Fraction) -> Any:
@@ -234,10 +234,10 @@ def _solved(matrix: Balls, right: Balls) -> Balls:
     return entries_of(_matrix(matrix).solve(_matrix(right)))
 
 
-def _times(left: Balls, right: Balls) -> Balls:
-    if 0 in left.shape:
-        return np.full((len(left), right.shape[1]), flint.arb(0), dtype=object)
-    return entries_of(_matrix(left) * _matrix(right))
+def _times(a: Balls, b: Balls) -> Balls:
+    if 0 in a.shape:
+        return np.full((len(a), b.shape[1]), flint.arb(0), dtype=object)
+    return entries_of(_matrix(a) * _matrix(b))
 
 
 def _matrix(a: Balls, kind: Any = flint.arb_mat) -> Any:

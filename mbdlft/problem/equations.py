@@ -120,13 +120,15 @@ class Equations:
 def rounded(equations: Equations) -> Equations:
     """The equations with doubles in place of their constants."""
     e = equations
-    parts = [e.residual, e.output, e.load_value, e.given, e.carried]
+    expressions = [e.residual, e.output, e.load_value, e.given, e.carried]
     ends = [0]
-    for part in parts:
-        ends.append(ends[-1] + part.numel())
-    residual, output, load, given, carried = ca.vertsplit(in_doubles(ca.vertcat(*parts)), ends)
+    for expression in expressions:
+        ends.append(ends[-1] + expression.numel())
+    residual, output, load, known, carried = ca.vertsplit(
+        in_doubles(ca.vertcat(*expressions)), ends
+    )
     return replace(
-        e, residual=residual, output=output, load_value=load, given=given, carried=carried
+        e, residual=residual, output=output, load_value=load, given=known, carried=carried
     )
 
 

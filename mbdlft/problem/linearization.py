@@ -71,8 +71,8 @@ def relinearize(
     linear = _linear(e, unknown.numel(), known.numel(), jacobian)
     n, nk = unknown.numel(), known.numel()
     symbols, effort, _, residual = _at_trim(e, tuple(inputs), tuple(outputs))
-    given = ca.substitute(residual, effort, given_value(e, symbols))
-    no_effort = ca.Function("load", [symbols], [ca.densify(given)])
+    without_unknown = ca.substitute(residual, effort, given_value(e, symbols))
+    no_effort = ca.Function("load", [symbols], [ca.densify(without_unknown)])
     by_effort = np.abs(np.linalg.pinv(linear.jacobian[:, :n, n + nk :]))
     terms = (by_effort @ term_sizes(no_effort, points)[:, :, None])[:, :, 0]
     # where terms cancel already in the numbers of the scene: what the load does to the inertia
@@ -98,11 +98,11 @@ def linearized(
     [A B ; C D] (N, ., .)
     """
     e = equations
-    unknown, known = (part.numel() for part in split(e, inputs))
+    unknown, known = (signals.numel() for signals in split(e, inputs))
     values = np.empty((len(points), len(e.states) + len(outputs), known))
     function = slope_function(e, tuple(inputs), tuple(outputs))
-    for part, (jacobian,) in evaluate_in_chunks(function, points, efforts):
-        values[part] = _linear(e, unknown, known, jacobian).matrices
+    for chunk, (jacobian,) in evaluate_in_chunks(function, points, efforts):
+        values[chunk] = _linear(e, unknown, known, jacobian).matrices
     return values
 
 
@@ -148,20 +148,20 @@ def _solved(matrix: Array, right: Array) -> Array:
     if len(set(alone)) < len(rows) or not np.all(pivots):
         raise np.linalg.LinAlgError("singular")
     others, coupled = (np.delete(np.arange(len(pattern)), taken) for taken in (rows, alone))
-    found = np.zeros_like(right)
+    solution = np.zeros_like(right)
     # columns of zeros, as those of rates without damping, are not solved for
     used = np.flatnonzero(np.any(acted[rows], axis=0))
-    found[:, alone[:, None], used] = right[:, rows[:, None], used] / pivots[:, :, None]
+    solution[:, alone[:, None], used] = right[:, rows[:, None], used] / pivots[:, :, None]
     if np.any(pattern[np.ix_(others, alone)]):
-        right = right - matrix[:, :, alone] @ found[:, alone]
+        right = right - matrix[:, :, alone] @ solution[:, alone]
         used = np.arange(right.shape[2])
     else:
         used = np.flatnonzero(np.any(acted[others], axis=0))
-    rest, own = right[:, others[:, None], used], matrix[:, others[:, None], coupled]
-    inverse = np.linalg.inv(own)
-    first = inverse @ rest
-    found[:, coupled[:, None], used] = first + inverse @ (rest - own @ first)
-    return found
+    remaining, inner = right[:, others[:, None], used], matrix[:, others[:, None], coupled]
+    inverse = np.linalg.inv(inner)
+    first = inverse @ remaining
+    solution[:, coupled[:, None], used] = first + inverse @ (remaining - inner @ first)
+    return solution
 
 
 @lru_cache(maxsize=2)  # a sweep asks for it again and again
@@ -194,23 +194,23 @@ def slopes_at_trim(
 
     `symbols` are those of the parameters, then p, cosine and sine in terms of them.
     """
-    own, effort, slopes, _ = _at_rest(equations, symbols, inputs, outputs)
-    return ca.vertcat(own, effort), slopes
+    parameters, effort, slopes, _ = _at_rest(equations, symbols, inputs, outputs)
+    return ca.vertcat(parameters, effort), slopes
 
 
 def _at_rest(
     e: Equations,
-    given: tuple[ca.SX, ca.SX, ca.SX, ca.SX],
+    arguments: tuple[ca.SX, ca.SX, ca.SX, ca.SX],
     inputs: tuple[int, ...],
     outputs: tuple[int, ...],
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    symbols, p, cosine, sine = given
+    symbols, p, cosine, sine = arguments
     values = equation_function(e)(e.xdot, e.x, e.z, e.u, load_value(e, p), p, cosine, sine)
     stacked = ca.vertcat(values[0], rows_of(values[1], outputs))
     by = [ca.jacobian(stacked, part) for part in (*split(e, inputs), rows_of(e.u, e.unknown))]
     around = ca.vertcat(e.xdot, e.x, e.z)
-    found = [ca.densify(ca.horzcat(*by)), ca.densify(values[0])]
-    at_rest = ca.Function("at_rest", [around, e.u, symbols], found, WITH_CONSTANTS)
+    results = [ca.densify(ca.horzcat(*by)), ca.densify(values[0])]
+    at_rest = ca.Function("at_rest", [around, e.u, symbols], results, WITH_CONSTANTS)
     effort = ca.SX.sym("effort", e.u.numel())
     slopes, residual = at_rest(ca.SX(around.numel(), 1), effort, symbols)
     return symbols, effort, slopes, residual

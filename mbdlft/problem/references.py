@@ -42,13 +42,13 @@ def frequencies_of(A: Array) -> Array:
     if not _REST < fastest < np.inf:
         return np.logspace(-1.0, 4.0, _COUNT)
     poles = poles[poles > max(_SLOWEST * fastest, _REST)]
-    found = np.geomspace(_FROM * np.min(poles), _TO * fastest, _COUNT)
-    for k, w in enumerate(found):
+    frequencies = np.geomspace(_FROM * np.min(poles), _TO * fastest, _COUNT)
+    for k, w in enumerate(frequencies):
         # the nearest free place, of so many that poles cannot take them all
         free = w * _BESIDE ** (2.0 * np.arange(len(poles) + 1))
         distance = np.min(np.abs(np.log(free[:, None] / poles)), axis=1)
-        found[k] = free[np.argmax(distance >= np.log(_BESIDE))]
-    return np.asarray(found)
+        frequencies[k] = free[np.argmax(distance >= np.log(_BESIDE))]
+    return np.asarray(frequencies)
 
 
 def transfers(matrices: Array, states: int, frequencies: Array) -> Complex:
@@ -85,16 +85,16 @@ def implicit_transfers(jacobian: Array, sizes: tuple[int, int, int], frequencies
     return _eliminated(both[..., :unknown, :], both[..., unknown:, :], unknown)
 
 
-def largest_of_rows(found: Complex, truth: Complex) -> float:
+def largest_of_rows(values: Complex, truth: Complex) -> float:
     """Largest difference of transfer functions (N, F, n_y, n_u), relative to the row of the truth.
 
     The size of a row is its largest entry at that frequency, and at least `QUIET` of the largest of all
     frequencies. A row that is exactly zero in the truth has no size; its entries are compared as those
     of C and D.
     """
-    own = np.max(np.abs(truth), axis=-1, initial=0.0)
-    size = np.maximum(own, QUIET * np.max(own, axis=1, keepdims=True, initial=0.0))
-    difference = np.max(np.abs(found - truth), axis=-1, initial=0.0)
+    row_sizes = np.max(np.abs(truth), axis=-1, initial=0.0)
+    size = np.maximum(row_sizes, QUIET * np.max(row_sizes, axis=1, keepdims=True, initial=0.0))
+    difference = np.max(np.abs(values - truth), axis=-1, initial=0.0)
     clear = size > 0.0
     return float(np.max(difference[clear] / size[clear], initial=0.0))
 
@@ -160,8 +160,8 @@ def reference_of(
         n, nk = (part.numel() for part in split(e, inputs))
         by_effort = np.abs(np.linalg.pinv(at.linear.jacobian[:, :n, n + nk :]))
         stiffness = by_effort @ np.abs(at.linear.jacobian[:, :n, n : n + states])
-        found: Array = np.maximum(trim_scale, PART * np.max(stiffness, axis=(0, 2), initial=0.0))
-        return found
+        scale: Array = np.maximum(trim_scale, PART * np.max(stiffness, axis=(0, 2), initial=0.0))
+        return scale
 
     def transfers(some: Sequence[int], frequencies: Array) -> Complex:
         unknown, known = (part.numel() for part in split(e, inputs))
@@ -227,14 +227,14 @@ def entry_sizes(
     n, states = unknown.numel(), len(equations.states)
     # pivots mix the rows: one that is exactly zero gets the rounding of the largest in the column
     mixed = _MIXED * np.max(solved, axis=(0, 1), initial=0.0)
-    found: Array = np.maximum(np.max(entries, axis=0), mixed)
+    sizes: Array = np.maximum(np.max(entries, axis=0), mixed)
     # what an effort of one and the stiffest spring do, where a whole row or column cancels
     by_one = np.concatenate([inverse[:, :states], terms[:, n:, :n] @ inverse], axis=1)
-    one = np.max(by_one, axis=(0, 2), initial=0.0)[:, None]
+    per_effort = np.max(by_one, axis=(0, 2), initial=0.0)[:, None]
     stiffest = float(np.max(terms[:, :n, n : n + states], initial=0.0))
-    found[:, :states] = np.maximum(found[:, :states], _IDLE * stiffest * one)
-    found[:, states:] = np.maximum(found[:, states:], _EFFECT * one)
-    return found
+    sizes[:, :states] = np.maximum(sizes[:, :states], _IDLE * stiffest * per_effort)
+    sizes[:, states:] = np.maximum(sizes[:, states:], _EFFECT * per_effort)
+    return sizes
 
 
 def entry_scale(
@@ -283,21 +283,21 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
     entries = evaluate_many(function, internal)[0][:, :, 0]
 
     def spread(some: Array) -> Array:
-        found = np.zeros((len(some), *slopes.shape))
-        found[:, rows, columns] = some
-        return found
+        matrices = np.zeros((len(some), *slopes.shape))
+        matrices[:, rows, columns] = some
+        return matrices
 
-    parts = [slice(k, k + _TOGETHER) for k in range(0, len(points), _TOGETHER)]
-    values = np.concatenate([_solved(spread(entries[part]), sizes, owner)[0] for part in parts])
+    chunks = [slice(k, k + _TOGETHER) for k in range(0, len(points), _TOGETHER)]
+    values = np.concatenate([_solved(spread(entries[chunk]), sizes, owner)[0] for chunk in chunks])
     scale = entry_scale(values, sizes.states)
 
     @cache
     def terms() -> Array:
-        sums, found = term_sizes(function, internal), []
-        for part in parts:
-            jacobian, size = spread(entries[part]), spread(sums[part])
-            found.append(_uncancelled(jacobian, size, sizes, owner))
-        return np.concatenate(found)
+        sums, matrices = term_sizes(function, internal), []
+        for chunk in chunks:
+            jacobian, size = spread(entries[chunk]), spread(sums[chunk])
+            matrices.append(_uncancelled(jacobian, size, sizes, owner))
+        return np.concatenate(matrices)
 
     def coarse() -> tuple[Array, float]:
         return np.maximum(scale, np.max(terms(), axis=0)), 0.0
@@ -328,10 +328,10 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
 
 def _internal_values(model: LinearModel, points: Array) -> Array:
     """Internal values (N, n_p) of physical ones."""
-    found = np.empty((len(points), len(model.parameters)))
+    internal = np.empty((len(points), len(model.parameters)))
     for k, parameter in enumerate(model.parameters):
-        found[:, k] = to_internal(parameter, points[:, k])
-    return found
+        internal[:, k] = to_internal(parameter, points[:, k])
+    return internal
 
 
 def column_of_entries(matrix: ca.SX) -> ca.SX:
@@ -372,6 +372,6 @@ def _uncancelled(jacobian: Array, terms: Array, sizes: _Counts, owner: str) -> A
     n = sizes.unknown
     _, solved = _solved(jacobian, sizes, owner)
     inverse = np.abs(np.linalg.inv(jacobian[:, :n, :n]))
-    own = inverse @ (terms[:, :n, n:] + terms[:, :n, :n] @ np.abs(solved))
-    read = terms[:, n:, n:] + terms[:, n:, :n] @ own
-    return np.concatenate([own[:, : sizes.states], read], axis=1)
+    uncancelled = inverse @ (terms[:, :n, n:] + terms[:, :n, :n] @ np.abs(solved))
+    read = terms[:, n:, n:] + terms[:, n:, :n] @ uncancelled
+    return np.concatenate([uncancelled[:, : sizes.states], read], axis=1)

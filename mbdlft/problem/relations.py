@@ -89,23 +89,23 @@ def linearize(equations: Equations, inputs: Sequence[int], outputs: Sequence[int
     slopes = ca.Function("slopes", [e.x, e.u, load, symbols], [columns], WITH_CONSTANTS)
     linear = moved + ca.mtimes(ca.sparsify(slopes(none[1], none[3], none[4], symbols)), e.x)
     lifted, value = slopes(none[1], e.u, load, symbols), load_value(e, p)
-    total, given = ca.vertcat(load, e.u), given_value(e, p)
+    total, known_loads = ca.vertcat(load, e.u), given_value(e, p)
     n = e.residual.numel()
     implicit = _Implicit(e, function, at, alone[:n])
     for k in range(e.x.numel()):
         column = lifted[:, k]
         if not ca.depends_on(column, total):
             continue
-        times = given * e.x[k]
+        times = known_loads * e.x[k]
         if e.unknown and ca.depends_on(column, e.u[list(e.unknown)]):
             times = implicit.times(value * e.x[k], times, e.x[k])
         linear = linear + ca.jtimes(column, total, ca.vertcat(value * e.x[k], times))
-    unknown, known = split(e, inputs)
+    unknown, known_signals = split(e, inputs)
     return LinearModel(
         residual=ca.vertcat(linear[:n], *implicit.relations),
         output=rows_of(linear[n:], outputs),
         unknown=ca.vertcat(unknown, *implicit.unknown),
-        known=known,
+        known=known_signals,
         p=symbols,
         parameters=e.parameters,
         derivatives=len(e.states),
@@ -127,13 +127,13 @@ class _Implicit:
         self.unknown: list[ca.SX] = []
         self.relations: list[ca.SX] = []
 
-    def times(self, load: ca.SX, given: ca.SX, displacement: ca.SX) -> ca.SX:
+    def times(self, load: ca.SX, known_loads: ca.SX, displacement: ca.SX) -> ca.SX:
         """u (n_u,) times a displacement; `load` and `given` are what they stand for times it."""
         e = self.equations
         if not self.loaded:
-            return given
+            return known_loads
         signals = ca.SX.sym("lifted", len(e.unknown))
-        u = ca.SX(given)
+        u = ca.SX(known_loads)
         u[list(e.unknown)] = signals
         self.unknown.append(signals)
         relations = at_rest(e, self.function, u, load, self.at, self.alone, displacement)
@@ -180,15 +180,15 @@ def trim_relations(equations: Equations) -> LinearModel:
     """
     e, function = equations, equation_function(equations)
     symbols, p, cosine, sine = exact_symbols(e.parameters)
-    unknown, one = ca.SX.sym("u", len(e.unknown)), ca.SX.sym("one")
-    u = ca.SX(given_value(e, p) * one)
+    unknown, unit = ca.SX.sym("u", len(e.unknown)), ca.SX.sym("one")
+    u = ca.SX(given_value(e, p) * unit)
     u[list(e.unknown)] = unknown
     at = (p, cosine, sine)
     none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z, e.u, e.load)]
     alone = ca.sparsify(function(*none, *at)[0])
-    residual = at_rest(e, function, u, load_value(e, p) * one, at, alone, one)
+    residual = at_rest(e, function, u, load_value(e, p) * unit, at, alone, unit)
     rows = trim_rows(rounded(e))
-    return LinearModel(rows_of(residual, rows), ca.SX(0, 1), unknown, one, symbols, e.parameters)
+    return LinearModel(rows_of(residual, rows), ca.SX(0, 1), unknown, unit, symbols, e.parameters)
 
 
 Mask = NDArray[np.bool_]
@@ -217,8 +217,8 @@ class Need:
         if self._keeps_all:
             return matrices
         rows, columns = self.kept(*matrices.shape[1:])
-        found: Array = matrices[:, rows[:, None], columns]
-        return found
+        kept_entries: Array = matrices[:, rows[:, None], columns]
+        return kept_entries
 
     def omitted(self, matrices: Array, scale: Array) -> float:
         """Largest relative error of leaving out states; zero if they do not matter.
@@ -253,10 +253,10 @@ def all_states(relations: LinearModel, states: int, ignorable: Sequence[int] = (
     n, known = m.unknown.numel(), m.known.numel()
     used = np.asarray(_pattern(m).sum(axis=0)).ravel()[n : n + states] > 0
     seen = np.array([k not in ignorable or bool(used[k]) for k in range(states)])
-    kept, left = np.flatnonzero(seen).tolist(), np.flatnonzero(~seen).tolist()
+    kept, dropped = np.flatnonzero(seen).tolist(), np.flatnonzero(~seen).tolist()
     smaller = replace(
         m,
-        unknown=rows_of(m.unknown, [*kept, *range(states, n), *left]),
+        unknown=rows_of(m.unknown, [*kept, *range(states, n), *dropped]),
         known=rows_of(m.known, [*kept, *range(states, known)]),
         derivatives=len(kept),
     )
@@ -318,15 +318,15 @@ def needed_states(relations: LinearModel, states: int) -> Need:
 def _pattern(m: LinearModel) -> csr_array:
     """Which of the rows [residual ; output] have which of the signals [unknown ; known]."""
     both = in_doubles(ca.vertcat(m.residual, m.output))
-    found = ca.jacobian_sparsity(both, ca.vertcat(m.unknown, m.known))
-    rows, columns = found.get_triplet()
-    return csr_array((np.ones(len(rows)), (rows, columns)), shape=found.shape)
+    sparsity = ca.jacobian_sparsity(both, ca.vertcat(m.unknown, m.known))
+    rows, columns = sparsity.get_triplet()
+    return csr_array((np.ones(len(rows)), (rows, columns)), shape=sparsity.shape)
 
 
 def _reached(graph: csr_array, start: Mask) -> Mask:
     """Nodes from which, or at which, a way along the edges row -> column ends in `start`."""
-    found, front = start, start
+    reached, front = start, start
     while np.any(front):
-        front = (graph @ front.astype(float) > 0.0) & ~found
-        found = found | front
-    return found
+        front = (graph @ front.astype(float) > 0.0) & ~reached
+        reached = reached | front
+    return reached

@@ -98,11 +98,11 @@ def _written(
     )
     if solved is None:
         return None
-    found, pivots = solved
-    through = product(tape, [_between(row, 0, unknown) for row in bottom], found)
+    unknowns, pivots = solved
+    through = product(tape, [_between(row, 0, unknown) for row in bottom], unknowns)
     read = [_between(row, unknown, unknown + known) for row in bottom]
-    lower = [_sum(tape, one, two) for one, two in zip(read, through, strict=True)]
-    matrices = [*found[: len(e.states)], *lower]
+    lower = [_sum(tape, direct, indirect) for direct, indirect in zip(read, through, strict=True)]
+    matrices = [*unknowns[: len(e.states)], *lower]
     rows, columns = kept
     outcome = [matrices[i].get(j, 0.0) for i in rows.tolist() for j in columns.tolist()]
     outcome += [held.efforts[k] for k in e.unknown]
@@ -119,9 +119,9 @@ def _carried(
         return [0.0]
     carried, loads = _folded(carried_function(e), tape, registers, efforts)
     largest: Operand = 0.0
-    for one in [*efforts, *(load.get(0, 0.0) for load in loads)]:
-        largest = tape.maximum(largest, tape.size(one))
-    return [largest, *(one.get(0, 0.0) for one in carried)]
+    for value in [*efforts, *(load.get(0, 0.0) for load in loads)]:
+        largest = tape.maximum(largest, tape.size(value))
+    return [largest, *(value.get(0, 0.0) for value in carried)]
 
 
 class _Held(NamedTuple):
@@ -138,8 +138,8 @@ def _trim(e: Equations, registers: list[int], points: Array, tape: Tape) -> _Hel
     """The efforts that hold the equilibrium, as `trim.balance` has them."""
     relations, unknown = relation_function(e), list(e.unknown)
     offset_at, matrix_at, given_at = evaluate_many(relations, points)
-    offset, matrix, given = _folded(relations, tape, registers)
-    efforts: list[Operand] = [row.get(0, 0.0) for row in given]
+    offset, matrix, known_efforts = _folded(relations, tape, registers)
+    efforts: list[Operand] = [row.get(0, 0.0) for row in known_efforts]
     efforts_at, pivots = given_at[:, :, 0].copy(), list[Pivot]()
     if unknown:
         rows = list(trim_rows(e))
@@ -148,41 +148,41 @@ def _trim(e: Equations, registers: list[int], points: Array, tape: Tape) -> _Hel
         if solved is None:
             return None
         values, pivots = solved
-        for k, one in zip(unknown, values, strict=True):
-            efforts[k] = one.get(0, 0.0)
+        for k, constant in zip(unknown, values, strict=True):
+            efforts[k] = constant.get(0, 0.0)
         efforts_at[:, unknown] = -np.linalg.solve(matrix_at[:, rows], offset_at[:, rows])[:, :, 0]
     acting = [{0: efforts[k]} for k in unknown]
     balanced = product(tape, matrix, acting) if unknown else [{} for _ in offset]
     residual: Operand = 0.0
     load: Operand = 0.0
-    for one, two in zip(offset, balanced, strict=True):
-        total = _sum(tape, one, two).get(0, 0.0)
+    for constant, balancing in zip(offset, balanced, strict=True):
+        total = _sum(tape, constant, balancing).get(0, 0.0)
         residual = tape.maximum(residual, tape.size(total))
-        load = tape.maximum(load, tape.size(one.get(0, 0.0)))
+        load = tape.maximum(load, tape.size(constant.get(0, 0.0)))
     return _Held(efforts, residual, load, pivots, efforts_at)
 
 
 def _folded(function: ca.Function, tape: Tape, *arguments: Sequence[Operand]) -> list[Sparse]:
     """Results of a function on a tape, as sparse rows."""
-    found = []
+    results = []
     for k, result in enumerate(fold(function, program_rules(tape), *arguments)):
         rows, columns = function.size_out(k)
         places = zip(*function.sparsity_out(k).get_triplet(), strict=True)
         dense: list[list[Operand]] = [[0.0] * columns for _ in range(rows)]
-        for (i, j), one in zip(places, result, strict=True):
-            dense[i][j] = one
-        found.append(sparse(dense))
-    return found
+        for (i, j), value in zip(places, result, strict=True):
+            dense[i][j] = value
+        results.append(sparse(dense))
+    return results
 
 
 def _between(row: dict[int, Operand], start: int, stop: int) -> dict[int, Operand]:
-    return {j - start: one for j, one in row.items() if start <= j < stop}
+    return {j - start: value for j, value in row.items() if start <= j < stop}
 
 
 def _shifted(row: dict[int, Operand], start: int, stop: int, tape: Tape) -> dict[int, Operand]:
     """The right sides: minus the slopes by known signals."""
-    return {j: tape.subtract(0.0, one) for j, one in _between(row, start, stop).items()}
+    return {j: tape.subtract(0.0, value) for j, value in _between(row, start, stop).items()}
 
 
-def _sum(tape: Tape, one: dict[int, Operand], two: dict[int, Operand]) -> dict[int, Operand]:
-    return {j: tape.add(one.get(j, 0.0), two.get(j, 0.0)) for j in sorted(one.keys() | two.keys())}
+def _sum(tape: Tape, a: dict[int, Operand], b: dict[int, Operand]) -> dict[int, Operand]:
+    return {j: tape.add(a.get(j, 0.0), b.get(j, 0.0)) for j in sorted(a.keys() | b.keys())}

@@ -62,9 +62,9 @@ def solve_trim(equations: Equations, values: Mapping[str, float] | None = None) 
     TrimError
         A name is unknown, a value is outside its range, or no efforts hold the equilibrium.
     """
-    given = dict(values or {})
+    asked = dict(values or {})
     known = {parameter.name: parameter for parameter in equations.parameters}
-    for name, value in given.items():
+    for name, value in asked.items():
         if name not in known:
             raise TrimError("trim: " + unknown_name("parameter", name, known))
         parameter = known[name]
@@ -73,7 +73,7 @@ def solve_trim(equations: Equations, values: Mapping[str, float] | None = None) 
                 f"trim: {name} = {value:g} is outside its range [{parameter.low:g}, "
                 f"{parameter.high:g}] {parameter.unit}."
             )
-    point = {name: float(given.get(name, known[name].nominal)) for name in known}
+    point = {name: float(asked.get(name, known[name].nominal)) for name in known}
     efforts, residual = trim_efforts(equations, np.array([list(point.values())]))
     return TrimPoint(
         point,
@@ -108,19 +108,19 @@ class Balance(NamedTuple):
 def trim_efforts(equations: Equations, points: Array) -> tuple[Array, Array]:
     """Efforts (N, n_u) and relative residuals (N,) at physical points (N, n_p)."""
     try:
-        found = balance(equations, points)
+        balanced = balance(equations, points)
     except np.linalg.LinAlgError:
         raise TrimError(
             f"scene {equations.name!r}: the equilibrium does not determine the trim unknowns "
             f"{_names(equations)} at a point of the parameter range: they are redundant there. Narrow "
             "the ranges."
         ) from None
-    if np.any(found.unbalanced):
+    if np.any(balanced.unbalanced):
         raise TrimError(
-            _unbalanced(equations, points, found.residual, int(np.argmax(found.excess)))
+            _unbalanced(equations, points, balanced.residual, int(np.argmax(balanced.excess)))
         )
-    check_prestress(equations, points, found.efforts)
-    return found.efforts, found.relative
+    check_prestress(equations, points, balanced.efforts)
+    return balanced.efforts, balanced.relative
 
 
 def balance(equations: Equations, points: Array) -> Balance:
@@ -135,8 +135,8 @@ def balance(equations: Equations, points: Array) -> Balance:
     """
     e = equations
     rows, unknown = list(trim_rows(e)), list(e.unknown)
-    offset, matrix, given = _relations_at(e, points)
-    efforts = given.copy()
+    offset, matrix, known_efforts = _relations_at(e, points)
+    efforts = known_efforts.copy()
     if unknown:
         efforts[:, unknown] = -np.linalg.solve(matrix[:, rows], offset[:, rows, None])[:, :, 0]
     residual = offset + (matrix @ efforts[:, unknown, None])[:, :, 0]
@@ -248,10 +248,10 @@ def _slopes(e: Equations, points: Array, efforts: Array, around: ca.SX) -> Array
         ca.vertcat(moving, e.u),
         ca.vertcat(ca.SX.zeros(moving.numel()), effort),
     )
-    (found,) = evaluate_many(
+    (slopes,) = evaluate_many(
         ca.Function("slopes", [symbols, effort], [ca.densify(by_around)]), points, efforts
     )
-    return found
+    return slopes
 
 
 def _uncancelled(e: Equations, points: Array, efforts: Array) -> Array:
@@ -261,8 +261,8 @@ def _uncancelled(e: Equations, points: Array, efforts: Array) -> Array:
     displacements of 1 rad or 1 m do. In a scene of numbers only the last ones are left.
     """
     n = e.degrees_of_freedom
-    symbols, residual, u, given = _at_rest(e)
-    offset = ca.densify(ca.substitute(residual, u, given))
+    symbols, residual, u, known_efforts = _at_rest(e)
+    offset = ca.densify(ca.substitute(residual, u, known_efforts))
     terms = term_sizes(ca.Function("offset", [symbols], [offset]), points)
     by_motion = _slopes(e, points, efforts, ca.vertcat(e.xdot[n:], e.x[:n]))
     by_motion = np.max(np.abs(by_motion), axis=1)
@@ -310,14 +310,17 @@ def relations_at_rest(
 
     `symbols` are those of the parameters, then p, cosine and sine in terms of them.
     """
-    own, p, cosine, sine = symbols
+    parameters, p, cosine, sine = symbols
     u = ca.SX.sym("u", e.u.numel())
     still, none = ca.SX(e.x.numel(), 1), ca.SX(e.z.numel(), 1)
     at = (load_value(e, p), p, cosine, sine)
-    residual, given = equation_function(e)(still, still, none, u, *at)[0], given_value(e, own)
+    residual, known_efforts = (
+        equation_function(e)(still, still, none, u, *at)[0],
+        given_value(e, parameters),
+    )
     slopes = ca.jacobian(residual, u[list(e.unknown)]) if e.unknown else ca.SX(residual.numel(), 0)
-    offset = ca.substitute(residual, u, given)
-    return ca.densify(offset), ca.densify(slopes), ca.densify(given)
+    offset = ca.substitute(residual, u, known_efforts)
+    return ca.densify(offset), ca.densify(slopes), ca.densify(known_efforts)
 
 
 def _names(e: Equations) -> str:
@@ -380,8 +383,8 @@ def carried_function(e: Equations) -> ca.Function:
     """(physical values, efforts) -> wrenches through elastic bodies, loads of the scene."""
     symbols, p, cosine, sine = physical_symbols(e.parameters)
     still = [e.xdot, e.x, e.z]
-    rest = ca.substitute([e.carried], still, [ca.SX.zeros(s.numel()) for s in still])
-    function = ca.Function("carried", [e.u, e.load, e.p, e.cosine, e.sine], rest)
+    at_rest = ca.substitute([e.carried], still, [ca.SX.zeros(s.numel()) for s in still])
+    function = ca.Function("carried", [e.u, e.load, e.p, e.cosine, e.sine], at_rest)
     u, load = ca.SX.sym("u", e.u.numel()), load_value(e, p)
     values = function(u, load, p, cosine, sine)
     return ca.Function("carried", [symbols, u], [ca.densify(values), ca.densify(load)])

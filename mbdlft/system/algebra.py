@@ -33,14 +33,14 @@ def combine(a: Any, b: Any, sign: float = 1.0) -> System:
             f"{first.name} has {ny} outputs and {nu} inputs, {second.name} has {len(second.outputs)} and "
             f"{len(second.inputs)}; sums need as many of each."
         )
-    parts = (first, second)
-    wiring = plain_wiring(parts, nu, ny)
+    systems = (first, second)
+    wiring = plain_wiring(systems, nu, ny)
     wiring.E[:nu], wiring.E[nu:] = np.eye(nu), np.eye(nu)
     wiring.F[:, :ny], wiring.F[:, ny:] = np.eye(ny), sign * np.eye(ny)
     named = second if _is_matrix(a) else first
     asked = {"sign": sign} if sign != 1.0 else {}
     operation = Operation("sum", asked)
-    return composed(parts, wiring, named.inputs, named.outputs, operation, like=named)
+    return composed(systems, wiring, named.inputs, named.outputs, operation, like=named)
 
 
 def negative(a: System) -> System:
@@ -52,18 +52,20 @@ def negative(a: System) -> System:
 
 def chain(items: Sequence[Any]) -> System:
     """The outputs of each part are the inputs of the next; a number multiplies all signals."""
-    parts = list(items)
-    for k in [*range(1, len(parts)), *reversed(range(len(parts) - 1))]:
+    systems = list(items)
+    for k in [*range(1, len(systems)), *reversed(range(len(systems) - 1))]:
         # numbers and matrices without names take those of what they stand beside
-        before = parts[k - 1].outputs if k and isinstance(parts[k - 1], System) else None
-        after = k + 1 < len(parts) and isinstance(parts[k + 1], System) and parts[k + 1].inputs
-        if not isinstance(parts[k], System):
-            parts[k] = _beside(parts[k], before, after or None)
-    parts = [part if isinstance(part, System) else as_system(part) for part in parts]
-    wiring = plain_wiring(parts, len(parts[0].inputs), len(parts[-1].outputs))
-    u, y = len(parts[0].inputs), 0
+        before = systems[k - 1].outputs if k and isinstance(systems[k - 1], System) else None
+        after = (
+            k + 1 < len(systems) and isinstance(systems[k + 1], System) and systems[k + 1].inputs
+        )
+        if not isinstance(systems[k], System):
+            systems[k] = _beside(systems[k], before, after or None)
+    systems = [system if isinstance(system, System) else as_system(system) for system in systems]
+    wiring = plain_wiring(systems, len(systems[0].inputs), len(systems[-1].outputs))
+    u, y = len(systems[0].inputs), 0
     wiring.E[:u] = np.eye(u)
-    for first, second in pairwise(parts):
+    for first, second in pairwise(systems):
         n = len(second.inputs)
         if len(first.outputs) != n:
             raise StructureError(
@@ -72,10 +74,12 @@ def chain(items: Sequence[Any]) -> System:
             )
         wiring.Ky[u : u + n, y : y + n] = np.eye(n)
         u, y = u + n, y + n
-    wiring.F[:, y:] = np.eye(len(parts[-1].outputs))
-    named = next((part for part in reversed(parts) if part.states or part.parameters), parts[0])
+    wiring.F[:, y:] = np.eye(len(systems[-1].outputs))
+    named = next(
+        (system for system in reversed(systems) if system.states or system.parameters), systems[0]
+    )
     return composed(
-        parts, wiring, parts[0].inputs, parts[-1].outputs, Operation("series"), like=named
+        systems, wiring, systems[0].inputs, systems[-1].outputs, Operation("series"), like=named
     )
 
 
@@ -119,13 +123,13 @@ def append(*items: Any) -> System:
     """
     if not items:
         raise StructureError("append: expected one system or more.")
-    parts = [as_system(item) for item in items]
-    inputs, outputs = ([s for p in parts for s in getattr(p, k)] for k in ("inputs", "outputs"))
+    systems = [as_system(item) for item in items]
+    inputs, outputs = ([s for p in systems for s in getattr(p, k)] for k in ("inputs", "outputs"))
     check_once([s.name for s in inputs], "append, inputs")
     check_once([s.name for s in outputs], "append, outputs")
-    wiring = plain_wiring(parts, len(inputs), len(outputs))
+    wiring = plain_wiring(systems, len(inputs), len(outputs))
     wiring.E[:], wiring.F[:] = np.eye(len(inputs)), np.eye(len(outputs))
-    return composed(parts, wiring, inputs, outputs, Operation("append"))
+    return composed(systems, wiring, inputs, outputs, Operation("append"))
 
 
 @overload
@@ -224,26 +228,26 @@ def lft(
     """
     p, k = as_system(upper), as_system(lower)
     closed = []
-    for asked, own, other, what in (
+    for asked, signals, other, what in (
         (outputs, p.outputs, k.inputs, "outputs"),
         (inputs, p.inputs, k.outputs, "inputs"),
     ):
         if asked is None:
-            asked = min(len(own), len(other))
-        names = [signal.name for signal in own]
+            asked = min(len(signals), len(other))
+        names = [signal.name for signal in signals]
         if isinstance(asked, int | np.integer) and 0 <= asked <= len(names):
             asked = names[len(names) - asked :]
-        found = positions_of(asked, names, f"lft: {what} of {p.name}")
-        if len(found) > len(other):
+        chosen = positions_of(asked, names, f"lft: {what} of {p.name}")
+        if len(chosen) > len(other):
             raise StructureError(
-                f"lft: {what} of {p.name}: {', '.join(names[j] for j in found)} are {len(found)}, and "
+                f"lft: {what} of {p.name}: {', '.join(names[j] for j in chosen)} are {len(chosen)}, and "
                 f"{k.name} has {len(other)} signals to connect them to: {_listed(other)}."
             )
-        closed.append(found)
+        closed.append(chosen)
     read, driven = closed
     free_y, free_u = (
-        [j for j in range(len(signals)) if j not in used]
-        for signals, used in ((p.outputs, read), (p.inputs, driven))
+        [j for j in range(len(free_signals)) if j not in used]
+        for free_signals, used in ((p.outputs, read), (p.inputs, driven))
     )
     nu, ny, a, b = len(p.inputs), len(p.outputs), len(free_u), len(free_y)
     new_u, new_y = [*(p.inputs[j] for j in free_u)], [*(p.outputs[j] for j in free_y)]

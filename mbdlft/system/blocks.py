@@ -89,9 +89,9 @@ def renormalized(a: LFT, changes: Mapping[str, Change]) -> LFT:
     if c.any():
         n = a.order
         base = np.block([[a.M11, a.M12], [a.M21, a.M22]])
-        left = np.vstack([a.M11, a.M21]) * c
-        right = np.hstack([a.M11, a.M12])
-        total, _ = through(base, left, np.eye(n) - a.M11 * c, right, "another nominal value")
+        from_w = np.vstack([a.M11, a.M21]) * c
+        to_z = np.hstack([a.M11, a.M12])
+        total, _ = through(base, from_w, np.eye(n) - a.M11 * c, to_z, "another nominal value")
         shifted = LFT(total[:n, :n], total[:n, n:], total[n:, :n], total[n:, n:], a.blocks)
     M11 = g[:, None] * shifted.M11 - np.diag(bend)
     return replace(shifted, M11=M11, M12=g[:, None] * shifted.M12)
@@ -136,8 +136,8 @@ def _change(old: Parameter, new: Parameter) -> Change:
     if new.nominal == old.nominal:
         middle = 0.0
     # delta_old - c = g delta / (1 + a delta) at delta = -1 and 1
-    left, right = middle - low, high - middle
-    return Change(middle, 2.0 * left * right / (left + right), (left - right) / (left + right))
+    below, above = middle - low, high - middle
+    return Change(middle, 2.0 * below * above / (below + above), (below - above) / (below + above))
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,26 +197,26 @@ def tunable(model: S, names: Sequence[str] | None = None) -> TunablePlant[S]:
     """
     check_exact(model, "tunable")
     chosen = _chosen(model, names)
-    parts = model.lft.slices()
+    channels = model.lft.slices()
     gains = tuple(
         TunableGain(
             name=name,
-            repetitions=parts[name].stop - parts[name].start,
+            repetitions=channels[name].stop - channels[name].start,
             bounds=(-1.0, 1.0),
-            inputs=_names(name, "w", parts[name]),
-            outputs=_names(name, "z", parts[name]),
+            inputs=_names(name, "w", channels[name]),
+            outputs=_names(name, "z", channels[name]),
             parameter=next(p for p in model.parameters if p.name == name),
         )
         for name in chosen
     )
     _check_free(model, gains)
-    left = tuple(p for p in model.parameters if p.name not in chosen)
+    kept = tuple(p for p in model.parameters if p.name not in chosen)
     plant = replace(
         model,
         lft=open_blocks(model.lft, chosen),
         inputs=(*model.inputs, *(Signal(name, "1") for gain in gains for name in gain.inputs)),
         outputs=(*model.outputs, *(Signal(name, "1") for gain in gains for name in gain.outputs)),
-        parameters=Parameters(left),
+        parameters=Parameters(kept),
         **(opened_evidence(model, chosen) if isinstance(model, LFTModel) else {}),
     )
     return TunablePlant(plant, gains)
@@ -243,8 +243,8 @@ def _chosen(model: System, names: Sequence[str] | None) -> list[str]:
     return list(names)
 
 
-def _names(name: str, kind: str, part: slice) -> tuple[str, ...]:
-    return tuple(f"{name}.{kind}.{k}" for k in range(1, part.stop - part.start + 1))
+def _names(name: str, kind: str, channels: slice) -> tuple[str, ...]:
+    return tuple(f"{name}.{kind}.{k}" for k in range(1, channels.stop - channels.start + 1))
 
 
 def _check_free(model: System, gains: Sequence[TunableGain]) -> None:

@@ -65,26 +65,26 @@ def connect(
     WellPosednessError
         A loop is singular at nominal or in the range.
     """
-    parts = [as_system(item) for item in systems]
-    if not parts:
+    members = [as_system(system) for system in systems]
+    if not members:
         raise StructureError("connect: expected one system or more.")
     for asked, what in ((inputs, "inputs"), (outputs, "outputs")):
         if isinstance(asked, str):
             raise StructureError(f"connect, {what}: expected a list of names, got {asked!r}.")
         check_once(list(asked), f"connect, {what}")
-    table = _Table.of(parts)
-    wiring = plain_wiring(parts, len(inputs), len(outputs))
+    table = _Table.of(members)
+    wiring = plain_wiring(members, len(inputs), len(outputs))
     asked_for = _pairs(connections)
     if asked_for is None:
         _by_name(table, wiring)
     else:
         _as_asked(table, wiring, asked_for, list(inputs))
-    given = [_drive(table, wiring, name, k, asked_for) for k, name in enumerate(inputs)]
-    read = [_read(table, wiring, name, k) for k, name in enumerate(outputs)]
+    input_signals = [_drive(table, wiring, name, k, asked_for) for k, name in enumerate(inputs)]
+    output_signals = [_read(table, wiring, name, k) for k, name in enumerate(outputs)]
     _check_driven(table, wiring)
     operation = Operation("connect", {"connections": [[a, *b] for a, b in (asked_for or [])]})
-    like = as_system(parts[0], name=name)
-    return composed(parts, wiring, given, read, operation, like=like)
+    like = as_system(members[0], name=name)
+    return composed(members, wiring, input_signals, output_signals, operation, like=like)
 
 
 class _Table(NamedTuple):
@@ -94,10 +94,10 @@ class _Table(NamedTuple):
     outputs: list[tuple[str, Signal]]
 
     @classmethod
-    def of(cls, parts: Sequence[System]) -> "_Table":
+    def of(cls, systems: Sequence[System]) -> "_Table":
         return cls(
-            [(part.name, signal) for part in parts for signal in part.inputs],
-            [(part.name, signal) for part in parts for signal in part.outputs],
+            [(system.name, signal) for system in systems for signal in system.inputs],
+            [(system.name, signal) for system in systems for signal in system.outputs],
         )
 
 
@@ -112,17 +112,17 @@ def _matches(entries: Sequence[tuple[str, Signal]], name: str) -> list[int]:
 
 def _one(entries: Sequence[tuple[str, Signal]], name: str, what: str) -> int:
     """The position of a name that stands for one signal."""
-    found = _matches(entries, name)
-    if not found:
+    positions = _matches(entries, name)
+    if not positions:
         every = [f"{owner}.{signal.name}" for owner, signal in entries]
         raise StructureError("connect: " + unknown_name(what, name, every))
-    if len(found) > 1:
-        several = [f"{entries[k][0]}.{entries[k][1].name}" for k in found]
+    if len(positions) > 1:
+        several = [f"{entries[k][0]}.{entries[k][1].name}" for k in positions]
         says = f"Say which: {', '.join(several)}."
         if len(set(several)) < len(several):
             says = "Two systems have one name: as_system(item, name=...) gives another one."
         raise StructureError(f"connect: the {what} {name!r} is not one signal. {says}")
-    return found[0]
+    return positions[0]
 
 
 def _pairs(connections: Any) -> list[tuple[str, list[str]]] | None:
@@ -134,15 +134,15 @@ def _pairs(connections: Any) -> list[tuple[str, list[str]]] | None:
             [key, *([value] if isinstance(value, str) else value)]
             for key, value in connections.items()
         ]
-    found = []
+    pairs = []
     for entry in connections:
         if isinstance(entry, str) or len(entry) < 2 or not all(isinstance(n, str) for n in entry):
             raise StructureError(
                 "connect, connections: expected lists of an input and one or more outputs, such as "
                 f"['controller.e', 'r', '-plant.y'], got {entry!r}."
             )
-        found.append((entry[0], list(entry[1:])))
-    return found
+        pairs.append((entry[0], list(entry[1:])))
+    return pairs
 
 
 def _by_name(table: _Table, wiring: Wiring) -> None:
@@ -167,14 +167,14 @@ def _as_asked(
 
 def _drive(table: _Table, wiring: Wiring, name: str, k: int, pairs: Sequence[Any] | None) -> Signal:
     """Let an input of the whole drive the inputs of its name; its signal."""
-    found = _matches(table.inputs, name)
+    positions = _matches(table.inputs, name)
     named = wiring.E[:, k].any()
-    if not found and not named:
+    if not positions and not named:
         every = [f"{owner}.{signal.name}" for owner, signal in table.inputs]
         advice = "" if pairs is None else " No connection has it either."
         raise StructureError("connect, inputs: " + unknown_name("input", name, every) + advice)
     if not named:
-        wiring.E[found, k] += 1.0
+        wiring.E[positions, k] += 1.0
     driven = [int(j) for j in wiring.E[:, k].nonzero()[0]]
     units = {table.inputs[j][1].unit for j in driven}
     return Signal(name, units.pop() if len(units) == 1 else "1")
@@ -266,11 +266,13 @@ def _at_channels(model: System, names: Sequence[str], item: Any, side: str | Non
             f"model {model.name!r}, series: the block has {len(connected)} {what} for the "
             f"{len(names)} channels {', '.join(names)}."
         )
-    signals, own = (model.inputs, block.inputs) if at_inputs else (model.outputs, block.outputs)
+    signals, block_signals = (
+        (model.inputs, block.inputs) if at_inputs else (model.outputs, block.outputs)
+    )
     positions = [[s.name for s in signals].index(name) for name in names]
-    order = _order(len(signals), positions, len(own))
-    square = len(own) == len(names)
-    entries = (*signals, *((signals[k] for k in positions) if square else own))
+    order = _order(len(signals), positions, len(block_signals))
+    square = len(block_signals) == len(names)
+    entries = (*signals, *((signals[k] for k in positions) if square else block_signals))
     listed = tuple(entries[k] for k in order)
     return composed(
         (model, block),
@@ -284,16 +286,16 @@ def _at_channels(model: System, names: Sequence[str], item: Any, side: str | Non
     )
 
 
-def _order(count: int, positions: Sequence[int], own: int) -> list[int]:
+def _order(count: int, positions: Sequence[int], block_count: int) -> list[int]:
     """The new signals: old ones by position, those of the block from `count` on."""
     order: list[int] = []
     for k in range(count):
         if k not in positions:
             order.append(k)
-        elif own == len(positions):
+        elif block_count == len(positions):
             order.append(count + positions.index(k))
         elif k == positions[0]:
-            order += range(count, count + own)
+            order += range(count, count + block_count)
     return order
 
 
@@ -387,8 +389,8 @@ def invert_channels(model: S, channels: Sequence[str]) -> S:
     check_exact(model, "inversion")
     pairs = _exchanged_signals(model, channels)
     inputs, outputs = list(model.inputs), list(model.outputs)
-    for given, output in pairs:
-        inputs[given], outputs[output] = outputs[output], inputs[given]
+    for entry, output in pairs:
+        inputs[entry], outputs[output] = outputs[output], inputs[entry]
     operation = Operation(f"inversion of {', '.join(channels)}")
     try:
         made = composed(
@@ -409,9 +411,9 @@ def _exchanged(model: System, pairs: Sequence[tuple[int, int]]) -> Wiring:
     """Wiring of one part in which y_i is given and u_i is read."""
     wiring = plain_wiring([model], len(model.inputs), len(model.outputs))
     wiring.E[:], wiring.F[:] = np.eye(len(model.inputs)), np.eye(len(model.outputs))
-    for given, output in pairs:
-        wiring.Ku[given, given], wiring.Ky[given, output], wiring.E[given, given] = 0.0, 1.0, -1.0
-        wiring.F[output, output], wiring.G[output, given] = 0.0, 1.0
+    for entry, output in pairs:
+        wiring.Ku[entry, entry], wiring.Ky[entry, output], wiring.E[entry, entry] = 0.0, 1.0, -1.0
+        wiring.F[output, output], wiring.G[output, entry] = 0.0, 1.0
     return wiring
 
 
@@ -424,7 +426,7 @@ def _exchanged_signals(model: System, channels: Sequence[str]) -> list[tuple[int
     if not channels:
         raise StructureError(f"model {model.name!r}: channels: name at least one.")
     known = {_channel(signal) for signal in model.inputs} | {s.name for s in model.inputs}
-    found: list[tuple[int, int]] = []
+    chosen: list[tuple[int, int]] = []
     for name in channels:
         if name not in known:
             raise StructureError(
@@ -442,12 +444,12 @@ def _exchanged_signals(model: System, channels: Sequence[str]) -> list[tuple[int
                 "of the model so that each input has its output."
             )
         pairs = list(zip(inputs, outputs, strict=True))
-        found += [p for p in pairs if name in (whole, model.inputs[p[0]].name)]
-    if len(set(found)) < len(found):
+        chosen += [p for p in pairs if name in (whole, model.inputs[p[0]].name)]
+    if len(set(chosen)) < len(chosen):
         raise StructureError(
             f"model {model.name!r}: a channel is named twice in {', '.join(channels)}."
         )
-    return found
+    return chosen
 
 
 def _channel(signal: Signal) -> str:

@@ -105,13 +105,13 @@ def state_space(
         d = np.full((c.shape[0], b.shape[1]), np.asarray(D))
     n = a.shape[0] if a.size else 0
     shapes = {"A": (n, n), "B": (n, d.shape[1]), "C": (d.shape[0], n)}
-    found = dict(zip(shapes, (a, b, c), strict=True))
+    matrices = dict(zip(shapes, (a, b, c), strict=True))
     for label, shape in shapes.items():
-        if found[label].shape != shape and (found[label].size or 0 not in shape):
+        if matrices[label].shape != shape and (matrices[label].size or 0 not in shape):
             raise StructureError(
-                f"system {name!r}: {label} needs shape {shape}, got {found[label].shape}."
+                f"system {name!r}: {label} needs shape {shape}, got {matrices[label].shape}."
             )
-    blocks = (found[label].reshape(shape) for label, shape in shapes.items())
+    blocks = (matrices[label].reshape(shape) for label, shape in shapes.items())
     a, b, c = blocks
     made = _static(np.block([[a, b], [c, d]]), n, name)
     return as_system(made, inputs=inputs, outputs=outputs, states=states)
@@ -185,12 +185,12 @@ def _named(made: System, what: str, signals: Sequence[Signal], names: Names) -> 
         names = [names.get(name, name) for name in known]
     if len(names) != len(signals):
         raise StructureError(f"{where}: expected {len(signals)} names, got {len(names)}.")
-    found = tuple(
-        given if isinstance(given, Signal) else Signal(str(given), signal.unit)
-        for signal, given in zip(signals, names, strict=True)
+    renamed = tuple(
+        name if isinstance(name, Signal) else Signal(str(name), signal.unit)
+        for signal, name in zip(signals, names, strict=True)
     )
-    check_once([signal.name for signal in found], where)
-    return found
+    check_once([signal.name for signal in renamed], where)
+    return renamed
 
 
 def check_once(names: Sequence[str], where: str) -> None:
@@ -216,9 +216,9 @@ def positions_of(asked: Any, known: Sequence[str], where: str) -> list[int]:
         return list(range(len(known)))[slice(start, stop, asked.step)]
     single = isinstance(asked, str | int | np.integer) or not isinstance(asked, Iterable)
     items = [asked] if single else list(asked)
-    found = [_position(item, known, where) for item in items]
-    check_once([known[k] for k in found], where)
-    return found
+    positions = [_position(item, known, where) for item in items]
+    check_once([known[k] for k in positions], where)
+    return positions
 
 
 def _end(item: Any, known: Sequence[str], where: str) -> int | None:

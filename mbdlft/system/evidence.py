@@ -65,7 +65,7 @@ def check_exact(model: System, what: str) -> None:
 
 
 def composed(
-    parts: Sequence[System],
+    systems: Sequence[System],
     wiring: Wiring,
     inputs: Sequence[Signal],
     outputs: Sequence[Signal],
@@ -91,71 +91,71 @@ def composed(
     exchange : bool
         Whether inputs and outputs of one part are exchanged, and nothing else: its bounds stay.
     """
-    like = parts[0] if like is None else like
+    like = systems[0] if like is None else like
     what = f"model {like.name!r}, {operation.name}"
-    parameters = merged_parameters(parts, what)
-    wired = wire(parts, wiring, what)
+    parameters = merged_parameters(systems, what)
+    wired = wire(systems, wiring, what)
     lft = with_blocks(wired if exchange else reduced(wired), parameters.names)
-    seed = next((p.certificate.seed for p in parts if isinstance(p, LFTModel)), _SEED)
+    seed = next((p.certificate.seed for p in systems if isinstance(p, LFTModel)), _SEED)
     deltas = sampled_deltas(parameters, seed)
     if not lft.is_complex:
         check_determinant(_of_parameters(lft), deltas, what, parameters)
-    error = _error(parts, wiring, lft, parameters, deltas, what)
+    error = _error(systems, wiring, lft, parameters, deltas, what)
     fields: dict[str, Any] = {
         "name": like.name,
         "lft": lft,
-        "states": tuple(state_names(parts) if states is None else states),
+        "states": tuple(state_names(systems) if states is None else states),
         "inputs": tuple(inputs),
         "outputs": tuple(outputs),
         "parameters": parameters,
         "description": like.description,
     }
-    certified = [part for part in parts if isinstance(part, LFTModel)]
-    if not certified or any(p.parameters and not isinstance(p, LFTModel) for p in parts):
+    certified = [system for system in systems if isinstance(system, LFTModel)]
+    if not certified or any(p.parameters and not isinstance(p, LFTModel) for p in systems):
         return System(**fields)
     if exchange:
         certificate = _in_other_coordinates(certified[0].certificate, error)
     else:
-        twin = with_blocks(reduced(wire(_moved(parts), wiring, what)), parameters.names)
+        twin = with_blocks(reduced(wire(_moved(systems), wiring, what)), parameters.names)
         certificate = _certificate(certified, lft, twin, error, seed)
-    are_proved = all(part.certificate.well_posed == PROVED for part in certified)
+    are_proved = all(system.certificate.well_posed == PROVED for system in certified)
     return LFTModel(
         **fields,
         trim=_trim(certified, parameters.names),
         certificate=replace(
             certificate, **well_posed(lft, parameters, what, are_proved=are_proved)
         ),
-        provenance=_provenance(parts, certified[0].provenance, operation),
+        provenance=_provenance(systems, certified[0].provenance, operation),
     )
 
 
-def merged_parameters(parts: Sequence[System], what: str) -> Parameters:
+def merged_parameters(systems: Sequence[System], what: str) -> Parameters:
     """Parameters of all parts, sorted by name; those of equal names must be equal."""
-    found: dict[str, tuple[Parameter, System]] = {}
-    for part in parts:
-        for p in part.parameters:
-            known, owner = found.setdefault(p.name, (p, part))
+    owners: dict[str, tuple[Parameter, System]] = {}
+    for system in systems:
+        for p in system.parameters:
+            known, other = owners.setdefault(p.name, (p, system))
             if known != p:
                 raise StructureError(
-                    f"{what}: the parameter {p.name!r} of {part.name} is not that of "
-                    f"{owner.name}: {p} is not {known}. Rename one, or declare it once."
+                    f"{what}: the parameter {p.name!r} of {system.name} is not that of "
+                    f"{other.name}: {p} is not {known}. Rename one, or declare it once."
                 )
-    return Parameters(found[name][0] for name in sorted(found))
+    return Parameters(owners[name][0] for name in sorted(owners))
 
 
-def state_names(parts: Sequence[System]) -> tuple[Signal, ...]:
+def state_names(systems: Sequence[System]) -> tuple[Signal, ...]:
     """States of all parts; those whose names stand twice are ``PART.STATE``, numbered if need be."""
-    names = [state.name for part in parts for state in part.states]
+    names = [state.name for system in systems for state in system.states]
     signals: list[Signal] = []
     used = {name for name in names if names.count(name) == 1}
-    for part in parts:
-        for state in part.states:
+    for system in systems:
+        for state in system.states:
             name, k = state.name, 1
             if names.count(name) > 1:
-                name = f"{part.name}.{state.name}"
+                name = f"{system.name}.{state.name}"
                 while name in used:
                     k += 1
-                    name = f"{part.name}.{k}.{state.name}"
+                    name = f"{system.name}.{k}.{state.name}"
                 used.add(name)
             signals.append(Signal(name, state.unit))
     return tuple(signals)
@@ -167,18 +167,18 @@ def _of_parameters(a: LFT) -> LFT:
     return fix(a, zero | {b.name: 0.0 for b in a.blocks if b.kind == "complex"})
 
 
-def _other_deltas(parts: Sequence[System], count: int) -> dict[str, Any]:
+def _other_deltas(systems: Sequence[System], count: int) -> dict[str, Any]:
     """Random values (N) of the blocks that are not parameters, zero at the first point."""
     random = np.random.default_rng(_SEED)
-    found: dict[str, Any] = {}
-    for block in sorted({b for part in parts for b in part.lft.blocks if b.kind != "real"}):
+    values: dict[str, Any] = {}
+    for block in sorted({b for system in systems for b in system.lft.blocks if b.kind != "real"}):
         full = block.kind == "full"
         shape = (count, block.outputs, block.inputs) if full else (count, 1, 1)
         value = random.standard_normal(shape) + 1j * random.standard_normal(shape)
         value *= _RADIUS / np.linalg.norm(value, 2, axis=(1, 2))[:, None, None]
         value[0] = 0.0
-        found[block.name] = value if full else value[:, 0, 0]
-    return found
+        values[block.name] = value if full else value[:, 0, 0]
+    return values
 
 
 def values_of(lft: LFT, parameters: Parameters, deltas: Array, others: Mapping[str, Any]) -> Array:
@@ -196,7 +196,7 @@ def values_of(lft: LFT, parameters: Parameters, deltas: Array, others: Mapping[s
 
 
 def _error(
-    parts: Sequence[System],
+    systems: Sequence[System],
     wiring: Wiring,
     lft: LFT,
     parameters: Parameters,
@@ -204,42 +204,42 @@ def _error(
     what: str,
 ) -> float:
     """Largest relative error of the whole: that of its LFT, and what those of the parts make of it."""
-    others = _other_deltas(parts, len(deltas))
-    values = [values_of(part.lft, parameters, deltas, others) for part in parts]
-    errors = [p.certificate.max_relative_error if isinstance(p, LFTModel) else 0.0 for p in parts]
+    others = _other_deltas(systems, len(deltas))
+    values = [values_of(system.lft, parameters, deltas, others) for system in systems]
+    errors = [p.certificate.max_relative_error if isinstance(p, LFTModel) else 0.0 for p in systems]
     try:
-        reference = wired_values(parts, values, errors, wiring)
+        reference = wired_values(systems, values, errors, wiring)
     except np.linalg.LinAlgError:
         raise WellPosednessError(f"{what}: the loop is singular at a checked point.") from None
     scale = entry_scale(reference.whole, reference.terms)
-    own = largest(values_of(lft, parameters, deltas, others) - reference.whole, scale)
-    if not own <= _ACCEPTED:
+    lft_error = largest(values_of(lft, parameters, deltas, others) - reference.whole, scale)
+    if not lft_error <= _ACCEPTED:
         raise AnalysisError(
-            f"{what}: the result differs from that of state-space formulas by {own:.1e} of the "
+            f"{what}: the result differs from that of state-space formulas by {lft_error:.1e} of the "
             "size of an entry. Either a loop is nearly singular, or this is a bug: please report it."
         )
-    return own + largest(reference.errors, scale)
+    return lft_error + largest(reference.errors, scale)
 
 
-def _moved(parts: Sequence[System]) -> list[System]:
+def _moved(systems: Sequence[System]) -> list[System]:
     """Parts with every entry moved by what may be wrong with it: the error of the way to the whole."""
     return [
-        replace(part, lft=moved(part.lft, _SEED, part.certificate.max_relative_error))
-        if isinstance(part, LFTModel) and part.lft.is_plain
-        else part
-        for part in parts
+        replace(system, lft=moved(system.lft, _SEED, system.certificate.max_relative_error))
+        if isinstance(system, LFTModel) and system.lft.is_plain
+        else system
+        for system in systems
     ]
 
 
 def _certificate(
-    parts: Sequence[LFTModel], lft: LFT, twin: LFT, error: float, seed: int
+    systems: Sequence[LFTModel], lft: LFT, twin: LFT, error: float, seed: int
 ) -> Certificate:
     order = {block.name: block.size for block in lft.blocks if block.kind == "real"}
     raw = dict.fromkeys(order, 0)
-    for part in parts:
-        for name, size in zip(part.parameters.names, part.certificate.raw_order, strict=True):
+    for system in systems:
+        for name, size in zip(system.parameters.names, system.certificate.raw_order, strict=True):
             raw[name] += size
-    found = [part.certificate for part in parts]
+    certificates = [system.certificate for system in systems]
     bounds = {}
     if not (lft.is_complex or twin.is_complex):
         bounds = degree_bounds(_at_generic(lft), moved(_at_generic(twin), seed), seed)
@@ -249,12 +249,14 @@ def _certificate(
         lower_bound=tuple(lower.values()),
         raw_order=tuple(raw.values()),
         max_relative_error=error,
-        check_points=min((c.check_points for c in found if c.order), default=found[0].check_points),
+        check_points=min(
+            (c.check_points for c in certificates if c.order), default=certificates[0].check_points
+        ),
         seed=seed,
-        exact=all(one.exact for one in found),
+        exact=all(c.exact for c in certificates),
         doubtful=tuple(bounds[name].doubtful if bounds else order[name] for name in order),
-        truncation_error=np.inf if any(one.truncation_error > 0.0 for one in found) else 0.0,
-        fit_error_bound=max(one.fit_error_bound for one in found),
+        truncation_error=np.inf if any(c.truncation_error > 0.0 for c in certificates) else 0.0,
+        fit_error_bound=max(c.fit_error_bound for c in certificates),
     )
 
 
@@ -270,34 +272,34 @@ def _at_generic(a: LFT) -> LFT:
     return fix(a, values) if values else a
 
 
-def _in_other_coordinates(found: Certificate, error: float) -> Certificate:
+def _in_other_coordinates(certificate: Certificate, error: float) -> Certificate:
     """What a change of coordinates changes: the error, and what is not known any more."""
-    return replace(found, max_relative_error=error, **_NOT_RECORDED)
+    return replace(certificate, max_relative_error=error, **_NOT_RECORDED)
 
 
-def _trim(parts: Sequence[LFTModel], names: Sequence[str]) -> Trim:
+def _trim(systems: Sequence[LFTModel], names: Sequence[str]) -> Trim:
     """The trims of all parts one after the other; without an LFT if that of one is not known."""
-    held = [part for part in parts if part.trim.signals or part.trim.lft is not None]
-    signals = [signal.name for part in held for signal in part.trim.signals]
+    held = [system for system in systems if system.trim.signals or system.trim.lft is not None]
+    signals = [signal.name for system in held for signal in system.trim.signals]
     listed = tuple(
-        replace(s, name=f"{part.name}.{s.name}") if signals.count(s.name) > 1 else s
-        for part in held
-        for s in part.trim.signals
+        replace(s, name=f"{system.name}.{s.name}") if signals.count(s.name) > 1 else s
+        for system in held
+        for s in system.trim.signals
     )
-    nominal = tuple(value for part in held for value in part.trim.nominal)
-    lfts = [part.trim.lft for part in held if part.trim.lft is not None]
+    nominal = tuple(value for system in held for value in system.trim.nominal)
+    lfts = [system.trim.lft for system in held if system.trim.lft is not None]
     if not held or len(lfts) < len(held):
         return Trim(listed, nominal, None)
     return Trim(listed, nominal, with_blocks(stack_rows(*lfts), names))
 
 
-def _provenance(parts: Sequence[System], first: Provenance, operation: Operation) -> Provenance:
+def _provenance(systems: Sequence[System], first: Provenance, operation: Operation) -> Provenance:
     """The operation and the texts of its parts, as TOML; versions of what composed them."""
     lines = [f"operation = {_text(operation.name)}"]
     lines += [f"{key} = {_text(value)}" for key, value in operation.asked.items()]
-    for part in parts:
-        text = part.provenance.scene if isinstance(part, LFTModel) else repr(part)
-        lines += ["", "[[parts]]", f"name = {_text(part.name)}", f"text = {_text(text)}"]
+    for system in systems:
+        text = system.provenance.scene if isinstance(system, LFTModel) else repr(system)
+        lines += ["", "[[parts]]", f"name = {_text(system.name)}", f"text = {_text(text)}"]
     return replace(
         first,
         scene="\n".join(lines) + "\n",
@@ -318,29 +320,29 @@ def opened_evidence(model: LFTModel, names: Sequence[str]) -> dict[str, Any]:
     What is proved of the others stays: a smaller LFT of the opened model would give a smaller one of the
     model. The trim has no LFT if it depends on a parameter that left.
     """
-    found = model.certificate
-    left = [k for k, p in enumerate(model.parameters) if p.name not in names]
+    known = model.certificate
+    kept = [k for k, p in enumerate(model.parameters) if p.name not in names]
 
     def of(entries: tuple[int, ...]) -> tuple[int, ...]:
-        return tuple(entries[k] for k in left) if entries else ()
+        return tuple(entries[k] for k in kept) if entries else ()
 
-    opened = sum(found.order) - sum(of(found.order))
-    boxes = (tuple(box[k] for k in left) for box in found.open_boxes)
+    opened = sum(known.order) - sum(of(known.order))
+    boxes = (tuple(box[k] for k in kept) for box in known.open_boxes)
     certificate = replace(
-        found,
+        known,
         open_boxes=tuple(dict.fromkeys(boxes)),
-        order=of(found.order),
-        lower_bound=of(found.lower_bound),
-        raw_order=of(found.raw_order),
-        doubtful=of(found.doubtful),
-        order_bound=max(sum(of(found.lower_bound)), found.order_bound - opened),
+        order=of(known.order),
+        lower_bound=of(known.lower_bound),
+        raw_order=of(known.raw_order),
+        doubtful=of(known.doubtful),
+        order_bound=max(sum(of(known.lower_bound)), known.order_bound - opened),
         **_NOT_RECORDED,  # of the entries of the opened model
     )
     lft = model.trim.lft
     if lft is None or any(block.size for block in lft.blocks if block.name in names):
         return {"certificate": certificate, "trim": replace(model.trim, lft=None)}
-    kept = replace(lft, blocks=tuple(block for block in lft.blocks if block.name not in names))
-    return {"certificate": certificate, "trim": replace(model.trim, lft=kept)}
+    trim_lft = replace(lft, blocks=tuple(block for block in lft.blocks if block.name not in names))
+    return {"certificate": certificate, "trim": replace(model.trim, lft=trim_lft)}
 
 
 def renormalized_evidence(model: LFTModel, lft: LFT, parameters: Parameters) -> Certificate:
@@ -349,9 +351,9 @@ def renormalized_evidence(model: LFTModel, lft: LFT, parameters: Parameters) -> 
     The error is that of the new LFT against the old one at points of the new range, and what is known
     of the old one, whose error is relative to the sizes of its entries in the old range.
     """
-    found = model.certificate
-    everywhere = sampled_deltas(model.parameters, found.seed)
-    deltas = sampled_deltas(parameters, found.seed)
+    certificate = model.certificate
+    everywhere = sampled_deltas(model.parameters, certificate.seed)
+    deltas = sampled_deltas(parameters, certificate.seed)
     columns = zip(model.parameters, parameters, deltas.T, strict=True)
     old = [to_delta(a, to_physical(b, column)) for a, b, column in columns]
     others = _other_deltas([model], len(deltas))
@@ -360,20 +362,21 @@ def renormalized_evidence(model: LFTModel, lft: LFT, parameters: Parameters) -> 
     )
     sizes = np.max(np.abs(values_of(model.lft, model.parameters, everywhere, others)), axis=0)
     scale = entry_scale(reference, np.zeros(sizes.shape))
-    own = largest(values_of(lft, parameters, deltas, others) - reference, scale)
-    error = own + largest(found.max_relative_error * sizes, scale)
+    lft_error = largest(values_of(lft, parameters, deltas, others) - reference, scale)
+    error = lft_error + largest(certificate.max_relative_error * sizes, scale)
     what = f"model {model.name!r}, with_range"
-    known = well_posed(lft, parameters, what, are_proved=found.well_posed == PROVED)
-    return replace(_in_other_coordinates(found, error), **known)
+    regularity = well_posed(lft, parameters, what, are_proved=certificate.well_posed == PROVED)
+    return replace(_in_other_coordinates(certificate, error), **regularity)
 
 
 def truncated_certificate(model: LFTModel, lft: LFT, error: float) -> Certificate:
     """That of a truncated model: not exact, with the guaranteed bound of its error [1]."""
     order = tuple(block.size for block in lft.blocks)
-    found = replace(model.certificate, order=order, exact=False, truncation_error=error)
+    truncated = replace(model.certificate, order=order, exact=False, truncation_error=error)
     what = f"model {model.name!r}, truncate"
     return replace(
-        found, **well_posed(lft, model.parameters, what, are_proved=found.well_posed == PROVED)
+        truncated,
+        **well_posed(lft, model.parameters, what, are_proved=truncated.well_posed == PROVED),
     )
 
 

@@ -100,8 +100,8 @@ class System:
             )
 
     def __repr__(self) -> str:
-        parts = (("states", self.states), ("inputs", self.inputs), ("outputs", self.outputs))
-        sizes = ", ".join(f"{len(signals)} {what}" for what, signals in parts)
+        kinds = (("states", self.states), ("inputs", self.inputs), ("outputs", self.outputs))
+        sizes = ", ".join(f"{len(signals)} {what}" for what, signals in kinds)
         blocks = ", ".join(f"{name} {size}" for name, size in self.lft.blocks)
         kind = type(self).__name__
         return f"<{kind} {self.name!r}: {sizes}; order {self.order}: {blocks or 'no parameters'}>"
@@ -243,8 +243,8 @@ class System:
             With the names of the signals; python-control does not allow dots, so ``shoulder.torque``
             is named ``shoulder_torque``.
         """
-        found: StateSpace = _above("points").state_space_at(self, {**(values or {}), **named})
-        return found
+        numeric: StateSpace = _above("points").state_space_at(self, {**(values or {}), **named})
+        return numeric
 
 
 def _above(module: str) -> Any:

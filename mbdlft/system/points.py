@@ -131,8 +131,8 @@ def value_at(model: System, lft: LFT, values: Mapping[str, ArrayLike]) -> Array:
             return by_program
         if not model.is_proved_regular:
             check_regular_at(lft, points, model.parameters, f"model {model.name!r}")
-        found = with_digits(lft, points, evaluate_at(lft, points))
-        return found[0] if single else found
+        by_lft = with_digits(lft, points, evaluate_at(lft, points))
+        return by_lft[0] if single else by_lft
     others = {name: value for name, value in values.items() if name in kinds}
     named = {
         p.name: points[0, k] if single else points[:, k] for k, p in enumerate(model.parameters)
@@ -197,14 +197,14 @@ def check_regular_at(lft: LFT, deltas: Array, parameters: Sequence[Parameter], w
     It is so exactly, or to working precision: rounding of its entries makes it singular.
     """
     spread = np.repeat(deltas, [block.size for block in lft.blocks], axis=1)
-    for part in chunks(len(deltas), lft.order):
-        numbers = _conditions(np.eye(lft.order) - lft.M11 * spread[part, None, :])
+    for chunk in chunks(len(deltas), lft.order):
+        numbers = _conditions(np.eye(lft.order) - lft.M11 * spread[chunk, None, :])
         singular = np.flatnonzero(~(numbers <= 1.0 / float(np.finfo(float).eps)))
         if len(singular):
             first = int(singular[0])
             physical = [
                 float(to_physical(p, d))
-                for p, d in zip(parameters, deltas[part][first], strict=True)
+                for p, d in zip(parameters, deltas[chunk][first], strict=True)
             ]
             exactly = np.isinf(numbers[first])
             how = "" if exactly else f" to working precision (condition {numbers[first]:.1e})"
@@ -216,7 +216,7 @@ def check_regular_at(lft: LFT, deltas: Array, parameters: Sequence[Parameter], w
 
 def _conditions(matrices: Array) -> Array:
     """Condition numbers (N,) in the 1-norm with rows and columns of one size; inf if singular."""
-    found = np.full(len(matrices), np.inf)
+    conditions = np.full(len(matrices), np.inf)
     for axis in (2, 1):
         size = np.max(np.abs(matrices), axis=axis, keepdims=True, initial=0.0)
         matrices = matrices / np.where(size > 0.0, size, 1.0)
@@ -228,8 +228,8 @@ def _conditions(matrices: Array) -> Array:
         np.sum(np.abs(m), axis=1).max(axis=1)
         for m in (matrices[some], np.linalg.inv(matrices[some]))
     ]
-    found[some] = norms[0] * norms[1]
-    return found
+    conditions[some] = norms[0] * norms[1]
+    return conditions
 
 
 def at_values(parameters: Sequence[Parameter], values: Sequence[float] | Array) -> str:
@@ -273,8 +273,8 @@ def lost(a: LFT, deltas: Array, value: Array) -> float:
     """About the largest error of a value (n_out, n_in) at deltas (order,), relative to its entries."""
     loop = np.eye(a.order) - a.M11 * deltas
     solved = np.linalg.solve(loop, a.M12)
-    rest = a.M12 - (solved - a.M11 @ (deltas[:, None] * solved))
-    change = np.abs((a.M21 * deltas) @ np.linalg.solve(loop, rest))
+    residual = a.M12 - (solved - a.M11 @ (deltas[:, None] * solved))
+    change = np.abs((a.M21 * deltas) @ np.linalg.solve(loop, residual))
     rows, columns = equilibrate(value[None])
     size = np.maximum(np.abs(value), _NEGLIGIBLE / np.outer(rows, columns))
     return float(np.max(change / size, initial=0.0))
@@ -313,9 +313,9 @@ def value_by_program(
         if not model.is_proved_regular:
             check_regular_at(lft, deltas, model.parameters, f"model {model.name!r}")
 
-    found = evaluate_known(lft, points, known, physical, check)
+    by_program = evaluate_known(lft, points, known, physical, check)
     # the LFT may then be evaluated with more digits than the equations have
-    return None if found is None or needs_digits(lft, points, found) else found
+    return None if by_program is None or needs_digits(lft, points, by_program) else by_program
 
 
 def computed_by(model: System, count: int) -> str:
@@ -341,7 +341,7 @@ def computed_by(model: System, count: int) -> str:
     if not isinstance(count, int) or count < 0:
         raise StructureError(f"computed_by: expected a number of samples, got {count!r}.")
     known = model.known_program
-    found = way(model.lft, count, known)
-    if found == KNOWN and known is not None:
-        return found + ", native" * is_native(known, count)
-    return found + ", native" * (found == OWN and count >= NATIVE and is_available())
+    way_taken = way(model.lft, count, known)
+    if way_taken == KNOWN and known is not None:
+        return way_taken + ", native" * is_native(known, count)
+    return way_taken + ", native" * (way_taken == OWN and count >= NATIVE and is_available())

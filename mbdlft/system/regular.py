@@ -89,15 +89,15 @@ def regularity(a: LFT, prove: float = PROVE) -> Regularity:
 def _regularity(a: LFT, prove: float) -> Regularity:
     """As `regularity`, inside its budget."""
     owner = np.repeat(np.arange(len(a.blocks)), [block.size for block in a.blocks])
-    left, found = prove * _UNIT, []
-    for part in _loops(a.M11):
-        used, own = np.unique(owner[part], return_inverse=True)
-        matrix = a.M11[np.ix_(part, part)]
-        loop = _Loop(matrix, own, len(used), np.eye(len(part)) + np.abs(matrix))
+    work, open_boxes = prove * _UNIT, []
+    for channels in _loops(a.M11):
+        used, local = np.unique(owner[channels], return_inverse=True)
+        matrix = a.M11[np.ix_(channels, channels)]
+        loop = _Loop(matrix, local, len(used), np.eye(len(channels)) + np.abs(matrix))
         if not _is_small(loop):
             loop = _balanced(loop)
-        with after(prove - left / _UNIT):
-            boxes, zero, left = _examine(loop, left)
+        with after(prove - work / _UNIT):
+            boxes, zero, work = _examine(loop, work)
         if zero is not None:
             point = np.zeros(len(a.blocks))
             point[used] = zero
@@ -105,8 +105,8 @@ def _regularity(a: LFT, prove: float) -> Regularity:
         for box in boxes:
             center, half = np.zeros(len(a.blocks)), np.ones(len(a.blocks))
             center[used], half[used] = box
-            found.append(Box(center, half))
-    return Regularity(tuple(found))
+            open_boxes.append(Box(center, half))
+    return Regularity(tuple(open_boxes))
 
 
 class _Loop(NamedTuple):
@@ -140,8 +140,12 @@ def _loops(matrix: Array) -> list[NDArray[np.int64]]:
         return []
     count, label = connected_components(csr_array(matrix != 0.0), connection="strong")
     order = np.argsort(label, kind="stable")
-    parts = np.split(order, np.cumsum(np.bincount(label, minlength=count))[:-1])
-    return [part for part in parts if len(part) > 1 or matrix[part[0], part[0]] != 0.0]
+    components = np.split(order, np.cumsum(np.bincount(label, minlength=count))[:-1])
+    return [
+        component
+        for component in components
+        if len(component) > 1 or matrix[component[0], component[0]] != 0.0
+    ]
 
 
 def _is_small(loop: _Loop) -> bool:
@@ -161,8 +165,8 @@ def _balanced(loop: _Loop) -> _Loop:
     reached, seen = eye, eye
     for _ in range(_BALANCE):
         reached, seen = (
-            np.where(same, part, 0.0) * (n / max(float(np.trace(part)), _TINY)) + _LIFT * eye
-            for part in (M @ reached @ M.T, M.T @ seen @ M)
+            np.where(same, gramian, 0.0) * (n / max(float(np.trace(gramian)), _TINY)) + _LIFT * eye
+            for gramian in (M @ reached @ M.T, M.T @ seen @ M)
         )
     T, back = np.zeros((n, n)), np.zeros((n, n))
     for k in range(loop.deltas):
@@ -175,24 +179,24 @@ def _balanced(loop: _Loop) -> _Loop:
     return loop._replace(matrix=T @ M @ back, size=size)
 
 
-def _examine(loop: _Loop, left: float) -> tuple[list[Box], Array | None, float]:
+def _examine(loop: _Loop, work: float) -> tuple[list[Box], Array | None, float]:
     """Open boxes of a loop, a zero of its determinant, and what is left of the work."""
     centers, halves = np.zeros((1, loop.deltas)), np.ones((1, loop.deltas))
     small: list[Box] = []
-    whole = left
+    total = work
     while len(centers):
-        if left < 0.0:
+        if work < 0.0:
             break
         some = slice(
             max(0, len(centers) - _CHUNK), None
         )  # the smallest first: memory stays bounded
         c, h = centers[some], halves[some]
         centers, halves = centers[: some.start], halves[: some.start]
-        left -= len(c) * loop.cost
-        tell((whole - left) / _UNIT)
+        work -= len(c) * loop.cost
+        tell((total - work) / _UNIT)
         is_open, slopes, signs = _look(loop, c, h)
         if np.any(signs <= 0.0):
-            return [], _crossing(loop, c[int(np.argmin(signs))]), left
+            return [], _crossing(loop, c[int(np.argmin(signs))]), work
         c, h, slopes = c[is_open], h[is_open], slopes[is_open]
         worst = np.argmax(slopes, axis=1)
         ends = h[np.arange(len(h)), worst] <= _SMALLEST
@@ -203,7 +207,7 @@ def _examine(loop: _Loop, left: float) -> tuple[list[Box], Array | None, float]:
         centers, halves = np.concatenate([centers, c]), np.concatenate([halves, h])
     boxes = small + [Box(*pair) for pair in zip(centers, halves, strict=True)]
     zero = _search(loop, boxes) if boxes else None
-    return _joined(boxes), zero, left
+    return _joined(boxes), zero, work
 
 
 def _look(loop: _Loop, c: Array, h: Array) -> tuple[NDArray[np.bool_], Array, Array]:
@@ -240,13 +244,15 @@ def _contracts(P: Array, n: int) -> NDArray[np.bool_]:
 
 def _shares(loop: _Loop, P: Array, spread: Array) -> Array:
     """How much the width of each delta adds to the spectral radius of P: (N, q)."""
-    right = np.ones((len(P), P.shape[1], 1))
-    left = right.transpose(0, 2, 1)
+    right_vector = np.ones((len(P), P.shape[1], 1))
+    left_vector = right_vector.transpose(0, 2, 1)
     for _ in range(_ITERATIONS):
-        right, left = P @ right, left @ P
-        right = right / np.maximum(np.max(right, axis=1, keepdims=True), 1e-300)
-        left = left / np.maximum(np.max(left, axis=2, keepdims=True), 1e-300)
-    share = (left @ spread)[:, 0] * right[:, :, 0]
+        right_vector, left_vector = P @ right_vector, left_vector @ P
+        right_vector = right_vector / np.maximum(
+            np.max(right_vector, axis=1, keepdims=True), 1e-300
+        )
+        left_vector = left_vector / np.maximum(np.max(left_vector, axis=2, keepdims=True), 1e-300)
+    share = (left_vector @ spread)[:, 0] * right_vector[:, :, 0]
     return np.stack([share[:, loop.owner == k].sum(axis=1) for k in range(loop.deltas)], axis=1)
 
 
@@ -301,10 +307,10 @@ def physical_boxes(
     boxes: Sequence[Box], names: Sequence[str], parameters: Sequence[Parameter]
 ) -> tuple[tuple[tuple[float, float], ...], ...]:
     """Boxes of the deltas of these names, as lowest and highest physical values of all parameters."""
-    found = []
+    physical = []
     for center, half in boxes:
         ends = dict(zip(names, zip(center - half, center + half, strict=True), strict=True))
-        found.append(
+        physical.append(
             tuple(
                 (float(to_physical(p, ends[p.name][0])), float(to_physical(p, ends[p.name][1])))
                 if p.name in ends
@@ -312,7 +318,7 @@ def physical_boxes(
                 for p in parameters
             )
         )
-    return tuple(found)
+    return tuple(physical)
 
 
 def well_posed(

@@ -85,8 +85,8 @@ class Table:
         t = (a - b[k]) / h[k]
         inside = v[k] + t * rise[k]
         if self.slopes:
-            left, right = np.array(self.slopes).T
-            bend = (1.0 - t) * (h * left - rise)[k] - t * (h * right - rise)[k]
+            start, end = np.array(self.slopes).T
+            bend = (1.0 - t) * (h * start - rise)[k] - t * (h * end - rise)[k]
             inside = inside + t * (1.0 - t) * bend
         inside = np.where(a < b[0], v[0] + self.below * (a - b[0]), inside)
         return np.asarray(np.where(a > b[-1], v[-1] + self.above * (a - b[-1]), inside))
@@ -103,8 +103,8 @@ class Table:
         t = (argument - b[k]) / h
         value = v[k] + t * rise
         if self.slopes:
-            left, right = (Fraction(x) for x in self.slopes[k])
-            value += t * (1 - t) * ((1 - t) * (h * left - rise) - t * (h * right - rise))
+            start, end = (Fraction(x) for x in self.slopes[k])
+            value += t * (1 - t) * ((1 - t) * (h * start - rise) - t * (h * end - rise))
         return value
 
 
@@ -213,8 +213,8 @@ class DeltaThetaModel:
     @property
     def inputs(self) -> tuple[Signal, ...]:
         """u."""
-        own = {*self.zeta, *([ONE] if self.has_one else [])}
-        return tuple(s for s in self.linear.inputs if s.name not in own)
+        internal = {*self.zeta, *([ONE] if self.has_one else [])}
+        return tuple(s for s in self.linear.inputs if s.name not in internal)
 
     @property
     def outputs(self) -> tuple[Signal, ...]:
@@ -246,7 +246,7 @@ def theta_values(
     AnalysisError
         An argument is outside of its range, and `check` is true.
     """
-    found = {}
+    by_name = {}
     for f in functions:
         values = {}
         for signal, argument, (low, high) in zip(f.signals, f.arguments, f.ranges, strict=True):
@@ -261,5 +261,5 @@ def theta_values(
                     f"[{low:g}, {high:g}]. Widen the range of the variable, or keep the signal inside."
                 )
             values[argument] = value
-        found[f.name] = np.asarray(f(*(values[name] for name in f.arguments)), dtype=float)
-    return found
+        by_name[f.name] = np.asarray(f(*(values[name] for name in f.arguments)), dtype=float)
+    return by_name

@@ -198,27 +198,27 @@ def balance(a: LFT, points: Array) -> tuple[LFT, Array]:
     spread = np.repeat(points, sizes, axis=1)
     n = a.order
     reach, see = np.zeros((n, n)), np.zeros((n, n))
-    for part in chunks(len(points), n):
-        d = spread[part]
+    for rows in chunks(len(points), n):
+        d = spread[rows]
         inverse = np.linalg.inv(np.eye(n) - a.M11[None] * d[:, None, :])
         z = inverse @ a.M12
         f = (a.M21[None] * d[:, None, :]) @ inverse
         reach += np.einsum("nij,nkj->ik", z, z) / len(points)
         see += np.einsum("nij,nik->jk", f, f) / len(points)
     T, T_inverse, sigma = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
-    for part in a.slices().values():
-        T[part, part], T_inverse[part, part], sigma[part] = _balanced(
-            reach[part, part], see[part, part]
+    for rows in a.slices().values():
+        T[rows, rows], T_inverse[rows, rows], sigma[rows] = _balanced(
+            reach[rows, rows], see[rows, rows]
         )
     return LFT(T_inverse @ a.M11 @ T, T_inverse @ a.M12, a.M21 @ T, a.M22, a.blocks), sigma
 
 
 def _balanced(reach: Array, see: Array) -> tuple[Array, Array, Array]:
     """T, its inverse, and the sigmas: T^-1 reach T^-T = T' see T = diag(sigma)."""
-    left, right = _root(reach), _root(see)
-    U, sigma, Vt = np.linalg.svd(right.T @ left)
-    T = left @ Vt.T / np.sqrt(sigma)
-    return T, (U / np.sqrt(sigma)).T @ right.T, sigma
+    reach_root, see_root = _root(reach), _root(see)
+    U, sigma, Vt = np.linalg.svd(see_root.T @ reach_root)
+    T = reach_root @ Vt.T / np.sqrt(sigma)
+    return T, (U / np.sqrt(sigma)).T @ see_root.T, sigma
 
 
 def _root(gramian: Array) -> Array:
@@ -233,8 +233,8 @@ def _root(gramian: Array) -> Array:
 def keep(a: LFT, kept: Indices) -> LFT:
     """The LFT with only the given channels, sorted."""
     blocks = tuple(
-        Block(name, int(np.sum((kept >= part.start) & (kept < part.stop))))
-        for name, part in a.slices().items()
+        Block(name, int(np.sum((kept >= channels.start) & (kept < channels.stop))))
+        for name, channels in a.slices().items()
     )
     return LFT(a.M11[np.ix_(kept, kept)], a.M12[kept], a.M21[:, kept], a.M22, blocks)
 
@@ -268,7 +268,9 @@ def _path(a: LFT, sigma: Array, points: Array, values: Array, tolerance: float) 
     kept, steps = np.arange(a.order), []
     while len(kept):
         # the last of each block that is still there
-        owner = np.searchsorted([part.stop for part in a.slices().values()], kept, side="right")
+        owner = np.searchsorted(
+            [channels.stop for channels in a.slices().values()], kept, side="right"
+        )
         last = np.flatnonzero(np.append(np.diff(owner) > 0, True))
         last = last[np.argsort(sigma[kept[last]], kind="stable")][:_CANDIDATES]
         choices = [np.delete(kept, k) for k in last]

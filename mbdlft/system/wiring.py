@@ -42,9 +42,9 @@ class Values(NamedTuple):
     terms: Array
 
 
-def plain_wiring(parts: Sequence[System], inputs: int, outputs: int) -> Wiring:
+def plain_wiring(systems: Sequence[System], inputs: int, outputs: int) -> Wiring:
     """Nothing wired: 0 = -u, z = 0; arrays to be filled."""
-    nu, ny = (sum(len(s) for s in signals) for signals in zip(*map(_signals, parts), strict=True))
+    nu, ny = (sum(len(s) for s in signals) for signals in zip(*map(_signals, systems), strict=True))
     return Wiring(
         np.zeros((nu, ny)),
         -np.eye(nu),
@@ -54,37 +54,38 @@ def plain_wiring(parts: Sequence[System], inputs: int, outputs: int) -> Wiring:
     )
 
 
-def _signals(part: System) -> tuple[Sequence[object], Sequence[object]]:
-    return part.inputs, part.outputs
+def _signals(system: System) -> tuple[Sequence[object], Sequence[object]]:
+    return system.inputs, system.outputs
 
 
-def wire(parts: Sequence[System], wiring: Wiring, what: str) -> LFT:
+def wire(systems: Sequence[System], wiring: Wiring, what: str) -> LFT:
     """The LFT of [A B ; C D] of the whole, not reduced; states are those of the parts in their order."""
-    rows, columns = _states_first(parts)
-    both = select(stack_diagonal(*(part.lft for part in parts)), rows, columns)
-    nx = sum(len(part.states) for part in parts)
+    rows, columns = _states_first(systems)
+    both = select(stack_diagonal(*(system.lft for system in systems)), rows, columns)
+    nx = sum(len(system.states) for system in systems)
     (nu, ny), nw, nz = wiring.Ky.shape, wiring.E.shape[1], len(wiring.F)
-    left = np.zeros((nu + nx + nz, nx + ny))
-    left[:nu, nx:], left[nu : nu + nx, :nx], left[nu + nx :, nx:] = wiring.Ky, np.eye(nx), wiring.F
-    right = np.zeros((nx + nu, nu + nx + nw))
-    right[:nx, nu : nu + nx], right[nx:, :nu] = np.eye(nx), np.eye(nu)
+    first = np.zeros((nu + nx + nz, nx + ny))
+    first[:nu, nx:], first[nu + nx :, nx:] = wiring.Ky, wiring.F
+    first[nu : nu + nx, :nx] = np.eye(nx)
+    last = np.zeros((nx + nu, nu + nx + nw))
+    last[:nx, nu : nu + nx], last[nx:, :nu] = np.eye(nx), np.eye(nu)
     direct = np.zeros((nu + nx + nz, nu + nx + nw))
     direct[:nu, :nu], direct[:nu, nu + nx :], direct[nu + nx :, :nu] = wiring.Ku, wiring.E, wiring.G
-    relations = constant(left) @ both @ right + direct
+    relations = constant(first) @ both @ last + direct
     try:
         solved = eliminate(relations, nu)
     except WellPosednessError:
         raise WellPosednessError(
             f"{what}: the loop is singular at nominal: it does not determine "
-            f"{', '.join(_undetermined(parts, relations.M22[:nu, :nu]))}. Somewhere in it a direct "
+            f"{', '.join(_undetermined(systems, relations.M22[:nu, :nu]))}. Somewhere in it a direct "
             "feed-through must change, for example by a state in the controller."
         ) from None
     return select(solved, np.arange(nu, nu + nx + nz), np.arange(nx + nw))
 
 
-def _undetermined(parts: Sequence[System], loop: Array) -> list[str]:
+def _undetermined(systems: Sequence[System], loop: Array) -> list[str]:
     """Inputs of parts in the direction in which a loop is singular."""
-    names = [f"{signal.name} of {part.name}" for part in parts for signal in part.inputs]
+    names = [f"{signal.name} of {system.name}" for system in systems for signal in system.inputs]
     direction = np.abs(np.linalg.svd(loop)[2][-1])
     return [name for name, size in zip(names, direction, strict=True) if size > _SHARE]
 
@@ -102,13 +103,13 @@ def reduced(a: LFT) -> LFT:
     return of_kinds(reduce_order(plain), full, a)
 
 
-def _states_first(parts: Sequence[System]) -> tuple[list[int], list[int]]:
+def _states_first(systems: Sequence[System]) -> tuple[list[int], list[int]]:
     """Rows and columns of diag([A B ; C D], ...) in the order [all x ; all y] and [all x ; all u]."""
     orders: tuple[list[int], list[int]] = ([], [])
     for side, order in enumerate(orders):
         states, signals, start = list[int](), list[int](), 0
-        for part in parts:
-            nx, n = len(part.states), part.lft.shape[side]
+        for system in systems:
+            nx, n = len(system.states), system.lft.shape[side]
             states += range(start, start + nx)
             signals += range(start + nx, start + n)
             start += n
@@ -117,7 +118,7 @@ def _states_first(parts: Sequence[System]) -> tuple[list[int], list[int]]:
 
 
 def wired_values(
-    parts: Sequence[System], values: Sequence[Array], errors: Sequence[float], wiring: Wiring
+    systems: Sequence[System], values: Sequence[Array], errors: Sequence[float], wiring: Wiring
 ) -> Values:
     """The whole by state-space formulas from the values of its parts, without the LFT.
 
@@ -138,8 +139,8 @@ def wired_values(
     numpy.linalg.LinAlgError
         The loop is singular at one of the points.
     """
-    S, dS = _side_by_side(parts, values, errors)
-    nx = sum(len(part.states) for part in parts)
+    S, dS = _side_by_side(systems, values, errors)
+    nx = sum(len(system.states) for system in systems)
     (nu, ny), nw = wiring.Ky.shape, wiring.E.shape[1]
     C, D = S[:, nx:, :nx], S[:, nx:, nx:]
     solved = np.linalg.inv(wiring.Ku + wiring.Ky @ D)
@@ -147,8 +148,8 @@ def wired_values(
     u = -solved @ np.concatenate([wiring.Ky @ C, E], axis=2)  # from [x ; w]
     x = np.broadcast_to(np.eye(nx, nx + nw), (len(S), nx, nx + nw))
     R = np.concatenate([x, u], axis=1)  # [x ; u]
-    found = S @ R  # [xdot ; y]
-    whole = np.concatenate([found[:, :nx], wiring.F @ found[:, nx:] + wiring.G @ u], axis=1)
+    read = S @ R  # [xdot ; y]
+    whole = np.concatenate([read[:, :nx], wiring.F @ read[:, nx:] + wiring.G @ u], axis=1)
     back = -solved @ wiring.Ky  # u of an addition to y
     to_x = np.concatenate([np.broadcast_to(np.eye(nx), (len(S), nx, nx)), S[:, :nx, nx:] @ back], 2)
     through = wiring.F @ (np.eye(ny) + D @ back) + wiring.G @ back
@@ -157,16 +158,16 @@ def wired_values(
     # sizes if nothing cancelled
     R_terms = np.abs(solved) @ np.concatenate([np.abs(wiring.Ky) @ np.abs(C), np.abs(E)], axis=2)
     sizes = np.abs(S) @ np.concatenate([np.abs(x), R_terms], axis=1)
-    read = np.abs(wiring.F) @ sizes[:, nx:] + np.abs(wiring.G) @ R_terms
-    terms = np.max(np.concatenate([sizes[:, :nx], read], axis=1), axis=0)
+    seen = np.abs(wiring.F) @ sizes[:, nx:] + np.abs(wiring.G) @ R_terms
+    terms = np.max(np.concatenate([sizes[:, :nx], seen], axis=1), axis=0)
     return Values(whole, np.abs(L) @ dS @ np.abs(R), terms)
 
 
 def _side_by_side(
-    parts: Sequence[System], values: Sequence[Array], errors: Sequence[float]
+    systems: Sequence[System], values: Sequence[Array], errors: Sequence[float]
 ) -> tuple[Array, Array]:
     """Values (N, ., .) of all parts as one [A B ; C D], and the errors of its entries (., .)."""
-    rows, columns = _states_first(parts)
+    rows, columns = _states_first(systems)
     n_out, n_in = len(rows), len(columns)
     S = np.zeros((len(values[0]), n_out, n_in), dtype=np.result_type(*values))
     dS, i, j = np.zeros((n_out, n_in)), 0, 0

@@ -73,14 +73,14 @@ def unit_vector(direction: Sequence[float | Fraction]) -> ca.SX:
     # parallel directions have the same numbers
     along = tuple(x / largest for x in exact)
     length = root(sum((x * x for x in along), Fraction(0)))
-    sign, found = 1.0 if largest > 0 else -1.0, ca.SX(3, 1)
+    sign, components = 1.0 if largest > 0 else -1.0, ca.SX(3, 1)
     exact_length = _rational(length)
     for k, x in enumerate(along):
         if x and exact_length is None:
-            found[k] = sign * constant(Constant("unit", Fraction(k), direction=along))
+            components[k] = sign * constant(Constant("unit", Fraction(k), direction=along))
         elif x and exact_length is not None:
-            found[k] = sign * literal(x / exact_length)
-    return found
+            components[k] = sign * literal(x / exact_length)
+    return components
 
 
 @lru_cache(maxsize=_SHARED)
@@ -157,12 +157,12 @@ def double(value: Constant) -> float:
 def without_zeros(column: ca.SX) -> ca.SX:
     """A column of constants (n,), with structural zeros for entries that are zero exactly."""
     values = numbers_of(column)[:, 0]
-    found = ca.SX(*column.shape)
+    kept = ca.SX(*column.shape)
     for k, value in enumerate(values):
         entry = ca.SX(column[k])
         if abs(value) > _CERTAIN or not (entry.is_zero() or _vanishes(entry)):
-            found[k] = entry
-    return found
+            kept[k] = entry
+    return kept
 
 
 def is_zero(column: ca.SX) -> bool:
@@ -244,5 +244,5 @@ def modulo_prime(matrix: ca.SX, seed: int) -> ModuloPrime:
         [field.of(number).residue for number in numbers],
     )
     columns, rows = reversed(matrix.shape)
-    found = np.array([int(x) for x in values[0]], dtype=object).reshape(columns, rows).T
-    return ModuloPrime(found, field.prime)
+    residues = np.array([int(x) for x in values[0]], dtype=object).reshape(columns, rows).T
+    return ModuloPrime(residues, field.prime)

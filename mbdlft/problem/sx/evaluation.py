@@ -58,11 +58,11 @@ class Vectors(NamedTuple):
 
 def evaluate_many(function: ca.Function, points: Array, *others: Array) -> list[Array]:
     """Values of a function of column vectors at many points, each (N, rows, columns); all are dense."""
-    found = vectors(function) if len(points) >= MANY else None
-    if found is None:
+    program = vectors(function) if len(points) >= MANY else None
+    if program is None:
         return _called(function, points, *others)
-    values = np.tile(found.constant, (len(points), 1))
-    values[:, found.places] = _varying(found, points, *others).T
+    values = np.tile(program.constant, (len(points), 1))
+    values[:, program.places] = _varying(program, points, *others).T
     return _parts(function, values)
 
 
@@ -71,7 +71,7 @@ def _called(function: ca.Function, *points: Array) -> list[Array]:
     assert all(function.sparsity_out(k).is_dense() for k in range(function.n_out()))
     # CasADi's matrices are by columns
     shapes = [function.size_out(k)[::-1] for k in range(function.n_out())]
-    found = [np.empty((len(points[0]), *shape)) for shape in shapes]
+    outputs = [np.empty((len(points[0]), *shape)) for shape in shapes]
     arguments = [np.empty(part.shape[1]) for part in points]
     results = [np.empty(shape) for shape in shapes]
     buffer: Any = function.buffer()
@@ -84,9 +84,9 @@ def _called(function: ca.Function, *points: Array) -> list[Array]:
         for argument, part in zip(arguments, points, strict=True):
             argument[:] = part[k]
         call()
-        for values, result in zip(found, results, strict=True):
-            values[k] = result
-    return [values.transpose(0, 2, 1) for values in found]
+        for output, result in zip(outputs, results, strict=True):
+            output[k] = result
+    return [output.transpose(0, 2, 1) for output in outputs]
 
 
 def evaluate_in_chunks(
@@ -97,32 +97,34 @@ def evaluate_in_chunks(
     The values are overwritten by those of the next chunk.
     """
     count = len(points)
-    found = vectors(function) if count >= MANY else None
-    if found is None:
+    program = vectors(function) if count >= MANY else None
+    if program is None:
         yield slice(0, count), evaluate_many(function, points, *others)
         return
-    varying = _varying(found, points, *others)
-    size = max(_SHORTEST, _NEAR // max(1, len(found.constant)))
-    values = np.tile(found.constant, (min(size, count), 1))
+    varying = _varying(program, points, *others)
+    size = max(_SHORTEST, _NEAR // max(1, len(program.constant)))
+    values = np.tile(program.constant, (min(size, count), 1))
     for start in range(0, count, size):
-        part = slice(start, min(start + size, count))
-        now = values[: part.stop - start]
-        now[:, found.places] = varying[:, part].T
-        yield part, _parts(function, now)
+        chunk = slice(start, min(start + size, count))
+        now = values[: chunk.stop - start]
+        now[:, program.places] = varying[:, chunk].T
+        yield chunk, _parts(function, now)
 
 
-def _varying(found: Vectors, points: Array, *others: Array) -> Array:
+def _varying(program: Vectors, points: Array, *others: Array) -> Array:
     """Entries that depend on arguments, (number of entries, N)."""
-    values = np.empty((len(found.places), len(points)))
-    run(found.plan, np.hstack([points, *others]), values.T[:, None, :])
+    values = np.empty((len(program.places), len(points)))
+    run(program.plan, np.hstack([points, *others]), values.T[:, None, :])
     return values
 
 
 def _parts(function: ca.Function, values: Array) -> list[Array]:
     """The results (N, rows, columns) in values that stand one behind the other (N, all)."""
     shapes = [function.size_out(k) for k in range(function.n_out())]
-    parts = np.split(values, np.cumsum([rows * columns for rows, columns in shapes])[:-1], axis=1)
-    return [part.reshape(len(values), *shape) for part, shape in zip(parts, shapes, strict=True)]
+    results = np.split(values, np.cumsum([rows * columns for rows, columns in shapes])[:-1], axis=1)
+    return [
+        result.reshape(len(values), *shape) for result, shape in zip(results, shapes, strict=True)
+    ]
 
 
 @lru_cache(maxsize=8)  # a sweep asks for the same ones again and again
@@ -150,8 +152,8 @@ def vectors(function: ca.Function) -> Vectors | None:
                 entries[start + place] = value
         start += function.numel_out(k)
     columns = tuple(((0, k), register) for k, register in enumerate(entries.values()))
-    found = Program(tape.inputs, tuple(tape.instructions), columns, ())
-    return Vectors(plan(found), np.array(list(entries), dtype=np.intp), constant)
+    program = Program(tape.inputs, tuple(tape.instructions), columns, ())
+    return Vectors(plan(program), np.array(list(entries), dtype=np.intp), constant)
 
 
 def program_rules(tape: Tape) -> Rules:
@@ -190,10 +192,10 @@ def term_sizes(tape: ca.Function, *points: Array) -> Array:
     has the root of the size; another function of a number has the size of its own value.
     """
     arguments = [[_of_itself(x) for x in np.ascontiguousarray(part.T)] for part in points]
-    found = np.empty((tape.numel_out(0), len(points[0])))
-    for row, (_, size) in zip(found, fold(tape, _SIZES, *arguments)[0], strict=True):
+    sizes = np.empty((tape.numel_out(0), len(points[0])))
+    for row, (_, size) in zip(sizes, fold(tape, _SIZES, *arguments)[0], strict=True):
         row[:] = size
-    return found.T
+    return sizes.T
 
 
 def _of_itself(value: Any) -> Pair:

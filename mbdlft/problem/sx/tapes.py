@@ -72,10 +72,15 @@ def arithmetic(number: Rule, functions: Mapping[str, Rule]) -> Rules:
     def counted(rule: Rule) -> Rule:
         return lambda *x: rule(*(map(number, x) if all(isinstance(a, float) for a in x) else x))
 
-    own: dict[str, Rule] = {"neg": operator.neg}
-    own |= {"tan": lambda a: functions["sin"](a) / functions["cos"](a), **functions}
-    own |= {"add": operator.add, "sub": operator.sub, "mul": operator.mul, "div": operator.truediv}
-    return rules(float, **{name: counted(rule) for name, rule in own.items()})
+    operations: dict[str, Rule] = {"neg": operator.neg}
+    operations |= {"tan": lambda a: functions["sin"](a) / functions["cos"](a), **functions}
+    operations |= {
+        "add": operator.add,
+        "sub": operator.sub,
+        "mul": operator.mul,
+        "div": operator.truediv,
+    }
+    return rules(float, **{name: counted(rule) for name, rule in operations.items()})
 
 
 @lru_cache(maxsize=8)  # few are folded more than once, but those again and again
@@ -85,14 +90,14 @@ def steps(function: ca.Function) -> tuple[tuple[str, Any, Sequence[Any]], ...]:
     An "input" has the numbers of an argument and its entry for operands, a "const" its value; the target
     of an "output" are the numbers of a result and its entry.
     """
-    found = []
+    instructions = []
     for k in range(function.n_instructions()):
         operation, targets = _NAMES[function.instruction_id(k)], function.instruction_output(k)
         sources: Any = function.instruction_input(k)
         if operation == "const":
             sources = [float(function.instruction_constant(k))]
-        found.append((operation, targets if operation == "output" else targets[0], sources))
-    return tuple(found)
+        instructions.append((operation, targets if operation == "output" else targets[0], sources))
+    return tuple(instructions)
 
 
 def fold(function: ca.Function, table: Rules, *arguments: Any) -> list[list[Any]]:
