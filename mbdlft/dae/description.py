@@ -6,6 +6,7 @@ Whether the units of the equations of a DAE fit: they are followed with dimensio
 """
 
 import math
+import operator
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -234,12 +235,22 @@ def _check_expression(dae: Dae, what: str, expression: ca.SX, known: set[int]) -
             )
 
 
-class _Any:
-    """A number that may carry any unit, also times another quantity, as a literal in Modelica."""
+class Open(Dimension):
+    """The dimension of what may carry any unit, also times another quantity, as a literal in Modelica."""
+
+    __slots__ = ()
+
+    def __add__(self, other: Any) -> Any:
+        return other
+
+    def __mul__(self, other: Any) -> Dimension:
+        return self
+
+    __radd__ = __add__
+    __truediv__ = __rmul__ = __rtruediv__ = __mul__
 
 
-_OPEN = _Any()
-_Value = Any  # a Dimension, or _OPEN
+OPEN = Open(None)
 
 
 def check_units(dae: Dae) -> None:
@@ -252,7 +263,7 @@ def check_units(dae: Dae) -> None:
     dimensions = {v.symbol.element_hash(): open_unit(v.unit) for v in (*dae.variables, *dae.inputs)}
     for v in dae.variables:
         if v.derivative is not None:
-            dimensions[v.derivative.element_hash()] = _over(open_unit(v.unit), second)
+            dimensions[v.derivative.element_hash()] = open_unit(v.unit) / second
     for p, symbol in zip(dae.parameters, ca.vertsplit(dae.p), strict=True):
         dimensions[symbol.element_hash()] = open_unit(p.unit)
     residuals = [
@@ -263,89 +274,62 @@ def check_units(dae: Dae) -> None:
         try:
             dimension = dimension_of(expression, dimensions)
             if unit is not None:
-                _add(dimension, open_unit(unit))
+                dimension + open_unit(unit)
         except SceneError as error:
             raise SceneError(
                 f"{dae.owner}, {what}: {error} A 1 or 2 that has a unit is written d.number(1)."
             ) from None
 
 
-def open_unit(unit: str) -> _Value:
+def open_unit(unit: str) -> Dimension:
     """The dimension of a unit; that of "1" is open."""
-    return _OPEN if unit == "1" else Dimension(parse_unit(unit).dimension)
+    return OPEN if unit == "1" else Dimension(parse_unit(unit).dimension)
 
 
-def dimension_of(expression: ca.SX, dimensions: Mapping[int, _Value]) -> _Value:
+def dimension_of(expression: ca.SX, dimensions: Mapping[int, Dimension]) -> Dimension:
     """The dimension of an expression of symbols that have some, by their hashes."""
     free = ca.symvar(expression)
-    values = [_OPEN if is_constant(s) else dimensions[s.element_hash()] for s in free]
+    values = [OPEN if is_constant(s) else dimensions[s.element_hash()] for s in free]
     function = ca.Function("units", [column_of(free)], [ca.densify(expression)])
-    ((dimension,),) = fold(function, _RULES, values)
+    dimension: Dimension = fold(function, _RULES, values)[0][0]
     return dimension
 
 
-def _add(a: _Value, b: _Value) -> _Value:
-    if a is _OPEN:
-        return b
-    return a if b is _OPEN else a + b
-
-
-def _times(a: _Value, b: _Value) -> _Value:
-    return _OPEN if a is _OPEN or b is _OPEN else a * b
-
-
-def _over(a: _Value, b: _Value) -> _Value:
-    return _OPEN if a is _OPEN or b is _OPEN else a / b
-
-
-def _twice(a: _Value) -> _Value:
-    """The 2 of a dimensionless value may carry any unit, too."""
-    return a if isinstance(a, Dimension) and any(a.exponents or ()) else _OPEN
-
-
-def _plain(a: _Value) -> _Value:
-    """The argument of a function such as exp is dimensionless, and so is its value."""
-    if isinstance(a, Dimension) and any(a.exponents or ()):
+def plain(value: Dimension, function: str = "a function") -> Dimension:
+    """The value of a function such as exp, dimensionless as its argument is."""
+    if any(value.exponents or ()):
         raise SceneError(
-            f"a function of a value in {dimension_name(a.exponents or ())}; it takes plain numbers and "
-            "angles."
+            f"{function} of a value in {dimension_name(value.exponents or ())}; it takes plain numbers "
+            "and angles."
         )
-    return Dimension(_NONE)
+    return Dimension(parse_unit("1").dimension)
 
 
-def _sqrt(a: _Value) -> _Value:
-    return a if a is _OPEN else FUNCTIONS_OF_DIMENSIONS["sqrt"](a)
+def _compared(a: Dimension, b: Dimension) -> Dimension:
+    a + b  # noqa: B018: an error unless both have the same
+    return OPEN
 
 
-_NONE = (0, 0, 0, 0, 0)
-_SAME = {"fabs", "floor", "ceil", "assign"}
+_SAME = ("fabs", "floor", "ceil")
 _PLAIN = (
     *("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh"),
     *("asinh", "acosh", "atanh", "exp", "log", "log1p", "expm1"),
 )
-
-
-def _missing(operation: str, where: str, *operands: _Value) -> _Value:
-    """Nothing is known of the unit of what has no rule."""
-    return _OPEN
-
-
 _RULES: Rules = rules(
-    lambda value: _OPEN,
-    add=_add,
-    mul=_times,
-    div=_over,
+    lambda value: OPEN,
+    add=operator.add,
+    mul=operator.mul,
+    div=operator.truediv,
     neg=lambda a: a,
-    twice=_twice,
-    sq=lambda a: _times(a, a),
-    inv=lambda a: _OPEN,
-    sqrt=_sqrt,
-    fmin=_add,
-    fmax=_add,
+    twice=lambda a: a if any(a.exponents or ()) else OPEN,  # the 2 may carry any unit, too
+    inv=lambda a: OPEN,
+    sqrt=FUNCTIONS_OF_DIMENSIONS["sqrt"],
+    fmin=operator.add,
+    fmax=operator.add,
     if_else_zero=lambda condition, a: a,
-    lt=lambda a, b: (_add(a, b), _OPEN)[1],
-    le=lambda a, b: (_add(a, b), _OPEN)[1],
-    missing=_missing,
-    **{name: (lambda a: a) for name in _SAME},
-    **{name: _plain for name in _PLAIN},
+    lt=_compared,
+    le=_compared,
+    missing=lambda operation, where, *operands: OPEN,
+    **dict.fromkeys(_SAME, lambda a: a),
+    **dict.fromkeys(_PLAIN, plain),
 )

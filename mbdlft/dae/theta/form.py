@@ -31,7 +31,6 @@ from mbdlft.dae.theta.arguments import (
 )
 from mbdlft.dae.theta.separation import Arrange, Separated, Separation
 from mbdlft.exact.numbers import decimal
-from mbdlft.exact.operators import Dimension
 from mbdlft.problem.relations import LinearModel
 from mbdlft.problem.sx.constants import in_doubles, is_constant
 from mbdlft.system.theta import ONE
@@ -364,7 +363,4 @@ def _unit(expression: ca.SX, known: Mapping[int, str]) -> str:
         dimension = dimension_of(expression, {key: open_unit(unit) for key, unit in used.items()})
     except SceneError:  # the slope of a function was moved out of it as a number
         return "1"
-    return dimension_name(dimension.exponents or _NONE) if isinstance(dimension, Dimension) else "1"
-
-
-_NONE = (0, 0, 0, 0, 0)
+    return dimension_name(dimension.exponents) if dimension.exponents else "1"
