@@ -24,7 +24,7 @@ from benchmarks.cases.orders import CASES, Case, points
 from benchmarks.cases.rewrite import exact_values, rewritten
 from benchmarks.targets import SCENARIO
 from mbdlft.exact.numbers import BITS, precision
-from mbdlft.lft.evaluation import evaluate_at
+from mbdlft.lft.sampling import evaluate_at
 from mbdlft.multibody.assembly import assemble
 from mbdlft.order.reduction import reduce_exactly
 from mbdlft.order.reduction_in_doubles import in_scales

@@ -16,7 +16,6 @@ from mbdlft.archive.layout import VERSION, Items, columns, nested, word, words
 from mbdlft.base.array import Array
 from mbdlft.base.errors import ArchiveError, MbdlftWarning, StructureError
 from mbdlft.base.formula import parsed
-from mbdlft.lft.evaluation import LONGEST, ModelProgram, compact
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.program.tape import (
     ADD,
@@ -32,7 +31,9 @@ from mbdlft.lft.program.tape import (
     Operand,
     Pivot,
     Program,
+    compact,
 )
+from mbdlft.lft.sampling import LONGEST, ModelProgram
 from mbdlft.system.model import LFTModel
 from mbdlft.system.theta import ONE, DeltaThetaModel, Table, ThetaFunction
 

@@ -21,10 +21,24 @@ from mbdlft.base.parameter import Parameter
 from mbdlft.batch.remembered import SceneSource, remember, remembered
 from mbdlft.batch.rows import EquationSource, ModelSource, Source, deltas_at, source_of
 from mbdlft.batch.samples import GivenSamples, RandomSamples, count_of, points_of, samples_of
-from mbdlft.lft.evaluation import LONGEST, NATIVE, ModelProgram, agrees, compact, values_by
 from mbdlft.lft.program.elimination import closed
-from mbdlft.lft.program.native import NativeProgram, is_available, native, run_natively, user_cache
-from mbdlft.lft.program.tape import Operand, Pivot, Program, Tape, TooLongError, rows_of_numbers
+from mbdlft.lft.program.native import (
+    NativeProgram,
+    compile_native,
+    is_available,
+    run_natively,
+    user_cache,
+)
+from mbdlft.lft.program.tape import (
+    Operand,
+    Pivot,
+    Program,
+    Tape,
+    TooLongError,
+    compact,
+    rows_of_numbers,
+)
+from mbdlft.lft.sampling import LONGEST, NATIVE, ModelProgram, agrees, values_by
 from mbdlft.multibody.scene import Scene, scene_from_toml
 from mbdlft.problem.sample_program import StraightLine, straight_line
 from mbdlft.problem.trim import CARRIED, RESIDUAL, check_carried
@@ -229,7 +243,7 @@ def _again(scene: Scene, threads: int | None) -> Compiled | None:
         return None
     source, line = found
     try:
-        program = native(line.program, len(line.row), user_cache())
+        program = compile_native(line.program, len(line.row), user_cache())
     except Exception:  # it is compiled as if for the first time, and says why
         return None
     return Compiled(source, line, program, "", threads)
@@ -252,7 +266,7 @@ def compiled(source: EquationSource | ModelSource, threads: int | None = None) -
     if line is None:
         return Compiled(source, None, None, f"its program has more than {_LONGEST} instructions.")
     try:
-        program = native(line.program, len(line.row), user_cache())
+        program = compile_native(line.program, len(line.row), user_cache())
     except Exception as error:
         reason = f"LLVM failed: {type(error).__name__}: {str(error)[:200]}"
         return Compiled(source, None, None, reason)

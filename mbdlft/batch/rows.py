@@ -16,8 +16,8 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import Signal
-from mbdlft.lft.evaluation import evaluate_at, evaluate_known
 from mbdlft.lft.lft import LFT
+from mbdlft.lft.sampling import evaluate_at, evaluate_known
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.scene import Scene
 from mbdlft.multibody.to_problem import choose_signals, choose_states

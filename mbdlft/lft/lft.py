@@ -165,15 +165,7 @@ def multiply(a: LFT, b: LFT) -> LFT:
 
 
 def inverse(a: LFT) -> LFT:
-    """Inverse of a square LFT: value(inverse(a)) = value(a)^-1; no channel is added.
-
-    Raises
-    ------
-    StructureError
-        `a` is not square.
-    WellPosednessError
-        The value at delta = 0 is singular to working precision.
-    """
+    """Inverse of a square LFT that is regular at delta = 0: value(a)^-1; no channel is added."""
     check(a.shape[0] == a.shape[1], f"cannot invert shape {a.shape}")
     inner = solve_nominal(a.M22, np.hstack([a.M21, np.eye(a.shape[0])]), "the inverse of an LFT")
     n_w = a.M11.shape[1]
@@ -188,9 +180,8 @@ def stack_rows(*parts: LFT | ArrayLike) -> LFT:
     for b in items[1:]:
         a = result
         check(a.shape[1] == b.shape[1], f"cannot stack shapes {a.shape} and {b.shape} as rows")
-        n_a, n_b = a.M11.shape[1], b.M11.shape[1]
-        zero_a, zero_b = np.zeros((a.shape[0], n_b)), np.zeros((b.shape[0], n_a))
-        outputs = (np.vstack([a.M21, zero_b]), np.vstack([zero_a, b.M21]))
+        above, below = (np.zeros((x.shape[0], y.M11.shape[1])) for x, y in ((a, b), (b, a)))
+        outputs = (np.vstack([a.M21, below]), np.vstack([above, b.M21]))
         direct = np.vstack([a.M22, b.M22])
         result = _merge(a, b, _uncoupled(a, b), (a.M12, b.M12), outputs, direct)
     return result
@@ -203,8 +194,8 @@ def stack_columns(*parts: LFT | ArrayLike) -> LFT:
     for b in items[1:]:
         a = result
         check(a.shape[0] == b.shape[0], f"cannot stack shapes {a.shape} and {b.shape} as columns")
-        zero_a, zero_b = np.zeros((a.order, b.shape[1])), np.zeros((b.order, a.shape[1]))
-        inputs = (np.hstack([a.M12, zero_a]), np.hstack([zero_b, b.M12]))
+        beside, before = (np.zeros((x.order, y.shape[1])) for x, y in ((a, b), (b, a)))
+        inputs = (np.hstack([a.M12, beside]), np.hstack([before, b.M12]))
         direct = np.hstack([a.M22, b.M22])
         result = _merge(a, b, _uncoupled(a, b), inputs, (a.M21, b.M21), direct)
     return result
@@ -234,14 +225,7 @@ def star(upper: LFT, lower: LFT, outputs: int, inputs: int) -> LFT:
     """Redheffer star product: the last signals of `upper` are closed through the first of `lower`.
 
     With [a ; b] = upper [c ; d] and [d ; e] = lower [b ; f], where b has `outputs` entries and d has
-    `inputs`, the result maps [c ; f] to [a ; e].
-
-    Raises
-    ------
-    StructureError
-        `outputs` or `inputs` is larger than a shape allows.
-    WellPosednessError
-        The loop is singular at delta = 0.
+    `inputs`, the result maps [c ; f] to [a ; e]. The loop must not be singular at delta = 0.
     """
     for size, limit in (
         (outputs, min(upper.shape[0], lower.shape[1])),
@@ -252,19 +236,17 @@ def star(upper: LFT, lower: LFT, outputs: int, inputs: int) -> LFT:
             f"cannot close {size} signals between {upper.shape} and {lower.shape}",
         )
     both = stack_diagonal(upper, lower)
-    a, c = upper.shape[0] - outputs, upper.shape[1] - inputs
     n_out, n_in = both.shape
+    a, c = upper.shape[0] - outputs, upper.shape[1] - inputs
     # unknown = [b ; d] with 0 = [b ; d] - (what upper and lower give), then read [a ; e]
-    b_rows, d_rows = np.arange(a, a + outputs), upper.shape[0] + np.arange(inputs)
-    d_columns, b_columns = c + np.arange(inputs), upper.shape[1] + np.arange(outputs)
-    given_rows = np.setdiff1d(np.arange(n_out), np.concatenate([b_rows, d_rows]))
-    given_columns = np.setdiff1d(np.arange(n_in), np.concatenate([d_columns, b_columns]))
-    order = (
-        np.concatenate([b_rows, d_rows, given_rows]),
-        np.concatenate([b_columns, d_columns, given_columns]),
+    rows = [*range(a, upper.shape[0] + inputs)]
+    columns = [*range(upper.shape[1], upper.shape[1] + outputs), *range(c, upper.shape[1])]
+    k = len(rows)
+    relation = select(
+        both,
+        [*rows, *range(a), *range(a + k, n_out)],
+        [*columns, *range(c), *range(c + k, n_in)],
     )
-    relation = select(both, *order)
-    k = outputs + inputs
     loop = np.zeros(relation.shape)
     loop[:k, :k] = -np.eye(k)
     closed = eliminate(relation + loop, k)
@@ -280,12 +262,7 @@ def select(a: LFT, rows: ArrayLike, columns: ArrayLike) -> LFT:
 def eliminate(relation: LFT, n: int) -> LFT:
     """Solve [0 ; y] = relation [a ; s] for the first n inputs a: the LFT s -> [a ; y].
 
-    This inverts the first n x n part without adding a channel.
-
-    Raises
-    ------
-    WellPosednessError
-        That part is singular at delta = 0.
+    This inverts the first n x n part, which must not be singular at delta = 0, without adding a channel.
     """
     (z, w), m22 = relation.M11.shape, relation.M22
     base = np.block([[relation.M11, relation.M12[:, n:]], [relation.M21[n:], m22[n:, n:]]])
@@ -304,10 +281,7 @@ def eliminate(relation: LFT, n: int) -> LFT:
 def fix(a: LFT, values: Mapping[str, ArrayLike]) -> LFT:
     """The LFT in the remaining deltas, with the named ones fixed to values [1], full ones to matrices.
 
-    Raises
-    ------
-    WellPosednessError
-        I - M11 Delta is singular at these values.
+    A WellPosednessError if I - M11 Delta is singular there.
     """
     for name in values:
         check_name(a, name)
@@ -365,13 +339,12 @@ def _side_by_side(
     names: Sequence[str], first: Mapping[str, slice], size: int, second: Mapping[str, slice]
 ) -> NDArray[np.int64]:
     """Positions of the channels of each name: those of an LFT of a size, then those of one behind it."""
-    found: list[int] = []
+    channels: list[int] = []
     for name in names:
-        if name in first:
-            found += range(first[name].start, first[name].stop)
-        if name in second:
-            found += range(size + second[name].start, size + second[name].stop)
-    return np.array(found, dtype=int)
+        for start, parts in ((0, first), (size, second)):
+            if name in parts:
+                channels += range(start + parts[name].start, start + parts[name].stop)
+    return np.array(channels, dtype=int)
 
 
 def _uncoupled(a: LFT, b: LFT) -> Array:
@@ -403,10 +376,10 @@ def check_name(a: LFT, name: str) -> None:
 
 def open_blocks(a: LFT, names: Sequence[str]) -> LFT:
     """The LFT whose last inputs and outputs are w and z of the named blocks, in that order."""
-    rows, columns = a.slices(), a.columns()
-    z, w = ([k for name in names for k in _range(parts[name])] for parts in (rows, columns))
-    kept_z = [k for k in range(a.order) if k not in set(z)]
-    kept_w = [k for k in range(a.M11.shape[1]) if k not in set(w)]
+    z, w = (_indices(parts, names) for parts in (a.slices(), a.columns()))
+    kept_z, kept_w = (
+        np.setdiff1d(np.arange(n), k) for n, k in zip(a.M11.shape, (z, w), strict=True)
+    )
     return LFT(
         a.M11[np.ix_(kept_z, kept_w)],
         np.hstack([a.M12[kept_z], a.M11[np.ix_(kept_z, w)]]),
@@ -451,7 +424,3 @@ def of_kinds(plain: LFT, full: Sequence[Block], a: LFT) -> LFT:
     known = {block.name: block for block in a.blocks}
     blocks = tuple(known[name].of_size(size) for name, size in plain.blocks)
     return close_blocks(replace(plain, blocks=blocks), full)
-
-
-def _range(part: slice) -> range:
-    return range(part.start, part.stop)

@@ -28,7 +28,6 @@ from scipy.linalg import qr
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.exact.rounding import equilibrate
-from mbdlft.lft.evaluation import evaluate, evaluate_at
 from mbdlft.lft.lft import (
     LFT,
     Block,
@@ -41,6 +40,7 @@ from mbdlft.lft.lft import (
     stack_rows,
     transpose,
 )
+from mbdlft.lft.sampling import evaluate, evaluate_at
 from mbdlft.order.circles import independent
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.order.work import Work, product, reduction, solutions

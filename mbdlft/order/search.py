@@ -20,8 +20,8 @@ from mbdlft.base import running
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, WellPosednessError
 from mbdlft.exact.rounding import equilibrate, or_one
-from mbdlft.lft.evaluation import evaluate_at, values_and_sizes
 from mbdlft.lft.lft import LFT, with_blocks
+from mbdlft.lft.sampling import evaluate_at, values_and_sizes
 from mbdlft.order.circles import independent
 from mbdlft.order.lower_bound import JointBound, allows
 from mbdlft.order.newton import refit

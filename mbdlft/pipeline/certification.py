@@ -9,7 +9,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.parameter import Parameter
 from mbdlft.lft.lft import LFT
-from mbdlft.lft.triangle import values_at, vanishes
+from mbdlft.lft.sampling import values_at, vanishes
 from mbdlft.order.degree import Bound
 from mbdlft.problem.problem import Nouns, Problem, Reference
 from mbdlft.problem.references import frequencies_of, largest_of_rows, transfers

@@ -13,8 +13,8 @@ import numpy as np
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.samples import SEED
 from mbdlft.base.worker import NoProcessError, same_everywhere
-from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import LFT, with_blocks
+from mbdlft.lft.sampling import evaluate_at
 from mbdlft.order.degree import Bound
 from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.reduction import residues_alone

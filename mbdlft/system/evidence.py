@@ -25,9 +25,8 @@ from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
 from mbdlft.base.parameter import Parameter, to_delta, to_physical
 from mbdlft.base.samples import check_points
 from mbdlft.base.unit import Signal
-from mbdlft.lft.evaluation import evaluate, evaluate_at
 from mbdlft.lft.lft import LFT, fix, stack_rows, with_blocks
-from mbdlft.lft.triangle import values_at, vanishes
+from mbdlft.lft.sampling import evaluate, evaluate_at, values_at, vanishes
 from mbdlft.order.degree import degree_bounds, moved
 from mbdlft.system.model import Certificate, LFTModel, Parameters, Provenance, System, Trim
 from mbdlft.system.regular import PROVED, well_posed

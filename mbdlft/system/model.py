@@ -15,8 +15,8 @@ from mbdlft.base.display import heading, table
 from mbdlft.base.errors import StructureError, unknown_name
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import Signal
-from mbdlft.lft.evaluation import ModelProgram
 from mbdlft.lft.lft import LFT
+from mbdlft.lft.sampling import ModelProgram
 
 if TYPE_CHECKING:
     from control import StateSpace

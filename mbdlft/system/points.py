@@ -20,7 +20,9 @@ from mbdlft.base.errors import StructureError, WellPosednessError, unknown_name
 from mbdlft.base.parameter import Parameter, to_delta, to_physical
 from mbdlft.exact import rounding
 from mbdlft.exact.rounding import equilibrate
-from mbdlft.lft.evaluation import (
+from mbdlft.lft.lft import LFT
+from mbdlft.lft.program.native import is_available
+from mbdlft.lft.sampling import (
     KNOWN,
     NATIVE,
     OWN,
@@ -31,8 +33,6 @@ from mbdlft.lft.evaluation import (
     is_native,
     way,
 )
-from mbdlft.lft.lft import LFT
-from mbdlft.lft.program.native import is_available
 from mbdlft.system.model import LFTModel, System
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ nothing. The error is bounded afterwards: with e = z - T z', what the truncation
     z'     =                            T^+ (M11 T Delta' z' + M12 u)
     y - y' = M21 Delta e
 
-is an LFT with the same deltas, and `mbdlft/lft/gain_bound.py` bounds it on the box.
+is an LFT with the same deltas, and `mbdlft/lft/box_gain.py` bounds it on the box.
 """
 
 from dataclasses import replace
@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
-from mbdlft.lft.evaluation import chunks, evaluate_at
-from mbdlft.lft.gain_bound import gain_bound
+from mbdlft.lft.box_gain import gain_bound
 from mbdlft.lft.lft import LFT, Block, check_plain
+from mbdlft.lft.sampling import chunks, evaluate_at
 from mbdlft.system.evidence import truncated_certificate
 from mbdlft.system.model import LFTModel
 

@@ -21,7 +21,7 @@ import mbdlft
 from mbdlft import ArchiveError, LFTModel, MbdlftWarning, StructureError
 from mbdlft.archive import program as stored
 from mbdlft.batch.rows import ModelSource
-from mbdlft.lft import evaluation as lft_values
+from mbdlft.lft import sampling as lft_values
 from mbdlft.lft.program.tape import Pivot
 from mbdlft.system.points import deltas_of
 from tests.archive import models, plain_program

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from mbdlft import LFT, NotRationalError, Parameter, StructureError, WellPosednessError
-from mbdlft.lft.evaluation import evaluate, evaluate_at
 from mbdlft.lft.lft import (
     add,
     constant,
@@ -18,6 +17,7 @@ from mbdlft.lft.lft import (
     stack_rows,
     star,
 )
+from mbdlft.lft.sampling import evaluate, evaluate_at
 from mbdlft.problem.relations import LinearModel
 from tests.errors.scenes import says
 from tests.extracted import extracted as in_doubles

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from benchmarks.cases.chains import chain
-from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import (
     LFT,
     constant,
@@ -22,6 +21,7 @@ from mbdlft.lft.lft import (
     stack_rows,
     transpose,
 )
+from mbdlft.lft.sampling import evaluate_at
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.order import rewriting, search

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 
 from mbdlft.base.errors import StructureError, WellPosednessError
 from mbdlft.lft import lft as algebra
-from mbdlft.lft.evaluation import evaluate, evaluate_at
 from mbdlft.lft.lft import LFT, Block, constant, delta, fix
+from mbdlft.lft.sampling import evaluate, evaluate_at
 from tests.close import error, exact, roundoff
 from tests.laws.lfts import lfts, points
 

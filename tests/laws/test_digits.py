@@ -14,7 +14,7 @@ from benchmarks import elastic_transfers
 from benchmarks.cases.hub import hub
 from benchmarks.elastic_transfers import Case, measured
 from mbdlft.exact.rounding import equilibrate
-from mbdlft.lft.evaluation import evaluate_at
+from mbdlft.lft.sampling import evaluate_at
 from mbdlft.system import points as evaluated
 from mbdlft.system.points import lost, with_digits
 from scenarios import two_link_arm

@@ -31,8 +31,8 @@ from mbdlft.exact.matrices import (
     zeros,
 )
 from mbdlft.exact.numbers import BITS, Constant, Field, precision
-from mbdlft.lft.evaluation import evaluate
 from mbdlft.lft.lft import LFT, Block, eliminate, transpose
+from mbdlft.lft.sampling import evaluate
 from mbdlft.order.reduction import ExactLFT, eliminated, transposed
 from tests.close import exact, roundoff
 from tests.extracted import FIELD, exact_matrix, exactly

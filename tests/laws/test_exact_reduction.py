@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from mbdlft.exact.matrices import Residues, rank, rough_values
 from mbdlft.exact.numbers import BITS, precision
-from mbdlft.lft.evaluation import evaluate
 from mbdlft.lft.lft import LFT, Block
+from mbdlft.lft.sampling import evaluate
 from mbdlft.order import reduction as module
 from mbdlft.order.reduction import ExactLFT, Space, reachable_bases, reduce_exactly
 from mbdlft.order.reduction_in_doubles import reduce_order

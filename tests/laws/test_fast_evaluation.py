@@ -17,13 +17,13 @@ from hypothesis import strategies as st
 
 import mbdlft
 from benchmarks.cases.arm import SCENE, full_circle_scene
-from mbdlft.lft import evaluation as module
-from mbdlft.lft.evaluation import MANY, evaluate_at
+from mbdlft.lft import sampling as module
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.lft.program import elimination as programs
 from mbdlft.lft.program import tape as runs
 from mbdlft.lft.program.elimination import program
 from mbdlft.lft.program.tape import plan, run
+from mbdlft.lft.sampling import MANY, evaluate_at
 from mbdlft.system.points import deltas_of
 from tests.close import EVALUATION, error, exact, roundoff
 from tests.laws.lfts import lfts

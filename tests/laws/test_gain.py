@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from mbdlft.lft import gain_bound as gain
+from mbdlft.lft import box_gain as gain
 from mbdlft.lft.lft import LFT, Block
 from tests.close import EPS
 

@@ -15,8 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbdlft
-from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows, transpose
+from mbdlft.lft.sampling import evaluate_at
 from mbdlft.order import circles as module
 from mbdlft.order.circles import independent
 from mbdlft.order.reduction_in_doubles import reduce_order

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from mbdlft import LFT, Block, ComplexBlock, FullBlock, StructureError
-from mbdlft.lft import evaluation as evaluating
 from mbdlft.lft import lft as algebra
-from mbdlft.lft.evaluation import evaluate, evaluate_at
-from mbdlft.lft.gain_bound import gain_bound
+from mbdlft.lft import sampling as evaluating
+from mbdlft.lft.box_gain import gain_bound
 from mbdlft.lft.lft import constant, delta, fix
-from mbdlft.lft.triangle import values_at
+from mbdlft.lft.sampling import evaluate, evaluate_at, values_at
 from mbdlft.order.degree import degree_bounds
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.system.truncation import truncate_lft

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from mbdlft.base.running import one_thread
-from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import LFT, Block
+from mbdlft.lft.sampling import evaluate_at
 from mbdlft.order import min_rank as module
 from mbdlft.order import newton as newton
 from mbdlft.order.min_rank import lower_ranks

@@ -25,7 +25,7 @@ from mbdlft.batch.compiled import Compiled
 from mbdlft.batch.rows import source_of
 from mbdlft.lft.program import native as engine
 from mbdlft.lft.program.elimination import solve, sparse
-from mbdlft.lft.program.native import LANES, Cache, key_of, native, run_natively, user_cache
+from mbdlft.lft.program.native import LANES, Cache, compile_native, key_of, run_natively, user_cache
 from mbdlft.lft.program.tape import Operand, Pivot, Program, Tape, plan, rows_of_numbers, run
 from mbdlft.multibody.assembly import assembly
 from mbdlft.problem.digits import matrices_in_digits
@@ -80,7 +80,7 @@ def test_bits_are_those_of_numpy(seed: int, cache: Path) -> None:
     lost = run(plan(program), at, expected[:, None, :])
     for threads in (1, 2):
         found = np.empty_like(expected)
-        bad = run_natively(native(program, len(row)), at, row, found, threads)
+        bad = run_natively(compile_native(program, len(row)), at, row, found, threads)
         assert np.array_equal(found, expected, equal_nan=True)
         exact(bad, lost)
     assert np.sum(lost) > 0 or np.all(np.isfinite(expected))
@@ -92,7 +92,7 @@ def test_many_chunks_in_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     at = points(201)
     expected, found = np.tile(row, (len(at), 1)), np.empty((len(at), len(row)))
     run(plan(program), at, expected[:, None, :])
-    run_natively(native(program, len(row)), at, row, found, 2)
+    run_natively(compile_native(program, len(row)), at, row, found, 2)
     assert np.array_equal(found, expected, equal_nan=True)
 
 
@@ -269,7 +269,7 @@ def test_damaged_code_is_not_run(cache: Path) -> None:
     program, row = drawn(2, 30)
     at = points(16)
     expected = np.empty((16, len(row)))
-    run_natively(native(program, len(row), Cache(cache)), at, row, expected)
+    run_natively(compile_native(program, len(row), Cache(cache)), at, row, expected)
     (file,) = cache.iterdir()
     whole = file.read_bytes()
     for damage in (
@@ -282,7 +282,7 @@ def test_damaged_code_is_not_run(cache: Path) -> None:
         file.write_bytes(damage)
         assert Cache(cache).get(file.stem) is None
         found = np.empty_like(expected)
-        run_natively(native(program, len(row), Cache(cache)), at, row, found)
+        run_natively(compile_native(program, len(row), Cache(cache)), at, row, found)
         assert np.array_equal(found, expected, equal_nan=True)
         assert file.read_bytes()[:32] == whole[:32]  # it was compiled and kept again
 
@@ -329,7 +329,7 @@ def test_a_cache_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monk
 def test_without_the_compiler_numpy_computes(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, broken, said in (
         ("is_available", lambda: False, "llvmlite is not installed"),
-        ("native", lambda *_: 1 / 0, "LLVM failed: ZeroDivisionError"),
+        ("compile_native", lambda *_: 1 / 0, "LLVM failed: ZeroDivisionError"),
         ("_LONGEST", 3, "more than 3 instructions"),
         ("_agrees", lambda *_: False, "differs from the definition"),
     ):
@@ -376,14 +376,14 @@ def test_sweeps_of_many_samples_are_native(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_large_evaluations_are_native_and_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
-    from mbdlft.lft import evaluation
+    from mbdlft.lft import sampling
 
     model = mbdlft.to_lft(scene("two_link_arm"), search=0.0)
-    samples = mbdlft.random(model.parameters, 2 * evaluation.MANY)
+    samples = mbdlft.random(model.parameters, 2 * sampling.MANY)
     expected = mbdlft.matrices_at(model, samples)
-    monkeypatch.setattr(evaluation, "NATIVE", evaluation.MANY)
+    monkeypatch.setattr(sampling, "NATIVE", sampling.MANY)
     calls = []
-    monkeypatch.setattr(evaluation, "run_natively", lambda *a: calls.append(1) or run_natively(*a))
+    monkeypatch.setattr(sampling, "run_natively", lambda *a: calls.append(1) or run_natively(*a))
     for part, other in zip(mbdlft.matrices_at(model, samples), expected, strict=True):
         exact(part, other)
     assert calls

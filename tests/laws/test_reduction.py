@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbdlft.lft.evaluation import evaluate
 from mbdlft.lft.lft import LFT, Block, delta
+from mbdlft.lft.sampling import evaluate
 from mbdlft.order.reduction_in_doubles import reduce_order
 from tests.close import exact, roundoff
 from tests.extracted import lower_bound

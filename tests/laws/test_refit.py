@@ -16,8 +16,8 @@ import pytest
 from benchmarks.cases.chains import chain
 from mbdlft.base.running import one_thread
 from mbdlft.exact.numbers import BITS, precision
-from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import LFT, Block, fix, with_blocks
+from mbdlft.lft.sampling import evaluate_at
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals
 from mbdlft.order import min_rank, search

@@ -9,8 +9,8 @@ import pytest
 
 import mbdlft
 from mbdlft.base.array import Array
-from mbdlft.lft.evaluation import evaluate, evaluate_at
 from mbdlft.lft.lft import LFT, Block
+from mbdlft.lft.sampling import evaluate, evaluate_at
 from mbdlft.order import reduction_in_doubles as reduce
 from mbdlft.order.degree import degree_bounds
 from mbdlft.order.reduction_in_doubles import reduce_order

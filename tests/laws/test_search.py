@@ -24,8 +24,8 @@ from benchmarks.cases.arm import NAMES, closed_form, state_and_input
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES
 from mbdlft.base.running import one_thread
-from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows
+from mbdlft.lft.sampling import evaluate_at
 from mbdlft.order import rewriting, search
 from mbdlft.order.circles import independent
 from mbdlft.order.reduction_in_doubles import reduce_order

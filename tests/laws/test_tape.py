@@ -6,7 +6,7 @@ import pytest
 
 from mbdlft import Parameter
 from mbdlft.base.parameter import to_delta
-from mbdlft.lft.evaluation import evaluate
+from mbdlft.lft.sampling import evaluate
 from mbdlft.problem.relations import LinearModel
 from tests.close import roundoff
 from tests.extracted import extracted

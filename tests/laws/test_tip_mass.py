@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from mbdlft.base.array import Array
-from mbdlft.lft.evaluation import evaluate_at
 from mbdlft.lft.lft import (
     LFT,
     constant,
@@ -23,6 +22,7 @@ from mbdlft.lft.lft import (
     transpose,
     with_blocks,
 )
+from mbdlft.lft.sampling import evaluate_at
 from mbdlft.order.reduction_in_doubles import reduce_order
 from tests.close import roundoff
 from tests.extracted import lower_bound

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbdlft.lft import triangle
-from mbdlft.lft.evaluation import evaluate_at
+from mbdlft.lft import sampling
 from mbdlft.lft.lft import LFT, Block
+from mbdlft.lft.sampling import evaluate_at
 from mbdlft.order.circles import pole_distance
 from tests.close import exact, roundoff
 from tests.laws.lfts import lfts
@@ -53,7 +53,7 @@ LOOPS = [(1,), (3, 1, 2), (1,) * 100, (2, 3) * 30, (70, 1, 1, 20, 5, 90), (1, 1,
 
 def law_blocks(matrix: np.ndarray) -> int:
     """The number of blocks."""
-    blocks = triangle.diagonal_blocks(matrix)
+    blocks = sampling.diagonal_blocks(matrix)
     exact(np.sort(np.concatenate(blocks)), np.arange(len(matrix)))
     for k, block in enumerate(blocks):
         for later in blocks[k + 1 :]:
@@ -62,7 +62,7 @@ def law_blocks(matrix: np.ndarray) -> int:
 
 
 def law_values(a: LFT, at: np.ndarray) -> None:
-    values, signs = triangle.values_at(a, at)
+    values, signs = sampling.values_at(a, at)
     spread = np.repeat(at, [block.size for block in a.blocks], axis=1)
     exact(signs, [np.linalg.slogdet(np.eye(a.order) - a.M11 * row)[0] for row in spread])
     roundoff(values, evaluate_at(a, at), KAPPA)
@@ -70,7 +70,7 @@ def law_values(a: LFT, at: np.ndarray) -> None:
 
 def law_vanishing(a: LFT, at: np.ndarray) -> np.ndarray:
     """Every line is searched: at most 32 points, small blocks."""
-    found = triangle.vanishes(a, at)
+    found = sampling.vanishes(a, at)
     spread = np.repeat(at, [block.size for block in a.blocks], axis=1)
     poles = [np.linalg.eigvals(a.M11 * row) for row in spread]
     exact(found, [bool(np.any((s.imag == 0.0) & (s.real >= 1.0))) for s in poles])
@@ -93,7 +93,7 @@ def test_signs_far_from_nominal() -> None:
     spread = np.repeat(at, [block.size for block in a.blocks], axis=1)
     expected = [np.linalg.slogdet(np.eye(a.order) - a.M11 * row)[0] for row in spread]
     assert set(expected) == {-1.0, 1.0}
-    exact(triangle.values_at(a, at)[1], expected)
+    exact(sampling.values_at(a, at)[1], expected)
 
 
 @given(lfts(2, 3), seeds)
@@ -103,10 +103,10 @@ def test_small_lfts(a: LFT, seed: int) -> None:
 
 def test_an_lft_without_channels() -> None:
     a = LFT(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), np.ones((1, 2)))
-    values, signs = triangle.values_at(a, np.zeros((3, 0)))
+    values, signs = sampling.values_at(a, np.zeros((3, 0)))
     exact(values, np.ones((3, 1, 2)))
     exact(signs, np.ones(3))
-    assert not triangle.vanishes(a, np.zeros((3, 0))).any()
+    assert not sampling.vanishes(a, np.zeros((3, 0))).any()
 
 
 @pytest.mark.parametrize("size", [1, 70])
@@ -114,9 +114,9 @@ def test_a_singular_point_has_the_sign_zero(size: int) -> None:
     a = LFT(
         np.eye(size), np.ones((size, 1)), np.ones((1, size)), np.zeros((1, 1)), (Block("a", size),)
     )
-    _, signs = triangle.values_at(a, np.array([[0.5], [1.0], [2.0]]))
+    _, signs = sampling.values_at(a, np.array([[0.5], [1.0], [2.0]]))
     exact(signs, [1.0, 0.0, (-1.0) ** size])
-    exact(triangle.vanishes(a, np.array([[0.5], [1.0], [2.0], [-2.0]])), [False, True, True, False])
+    exact(sampling.vanishes(a, np.array([[0.5], [1.0], [2.0], [-2.0]])), [False, True, True, False])
 
 
 def test_a_double_root_does_not_change_the_sign() -> None:
@@ -124,16 +124,16 @@ def test_a_double_root_does_not_change_the_sign() -> None:
     for gap, expected in ((0.0, True), (0.1, False)):
         M11 = np.array([[0.5, gap], [-gap, 0.5]])
         a = LFT(M11, np.ones((2, 1)), np.ones((1, 2)), np.zeros((1, 1)), (Block("a", 2),))
-        exact(triangle.values_at(a, np.array([[3.0]]))[1], [1.0])
-        exact(triangle.vanishes(a, np.array([[3.0]])), [expected])
+        exact(sampling.values_at(a, np.array([[3.0]]))[1], [1.0])
+        exact(sampling.vanishes(a, np.array([[3.0]])), [expected])
 
 
 # planted bugs ------------------------------------------------------------------------------------
 
 
 def test_blocks_in_the_wrong_order_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    a, right = chained(LOOPS[4], 1), triangle.diagonal_blocks
-    monkeypatch.setattr(triangle, "diagonal_blocks", lambda matrix: right(matrix)[::-1])
+    a, right = chained(LOOPS[4], 1), sampling.diagonal_blocks
+    monkeypatch.setattr(sampling, "diagonal_blocks", lambda matrix: right(matrix)[::-1])
     with pytest.raises(AssertionError):
         law_blocks(a.M11)
     with pytest.raises(AssertionError):
@@ -142,8 +142,8 @@ def test_blocks_in_the_wrong_order_are_seen(monkeypatch: pytest.MonkeyPatch) -> 
 
 @pytest.mark.parametrize("loops", [LOOPS[1], LOOPS[4]])
 def test_a_forgotten_sign_is_seen(monkeypatch: pytest.MonkeyPatch, loops: tuple[int, ...]) -> None:
-    a, right = chained(loops, 1), triangle._solved
-    monkeypatch.setattr(triangle, "_solved", lambda *p: (right(*p)[0], np.abs(right(*p)[1])))
+    a, right = chained(loops, 1), sampling._solved
+    monkeypatch.setattr(sampling, "_solved", lambda *p: (right(*p)[0], np.abs(right(*p)[1])))
     with pytest.raises(AssertionError):
         law_values(a, 6.0 * deltas(a, 20))
 
@@ -151,7 +151,7 @@ def test_a_forgotten_sign_is_seen(monkeypatch: pytest.MonkeyPatch, loops: tuple[
 def test_norms_that_are_taken_for_small_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     a = chained(LOOPS[1], 1)
     assert law_vanishing(a, 6.0 * deltas(a, 20)).any()
-    monkeypatch.setattr(triangle, "_SMALL", np.inf)
+    monkeypatch.setattr(sampling, "_SMALL", np.inf)
     with pytest.raises(AssertionError):
         law_vanishing(a, 6.0 * deltas(a, 20))
 
@@ -159,11 +159,11 @@ def test_norms_that_are_taken_for_small_are_seen(monkeypatch: pytest.MonkeyPatch
 def test_planted_order_of_blocks_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     a = chained(LOOPS[3], 0)
     at = 0.5 * deltas(a, 3)
-    right = triangle.diagonal_blocks
-    roundoff(triangle.values_at(a, at)[0], evaluate_at(a, at), KAPPA)
-    monkeypatch.setattr(triangle, "diagonal_blocks", lambda matrix: right(matrix)[::-1])
+    right = sampling.diagonal_blocks
+    roundoff(sampling.values_at(a, at)[0], evaluate_at(a, at), KAPPA)
+    monkeypatch.setattr(sampling, "diagonal_blocks", lambda matrix: right(matrix)[::-1])
     with pytest.raises(AssertionError):
-        roundoff(triangle.values_at(a, at)[0], evaluate_at(a, at), KAPPA)
+        roundoff(sampling.values_at(a, at)[0], evaluate_at(a, at), KAPPA)
 
 
 def test_eigenvalues_that_are_not_found_show_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -174,5 +174,5 @@ def test_eigenvalues_that_are_not_found_show_nothing(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(np.linalg, "eigvals", failing)
     a = LFT(np.eye(1), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)), (Block("a", 1),))
-    assert not triangle.vanishes(a, np.array([[2.0]])).any()
+    assert not sampling.vanishes(a, np.array([[2.0]])).any()
     exact(pole_distance(np.array([[0.0, 4.0], [0.0, 0.0]]), 10.0), 0.25)

@@ -19,8 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbdlft
-from mbdlft.lft.evaluation import evaluate_at
-from mbdlft.lft.gain_bound import gain_bound, restrict
+from mbdlft.lft.box_gain import gain_bound, restrict
 from mbdlft.lft.lft import (
     LFT,
     Block,
@@ -31,6 +30,7 @@ from mbdlft.lft.lft import (
     stack_diagonal,
     stack_rows,
 )
+from mbdlft.lft.sampling import evaluate_at
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.pipeline.models import build
 from mbdlft.system import truncation

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from mbdlft.exact import rounding
 from mbdlft.lft import lft as algebra
-from mbdlft.lft.evaluation import evaluate
 from mbdlft.lft.lft import constant, delta
+from mbdlft.lft.sampling import evaluate
 from tests.close import EPS, conditioned
 
 seeds = st.integers(0, 1000)

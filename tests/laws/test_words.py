@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 from benchmarks.scaling import scene
 from mbdlft.base.parameter import BilinearMap
 from mbdlft.exact.numbers import BITS, Exact, precision
-from mbdlft.lft.evaluation import evaluate
 from mbdlft.lft.lft import LFT
+from mbdlft.lft.sampling import evaluate
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals
 from mbdlft.order.reduction_in_doubles import reduce_order

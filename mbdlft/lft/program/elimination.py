@@ -20,7 +20,16 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT
-from mbdlft.lft.program.tape import DIVIDE, SUBTRACT, Operand, Pivot, Program, Tape, TooLongError
+from mbdlft.lft.program.tape import (
+    DIVIDE,
+    SUBTRACT,
+    Operand,
+    Pivot,
+    Program,
+    Tape,
+    TooLongError,
+    is_number,
+)
 
 Sparse = list[dict[int, Operand]]  # rows by column, without zeros
 
@@ -30,67 +39,56 @@ _CANCELLED = 2.0**-15  # of its terms, beside `run.LOST`: twenty binary digits a
 
 def sparse(entries: Sequence[Sequence[Operand]]) -> Sparse:
     """Rows without their zeros."""
-    return [{j: one for j, one in enumerate(row) if not is_zero(one)} for row in entries]
-
-
-def is_zero(one: Operand) -> bool:
-    """Whether an operand is the number zero."""
-    return isinstance(one, float) and one == 0.0
+    return [{j: x for j, x in enumerate(row) if not is_number(x, 0.0)} for row in entries]
 
 
 def solve(
     tape: Tape, matrix: Sparse, right: Sparse, probes: Array
 ) -> tuple[Sparse, list[Pivot]] | None:
-    """matrix^-1 right, and the pivots; None if the matrix is singular at a probe.
+    """matrix^-1 right, as rows of the unknowns, and the pivots.
 
-    Parameters
-    ----------
-    tape : Tape
-    matrix : rows of n equations by unknown
-    right : rows of n equations by right side
-    probes : array (N, n, n)
-        Values of the matrix at some samples.
-
-    Returns
-    -------
-    rows of n unknowns by right side, and the pivots
+    None if the matrix is singular at a probe; `probes` (N, n, n) are its values at some samples.
     """
     n = len(matrix)
     rows, sides = [dict(row) for row in matrix], [dict(row) for row in right]
     terms: dict[tuple[int, int], list[Operand]] = {}
     sizes = _sizes(probes)
     values = probes / sizes[None, :, None]
-    left_rows, left_columns = set(range(n)), set(range(n))
+    open_rows, open_columns = set(range(n)), set(range(n))
     steps: list[tuple[int, int]] = []
     pivots: list[Pivot] = []
-    while left_rows:
-        place = _pivot(rows, values, left_rows, left_columns)
+    while open_rows:
+        place = _pivot(rows, values, open_rows, open_columns)
         if place is None:
             return None
         i, j = place
-        left_rows.discard(i)
-        left_columns.discard(j)
+        open_rows.discard(i)
+        open_columns.discard(j)
         steps.append(place)
         pivot = rows[i].pop(j)
-        others = [(sizes[i] / sizes[k], rows[k][j]) for k in sorted(left_rows) if j in rows[k]]
+        below = [k for k in sorted(open_rows) if j in rows[k]]
+        others = [(sizes[i] / sizes[k], rows[k][j]) for k in below]
         pivots += _kept(tape, pivot, [matrix[i].get(j, 0.0), *terms.get(place, [])], others)
         inverse = tape.divide(1.0, pivot)
-        rows[i] = {k: tape.multiply(one, inverse) for k, one in rows[i].items()}
-        sides[i] = {k: tape.multiply(one, inverse) for k, one in sides[i].items()}
+        for row in (rows[i], sides[i]):
+            row.update({k: tape.multiply(entry, inverse) for k, entry in row.items()})
         values[:, i] /= values[:, i, j, None]
-        for other in sorted(left_rows):
-            if j not in rows[other]:
-                continue
+        for other in below:
             factor = rows[other].pop(j)
-            for k, one in rows[i].items():
-                product = tape.multiply(factor, one)
-                terms.setdefault((other, k), []).append(product)
-                _put(rows[other], k, tape.subtract(rows[other].get(k, 0.0), product))
-            for k, one in sides[i].items():
-                product = tape.multiply(factor, one)
-                _put(sides[other], k, tape.subtract(sides[other].get(k, 0.0), product))
+            for k in rows[i]:
+                terms.setdefault((other, k), []).append(tape.multiply(factor, rows[i][k]))
+            _subtract(tape, rows[other], factor, rows[i])
+            _subtract(tape, sides[other], factor, sides[i])
             values[:, other] -= values[:, other, j, None] * values[:, i]
     return _substituted(tape, rows, sides, steps), pivots
+
+
+def _subtract(
+    tape: Tape, row: dict[int, Operand], factor: Operand, other: dict[int, Operand]
+) -> None:
+    """row - factor other, in place."""
+    for k, entry in other.items():
+        _put(row, k, tape.subtract(row.get(k, 0.0), tape.multiply(factor, entry)))
 
 
 def _sizes(probes: Array) -> Array:
@@ -100,25 +98,25 @@ def _sizes(probes: Array) -> Array:
 
 
 def _pivot(
-    rows: Sparse, values: Array, left_rows: set[int], left_columns: set[int]
+    rows: Sparse, values: Array, open_rows: set[int], open_columns: set[int]
 ) -> tuple[int, int] | None:
     """The next pivot: least fill among those that are large enough at all probes."""
-    counts = dict.fromkeys(left_columns, 0)
-    for i in left_rows:
+    counts = dict.fromkeys(open_columns, 0)
+    for i in open_rows:
         for j in rows[i]:
             counts[j] += 1
-    among = sorted(left_rows)
+    among = sorted(open_rows)
     largest = np.max(np.abs(values[:, among]), axis=1)
     best: tuple[float, float, int, int] | None = None
     for i in among:
-        own = np.abs(values[:, i])
+        sizes = np.abs(values[:, i])
         for j in rows[i]:
-            if not np.all(own[:, j] > 0.0):
+            if not np.all(sizes[:, j] > 0.0):
                 continue
-            part = float(np.min(own[:, j] / largest[:, j]))
+            share = float(np.min(sizes[:, j] / largest[:, j]))
             fill = (len(rows[i]) - 1) * (counts[j] - 1)
             # none is large: the largest one
-            key = (float(fill), 0.0, i, j) if part >= _LARGE else (np.inf, -part, i, j)
+            key = (float(fill), 0.0, i, j) if share >= _LARGE else (np.inf, -share, i, j)
             if best is None or key < best:
                 best = key
     return None if best is None else (best[2], best[3])
@@ -138,43 +136,38 @@ def _kept(
         for term in terms:
             size = tape.add(size, tape.size(term))
         size = tape.multiply(size, _CANCELLED)
-    for factor, one in others:
-        size = tape.maximum(size, tape.multiply(tape.size(one), float(factor)))
+    for factor, entry in others:
+        size = tape.maximum(size, tape.multiply(tape.size(entry), float(factor)))
     return [Pivot(pivot, size)] if isinstance(size, int) else []
 
 
-def _put(row: dict[int, Operand], k: int, one: Operand) -> None:
-    if is_zero(one):
+def _put(row: dict[int, Operand], k: int, entry: Operand) -> None:
+    if is_number(entry, 0.0):
         row.pop(k, None)
     else:
-        row[k] = one
+        row[k] = entry
 
 
 def _substituted(
     tape: Tape, rows: Sparse, sides: Sparse, steps: Sequence[tuple[int, int]]
 ) -> Sparse:
     """The unknowns from the last one to the first."""
-    found: Sparse = [{} for _ in rows]
+    unknowns: Sparse = [{} for _ in rows]
     for i, j in reversed(steps):
-        total = dict(sides[i])
+        unknowns[j] = dict(sides[i])
         for k, factor in rows[i].items():
-            for side, one in found[k].items():
-                product = tape.multiply(factor, one)
-                _put(total, side, tape.subtract(total.get(side, 0.0), product))
-        found[j] = total
-    return found
+            _subtract(tape, unknowns[j], factor, unknowns[k])
+    return unknowns
 
 
 def product(tape: Tape, left: Sparse, right: Sparse) -> Sparse:
     """left right, of rows."""
-    found: Sparse = []
-    for row in left:
-        total: dict[int, Operand] = {}
+    rows: Sparse = [{} for _ in left]
+    for total, row in zip(rows, left, strict=True):
         for k, factor in row.items():
-            for j, one in right[k].items():
-                _put(total, j, tape.add_product(total.get(j, 0.0), factor, one))
-        found.append(total)
-    return found
+            for j, entry in right[k].items():
+                _put(total, j, tape.add_product(total.get(j, 0.0), factor, entry))
+    return rows
 
 
 def program(a: LFT, most: int) -> Program | None:
@@ -190,21 +183,18 @@ def program(a: LFT, most: int) -> Program | None:
 def closed(
     a: LFT, tape: Tape, deltas: Sequence[int]
 ) -> tuple[tuple[tuple[tuple[int, int], int], ...], tuple[Pivot, ...]]:
-    """Close all channels; the entries of the value that depend on deltas, and the pivots.
-
-    `deltas` are the registers of the blocks.
-    """
+    """Close all channels, with the registers `deltas` of the blocks: entries of the value, and pivots."""
     n = a.order
     delta = np.repeat(np.asarray(deltas, dtype=int), [block.size for block in a.blocks])
     rows, columns = _sparse(np.block([[a.M11, a.M12], [a.M21, a.M22]]))
     terms: dict[int, Operand] = {i: abs(rows[i].get(i, 0.0)) for i in range(n)}
     pivots: dict[Pivot, None] = {}
-    left = set(range(n))
-    while left:
-        i = min(left, key=lambda k: (_fill(rows, columns, k), k))
-        left.discard(i)
+    open_ = set(range(n))
+    while open_:
+        i = min(open_, key=lambda k: (_fill(rows, columns, k), k))
+        open_.discard(i)
         row, column = rows.pop(i), columns.pop(i)
-        own = row.pop(i, 0.0)
+        diagonal = row.pop(i, 0.0)
         column.discard(i)
         for k in row:
             columns[k].discard(i)
@@ -212,8 +202,8 @@ def closed(
         if not row or not factors:
             continue
         s: Operand = int(delta[i])
-        if not (isinstance(own, float) and own == 0.0):
-            pivot = tape.put(SUBTRACT, 1.0, tape.multiply(s, own))
+        if not is_number(diagonal, 0.0):
+            pivot = tape.put(SUBTRACT, 1.0, tape.multiply(s, diagonal))
             size = tape.add(1.0, tape.multiply(tape.size(s), terms[i]))
             assert isinstance(size, int)
             pivots[Pivot(pivot, size)] = None
@@ -251,5 +241,5 @@ def _sparse(matrix: np.ndarray) -> tuple[dict[int, dict[int, Operand]], dict[int
 
 def _fill(rows: dict[int, dict[int, Operand]], columns: dict[int, set[int]], i: int) -> int:
     """Products that closing a channel takes; one whose own entry is zero needs no quotient."""
-    own = i in rows[i]
-    return (len(rows[i]) - own) * (len(columns[i]) - own) + 2 * own
+    on_diagonal = i in rows[i]
+    return (len(rows[i]) - on_diagonal) * (len(columns[i]) - on_diagonal) + 2 * on_diagonal

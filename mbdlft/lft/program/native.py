@@ -16,7 +16,7 @@ import stat
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.lft.program.llvm import LANES, Code, code
-from mbdlft.lft.program.tape import COSINE, SINE, Instruction, Plan, Program, needed, plan, run
+from mbdlft.lft.program.tape import COSINE, SINE, Plan, Program, needed, plan, renamed, run
 
 _ALIGNED = 64  # bytes of a vector
 _SAMPLES = 2048  # of a chunk: what comes in stays near a core
@@ -128,15 +128,8 @@ def is_available() -> bool:
 class NativeProgram:
     """A program as native code.
 
-    Attributes
-    ----------
-    first : Plan, or None
-        What is done by numpy: arguments of cosines and sines, and these.
-    inputs : number of inputs of the native code
-    size : entries of a row
-    code : Code
-    call : the native function
-    engine : owner of its memory
+    `first` is what is done by numpy: cosines, sines and their arguments. `inputs` are those of the native
+    function `call`, whose memory `engine` owns; `size` are the entries of a row.
     """
 
     first: Plan | None
@@ -147,53 +140,34 @@ class NativeProgram:
     engine: Any
 
 
-def native(program: Program, size: int, cache: Cache | None = None) -> NativeProgram:
-    """Compile a program whose entries have the places (0, k).
-
-    Parameters
-    ----------
-    program : Program
-    size : entries of a row
-    cache : Cache, optional
-        Where code is looked for, and kept.
-    """
-    first, rest = _without_circles(program)
-    found = code(rest, size)
-    call, engine = _loaded(found.text, cache)
-    return NativeProgram(first, rest.inputs, size, found, call, engine)
+def compile_native(program: Program, size: int, cache: Cache | None = None) -> NativeProgram:
+    """Compile a program whose entries have the places (0, k) in rows of a size, or find its code."""
+    first, without_circles = _without_circles(program)
+    compiled = code(without_circles, size)
+    call, engine = _loaded(compiled.text, cache)
+    return NativeProgram(first, without_circles.inputs, size, compiled, call, engine)
 
 
 def run_natively(
-    found: NativeProgram, points: Array, row: Array, values: Array, threads: int | None = None
+    program: NativeProgram, points: Array, row: Array, values: Array, threads: int | None = None
 ) -> NDArray[np.bool_]:
-    """Write whole rows: the entries of the program, and the others as they are in `row`.
+    """Write whole rows of values (N, size): the entries of the program, others as in `row` (size,).
 
-    Parameters
-    ----------
-    found : NativeProgram
-    points : array (N, inputs of the program)
-    row : array (size,)
-    values : array (N, size), contiguous
-    threads : int, optional
-        As many as there are cores by default.
-
-    Returns
-    -------
-    bool array (N,)
-        As that of `run`.
+    `points` are (N, inputs of the program), and there are as many threads as cores by default. True (N,)
+    where a pivot has lost digits, as in `run`.
     """
     count = len(points)
     whole = count - count % LANES
     lost = np.zeros(count, dtype=np.uint8)
-    numbers = np.array(found.code.numbers or (0.0,))
+    numbers = np.array(program.code.numbers or (0.0,))
     row = np.ascontiguousarray(row, dtype=float)
-    assert row.shape == (found.size,)
-    assert values.shape == (count, found.size)
+    assert row.shape == (program.size,)
+    assert values.shape == (count, program.size)
     assert values.flags.c_contiguous
 
     def fill(start: int) -> None:
-        part = slice(start, min(start + _SAMPLES, whole))
-        _call(found, _packed(found, points[part]), numbers, row, values[part], lost[part])
+        chunk = slice(start, min(start + _SAMPLES, whole))
+        _call(program, points[chunk], numbers, row, values[chunk], lost[chunk])
 
     starts = range(0, whole, _SAMPLES)
     workers = min(threads or _cores(), len(starts))
@@ -205,35 +179,30 @@ def run_natively(
             fill(start)
     if count > whole:
         last = np.concatenate([points[whole:], np.tile(points[-1], (whole + LANES - count, 1))])
-        found_rows, found_lost = np.empty((LANES, found.size)), np.zeros(LANES, dtype=np.uint8)
-        _call(found, _packed(found, last), numbers, row, found_rows, found_lost)
-        values[whole:], lost[whole:] = found_rows[: count - whole], found_lost[: count - whole]
+        last_rows, last_lost = np.empty((LANES, program.size)), np.zeros(LANES, dtype=np.uint8)
+        _call(program, last, numbers, row, last_rows, last_lost)
+        values[whole:], lost[whole:] = last_rows[: count - whole], last_lost[: count - whole]
     return lost.astype(bool)
 
 
 def _call(
-    found: NativeProgram,
-    inputs: Array,
+    program: NativeProgram,
+    points: Array,
     numbers: Array,
     row: Array,
     values: Array,
     lost: NDArray[np.uint8],
 ) -> None:
-    slots = _aligned(found.code.slots * LANES)
-    arrays = (inputs, numbers, slots, row, values, lost)
-    found.call(len(inputs), *(array.ctypes.data for array in arrays))
-
-
-def _packed(found: NativeProgram, points: Array) -> Array:
-    """Inputs of the native code (blocks, inputs, LANES) from points (N, inputs of the program)."""
+    """Call the native code for whole vectors of samples."""
     given, blocks = points.shape[1], len(points) // LANES
-    packed = _aligned(len(points) * found.inputs).reshape(blocks, found.inputs, LANES)
+    packed = _aligned(len(points) * program.inputs).reshape(blocks, program.inputs, LANES)
     packed[:, :given] = points.reshape(blocks, LANES, given).transpose(0, 2, 1)
-    if found.first is not None:
-        circles = np.empty((len(points), 1, found.inputs - given))
-        run(found.first, points, circles)
-        packed[:, given:] = circles.reshape(blocks, LANES, found.inputs - given).transpose(0, 2, 1)
-    return packed
+    if program.first is not None:
+        circles = np.empty((len(points), 1, program.inputs - given))
+        run(program.first, points, circles)
+        packed[:, given:] = circles.reshape(blocks, LANES, -1).transpose(0, 2, 1)
+    arrays = (packed, numbers, _aligned(program.code.slots * LANES), row, values, lost)
+    program.call(blocks, *(array.ctypes.data for array in arrays))
 
 
 def _aligned(count: int) -> Array:
@@ -249,32 +218,21 @@ def _cores() -> int:
 
 
 def _without_circles(program: Program) -> tuple[Plan | None, Program]:
-    """The cosines and sines of a program, and the rest, to which they are inputs."""
+    """The cosines and sines of a program, and what is left, to which they are inputs."""
     kept = needed(program)
-    circles = [one.target for one in kept if one.operation in (COSINE, SINE)]
+    circles = [i.target for i in kept if i.operation in (COSINE, SINE)]
     if not circles:
-        return None, Program(program.inputs, tuple(kept), program.entries, program.pivots)
+        return None, replace(program, instructions=tuple(kept))
     entries = tuple(((0, k), register) for k, register in enumerate(circles))
     first = plan(Program(program.inputs, tuple(kept), entries, ()))
-    inputs = program.inputs + len(circles)
     names = {register: program.inputs + k for k, register in enumerate(circles)}
 
-    def renamed(operand: Any) -> Any:
-        if not isinstance(operand, int) or operand < program.inputs:
-            return operand
-        return names.get(operand, operand + len(circles))
+    def name(register: int) -> int:
+        is_input = register < program.inputs
+        return register if is_input else names.get(register, register + len(circles))
 
-    rest = Program(
-        inputs,
-        tuple(
-            Instruction(one.operation, renamed(one.target), renamed(one.left), renamed(one.right))
-            for one in kept
-            if one.target not in names
-        ),
-        tuple((place, renamed(register)) for place, register in program.entries),
-        tuple(type(pivot)(*map(renamed, pivot)) for pivot in program.pivots),
-    )
-    return first, rest
+    others = [i for i in kept if i.target not in names]
+    return first, renamed(program, program.inputs + len(circles), others, name)
 
 
 def _loaded(text: str, cache: Cache | None) -> tuple[Any, Any]:

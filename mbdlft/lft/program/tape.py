@@ -68,62 +68,50 @@ class Tape:
         self.known: dict[tuple[str, Operand, Operand], int] = {}
 
     def put(self, operation: str, left: Operand, right: Operand = 0.0) -> int:
-        if operation in (ADD, MULTIPLY, MAXIMUM) and (type(left) is float, left) > (
-            type(right) is float,
-            right,
-        ):
-            left, right = right, left
-        key = (operation, left, right)
-        # 1 and 1.0 are the same key, a register and a number are not the same
-        typed = (f"{operation}{type(left) is int}{type(right) is int}", left, right)
-        if typed not in self.known:
+        if operation in (ADD, MULTIPLY, MAXIMUM):  # in one order: registers before numbers
+            left, right = sorted((left, right), key=lambda o: (type(o) is float, o))
+        # the register 1 and the number 1.0 would be one key
+        key = (f"{operation}{type(left) is int}{type(right) is int}", left, right)
+        if key not in self.known:
             if len(self.instructions) >= self.most:
                 raise TooLongError
             target = self.inputs + len(self.instructions)
-            self.instructions.append(Instruction(key[0], target, left, right))
-            self.known[typed] = target
-        return self.known[typed]
+            self.instructions.append(Instruction(operation, target, left, right))
+            self.known[key] = target
+        return self.known[key]
 
     def add(self, a: Operand, b: Operand) -> Operand:
         if isinstance(a, float) and isinstance(b, float):
             return a + b
-        if a == 0.0 and isinstance(a, float):
+        if is_number(a, 0.0):
             return b
-        if b == 0.0 and isinstance(b, float):
-            return a
-        return self.put(ADD, a, b)
+        return a if is_number(b, 0.0) else self.put(ADD, a, b)
 
     def subtract(self, a: Operand, b: Operand) -> Operand:
         if isinstance(a, float) and isinstance(b, float):
             return a - b
-        if b == 0.0 and isinstance(b, float):
-            return a
-        return self.put(SUBTRACT, a, b)
+        return a if is_number(b, 0.0) else self.put(SUBTRACT, a, b)
 
     def multiply(self, a: Operand, b: Operand) -> Operand:
         if isinstance(a, float) and isinstance(b, float):
             return a * b
         if isinstance(a, float):
             a, b = b, a
-        if isinstance(b, float) and b in (0.0, 1.0):
-            return a if b else 0.0
-        return self.put(MULTIPLY, a, b)
+        if is_number(b, 0.0):
+            return 0.0
+        return a if is_number(b, 1.0) else self.put(MULTIPLY, a, b)
 
     def add_product(self, a: Operand, b: Operand, c: Operand) -> Operand:
         """a + b c, without a product where b or c is 1 or -1."""
-        for one, other in ((b, c), (c, b)):
-            if isinstance(one, float) and one == -1.0 and not isinstance(other, float):
+        for factor, other in ((b, c), (c, b)):
+            if is_number(factor, -1.0) and not isinstance(other, float):
                 return self.put(SUBTRACT, a, other)
         return self.add(a, self.multiply(b, c))
 
     def divide(self, a: Operand, b: Operand) -> Operand:
         if isinstance(a, float) and isinstance(b, float):
             return a / b
-        if a == 0.0 and isinstance(a, float):
-            return a
-        if b == 1.0 and isinstance(b, float):
-            return a
-        return self.put(DIVIDE, a, b)
+        return a if is_number(a, 0.0) or is_number(b, 1.0) else self.put(DIVIDE, a, b)
 
     def maximum(self, a: Operand, b: Operand) -> Operand:
         if isinstance(a, float) and isinstance(b, float):
@@ -134,6 +122,11 @@ class Tape:
         return abs(a) if isinstance(a, float) else self.put(SIZE, a)
 
 
+def is_number(operand: Operand, value: float) -> bool:
+    """Whether an operand is this number; a register is none."""
+    return isinstance(operand, float) and operand == value
+
+
 def rows_of_numbers(
     tape: Tape, outcome: Sequence[Operand], pivots: Sequence[Pivot]
 ) -> tuple[Program, Array]:
@@ -141,37 +134,61 @@ def rows_of_numbers(
 
     One more pivot is 1 where all numbers of a row are finite, and not a number elsewhere.
     """
-    row = np.array([one if isinstance(one, float) else 0.0 for one in outcome])
-    places = tuple(((0, k), one) for k, one in enumerate(outcome) if not isinstance(one, float))
-    found = list(pivots)
+    row = np.array([number if isinstance(number, float) else 0.0 for number in outcome])
+    places = tuple(((0, k), number) for k, number in enumerate(outcome) if isinstance(number, int))
     total: Operand = 1.0
     for register in dict.fromkeys(register for _, register in places):
         total = tape.add(total, tape.put(MULTIPLY, register, 0.0))
-    if isinstance(total, int):
-        found.append(Pivot(total, total))
-    return Program(tape.inputs, tuple(tape.instructions), places, tuple(found)), row
+    finite = [Pivot(total, total)] if isinstance(total, int) else []
+    return Program(tape.inputs, tuple(tape.instructions), places, (*pivots, *finite)), row
 
 
-def needed(found: Program) -> list[Instruction]:
+def needed(program: Program) -> list[Instruction]:
     """Instructions that a result depends on."""
-    wanted = results(found)
+    wanted = results(program)
     kept = []
-    for instruction in reversed(found.instructions):
+    for instruction in reversed(program.instructions):
         if instruction.target in wanted:
             kept.append(instruction)
             wanted.update(registers(instruction))
     return kept[::-1]
 
 
-def results(found: Program) -> set[int]:
+def results(program: Program) -> set[int]:
     """Registers that are asked for."""
-    entries = {register for _, register in found.entries}
-    return entries | {register for pivot in found.pivots for register in pivot}
+    entries = {register for _, register in program.entries}
+    return entries | {register for pivot in program.pivots for register in pivot}
 
 
 def registers(instruction: Instruction) -> list[int]:
     """Registers that an instruction reads."""
     return [o for o in (instruction.left, instruction.right) if isinstance(o, int)]
+
+
+def renamed(
+    program: Program, inputs: int, kept: Sequence[Instruction], name: Callable[[int], int]
+) -> Program:
+    """The program with so many inputs, some of its instructions, and other numbers of registers."""
+
+    def operand(o: Operand) -> Operand:
+        return name(o) if isinstance(o, int) else o
+
+    return Program(
+        inputs,
+        tuple(
+            Instruction(i.operation, name(i.target), operand(i.left), operand(i.right))
+            for i in kept
+        ),
+        tuple((place, name(register)) for place, register in program.entries),
+        tuple(Pivot(name(pivot.value), name(pivot.size)) for pivot in program.pivots),
+    )
+
+
+def compact(program: Program) -> Program:
+    """The instructions that results depend on; that with number k writes the register inputs + k."""
+    kept = needed(program)
+    names = {instruction.target: program.inputs + k for k, instruction in enumerate(kept)}
+    return renamed(program, program.inputs, kept, lambda register: names.get(register, register))
 
 
 _CACHE = 2**20  # numbers in all vectors of a run: they stay near a core
@@ -192,81 +209,60 @@ _CALLS: dict[str, Callable[..., Any]] = {
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A program whose registers share vectors once they are no longer needed.
-
-    Attributes
-    ----------
-    program : Program
-        Its registers are vectors now.
-    vectors : number of vectors
-    samples : samples of a vector
-    """
+    """A program whose registers share so many vectors of so many samples."""
 
     program: Program
     vectors: int
     samples: int
 
 
-def plan(found: Program) -> Plan:
-    """Give each register a vector, and the vector to another one after its last use."""
-    kept = needed(found)
-    last: dict[int, int] = {}
+def plan(program: Program) -> Plan:
+    """Give each register a vector, and the vector to another register after its last use."""
+    kept, last = needed(program), dict[int, int]()
     for position, instruction in enumerate(kept):
         for operand in registers(instruction):
             last[operand] = position
-    asked = results(found)
-    place = {k: k for k in range(found.inputs)}
+    # inputs keep their vectors, which are filled once for each chunk
+    lasting = results(program) | set(range(program.inputs))
+    place = {k: k for k in range(program.inputs)}
     free: list[int] = []
-    count, instructions = found.inputs, []
-    for position, instruction in enumerate(kept):
-        operands = (instruction.left, instruction.right)
+    count, instructions = program.inputs, []
+    for position, (operation, target, *operands) in enumerate(kept):
         left, right = (place[o] if isinstance(o, int) else o for o in operands)
-        for register in set(registers(instruction)):
-            # the deltas stay: their vectors are filled once for each chunk
-            if last[register] == position and register not in asked and register >= found.inputs:
+        for register in {o for o in operands if isinstance(o, int)} - lasting:
+            if last[register] == position:
                 free.append(place[register])
         if not free:
             free.append(count)
             count += 1
-        place[instruction.target] = free.pop()
-        instructions.append(
-            Instruction(instruction.operation, place[instruction.target], left, right)
-        )
+        place[target] = free.pop()
+        instructions.append(Instruction(operation, place[target], left, right))
     placed = Program(
-        found.inputs,
+        program.inputs,
         tuple(instructions),
-        tuple((entry, place[register]) for entry, register in found.entries),
-        tuple(type(pivot)(*(place[register] for register in pivot)) for pivot in found.pivots),
+        tuple((entry, place[register]) for entry, register in program.entries),
+        tuple(Pivot(place[pivot.value], place[pivot.size]) for pivot in program.pivots),
     )
     return Plan(placed, count, max(_SHORTEST, min(_LONGEST, _CACHE // max(1, count))))
 
 
-def run(found: Plan, points: Array, values: Array) -> NDArray[np.bool_]:
-    """Write the entries that depend on deltas into values (N, n_out, n_in).
+def run(planned: Plan, points: Array, values: Array) -> NDArray[np.bool_]:
+    """Write the entries that depend on inputs (N, inputs) into values (N, n_out, n_in).
 
-    Parameters
-    ----------
-    found : Plan
-    points : array (N, number of deltas) [1]
-    values : array (N, n_out, n_in)
-        The other entries are left as they are.
-
-    Returns
-    -------
-    bool array (N,)
-        Samples at which a pivot is so small beside its terms that digits are lost, or not a number.
+    True (N,) at samples at which a pivot is so small beside its terms that digits are lost, or not a
+    number.
     """
-    program = found.program
-    size = -(-len(points) // max(1, -(-len(points) // found.samples)))  # all vectors of one length
-    room, bound = np.empty((found.vectors, size)), []
+    program = planned.program
+    size = -(-len(points) // max(1, -(-len(points) // planned.samples)))  # vectors of one length
+    room, bound = np.empty((planned.vectors, size)), []
     lost = np.zeros(len(points), dtype=bool)
     with np.errstate(all="ignore"):  # what comes of a pivot of zero is computed again
         for start in range(0, len(points), size):
-            part = points[start : start + size]
-            if start == 0 or len(part) < size:
-                rows = list(room[:, : len(part)])
+            chunk = points[start : start + size]
+            if start == 0 or len(chunk) < size:
+                rows = list(room[:, : len(chunk)])
                 bound = _bind(program, rows)
-            room[: program.inputs, : len(part)] = part.T
+            room[: program.inputs, : len(chunk)] = chunk.T
             for call, left, right, target in bound:
                 call(left, right, target)
             bad = lost[start : start + size]
@@ -282,12 +278,11 @@ def _bind(
     program: Program, rows: list[Array]
 ) -> list[tuple[Callable[..., Any], Array, Array, Array]]:
     """The calls of a program on vectors; numbers are arrays without axes, the fastest form of them."""
+
+    def operand(o: Operand) -> Array:
+        return rows[o] if isinstance(o, int) else np.array(o)
+
     return [
-        (
-            _CALLS[operation],
-            rows[left] if isinstance(left, int) else np.array(left),
-            rows[right] if isinstance(right, int) else np.array(right),
-            rows[target],
-        )
-        for operation, target, left, right in program.instructions
+        (_CALLS[i.operation], operand(i.left), operand(i.right), rows[i.target])
+        for i in program.instructions
     ]

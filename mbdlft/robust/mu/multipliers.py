@@ -25,7 +25,7 @@ from scipy.linalg import LinAlgError, eigh
 
 from mbdlft.base.array import Array
 from mbdlft.lft.block import Block
-from mbdlft.lft.gain_bound import newton_step
+from mbdlft.lft.box_gain import newton_step
 from mbdlft.robust.evidence import Multipliers
 
 Complex = NDArray[np.complex128]

@@ -1,0 +1,491 @@
+"""Values of an LFT at one or many samples of its deltas: by dense matrices, or by a program.
+
+Few values are solved for with dense matrices. For many a straight-line program is made of the LFT, which
+does without the zeros (`mbdlft/lft/program/elimination.py`). Its pivots are on the diagonal, so samples
+at which one of them has lost digits are solved for with dense matrices, and all samples are if some of
+them differ. A `ModelProgram` is a program that is known beside the LFT, such as that of the equations of
+a scene: it is shorter where the LFT is nearly full, and a function of the physical values.
+
+With the determinant of I - M11 Delta, values are solved for by loops. Channels depend on each other in
+loops, and loops on other loops: with the strongly connected components of the graph of M11 in their
+order, I - M11 Delta is block triangular for every Delta. Its determinant and eigenvalues are those of the
+diagonal blocks, and solutions take these blocks only. In a chain of 15 links the largest of them has 115
+of 915 channels.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.base.array import Array, ArrayLike
+from mbdlft.base.errors import StructureError, WellPosednessError
+from mbdlft.lft.block import block_value
+from mbdlft.lft.lft import LFT, check, check_name, check_plain
+from mbdlft.lft.program.elimination import program
+from mbdlft.lft.program.native import (
+    NativeProgram,
+    compile_native,
+    is_available,
+    run_natively,
+    user_cache,
+)
+from mbdlft.lft.program.tape import Plan, Program, compact, plan, run
+
+Channels = NDArray[np.int64]
+DENSE, OWN, KNOWN = "dense matrices", "program of the LFT", "stored program"
+MANY = 1024  # samples from which on a program is worth making
+NATIVE = 400_000  # samples from which on compiling the program takes less than it saves
+KNOWN_NATIVE = 100_000  # the same for a program that is known
+LONGEST = 200_000  # instructions of a program that is known: more take minutes to compile
+_LONGEST = 20_000  # instructions of another one; making it takes microseconds for each
+_MUCH = 4  # times as many columns as rows are worth the digits that the left side may lose
+_CHUNK, _CHUNK_ENTRIES = 512, 2**22  # samples and matrix entries that are held at once
+_PROBES = 32  # samples at which a program is compared with the dense definition
+_DIFFERENT = (
+    1e-9  # of a row and column: what rounding of the equations and of the LFT may differ by
+)
+_ROUNDING = 64.0 * float(np.finfo(float).eps)  # times the order: what the two may differ by
+_MERGED = 48  # channels: smaller blocks cost more calls than operations
+_ALONE = 64  # channels from which on points are solved for one by one, with one factorization each
+_LINES, _FEWEST_LINES = 32, 4  # that are searched for a determinant that vanishes
+_CHEAP = 256.0**3  # operations up to which so many lines cost less than all the rest of the check
+_SMALL = 0.5  # norm of a power below which no eigenvalue reaches 1, with room for rounding
+_SQUARINGS = 8
+_REAL = 1e-6  # an eigenvalue with a smaller relative imaginary part may be a double real one
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelProgram:
+    """The values of the LFTs of a model from its physical values.
+
+    Its inputs are the parameters, in their units. Its entries have the places (0, k) in `row`: the values
+    of `lft` and then of `trim`, 0 for what depends on parameters. It is used for these two LFTs only:
+    what is made of them has no program.
+    """
+
+    program: Program
+    row: Array
+    lft: LFT
+    trim: LFT | None = None
+
+    @property
+    def length(self) -> int:
+        """Number of instructions."""
+        return len(self.program.instructions)
+
+    def is_of(self, lft: LFT, trim: LFT | None) -> bool:
+        """Whether it is the program of these LFTs."""
+        return self.lft is lft and self.trim is trim
+
+
+def evaluate(a: LFT, deltas: Mapping[str, ArrayLike]) -> Array:
+    """Values at deltas given by name, numbers or arrays of one length N; the others are 0.
+
+    A value of a full block is a matrix (outputs, inputs) or (N, outputs, inputs). The result is
+    (n_out, n_in), or (N, n_out, n_in) if any delta is an array, and complex where a block or an entry is.
+    Unknown names and lengths that differ are a StructureError, a singular I - M11 Delta is a
+    WellPosednessError.
+    """
+    for name in deltas:
+        check_name(a, name)
+    known = {block.name: block for block in a.blocks}
+    deltas = {name: block_value(known[name], value) for name, value in deltas.items()}
+    if any(block.kind != "real" for block in a.blocks):
+        return _of_all_kinds(a, deltas)
+    try:
+        columns = np.broadcast_arrays(
+            *(np.asarray(value, dtype=float) for value in deltas.values())
+        )
+    except ValueError:
+        raise StructureError("evaluate: the arrays of deltas have different lengths.") from None
+    single = not columns or columns[0].ndim == 0
+    if not single and columns[0].ndim != 1:
+        raise StructureError(
+            f"evaluate: deltas are numbers or arrays of one axis, got shape {columns[0].shape}."
+        )
+    count = 1 if single else len(columns[0])
+    points = np.zeros((count, len(a.blocks)))
+    index = {block.name: k for k, block in enumerate(a.blocks)}
+    for name, column in zip(deltas, columns, strict=True):
+        points[:, index[name]] = column
+    values = evaluate_at(a, points)
+    return values[0] if single else values
+
+
+def evaluate_at(a: LFT, points: ArrayLike) -> Array:
+    """Values at many points: points (N, number of blocks) [1], result (N, n_out, n_in)."""
+    check(
+        all(block.kind == "real" for block in a.blocks),
+        "points have one real number for each block; use evaluate for blocks of other kinds",
+    )
+    p = np.asarray(points, dtype=float)
+    check(
+        p.ndim == 2 and p.shape[1] == len(a.blocks),
+        f"points need shape (N, {len(a.blocks)}), got {p.shape}",
+    )
+    values = np.repeat(a.M22[None], len(p), axis=0)
+    if a.is_complex:
+        values = values.astype(complex)
+    planned = _plan(a) if len(p) >= MANY and not a.is_complex else None
+    if planned is None:
+        _add_dense(a, p, values)
+        return values
+    compiled = _native(a) if len(p) >= NATIVE and is_available() else None
+    if compiled is None:
+        lost = run(planned[1], p, values)
+    else:  # bit for bit the same
+        lost = run_natively(compiled, p, a.M22.ravel(), values.reshape(len(p), -1))
+    if not agrees(a, p, values, lost, 0.0):
+        lost[:] = True
+    _again(a, p, values, lost)
+    return values
+
+
+def evaluate_known(
+    a: LFT,
+    points: Array,
+    known: ModelProgram,
+    physical: Array,
+    check_lost: Callable[[Array], None] | None = None,
+) -> Array | None:
+    """Values by a program that is known beside the LFT; None if the LFT's own way is shorter.
+
+    `physical` (N, n_p) are the points (N, number of blocks) in the units of the parameters. Samples at
+    which a pivot has lost digits, for whose points `check_lost` is called, are those of dense matrices.
+    None, too, if some of the values do not agree with dense matrices.
+    """
+    if way(a, len(points), known) != KNOWN:
+        return None
+    values, lost = values_by(known, a, physical)
+    if not agrees(a, points, values, lost):
+        return None
+    if check_lost is not None and np.any(lost):
+        check_lost(points[lost])
+    _again(a, points, values, lost)
+    return values
+
+
+def way(a: LFT, count: int, known: ModelProgram | None = None) -> str:
+    """How so many values are computed: by `DENSE` matrices, the `OWN` program, or a `KNOWN` one."""
+    if count < MANY or a.is_complex or any(block.kind != "real" for block in a.blocks):
+        return DENSE
+    own = _plan(a)
+    if known is not None and (own is None or known.length < len(own[0].instructions)):
+        return KNOWN
+    return DENSE if own is None else OWN
+
+
+def _again(a: LFT, points: Array, values: Array, lost: NDArray[np.bool_]) -> None:
+    """Put the values of dense matrices where digits were lost."""
+    if np.any(lost):
+        again = np.repeat(a.M22[None], int(np.sum(lost)), axis=0)
+        _add_dense(a, points[lost], again)
+        values[lost] = again
+
+
+def _of_all_kinds(a: LFT, deltas: Mapping[str, Any]) -> Array:
+    """The definition with matrices Delta, the blocks that are not named at zero."""
+    known = {block.name: block for block in a.blocks}
+    shapes = {n: v.shape[:-2] if known[n].kind == "full" else v.shape for n, v in deltas.items()}
+    lengths = {shape[0] for shape in shapes.values() if shape}
+    check(
+        len(lengths) < 2 and all(len(shape) < 2 for shape in shapes.values()),
+        "evaluate: deltas are numbers, matrices for full blocks, or arrays of one length of them",
+    )
+    z, w = a.slices(), a.columns()
+    Delta = np.zeros((max(lengths, default=1), a.M11.shape[1], a.order), dtype=complex)
+    for name, value in deltas.items():
+        full = known[name].kind == "full"
+        Delta[:, w[name], z[name]] = (
+            value if full else value[..., None, None] * np.eye(known[name].size)
+        )
+    try:
+        inner = np.linalg.solve(np.eye(a.order) - a.M11 @ Delta, np.tile(a.M12, (len(Delta), 1, 1)))
+    except np.linalg.LinAlgError:
+        raise WellPosednessError("I - M11 Delta is singular at one of the points.") from None
+    values: Array = a.M22 + a.M21 @ Delta @ inner
+    return values if lengths else values[0]
+
+
+def values_and_sizes(a: LFT, points: Array) -> tuple[Array, Array]:
+    """Values at points (N, number of blocks), and the sizes of their sums if nothing cancelled."""
+    values = np.repeat(a.M22[None], len(points), axis=0)
+    sizes = np.abs(values)
+    _add_dense(a, points, values, sizes)
+    return values, sizes
+
+
+@lru_cache(maxsize=4)
+def _native(a: LFT) -> NativeProgram | None:
+    """The program as native code, with the places of the entries in a row; nothing if LLVM fails."""
+    planned = _plan(a)
+    assert planned is not None
+    width = a.shape[1]
+    entries = tuple(((0, i * width + j), register) for (i, j), register in planned[0].entries)
+    try:
+        return compile_native(replace(planned[0], entries=entries), a.M22.size, user_cache())
+    except (RuntimeError, OSError):
+        return None
+
+
+@lru_cache(maxsize=16)
+def _plan(a: LFT) -> tuple[Program, Plan] | None:
+    """The program of an LFT, and for vectors, or nothing if dense matrices are faster."""
+    closed = program(a, min(_LONGEST, a.order**2 * (a.order + 12)))
+    return None if closed is None else (closed, plan(closed))
+
+
+def agrees(
+    a: LFT, points: Array, values: Array, lost: NDArray[np.bool_], different: float = _DIFFERENT
+) -> bool:
+    """Whether values are the dense ones at some of the points that are not lost, up to rounding.
+
+    Entries may be `different`, too, by this part of the largest of their row and column.
+    """
+    probes = np.unique(np.linspace(0, len(points) - 1, _PROBES).astype(int))
+    probes = probes[~lost[probes]]
+    expected, sizes = values_and_sizes(a, points[probes])
+    within = _ROUNDING * a.order * sizes
+    if different:
+        size = np.max(np.abs(expected), axis=0, initial=0.0)
+        rows, columns = np.max(size, axis=1, initial=0.0), np.max(size, axis=0, initial=0.0)
+        within = within + different * np.maximum(size, np.sqrt(np.outer(rows, columns)))
+    return bool(np.all(np.abs(values[probes] - expected) <= within))
+
+
+class _Sides:
+    """M21 Delta (I - M11 Delta)^-1 M12, without rows and columns that depend on no delta.
+
+    It is solved for from the right: columns have digits of their own, whatever their sizes. Where that is
+    much cheaper it is solved for from the left, transposed.
+    """
+
+    def __init__(self, a: LFT) -> None:
+        self.rows, self.columns = (
+            np.flatnonzero(a.M21.any(axis=1)),
+            np.flatnonzero(a.M12.any(axis=0)),
+        )
+        self.wide = _MUCH * len(self.rows) < len(self.columns)
+        first, last = a.M12[:, self.columns], a.M21[self.rows]
+        self.inner = a.M11.T if self.wide else a.M11
+        self.first, self.last = (last.T, first.T) if self.wide else (first, last)
+
+    def add(self, values: Array, changes: Array) -> None:
+        """Add changes, transposed where they are solved for from the left, to values (N, n_out, n_in)."""
+        changes = np.swapaxes(changes, 1, 2) if self.wide else changes
+        values[:, self.rows[:, None], self.columns] += changes
+
+
+def _add_dense(a: LFT, points: Array, values: Array, sizes: Array | None = None) -> None:
+    """Add M21 Delta (I - M11 Delta)^-1 M12 to values (N, n_out, n_in), sizes of its terms to sizes."""
+    sides = _Sides(a)
+    if not (a.order and sides.first.size and sides.last.size):
+        return
+    spread = np.repeat(points, [block.size for block in a.blocks], axis=1)
+    for chunk in chunks(len(points), a.order):
+        d = spread[chunk]
+        loop = np.eye(a.order) - sides.inner * d[:, None, :]
+        try:
+            solved = np.linalg.solve(
+                loop, np.broadcast_to(sides.first, (len(d), *sides.first.shape))
+            )
+        except np.linalg.LinAlgError:
+            raise WellPosednessError("I - M11 Delta is singular at one of the points.") from None
+        outer = sides.last * d[:, None, :]
+        sides.add(values[chunk], outer @ solved)
+        if sizes is not None:
+            sides.add(sizes[chunk], np.abs(outer) @ np.abs(solved))
+
+
+def chunks(count: int, order: int) -> Iterator[slice]:
+    """Slices of `count` samples whose order x order matrices fit into memory together."""
+    size = max(1, min(_CHUNK, _CHUNK_ENTRIES // max(1, order * order)))
+    for start in range(0, count, size):
+        yield slice(start, start + size)
+
+
+@lru_cache(maxsize=8)
+def _piece(known: ModelProgram, first: int, size: int) -> tuple[Program, Plan]:
+    """What a program does for the entries of one LFT."""
+    entries = tuple(
+        ((0, k - first), register)
+        for (_, k), register in known.program.entries
+        if first <= k < first + size
+    )
+    piece = compact(replace(known.program, entries=entries))
+    return piece, plan(piece)
+
+
+@lru_cache(maxsize=4)
+def _native_piece(known: ModelProgram, first: int, size: int) -> NativeProgram | None:
+    """The same as native code; nothing if LLVM fails."""
+    try:
+        return compile_native(_piece(known, first, size)[0], size, user_cache())
+    except (RuntimeError, OSError):
+        return None
+
+
+def is_native(known: ModelProgram, count: int) -> bool:
+    """Whether so many samples are computed by native code."""
+    return count >= KNOWN_NATIVE and is_available()
+
+
+def values_by(known: ModelProgram, a: LFT, physical: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Values (N, n_out, n_in) of one of its LFTs, and where a pivot has lost digits (N,).
+
+    `physical` (N, n_p) are in the units of the parameters.
+    """
+    first, size = (0 if a is known.lft else known.lft.M22.size), a.M22.size
+    row, count = known.row[first : first + size], len(physical)
+    values = np.empty((count, size))
+    compiled = _native_piece(known, first, size) if is_native(known, count) else None
+    if compiled is not None:
+        lost = run_natively(compiled, physical, row, values)
+    else:  # bit for bit the same
+        values[:] = row
+        lost = run(_piece(known, first, size)[1], physical, values[:, None, :])
+    return values.reshape(count, *a.shape), lost
+
+
+def diagonal_blocks(matrix: Array) -> list[Channels]:
+    """Diagonal blocks of a square matrix in an order that makes it block lower triangular."""
+    n = len(matrix)
+    if n <= _MERGED:
+        return [np.arange(n)] if n else []
+    # imported here: values are read without scipy, too
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    count, label = connected_components(csr_array(matrix != 0.0), connection="strong")
+    linked = np.zeros((count, count), dtype=bool)
+    readers, sources = np.nonzero(matrix)
+    linked[label[readers], label[sources]] = True
+    np.fill_diagonal(linked, val=False)
+    readers, sources = np.nonzero(linked)
+    depth = np.zeros(count, dtype=int)
+    while True:  # a component comes after all that it reads from
+        deeper = depth.copy()
+        np.maximum.at(deeper, readers, depth[sources] + 1)
+        if np.array_equal(deeper, depth):
+            break
+        depth = deeper
+    order = np.lexsort((label, depth[label]))
+    ends = [*(np.flatnonzero(np.diff(label[order])) + 1).tolist(), n]
+    cuts = [0]
+    for end, after in pairwise(ends):  # whole components, several small ones together
+        if after - cuts[-1] > _MERGED:
+            cuts.append(end)
+    return [order[a:b] for a, b in pairwise([*cuts, n])]
+
+
+def values_at(a: LFT, deltas: Array) -> tuple[Array, Array]:
+    """Values at points (N, number of blocks), and the signs of det(I - M11 Delta): 1, 0 or -1.
+
+    Where the determinant is zero the value has no meaning.
+    """
+    check_plain(a, "the determinant at many points")
+    values, signs = np.repeat(a.M22[None], len(deltas), axis=0), np.ones(len(deltas))
+    sides = _Sides(a)
+    blocks = diagonal_blocks(sides.inner)
+    order = np.concatenate([*blocks, np.zeros(0, dtype=int)]).astype(int)
+    ends = np.cumsum([0, *map(len, blocks)]).tolist()
+    inner, first = sides.inner[np.ix_(order, order)], sides.first[order]
+    spread = np.repeat(deltas, [block.size for block in a.blocks], axis=1)[:, order]
+    width = first.shape[1]
+    for chunk in _few(len(deltas), max(first.size, _ALONE**2)):
+        d = spread[chunk]
+        signals = np.empty((a.order, len(d) * width))  # Delta z, all points side by side
+        for start, stop in pairwise(ends):
+            part = slice(start, stop)
+            right = np.broadcast_to(first[part], (len(d), stop - start, width))
+            used = np.flatnonzero(inner[part, :start].any(axis=0))
+            if len(used):
+                read = inner[part, used] @ signals[used]
+                right = right + read.reshape(stop - start, len(d), width).transpose(1, 0, 2)
+            z, sign = _solved(inner[part, part], d[:, part], right)
+            signs[chunk] *= sign
+            signals[part] = (d[:, part, None] * z).transpose(1, 0, 2).reshape(stop - start, -1)
+        changes = (sides.last[:, order] @ signals).reshape(len(sides.last), len(d), width)
+        sides.add(values[chunk], changes.transpose(1, 0, 2))
+    return values, signs
+
+
+def _solved(inner: Array, deltas: Array, right: Array) -> tuple[Array, Array]:
+    """(I - inner Delta)^-1 right (N, n, k), anything where that is singular, and signs of det (N,)."""
+    eye = np.eye(len(inner))
+    if len(inner) < _ALONE:
+        loops = eye - inner * deltas[:, None, :]
+        signs, _ = np.linalg.slogdet(loops)
+        loops[signs == 0.0] = eye
+        return np.asarray(np.linalg.solve(loops, right), dtype=float), signs
+    from scipy.linalg.lapack import dgetrf, dgetrs  # here: values are read without scipy, too
+
+    solved, signs, loop = np.zeros(right.shape), np.zeros(len(deltas)), np.empty(inner.shape)
+    for k, delta in enumerate(deltas):
+        np.subtract(eye, np.multiply(inner, delta, out=loop), out=loop)
+        # LAPACK reads by columns what is stored by rows: it factors the transposed matrix
+        factors, pivots, _ = dgetrf(loop.T, overwrite_a=True)
+        swaps = np.count_nonzero(pivots != np.arange(len(pivots)))
+        signs[k] = (-1.0) ** swaps * np.prod(np.sign(np.diagonal(factors)))
+        if signs[k]:
+            solved[k] = dgetrs(factors, pivots, right[k], trans=1)[0]
+    return solved, signs
+
+
+def vanishes(a: LFT, deltas: Array) -> NDArray[np.bool_]:
+    """Whether det(I - M11 Delta) is seen to vanish on the line from 0 to each of the points (N,).
+
+    It does where an eigenvalue of M11 Delta is real and at least 1, even if the determinant does not
+    change its sign. There is none where a power of the matrix is small; otherwise they are computed. Some
+    of the lines are searched: 32, or as many as the blocks of a large model allow, at least 4.
+    """
+    blocks = diagonal_blocks(a.M11)
+    cost = float(sum(len(block) ** 3 for block in blocks))
+    count = min(_LINES, max(_FEWEST_LINES, int(_LINES * _CHEAP / max(cost, 1.0))))
+    lines = np.unique(np.linspace(0, len(deltas) - 1, count).astype(int))
+    spread = np.repeat(deltas, [block.size for block in a.blocks], axis=1)[lines]
+    vanishing = np.zeros(len(deltas), dtype=bool)
+    for block in blocks:
+        loop = a.M11[np.ix_(block, block)]
+        for chunk in _few(len(lines), loop.size):
+            vanishing[lines[chunk]] |= _reaches_one(loop * spread[chunk, None, block])
+    return vanishing
+
+
+def _reaches_one(matrices: Array) -> NDArray[np.bool_]:
+    """Whether an eigenvalue of each of the matrices (N, n, n) is real and at least 1."""
+    open_, powers = np.arange(len(matrices)), matrices
+    for _ in range(_SQUARINGS):
+        norms = np.max(np.sum(np.abs(powers), axis=2), axis=1)
+        large = norms >= _SMALL
+        open_, powers = open_[large], powers[large]
+        if not len(open_) or not np.all(norms < 1.0 / _REAL):
+            break
+        powers = powers @ powers
+    reaching = np.zeros(len(matrices), dtype=bool)
+    if len(open_):
+        eigenvalues = _eigenvalues(matrices[open_])
+        real = np.abs(eigenvalues.imag) <= _REAL * np.abs(eigenvalues)
+        reaching[open_] = np.any(real & (eigenvalues.real >= 1.0), axis=1)
+    return reaching
+
+
+def _eigenvalues(matrices: Array) -> NDArray[Any]:
+    """Eigenvalues (N, n); none is a number where the iteration of LAPACK has no end."""
+    try:
+        return np.asarray(np.linalg.eigvals(matrices))
+    except np.linalg.LinAlgError:
+        if len(matrices) == 1:
+            return np.full(matrices.shape[:2], np.nan)
+        return np.concatenate([_eigenvalues(matrix[None]) for matrix in matrices])
+
+
+def _few(count: int, entries: int) -> Iterator[slice]:
+    """Slices of `count` points that hold so many entries each."""
+    size = max(1, _CHUNK_ENTRIES // 2 // max(1, entries))
+    return (slice(start, start + size) for start in range(0, count, size))
