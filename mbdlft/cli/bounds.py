@@ -22,16 +22,22 @@ from mbdlft.cli.options import (
     Outputs,
     Plot,
     Rate,
+    Texts,
     Work,
     Workers,
+    check_paths,
+    numbers_by_name,
 )
-from mbdlft.cli.output import console, print_json, progress_of, table
+from mbdlft.cli.output import console, finite, print_json, progress_of, say, table
 from mbdlft.cli.responses import chosen_channels
 from mbdlft.cli.sources import stored_system
 
 if TYPE_CHECKING:
     from mbdlft.robust.evidence import Bounds
     from mbdlft.system.model import System
+
+_WITH = " with "  # in the name of a loop
+_RATE = "NAME=BOUND, such as mass=0.1 or mass=inf."
 
 
 class Property(StrEnum):
@@ -51,7 +57,7 @@ def margin(
     work: Work = 30.0,
     rate: Rate = None,
     fixed: Annotated[
-        list[str] | None,
+        Texts,
         typer.Option(
             "--fixed", help="Parameter or block that stays in its range; may be repeated."
         ),
@@ -65,15 +71,15 @@ def margin(
     """Bounds of the margin of robust stability, proved for all frequencies and values."""
     from mbdlft.robust.stability import robust_stability
 
-    _check(figure)
-    system = loop_of(archive, model, controller)
-    asked = {"gap": gap, "work": work, "rates": _rates(rate), "leave_out": leave_out or ()}
-    asked |= {"workers": workers, "fixed": fixed or ()}
-    found = answer(archive, system, robust_stability, asked, store=not no_save, as_json=as_json)
+    check_paths(None, figure)
+    system, ignored = _loop(archive, model, controller), leave_out or ()
+    asked: dict[str, Any] = {"gap": gap, "work": work, "leave_out": ignored, "workers": workers}
+    asked |= {"rates": numbers_by_name("--rate", rate, _RATE), "fixed": fixed or ()}
+    bounds = _answer(archive, system, robust_stability, asked, store=not no_save, as_json=as_json)
     if figure is not None:
         from mbdlft.show.figures.pole_maps import save_mu
 
-        save_mu(figure, system, found, leave_out=leave_out or ())
+        save_mu(figure, system, bounds, leave_out=ignored)
 
 
 def wcgain(
@@ -94,20 +100,23 @@ def wcgain(
     """Bounds of the largest gain over the declared ranges, proved for all frequencies and values."""
     from mbdlft.robust.gain import worst_case_gain
 
-    _check(figure)
-    system = loop_of(archive, model, controller)
-    channels = {"inputs": inputs or slice(None), "outputs": outputs or slice(None)}
-    asked = {"gap": gap, "work": work, "rates": _rates(rate), "leave_out": leave_out or ()}
-    asked |= {"workers": workers}
-    found = answer(
-        archive, system, worst_case_gain, channels | asked, store=not no_save, as_json=as_json
-    )
+    check_paths(None, figure)
+    system = _loop(archive, model, controller)
+    asked: dict[str, Any] = {
+        "gap": gap,
+        "work": work,
+        "leave_out": leave_out or (),
+        "workers": workers,
+    }
+    asked |= {"rates": numbers_by_name("--rate", rate, _RATE)}
+    asked |= {"inputs": inputs or slice(None), "outputs": outputs or slice(None)}
+    bounds = _answer(archive, system, worst_case_gain, asked, store=not no_save, as_json=as_json)
     if figure is not None:
         from mbdlft.show.figures.responses import save_singular_values
 
-        bound = found.upper if found.proved else None
+        bound = bounds.upper if bounds.proved else None
         shown = chosen_channels(system, outputs, inputs)
-        save_singular_values(figure, shown, worst=found.worst or None, bound=bound)
+        save_singular_values(figure, shown, worst=bounds.worst or None, bound=bound)
 
 
 def worst(
@@ -127,15 +136,16 @@ def worst(
     """The worst real part, damping, disk margin or H2 norm over the ranges, with proved bounds."""
     from mbdlft.robust.worst import worst_case
 
-    system = loop_of(archive, model, controller)
-    property_of = {"h2-norm": "H2 norm"}.get(what, what.replace("-", " "))
+    system = _loop(archive, model, controller)
     asked: dict[str, Any] = {
-        "what": property_of,
-        "inputs": inputs or slice(None),
-        "outputs": outputs or slice(None),
+        "gap": gap,
+        "work": work,
+        "leave_out": leave_out or (),
+        "workers": workers,
     }
-    asked |= {"gap": gap, "work": work, "leave_out": leave_out or (), "workers": workers}
-    answer(archive, system, worst_case, asked, store=not no_save, as_json=as_json)
+    asked |= {"what": "H2 norm" if what == Property.H2_NORM else what.replace("-", " ")}
+    asked |= {"inputs": inputs or slice(None), "outputs": outputs or slice(None)}
+    _answer(archive, system, worst_case, asked, store=not no_save, as_json=as_json)
 
 
 def verify(archive: Archive, as_json: AsJson = False) -> None:
@@ -148,60 +158,28 @@ def verify(archive: Archive, as_json: AsJson = False) -> None:
         raise AnalysisError(
             f"{archive}: there is no analysis to be checked. `mbdlft margin` makes one."
         )
-    found = []
+    checked: list[dict[str, Any]] = []
     with progress_of(archive.stem) as progress:
         for count, name in enumerate(names):
             progress.counted(count, len(names))
             system, bounds = load_analysis(archive, name)
             start = time.perf_counter()
             wrong = check(system, bounds)
-            seconds = time.perf_counter() - start
-            found.append(
-                {
-                    "name": name,
-                    "lower": number(bounds.lower),
-                    "upper": number(bounds.upper),
-                    "proved": not wrong,
-                    "reason": wrong,
-                    "seconds": seconds,
-                }
-            )
+            ends = {"lower": finite(bounds.lower), "upper": finite(bounds.upper)}
+            verdict = {"proved": not wrong, "reason": wrong}
+            seconds = {"seconds": time.perf_counter() - start}
+            checked.append({"name": name, **ends, **verdict, **seconds})
     if as_json:
-        print_json(found)
+        print_json(checked)
     else:
-        for entry in found:
-            said = "proved" if entry["proved"] else f"NOT PROVED: {entry['reason']}"
-            console().print(f"{entry['name']}: {said}", soft_wrap=True, highlight=False)
-    if not all(entry["proved"] for entry in found):
+        for entry in checked:
+            verdict_text = "proved" if entry["proved"] else f"NOT PROVED: {entry['reason']}"
+            say(f"{entry['name']}: {verdict_text}")
+    if not all(entry["proved"] for entry in checked):
         raise typer.Exit(1)
 
 
-def _rates(texts: list[str] | None) -> dict[str, float]:
-    """Bounds of rates by name, of texts NAME=BOUND."""
-    found = {}
-    for text in texts or ():
-        name, _, bound = text.partition("=")
-        try:
-            found[name.strip()] = float(bound)
-        except ValueError:
-            raise AnalysisError(
-                f"--rate {text}: expected NAME=BOUND, such as mass=0.1 or mass=inf."
-            ) from None
-    return found
-
-
-def _check(figure: Path | None) -> None:
-    """Raise an error if it is known before the work that a figure cannot be written."""
-    if figure is not None:
-        from mbdlft.show.figures.figures import check_figure
-
-        check_figure(figure)
-
-
-_WITH = " with "  # in the name of a loop
-
-
-def loop_of(archive: Path, model: str | None, controller: Path | None) -> "System":
+def _loop(archive: Path, model: str | None, controller: Path | None) -> "System":
     """The model of an archive, closed through a controller if there is one."""
     from mbdlft.archive.archive import model_names
     from mbdlft.system import as_system, feedback
@@ -217,7 +195,8 @@ def loop_of(archive: Path, model: str | None, controller: Path | None) -> "Syste
     name = f"{system.name}{_WITH}{controller.stem}"
     if name in names:
         stored = stored_system(archive, name)
-        return stored if _same(stored, loop) else as_system(loop, name=name)
+        if _same(stored, loop):
+            return stored
     return as_system(loop, name=name)
 
 
@@ -225,8 +204,9 @@ def _same(a: "System", b: "System") -> bool:
     """Whether two systems have the same numbers and names."""
     import numpy as np
 
-    pairs = ((a.lft.M11, b.lft.M11), (a.lft.M12, b.lft.M12), (a.lft.M21, b.lft.M21))
-    same = all(np.array_equal(x, y) for x, y in (*pairs, (a.lft.M22, b.lft.M22)))
+    same = all(
+        np.array_equal(getattr(a.lft, M), getattr(b.lft, M)) for M in ("M11", "M12", "M21", "M22")
+    )
     return same and a.parameters == b.parameters and a.inputs == b.inputs and a.outputs == b.outputs
 
 
@@ -250,7 +230,7 @@ def _controller(file: Path) -> Any:
     return state_space(*(matrices[name] for name in "ABCD"), name=file.stem)
 
 
-def answer(
+def _answer(
     archive: Path,
     system: "System",
     search: Callable[..., "Bounds"],
@@ -259,87 +239,76 @@ def answer(
     store: bool,
     as_json: bool,
 ) -> "Bounds":
-    """Search, and say how far it is; store and print what is found."""
+    """Search, and say how far it is; store and print the bounds."""
     start = time.perf_counter()
     with progress_of(system.name) as progress:
-        found = search(system, **asked, progress=progress.bounds)
-    _report(archive, system, found, time.perf_counter() - start, store=store, as_json=as_json)
-    return found
-
-
-def _report(
-    archive: Path, system: "System", found: "Bounds", seconds: float, *, store: bool, as_json: bool
-) -> None:
-    """Store a result, and print it."""
+        bounds = search(system, **asked, progress=progress.bounds)
+    seconds = time.perf_counter() - start
     if store:
         from mbdlft.archive.analysis import save_analysis
 
-        save_analysis(archive, system, found)
+        save_analysis(archive, system, bounds)
     if as_json:
-        print_json(_as_json(found, seconds))
-        return
-    out = console()
-    out.print(f"{system.name}, {found.kind}:", highlight=False)
-    out.print(_said(found), highlight=False)
-    if found.motion is not None:
-        out.print(
-            f"not stable at a motion of {found.upper:.6g} times the ranges, of the period "
-            f"{2.0 * math.pi / found.frequency:.6g} s",
-            highlight=False,
+        print_json(_data(bounds, seconds))
+    else:
+        _print(system, bounds)
+    return bounds
+
+
+def _print(system: "System", bounds: "Bounds") -> None:
+    """What is proved, the worst case, and why not more is proved."""
+    say(f"{system.name}, {bounds.kind}:", _sentence(bounds))
+    if bounds.motion is not None:
+        say(
+            f"not stable at a motion of {bounds.upper:.6g} times the ranges, of the period "
+            f"{2.0 * math.pi / bounds.frequency:.6g} s"
         )
-    if found.worst:
+    if bounds.worst:
         units = {p.name: p.unit for p in system.parameters}
-        reached = found.lower if _is_largest(found) else found.upper
-        near = f" at {found.frequency:.6g} rad/s" if math.isfinite(found.frequency) else ""
+        reached = bounds.lower if _is_largest(bounds) else bounds.upper
+        near = f" at {bounds.frequency:.6g} rad/s" if math.isfinite(bounds.frequency) else ""
         title = f"worst case: {reached:.6g}{near}"
         rows = table(title, "parameter", "value >", "unit", "delta >", "share >")
-        for name, value in found.worst.items():
-            delta = found.delta.get(name, 0.0)
-            share = found.sensitivity.get(name, 0.0)
+        for name, value in bounds.worst.items():
+            delta, share = bounds.delta.get(name, 0.0), bounds.sensitivity.get(name, 0.0)
             rows.add_row(name, f"{value:.6g}", units[name], f"{delta:.4f}", f"{share:.3f}")
-        out.print(rows)
-    if found.reason:
-        out.print(f"why not more: {found.reason}", soft_wrap=True, highlight=False)
+        console().print(rows)
+    if bounds.reason:
+        say(f"why not more: {bounds.reason}")
 
 
-def _is_largest(found: "Bounds") -> bool:
+def _is_largest(bounds: "Bounds") -> bool:
     """Whether what is large is bad: its lower bound is reached, and its upper one proved."""
-    return not found.kind.startswith(("robust", "smallest"))
+    return not bounds.kind.startswith(("robust", "smallest"))
 
 
-def _said(found: "Bounds") -> str:
+def _sentence(bounds: "Bounds") -> str:
     """What is proved, as a sentence."""
-    moving = ", ".join(f"{name} {rate:g}" for name, rate in found.rates.items())
+    moving = ", ".join(f"{name} {rate:g}" for name, rate in bounds.rates.items())
     how = f"for rates up to {moving} per second" if moving else "for all frequencies"
-    if not found.proved:
+    if not bounds.proved:
         return "nothing is proved"
-    if found.kind == "robust stability":
-        others = f", {', '.join(found.fixed)} in theirs" if found.fixed else ""
-        return f"stable for all values in {found.lower:.6g} times the ranges{others}: proved {how}"
-    if found.kind == "smallest damping":
-        return f"at least {found.lower:.6g} for all values in the ranges: proved"
-    bound = f"at most {found.upper:.6g}" if _is_largest(found) else f"at least {found.lower:.6g}"
-    unit = " rad/s" if found.kind == "largest real part" else ""
+    if bounds.kind == "robust stability":
+        others = f", {', '.join(bounds.fixed)} in theirs" if bounds.fixed else ""
+        return f"stable for all values in {bounds.lower:.6g} times the ranges{others}: proved {how}"
+    if bounds.kind == "smallest damping":
+        return f"at least {bounds.lower:.6g} for all values in the ranges: proved"
+    bound = f"at most {bounds.upper:.6g}" if _is_largest(bounds) else f"at least {bounds.lower:.6g}"
+    unit = " rad/s" if bounds.kind == "largest real part" else ""
     return f"{bound}{unit} for all values in the ranges: proved {how}"
 
 
-def _as_json(found: "Bounds", seconds: float) -> dict[str, Any]:
+def _data(bounds: "Bounds", seconds: float) -> dict[str, Any]:
+    """Bounds as plain data."""
     return {
-        "kind": found.kind,
-        "lower": number(found.lower),
-        "upper": number(found.upper),
-        "frequency": number(found.frequency),
-        "worst": dict(found.worst),
-        "fixed": list(found.fixed),
-        "rates": {name: number(rate) for name, rate in found.rates.items()},
-        "proved": found.proved,
-        "sensitivity": dict(found.sensitivity),
-        "work": found.work,
-        "reason": found.reason,
+        "kind": bounds.kind,
+        **{name: finite(getattr(bounds, name)) for name in ("lower", "upper", "frequency")},
+        "worst": dict(bounds.worst),
+        "fixed": list(bounds.fixed),
+        "rates": {name: finite(rate) for name, rate in bounds.rates.items()},
+        "proved": bounds.proved,
+        "sensitivity": dict(bounds.sensitivity),
+        "work": bounds.work,
+        "reason": bounds.reason,
         "seconds": seconds,
     }
-
-
-def number(value: float) -> float | None:
-    """A number that JSON has; None for inf and NaN."""
-    return value if math.isfinite(value) else None

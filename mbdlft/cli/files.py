@@ -1,7 +1,5 @@
-"""The commands that write other files: `sweep`, `export`, `view`, `report`, `schema`."""
+"""The commands that write other files: `sweep`, `export`, `view`, `report`."""
 
-import json
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
@@ -9,35 +7,25 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from mbdlft.base.errors import AnalysisError, SceneError
-from mbdlft.cli.options import AsJson, Model
-from mbdlft.cli.output import console, print_files, print_json, progress_of, warn
-from mbdlft.cli.sources import ARCHIVES, is_robot, load_model, scene_in, stored_system, values_of
+from mbdlft.cli.options import AsJson, Model, Page, Texts, by_name, values_of
+from mbdlft.cli.output import print_files, print_json, progress_of, say, warn
+from mbdlft.cli.sources import (
+    is_archive,
+    is_robot,
+    load_model,
+    load_system,
+    scene_in,
+    stored_system,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from mbdlft.base.array import Array
-    from mbdlft.batch import GridSamples, RandomSamples, SweepReport
+    from mbdlft.batch import GridSamples, RandomSamples
     from mbdlft.export.exports import Counts
     from mbdlft.multibody.scene import Scene
     from mbdlft.system.model import LFTModel
-
-Grid = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--grid", help="NAME=COUNT evenly spaced values; the others are nominal; may be repeated."
-    ),
-]
-Poles = Annotated[bool, typer.Option("--poles", help="Compute the eigenvalues of A, too.")]
-OwnFunction = Annotated[
-    str | None,
-    typer.Option(
-        "--function", help="MODULE:NAME of a function of samples that gives numbers by name."
-    ),
-]
-Single = Annotated[
-    bool, typer.Option("--float32", help="Store in single precision: half the space, 7 digits.")
-]
 
 
 def sweep(
@@ -51,7 +39,13 @@ def sweep(
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Archive to write the sweep into.")
     ],
-    grid: Grid = None,
+    grid: Annotated[
+        Texts,
+        typer.Option(
+            "--grid",
+            help="NAME=COUNT evenly spaced values; the others are nominal; may be repeated.",
+        ),
+    ] = None,
     random: Annotated[
         int | None, typer.Option("--random", help="Number of random samples.")
     ] = None,
@@ -61,70 +55,59 @@ def sweep(
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Of --random; 0 by default.")] = None,
     name: Annotated[str | None, typer.Option(help="Of the sweep in the archive.")] = None,
-    model: Annotated[str | None, typer.Option(help="Model of an archive that has several.")] = None,
+    model: Model = None,
     workers: Annotated[
         int | None, typer.Option("--workers", help="Processes; one for each core by default.")
     ] = None,
     restart: Annotated[
         bool, typer.Option("--restart", help="Throw away what an unfinished sweep has left.")
     ] = False,
-    poles: Poles = False,
-    function: OwnFunction = None,
-    float32: Single = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    poles: Annotated[
+        bool, typer.Option("--poles", help="Compute the eigenvalues of A, too.")
+    ] = False,
+    function: Annotated[
+        str | None,
+        typer.Option(
+            "--function", help="MODULE:NAME of a function of samples that gives numbers by name."
+        ),
+    ] = None,
+    float32: Annotated[
+        bool, typer.Option("--float32", help="Store in single precision: half the space, 7 digits.")
+    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Trim and linearize at many samples; the same command goes on after a kill."""
     from mbdlft import batch
+    from mbdlft.archive.sweep import sweep_names
 
     samples = _samples(grid, random, file, seed)
     evaluated = _source(source, model)
-    _warn_of_rows(output, name or evaluated.name)
+    key = name or evaluated.name
+    if output.exists() and key in sweep_names(output):
+        warn(f"{output}: the sweep {key!r} that is stored there is replaced; --name keeps it.")
     with progress_of(evaluated.name) as progress:
-        report = batch.sweep(
-            evaluated,
-            samples,
-            output,
-            name=name,
-            workers=workers,
-            restart=restart,
-            poles=poles,
-            function=function,
-            float32=float32,
-            progress=progress.counted,
-        )
+        counts = batch.sweep(
+            evaluated, samples, output,
+            name=name, workers=workers, restart=restart, poles=poles, function=function,
+            float32=float32, progress=progress.counted,
+        )  # fmt: skip
     if as_json:
-        print_json(asdict(report))
+        print_json(asdict(counts))
         return
-    _print_report(report, output)
-
-
-def _warn_of_rows(output: Path, name: str) -> None:
-    """Warn of a stored sweep of this name, which is going to be replaced."""
-    from mbdlft.archive.sweep import sweep_names
-
-    if output.exists() and name in sweep_names(output):
-        warn(f"{output}: the sweep {name!r} that is stored there is replaced; --name keeps it.")
-
-
-def _print_report(report: "SweepReport", output: Path) -> None:
-    """Print the numbers of samples of a sweep."""
-    out = console()
-    out.print(
-        f"{report.name}: {report.count} samples, {report.solved} solved, {report.not_converged} not "
-        f"converged, {report.no_equilibrium} without equilibrium",
-        highlight=False,
+    say(
+        f"{counts.name}: {counts.count} samples, {counts.solved} solved, {counts.not_converged} not "
+        f"converged, {counts.no_equilibrium} without equilibrium"
     )
-    if report.failed:
-        out.print(f"the function failed at {report.failed} samples", highlight=False)
-    if report.resumed:
-        out.print(f"{report.resumed} samples were there from an earlier run")
-    out.print(f"seconds: {report.seconds:.3f}")
-    out.print(f"archive: {output}", soft_wrap=True)
+    if counts.failed:
+        say(f"the function failed at {counts.failed} samples")
+    if counts.resumed:
+        say(f"{counts.resumed} samples were there from an earlier run")
+    say(f"seconds: {counts.seconds:.3f}", f"archive: {output}")
 
 
 def _source(file: Path, model: str | None) -> "Scene | LFTModel":
     """The scene of a file, or the model `model` if the file is an archive."""
-    if file.suffix.lower() in (".h5", ".hdf5"):
+    if is_archive(file):
         # the sweep refuses what is neither
         return cast("Scene | LFTModel", stored_system(file, model))
     if model is not None:
@@ -133,7 +116,7 @@ def _source(file: Path, model: str | None) -> "Scene | LFTModel":
 
 
 def _samples(
-    grid: list[str] | None, random: int | None, file: Path | None, seed: int | None
+    grid: Texts, random: int | None, file: Path | None, seed: int | None
 ) -> "GridSamples | RandomSamples | Mapping[str, Array]":
     """The samples that exactly one of the options --grid, --random and --file gives."""
     from mbdlft.batch import GridSamples, RandomSamples, read_samples
@@ -146,15 +129,15 @@ def _samples(
         return RandomSamples(random, seed or 0)
     if file is not None:
         return read_samples(file)
-    counts = {}
-    for text in grid or []:
-        key, _, number = (part.strip() for part in text.partition("="))
-        if not key or not number.isdecimal():
-            raise AnalysisError(
-                f"--grid {text}: expected NAME=COUNT with a whole number, such as theta1=10."
-            )
-        counts[key] = int(number)
-    return GridSamples(counts)
+    expected = "NAME=COUNT with a whole number, such as theta1=10."
+    return GridSamples(by_name("--grid", grid, expected, _whole, AnalysisError))
+
+
+def _whole(text: str) -> int:
+    """A whole number of less than ten digits, or a ValueError."""
+    if not (text.isascii() and text.isdecimal() and len(text) < 10):
+        raise ValueError(text)
+    return int(text)
 
 
 def export(
@@ -175,7 +158,7 @@ def export(
         ),
     ],
     grid: Annotated[
-        list[str] | None,
+        Texts,
         typer.Option(
             "--grid",
             help="State matrices at COUNT evenly spaced values of each parameter, or with NAME=COUNT of "
@@ -191,7 +174,7 @@ def export(
     check_suffix(output, grid=counts is not None)
     file, name = _parts(source)
     model = load_model(file, name)
-    archive = file if file.suffix.lower() in ARCHIVES else None
+    archive = file if is_archive(file) else None
     files = export_model(output, model, counts, archive)
     print_files(*(("file", path) for path in files), as_json=as_json)
 
@@ -199,36 +182,32 @@ def export(
 def _parts(text: str) -> tuple[Path, str | None]:
     """A file, and the name of a model behind a colon."""
     file, colon, name = text.rpartition(":")
-    if colon and name and Path(file).suffix.lower() in ARCHIVES and not Path(text).exists():
+    if colon and name and is_archive(Path(file)) and not Path(text).exists():
         return Path(file), name
     return Path(text), None
 
 
-def _counts(texts: list[str] | None) -> "Counts | None":
-    """Numbers of values of the options --grid.
-
-    Raises
-    ------
-    AnalysisError
-        A text is neither a whole number nor NAME=COUNT, or there are both.
-    """
+def _counts(texts: Texts) -> "Counts | None":
+    """Numbers of values of the options --grid: one for all parameters, or one for each of some names."""
     if not texts:
         return None
-    found: dict[str, int] = {}
+    counts: dict[str, int] = {}
     for text in texts:
-        name, equals, count = (part.strip() for part in text.rpartition("="))
-        usable = count.isascii() and count.isdecimal() and len(count) < 10
-        if not usable or bool(name) != bool(equals) or name in found:
+        name, equals, count = (entry.strip() for entry in text.rpartition("="))
+        try:
+            if bool(name) != bool(equals) or name in counts:
+                raise ValueError(text)
+            counts[name] = _whole(count)
+        except ValueError:
             raise AnalysisError(
                 f"--grid {text}: expected a whole number of values such as 5, or NAME=COUNT such as "
                 "theta1=10, each name once."
-            )
-        found[name] = int(count)
-    if "" in found and len(found) > 1:
+            ) from None
+    if "" in counts and len(counts) > 1:
         raise AnalysisError(
             "--grid: expected either one number for all parameters, or NAME=COUNT for some."
         )
-    return found.get("", found)
+    return counts.get("", counts)
 
 
 def view(
@@ -236,12 +215,9 @@ def view(
         Path,
         typer.Argument(help="Scene (TOML), robot (URDF, SDF, MJCF), or archive (HDF5) of a model."),
     ],
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", help="Page to write; the name of the source by default."),
-    ] = None,
+    output: Page = None,
     assignments: Annotated[
-        list[str] | None,
+        Texts,
         typer.Option("--set", help="name=value at which the page begins; may be repeated."),
     ] = None,
     model: Annotated[
@@ -262,13 +238,13 @@ def view(
     scene = _scene(source, model)
     looks = source if robot is None and is_robot(source) else robot
     shown = model if looks is not None and source == looks else None
-    page = page_of(scene, values_of(assignments or []), robot=looks, model=shown)
+    page = page_of(scene, values_of(assignments), robot=looks, model=shown)
     print_files(("page", page.save(file)), as_json=as_json)
 
 
 def _scene(source: Path, model: str | None) -> "Scene":
     """The scene of a file, or that of a model of an archive."""
-    if source.suffix.lower() in ARCHIVES:
+    if is_archive(source):
         from mbdlft.archive.archive import load
         from mbdlft.show.viewer.page import scene_of
 
@@ -294,39 +270,14 @@ def report(
         Path,
         typer.Argument(help="Archive (HDF5), or a scene, robot or matrix, to be linearized."),
     ],
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", help="Page to write; the name of the source by default."),
-    ] = None,
+    output: Page = None,
     model: Model = None,
     as_json: AsJson = False,
 ) -> None:
     """Write a page on a model: scene, parameters, what is proved, equilibrium, poles, responses."""
-    from mbdlft.cli.sources import load_system
     from mbdlft.show.report.page import model_report
 
     file = _page(output or Path(f"{source.stem}.html"))
     system = load_system(source, model)
-    archive = source if source.suffix.lower() in ARCHIVES else None
+    archive = source if is_archive(source) else None
     print_files(("page", model_report(system, archive).save(file)), as_json=as_json)
-
-
-def schema(
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="File to write; else it is printed.")
-    ] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Write the JSON schema of scene files: editors complete and check keys and kinds with it."""
-    from mbdlft.multibody.scene import scene_schema
-
-    text = json.dumps(scene_schema(), indent=2, ensure_ascii=False) + "\n"
-    if output is None:
-        sys.stdout.write(text)  # which is JSON
-        return
-    try:
-        output.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise SceneError(f"{output}: cannot be written: {error.strerror or error}.") from None
-    if as_json:
-        print_files(("schema", output), as_json=True)

@@ -1,37 +1,43 @@
-"""What commands print: tables, JSON, warnings, their progress, equilibria; and scenes that they write."""
+"""What commands print: tables, lines, JSON, warnings, their progress; and scenes that they write."""
 
 import json
+import math
 import sys
-from collections.abc import Iterable, Mapping
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
+from rich.markup import escape
+from rich.status import Status
 from rich.table import Table
 from rich.text import Text
 
-from mbdlft.base.errors import MbdlftError, SceneError
+from mbdlft.base.errors import SceneError
 from mbdlft.base.parameter import Parameter
+from mbdlft.base.running import heard
+from mbdlft.base.unit import Signal
 
 if TYPE_CHECKING:
-    from mbdlft.multibody.equilibrium import EquilibriumPoint
     from mbdlft.multibody.scene import Scene
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 
-from rich.markup import escape
-from rich.status import Status
-
-from mbdlft.base.running import heard
-
+WARNINGS: list[str] = []  # that this command has shown
 _WIDTH = 110  # characters in a line of a table that goes into a file or a pipe
-_GROWS = 1e-6  # a real part below this part of the largest eigenvalue is zero
+_OFTEN = 0.1  # s between two looks
+_KNOWN = 1.0  # s after which the time that is left is guessed
 
 
 def console() -> Console:
     """The console for standard output; it prints texts of scenes as they are, not as markup."""
     return Console(width=None if sys.stdout.isatty() else _WIDTH, markup=False, emoji=False)
+
+
+def say(*lines: str) -> None:
+    """Print lines as they are; a terminal folds long ones."""
+    for line in lines:
+        console().print(line, soft_wrap=True, highlight=False)
 
 
 def table(title: str | None, *headings: str) -> Table:
@@ -43,17 +49,40 @@ def table(title: str | None, *headings: str) -> Table:
     return rows
 
 
-def print_json(found: object) -> None:
+def print_parameters(parameters: Iterable[Parameter]) -> None:
+    """A table of parameters, if there are any."""
+    rows = table("parameters", "name", "unit", "low >", "nominal >", "high >", "role")
+    for p in parameters:
+        rows.add_row(p.name, p.unit, f"{p.low:g}", f"{p.nominal:g}", f"{p.high:g}", p.role)
+    if rows.row_count:
+        console().print(rows)
+
+
+def print_json(data: object) -> None:
     """Print plain data as one JSON object, with the warnings that the command has shown."""
-    if isinstance(found, dict):
-        found = {**found, "warnings": list(WARNINGS)}
-    sys.stdout.write(json.dumps(found, indent=2, ensure_ascii=False) + "\n")
+    if isinstance(data, dict):
+        data = {**data, "warnings": list(WARNINGS)}
+    sys.stdout.write(json.dumps(data, indent=2, ensure_ascii=False) + "\n")
 
 
-def parameters_data(parameters: Iterable[Parameter]) -> list[dict[str, object]]:
+def finite(number: float) -> float | None:
+    """A number that JSON has; None for inf and NaN."""
+    return number if math.isfinite(number) else None
+
+
+def parameters_data(parameters: Iterable[Parameter]) -> list[dict[str, Any]]:
     """Parameters as plain data."""
     keys = ("name", "unit", "low", "nominal", "high", "role")
     return [{key: getattr(p, key) for key in keys} for p in parameters]
+
+
+def signals_data(model: Any) -> dict[str, list[dict[str, str]]]:
+    """States, inputs and outputs of a model as plain data."""
+
+    def plain(signals: Iterable[Signal]) -> list[dict[str, str]]:
+        return [{"name": signal.name, "unit": signal.unit} for signal in signals]
+
+    return {what: plain(getattr(model, what)) for what in ("states", "inputs", "outputs")}
 
 
 def print_files(*files: tuple[str, Path], as_json: bool) -> None:
@@ -61,85 +90,22 @@ def print_files(*files: tuple[str, Path], as_json: bool) -> None:
     if as_json:
         print_json({"files": [str(path) for _, path in files]})
         return
-    for what, path in files:
-        console().print(f"{what}: {path}", soft_wrap=True)
+    say(*(f"{what}: {path}" for what, path in files))
 
 
-def print_equilibria(
-    scene: "Scene",
-    values: Mapping[str, float],
-    starts: int,
-    output: Path | None,
-    *,
-    every: bool,
-    as_json: bool,
-) -> None:
-    """Find one equilibrium, or `every` one to which `starts` lead; write the scene at the first one."""
-    from mbdlft.multibody.equilibrium import at_equilibrium, find_equilibrium
-
-    if every:
-        points = find_equilibrium(scene, values, starts=starts, every=True)
-    else:
-        points = (find_equilibrium(scene, values, starts=starts),)
-    if output is not None:
-        write_scene(output, at_equilibrium(scene, points[0]))
-    if as_json:
-        print_json({"name": scene.name, "equilibria": [_as_data(scene, point) for point in points]})
-        return
-    out = console()
-    for k, point in enumerate(points, start=1):
-        rows = table(f"{scene.name}: equilibrium {k}", "unknown", "value >", "unit")
-        for name, value in {**point.positions, **point.efforts}.items():
-            rows.add_row(name, f"{value:.10g}", point.units[name])
-        out.print(rows)
-        out.print(f"residual {point.residual:.1e} of the largest terms; {_stability(scene, point)}")
-        if point.undetermined:
-            out.print(f"not determined: {', '.join(point.undetermined)}")
-    if output is not None:
-        out.print(f"scene: {output}", soft_wrap=True)
-
-
-def _as_data(scene: "Scene", point: "EquilibriumPoint") -> dict[str, object]:
-    """An equilibrium as plain data."""
-    found = {**point.positions, **point.efforts}
-    return {
-        "found": [
-            {"name": name, "value": value, "unit": point.units[name]}
-            for name, value in found.items()
-        ],
-        "residual": point.residual,
-        "stability": _stability(scene, point),
-        "not determined": list(point.undetermined),
-    }
+def write_text(path: Path, text: str) -> None:
+    """Write a text into a file."""
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be written: {error.strerror or error}.") from None
 
 
 def write_scene(path: Path, scene: "Scene") -> None:
     """Write a scene as a TOML file."""
     from mbdlft.multibody.scene import scene_to_toml
 
-    try:
-        path.write_text(scene_to_toml(scene), encoding="utf-8")
-    except OSError as error:
-        raise SceneError(f"{path}: cannot be written: {error.strerror}.") from None
-
-
-def _stability(scene: "Scene", point: "EquilibriumPoint") -> str:
-    """A sentence that says whether an equilibrium is stable."""
-    from mbdlft.multibody.equilibrium import eigenvalues_at
-
-    try:
-        eigenvalues = eigenvalues_at(scene, point)
-    except MbdlftError as error:
-        return f"stability not known: {error}"
-    real, largest = float(eigenvalues[0].real), float(max(abs(eigenvalues)))
-    if abs(real) <= _GROWS * largest:
-        return "neither stable nor unstable: something moves without damping"
-    if real > 0.0:
-        return f"unstable: grows with {real:.3g} rad/s"
-    return f"stable: decays with {-real:.3g} rad/s"
-
-
-WARNINGS: list[str] = []  # that this command has shown
+    write_text(path, scene_to_toml(scene))
 
 
 def warn(message: object) -> None:
@@ -148,29 +114,18 @@ def warn(message: object) -> None:
     sys.stderr.write(f"mbdlft: warning: {message}\n")
 
 
-_OFTEN = 0.1  # s between two looks
-_KNOWN = 1.0  # s after which the time that is left is guessed
-
-
 class Progress:
-    """A line that says how far a command is.
-
-    Parameters
-    ----------
-    name : of what is worked on
-    status : Status
-        Where it is shown.
-    """
+    """A line on stderr of a terminal: the stage of `name`, what is done of a budget, the time left."""
 
     def __init__(self, name: str, status: Status) -> None:
         self.name, self._status = name, status
-        self._stage, self._rest = "", ""
+        self._stage, self._count = "", ""
         self._begun = self._shown = 0.0
         self._first = self._done = self._most = 0.0
 
     def stage(self, stage: str) -> None:
         """Another stage begins."""
-        self._stage, self._rest, self._most = stage, "", 0.0
+        self._stage, self._count, self._most = stage, "", 0.0
         self._show()
 
     def bounds(self, low: float, high: float) -> None:
@@ -183,14 +138,14 @@ class Progress:
         if self._counted(done, most):
             share = f"{100.0 * self._done / most:.0f} % of the work that is allowed"
             left = self._left()
-            self._rest = f", {share}" + (f", at most {left}" if left else "")
+            self._count = f", {share}" + (f", at most {left}" if left else "")
             self._show()
 
     def counted(self, done: int, count: int) -> None:
         """So many of so many pieces are done."""
         if self._counted(done, count):
             left = self._left()
-            self._rest = f", {done} of {count}" + (f", {left}" if left else "")
+            self._count = f", {done} of {count}" + (f", {left}" if left else "")
             self._show()
 
     def _counted(self, done: float, most: float) -> bool:
@@ -212,7 +167,7 @@ class Progress:
 
     def _show(self) -> None:
         stage = f": {self._stage}" if self._stage else ""
-        self._status.update(escape(f"{self.name}{stage}{self._rest}"))
+        self._status.update(escape(f"{self.name}{stage}{self._count}"))
 
 
 @contextmanager
@@ -225,10 +180,7 @@ def progress_of(name: str) -> Iterator[Progress]:
 
 
 def time_left(seconds: float, done: float, count: float) -> str:
-    """Words on the time that the rest takes, if it goes on as in the first `seconds`; none before that.
-
-    `done` of `count` pieces took these seconds.
-    """
+    """Words on the time for the other pieces if `done` of `count` took these seconds; none before that."""
     if not 0.0 < done < count:
         return ""
     left = round(seconds * (count - done) / done)

@@ -10,17 +10,31 @@ import numpy as np
 import typer
 
 from mbdlft.base.errors import AnalysisError
-from mbdlft.cli.output import console, print_json, progress_of, table
-from mbdlft.cli.sources import load_system, point_of
+from mbdlft.cli.options import (
+    AsJson,
+    Figure,
+    Inputs,
+    Model,
+    Outputs,
+    Samples,
+    Seed,
+    Source,
+    Values,
+    check_paths,
+    values_of,
+)
+from mbdlft.cli.output import console, finite, print_json, progress_of, say, table
+from mbdlft.cli.sources import load_system
 
 if TYPE_CHECKING:
     from mbdlft.base.array import Array, ArrayLike
-    from mbdlft.response.modes import ModeRow
+    from mbdlft.response.modes import DampingTable, ModeRow
     from mbdlft.robust.stability import StabilityVerdict
     from mbdlft.system.model import System
 
 KINDS = ("sigma", "bode", "step", "poles", "order", "trim")  # of figures
 OVER = ("poles", "trim")  # kinds that may be over one parameter
+_SHORT = 8  # rows of the table of poles that comes with a model
 
 
 class Point(NamedTuple):
@@ -41,39 +55,27 @@ class Point(NamedTuple):
 
 
 def response(
-    source: Annotated[
-        Path,
-        typer.Argument(help="Archive (HDF5), or a scene or a matrix (TOML), to be linearized."),
-    ],
-    model: Annotated[str | None, typer.Option(help="Model of an archive that has several.")] = None,
-    inputs: Annotated[
-        list[str] | None, typer.Option("--input", help="Only this input; may be repeated.")
-    ] = None,
-    outputs: Annotated[
-        list[str] | None, typer.Option("--output", help="Only this output; may be repeated.")
-    ] = None,
-    assignments: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="name=value in the unit of the parameter; may be repeated."),
-    ] = None,
+    source: Source,
+    model: Model = None,
+    inputs: Inputs = None,
+    outputs: Outputs = None,
+    assignments: Values = None,
     frequencies: Annotated[
         list[float] | None,
         typer.Option("--at", help="Frequency (rad/s) at which to print values; may be repeated."),
     ] = None,
-    samples: Annotated[int, typer.Option(min=0, help="Random samples.")] = 300,
-    seed: Annotated[int, typer.Option(min=0, help="Of the samples.")] = 0,
-    figure: Annotated[
-        Path | None, typer.Option("-o", "--figure", help="Figure to draw, such as fig.png.")
-    ] = None,
+    samples: Samples = 300,
+    seed: Seed = 0,
+    figure: Figure = None,
     kind: Annotated[
         str, typer.Option(help="Of the figure: sigma, bode, step, poles, order or trim.")
     ] = "sigma",
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Print norms, the worst of random samples, and values at frequencies."""
     _check(figure, kind, frequencies)
     system = chosen_channels(load_system(source, model), outputs, inputs)
-    point = point_of(system, assignments)
+    point = values_of(assignments, _known(system))
     points = [_point_of(system, "as set" if point else "nominal", point)]
     worst = _worst(system, samples, seed)
     if worst is not None:
@@ -88,7 +90,7 @@ def response(
         if figure is not None:
             draw(kind, figure, system, seed)
     if figure is not None and not as_json:
-        console().print(f"figure: {figure}", soft_wrap=True)
+        say(f"figure: {figure}")
 
 
 def draw(kind: str, figure: Path, system: "System", seed: int = 0, over: str | None = None) -> None:
@@ -107,6 +109,11 @@ def draw(kind: str, figure: Path, system: "System", seed: int = 0, over: str | N
         show.save_step(figure, system, seed)
     else:
         show.save_singular_values(figure, system, seed)
+
+
+def _known(system: "System") -> str:
+    """What may be set, at the end of a message."""
+    return f" Parameters: {', '.join(system.parameters.names) or 'none'}."
 
 
 def chosen_channels(
@@ -131,10 +138,7 @@ def _check(figure: Path | None, kind: str, frequencies: list[float] | None) -> N
             raise AnalysisError(
                 f"--at {omega:g}: expected a positive finite frequency (rad/s), such as 1.5."
             )
-    if figure is not None:
-        from mbdlft.show.figures.figures import check_figure
-
-        check_figure(figure)
+    check_paths(None, figure)
 
 
 def _point_of(system: "System", what: str, values: Mapping[str, float]) -> Point:
@@ -213,7 +217,6 @@ def _print(system: "System", points: list[Point], values: list[dict[str, Any]]) 
     """Tables, and sentences on what is infinite."""
     from mbdlft.response.frequency import gain_unit
 
-    out = console()
     rows = table(
         f"{system.name}: gains ({gain_unit(system)})", "at", "H-infinity >", "to at most >",
         "at (rad/s) >", "H2 >", "peak >", "at (rad/s) >",
@@ -222,15 +225,15 @@ def _print(system: "System", points: list[Point], values: list[dict[str, Any]]) 
         numbers = [point.lower, point.upper, point.frequency, point.h2]
         numbers += [point.peak, point.frequency_of_peak]
         rows.add_row(point.what, *(f"{number:.7g}" for number in numbers))
-    out.print(rows)
+    console().print(rows)
     for point in points:
         for norm, reason in zip(("H-infinity", "H2"), point.reasons, strict=True):
             if reason:
                 how = "not known" if norm == "H2" and math.isnan(point.h2) else "infinite"
-                out.print(f"{point.what}: {norm} norm {how}: {reason}", highlight=False)
+                say(f"{point.what}: {norm} norm {how}: {reason}")
     for point in points[1:]:
         at = ", ".join(f"{name} = {value:.6g}" for name, value in point.values.items())
-        out.print(f"{point.what}: {at}", highlight=False)
+        say(f"{point.what}: {at}")
     if values:
         rows = table(
             "values", "at (rad/s) >", "transfer", "size >", "phase (deg) >", "lowest >", "highest >",
@@ -242,7 +245,7 @@ def _print(system: "System", points: list[Point], values: list[dict[str, Any]]) 
                 f"{each['frequency']:g}", f"{each['input']} to {each['output']}",
                 f"{each['size']:.6g}", f"{each['phase_deg']:.2f}", *span, each["unit"],
             )  # fmt: skip
-        out.print(rows)
+        console().print(rows)
 
 
 def _summary(
@@ -258,12 +261,12 @@ def _summary(
                 "what": point.what,
                 "values": dict(point.values),
                 "hinf": {
-                    "lower": _finite(point.lower),
-                    "upper": _finite(point.upper),
-                    "frequency": _finite(point.frequency),
+                    "lower": finite(point.lower),
+                    "upper": finite(point.upper),
+                    "frequency": finite(point.frequency),
                     "reason": point.reasons[0],
                 },
-                "h2": {"value": _finite(point.h2), "reason": point.reasons[1]},
+                "h2": {"value": finite(point.h2), "reason": point.reasons[1]},
                 "peak": {"gain": point.peak, "frequency": point.frequency_of_peak},
             }
             for point in points
@@ -272,68 +275,97 @@ def _summary(
     }
 
 
-def _finite(number: float) -> float | None:
-    return number if math.isfinite(number) else None
-
-
-_SHORT = 8  # rows of the table that comes with a model
-
-
 def poles(
-    source: Annotated[
-        Path,
-        typer.Argument(help="Archive (HDF5), or a scene or a matrix (TOML), to be linearized."),
-    ],
-    model: Annotated[str | None, typer.Option(help="Model of an archive that has several.")] = None,
-    assignments: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="name=value in the unit of the parameter; may be repeated."),
-    ] = None,
-    samples: Annotated[
-        int, typer.Option(min=0, help="Random samples, to look for unstable values.")
-    ] = 300,
-    seed: Annotated[int, typer.Option(min=0, help="Of the samples.")] = 0,
+    source: Source,
+    model: Model = None,
+    assignments: Values = None,
+    samples: Samples = 300,
+    seed: Seed = 0,
     prove: Annotated[
         float, typer.Option(min=0.0, help="Work (about seconds) for a proof of stability.")
     ] = 0.0,
-    figure: Annotated[
-        Path | None, typer.Option("-o", "--figure", help="Figure of the poles, such as fig.png.")
-    ] = None,
+    figure: Figure = None,
     over: Annotated[
         str | None, typer.Option(help="Parameter over which the figure shows the poles.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Print poles with their damping, transmission zeros, and whether values make it unstable."""
     from mbdlft.response.modes import damping_table
     from mbdlft.response.staircase import zeros
     from mbdlft.robust.stability import check_stability
 
-    if figure is not None:
-        from mbdlft.show.figures.figures import check_figure
-
-        check_figure(figure)
+    check_paths(None, figure)
     system = load_system(source, model)
-    point = point_of(system, assignments)
-    found = damping_table(system, point)
-    rows = found.rows()
-    channels = bool(system.inputs and system.outputs)
-    at_zero = zeros(system, point)[0].tolist() if channels else None
+    point = values_of(assignments, _known(system))
+    modes = damping_table(system, point)
+    has_channels = bool(system.inputs and system.outputs)
+    at_zero = zeros(system, point)[0].tolist() if has_channels else None
     with progress_of(system.name):
         verdict = check_stability(system, samples, seed, prove=prove)
     try:
         if as_json:
-            said = _poles_data(system, point, rows, at_zero, verdict, found.stability())
-            print_json(said)
+            _print_poles_json(system, point, modes, at_zero, verdict)
         else:
-            _print_poles_page(system, point, rows, at_zero, verdict)
+            _print_poles(system, point, modes, at_zero, verdict)
     finally:  # a figure that fails takes nothing away
         if figure is not None:
             from mbdlft.show.figures.pole_maps import save_pole_map
 
             save_pole_map(figure, system, over, seed)
     if figure is not None and not as_json:
-        console().print(f"figure: {figure}", soft_wrap=True)
+        say(f"figure: {figure}")
+
+
+def _print_poles(
+    system: "System",
+    point: dict[str, float],
+    modes: "DampingTable",
+    at_zero: list[complex] | None,
+    verdict: "StabilityVerdict",
+) -> None:
+    """Tables and sentences."""
+    where = ", ".join(f"{name} = {value:g}" for name, value in point.items()) or "nominal"
+    if system.states:
+        _print_modes(modes.rows(), f"{system.name}: poles at {where}", None)
+    else:
+        say(f"{system.name}: no states, so no poles")
+    if at_zero:
+        listed = ", ".join(_complex(z) for z in at_zero if z.imag >= 0.0)
+        say(f"transmission zeros ({len(at_zero)}): {listed} rad/s")
+    elif at_zero is not None:
+        say("transmission zeros: none")
+    say(str(verdict))
+
+
+def _print_poles_json(
+    system: "System",
+    point: dict[str, float],
+    modes: "DampingTable",
+    at_zero: list[complex] | None,
+    verdict: "StabilityVerdict",
+) -> None:
+    """Everything as plain data."""
+    worst = verdict.worst_pole
+    proof = {
+        "sentence": str(verdict),
+        "nominal": verdict.nominal,
+        "counterexample": dict(verdict.counterexample) or None,
+        "worst": dict(verdict.worst),
+        "worst_pole": _parts(worst) if math.isfinite(worst.real) else None,
+        "points": verdict.points,
+        "proved": bool(verdict.proof),
+    }
+    zeros = None if at_zero is None else [_parts(z) for z in at_zero]
+    print_json(
+        {
+            "name": system.name,
+            "point": point,
+            **_modes_data(modes),
+            "zeros": zeros,
+            "verdict": proof,
+        }
+    )
 
 
 def print_poles(system: "System") -> None:
@@ -342,112 +374,60 @@ def print_poles(system: "System") -> None:
 
     if not system.states:
         return
-    found = damping_table(system)
-    rows = found.rows()
-    _print_rows(rows, "poles at nominal", _SHORT)
-    print_stability(found.stability(), rows)
-
-
-def print_stability(stability: str, rows: "Sequence[ModeRow]") -> None:
-    """A line if a system is not stable at nominal."""
-    out = console()
+    modes = damping_table(system)
+    rows = modes.rows()
+    _print_modes(rows, "poles at nominal", _SHORT)
+    stability = modes.stability()
     if stability == "unstable":
         growing = [row for row in rows if row.time_constant < 0.0 and not row.on_axis]
         fastest = max(growing, key=lambda row: row.pole.real)
-        out.print(
+        say(
             f"UNSTABLE at nominal: {len(growing)} of {len(rows)} modes grow, the fastest by e in "
-            f"{-fastest.time_constant:.4g} s",
-            highlight=False,
+            f"{-fastest.time_constant:.4g} s"
         )
     elif stability == "marginal":
-        out.print("not asymptotically stable at nominal: poles are on the axis", highlight=False)
+        say("not asymptotically stable at nominal: poles are on the axis")
 
 
-def poles_summary(system: "System") -> dict[str, object]:
+def poles_data(system: "System") -> dict[str, Any]:
     """Poles at nominal as plain data, for JSON."""
     from mbdlft.response.modes import damping_table
 
-    found = damping_table(system)
-    return {"poles": [_plain(row) for row in found.rows()], "stability": found.stability()}
+    return _modes_data(damping_table(system))
 
 
-def _print_poles_page(
-    system: "System",
-    point: dict[str, float],
-    rows: "Sequence[ModeRow]",
-    found: list[complex] | None,
-    verdict: "StabilityVerdict",
-) -> None:
-    """Tables and sentences."""
-    out = console()
-    where = ", ".join(f"{name} = {value:g}" for name, value in point.items()) or "nominal"
-    if rows:
-        _print_rows(rows, f"{system.name}: poles at {where}", None)
-    else:
-        out.print(f"{system.name}: no states, so no poles", highlight=False)
-    if found:
-        listed = ", ".join(_complex(z) for z in found if z.imag >= 0.0)
-        out.print(f"transmission zeros ({len(found)}): {listed} rad/s", highlight=False)
-    elif found is not None:
-        out.print("transmission zeros: none")
-    out.print(str(verdict), highlight=False)
+def _modes_data(modes: "DampingTable") -> dict[str, Any]:
+    """Poles as plain data; what is no number is null."""
+    numbers = ("natural_frequency", "frequency", "damping", "time_constant")
+    poles = [
+        {
+            **_parts(row.pole),
+            **{name: finite(getattr(row, name)) for name in numbers},
+            "on_axis": row.on_axis,
+        }
+        for row in modes.rows()
+    ]
+    return {"poles": poles, "stability": modes.stability()}
 
 
-def _print_rows(rows: "Sequence[ModeRow]", title: str, most: int | None) -> None:
+def _print_modes(rows: "Sequence[ModeRow]", title: str, most: int | None) -> None:
     """A table of modes, equal ones in one row; the slowest ones if not all have room."""
     from mbdlft.response.modes import cells
 
-    texts = Counter(tuple(cell.strip() for cell in cells(row)) for row in rows)
+    counts = Counter(tuple(cell.strip() for cell in cells(row)) for row in rows)
     rows_of_table = table(
         title, "pole (rad/s)", "natural (rad/s) >", "(Hz) >", "damping >", "time constant (s) >",
         "times >",
     )  # fmt: skip
-    for k, (texts_of_row, count) in enumerate(texts.items()):
-        if most is None or k < most:
-            rows_of_table.add_row(*texts_of_row, str(count) if count > 1 else "")
+    for texts, count in list(counts.items())[:most]:
+        rows_of_table.add_row(*texts, str(count) if count > 1 else "")
     console().print(rows_of_table)
-    if most is not None and len(texts) > most:
-        console().print(f"and {len(texts) - most} faster ones: mbdlft poles lists all")
+    if most is not None and len(counts) > most:
+        say(f"and {len(counts) - most} faster ones: mbdlft poles lists all")
 
 
-def _poles_data(
-    system: "System",
-    point: dict[str, float],
-    rows: "Sequence[ModeRow]",
-    found: list[complex] | None,
-    verdict: "StabilityVerdict",
-    stability: str,
-) -> dict[str, object]:
-    """Everything as plain data."""
-    return {
-        "name": system.name,
-        "point": point,
-        "poles": [_plain(row) for row in rows],
-        "stability": stability,
-        "zeros": None if found is None else [{"real": z.real, "imag": z.imag} for z in found],
-        "verdict": {
-            "sentence": str(verdict),
-            "nominal": verdict.nominal,
-            "counterexample": dict(verdict.counterexample) or None,
-            "worst": dict(verdict.worst),
-            "worst_pole": _pole(verdict.worst_pole),
-            "points": verdict.points,
-            "proved": bool(verdict.proof),
-        },
-    }
-
-
-def _plain(row: "ModeRow") -> dict[str, Any]:
-    """A row of the table as plain data; what is no number is null."""
-    plain: dict[str, Any] = {"real": row.pole.real, "imag": row.pole.imag}
-    for name in ("natural_frequency", "frequency", "damping", "time_constant"):
-        value = getattr(row, name)
-        plain[name] = value if math.isfinite(value) else None
-    return {**plain, "on_axis": row.on_axis}
-
-
-def _pole(pole: complex) -> dict[str, float] | None:
-    return {"real": pole.real, "imag": pole.imag} if math.isfinite(pole.real) else None
+def _parts(number: complex) -> dict[str, float]:
+    return {"real": number.real, "imag": number.imag}
 
 
 def _complex(number: complex) -> str:

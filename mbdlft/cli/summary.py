@@ -1,13 +1,15 @@
-"""The printed form of a model and of an archive: one JSON object, or tables and sentences."""
+"""The printed form of a model and of an archive: one JSON object, or tables and sentences; `show`."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
 from rich.table import Table
 
-from mbdlft.cli.output import console, print_json, table
-from mbdlft.cli.responses import poles_summary, print_poles
+from mbdlft.cli.options import Archive, AsJson
+from mbdlft.cli.output import console, finite, parameters_data, print_json, say, signals_data, table
+from mbdlft.cli.responses import poles_data, print_poles
 from mbdlft.show.report.content import (
     checked_beside,
     conditioning,
@@ -19,8 +21,6 @@ from mbdlft.system.model import LFTModel, System
 
 if TYPE_CHECKING:
     from mbdlft.system.theta import DeltaThetaModel
-import math
-from typing import Any
 
 
 def report_model(
@@ -34,54 +34,83 @@ def report_model(
     """Print a model that was made, with `notes`, the `seconds` of each stage and the written files."""
     seconds = {**seconds, "total": sum(seconds.values())}
     if as_json:
-        print_json(_summary(model, seconds) | {"notes": list(notes)})
+        print_json({**_model_data(model), "seconds": seconds, "notes": list(notes)})
         return
     print_model(model)
-    out = console()
-    for note in notes:
-        out.print(note)
-    out.print("seconds: " + ", ".join(f"{name} {value:.3f}" for name, value in seconds.items()))
-    for what, path in paths.items():
-        if path is not None:
-            out.print(f"{what}: {path}", soft_wrap=True)
+    say(*notes)
+    say("seconds: " + ", ".join(f"{name} {value:.3f}" for name, value in seconds.items()))
+    say(*(f"{what}: {path}" for what, path in paths.items() if path is not None))
+
+
+def show(
+    archive: Archive,
+    name: Annotated[str | None, typer.Option(help="Only the model of this name.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Print what is in an archive, and from when."""
+    from mbdlft.archive.analysis import analysis_names, load_analysis
+    from mbdlft.archive.archive import load, model_names
+    from mbdlft.archive.sweep import sweep_names
+
+    models = [load(archive, key) for key in ([name] if name else model_names(archive))]
+    sweeps: list[str] = []
+    analyses: list[dict[str, Any]] = []
+    if name is None:
+        sweeps = list(sweep_names(archive))
+        for key in analysis_names(archive):
+            _, bounds = load_analysis(archive, key)
+            ends = {"lower": finite(bounds.lower), "upper": finite(bounds.upper)}
+            analyses.append({"name": key, "kind": bounds.kind, **ends})
+    if as_json:
+        beside = {} if name else {"sweeps": sweeps, "analyses": analyses}
+        print_json({"models": [_stored_data(model) for model in models], **beside})
+        return
+    for model in models:
+        _print_stored(model)
+    if sweeps:
+        say(f"sweeps: {', '.join(sweeps)}")
+    for entry in analyses:
+        lower, upper = (
+            "unbounded" if end is None else f"{end:.6g}" for end in (entry["lower"], entry["upper"])
+        )
+        say(f"analysis {entry['name']}: {entry['kind']} {lower} to {upper}")
+
+
+def _print_stored(model: "System | DeltaThetaModel") -> None:
+    """Print a model, its nonlinear functions, and from when it is."""
+    linear = model if isinstance(model, System) else model.linear
+    print_model(linear)
+    say(*(f"nonlinear: {function}" for function in getattr(model, "functions", ())))
+    if isinstance(linear, LFTModel):
+        made = linear.provenance
+        say(f"made {made.created} by mbdlft {made.mbdlft}, CasADi {made.casadi}")
+        if linear.known_program is not None:
+            say(f"stored program: {linear.known_program.length} instructions")
 
 
 def print_model(model: System) -> None:
     """Print the signals, parameters and poles of a model, and what its certificate says."""
-    out = console()
-    out.print(f"{model.name}  {model.description}", style="bold", highlight=False)
+    console().print(f"{model.name}  {model.description}", style="bold", highlight=False)
     for what in ("states", "inputs", "outputs"):
         signals = getattr(model, what)
         listed = ", ".join(f"{signal.name} ({signal.unit})" for signal in signals)
-        out.print(f"{what} ({len(signals)}): {listed}".rstrip(": "), highlight=False)
+        console().print(f"{what} ({len(signals)}): {listed}".rstrip(": "), highlight=False)
     if isinstance(model, LFTModel):
-        _print_evidence(model)
-        print_poles(model)
-        return
-    blocks = ", ".join(f"{b.name} ({b.kind}, {b.outputs} x {b.inputs})" for b in model.lft.blocks)
-    out.print(f"order {model.order}: {blocks or 'no blocks'}; stored without evidence")
-    print_poles(model)
-
-
-def _print_evidence(model: LFTModel) -> None:
-    """Print what the certificate of a model says, and its trim."""
-    out, certificate = console(), model.certificate
-    out.print(_parameter_table(model))
-    for line in order_sentences(model):
-        out.print(line)
-    out.print(largest_error(model))
-    for line in checked_beside(model):
-        out.print(line, highlight=False)
-    for line in well_posed(model):
-        out.print(line, highlight=False)
-    if certificate.condition > 0.0:
-        out.print(conditioning(certificate))
-    if model.trim.signals:
-        trimmed = ", ".join(
-            f"{signal.name} = {value:.6g} {signal.unit}"
-            for signal, value in zip(model.trim.signals, model.trim.nominal, strict=True)
+        console().print(_parameter_table(model))
+        say(*order_sentences(model), largest_error(model), *checked_beside(model))
+        say(*well_posed(model))
+        if model.certificate.condition > 0.0:
+            say(conditioning(model.certificate))
+        if model.trim.signals:
+            pairs = zip(model.trim.signals, model.trim.nominal, strict=True)
+            efforts = ", ".join(f"{s.name} = {value:.6g} {s.unit}" for s, value in pairs)
+            say(f"trim at nominal: {efforts}")
+    else:
+        blocks = ", ".join(
+            f"{b.name} ({b.kind}, {b.outputs} x {b.inputs})" for b in model.lft.blocks
         )
-        out.print(f"trim at nominal: {trimmed}", highlight=False)
+        say(f"order {model.order}: {blocks or 'no blocks'}; stored without evidence")
+    print_poles(model)
 
 
 def _parameter_table(model: LFTModel) -> Table:
@@ -101,119 +130,45 @@ def _parameter_table(model: LFTModel) -> Table:
     return rows
 
 
-def model_data(model: "System | DeltaThetaModel") -> dict[str, object]:
+def _stored_data(model: "System | DeltaThetaModel") -> dict[str, Any]:
     """A stored model as plain data: that of its linear part if it has nonlinear functions."""
     if not isinstance(model, System):
-        return {**model_data(model.linear), "functions": [str(part) for part in model.functions]}
+        return {**_stored_data(model.linear), "functions": [str(f) for f in model.functions]}
     if isinstance(model, LFTModel):
-        found = _summary(model, {})
-        del found["seconds"]
-        made = model.provenance
-        return {**found, "created": made.created, "mbdlft": made.mbdlft, "casadi": made.casadi}
-    signals = {
-        what: [{"name": s.name, "unit": s.unit} for s in getattr(model, what)]
-        for what in ("states", "inputs", "outputs")
-    }
-    return {"name": model.name, **signals, "order": model.order}
+        made = {key: getattr(model.provenance, key) for key in ("created", "mbdlft", "casadi")}
+        return {**_model_data(model), **made}
+    return {"name": model.name, **signals_data(model), "order": model.order}
 
 
-def _summary(model: LFTModel, seconds: Mapping[str, float]) -> dict[str, object]:
-    """The model as plain data, for JSON."""
-    certificate = model.certificate
-    signals = {
-        what: [{"name": s.name, "unit": s.unit} for s in getattr(model, what)]
-        for what in ("states", "inputs", "outputs")
-    }
-    parameters = [
-        {
-            "name": p.name,
-            "unit": p.unit,
-            "nominal": p.nominal,
-            "low": p.low,
-            "high": p.high,
-            "role": p.role,
-            "order": certificate.order[k],
-            "lower_bound": certificate.lower_bound[k],
-            "gap": certificate.gap[k],
-            "raw_order": certificate.raw_order[k],
-            "doubtful": certificate.doubtful[k] if certificate.doubtful else None,
-        }
-        for k, p in enumerate(model.parameters)
-    ]
+def _model_data(model: LFTModel) -> dict[str, Any]:
+    """A model and its certificate as plain data."""
+    c = model.certificate
+    parameters = parameters_data(model.parameters)
+    for k, entry in enumerate(parameters):
+        for name in ("order", "lower_bound", "gap", "raw_order"):
+            entry[name] = getattr(c, name)[k]
+        entry["doubtful"] = c.doubtful[k] if c.doubtful else None
     trim = [
         {"name": signal.name, "unit": signal.unit, "nominal": value}
         for signal, value in zip(model.trim.signals, model.trim.nominal, strict=True)
     ]
+    as_they_are = (
+        *("order_bound", "minimal", "exact_bound", "exact", "truncation_error", "fit_error_bound"),
+        *("max_relative_error", "check_points", "well_posed"),
+    )
     return {
         "name": model.name,
-        **signals,
+        **signals_data(model),
         "parameters": parameters,
         "trim": trim,
-        "order": sum(certificate.order),
-        "lower_bound": sum(certificate.lower_bound),
-        "raw_order": sum(certificate.raw_order),
-        "order_bound": certificate.order_bound,
-        "minimal": certificate.minimal,
-        "exact_bound": certificate.exact_bound,
-        "exact": certificate.exact,
-        "truncation_error": certificate.truncation_error,
-        "fit_error_bound": certificate.fit_error_bound,
-        "max_relative_error": certificate.max_relative_error,
-        "transfer_error": certificate.transfer_error if certificate.frequencies else None,
-        "frequencies": list(certificate.frequencies),
-        "near": list(certificate.near),
-        "by_terms": [list(entry) for entry in certificate.by_terms],
-        "condition": certificate.condition or None,
-        "sign_changes": certificate.sign_changes if certificate.condition else None,
-        "check_points": certificate.check_points,
-        "well_posed": certificate.well_posed,
-        "open_boxes": [[list(ends) for ends in box] for box in certificate.open_boxes],
-        **poles_summary(model),
-        "seconds": dict(seconds),
+        **{name: sum(getattr(c, name)) for name in ("order", "lower_bound", "raw_order")},
+        **{name: getattr(c, name) for name in as_they_are},
+        "transfer_error": c.transfer_error if c.frequencies else None,
+        "frequencies": list(c.frequencies),
+        "near": list(c.near),
+        "by_terms": [list(entry) for entry in c.by_terms],
+        "condition": c.condition or None,
+        "sign_changes": c.sign_changes if c.condition else None,
+        "open_boxes": [[list(ends) for ends in box] for box in c.open_boxes],
+        **poles_data(model),
     }
-
-
-def beside_models(archive: Path) -> list[str]:
-    """A line for the sweeps, and one for each stored analysis."""
-    from mbdlft.archive.sweep import sweep_names
-
-    sweeps = ", ".join(sweep_names(archive))
-    lines = [f"sweeps: {sweeps}"] if sweeps else []
-    for found in _analyses(archive):
-        ends = " to ".join(
-            "unbounded" if end is None else f"{end:.6g}" for end in (found["lower"], found["upper"])
-        )
-        lines.append(f"analysis {found['name']}: {found['kind']} {ends}")
-    return lines
-
-
-def archive_data(archive: Path, name: str | None) -> dict[str, Any]:
-    """All models, or the one with a name, with their dates; sweeps and analyses by name."""
-    from mbdlft.archive.archive import load, model_names
-    from mbdlft.archive.sweep import sweep_names
-
-    models = [model_data(load(archive, key)) for key in ([name] if name else model_names(archive))]
-    if name:
-        return {"models": models}
-    return {
-        "models": models,
-        "sweeps": list(sweep_names(archive)),
-        "analyses": _analyses(archive),
-    }
-
-
-def _analyses(archive: Path) -> list[dict[str, Any]]:
-    """Name, kind and bounds of each stored analysis."""
-    from mbdlft.archive.analysis import analysis_names, load_analysis
-
-    found = []
-    for name in analysis_names(archive):
-        _, bounds = load_analysis(archive, name)
-        ends = {"lower": _number(bounds.lower), "upper": _number(bounds.upper)}
-        found.append({"name": name, "kind": bounds.kind, **ends})
-    return found
-
-
-def _number(value: float) -> float | None:
-    """A number that JSON has; None for inf and NaN."""
-    return value if math.isfinite(value) else None

@@ -1,0 +1,299 @@
+"""The commands `trim`, `import`, `body` and `schema`: equilibria of scenes, and what makes scenes."""
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from mbdlft.base.errors import MbdlftError, SceneError
+from mbdlft.base.parameter import Angle, Parameter
+from mbdlft.base.unit import ANGLE_UNITS
+from mbdlft.cli.options import AsJson, Texts, Values, by_name, values_of
+from mbdlft.cli.output import console, print_files, print_json, say, table, write_scene, write_text
+from mbdlft.cli.sources import scene_in
+
+if TYPE_CHECKING:
+    from mbdlft.multibody.equilibrium import EquilibriumPoint
+    from mbdlft.multibody.scene import Scene
+    from mbdlft.problem.trim import TrimPoint
+
+_GROWS = 1e-6  # a real part below this part of the largest eigenvalue is zero
+
+
+def trim(
+    scene_file: Annotated[Path, typer.Argument(help="Scene, a TOML file.")],
+    assignments: Values = None,
+    positions: Annotated[
+        bool, typer.Option("--positions", help="Find the positions of joints that nothing holds.")
+    ] = False,
+    every: Annotated[
+        bool, typer.Option("--all", help="Find all equilibria that random starts lead to.")
+    ] = False,
+    starts: Annotated[int, typer.Option(min=1, help="Starts of the search for positions.")] = 30,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Scene to write, at the equilibrium.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Print the joint efforts that hold the equilibrium, or find the equilibrium."""
+    from mbdlft.multibody.assembly import assemble
+    from mbdlft.problem.trim import solve_trim
+
+    values, scene = values_of(assignments), scene_in(scene_file)
+    if positions or every or output:
+        _print_equilibria(scene, values, starts, output, every=every, as_json=as_json)
+        return
+    equations = assemble(scene)
+    point = solve_trim(equations, values)
+    if as_json:
+        data = {"parameters": dict(point.parameters), "efforts": efforts_data(point)}
+        print_json({"name": equations.name, **data, "residual": point.residual})
+        return
+    if point.parameters:
+        rows = table(f"{equations.name}: parameters", "parameter", "value >", "unit")
+        for p in equations.parameters:
+            rows.add_row(p.name, f"{point.parameters[p.name]:g}", p.unit)
+        console().print(rows)
+    console().print(efforts_table(point))
+    say(f"relative residual {point.residual:.1e}")
+
+
+def efforts_data(point: "TrimPoint") -> list[dict[str, object]]:
+    """The efforts at a trim point as plain data."""
+    pairs = zip(point.signals, point.values, strict=True)
+    return [{"name": s.name, "value": value, "unit": s.unit} for s, value in pairs]
+
+
+def efforts_table(point: "TrimPoint") -> Table:
+    """The table of the efforts at a trim point."""
+    rows = table("efforts that hold the equilibrium", "effort", "value >", "unit")
+    for signal, value in zip(point.signals, point.values, strict=True):
+        rows.add_row(signal.name, f"{value + 0.0:.10g}", signal.unit)
+    return rows
+
+
+def _print_equilibria(
+    scene: "Scene",
+    values: dict[str, float],
+    starts: int,
+    output: Path | None,
+    *,
+    every: bool,
+    as_json: bool,
+) -> None:
+    """Find one equilibrium, or `every` one to which `starts` lead; write the scene at the first one."""
+    from mbdlft.multibody.equilibrium import at_equilibrium, find_equilibrium
+
+    if every:
+        points = find_equilibrium(scene, values, starts=starts, every=True)
+    else:
+        points = (find_equilibrium(scene, values, starts=starts),)
+    if output is not None:
+        write_scene(output, at_equilibrium(scene, points[0]))
+    if as_json:
+        data = [_equilibrium_data(scene, point) for point in points]
+        print_json({"name": scene.name, "equilibria": data})
+        return
+    for k, point in enumerate(points, start=1):
+        rows = table(f"{scene.name}: equilibrium {k}", "unknown", "value >", "unit")
+        for name, value in {**point.positions, **point.efforts}.items():
+            rows.add_row(name, f"{value:.10g}", point.units[name])
+        console().print(rows)
+        say(f"residual {point.residual:.1e} of the largest terms; {_stability(scene, point)}")
+        if point.undetermined:
+            say(f"not determined: {', '.join(point.undetermined)}")
+    if output is not None:
+        say(f"scene: {output}")
+
+
+def _equilibrium_data(scene: "Scene", point: "EquilibriumPoint") -> dict[str, object]:
+    """An equilibrium as plain data."""
+    unknowns = {**point.positions, **point.efforts}
+    return {
+        "found": [
+            {"name": name, "value": value, "unit": point.units[name]}
+            for name, value in unknowns.items()
+        ],
+        "residual": point.residual,
+        "stability": _stability(scene, point),
+        "not determined": list(point.undetermined),
+    }
+
+
+def _stability(scene: "Scene", point: "EquilibriumPoint") -> str:
+    """A sentence that says whether an equilibrium is stable."""
+    from mbdlft.multibody.equilibrium import eigenvalues_at
+
+    try:
+        eigenvalues = eigenvalues_at(scene, point)
+    except MbdlftError as error:
+        return f"stability not known: {error}"
+    real, largest = float(eigenvalues[0].real), float(max(abs(eigenvalues)))
+    if abs(real) <= _GROWS * largest:
+        return "neither stable nor unstable: something moves without damping"
+    if real > 0.0:
+        return f"unstable: grows with {real:.3g} rad/s"
+    return f"stable: decays with {-real:.3g} rad/s"
+
+
+def import_robot(
+    robot_file: Annotated[Path, typer.Argument(help="Robot, a URDF, SDF or MJCF file.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Scene to write, a TOML file.")],
+    assignments: Annotated[
+        Texts,
+        typer.Option(
+            "--set",
+            help="LABEL=VALUE, such as tool0.mass=payload or elbow_joint.position=30*deg; numbers "
+            "are in SI units; may be repeated.",
+        ),
+    ] = None,
+    parameters: Annotated[
+        Texts,
+        typer.Option(
+            "--parameter",
+            help="NAME=LOW,NOMINAL,HIGH,UNIT for --set, such as payload=0,2,5,kg; may be repeated.",
+        ),
+    ] = None,
+    vary: Annotated[
+        Texts,
+        typer.Option(
+            "--vary",
+            help="LABEL=PERCENT: a parameter around the number of the file, such as "
+            "forearm_link.mass=20; may be repeated.",
+        ),
+    ] = None,
+    moving: Annotated[
+        Texts,
+        typer.Option("--moving", help="Joint that moves, the others are locked; may be repeated."),
+    ] = None,
+    free_base: Annotated[
+        bool | None,
+        typer.Option(
+            "--free-base/--fixed-base",
+            help="Leave the root free, or clamp it; by default as the file says.",
+        ),
+    ] = None,
+    keep_unphysical: Annotated[
+        bool, typer.Option("--keep-unphysical", help="Keep inertias that no body can have.")
+    ] = False,
+    model: Annotated[
+        str | None, typer.Option("--model", help="Which model of an SDF file with several.")
+    ] = None,
+    keyframe: Annotated[
+        str | None,
+        typer.Option("--keyframe", help="Keyframe of an MJCF file whose positions are taken."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Make a scene of a robot (URDF, SDF, MJCF), and say what was ignored and what was assumed."""
+    from mbdlft.robot import load_robot
+
+    scene, report = load_robot(
+        robot_file,
+        parameters=[_parameter(text) for text in parameters or []],
+        values=_pairs("--set", assignments),
+        vary={
+            label: _number("--vary", label, value)
+            for label, value in _pairs("--vary", vary).items()
+        },
+        moving=moving,
+        base=None if free_base is None else "free" if free_base else "fixed",
+        keep_unphysical=keep_unphysical,
+        model=model,
+        keyframe=keyframe,
+    )
+    write_scene(output, scene)
+    if as_json:
+        limits = [limit._asdict() for limit in report.limits]
+        data = {"ignored": report.ignored, "assumed": report.assumed, "limits": limits}
+        print_json({"name": scene.name, "scene": str(output), **data})
+        return
+    say(
+        str(report),
+        f"{scene.name}: {len(scene.bodies)} bodies, {len(scene.joints)} joints, "
+        f"{len(scene.parameters)} parameters.",
+        f"scene: {output}",
+    )
+
+
+def _pairs(option: str, texts: Texts) -> dict[str, str]:
+    """Texts by name of an option."""
+
+    def nonempty(value: str) -> str:
+        if not value:
+            raise ValueError
+        return value
+
+    return by_name(option, texts, "a name, = and a value.", nonempty)
+
+
+def _number(option: str, name: str, value: str) -> float:
+    """The number in the value of an option."""
+    try:
+        return float(value)
+    except ValueError:
+        raise SceneError(f"{option} {name}: expected a number, got {value!r}.") from None
+
+
+def _parameter(text: str) -> Parameter:
+    """Parameter of the text ``name=low,nominal,high,unit``; one in deg or rad is an angle."""
+    ((name, value),) = _pairs("--parameter", [text]).items()
+    *numbers, unit = (entry.strip() for entry in value.split(","))
+    if len(numbers) != 3:
+        raise SceneError(
+            f"--parameter {text}: expected NAME=LOW,NOMINAL,HIGH,UNIT, such as theta=-30,0,45,deg."
+        )
+    low, nominal, high = (_number("--parameter", name, number) for number in numbers)
+    kind = Angle if unit in ANGLE_UNITS else Parameter
+    return kind(name, nominal, low, high, unit=unit)
+
+
+def body(
+    body_file: Annotated[Path, typer.Argument(help="Catalogue body, a TOML file.")],
+    name: Annotated[str | None, typer.Option(help="Name of the body in the scene.")] = None,
+    method: Annotated[str | None, typer.Option(help="Component modes.")] = None,
+    modes: Annotated[int | None, typer.Option(help="Number of modes.")] = None,
+    frequency: Annotated[float | None, typer.Option(help="Highest frequency, rad/s.")] = None,
+    effective_mass: Annotated[float | None, typer.Option(help="Fraction of the mass.")] = None,
+    damping: Annotated[float | None, typer.Option(help="Damping ratio of all modes.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Print the table of a catalogue body, to be pasted into a scene file."""
+    from mbdlft.elastic.catalogue import body_table, load_body, reduced_body
+    from mbdlft.elastic.model import effective_masses
+    from mbdlft.multibody.scene.toml import body_to_toml
+
+    options = {"method": method, "modes": modes, "frequency": frequency}
+    options |= {"effective_mass": effective_mass, "damping": damping}
+    choices: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
+    description = body_table(body_file)
+    notes = [f"{body_file.name}: {description['description']}", f"Source: {description['source']}"]
+    toml = body_to_toml(load_body(body_file, name, **choices))
+    if "data" in description:
+        notes.append(effective_masses(reduced_body(body_file, **choices)).table())
+    if as_json:
+        print_json({"toml": toml, "notes": notes})
+        return
+    lines = "\n".join(notes).splitlines()
+    sys.stdout.write("".join(f"# {line}\n".replace(" \n", "\n") for line in lines) + f"\n{toml}")
+
+
+def schema(
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="File to write; else it is printed.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Write the JSON schema of scene files: editors complete and check keys and kinds with it."""
+    from mbdlft.multibody.scene import scene_schema
+
+    text = json.dumps(scene_schema(), indent=2, ensure_ascii=False) + "\n"
+    if output is None:
+        sys.stdout.write(text)  # which is JSON
+        return
+    write_text(output, text)
+    if as_json:
+        print_files(("schema", output), as_json=True)
