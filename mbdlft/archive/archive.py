@@ -80,13 +80,7 @@ def naming(file: Path, what: str) -> Iterator[None]:
 
 
 def check_name(file: Path, kind: str, name: str) -> None:
-    """Raise an error unless the name can be that of a group of an archive.
-
-    Raises
-    ------
-    ArchiveError
-        The name is empty or very long, or has a slash or a zero byte.
-    """
+    """Raise an error unless the name can be that of a group of an archive."""
     usable = isinstance(name, str) and bool(name) and name != "." and not set(name) & {"/", "\0"}
     try:
         usable = usable and len(name.encode("utf-8")) < 2**12
@@ -100,13 +94,7 @@ def check_name(file: Path, kind: str, name: str) -> None:
 
 
 def check_file(file: Path) -> None:
-    """Raise an error if it is known before the work that an archive cannot be written here.
-
-    Raises
-    ------
-    ArchiveError
-        The file exists and is not an archive of this major version, or its folder does not exist.
-    """
+    """Raise an error if it is known before the work that an archive cannot be written here."""
     if file.exists():
         names_in(file, "models")
     elif not target_of(file).parent.is_dir():
@@ -126,12 +114,6 @@ def rewrite(
     The group `replaced` of the old contents is left out. If there is a file `made`, it has that group
     already, on the same disk; the rest is put into it, and it is moved to its place. Otherwise an archive
     is made in memory first if the old one is not large. Other writers of the file wait.
-
-    Raises
-    ------
-    ArchiveError
-        The file exists and is not an archive of this major version, or something in it cannot be read,
-        or it cannot be written. The old file is then unchanged.
     """
     target = target_of(file)
     if target.exists():
@@ -231,13 +213,7 @@ def load(
 def read_one(
     file: Path, request: Request, make: Callable[[Part, str], Made], *, isolated: bool = False
 ) -> Made:
-    """What is made of one member of an archive and of its name.
-
-    Raises
-    ------
-    ArchiveError
-        As `load`; or `make` raises one, and then the member is named.
-    """
+    """What is made of one member of an archive and of its name."""
     if request.name is not None and not isinstance(request.name, str):
         shown = repr(request.name)[:60]
         raise ArchiveError(f"{file}: expected the name of a {request.kind}, got {shown}.")
@@ -277,13 +253,7 @@ _ENDING = ".part"
 
 
 def target_of(file: Path) -> Path:
-    """The file itself, or what it leads to if it is a link.
-
-    Raises
-    ------
-    ArchiveError
-        The link leads to itself.
-    """
+    """The file itself, or what it leads to if it is a link."""
     if not file.is_symlink():
         return file
     target = Path(os.path.realpath(file))
@@ -294,13 +264,7 @@ def target_of(file: Path) -> Path:
 
 @contextmanager
 def locked(file: Path) -> Iterator[None]:
-    """A context in which no other process writes a file; it waits for one that does.
-
-    Raises
-    ------
-    ArchiveError
-        The lock cannot be made, or another process holds it for minutes.
-    """
+    """A context in which no other process writes a file; it waits for one that does."""
     beside = file.with_name(f"{file.name}.lock")
     end = time.monotonic() + _PATIENCE
     try:
@@ -357,11 +321,11 @@ def _try_lock(handle: int) -> bool:
 def _is_same(handle: int, file: Path) -> bool:
     """Whether an open file is still the one of its name."""
     try:
-        found = file.stat()
+        by_name = file.stat()
     except FileNotFoundError:
         return False
-    own = os.fstat(handle)
-    return (own.st_ino, own.st_dev) == (found.st_ino, found.st_dev)
+    by_handle = os.fstat(handle)
+    return (by_handle.st_ino, by_handle.st_dev) == (by_name.st_ino, by_name.st_dev)
 
 
 def _remove_leftovers(file: Path) -> None:
@@ -378,11 +342,6 @@ def put(file: Path, image: bytes | Callable[[Path], None], made: Path | None = N
 
     `image` is the content of the file, or a function that writes it to a path: that of a new file beside
     the old one, or of the file `made`, which has a part of the content already and stays if this fails.
-
-    Raises
-    ------
-    ArchiveError
-        The file cannot be written.
     """
     temporary: Path | None = None
     try:

@@ -67,13 +67,7 @@ class Part(NamedTuple):
 
 
 def member_names(archive: Any, parent: str) -> list[str]:
-    """Sorted names of the members of a group of the root; none if the root has no such group.
-
-    Raises
-    ------
-    ArchiveError
-        The group cannot be read, or has something in it that is not a group.
-    """
+    """Sorted names of the members of a group of the root; none if the root has no such group."""
     if parent not in names_of(archive):
         return []
     group = member(archive, parent)
@@ -107,14 +101,14 @@ def read_group(
     group = member(member(archive, parent), name)
     if not isinstance(group, h5py.Group):
         raise ArchiveError(f"{group.name} is not a group.")
-    found = dict(_items_of(group))
-    if not long_text and any(spec.type == _LONG_TEXT for _, spec in found.values()):
+    objects = dict(_items_of(group))
+    if not long_text and any(spec.type == _LONG_TEXT for _, spec in objects.values()):
         raise LongTextError
-    heads = {path: _attribute(found[path][0], path) for path in found if path[:1] == "@"}
+    heads = {path: _attribute(objects[path][0], path) for path in objects if path[:1] == "@"}
     kind = _word(heads.get("@encoding_type"))
     written = _word(heads.get("@encoding_version"))
     version = encoding_of(kind, written, kinds)
-    specs = {path: spec for path, (_, spec) in found.items()}
+    specs = {path: spec for path, (_, spec) in objects.items()}
     if version == "1.0":
         specs = {
             path: Spec(TEXT if spec.type == _LONG_TEXT else spec.type, spec.shape)
@@ -129,15 +123,15 @@ def read_group(
         size = int(heads[BLOCK_ROWS][()]) if version != "1.0" else 1
         first, stop = _blocks(rows, count, size)
     total, items = 0, {}
-    for path, (item, _) in found.items():
-        part = slice(first, stop) if kind == SWEEP_TYPE and path in ROWS else None
-        total += _bytes(item, path, part, limit)
+    for path, (item, _) in objects.items():
+        rows_read = slice(first, stop) if kind == SWEEP_TYPE and path in ROWS else None
+        total += _bytes(item, path, rows_read, limit)
         if total > limit:
             raise ArchiveError(
                 f"needs more than {limit} bytes of memory at {path}. Is it damaged? If not, read it with "
                 "a larger limit, or fewer rows of a sweep at a time."
             )
-        items[path] = _values(item, path, part)
+        items[path] = _values(item, path, rows_read)
     return Part(items, first, count)
 
 
@@ -298,9 +292,9 @@ def attribute_names(item: Any) -> list[str]:
 
 def _attribute_spec(item: Any, path: str, name: str) -> Spec:
     """Type and shape of an attribute."""
-    found = h5a.open(item.id, name.encode("utf-8"))
+    attribute = h5a.open(item.id, name.encode("utf-8"))
     called = f"{path}@{name}"
-    return Spec(_type(called, found.get_type()), _shape(called, _dataspace(found)))
+    return Spec(_type(called, attribute.get_type()), _shape(called, _dataspace(attribute)))
 
 
 def _dataspace(attribute: Any) -> tuple[int, ...] | None:
@@ -317,27 +311,27 @@ def _blocks(rows: slice, count: int, size: int) -> tuple[int, int]:
     return start // size * size, min(count, -(-stop // size) * size)
 
 
-def _bytes(item: Any, path: str, part: slice | None, limit: int) -> int:
+def _bytes(item: Any, path: str, rows: slice | None, limit: int) -> int:
     """Bytes of an item when it is in memory, of a dataset also those of the chunk that is unpacked."""
     if "@" in path:
-        found = h5a.open(item.id, path.partition("@")[2].encode("utf-8"))
-        return int(found.get_storage_size())
+        attribute = h5a.open(item.id, path.partition("@")[2].encode("utf-8"))
+        return int(attribute.get_storage_size())
     size = item.dtype.itemsize if item.dtype.kind != "O" else 16
     shape = list(item.shape)
-    if part is not None:
-        shape[0] = part.stop - part.start
+    if rows is not None:
+        shape[0] = rows.stop - rows.start
     whole = int(np.prod([size, *shape], dtype=object))
     chunk = int(np.prod([size, *(item.chunks or ())], dtype=object)) if item.chunks else 0
     return max(whole, chunk if chunk > limit else 0)
 
 
-def _values(item: Any, path: str, part: slice | None) -> NDArray[Any]:
+def _values(item: Any, path: str, rows: slice | None) -> NDArray[Any]:
     """The values of an item, texts as bytes."""
     if "@" in path:
         return _attribute(item, path)
     if item.dtype.kind == "O":
         return _as_bytes(item.asstr()[()].ravel().tolist())
-    values: NDArray[Any] = np.asarray(item[()] if part is None else item[part])
+    values: NDArray[Any] = np.asarray(item[()] if rows is None else item[rows])
     return _plain(values)
 
 
@@ -346,10 +340,10 @@ def _attribute(item: Any, path: str) -> NDArray[Any]:
     value = item.attrs[path.partition("@")[2]]
     if isinstance(value, str):
         return np.array(value.encode("utf-8"))
-    found = np.asarray(value)
-    if found.dtype.kind == "O":
-        return _as_bytes([str(text) for text in found.ravel()])
-    return _plain(found)
+    array = np.asarray(value)
+    if array.dtype.kind == "O":
+        return _as_bytes([str(text) for text in array.ravel()])
+    return _plain(array)
 
 
 def _plain(values: NDArray[Any]) -> NDArray[Any]:
@@ -416,10 +410,10 @@ def copy_all(old: Any, new: Any, replaced: str) -> None:
 def _copy(old: Any, new: Any, left_out: str) -> None:
     """Copy the members of a group but one, and its attributes, their types unchanged."""
     for name in attribute_names(old):
-        found = h5a.open(old.id, name.encode("utf-8"))
-        if found.get_type().get_class() == h5t.REFERENCE:
+        attribute = h5a.open(old.id, name.encode("utf-8"))
+        if attribute.get_type().get_class() == h5t.REFERENCE:
             raise ArchiveError(f"attribute {name!r} of {old.name} leads to another place.")
-        new.attrs.create(name, old.attrs[name], dtype=found.dtype)
+        new.attrs.create(name, old.attrs[name], dtype=attribute.dtype)
     for name in names_of(old):
         check_link(old, name)
         if name != left_out:

@@ -59,8 +59,8 @@ def _wanted(table: str) -> Layout:
     """Lines of paths with ``: type sizes``; a path that ends in ``?`` may be missing."""
     layout = {}
     for line in filter(None, map(str.strip, table.splitlines())):
-        paths, _, rest = line.partition(": ")
-        kind, *sizes = rest.split()
+        paths, _, spec = line.partition(": ")
+        kind, *sizes = spec.split()
         for path in paths.split():
             layout[path.rstrip("?")] = Wanted(kind, tuple(sizes), path.endswith("?"))
     return layout
@@ -255,13 +255,10 @@ def encode(kind: str, values: Mapping[str, Any]) -> Items:
     kind : str
         Such as ``"lft-model"``.
     values : mapping of paths to texts, numbers, or (nested) sequences of them
-
-    Raises
-    ------
-    ArchiveError
-        A text is not UTF-8, or an entry is complex.
     """
-    layout = {path: w for part in _LAYOUTS[kind, VERSION].values() for path, w in part.items()}
+    layout = {
+        path: w for section in _LAYOUTS[kind, VERSION].values() for path, w in section.items()
+    }
     values = {"@encoding_type": kind, "@encoding_version": VERSION, **values}
     return {
         path: _item(path, layout[path], value)
@@ -293,7 +290,7 @@ def with_digest(items: Items) -> Items:
 def of_fields(group: str, kind: str, owner: Any) -> dict[str, Any]:
     """Values by path of the fields of an object: those items of a group that have their names."""
     values = {}
-    for path in (path for part in _LAYOUTS[kind, VERSION].values() for path in part):
+    for path in (path for section in _LAYOUTS[kind, VERSION].values() for path in section):
         name = re.split("[@/]", path)[-1]
         if path.removesuffix(name)[:-1] == group and hasattr(owner, name):
             values[path] = getattr(owner, name)
@@ -324,8 +321,8 @@ def plain(items: Items, path: str) -> Any:
     """An item as a text, a number, a tuple of texts, or an array of numbers."""
     item = items[path]
     if item.dtype.kind == "S":
-        found = words(items, path)
-        return found if item.ndim else found[0]
+        entries = words(items, path)
+        return entries if item.ndim else entries[0]
     return item if item.ndim else item.item()
 
 
@@ -338,11 +335,6 @@ def check_layout(specs: Mapping[str, Spec], kind: str, version: str) -> None:
     """Raise an error unless a group has what a type of this version needs, of types and sizes that agree.
 
     `specs` are the items of the group; items that the table does not know may have any size.
-
-    Raises
-    ------
-    ArchiveError
-        Something is missing, or has another type or shape.
     """
     if (kind, version) not in _LAYOUTS:
         raise ArchiveError(f"encoding_version is {version}, and {kind!r} exists since {VERSION}.")
@@ -372,13 +364,7 @@ def check_layout(specs: Mapping[str, Spec], kind: str, version: str) -> None:
 
 
 def encoding_of(kind: object, version: object, kinds: tuple[str, ...]) -> str:
-    """The version by whose table a group is read: that of its own, or the newest that is known here.
-
-    Raises
-    ------
-    ArchiveError
-        The type is not one of `kinds`, or the version is newer than what can be read.
-    """
+    """The version by whose table a group is read: that of its own, or the newest that is known here."""
     if kind not in kinds:
         expected = " or ".join(map(repr, kinds))
         raise ArchiveError(f"encoding_type is {kind!r}, expected {expected}.")

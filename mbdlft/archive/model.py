@@ -48,13 +48,7 @@ _POINTER = "in the dataset provenance/scene"  # where readers of 1.0 look for th
 
 
 def items_of_model(model: System | DeltaThetaModel) -> Items:
-    """The items of a model or a system, and of its nonlinear functions, with their digest.
-
-    Raises
-    ------
-    ArchiveError
-        A text cannot be stored, or an entry is complex.
-    """
+    """The items of a model or a system, and of its nonlinear functions, with their digest."""
     values: dict[str, Any] = {}
     if isinstance(model, DeltaThetaModel):
         values, model = theta_values(model), model.linear
@@ -107,13 +101,7 @@ def _trim_values(trim: Trim, parameters: Sequence[Parameter]) -> dict[str, Any]:
 
 
 def model_of_items(items: Items, name: str) -> System | DeltaThetaModel:
-    """The model or system of the items of a group, which agree with the table.
-
-    Raises
-    ------
-    ArchiveError
-        The content is not what was written, or values do not agree.
-    """
+    """The model or system of the items of a group, which agree with the table."""
     if word(items, "@encoding_version") != FIRST:
         check_digest(items)
     domain = word(items, "@time_domain")

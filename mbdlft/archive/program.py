@@ -87,12 +87,6 @@ def program_of_items(items: Items, inputs: int, lft: LFT, trim: LFT | None) -> M
     """The program of a model; None if it has none, or one of a newer version that is not understood.
 
     `inputs` is the number of its parameters.
-
-    Raises
-    ------
-    ArchiveError
-        An operation is unknown, an operand is not there yet, the sizes do not fit the model, or the
-        program is longer than any that is written.
     """
     if "program/operation" not in items:
         return None
@@ -203,15 +197,7 @@ def _table_values(functions: tuple[ThetaFunction, ...]) -> dict[str, Any]:
 
 
 def theta_of_items(items: Items, linear: LFTModel) -> DeltaThetaModel:
-    """The model with its functions.
-
-    Raises
-    ------
-    ArchiveError
-        Counts do not agree, a name stands twice, a range is empty.
-    SceneError, StructureError
-        A text is no formula, a signal is not one of the model.
-    """
+    """The model with its functions."""
     names, units, formulas, signals, arguments = (
         words(items, f"theta/{name}") for name in ("name", "unit", "text", "signal", "argument")
     )

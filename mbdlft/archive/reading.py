@@ -63,13 +63,7 @@ class Answer(NamedTuple):
 
 
 def ask(file: Path, request: Request, *, isolated: bool = False) -> Answer:
-    """The answer to a request about a file.
-
-    Raises
-    ------
-    ArchiveError
-        The file is missing, damaged, foreign or newer, or has not what is asked for.
-    """
+    """The answer to a request about a file."""
     image = image_of(file)
     try:
         if isinstance(image, bytes) and is_sealed(image) and not isolated:
@@ -81,13 +75,7 @@ def ask(file: Path, request: Request, *, isolated: bool = False) -> Answer:
 
 
 def image_of(file: Path) -> bytes | Path:
-    """The content of a file, or the file itself if it is large.
-
-    Raises
-    ------
-    ArchiveError
-        It cannot be read, or does not begin like an HDF5 file.
-    """
+    """The content of a file, or the file itself if it is large."""
     try:
         size = file.stat().st_size
         image = file.absolute() if size > LARGE else content_of(file, ArchiveError)
@@ -209,13 +197,7 @@ def _answer(request: Request, archive: Any, image: bytes | Path, *, long_text: b
 
 
 def chosen_name(kind: str, names: tuple[str, ...], name: str | None) -> str:
-    """The name itself, or the only one of `names` if it is None.
-
-    Raises
-    ------
-    ArchiveError
-        The name is unknown; or it is None, and there is not exactly one.
-    """
+    """The name itself, or the only one of `names` if it is None."""
     if name is None:
         if len(names) != 1:
             raise ArchiveError(

@@ -77,7 +77,7 @@ class Layout:
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Shape of each dataset in one sample, in the order of a row."""
         x, u, y = len(self.states), len(self.inputs), len(self.outputs)
-        found: dict[str, tuple[int, ...]] = {
+        shapes: dict[str, tuple[int, ...]] = {
             "samples": (len(self.parameters),),
             "A": (x, x),
             "B": (x, u),
@@ -88,17 +88,17 @@ class Layout:
             "status": (),
         }
         if self.poles:
-            found |= {"poles/real": (x,), "poles/imaginary": (x,)}
+            shapes |= {"poles/real": (x,), "poles/imaginary": (x,)}
         if self.functions:
-            found["function/value"] = (len(self.functions),)
-        return found
+            shapes["function/value"] = (len(self.functions),)
+        return shapes
 
     @property
     def kinds(self) -> dict[str, str]:
         """Type of each dataset."""
         kind = "<f4" if self.single else "<f8"
-        found = {key: "<f8" if key in _WHOLE else kind for key in self.shapes}
-        return found | {"status": "i1"}
+        kinds = {key: "<f8" if key in _WHOLE else kind for key in self.shapes}
+        return kinds | {"status": "i1"}
 
     @property
     def width(self) -> int:
@@ -116,26 +116,20 @@ def unpack(layout: Layout, rows: Array) -> dict[str, Array]:
     }
 
 
-def pack(layout: Layout, parts: Mapping[str, Array], rows: Array) -> None:
-    """Write datasets (N, ...) by name into rows (N, width), as they will be read.
-
-    Raises
-    ------
-    ArchiveError
-        A number is too large for single precision.
-    """
+def pack(layout: Layout, datasets: Mapping[str, Array], rows: Array) -> None:
+    """Write datasets (N, ...) by name into rows (N, width), as they will be read."""
     kinds = layout.kinds
     for key, place in unpack(layout, rows).items():
-        given = np.asarray(parts[key])
+        values = np.asarray(datasets[key])
         if kinds[key] != "<f4":
-            place[...] = given
+            place[...] = values
             continue
         with np.errstate(over="ignore"):
-            place[...] = given.astype("<f4")
-        large = np.isinf(place) & np.isfinite(given)
+            place[...] = values.astype("<f4")
+        large = np.isinf(place) & np.isfinite(values)
         if np.any(large):
             raise ArchiveError(
-                f"{key} has the number {given[large][0]:g}, and single precision ends at 3.4e38. Store "
+                f"{key} has the number {values[large][0]:g}, and single precision ends at 3.4e38. Store "
                 "the sweep in double precision."
             )
 
@@ -143,11 +137,11 @@ def pack(layout: Layout, parts: Mapping[str, Array], rows: Array) -> None:
 def digests_of(rows: Array, block_rows: int) -> NDArray[np.uint8]:
     """The SHA-256 (., 32) of each block of rows (N, width)."""
     whole = np.ascontiguousarray(rows, dtype="<f8")
-    found = [
+    digests = [
         hashlib.sha256(whole[start : start + block_rows].data).digest()
         for start in range(0, len(whole), block_rows)
     ]
-    return np.frombuffer(b"".join(found), dtype=np.uint8).reshape(-1, 32)
+    return np.frombuffer(b"".join(digests), dtype=np.uint8).reshape(-1, 32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,17 +195,11 @@ def _put(stream: Any, data: memoryview) -> None:
 
 
 def make_rows(file: Path, layout: Layout, count: int) -> Places:
-    """Make a file with the empty datasets of a sweep: as large as it will be, but nothing is written.
-
-    Raises
-    ------
-    ArchiveError
-        The HDF5 library has not put the chunks one behind the other.
-    """
+    """Make a file with the empty datasets of a sweep: as large as it will be, but nothing is written."""
     with h5py.File(file, "w", libver=("v110", "v110")) as new:
         group = new.create_group(GROUP)
         for key, shape in layout.shapes.items():
-            parent, _, own = key.rpartition("/")
+            parent, _, leaf = key.rpartition("/")
             kind = layout.kinds[key]
             how = h5p.create(h5p.DATASET_CREATE)
             rows = _rows_of_chunk(layout, key, count)
@@ -221,7 +209,7 @@ def make_rows(file: Path, layout: Layout, count: int) -> Places:
                 how.set_fill_time(h5d.FILL_TIME_NEVER)
             owner = group.require_group(parent) if parent else group
             space = h5s.create_simple((count, *shape))
-            h5d.create(owner.id, own.encode(), _KINDS[kind], space, how)
+            h5d.create(owner.id, leaf.encode(), _KINDS[kind], space, how)
     return places_in(file, layout, count)
 
 
@@ -236,16 +224,10 @@ def _row_bytes(layout: Layout, key: str) -> int:
 
 
 def places_in(file: Path, layout: Layout, count: int) -> Places:
-    """Where the rows are in a file that `make_rows` has made.
-
-    Raises
-    ------
-    ArchiveError
-        The HDF5 library has not put the chunks one behind the other.
-    """
+    """Where the rows are in a file that `make_rows` has made."""
     starts, sizes = dict[str, int](), dict[str, int]()
-    with h5py.File(file, "r") as found:
-        group = found[GROUP]
+    with h5py.File(file, "r") as archive:
+        group = archive[GROUP]
         for key in layout.shapes:
             rows = _rows_of_chunk(layout, key, count)
             if not rows:
@@ -259,13 +241,7 @@ def places_in(file: Path, layout: Layout, count: int) -> Places:
 
 
 def reserve(file: Path) -> None:
-    """Have the system reserve the disk for a whole file: rows are then written five times as fast.
-
-    Raises
-    ------
-    OSError
-        The disk is full.
-    """
+    """Have the system reserve the disk for a whole file: rows are then written five times as fast."""
     if not hasattr(os, "posix_fallocate"):
         return
     with file.open("r+b") as stream:

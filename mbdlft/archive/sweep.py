@@ -107,11 +107,6 @@ def finish_sweep(
     blocks : array (., 32)
         The SHA-256 of each `block_rows` rows.
     model, scene : name of the model, or text of the scene
-
-    Raises
-    ------
-    ArchiveError
-        `save` would raise an error.
     """
     file = Path(path)
     check_name(file, "sweep", name)
@@ -199,10 +194,10 @@ def _check_blocks(items: Items, first: int, count: int) -> None:
     if len(wanted) != -(-count // size):
         raise ArchiveError(f"blocks: expected {-(-count // size)} digests, got {len(wanted)}.")
     read, keys = len(items["status"]), [key for key in ROWS if key in items]
-    parts = [np.asarray(items[key]).reshape(read, -1).astype("<f8") for key in keys]
-    rows = np.concatenate(parts, axis=1)
-    for start, found in zip(range(0, read, size), digests_of(rows, size), strict=True):
-        if not np.array_equal(found, wanted[(first + start) // size]):
+    arrays = [np.asarray(items[key]).reshape(read, -1).astype("<f8") for key in keys]
+    rows = np.concatenate(arrays, axis=1)
+    for start, computed in zip(range(0, read, size), digests_of(rows, size), strict=True):
+        if not np.array_equal(computed, wanted[(first + start) // size]):
             raise ArchiveError(
                 f"is damaged or was changed: rows {first + start} to "
                 f"{min(first + start + size, first + read) - 1} do not have their digest. Write it "

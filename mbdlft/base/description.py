@@ -34,13 +34,7 @@ def with_length(direction: "Direction", what: str = "axis") -> "Direction":
 
 
 def without_controls(text: str, but: str = "") -> str:
-    """The text itself, if it can be printed and stored.
-
-    Raises
-    ------
-    SceneError
-        The text has a control character that is not in `but`.
-    """
+    """The text itself, if it can be printed and stored."""
     for character in text:
         if unicodedata.category(character) == "Cc" and character not in but:
             raise SceneError(

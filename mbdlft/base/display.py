@@ -23,13 +23,13 @@ def readable(annotation: Any) -> str:
     if origin is Annotated:
         return readable(parts[0])
     if origin in (Union, types.UnionType):
-        return " | ".join(dict.fromkeys(readable(part) for part in parts))
+        return " | ".join(dict.fromkeys(readable(kind) for kind in parts))
     if origin is Literal:
-        return " | ".join(repr(part) for part in parts)
+        return " | ".join(repr(kind) for kind in parts)
     if origin is tuple and len(parts) == 2 and parts[1] is ...:
         return f"list of {_inside(parts[0])}"
     if origin is tuple:
-        return f"({', '.join(readable(part) for part in parts)})"
+        return f"({', '.join(readable(kind) for kind in parts)})"
     if isinstance(origin, type) and len(parts) == 2:
         return f"dict of {_inside(parts[0])} to {_inside(parts[1])}"
     if annotation is type(None):

@@ -93,23 +93,25 @@ def _of_the_same_item(name: str, known: list[str]) -> list[str]:
 
     ``flight.x`` is the x of its position; ``road.rate``, of what slides, is its velocity.
     """
-    item, *rest = name.split(".")
-    if not rest:
+    item, *quantities = name.split(".")
+    if not quantities:
         return [other for same in _SAME if name in same for other in same if other in known][:1]
-    meant = [[quantity, *rest] for quantity in _QUANTITIES]
-    meant += [[other, *rest[1:]] for same in _SAME if rest[0] in same for other in same]
-    return [found for parts in meant if (found := ".".join((item, *parts))) in known][:1]
+    meant = [[quantity, *quantities] for quantity in _QUANTITIES]
+    meant += [[other, *quantities[1:]] for same in _SAME if quantities[0] in same for other in same]
+    return [same_signal for words in meant if (same_signal := ".".join((item, *words))) in known][
+        :1
+    ]
 
 
 def check_known(
     what: str,
-    given: Iterable[str],
+    names: Iterable[str],
     existing: Collection[str],
     where: str,
     error: type[MbdlftError] = SceneError,
 ) -> None:
     """Raise an error of the class `error` for a name that does not exist; arguments as `unknown_name`."""
-    for name in given:
+    for name in names:
         if name not in existing:
             raise error(f"{where}: {unknown_name(what, name, existing)}")
 

@@ -161,18 +161,16 @@ class _Parser:
 
     def _meant(self) -> str:
         """What a name or a degree sign right behind a number may stand for."""
-        before, rest = self.text[: self.column - 1].strip(), self.text[self.column - 1 :].strip()
+        before, behind = self.text[: self.column - 1].strip(), self.text[self.column - 1 :].strip()
         if not _TOKEN.fullmatch(before) or not before[-1:].isdigit():
             return ""
-        if rest in ("deg", "°"):
+        if behind in ("deg", "°"):
             return f" Degrees are written {before}*deg."
         try:
-            parse_unit(rest)
+            parse_unit(behind)
         except SceneError:
-            return f" A product has a sign: {before}*{rest}." if self.kind == "name" else ""
-        return (
-            f" A unit stands in brackets, '{before} [{rest}]'; a product has a sign, {before}*name."
-        )
+            return f" A product has a sign: {before}*{behind}." if self.kind == "name" else ""
+        return f" A unit stands in brackets, '{before} [{behind}]'; a product has a sign, {before}*name."
 
     def _sum(self) -> Expression:
         self.depth += 1
@@ -312,9 +310,9 @@ def degree_of(expression: Expression, known: Mapping[str, int]) -> int:
         case Power(base, exponent):
             return abs(exponent) * degree_of(base, known)
         case Binary():
-            first, rest = spine(expression)
+            first, operations = spine(expression)
             total = degree_of(first, known)
-            for operator, right in rest:
+            for operator, right in operations:
                 degree = degree_of(right, known)
                 total = max(total, degree) if operator in "+-" else total + degree
             return total
@@ -363,9 +361,9 @@ def evaluate(
         case Negative(operand):
             return -evaluate(operand, values, number, functions)
         case Binary():
-            first, rest = spine(expression)
+            first, operations = spine(expression)
             result = evaluate(first, values, number, functions)
-            for operator, right in rest:
+            for operator, right in operations:
                 operand = evaluate(right, values, number, functions)
                 result = _binary(operator, result, operand)
             return result
@@ -406,9 +404,9 @@ def write(expression: Expression) -> str:
         case Negative(operand):
             return f"-{write(operand)}"
         case Binary():
-            first, rest = spine(expression)
+            first, operations = spine(expression)
             text = write(first)
-            for operator, right in rest:
+            for operator, right in operations:
                 text = f"({text} {operator} {write(right)})"
             return text
         case Power(base, exponent):
@@ -431,11 +429,11 @@ def _binary(operator: str, left: Any, right: Any) -> Any:
     return left / right
 
 
-def _power(base: Any, exponent: int, one: Any) -> Any:
+def _power(base: Any, exponent: int, unity: Any) -> Any:
     """A power as products; `one` is 1 in the number system."""
     if exponent < 0:
-        return _binary("/", one, _power(base, -exponent, one))
-    result = one
+        return _binary("/", unity, _power(base, -exponent, unity))
+    result = unity
     for k in range(exponent):
         result = base if k == 0 else result * base
     return result
@@ -447,9 +445,9 @@ def with_calls(expression: Expression, replace: Callable[[Call], Expression | No
         case Call():
             return replace(expression) or expression
         case Binary():
-            tree, rest = spine(expression)
+            tree, operations = spine(expression)
             tree = with_calls(tree, replace)
-            for operator, right in rest:
+            for operator, right in operations:
                 tree = Binary(operator, tree, with_calls(right, replace))
             return tree
         case Negative(operand):
@@ -465,11 +463,11 @@ def spine(expression: Expression) -> tuple[Expression, list[tuple[str, Expressio
 
     Long sums are trees that nest to the left; a loop over the chain needs no recursion.
     """
-    rest: list[tuple[str, Expression]] = []
+    operations: list[tuple[str, Expression]] = []
     while isinstance(expression, Binary):
-        rest.append((expression.operator, expression.right))
+        operations.append((expression.operator, expression.right))
         expression = expression.left
-    return expression, rest[::-1]
+    return expression, operations[::-1]
 
 
 def walk(expression: Expression) -> Iterator[Expression]:

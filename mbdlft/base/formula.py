@@ -68,13 +68,7 @@ NUMPY: Functions = {
 
 @cache
 def parsed(text: str) -> tuple[tuple[str | None, ast.expr], ...]:
-    """The parts of a formula with their names; the last has none.
-
-    Raises
-    ------
-    SceneError
-        It is no formula: the message says what is not allowed.
-    """
+    """The parts of a formula with their names; the last has none."""
     if len(text) > _LONGEST:
         raise SceneError(f"a formula has {len(text)} characters, at most {_LONGEST} are read.")
     try:
@@ -83,39 +77,34 @@ def parsed(text: str) -> tuple[tuple[str | None, ast.expr], ...]:
         raise SceneError(f"formula {text!r} cannot be read: {error}.") from None
     if not body or not isinstance(body[-1], ast.Expr):
         raise SceneError(f"formula {text!r}: the last part is its value.")
-    parts: list[tuple[str | None, ast.expr]] = []
-    for part in body[:-1]:
-        if not (isinstance(part, ast.Assign) and isinstance(part.targets[0], ast.Name)):
+    assignments: list[tuple[str | None, ast.expr]] = []
+    for statement in body[:-1]:
+        if not (isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name)):
             raise SceneError(f"formula {text!r}: expected parts such as 'r = a*a'.")
-        parts.append((part.targets[0].id, part.value))
-    parts.append((None, body[-1].value))
-    for _, expression in parts:
+        assignments.append((statement.targets[0].id, statement.value))
+    assignments.append((None, body[-1].value))
+    for _, expression in assignments:
         for node in ast.walk(expression):
             _check_node(text, node)
-    return tuple(parts)
+    return tuple(assignments)
 
 
 def formula_value(
     text: str,
     values: Mapping[str, Any],
     functions: Functions = NUMPY,
-    part: Callable[[str, Any], Any] = lambda name, value: value,
+    assign: Callable[[str, Any], Any] = lambda name, value: value,
 ) -> Any:
     """The value of a formula, its names being those of `values`.
 
     A function ``number`` makes numbers of the number system of those in the text; `part` is told the name
     and the value of each part, and returns what stands for it from then on.
-
-    Raises
-    ------
-    SceneError
-        A name or a function is not known, or it is no formula.
     """
     known, result = dict(values), None
     for name, expression in parsed(text):
         result = _value(text, expression, known, functions)
         if name is not None:
-            known[name] = part(name, result)
+            known[name] = assign(name, result)
     return result
 
 
@@ -158,8 +147,8 @@ def _single(text: str, node: ast.expr, known: Mapping[str, Any], functions: Func
         case ast.UnaryOp(operand=operand):
             return functions["neg"](_value(text, operand, known, functions))
         case ast.Compare(left=left, ops=[sign], comparators=[right]):
-            parts = [_value(text, part, known, functions) for part in (left, right)]
-            return functions[_OPERATORS[type(sign)]](*parts)
+            operands = [_value(text, part, known, functions) for part in (left, right)]
+            return functions[_OPERATORS[type(sign)]](*operands)
         case ast.Call(func=ast.Name(id=name), args=arguments) if name in functions:
             return functions[name](*_values(text, arguments, known, functions))
         case ast.Call(func=ast.Name(id=name)):

@@ -101,15 +101,15 @@ def after(done: float) -> Iterator[None]:
 
 def tell(done: float) -> None:
     """So many units of this part of the work are done."""
-    found = _HEARD.get()
-    if found is not None and found.most > 0.0:
-        found.listener(min(found.before + done, found.most), found.most)
+    listening = _HEARD.get()
+    if listening is not None and listening.most > 0.0:
+        listening.listener(min(listening.before + done, listening.most), listening.most)
 
 
 def pass_on(done: float, most: float) -> None:
     """Another process has done so many units of at most so many."""
-    found = _HEARD.get()
-    if found is not None and found.most > 0.0:
+    listening = _HEARD.get()
+    if listening is not None and listening.most > 0.0:
         tell(done)
-    elif found is not None:
-        found.listener(min(done, most), most)
+    elif listening is not None:
+        listening.listener(min(done, most), most)

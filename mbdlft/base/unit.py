@@ -137,11 +137,6 @@ def parse_unit(text: str) -> Unit:
 
     ``"N m/rad"``, ``"kg m^2"``, ``"mm"``, ``"deg"`` and ``"1"`` are units. A slash divides by the
     one symbol that follows it.
-
-    Raises
-    ------
-    SceneError
-        A symbol is not known, or the text is not a product of symbols.
     """
     if not text.strip():
         raise SceneError("a unit is empty; write '1' for a dimensionless quantity.")
@@ -188,22 +183,22 @@ def _unknown(text: str, symbol: str) -> SceneError:
     return SceneError(f"unit {text!r}: {said} Most of them take the prefixes {' '.join(_PREFIX)}.")
 
 
-def _unreadable(text: str, rest: str) -> SceneError:
-    """An error for a text that is not a unit from `rest` on."""
+def _unreadable(text: str, behind: str) -> SceneError:
+    """An error for a text that is not a unit from `behind` on."""
     return SceneError(
-        f"unit {text!r} cannot be read at {rest!r}. Write symbols with integer powers joined by blanks, "
-        "'*' or '/', such as 'N m/rad' or 'kg m^2'."
+        f"unit {text!r} cannot be read at {behind!r}. Write symbols with integer powers joined by "
+        "blanks, '*' or '/', such as 'N m/rad' or 'kg m^2'."
     )
 
 
 def dimension_name(dimension: Exponents) -> str:
     """A dimension as a text in SI base units, such as ``kg m^2 s^-2``; ``1`` for a dimensionless one."""
-    parts = [
+    factors = [
         name if exponent == 1 else f"{name}^{exponent}"
         for name, exponent in zip(_NAMES, dimension, strict=True)
         if exponent
     ]
-    return " ".join(parts) or "1"
+    return " ".join(factors) or "1"
 
 
 @dataclass(frozen=True, slots=True)

@@ -135,20 +135,13 @@ class Compiled:
         Returns
         -------
         Linearizations
-
-        Raises
-        ------
-        AnalysisError
-            The samples are wrong.
-        TrimError
-            Elastic bodies carry a load.
         """
-        given = samples_of(self.parameters, samples)
-        assert isinstance(given, GivenSamples)
-        points = points_of(given, self.parameters, 0, count_of(given))
+        checked = samples_of(self.parameters, samples)
+        assert isinstance(checked, GivenSamples)
+        points = points_of(checked, self.parameters, 0, count_of(checked))
         matrices, trim, _, status = self.rows(points)
-        parts = self.layout.parts(matrices)
-        return Linearizations(**parts, trim=trim, status=status.astype(np.int64))
+        matrices_by_name = self.layout.parts(matrices)
+        return Linearizations(**matrices_by_name, trim=trim, status=status.astype(np.int64))
 
     def rows(self, points: Array) -> tuple[Array, Array, Array, Array]:
         """The rows at points (N, n_p), as `Source.rows` describes them."""
@@ -158,20 +151,24 @@ class Compiled:
         values = np.empty((count, len(self.line.row)))
         lost = np.zeros(count, dtype=bool)
         for start in range(0, count, _AT_ONCE):  # deltas and the like stay near a core
-            part = slice(start, start + _AT_ONCE)
-            arguments = self._arguments(points[part])
-            lost[part] = run_natively(
-                self.program, arguments, self.line.row, values[part], self.threads
+            at_once = slice(start, start + _AT_ONCE)
+            arguments = self._arguments(points[at_once])
+            lost[at_once] = run_natively(
+                self.program, arguments, self.line.row, values[at_once], self.threads
             )
         matrices = values[:, :entries].reshape(count, *self.line.shape)
         end = entries + self.line.trims
-        trim, left, status = values[:, entries:end], values[:, end:], np.full(count, float(SOLVED))
+        trim, remainders, status = (
+            values[:, entries:end],
+            values[:, end:],
+            np.full(count, float(SOLVED)),
+        )
         if isinstance(self.source, ModelSource):
             residual = np.full(count, self.source.model.certificate.max_relative_error)
         else:
-            residual = left[:, 0] / np.where(left[:, 1] > 0.0, left[:, 1], 1.0)
+            residual = remainders[:, 0] / np.where(remainders[:, 1] > 0.0, remainders[:, 1], 1.0)
             lost |= ~(residual <= RESIDUAL)
-            largest = np.max(np.abs(left[~lost, 2:]), axis=0, initial=0.0)
+            largest = np.max(np.abs(remainders[~lost, 2:]), axis=0, initial=0.0)
             if np.any(largest[1:] > CARRIED * largest[0]):
                 check_carried(self.source.equations, largest[1:], float(largest[0]))
         if np.any(lost):
@@ -186,7 +183,7 @@ class Compiled:
         return deltas_at(self.source.model, points)
 
 
-def compile(given: Scene | LFTModel, *, threads: int | None = None) -> Compiled:
+def compile(source: Scene | LFTModel, *, threads: int | None = None) -> Compiled:
     """Compile the trim and the linearization of a scene, or the evaluation of a model, to native code.
 
     The code depends on the structure alone: scenes that differ in numbers and ranges share it. It is
@@ -196,7 +193,7 @@ def compile(given: Scene | LFTModel, *, threads: int | None = None) -> Compiled:
 
     Parameters
     ----------
-    given : Scene or LFTModel
+    source : Scene or LFTModel
         Of a scene, the nonlinear equations are trimmed and linearized at each sample. Of a model, the LFT
         is evaluated; where its program would be long, the equations of the scene that it was made from
         are taken instead, if they have the same values (`Compiled.computes` says which).
@@ -211,37 +208,37 @@ def compile(given: Scene | LFTModel, *, threads: int | None = None) -> Compiled:
     Raises
     ------
     SceneError
-        `given` is neither, or the scene cannot be assembled.
+        `source` is neither, or the scene cannot be assembled.
     AnalysisError
         The number of threads is not one.
     """
-    if not isinstance(given, Scene | LFTModel):
-        raise SceneError(f"compile: expected a Scene or an LFTModel, got {type(given).__name__}.")
+    if not isinstance(source, Scene | LFTModel):
+        raise SceneError(f"compile: expected a Scene or an LFTModel, got {type(source).__name__}.")
     if threads is not None and (not isinstance(threads, int) or threads < 1):
         raise AnalysisError(f"compile: expected at least 1 thread, got {threads!r}.")
-    found = _again(given, threads) if isinstance(given, Scene) else None
-    if found is not None:
-        return found
-    source = source_of(given)
-    found = compiled(source, threads)
-    if isinstance(given, Scene) and isinstance(source, EquationSource) and not found.reason:
-        assert found.line is not None
-        remember(given, source, found.line)
-    if found.reason:
+    code = _again(source, threads) if isinstance(source, Scene) else None
+    if code is not None:
+        return code
+    rows = source_of(source)
+    code = compiled(rows, threads)
+    if isinstance(source, Scene) and isinstance(rows, EquationSource) and not code.reason:
+        assert code.line is not None
+        remember(source, rows, code.line)
+    if code.reason:
         warnings.warn(
-            f"compile: {given.name!r} is computed by numpy: {found.reason}",
+            f"compile: {source.name!r} is computed by numpy: {code.reason}",
             MbdlftWarning,
             stacklevel=2,
         )
-    return found
+    return code
 
 
 def _again(scene: Scene, threads: int | None) -> Compiled | None:
     """A scene that was compiled before, without assembling it; None if it was not."""
-    found = remembered(scene) if is_available() else None
-    if found is None:
+    earlier = remembered(scene) if is_available() else None
+    if earlier is None:
         return None
-    source, line = found
+    source, line = earlier
     try:
         program = compile_native(line.program, len(line.row), user_cache())
     except Exception:  # it is compiled as if for the first time, and says why
@@ -270,12 +267,12 @@ def compiled(source: EquationSource | ModelSource, threads: int | None = None) -
     except Exception as error:
         reason = f"LLVM failed: {type(error).__name__}: {str(error)[:200]}"
         return Compiled(source, None, None, reason)
-    found = Compiled(source, line, program, "", threads, stored is not None)
-    if not _agrees(found, source):
+    code = Compiled(source, line, program, "", threads, stored is not None)
+    if not _agrees(code, source):
         return Compiled(
             source, None, None, "its program differs from the definition; please report it."
         )
-    return found
+    return code
 
 
 def of_equations(source: EquationSource) -> StraightLine | None:
@@ -338,24 +335,24 @@ def _by_equations(source: ModelSource, threads: int | None) -> Compiled | None:
     equations = equations_of(source.model)
     if equations is None:
         return None
-    found = compiled(equations, threads)
-    return None if found.reason or not _agrees(found, source) else found
+    code = compiled(equations, threads)
+    return None if code.reason or not _agrees(code, source) else code
 
 
-def _agrees(found: Compiled, definition: Source) -> bool:
+def _agrees(code: Compiled, definition: Source) -> bool:
     """Whether the values are those of the definition at some samples: there is no mistake."""
-    points = points_of(RandomSamples(_PROBES, 0), found.parameters, 0, _PROBES)
-    (one, *_, first), (two, *_, second) = found.rows(points), definition.rows(points)
+    points = points_of(RandomSamples(_PROBES, 0), code.parameters, 0, _PROBES)
+    (computed, *_, first), (defined, *_, second) = code.rows(points), definition.rows(points)
     some = (first == SOLVED) & (second == SOLVED)
     if not np.any(some):
         return True
-    one, two = one[some], two[some]
-    size = np.max(np.abs(two), axis=0, initial=0.0)
+    computed, defined = computed[some], defined[some]
+    size = np.max(np.abs(defined), axis=0, initial=0.0)
     rows, columns = np.max(size, axis=1, initial=0.0), np.max(size, axis=0, initial=0.0)
     # rows that are zero but for rounding have no size of their own
     least = np.maximum(size, np.sqrt(np.outer(rows, columns)))
     least = np.maximum(least, _ROUNDING * np.max(size, initial=0.0))
-    return bool(np.all(np.abs(one - two) <= _AGREED * least))
+    return bool(np.all(np.abs(computed - defined) <= _AGREED * least))
 
 
 def fastest(source: EquationSource | ModelSource, count: int) -> Source:
@@ -363,8 +360,8 @@ def fastest(source: EquationSource | ModelSource, count: int) -> Source:
     worth = _WORTH if isinstance(source, EquationSource) else NATIVE
     if count < worth or not is_available():
         return source
-    found = compiled(source, threads=1)
-    return source if found.reason else found
+    code = compiled(source, threads=1)
+    return source if code.reason else code
 
 
 _COMPARED = 32  # samples at which a stored program is compared with the LFT

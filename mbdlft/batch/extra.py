@@ -95,13 +95,7 @@ def poles_of(A: Array) -> NDArray[np.complex128]:
 
 
 def name_of(function: str | Function) -> str:
-    """``module:name`` of a function, which other processes can import.
-
-    Raises
-    ------
-    AnalysisError
-        It is no function, or cannot be imported by this name.
-    """
+    """``module:name`` of a function, which other processes can import."""
     if isinstance(function, str):
         function_of(function)
         return function
@@ -110,11 +104,11 @@ def name_of(function: str | Function) -> str:
             f"sweep: expected a function or 'module:name', got {type(function).__name__}."
         )
     text = f"{getattr(function, '__module__', '')}:{getattr(function, '__qualname__', '')}"
-    found: object = None
+    imported: object = None
     if not text.startswith("__main__:"):
         with contextlib.suppress(AnalysisError):
-            found = function_of(text)
-    if found is not function:
+            imported = function_of(text)
+    if imported is not function:
         raise AnalysisError(
             f"sweep: the function {text} cannot be imported by other processes, nor when the sweep goes "
             "on after a kill. Put it into a file of its own, NAME.py, and import it from there."
@@ -123,13 +117,7 @@ def name_of(function: str | Function) -> str:
 
 
 def function_of(text: str) -> Function:
-    """The function ``module:name``; modules are looked for in the working folder, too.
-
-    Raises
-    ------
-    AnalysisError
-        There is none.
-    """
+    """The function ``module:name``; modules are looked for in the working folder, too."""
     module, _, name = text.partition(":")
     if not (module and name) or not module.replace(".", "").isidentifier():
         raise AnalysisError(f"sweep: expected a function as module:name, got {text!r}.")
@@ -137,20 +125,24 @@ def function_of(text: str) -> Function:
     if here not in sys.path and "" not in sys.path:
         sys.path.insert(0, here)
     try:
-        found: Any = import_module(module)
+        member: Any = import_module(module)
     except Exception as error:
         raise AnalysisError(
             f"sweep: function {text}: the module {module} cannot be imported: "
             f"{type(error).__name__}: {error}. Modules of the working folder are found."
         ) from None
-    for part in name.split("."):
-        if not hasattr(found, part):
-            known = [key for key, one in vars(found).items() if callable(one) and key[0] != "_"]
-            raise AnalysisError(f"sweep: function {text}: " + unknown_name("name", part, known))
-        found = getattr(found, part)
-    if not callable(found):
-        raise AnalysisError(f"sweep: {text} is no function, but {type(found).__name__}.")
-    return found  # type: ignore[no-any-return]
+    for attribute in name.split("."):
+        if not hasattr(member, attribute):
+            known = [
+                key for key, value in vars(member).items() if callable(value) and key[0] != "_"
+            ]
+            raise AnalysisError(
+                f"sweep: function {text}: " + unknown_name("name", attribute, known)
+            )
+        member = getattr(member, attribute)
+    if not callable(member):
+        raise AnalysisError(f"sweep: {text} is no function, but {type(member).__name__}.")
+    return member  # type: ignore[no-any-return]
 
 
 def source_digest(text: str) -> str:
@@ -172,36 +164,29 @@ def asked_of(
     function: str | Function,
     single: bool,
 ) -> Extra:
-    """Check what is asked for; the function is called at some samples to learn the names of its numbers.
-
-    Raises
-    ------
-    AnalysisError
-        There is no such function, it raises an error at all of some samples, does not give numbers by
-        name, or what it gives at a sample depends on others.
-    """
+    """Check what is asked for; calls of the function at some samples give the names of its numbers."""
     text = name_of(function)
-    call, part = function_of(text), _probed(source, samples, text)
-    together, alone, raised = _called(call, part), list[dict[str, Array]](), ""
-    for k in range(len(part.A)):
-        one = part.at(slice(k, k + 1))
-        found = _called(call, one)
-        if isinstance(found, Exception):
-            at = ", ".join(f"{name} = {column[0]:g}" for name, column in one.samples.items())
-            raised = f"{type(found).__name__}: {found} at {at}"
+    call, probes = function_of(text), _probed(source, samples, text)
+    together, alone, raised = _called(call, probes), list[dict[str, Array]](), ""
+    for k in range(len(probes.A)):
+        probe = probes.at(slice(k, k + 1))
+        numbers = _called(call, probe)
+        if isinstance(numbers, Exception):
+            at = ", ".join(f"{name} = {column[0]:g}" for name, column in probe.samples.items())
+            raised = f"{type(numbers).__name__}: {numbers} at {at}"
             continue
-        alone.append(checked(text, found, 1))
+        alone.append(checked(text, numbers, 1))
     if not alone:
         raise AnalysisError(
             f"sweep: function {text} raised {raised}, and at all others of some samples."
         )
     names = tuple(alone[0])
-    if any(tuple(one) != names for one in alone):
+    if any(tuple(probe) != names for probe in alone):
         raise AnalysisError(
             f"sweep: function {text} gives {list(names)} at one sample, and other names at another."
         )
     if not isinstance(together, Exception):
-        _check_independent(text, checked(text, together, len(part.A)), alone)
+        _check_independent(text, checked(text, together, len(probes.A)), alone)
     return Extra(poles=poles, function=text, names=names, single=single)
 
 
@@ -230,32 +215,26 @@ def part_of(layout: Layout, points: Array, matrices: Array, trim: Array) -> Swee
     return SweepPart(samples, **layout.parts(matrices), trim=trim, layout=layout)
 
 
-def _called(call: Function, part: SweepPart) -> Any:
+def _called(call: Function, samples: SweepPart) -> Any:
     """What a function gives, or the error that it raises."""
     try:
         with np.errstate(all="ignore"):
-            return call(part)
+            return call(samples)
     except Exception as error:
         return error
 
 
-def checked(text: str, found: Any, count: int, names: tuple[str, ...] = ()) -> dict[str, Array]:
-    """Numbers (count,) by name, as a function must give them.
-
-    Raises
-    ------
-    AnalysisError
-        It gives something else.
-    """
+def checked(text: str, answer: Any, count: int, names: tuple[str, ...] = ()) -> dict[str, Array]:
+    """Numbers (count,) by name, as a function must give them."""
     what = f"sweep: function {text}"
-    if not isinstance(found, Mapping) or not found or not all(isinstance(k, str) for k in found):
+    if not isinstance(answer, Mapping) or not answer or not all(isinstance(k, str) for k in answer):
         raise AnalysisError(
-            f"{what}: expected arrays by name, such as {{'bandwidth': ...}}, got {type(found).__name__}."
+            f"{what}: expected arrays by name, such as {{'bandwidth': ...}}, got {type(answer).__name__}."
         )
-    if names and tuple(found) != names:
-        raise AnalysisError(f"{what}: gives {list(found)}, and {list(names)} at other samples.")
+    if names and tuple(answer) != names:
+        raise AnalysisError(f"{what}: gives {list(answer)}, and {list(names)} at other samples.")
     numbers = {}
-    for name, values in found.items():
+    for name, values in answer.items():
         array = np.asarray(values)
         if array.shape != (count,) or array.dtype.kind not in "fiub":
             raise AnalysisError(
@@ -273,7 +252,7 @@ def _check_independent(
     if len(alone) != len(next(iter(together.values()))):
         return
     for name, values in together.items():
-        each = np.array([one[name][0] for one in alone])
+        each = np.array([numbers[name][0] for numbers in alone])
         size = np.max(np.abs(each[np.isfinite(each)]), initial=0.0)
         if not np.allclose(values, each, rtol=0.0, atol=_SAME * size, equal_nan=True):
             raise AnalysisError(
@@ -287,33 +266,33 @@ def extras(
     extra: Extra, layout: Layout, points: Array, matrices: Array, trim: Array, status: Array
 ) -> dict[str, Array]:
     """Poles and numbers of the function, as datasets (N, ...); where it fails, `status` becomes 3."""
-    found, count = dict[str, Array](), len(points)
+    datasets, count = dict[str, Array](), len(points)
     solved = np.flatnonzero(status == SOLVED)
     if extra.poles:
         n = len(layout.states)
         poles = np.full((count, n), complex(np.nan, np.nan))
         poles[solved] = poles_of(matrices[solved, :n, :n])
-        found |= {"poles/real": poles.real, "poles/imaginary": poles.imag}
+        datasets |= {"poles/real": poles.real, "poles/imaginary": poles.imag}
     if extra.function:
         values = np.full((count, len(extra.names)), np.nan)
-        part = part_of(layout, points[solved], matrices[solved], trim[solved])
-        values[solved] = _values(extra, function_of(extra.function), part)
+        some = part_of(layout, points[solved], matrices[solved], trim[solved])
+        values[solved] = _values(extra, function_of(extra.function), some)
         failed = solved[~np.all(np.isfinite(values[solved]), axis=1)]
         values[failed], status[failed] = np.nan, FUNCTION_FAILED
-        found["function/value"] = values
-    return found
+        datasets["function/value"] = values
+    return datasets
 
 
-def _values(extra: Extra, call: Function, part: SweepPart) -> Array:
+def _values(extra: Extra, call: Function, samples: SweepPart) -> Array:
     """Numbers (n, functions); NaN where the function raises an error."""
-    count = len(part.A)
+    count = len(samples.A)
     if not count:
         return np.empty((0, len(extra.names)))
-    found = _called(call, part)
-    if not isinstance(found, Exception):
-        numbers = checked(extra.function, found, count, extra.names)
+    answer = _called(call, samples)
+    if not isinstance(answer, Exception):
+        numbers = checked(extra.function, answer, count, extra.names)
         return np.stack(list(numbers.values()), axis=1)
     if count == 1:
         return np.full((1, len(extra.names)), np.nan)
     halves = (slice(0, count // 2), slice(count // 2, count))
-    return np.concatenate([_values(extra, call, part.at(half)) for half in halves])
+    return np.concatenate([_values(extra, call, samples.at(half)) for half in halves])

@@ -54,9 +54,9 @@ class SceneSource:
     @cached_property
     def definition(self) -> EquationSource:
         """The equations."""
-        found = source_of(self.scene)
-        assert isinstance(found, EquationSource)
-        return found
+        source = source_of(self.scene)
+        assert isinstance(source, EquationSource)
+        return source
 
     @property
     def equations(self) -> Equations:
@@ -71,14 +71,14 @@ class SceneSource:
 def remembered(scene: Scene) -> tuple[SceneSource, StraightLine] | None:
     """The program of a scene, if it was compiled before; what is not as it was written is not used."""
     cache = user_cache()
-    found = cache.get(_key(scene), "program") if cache else None
-    if found is None:
+    image = cache.get(_key(scene), "program") if cache else None
+    if image is None:
         return None
     try:
-        with np.load(io.BytesIO(found), allow_pickle=False) as stored:
+        with np.load(io.BytesIO(image), allow_pickle=False) as stored:
             items = {name: stored[name] for name in stored.files}
         head = json.loads(items.pop("head").tobytes())
-        signals: Any = {k: tuple(Signal(*one) for one in some) for k, some in head["layout"]}
+        signals: Any = {k: tuple(Signal(*signal) for signal in some) for k, some in head["layout"]}
         layout = Layout(**signals)
         program, row = decoded(items, len(layout.parameters), head["size"])
     except _NOT_READ:
@@ -114,12 +114,12 @@ def _key(scene: Scene) -> str:
     """What a program depends on: the text of the scene, and all that makes a program of it."""
     kinds = {
         type(item)
-        for part in (scene.bodies, scene.joints, scene.loads, scene.sensors)
-        for item in part
+        for items in (scene.bodies, scene.joints, scene.loads, scene.sensors)
+        for item in items
     }
     outside = sorted(_stamp(Path(file)) for file in map(_file, kinds) if file)
-    parts = (_FORM, scene_to_toml(scene), _package(), *outside)
-    return key_of(*parts, sys.version, *(version(name) for name in ("casadi", "numpy")))
+    made_of = (_FORM, scene_to_toml(scene), _package(), *outside)
+    return key_of(*made_of, sys.version, *(version(name) for name in ("casadi", "numpy")))
 
 
 def _file(kind: type) -> str | None:
@@ -139,7 +139,7 @@ def _package() -> str:
 
 def _stamp(file: Path) -> str:
     try:
-        found = file.stat()
+        status = file.stat()
     except OSError:
         return f"{file} is gone"
-    return f"{file} {found.st_size} {found.st_mtime_ns}"
+    return f"{file} {status.st_size} {status.st_mtime_ns}"

@@ -177,14 +177,14 @@ class ModelSource:
 def _values(model: LFTModel, lft: LFT, points: Array, deltas: Array) -> Array:
     """Values of an LFT of a model at physical points (N, n_p), whose deltas are known, too."""
     known = model.known_program
-    found = None if known is None else evaluate_known(lft, deltas, known, points)
-    return evaluate_at(lft, deltas) if found is None else found
+    values = None if known is None else evaluate_known(lft, deltas, known, points)
+    return evaluate_at(lft, deltas) if values is None else values
 
 
 def deltas_at(model: LFTModel, points: Array) -> Array:
     """Deltas (N, n_p) of a model at physical points (N, n_p) in its ranges."""
-    found = deltas_of(model, {p.name: points[:, k] for k, p in enumerate(model.parameters)})
-    return np.broadcast_to(found, (len(points), found.shape[1]))
+    deltas = deltas_of(model, {p.name: points[:, k] for k, p in enumerate(model.parameters)})
+    return np.broadcast_to(deltas, (len(points), deltas.shape[1]))
 
 
 def _as_slice(some: Indices) -> slice | Indices:
@@ -209,17 +209,11 @@ def _halves(fill: Callable[[Indices], None], some: Indices) -> None:
             _halves(fill, some[middle:])
 
 
-def source_of(given: Scene | LFTModel) -> EquationSource | ModelSource:
-    """The source of rows of a scene or of a model.
-
-    Raises
-    ------
-    SceneError
-        The scene cannot be assembled.
-    """
-    if isinstance(given, LFTModel):
-        return ModelSource(given)
-    equations = assemble(given)
-    inputs, outputs = choose_signals(given, equations)
-    need = choose_states(given, equations, inputs, outputs)
+def source_of(definition: Scene | LFTModel) -> EquationSource | ModelSource:
+    """The source of rows of a scene or of a model."""
+    if isinstance(definition, LFTModel):
+        return ModelSource(definition)
+    equations = assemble(definition)
+    inputs, outputs = choose_signals(definition, equations)
+    need = choose_states(definition, equations, inputs, outputs)
     return EquationSource(equations, tuple(inputs), tuple(outputs), need)

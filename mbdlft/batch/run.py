@@ -226,20 +226,14 @@ _AHEAD = 2  # shards that are submitted at a time, for each thread of the cluste
 
 
 def cluster_shards(
-    client: Any, given: Scene | LFTModel, work: Work, shards: Sequence[int]
+    client: Any, definition: Scene | LFTModel, work: Work, shards: Sequence[int]
 ) -> Iterator[tuple[int, Array]]:
-    """Yield each shard with its rows (n, width) as soon as the cluster has finished it.
-
-    Raises
-    ------
-    AnalysisError
-        Dask is not installed, or workers died again and again over one shard.
-    """
+    """Yield each shard with its rows (n, width) as soon as the cluster has finished it."""
     try:
         distributed: Any = import_module("distributed")  # an optional extra
     except ImportError:
         raise AnalysisError("sweep: a cluster needs Dask: pip install 'mbdlft[cluster]'.") from None
-    sent = given if isinstance(given, LFTModel) else scene_to_toml(given)
+    sent = definition if isinstance(definition, LFTModel) else scene_to_toml(definition)
     # the source is the result of a task: data that is scattered is lost with the workers that hold it
     source = client.submit(_received, sent, pure=False)
     waiting, number = iter(shards), {}
@@ -268,23 +262,25 @@ def cluster_shards(
             break
 
 
-def _received(given: str | LFTModel) -> str | LFTModel:
+def _received(definition: str | LFTModel) -> str | LFTModel:
     """The argument itself, as the result of a task."""
-    return given
+    return definition
 
 
-def shard_rows(given: str | LFTModel, count: int, extra: Extra, points: Array) -> Array:
+def shard_rows(definition: str | LFTModel, count: int, extra: Extra, points: Array) -> Array:
     """Rows (n, width) at the samples `points` (n, n_p) of a shard, for a scene in TOML or a model.
 
     `count` samples are in all shards.
     """
-    return rows_at(*_source(given, count), extra, points)
+    return rows_at(*_source(definition, count), extra, points)
 
 
 @lru_cache(maxsize=4)
-def _source(given: str | LFTModel, count: int) -> tuple[Source, int]:
+def _source(definition: str | LFTModel, count: int) -> tuple[Source, int]:
     """The source of rows, and its chunk; a worker makes it once for all of its shards."""
-    known = source_of(given if isinstance(given, LFTModel) else scene_from_toml(given))
+    known = source_of(
+        definition if isinstance(definition, LFTModel) else scene_from_toml(definition)
+    )
     return fastest(known, count), known.chunk
 
 

@@ -60,43 +60,38 @@ Samples = GridSamples | RandomSamples | GivenSamples
 
 
 def samples_of(
-    parameters: Sequence[Parameter], given: GridSamples | RandomSamples | Mapping[str, ArrayLike]
+    parameters: Sequence[Parameter], samples: GridSamples | RandomSamples | Mapping[str, ArrayLike]
 ) -> Samples:
     """Check the samples of a user.
 
     Parameters
     ----------
     parameters : sequence of Parameter
-    given : GridSamples, RandomSamples, or a mapping of names to numbers or arrays (N,)
+    samples : GridSamples, RandomSamples, or a mapping of names to numbers or arrays (N,)
         Values in the units of the parameters; a parameter that is not named is nominal.
-
-    Raises
-    ------
-    AnalysisError
-        A name is unknown, there are no samples, or a value is outside its range.
     """
     names = [p.name for p in parameters]
-    if isinstance(given, GridSamples):
-        check_known("parameter", given.counts, names, "sweep, grid", AnalysisError)
-        if not given.counts or any(count < 1 for count in given.counts.values()):
+    if isinstance(samples, GridSamples):
+        check_known("parameter", samples.counts, names, "sweep, grid", AnalysisError)
+        if not samples.counts or any(count < 1 for count in samples.counts.values()):
             raise AnalysisError(
                 f"sweep: a grid needs a number of values of at least 1 for some parameters, got "
-                f"{dict(given.counts)}."
+                f"{dict(samples.counts)}."
             )
-        return given
-    if isinstance(given, RandomSamples):
-        if given.count < 1 or given.seed < 0:
+        return samples
+    if isinstance(samples, RandomSamples):
+        if samples.count < 1 or samples.seed < 0:
             raise AnalysisError(
-                f"sweep: expected at least 1 random sample and a seed of at least 0, got {given}."
+                f"sweep: expected at least 1 random sample and a seed of at least 0, got {samples}."
             )
-        return given
-    if not isinstance(given, Mapping):
+        return samples
+    if not isinstance(samples, Mapping):
         raise AnalysisError(
             "sweep: expected GridSamples, RandomSamples or a mapping of names to arrays, got "
-            f"{type(given).__name__}."
+            f"{type(samples).__name__}."
         )
-    check_known("parameter", given, names, "sweep, samples", AnalysisError)
-    return GivenSamples(_points(parameters, given))
+    check_known("parameter", samples, names, "sweep, samples", AnalysisError)
+    return GivenSamples(_points(parameters, samples))
 
 
 def count_of(samples: Samples) -> int:
@@ -184,10 +179,10 @@ def read_samples(path: str | Path) -> dict[str, Array]:
     return {name: table[:, k] for k, name in enumerate(names)}
 
 
-def _points(parameters: Sequence[Parameter], given: Mapping[str, ArrayLike]) -> Array:
+def _points(parameters: Sequence[Parameter], samples: Mapping[str, ArrayLike]) -> Array:
     """Checked values (N, n_p) of all parameters."""
     columns = {
-        name: np.atleast_1d(np.asarray(column, dtype=float)) for name, column in given.items()
+        name: np.atleast_1d(np.asarray(column, dtype=float)) for name, column in samples.items()
     }
     lengths = {len(column) for column in columns.values() if column.ndim == 1}
     if any(column.ndim != 1 for column in columns.values()) or len(lengths - {1}) > 1:

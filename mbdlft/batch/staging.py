@@ -93,9 +93,9 @@ class Work:
         return min(self.shard_rows, self.count - shard * self.shard_rows)
 
 
-def work_of(given: Scene | LFTModel, samples: Samples, extra: Extra) -> Work:
+def work_of(definition: Scene | LFTModel, samples: Samples, extra: Extra) -> Work:
     """The work of a sweep in shards of whole chunks, small enough for memory and for regular progress."""
-    source = source_of(given)
+    source = source_of(definition)
     width = extra.layout(source.layout).width
     block = source.chunk * max(1, min(_BLOCK_ROWS, _SHARD_ROWS) // source.chunk)
     most = min(_SHARD_ROWS, _SHARD_BYTES // (8 * width))
@@ -117,43 +117,35 @@ def rows_at(source: Source, chunk: int, extra: Extra, points: Array) -> Array:
     rows = np.empty((len(points), layout.width))
     with one_thread():
         for start in range(0, len(points), chunk):
-            part = points[start : start + chunk]
-            matrices, trim, residual, status = source.rows(part)
-            more = extras(extra, source.layout, part, matrices, trim, status)
-            found = {
-                "samples": part,
+            chunk_points = points[start : start + chunk]
+            matrices, trim, residual, status = source.rows(chunk_points)
+            more = extras(extra, source.layout, chunk_points, matrices, trim, status)
+            datasets = {
+                "samples": chunk_points,
                 **layout.parts(matrices),
                 "trim/value": trim,
                 "residual": residual,
                 "status": status,
                 **more,
             }
-            pack(layout, found, rows[start : start + chunk])
+            pack(layout, datasets, rows[start : start + chunk])
     return rows
 
 
 def prepare(
-    folder: Path, given: Scene | LFTModel, samples: Samples, extra: Extra, *, restart: bool
+    folder: Path, definition: Scene | LFTModel, samples: Samples, extra: Extra, *, restart: bool
 ) -> Work:
-    """Make the folder of a sweep, or continue with that of the same sweep.
-
-    Raises
-    ------
-    AnalysisError
-        The folder exists and belongs to another sweep that is not finished.
-    ArchiveError
-        The folder cannot be written.
-    """
-    work = work_of(given, samples, extra)
+    """Make the folder of a sweep, or continue with that of the same sweep."""
+    work = work_of(definition, samples, extra)
     plan = {
         "mbdlft": version("mbdlft"),
-        "source": "model" if isinstance(given, LFTModel) else "scene",
+        "source": "model" if isinstance(definition, LFTModel) else "scene",
         "samples": described(samples),
         "extra": json.loads(json.dumps(asdict(extra))),
         "function": source_digest(extra.function),
         "block_rows": work.block_rows,
         "shard_rows": work.shard_rows,
-        "fingerprint": _fingerprint(given, samples),
+        "fingerprint": _fingerprint(definition, samples),
     }
     with _written(folder):
         if restart or (folder.exists() and not (folder / _PLAN).exists()):
@@ -168,10 +160,10 @@ def prepare(
             _make_rows(folder, work)
             return work
         folder.mkdir(parents=True)
-        if isinstance(given, LFTModel):
-            save(folder / _MODEL, given, "model")
+        if isinstance(definition, LFTModel):
+            save(folder / _MODEL, definition, "model")
         else:
-            (folder / _SCENE).write_text(scene_to_toml(given), encoding="utf-8")
+            (folder / _SCENE).write_text(scene_to_toml(definition), encoding="utf-8")
         if isinstance(samples, GivenSamples):
             np.save(folder / _SAMPLES, samples.points)
         _make_rows(folder, work)
@@ -180,13 +172,7 @@ def prepare(
 
 
 def _read_plan(folder: Path) -> dict[str, Any]:
-    """The plan of a sweep, without its digest.
-
-    Raises
-    ------
-    ArchiveError
-        The file was changed or cut.
-    """
+    """The plan of a sweep, without its digest."""
     try:
         plan: dict[str, Any] = json.loads((folder / _PLAN).read_bytes())
         if plan.pop("digest") == _digest(plan):
@@ -209,20 +195,14 @@ def _changed(file: Path) -> ArchiveError:
 
 
 def opened(folder: Path) -> Work:
-    """The work of a sweep, as another process reads it from the folder.
-
-    Raises
-    ------
-    ArchiveError
-        A file of the folder was changed or cut.
-    """
+    """The work of a sweep, as another process reads it from the folder."""
     plan = _read_plan(folder)
-    given: Scene | LFTModel
+    definition: Scene | LFTModel
     if plan["source"] == "model":
-        given = load(folder / _MODEL, "model")
+        definition = load(folder / _MODEL, "model")
     else:
         try:
-            given = scene_from_toml((folder / _SCENE).read_text(encoding="utf-8"))
+            definition = scene_from_toml((folder / _SCENE).read_text(encoding="utf-8"))
         except UnicodeDecodeError:
             raise _changed(folder / _SCENE) from None
     try:
@@ -231,10 +211,10 @@ def opened(folder: Path) -> Work:
         raise
     except (OSError, ValueError, EOFError):
         raise _changed(folder / _SAMPLES) from None
-    if _fingerprint(given, samples) != plan["fingerprint"]:
+    if _fingerprint(definition, samples) != plan["fingerprint"]:
         raise _changed(folder)  # the source or the samples
     asked = {**plan["extra"], "names": tuple(plan["extra"]["names"])}
-    source = source_of(given)
+    source = source_of(definition)
     return Work(source, samples, Extra(**asked), plan["block_rows"], plan["shard_rows"])
 
 
@@ -262,25 +242,19 @@ def _make_rows(folder: Path, work: Work) -> None:
 
 def missing(folder: Path, work: Work) -> list[int]:
     """Shards that are not finished, or whose rows are not what was noted."""
-    found, at, file = [], places(folder, work), rows_file(folder)
+    shards, at, file = [], places(folder, work), rows_file(folder)
     for shard in range(work.shards):
         noted = _noted(folder, work, shard)
         if noted is not None:
             rows = at.read(file, shard * work.shard_rows, work.rows_of(shard))
             if np.array_equal(digests_of(rows, work.block_rows), noted):
                 continue
-        found.append(shard)
-    return found
+        shards.append(shard)
+    return shards
 
 
 def write_shard(folder: Path, work: Work, at: Places, shard: int, rows: Array) -> None:
-    """Put the rows (n, width) of a shard to their places, and note that it is finished.
-
-    Raises
-    ------
-    ArchiveError
-        They cannot be written.
-    """
+    """Put the rows (n, width) of a shard to their places, and note that it is finished."""
     with _written(folder):
         at.write(rows_file(folder), shard * work.shard_rows, rows)
         noted = digests_of(rows, work.block_rows).tobytes()
@@ -306,22 +280,16 @@ def _noted(folder: Path, work: Work, shard: int) -> NDArray[np.uint8] | None:
 
 
 def blocks_of(folder: Path, work: Work) -> NDArray[np.uint8]:
-    """The digests (., 32) of all blocks.
-
-    Raises
-    ------
-    ArchiveError
-        The note of a shard is not what was written.
-    """
-    found = []
+    """The digests (., 32) of all blocks."""
+    digests = []
     for shard in range(work.shards):
         noted = _noted(folder, work, shard)
         if noted is None:
             raise ArchiveError(
                 f"{_note(folder, shard)}: is damaged or was changed. The same sweep computes it again."
             )
-        found.append(noted)
-    return np.concatenate(found)
+        digests.append(noted)
+    return np.concatenate(digests)
 
 
 def clear(folder: Path) -> None:
@@ -359,17 +327,26 @@ def _written(folder: Path) -> Iterator[None]:
         ) from None
 
 
-def _fingerprint(given: Scene | LFTModel, samples: Samples) -> str:
+def _fingerprint(definition: Scene | LFTModel, samples: Samples) -> str:
     """A text that tells one pair of source and given samples from another."""
     digest = hashlib.sha256()
-    if isinstance(given, LFTModel):
-        digest.update(repr((given.parameters, given.states, given.inputs, given.outputs)).encode())
-        for lft in (given.lft, given.trim.lft):
+    if isinstance(definition, LFTModel):
+        digest.update(
+            repr(
+                (
+                    definition.parameters,
+                    definition.states,
+                    definition.inputs,
+                    definition.outputs,
+                )
+            ).encode()
+        )
+        for lft in (definition.lft, definition.trim.lft):
             if lft is not None:
                 for matrix in (lft.M11, lft.M12, lft.M21, lft.M22):
                     digest.update(matrix.tobytes())
     else:
-        digest.update(scene_to_toml(given).encode())
+        digest.update(scene_to_toml(definition).encode())
     if isinstance(samples, GivenSamples):
         digest.update(np.ascontiguousarray(samples.points).tobytes())
     return digest.hexdigest()

@@ -28,6 +28,25 @@ if TYPE_CHECKING:
     from mbdlft.system.model import LFTModel
 
 
+Grid = Annotated[
+    Texts,
+    typer.Option(
+        "--grid",
+        help="NAME=COUNT evenly spaced values; the others are nominal; may be repeated.",
+    ),
+]
+SampleFile = Annotated[
+    Path | None,
+    typer.Option("--file", help="Samples: names in the first line, numbers in the others."),
+]
+OwnFunction = Annotated[
+    str | None,
+    typer.Option(
+        "--function", help="MODULE:NAME of a function of samples that gives numbers by name."
+    ),
+]
+
+
 def sweep(
     source: Annotated[
         Path,
@@ -39,20 +58,11 @@ def sweep(
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Archive to write the sweep into.")
     ],
-    grid: Annotated[
-        Texts,
-        typer.Option(
-            "--grid",
-            help="NAME=COUNT evenly spaced values; the others are nominal; may be repeated.",
-        ),
-    ] = None,
+    grid: Grid = None,
     random: Annotated[
         int | None, typer.Option("--random", help="Number of random samples.")
     ] = None,
-    file: Annotated[
-        Path | None,
-        typer.Option("--file", help="Samples: names in the first line, numbers in the others."),
-    ] = None,
+    file: SampleFile = None,
     seed: Annotated[int | None, typer.Option(help="Of --random; 0 by default.")] = None,
     name: Annotated[str | None, typer.Option(help="Of the sweep in the archive.")] = None,
     model: Model = None,
@@ -65,12 +75,7 @@ def sweep(
     poles: Annotated[
         bool, typer.Option("--poles", help="Compute the eigenvalues of A, too.")
     ] = False,
-    function: Annotated[
-        str | None,
-        typer.Option(
-            "--function", help="MODULE:NAME of a function of samples that gives numbers by name."
-        ),
-    ] = None,
+    function: OwnFunction = None,
     float32: Annotated[
         bool, typer.Option("--float32", help="Store in single precision: half the space, 7 digits.")
     ] = False,

@@ -132,6 +132,19 @@ def _check_modelica(
     say(*notes, "The model is usable.")
 
 
+Plots = Annotated[
+    Texts,
+    typer.Option(
+        help="Figure to draw, such as fig.png, of singular values; or bode=FILE, step=FILE, "
+        "order=FILE, poles=FILE, trim=FILE, poles:PARAMETER=FILE; may be repeated."
+    ),
+]
+StoreProgram = Annotated[
+    bool,
+    typer.Option("--program", help="Store a straight-line program, too: many samples are fast."),
+]
+
+
 def linearize(
     file: ModelFile,
     output: Output = None,
@@ -143,19 +156,8 @@ def linearize(
         float | None,
         typer.Option(help="Relative error that a smaller model may have on the whole range."),
     ] = None,
-    plot: Annotated[
-        Texts,
-        typer.Option(
-            help="Figure to draw, such as fig.png, of singular values; or bode=FILE, step=FILE, "
-            "order=FILE, poles=FILE, trim=FILE, poles:PARAMETER=FILE; may be repeated."
-        ),
-    ] = None,
-    program: Annotated[
-        bool,
-        typer.Option(
-            "--program", help="Store a straight-line program, too: many samples are fast."
-        ),
-    ] = False,
+    plot: Plots = None,
+    program: StoreProgram = False,
     table_file: TableFile = None,
     model_name: ModelName = None,
 ) -> None:

@@ -137,15 +137,15 @@ class Progress:
         """So many units of a budget are done; it may not be used up."""
         if self._counted(done, most):
             share = f"{100.0 * self._done / most:.0f} % of the work that is allowed"
-            left = self._left()
-            self._count = f", {share}" + (f", at most {left}" if left else "")
+            time = self._left()
+            self._count = f", {share}" + (f", at most {time}" if time else "")
             self._show()
 
     def counted(self, done: int, count: int) -> None:
         """So many of so many pieces are done."""
         if self._counted(done, count):
-            left = self._left()
-            self._count = f", {done} of {count}" + (f", {left}" if left else "")
+            time = self._left()
+            self._count = f", {done} of {count}" + (f", {time}" if time else "")
             self._show()
 
     def _counted(self, done: float, most: float) -> bool:
@@ -180,7 +180,7 @@ def progress_of(name: str) -> Iterator[Progress]:
 
 
 def time_left(seconds: float, done: float, count: float) -> str:
-    """Words on the time for the other pieces if `done` of `count` took these seconds; none before that."""
+    """Words on the time for the other pieces, if `done` of `count` took these seconds; none at first."""
     if not 0.0 < done < count:
         return ""
     left = round(seconds * (count - done) / done)

@@ -139,43 +139,49 @@ def _stability(scene: "Scene", point: "EquilibriumPoint") -> str:
     return f"stable: decays with {-real:.3g} rad/s"
 
 
+Labels = Annotated[
+    Texts,
+    typer.Option(
+        "--set",
+        help="LABEL=VALUE, such as tool0.mass=payload or elbow_joint.position=30*deg; numbers "
+        "are in SI units; may be repeated.",
+    ),
+]
+Declared = Annotated[
+    Texts,
+    typer.Option(
+        "--parameter",
+        help="NAME=LOW,NOMINAL,HIGH,UNIT for --set, such as payload=0,2,5,kg; may be repeated.",
+    ),
+]
+Vary = Annotated[
+    Texts,
+    typer.Option(
+        "--vary",
+        help="LABEL=PERCENT: a parameter around the number of the file, such as "
+        "forearm_link.mass=20; may be repeated.",
+    ),
+]
+FreeBase = Annotated[
+    bool | None,
+    typer.Option(
+        "--free-base/--fixed-base",
+        help="Leave the root free, or clamp it; by default as the file says.",
+    ),
+]
+
+
 def import_robot(
     robot_file: Annotated[Path, typer.Argument(help="Robot, a URDF, SDF or MJCF file.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Scene to write, a TOML file.")],
-    assignments: Annotated[
-        Texts,
-        typer.Option(
-            "--set",
-            help="LABEL=VALUE, such as tool0.mass=payload or elbow_joint.position=30*deg; numbers "
-            "are in SI units; may be repeated.",
-        ),
-    ] = None,
-    parameters: Annotated[
-        Texts,
-        typer.Option(
-            "--parameter",
-            help="NAME=LOW,NOMINAL,HIGH,UNIT for --set, such as payload=0,2,5,kg; may be repeated.",
-        ),
-    ] = None,
-    vary: Annotated[
-        Texts,
-        typer.Option(
-            "--vary",
-            help="LABEL=PERCENT: a parameter around the number of the file, such as "
-            "forearm_link.mass=20; may be repeated.",
-        ),
-    ] = None,
+    assignments: Labels = None,
+    parameters: Declared = None,
+    vary: Vary = None,
     moving: Annotated[
         Texts,
         typer.Option("--moving", help="Joint that moves, the others are locked; may be repeated."),
     ] = None,
-    free_base: Annotated[
-        bool | None,
-        typer.Option(
-            "--free-base/--fixed-base",
-            help="Leave the root free, or clamp it; by default as the file says.",
-        ),
-    ] = None,
+    free_base: FreeBase = None,
     keep_unphysical: Annotated[
         bool, typer.Option("--keep-unphysical", help="Keep inertias that no body can have.")
     ] = False,

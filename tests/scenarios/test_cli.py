@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.cli import commands as cli
+from mbdlft.cli import options
 from mbdlft.cli.commands import main
 from mbdlft.order import search
 from tests.close import CLOSED_FORM, roundoff
@@ -185,7 +185,7 @@ def test_json_has_the_promised_keys(
 
 
 def test_default_budget_is_that_of_the_package() -> None:
-    assert cli.SEARCH == search.SEARCH
+    assert options.SEARCH == search.SEARCH
 
 
 def test_realize_writes_archive_and_table(
