@@ -217,20 +217,15 @@ def _is_ours(file: Path) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grid:
-    """State matrices on a grid of N points.
+    """State matrices on a grid of N points."""
 
-    Attributes
-    ----------
-    counts : values of each parameter, in the order of the names; N is their product
-    values : by name (N,), in the units of the parameters; the last parameter runs first
-    matrices : A (N, nx, nx), B (N, nx, nu), C (N, ny, nx), D (N, ny, nu)
-    trim : array (N, nt), or nothing
-    """
-
+    # values of each parameter, in the order of the names; N is their product
     counts: tuple[int, ...]
+    # by name (N,), in the units of the parameters; the last parameter runs first
     values: Mapping[str, Array]
+    # A (N, nx, nx), B (N, nx, nu), C (N, ny, nx), D (N, ny, nu)
     matrices: tuple[Array, Array, Array, Array]
-    trim: Array | None
+    trim: Array | None  # (N, nt), or nothing
 
 
 def lpv_grid(model: System, counts: Counts) -> "list[StateSpace]":

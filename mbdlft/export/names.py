@@ -96,23 +96,17 @@ def check_plain_model(model: System, what: str) -> None:
 
 
 class Places(NamedTuple):
-    """Numbers, from 0 on, of inputs and outputs of the linear part.
+    """Numbers, from 0 on, of inputs and outputs of the linear part."""
 
-    Attributes
-    ----------
-    u, one, zeta : lists of int
-        Inputs; `one` is empty without the constant 1.
-    y, omega : lists of int
-        Outputs.
-    low, high : lists of float
-        Of omega, where all functions may be evaluated, with what rounding may add.
-    """
-
+    # u, one, zeta: inputs; `one` is empty without the constant 1
     u: list[int]
     one: list[int]
     zeta: list[int]
+    # y, omega: outputs
     y: list[int]
     omega: list[int]
+    # low, high: of omega, where all functions may be evaluated, with what rounding
+    # may add
     low: list[float]
     high: list[float]
 

@@ -30,20 +30,11 @@ _LEAST = 1e-280  # of an entry: its rounding is a float, too
 
 
 class MatrixValues(NamedTuple):
-    """Values of a matrix at N points.
+    """Values of a matrix at N points."""
 
-    Attributes
-    ----------
-    values : array (N, rows, columns)
-    sizes : array (N, rows, columns)
-        Of the values if nothing cancelled in sums.
-    balls : object array (N, rows, columns)
-        The values before they are rounded.
-    """
-
-    values: Array
-    sizes: Array
-    balls: Balls
+    values: Array  # (N, rows, columns)
+    sizes: Array  # (N, rows, columns), of the values if nothing cancelled in sums
+    balls: Balls  # (N, rows, columns), the values before they are rounded
 
 
 class Sized(Operators):

@@ -56,16 +56,10 @@ class MatrixForm(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Resolved:
-    """The expressions of a matrix problem, angles replaced by their parts.
+    """The expressions of a matrix problem, angles replaced by their parts."""
 
-    Attributes
-    ----------
-    shared : expressions by name, each uses names before it only
-    entries : rows of expressions
-    """
-
-    shared: dict[str, Expression]
-    entries: tuple[tuple[Expression, ...], ...]
+    shared: dict[str, Expression]  # expressions by name, each uses names before it only
+    entries: tuple[tuple[Expression, ...], ...]  # rows of expressions
 
     def names_of(self, expression: Expression) -> frozenset[str]:
         """Names that an expression uses, itself or through shared expressions."""

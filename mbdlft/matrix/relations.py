@@ -53,23 +53,14 @@ def problem_of_matrix(matrix: MatrixProblem, stage: Stage = nullcontext) -> Prob
 
 
 class _Scaled(NamedTuple):
-    """Values of a matrix, and how it is scaled.
+    """Values of a matrix, and how it is scaled."""
 
-    Attributes
-    ----------
-    points : array (N, n_p), physical
-    reference : Reference
-        Values at the points.
-    rows, columns : powers of two by which rows and columns are divided
-    factors : array (rows, columns)
-        What does that to the entries.
-    """
-
-    points: Array
-    reference: Reference
+    points: Array  # (N, n_p), physical
+    reference: Reference  # values at the points
+    # rows, columns: powers of two by which rows and columns are divided
     rows: Array
     columns: Array
-    factors: Array
+    factors: Array  # (rows, columns), by which entries are multiplied for that
 
 
 def _scaled(matrix: MatrixProblem, resolved: Resolved, parameters: Sequence[Parameter]) -> _Scaled:

@@ -34,27 +34,15 @@ _MOST_BY_ROUNDING = 10.0  # times the error of transfer functions of exact matri
 
 
 class Checked(NamedTuple):
-    """How far the values of a model are from those of its reference.
+    """How far the values of a model are from those of its reference."""
 
-    Attributes
-    ----------
-    error : float
-        Largest relative error of entries of A, B, C, D, and of the trim.
-    points : int
-        Where it was measured.
-    transfer_error : float
-        Largest error of transfer functions, relative to the row.
-    frequencies : tuple of float
-        Where that was measured (rad/s); empty for a model without states.
-    by_terms : tuple of (row, column)
-        Entries of [A B ; C D] that are nothing but rounding of terms that cancelled: their errors are
-        relative to those.
-    """
-
-    error: float
-    points: int
-    transfer_error: float
+    error: float  # largest relative error of entries of A, B, C, D, and of the trim
+    points: int  # where it was measured
+    transfer_error: float  # largest error of transfer functions, relative to the row
+    # where that was measured (rad/s); empty for a model without states
     frequencies: tuple[float, ...]
+    # entries of [A B ; C D] that are nothing but rounding of terms that
+    # cancelled: their errors are relative to those
     by_terms: tuple[tuple[int, int], ...]
 
 

@@ -37,27 +37,16 @@ _TAKES_PART = 0.1  # in a direction that nothing determines
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """One form, reduced; rows and columns are still divided by their units.
-
-    Attributes
-    ----------
-    channels : of the signal graph before any reduction, by parameter
-    relations : LFT
-        As extracted, reduced.
-    closed : LFT
-        Solved for the unknown signals, not reduced.
-    exact : ExactLFT, or None
-        The same, reduced. None for what is too large for exact numbers: it is reduced in doubles.
-    lft : LFT
-        The last in doubles.
-    """
+    """One form, reduced; rows and columns are still divided by their units."""
 
     form: Form
-    channels: Mapping[str, int]
-    relations: LFT
-    closed: LFT
+    channels: Mapping[str, int]  # of the signal graph before any reduction, by parameter
+    relations: LFT  # as extracted, reduced
+    closed: LFT  # solved for the unknown signals, not reduced
+    # the same, reduced. None for what is too large for exact numbers: it is
+    # reduced in doubles
     exact: ExactLFT | None
-    lft: LFT
+    lft: LFT  # `exact` in doubles
 
 
 def candidates(problem: Problem, forms: Sequence[Form]) -> list[Candidate]:

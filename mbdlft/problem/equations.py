@@ -30,75 +30,54 @@ class Equations:
     x = 0, xdot = 0, z = 0 is the equilibrium for every p, once u takes its trim value. The equations
     are linear in `load`, the uniform acceleration that makes the equilibrium, whose value is
     `load_value`, and in u. In x they hold to the first order.
-
-    Attributes
-    ----------
-    residual : SX (2 n + 3 m,)
-        n kinematic and n dynamic equations; those of m loop closures for displacements, rates and
-        accelerations; then two for each of `moved`.
-    output : SX (n_y,)
-    xdot, x : SX symbols (2 n,)
-        Displacements, then rates, of all joints.
-    z : SX symbols (m,)
-        Multipliers of loop closures, deviations from the trim.
-    u, load : SX symbols
-        u: efforts, magnitudes of loads, accelerations, multipliers; total values.
-    p : SX symbols (n_p,)
-        One for each parameter, in its own unit; that of an angle is not used.
-    cosine, sine : SX symbols (n_p,)
-        Of each angle parameter; those of the others are not used.
-    load_value : SX, function of p
-    given : SX (n_u,), function of p
-        Trim values of the entries of u that are given; zero for the others.
-    unknown : positions in u of those that the trim solves for
-    inputs : positions in u of those that can be inputs
-    states : positions in x of the states; the other entries follow from the loop closures
-    x_signals, u_signals, y_signals : names and units; x_signals are those of the states
-    equilibrium_signals : Signal (n,)
-        Unbalanced effort of each of the n dynamic equations.
-    default_inputs, default_outputs : positions of the signals a scene has if it names none
-    ignorable : positions among the states of angles that a linear model leaves out
-        They are in no equation: what turns steadily is symmetric. An output may be one.
-    moved : `Moved` coordinates, whose motion is an input
-    carried : SX (n_c,)
-        Wrenches of the elastic bodies whose `prestress` is not said to be negligible; as `output`.
-    carried_by : name of the body of each entry of `carried`
-    parameters : sorted by name
-    x_bounds : tuple of float (n,)
-        By how much the displacements may miss the equilibrium, where positions are fits; else zero.
-    u_bounds : tuple of float (n_u,)
-        The same of given efforts.
     """
 
     name: str
+    # SX (2 n + 3 m,), n kinematic and n dynamic equations; those of m loop closures for
+    # displacements, rates and accelerations; then two for each of `moved`
     residual: ca.SX
-    output: ca.SX
+    output: ca.SX  # SX (n_y,)
+    # xdot, x: SX symbols (2 n,), displacements, then rates, of all joints
     xdot: ca.SX
     x: ca.SX
-    z: ca.SX
+    z: ca.SX  # SX symbols (m,), multipliers of loop closures, deviations from the trim
+    # u, load: SX symbols: u: efforts, magnitudes of loads, accelerations, multipliers; total values
     u: ca.SX
     load: ca.SX
+    # SX symbols (n_p,), one for each parameter, in its own unit; that of an angle is not used
     p: ca.SX
+    # cosine, sine: SX symbols (n_p,), of each angle parameter; those of the others are not used
     cosine: ca.SX
     sine: ca.SX
-    load_value: ca.SX
+    load_value: ca.SX  # SX, function of p
+    # SX (n_u,), function of p, trim values of the entries of u that are given; zero for the others
     given: ca.SX
-    unknown: tuple[int, ...]
-    inputs: tuple[int, ...]
+    unknown: tuple[int, ...]  # positions in u of those that the trim solves for
+    inputs: tuple[int, ...]  # positions in u of those that can be inputs
+    # positions in x of the states; the other entries follow from the loop closures
     states: tuple[int, ...]
+    # x_signals, u_signals, y_signals: names and units; x_signals are those of the states
     x_signals: tuple[Signal, ...]
     u_signals: tuple[Signal, ...]
     y_signals: tuple[Signal, ...]
+    # unbalanced effort of each of the n dynamic equations
     equilibrium_signals: tuple[Signal, ...]
+    # default_inputs, default_outputs: positions of the signals a scene has if it names none
     default_inputs: tuple[int, ...]
     default_outputs: tuple[int, ...]
+    # positions among the states of angles that a linear model leaves out: they are in no equation, as
+    # what turns steadily is symmetric. An output may be one
     ignorable: tuple[int, ...]
-    moved: tuple[Moved, ...]
+    moved: tuple[Moved, ...]  # `Moved` coordinates, whose motion is an input
+    # SX (n_c,), wrenches of the elastic bodies whose `prestress` is not said to be negligible; as
+    # `output`
     carried: ca.SX
-    carried_by: tuple[str, ...]
-    parameters: tuple[Parameter, ...]
+    carried_by: tuple[str, ...]  # name of the body of each entry of `carried`
+    parameters: tuple[Parameter, ...]  # sorted by name
+    # (n,), by how much the displacements may miss the equilibrium, where positions
+    # are fits; else zero
     x_bounds: tuple[float, ...]
-    u_bounds: tuple[float, ...]
+    u_bounds: tuple[float, ...]  # (n_u,), the same of given efforts
 
     @property
     def fit_error_bound(self) -> float:

@@ -27,37 +27,21 @@ _FLOOR = 1e-2  # of the load (and the inertia it acts on): the size below which 
 
 
 class Relinearized(NamedTuple):
-    """The nonlinear equations, trimmed and linearized at N points.
+    """The nonlinear equations, trimmed and linearized at N points."""
 
-    Attributes
-    ----------
-    points (N, n_p), physical
-    efforts (N, n_u)
-    linear : Linear
-    effort_sizes (N, n_t), of the trim unknowns: what they would be if no terms cancelled
-    floor : a part of the largest load; no stiffness is compared with anything smaller
-    """
-
-    points: Array
-    efforts: Array
+    points: Array  # (N, n_p), physical
+    efforts: Array  # (N, n_u)
     linear: "Linear"
-    effort_sizes: Array
-    floor: float
+    effort_sizes: Array  # (N, n_t), of the trim unknowns: what they would be if no terms cancelled
+    floor: float  # least size that a stiffness is compared with, a fraction of the load
 
 
 class Linear(NamedTuple):
-    """Matrices of N points.
+    """Matrices of N points."""
 
-    Attributes
-    ----------
-    matrices : [A B ; C D] (N, ., .)
-    jacobian : slopes of [residual ; outputs] by unknown, known and trim unknowns (N, ., .)
-    solved : unknown by known (N, ., .)
-    """
-
-    matrices: Array
-    jacobian: Array
-    solved: Array
+    matrices: Array  # [A B ; C D] (N, ., .)
+    jacobian: Array  # slopes of [residual ; outputs] by unknown, known and trim unknowns (N, ., .)
+    solved: Array  # unknown by known (N, ., .)
 
 
 def relinearize(

@@ -41,26 +41,15 @@ from mbdlft.problem.trim import trim_rows
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearModel:
-    """0 = residual, y = output: SX expressions, linear in unknown and known, rational in p.
+    """0 = residual, y = output: SX expressions, linear in unknown and known, rational in p."""
 
-    Attributes
-    ----------
-    residual : SX (n,)
-    output : SX (m,)
-    unknown : SX symbols (n,)
-    known : SX symbols (k,)
-    p : SX symbols, the internal values of `parameters`
-    derivatives : int
-        How many of the unknowns, the first ones, are derivatives of the states.
-    """
-
-    residual: ca.SX
-    output: ca.SX
-    unknown: ca.SX
-    known: ca.SX
-    p: ca.SX
+    residual: ca.SX  # SX (n,)
+    output: ca.SX  # SX (m,)
+    unknown: ca.SX  # SX symbols (n,)
+    known: ca.SX  # SX symbols (k,)
+    p: ca.SX  # SX symbols, the internal values of `parameters`
     parameters: tuple[Parameter, ...]
-    derivatives: int = 0
+    derivatives: int = 0  # how many of the unknowns, the first ones, are derivatives of the states
 
 
 def linearize(equations: Equations, inputs: Sequence[int], outputs: Sequence[int]) -> LinearModel:
@@ -196,19 +185,11 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Need:
-    """Relations of the states that are kept.
+    """Relations of the states that are kept."""
 
-    Attributes
-    ----------
-    relations : LinearModel
-        Its first unknowns are the derivatives of the kept states.
-    states : positions of the kept states among all of them
-    seen, driven : bool array (n_x,)
-        Of all states; those with both are kept.
-    """
-
-    relations: LinearModel
-    states: tuple[int, ...]
+    relations: LinearModel  # its first unknowns are the derivatives of the kept states
+    states: tuple[int, ...]  # positions of the kept states among all of them
+    # seen, driven: (n_x,), of all states; those with both are kept
     seen: Mask
     driven: Mask
 

@@ -28,24 +28,14 @@ _PROBES = 16  # samples at which pivots are chosen
 
 
 class StraightLine(NamedTuple):
-    """A program of rows of numbers, in parts.
+    """A program of rows of numbers, in parts."""
 
-    Attributes
-    ----------
-    program : Program
-        Its pivots tell, too, whether a number of the row is not finite.
-    row : array (size,)
-        What a row is where nothing depends on the parameters.
-    shape : rows and columns of the matrices
-        They are the first part, row by row.
-    trims : number of trim unknowns, the next part
-        Then come the largest residual of the equations at rest and the largest of their terms that the
-        unknowns have to hold, the largest load or effort, and the wrenches through elastic bodies.
-    """
-
-    program: Program
-    row: Array
-    shape: tuple[int, int]
+    program: Program  # its pivots tell, too, whether a number of the row is not finite
+    row: Array  # (size,), what a row is where nothing depends on the parameters
+    shape: tuple[int, int]  # of the matrices, the first part of a row, row by row
+    # number of trim unknowns, the next part; then come the largest residual of the equations at
+    # rest and the largest of their terms that the unknowns have to hold, the largest load or
+    # effort, and the wrenches through elastic bodies
     trims: int
 
 

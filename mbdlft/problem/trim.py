@@ -37,21 +37,12 @@ _IDLE = 0.1  # share in a combination of unknowns that does nothing
 
 @dataclass(frozen=True, slots=True)
 class TrimPoint:
-    """Efforts that hold the equilibrium at one value of the parameters.
+    """Efforts that hold the equilibrium at one value of the parameters."""
 
-    Attributes
-    ----------
-    parameters : physical value by name, in its unit
-    signals : names and units of the efforts and loads that were unknown
-    values : one number for each of them
-    residual : float
-        Largest residual of the equations relative to the largest effort.
-    """
-
-    parameters: Mapping[str, float]
-    signals: tuple[Signal, ...]
-    values: tuple[float, ...]
-    residual: float
+    parameters: Mapping[str, float]  # physical value by name, in its unit
+    signals: tuple[Signal, ...]  # names and units of the efforts and loads that were unknown
+    values: tuple[float, ...]  # one number for each of them
+    residual: float  # largest residual of the equations relative to the largest effort
 
 
 def solve_trim(equations: Equations, values: Mapping[str, float] | None = None) -> TrimPoint:
@@ -84,24 +75,13 @@ def solve_trim(equations: Equations, values: Mapping[str, float] | None = None) 
 
 
 class Balance(NamedTuple):
-    """Efforts at N points, and how well they hold the equilibrium.
+    """Efforts at N points, and how well they hold the equilibrium."""
 
-    Attributes
-    ----------
-    efforts : array (N, n_u)
-    relative : array (N,)
-        Largest residual relative to the largest effort.
-    unbalanced : bool array (N,)
-        No efforts hold the equilibrium there.
-    residual : array (N, rows)
-    excess : array (N,)
-        By how much the worst row misses the equilibrium, beyond what fits explain.
-    """
-
-    efforts: Array
-    relative: Array
-    unbalanced: NDArray[np.bool_]
-    residual: Array
+    efforts: Array  # (N, n_u)
+    relative: Array  # (N,), largest residual relative to the largest effort
+    unbalanced: NDArray[np.bool_]  # (N,), no efforts hold the equilibrium there
+    residual: Array  # (N, rows)
+    # (N,), by how much the worst row misses the equilibrium, beyond what fits explain
     excess: Array
 
 

@@ -55,17 +55,12 @@ class Box(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Regularity:
-    """What is known of det(I - M11 Delta) on the box.
+    """What is known of det(I - M11 Delta) on the box."""
 
-    Attributes
-    ----------
-    open_boxes : tuple of Box
-        Where it was not shown that it does not vanish; empty if that is proved everywhere.
-    zero : array (number of blocks,), or None
-        A point where it vanishes, up to rounding.
-    """
-
+    # where it was not shown that it does not vanish; empty if that is proved
+    # everywhere
     open_boxes: tuple[Box, ...]
+    # (number of blocks,), or None: a point where it vanishes, up to rounding
     zero: Array | None = None
 
     @property
@@ -110,22 +105,13 @@ def _regularity(a: LFT, prove: float) -> Regularity:
 
 
 class _Loop(NamedTuple):
-    """A strongly connected part, in coordinates T of the channels of each delta.
+    """A strongly connected part, in coordinates T of the channels of each delta."""
 
-    Attributes
-    ----------
-    matrix : array (n, n)
-        T M11 T^-1.
-    owner : int array (n,)
-        The delta of each channel.
-    deltas : int
-    size : array (n, n)
-        |T| (1 + |M11|) |T^-1|: what a part of all entries that is rounding is a part of.
-    """
-
-    matrix: Array
-    owner: NDArray[np.int64]
+    matrix: Array  # (n, n), T M11 T^-1
+    owner: NDArray[np.int64]  # (n,), the delta of each channel
     deltas: int
+    # (n, n), |T| (1 + |M11|) |T^-1|: entries of M11 that change by a fraction of themselves change
+    # those of the loop by that fraction of this at most
     size: Array
 
     @property

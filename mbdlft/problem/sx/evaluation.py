@@ -39,20 +39,12 @@ _SHORTEST, _NEAR = 64, 2**17  # points of a chunk, and numbers of one
 
 
 class Vectors(NamedTuple):
-    """A function whose arguments are columns, as a program for vectors of points.
+    """A function whose arguments are columns, as a program for vectors of points."""
 
-    Attributes
-    ----------
-    plan : Plan
-        Its entries are those that depend on arguments.
-    places : int array (number of these,)
-        Where they stand in all results one behind the other, row by row.
-    constant : array (numbers in all results,)
-        The other entries; 0 where one depends on arguments.
-    """
-
-    plan: Plan
+    plan: Plan  # of the entries that depend on arguments
+    # (number of these,), where they stand in all results one behind the other, row by row
     places: NDArray[np.intp]
+    # (numbers in all results,), the other entries; 0 where one depends on arguments
     constant: Array
 
 

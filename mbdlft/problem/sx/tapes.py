@@ -20,21 +20,12 @@ Rule = Callable[..., Any]
 
 
 class Rules(NamedTuple):
-    """A number system.
+    """A number system."""
 
-    Attributes
-    ----------
-    constant : function
-        Makes an element of a float.
-    operations : mapping
-        By the names of operations, functions of elements.
-    missing : function
-        What an operation without a rule gives, or raises: it gets the name of the operation, a text
-        that tells its place, too, and the elements.
-    """
-
-    constant: Rule
-    operations: Mapping[str, Rule]
+    constant: Rule  # makes an element of a float
+    operations: Mapping[str, Rule]  # by the names of operations, functions of elements
+    # what an operation without a rule gives, or raises: it gets the name of the operation, a text
+    # that tells its place, too, and the elements
     missing: Rule
 
 
