@@ -27,7 +27,7 @@ from mbdlft.robust import stability
 from mbdlft.robust.migration import push_right
 from mbdlft.robust.realization import realization
 from mbdlft.show import save_bode, save_pole_map, save_singular_values, save_step
-from tests.errors.scenes import says
+from tests.errors.table import refused, says
 from tests.oscillators import oscillator, plain, random_system, spring_and_mass
 
 ASKS = (
@@ -91,28 +91,72 @@ def _ill_posed(p):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("ask", [zeros, hinf_norm, h2_norm, step_response, impulse_response])
-def test_channels_that_are_not_there(model, ask):
-    with says(AnalysisError, "model 'spring': unknown output 'place'. Existing: position."):
-        ask(model, outputs="place")
-    with says(AnalysisError, "unknown input 'forse'. Did you mean 'force'? Existing: force."):
-        ask(model, inputs=["force", "forse"])
-    with says(AnalysisError, "model 'spring': without inputs there are no"):
-        ask(model, inputs=[])
-    deaf = plain([[-1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0)))
-    with says(AnalysisError, "model 'plain': without inputs there are no", "Choose some"):
-        ask(deaf)
-    mute = plain([[-1.0]], [[1.0]], np.zeros((0, 1)), np.zeros((0, 1)))
-    with says(AnalysisError, "model 'plain': without outputs there are no", "Choose some"):
-        ask(mute)
-
-
-@pytest.mark.parametrize("end", [0.0, -1.0, np.inf, np.nan, True])
-def test_ends_of_frequencies(model, end):
-    with says(AnalysisError, f"expected a positive finite low end (rad/s), got {end!r}."):
-        response_frequencies(model, {}, low=end)
-    with says(AnalysisError, f"expected a positive finite high end (rad/s), got {end!r}."):
-        response_frequencies(model, {}, high=end)
+test_messages = refused(
+    r"""
+> {} => AnalysisError:
+zeros(model, outputs='place') => model 'spring': unknown output 'place'. Existing: position.
+zeros(model, inputs=['force', 'forse']) => unknown input 'forse'. Did you mean 'force'? Existing: force.
+zeros(model, inputs=[]) => model 'spring': without inputs there are no
+zeros(plain([[-1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0))))
+    => model 'plain': without inputs there are no … Choose some
+zeros(plain([[-1.0]], [[1.0]], np.zeros((0, 1)), np.zeros((0, 1))))
+    => model 'plain': without outputs there are no … Choose some
+hinf_norm(model, outputs='place') => model 'spring': unknown output 'place'. Existing: position.
+hinf_norm(model, inputs=['force', 'forse'])
+    => unknown input 'forse'. Did you mean 'force'? Existing: force.
+hinf_norm(model, inputs=[]) => model 'spring': without inputs there are no
+hinf_norm(plain([[-1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0))))
+    => model 'plain': without inputs there are no … Choose some
+hinf_norm(plain([[-1.0]], [[1.0]], np.zeros((0, 1)), np.zeros((0, 1))))
+    => model 'plain': without outputs there are no … Choose some
+h2_norm(model, outputs='place') => model 'spring': unknown output 'place'. Existing: position.
+h2_norm(model, inputs=['force', 'forse'])
+    => unknown input 'forse'. Did you mean 'force'? Existing: force.
+h2_norm(model, inputs=[]) => model 'spring': without inputs there are no
+h2_norm(plain([[-1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0))))
+    => model 'plain': without inputs there are no … Choose some
+h2_norm(plain([[-1.0]], [[1.0]], np.zeros((0, 1)), np.zeros((0, 1))))
+    => model 'plain': without outputs there are no … Choose some
+step_response(model, outputs='place') => model 'spring': unknown output 'place'. Existing: position.
+step_response(model, inputs=['force', 'forse'])
+    => unknown input 'forse'. Did you mean 'force'? Existing: force.
+step_response(model, inputs=[]) => model 'spring': without inputs there are no
+step_response(plain([[-1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0))))
+    => model 'plain': without inputs there are no … Choose some
+step_response(plain([[-1.0]], [[1.0]], np.zeros((0, 1)), np.zeros((0, 1))))
+    => model 'plain': without outputs there are no … Choose some
+impulse_response(model, outputs='place') => model 'spring': unknown output 'place'. Existing: position.
+impulse_response(model, inputs=['force', 'forse'])
+    => unknown input 'forse'. Did you mean 'force'? Existing: force.
+impulse_response(model, inputs=[]) => model 'spring': without inputs there are no
+impulse_response(plain([[-1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0))))
+    => model 'plain': without inputs there are no … Choose some
+impulse_response(plain([[-1.0]], [[1.0]], np.zeros((0, 1)), np.zeros((0, 1))))
+    => model 'plain': without outputs there are no … Choose some
+response_frequencies(model, {}, low=0.0) => expected a positive finite low end (rad/s), got 0.0.
+response_frequencies(model, {}, high=0.0) => expected a positive finite high end (rad/s), got 0.0.
+response_frequencies(model, {}, low=-1.0) => expected a positive finite low end (rad/s), got -1.0.
+response_frequencies(model, {}, high=-1.0) => expected a positive finite high end (rad/s), got -1.0.
+response_frequencies(model, {}, low=np.inf) => expected a positive finite low end (rad/s), got inf.
+response_frequencies(model, {}, high=np.inf) => expected a positive finite high end (rad/s), got inf.
+response_frequencies(model, {}, low=np.nan) => expected a positive finite low end (rad/s), got nan.
+response_frequencies(model, {}, high=np.nan) => expected a positive finite high end (rad/s), got nan.
+response_frequencies(model, {}, low=True) => expected a positive finite low end (rad/s), got True.
+response_frequencies(model, {}, high=True) => expected a positive finite high end (rad/s), got True.
+frequency_response(spring_and_mass('0'), {'k': [3.0, 4.0], 'm': 1.0}, [1.0, 2.0])
+    => model 'spring': omega = 2 rad/s is a pole at one of the samples
+step_response(plain([[1.0]], [[1.0]], [[1.0]]), {}, [0.0, 1000000.0])
+    => the response grows beyond the largest number before 1e+06 s.
+step_response(mbdlft.state_space([[1j]], [[1.0]], [[1.0]], [[0.0]], name='turning'))
+    => model 'turning': responses in time are those of real matrices
+> hinf_norm(model, tolerance={}) => AnalysisError: expected a tolerance from 1e-10 to 1,
+0.0 => got 0.0.
+1.0 => got 1.0.
+-1.0 => got -1.0.
+1e-12 => got 1e-12.
+np.nan => got nan.
+"""
+)
 
 
 def test_frequencies_that_do_not_rise(model):
@@ -126,12 +170,6 @@ def test_frequencies_that_do_not_rise(model):
         "omega: expected frequencies (F,), or a row (N, F) for each of 1 samples, got shape (2, 3).",
     ):
         frequency_response(model, {}, np.ones((2, 3)))
-
-
-def test_frequency_of_a_pole_of_one_sample(model):
-    undamped = spring_and_mass("0")
-    with says(AnalysisError, "model 'spring': omega = 2 rad/s is a pole at one of the samples"):
-        frequency_response(undamped, {"k": [3.0, 4.0], "m": 1.0}, [1.0, 2.0])
 
 
 def test_frequency_of_a_pole_but_for_its_last_digits():
@@ -157,21 +195,6 @@ def test_initial_states(model):
     for value in (np.inf, "fast", None):
         with says(AnalysisError, f"expected a finite number, got {value!r}."):
             initial_response(model, {model.states[0].name: value})
-
-
-def test_responses_that_are_no_numbers():
-    growing = plain([[1.0]], [[1.0]], [[1.0]])
-    with says(AnalysisError, "the response grows beyond the largest number before 1e+06 s."):
-        step_response(growing, {}, [0.0, 1e6])
-    turning = mbdlft.state_space([[1j]], [[1.0]], [[1.0]], [[0.0]], name="turning")
-    with says(AnalysisError, "model 'turning': responses in time are those of real matrices"):
-        step_response(turning)
-
-
-@pytest.mark.parametrize("tolerance", [0.0, 1.0, -1.0, 1e-12, np.nan])
-def test_tolerances_of_a_norm(model, tolerance):
-    with says(AnalysisError, f"expected a tolerance from 1e-10 to 1, got {tolerance!r}."):
-        hinf_norm(model, tolerance=tolerance)
 
 
 def test_norm_whose_two_ways_differ(model, monkeypatch):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import Beam, Fixed, FlexibleBody, Inertia, Mode, PointMass, Revolute, Scene, SceneError
+from mbdlft import Beam, Fixed, FlexibleBody, Inertia, Mode, Revolute, Scene, SceneError
 from mbdlft.multibody.body import Body
-from tests.errors.scenes import says
+from tests.errors.table import refused, says
 from tests.laws import elastic as scenes
 
 SIX = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -70,11 +70,63 @@ def test_load_on_a_beam_in_one_plane_is_known() -> None:
     assert build(scenes.lever(20.0, prestress=None)).certificate.exact
 
 
-def test_prestress_is_a_known_word() -> None:
-    with says(SceneError, "prestress: expected 'neglected', 'axial' or nothing, got 'included'"):
-        scenes.beam(prestress="included")
-    with says(SceneError, "prestress: expected 'neglected' or nothing, got 'axial'"):
-        panel(prestress="axial")
+test_messages = refused(
+    r"""
+scenes.beam(prestress="included") => prestress: expected 'neglected', 'axial' or nothing, got 'included'
+panel(prestress="axial") => prestress: expected 'neglected' or nothing, got 'axial'
+scenes.beam(shear_coefficient=0.8, shear_modulus=1.0, modes=4)
+    => modes: the modes of a beam with a shear_coefficient … `elements`
+scenes.beam(modes=41) => modes … 41
+panel(modes=()) => modes: at least one is needed
+panel(modes=(mode(shapes={}),)) => mode 1 has no shape at the port 'tip' … shapes.tip
+panel(modes=(mode(), mode(shapes={"tip": SIX, "end": SIX})))
+    => mode 2 has a shape at 'end', which is not a port
+panel(inertia=Inertia(zz=1.0, about="end")) => inertia.about … got 'end'
+build(on_hinge(scenes.beam(length='value'), parameters=[mbdlft.Parameter('value', 1.0, low=-0.5,
+    high=2.0, unit={'length': 'm', 'density': 'kg m^-3', 'area': 'm^2', 'modulus': 'Pa', 'I_y':
+    'm^4'}['length'])]))
+    => body 'beam' … length is not positive in the range
+build(on_hinge(scenes.beam(density='value'), parameters=[mbdlft.Parameter('value', 1.0, low=-0.5,
+    high=2.0, unit={'length': 'm', 'density': 'kg m^-3', 'area': 'm^2', 'modulus': 'Pa', 'I_y':
+    'm^4'}['density'])]))
+    => body 'beam' … density is not positive in the range
+build(on_hinge(scenes.beam(area='value'), parameters=[mbdlft.Parameter('value', 1.0, low=-0.5, high=2.0,
+    unit={'length': 'm', 'density': 'kg m^-3', 'area': 'm^2', 'modulus': 'Pa', 'I_y': 'm^4'}['area'])]))
+    => body 'beam' … area is not positive in the range
+build(on_hinge(scenes.beam(modulus='value'), parameters=[mbdlft.Parameter('value', 1.0, low=-0.5,
+    high=2.0, unit={'length': 'm', 'density': 'kg m^-3', 'area': 'm^2', 'modulus': 'Pa', 'I_y':
+    'm^4'}['modulus'])]))
+    => body 'beam' … modulus is not positive in the range
+build(on_hinge(scenes.beam(I_y='value'), parameters=[mbdlft.Parameter('value', 1.0, low=-0.5, high=2.0,
+    unit={'length': 'm', 'density': 'kg m^-3', 'area': 'm^2', 'modulus': 'Pa', 'I_y': 'm^4'}['I_y'])]))
+    => body 'beam' … I_y is not positive in the range
+build(on_hinge(scenes.beam(length='value'), parameters=[mbdlft.Parameter('value', 1.0, percent=10,
+    unit='kg')]))
+    => body 'beam', length = 'value': the unit does not fit: expected m, got kg
+build(on_hinge(scenes.beam()).model_copy(update={'bodies': (*on_hinge(scenes.beam()).bodies,
+    PointMass(name='bob', mass=1.0)), 'joints': (*on_hinge(scenes.beam()).joints, Fixed(name='end',
+    parent='beam.end', child='bob'))}))
+    => joint 'end', parent … body 'beam' … end … tip
+> (lambda child, body: build(on_hinge(body).model_copy(update={'joints':
+    (on_hinge(body).joints[0].model_copy(update={'child': child}),)})))({}) => SceneError: joint
+    'hinge', child: an elastic body is held at its origin …
+"beam.tip", scenes.beam() => beam.tip
+"panel.tip", panel() => panel.tip
+> scenes.beam({}) => SceneError:
+shape_functions="linear" => shape_functions … linear … cubic
+deformations=() => deformations: expected some of axial
+deformations=("bending_z", "bending_z") => each once
+deformations=("bend",) => deformation … bend … bending_y
+deformations=("torsion",) => is missing … deformation 'torsion' needs it
+I_y=None => 'I_y' is missing … bending_z
+shear_coefficient=0.8, shear_modulus=1.0, shape_functions="quintic"
+    => shear is for cubic shape functions only
+shear_coefficient=0.8 => 'shear_modulus' is missing
+ports={"end": (1, 0, 0)} => a beam has 'tip' and `stations`
+stations={"far": 4} => stations.far … from 1 to 3, got 4
+stations={"tip": 2} => stations.tip … a new name
+"""
+)
 
 
 @pytest.mark.parametrize(
@@ -92,13 +144,6 @@ def test_spinning_frame_has_thin_beams_only(body: Body) -> None:
     with says(SceneError, f"the frame spins and body {body.name!r} is elastic", "without torsion"):
         build(on_hinge(body, spin=spin))
     assert build(on_hinge(scenes.beam(), spin=spin)).certificate.exact
-
-
-def test_modes_and_shear_do_not_go_together() -> None:
-    with says(SceneError, "modes: the modes of a beam with a shear_coefficient", "`elements`"):
-        scenes.beam(shear_coefficient=0.8, shear_modulus=1.0, modes=4)
-    with says(SceneError, "modes", "41"):
-        scenes.beam(modes=41)
 
 
 def test_rigid_redundancy_is_not_healed_by_elasticity() -> None:
@@ -123,25 +168,6 @@ def test_rigid_redundancy_is_not_healed_by_elasticity() -> None:
     assert not any(signal.name.startswith("second") for signal in model.trim.signals)
 
 
-@pytest.mark.parametrize(("child", "body"), [("beam.tip", scenes.beam()), ("panel.tip", panel())])
-def test_elastic_body_is_held_at_its_origin(child: str, body: Body) -> None:
-    scene = on_hinge(body)
-    joint = scene.joints[0].model_copy(update={"child": child})
-    with says(SceneError, "joint 'hinge', child: an elastic body is held at its origin", child):
-        build(scene.model_copy(update={"joints": (joint,)}))
-
-
-def test_modes_are_complete() -> None:
-    with says(SceneError, "modes: at least one is needed"):
-        panel(modes=())
-    with says(SceneError, "mode 1 has no shape at the port 'tip'", "shapes.tip"):
-        panel(modes=(mode(shapes={}),))
-    with says(SceneError, "mode 2 has a shape at 'end', which is not a port"):
-        panel(modes=(mode(), mode(shapes={"tip": SIX, "end": SIX})))
-    with says(SceneError, "inertia.about", "got 'end'"):
-        panel(inertia=Inertia(zz=1.0, about="end"))
-
-
 def test_participation_is_not_more_than_the_mass() -> None:
     heavy = mode(participation=(0.0, 1.8, 0.0, 0.0, 0.0, 0.0))
     with says(SceneError, "body 'panel'", "participation factors exceed the rigid mass"):
@@ -157,58 +183,6 @@ def test_frequency_and_damping_have_signs() -> None:
             build(on_hinge(panel(modes=(mode(frequency=frequency),))))
     with says(SceneError, "body 'panel'", "damping is negative"):
         build(on_hinge(panel(modes=(mode(damping=-0.1),))))
-
-
-@pytest.mark.parametrize(
-    ("given", "texts"),
-    [
-        ({"shape_functions": "linear"}, ("shape_functions", "linear", "cubic")),
-        ({"deformations": ()}, ("deformations: expected some of axial",)),
-        ({"deformations": ("bending_z", "bending_z")}, ("each once",)),
-        ({"deformations": ("bend",)}, ("deformation", "bend", "bending_y")),
-        ({"deformations": ("torsion",)}, ("is missing", "deformation 'torsion' needs it")),
-        ({"I_y": None}, ("'I_y' is missing", "bending_z")),
-        (
-            {"shear_coefficient": 0.8, "shear_modulus": 1.0, "shape_functions": "quintic"},
-            ("shear is for cubic shape functions only",),
-        ),
-        ({"shear_coefficient": 0.8}, ("'shear_modulus' is missing",)),
-        ({"ports": {"end": (1, 0, 0)}}, ("a beam has 'tip' and `stations`",)),
-        ({"stations": {"far": 4}}, ("stations.far", "from 1 to 3, got 4")),
-        ({"stations": {"tip": 2}}, ("stations.tip", "a new name")),
-    ],
-)
-def test_beam_is_complete(given: dict[str, Any], texts: tuple[str, ...]) -> None:
-    with says(SceneError, *texts):
-        scenes.beam(**given)
-
-
-@pytest.mark.parametrize("key", ["length", "density", "area", "modulus", "I_y"])
-def test_beam_is_positive_in_the_range(key: str) -> None:
-    units = {"length": "m", "density": "kg m^-3", "area": "m^2", "modulus": "Pa", "I_y": "m^4"}
-    value = mbdlft.Parameter("value", 1.0, low=-0.5, high=2.0, unit=units[key])
-    with says(SceneError, "body 'beam'", f"{key} is not positive in the range"):
-        build(on_hinge(scenes.beam(**{key: "value"}), parameters=[value]))
-
-
-def test_unit_of_a_beam_is_checked() -> None:
-    value = mbdlft.Parameter("value", 1.0, percent=10, unit="kg")
-    with says(
-        SceneError, "body 'beam', length = 'value': the unit does not fit: expected m, got kg"
-    ):
-        build(on_hinge(scenes.beam(length="value"), parameters=[value]))
-
-
-def test_port_of_a_beam_is_named() -> None:
-    scene = on_hinge(scenes.beam())
-    bob = PointMass(name="bob", mass=1.0)
-    end = Fixed(name="end", parent="beam.end", child="bob")
-    with says(SceneError, "joint 'end', parent", "body 'beam'", "end", "tip"):
-        build(
-            scene.model_copy(
-                update={"bodies": (*scene.bodies, bob), "joints": (*scene.joints, end)}
-            )
-        )
 
 
 def test_beam_round_trips_with_its_words() -> None:

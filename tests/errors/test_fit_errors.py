@@ -9,6 +9,7 @@ import pytest
 
 from mbdlft.base.errors import NotRationalError, StructureError, TrimError
 from mbdlft.multibody.equilibrium.fit import fit_equilibrium
+from tests.errors.table import refused
 
 
 def residual(f: Callable[[Any, Any], Any], unknowns: int = 1, parameters: int = 1) -> ca.Function:
@@ -24,31 +25,41 @@ def fit(function: ca.Function, low: float, nominal: float, high: float, start: f
     fit_equilibrium(function, [nominal], [low], [high], [start], 1e-6, names=["m"])
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (([0.5, 1], [0], [1], [0.1], 1e-3), "'arm': nominal has 2 entries, the residual takes 1"),
-        (([0.5], [0], [1, 2], [0.1], 1e-3), "high has 2 entries"),
-        (([0.5], [0], [1], [0.1, 0], 1e-3), "1 unknowns, but start has 2 entries"),
-        (([0.5], [1], [0], [0.1], 1e-3), "expected low <= nominal <= high and low < high"),
-        (([2.0], [0], [1], [0.1], 1e-3), "expected low <= nominal <= high and low < high"),
-        (([0.5], [0.5], [0.5], [0.1], 1e-3), "low < high for at least one parameter"),
-        (([0.5], [0], [np.nan], [0.1], 1e-3), r"high \[nan\]"),
-        (([0.5], [0], [1], [np.inf], 1e-3), "expected finite numbers and a positive tolerance"),
-        (
-            ([0.5], [0], [1], [0.1], 0.0),
-            "expected finite numbers and a positive tolerance, got 0.0",
-        ),
-    ],
+test_messages = refused(
+    r"""
+> {} => TrimError:
+fit_equilibrium(LEVER, [0.5], [0], [1], [0.1], 1e-3, names=["a", "b"])
+    => StructureError: names has 2 entries, the residual takes 1
+fit_equilibrium(LEVER, [1], [0], [2], [0.7], 1e-6, largest_degree=1)
+    => up to degree 1 is within 1e-06; the errors came down to
+fit_equilibrium(LEVER, [1], [0], [2], [0.7], 1e-9, most_pieces=2)
+    => is proved on … % of the box only, with 2 pieces; no error
+fit_equilibrium(LEVER, [1], [0], [2], [0.7], 1e-17) =~ does not carry|no rational fit|proved on
+> fit_equilibrium(LEVER, *{}) => StructureError:
+([0.5, 1], [0], [1], [0.1], 1e-3) => 'arm': nominal has 2 entries, the residual takes 1
+([0.5], [0], [1, 2], [0.1], 1e-3) => high has 2 entries
+([0.5], [0], [1], [0.1, 0], 1e-3) => 1 unknowns, but start has 2 entries
+([0.5], [1], [0], [0.1], 1e-3) => expected low <= nominal <= high and low < high
+([2.0], [0], [1], [0.1], 1e-3) => expected low <= nominal <= high and low < high
+([0.5], [0.5], [0.5], [0.1], 1e-3) => low < high for at least one parameter
+([0.5], [0], [np.nan], [0.1], 1e-3) => high [nan]
+([0.5], [0], [1], [np.inf], 1e-3) => expected finite numbers and a positive tolerance
+([0.5], [0], [1], [0.1], 0.0) => expected finite numbers and a positive tolerance, got 0.0
+> (lambda function, box, start: fit(function, *box, start))({}) => TrimError:
+residual(lambda t, p: t * t + p), (1, 2, 3), 1.0
+    => equilibrium of 'arm': … no root … start = [1.0] at m = 2. G
+residual(lambda t, p: t * (1 - p)), (0, 1, 2), 0.0
+    => equilibrium of 'arm': … no root was found from start
+residual(lambda t, p: t**3 + 1e-9 * t - p), (-1, 0, 1), 0.0 =~ equilibrium of 'arm': .*folds|singular
+residual(lambda t, p: t * t - p), (-1, 1, 2), 1.0
+    => equilibrium of 'arm': … near m = … , t = … the branch folds
+residual(lambda t, p: t * (t - p)), (-1, 1, 2), 0.0
+    => equilibrium of 'arm': … the branch bifurcates: df/dt is
+ROOT, (-1, 1, 2), 1.0 => equilibrium of 'arm': … the branch ends: the residual is not finite beyond
+residual(lambda t, p: 1 - p * t), (-1, 1, 2), 1.0
+    => equilibrium of 'arm': … goes to infinity … another reference
+"""
 )
-def test_input(arguments: Any, message: str) -> None:
-    with pytest.raises(StructureError, match=message):
-        fit_equilibrium(LEVER, *arguments)
-
-
-def test_names_of_all_parameters() -> None:
-    with pytest.raises(StructureError, match="names has 2 entries, the residual takes 1"):
-        fit_equilibrium(LEVER, [0.5], [0], [1], [0.1], 1e-3, names=["a", "b"])
 
 
 @pytest.mark.parametrize(
@@ -57,47 +68,3 @@ def test_names_of_all_parameters() -> None:
 def test_operation(function: Callable[[Any, Any], Any]) -> None:
     with pytest.raises(NotRationalError, match="integer"):
         fit(residual(function), 0.5, 1.0, 1.5, 1.0)
-
-
-@pytest.mark.parametrize(
-    ("function", "box", "start", "message"),
-    [
-        (
-            residual(lambda t, p: t * t + p),
-            (1, 2, 3),
-            1.0,
-            r"no root .* start = \[1.0\] at m = 2. G",
-        ),
-        (residual(lambda t, p: t * (1 - p)), (0, 1, 2), 0.0, "no root was found from start"),
-        (residual(lambda t, p: t**3 + 1e-9 * t - p), (-1, 0, 1), 0.0, "folds|singular"),
-        (residual(lambda t, p: t * t - p), (-1, 1, 2), 1.0, "near m = .*, t = .*the branch folds"),
-        (residual(lambda t, p: t * (t - p)), (-1, 1, 2), 0.0, "the branch bifurcates: df/dt is"),
-        (ROOT, (-1, 1, 2), 1.0, "the branch ends: the residual is not finite beyond"),
-        (
-            residual(lambda t, p: 1 - p * t),
-            (-1, 1, 2),
-            1.0,
-            "goes to infinity .* another reference",
-        ),
-    ],
-)
-def test_branch(function: ca.Function, box: Any, start: float, message: str) -> None:
-    with pytest.raises(TrimError, match=r"equilibrium of 'arm': .*" + message):
-        fit(function, *box, start)
-
-
-def test_degree_is_too_small() -> None:
-    with pytest.raises(TrimError, match=r"up to degree 1 is within 1e-06; the errors came down to"):
-        fit_equilibrium(LEVER, [1], [0], [2], [0.7], 1e-6, largest_degree=1)
-
-
-def test_pieces_are_too_few() -> None:
-    with pytest.raises(
-        TrimError, match=r"is proved on .* % of the box only, with 2 pieces; no error"
-    ):
-        fit_equilibrium(LEVER, [1], [0], [2], [0.7], 1e-9, most_pieces=2)
-
-
-def test_tolerance_below_rounding() -> None:
-    with pytest.raises(TrimError, match=r"does not carry|no rational fit|proved on"):
-        fit_equilibrium(LEVER, [1], [0], [2], [0.7], 1e-17)

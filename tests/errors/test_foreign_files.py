@@ -16,7 +16,8 @@ from mbdlft.base.errors import shortened, unknown_name
 from mbdlft.elastic import load_matrices, load_nastran
 from mbdlft.robot import load_robot
 from tests.archive.test_matrix_files import turned
-from tests.errors.scenes import ARM, says
+from tests.errors.scenes import ARM
+from tests.errors.table import refused, says
 
 ROOT = Path(__file__).parents[2]
 
@@ -149,21 +150,20 @@ def planted(what: str) -> dict[str, np.ndarray]:
     return {"a": np.arange(3)}
 
 
-@pytest.mark.parametrize(
-    ("what", "text"),
-    [
-        ("loop", "its reader did not end as it should"),
-        ("memory", "cannot be read: Unable to allocate"),
-        ("die", "its reader did not end as it should (exit code 3)"),
-        ("error", "cannot be read: lost"),
-        ("named", "named"),
-    ],
+test_messages = refused(
+    r"""
+worker.arrays_of(f'{__name__}:planted', {'what': 'loop'}, seconds=1, memory=2 ** 28, error=SceneError)
+    => its reader did not end as it should
+worker.arrays_of(f'{__name__}:planted', {'what': 'memory'}, seconds=1, memory=2 ** 28, error=SceneError)
+    => cannot be read: Unable to allocate
+worker.arrays_of(f'{__name__}:planted', {'what': 'die'}, seconds=1, memory=2 ** 28, error=SceneError)
+    => its reader did not end as it should (exit code 3)
+worker.arrays_of(f'{__name__}:planted', {'what': 'error'}, seconds=1, memory=2 ** 28, error=SceneError)
+    => cannot be read: lost
+worker.arrays_of(f'{__name__}:planted', {'what': 'named'}, seconds=1, memory=2 ** 28, error=SceneError)
+    => named
+"""
 )
-def test_readers_apart(what: str, text: str) -> None:
-    with says(SceneError, text):
-        worker.arrays_of(
-            f"{__name__}:planted", {"what": what}, seconds=1, memory=2**28, error=SceneError
-        )
 
 
 def test_readers_apart_that_do_not_end_or_start(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ from mbdlft.base.expression import parse
 from mbdlft.base.unit import parse_unit
 from mbdlft.show.report.content import _said
 from tests.close import CLOSED_FORM, target
-from tests.errors.scenes import says
+from tests.errors.table import refused, says
 
 SIGNALS = (
     *("flight.rate.x", "flight.position.x", "flight.rotation.x"),
@@ -34,68 +34,41 @@ def test_signals(name: str, meant: str) -> None:
     assert f"Did you mean {meant!r}?" in unknown_name("signal", name, SIGNALS)
 
 
-@pytest.mark.parametrize(
-    ("text", "meant"),
-    [
-        ("metre", "m"),
-        ("Meters/s", "m"),
-        ("kilometres", "km"),
-        ("kilograms", "kg"),
-        ("Nm", "N m"),
-        ("degrees", "deg"),
-        ("rad/sec", "s"),
-        ("KG", "kg"),
-        ("newton/m", "N"),
-        ("kNN", "N"),
-    ],
+test_messages = refused(
+    r"""
+parse_unit("lb") => unknown symbol 'lb'. Existing
+parse('1 kg') => of constants. … A unit stands in brackets, '1 [kg]'; a product has a sign, 1*name.
+parse("a b") =~ of constants\.$
+parse('0.002 N m s/rad') => of constants. … A unit stands in brackets, '0.002 [N m s/rad]'
+parse("a b") =~ of constants\.$
+parse('20 deg') => of constants. … Degrees are written 20*deg.
+parse("a b") =~ of constants\.$
+parse('20°') => of constants. … Degrees are written 20*deg.
+parse("a b") =~ of constants\.$
+parse('2l') => of constants. … A product has a sign: 2*l.
+parse("a b") =~ of constants\.$
+mbdlft.scene_from_toml("mass = m") => not valid TOML: … Texts stand in quotes
+> parse_unit({}) => SceneError:
+"metre" => unit 'metre': unknown symbol … Did you mean 'm'?
+"Meters/s" => unit 'Meters/s': unknown symbol … Did you mean 'm'?
+"kilometres" => unit 'kilometres': unknown symbol … Did you mean 'km'?
+"kilograms" => unit 'kilograms': unknown symbol … Did you mean 'kg'?
+"Nm" => unit 'Nm': unknown symbol … Did you mean 'N m'?
+"degrees" => unit 'degrees': unknown symbol … Did you mean 'deg'?
+"rad/sec" => unit 'rad/sec': unknown symbol … Did you mean 's'?
+"KG" => unit 'KG': unknown symbol … Did you mean 'kg'?
+"newton/m" => unit 'newton/m': unknown symbol … Did you mean 'N'?
+"kNN" => unit 'kNN': unknown symbol … Did you mean 'N'?
+> (lambda mass, unit: mbdlft.to_lft(mbdlft.Scene(name='s', parameters=[mbdlft.Parameter('m', 2.0,
+    percent=10, unit=unit), mbdlft.Parameter('l', 2.0, percent=10, unit='m')],
+    bodies=[mbdlft.PointMass(name='b', mass=mass)], joints=[mbdlft.Prismatic(name='j', parent='ground',
+    child='b', axis=(1, 0, 0))])))({}) => SceneError: the unit does not fit …
+"m", "1" => 'm' has no unit: declare it with unit = 'kg', or give a number a unit
+"m*l", "1" => 'm' has no unit: declare it with unit = 'kg m^-1'
+"2*l", "kg" => write it behind the number, such as 2.0 [kg m^-1], or declare
+"l*l", "kg" => expected kg, got m^2.
+"""
 )
-def test_units(text: str, meant: str) -> None:
-    with says(mbdlft.SceneError, f"unit {text!r}: unknown symbol", f"Did you mean {meant!r}?"):
-        parse_unit(text)
-
-
-def test_units_that_are_none() -> None:
-    with pytest.raises(mbdlft.SceneError, match=r"unknown symbol 'lb'\. Existing"):
-        parse_unit("lb")
-
-
-@pytest.mark.parametrize(
-    ("mass", "unit", "hint"),
-    [
-        ("m", "1", "'m' has no unit: declare it with unit = 'kg', or give a number a unit"),
-        ("m*l", "1", "'m' has no unit: declare it with unit = 'kg m^-1'"),
-        ("2*l", "kg", "write it behind the number, such as 2.0 [kg m^-1], or declare"),
-        ("l*l", "kg", "expected kg, got m^2."),
-    ],
-)
-def test_units_that_are_missing(mass: str, unit: str, hint: str) -> None:
-    m = mbdlft.Parameter("m", 2.0, percent=10, unit=unit)
-    l_ = mbdlft.Parameter("l", 2.0, percent=10, unit="m")
-    scene = mbdlft.Scene(
-        name="s",
-        parameters=[m, l_],
-        bodies=[mbdlft.PointMass(name="b", mass=mass)],
-        joints=[mbdlft.Prismatic(name="j", parent="ground", child="b", axis=(1, 0, 0))],
-    )
-    with says(mbdlft.SceneError, "the unit does not fit", hint):
-        mbdlft.to_lft(scene)
-
-
-@pytest.mark.parametrize(
-    ("text", "hint"),
-    [
-        ("1 kg", "A unit stands in brackets, '1 [kg]'; a product has a sign, 1*name."),
-        ("0.002 N m s/rad", "A unit stands in brackets, '0.002 [N m s/rad]'"),
-        ("20 deg", "Degrees are written 20*deg."),
-        ("20°", "Degrees are written 20*deg."),
-        ("2l", "A product has a sign: 2*l."),
-    ],
-)
-def test_numbers_with_something_behind(text: str, hint: str) -> None:
-    with says(mbdlft.SceneError, "of constants.", hint):
-        parse(text)
-    with pytest.raises(mbdlft.SceneError, match=r"of constants\.$"):
-        parse("a b")
 
 
 @pytest.mark.parametrize(
@@ -122,11 +95,6 @@ def test_motions_of_bodies_are_those_of_sensors() -> None:
         )
         with says(mbdlft.SceneError, f"signal {output!r}", f"port = {port!r} has the outputs"):
             mbdlft.to_lft(scene)
-
-
-def test_texts_stand_in_quotes() -> None:
-    with says(mbdlft.SceneError, "not valid TOML: ", "Texts stand in quotes"):
-        mbdlft.scene_from_toml("mass = m")
 
 
 def test_a_rocket_accelerates() -> None:

@@ -11,12 +11,7 @@ import scipy.sparse as sp
 import mbdlft
 from mbdlft import (
     FiniteElements,
-    FlexibleBody,
-    Inertia,
-    Interface,
-    Mode,
     Nodes,
-    RigidBody,
     SceneError,
     StructureError,
     every_dof,
@@ -25,9 +20,8 @@ from mbdlft import (
     load_nastran,
     modal_model,
     save_matrices,
-    to_si,
 )
-from tests.errors.scenes import says
+from tests.errors.table import refused, says
 from tests.reference.frames import frame, straight, tee
 
 ROOT = Path(__file__).parents[2]
@@ -95,30 +89,72 @@ def cut(_: Any, stiffness: Any) -> None:
     stiffness[18:, 18:] = straight(1, 0.5).stiffness_matrix
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (entry(0, 3, 4, 0.5), "mass matrix: not symmetric: entry (4, 5) is 0.5 and (5, 4) is 0."),
-        (entry(1, 3, 4, 1e9), "stiffness matrix: not symmetric: entry (4, 5) is 1e+09"),
-        (entry(0, 2, 2, np.nan), "mass matrix: expected finite entries, got nan or inf."),
-        (entry(1, 20, 20, -1.0), "stiffness matrix: component 3 of node 40 has a negative stiffness"),
-        (entry(1, 20, 20, 0.0), "stiffness matrix: component 3 of node 40 has no stiffness (0)"),
-        (negative, "stiffness matrix: indefinite: the structure held at the parent"),
-        (cut, "stiffness matrix: singular although the structure is held at the parent"),
-        (scaled(0, -1.0), "mass matrix: indefinite: a motion of the structure has negative"),
-        (entry(0, 20, 20, -5.0), "mass matrix: indefinite: a motion of the structure has negative"),
-        (scaled(0, 0.0), "mass matrix: nothing that can move has mass"),
-        (weightless, "mass matrix: the mass of the structure is -47."),
-        (support, "deforms the structure: on its stiffness it would have the frequency"),
-        (lighter, "mass matrix: the mass is not the same in all directions (x: 3.24 kg, y:"),
-        (tied, "mass matrix: not that of a body: in a rigid motion, the entry (x, ry)"),
-        (scaled(1, 1e-14), "the first frequency is 5.82e-07 Hz; expected one between 0.0001 Hz"),
-        (scaled(1, 1e14), "MHz."),
-    ],
-)  # fmt: skip
-def test_matrices(change: Callable[[Any, Any], None], message: str) -> None:
-    with says(StructureError, message):
-        broken(change)
+test_messages = refused(
+    r"""
+> {} => StructureError:
+broken(parent=11) => parent: node 11 is not in the node table, which has 5 nodes
+broken(ports={"tip": 60}) => port 'tip': node 60 is not in the node table
+broken(parent="root") => parent: expected the number of a node, several numbers
+broken(parent=()) => parent: expected the number of a node, several numbers
+broken(parent=1.5) => parent: expected the number of a node, several numbers
+broken(ports={"tip": 10}) => node 10 belongs to parent and to port 'tip'.
+broken(parent=Interface((10,), (0.0, np.inf, 0.0)))
+    => parent: point: expected three coordinates (m), got (0.0, inf, 0.0).
+broken(parent=(10, 20), ports={"tip": (30, 40, 50)}) => all nodes belong to interfaces
+broken(method="guyan") => unknown method 'guyan'.
+broken(modes=3, frequency=100.0) => got modes and frequency.
+broken(modes=-1) => modes: expected a whole number, 0 or more, got -1.
+broken(modes=True) => modes: expected a whole number, 0 or more, got True.
+broken(modes=19) => modes: 19 are asked for and there are 18
+broken(frequency=0.0) => frequency: expected a positive number (rad/s), got 0.0.
+broken(effective_mass=1.0) => effective_mass: expected a fraction of the rigid
+broken(effective_mass=0.9999) => effective_mass: 0.9999 is asked for; 18 modes have 0.9
+broken(method="effective-mass", modes=0)
+    => no mode is kept, the first is at 36.5449 rad/s: ask for at least one.
+broken(method="effective-mass", frequency=1.0) => no mode is kept, the first is at
+modal_model(*straight(4), 10, {"tip": 50}) => expected one of modes … got none.
+Nodes([], []) => node table: coordinates: expected the shape (0, 3)
+Nodes([], np.zeros((0, 3))) => node table: expected at least one node, got none.
+Nodes([1, 1], np.zeros((2, 3))) => node table: node 1 is given twice.
+Nodes([1.5], np.zeros((1, 3))) => node table: numbers: expected whole numbers
+Nodes([1], np.zeros((1, 2))) => coordinates: expected the shape (1, 3), got (1, 2).
+Nodes([1], [[0, 0, np.nan]]) => coordinates: expected finite numbers
+Nodes([1], [[0, 0, 0]], [[1, 7]]) => dof: component 7 of node 1; expected 1, 2, 3
+Nodes([1], [[0, 0, 0]], [[2, 1]]) => dof: node 2 is not in the node table
+Nodes([1], [[0, 0, 0]], [[1, 1], [1, 1]]) => component 1 of node 1 is there twice.
+Nodes([1], [[0, 0, 0]], [[1, 1, 1]]) => dof: expected a row of two (node, component)
+Nodes([1], [[0, 0, 0]], axes=[2 * np.eye(3)])
+    => the axes of node 1 are not right-handed and orthonormal.
+Nodes([1], [[0, 0, 0]], axes=[np.diag([1, 1, -1])])
+    => the axes of node 1 are not right-handed and orthonormal.
+to_si(straight(2), length="kg") => to_si: length: expected a unit of length such as 'm', got 'kg'.
+mbdlft.flexible_body("b", *straight(4), 10, {"tip": 50}, modes=3, damping=[0.1, 0.2])
+    => body 'b': damping: expected one ratio or 9, one for each mode, got 2.
+# Data given as modes, not as matrices: the check of the body itself.
+mbdlft.assemble(mbdlft.Scene(name='s', bodies=[RigidBody(name='hub', mass=1, inertia=Inertia(xx=1, yy=1,
+    zz=1)), FlexibleBody(name='p', mass=3, inertia=Inertia(xx=1, yy=1, zz=1), modes=[Mode(frequency=3.0,
+    participation=(0, 0, 2.0, 0, 0, 0))])], joints=[mbdlft.Free(name='free', parent='ground',
+    child='hub'), mbdlft.Fixed(name='fixed', parent='hub', child='p')]))
+    => SceneError: 'p' … the participation factors exceed the rigid mass
+> broken({}) => StructureError:
+entry(0, 3, 4, 0.5) => mass matrix: not symmetric: entry (4, 5) is 0.5 and (5, 4) is 0.
+entry(1, 3, 4, 1e9) => stiffness matrix: not symmetric: entry (4, 5) is 1e+09
+entry(0, 2, 2, np.nan) => mass matrix: expected finite entries, got nan or inf.
+entry(1, 20, 20, -1.0) => stiffness matrix: component 3 of node 40 has a negative stiffness
+entry(1, 20, 20, 0.0) => stiffness matrix: component 3 of node 40 has no stiffness (0)
+negative => stiffness matrix: indefinite: the structure held at the parent
+cut => stiffness matrix: singular although the structure is held at the parent
+scaled(0, -1.0) => mass matrix: indefinite: a motion of the structure has negative
+entry(0, 20, 20, -5.0) => mass matrix: indefinite: a motion of the structure has negative
+scaled(0, 0.0) => mass matrix: nothing that can move has mass
+weightless => mass matrix: the mass of the structure is -47.
+support => deforms the structure: on its stiffness it would have the frequency
+lighter => mass matrix: the mass is not the same in all directions (x: 3.24 kg, y:
+tied => mass matrix: not that of a body: in a rigid motion, the entry (x, ry)
+scaled(1, 1e-14) => the first frequency is 5.82e-07 Hz; expected one between 0.0001 Hz
+scaled(1, 1e14) => MHz.
+"""
+)
 
 
 def test_indefinite_mass() -> None:
@@ -141,54 +177,6 @@ def test_shapes_of_matrices() -> None:
         modal_model(mass, stiffness[:, :-1], nodes, 10, {"tip": 50}, modes=3)
     with says(StructureError, "mass matrix: expected a matrix of real numbers"):
         modal_model("heavy", stiffness, nodes, 10, {"tip": 50}, modes=3)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: broken(parent=11), "parent: node 11 is not in the node table, which has 5 nodes"),
-        (lambda: broken(ports={"tip": 60}), "port 'tip': node 60 is not in the node table"),
-        (lambda: broken(parent="root"), "parent: expected the number of a node, several numbers"),
-        (lambda: broken(parent=()), "parent: expected the number of a node, several numbers"),
-        (lambda: broken(parent=1.5), "parent: expected the number of a node, several numbers"),
-        (lambda: broken(ports={"tip": 10}), "node 10 belongs to parent and to port 'tip'."),
-        (
-            lambda: broken(parent=Interface((10,), (0.0, np.inf, 0.0))),
-            "parent: point: expected three coordinates (m), got (0.0, inf, 0.0).",
-        ),
-        (
-            lambda: broken(parent=(10, 20), ports={"tip": (30, 40, 50)}),
-            "all nodes belong to interfaces",
-        ),
-        (lambda: broken(method="guyan"), "unknown method 'guyan'."),
-        (lambda: broken(modes=3, frequency=100.0), "got modes and frequency."),
-        (lambda: broken(modes=-1), "modes: expected a whole number, 0 or more, got -1."),
-        (lambda: broken(modes=True), "modes: expected a whole number, 0 or more, got True."),
-        (lambda: broken(modes=19), "modes: 19 are asked for and there are 18"),
-        (lambda: broken(frequency=0.0), "frequency: expected a positive number (rad/s), got 0.0."),
-        (lambda: broken(effective_mass=1.0), "effective_mass: expected a fraction of the rigid"),
-        (
-            lambda: broken(effective_mass=0.9999),
-            "effective_mass: 0.9999 is asked for; 18 modes have 0.9",
-        ),
-        (
-            lambda: broken(method="effective-mass", modes=0),
-            "no mode is kept, the first is at 36.5449 rad/s: ask for at least one.",
-        ),
-        (
-            lambda: broken(method="effective-mass", frequency=1.0),
-            "no mode is kept, the first is at",
-        ),
-    ],
-)
-def test_interfaces_and_choices(make: Callable[[], Any], message: str) -> None:
-    with says(StructureError, message):
-        make()
-
-
-def test_nothing_asked_for() -> None:
-    with says(StructureError, "expected one of modes", "got none."):
-        modal_model(*straight(4), 10, {"tip": 50})
 
 
 def test_interface_nodes_that_do_not_hold() -> None:
@@ -265,67 +253,6 @@ def test_coordinates_without_mass() -> None:
         modal_model(np.diag([1.0, 1.0, 0.0]), stiffness, nodes, 1, {"tip": 3}, modes=1)
     with says(StructureError, "mass matrix: nothing that can move has mass"):
         modal_model(np.diag([1.0, 0.0, 0.0]), stiffness, nodes, 1, {"tip": 3}, modes=1)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Nodes([], []), "node table: coordinates: expected the shape (0, 3)"),
-        (lambda: Nodes([], np.zeros((0, 3))), "node table: expected at least one node, got none."),
-        (lambda: Nodes([1, 1], np.zeros((2, 3))), "node table: node 1 is given twice."),
-        (lambda: Nodes([1.5], np.zeros((1, 3))), "node table: numbers: expected whole numbers"),
-        (
-            lambda: Nodes([1], np.zeros((1, 2))),
-            "coordinates: expected the shape (1, 3), got (1, 2).",
-        ),
-        (lambda: Nodes([1], [[0, 0, np.nan]]), "coordinates: expected finite numbers"),
-        (lambda: Nodes([1], [[0, 0, 0]], [[1, 7]]), "dof: component 7 of node 1; expected 1, 2, 3"),
-        (lambda: Nodes([1], [[0, 0, 0]], [[2, 1]]), "dof: node 2 is not in the node table"),
-        (
-            lambda: Nodes([1], [[0, 0, 0]], [[1, 1], [1, 1]]),
-            "component 1 of node 1 is there twice.",
-        ),
-        (
-            lambda: Nodes([1], [[0, 0, 0]], [[1, 1, 1]]),
-            "dof: expected a row of two (node, component)",
-        ),
-        (
-            lambda: Nodes([1], [[0, 0, 0]], axes=[2 * np.eye(3)]),
-            "the axes of node 1 are not right-handed and orthonormal.",
-        ),
-        (
-            lambda: Nodes([1], [[0, 0, 0]], axes=[np.diag([1, 1, -1])]),
-            "the axes of node 1 are not right-handed and orthonormal.",
-        ),
-        (
-            lambda: to_si(straight(2), length="kg"),
-            "to_si: length: expected a unit of length such as 'm', got 'kg'.",
-        ),
-    ],
-)
-def test_node_tables(make: Callable[[], Any], message: str) -> None:
-    with says(StructureError, message):
-        make()
-
-
-def test_damping_ratios() -> None:
-    with says(
-        StructureError, "body 'b': damping: expected one ratio or 9, one for each mode, got 2."
-    ):
-        mbdlft.flexible_body("b", *straight(4), 10, {"tip": 50}, modes=3, damping=[0.1, 0.2])
-
-
-def test_participation_that_exceeds_the_rigid_mass() -> None:
-    """Data given as modes, not as matrices: the check of the body itself."""
-    mode = Mode(frequency=3.0, participation=(0, 0, 2.0, 0, 0, 0))
-    body = FlexibleBody(name="p", mass=3, inertia=Inertia(xx=1, yy=1, zz=1), modes=[mode])
-    hub = RigidBody(name="hub", mass=1, inertia=Inertia(xx=1, yy=1, zz=1))
-    joints = [
-        mbdlft.Free(name="free", parent="ground", child="hub"),
-        mbdlft.Fixed(name="fixed", parent="hub", child="p"),
-    ]
-    with says(SceneError, "'p'", "the participation factors exceed the rigid mass"):
-        mbdlft.assemble(mbdlft.Scene(name="s", bodies=[hub, body], joints=joints))
 
 
 def results(**changes: Any) -> Any:

@@ -18,6 +18,7 @@ from mbdlft.modelica import (
     translate,
 )
 from mbdlft.modelica.rumoca import Sources, model_of_tables
+from tests.errors.table import refused
 
 ADVICE = "Flat text has declarations of Real, Integer, Boolean and String, and equations."
 
@@ -228,29 +229,44 @@ def test_tables_that_do_not_fit_the_model(toml: str, message: str) -> None:
     refuse(text_of(P), message, table)
 
 
-@pytest.mark.parametrize(
-    ("toml", "message"),
-    [
-        ("model = 3", "model: expected a text, got 3"),
-        ("check_units = 1", "check_units: expected true or false, got 1"),
-        ("parameters = 3", "parameters: expected a table, got 3"),
-        ("[parameters]\na = 3", "parameter 'a': expected a table such as { low = 1, high = 2 }"),
-        ("[values]\na = 'x'", "values: 'a': expected a number, got 'x'"),
-        ("[linearize]\ninputs = []", "linearize: unknown key 'inputs'"),
-        ("[linearize]\noutputs = 'y'", "linearize: outputs: expected a list of names, got 'y'"),
-        ("[trim]\nfrei = []", "trim: unknown key 'frei'. Did you mean 'free'"),
-        ("[trim]\nat = 3", "trim: at: expected a table of values by name, got 3"),
-        (
-            "[trim]\nat = { a = true }",
-            "trim: at: 'a': expected a number or the name of a parameter",
-        ),
-        ("extra = 3", "unknown key 'extra'"),
-        ("a = ", "not valid TOML"),
-    ],
+test_messages = refused(
+    r"""
+model_of_tables(TABLES | {'new_table': [1]}, 'M', Sources([], {}))
+    => the table 'new_table' of the compiler is not known here; give flat text
+model_of_tables(TABLES | {'is_partial': True}, 'M', Sources([], {})) => model 'M' is partial
+model_of_tables(TABLES | {'structured_equations': [{'interiors_materialized': False}]}, 'M', Sources([],
+    {}))
+    => a loop that is not written
+model_of_tables(TABLES | {'equations': [{'residual': {'Strange': {}}, 'span': None}]}, 'M', Sources([],
+    {}))
+    => the expression 'Strange'
+model_of_tables(TABLES | {'equations': [{'residual': {'Binary': {'op': 'Bad', 'lhs': 1}}, 'span':
+    None}]}, 'M', Sources([], {}))
+    => the expression 'Binary' of the compiler is not known
+model_of_tables(TABLES | {'equations': [{'residual': {'Binary': {'op': 'Add', 'lhs': {'Binary': {'op':
+    'Bad', 'lhs': NUMBER, 'rhs': NUMBER}}, 'rhs': NUMBER}}, 'span': None}]}, 'M', Sources([], {}))
+    => the operator 'Bad' of the compiler is not known
+model_of_tables(TABLES | {'equations': [{'residual': {'VarRef': {'name': {'name': 'x'}, 'subscripts':
+    [{'Odd': 1}]}}, 'span': None}]}, 'M', Sources([], {}))
+    => the subscript 'Odd'
+model_of_tables(TABLES | {'equations': [{'residual': {'Literal': {'value': {'Real': float('inf')}}},
+    'span': None}]}, 'M', Sources([], {}))
+    => the number inf is not finite
+> modelica_table_from_toml(f'format = "mbdlft-modelica/1"\n{{}}') => SceneError:
+"model = 3" => model: expected a text, got 3
+"check_units = 1" => check_units: expected true or false, got 1
+"parameters = 3" => parameters: expected a table, got 3
+"[parameters]\na = 3" =~ parameter 'a': expected a table such as { low = 1, high = 2 }
+"[values]\na = 'x'" => values: 'a': expected a number, got 'x'
+"[linearize]\ninputs = []" => linearize: unknown key 'inputs'
+"[linearize]\noutputs = 'y'" => linearize: outputs: expected a list of names, got 'y'
+"[trim]\nfrei = []" => trim: unknown key 'frei'. Did you mean 'free'
+"[trim]\nat = 3" => trim: at: expected a table of values by name, got 3
+"[trim]\nat = { a = true }" => trim: at: 'a': expected a number or the name of a parameter
+"extra = 3" => unknown key 'extra'
+"a = " => not valid TOML
+"""
 )
-def test_tables(toml: str, message: str) -> None:
-    with pytest.raises(SceneError, match=message):
-        modelica_table_from_toml(f'format = "mbdlft-modelica/1"\n{toml}')
 
 
 def test_table_file_is_named(tmp_path: Path) -> None:
@@ -293,66 +309,6 @@ TABLES = {
     "model_description": None,
 }
 NUMBER = {"Literal": {"value": {"Integer": 1}}}
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (
-            {"new_table": [1]},
-            "the table 'new_table' of the compiler is not known here; give flat text",
-        ),
-        ({"is_partial": True}, "model 'M' is partial"),
-        (
-            {"structured_equations": [{"interiors_materialized": False}]},
-            "a loop that is not written",
-        ),
-        ({"equations": [{"residual": {"Strange": {}}, "span": None}]}, "the expression 'Strange'"),
-        (
-            {"equations": [{"residual": {"Binary": {"op": "Bad", "lhs": 1}}, "span": None}]},
-            "the expression 'Binary' of the compiler is not known",
-        ),
-        (
-            {
-                "equations": [
-                    {
-                        "residual": {
-                            "Binary": {
-                                "op": "Add",
-                                "lhs": {"Binary": {"op": "Bad", "lhs": NUMBER, "rhs": NUMBER}},
-                                "rhs": NUMBER,
-                            }
-                        },
-                        "span": None,
-                    }
-                ]
-            },
-            "the operator 'Bad' of the compiler is not known",
-        ),
-        (
-            {
-                "equations": [
-                    {
-                        "residual": {"VarRef": {"name": {"name": "x"}, "subscripts": [{"Odd": 1}]}},
-                        "span": None,
-                    }
-                ]
-            },
-            "the subscript 'Odd'",
-        ),
-        (
-            {
-                "equations": [
-                    {"residual": {"Literal": {"value": {"Real": float("inf")}}}, "span": None}
-                ]
-            },
-            "the number inf is not finite",
-        ),
-    ],
-)
-def test_tables_of_a_compiler_that_are_not_known(change: dict[str, object], message: str) -> None:
-    with pytest.raises(SceneError, match=message):
-        model_of_tables(TABLES | change, "M", Sources([], {}))
 
 
 WITH = pytest.mark.skipif(

@@ -3,29 +3,22 @@
 from typing import Any
 
 import numpy as np
-import pytest
 
 import mbdlft
 from mbdlft import (
-    Angle,
-    Fit,
     Force,
-    NotRationalError,
     Parameter,
     PointMass,
     Prismatic,
     Revolute,
     Scene,
-    SceneError,
     Spherical,
     Spring,
     TrimError,
-    WellPosednessError,
     at_equilibrium,
     find_equilibrium,
-    fit_positions,
 )
-from tests.errors.scenes import says
+from tests.errors.table import refused, says
 from tests.laws.test_arctangent import TANGENT, arm
 from tests.laws.test_equilibrium import cable, chain, four_bar, pendulum
 
@@ -59,50 +52,94 @@ def ball(stiffness: float, **fields: Any) -> Scene:
     )
 
 
-@pytest.mark.parametrize(
-    ("arguments", "texts"),
-    [
-        ({"values": {"M": 2.0}}, ("scene 'pendulum': unknown parameter 'M'. Did you mean 'm'?",)),
-        ({"values": {"m": 9.0}}, ("m = 9 is outside its range [1.2, 2.8] kg.",)),
-        (
-            {"positions": ["hing"]},
-            ("positions: unknown joint, coordinate or parameter 'hing'. Did you mean 'hinge'?",),
-        ),
-        ({"bounds": {"m": (1.0, 2.0)}}, ("bounds: unknown unknown", "'m'", "hinge.angle")),
-        ({"bounds": {"hinge": (2.0, 1.0)}}, ("bounds of hinge: expected low < high, got 2, 1.",)),
-        ({"starts": 0}, ("starts: expected at least 1, got 0.",)),
-        (
-            {"bounds": {"hinge": (2.0, 2.5)}, "starts": 3},
-            ("from 3 starts", "hinge.torque misses", "hinge.angle at the end of the bounds."),
-        ),
-    ],
+test_messages = refused(
+    r"""
+> {} => TrimError:
+# Which direction is not balanced, by how much, and that no position changes that.
+find_equilibrium(faller(), starts=4)
+    => scene 'faller': no equilibrium found from 4 starts with the unknown positions slide.position. …
+        slide.force misses 19.62 N; there no small change of the unknowns makes that smaller. Use more
+# m g L = 15.7 N m at most: 4.3 N m are left at the best angle.
+find_equilibrium(pendulum(stiffness=0.0, preload=20.0), starts=3)
+    => hinge.angle = 1.57 … hinge.torque misses -4.304 N m … no small change
+find_equilibrium(pendulum(preload=None, stiffness=0.0, imposed=True), positions=['hinge'])
+    => joint 'hinge' is imposed, so its position is given. Leave it out.
+find_equilibrium(cable(rest_length=0.45).model_copy(update={'bodies':
+    (cable(rest_length=0.45).bodies[0], mbdlft.Ground(ports={'hook': (0, 0, -0.4)}))}), starts=1)
+    => the equations are not finite at any of 1 start. A spring whose ports
+find_equilibrium(four_bar().model_copy(update={'bodies': (*four_bar().bodies[:3],
+    mbdlft.Ground(ports={'hook': (0, 9.0, 0)}))}), starts=2)
+    => no equilibrium found from 2 starts … close.gap. … misses
+at_equilibrium(chain(1), find_equilibrium(pendulum()))
+    => scene 'chain': the equilibrium is one of the scene 'pendulum' with hinge
+at_equilibrium(pendulum(position=float(np.pi / 2), stiffness=0.0, preload=1.2 * 9.81 * 0.8),
+    find_equilibrium(pendulum(position=float(np.pi / 2), stiffness=0.0, preload=1.2 * 9.81 * 0.8),
+    positions=['m']))
+    => parameter 'm' was found at 1.2 kg, an end of its range
+# The column buckles at k = 2 * 9.81.
+fit_positions(column(), ["foot"], 1e-4) => scene 'column', fit of foot: … near k = 19.6 … bifurcates
+# A torque tau = m g sin(theta) has no equilibrium above 19.62 N m.
+fit_positions(column(stiffness=0.0, preload='-tau').model_copy(update={'parameters': (Parameter('tau',
+    10.0, low=5.0, high=25.0, unit='N m'),)}), ['foot'], 0.0001)
+    => scene 'column', fit of foot: … near tau = 19.6 … folds
+fit_positions(column(position=0.4, stiffness="k + 8"), ["foot"], 1e-15)
+    => scene 'column', fit of foot: … tolerance
+fit_positions(pendulum().model_copy(update={'parameters': (Parameter('m', 2.0, percent=40, unit='kg'),
+    Angle('psi', 10, 0, 20))}).model_copy(update={'joints': (pendulum().model_copy(update={'parameters':
+    (Parameter('m', 2.0, percent=40, unit='kg'), Angle('psi', 10, 0,
+    20))}).joints[0].model_copy(update={'orientation': (mbdlft.Rotation(axis=(0, 1, 0),
+    angle='psi'),)}),)}), ['hinge'], 0.0001)
+    => NotRationalError: the equilibrium depends on the angle 'psi'
+fit_positions(faller(position='z', stiffness=50.0).model_copy(update={'parameters': (Parameter('z', 0.2,
+    low=0.1, high=0.4, unit='m'),)}), ['slide'], 0.0001)
+    => the spring of 'slide' is relaxed at a position that depends on parameters
+# The torque is just as large as gravity's can be.
+fit_positions(pendulum(stiffness=0.0, preload=2.0 * 9.81 * 0.8, position=float(np.pi / 2)), ['hinge'],
+    0.0001)
+    => does not determine hinge.angle: it is a fold or a bifurcation
+mbdlft.assemble(chain(1).model_copy(update={'fit': Fit(tolerance=0.001, bounds={'j9.angle': 0.001})}))
+    => SceneError: fit: unknown coordinate or effort 'j9.angle'. Did you mean 'j0.angle'?
+Fit(tolerance=1e-3, bounds={"j0.angle": -1.0})
+    => SceneError: fit: j0.angle: expected a number that is not negative, got -1.
+mbdlft.scene_from_toml("fit = 3\n" + mbdlft.scene_to_toml(chain(1)))
+    => SceneError: fit: expected a table, got 3.
+mbdlft.assemble(faller(stiffness='100*atan(m/m)').model_copy(update={'parameters': (Parameter('m', 2.0,
+    percent=10),)}))
+    => NotRationalError: atan takes constants only; an angle may have 2*atan of parameters.
+> find_equilibrium(pendulum(), {}) => TrimError:
+values={"M": 2.0} => scene 'pendulum': unknown parameter 'M'. Did you mean 'm'?
+values={"m": 9.0} => m = 9 is outside its range [1.2, 2.8] kg.
+positions=["hing"] => positions: unknown joint, coordinate or parameter 'hing'. Did you mean 'hinge'?
+bounds={"m": (1.0, 2.0)} => bounds: unknown unknown … 'm' … hinge.angle
+bounds={"hinge": (2.0, 1.0)} => bounds of hinge: expected low < high, got 2, 1.
+starts=0 => starts: expected at least 1, got 0.
+bounds={"hinge": (2.0, 2.5)}, starts=3
+    => from 3 starts … hinge.torque misses … hinge.angle at the end of the bounds.
+> (lambda scene, joints: fit_positions(scene, joints, 1e-4))({}) => TrimError:
+pendulum(), ["hing"] => scene 'pendulum', fit of hing: … unknown joint 'hing'. Did you mean 'hinge'?
+pendulum(preload=None), ["hinge"]
+    => scene 'pendulum', fit of hinge: … 'hinge' has no preload, so its effort holds it.
+ball(0.0), ["ball"] => scene 'ball', fit of ball: … 'ball' turns about all axes.
+chain(1), ["j0"]
+    => scene 'chain', fit of j0: … these positions do not depend on parameters. at_equilibrium(
+pendulum().model_copy(update={"fit": Fit(tolerance=1e-3, bounds={})}), ["hinge"]
+    => scene 'pendulum', fit of hinge: … its positions are a fit already.
+chain(1).model_copy(update={"gravity": (0, 0, 0)}), ["j0"]
+    => scene 'chain', fit of j0: … the nominal equilibrium does not determine j0.angle: it is
+> mbdlft.assemble(arm({}, [TANGENT, Angle('psi', 10, 0, 20)])) => NotRationalError: joint 'hinge',
+    position …
+"atan(t)" => 1 times atan(t); only even multiples of atan
+"3*atan(t)" => 3 times atan(t) … Write 2*atan(r)
+"0.5*atan(t)" => multiplied by an integer only
+"2*atan(t)^2" => multiplied by an integer only
+"40*atan(t)" => SceneError: 40 times atan(t) … 16 is the most.
+"2*t" => SceneError: 't' is not an angle. … 2*atan(r).
+"2*atan(m)" => SceneError: atan = 'm': the unit does not fit: expected 1, got kg.
+"2*atan(1/t)" => WellPosednessError: atan: the denominator t vanishes in the range
+"2*atan(psi)" => atan of the angle 'psi'.
+"2*atan(x)" => SceneError: unknown name 'x'
+"""
 )
-def test_arguments(arguments: dict[str, Any], texts: tuple[str, ...]) -> None:
-    with says(TrimError, *texts):
-        find_equilibrium(pendulum(), **arguments)
-
-
-def test_nothing_holds_it() -> None:
-    """Which direction is not balanced, by how much, and that no position changes that."""
-    with says(
-        TrimError,
-        "scene 'faller': no equilibrium found from 4 starts with the unknown positions slide.position. ",
-        "slide.force misses 19.62 N; there no small change of the unknowns makes that smaller. Use more",
-    ):
-        find_equilibrium(faller(), starts=4)
-
-
-def test_too_large_a_torque() -> None:
-    """m g L = 15.7 N m at most: 4.3 N m are left at the best angle."""
-    scene = pendulum(stiffness=0.0, preload=20.0)
-    with says(TrimError, "hinge.angle = 1.57", "hinge.torque misses -4.304 N m", "no small change"):
-        find_equilibrium(scene, starts=3)
-
-
-def test_imposed_joint() -> None:
-    scene = pendulum(preload=None, stiffness=0.0, imposed=True)
-    with says(TrimError, "joint 'hinge' is imposed, so its position is given. Leave it out."):
-        find_equilibrium(scene, positions=["hinge"])
 
 
 def test_ball_with_springs_and_bounds() -> None:
@@ -111,35 +148,6 @@ def test_ball_with_springs_and_bounds() -> None:
     assert find_equilibrium(ball(5.0)).positions == {}
     with says(TrimError, "bounds: a rotation vector such as ball.rotation.x has none."):
         find_equilibrium(ball(0.0), bounds={"ball.rotation.x": (0.0, 1.0)})
-
-
-def test_spring_without_direction() -> None:
-    scene = cable(rest_length=0.45)
-    where = mbdlft.Ground(ports={"hook": (0, 0, -0.4)})
-    with says(TrimError, "the equations are not finite at any of 1 start. A spring whose ports"):
-        find_equilibrium(scene.model_copy(update={"bodies": (scene.bodies[0], where)}), starts=1)
-
-
-def test_loop_that_cannot_close() -> None:
-    scene = four_bar()
-    far = mbdlft.Ground(ports={"hook": (0, 9.0, 0)})
-    with says(TrimError, "no equilibrium found from 2 starts", "close.gap.", "misses"):
-        find_equilibrium(scene.model_copy(update={"bodies": (*scene.bodies[:3], far)}), starts=2)
-
-
-def test_point_of_another_scene() -> None:
-    point = find_equilibrium(pendulum())
-    with says(
-        TrimError, "scene 'chain': the equilibrium is one of the scene 'pendulum' with hinge"
-    ):
-        at_equilibrium(chain(1), point)
-
-
-def test_parameter_at_an_end() -> None:
-    scene = pendulum(position=float(np.pi / 2), stiffness=0.0, preload=1.2 * 9.81 * 0.8)
-    point = find_equilibrium(scene, positions=["m"])
-    with says(TrimError, "parameter 'm' was found at 1.2 kg, an end of its range"):
-        at_equilibrium(scene, point)
 
 
 # fits ------------------------------------------------------------------------------------------
@@ -168,120 +176,7 @@ def column(**fields: Any) -> Scene:
     )
 
 
-def test_bifurcation_says_where() -> None:
-    """The column buckles at k = 2 * 9.81."""
-    with says(TrimError, "scene 'column', fit of foot: ", "near k = 19.6", "bifurcates"):
-        fit_positions(column(), ["foot"], 1e-4)
-
-
-def test_fold_says_where() -> None:
-    """A torque tau = m g sin(theta) has no equilibrium above 19.62 N m."""
-    scene = column(stiffness=0.0, preload="-tau").model_copy(
-        update={"parameters": (Parameter("tau", 10.0, low=5.0, high=25.0, unit="N m"),)}
-    )
-    with says(TrimError, "scene 'column', fit of foot: ", "near tau = 19.6", "folds"):
-        fit_positions(scene, ["foot"], 1e-4)
-
-
-def test_a_tolerance_that_cannot_be_met() -> None:
-    with says(TrimError, "scene 'column', fit of foot: ", "tolerance"):
-        fit_positions(column(position=0.4, stiffness="k + 8"), ["foot"], 1e-15)
-
-
-@pytest.mark.parametrize(
-    ("scene", "joints", "texts"),
-    [
-        (pendulum(), ["hing"], ("unknown joint 'hing'. Did you mean 'hinge'?",)),
-        (pendulum(preload=None), ["hinge"], ("'hinge' has no preload, so its effort holds it.",)),
-        (ball(0.0), ["ball"], ("'ball' turns about all axes.",)),
-        (chain(1), ["j0"], ("these positions do not depend on parameters. at_equilibrium(",)),
-        (
-            pendulum().model_copy(update={"fit": Fit(tolerance=1e-3, bounds={})}),
-            ["hinge"],
-            ("its positions are a fit already.",),
-        ),
-        (
-            chain(1).model_copy(update={"gravity": (0, 0, 0)}),
-            ["j0"],
-            ("the nominal equilibrium does not determine j0.angle: it is",),
-        ),
-    ],
-)
-def test_what_cannot_be_fitted(scene: Scene, joints: list[str], texts: tuple[str, ...]) -> None:
-    with says(TrimError, f"scene {scene.name!r}, fit of {joints[0]}: ", *texts):
-        fit_positions(scene, joints, 1e-4)
-
-
-def test_fit_depends_on_an_angle() -> None:
-    scene = pendulum().model_copy(
-        update={"parameters": (Parameter("m", 2.0, percent=40, unit="kg"), Angle("psi", 10, 0, 20))}
-    )
-    tilted = scene.joints[0].model_copy(
-        update={"orientation": (mbdlft.Rotation(axis=(0, 1, 0), angle="psi"),)}
-    )
-    with says(NotRationalError, "the equilibrium depends on the angle 'psi'"):
-        fit_positions(scene.model_copy(update={"joints": (tilted,)}), ["hinge"], 1e-4)
-
-
-def test_spring_relaxed_at_a_parameter() -> None:
-    scene = faller(position="z", stiffness=50.0).model_copy(
-        update={"parameters": (Parameter("z", 0.2, low=0.1, high=0.4, unit="m"),)}
-    )
-    with says(
-        TrimError, "the spring of 'slide' is relaxed at a position that depends on parameters"
-    ):
-        fit_positions(scene, ["slide"], 1e-4)
-
-
-def test_fold_at_nominal() -> None:
-    """The torque is just as large as gravity's can be."""
-    scene = pendulum(stiffness=0.0, preload=2.0 * 9.81 * 0.8, position=float(np.pi / 2))
-    with says(TrimError, "does not determine hinge.angle: it is a fold or a bifurcation"):
-        fit_positions(scene, ["hinge"], 1e-4)
-
-
-def test_fit_of_a_scene_names_what_is_there() -> None:
-    scene = chain(1).model_copy(update={"fit": Fit(tolerance=1e-3, bounds={"j9.angle": 1e-3})})
-    with says(SceneError, "fit: unknown coordinate or effort 'j9.angle'. Did you mean 'j0.angle'?"):
-        mbdlft.assemble(scene)
-    with says(SceneError, "fit: j0.angle: expected a number that is not negative, got -1."):
-        Fit(tolerance=1e-3, bounds={"j0.angle": -1.0})
-    with says(SceneError, "fit: expected a table, got 3."):
-        mbdlft.scene_from_toml("fit = 3\n" + mbdlft.scene_to_toml(chain(1)))
-
-
 # arctangents -----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("position", "error", "texts"),
-    [
-        ("atan(t)", NotRationalError, ("1 times atan(t); only even multiples of atan",)),
-        ("3*atan(t)", NotRationalError, ("3 times atan(t)", "Write 2*atan(r)")),
-        ("0.5*atan(t)", NotRationalError, ("multiplied by an integer only",)),
-        ("2*atan(t)^2", NotRationalError, ("multiplied by an integer only",)),
-        ("40*atan(t)", SceneError, ("40 times atan(t)", "16 is the most.")),
-        ("2*t", SceneError, ("'t' is not an angle.", "2*atan(r).")),
-        ("2*atan(m)", SceneError, ("atan = 'm': the unit does not fit: expected 1, got kg.",)),
-        ("2*atan(1/t)", WellPosednessError, ("atan: the denominator t vanishes in the range",)),
-        ("2*atan(psi)", NotRationalError, ("atan of the angle 'psi'.",)),
-        ("2*atan(x)", SceneError, ("unknown name 'x'",)),
-    ],
-)
-def test_arctangents(position: str, error: type[Exception], texts: tuple[str, ...]) -> None:
-    parameters = [TANGENT, Angle("psi", 10, 0, 20)]
-    with says(error, "joint 'hinge', position", *texts):
-        mbdlft.assemble(arm(position, parameters))
-
-
-def test_arctangent_outside_an_angle() -> None:
-    scene = faller(stiffness="100*atan(m/m)").model_copy(
-        update={"parameters": (Parameter("m", 2.0, percent=10),)}
-    )
-    with says(
-        NotRationalError, "atan takes constants only; an angle may have 2*atan of parameters."
-    ):
-        mbdlft.assemble(scene)
 
 
 def test_loads_are_too_many_unknowns() -> None:

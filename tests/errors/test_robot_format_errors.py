@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from mbdlft import SceneError, load_robot
-from tests.errors.scenes import says
+from tests.errors.table import says
 
 SDF = """<sdf version="1.9">
 <model name="two">

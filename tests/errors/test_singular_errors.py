@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from mbdlft import (
-    AnalysisError,
     Fixed,
     Force,
     Ground,
@@ -21,7 +20,6 @@ from mbdlft import (
     Revolute,
     RigidBody,
     Scene,
-    SceneError,
     Spherical,
     Spring,
     WellPosednessError,
@@ -41,7 +39,8 @@ from mbdlft.multibody.scene import check
 from mbdlft.pipeline.certification import values_at_points
 from mbdlft.problem.problem import Nouns
 from mbdlft.system.points import check_regular_at
-from tests.errors.scenes import cart, says
+from tests.errors.scenes import cart
+from tests.errors.table import refused, says
 
 
 def lever(low: float, high: float, nominal: float = 0.2) -> Scene:
@@ -83,24 +82,39 @@ def test_matrix_that_is_singular_in_a_small_ball() -> None:
         feedback(static, np.eye(1), sign=-1)
 
 
-@pytest.mark.parametrize("prove", [-1.0, "much", float("nan"), float("inf"), True])
-def test_work_of_a_proof(prove: Any) -> None:
-    with says(AnalysisError, "prove: expected units of work, such as 10, got"):
-        to_lft(lever(0.01, 0.4), prove=prove)
+test_messages = refused(
+    r"""
+> {} => WellPosednessError:
+check_regular_at(halves(), np.array([[0.1], [0.5]]), [Parameter('p', 0.0, -1.0, 1.0)], "model 'm'")
+    => model 'm': it is singular at p = 0.5, and … Choose other values
+# What the proof does not look at is looked at where the model is checked.
+values_at_points(halves(), [Parameter('p', 0.0, -1.0, 1.0)], np.array([[0.0], [1.0]]), Nouns('matrix',
+    'm', 'the matrix', ''))
+    => matrix 'm' … singular between the nominal values and p = 1.
+realize([["2 [kg]*p"]], [Parameter("p", 1.0, 0.5, 2.0)])
+    => SceneError: a number has a unit. Names of a matrix are plain values
+> to_lft(lever(0.01, 0.4), prove={}) => AnalysisError: prove: expected units of work, such as 10, got
+-1.0
+"much"
+float("nan")
+float("inf")
+True
+> parse({}) => SceneError:
+"2 [lb]" => expression '2 [lb]', column 3: unit 'lb': unknown symbol 'lb'.
+"2 []" => expression '2 []', column 3: a unit is empty
+"m [kg]" => expression 'm [kg]', column 3: expected an operator, got '[kg]'.
+"[kg]" => expression '[kg]', column 1: expected a number, a name or '(', got '[kg]'.
+"2 [kg"
+    => expression '2 [kg', column 3: expected a number, a name, an operator or a parenthesis, got '['.
+"1e307 [km]" => expression '1e307 [km]', column 7: expected a finite number, got '[km]'.
+"""
+)
 
 
 def halves() -> LFT:
     """1/(1 - 2 p)."""
     two, one = np.array([[2.0]]), np.ones((1, 1))
     return LFT(two, one, two, one, (Block("p", 1),))
-
-
-def test_values_at_singular_points() -> None:
-    parameters = [Parameter("p", 0.0, -1.0, 1.0)]
-    with says(
-        WellPosednessError, "model 'm': it is singular at p = 0.5, and", "Choose other values"
-    ):
-        check_regular_at(halves(), np.array([[0.1], [0.5]]), parameters, "model 'm'")
 
 
 def test_values_at_points_that_are_singular_to_working_precision() -> None:
@@ -115,18 +129,6 @@ def test_values_at_points_that_are_singular_to_working_precision() -> None:
     ):
         check_regular_at(a, deltas, parameters, "model 'm'")
     check_regular_at(a, deltas[:1], parameters, "model 'm'")
-
-
-def test_a_zero_between_nominal_and_a_checked_point() -> None:
-    """What the proof does not look at is looked at where the model is checked."""
-    parameters = [Parameter("p", 0.0, -1.0, 1.0)]
-    nouns = Nouns("matrix", "m", "the matrix", "")
-    with says(
-        WellPosednessError,
-        "matrix 'm'",
-        "singular between the nominal values and p = 1.",
-    ):
-        values_at_points(halves(), parameters, np.array([[0.0], [1.0]]), nouns)
 
 
 def test_a_model_says_where_it_is_singular() -> None:
@@ -157,27 +159,6 @@ def test_a_number_with_a_unit() -> None:
     text = write(parse("2 [kg mm]*x^2"))
     assert text == "(0.002 [kg m] * x^2)"
     assert write(parse(text)) == text
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("2 [lb]", "column 3: unit 'lb': unknown symbol 'lb'."),
-        ("2 []", "column 3: a unit is empty"),
-        ("m [kg]", "column 3: expected an operator, got '[kg]'."),
-        ("[kg]", "column 1: expected a number, a name or '(', got '[kg]'."),
-        ("2 [kg", "column 3: expected a number, a name, an operator or a parenthesis, got '['."),
-        ("1e307 [km]", "column 7: expected a finite number, got '[km]'."),
-    ],
-)
-def test_unit_of_a_number_that_cannot_be_read(text: str, message: str) -> None:
-    with says(SceneError, f"expression {text!r}, {message}"):
-        parse(text)
-
-
-def test_a_matrix_has_numbers_without_units() -> None:
-    with says(SceneError, "a number has a unit. Names of a matrix are plain values"):
-        realize([["2 [kg]*p"]], [Parameter("p", 1.0, 0.5, 2.0)])
 
 
 # warnings -------------------------------------------------------------------------------------

@@ -12,7 +12,8 @@ from mbdlft.archive import sweep as sweep_file
 from mbdlft.batch import staging
 from tests.archive import models
 from tests.close import exact
-from tests.errors.scenes import cart, says
+from tests.errors.scenes import cart
+from tests.errors.table import says
 
 SHARD = "shard-0000000.sha256"
 ROWS = "rows.h5"

@@ -9,7 +9,8 @@ import mbdlft
 from mbdlft import AnalysisError, ArchiveError, GridSamples, Parameter, RandomSamples, SceneError
 from mbdlft.archive import rows
 from mbdlft.batch import staging
-from tests.errors.scenes import cart, says
+from tests.errors.scenes import cart
+from tests.errors.table import refused, says
 
 
 def scene() -> mbdlft.Scene:
@@ -38,17 +39,17 @@ def test_samples(tmp_path: Path, samples: object, texts: tuple[str, ...]) -> Non
     assert not list(tmp_path.iterdir())
 
 
-def test_arrays_of_different_lengths(tmp_path: Path) -> None:
-    two = cart("m", [Parameter("k", 1.0, percent=5), Parameter("m", 1.0, percent=50)])
-    with says(AnalysisError, "numbers or arrays of one length, got shapes [(2,), (3,)]"):
-        mbdlft.sweep(two, {"m": [1.0, 1.1], "k": [1.0] * 3}, tmp_path / "a.h5")
-
-
-def test_source_and_workers(tmp_path: Path) -> None:
-    with says(SceneError, "sweep: expected a Scene or an LFTModel, got str"):
-        mbdlft.sweep("scene.toml", {}, tmp_path / "a.h5")  # type: ignore[arg-type]
-    with says(AnalysisError, "sweep: expected at least 1 worker, got 0"):
-        mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=0)
+test_messages = refused(
+    r"""
+> {} => AnalysisError:
+mbdlft.sweep(cart('m', [Parameter('k', 1.0, percent=5), Parameter('m', 1.0, percent=50)]), {'m': [1.0,
+    1.1], 'k': [1.0] * 3}, tmp_path / 'a.h5')
+    => numbers or arrays of one length, got shapes [(2,), (3,)]
+mbdlft.sweep("scene.toml", {}, tmp_path / "a.h5")
+    => SceneError: sweep: expected a Scene or an LFTModel, got str
+mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=0) => sweep: expected at least 1 worker, got 0
+"""
+)
 
 
 def test_archive_that_cannot_be_written(tmp_path: Path) -> None:

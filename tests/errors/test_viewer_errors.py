@@ -14,6 +14,7 @@ from mbdlft.show.viewer.drawing import draw
 from mbdlft.show.viewer.page import _filled
 from mbdlft.show.viewer.picture import scene_picture
 from mbdlft.show.viewer.poses import poses
+from tests.errors.table import refused
 from tests.scenarios.test_cli import run
 
 ROOT = Path(__file__).parents[2]
@@ -24,16 +25,23 @@ def pendulum() -> mbdlft.Scene:
     return mbdlft.load_scene(PENDULUM)
 
 
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ({"x": 1.0}, "unknown parameter 'x'"),
-        ({"m": 30.0}, "m = 30 is outside its range [1.4, 2.6] kg"),
-    ],
+test_messages = refused(
+    r"""
+draw(poses(pendulum()), np.array([np.inf, 2.0])) => a position is not finite at nominal
+_modes("pendulum", np.array([[0.0, 1.0], [np.inf, 0.0]]), [0])
+    => WellPosednessError: 'pendulum': an entry of the linear model is not
+_filled({"name": "far", "size": float("nan")}, "", "") => 'far': a number of the page is not finite
+mbdlft.view("pendulum.toml") => expected a Scene, got str. load_scene
+mbdlft.show.scene_of(mbdlft.realize(mbdlft.load_matrix(ROOT / 'scenarios' / 'missile.toml'),
+    search=0.0))
+    => was not made of one scene alone
+mbdlft.show.scene_of(1.0) => a float has no scene
+mbdlft.view(pendulum()).save(tmp_path) => cannot be written: Is a directory
+> mbdlft.view(pendulum(), {}) => TrimError:
+{"x": 1.0} => unknown parameter 'x'
+{"m": 30.0} => m = 30 is outside its range [1.4, 2.6] kg
+"""
 )
-def test_values_of_parameters(values: dict[str, float], words: str) -> None:
-    with pytest.raises(TrimError, match=re.escape(words)):
-        mbdlft.view(pendulum(), values)
 
 
 @pytest.mark.parametrize(
@@ -56,15 +64,6 @@ def test_scenes_that_cannot_be_drawn(old: str, new: str, words: str) -> None:
         mbdlft.view(mbdlft.scene_from_toml(text.replace(old, new)))
 
 
-def test_numbers_that_no_page_has() -> None:
-    with pytest.raises(SceneError, match="a position is not finite at nominal"):
-        draw(poses(pendulum()), np.array([np.inf, 2.0]))
-    with pytest.raises(WellPosednessError, match="'pendulum': an entry of the linear model is not"):
-        _modes("pendulum", np.array([[0.0, 1.0], [np.inf, 0.0]]), [0])
-    with pytest.raises(SceneError, match="'far': a number of the page is not finite"):
-        _filled({"name": "far", "size": float("nan")}, "", "")
-
-
 def test_loads_that_are_nothing() -> None:
     """Buoyancy without gravity has no direction; pictures and pages leave it out."""
     scene = mbdlft.Scene(
@@ -76,25 +75,6 @@ def test_loads_that_are_nothing() -> None:
     (item,) = [item for item in view_data(scene)["items"] if item["group"] == "loads"]
     assert item["shapes"] == []
     assert "lift" not in scene_picture(scene)
-
-
-def test_what_is_no_scene() -> None:
-    with pytest.raises(SceneError, match=r"expected a Scene, got str\. load_scene"):
-        mbdlft.view("pendulum.toml")  # type: ignore[arg-type]
-
-
-def test_a_model_without_a_scene() -> None:
-    matrix = mbdlft.load_matrix(ROOT / "scenarios" / "missile.toml")
-    model = mbdlft.realize(matrix, search=0.0)
-    with pytest.raises(SceneError, match="was not made of one scene alone"):
-        mbdlft.show.scene_of(model)
-    with pytest.raises(SceneError, match="a float has no scene"):
-        mbdlft.show.scene_of(1.0)
-
-
-def test_a_page_that_cannot_be_written(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match="cannot be written: Is a directory"):
-        mbdlft.view(pendulum()).save(tmp_path)
 
 
 @pytest.mark.parametrize(
