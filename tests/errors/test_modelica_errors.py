@@ -252,7 +252,7 @@ model_of_tables(TABLES | {'equations': [{'residual': {'VarRef': {'name': {'name'
 model_of_tables(TABLES | {'equations': [{'residual': {'Literal': {'value': {'Real': float('inf')}}},
     'span': None}]}, 'M', Sources([], {}))
     => the number inf is not finite
-> modelica_table_from_toml(f'format = "mbdlft-modelica/1"\n{{}}') => SceneError:
+> modelica_table_from_toml('format = "mbdlft-modelica/1"\n' + {}) => SceneError:
 "model = 3" => model: expected a text, got 3
 "check_units = 1" => check_units: expected true or false, got 1
 "parameters = 3" => parameters: expected a table, got 3
