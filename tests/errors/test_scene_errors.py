@@ -136,8 +136,8 @@ joints=[rail("j.k", "ground", "b")] => the name 'j.k' has a dot;
 "inputs", "rail.forse" => inputs: unknown signal 'rail.forse'. Did you mean 'rail.force'?
 "outputs", "rail.positon" => outputs: unknown signal 'rail.positon'. Did you mean 'rail.position'?
 "outputs", "cart.position" => outputs: unknown signal 'cart.position'.
-> arm('ports.tip = [0, "L2', 'ports.' + {} + ' = [1, 2, 3]\nports.tip = [0, "L2') => SceneError: body 'link2'
-    …
+> arm('ports.tip = [0, "L2', 'ports.' + {} + ' = [1, 2, 3]\nports.tip = [0, "L2')
+    => SceneError: body 'link2' …
 "origin" => 'origin'
 "center_of_mass" => 'center_of_mass'
 > arm({}) => SceneError: 'a\x00' has the character '\x00', which cannot be printed and stored.
