@@ -1,22 +1,21 @@
-"""The words of Modelica text: names, numbers, strings, operators, each with its line and column.
+"""Modelica text as words with line and column, and its expressions, by recursive descent over the words.
 
-Expressions of Modelica text: recursive descent over the words, in the grammar of the language.
-
-expression = "if" expression "then" expression {"elseif" ...} "else" expression
-           | logical [":" logical [":" logical]]
-logical    = conjunction {"or" conjunction}
+expression  = "if" expression "then" expression {"elseif" ...} "else" expression
+            | logical [":" logical [":" logical]]
+logical     = conjunction {"or" conjunction}
 conjunction = ["not"] relation {"and" ["not"] relation}
-relation   = sum [("<" | "<=" | ">" | ">=" | "==" | "<>") sum]
-sum        = ["+" | "-"] term {("+" | "-" | ".+" | ".-") term}
-term       = factor {("*" | "/" | ".*" | "./") factor}
-factor     = primary [("^" | ".^") primary]
-primary    = number | text | "true" | "false" | name ["(" arguments ")"]
-           | "(" expression ")" | "{" arguments "}" | "[" arguments {";" arguments} "]"
+relation    = sum [("<" | "<=" | ">" | ">=" | "==" | "<>") sum]
+sum         = ["+" | "-"] term {("+" | "-" | ".+" | ".-") term}
+term        = factor {("*" | "/" | ".*" | "./") factor}
+factor      = primary [("^" | ".^") primary]
+primary     = number | text | "true" | "false" | name ["(" arguments ")"]
+            | "(" expression ")" | "{" arguments "}" | "[" arguments {";" arguments} "]"
 """
 
 import math
 import re
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
 
 from mbdlft.base.errors import SceneError
 from mbdlft.modelica.tree import (
@@ -112,6 +111,16 @@ def _check_size(word: str, where: str) -> None:
 _ESCAPED = re.compile(r"\\(.)", re.DOTALL)
 _ESCAPES = {"n": "\n", "t": "\t", "r": "\r"}
 _DEEPEST = 60  # of parentheses and of what has them
+_OR, _AND, _NOT, _RELATION, _SUM, _PRODUCT, _POWER = range(1, 8)
+_STRENGTH = {
+    **{"or": _OR, "and": _AND},
+    **dict.fromkeys(RELATIONS, _RELATION),
+    **dict.fromkeys(("+", "-", ".+", ".-"), _SUM),
+    **dict.fromkeys(("*", "/", ".*", "./"), _PRODUCT),
+    **dict.fromkeys(("^", ".^"), _POWER),
+}
+_SIGNS = ("operator", "keyword")
+T = TypeVar("T")
 
 
 class ExpressionParser:
@@ -131,7 +140,7 @@ class ExpressionParser:
 
     def is_at(self, *texts: str) -> bool:
         """Whether the word is one of these operators or keywords."""
-        return self.word.kind in ("operator", "keyword") and self.word.text in texts
+        return self.word.kind in _SIGNS and self.word.text in texts
 
     def take(self) -> Token:
         """The word, and go on to the next one."""
@@ -151,6 +160,11 @@ class ExpressionParser:
         if not self.is_at(text):
             raise self.error(repr(text))
         return self.take()
+
+    def not_at_end(self, expected: str) -> None:
+        """Raise a SceneError if the text is at its end."""
+        if not self.word.kind:
+            raise self.error(expected)
 
     def error(self, expected: str) -> SceneError:
         """An error at the word."""
@@ -182,55 +196,36 @@ class ExpressionParser:
         return If(tuple(branches), self.expression())
 
     def _range(self) -> Expression:
-        first = self._logical()
+        first = self._operation(_OR)
         if not self.skip(":"):
             return first
-        second = self._logical()
+        second = self._operation(_OR)
         if self.skip(":"):
-            return Range(first, second, self._logical())
+            return Range(first, second, self._operation(_OR))
         return Range(first, None, second)
 
-    def _logical(self) -> Expression:
-        tree = self._conjunction()
-        while self.skip("or"):
-            tree = Binary("or", tree, self._conjunction())
+    def _operation(self, least: int) -> Expression:
+        """Operands with operators of this strength or more (`_STRENGTH`): precedence climbing."""
+        strongest = _POWER
+        if least <= _NOT and self.skip("not"):
+            tree: Expression = Unary("not", self._operation(_RELATION))
+            strongest = _NOT
+        elif least <= _SUM and self.is_at("+", "-", ".+", ".-"):
+            sign = self.take().text
+            tree = self._operation(_SUM + 1)
+            if sign in ("-", ".-"):
+                tree = Unary("-", tree)
+            strongest = _SUM
+        else:
+            tree = self._primary()
+        while least <= (s := self._strength()) <= strongest:
+            tree = Binary(self.take().text, tree, self._operation(s + 1))
+            strongest = s - 1 if s in (_RELATION, _POWER) else s  # these stand once: no a < b < c
         return tree
 
-    def _conjunction(self) -> Expression:
-        tree = self._negated()
-        while self.skip("and"):
-            tree = Binary("and", tree, self._negated())
-        return tree
-
-    def _negated(self) -> Expression:
-        return Unary("not", self._relation()) if self.skip("not") else self._relation()
-
-    def _relation(self) -> Expression:
-        tree = self._sum()
-        if self.is_at(*RELATIONS):
-            return Binary(self.take().text, tree, self._sum())
-        return tree
-
-    def _sum(self) -> Expression:
-        sign = self.take().text if self.is_at("+", "-", ".+", ".-") else "+"
-        tree = self._term()
-        if sign in ("-", ".-"):
-            tree = Unary("-", tree)
-        while self.is_at("+", "-", ".+", ".-"):
-            tree = Binary(self.take().text, tree, self._term())
-        return tree
-
-    def _term(self) -> Expression:
-        tree = self._factor()
-        while self.is_at("*", "/", ".*", "./"):
-            tree = Binary(self.take().text, tree, self._factor())
-        return tree
-
-    def _factor(self) -> Expression:
-        tree = self._primary()
-        if self.is_at("^", ".^"):
-            return Binary(self.take().text, tree, self._primary())
-        return tree
+    def _strength(self) -> int:
+        """The strength of the operator at the place; 0 if there is none."""
+        return _STRENGTH.get(self.word.text, 0) if self.word.kind in _SIGNS else 0
 
     def _primary(self) -> Expression:
         word = self.word
@@ -289,16 +284,24 @@ class ExpressionParser:
 
     def _call(self, word: Token) -> Expression:
         """A call at its parenthesis."""
-        self.expect("(")
-        arguments: list[Expression] = []
-        while not self.is_at(")"):
+
+        def argument() -> Expression:
             if self.word.kind == "name" and self.words[self.place + 1].text == "=":
                 raise self.error(f"arguments of {word.text!r} by position")
-            arguments.append(self.expression())
+            return self.expression()
+
+        self.expect("(")
+        return Call(word.text, tuple(self.listed(argument, ")")))
+
+    def listed(self, read: Callable[[], T], end: str) -> list[T]:
+        """What `read` gives between commas, up to the word `end`, which is read as well."""
+        items: list[T] = []
+        while not self.is_at(end):
+            items.append(read())
             if not self.skip(","):
                 break
-        self.expect(")")
-        return Call(word.text, tuple(arguments))
+        self.expect(end)
+        return items
 
     def string(self) -> str:
         """One or several texts that are joined by ``+``."""

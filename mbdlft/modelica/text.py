@@ -1,19 +1,17 @@
-"""Declarations of flat Modelica text: prefixes, types, sizes, attributes, values, annotations.
+"""Flat Modelica text, one model of declarations and equations, read into a syntax tree.
 
-Flat Modelica text: one model of declarations and equations, read into a syntax tree.
-
-This is what OpenModelica, Dymola and rumoca write as flat or Base Modelica. What a flat text does not
-have (`connect`, components, `extends`) is an error; what has no place in a linear model (`when`,
-algorithms) is read over and becomes a `Refused` with its names and its line.
+OpenModelica, Dymola and rumoca write such texts as flat or Base Modelica. What a flat text does not have
+(`connect`, components, `extends`) is an error; what has no place in a linear model (`when`, algorithms)
+is read over and becomes a `Refused` with its names and its line.
 """
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
 from mbdlft.base.errors import SceneError
-from mbdlft.modelica.expression import ExpressionParser
+from mbdlft.modelica.expression import ExpressionParser, Token
 from mbdlft.modelica.tree import (
     Check,
     Choice,
@@ -29,150 +27,13 @@ from mbdlft.modelica.tree import (
 )
 from mbdlft.modelica.write import write
 
-TYPES = ("Real", "Integer", "Boolean", "String")
+_TYPES = ("Real", "Integer", "Boolean", "String")
 _PREFIXES = ("flow", "stream", "inner", "outer", "each")
 _VARIABILITY = ("parameter", "constant", "discrete")
-ADVICE = (
+_ADVICE = (
     "Flat text has declarations of Real, Integer, Boolean and String, and equations. Give a model with "
     "components and connectors as a .mo file, or let another compiler write its flat text."
 )
-
-
-def declared_annotation(text: str, source: str, line: int) -> Mapping[str, Expression]:
-    """The entries of `annotation(mbdlft(...))` of the declaration whose name a text begins with."""
-    parser = DeclarationParser(text, source, line, statement=True)
-    name, subscripts = parser.name()
-    return parser.declared(name, "Real", {"line": line}, subscripts).annotation
-
-
-class DeclarationParser(ExpressionParser):
-    """Reads declarations into `declarations`."""
-
-    def __init__(
-        self, text: str, source: str, first_line: int = 1, *, statement: bool = False
-    ) -> None:
-        super().__init__(text, source, first_line, statement=statement)
-        self.declarations: list[Declaration] = []
-
-    def not_at_end(self, expected: str) -> None:
-        """Raise a SceneError if the text is at its end."""
-        if not self.word.kind:
-            raise self.error(expected)
-
-    def declaration(self) -> None:
-        """One declaration, of one or several variables."""
-        fields: dict[str, object] = {"line": self.word.line}
-        while self.word.kind == "keyword":
-            word = self.take().text
-            if word in _VARIABILITY:
-                fields["variability"] = word
-            elif word in ("input", "output"):
-                fields["causality"] = word
-            elif word == "final":
-                fields["final"] = True
-            elif word == "enumeration":
-                break
-            elif word not in _PREFIXES:
-                self.place -= 1
-                raise self.error("a declaration, 'equation' or 'end'")
-        if self.words[self.place - 1].text == "enumeration":
-            kind = "enumeration"
-            self._parenthesis()
-        else:
-            first_word = self.word
-            kind = self.take().text
-            if kind not in TYPES:
-                raise SceneError(
-                    f"{self.source}, line {first_word.line}: {first_word} is no type of flat text. "
-                    f"{ADVICE}"
-                )
-        sizes = self._subscripts() if self.is_at("[") else ()
-        while True:
-            name, subscripts = self.name()
-            self.declarations.append(self.declared(name, kind, fields, (*subscripts, *sizes)))
-            if not self.skip(","):
-                break
-        self.expect(";")
-
-    def declared(
-        self, name: str, kind: str, fields: Mapping[str, object], sizes: tuple[Expression, ...]
-    ) -> Declaration:
-        """A declaration behind its name: modification, value, comment, annotation."""
-        attributes: dict[str, Expression] = {}
-        binding: Expression | None = None
-        if self.is_at("("):
-            attributes = self._modification()
-        if self.skip("=") or self.skip(":="):
-            binding = self.expression()
-            if kind == "enumeration" and isinstance(binding, Reference):
-                binding = Text(binding.name.rpartition(".")[2])
-        if self.is_at("if"):
-            raise self.error("no condition: flat text has no conditional declarations")
-        comment = self.comment()
-        annotation = self.annotation()
-        return Declaration(
-            **{"name": name, "type": kind, **fields},  # type: ignore[arg-type]
-            sizes=sizes,
-            top="." not in name,
-            attributes=MappingProxyType(attributes),
-            binding=binding,
-            comment=comment,
-            annotation=MappingProxyType(annotation),
-        )
-
-    def _modification(self) -> dict[str, Expression]:
-        """The entries of a parenthesis of attributes."""
-        modifications: dict[str, Expression] = {}
-        self.expect("(")
-        while not self.is_at(")"):
-            while self.skip("each") or self.skip("final"):
-                pass
-            word = self.take()
-            if word.kind != "name":
-                self.place -= 1
-                raise self.error("the name of an attribute, such as start")
-            if not self.is_at("="):
-                raise self.error("'=' behind an attribute: " + ADVICE)
-            self.take()
-            modifications[word.text] = self.expression()
-            if not self.skip(","):
-                break
-        self.expect(")")
-        return modifications
-
-    def comment(self) -> str:
-        """The text at the place, or nothing."""
-        return self.string() if self.word.kind == "text" else ""
-
-    def annotation(self) -> dict[str, Expression]:
-        """The entries of `mbdlft(...)` of an annotation; all others are for other tools."""
-        annotations: dict[str, Expression] = {}
-        while self.is_at("annotation"):
-            self.take()
-            last = self._behind_parenthesis()
-            depth = 0
-            while self.place < last:
-                depth += self.is_at("(", "{") - self.is_at(")", "}")
-                word = self.take()
-                if depth == 1 and word.text == "mbdlft" and self.is_at("("):
-                    annotations |= self._modification()
-        return annotations
-
-    def _behind_parenthesis(self) -> int:
-        """The place behind the parenthesis that begins here; the place stays."""
-        first = self.place
-        self._parenthesis()
-        last, self.place = self.place, first
-        return last
-
-    def _parenthesis(self) -> None:
-        """Read over a parenthesis and all that is in it."""
-        self.expect("(")
-        depth = 1
-        while depth:
-            self.not_at_end("')'")
-            depth += self.is_at("(") - self.is_at(")")
-            self.take()
 
 
 _CLASSES = ("model", "class", "block")
@@ -199,11 +60,21 @@ def flat_model(text: str, source: str = "flat Modelica") -> FlatModel:
         raise SceneError(f"{source}: an expression or a choice is nested too deep.") from None
 
 
-class _TextParser(DeclarationParser):
+def declared_annotation(text: str, source: str, line: int) -> Mapping[str, Expression]:
+    """The entries of `annotation(mbdlft(...))` of the declaration whose name a text begins with."""
+    parser = _TextParser(text, source, line, statement=True)
+    name, subscripts = parser.name()
+    return parser.declared(name, "Real", {"line": line}, subscripts).annotation
+
+
+class _TextParser(ExpressionParser):
     """Reads a model; what is refused is collected in `refused`."""
 
-    def __init__(self, text: str, source: str, first_line: int = 1) -> None:
-        super().__init__(text, source, first_line)
+    def __init__(
+        self, text: str, source: str, first_line: int = 1, *, statement: bool = False
+    ) -> None:
+        super().__init__(text, source, first_line, statement=statement)
+        self.declarations: list[Declaration] = []
         self.refused: list[Refused] = []
         self.equations: list[Statement] = []
         self.initial: list[Statement] = []
@@ -335,6 +206,106 @@ class _TextParser(DeclarationParser):
                 self.take()
         self.refused.append(Refused(f"the {what}", tuple(dict.fromkeys(names)), line))
 
+    # declarations ----------------------------------------------------------------------------
+
+    def declaration(self) -> None:
+        """One declaration, of one or several variables."""
+        fields: dict[str, object] = {"line": self.word.line}
+        while self.word.kind == "keyword":
+            word = self.take().text
+            if word in _VARIABILITY:
+                fields["variability"] = word
+            elif word in ("input", "output"):
+                fields["causality"] = word
+            elif word == "final":
+                fields["final"] = True
+            elif word == "enumeration":
+                break
+            elif word not in _PREFIXES:
+                self.place -= 1
+                raise self.error("a declaration, 'equation' or 'end'")
+        if self.words[self.place - 1].text == "enumeration":
+            kind = "enumeration"
+            list(self._inside())
+        else:
+            first_word = self.word
+            kind = self.take().text
+            if kind not in _TYPES:
+                raise SceneError(
+                    f"{self.source}, line {first_word.line}: {first_word} is no type of flat text. "
+                    f"{_ADVICE}"
+                )
+        sizes = self._subscripts() if self.is_at("[") else ()
+        while True:
+            name, subscripts = self.name()
+            self.declarations.append(self.declared(name, kind, fields, (*subscripts, *sizes)))
+            if not self.skip(","):
+                break
+        self.expect(";")
+
+    def declared(
+        self, name: str, kind: str, fields: Mapping[str, object], sizes: tuple[Expression, ...]
+    ) -> Declaration:
+        """A declaration behind its name: modification, value, comment, annotation."""
+        attributes: dict[str, Expression] = {}
+        binding: Expression | None = None
+        if self.is_at("("):
+            attributes = self._modification()
+        if self.skip("=") or self.skip(":="):
+            binding = self.expression()
+            if kind == "enumeration" and isinstance(binding, Reference):
+                binding = Text(binding.name.rpartition(".")[2])
+        if self.is_at("if"):
+            raise self.error("no condition: flat text has no conditional declarations")
+        comment = self.comment()
+        annotation = self.annotation()
+        return Declaration(
+            **{"name": name, "type": kind, **fields},  # type: ignore[arg-type]
+            sizes=sizes,
+            top="." not in name,
+            attributes=MappingProxyType(attributes),
+            binding=binding,
+            comment=comment,
+            annotation=MappingProxyType(annotation),
+        )
+
+    def _modification(self) -> dict[str, Expression]:
+        """The entries of a parenthesis of attributes."""
+        self.expect("(")
+        return dict(self.listed(self._attribute, ")"))
+
+    def _attribute(self) -> tuple[str, Expression]:
+        while self.skip("each") or self.skip("final"):
+            pass
+        if self.word.kind != "name":
+            raise self.error("the name of an attribute, such as start")
+        name = self.take().text
+        if not self.skip("="):
+            raise self.error("'=' behind an attribute: " + _ADVICE)
+        return name, self.expression()
+
+    def comment(self) -> str:
+        """The text at the place, or nothing."""
+        return self.string() if self.word.kind == "text" else ""
+
+    def annotation(self) -> dict[str, Expression]:
+        """The entries of `mbdlft(...)` of an annotation; all others are for other tools."""
+        annotations: dict[str, Expression] = {}
+        while self.skip("annotation"):
+            for depth, word in self._inside():
+                if depth == 1 and word.text == "mbdlft" and self.is_at("("):
+                    annotations |= self._modification()
+        return annotations
+
+    def _inside(self) -> Iterator[tuple[int, Token]]:
+        """The words of a parenthesis, up to and with its end, and how deep each of them is."""
+        self.expect("(")
+        depth = 1
+        while depth:
+            self.not_at_end("')'")
+            depth += self.is_at("(", "{") - self.is_at(")", "}")
+            yield depth, self.take()
+
     # equations -------------------------------------------------------------------------------
 
     def _statement(self) -> list[Statement]:
@@ -349,7 +320,7 @@ class _TextParser(DeclarationParser):
             statement = self._when()
         elif self.is_at("connect"):
             raise SceneError(
-                f"{self.source}, line {line}: connect is no equation of flat text. {ADVICE}"
+                f"{self.source}, line {line}: connect is no equation of flat text. {_ADVICE}"
             )
         else:
             statement = self._equation(line)
@@ -375,16 +346,14 @@ class _TextParser(DeclarationParser):
 
     def _called(self, name: str, line: int) -> Statement:
         """An equation that is a call of a function."""
-        self.expect("(")
-        arguments: list[Expression] = []
-        while not self.is_at(")"):
+
+        def argument() -> Expression:
             if self.word.kind == "name" and self.words[self.place + 1].text == "=":
-                self.take()
-                self.take()
-            arguments.append(self.expression())
-            if not self.skip(","):
-                break
-        self.expect(")")
+                self.place += 2  # the name of the argument
+            return self.expression()
+
+        self.expect("(")
+        arguments = self.listed(argument, ")")
         if name == "assert" and len(arguments) >= 2:
             message = arguments[1].text if isinstance(arguments[1], Text) else ""
             return Check(arguments[0], message, line)
