@@ -1,6 +1,7 @@
-"""Linear equations with parameters, solved by elimination and Cramer's rule: rational expressions.
+"""Exact solutions of the equations of an equilibrium, block after block, rational in the parameters.
 
-Exact solutions of the equations of an equilibrium, block by block: rational in the parameters.
+Linear blocks are solved by elimination with numbers as pivots, and by Cramer's rule for what remains. In
+a nonlinear block, numbers and monomials of parameters are recognized by values, and verified.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,8 +1,7 @@
-"""The description of a differential-algebraic model: 0 = F(xdot, x, v, u, p), with names and units.
+"""The description of a differential-algebraic model 0 = F(xdot, x, v, u, p), with names and units.
 
 Nothing is solved or differentiated here. Values are in the units that are written; nothing is converted.
-
-Whether the units of the equations of a DAE fit: they are followed with dimensions for numbers.
+Whether units fit is checked by following the equations with dimensions for numbers.
 """
 
 import math

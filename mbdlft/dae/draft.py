@@ -1,7 +1,4 @@
-"""A DAE as it is written down in Python: names give symbols, symbols make equations.
-
-A DAE of a `casadi.DaeBuilder`: states with ode, algebraic variables with alg, outputs with ydef.
-"""
+"""DAEs written in Python, by symbols and equations, or in a `casadi.DaeBuilder`."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,18 +1,16 @@
-"""How often each equation has to be differentiated: the signature method, and the derivatives.
+"""Index reduction: how often each equation is differentiated, and which derivatives become algebraic.
 
-The assignment of largest total order and its smallest dual give the counts c_i of differentiations of
-the equations and the orders d_j of the variables; the counts are those of Pantelides' algorithm.
+Signature method: the assignment of largest total order and its smallest dual give the differentiations
+c_i of the equations and the orders d_j of the variables. The c_i are those of Pantelides' algorithm.
 
-Source: J. D. Pryce, A simple structural analysis method for DAEs, BIT 41 (2001); C. C. Pantelides, The
-consistent initialization of differential-algebraic systems, SIAM J. Sci. Stat. Comput. 9 (1988).
+Dummy derivatives: in each block of the equations at their highest order, the differentiated equations
+determine as many of the highest derivatives, chosen by pivots at several points; these become algebraic
+variables. Then the same is done one order lower.
 
-Dummy derivatives: which derivatives stay derivatives of states, by pivots at several points.
-
-In each block of the equations at their highest order, the equations that were differentiated determine
-as many of the highest derivatives; these become algebraic variables. Then the same one order lower.
-
-Source: S. E. Mattsson, G. Soderlind, Index reduction in differential-algebraic equations using dummy
-derivatives, SIAM J. Sci. Comput. 14 (1993).
+Sources: J. D. Pryce, A simple structural analysis method for DAEs, BIT 41 (2001); C. C. Pantelides, The
+consistent initialization of differential-algebraic systems, SIAM J. Sci. Stat. Comput. 9 (1988);
+S. E. Mattsson, G. Soderlind, Index reduction in differential-algebraic equations using dummy derivatives,
+SIAM J. Sci. Comput. 14 (1993).
 """
 
 from collections.abc import Callable, Collection, Iterable, Sequence

@@ -1,6 +1,6 @@
-"""Points that satisfy equations: Newton's method with the smallest step, near given values.
+"""Points that satisfy equations, by Newton's method with the smallest step; singular matrices of equations.
 
-Ranks of matrices of equations: exact where their numbers are, with names of what is singular.
+A matrix of numbers and parameters is decided in exact arithmetic, one of signals in doubles at points.
 """
 
 from collections.abc import Callable, Sequence

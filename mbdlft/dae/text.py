@@ -1,7 +1,4 @@
-"""Functions of SX as formulas, and formulas as SX: what an archive keeps of a nonlinear function.
-
-The operations of SX as a table: rules that make SX of SX, such as with exact constants.
-"""
+"""Operations of SX as a table, and functions of SX as formulas, which archives keep, and back."""
 
 import math
 import operator

@@ -1,7 +1,4 @@
-"""The structure and the equilibrium of a model as its table asks for them.
-
-Modelica files as descriptions of DAEs: flat text directly, other models through a compiler.
-"""
+"""Modelica files as descriptions of DAEs, with the structure and the equilibrium their tables ask for."""
 
 import os
 from collections.abc import Iterable, Iterator, Sequence

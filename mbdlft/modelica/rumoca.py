@@ -1,9 +1,8 @@
-"""The texts that a compiler has read: lines of its spans, numbers as they are written, annotations.
+"""The tables of the compiler rumoca for a flattened model (`to_dict("flat")`), read into a syntax tree.
 
-The tables of rumoca for a flattened model (`to_dict("flat")`), as a syntax tree.
-
-Only these tables are read, and not the flat text that rumoca writes, which leaves out events. A table or
-an entry that is not known here is an error: nothing is lost on the way.
+Only these tables are read: the flat text that rumoca writes leaves out events. A table or an entry that
+is not known here is an error, so nothing is lost. The texts that the compiler has read give the lines of
+its spans, numbers as they are written, and annotations.
 """
 
 import math

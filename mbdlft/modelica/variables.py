@@ -1,10 +1,8 @@
-"""Parameters and constants of a model: their values, and which of them stay in the linear model.
+"""Parameters, constants and variables of a model: values, symbols, and what stays in the linear model.
 
 A parameter stays if the table or an annotation says so, or if its declaration has `min` and `max` and
 either belongs to the model itself or has `nominal`, too: types of libraries give limits to parameters of
 components. Values of others are numbers, or expressions of those that stay.
-
-The variables of a model: their symbols, those of their derivatives, and numbers at nominal values.
 """
 
 import math

@@ -1,10 +1,9 @@
-"""What equations are made of: a part linear in signals, a number, and nonlinear functions with factors.
+"""Values in separated equations: a part linear in signals, a number, and nonlinear functions with factors.
 
 value = sum c_k(p) l_k + c_0(p) + sum c_j(p) f_j,      l_k, f_j without parameters
 
-Arguments and functions of Theta, each once: what is a multiple of another argument is that one.
-
-Sums of functions of one argument that are a table together: one function of Theta.
+Arguments and functions of Theta are registered once: a multiple of another argument is that argument.
+Functions of one argument whose sum is a table become one function.
 """
 
 import operator

@@ -1,9 +1,7 @@
 """From the structure of a DAE to linear relations and nonlinear functions: the Delta-Theta form.
 
 The relations are implicit, linear in [unknown ; known], rational in the parameters. Outputs of the
-functions are known signals, their arguments are outputs.
-
-Inputs and outputs of the relations of a Delta-Theta form, with units where these follow.
+functions are known signals, their arguments are outputs. Units of both follow from those of the signals.
 """
 
 from collections import Counter

@@ -1,9 +1,8 @@
-"""Functions of one argument that are polynomials between breakpoints, exact: how tables are found.
+"""Functions of one argument that are polynomials between breakpoints, exact: tables.
 
-A sum of max(0, a - b_k), a chain of `if`, a saturation: with rational numbers all of them are polynomials
-of the argument on intervals, with values at the breakpoints that are known, too.
-
-Tables as expressions: exact polynomials between breakpoints, which Delta-Theta forms find again.
+A sum of max(0, a - b_k), a chain of `if` and a saturation are polynomials of the argument on intervals,
+with values at the breakpoints. So the Delta-Theta form finds tables in expressions; and
+`table_expression` writes them.
 """
 
 from collections.abc import Callable, Mapping, Sequence
