@@ -1,4 +1,4 @@
-"""Points that satisfy equations, by Newton's method with the smallest step; singular matrices of equations.
+"""Points that satisfy equations, by Newton's method with the smallest step, and singular equations.
 
 A matrix of numbers and parameters is decided in exact arithmetic, one of signals in doubles at points.
 """

@@ -1,4 +1,4 @@
-"""Values in separated equations: a part linear in signals, a number, and nonlinear functions with factors.
+"""Values in separated equations: a part linear in signals, a number, nonlinear functions with factors.
 
 value = sum c_k(p) l_k + c_0(p) + sum c_j(p) f_j,      l_k, f_j without parameters
 
