@@ -60,7 +60,7 @@ def test_a_tape_is_its_function() -> None:
     parts += [ca.atan(x[1]), x[2] * x[2], 2 * y[1], 1 / x[0], ca.SX(0), ca.SX(0.3), x[1]]
     function = ca.Function("all", [x, y], [ca.densify(ca.vertcat(*parts))])
     at = [0.7, -1.3, 2.1], [0.4, 5.0]
-    target(interpret(tape_of(function).as_data(), *at), function(*at).full().ravel(), EVALUATION)
+    target(interpret(tape_of(function), *at), function(*at).full().ravel(), EVALUATION)
 
 
 def test_the_page_has_the_operations_of_the_tape() -> None:

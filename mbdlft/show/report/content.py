@@ -1,6 +1,6 @@
-"""What the certificate of a model says, in sentences: for the command line and for reports.
+"""What is known of a model, as texts: sentences on its certificate, and the rows of a report's tables.
 
-What stands in the sections of a report: rows of texts, made of a model and its analyses.
+The command line prints the sentences on the certificate as well.
 """
 
 import math
@@ -15,11 +15,11 @@ from mbdlft.base.samples import corners, random
 from mbdlft.response.modes import cells, damping_table
 from mbdlft.robust.evidence import Bounds
 from mbdlft.robust.stability import check_stability
-from mbdlft.show.report.figures import samples_of
 from mbdlft.system.model import Certificate, LFTModel, System
 from mbdlft.system.points import trim_at
 
 _EPS = sys.float_info.epsilon
+_MOST_SAMPLES, _FEWEST, _STATES = 100, 20, 2e4  # samples; the most states^2 times samples: seconds
 _MOST_BOXES = 4  # that are listed
 _EVIDENCE_OF_SCENE = 'format = "mbdlft-scene/'  # in the text of a scene, in provenance
 _EVIDENCE_OF_MATRIX = 'format = "mbdlft-matrix/'  # how the text of a matrix begins, in provenance
@@ -34,8 +34,8 @@ def order_sentences(model: LFTModel) -> Iterator[str]:
         together = certificate.order_bound - alone
         if certificate.exact_bound:
             proof += f" ({f'the {alone}' if together else 'bound'} in exact arithmetic)"
-        parts = f" ({alone} one by one, {together} more together)" if together else ""
-        yield f"order {model.order}, lower bound {certificate.order_bound}{parts}: {proof}"
+        split = f" ({alone} one by one, {together} more together)" if together else ""
+        yield f"order {model.order}, lower bound {certificate.order_bound}{split}: {proof}"
     else:
         yield f"order {model.order}; the lower bound {alone} is that of exact models"
         if certificate.truncation_error == math.inf:
@@ -111,12 +111,12 @@ def well_posed(model: LFTModel) -> Iterator[str]:
     yield f"well-posed: not proved; it is at {points} points and corners and on lines to some of them"
     boxes = certificate.open_boxes
     for box in boxes[:_MOST_BOXES]:
-        parts = [
+        sides = [
             f"{p.name} in [{low:.6g}, {high:.6g}] {p.unit}".removesuffix(" 1")
             for p, (low, high) in zip(model.parameters, box, strict=True)
             if (low, high) != (p.low, p.high)
         ]
-        yield f"  open: {', '.join(parts) or 'the whole range'}"
+        yield f"  open: {', '.join(sides) or 'the whole range'}"
     if len(boxes) > _MOST_BOXES:
         yield f"  and {len(boxes) - _MOST_BOXES} more; --prove with more work may close them"
 
@@ -203,21 +203,19 @@ def parameter_rows(model: System) -> tuple[ParameterRow, ...]:
     """One row for each parameter."""
     certificate = model.certificate if isinstance(model, LFTModel) else None
     repeated = {block.name: block.inputs for block in model.lft.blocks}
-    rows = []
-    for k, p in enumerate(model.parameters):
-        rows.append(
-            ParameterRow(
-                p.name,
-                p.unit,
-                short(p.nominal),
-                f"{short(p.low)} to {short(p.high)}",
-                p.role,
-                certificate.raw_order[k] if certificate else None,
-                repeated.get(p.name, 0),
-                certificate.lower_bound[k] if certificate else None,
-            )
+    return tuple(
+        ParameterRow(
+            p.name,
+            p.unit,
+            short(p.nominal),
+            f"{short(p.low)} to {short(p.high)}",
+            p.role,
+            certificate.raw_order[k] if certificate else None,
+            repeated.get(p.name, 0),
+            certificate.lower_bound[k] if certificate else None,
         )
-    return tuple(rows)
+        for k, p in enumerate(model.parameters)
+    )
 
 
 def certificate_sentences(model: System) -> tuple[str, ...]:
@@ -259,7 +257,7 @@ def trim_rows(model: System) -> tuple[tuple[TrimRow, ...], int]:
     if not isinstance(model, LFTModel) or not model.trim.signals:
         return (), 0
     values = _points(model)
-    found = trim_at(model, values).reshape(-1, len(model.trim.signals))
+    efforts = trim_at(model, values).reshape(-1, len(model.trim.signals))
     rows = [
         TrimRow(
             signal.name,
@@ -269,10 +267,10 @@ def trim_rows(model: System) -> tuple[tuple[TrimRow, ...], int]:
             _no_rounding(max(np.max(column), nominal), column),
         )
         for signal, nominal, column in zip(
-            model.trim.signals, model.trim.nominal, found.T, strict=True
+            model.trim.signals, model.trim.nominal, efforts.T, strict=True
         )
     ]
-    return tuple(rows), len(found) if values else 1
+    return tuple(rows), len(efforts) if values else 1
 
 
 def _no_rounding(value: float, column: Array) -> str:
@@ -285,18 +283,24 @@ def _points(model: System) -> Mapping[str, Array]:
     """Corners, of few parameters, and random samples."""
     if not model.parameters:
         return {}
-    found = random(model.parameters, _SAMPLES, 0)
+    samples = random(model.parameters, _SAMPLES, 0)
     if len(model.parameters) > _MOST_CORNERS:
-        return found
+        return samples
     ends = corners(model.parameters)
-    return {name: np.concatenate([ends[name], found[name]]) for name in found}
+    return {name: np.concatenate([ends[name], samples[name]]) for name in samples}
+
+
+def samples_of(model: System) -> int:
+    """How many samples a report looks at: fewer of a large model, as it is to be made in seconds."""
+    size = max(1, len(model.states)) ** 2
+    return int(max(_FEWEST, min(_MOST_SAMPLES, _STATES / size)))
 
 
 def pole_rows(model: System) -> tuple[tuple[str, ...], ...]:
     """Poles at nominal: value, natural frequency (rad/s, Hz), damping, time constant."""
     if not model.states:
         return ()
-    return tuple(tuple(part.strip() for part in cells(row)) for row in damping_table(model).rows())
+    return tuple(tuple(cell.strip() for cell in cells(row)) for row in damping_table(model).rows())
 
 
 def stability_sentences(model: System) -> tuple[str, ...]:
@@ -322,7 +326,7 @@ def stability_sentences(model: System) -> tuple[str, ...]:
 
 def worst_cases(analyses: Sequence[tuple[str, System, Bounds]]) -> tuple[Worst, ...]:
     """The analyses that are stored beside the model."""
-    found = []
+    worst = []
     for name, system, bounds in analyses:
         units = {p.name: p.unit for p in system.parameters}
         rows = tuple(
@@ -335,8 +339,8 @@ def worst_cases(analyses: Sequence[tuple[str, System, Bounds]]) -> tuple[Worst, 
             )
             for parameter, value in bounds.worst.items()
         )
-        found.append(Worst(name, bounds.proved, tuple(_said(bounds)), rows))
-    return tuple(found)
+        worst.append(Worst(name, bounds.proved, tuple(_said(bounds)), rows))
+    return tuple(worst)
 
 
 def _delta(value: object) -> str:

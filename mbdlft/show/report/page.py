@@ -1,26 +1,32 @@
 """The report of a model: one page without scripts, which a browser shows and prints."""
 
+import base64
 import importlib.metadata
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from mbdlft.base.errors import AnalysisError, MbdlftError
 from mbdlft.robust.evidence import Bounds
+from mbdlft.show.figures.pole_maps import save_pole_map
+from mbdlft.show.figures.responses import save_bode, save_singular_values
 from mbdlft.show.report.content import (
     certificate_sentences,
     parameter_rows,
     pole_rows,
+    samples_of,
     stability_sentences,
     trim_rows,
     verdict_sentence,
     worst_cases,
 )
-from mbdlft.show.report.figures import pole_figure, response_figures
 from mbdlft.show.viewer.page import Page, scene_of
 from mbdlft.show.viewer.picture import View, scene_pictures
 from mbdlft.system.model import LFTModel, System
 
 _FOLDER = Path(__file__).parent / "assets"
+_MOST_CHANNELS = 1  # whose Bode diagrams are in a report; `mbdlft response` draws those of more
 _VIEWS = (
     (View(0.9, 0.35, names=True), ""),
     (View(0.0, 0.0, names=False), "along x"),
@@ -87,6 +93,56 @@ def model_report(model: System, archive: str | Path | None = None) -> Page:
     return Page(model.name, html)
 
 
+class Picture(NamedTuple):
+    """A figure: its address, and a sentence below it."""
+
+    address: str
+    caption: str
+
+
+def response_figures(model: System) -> tuple[Picture, ...]:
+    """Singular values, and Bode diagrams of a model with few channels."""
+    if not (model.inputs and model.outputs):
+        return ()
+    pictures = [
+        _drawn(
+            lambda file: save_singular_values(file, model, most_samples=samples_of(model)),
+            "Singular values at nominal and at random samples of the parameters; every sample has its "
+            "own frequencies, around its poles. Samples are no bound of the range.",
+        )
+    ]
+    if len(model.inputs) * len(model.outputs) <= _MOST_CHANNELS:
+        pictures.append(
+            _drawn(
+                lambda file: save_bode(file, model, most_samples=samples_of(model)),
+                "Size and phase of each channel, at nominal and at random samples.",
+            )
+        )
+    return tuple(picture for picture in pictures if picture is not None)
+
+
+def pole_figure(model: System) -> Picture | None:
+    """Poles at nominal and at random samples; None without states."""
+    if not model.states:
+        return None
+    return _drawn(
+        lambda file: save_pole_map(file, model, most_samples=samples_of(model)),
+        "Poles at nominal and at random samples; right of the axis is unstable.",
+    )
+
+
+def _drawn(save: Callable[[Path], None], caption: str) -> Picture | None:
+    """A figure that `save` writes; None if there is nothing that can be drawn."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "figure.png"
+        try:
+            save(file)
+        except AnalysisError:
+            return None
+        text = base64.b64encode(file.read_bytes()).decode("ascii")
+    return Picture(f"data:image/png;base64,{text}", caption)
+
+
 def _pictures(model: System) -> list[tuple[object, str]]:
     """The scene, if the model was made of one, from four sides: an SVG element and what it is."""
     from markupsafe import Markup
@@ -105,9 +161,9 @@ def _analyses(model: System, archive: str | Path | None) -> Sequence[tuple[str, 
 
     if archive is None:
         return ()
-    found = []
-    for name in analysis_names(archive):
-        system, bounds = load_analysis(archive, name)
-        if system.name == model.name or system.name.startswith(f"{model.name} with "):
-            found.append((name, system, bounds))
-    return found
+    stored = [(name, *load_analysis(archive, name)) for name in analysis_names(archive)]
+    return [
+        (name, system, bounds)
+        for name, system, bounds in stored
+        if system.name == model.name or system.name.startswith(f"{model.name} with ")
+    ]

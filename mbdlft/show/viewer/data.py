@@ -1,13 +1,11 @@
-"""Functions of SX as tapes of straight-line operations that a page can follow without CasADi.
+"""Everything that a page shows, as plain data: items, tapes, parameters, coordinates, modes.
 
-What a page knows of the dynamics: the loads of the equilibrium as a tape, and modes at samples.
-
-Everything that a page shows, as plain data: items, tapes, parameters, coordinates, modes.
+A page has no CasADi: functions of SX are written as tapes of straight-line operations, which its script
+follows. Loads at the equilibrium are such a tape; modes are computed here, at samples of the parameters.
 """
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -39,79 +37,47 @@ OPERATIONS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class Tape:
-    """A function (first argument, second argument, ...) as numbers.
+_MOST_CORNERS = 6  # parameters of which all corners are samples: 64 of them
+_RANDOM = 24  # other samples
+_MOST_NUMBERS = 120_000  # of all modes together: 1 MB of a page
+_MOST_MODES = 40
+_INDEPENDENT = (
+    1e-3  # of a shape at zero: less outside the span of the others is rounding of eigenvectors
+)
+_DIGITS = 5  # of shapes, which are seen only
+_POINT = 1e-9  # m: a scene that is smaller is one point
 
-    Attributes
-    ----------
-    steps : four integers for each operation
-        Its place in `OPERATIONS`, the register of its result, those of its operands. An input has the
-        number of its argument and of its entry, a constant its place in `constants`, an output the
-        number of its entry in place of a register.
-    constants : floats
-    registers, outputs : how many there are
+
+def tape_of(function: ca.Function) -> dict[str, Any]:
+    """The tape of a function of SX with one dense result, as plain data for JSON.
+
+    Each of its `steps` is four integers: the place of an operation in `OPERATIONS`, the register of the
+    result and those of the operands. An input has the number of its argument and of its entry, a
+    constant its place in `constants`, an output the number of its entry in place of a register.
+    `registers` and `outputs` say how many there are.
     """
-
-    steps: tuple[int, ...]
-    constants: tuple[float, ...]
-    registers: int
-    outputs: int
-
-    def as_data(self) -> dict[str, object]:
-        """The tape as plain data, for JSON."""
-        return {
-            "steps": list(self.steps),
-            "constants": list(self.constants),
-            "registers": self.registers,
-            "outputs": self.outputs,
-        }
-
-
-def tape_of(function: ca.Function) -> Tape:
-    """The tape of a function of SX with one result, which is dense.
-
-    Raises
-    ------
-    NotImplementedError
-        An operation is none of `OPERATIONS`: a kind of joint or body uses one that pages do not know.
-    """
-    found: list[int] = []
+    numbers: list[int] = []
     constants: dict[float, int] = {}
     for operation, target, sources in steps(function):
         if operation not in OPERATIONS:
             raise NotImplementedError(f"the operation {operation!r} of {function.name()!r}")
         code = OPERATIONS.index(operation)
         if operation == "const":
-            entry = [constants.setdefault(sources[0], len(constants)), 0]
-            found += [code, target, *entry]
+            numbers += [code, target, constants.setdefault(sources[0], len(constants)), 0]
         elif operation == "output":
-            found += [code, target[1], sources[0], 0]
+            numbers += [code, target[1], sources[0], 0]
         else:
-            found += [code, target, *_two(sources)]
-    return Tape(tuple(found), tuple(constants), int(function.sz_w()), int(function.nnz_out(0)))
-
-
-def _two(sources: Sequence[int]) -> tuple[int, int]:
-    return (sources[0], sources[1] if len(sources) > 1 else 0)
-
-
-_MOST_CORNERS = 6  # parameters of which all corners are samples
-_RANDOM = 24
-_MOST_NUMBERS = 120_000  # of all modes together
-_MOST_MODES = 40
-_OWN = 1e-3  # of a shape at zero: what others do not have
-_DIGITS = 5
+            numbers += [code, target, sources[0], sources[1] if len(sources) > 1 else 0]
+    return {
+        "steps": numbers,
+        "constants": list(constants),
+        "registers": int(function.sz_w()),
+        "outputs": int(function.nnz_out(0)),
+    }
 
 
 def chosen_point(parameters: Sequence[Parameter], values: Mapping[str, float]) -> Array:
-    """Physical values (n_p,): those by name, in their units, and nominal ones.
-
-    Raises
-    ------
-    TrimError
-        A name is unknown, or a value is outside its range.
-    """
+    """Physical values (n_p,): those by name, in their units, and nominal ones."""
     known = {parameter.name: parameter for parameter in parameters}
     for name, value in values.items():
         if name not in known:
@@ -125,19 +91,19 @@ def chosen_point(parameters: Sequence[Parameter], values: Mapping[str, float]) -
 
 
 def trim_data(equations: Equations) -> dict[str, Any]:
-    """The loads at equilibrium: 0 = offset + slopes unknown, and what is given, as a tape of p.
+    """The loads u at equilibrium: 0 = offset + slopes unknown and the known ones, as a tape of p.
 
-    The result of the tape is [offset ; slopes by columns ; given]; `rows` of the first two determine
+    The result of the tape is [offset ; slopes by columns ; known]; `rows` of the first two determine
     the `unknown` entries of u.
     """
     e = equations
     symbols = physical_symbols(e.parameters)
-    offset, slopes, given = relations_at_rest(e, symbols)
+    offset, slopes, known = relations_at_rest(e, symbols)
     rows = list(trim_rows(e))
-    chosen = ca.vertcat(offset[rows], ca.vec(slopes[rows, :]), given)
-    function = ca.Function("trim", [symbols[0]], [ca.densify(in_doubles(ca.densify(chosen)))])
+    relations = ca.vertcat(offset[rows], ca.vec(slopes[rows, :]), known)
+    function = ca.Function("trim", [symbols[0]], [ca.densify(in_doubles(ca.densify(relations)))])
     return {
-        "tape": tape_of(function).as_data(),
+        "tape": tape_of(function),
         "unknown": list(e.unknown),
         "efforts": [{"name": s.name, "unit": s.unit} for s in e.u_signals],
     }
@@ -146,16 +112,8 @@ def trim_data(equations: Equations) -> dict[str, Any]:
 def mode_data(scene: Scene, equations: Equations, chosen: Array) -> list[dict[str, Any]]:
     """Modes at samples of the parameters: the chosen values, nominal, ends and corners of the ranges.
 
-    Returns
-    -------
-    list of {"point", "modes"}
-        `point` are the physical values; each mode has the eigenvalue `real`, `imag` (rad/s) and the
-        displacements `shape`: real and imaginary parts by coordinate.
-
-    Raises
-    ------
-    TrimError, WellPosednessError
-        There is no equilibrium, or no linear model, at one of the samples.
+    Each sample has a `point`, its physical values, and `modes`: the eigenvalue `real`, `imag` (rad/s) and
+    the displacements `shape`, real and imaginary parts by coordinate.
     """
     e = equations
     n = e.degrees_of_freedom
@@ -184,8 +142,8 @@ def _samples(parameters: tuple[Parameter, ...], chosen: Array) -> Array:
             points[-1][k] = end
     if parameters:
         if len(parameters) <= _MOST_CORNERS:
-            found = corners(parameters)
-            points += list(np.stack([found[p.name] for p in parameters], axis=1))
+            ends = corners(parameters)
+            points += list(np.stack([ends[p.name] for p in parameters], axis=1))
         inside = random(parameters, _RANDOM, 0)
         points += list(np.stack([inside[p.name] for p in parameters], axis=1))
     unique = {tuple(point): point for point in points}
@@ -195,8 +153,8 @@ def _samples(parameters: tuple[Parameter, ...], chosen: Array) -> Array:
 def _modes(name: str, A: Array, moving: Sequence[int]) -> list[dict[str, Any]]:
     """Modes of one matrix (nx, nx), slowest first; one of each pair, with displacements only.
 
-    What rounding has left of real parts on the axis, and of zero, is zero. Of the poles at zero there are
-    as many as have shapes of their own: a body that moves freely has a double pole for each.
+    Real parts on the axis, and poles at zero, are cleaned of rounding. Of the poles at zero there are as
+    many as have independent shapes: a body that moves freely has a double pole for each.
     """
     import scipy.linalg  # here because it is slow to import
 
@@ -208,48 +166,42 @@ def _modes(name: str, A: Array, moving: Sequence[int]) -> list[dict[str, Any]]:
             f"scene {name!r}: an entry of the linear model is not finite at a sample, so there are no "
             "modes. Masses, lengths or stiffnesses are of very different size."
         )
-    seen = spectrum(scaled)
+    poles = spectrum(scaled)
     values, vectors = scipy.linalg.eig(scaled, check_finite=False)
     shapes = (scale[:, None] * vectors)[list(moving)]
-    left = list(range(len(values)))
+    unmatched = list(range(len(values)))
     nearest = []
-    for pole in seen.poles:
-        nearest.append(min(left, key=lambda k: abs(values[k] - pole)))
-        left.remove(nearest[-1])
-    found = _still([shapes[:, k] for k, zero in zip(nearest, seen.at_zero, strict=True) if zero])
-    for pole, k, zero in zip(seen.cleaned, nearest, seen.at_zero, strict=True):
-        shape = shapes[:, k]
-        if zero or pole.imag < 0.0 or not np.any(shape):
-            continue
-        found.append(_mode(complex(pole), shape))
-    return found[:_MOST_MODES]
+    for pole in poles.poles:
+        nearest.append(min(unmatched, key=lambda k: abs(values[k] - pole)))
+        unmatched.remove(nearest[-1])
+    modes = _still([shapes[:, k] for k, zero in zip(nearest, poles.at_zero, strict=True) if zero])
+    for pole, k, zero in zip(poles.cleaned, nearest, poles.at_zero, strict=True):
+        if not zero and pole.imag >= 0.0 and np.any(shapes[:, k]):
+            modes.append(_mode(complex(pole), shapes[:, k]))
+    return modes[:_MOST_MODES]
 
 
 def _still(shapes: Sequence[Array]) -> list[dict[str, Any]]:
-    """Modes at zero, each shape once."""
-    kept: list[Array] = []
+    """Modes at zero with independent shapes: each adds to an orthonormal basis of those before it."""
+    modes: list[dict[str, Any]] = []
     basis = np.zeros((len(shapes[0]) if shapes else 0, 0))
     for shape in (np.real(shape) for shape in shapes):
         size = float(np.linalg.norm(shape))
-        rest = shape - basis @ (basis.T @ shape)
-        if size > 0.0 and np.linalg.norm(rest) > _OWN * size:
-            kept.append(shape)
-            basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
-    return [_mode(0j, shape) for shape in kept]
+        outside = shape - basis @ (basis.T @ shape)
+        if size > 0.0 and np.linalg.norm(outside) > _INDEPENDENT * size:
+            modes.append(_mode(0j, shape))
+            basis = np.column_stack([basis, outside / np.linalg.norm(outside)])
+    return modes
 
 
 def _mode(pole: complex, shape: Array) -> dict[str, Any]:
     """One mode, its largest displacement real and one."""
     shape = shape / shape[int(np.argmax(np.abs(shape)))]
-    parts = [_short(np.real(shape)), _short(np.imag(shape))]
-    return {"real": pole.real, "imag": pole.imag, "shape": parts}
-
-
-def _short(numbers: Array) -> list[float]:
-    return [float(f"{number:.{_DIGITS}g}") for number in numbers]
-
-
-_POINT = 1e-9  # m: a scene that is smaller is one point
+    real, imaginary = (
+        [float(f"{number:.{_DIGITS}g}") for number in numbers]
+        for numbers in (shape.real, shape.imag)
+    )
+    return {"real": pole.real, "imag": pole.imag, "shape": [real, imaginary]}
 
 
 def view_data(
@@ -264,20 +216,13 @@ def view_data(
 
     A scene without an equilibrium, or without a linear model, is shown without loads and modes; the
     reason is among the `notes`.
-
-    Raises
-    ------
-    SceneError, NotRationalError, WellPosednessError
-        As `resolve`: names, units or the tree of the scene are wrong.
-    TrimError
-        A name of `values` is unknown, or a value is outside its range.
     """
-    found = poses(scene)
-    parameters = found.resolved.parameters
+    placed = poses(scene)
+    parameters = placed.resolved.parameters
     chosen = chosen_point(parameters, values or {})
-    drawing = draw(found, np.array([p.nominal for p in parameters]))
+    drawing = draw(placed, np.array([p.nominal for p in parameters]))
     notes = _add_looks(drawing, robot, model) if robot is not None else []
-    positions = equilibrium_positions(found)
+    positions = equilibrium_positions(placed)
     data: dict[str, Any] = {
         "name": scene.name,
         "description": scene.description,
@@ -287,16 +232,15 @@ def view_data(
             for p, value in zip(parameters, chosen.tolist(), strict=True)
         ],
         "items": drawing.items,
-        "tape": tape_of(drawing.function()).as_data(),
+        "tape": tape_of(drawing.function()),
         "size": reach(drawing),
         "up": up_direction(drawing),
         "notes": notes,
     }  # fmt: skip
     listed = [ca.SX(0) if position is None else position for position in positions]
-    function = found.as_function(ca.vertcat(*listed), "positions")
-    data["positions"] = tape_of(function).as_data()
-    data["coordinates"] = _coordinates(found, positions, data["size"])
-    _add_loops(data, found)
+    data["positions"] = tape_of(placed.as_function(ca.vertcat(*listed), "positions"))
+    data["coordinates"] = _coordinates(placed, positions, data["size"])
+    _add_loops(data, placed)
     _add_dynamics(data, scene, chosen)
     return data
 
@@ -305,17 +249,14 @@ def _add_looks(drawing: Drawing, robot: str | Path, model: str | None) -> list[s
     """Add the meshes and primitives of a robot to its bodies; sentences on what is missing."""
     looks = robot_looks(robot, model)
     bodies = {item["name"]: item for item in drawing.items if _is_body(item)}
-    left = [name for name in looks.shapes if name not in bodies]
-    for name, shapes in looks.shapes.items():
-        if name not in bodies:
-            continue
+    for name in (name for name in looks.shapes if name in bodies):
         at = drawing.frame(name)
         bodies[name]["shapes"] += [
             {"type": "mesh", "at": at, "geometry": geometry, "layer": "meshes"}
-            for geometry in shapes
+            for geometry in looks.shapes[name]
         ]
-    if left:
-        looks.notes.append(f"The scene has no body for the shapes of {', '.join(left)}.")
+    if without := [name for name in looks.shapes if name not in bodies]:
+        looks.notes.append(f"The scene has no body for the shapes of {', '.join(without)}.")
     return list(dict.fromkeys(looks.notes))
 
 
@@ -354,7 +295,7 @@ def _points(drawing: Drawing) -> list[ca.SX]:
 
 def _extents(drawing: Drawing) -> list[Array]:
     """The least and the largest corner of each shape of a link, (2, 3) each."""
-    found = []
+    boxes = []
     for item in drawing.items:
         for shape in item["shapes"]:
             if shape["type"] == "mesh" and "extent" in shape["geometry"]:
@@ -363,38 +304,37 @@ def _extents(drawing: Drawing) -> list[Array]:
                 r, *axes = vectors.reshape(4, 3)
                 reached = np.abs(np.array(axes)).T @ (0.5 * (high - low))
                 middle = r + np.array(axes).T @ (0.5 * (high + low))
-                found.append(np.array([middle - reached, middle + reached]))
-    return found
+                boxes.append(np.array([middle - reached, middle + reached]))
+    return boxes
 
 
-def _coordinates(found: Poses, positions: list[ca.SX | None], size: float) -> list[dict[str, Any]]:
+def _coordinates(
+    placed: Poses, positions: Sequence[ca.SX | None], size: float
+) -> list[dict[str, Any]]:
     """Coordinates in the order of q, with the reach of their sliders to either side."""
-    listed: list[dict[str, Any]] = []
-    for owned in found.owned:
-        for freedom in owned.freedoms:
-            turns = freedom.turns
-            listed.append(
-                {
-                    "name": f"{owned.name}.{freedom.measures[0].name}",
-                    "owner": owned.name,
-                    "elastic": owned.kind == "elastic",
-                    "unit": freedom.measures[0].unit,
-                    "turns": turns,
-                    "placed": positions[len(listed)] is not None,
-                    "reach": math.pi if turns else 0.5 * size,
-                }
-            )
-    return listed
+    freedoms = [(owned, freedom) for owned in placed.owned for freedom in owned.freedoms]
+    return [
+        {
+            "name": f"{owned.name}.{freedom.measures[0].name}",
+            "owner": owned.name,
+            "elastic": owned.kind == "elastic",
+            "unit": freedom.measures[0].unit,
+            "turns": freedom.turns,
+            "placed": position is not None,
+            "reach": math.pi if freedom.turns else 0.5 * size,
+        }
+        for (owned, freedom), position in zip(freedoms, positions, strict=True)
+    ]
 
 
-def _add_loops(data: dict[str, Any], found: Poses) -> None:
+def _add_loops(data: dict[str, Any], placed: Poses) -> None:
     """The gaps of closures, with their slopes, and which coordinates close them."""
-    symbols, rows = found.resolved.symbols, gaps(found)
+    rows = gaps(placed)
     data["loops"] = None
     if rows.numel():
-        slopes = ca.jacobian(rows, symbols.q)
-        function = found.as_function(ca.horzcat(rows, slopes), "gaps")
-        data["loops"] = {"tape": tape_of(function).as_data(), "rows": rows.numel(), "follow": []}
+        slopes = ca.jacobian(rows, placed.resolved.symbols.q)
+        tape = tape_of(placed.as_function(ca.horzcat(rows, slopes), "gaps"))
+        data["loops"] = {"tape": tape, "rows": rows.numel(), "follow": []}
 
 
 def _add_dynamics(data: dict[str, Any], scene: Scene, chosen: Array) -> None:

@@ -1,6 +1,7 @@
-"""The deformed center line of a beam, at its nodes or at as many points as its modes need.
+"""What is drawn of a scene: items of a tree, with shapes whose points and directions come from a tape.
 
-What is drawn of a scene: items of a tree, with shapes whose points and directions come from a tape.
+An item has a `group`, a `name`, a `kind`, the `lines` that the file says of it, and `shapes`. A shape has
+a `type`, the numbers of its vectors and a `layer`, which a page can hide.
 """
 
 import math
@@ -27,7 +28,15 @@ from mbdlft.multibody.spatial import column
 from mbdlft.problem.sx.constants import unit_vector
 from mbdlft.show.viewer.poses import Poses, load_wrenches
 
-_POINTS = 24  # at least, for polynomials over the whole beam
+T = TypeVar("T")
+Shape = dict[str, Any]
+Item = dict[str, Any]
+_NOTHING = 1e-12  # of a wrench: a force or torque that no load of this kind has
+_LAYERS = {
+    "world": "ground",
+    "loops": "joints",
+}  # of shapes of these groups; others have a layer each
+_POINTS = 24  # of a beam, at least, for polynomials over the whole of it
 _ROW = {
     "axial": 0,
     "bending_y": 1,
@@ -36,38 +45,27 @@ _ROW = {
 
 
 def center_line(beam: Beam, values: Values, q: ca.SX) -> list[ca.SX]:
-    """Points (3,) from the origin to the tip, in the axes of the body (m), for coordinates q (n,)."""
+    """Points (3,) of a deformed beam from the origin to the tip, in the axes of the body (m).
+
+    They are its nodes, or as many as its modes need; q (n,) are its coordinates.
+    """
     finer = 1 if beam.modes is None else -(-_POINTS // beam.elements)
     count = beam.elements * finer
     points = [ca.SX(3, 1)]
     for node in range(1, count + 1):
         moved = np.zeros((3, len(beam.freedoms())))
-        for name, d, part in beam.blocks():
+        for name, d, columns in beam.blocks():
             if name in _ROW:
                 fine = d._replace(elements=count, breaks=tuple(finer * k for k in d.breaks))
-                moved[_ROW[name], part] = values_at(fine, "displacement", node)
+                moved[_ROW[name], columns] = values_at(fine, "displacement", node)
         along = ca.vertcat(ca.SX(node / count * values["length"]), ca.SX(2, 1))
         points.append(along + ca.mtimes(ca.SX(moved), q))
     return points
 
 
-T = TypeVar("T")
-Shape = dict[str, Any]
-Item = dict[str, Any]
-_NOTHING = 1e-12  # of a wrench: a part that no load of this kind has
-
-
 @dataclass(slots=True)
 class Drawing:
-    """Items and shapes in the making.
-
-    Attributes
-    ----------
-    poses : Poses
-    nominal : physical values (n_p,)
-    vectors : points and directions (3,), of which shapes have the numbers
-    items : the tree: ``id``, ``group``, ``name``, ``kind``, ``lines`` (what the file says), ``shapes``
-    """
+    """Items in the making, at `nominal` values (n_p,); shapes have the numbers of `vectors` (3,)."""
 
     poses: Poses
     nominal: Array
@@ -87,9 +85,10 @@ class Drawing:
     def add(
         self, group: str, name: str, kind: str, lines: list[str], shapes: Iterable[Shape]
     ) -> None:
-        """Add an item; its number is its place."""
+        """Add an item; its shapes are in the layer of its group, unless they say another one."""
+        made = [{"layer": _LAYERS.get(group, group)} | shape for shape in shapes]
         self.items.append(
-            {"group": group, "name": name, "kind": kind, "lines": lines, "shapes": list(shapes)}
+            {"group": group, "name": name, "kind": kind, "lines": lines, "shapes": made}
         )
 
     def first_coordinate(self, owner: str) -> int:
@@ -151,24 +150,22 @@ def said(quantities: dict[str, Expected]) -> list[str]:
 def _draw_world(d: Drawing) -> None:
     """The axes of the ground, gravity, acceleration and spin of the frame."""
     scene, origin = d.poses.scene, d.vector(ca.SX(3, 1))
-    own = d.poses.values[f"scene {scene.name!r}"]
-    d.add("world", GROUND, "ground", ["axes of the scene"], [
-        {"type": "frame", "at": d.frame(GROUND), "layer": "ground", "big": True},
-        *_ports(d, d.poses.view.now.bodies[GROUND]),
-    ])  # fmt: skip
+    values = d.poses.values[f"scene {scene.name!r}"]
+    frame = {"type": "frame", "at": d.frame(GROUND), "big": True}
+    shapes = [frame, *_ports(d, d.poses.view.now.bodies[GROUND])]
+    d.add("world", GROUND, "ground", ["axes of the scene"], shapes)
     for key in ("gravity", "acceleration"):
-        given = getattr(scene, key)
-        if any(component != 0 for component in given):
-            vector = column(own[f"{key}.{axis}"] for axis in AXES)
-            line = f"{key} = [{', '.join(map(str, given))}] m/s^2"
-            arrow = {"type": "arrow", "at": origin, "along": d.vector(vector), "layer": "ground"}
+        components = getattr(scene, key)
+        if any(component != 0 for component in components):
+            vector = column(values[f"{key}.{axis}"] for axis in AXES)
+            line = f"{key} = [{', '.join(map(str, components))}] m/s^2"
+            arrow = {"type": "arrow", "at": origin, "along": d.vector(vector)}
             # nothing to draw of what the trim solves for
             d.add("world", key, key, [line], [arrow] if vector.nnz() else [])
     if scene.spin:
         line = f"rate = {scene.spin.rate} rad/s"
         axis = d.vector(unit_vector(scene.spin.axis))
-        shape = {"type": "turn", "at": origin, "along": axis, "layer": "ground"}
-        d.add("world", "spin", "spin", [line], [shape])
+        d.add("world", "spin", "spin", [line], [{"type": "turn", "at": origin, "along": axis}])
 
 
 def _ports(d: Drawing, body: Body) -> list[Shape]:
@@ -190,16 +187,13 @@ def _draw_body(d: Drawing, body: Body) -> None:
     if isinstance(body, ElasticBody):
         q = now.elastic[body.name].q
         if isinstance(body, Beam):
-            points = [frame.at(point) for point in center_line(body, values, q)]
-            shapes.append(
-                {"type": "curve", "points": [d.vector(p) for p in points], "layer": "bodies"}
-            )
+            points = [d.vector(frame.at(point)) for point in center_line(body, values, q)]
+            shapes.append({"type": "curve", "points": points})
         else:
             shapes += [
-                {"type": "stick", "points": [d.vector(frame.r), d.vector(r)], "layer": "bodies",
-                 "elastic": True}
+                {"type": "stick", "points": [d.vector(frame.r), d.vector(r)], "elastic": True}
                 for r in _ends(d, body)
-            ]  # fmt: skip
+            ]
     else:
         shapes += _sticks(d, body)
     shapes.append({"type": "frame", "at": d.frame(body.name), "layer": "frames"})
@@ -246,31 +240,29 @@ def _sticks(d: Drawing, body: Body) -> list[Shape]:
     poses.view.owner = owner_name(body)
     ends = [poses.port(f"{body.name}.{port}") for port in body.port_names() if port != "origin"]
     ends.append(poses.frames[body.name].r)
-    found: list[Shape] = []
-    for end in ends:
-        if np.max(np.abs(d.numbers(end - start))) > 0.0:
-            points = [d.vector(start), d.vector(end)]
-            found.append({"type": "stick", "points": points, "layer": "bodies"})
-    if not found:
-        found.append({"type": "dot", "at": d.vector(start), "layer": "bodies"})
-    return found
+    sticks: list[Shape] = [
+        {"type": "stick", "points": [d.vector(start), d.vector(end)]}
+        for end in ends
+        if np.max(np.abs(d.numbers(end - start))) > 0.0
+    ]
+    return sticks or [{"type": "dot", "at": d.vector(start)}]
 
 
 def _draw_joint(d: Drawing, joint: Joint) -> None:
     """A joint: an arrow along each axis, with a bent one where it turns."""
     pose = d.poses.joints[joint.name]
     at = d.vector(pose.parent), d.vector(pose.child)
-    shapes: list[Shape] = [{"type": "joint", "at": at[0], "kind": joint.kind, "layer": "joints"}]
+    shapes: list[Shape] = [{"type": "joint", "at": at[0], "kind": joint.kind}]
     if np.max(np.abs(d.numbers(pose.child - pose.parent))) > 0.0 or joint.kind != "fixed":
-        shapes.append({"type": "line", "points": list(at), "layer": "joints"})
+        shapes.append({"type": "line", "points": list(at)})
     first = d.first_coordinate(owner_name(joint))
     for k, moving in enumerate(pose.axes):
         kind = "turn" if moving.turns else "slide"
         arrow: Shape = {"at": at[1 if moving.turns else 0], "along": d.vector(moving.axis)}
-        shapes.append({"type": kind, **arrow, "layer": "joints"})
+        shapes.append({"type": kind, **arrow})
         if not getattr(joint, "imposed", False):
-            own: Shape = {"effort": first + k, "turns": moving.turns, "layer": "equilibrium"}
-            shapes.append({"type": "effort", **arrow, **own})
+            effort = {"type": "effort", "effort": first + k, "turns": moving.turns}
+            shapes.append({**effort, **arrow, "layer": "equilibrium"})
     lines = [f"{joint.parent} to {joint.child}", *_axis_lines(joint), *said(joint.quantities())]
     if getattr(joint, "rate", None) is not None:
         lines.append("turns at this rate at equilibrium")
@@ -281,12 +273,12 @@ def _draw_joint(d: Drawing, joint: Joint) -> None:
 
 def _axis_lines(joint: Joint) -> list[str]:
     """The axes as the file gives them."""
-    found = []
-    for key in ("axis", "axis1", "axis2"):
-        axis = getattr(joint, key, None)
-        if axis is not None:
-            found.append(f"{key} = [{', '.join(f'{float(entry):g}' for entry in axis)}]")
-    return found
+    axes = {key: getattr(joint, key, None) for key in ("axis", "axis1", "axis2")}
+    return [
+        f"{key} = [{', '.join(f'{float(entry):g}' for entry in axis)}]"
+        for key, axis in axes.items()
+        if axis is not None
+    ]
 
 
 def _draw_load(d: Drawing, load: Load, effort: int) -> None:
@@ -298,17 +290,14 @@ def _draw_load(d: Drawing, load: Load, effort: int) -> None:
     shapes: list[Shape] = []
     if isinstance(load, Spring | Strut):
         points = [d.vector(wrench.point) for wrench in wrenches]
-        shapes.append({"type": "spring", "points": points, "layer": "loads"})
+        shapes.append({"type": "spring", "points": points})
     for wrench in wrenches:
-        sizes = [float(np.max(np.abs(d.numbers(part)))) for part in (wrench.force, wrench.torque)]
-        for size, part, kind in zip(
-            sizes, (wrench.force, wrench.torque), ("force", "torque"), strict=True
-        ):
-            if size > _NOTHING * max(sizes):
-                at, along = d.vector(wrench.point), d.vector(part)
-                shapes.append(
-                    {"type": kind, "at": at, "along": along, "effort": effort, "layer": "loads"}
-                )
+        vectors = {"force": wrench.force, "torque": wrench.torque}
+        sizes = {kind: float(np.max(np.abs(d.numbers(v)))) for kind, v in vectors.items()}
+        for kind, vector in vectors.items():
+            if sizes[kind] > _NOTHING * max(sizes.values()):
+                at, along = d.vector(wrench.point), d.vector(vector)
+                shapes.append({"type": kind, "at": at, "along": along, "effort": effort})
     port = ", ".join(f"{key} {port}" for key, port in load.ports().items())
     lines = [port, *said(load.quantities())]
     if isinstance(load, DirectedLoad | Strut):
@@ -336,9 +325,7 @@ def _draw_sensor(d: Drawing, sensor: Sensor) -> None:
         axes = d.poses.frames[view.joints[joint]].R
         lines.append(f"joint {joint}")
     numbers = [d.vector(at), *(d.vector(axes[:, k]) for k in range(3))]
-    d.add("sensors", sensor.name, sensor.kind, lines, [
-        {"type": "sensor", "at": numbers, "layer": "sensors"}
-    ])  # fmt: skip
+    d.add("sensors", sensor.name, sensor.kind, lines, [{"type": "sensor", "at": numbers}])
 
 
 def _known(d: Drawing, key: str, name: str, among: Mapping[str, T]) -> T:
@@ -355,19 +342,16 @@ def _draw_loop(d: Drawing, loop: Loop) -> None:
     poses.view.owner = f"loop {loop.name!r}"
     points = [d.vector(poses.port(port)) for port in (loop.parent, loop.child)]
     shapes: list[Shape] = [
-        {"type": "joint", "at": points[0], "kind": loop.kind, "layer": "joints"},
-        {"type": "line", "points": points, "layer": "joints"},
+        {"type": "joint", "at": points[0], "kind": loop.kind},
+        {"type": "line", "points": points},
     ]
-    own = poses.values.get(poses.view.owner, {})
-    for axis, port in (
-        (loop.axis, loop.parent),
-        (loop.axis1, loop.parent),
-        (loop.axis2, loop.child),
-    ):
+    values = poses.values.get(poses.view.owner, {})
+    axes = ((loop.axis, loop.parent), (loop.axis1, loop.parent), (loop.axis2, loop.child))
+    for axis, port in axes:
         if axis is not None:
             unit = unit_vector(axis)
-            unit = unit if port == loop.child else loop.in_parent_axes(unit, own)
+            unit = unit if port == loop.child else loop.in_parent_axes(unit, values)
             along = d.vector(ca.mtimes(poses.frames[poses.view.find(port)[0]].R, unit))
             kind = "arrow" if loop.kind == "prismatic" else "turn"
-            shapes.append({"type": kind, "at": points[0], "along": along, "layer": "joints"})
+            shapes.append({"type": kind, "at": points[0], "along": along})
     d.add("loops", loop.name, loop.kind, [f"{loop.parent} to {loop.child}"], shapes)

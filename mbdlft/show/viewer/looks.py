@@ -93,9 +93,9 @@ def _mesh_file(file: Path, name: str) -> Path | None:
         at = file.parent / plain
         return at if at.is_file() else None
     inside = name.partition("://")[2]
-    package, _, rest = inside.partition("/")
+    package, _, in_package = inside.partition("/")
     for folder in file.resolve().parents:
-        places = [folder / inside] + ([folder / rest] if folder.name == package else [])
+        places = [folder / inside] + ([folder / in_package] if folder.name == package else [])
         for place in places:
             if place.is_file():
                 return place

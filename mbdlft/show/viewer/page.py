@@ -37,13 +37,7 @@ class Page:
     html: str
 
     def save(self, path: str | Path) -> Path:
-        """Write the page to the file `path`.
-
-        Raises
-        ------
-        SceneError
-            It cannot be written.
-        """
+        """Write the page to the file `path`; a SceneError if it cannot be written."""
         file = target_of(Path(path))
         try:
             file.write_text(self.html, encoding="utf-8")
@@ -123,27 +117,17 @@ def _filled(data: Mapping[str, Any], library: str, version: str) -> str:
     return environment.get_template("page.html").render(
         data=data,
         data_text=Markup(text),
-        style=Markup(_own("style.css")),
-        scripts=[Markup(_own(name)) for name in _SCRIPTS],
+        style=Markup((_FOLDER / "style.css").read_text(encoding="utf-8")),
+        scripts=[Markup((_FOLDER / name).read_text(encoding="utf-8")) for name in _SCRIPTS],
         library=Markup(library),
         library_version=version,
         version=importlib.metadata.version("mbdlft"),
     )
 
 
-def _own(name: str) -> str:
-    return (_FOLDER / name).read_text(encoding="utf-8")
-
-
 @cache
 def _library() -> tuple[str, str]:
-    """The script of the library, and the version of the package that has it.
-
-    Raises
-    ------
-    SceneError
-        The package is not there, or has another layout.
-    """
+    """The script of the library, and the version of the package that has it."""
     try:
         package = importlib.metadata.distribution(_PACKAGE)
         text = Path(str(package.locate_file(_BUNDLE))).read_text(encoding="utf-8")

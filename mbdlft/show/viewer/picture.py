@@ -22,11 +22,12 @@ _LETTER, _LINE = 6.4, 11.0  # width of a letter, height of a line
 _HALO = 'paint-order="stroke" stroke="white" stroke-width="2.5"'  # of letters, on what is behind
 
 
-class Stroke(NamedTuple):
-    """A piece of the picture: how far behind it is, and its SVG text."""
+class View(NamedTuple):
+    """Where the eye is (rad): about the vertical, from x; and above the horizon. Whether with names."""
 
-    depth: float
-    text: str
+    azimuth: float
+    height: float
+    names: bool
 
 
 @dataclass(slots=True)
@@ -37,7 +38,7 @@ class _Sheet:
     above: Array
     toward: Array
     scale: float
-    strokes: list[Stroke] = field(default_factory=list)
+    strokes: list[tuple[float, str]] = field(default_factory=list)  # depth, SVG text
     ends: list[tuple[float, float]] = field(default_factory=list)
     names: list[tuple[float, float, float]] = field(default_factory=list)  # left, right, line
 
@@ -50,21 +51,18 @@ class _Sheet:
         """A line through points (3,)."""
         path = " ".join(f"{x:.1f},{y:.1f}" for x, y in map(self.at, points))
         depth = float(np.mean([self.toward @ point for point in points]))
-        self.strokes.append(
-            Stroke(depth, f'<polyline points="{path}" fill="none" stroke="{color}" '
-                   f'stroke-width="{width}" stroke-linecap="round" stroke-linejoin="round"{more}/>')
-        )  # fmt: skip
+        text = (
+            f'<polyline points="{path}" fill="none" stroke="{color}" '
+            f'stroke-width="{width}" stroke-linecap="round" stroke-linejoin="round"{more}/>'
+        )
+        self.strokes.append((depth, text))
 
     def dot(self, point: Array, color: str, radius: float, edge: str = "none") -> None:
         """A ball."""
         x, y = self.at(point)
         depth = float(self.toward @ point) + 1e-3
-        self.strokes.append(
-            Stroke(
-                depth,
-                f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius}" fill="{color}" stroke="{edge}"/>',
-            )
-        )
+        text = f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius}" fill="{color}" stroke="{edge}"/>'
+        self.strokes.append((depth, text))
 
     def arrow(self, start: Array, end: Array, color: str, width: float) -> None:
         """A line with a head; one that points at the eye is a dot in a ring."""
@@ -74,21 +72,23 @@ class _Sheet:
         depth = float(self.toward @ end) + 2e-3
         if long < 4.0:
             inner = "currentColor" if self.toward @ (end - start) > 0 else "none"
-            self.strokes.append(
-                Stroke(depth, f'<circle cx="{x:.1f}" cy="{y:.1f}" r="5" fill="white" stroke="{color}"/>'
-                       f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2" color="{color}" fill="{inner}"/>')
-            )  # fmt: skip
+            text = (
+                f'<circle cx="{x:.1f}" cy="{y:.1f}" r="5" fill="white" stroke="{color}"/>'
+                f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2" color="{color}" fill="{inner}"/>'
+            )
+            self.strokes.append((depth, text))
             return
         head = min(9.0, 0.6 * long)
         ex, ey = dx / long, dy / long
         tip = f"{a:.1f},{b:.1f}"
         for side in (0.4, -0.4):
             tip += f" {a - head * (ex - side * ey):.1f},{b - head * (ey + side * ex):.1f}"
-        self.strokes.append(
-            Stroke(depth, f'<line x1="{x:.1f}" y1="{y:.1f}" x2="{a - 0.6 * head * ex:.1f}" '
-                   f'y2="{b - 0.6 * head * ey:.1f}" stroke="{color}" stroke-width="{width}"/>'
-                   f'<polygon points="{tip}" fill="{color}"/>')
-        )  # fmt: skip
+        text = (
+            f'<line x1="{x:.1f}" y1="{y:.1f}" x2="{a - 0.6 * head * ex:.1f}" '
+            f'y2="{b - 0.6 * head * ey:.1f}" stroke="{color}" stroke-width="{width}"/>'
+            f'<polygon points="{tip}" fill="{color}"/>'
+        )
+        self.strokes.append((depth, text))
 
     def label(self, point: Array, text: str, color: str) -> None:
         """A name beside a point, below those that are there already."""
@@ -99,12 +99,8 @@ class _Sheet:
             y += 1.0
         self.names.append((x, end, y))
         self.ends.append((end - _MARGIN + 4.0, y))
-        self.strokes.append(
-            Stroke(
-                math.inf,
-                f'<text x="{x:.1f}" y="{y:.1f}" fill="{color}" {_HALO}>{html.escape(text)}</text>',
-            )
-        )
+        drawn = f'<text x="{x:.1f}" y="{y:.1f}" fill="{color}" {_HALO}>{html.escape(text)}</text>'
+        self.strokes.append((math.inf, drawn))
 
 
 def scene_picture(
@@ -119,30 +115,16 @@ def scene_picture(
         Where the eye is (rad): about the vertical, from x; and above the horizon.
     names : bool
         Whether joints, bodies, loads and sensors have their names.
-
-    Raises
-    ------
-    SceneError, NotRationalError, WellPosednessError
-        As `view`.
     """
-    (found,) = scene_pictures(scene, [View(azimuth, height, names)])
-    return found
-
-
-class View(NamedTuple):
-    """Where the eye is (rad): about the vertical, from x; and above the horizon. Whether with names."""
-
-    azimuth: float
-    height: float
-    names: bool
+    return scene_pictures(scene, [View(azimuth, height, names)])[0]
 
 
 def scene_pictures(scene: Scene, views: Sequence[View]) -> list[str]:
     """As `scene_picture`, from several sides."""
-    found = poses(scene)
-    nominal = np.array([p.nominal for p in found.resolved.parameters])
-    drawing = draw(found, nominal)
-    count = sum(len(owned.freedoms) for owned in found.owned)
+    placed = poses(scene)
+    nominal = np.array([p.nominal for p in placed.resolved.parameters])
+    drawing = draw(placed, nominal)
+    count = sum(len(owned.freedoms) for owned in placed.owned)
     vectors = np.asarray(drawing.function()(nominal, np.zeros(count))).reshape(-1, 3)
     size, up = reach(drawing), np.array(up_direction(drawing))
     pictures = []
@@ -248,7 +230,7 @@ def _finished(sheet: _Sheet, drawing: Drawing) -> str:
     low, high = ends.min(axis=0) - _MARGIN, ends.max(axis=0) + _MARGIN
     wide, tall = high - low
     title = html.escape(drawing.poses.scene.name)
-    body = "\n".join(text for _, text in sorted(sheet.strokes, key=lambda stroke: stroke.depth))
+    body = "\n".join(text for _, text in sorted(sheet.strokes, key=lambda stroke: stroke[0]))
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{low[0]:.1f} {low[1]:.1f} {wide:.1f} '
         f'{tall:.1f}" width="{wide:.0f}" height="{tall:.0f}" font-family="sans-serif" '

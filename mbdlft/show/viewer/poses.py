@@ -64,17 +64,9 @@ class Wrench(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Poses:
-    """A scene in motion.
+    """A scene in motion, in the axes of its user; its coordinates stand by joint and elastic body.
 
-    Attributes
-    ----------
-    resolved : Resolved
-        The scene, in the axes of its user.
-    view : View
-    owned : coordinates by joint and elastic body
-    frames : of the origins of all bodies, by name
-    inboard : of the ports at which joints hold the bodies, by name
-    joints : by name
+    Bodies have the `frames` of their origins, by name, and `inboard` those of the ports that hold them.
     """
 
     resolved: Resolved
@@ -100,28 +92,22 @@ class Poses:
 
     def as_function(self, expressions: ca.SX, name: str) -> ca.Function:
         """A function (physical values (n_p,), q (n,)) of expressions, without exact constants."""
-        symbols, r = self.resolved.symbols, self.resolved
-        own, p, cosine, sine = physical_symbols(r.parameters)
-        given = ca.Function(
+        symbols = self.resolved.symbols
+        physical, p, cosine, sine = physical_symbols(self.resolved.parameters)
+        normalized = ca.Function(
             name,
             [symbols.p, symbols.cosine, symbols.sine, symbols.q],
             [ca.densify(in_doubles(ca.densify(expressions)))],
         )
         q = ca.SX.sym("q", symbols.q.numel())
-        return ca.Function(name, [own, q], [given(p, cosine, sine, q)])
+        return ca.Function(name, [physical, q], [normalized(p, cosine, sine, q)])
 
 
 def poses(scene: Scene) -> Poses:
-    """The frames of a scene as functions of its parameters and positions.
-
-    Raises
-    ------
-    SceneError, NotRationalError, WellPosednessError
-        As `resolve`: the joints are not a tree, or one of the quantities cannot be used.
-    """
+    """The frames of a scene as functions of its parameters and positions; errors as of `resolve`."""
     r = resolve(scene)
-    own = r.values[f"scene {scene.name!r}"]
-    gravity = column(own[f"gravity.{a}"] for a in AXES)
+    values = r.values[f"scene {scene.name!r}"]
+    gravity = column(values[f"gravity.{a}"] for a in AXES)
     view = View(r.links, all_bodies(scene), r.values, r.symbols.coordinates(r.links), gravity)
     identity = Frame(ca.SX(3, 1), ca.SX.eye(3))
     inboard, frames, joints = {GROUND: identity}, {GROUND: identity}, {}
@@ -159,12 +145,12 @@ def load_wrenches(poses: Poses, load: Load) -> list[Wrench]:
     view.owner = owner_name(load)
     view.elastic = 0.0  # the magnitude alone, without what follows it
     try:
-        found = load.wrenches(poses.values[view.owner], ca.SX(1.0), view)
+        on_bodies = load.wrenches(poses.values[view.owner], ca.SX(1.0), view)
     finally:
         view.elastic = 1.0
     still = ca.SX.zeros(poses.resolved.symbols.v.numel())
     wrenches = []
-    for on, port in zip(found, load.ports().values(), strict=True):
+    for on, port in zip(on_bodies, load.ports().values(), strict=True):
         force, torque = ca.horzsplit(ca.substitute(on.wrench, poses.resolved.symbols.v, still))
         frame, point = poses.inboard[on.body], poses.port(port)
         arm = point - frame.r
@@ -177,20 +163,20 @@ def load_wrenches(poses: Poses, load: Load) -> list[Wrench]:
 def equilibrium_positions(poses: Poses) -> list[ca.SX | None]:
     """Positions (rad, m) of all coordinates at equilibrium; None where a coordinate has none."""
     items = {owner_name(joint): joint for joint in poses.scene.joints}
-    found: list[ca.SX | None] = []
+    positions: list[ca.SX | None] = []
     for owned in poses.owned:
         quantities = items[owned.owner].quantities() if owned.owner in items else {}
         for freedom in owned.freedoms:
             label = coordinate_label("position", freedom)
             expected = quantities.get(label)
             if expected is None:
-                found.append(None)
+                positions.append(None)
             elif expected.unit == "rad":
                 symbols, scene = poses.resolved.symbols, poses.scene
-                found.append(symbols.angle(scene, Place(owned.owner, label), expected))
+                positions.append(symbols.angle(scene, Place(owned.owner, label), expected))
             else:
-                found.append(ca.SX(poses.values[owned.owner][label]))
-    return found
+                positions.append(ca.SX(poses.values[owned.owner][label]))
+    return positions
 
 
 def gaps(poses: Poses) -> ca.SX:
