@@ -152,13 +152,13 @@ def test_multipliers_prove_no_more_than_there_is(seed: int) -> None:
 def test_bands_of_mu_hold_between_their_ends() -> None:
     """Bounds of bands are not below the best multipliers of frequencies in them, nor what is reached."""
     system = mixed_system(1)
-    found = mbdlft.mu_bands(system, 0.1, 10.0, gap=0.1)
-    assert (found.edges[0], found.edges[-1]) == (0.1, 10.0)
+    found = mbdlft.mu_bands(system, 0.5, 5.0, gap=0.3)
+    assert (found.edges[0], found.edges[-1]) == (0.5, 5.0)
     assert np.all(np.diff(found.edges) > 0.0)
     assert np.all(found.lower <= found.upper)
     assert np.max(found.lower) > 0.0
     for low, high, bound in zip(found.edges[:-1], found.edges[1:], found.upper, strict=True):
-        inside = mbdlft.structured_singular_value(system, np.geomspace(low, high, 5)[1:-1])
+        inside = mbdlft.structured_singular_value(system, low * (high / low) ** 0.8)
         assert np.max(inside.upper) <= bound * (1.0 + BOUND)
         assert np.max(inside.lower) <= bound
     with pytest.raises(AnalysisError, match="expected 0 < low < high"):

@@ -1,6 +1,7 @@
 """Blocks of all kinds: what is proved holds against brute force, whoever computes it."""
 
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise, product
 
 import flint
@@ -92,9 +93,13 @@ def cut_system() -> System:
     return blocks_system(2)
 
 
+@cache
+def cut_bounds() -> Bounds:
+    return robust_stability(cut_system())
+
+
 def test_a_box_is_cut_where_multipliers_do_not_suffice() -> None:
-    system = cut_system()
-    found = robust_stability(system)
+    system, found = cut_system(), cut_bounds()
     assert found.gap <= 0.01
     assert isinstance(found.proof, IntervalProof)
     assert len(found.proof.log) > 2
@@ -122,8 +127,7 @@ def wrong_parts(found: Bounds) -> list[Bounds]:
 
 
 def test_no_damaged_proof_of_parts_is_accepted() -> None:
-    system = cut_system()
-    found = robust_stability(system)
+    system, found = cut_system(), cut_bounds()
     for other in wrong_parts(found):
         assert verify(system, other)
     whole = blocks_system(3)

@@ -16,7 +16,7 @@ in real deltas, phases, the vectors of full blocks (of rank one), and, if it is 
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -305,8 +305,7 @@ def _enlarged(at: At, places: Sequence[_Place], unit: Complex, omega: float | No
         w = middle * float(np.exp(x[-1])) if moves else middle
         return np.split(x[: ends[-1]], ends[:-1]), w
 
-    def value(x: Array) -> tuple[complex, Complex]:
-        """lambda, and its derivatives."""
+    def lam_and_slopes(x: Array) -> tuple[complex, Complex]:
         variables, w = split(x)
         delta, (M, turned) = _delta_of(places, variables, unit.shape), at(w)
         lam, u, v = _eigen(M, delta, places)
@@ -322,6 +321,14 @@ def _enlarged(at: At, places: Sequence[_Place], unit: Complex, omega: float | No
                 moved[place.w] = weight * (delta[place.w, place.z] @ v[place.z])
             slopes.append(np.array([u @ turned @ moved]))
         return lam, np.concatenate(slopes)
+
+    last: list[Any] = [None, None]  # objective, constraint and its slopes are asked for at the same x
+
+    def value(x: Array) -> tuple[complex, Complex]:
+        """lambda, and its derivatives."""
+        if last[0] is None or not np.array_equal(last[0], x):
+            last[:] = x.copy(), lam_and_slopes(x)
+        return cast("tuple[complex, Complex]", last[1])
 
     size = max(abs(value(start)[0]), 1e-12 * float(np.linalg.norm(at(middle)[0])))
 
