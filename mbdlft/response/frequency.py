@@ -33,6 +33,15 @@ _EPS = float(np.finfo(float).eps)
 _ENTRIES = 2**15  # of the states at all frequencies, held at once: they stay near a core
 _NEAR = 4.0 * _EPS  # of s: an eigenvalue as near as this is s
 _CHANGE = 1e-8  # of the states: what the second substitution may change; the square of it is left
+POINTS = 200  # evenly spaced in the logarithm
+_DECADE = 10.0  # beyond the slowest and the fastest pole
+_NEAREST = 1e-4  # of its frequency: no response is computed nearer to a pole without damping
+_UNDAMPED = 1e-7  # damping below this is none
+# distances from the frequency of a pole, in half widths of its peak: a peak lies at most an eighth of
+# one from the nearest, and is 0.07 dB higher at most
+_CENTER = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+_BEYOND = 6  # more to either side, farther and farther apart, until the evenly spaced are as near
+_INFINITE = 3.0  # a response that grows by more than this when a hundred times nearer is unbounded
 
 
 def resolvent(matrices: StateMatrices, s: Complex) -> Complex:
@@ -123,17 +132,6 @@ def _by_elimination(matrices: StateMatrices, s: Complex) -> Complex:
         return np.concatenate([_by_elimination(matrices, s[k : k + 1]) for k in range(len(s))])
     values: Complex = np.asarray(C @ solved + D, dtype=complex)
     return values
-
-
-POINTS = 200  # evenly spaced in the logarithm
-_DECADE = 10.0  # beyond the slowest and the fastest pole
-_NEAREST = 1e-4  # of its frequency: no response is computed nearer to a pole without damping
-_UNDAMPED = 1e-7  # damping below this is none
-# distances from the frequency of a pole, in half widths of its peak: a peak lies at most an eighth of
-# one from the nearest, and is 0.07 dB higher at most
-_CENTER = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
-_BEYOND = 6  # more to either side, farther and farther apart, until the evenly spaced are as near
-_INFINITE = 3.0  # a response that grows by more than this when a hundred times nearer is unbounded
 
 
 def frequency_response(

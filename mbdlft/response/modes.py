@@ -20,6 +20,11 @@ from mbdlft.system.model import System
 from mbdlft.system.points import StateMatrices, matrices_at
 
 Names = str | Sequence[str] | None  # of channels; None: all
+Stability = Literal["stable", "marginal", "unstable"]
+_EPS = float(np.finfo(float).eps)
+_ROUNDING = 16.0 * _EPS  # times the number of states and the size of A: what rounding may do to A
+_ZERO = 1e-5  # of the size of A: how far rounding may move three poles from zero
+_CLEAR = 10.0  # times what rounding does to a pole, to first order: then its side is clear
 
 
 def samples_at(system: System, values: Mapping[str, ArrayLike] | None = None) -> StateMatrices:
@@ -62,13 +67,6 @@ def transfers_at(
     columns = chosen(system.name, "input", inputs, system.inputs, what)
     A, B, C, D = samples_at(system, values)
     return StateMatrices(A, B[:, :, columns], C[:, rows], D[:, rows][:, :, columns])
-
-
-Stability = Literal["stable", "marginal", "unstable"]
-_EPS = float(np.finfo(float).eps)
-_ROUNDING = 16.0 * _EPS  # times the number of states and the size of A: what rounding may do to A
-_ZERO = 1e-5  # of the size of A: how far rounding may move three poles from zero
-_CLEAR = 10.0  # times what rounding does to a pole, to first order: then its side is clear
 
 
 class Spectrum(NamedTuple):

@@ -26,6 +26,9 @@ from mbdlft.system.model import System
 from mbdlft.system.points import StateMatrices
 
 _APART = 1e-3  # of the norm: Gramians from both sides that differ by more are wrong
+_EPS = float(np.finfo(float).eps)
+_AXIS = 1e-4  # of its size: an eigenvalue as near to the axis may be on it; its frequency is tried
+_ROUNDS = 60  # of the level; far more than are needed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,11 +203,6 @@ def _h2(plant: Plant) -> tuple[float, float, str]:
     if mean <= 0.0:
         return 0.0, 0.0 if by_states == by_costates == 0.0 else np.inf, ""
     return float(np.sqrt(mean)), abs(by_states - by_costates) / (2.0 * mean), ""
-
-
-_EPS = float(np.finfo(float).eps)
-_AXIS = 1e-4  # of its size: an eigenvalue as near to the axis may be on it; its frequency is tried
-_ROUNDS = 60  # of the level; far more than are needed
 
 
 def peak_of(plant: Plant, tolerance: float) -> tuple[float, float, float, str]:

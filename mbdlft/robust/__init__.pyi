@@ -1,8 +1,8 @@
+from .ascent import Moving as Moving
+from .ascent import pole_gradients as pole_gradients
 from .bisect.search import Bounds as Bounds
 from .gain import robust_performance as robust_performance
 from .gain import worst_case_gain as worst_case_gain
-from .migration import Moving as Moving
-from .migration import pole_gradients as pole_gradients
 from .mu.singular_value import MuBands as MuBands
 from .mu.singular_value import StructuredSingularValue as StructuredSingularValue
 from .mu.singular_value import mu_bands as mu_bands

@@ -15,6 +15,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.running import one_thread
+from mbdlft.robust.ascent import NOTHING, Peak, largest_peak, peak_at, slope_at, smallest_crossing
 from mbdlft.robust.bisect.characteristic import Polynomials, Realization
 from mbdlft.robust.bisect.search import (
     GAP,
@@ -40,11 +41,9 @@ from mbdlft.robust.bisect.search import (
 )
 from mbdlft.robust.crew import crew_of
 from mbdlft.robust.evidence import Bounds, BoxProof
-from mbdlft.robust.migration import smallest_crossing
 from mbdlft.robust.moving.varying import Rates, moving_gain, rates_of
 from mbdlft.robust.mu.coverage import GAIN, loop_of
 from mbdlft.robust.mu.mixed import by_multipliers
-from mbdlft.robust.peak import NOTHING, Peak, largest_peak, peak_at, slope_at
 from mbdlft.robust.realization import (
     check_constant,
     realization,
@@ -54,7 +53,7 @@ from mbdlft.robust.realization import (
 from mbdlft.system.conversion import positions_of
 from mbdlft.system.model import System
 
-_BISECTIONS = 40
+_BISECTIONS = 40  # of the margin that is reached: more than its gap ever needs
 _ZERO = 1e-300  # a gain that is proved to be smaller is not looked at any more
 _OUTSIDE = 1.0 + 1e-15  # a bound is not below 1 over what was proved, however that was rounded
 

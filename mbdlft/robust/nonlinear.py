@@ -41,7 +41,10 @@ from mbdlft.system.model import Parameters, System
 from mbdlft.system.theta import DeltaThetaModel, ThetaFunction
 
 _OUTSIDE = 1e-6  # of a level: the first part by which it is taken larger than what the solver found
-_TRIES = 5
+_TRIES = 5  # levels, each with ten times the slack of the last
+Kind = Literal["slope", "sector"]
+Ranges = Mapping[str, tuple[float, float]]
+_WIDER = 1e-9  # of the width or the size of bounds: they are moved apart by this, for rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,15 +165,6 @@ def _level(model: Realization, proof: MotionProof, row: int, signal: _Signal) ->
         f"safe_region: no level of V was proved to keep {signal.name} in its range. Take functions of "
         "signals that depend less on parameters."
     )
-
-
-Kind = Literal["slope", "sector"]
-
-
-Ranges = Mapping[str, tuple[float, float]]
-
-
-_WIDER = 1e-9  # of the width or the size of bounds: they are moved apart by this, for rounding
 
 
 class _Gain(NamedTuple):

@@ -22,6 +22,7 @@ from mbdlft.system.model import System
 _AXIS = (
     1e-9  # of the size of a pole, or of the largest: nearer to the axis, it is said to lie on it
 )
+_DEPENDENT = 1e10  # condition of modes from which on states are only scaled
 
 
 def realization(
@@ -155,9 +156,6 @@ def shares(names: Sequence[str], changes: Array) -> Mapping[str, float]:
     total = float(np.sum(np.abs(changes)))
     sizes = np.abs(changes) / total if total > 0.0 else np.zeros(len(changes))
     return dict(zip(names, sizes.tolist(), strict=True))
-
-
-_DEPENDENT = 1e10  # condition of modes from which on states are only scaled
 
 
 class Coordinates(NamedTuple):

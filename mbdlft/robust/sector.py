@@ -28,6 +28,12 @@ from mbdlft.system.theta import Table, ThetaFunction, named_tables
 
 _LIBRARY = 2.0**-50  # functions of the library are right to some units in the last place
 _FLAT = 350.0  # beyond it 1/cosh^2 is below 1e-303
+_ZERO = Interval(0.0, 0.0)
+_Chain = Callable[[Interval], Interval]
+_sin, _cos, _atan, _sqrt = (interval.FUNCTIONS[name] for name in ("sin", "cos", "atan", "sqrt"))
+_BOXES = 2048  # parts of a range: bounds of a slope are too wide by its change in one of them
+_NOTHING = 1e-300  # what outward rounding makes of zero
+_MOST_POWER = 64  # larger ones of fractions have too many digits
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,10 +67,6 @@ class Dual(Operators):
         return Dual(value, (self.slope - value * o.slope) / o.value)
 
 
-_ZERO = Interval(0.0, 0.0)
-_Chain = Callable[[Interval], Interval]
-
-
 def _chained(value: _Chain, slope: _Chain) -> Callable[[Any], Dual]:
     """A function with its derivative; where they are not defined nothing is known."""
 
@@ -92,7 +94,6 @@ def _monotone(function: Callable[[float], float]) -> _Chain:
 
 
 _square: _Chain = lambda a: interval.FUNCTIONS["constpow"](a, 2)  # noqa: E731
-_sin, _cos, _atan, _sqrt = (interval.FUNCTIONS[name] for name in ("sin", "cos", "atan", "sqrt"))
 _exp, _sinh, _tanh = map(_monotone, (math.exp, math.sinh, math.tanh))
 
 
@@ -275,11 +276,6 @@ def _cubic(table: Table, k: int, x: Interval) -> Dual:
     value = v[k] + t * rise + t * (1.0 - t) * bend
     slope = (rise + (1.0 - 2.0 * t) * bend - t * (1.0 - t) * (first + last)) / h
     return Dual(value, slope)
-
-
-_BOXES = 2048
-_NOTHING = 1e-300  # what outward rounding makes of zero
-_MOST_POWER = 64
 
 
 class SectorBounds(NamedTuple):

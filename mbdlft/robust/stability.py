@@ -21,6 +21,14 @@ from mbdlft.base.parameter import to_physical
 from mbdlft.base.running import one_thread
 from mbdlft.base.samples import check_points
 from mbdlft.response.modes import Spectrum, Stability, eigenvalues, pole_text, samples_at, spectrum
+from mbdlft.robust.ascent import (
+    NONE,
+    Crossing,
+    abscissa,
+    improved,
+    push_right,
+    smallest_crossing,
+)
 from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.bisect.search import (
     GAP,
@@ -42,14 +50,6 @@ from mbdlft.robust.bisect.search import (
 )
 from mbdlft.robust.crew import crew_of
 from mbdlft.robust.evidence import Bounds, BoxProof
-from mbdlft.robust.migration import (
-    NONE,
-    Crossing,
-    abscissa,
-    improved,
-    push_right,
-    smallest_crossing,
-)
 from mbdlft.robust.moving.varying import Rates, moving_margin, rates_of
 from mbdlft.robust.mu.coverage import check_fixed, loop_of
 from mbdlft.robust.mu.mixed import by_multipliers
@@ -61,6 +61,16 @@ from mbdlft.robust.realization import (
 from mbdlft.system.evidence import deltas_at
 from mbdlft.system.model import System
 from mbdlft.system.points import at_values
+
+SAMPLES = (
+    300  # at random: what is unstable in a hundredth of the box is missed once in twenty times
+)
+_CORNERS = 128  # tried at most; more are drawn at random
+_LOOKED_AT = 30  # samples whose poles farthest right are looked at more closely
+_SAMPLES = 3  # from which searches start
+_BEYOND, _GAP = 1.02, 0.005  # times the ranges: a proof of more is not asked for; and their gap
+_MOST, _WORK = 400, 4e9  # points of all searches, and their operations
+_PATH = 40  # points of a search for a pole on the axis
 
 
 def robust_stability(
@@ -184,15 +194,6 @@ def _margin(asked: Asked, model: Realization, state: State[Crossing]) -> Bounds:
 
 def _is_unstable(model: Realization, k: float, delta: Array) -> bool:
     return abscissa(model, k * delta) >= 0.0
-
-
-SAMPLES = 300
-_CORNERS = 128  # tried at most; more are drawn at random
-_LOOKED_AT = 30  # samples whose poles farthest right are looked at more closely
-_SAMPLES = 3  # from which searches start
-_BEYOND, _GAP = 1.02, 0.005  # times the ranges: a proof of more is not asked for; and their gap
-_MOST, _WORK = 400, 4e9  # points of all searches, and their operations
-_PATH = 40  # points of a search for a pole on the axis
 
 
 @dataclass(frozen=True, slots=True)

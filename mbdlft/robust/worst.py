@@ -17,6 +17,16 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.running import one_thread
+from mbdlft.robust.ascent import (
+    RIGHT,
+    UNDAMPED,
+    Aim,
+    at_delta,
+    climb,
+    moving_at,
+    push_right,
+    smallest_crossing,
+)
 from mbdlft.robust.bisect.characteristic import Realization, is_stable_at
 from mbdlft.robust.bisect.search import (
     GAP,
@@ -39,8 +49,6 @@ from mbdlft.robust.bisect.search import (
 from mbdlft.robust.crew import crew_of
 from mbdlft.robust.evidence import Bounds, BoxProof
 from mbdlft.robust.gain import worst_case_gain
-from mbdlft.robust.migration import RIGHT, UNDAMPED, Aim, moving_at, push_right, smallest_crossing
-from mbdlft.robust.peak import at_delta, climb
 from mbdlft.robust.realization import check_constant, physical, realization
 from mbdlft.system.algebra import feedback
 from mbdlft.system.conversion import positions_of
@@ -48,7 +56,13 @@ from mbdlft.system.model import System
 
 _MODES, _CORNERS, _MOST = 8, 8, 60  # searches from the nominal point, from corners; points of each
 _NOTHING = 1e-6  # of the largest pole, or of a damping of 1: a gap need not be smaller
-_INSIDE = 1.0 - 1e-15
+_INSIDE = 1.0 - 1e-15  # a damping is not above what was proved, however it was rounded
+Function = Callable[[Array, Array, Array, Array], float]
+POLES = {"real part": "largest real part", "damping": "smallest damping"}
+_NAMES = (*POLES, "disk margin", "H2 norm")
+_STARTS = 8  # random corners from which a function is climbed
+_DIFFERENCE = 1e-6  # of delta: small beside the box, and far above rounding
+Value = Callable[[Realization, Array], tuple[float, Callable[[], Array]]]
 
 
 class _Pole(NamedTuple):
@@ -180,12 +194,6 @@ def worst_poles(asked: Asked, model: Realization, kind: str) -> Bounds:
         state = state._replace(lower=lower, upper=-state.lower)
     worst, is_proved = (delta, abs(pole.imag)), state.proof is not None
     return bounds_at(asked, state, kind, model, worst, slope, proved=is_proved, reason=state.reason)
-
-
-Function = Callable[[Array, Array, Array, Array], float]
-POLES = {"real part": "largest real part", "damping": "smallest damping"}
-_NAMES = (*POLES, "disk margin", "H2 norm")
-_STARTS, _DIFFERENCE = 8, 1e-6
 
 
 def worst_case(
@@ -338,9 +346,6 @@ def _searched(
         else f"checked, not proved: the largest of {points} values that a search looked at",
         leave_out=leave_out,
     )
-
-
-Value = Callable[[Realization, Array], tuple[float, Callable[[], Array]]]
 
 
 def h2_and_slope(model: Realization, delta: Array) -> tuple[float, Callable[[], Array]]:

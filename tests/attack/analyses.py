@@ -13,7 +13,7 @@ import mbdlft
 from mbdlft import Block, MbdlftError, Parameter, Signal, System
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT
-from mbdlft.robust.migration import abscissa
+from mbdlft.robust.ascent import abscissa
 from mbdlft.robust.realization import realization
 
 KINDS = (

@@ -24,7 +24,7 @@ from mbdlft import (
 )
 from mbdlft.response import modes, norms, staircase
 from mbdlft.robust import stability
-from mbdlft.robust.migration import push_right
+from mbdlft.robust.ascent import push_right
 from mbdlft.robust.realization import realization
 from mbdlft.show import save_bode, save_pole_map, save_singular_values, save_step
 from tests.errors.table import refused, says

@@ -20,6 +20,7 @@ from mbdlft import (
     verify,
     worst_case_gain,
 )
+from mbdlft.robust.ascent import peak_at
 from mbdlft.robust.bisect.characteristic import polynomials
 from mbdlft.robust.bisect.search import Asked
 from mbdlft.robust.evidence import BoxProof, IntervalProof
@@ -28,7 +29,6 @@ from mbdlft.robust.mu.intervals import is_negative_at
 from mbdlft.robust.mu.mixed import by_multipliers as mixed_bounds
 from mbdlft.robust.mu.multipliers import structure_of, upper_bound
 from mbdlft.robust.mu.small_delta import small_delta
-from mbdlft.robust.peak import peak_at
 from mbdlft.robust.realization import realization
 from tests.close import BOUND, STABLE, roundoff
 from tests.laws.random_loops import KINDS, mixed_system, random_system, reached, state_matrices

@@ -37,6 +37,17 @@ _ROUNDING = 64.0 * _EPS  # of angles, and of sums of few terms: larger than what
 _SINGULAR = 1e-11  # of singular values of small matrices, relative to the largest
 _LOOK = 512  # coefficients that are looked at first
 Values = NDArray[np.complex128]
+UNIT = 2.0e7  # coefficients in a unit of work, at most about a second of one core
+LEAF = 0
+_SMALLEST = 2.0**-16  # half of a box that is not cut again, of the whole [1]
+_NARROWEST = 2.0**-44  # interval of t that is not cut again
+_SLOW = 0.35  # of the change along a delta: less change along t is not a reason to cut t
+_MOST_PIECES = 200  # open pieces of a box: with more, none is cut along t any more
+_CALL = 2000  # coefficients that a call costs
+_FIRST = 1.0  # units of work that are done before boxes are given to others
+_BATCH = 8  # boxes that are given to others at a time
+_SHARE = 0.5  # of the work that is left, for one of them
+Check = Callable[[Array], bool]
 
 
 class Piece(NamedTuple):
@@ -169,18 +180,6 @@ def _split(values: Any, axis: int) -> tuple[Any, Any]:
     return np.stack(low, axis=axis), np.stack(high[::-1], axis=axis)
 
 
-UNIT = 2.0e7  # coefficients in a unit of work, at most about a second of one core
-LEAF = 0
-_SMALLEST = 2.0**-16  # half of a box that is not cut again, of the whole [1]
-_NARROWEST = 2.0**-44  # interval of t that is not cut again
-_SLOW = 0.35  # of the change along a delta: less change along t is not a reason to cut t
-_MOST_PIECES = 200  # open pieces of a box: with more, none is cut along t any more
-_CALL = 2000  # coefficients that a call costs
-_FIRST = 1.0  # units of work that are done before boxes are given to others
-_BATCH = 8  # boxes that are given to others at a time
-_SHARE = 0.5  # of the work that is left, for one of them
-
-
 class Box(NamedTuple):
     """A part of the box: deltas c - h to c + h, [1], where h = 0 for those on a face."""
 
@@ -201,9 +200,6 @@ class Outcome(NamedTuple):
     frequency: (
         float  # where the box that took the most cuts was open (rad/s); NaN if there was none
     )
-
-
-Check = Callable[[Array], bool]
 
 
 def prove(

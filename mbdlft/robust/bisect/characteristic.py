@@ -27,7 +27,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 
 _EPS = float(np.finfo(float).eps)
-_BITS, _MOST_BITS = 128, 4096
+_BITS, _MOST_BITS = 128, 4096  # of balls: at first, and when doubling ends
 # parts that the radius of a ball may be: of the largest coefficient of its power of t, and of all
 _ENOUGH, _NOTHING = 2.0**-60, 2.0**-120
 

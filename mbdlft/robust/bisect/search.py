@@ -27,7 +27,7 @@ UNSTABLE = (
     "the system is unstable at the worst case, a value inside the ranges; robust_stability says how much "
     "of the ranges is stable"
 )
-GAP, WORK, LARGEST = 0.01, 30.0, 100.0
+GAP, WORK, LARGEST = 0.01, 30.0, 100.0  # defaults: 1 %, half a minute, a hundred times the box
 _SHARE = 0.5  # of the work that is left, for one target; of that again while no size is proved
 _LOWER = 0.7  # a size that was not proved is approached from the proved one: this part of the way
 _WIDER = 4.0  # factor of the distance of a level that resisted from the value that is reached

@@ -17,12 +17,13 @@ import numpy as np
 from scipy.linalg import expm
 
 from mbdlft.base.array import Array
+from mbdlft.robust.ascent import by_damping, moving_at, state_matrices
 from mbdlft.robust.bisect.characteristic import Realization
-from mbdlft.robust.migration import by_damping, moving_at, state_matrices
 
 _POINTS, _FINE = 32, 8  # steps of a period; of a step, for a motion that is not in steps
-_CLIMBS, _HALVES, _ROUNDS, _BISECTIONS = 25, 4, 3, 40
-_MODES = 4
+_CLIMBS, _HALVES = 25, 4  # steps of a climb, and how often one is halved
+_ROUNDS, _BISECTIONS = 3, 40  # climbs from a start; halvings of a ray, to 1e-12 of it
+_MODES = 4  # the least damped, whose periods are tried
 _UNIT = 3.0e-5  # units of work of a round, for each state cubed
 _TUNED = (0.1, 0.03, 0.01)  # changes of the period of what was found
 _TURNS = (1.0, 0.93, 1.07, 2.0)  # of half a turn of a mode: periods that are tried

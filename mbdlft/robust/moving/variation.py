@@ -42,7 +42,12 @@ from scipy import sparse
 from mbdlft.base.array import Array
 from mbdlft.robust.bisect.characteristic import Realization
 
-_BITS = 192
+_BITS = 192  # of balls: products of three doubles are exact
+Index = NDArray[np.int64]
+_FLOOR = 1e-3  # times t: X is above this
+_EDGE = 1e-6  # of the form, where the least gain is asked for
+_CHUNK = 2**22  # entries of dense coefficients at once
+_CALL, _OPERATION = 0.05, 2.0e-9  # units of work of a solution
 
 
 class Form(NamedTuple):
@@ -200,13 +205,6 @@ def is_positive(matrix: Any) -> bool:
         if not near_one[i, i] > others:
             return False
     return True
-
-
-Index = NDArray[np.int64]
-_FLOOR = 1e-3  # times t: X is above this
-_EDGE = 1e-6  # of the form, where the least gain is asked for
-_CHUNK = 2**22  # entries of dense coefficients at once
-_CALL, _OPERATION = 0.05, 2.0e-9  # units of work of a solution
 
 
 class Unknowns(NamedTuple):

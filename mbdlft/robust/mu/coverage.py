@@ -23,8 +23,8 @@ from mbdlft.base.errors import StructureError, unknown_name
 from mbdlft.base.running import after, tell
 from mbdlft.lft.block import Block, FullBlock
 from mbdlft.lft.lft import check
+from mbdlft.robust.ascent import by_damping
 from mbdlft.robust.evidence import Interval, Multipliers
-from mbdlft.robust.migration import by_damping
 from mbdlft.robust.mu.intervals import Channels, Extent, balance, channels_matrix, interval_around
 from mbdlft.robust.mu.multipliers import Structure, structure_of, upper_bound
 from mbdlft.system.model import System
@@ -32,6 +32,11 @@ from mbdlft.system.model import System
 _MOST_ENTRIES = 250  # of multipliers: more take minutes for the whole of the frequencies
 GAIN = "(gain)"  # name of the block that joins inputs and outputs
 Complex = NDArray[np.complex128]
+_STEPS = 2000  # frequencies that are looked at, at most
+_LOOKS = 12  # frequencies around those of the poles
+_NARROW = 1e-10  # of a frequency: an interval below this is not cut again
+_SIZES = 40  # sizes that are tried for the largest one at a frequency
+_NOTHING = 1e-9  # of the largest size: less is nothing
 
 
 class Loop(NamedTuple):
@@ -188,13 +193,6 @@ def loop_of_matrix(M: Complex, blocks: Sequence[Block], grows: NDArray[np.bool_]
     channels = Channels(none[:0, :0], none[:0], none[:, :0], none)
     check(M.shape == (len(structure.inputs), len(structure.outputs)), "M does not fit its blocks")
     return Loop(channels, np.ones(structure.size), structure, tuple(blocks), grows)
-
-
-_STEPS = 2000  # frequencies that are looked at, at most
-_LOOKS = 12
-_NARROW = 1e-10  # of a frequency: an interval below this is not cut again
-_SIZES = 40  # sizes that are tried for the largest one at a frequency
-_NOTHING = 1e-9  # of the largest size: less is nothing
 
 
 class Cover(NamedTuple):

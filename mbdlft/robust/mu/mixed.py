@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.running import after
+from mbdlft.robust.ascent import NONE, Crossing, improved, largest_peak, smallest_crossing
 from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.bisect.search import (
     UNSTABLE,
@@ -36,7 +37,6 @@ from mbdlft.robust.bisect.search import (
 )
 from mbdlft.robust.crew import Crew
 from mbdlft.robust.evidence import Bounds, Interval, IntervalProof, Multipliers
-from mbdlft.robust.migration import NONE, Crossing, improved, smallest_crossing
 from mbdlft.robust.mu.coverage import (
     GAIN,
     Complex,
@@ -65,15 +65,18 @@ from mbdlft.robust.mu.small_delta import (
     first_reached,
     nothing,
 )
-from mbdlft.robust.peak import largest_peak
 from mbdlft.robust.realization import realization
 
-_BATCH = 8
+_BATCH = 8  # parts at a time, whatever the number of workers: results do not depend on it
 _SMALLEST = 2.0**-16  # of the box: a part of this size is not cut again
 _FACTORS = (1.0, 2.0, 4.0)  # of D of a parameter that is cut
 _TOLERANCE = 0.02  # of bounds of mu that decide whether a part is cut
 _ROUGH = 3  # parts one in the other at which rounding may fail
 _OFTEN = 4  # batches from one to the next that is looked at for a counterexample
+_INSIDE = 1.0 - 1e-15  # a size is not above what was proved, however it was rounded
+_RANGE = 1e6  # times the gain of nominal values: a size below one over that is not looked for
+_INTO_GAP = 0.8  # part of the gap that is left between what is reached and what is tried first
+_REACH = 0.1  # units of work of a search for small deltas
 
 
 class Attempt(NamedTuple):
@@ -252,12 +255,6 @@ def wrong_in(loop: Loop, proof: IntervalProof) -> str:
             return "a part is cut along a block that is not real"
         waiting += [(*ends, known) for ends in _cut_in_two(low, high, axis)[::-1]]
     return "the list of parts is not whole" if waiting or used != len(proof.intervals) else ""
-
-
-_INSIDE = 1.0 - 1e-15  # a size is not above what was proved, however it was rounded
-_RANGE = 1e6  # times the gain of nominal values: a size below one over that is not looked for
-_INTO_GAP = 0.8  # part of the gap that is left between what is reached and what is tried first
-_REACH = 0.1  # units of work of a search for small deltas
 
 
 class Reached(NamedTuple):

@@ -30,14 +30,14 @@ from mbdlft.robust.evidence import Multipliers
 
 Complex = NDArray[np.complex128]
 
-_NEWTON, _CENTERS = 25, 80
+_NEWTON, _CENTERS = 25, 80  # steps to a center; centers: far more than are needed
 _CENTERED = 0.05  # Newton decrement squared at which a center is near enough
 _STEP = 0.1  # of the way from the best beta^2 of the multipliers back to the one of the center
 _ENOUGH = 0.1  # of the fall that the slope promises
 _BLEND = 1e-2  # of the mean of D, that multipliers get with which a search starts
 # weights of |X|^2/2: so that parts that do nothing are bounded; so that all are of moderate size
 _SMALL, _MODERATE = 1e-8, 1e-3
-_SHRINK = 40
+_SHRINK = 40  # halvings of a step, to 1e-12
 
 
 class Structure(NamedTuple):

@@ -38,6 +38,11 @@ from mbdlft.system.model import System
 _NOTHING = 1e-6  # of the norm: less is nothing
 _TOLERANCE = 1e-7  # of a skew bound
 Complex = NDArray[np.complex128]
+_MOST = 600  # bands
+_LEAST = 0.01  # of the largest bound: bounds below this are not told apart
+_NARROW = 0.05  # of a frequency: a band below this is tried again with a larger bound
+_AGAIN = 5  # bounds that are tried for a narrow band, the last of them 31 gaps larger
+_WIDE = 1.0 / 8.0  # of the logarithm of high/low: no band is wider
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,13 +164,6 @@ def channels_at(system: System, omega: float) -> Complex:
             f"model {system.name!r}: omega = {omega:g} rad/s is a pole, where M is infinite. Leave this "
             "frequency out, or close a loop around the mode."
         ) from None
-
-
-_MOST = 600  # bands
-_LEAST = 0.01  # of the largest bound: bounds below this are not told apart
-_NARROW = 0.05  # of a frequency: a band below this is tried again with a larger bound
-_AGAIN = 5
-_WIDE = 1.0 / 8.0  # of the logarithm of high/low: no band is wider
 
 
 class MuBands(NamedTuple):

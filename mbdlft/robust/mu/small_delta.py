@@ -16,7 +16,7 @@ in real deltas, phases, the vectors of full blocks (of rank one), and, if it is 
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,19 +24,23 @@ from scipy.linalg import eig
 
 from mbdlft.base.array import Array
 from mbdlft.lft.block import Block
-from mbdlft.robust.migration import by_damping
+from mbdlft.robust.ascent import by_damping
 from mbdlft.robust.mu.coverage import Loop
 from mbdlft.robust.mu.intervals import channels_matrix
 
-_ITERATIONS, _STARTS, _STEPS, _TURNS = 60, 4, 60, 8
+_ITERATIONS, _STARTS = 60, 4  # of the power iteration, which often cycles; pairs of starts
+_STEPS, _TURNS = 60, 8  # of the ascent; rounds in which phases are turned
 _REAL = 1e-7  # imaginary part of an eigenvalue, of its size, that counts as zero
 _ENOUGH = 1e-6  # of a bound that need not be improved
 _CLEAR = 1e-12  # of the norm of M: an eigenvalue below this is zero
 _FAR = 1e12  # of the norm of M: a larger eigenvalue says that fixed blocks alone are enough
-_TINY = 1e-300
+_TINY = 1e-300  # in place of a size of 0 that is divided by
 
 Complex = NDArray[np.complex128]
+Value = TypeVar("Value")
 At = Callable[[float], tuple[Complex, Complex]]  # M and its derivative by log omega
+_CORNERS = 4  # of real deltas, at random
+_MOST = 24  # frequencies of poles
 
 
 class SmallDelta(NamedTuple):
@@ -293,6 +297,18 @@ def _slopes(place: _Place, x: Array, delta: Complex, p: Complex, v: Complex) -> 
     return np.concatenate([*real, *imaginary])
 
 
+def _once(function: Callable[[Array], Value]) -> Callable[[Array], Value]:
+    """The function, evaluated once: objective, constraint and slopes are asked for at the same point."""
+    last: list[tuple[Array, Value]] = []
+
+    def of(x: Array) -> Value:
+        if not last or not np.array_equal(last[0][0], x):
+            last[:] = [(x.copy(), function(x))]
+        return last[0][1]
+
+    return of
+
+
 def _enlarged(at: At, places: Sequence[_Place], unit: Complex, omega: float | None) -> SmallDelta:
     """The real positive lambda nearest to what Delta begins with, made large; omega may move."""
     first = _first(places, unit)
@@ -305,7 +321,9 @@ def _enlarged(at: At, places: Sequence[_Place], unit: Complex, omega: float | No
         w = middle * float(np.exp(x[-1])) if moves else middle
         return np.split(x[: ends[-1]], ends[:-1]), w
 
-    def lam_and_slopes(x: Array) -> tuple[complex, Complex]:
+    @_once
+    def value(x: Array) -> tuple[complex, Complex]:
+        """lambda, and its derivatives."""
         variables, w = split(x)
         delta, (M, turned) = _delta_of(places, variables, unit.shape), at(w)
         lam, u, v = _eigen(M, delta, places)
@@ -321,14 +339,6 @@ def _enlarged(at: At, places: Sequence[_Place], unit: Complex, omega: float | No
                 moved[place.w] = weight * (delta[place.w, place.z] @ v[place.z])
             slopes.append(np.array([u @ turned @ moved]))
         return lam, np.concatenate(slopes)
-
-    last: list[Any] = [None, None]  # objective, constraint and its slopes are asked for at the same x
-
-    def value(x: Array) -> tuple[complex, Complex]:
-        """lambda, and its derivatives."""
-        if last[0] is None or not np.array_equal(last[0], x):
-            last[:] = x.copy(), lam_and_slopes(x)
-        return cast("tuple[complex, Complex]", last[1])
 
     size = max(abs(value(start)[0]), 1e-12 * float(np.linalg.norm(at(middle)[0])))
 
@@ -398,10 +408,6 @@ def _verified(M: Complex, unit: Complex, places: Sequence[_Place]) -> SmallDelta
             delta[place.w, place.z] /= bound
     sizes = np.linalg.svd(np.eye(len(M)) - M @ delta, compute_uv=False)
     return SmallDelta(bound, delta, float(sizes[-1] / sizes[0]) if sizes[0] else 0.0)
-
-
-_CORNERS = 4
-_MOST = 24  # frequencies of poles
 
 
 def nothing(loop: Loop) -> SmallDelta:
