@@ -12,7 +12,7 @@ from mbdlft.base.errors import AnalysisError, SceneError, check_known
 from mbdlft.base.unit import Signal
 from mbdlft.dae.description import Dae
 from mbdlft.dae.index import blocks_of
-from mbdlft.dae.points import Found, System, solve
+from mbdlft.dae.points import System, solve
 from mbdlft.dae.structure import Structure, in_symbols, reduce_index
 from mbdlft.dae.text import column_of, formula_function
 from mbdlft.dae.to_problem import consistent_point
@@ -81,9 +81,14 @@ def simulate(
     if isinstance(model, Dae):
         model = reduce_index(model)
     asked = _Asked(grid, inputs or {}, parameters or {}, initial or {})
+    m = _structure(model, asked) if isinstance(model, Structure) else _theta_form(model, asked)
+    states, z = _integrated(m, grid, tolerance)
+    read = ca.Function("y", [m.x, m.z, m.u, m.p], [ca.densify(m.y), ca.densify(m.omega)])
+    p = np.tile(m.p0[:, None], len(grid))
+    values, arguments = read.map(len(grid))(states.T, z.T, m.inputs.T, p)
     if isinstance(model, DeltaThetaModel):
-        return _of_theta(model, asked, tolerance)
-    return _of_structure(model, asked, tolerance)
+        theta_values(model.functions, dict(zip(model.omega, arguments.full(), strict=True)))
+    return Simulation(grid, states, np.asarray(values.full().T), m.state_names, m.output_names)
 
 
 class _Asked(NamedTuple):
@@ -95,19 +100,41 @@ class _Asked(NamedTuple):
     states: Mapping[str, float]
 
 
-def _of_structure(s: Structure, asked: _Asked, tolerance: float) -> Simulation:
-    grid, parameters = asked.grid, asked.parameters
+class _Model(NamedTuple):
+    """der(x) = rates, 0 = residual, y: SX of x, z, u, p, with consistent values at the first time.
+
+    `inputs` (N, n_u) are those at the times. `omega` are the arguments of Theta.
+    """
+
+    owner: str
+    state_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    x: ca.SX
+    z: ca.SX
+    u: ca.SX
+    p: ca.SX
+    rates: ca.SX
+    residual: ca.SX
+    y: ca.SX
+    omega: ca.SX
+    inputs: Array
+    x0: Array
+    z0: Array
+    p0: Array
+
+
+def _structure(s: Structure, asked: _Asked) -> _Model:
     names = [p.name for p in s.dae.parameters]
-    check_known("parameter", parameters, names, f"{s.owner}, simulate")
-    physical = np.array([float(parameters.get(p.name, p.nominal)) for p in s.dae.parameters])
+    check_known("parameter", asked.parameters, names, f"{s.owner}, simulate")
+    physical = np.array([float(asked.parameters.get(p.name, p.nominal)) for p in s.dae.parameters])
     p = in_symbols(s.dae, physical[None])[0] if len(physical) else physical
-    signals = [Signal(q.name, q.unit) for q in s.inputs]
-    u = _held(s.owner, signals, asked)
-    at, n, nx = consistent_point(s, p), s.unknown.numel(), len(s.states)
-    x0 = _initial(s.owner, [q.name for q in s.states], at[n : n + nx], asked.states)
+    inputs = _held(s.owner, [Signal(q.name, q.unit) for q in s.inputs], asked)
+    at, n = consistent_point(s, p), s.unknown.numel()
+    states = tuple(q.name for q in s.states)
+    x0 = _initial(s.owner, states, at[n : n + len(states)], asked.states)
     sizes = np.array([q.variable.nominal for q in s.unknowns])
     system = System(s.residual, s.unknown, ca.vertcat(s.x, s.u, s.dae.p))
-    start = solve(system, at[:n], np.concatenate([x0, u[0], p]), sizes)
+    start = solve(system, at[:n], np.concatenate([x0, inputs[0], p]), sizes)
     if not start.is_solution:
         worst = s.equations[int(np.argmax(start.missing))][0]
         raise AnalysisError(
@@ -115,87 +142,39 @@ def _of_structure(s: Structure, asked: _Asked, tolerance: float) -> Simulation:
             "initial states."
         )
     outputs = column_of([y.expression for y in s.dae.outputs])
-    ode, alg, y = (in_doubles(entry) for entry in (column_of(s.rates), s.residual, outputs))
-    dae = {"x": s.x, "z": s.unknown, "u": s.u, "p": s.dae.p, "ode": ode, "alg": alg}
-    paths = _integrated(s.owner, dae, grid, x0, start.values, u, p, tolerance)
-    function = ca.Function("y", [s.x, s.unknown, s.u, s.dae.p], [ca.densify(y)])
-    values = function.map(len(grid))(paths[0].T, paths[1].T, u.T, np.tile(p[:, None], len(grid)))
-    return Simulation(
-        grid,
-        paths[0],
-        np.asarray(values.full().T),
-        tuple(q.name for q in s.states),
-        tuple(y.name for y in s.dae.outputs),
-    )
+    rates, residual, y = map(in_doubles, (column_of(s.rates), s.residual, outputs))
+    symbols = (s.x, s.unknown, s.u, s.dae.p, rates, residual, y, ca.SX(0, 1))
+    output_names = tuple(y.name for y in s.dae.outputs)
+    return _Model(s.owner, states, output_names, *symbols, inputs, x0, start.values, p)
 
 
-def _of_theta(model: DeltaThetaModel, asked: _Asked, tolerance: float) -> Simulation:
-    owner, grid = f"model {model.name!r}", asked.grid
-    s = _started(model, asked)
-    if not s.found.is_solution:
-        raise AnalysisError(
-            f"{owner}: no consistent initial values of Theta were found. Give other initial states."
-        )
-    algebraic = s.zeta - s.theta
-    dae = {"x": s.x, "z": s.zeta, "u": s.u, "ode": s.rates, "alg": algebraic}
-    states, zetas = _integrated(
-        owner, dae, grid, s.x0, s.found.values, s.held, np.zeros(0), tolerance
-    )
-    function = ca.Function("y", [s.x, s.u, s.zeta], [ca.densify(s.y), ca.densify(s.omega)])
-    values, arguments = function.map(len(grid))(states.T, s.held.T, zetas.T)
-    theta_values(model.functions, dict(zip(model.omega, arguments.full(), strict=True)))
-    return Simulation(
-        grid,
-        states,
-        np.asarray(values.full().T),
-        tuple(x.name for x in model.linear.states),
-        tuple(y.name for y in model.outputs),
-    )
-
-
-class _Started(NamedTuple):
-    """A Delta-Theta form at values of the parameters, as SX of x, u and zeta, and where it starts.
-
-    `held` (N, n_u) are the inputs at the times, `found` the values of zeta at the first.
-    """
-
-    x: ca.SX
-    u: ca.SX
-    zeta: ca.SX
-    rates: ca.SX
-    y: ca.SX
-    omega: ca.SX
-    theta: ca.SX
-    held: Array
-    x0: Array
-    found: Found
-
-
-def _started(model: DeltaThetaModel, asked: _Asked) -> _Started:
+def _theta_form(model: DeltaThetaModel, asked: _Asked) -> _Model:
     """The form with given states (the others at the start) and values of zeta that belong to them."""
     owner = f"model {model.name!r}"
     known = [p.name for p in model.linear.parameters]
     check_known("parameter", asked.parameters, known, f"{owner}, simulate")
-    held = _held(owner, model.inputs, asked)
-    names = [s.name for s in model.linear.states]
-    x0 = _initial(owner, names, np.array(model.initial or np.zeros(len(names))), asked.states)
-    x, u = ca.SX.sym("x", len(names)), ca.SX.sym("u", len(model.inputs))
+    inputs = _held(owner, model.inputs, asked)
+    states = tuple(s.name for s in model.linear.states)
+    x0 = _initial(owner, states, np.array(model.initial or np.zeros(len(states))), asked.states)
+    x, u = ca.SX.sym("x", len(states)), ca.SX.sym("u", len(model.inputs))
     zeta = ca.SX.sym("zeta", len(model.functions))
     rates, y, omega, theta = _closed(model, asked.parameters, x, u, zeta)
     start = np.array(model.zeta_at_start or np.zeros(zeta.numel()))
-    system = System(zeta - theta, zeta, ca.vertcat(x, u))
-    knowns = np.concatenate([x0, held[0]])
-    start_point = solve(system, start, knowns, np.maximum(np.abs(start), 1.0))
-    if not start_point.is_solution:
+    system, knowns = System(zeta - theta, zeta, ca.vertcat(x, u)), np.concatenate([x0, inputs[0]])
+    point = solve(system, start, knowns, np.maximum(np.abs(start), 1.0))
+    if not point.is_solution:
         # functions of functions: as many evaluations as there are functions give all of them
-        function, start = (
-            ca.Function("theta", [zeta, x, u], [ca.densify(theta)]),
-            start_point.values,
-        )
+        function, start = ca.Function("theta", [zeta, x, u], [ca.densify(theta)]), point.values
         for _ in model.functions:
-            start = np.ravel(function(start, x0, held[0]).full())
-        start_point = solve(system, start, knowns, np.maximum(np.abs(start), 1.0))
-    return _Started(x, u, zeta, rates, y, omega, theta, held, x0, start_point)
+            start = np.ravel(function(start, x0, inputs[0]).full())
+        point = solve(system, start, knowns, np.maximum(np.abs(start), 1.0))
+    if not point.is_solution:
+        raise AnalysisError(
+            f"{owner}: no consistent initial values of Theta were found. Give other initial states."
+        )
+    symbols = (x, zeta, u, ca.SX(0, 1), rates, zeta - theta, y, omega)
+    output_names = tuple(y.name for y in model.outputs)
+    return _Model(owner, states, output_names, *symbols, inputs, x0, point.values, np.zeros(0))
 
 
 def evaluate_form(
@@ -219,16 +198,12 @@ def evaluate_form(
     AnalysisError
         Theta has no value there, or an argument is outside of its range.
     """
-    s = _started(model, _Asked(np.zeros(1), inputs or {}, parameters or {}, states or {}))
-    if not s.found.is_solution:
-        raise AnalysisError(f"model {model.name!r}: Theta has no value near that at the start.")
-    read_out = [ca.densify(entry) for entry in (s.rates, s.y, s.omega)]
-    read = ca.Function("read", [s.x, s.u, s.zeta], read_out)
-    values = [np.ravel(entry.full()).tolist() for entry in read(s.x0, s.held[0], s.found.values)]
+    m = _theta_form(model, _Asked(np.zeros(1), inputs or {}, parameters or {}, states or {}))
+    read = ca.Function("read", [m.x, m.u, m.z], [*map(ca.densify, (m.rates, m.y, m.omega))])
+    values = [np.ravel(entry.full()).tolist() for entry in read(m.x0, m.inputs[0], m.z0)]
     theta_values(model.functions, dict(zip(model.omega, values[2], strict=True)))
-    names = [x.name for x in model.linear.states]
-    outputs = [y.name for y in model.outputs]
-    return dict(zip(names, values[0], strict=True)), dict(zip(outputs, values[1], strict=True))
+    rates = dict(zip(m.state_names, values[0], strict=True))
+    return rates, dict(zip(m.output_names, values[1], strict=True))
 
 
 def _closed(
@@ -253,77 +228,59 @@ def _closed(
     return rates, read[:count], column_of([omega[name] for name in model.omega]), column_of(values)
 
 
-def _integrated(
-    owner: str,
-    dae: Mapping[str, Any],
-    grid: Array,
-    x0: Array,
-    z0: Array,
-    u: Array,
-    p: Array,
-    tolerance: float,
-) -> tuple[Array, Array]:
+def _integrated(m: _Model, grid: Array, tolerance: float) -> tuple[Array, Array]:
     """States (N, n_x) and algebraic variables (N, n_z) at the times."""
-    every, (dae, of_z, kept) = dae["z"], _explicit(dae)
-    z0 = z0[kept]
-    dense = {k: ca.densify(entry) if k in ("ode", "alg") else entry for k, entry in dae.items()}
-    if not kept:
-        dense = {k: entry for k, entry in dense.items() if k not in ("z", "alg")}
-    knowns = [entry for k in ("u", "p") if k in dae and (entry := dae[k]).numel()]
-    dense = {k: entry for k, entry in dense.items() if k not in ("u", "p")} | {
-        "p": ca.vertcat(*knowns)
-    }
-    system = System(dae["alg"], dae["z"], ca.vertcat(dae["x"], ca.vertcat(*knowns)))
-    states, zs = np.zeros((len(grid), len(x0))), np.zeros((len(grid), len(z0)))
-    states[0], zs[0] = x0, z0
-    run, start, tail = _Integrator(owner, dense, tolerance), 0, p if "p" in dae else np.zeros(0)
+    (rates, residual, of_z), kept = _explicit(m)
+    z, held = column_of(m.z[k] for k in kept), ca.vertcat(m.u, m.p)
+    dae = {"x": m.x, "p": held, "ode": ca.densify(rates)}
+    if kept:
+        dae |= {"z": z, "alg": ca.densify(residual)}
+    system, run = System(residual, z, ca.vertcat(m.x, held)), _Integrator(m.owner, dae, tolerance)
+    q = np.hstack([m.inputs, np.tile(m.p0, (len(grid), 1))])
+    states, zs = np.zeros((len(grid), len(m.x0))), np.zeros((len(grid), len(kept)))
+    states[0], zs[0], start = m.x0, m.z0[kept], 0
     while start < len(grid) - 1:
         # inputs jump where they change: there the algebraic variables do, too
         end = start + 1
-        while end < len(grid) - 1 and np.array_equal(u[end], u[start]):
+        while end < len(grid) - 1 and np.array_equal(m.inputs[end], m.inputs[start]):
             end += 1
-        q = np.concatenate([u[start], tail])
-        run(grid[start : end + 1], states[start : end + 1], zs[start : end + 1], q)
+        run(grid[start : end + 1], states[start : end + 1], zs[start : end + 1], q[start])
         start = end
-        if len(z0):
-            q = np.concatenate([states[end], u[end], tail])
-            point = solve(system, zs[end], q, np.maximum(np.abs(zs[end]), 1.0))
+        if kept:
+            knowns = np.concatenate([states[end], q[end]])
+            point = solve(system, zs[end], knowns, np.maximum(np.abs(zs[end]), 1.0))
             if not point.is_solution:
                 raise AnalysisError(
-                    f"{owner}: the equations have no solution near at t = {grid[end]:g} s."
+                    f"{m.owner}: the equations have no solution near at t = {grid[end]:g} s."
                 )
             zs[end] = point.values
-    q = np.hstack([u, np.tile(tail, (len(grid), 1))])
-    function = ca.Function("z", [dae["x"], dae["z"], ca.vertcat(*knowns)], [ca.densify(of_z)])
+    function = ca.Function("z", [m.x, z, held], [ca.densify(of_z)])
     values = function.map(len(grid))(states.T, zs.T, q.T).full().T
-    return states, values.reshape(len(grid), every.numel())
+    return states, values.reshape(len(grid), m.z.numel())
 
 
-def _explicit(dae: Mapping[str, Any]) -> tuple[dict[str, Any], ca.SX, list[int]]:
-    """The same with algebraic variables that one equation gives put in, all of these, and the others."""
-    alg, z = dae["alg"], dae["z"]
-    explicit: dict[int, ca.SX] = {}
+def _explicit(m: _Model) -> tuple[list[ca.SX], list[int]]:
+    """Rates, residual and all z in those z that no single equation gives, and positions of these."""
+    values: dict[int, ca.SX] = {}
     rows: list[ca.SX] = []
     kept: list[int] = []
 
     def known(expression: ca.SX) -> ca.SX:
-        used = [s for s in ca.symvar(expression) if s.element_hash() in explicit]
-        values = [explicit[s.element_hash()] for s in used]
-        return ca.SX(ca.substitute(expression, column_of(used), column_of(values)))
+        used = [s for s in ca.symvar(expression) if s.element_hash() in values]
+        of_used = [values[s.element_hash()] for s in used]
+        return ca.SX(ca.substitute(expression, column_of(used), column_of(of_used)))
 
-    for block in blocks_of(ca.jacobian_sparsity(alg, z)) if z.numel() else ():
+    moving = ca.vertcat(m.x, m.z)
+    for block in blocks_of(ca.jacobian_sparsity(m.residual, m.z)) if m.z.numel() else ():
         if len(block.rows) == 1:
-            residual, symbol = known(alg[block.rows[0]]), z[block.columns[0]]
+            residual, symbol = known(m.residual[block.rows[0]]), m.z[block.columns[0]]
             slope = ca.jacobian(residual, symbol)
-            moving = ca.vertcat(dae["x"], z)
             if slope.nnz() and not ca.depends_on(slope, moving):
-                explicit[symbol.element_hash()] = -ca.substitute(residual, symbol, ca.SX(0)) / slope
+                values[symbol.element_hash()] = -ca.substitute(residual, symbol, ca.SX(0)) / slope
                 continue
-        rows += [known(alg[i]) for i in block.rows]
+        rows += [known(m.residual[i]) for i in block.rows]
         kept += list(block.columns)
-    of_z = known(ca.SX(z))
-    remaining = {**dae, "ode": known(dae["ode"]), "alg": column_of(rows)}
-    return {**remaining, "z": column_of([z[k] for k in kept])}, of_z, kept
+    return [known(m.rates), column_of(rows), known(ca.SX(m.z))], kept
 
 
 class _Integrator:
