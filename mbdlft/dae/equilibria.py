@@ -23,7 +23,7 @@ from mbdlft.dae.balance import (
 )
 from mbdlft.dae.fit import Fitted, fitted
 from mbdlft.dae.index import independent
-from mbdlft.dae.points import System, solve, values_of
+from mbdlft.dae.points import System, divided, solve, values_of
 from mbdlft.dae.structure import Quantity, Structure, parameter_points
 from mbdlft.dae.text import column_of
 from mbdlft.problem.sx.constants import in_doubles, literal
@@ -218,8 +218,7 @@ def _square(
     if not at.is_solution:
         raise no_equilibrium(s, places, at, fixed)
     J = system.jacobian(at.values, points[0]) * sizes
-    rows = np.max(np.abs(J), axis=1, keepdims=True, initial=0.0)
-    J = J / np.where(rows > 0, rows, 1.0)
+    J = divided(J, np.max(np.abs(J), axis=1, keepdims=True, initial=0.0))
     # states are held before other variables are
     states = {q.name for q in s.states}
     columns = independent(J, np.array([int(q.name in states) for q in unknown], dtype=int))

@@ -27,7 +27,7 @@ from scipy.optimize import linear_sum_assignment
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
 from mbdlft.dae.description import Dae, Variable
-from mbdlft.dae.points import singular_part
+from mbdlft.dae.points import divided, singular_part
 from mbdlft.dae.text import column_of
 from mbdlft.problem.sx.constants import in_doubles
 
@@ -95,10 +95,20 @@ def place_of(dae: Dae, row: Row) -> str:
 def differentiated(dae: Dae) -> Differentiated:
     """The equations with those derivatives that the signature method asks for."""
     sigma = _signature(dae)
-    _check_square(dae, sigma)
+    equations, variables = sigma.shape
+    if equations != variables:
+        raise StructureError(
+            f"{dae.owner}: has {equations} equations for {variables} unknowns. "
+            + _named_parts(dae, sigma)
+            + " Give each unknown an equation, or make it an input."
+        )
     rows, columns = linear_sum_assignment(np.where(sigma == _ABSENT, _FORBIDDEN, -sigma))
     if np.any(sigma[rows, columns] == _ABSENT):
-        raise _structurally_singular(dae, sigma)
+        raise StructureError(
+            f"{dae.owner}: is structurally singular. "
+            + _named_parts(dae, sigma)
+            + " Look for a missing or doubled equation, or a boundary that nothing is connected with."
+        )
     counts, orders = _offsets(dae, sigma, columns)
     symbols = _symbols(dae, orders)
     residuals, rates = _derivatives(dae, counts, orders, symbols)
@@ -121,26 +131,6 @@ def _signature(dae: Dae) -> Pattern:
         rows, columns = (np.array(indices, dtype=int) for indices in pattern.get_triplet())
         sigma[rows, np.array([j for j, _ in chosen])[columns]] = order
     return sigma
-
-
-def _check_square(dae: Dae, sigma: Pattern) -> None:
-    equations, variables = sigma.shape
-    if equations == variables:
-        return
-    raise StructureError(
-        f"{dae.owner}: has {equations} equations for {variables} unknowns. "
-        + _named_parts(dae, sigma)
-        + " Give each unknown an equation, or make it an input."
-    )
-
-
-def _structurally_singular(dae: Dae, sigma: Pattern) -> StructureError:
-    return StructureError(
-        f"{dae.owner}: is structurally singular. "
-        + _named_parts(dae, sigma)
-        + " Look for a missing or "
-        "doubled equation, or a boundary that nothing is connected with."
-    )
 
 
 def _named_parts(dae: Dae, sigma: Pattern) -> str:
@@ -203,19 +193,17 @@ def _derivatives(
     dae: Dae, counts: Sequence[int], orders: Sequence[int], symbols: dict[Entry, ca.SX]
 ) -> tuple[dict[Row, ca.SX], tuple[tuple[Variable, int, ca.SX], ...]]:
     residuals = {Row(i, 0): e.residual for i, e in enumerate(dae.equations)}
+    n = len(dae.variables)
     rates = {
-        (k, order): ca.SX.sym(name_of(u.name, order))
+        Entry(n + k, order): ca.SX.sym(name_of(u.name, order)) if order else u.symbol
         for k, u in enumerate(dae.inputs)
-        for order in range(1, max(counts, default=0) + 1)
+        for order in range(max(counts, default=0) + 1)
     }
-    rates |= {(k, 0): u.symbol for k, u in enumerate(dae.inputs)}
+    signals = symbols | rates
     moving = [
-        (symbols[e], symbols[Entry(e.variable, e.order + 1)])
-        for e in symbols
-        if e.order < orders[e.variable]
-    ]
-    moving += [
-        (s, rates[k, order + 1]) for (k, order), s in rates.items() if (k, order + 1) in rates
+        (symbol, signals[rate])
+        for (j, order), symbol in signals.items()
+        if (rate := Entry(j, order + 1)) in signals
     ]
     symbols_now, rates_now = column_of([s for s, _ in moving]), column_of([r for _, r in moving])
     for order in range(1, max(counts, default=0) + 1):
@@ -225,8 +213,8 @@ def _derivatives(
         residuals |= {Row(i, order): after[k] for k, i in enumerate(rows)}
     every = column_of(residuals.values())
     used = [
-        (dae.inputs[k], order, s)
-        for (k, order), s in rates.items()
+        (dae.inputs[j - n], order, s)
+        for (j, order), s in rates.items()
         if order and ca.depends_on(every, s)
     ]
     return residuals, tuple(used)
@@ -379,9 +367,8 @@ def _class(d: Differentiated, entry: Entry, wanted: Collection[str]) -> int:
 
 def _by_pivots(matrix: Array, classes: Array, count: int) -> list[int] | None:
     """Pivot columns of the lowest classes, but the last, that give the full rank."""
-    rows = np.max(np.abs(matrix), axis=1, keepdims=True)
     columns = np.flatnonzero(classes < _KEPT)
-    scaled = matrix[:, columns] / np.where(rows > 0, rows, 1.0)
+    scaled = divided(matrix, np.max(np.abs(matrix), axis=1, keepdims=True))[:, columns]
     chosen = [int(columns[k]) for k in independent(scaled, classes[columns])]
     return chosen if len(chosen) == count else None
 
@@ -403,8 +390,6 @@ def independent(matrix: Array, classes: Array) -> list[int]:
 
 def _smallest(matrix: Array) -> float:
     """The least singular value of a matrix with rows and columns of one size."""
-    rows = np.linalg.norm(matrix, axis=1, keepdims=True)
-    scaled = matrix / np.where(rows > 0, rows, 1.0)
-    columns = np.linalg.norm(scaled, axis=0)
-    values = np.linalg.svd(scaled / np.where(columns > 0, columns, 1.0), compute_uv=False)
-    return float(values[-1])
+    scaled = divided(matrix, np.linalg.norm(matrix, axis=1, keepdims=True))
+    scaled = divided(scaled, np.linalg.norm(scaled, axis=0))
+    return float(np.linalg.svd(scaled, compute_uv=False)[-1])

@@ -202,10 +202,8 @@ def _by_values(matrix: ca.SX, symbols: ca.SX, points: Sequence[Array]) -> Singul
     singular = None
     for point in points:
         value = function(point).full()
-        rows = np.max(np.abs(value), axis=1, keepdims=True)
-        scaled = value / np.where(rows > 0, rows, 1.0)
-        columns = np.max(np.abs(scaled), axis=0)
-        scaled = scaled / np.where(columns > 0, columns, 1.0)
+        scaled = divided(value, np.max(np.abs(value), axis=1, keepdims=True))
+        scaled = divided(scaled, np.max(np.abs(scaled), axis=0))
         if not np.all(np.isfinite(scaled)):
             continue
         u, s, vt = np.linalg.svd(scaled)
@@ -214,6 +212,11 @@ def _by_values(matrix: ca.SX, symbols: ca.SX, points: Sequence[Array]) -> Singul
             return None
         singular = Singular(_large(u[:, null]), _large(vt[null].T), exact=False)
     return singular
+
+
+def divided(matrix: Array, sizes: Array) -> Array:
+    """A matrix over the sizes of its rows or columns; those of size zero stay."""
+    return np.asarray(matrix / np.where(sizes > 0, sizes, 1.0))
 
 
 def _large(vectors: Array) -> tuple[int, ...]:

@@ -6,7 +6,7 @@ its spans, numbers as they are written, and annotations.
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -364,22 +364,25 @@ def _is_default(item: Mapping[str, Any], key: str) -> bool:
     return bool(item[key].get("Literal", {}).get("span", 0) == item["source_span"])
 
 
-def _set_by(item: Any) -> Iterable[str]:
+def _tables_in(item: Any) -> Iterator[Mapping[str, Any]]:
+    """All tables that a table or a list has in it, each before those in it."""
+    if isinstance(item, dict):
+        yield item
+    entries = item.values() if isinstance(item, dict) else item if isinstance(item, list) else ()
+    for entry in entries:
+        yield from _tables_in(entry)
+
+
+def _set_by(chain: Any) -> Iterator[str]:
     """Names that a `when` sets, anywhere in its table."""
-    if isinstance(item, list):
-        for entry in item:
-            yield from _set_by(entry)
-    elif isinstance(item, dict):
-        for key, entry in item.items():
-            if key == "Reinit":
-                yield str(entry["state"])
-            elif key == "Assign":
-                yield from _target(entry)
-            else:
-                yield from _set_by(entry)
+    for table in _tables_in(chain):
+        if "Reinit" in table:
+            yield str(table["Reinit"]["state"])
+        if "Assign" in table:
+            yield from _target(table["Assign"])
 
 
-def _target(entry: Any) -> Iterable[str]:
+def _target(entry: Any) -> Iterator[str]:
     for key in ("target", "variable", "lhs", "name"):
         target = entry.get(key) if isinstance(entry, dict) else None
         while isinstance(target, dict) and "name" in target:
@@ -390,11 +393,5 @@ def _target(entry: Any) -> Iterable[str]:
 
 
 def _first_span(item: Any) -> Any:
-    """The first span in a table."""
-    if isinstance(item, dict):
-        if isinstance(item.get("span"), dict):
-            return item["span"]
-        entries: Iterable[Any] = item.values()
-    else:
-        entries = item if isinstance(item, list) else ()
-    return next((span for entry in entries if (span := _first_span(entry))), None)
+    spans = (table.get("span") for table in _tables_in(item))
+    return next((span for span in spans if isinstance(span, dict)), None)
